@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from math import hypot
+from math import dist, hypot
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,10 +22,15 @@ from .calibration_result import PATCH_PIXELS
 from .quantities import range_text, responsivity
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
+#: Number of columns that fit next to a figure.
+_BESIDE_FIGURE = ("patch", "meter_cd_m2", "expanded_meter_cd_m2", "camera_cd_m2", "deviation_rel", "z")
+_VALID_FOR = (
+    "A lens of another focal length, f-number or focus, a filter or a window before the lens needs a calibration of "
+    "its own; a camera without a V(λ) filter needs one for each kind of light."
+)
 #: Largest number of patches whose points are labelled.
 _MOST_NAMES = 14
 
@@ -109,38 +114,43 @@ def _response(calibration: Calibration, prefix: str) -> ReportFigure:
 
 def _residuals(calibration: AnyCalibration, prefix: str) -> ReportFigure:
     height, width = calibration.state.image_shape
-    places: list[tuple[str, Callable[[PatchResidual], float]]] = [
-        ("luminance by the meter in cd/m²", lambda row: row.reading_cd_m2),
-        ("x in pixels", lambda row: row.centre_px[0]),
-        ("y in pixels", lambda row: row.centre_px[1]),
-        (
-            "distance from the middle of the image in pixels",
-            lambda row: hypot(row.centre_px[0] - width / 2, row.centre_px[1] - height / 2),
-        ),
-    ]
+    middle, half_diagonal = (width / 2, height / 2), hypot(height, width) / 2
+    places: dict[str, tuple[Callable[[PatchResidual], float], float | None]] = {
+        "luminance by the meter in cd/m²": (lambda row: row.reading_cd_m2, None),
+        "x in pixels": (lambda row: row.centre_px[0], width),
+        "y in pixels": (lambda row: row.centre_px[1], height),
+        "distance from the middle of the image in pixels": (lambda row: dist(row.centre_px, middle), half_diagonal),
+    }
+    groups = ((calibration.residuals, "black", "white", "fit"), (calibration.held_out, ORANGE, ORANGE, "held out"))
     figure = _figure(calibration, 10.0, 6.4)
     margins = {"left": 0.07, "right": 0.985, "bottom": 0.08, "top": 0.95, "wspace": 0.08, "hspace": 0.26}
     panels = figure.subplots(2, 2, sharey=True, gridspec_kw=margins).ravel()
-    for axes, (name, place) in zip(panels, places, strict=True):
-        in_legend = axes is panels[0] and bool(calibration.held_out)
-        _draw_over(axes, calibration.residuals, place, "black", "white", "fit" if in_legend else None)
-        _draw_over(axes, calibration.held_out, place, ORANGE, ORANGE, "held out" if in_legend else None)
+    for axes, (name, (place, end)) in zip(panels, places.items(), strict=True):
+        axes.axhline(0.0, color=BLUE, linewidth=1.2)
+        for rows, colour, face, label in groups:
+            if rows:
+                axes.errorbar(
+                    [place(row) for row in rows],
+                    [100 * row.residual_rel for row in rows],
+                    yerr=[100 * Z_95 * deviation_rel(row) for row in rows],
+                    fmt="o",
+                    markersize=5,
+                    capsize=2.5,
+                    elinewidth=1.0,
+                    markerfacecolor=face,
+                    color=colour,
+                    label=label if axes is panels[0] and calibration.held_out else None,
+                )
         finish(axes, name, "deviation from meter in %" if axes in panels[::2] else "", "")
+        if end is not None:
+            axes.set_xlim(0, end)
     panels[0].set_xscale("log")
     plain_numbers(panels[0].xaxis)
-    panels[1].set_xlim(0, width)
-    panels[2].set_xlim(0, height)
-    panels[3].set_xlim(0, hypot(height, width) / 2)
     rows = (*calibration.residuals, *calibration.held_out)
     for row in rows if len(rows) <= _MOST_NAMES else ():
-        panels[0].annotate(
-            shortened(row.patch, 14),
-            (row.reading_cd_m2, 100 * row.residual_rel),
-            xytext=(4, 4),
-            textcoords="offset points",
-            fontsize=7,
-            parse_math=False,
-        )
+        point = (row.reading_cd_m2, 100 * row.residual_rel)
+        offset = {"xytext": (4, 4), "textcoords": "offset points"}
+        panels[0].annotate(shortened(row.patch, 14), point, fontsize=7, parse_math=False, **offset)
     worst = max(calibration.residuals, key=lambda row: abs(row.residual_rel))
     return ReportFigure(
         f"{prefix}residuals.png",
@@ -152,38 +162,6 @@ def _residuals(calibration: AnyCalibration, prefix: str) -> ReportFigure:
         f"Residuals of {len(calibration.residuals)} patches over luminance, x, y and distance from the middle; the "
         f"largest is {fixed(100 * worst.residual_rel, 2, sign=True)} % at patch {printable(worst.patch)}.",
     )
-
-
-def _draw_over(
-    axes: Axes,
-    rows: Sequence[PatchResidual],
-    place: Callable[[PatchResidual], float],
-    colour: str,
-    face: str,
-    name: str | None,
-) -> None:
-    axes.axhline(0.0, color=BLUE, linewidth=1.2)
-    if rows:
-        axes.errorbar(
-            [place(row) for row in rows],
-            [100 * row.residual_rel for row in rows],
-            yerr=[100 * Z_95 * deviation_rel(row) for row in rows],
-            fmt="o",
-            markersize=5,
-            color=colour,
-            markerfacecolor=face,
-            capsize=2.5,
-            elinewidth=1.0,
-            label=name,
-        )
-
-
-#: Number of columns that fit next to a figure.
-_BESIDE_FIGURE = ("patch", "meter_cd_m2", "expanded_meter_cd_m2", "camera_cd_m2", "deviation_rel", "z")
-_VALID_FOR = (
-    "A lens of another focal length, f-number or focus, a filter or a window before the lens needs a calibration of "
-    "its own; a camera without a V(λ) filter needs one for each kind of light."
-)
 
 
 def write_calibration_report(

@@ -18,16 +18,44 @@ from ...calibration.uncertainty import expanded_rel
 from ...core.result import Finding, InputFile, Result, info, quantity_table
 from ...core.table import Column, Table, uncertain
 from ...report.text import exposures, finding_text, significant
-from .quantities import RESPONSES, RESPONSIVITY, conditions, quantities
+from .quantities import RESPONSIVITY, conditions, quantities, response_name
 
 #: Pixels a patch is taken to have where the uncertainty of a calibration is stated.
 PATCH_PIXELS = 1000
-_PLACES = ("lowest", "middle", "highest")
-
-
 #: Degrees of freedom from which Student's t is that of the normal distribution, to 1e-4.
 _UNLIMITED = 10_000
 _DOF = "Degrees of freedom by Welch and Satterthwaite; empty if practically unlimited."
+_EXPOSURE_CODES = ("exposure-saturated", "exposure-clipped", "exposure-outside-response", "exposure-not-above-dark")
+#: How well a candidate predicts patches, and whether it was chosen.
+_CANDIDATE = (
+    Column("leave_one_out_rel", "rms deviation", "%", "Of patches from a fit without them, root mean square.", 3),
+    Column("chosen", "chosen", "", "Whether the calibration uses it."),
+    Column("reason", "reason", "", "Why it was chosen, or was not.", value=lambda step: finding_text(step.reason)),
+)
+_MODELS = (
+    Column("model", "model", "", "Candidate model of the response.", value=lambda step: response_name(step.kind)),
+    Column("n_parameters", "parameters", "", "Free parameters, the responsivity among them."),
+    *_CANDIDATE,
+)
+_MODELS_NOTE = "Each model is judged by how well it predicts patches that were left out of its fit."
+_CHECKS = (
+    Column("check", "check", "", "Assumption that is checked.", value="name"),
+    *uncertain(
+        Column("deviation", "deviation", "", "Deviation that was found.",
+               value=lambda test: test.value if test.tested else None),
+        lambda test: test.standard_uncertainty if test.tested else None,
+    ),
+    Column("unit", "unit", "", "Unit of deviation, U and u."),
+    Column("significant", "significant", "", "Whether it is significant.",
+           value=lambda test: ("yes" if test.significant else "no") if test.tested else "not tested"),
+    Column("result", "result", "", "Result in words.", value=lambda test: finding_text(test.finding)),
+)  # fmt: skip
+_LEFT_OUT = (
+    Column("patch", "patch"),
+    Column("exposure_s", "exposure", "s", "The exposure left out; none if it is a reading or all.", 0, time=True),
+    Column("reading", "reading", "", "Which reading is left out, counted from 1."),
+    Column("reason", "reason", "", "Why it is left out."),
+)
 
 
 @dataclass(frozen=True)
@@ -86,71 +114,29 @@ def _dof(one: BudgetOfPatch) -> float | None:
 
 def _sources(found: Sequence[BudgetOfPatch]) -> Table:
     """One row for each source; all of it but the uncertainty is that at the lowest luminance."""
+    by_source = [{row.source: row.standard_uncertainty_rel for row in one.rows} for one in found]
     columns = (
-        Column("source", "source", "", "Source of the uncertainty.", value=lambda rows: rows[0].source),
+        Column("source", "source", "", "Source of the uncertainty."),
         *(
             Column(f"u_{place}_rel", f"u at {significant(one.luminance_cd_m2, 4)} cd/m²", "%",
-                   f"Relative standard uncertainty at the {place} luminance.", decimals=3,
-                   value=partial(_u_rel, number))
-            for number, (place, one) in enumerate(zip(_PLACES, found, strict=True))
+                   f"Relative standard uncertainty at the {place} luminance.", decimals=3, value=partial(_u_rel, us))
+            for place, one, us in zip(("lowest", "middle", "highest"), found, by_source, strict=True)
         ),
-        Column("distribution", "distribution", "", "Distribution of the error.",
-               value=lambda rows: rows[0].distribution),
-        Column("evaluation", "type", "", "A: from statistics of this measurement; B: from data sheets and the like.",
-               value=lambda rows: rows[0].evaluation),
-        Column("common", "common", "", "Whether the error is common to all patches, so that it cancels in a contrast.",
-               value=lambda rows: rows[0].common),
-        Column("included", "included", "", "Whether the stated uncertainty includes it.",
-               value=lambda rows: included(rows[0])),
-        Column("basis", "basis", "", "Basis of the value.", value=lambda rows: rows[0].basis),
+        Column("distribution", "distribution", "", "Distribution of the error."),
+        Column("evaluation", "type", "", "A: from statistics of this measurement; B: from data sheets and the like."),
+        Column("common", "common", "", "Whether the error is common to all patches, so that it cancels in a contrast."),
+        Column("included", "included", "", "Whether the stated uncertainty includes it.", value=_included),
+        Column("basis", "basis", "", "Basis of the value."),
     )  # fmt: skip
-    rows = zip(*(one.rows for one in found), strict=True)
-    return Table.of_items("budget", "Uncertainty budget", columns, rows, detail=True)
+    return Table.of_items("budget", "Uncertainty budget", columns, found[0].rows, detail=True)
 
 
-def _u_rel(number: int, rows: Sequence[BudgetRow]) -> float | None:
-    known = rows[0].included or rows[0].standard_uncertainty_rel != 0
-    return rows[number].standard_uncertainty_rel if known else None
+def _u_rel(us_rel: Mapping[str, float], row: BudgetRow) -> float | None:
+    return us_rel[row.source] if row.included or row.standard_uncertainty_rel != 0 else None
 
 
-def included(row: BudgetRow) -> str:
-    """Return whether a row is part of the stated intervals."""
-    if row.included:
-        return "yes"
-    return f"in {row.contained_in}" if row.contained_in else "no"
-
-
-_EXPOSURE_CODES = ("exposure-saturated", "exposure-clipped", "exposure-outside-response", "exposure-not-above-dark")
-#: How well a candidate predicts patches, and whether it was chosen.
-_CANDIDATE = (
-    Column("leave_one_out_rel", "rms deviation", "%", "Of patches from a fit without them, root mean square.", 3),
-    Column("chosen", "chosen", "", "Whether the calibration uses it."),
-    Column("reason", "reason", "", "Why it was chosen, or was not.", value=lambda step: finding_text(step.reason)),
-)
-_MODELS = (
-    Column("model", "model", "", "Candidate model of the response.", value=lambda step: RESPONSES[step.kind]),
-    Column("n_parameters", "parameters", "", "Free parameters, the responsivity among them."),
-    *_CANDIDATE,
-)
-_MODELS_NOTE = "Each model is judged by how well it predicts patches that were left out of its fit."
-_CHECKS = (
-    Column("check", "check", "", "Assumption that is checked.", value="name"),
-    *uncertain(
-        Column("deviation", "deviation", "", "Deviation that was found.",
-               value=lambda test: test.value if test.tested else None),
-        lambda test: test.standard_uncertainty if test.tested else None,
-    ),
-    Column("unit", "unit", "", "Unit of deviation, U and u."),
-    Column("significant", "significant", "", "Whether it is significant.",
-           value=lambda test: ("yes" if test.significant else "no") if test.tested else "not tested"),
-    Column("result", "result", "", "Result in words.", value=lambda test: finding_text(test.finding)),
-)  # fmt: skip
-_LEFT_OUT = (
-    Column("patch", "patch"),
-    Column("exposure_s", "exposure", "s", "The exposure left out; none if it is a reading or all.", 0, time=True),
-    Column("reading", "reading", "", "Which reading is left out, counted from 1."),
-    Column("reason", "reason", "", "Why it is left out."),
-)
+def _included(row: BudgetRow) -> str:
+    return "yes" if row.included else f"in {row.contained_in}" if row.contained_in else "no"
 
 
 def calibration_result(

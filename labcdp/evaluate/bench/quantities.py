@@ -8,25 +8,20 @@ from math import hypot, inf, sqrt
 from ...calibration import AnyCalibration, Calibration, CameraState, LensIdentity
 from ...calibration.colour.model import ColourCalibration
 from ...calibration.meter import MeterScale
-from ...calibration.sensor.noise import GainSetting
 from ...calibration.uncertainty import expanded_rel
 from ...core.reading import MeterIdentity
 from ...core.result import Quantity
-from ...core.vignetting import AnyVignetting, Cos4Vignetting, RadialVignetting
+from ...core.vignetting import Cos4Vignetting, RadialVignetting
 from ...report.text import exposures, fixed, minute, significant
 from ...session import LensConfiguration
 
 #: Unit of a responsivity.
 RESPONSIVITY = "DN s⁻¹ / (cd m⁻²)"
-#: Names of the responses.
-RESPONSES: dict[str, str] = {
-    "linear": "linear",
-    "quadratic": "quadratic",
-    "cubic": "cubic",
-    "gamma": "gamma",
-    "pchip": "monotone cubic (PCHIP)",
-    "table": "table",
-}
+
+
+def response_name(kind: str) -> str:
+    """Return the name of a kind of response."""
+    return "monotone cubic (PCHIP)" if kind == "pchip" else kind
 
 
 def range_text(calibration: AnyCalibration) -> str:
@@ -108,19 +103,12 @@ def _of_dark(calibration: Calibration) -> Iterator[Quantity]:
 
 def _of_gains(calibration: Calibration) -> Iterator[Quantity]:
     for gain in calibration.gains:
-        at = f"at {gain.gain_db:g} dB"
-        u = gain.factor * gain.factor_random_rel
-        yield Quantity(
-            f"responsivity factor {at}", gain.factor, "", f"over that at {calibration.state.gain_db:g} dB", u
-        )
-        yield from _at_gain(gain, at)
-
-
-def _at_gain(gain: GainSetting, at: str) -> Iterator[Quantity]:
-    yield Quantity(f"dark offset {at}", gain.dark.offset_dn, "DN", "", sqrt(gain.dark.offset_variance_dn2))
-    yield Quantity(f"dark rate {at}", gain.dark.rate_dn_s, "DN/s", "", sqrt(gain.dark.rate_variance_dn2_s2))
-    yield Quantity(f"dark noise {at}", gain.noise.dark_noise_dn, "DN")
-    yield Quantity(f"K {at}", gain.noise.k_dn_per_e, "DN/e⁻")
+        at, dark, of = f"at {gain.gain_db:g} dB", gain.dark, f"over that at {calibration.state.gain_db:g} dB"
+        yield Quantity(f"responsivity factor {at}", gain.factor, "", of, gain.factor * gain.factor_random_rel)
+        yield Quantity(f"dark offset {at}", dark.offset_dn, "DN", "", sqrt(dark.offset_variance_dn2))
+        yield Quantity(f"dark rate {at}", dark.rate_dn_s, "DN/s", "", sqrt(dark.rate_variance_dn2_s2))
+        yield Quantity(f"dark noise {at}", gain.noise.dark_noise_dn, "DN")
+        yield Quantity(f"K {at}", gain.noise.k_dn_per_e, "DN/e⁻")
 
 
 def _of_combination(calibration: ColourCalibration) -> Iterator[Quantity]:
@@ -157,7 +145,7 @@ def conditions(calibration: AnyCalibration) -> list[tuple[str, str]]:
 
 
 def _model(calibration: Calibration) -> str:
-    response = RESPONSES[calibration.response.kind]
+    response = response_name(calibration.response.kind)
     if response == "linear":
         return "DN = d(t) + R t V(x, y) L, with exposure time t and luminance L"
     return f"h(DN - d(t)) = R t V(x, y) L, with exposure time t, luminance L and a {response} response h"
@@ -175,22 +163,15 @@ def _vignetting(calibration: Calibration) -> str:
             f"cos⁴ of the off-axis angle, by a focal length of {vignetting.focal_length_m * 1e3:g} mm and a pixel "
             f"pitch of {vignetting.pixel_pitch_m * 1e6:g} µm; {fixed(100 * corner, 1)} % in the corners"
         )
-    lowest, highest = _extremes(vignetting, shape)
+    image = vignetting.relative_illuminance(shape)
+    lowest, highest = (fixed(100 * float(end), 1) for end in (image.min(), image.max()))
     slow = f"uncertain by {significant(100 * vignetting.slow_rel, 2)} % over the image (u)"
     if isinstance(vignetting, RadialVignetting):
         return (
             f"1 {_signed(vignetting.a2)} r² {_signed(vignetting.a4)} r⁴ {_signed(vignetting.a6)} r⁶, with r = 1 in the "
-            f"corners; down to {fixed(100 * lowest, 1)} %, {slow}"
+            f"corners; down to {lowest} %, {slow}"
         )
-    return (
-        f"flat field of every pixel from {vignetting.n_frames} frames, {fixed(100 * lowest, 1)} to "
-        f"{fixed(100 * highest, 1)} %, {slow}"
-    )
-
-
-def _extremes(vignetting: AnyVignetting, shape: tuple[int, int]) -> tuple[float, float]:
-    values = vignetting.relative_illuminance(shape)
-    return float(values.min()), float(values.max())
+    return f"flat field of every pixel from {vignetting.n_frames} frames, {lowest} to {highest} %, {slow}"
 
 
 def _signed(value: float) -> str:

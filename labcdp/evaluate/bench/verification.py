@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 from ...calibration import AnyCalibration
-from ...calibration.verify.result import Verification
+from ...calibration.verify.result import Verification, VerifiedPlane
 from ...calibration.verify.verify import verify
 from ...core.errors import CalibrationError
 from ...core.result import InputFile, Result, unique
 from ...core.table import Column, Table, uncertain
 from ...report.text import exposures, minute, significant
 from ...session import MeterCertificate, Session
+from ..columns import with_expanded
 from .calibration_result import summarised
 from .corrections import calibration_for, corrections_of
 from .observe import ObservedSession, input_sha256, observe_session
@@ -125,26 +126,20 @@ def decision_rule(verification: Verification) -> str:
 
 
 def _verdict(verification: Verification) -> Table:
+    mean = Column("mean_rel", "mean deviation", "%", "Weighted mean over the patches.")
     columns = (
         Column("verdict", "verdict", "", "Conform, undecided or not conform."),
         Column("tolerance_rel", "tolerance", "%", "Largest deviation that conforms.", digits=2),
         Column("tolerance_stated", "stated", "", "Whether it was stated; else it is U (95 %) of the calibration."),
-        Column("mean_rel", "mean deviation", "%", "Weighted mean over the patches.", expanded="expanded_mean_rel"),
-        Column("expanded_mean_rel", "U of mean", "%", "U (95 %).", 2, shown=False, value="mean_expanded_rel"),
+        *with_expanded(mean, "mean_expanded_rel", label="U of mean"),
         Column("same_meter", "same meter", "", "Whether it is that of the calibration in the same state."),
         Column("meter", "meter", "", "Meter with its certificate or date.", value=lambda one: str(one.meter)),
-        Column(
-            "calibration_meter", "meter of calibration", "", "Meter with its certificate or date.",
-            value=lambda one: str(one.calibration_meter),
-        ),
-        Column(
-            "calibrated", "calibrated", "", "Time of the last reading of the calibration.",
-            value=lambda one: minute(one.calibration_measured),
-        ),
-        Column(
-            "verified", "verified", "", "Time of the last reading of the verification.",
-            value=lambda one: minute(one.measured),
-        ),
+        Column("calibration_meter", "meter of calibration", "", "Meter with its certificate or date.",
+               value=lambda one: str(one.calibration_meter)),
+        Column("calibrated", "calibrated", "", "Time of the last reading of the calibration.",
+               value=lambda one: minute(one.calibration_measured)),
+        Column("verified", "verified", "", "Time of the last reading of the verification.",
+               value=lambda one: minute(one.measured)),
     )  # fmt: skip
     return Table.of_items("verdict", "Verification", columns, [verification], decision_rule(verification))
 
@@ -174,42 +169,28 @@ def verified_patches(verification: Verification) -> Table:
 
 
 def _planes(verification: Verification) -> Table:
+    def of_drift(name: str) -> Callable[[VerifiedPlane], float | None]:
+        return lambda one: getattr(one.drift, name, None)
+
+    balance, change, responsivity = (
+        Column("balance_rel", "against all planes", "%", "On grey patches, without the meter.",
+               value=lambda one: one.drift and one.balance_rel),
+        Column("change_rel", "against the meter", "%", "Of the responsivity, on grey patches.",
+               value=of_drift("relative")),
+        Column("responsivity", "responsivity now", RESPONSIVITY, "With this change.",
+               value=of_drift("responsivity_dn_s_cd_m2")),
+    )  # fmt: skip
     columns = (
-        Column("plane", "plane"),
-        Column(
-            "balance_rel",
-            "against all planes",
-            "%",
-            "On grey patches, without the meter.",
-            expanded="expanded_balance_rel",
+        Column("plane", "plane", value=lambda one: f"{one.plane}"),
+        *with_expanded(balance, lambda one: one.drift and one.balance_expanded_rel, label="U"),
+        *with_expanded(change, of_drift("expanded_rel"), label="U of change"),
+        *with_expanded(
+            responsivity,
+            lambda one: one.drift and one.drift.responsivity_dn_s_cd_m2 * one.drift.responsivity_expanded_rel,
+            label="U of responsivity",
         ),
-        Column("expanded_balance_rel", "U", "%", "U (95 %).", digits=2, shown=False),
-        Column(
-            "change_rel",
-            "against the meter",
-            "%",
-            "Of the responsivity, on grey patches.",
-            expanded="expanded_change_rel",
-        ),
-        Column("expanded_change_rel", "U of change", "%", "U (95 %).", digits=2, shown=False),
-        Column("responsivity", "responsivity now", RESPONSIVITY, "With this change.", expanded="expanded_responsivity"),
-        Column("expanded_responsivity", "U of responsivity", RESPONSIVITY, "U (95 %).", digits=2, shown=False),
     )
-    rows = []
-    for one in verification.planes:
-        row: dict[str, str | float | None] = {"plane": f"{one.plane}"}
-        if one.drift is not None:
-            r = one.drift.responsivity_dn_s_cd_m2
-            row |= {
-                "balance_rel": one.balance_rel,
-                "expanded_balance_rel": one.balance_expanded_rel,
-                "change_rel": one.drift.relative,
-                "expanded_change_rel": one.drift.expanded_rel,
-                "responsivity": r,
-                "expanded_responsivity": r * one.drift.responsivity_expanded_rel,
-            }
-        rows.append(row)
-    return Table.of_rows("planes", "Colour planes", columns, rows)
+    return Table.of_items("planes", "Colour planes", columns, verification.planes)
 
 
 def _darks(verification: Verification) -> Table:

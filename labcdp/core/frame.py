@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from .disk import quoted, record_model, validated_as
+from .disk import quoted, record_of
 from .errors import InputError
 
 #: Colour filter patterns of the GenICam Bayer pixel formats, named by the first two pixels.
@@ -200,17 +200,15 @@ class Frame:
                 f"plane is {quoted(self.plane)} with colour_filter {quoted(self.colour_filter)}: give one of {PLANES} "
                 "without a colour filter, or None"
             )
-        if self.plane_black_levels_dn is not None:
-            if self.colour_filter is None or len(self.plane_black_levels_dn) != len(PLANES):
-                raise InputError(
-                    f"plane_black_levels_dn is {self.plane_black_levels_dn} with colour_filter "
-                    f"{quoted(self.colour_filter)}: give one for each of {PLANES} of a Bayer frame, or None"
-                )
-            # JSON knows lists only.
-            object.__setattr__(self, "plane_black_levels_dn", tuple(self.plane_black_levels_dn))
+        planes_dn = self.plane_black_levels_dn
+        if planes_dn is not None and (self.colour_filter is None or len(planes_dn) != len(PLANES)):
+            raise InputError(
+                f"plane_black_levels_dn is {planes_dn} with colour_filter {quoted(self.colour_filter)}: give one for "
+                f"each of {PLANES} of a Bayer frame, or None"
+            )
         if self.timestamp.tzinfo is None:
             raise InputError("timestamp has no time zone: give an aware datetime")
-        if dn.flags.writeable or (dn.base is not None and _writeable(dn.base)):
+        if dn.flags.writeable or (isinstance(dn.base, np.ndarray) and dn.base.flags.writeable):
             dn = dn.copy()
             dn.flags.writeable = False
         object.__setattr__(self, "dn", dn)
@@ -255,13 +253,7 @@ class Frame:
         InputError
             If a field is missing, unknown or has an unusable value.
         """
-        values = dict(checked_metadata(metadata))
-        values["timestamp"] = datetime.fromisoformat(values["timestamp"])
-        values["camera"] = CameraIdentity(**values["camera"])
-        values |= black_levels(metadata)
-        if values.get("readout") is not None:
-            values["readout"] = Readout.from_json(values["readout"])
-        return cls(dn=dn, **values)
+        return cls(dn=dn, **_recorded(metadata) | black_levels(metadata))
 
     def with_pixels(self, dn: NDArray[np.unsignedinteger[Any]]) -> Frame:
         """Return the same frame with other pixels."""
@@ -270,11 +262,15 @@ class Frame:
 
 def checked_metadata(metadata: dict[str, Any]) -> dict[str, Any]:
     """Return metadata of a frame as they are, or raise InputError naming the key; `Frame` itself checks ranges."""
+    _recorded(metadata)
+    return metadata
+
+
+def _recorded(metadata: dict[str, Any]) -> dict[str, Any]:
     try:
-        validated_as(record_model(Frame, "dn", "clipped"), metadata)
+        return record_of(Frame, metadata, "dn", "clipped")
     except InputError as error:
         raise InputError(f"frame metadata cannot be read: {error}") from error
-    return metadata
 
 
 def nominal_black_dn(stated_dn: float | None, register: float | None, bit_depth: int) -> float:
@@ -292,7 +288,3 @@ def black_levels(metadata: dict[str, Any]) -> dict[str, float | None]:
     # Files have no clock of a camera.
     of_file = metadata["camera_timestamp_ns"] == 0
     return {"black_level_dn": stated if of_file else None, "black_level_register": None if of_file else stated}
-
-
-def _writeable(base: object) -> bool:
-    return isinstance(base, np.ndarray) and bool(base.flags.writeable)

@@ -6,9 +6,9 @@ from dataclasses import asdict, dataclass
 from datetime import datetime
 from math import hypot, isfinite, nan, sqrt
 from statistics import fmean, stdev
-from typing import Any, ClassVar, Literal, cast
+from typing import Any, ClassVar, Literal
 
-from .disk import quoted, record_model, validated_as
+from .disk import quoted, record_of
 from .errors import InputError
 
 #: 1 foot-lambert = (1 / pi) cd / ft^2, with 1 ft = 0.3048 m (exact by definition of the foot).
@@ -140,11 +140,9 @@ class Reading:
             If a field is missing, unknown or has an unusable value.
         """
         try:
-            validated_as(record_model(cast("Any", cls)), values)
+            return cls(**record_of(cls, values))
         except InputError as error:
             raise InputError(f"reading cannot be read: {error}") from error
-        made = {"timestamp": datetime.fromisoformat(values["timestamp"]), "meter": MeterIdentity(**values["meter"])}
-        return cls(**values | made)
 
 
 @dataclass(frozen=True)
@@ -169,11 +167,7 @@ class ReadingSeries:
             raise InputError("there are no readings to average: take at least one")
         first = self.readings[0]
         for reading in self.readings:
-            if reading.unit == "%":
-                raise InputError(
-                    f"the reading {quoted(reading.raw)} is a ratio in %, not a luminance: set the meter to ABS and "
-                    "measure again"
-                )
+            _ = reading.luminance_cd_m2  # refuses a ratio
             if reading.meter != first.meter:
                 raise InputError(
                     f"the readings come from meters {first.meter.model} {first.meter.serial} and "

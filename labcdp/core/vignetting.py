@@ -56,12 +56,7 @@ class Cos4Vignetting:
 
         cos(theta) = 1 / sqrt(1 + r^2 / f^2) with r the distance from the axis and f the focal length.
         """
-        height, width = shape
-        x0, y0 = self.centre_px or (width / 2, height / 2)
-        scale = self.pixel_pitch_m / self.focal_length_m
-        y = (np.arange(height) + 0.5 - y0) * scale
-        x = (np.arange(width) + 0.5 - x0) * scale
-        result: NDArray[np.float64] = np.add.outer(1 + y**2, x**2)
+        result = _squared_distance(shape, self.centre_px, self.pixel_pitch_m / self.focal_length_m, 1.0)
         # In place: for a large sensor each intermediate would be a third of all memory.
         result *= result
         return np.reciprocal(result, out=result)
@@ -106,13 +101,7 @@ class RadialVignetting:
 
     def squared_radius(self, shape: tuple[int, int]) -> NDArray[np.float64]:
         """r^2 of each pixel of an image of `shape` (height, width)."""
-        height, width = shape
-        x0, y0 = self.centre_px or (width / 2, height / 2)
-        half_diagonal = hypot(height, width) / 2
-        y = (np.arange(height) + 0.5 - y0) / half_diagonal
-        x = (np.arange(width) + 0.5 - x0) / half_diagonal
-        result: NDArray[np.float64] = np.add.outer(y**2, x**2)
-        return result
+        return _squared_distance(shape, self.centre_px, 2 / hypot(*shape))
 
     def relative_illuminance(self, shape: tuple[int, int]) -> NDArray[np.float64]:
         """V for an image of `shape` (height, width).
@@ -144,8 +133,7 @@ class RadialVignetting:
         list of ndarray of float, shape (height, width)
             Signed patterns of independent errors; empty if the coefficients are taken as exact.
         """
-        r2 = self.squared_radius(shape)
-        return [r2 * (a2 + r2 * (a4 + r2 * a6)) / self._at(r2) for a2, a4, a6 in self._independent_errors()]
+        return self._patterns(self.squared_radius(shape))
 
     def common_errors_at(self, shape: tuple[int, int], place_px: tuple[float, float]) -> list[float]:
         """Return the values of `common_patterns` at one place.
@@ -160,19 +148,20 @@ class RadialVignetting:
         height, width = shape
         x0, y0 = self.centre_px or (width / 2, height / 2)
         r2 = np.float64(((place_px[0] - x0) ** 2 + (place_px[1] - y0) ** 2) / (hypot(height, width) / 2) ** 2)
-        return [float(r2 * (a2 + r2 * (a4 + r2 * a6)) / self._at(r2)) for a2, a4, a6 in self._independent_errors()]
+        return [float(error) for error in self._patterns(r2)]
 
     def _at(self, r2: Any) -> Any:
         return 1 + r2 * (self.a2 + r2 * (self.a4 + r2 * self.a6))
 
-    def _independent_errors(self) -> list[NDArray[np.float64]]:
-        """Errors of (a2, a4, a6), each for one standard uncertainty along an eigenvector of the covariance."""
+    def _patterns(self, r2: Any) -> list[Any]:
+        """Relative errors of V, each for one standard uncertainty along an eigenvector of the covariance."""
         values, vectors = np.linalg.eigh(np.array(self.covariance))
-        return [
+        errors = [
             np.sqrt(value) * vector
             for value, vector in zip(values, vectors.T, strict=True)
             if value > 1e-12 * values.max() > 0
         ]
+        return [r2 * (a2 + r2 * (a4 + r2 * a6)) / self._at(r2) for a2, a4, a6 in errors]
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,6 +262,16 @@ def cropped(
     rows = scale[:, None] * np.array(vignetting.covariance) * scale
     covariance = tuple((float(a), float(b), float(c)) for a, b, c in rows)
     return replace(vignetting, a2=float(a2), a4=float(a4), a6=float(a6), centre_px=centre_px, covariance=covariance)
+
+
+def _squared_distance(
+    shape: tuple[int, int], centre_px: tuple[float, float] | None, scale: float, start: float = 0.0
+) -> NDArray[np.float64]:
+    """Squared distance of each pixel from the axis, times a squared scale and added to a start."""
+    x0, y0 = centre_px or (shape[1] / 2, shape[0] / 2)
+    y, x = ((np.arange(n) + 0.5 - middle) * scale for n, middle in zip(shape, (y0, x0), strict=True))
+    result: NDArray[np.float64] = np.add.outer(start + y**2, x**2)
+    return result
 
 
 def _mean_of_middle(relative: NDArray[Any]) -> float:

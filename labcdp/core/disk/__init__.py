@@ -3,7 +3,7 @@
 Whatever is wrong with a file becomes one line of `InputError` that names the file and quotes little of it.
 """
 
-from .documents import parse_json, parse_toml, read_json, read_toml, record_model, validated_as
+from .documents import parse_json, parse_toml, read_json, read_toml, record_of, validated_as
 from .files import (
     file_sha256,
     is_file,
@@ -38,7 +38,7 @@ __all__ = [
     "read_toml",
     "real_path",
     "reason",
-    "record_model",
+    "record_of",
     "require_regular",
     "shortened",
     "validated_as",

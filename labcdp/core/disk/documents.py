@@ -151,29 +151,42 @@ def read_toml(path: AnyPath, what: str) -> dict[str, Any]:
         raise ConfigurationError(f"{name_of(path)}: {error}") from error
 
 
-@cache
-def record_model(kind: type, *left_out: str) -> Any:
-    """Make the pydantic model that a dataclass's fields have in JSON, times as ISO text; unknown keys are errors."""
-    from pydantic import AfterValidator, ConfigDict, create_model
+def record_of(kind: type, values: Any, *left_out: str) -> dict[str, Any]:
+    """Return a dataclass's fields as values, of those JSON has of them; times are ISO text with a time zone.
 
-    hints = get_type_hints(kind) | {
-        name: Annotated[str, AfterValidator(_time)] for name, hint in get_type_hints(kind).items() if hint is datetime
-    }
+    Raises
+    ------
+    InputError
+        If a field is missing, unknown or of another type; but for those that are left out.
+    """
+    made = validated_as(_record_model(kind, *left_out), values)
+    return {name: getattr(made, name) for name in type(made).model_fields}
+
+
+@cache
+def _record_model(kind: type, *left_out: str) -> Any:
+    from pydantic import BeforeValidator, ConfigDict, create_model
+
+    hints = get_type_hints(kind)
+    used = [one for one in fields(kind) if one.name not in left_out]
     return create_model(  # type: ignore[call-overload]
         kind.__name__,
         __config__=ConfigDict(extra="forbid"),
         **{
-            one.name: (hints[one.name], ... if one.default is MISSING else one.default)
-            for one in fields(kind)
-            if one.name not in left_out
+            one.name: (
+                Annotated[datetime, BeforeValidator(_time)] if hints[one.name] is datetime else hints[one.name],
+                ... if one.default is MISSING else one.default,
+            )
+            for one in used
         },
     )
 
 
-def _time(text: str) -> str:
-    if datetime.fromisoformat(text).tzinfo is None:
-        raise ValueError("it has no time zone")
-    return text
+def _time(text: Any) -> datetime:
+    time = datetime.fromisoformat(text) if isinstance(text, str) else None
+    if time is None or time.tzinfo is None:
+        raise ValueError("it is no ISO time with a time zone")
+    return time
 
 
 @cache

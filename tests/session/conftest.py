@@ -57,7 +57,7 @@ exposures_s = [0.005, 0.02]
 """
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def bench():
     return BENCH
 
@@ -73,19 +73,12 @@ def make_frame():
         bits = 12 if dtype == np.uint16 else 8
         return Frame(
             dn=np.random.default_rng(seed).integers(0, 2**bits, shape, dtype=dtype),
-            exposure_s=exposure_s,
-            gain_db=0.1,
-            bit_depth=bits,
-            saturation_dn=2**bits - 1,
-            black_level_dn=16.25,
-            pixel_format=f"Mono{bits}",
-            colour_filter=None,
-            temperature_c=41.3,
+            exposure_s=exposure_s, gain_db=0.1, bit_depth=bits, saturation_dn=2**bits - 1, black_level_dn=16.25,
+            pixel_format=f"Mono{bits}", colour_filter=None, temperature_c=41.3,
             timestamp=datetime(2026, 3, 1, 12, 0, 0, 123456, tzinfo=timezone(timedelta(hours=1))),
-            camera_timestamp_ns=2**62 + seed,
-            frame_id=seed,
+            camera_timestamp_ns=2**62 + seed, frame_id=seed,
             camera=CameraIdentity("Allied Vision Technologies", "Manta_G-505B", "503363706"),
-        )
+        )  # fmt: skip
 
     return make
 
@@ -94,18 +87,10 @@ def make_frame():
 def make_reading():
     def make(value=75.6):
         return Reading(
-            value=value,
-            unit="cd/m2",
-            resolution=0.01,
-            scale_half_width_rel=0.02,
-            digits_half_width=0.02,
-            repeatability_rel=0.001,
-            peak=False,
-            correction="preset",
-            held=False,
+            value=value, unit="cd/m2", resolution=0.01, scale_half_width_rel=0.02, digits_half_width=0.02,
+            repeatability_rel=0.001, peak=False, correction="preset", held=False,
             meter=MeterIdentity("LS-110", "73323007", "2025-03-31"),
-            timestamp=datetime(2026, 3, 1, 12, 0, tzinfo=UTC),
-            raw=f"OK00,CcPM{value:6.2f}",
-        )
+            timestamp=datetime(2026, 3, 1, 12, 0, tzinfo=UTC), raw=f"OK00,CcPM{value:6.2f}",
+        )  # fmt: skip
 
     return make

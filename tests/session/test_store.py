@@ -4,7 +4,8 @@ import json
 import logging
 import subprocess
 import sys
-from datetime import datetime
+from dataclasses import replace
+from datetime import timedelta
 
 import cv2
 import numpy as np
@@ -14,10 +15,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
+from labcdp.core.clock import SimulatedClock
 from labcdp.core.errors import InputError, SessionError
 from labcdp.core.frame import CameraIdentity, Frame, Readout
 from labcdp.session import EventRecord, FrameRecord, ReadingRecord, Session
-from labcdp.session.frames import frame_from_tiff, frame_to_tiff
+from labcdp.session.frames import frame_from_tiff, frame_to_tiff, tiff_parts
 
 
 @pytest.fixture
@@ -43,21 +45,6 @@ def test_black_level_of_earlier_sessions_is_that_of_a_file_or_a_register(
     del old["black_level_register"]
     again = Frame.from_metadata(frame.dn, old)
     assert (again.black_level_dn, again.black_level_register, again.readout) == (stated, register, None)
-
-
-@pytest.mark.parametrize("compress", [False, True])
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
-def test_frames_come_back_bit_for_bit(path, configuration, make_frame, compress, dtype):
-    frame = make_frame(3, dtype=dtype)
-    with Session.create(path, configuration, compress=compress) as session:
-        assert_same(session.load(session.add_frame(frame)), frame)
-    with Session.open(path, writable=True) as session:
-        session.add_frame(frame, role="dark")
-    again = Session.open(path)
-    for record in again.frames():
-        assert_same(again.load(record), frame)
-    sizes = [record.file.size for record in again.frames()]
-    assert (max(sizes) < frame.dn.nbytes) == (min(sizes) < frame.dn.nbytes)  # compressed for good, or never
 
 
 FLOATS = st.floats(allow_nan=False, allow_infinity=False)
@@ -98,174 +85,116 @@ def test_another_program_reads_the_same_pixels(path, configuration, make_frame, 
         assert json.loads(tiff.pages.first.tags["ImageDescription"].value) == frame.metadata()
 
 
-def test_records_keep_their_order(path, configuration, make_frame, make_reading):
+def test_records_keep_their_order_in_files_that_the_page_explains(path, configuration, make_frame, make_reading):
     with Session.create(path, configuration) as session:
         made = [
             session.add_frame(make_frame(1)),
             session.add_reading(make_reading(), patch="upper left"),
             session.add_event("lens covered", {"by": "hand", "seconds": [1, 2.5, None, True], "µ": "ß\n"}),
-            session.add_frame(make_frame(2, exposure_s=0.02), role="dark"),
-            session.add_reading(make_reading(33.6), patch="upper right"),
         ]
         assert session.records[2:] == made
+    # Sessions are resumed, and read while they are written.
+    with Session.open(path, writable=True) as session:
+        reader = Session.open(path)
+        made.append(session.add_frame(make_frame(2, exposure_s=0.02), role="dark"))
+        made.append(session.add_reading(make_reading(33.6), patch="upper right"))
+        assert len(reader.frames()) == 1
+        reader.verify()
     again = Session.open(path)
     assert again.records[2:] == made
-    assert [type(record) for record in made] == [
-        FrameRecord, ReadingRecord, EventRecord, FrameRecord, ReadingRecord,
-    ]  # fmt: skip
+    kinds = [FrameRecord, ReadingRecord, EventRecord, FrameRecord, ReadingRecord]
+    assert [type(record) for record in made] == kinds
     assert [record.sequence for record in again.records] == [1, 2, 3, 4, 5, 6, 7]
-    times = [record.time for record in again.records]
-    assert times == sorted(times)
     assert [(r.number, r.role, r.exposure_s, r.gain_db, r.pixel_format, r.shape) for r in again.frames()] == [
         (1, "light", 0.005, 0.1, "Mono12", (12, 16)),
         (2, "dark", 0.02, 0.1, "Mono12", (12, 16)),
     ]
-    assert again.frames("dark") == [made[3]]
-    assert again.frames()[0].camera == make_frame().camera
+    assert (again.frames("dark"), again.frames()[0].camera) == ([made[3]], make_frame().camera)
     assert [(r.patch, r.reading) for r in again.readings()] == [
         ("upper left", make_reading()),
         ("upper right", make_reading(33.6)),
     ]
-
-
-def test_the_folder_holds_what_its_page_says(path, configuration, make_frame):
-    with Session.create(path, configuration) as session:
-        session.add_frame(make_frame())
-    files = {str(name) for name in contents(path)}
-    assert files == {
-        "README.txt", "session.toml", "journal.jsonl", "frames/0001_light_5ms.tif",
-    }  # fmt: skip
+    assert again.configuration == configuration
+    names = ["frames/0001_light_5ms.tif", "frames/0002_dark_20ms.tif"]
+    assert {str(name) for name in contents(path)} == {"README.txt", "session.toml", "journal.jsonl", *names}
     page = (path / "README.txt").read_text()
-    assert all(name.removeprefix("frames/") in page for name in files - {"README.txt"})
-    lines = [json.loads(line) for line in (path / "journal.jsonl").read_text().splitlines()]
-    assert [line["kind"] for line in lines] == ["session", "readme", "frame"]
-    assert all(datetime.fromisoformat(line["time"]).tzinfo for line in lines)
-    assert Session.open(path).configuration == configuration
+    assert all(name in page for name in ("session.toml", "journal.jsonl", "0001_light_5ms.tif"))
 
 
-def test_reading_changes_nothing(path, configuration, make_frame, make_reading):
-    with Session.create(path, configuration) as session:
-        session.add_frame(make_frame())
-        session.add_reading(make_reading(), patch="upper left")
-    with (path / "journal.jsonl").open("ab") as file:
-        file.write(b'{"sequence": 5, "ti')
-    (path / "frames" / ".labcdp-0123456789abcdef.part.tif").write_bytes(b"half")
-    before = contents(path)
-    with Session.open(path) as session:
-        session.load(session.frames()[0])
-        session.problems()
-        session.unrecorded()
-    assert contents(path) == before
-
-
-def test_a_reader_needs_no_lock_and_sees_what_was_there(path, configuration, make_frame):
-    with Session.create(path, configuration) as writer:
-        writer.add_frame(make_frame(1))
-        reader = Session.open(path)
-        writer.add_frame(make_frame(2))
-        assert len(reader.frames()) == 1
-        reader.verify()
-        assert len(Session.open(path).frames()) == 2
-
-
-def test_a_session_resumes_where_it_ended(path, configuration, make_frame):
-    with Session.create(path, configuration) as session:
-        session.add_frame(make_frame(1))
-    with Session.open(path, writable=True) as session:
-        assert session.add_frame(make_frame(2)).file.name == "frames/0002_light_5ms.tif"
-        session.verify()
-
-
-def test_a_folder_in_use_is_not_overwritten(path, configuration):
+def test_what_is_no_session_or_another_one_is_neither_read_nor_overwritten(tmp_path, path, configuration):
     path.mkdir()
     (path / "thesis.txt").write_text("a year's work")
     with pytest.raises(SessionError, match=r"session exists already: give a new folder, or open the session in it"):
         Session.create(path, configuration)
     assert [file.name for file in path.parent.rglob("*")] == ["session", "thesis.txt"]
+    for folder in (path, tmp_path / "none", path / "thesis.txt"):
+        for writable in (False, True):
+            match = rf"{folder} is not a session: it has no journal.jsonl; give the folder"
+            with pytest.raises(SessionError, match=match):
+                Session.open(folder, writable=writable)
 
 
-@pytest.mark.parametrize("writable", [False, True])
-def test_a_folder_that_is_not_a_session_is_refused(tmp_path, writable):
-    (tmp_path / "file").touch()
-    for folder in (tmp_path, tmp_path / "none", tmp_path / "file"):
-        with pytest.raises(SessionError, match=rf"{folder} is not a session: it has no journal.jsonl; give the folder"):
-            Session.open(folder, writable=writable)
-
-
-def test_a_second_writer_is_refused(path, configuration, make_frame):
-    with Session.create(path, configuration) as session:
-        with pytest.raises(
-            SessionError, match=r"session is in use by another process: end that one first, or open the"
-        ):
+def test_a_second_writer_is_refused(path, configuration):
+    with Session.create(path, configuration):
+        with pytest.raises(SessionError, match=r"session is in use by another process: end that one first, or open"):
             Session.open(path, writable=True)
         program = "import sys; from labcdp.session import Session; Session.open(sys.argv[1], writable=True)"
         other = subprocess.run([sys.executable, "-c", program, str(path)], capture_output=True, text=True, check=False)
-        assert "SessionError" in other.stderr
         assert "in use by another process" in other.stderr
-        session.add_frame(make_frame())
-    with Session.open(path, writable=True) as session:
-        session.verify()
+    Session.open(path, writable=True).close()
 
 
-def test_wrong_values_are_refused_and_leave_no_trace(path, configuration, make_frame, make_reading):
+@pytest.mark.parametrize(
+    ("add", "message"),
+    [
+        (lambda session, frame, _: session.add_frame(frame, role="flat"), r"role is 'flat': give 'light' or 'dark'"),
+        (lambda session, _, reading: session.add_reading(reading, patch="A9"), r"patch is 'A9': give one of the"),
+        (lambda session, *_: session.add_event("frame", {}), r"kind is 'frame': give a name that is not one of"),
+        (lambda session, *_: session.add_event("step", {"a": float("nan")}), r"content of this step record cannot be"),
+        (lambda session, *_: session.add_event("step", {"a": b"bytes"}), r"written as JSON \(Object of type"),
+        (
+            lambda session, frame, _: session.add_frame(replace(frame, temperature_c=float("nan"))),
+            r"metadata of frame 0 cannot be written as JSON",
+        ),
+    ],
+)
+def test_wrong_values_are_refused_and_leave_no_trace(path, configuration, make_frame, make_reading, add, message):
     with Session.create(path, configuration) as session:
         before = contents(path)
-        with pytest.raises(InputError, match=r"role is 'flat': give 'light' or 'dark'"):
-            session.add_frame(make_frame(), role="flat")
-        with pytest.raises(InputError, match=r"patch is 'A9': give one of the target's, upper left, upper right"):
-            session.add_reading(make_reading(), patch="A9")
-        with pytest.raises(InputError, match=r"kind is 'frame': give a name that is not one of session, readme, frame"):
-            session.add_event("frame", {})
-        with pytest.raises(InputError, match=r"content of this step record cannot be written as JSON \(Out of range"):
-            session.add_event("step", {"value": float("nan")})
-        with pytest.raises(InputError, match=r"content of this step record cannot be written as JSON \(Object of type"):
-            session.add_event("step", {"value": b"bytes"})
-        with pytest.raises(InputError, match=r"metadata of frame 0 cannot be written as JSON \(Out of range float"):
-            session.add_frame(with_temperature(make_frame(), float("nan")))
+        with pytest.raises(InputError, match=message):
+            add(session, make_frame(), make_reading())
         assert contents(path) == before
         assert session.add_frame(make_frame()).number == 1
 
 
-def with_temperature(frame, temperature_c):
-    return Frame.from_metadata(frame.dn, frame.metadata() | {"temperature_c": temperature_c})
-
-
-def test_a_torn_line_is_set_aside_on_opening_for_writing(path, configuration, make_frame, caplog):
+def test_a_reader_changes_nothing_and_a_writer_puts_right_what_a_kill_left(path, configuration, make_frame, caplog):
     with Session.create(path, configuration) as session:
-        record = session.add_frame(make_frame())
-    torn = b'{"sequence": 4, "time": "2026-0'
+        record = session.add_frame(make_frame(1))
+    torn, orphan = b'{"sequence": 4, "time": "2026-0', frame_to_tiff(make_frame(2), compress=False)
     with (path / "journal.jsonl").open("ab") as file:
         file.write(torn)
+    (path / "frames/0007_light_5ms.tif").write_bytes(orphan)
+    for name in ("frames/.labcdp-0123456789abcdef.part.tif", ".labcdp-0123456789abcdef.part.end", ".mine.part"):
+        (path / name).write_bytes(b"half")
+    before = contents(path)
     reader = Session.open(path)
-    assert reader.frames() == [record]
-    assert "the last line is not whole and left out" in caplog.text
+    assert (reader.frames(), reader.unrecorded()) == ([record], [".mine.part", "frames/0007_light_5ms.tif"])
     with pytest.raises(SessionError, match=r"journal.jsonl ends with a line that is not whole: open the session for"):
         reader.verify()
-    with Session.open(path, writable=True) as session:
-        session.verify()
-        assert session.frames() == [record]
-        event = session.records[-1]
-        assert (event.kind, event.content, event.file.name) == ("torn line", {"line": 4}, "journal.torn-0004-1.txt")
-        assert session.unrecorded() == []
-    assert (path / "journal.torn-0004-1.txt").read_bytes() == torn
-    assert "line 4 is not whole, it is kept in journal.torn-0004-1.txt" in caplog.text
-
-
-def test_leftovers_are_removed_and_unrecorded_frames_kept(path, configuration, make_frame, caplog):
-    with Session.create(path, configuration) as session:
-        session.add_frame(make_frame(1))
-    frames = path / "frames"
-    orphan = frame_to_tiff(make_frame(2), compress=False)
-    (frames / "0007_light_5ms.tif").write_bytes(orphan)
-    (frames / ".labcdp-0123456789abcdef.part.tif").write_bytes(b"half")
-    (path / ".labcdp-0123456789abcdef.part.end").write_bytes(b"half")
-    (path / ".mine.part").write_bytes(b"mine")
-    assert Session.open(path).unrecorded() == [".mine.part", "frames/0007_light_5ms.tif"]
+    assert contents(path) == before
     with caplog.at_level(logging.WARNING), Session.open(path, writable=True) as session:
+        event = session.records[-1]
         assert session.add_frame(make_frame(3)).file.name == "frames/0008_light_5ms.tif"
         session.verify()
-    assert "frames/0007_light_5ms.tif is not in the journal: it is left alone" in caplog.text
-    assert (frames / "0007_light_5ms.tif").read_bytes() == orphan
+    assert (event.kind, event.content, event.file.name) == ("torn line", {"line": 4}, "journal.torn-0004-1.txt")
+    assert (path / "journal.torn-0004-1.txt").read_bytes() == torn
+    for text in (
+        "the last line is not whole and left out",
+        "line 4 is not whole, it is kept in journal.torn-0004-1.txt",
+        "frames/0007_light_5ms.tif is not in the journal: it is left alone",
+    ):
+        assert text in caplog.text
+    assert (path / "frames/0007_light_5ms.tif").read_bytes() == orphan
     assert [path.name for path in path.rglob(".*")] == [".mine.part"]
 
 
@@ -280,3 +209,87 @@ def test_a_session_is_removed_without_files_of_others_only(path, configuration, 
     (path / name).unlink()
     Session.open(path).remove()
     assert not path.exists()
+
+
+@pytest.fixture
+def session(tmp_path, configuration):
+    with Session.create(tmp_path / "session", configuration) as session:
+        yield session
+
+
+def test_one_frame_that_cannot_be_recorded_takes_back_the_whole_batch(session, make_frame, monkeypatch):
+    def fails_at_the_third(frame, compress):
+        if frame.frame_id == 2:
+            raise InputError("no")
+        return tiff_parts(frame, compress)
+
+    monkeypatch.setattr("labcdp.session.frames.tiff_parts", fails_at_the_third)
+    batch = [(make_frame(seed), "light", None) for seed in range(4)]
+    with pytest.raises(InputError, match=r"^no$"):
+        session.add_frames(batch)
+    assert session.frames() == []
+    assert list((session.path / "frames").iterdir()) == []
+    monkeypatch.undo()
+    records = session.add_frames(batch)
+    assert [record.number for record in records] == [1, 2, 3, 4]
+    for frame, record in zip((frame for frame, _, _ in batch), records, strict=True):
+        assert_same(session.load(record), frame)
+    session.verify()
+
+
+def test_what_was_taken_again_no_longer_counts_but_stays(session, make_frame, make_reading):
+    kept = session.add_frame(make_frame(0))
+    flickered = session.add_frame(make_frame(1))
+    wrong = session.add_reading(make_reading(), "upper left")
+    session.supersede([flickered, wrong], "flicker of 3 %")
+    again = session.add_frame(make_frame(2))
+    reopened = Session.open(session.path)
+    assert reopened.frames() == session.frames() == [kept, again]
+    assert reopened.readings() == []
+    assert reopened.load(flickered).frame_id == 1
+    event = next(r for r in reopened.records if isinstance(r, EventRecord) and r.kind == "superseded")
+    assert event.content == {"lines": [flickered.sequence, wrong.sequence], "reason": "flicker of 3 %"}
+    session.verify()
+
+
+def test_exposures_come_from_the_plan_or_were_found(session, configuration, tmp_path):
+    assert session.exposures_s == (0.005, 0.02)
+    plan = configuration.plan.model_copy(update={"exposures_s": None})
+    with Session.create(tmp_path / "other", configuration.model_copy(update={"plan": plan})) as searched:
+        assert searched.exposures_s is None
+        searched.add_event("exposures", {"exposures_s": [0.1, 0.4]})
+        searched.add_event("exposures", {"exposures_s": [0.2, 0.8]})
+        assert searched.exposures_s == (0.2, 0.8)
+        assert Session.open(searched.path).exposures_s == (0.2, 0.8)
+
+
+class WallClock(SimulatedClock):
+    """A clock whose time of day somebody sets."""
+
+    def __init__(self):
+        super().__init__()
+        self.offset = timedelta(0)
+
+    def now(self):
+        return super().now() + self.offset
+
+
+def test_a_clock_set_back_is_said_and_recorded_once_and_the_order_stays(tmp_path, configuration, make_reading, caplog):
+    clock = WallClock()
+    with Session.create(tmp_path / "session", configuration, clock=clock) as session:
+        clock.sleep(7200)
+        session.add_reading(make_reading(1), "upper left")
+        clock.offset = timedelta(hours=-1)
+        with caplog.at_level(logging.WARNING):
+            session.add_reading(make_reading(2), "upper left")
+            session.add_reading(make_reading(3), "upper left")
+    said = [record.getMessage() for record in caplog.records]
+    assert said == [
+        f"{tmp_path}/session/journal.jsonl: the computer's clock was set back by 3600 s; records keep their order by "
+        "number"
+    ]
+    reopened = Session.open(tmp_path / "session")
+    assert [r.reading.value for r in reopened.readings()] == [1, 2, 3]
+    events = [r for r in reopened.records if isinstance(r, EventRecord) and r.kind == "clock"]
+    assert [event.content for event in events] == [{"set_back_s": 3600.0}]
+    reopened.verify()

@@ -78,14 +78,6 @@ def unique(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     return tuple(sorted(dict.fromkeys(findings), key=lambda finding: order[finding.severity]))
 
 
-_COLUMNS = (
-    Column("quantity", "quantity"),
-    *uncertain(Column("value", "value", meaning="Value of the quantity.", unit_of="unit")),
-    Column("unit", "unit", meaning="Unit of value, U and u."),
-    Column("meaning", "meaning", meaning="What the quantity is."),
-)
-
-
 @dataclass(frozen=True)
 class Quantity:
     """A named value.
@@ -122,21 +114,19 @@ def quantity_table(
 ) -> Table:
     """Return a table of quantities, one a row."""
     quantities = list(quantities)
-    keys = (Column("key", "key", meaning="Name for programs.", shown=False),)
-    columns = (*_COLUMNS, *(keys if any(one.key for one in quantities) else ()))
-    rows = [
-        {
-            "quantity": one.name,
-            "value": one.value,
-            "expanded_value": one.expanded if one.u is None or one.expanded is not None else Z_95 * one.u,
-            "u_value": one.u,
-            "unit": one.unit,
-            "meaning": one.meaning,
-            "key": one.key,
-        }
-        for one in quantities
-    ]
-    return Table.of_rows(name, title, columns, rows, note, detail)
+    columns = (
+        Column("quantity", "quantity", value="name"),
+        *uncertain(Column("value", "value", meaning="Value of the quantity.", unit_of="unit"), "u", _expanded),
+        Column("unit", "unit", meaning="Unit of value, U and u."),
+        Column("meaning", "meaning", meaning="What the quantity is."),
+        Column("key", "key", meaning="Name for programs.", shown=False),
+    )
+    named = any(one.key for one in quantities)
+    return Table.of_items(name, title, columns if named else columns[:-1], quantities, note, detail)
+
+
+def _expanded(quantity: Quantity) -> float | None:
+    return Z_95 * quantity.u if quantity.expanded is None and quantity.u is not None else quantity.expanded
 
 
 @dataclass(frozen=True)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
+from dataclasses import asdict
 from datetime import UTC, datetime
 from importlib.metadata import version
 from importlib.resources import files
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..core.disk import read_bytes, reason
+from ..core.disk.text import json_values, results_json
 from ..core.disk.tiff import read_in_child
 from ..core.errors import InputError
 from ..core.result import Result
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 #: Name and version of the envelope.
 SCHEMA, SCHEMA_VERSION = "labcdp-result", 1
 #: Packages whose versions a result depends on.
-_PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "numba")
+_PACKAGES = ("labcdp", "numpy", "scipy", "opencv-contrib-python-headless", "numba")
 
 
 def envelope(result: Result) -> dict[str, Any]:
@@ -44,28 +45,19 @@ def envelope(result: Result) -> dict[str, Any]:
         "schema_version": SCHEMA_VERSION,
         "kind": result.kind,
         "title": result.title,
-        "versions": {"labcdp": version("labcdp"), **{name: version(name) for name in _PACKAGES}},
+        "versions": {name: version(name) for name in _PACKAGES},
         "simulated": result.simulated,
         "seed": result.seed,
-        "inputs": [{"role": one.role, "path": one.path, "sha256": one.sha256} for one in result.inputs],
-        "configuration": _plain(result.configuration),
-        "findings": [
-            {
-                "code": finding.code,
-                "severity": finding.severity,
-                "subject": finding.subject,
-                "values": _plain(finding.values),
-                "text": finding_text(finding),
-            }
-            for finding in result.findings
-        ],
+        "inputs": [asdict(one) for one in result.inputs],
+        "configuration": json_values(result.configuration),
+        "findings": [json_values(asdict(one) | {"text": finding_text(one)}) for one in result.findings],
         "tables": {table.name: _table(table) for table in result.tables},
     }
 
 
 def envelope_json(result: Result) -> str:
     """Return a result as JSON text."""
-    return json.dumps(envelope(result), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    return results_json(envelope(result))
 
 
 def schema() -> dict[str, Any]:
@@ -76,37 +68,23 @@ def schema() -> dict[str, Any]:
 
 
 def _table(table: Table) -> dict[str, Any]:
+    unit_columns = {column.unit_of for column in table.columns}
     return {
         "title": table.title,
         "columns": [
-            {
-                "name": column.name,
-                "label": column.label,
-                "unit": "1" if column.unit == "%" else column.unit,
-                "meaning": column.meaning,
-            }
-            for column in table.columns
+            {"name": one.name, "label": one.label, "unit": _unit(one.unit), "meaning": one.meaning}
+            for one in table.columns
         ],
-        "rows": [_row(table, row) for row in table.rows()],
+        "rows": [
+            {name: json_values(_unit(value) if name in unit_columns else value) for name, value in row.items()}
+            for row in table.rows()
+        ],
     }
 
 
-def _row(table: Table, row: dict[str, Any]) -> dict[str, Any]:
-    units = {column.unit_of for column in table.columns if column.unit_of}
-    return {name: "1" if name in units and value == "%" else _plain(value) for name, value in row.items()}
-
-
-def _plain(value: Any) -> Any:
-    """Return JSON-compatible values: no NumPy types, no nan and no infinity."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(one) for key, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(one) for one in value]
-    if hasattr(value, "tolist"):
-        return _plain(value.tolist())
-    if isinstance(value, float) and not isfinite(value):
-        return None
-    return value if isinstance(value, str | int | float | bool) or value is None else str(value)
+def _unit(unit: Any) -> Any:
+    """Return the unit of what is kept as a fraction where it is shown in percent."""
+    return "1" if unit == "%" else unit
 
 
 def result_files(

@@ -172,16 +172,8 @@ def regions_picture(luminance: LuminanceMap, regions: Sequence[Roi], title: str,
     simulated : bool
         Whether the camera was simulated; the picture is then labelled so.
     """
-    from matplotlib.colors import LogNorm
-
     figure = ImageFigure.of(_size(luminance), title, simulated, regions)
-    levels = [float(np.mean(luminance.select(region))) for region in regions]
-    lit = [level for level in levels if level > 0] or [1.0]
-    darkest, brightest = 0.4 * min(lit), 1.2 * max(lit)
-    drawn, _ = drawn_pixels(luminance)
-    norm = LogNorm(darkest, brightest)
-    shown = figure.axes.imshow(np.clip(drawn, darkest, brightest), cmap="gray", norm=norm, extent=figure.extent)
-    figure.add_scale(shown, "luminance in cd/m²", extend="both")
+    _show(figure, luminance, _grey_range(luminance, regions), "gray")
     figure.draw_regions()
     return png(figure.figure)
 
@@ -207,10 +199,9 @@ def close_picture(luminance: LuminanceMap, regions: Sequence[Roi], simulated: bo
     width_px, height_px = _size(luminance)
     x = (max(left - margin, 0.0), min(right + margin, width_px))
     y = (max(top - margin, 0.0), min(bottom + margin, height_px))
-    lit = [level for region in regions if (level := float(np.mean(luminance.select(region)))) > 0] or [1.0]
     (first, last), (upper, lower) = ((int(low / luminance.step), ceil(high / luminance.step)) for low, high in (x, y))
     inner = np.asarray(luminance.luminance_cd_m2)[upper:lower, first:last]
-    drawn = np.clip(block_mean(inner, reduction(inner.shape)), 0.4 * min(lit), 1.2 * max(lit))
+    drawn = np.clip(block_mean(inner, reduction(inner.shape)), *_grey_range(luminance, regions))
     figure = new_figure(_CLOSE_IN, _CLOSE_IN * (y[1] - y[0]) / (x[1] - x[0]), "bench" if simulated else "")
     axes = figure.add_subplot()
     axes.imshow(drawn, cmap="gray", norm=LogNorm(), extent=(x[0], x[1], y[1], y[0]))
@@ -244,27 +235,48 @@ def luminance_picture(
     linear : bool
         Whether the scale is linear instead of logarithmic.
     """
-    from matplotlib.colors import LogNorm, Normalize
+    from matplotlib.colors import to_rgba
     from matplotlib.patches import Patch
 
-    low, high = 0.9 * range_cd_m2[0], 1.1 * range_cd_m2[1]
     reasons = _reasons(luminance, range_cd_m2[0])
     figure = ImageFigure.of(_size(luminance), title, simulated, below_in=_LEGEND_IN * ceil(len(reasons) / 2))
-    drawn, _ = drawn_pixels(luminance)
-    norm = Normalize(low, high) if linear else LogNorm(low, high)
-    shown = figure.axes.imshow(np.clip(drawn, low, high), cmap="viridis", norm=norm, extent=figure.extent)
-    figure.add_scale(shown, "luminance in cd/m²", extend="both")
+    _show(figure, luminance, (0.9 * range_cd_m2[0], 1.1 * range_cd_m2[1]), "viridis", linear)
     if reasons:
-        overlay = _overlay(reasons, reduction(luminance.shape))
+        side = reduction(luminance.shape)
+        shares = np.array([block_mean(mask, side) for mask in reasons.values()])
+        # One saturated pixel suffices; it takes precedence over reasons by majority.
+        first = np.array([name == _SATURATED for name in reasons])[:, None, None]
+        weights = np.where(first, np.ceil(shares), shares)
+        colours = np.array([to_rgba(_COLOURS[name]) for name in reasons])
+        overlay = colours[np.argmax(weights, axis=0)]
+        overlay[np.sum(weights, axis=0) < 0.5] = 0.0
         figure.axes.imshow(overlay, extent=figure.extent, interpolation="nearest")
         figure.figure.legend(
-            handles=[Patch(facecolor=reason.colour, edgecolor="black", linewidth=0.6) for reason in reasons],
-            labels=[f"{reason.name}: {share_percent(float(reason.mask.mean()))} of the pixels" for reason in reasons],
+            handles=[Patch(facecolor=_COLOURS[name], edgecolor="black", linewidth=0.6) for name in reasons],
+            labels=[f"{name}: {share_percent(float(mask.mean()))} of the pixels" for name, mask in reasons.items()],
             loc="lower center",
             ncols=2,
             fontsize=SMALL_SIZE,
         )
     return png(figure.figure)
+
+
+def _show(
+    figure: ImageFigure, luminance: LuminanceMap, limits: tuple[float, float], colours: str, linear: bool = False
+) -> None:
+    """Draw a map with its scale."""
+    from matplotlib.colors import LogNorm, Normalize
+
+    norm = Normalize(*limits) if linear else LogNorm(*limits)
+    drawn = np.clip(drawn_pixels(luminance)[0], *limits)
+    shown = figure.axes.imshow(drawn, cmap=colours, norm=norm, extent=figure.extent)
+    figure.add_scale(shown, "luminance in cd/m²", extend="both")
+
+
+def _grey_range(luminance: LuminanceMap, regions: Sequence[Roi]) -> tuple[float, float]:
+    """Luminances that are black and white in a picture of regions."""
+    lit = [level for region in regions if (level := float(np.mean(luminance.select(region)))) > 0] or [1.0]
+    return 0.4 * min(lit), 1.2 * max(lit)
 
 
 def _size(luminance: LuminanceMap) -> tuple[float, float]:
@@ -273,56 +285,24 @@ def _size(luminance: LuminanceMap) -> tuple[float, float]:
     return float(width * luminance.step), float(height * luminance.step)
 
 
-@dataclass(frozen=True)
-class _Reason:
-    """Invalid pixels of one reason, and their colour.
-
-    Parameters
-    ----------
-    name : str
-        For the legend.
-    mask : ndarray of bool, shape (height, width)
-        Which pixels.
-    colour : str
-        Any that matplotlib knows.
-    counts_alone : bool
-        True if a single pixel colours the drawn pixel that represents it and its neighbours.
-    """
-
-    name: str
-    mask: NDArray[np.bool_]
-    colour: str
-    counts_alone: bool = False
+_SATURATED = "saturated at every exposure"
+#: Colours of invalid pixels by their reason.
+_COLOURS = {
+    _SATURATED: VERMILLION,
+    "below the camera's black": "black",
+    "darker than the calibrated range": "#9a9a9a",
+    "brighter than the calibrated range": "#CC79A7",
+}
 
 
-def _reasons(luminance: LuminanceMap, low_cd_m2: float) -> list[_Reason]:
-    """Group invalid pixels, each under one reason; reasons without a pixel are left out."""
-
-    def flagged(flag: Invalid) -> NDArray[np.bool_]:
-        mask: NDArray[np.bool_] = np.not_equal(luminance.invalid & flag, 0)
-        return mask
-
-    saturated = flagged(Invalid.SATURATED)
-    black = flagged(Invalid.BELOW_BLACK) & ~saturated
-    outside = flagged(Invalid.OUTSIDE_CALIBRATED) & ~saturated & ~black
+def _reasons(luminance: LuminanceMap, low_cd_m2: float) -> dict[str, NDArray[np.bool_]]:
+    """Masks of the invalid pixels, each under one reason; reasons without a pixel are left out."""
+    saturated, black, outside = (
+        np.not_equal(luminance.invalid & flag, 0)
+        for flag in (Invalid.SATURATED, Invalid.BELOW_BLACK, Invalid.OUTSIDE_CALIBRATED)
+    )
+    black &= ~saturated
+    outside &= ~saturated & ~black
     dark = luminance.luminance_cd_m2 < low_cd_m2
-    reasons = [
-        _Reason("saturated at every exposure", saturated, VERMILLION, counts_alone=True),
-        _Reason("below the camera's black", black, "black"),
-        _Reason("darker than the calibrated range", outside & dark, "#9a9a9a"),
-        _Reason("brighter than the calibrated range", outside & ~dark, "#CC79A7"),
-    ]
-    return [reason for reason in reasons if reason.mask.any()]
-
-
-def _overlay(reasons: list[_Reason], side: int) -> NDArray[np.float64]:
-    """Colours of the invalid drawn pixels, shape (height, width, 4); the others are transparent."""
-    from matplotlib.colors import to_rgba
-
-    shares = np.array([block_mean(reason.mask, side) for reason in reasons])
-    # A reason that a single pixel suffices for takes precedence over those by majority.
-    weights = np.where([[[reason.counts_alone]] for reason in reasons], np.ceil(shares), shares)
-    colours = np.array([to_rgba(reason.colour) for reason in reasons])
-    overlay: NDArray[np.float64] = colours[np.argmax(weights, axis=0)]
-    overlay[np.sum(weights, axis=0) < 0.5] = 0.0
-    return overlay
+    masks = (saturated, black, outside & dark, outside & ~dark)
+    return {name: mask for name, mask in zip(_COLOURS, masks, strict=True) if mask.any()}

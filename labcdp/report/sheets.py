@@ -188,8 +188,8 @@ def _appendix(result: Result, long: Sequence[LongTable]) -> Iterator[Table]:
     """Yield the tables of findings and of column descriptions."""
     severity, subject = Column("severity", "severity"), Column("subject", "subject")
     if result.findings:
-        rows = [{"severity": f.severity, "subject": f.subject, "text": finding_text(f)} for f in result.findings]
-        yield Table.of_rows("findings", "Findings", (severity, subject, Column("text", "finding")), rows)
+        text = Column("text", "finding", value=finding_text)
+        yield Table.of_items("findings", "Findings", (severity, subject, text), result.findings)
     columns = (Column("table", "sheet"), Column("head", "column"), Column("key", "key"), Column("meaning", "meaning"))
     tables: list[Table | LongTable] = [*result.tables, *long]
     rows = [

@@ -15,16 +15,21 @@ from .files import AnyPath, name_of, quoted, read_bytes, reason
 
 
 def results_json(values: Any) -> str:
-    """Write values as JSON; infinity and nan, which it does not have, become null."""
-    return json.dumps(_finite(values), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    """Write values as JSON; see `json_values`."""
+    return json.dumps(json_values(values), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def _finite(values: Any) -> Any:
-    if isinstance(values, dict):
-        return {key: _finite(value) for key, value in values.items()}
+def json_values(values: Any) -> Any:
+    """Return what JSON can hold: no types of NumPy; infinity and nan become null, anything unknown its text."""
+    if isinstance(values, Mapping):
+        return {str(key): json_values(value) for key, value in values.items()}
     if isinstance(values, list | tuple):
-        return [_finite(value) for value in values]
-    return None if isinstance(values, float) and not isfinite(values) else values
+        return [json_values(value) for value in values]
+    if hasattr(values, "tolist"):
+        return json_values(values.tolist())
+    if isinstance(values, float) and not isfinite(values):
+        return None
+    return values if isinstance(values, str | int | float | bool) or values is None else str(values)
 
 
 def toml_text(document: Mapping[str, Any]) -> str:

@@ -231,18 +231,3 @@ def test_images_of_other_programs_are_imported(still_camera, labcdp, session):
     assert done.returncode == 0, done.stderr
     frames = [(r.exposure_s, r.pixel_format, r.camera.model) for r in session("s").frames("light")]
     assert frames == [(exposure_s, "Mono12", "Still 1") for exposure_s in (0.01, 0.01, 0.02)]
-
-
-def test_mistakes_are_one_line(labcdp, still_camera):
-    for changes, line in (
-        (["--light", "none.dng"], r"none.dng cannot be read (No such file or directory): give an image file"),
-        (["--light", "no/*.NEF"], "--light no/*.NEF matches no file: check folder and pattern"),
-        (["--light", "light", "--exposure", "fast"], "--exposure is 'fast': give seconds above 0, or FILE=SECONDS"),
-        (["--light", "light", "--exposure", "d.png=0.1"],
-         "--exposure names d.png, which is not among the imported pictures: correct the name"),
-        (["--dark", "dark"], "no picture of the target: give --light with a file, folder or pattern"),
-        (["--light", "=a.dng"], "--light is '=a.dng': give FILE, or PATCH=FILE"),
-    ):  # fmt: skip
-        done = labcdp("import", "bench.toml", "session", "--readings", "readings.csv", *changes)
-        assert (done.returncode, done.stderr.strip()) == (1, f"labcdp: {line}")
-    assert not (still_camera.folder / "session").exists()

@@ -95,15 +95,6 @@ class Layout:
     colour_filter: str | None = "GB"
 
 
-@pytest.mark.parametrize("suffix", [".png", ".tif"])
-def test_images_for_a_session_are_those_that_pictures_are_with_the_layout_of_their_plan(stated, defaults, suffix):
-    frame = read_image(stated[suffix], Layout(), replace(defaults, exposure_s=0.01)).frame
-    picture = read_picture(stated[suffix]).frame
-    assert np.array_equal(frame.dn, picture.dn)
-    assert (frame.exposure_s, frame.gain_db) == (picture.exposure_s, picture.gain_db)
-    assert (frame.colour_filter, frame.pixel_format, frame.saturation_dn) == ("GB", "BayerGB12", 4095.0)
-
-
 @pytest.mark.parametrize(
     ("pixels", "message"),
     [

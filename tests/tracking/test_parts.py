@@ -10,7 +10,7 @@ from labcdp.core.roi import Roi
 from labcdp.tracking.alignment import Aligner
 from labcdp.tracking.geometry import carried, inverse, shift, transform
 from labcdp.tracking.scene import SceneWatch, common_motion
-from labcdp.tracking.sight import Sight, candidates, look_at, noise_dn
+from labcdp.tracking.sight import Sight
 from labcdp.tracking.template import make_template, place_uncertainty_px
 from labcdp.tracking.view import view_around
 
@@ -26,15 +26,6 @@ def scene(shape=(160, 200), seed=1, coarse=3.0):
 
 def rounded(light):
     return Sight(np.clip(np.rint(light), 0, 255).astype(np.uint8))
-
-
-@pytest.mark.parametrize("sigma_dn", [1.0, 6.0])
-def test_noise_is_distinguished_from_edges_and_slopes(sigma_dn):
-    y, x = np.mgrid[:60, :80]
-    light = 40 + 0.3 * x + 60 * (x > 33) + 50 * (y > 20)
-    noisy = light + sigma_dn * np.random.default_rng(1).standard_normal(light.shape)
-    assert noise_dn(noisy.astype(np.float32)) == pytest.approx(sigma_dn, rel=0.12)
-    assert noise_dn(light.astype(np.float32)) == 0.3
 
 
 def aligned(template, light, start, margin, *known_light, planar=False):
@@ -76,23 +67,6 @@ def test_the_quality_is_the_share_of_structure_in_sight():
         assert fit.quality == pytest.approx(1 - share, abs=0.08)
 
 
-def test_a_target_is_found_in_the_whole_frame_in_another_size():
-    light = scene((400, 500), seed=3)
-    template = make_template(rounded(light), SIGN)
-    look = look_at(rounded(light), template.to_image, (0, 0, *template.shape[::-1]))
-    larger = cv2.warpAffine(light, np.array([[1.12, 0, 160.0], [0, 1.12, 145.0]]), (500, 400))
-    best = candidates(rounded(larger), [(look, 1.0)], 1)[0]
-    assert transform(best, template.corners).mean(axis=0) == pytest.approx((1.12 * 95 + 160, 1.12 * 72 + 145), abs=3)
-
-
-def test_a_cut_and_a_blank_frame_are_distinguished_from_light_and_motion():
-    one, other = (scene((240, 320), seed=seed, coarse=12) for seed in (1, 2))
-    watch = SceneWatch(rounded(one))
-    shown = [(0.3 * one + 10, ""), (np.roll(one, 8, axis=1), ""), (0 * one, "blank"), (one, ""), (other, "cut")]
-    for light, change in [*shown, (other, "")]:
-        assert watch.look(rounded(light)).change == change
-
-
 def test_the_motion_of_the_scene_is_known_whatever_the_light_and_after_another_scene():
     light = scene((300, 420), seed=5, coarse=4)
     watch = SceneWatch(rounded(light[20:260, 40:360]))
@@ -105,13 +79,6 @@ def test_the_motion_of_the_scene_is_known_whatever_the_light_and_after_another_s
     again = watch.look(rounded(light[20:260, 38:358]))
     assert again.moved_since(other) is None
     assert again.moved_since(first)[:2, 2] == pytest.approx((2, 0), abs=0.3)
-
-
-def test_the_motion_of_the_scene_is_known_from_a_frame_to_the_next_when_it_is_asked_for_late():
-    light = scene((300, 420), seed=5, coarse=4)
-    watch = SceneWatch(rounded(light[20:260, 40:360]))
-    seen = [watch.look(rounded(light[20:260, 40 - number : 360 - number])) for number in range(3, 40, 4)]
-    assert seen[-1].moved_since(seen[-2])[:2, 2] == pytest.approx((4, 0), abs=0.3)
 
 
 @settings(max_examples=40)

@@ -30,17 +30,6 @@ def test_the_target_is_drawn_where_the_truth_says_and_blurred_along_its_motion(p
     assert (steepest[1] < steepest[0]) == (speed > 0)
 
 
-def test_noise_is_that_of_photons_and_of_reading_and_the_same_for_a_seed():
-    path, noise = (lambda _: Moment(pose(80, 60))), {"inset": 2.0, "full_scale_e": 1000.0, "read_noise_e": 20.0}
-    first, again, other = (frames(path, seed=seed, **noise)[0] for seed in (3, 3, 4))
-    assert np.array_equal(first.grey, again.grey)
-    assert not np.array_equal(first.grey, other.grey)
-    pixels = first.rois[0].select(first.grey).astype(float)
-    expected = (255 / 1000) ** 2 * (0.9 * 1000 + 20**2) + 1 / 12
-    # Relative standard deviation of a variance: sqrt(2 / n).
-    assert pixels.var() == pytest.approx(expected, rel=4 * (2 / pixels.size) ** 0.5)
-
-
 def test_what_covers_a_region_or_is_outside_is_not_seen():
     covered, leaving = Moment(pose(80, 60), covers=(Cover(0, 0, 80, 120),)), Moment(pose(0, 60))
     shares = [frames(lambda _, m=m: m)[0].seen for m in (covered, leaving, Moment(pose(80, 60), scene=1))]

@@ -1,5 +1,6 @@
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -32,30 +33,21 @@ def test_each_video_gets_a_folder_of_its_own(tmp_path: Path) -> None:
     assert [task.video for task in tasks] == videos
 
 
-def test_other_settings_are_another_evaluation(task: ArchiveTask) -> None:
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [("results.nc", None), ("results.nc", b"CD"), *((RECORD, text) for text in (b"", b"{", b"[]", b'{"video": 1}'))],
+)
+def test_what_is_damaged_or_of_another_video_or_settings_is_not_finished(
+    task: ArchiveTask, name: str, content: bytes | None
+) -> None:
     finish(task, {})
+    assert finished_values(task, SETTINGS) == {}
     assert finished_values(task, SETTINGS | {"epsilon": 0.4}) is None
-
-
-def test_changed_video_is_evaluated_again(task: ArchiveTask) -> None:
-    finish(task, {})
+    (task.folder / name).unlink() if content is None else (task.folder / name).write_bytes(content)
+    assert finished_values(task, SETTINGS) is None
+    finish(replace(task, folder=task.folder.with_name("again")), {})
     os.utime(task.video, ns=(1, 1))
-    assert finished_values(ArchiveTask.of(task.video, task.folder), SETTINGS) is None
-
-
-@pytest.mark.parametrize("content", [None, b"CD"])
-def test_results_that_are_damaged_are_not_finished(task: ArchiveTask, content: bytes | None) -> None:
-    finish(task, {})
-    result = task.folder / "results.nc"
-    result.unlink() if content is None else result.write_bytes(content)
-    assert finished_values(task, SETTINGS) is None
-
-
-@pytest.mark.parametrize("content", [b"", b"{", b"[]", b'{"video": 1}'])
-def test_damaged_record_is_none(task: ArchiveTask, content: bytes) -> None:
-    finish(task, {})
-    (task.folder / RECORD).write_bytes(content)
-    assert finished_values(task, SETTINGS) is None
+    assert finished_values(ArchiveTask.of(task.video, task.folder.with_name("again")), SETTINGS) is None
 
 
 def test_what_was_finished_is_not_done_again(task: ArchiveTask) -> None:

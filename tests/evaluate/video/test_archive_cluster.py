@@ -202,18 +202,11 @@ def test_cluster_with_certificates_until_its_only_worker_dies(
     )
     with pytest.raises(InputError, match=r"give its TLS files with an address that begins with tls://"):
         evaluate_videos(videos, settings, tmp_path / "b", workers=Workers(address))
+    with pytest.raises(InputError, match=r"no Dask scheduler answers at nonsense://x"):
+        evaluate_videos(videos, settings, tmp_path, workers=Workers("nonsense://x"))
     with pytest.raises(InputError, match=r"none.pem is no file: give the key of the cluster as a PEM file"):
         TlsFiles(tls.ca, tls.certificate, tmp_path / "none.pem")
     with open_cluster(address, tls, tmp_path / "c", {}) as cluster:
         monkeypatch.setattr("labcdp.core.cluster._WORKER_S", 3)
         with pytest.raises(InputError, match="the cluster has had no worker for 3 s: start workers, and try again"):
             list(cluster.run(os._exit, [1]))
-
-
-def test_no_scheduler_at_the_address(videos: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("labcdp.core.cluster._ANSWER_S", 0.5)
-    address = f"tcp://127.0.0.1:{free_port()}"
-    with pytest.raises(InputError, match=rf"no Dask scheduler answers at {address}: start one with dask scheduler"):
-        evaluate_videos(videos, VideoSettings((0.2,)), tmp_path, workers=Workers(address))
-    with pytest.raises(InputError, match=r"no Dask scheduler answers at nonsense://x"):
-        evaluate_videos(videos, VideoSettings((0.2,)), tmp_path, workers=Workers("nonsense://x"))

@@ -15,7 +15,6 @@ from jsonschema import Draft202012Validator
 
 from labcdp.evaluate.video import dataset as video_dataset
 from labcdp.evaluate.video import page as video_page
-from labcdp.evaluate.video.findings import runs
 from labcdp.evaluate.video.page import write_video
 from labcdp.evaluate.video.result import video_result
 from labcdp.output import LIST_FILE
@@ -115,14 +114,6 @@ def test_shares_by_hand() -> None:
     assert one["mean_cdp"] == pytest.approx((1 + 0.9 + 0.8999 + 0.5 + 0.95 + 0.5 + 1 + 1) / 8)
 
 
-@pytest.mark.parametrize(
-    ("mask", "expected"),
-    [([], []), ([0, 0], []), ([1], [(0, 0)]), ([1, 1, 0, 1], [(0, 1), (3, 3)]), ([0, 1, 1], [(1, 2)])],
-)
-def test_runs(mask: list[int], expected: list[tuple[int, int]]) -> None:
-    assert runs(np.array(mask, bool)) == expected
-
-
 def test_a_column_a_frame(book: Any) -> None:
     head, *cells = book["CDP"].iter_rows(values_only=True)
     assert (head[0], head[1], head[-1]) == ("Contrasts (%)", "Frame number 0", "Frame number 119")
@@ -154,16 +145,6 @@ def test_libreoffice_reads_the_same_numbers(written: Path, sheets_by_libreoffice
     head, *frames = sheets["Frames"]
     for name, expected in (("CDP", data["cdp"].values.ravel()), ("frame", np.repeat(data["frame"].values, 3))):
         np.testing.assert_allclose([row[head.index(name)] for row in frames], expected, rtol=1e-12)
-
-
-def test_text_that_looks_like_a_formula_stays_text(tmp_path: Path) -> None:
-    data = synthetic_video(30, regions=())
-    data["note"][3] = "=1+1 \x07<&>"
-    write_video(data, tmp_path)
-    with (tmp_path / "results.xlsx").open("rb") as file:
-        sheet = openpyxl.load_workbook(file)["Frames"]
-    cell = sheet.cell(2 + 3 * 3, sheet.max_column)
-    assert (cell.value, cell.data_type) == ("=1+1 \N{REPLACEMENT CHARACTER}<&>", "s")
 
 
 def test_more_frames_than_columns_continue_in_further_sheets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

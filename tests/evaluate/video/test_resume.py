@@ -2,50 +2,28 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import signal
 import subprocess
 import sys
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 import xarray as xr
 
 from labcdp.core.errors import InputError
-from labcdp.core.roi import Roi
 from labcdp.evaluate.video.evaluate import JOURNAL as FILE_NAME
 from labcdp.evaluate.video.evaluate import evaluate_video
 from labcdp.evaluate.video.settings import VideoSettings
 
-ROIS = (Roi.rectangle("a", 20, 40, 30, 30), Roi.rectangle("b", 20, 80, 30, 30))
+from .videos import MOVING, STILL, driving, write
+
+ROIS = MOVING, STILL
 
 
-@pytest.fixture(autouse=True)
-def _quiet() -> None:
-    os.environ["OPENCV_FFMPEG_LOGLEVEL"] = "-8"
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-
-
-def write(path: Path, n: int, seed: int = 5) -> Path:
-    """A patch that moves and one that stays."""
-    rng = np.random.default_rng(seed)
-    ground = cv2.GaussianBlur(rng.normal(90, 60, (120, 160)), (0, 0), 2)
-    flags = [cv2.VIDEOWRITER_PROP_IS_COLOR, 0]
-    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"FFV1"), 25, (160, 120), flags)
-    for number in range(n):
-        image = ground + rng.normal(0, 3, ground.shape)
-        left = 20 + 3 * (number % 30)
-        image[40:70, left : left + 30] += 100
-        writer.write(np.clip(image, 0, 255).astype(np.uint8))
-    writer.release()
-    return path
-
-
-def result_of(path: Path, settings: VideoSettings, folder: Path | None) -> xr.Dataset:
-    return evaluate_video(path, settings, folder)
+def moving(path: Path, n: int, seed: int = 5) -> Path:
+    return write(path, driving(n, 3, 3.0, seed))
 
 
 @pytest.mark.parametrize(
@@ -54,9 +32,9 @@ def result_of(path: Path, settings: VideoSettings, folder: Path | None) -> xr.Da
     ids=["regions", "neighbours"],
 )
 def test_a_journal_cut_anywhere_gives_the_same_result(tmp_path: Path, settings: VideoSettings) -> None:
-    path = write(tmp_path / "a.mkv", 9)
-    whole = result_of(path, settings, tmp_path / "whole")
-    xr.testing.assert_identical(whole, result_of(path, settings, None))
+    path = moving(tmp_path / "a.mkv", 9)
+    whole = evaluate_video(path, settings, tmp_path / "whole")
+    xr.testing.assert_identical(whole, evaluate_video(path, settings, None))
     text = (tmp_path / "whole" / FILE_NAME).read_bytes()
     lines = text.splitlines(keepends=True)
     assert len(lines) == 1 + 9 + 1
@@ -65,22 +43,22 @@ def test_a_journal_cut_anywhere_gives_the_same_result(tmp_path: Path, settings: 
     folder = shutil.copytree(tmp_path / "whole", tmp_path / "cut")
     for cut in cuts:
         (folder / FILE_NAME).write_bytes(text[:cut])
-        xr.testing.assert_identical(result_of(path, settings, folder), whole)
+        xr.testing.assert_identical(evaluate_video(path, settings, folder), whole)
         assert (folder / FILE_NAME).read_bytes() == text
 
 
 def test_a_line_that_was_altered_and_all_behind_it_are_evaluated_again(tmp_path: Path) -> None:
-    path, settings = write(tmp_path / "a.mkv", 8), VideoSettings((1.0,), ROIS, "fixed")
-    whole = result_of(path, settings, tmp_path / "out")
+    path, settings = moving(tmp_path / "a.mkv", 8), VideoSettings((1.0,), ROIS, "fixed")
+    whole = evaluate_video(path, settings, tmp_path / "out")
     journal = tmp_path / "out" / FILE_NAME
     text = journal.read_bytes()
     journal.write_bytes(text.replace(b'"frame": 4', b'"frame": 9'))
-    xr.testing.assert_identical(result_of(path, settings, tmp_path / "out"), whole)
+    xr.testing.assert_identical(evaluate_video(path, settings, tmp_path / "out"), whole)
     assert journal.read_bytes() == text
 
 
 def test_killed_midway_it_resumes(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.mkv", 18)
+    path = moving(tmp_path / "a.mkv", 18)
     settings = VideoSettings((0.2, 1.0), ROIS, "follow", reference="first")
     program = f"""
 import sys, time
@@ -88,7 +66,7 @@ from pathlib import Path
 from labcdp.evaluate.video.evaluate import evaluate_video
 from labcdp.evaluate.video.settings import VideoSettings
 from labcdp.core.roi import Roi
-rois = (Roi.rectangle("a", 20, 40, 30, 30), Roi.rectangle("b", 20, 80, 30, 30))
+rois = Roi.rectangle("moving", 20, 40, 30, 30), Roi.rectangle("still", 20, 80, 30, 30)
 settings = VideoSettings((0.2, 1.0), rois, "follow", reference="first")
 def progress(done, total):
     print(done, flush=True)
@@ -108,7 +86,7 @@ evaluate_video(Path({str(path)!r}), settings, Path({str(tmp_path / "out")!r}), p
     assert 1 + 9 <= n_lines <= 1 + 14
     told: list[int] = []
     resumed = evaluate_video(path, settings, tmp_path / "out", progress=lambda done, total: told.append(done))
-    xr.testing.assert_identical(resumed, result_of(path, settings, None))
+    xr.testing.assert_identical(resumed, evaluate_video(path, settings, None))
     assert told == list(range(1, 19))
 
 
@@ -124,22 +102,17 @@ evaluate_video(Path({str(path)!r}), settings, Path({str(tmp_path / "out")!r}), p
 def test_the_journal_of_another_evaluation_is_refused(
     tmp_path: Path, video: int, changed: VideoSettings, text: str
 ) -> None:
-    paths = [write(tmp_path / f"{n}.mkv", 3, seed=n) for n in range(2)]
-    result_of(paths[0], VideoSettings((1.0,), ROIS, "fixed"), tmp_path / "out")
+    paths = [moving(tmp_path / f"{n}.mkv", 3, seed=n) for n in range(2)]
+    evaluate_video(paths[0], VideoSettings((1.0,), ROIS, "fixed"), tmp_path / "out")
     with pytest.raises(InputError, match=rf"holds the results of another evaluation \({text}\): give another folder"):
-        result_of(paths[video], changed, tmp_path / "out")
+        evaluate_video(paths[video], changed, tmp_path / "out")
 
 
 def test_memory_does_not_grow_with_the_video(tmp_path: Path) -> None:
-    flags = [cv2.VIDEOWRITER_PROP_IS_COLOR, 0]
     rng = np.random.default_rng(0)
     images = [rng.integers(0, 255, (480, 640)).astype(np.uint8) for _ in range(4)]
     for n in (20, 70):
-        path = str(tmp_path / f"{n}.avi")
-        writer = cv2.VideoWriter(path, cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"MJPG"), 25, (640, 480), flags)
-        for number in range(n):
-            writer.write(images[number % 4])
-        writer.release()
+        write(tmp_path / f"{n}.avi", [images[number % 4] for number in range(n)], "MJPG")
     program = f"""
 import resource
 from pathlib import Path

@@ -5,8 +5,6 @@ name and hash. What is not there is skipped by name. They come from public colle
 hsexif, OpenEXR's and OpenImageIO's test images, exif-orientation-examples, read-roi, OpenCV's samples, imageio.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 from pathlib import Path
@@ -32,7 +30,7 @@ SHA256 = dict(
 )
 
 
-def material(name: str) -> Path:
+def material(name):
     path = FOLDER / name
     if not path.is_file():
         pytest.skip(f"{name} is not in {FOLDER}")
@@ -40,16 +38,15 @@ def material(name: str) -> Path:
     return path
 
 
-def names(folder: str, *suffixes: str) -> list[str]:
+def names(folder, *suffixes):
     return [name for name in SHA256 if name.startswith(f"{folder}/") and name.lower().endswith(suffixes)]
 
 
 @pytest.mark.parametrize("name", names("raw", ".crw", ".nef", ".kdc"))
-def test_the_dn_of_a_raw_are_those_of_libraw(name: str) -> None:
+def test_the_dn_of_a_raw_are_those_of_libraw(name):
     path = material(name)
     picture = read_picture(path)
     with rawpy.imread(str(path)) as raw:
-        assert picture.frame is not None
         np.testing.assert_array_equal(picture.frame.dn, raw.raw_image_visible)
         assert picture.frame.exposure_s == pytest.approx(raw.other.shutter_speed, rel=0.01)
 
@@ -58,21 +55,18 @@ def test_the_dn_of_a_raw_are_those_of_libraw(name: str) -> None:
     ("name", "saturation_dn"),
     [("raw/CRW_0119.CRW", 1023), ("raw/CRW_0101.CRW", 1023), ("raw/RAW_NIKON_D1.NEF", 3827)],
 )
-def test_where_real_sensors_clip(name: str, saturation_dn: float) -> None:
+def test_where_real_sensors_clip(name, saturation_dn):
     """By their histograms: 42566 pixels of the first are at 1023 DN, the second is well exposed."""
     frame = read_picture(material(name)).frame
-    assert frame is not None
     assert frame.saturation_dn == saturation_dn
 
 
 @pytest.mark.parametrize("name", names("pictures", "minisblack-10.tif", "-12.tif", "-14.tif", "-16.tif"))
-def test_packed_bits_agree_with_8_bits_of_the_same_flower(name: str) -> None:
+def test_packed_bits_agree_with_8_bits_of_the_same_flower(name):
     picture, eight = read_picture(material(name)), read_picture(material("pictures/flower-minisblack-08.tif"))
     if "rgb" in name:
         eight = read_picture(material("pictures/flower-rgb-contig-16.tif"))
     bits = int(name[-6:-4])
-    assert picture.frame is not None
-    assert eight.frame is not None
     if "rgb" in name:
         difference = np.abs(picture.frame.dn.astype(float) - eight.frame.dn)
         assert difference.max() <= 65535 / (2**bits - 1) + 1
@@ -83,10 +77,9 @@ def test_packed_bits_agree_with_8_bits_of_the_same_flower(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", names("pictures", ".exr"))
-def test_luminance_of_openexr(name: str) -> None:
+def test_luminance_of_openexr(name):
     path = material(name)
     light = read_picture(path).light
-    assert light is not None
     with OpenEXR.File(str(path), separate_channels=True) as file:
         channels = {key: one.pixels.astype(np.float64) for key, one in file.channels().items()}
     # Of XYZ files the green channel is Y; those of Carrots.exr have chromaticities of their own.
@@ -98,36 +91,31 @@ def test_luminance_of_openexr(name: str) -> None:
     np.testing.assert_allclose(light, expected, rtol=1e-3, atol=1e-4)
 
 
-def test_a_scene_in_xyz_has_the_luminance_of_the_same_in_rgb() -> None:
+def test_a_scene_in_xyz_has_the_luminance_of_the_same_in_rgb():
     xyz, rgb = (read_picture(material(f"pictures/{name}.exr")).light for name in ("XYZ", "Rec709"))
-    assert xyz is not None
-    assert rgb is not None
     np.testing.assert_allclose(xyz, rgb, rtol=0.01, atol=0.002)
 
 
 @pytest.mark.parametrize("name", names("pictures", ".jpg"))
-def test_photographs_are_turned_upright(name: str) -> None:
+def test_photographs_are_turned_upright(name):
     path = material(name)
     picture = read_picture(path)
     with Image.open(path) as image:
         assert picture.shape == ImageOps.exif_transpose(image).size[::-1]
     upright = read_picture(material("pictures/Landscape_1.jpg"))
-    assert picture.frame is not None
-    assert upright.frame is not None
     assert np.corrcoef(picture.frame.dn[::7, ::7].ravel(), upright.frame.dn[::7, ::7].ravel())[0, 1] > 0.95
 
 
-def test_pages_of_a_microscope_are_frames() -> None:
+def test_pages_of_a_microscope_are_frames():
     path = material("pictures/calcium_imaging.tif")
     frames = frames_of(open_video(path), Selection(stop=Position(frames=20)))
     pages = tifffile.imread(path, key=range(20))
     for frame, page in zip(frames, pages, strict=True):
-        assert frame.frame is not None
         np.testing.assert_array_equal(frame.frame.dn, page)
 
 
 @pytest.mark.parametrize("name", names("video", ".mp4", ".avi"))
-def test_real_videos_give_the_frames_that_ffmpeg_decodes(name: str) -> None:
+def test_real_videos_give_the_frames_that_ffmpeg_decodes(name):
     path = material(name)
     with av.open(str(path)) as container:
         n_decoded = sum(1 for _ in container.decode(video=0))
@@ -140,7 +128,7 @@ def test_real_videos_give_the_frames_that_ffmpeg_decodes(name: str) -> None:
     assert times[0] == 0
 
 
-def test_combined_regions_of_imagej_have_the_areas_imagej_drew() -> None:
+def test_combined_regions_of_imagej_have_the_areas_imagej_drew():
     """A rectangle of 61 x 42 pixels less one of 31 x 18; a ring of a brush; two others by their outlines."""
     (shape,) = load_regions(material("rois/composite-rect-in-rect.roi"))
     assert shape.rois()[0].area == 61 * 42 - 31 * 18

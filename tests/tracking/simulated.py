@@ -14,28 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labcdp.core.roi import Roi
-
-Matrix = NDArray[np.float64]
+from labcdp.tracking.geometry import Matrix, carried, scaling, shift, transform
 
 #: Texels of a texture for each pixel, samples of a pixel along each axis.
 _TEXELS, _SAMPLES = 3, 4
-
-
-def shift(x: float, y: float) -> Matrix:
-    """Matrix that moves by (`x`, `y`)."""
-    return np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]])
-
-
-def scaling(factor: float) -> Matrix:
-    """Matrix that scales around the origin."""
-    return np.diag([factor, factor, 1.0])
-
-
-def transform(matrix: Matrix, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points, shape (n, 2), moved by `matrix`."""
-    moved = np.column_stack([points, np.ones(len(points))]) @ matrix.T
-    result: NDArray[np.float64] = moved[:, :2] / moved[:, 2:]
-    return result
 
 
 def pose(x: float, y: float, scale: float = 1.0, angle_rad: float = 0.0, tilt: tuple[float, float] = (0, 0)) -> Matrix:
@@ -148,7 +130,7 @@ class SimulatedVideo:
             times = number + self.exposure * ((np.arange(steps) + 0.5) / steps - 0.5)
             light = np.mean([self._light(self.path(float(time)), textures, targets) for time in times], axis=0)
             moment = self.path(float(number))
-            rois = tuple(_carried(roi, moment.target @ start) for roi in first)
+            rois = tuple(carried(roi, moment.target @ start) for roi in first)
             yield SimulatedFrame(self._exposed(light, rng), rois, tuple(self._seen(roi, moment) for roi in rois))
 
     def _rois_of_the_first_frame(self) -> tuple[Roi, ...]:
@@ -224,12 +206,6 @@ class SimulatedVideo:
             inside = (x > cover.x) & (x < cover.x + cover.width) & (y > cover.y) & (y < cover.y + cover.height)
             seen &= ~inside
         return float(seen.mean())
-
-
-def _carried(roi: Roi, matrix: Matrix) -> Roi:
-    """Region whose corners are moved by `matrix`."""
-    corners = transform(matrix, np.array(roi.corners, dtype=np.float64))
-    return Roi(roi.name, tuple((float(x), float(y)) for x, y in corners))
 
 
 def _background(size: tuple[int, int], rng: np.random.Generator) -> NDArray[np.float32]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import ceil
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,8 +42,24 @@ _REGION_COLOURS = (ORANGE, BLUE)
 _LOST, _MISSING = VERMILLION, "0.55"
 
 
-#: Places and values of a curve, with the ends of their interval of 95 %; nan where no frame of a point has a value.
-_Curve: TypeAlias = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
+class _Curve(NamedTuple):
+    """A curve with the ends of its 95 % interval, all of shape (frames,); nan where a frame has no value."""
+
+    label: str
+    colour: str
+    y: NDArray[np.float64]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    style: str = "-"
+
+
+class _Panel(NamedTuple):
+    """Curves that share an axis."""
+
+    height_in: float
+    label: str
+    limits: tuple[float, float] | None
+    curves: list[_Curve]
 
 
 def video_figure(dataset: Dataset, result: Result) -> bytes:
@@ -59,24 +75,32 @@ def video_figure(dataset: Dataset, result: Result) -> bytes:
     result : Result
         Its tables.
     """
-    heights = [3.2]
-    with_contrast, with_quality = "measured_contrast" in dataset, "quality" in dataset
-    heights += [2.0] * with_contrast + [1.6] * with_quality
+    panels = [_cdp(dataset, list(result.table("contrasts").rows()))]
+    panels += [_contrast(dataset)] if "measured_contrast" in dataset else []
+    panels += [_quality(dataset)] if "quality" in dataset else []
+    heights = [panel.height_in for panel in panels]
     figure = new_figure(7.0, 1.0 + sum(heights))
-    axes = figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0].tolist()
-    x, x_label = _x(dataset)
+    axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0].tolist()
     figure.suptitle(shortened(result.title, 80), fontsize=TITLE_SIZE, parse_math=False)
-    _cdp(axes[0], dataset, x, list(result.table("contrasts").rows()))
-    below = iter(axes[1:])
-    if with_contrast:
-        _contrast(next(below), dataset, x)
-    if with_quality:
-        _quality(next(below), dataset, x)
-    for number, panel in enumerate(axes):
-        _shade(panel, dataset, x, in_legend=number == 0)
-        _legend(panel)
+    x, x_label = times_s(dataset), "time in s"
+    if not np.isfinite(x).all():
+        x, x_label = dataset["frame"].values.astype(np.float64), "frame number"
+    axes[0].axhline(DETECTED_CDP, color="0.6", linewidth=0.8, linestyle=":")
+    for number, (panel, on) in enumerate(zip(panels, axes, strict=True)):
+        for curve in panel.curves:
+            _draw(on, x, curve)
+        on.set_ylabel(panel.label, fontsize=LABEL_SIZE)
+        on.tick_params(labelsize=SMALL_SIZE)
+        on.grid(color="0.92")
+        on.set_axisbelow(True)
+        if panel.limits is not None:
+            on.set_ylim(*panel.limits)
+        _shade(on, dataset, x, in_legend=number == 0)
+        if on.get_legend_handles_labels()[0]:
+            how = {"bbox_to_anchor": (0.0, 1.0), "ncols": 3, "frameon": False, "borderaxespad": 0.2}
+            taken_literally(on.legend(loc="lower left", fontsize=SMALL_SIZE, **how))
     axes[-1].set_xlabel(x_label, fontsize=LABEL_SIZE)
-    axes[-1].set_xlim(*_span(x))
+    axes[-1].set_xlim(*((x[0], x[-1]) if x.size > 1 else (x[0] - 0.5, x[0] + 0.5)))
     return png(figure)
 
 
@@ -97,85 +121,50 @@ def frames_of_a_point(dataset: Dataset) -> int:
     return ceil(dataset.sizes["frame"] / _MOST_POINTS)
 
 
-def _x(dataset: Dataset) -> tuple[NDArray[np.float64], str]:
-    times = times_s(dataset)
-    if np.isfinite(times).all():
-        return times, "time in s"
-    return dataset["frame"].values.astype(np.float64), "frame number"
-
-
-def _span(x: NDArray[np.float64]) -> tuple[float, float]:
-    if x.size == 1:
-        return float(x[0]) - 0.5, float(x[0]) + 0.5
-    return float(x[0]), float(x[-1])
-
-
-def _curve(
-    x: NDArray[np.float64], y: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]
-) -> _Curve:
-    size = ceil(x.size / _MOST_POINTS)
-    if size == 1:
-        return x, y, low, high
-    starts = np.arange(0, x.size, size)
-    known = np.isfinite(y)
-    counts = np.add.reduceat(known, starts, dtype=np.int64)
-    means = np.divide(
-        np.add.reduceat(np.where(known, y, 0.0), starts), counts, out=np.full(starts.size, np.nan), where=counts > 0
-    )
-    # fmin and fmax pass over nan.
-    return x[starts], means, np.fmin.reduceat(low, starts), np.fmax.reduceat(high, starts)
-
-
-def _draw(axes: Axes, curve: _Curve, colour: str, label: str) -> None:
-    x, y, low, high = curve
-    axes.fill_between(x, low, high, color=colour, alpha=0.25, linewidth=0)
-    axes.plot(x, y, color=colour, linewidth=1.2, label=label)
-    # A single frame between two lost ones would be a line of no length.
-    known = np.isfinite(y)
-    alone = np.zeros(known.size, bool)
-    for first, last in runs(known):
-        alone[first] = first == last
-    axes.plot(x[alone], y[alone], color=colour, linestyle="none", marker=".", markersize=4.0)
-
-
-def _cdp(axes: Axes, dataset: Dataset, x: NDArray[np.float64], rows: list[dict[str, Any]]) -> None:
-    axes.axhline(DETECTED_CDP, color="0.6", linewidth=0.8, linestyle=":")
-    colours = iter(_COLOURS)
+def _cdp(dataset: Dataset, rows: list[dict[str, Any]]) -> _Panel:
+    found = []
     if rows[0]["kind"] == "reference":
         values = (dataset[name].values for name in ("reference_cdp", "reference_cdp_low", "reference_cdp_high"))
-        _draw(axes, _curve(x, *values), next(colours), contrast_name(rows.pop(0)))
+        found.append((contrast_name(rows.pop(0)), *values))
     for place in drawn_contrasts(dataset):
         one = dataset.isel(contrast=place)
-        values = (one[name].values for name in ("cdp", "cdp_low", "cdp_high"))
-        _draw(axes, _curve(x, *values), next(colours), contrast_name(rows[place]))
-    _finish(axes, "CDP", (-0.03, 1.03))
+        found.append((contrast_name(rows[place]), *(one[name].values for name in ("cdp", "cdp_low", "cdp_high"))))
+    curves = [_Curve(label, colour, *values) for colour, (label, *values) in zip(_COLOURS, found, strict=False)]
+    return _Panel(3.2, "CDP", (-0.03, 1.03), curves)
 
 
-def _contrast(axes: Axes, dataset: Dataset, x: NDArray[np.float64]) -> None:
+def _contrast(dataset: Dataset) -> _Panel:
     y = 100 * dataset["measured_contrast"].values
     half_width = 100 * Z_95 * dataset["measured_contrast_standard_uncertainty"].values
-    _draw(axes, _curve(x, y, y - half_width, y + half_width), "black", "measured")
+    curves = [_Curve("measured", "black", y, y - half_width, y + half_width)]
     if "reference_contrast" in dataset and np.isfinite(dataset["reference_contrast"].values).any():
-        reference = _curve(x, *[100 * dataset["reference_contrast"].values] * 3)
-        axes.plot(*reference[:2], color=BLUE, linewidth=1.2, linestyle="--", label="reference")
-    _finish(axes, "contrast in %", None)
+        curves.append(_Curve("reference", BLUE, *[100 * dataset["reference_contrast"].values] * 3, style="--"))
+    return _Panel(2.0, "contrast in %", None, curves)
 
 
-def _quality(axes: Axes, dataset: Dataset, x: NDArray[np.float64]) -> None:
-    for place, colour in zip(range(dataset.sizes["region"]), _REGION_COLOURS, strict=False):
-        one = dataset.isel(region=place)
-        values = one["quality"].values
-        _draw(axes, _curve(x, values, values, values), colour, shortened(str(one["region"].values), 28))
-    _finish(axes, "tracking\nquality", (-0.05, 1.05))
+def _quality(dataset: Dataset) -> _Panel:
+    names = [shortened(str(name), 28) for name in dataset["region"].values]
+    values = dataset["quality"].values.T
+    curves = [_Curve(*one, *[y] * 3) for *one, y in zip(names, _REGION_COLOURS, values, strict=False)]
+    return _Panel(1.6, "tracking\nquality", (-0.05, 1.05), curves)
 
 
-def _finish(axes: Axes, label: str, limits: tuple[float, float] | None) -> None:
-    axes.set_ylabel(label, fontsize=LABEL_SIZE)
-    axes.tick_params(labelsize=SMALL_SIZE)
-    axes.grid(color="0.92")
-    axes.set_axisbelow(True)
-    if limits is not None:
-        axes.set_ylim(*limits)
+def _draw(axes: Axes, x: NDArray[np.float64], curve: _Curve) -> None:
+    y, low, high = curve.y, curve.low, curve.high
+    size = ceil(x.size / _MOST_POINTS)
+    if size > 1:
+        starts = np.arange(0, x.size, size)
+        known = np.isfinite(y)
+        counts = np.add.reduceat(known, starts, dtype=np.int64)
+        sums = np.add.reduceat(np.where(known, y, 0.0), starts)
+        y = np.divide(sums, counts, out=np.full(starts.size, np.nan), where=counts > 0)
+        # fmin and fmax pass over nan.
+        x, low, high = x[starts], np.fmin.reduceat(low, starts), np.fmax.reduceat(high, starts)
+    axes.fill_between(x, low, high, color=curve.colour, alpha=0.25, linewidth=0)
+    axes.plot(x, y, color=curve.colour, linewidth=1.2, linestyle=curve.style, label=curve.label)
+    # A single frame between two lost ones would be a line of no length.
+    alone = [first for first, last in runs(np.isfinite(y)) if first == last]
+    axes.plot(x[alone], y[alone], color=curve.colour, linestyle="none", marker=".", markersize=4.0)
 
 
 def _shade(axes: Axes, dataset: Dataset, x: NDArray[np.float64], in_legend: bool) -> None:
@@ -193,12 +182,3 @@ def _shade(axes: Axes, dataset: Dataset, x: NDArray[np.float64], in_legend: bool
             axes.axvspan(
                 x[first] - step / 2, x[last] + step / 2, color=colour, alpha=0.16, linewidth=0, label=named, zorder=0
             )
-
-
-def _legend(axes: Axes) -> None:
-    handles, _ = axes.get_legend_handles_labels()
-    if handles:
-        legend = axes.legend(
-            loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False, fontsize=SMALL_SIZE, borderaxespad=0.2
-        )
-        taken_literally(legend)

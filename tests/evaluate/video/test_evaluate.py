@@ -196,25 +196,6 @@ def test_the_reference_of_another_camera(tmp_path: Path) -> None:
         assert result["note"].values[5].startswith("the reference has no frame ")
 
 
-def test_an_observer_sees_each_frame_with_its_results(tmp_path: Path) -> None:
-    frames = scenes(5)
-    seen: list[tuple[int, np.ndarray, int, dict[str, Any]]] = []
-    told: list[tuple[int, int | None]] = []
-    result = evaluate_video(
-        write(tmp_path / "a.mkv", frames),
-        fixed(),
-        progress=lambda done, total: told.append((done, total)),
-        observer=lambda number, grey, regions, row: seen.append((number, grey.copy(), len(regions), dict(row))),
-    )
-    assert [number for number, _, _, _ in seen] == list(range(5))
-    for (_, grey, n, row), image, cdp in zip(seen, frames, result["cdp"].values, strict=True):
-        np.testing.assert_array_equal(grey, image)
-        assert n == 2
-        assert row["cdp"] == cdp.tolist()
-        assert set(row) <= set(result.variables)
-    assert told == [(n, 5) for n in range(1, 6)]
-
-
 def test_the_contrast_of_a_saturated_region_is_not_to_be_trusted(tmp_path: Path) -> None:
     frames = scenes(9)
     for number in (1, 2, 3, 6):

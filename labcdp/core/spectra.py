@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from os import PathLike
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .disk import CsvRow, quoted, read_csv, shortened
+from .disk import quoted, read_csv, shortened
 from .errors import InputError
 from .photometry import THESIS_SPECTRUM, WAVELENGTH_RANGE_NM, spectral_weights
 from .result import Finding, FindingValue, info, warning
@@ -111,46 +109,35 @@ def read_spectral_file(path: str | PathLike[str]) -> SpectralFile:
     InputError
         If it cannot be read or is no such file; the message names the line.
     """
-    path = Path(path)
-    read = read_csv(path, "a CSV file with the columns wavelength_nm and R, G, B or a single one")
-    names = _names(path, read.header)
-    table = np.array([_numbers(path, row, read.separator) for row in read.rows])
-    if len(table) == 0:
+    read = read_csv(path, f"a CSV file with the columns {_WAVELENGTH} and R, G, B or a single one")
+    names = [name.upper() for name in read.header[1:]]
+    if read.header[0].lower() != _WAVELENGTH or not (len(names) == 1 or sorted(names) == sorted(_COLOURS)):
+        raise InputError(
+            f"{path} has the columns {shortened(', '.join(read.header))}: give {_WAVELENGTH} and then one column, or "
+            "R, G and B"
+        )
+    rows = []
+    for row in read.rows:
+        try:
+            rows.append([float(cell.replace(",", ".") if read.separator != "," else cell) for cell in row.cells])
+        except ValueError as error:
+            text = quoted(read.separator.join(row.cells))
+            raise InputError(f"{path}, line {row.line}: {text} holds no number in a cell") from error
+    if not rows:
         raise InputError(f"{path} has a header and no values: add lines of wavelength and values below it")
-    columns = {name: _column(path, name, table[:, 0], table[:, i]) for i, name in enumerate(names, start=1)}
+    nm, *values = np.array(rows).T
+    columns = {}
+    for name, column in zip(names if len(names) > 1 else [ONLY], values, strict=True):
+        try:
+            columns[name] = SpectralTable(tuple(nm.tolist()), tuple(column.tolist()))
+        except InputError as error:
+            raise InputError(f"{path}, column {name}: {error}") from error
+        lowest = int(np.argmin(column))
+        if column[lowest] < _SMALLEST * column.max():
+            raise InputError(
+                f"{path}, column {name}: it has {column[lowest]:g} at {nm[lowest]:g} nm: give values of at least 0"
+            )
     return SpectralFile(columns, hashlib.sha256(read.data).hexdigest())
-
-
-def _names(path: Path, header: Sequence[str]) -> list[str]:
-    names = [name.upper() for name in header[1:]]
-    if header[0].lower() != _WAVELENGTH or not (len(names) == 1 or sorted(names) == sorted(_COLOURS)):
-        raise InputError(
-            f"{path} has the columns {shortened(', '.join(header))}: give wavelength_nm and then one column, or R, G "
-            "and B"
-        )
-    return names if len(names) > 1 else [ONLY]
-
-
-def _numbers(path: Path, row: CsvRow, separator: str) -> list[float]:
-    try:
-        return [float(cell.replace(",", ".") if separator != "," else cell) for cell in row.cells]
-    except ValueError as error:
-        raise InputError(
-            f"{path}, line {row.line}: {quoted(separator.join(row.cells))} holds no number in a cell"
-        ) from error
-
-
-def _column(path: Path, name: str, nm: NDArray[Any], values: NDArray[Any]) -> SpectralTable:
-    try:
-        table = SpectralTable(tuple(nm.tolist()), tuple(values.tolist()))
-    except InputError as error:
-        raise InputError(f"{path}, column {name}: {error}") from error
-    lowest = int(np.argmin(values))
-    if values[lowest] < _SMALLEST * values.max():
-        raise InputError(
-            f"{path}, column {name}: it has {values[lowest]:g} at {nm[lowest]:g} nm: give values of at least 0"
-        )
-    return table
 
 
 #: A light source: by the name of its spectrum, as `labcdp.core.photometry` knows it, or measured.
@@ -206,13 +193,7 @@ def mismatch_factor(sensitivity: SpectralTable, test: Source, calibration: Sourc
 
 
 def response_per_luminance(sensitivity: SpectralTable, source: Source) -> float:
-    """Response of a sensitivity to a light over that of V(lambda), integral(S s) / integral(S V).
-
-    Raises
-    ------
-    InputError
-        If the source is not known, or the sensitivity sees none of its light.
-    """
+    """Response of a sensitivity to a light over that of V(lambda); raises as `mismatch_factor`."""
     nm, power, visibility = _nodes(source)
     luminance = _seen(float(power @ visibility), _name(source))
     return _seen(float(power @ sensitivity.at(nm)), _name(source)) / luminance
@@ -253,13 +234,7 @@ def least_f1_prime(sensitivities: Mapping[str, SpectralTable]) -> dict[str, floa
 
 
 def weighted_sum(sensitivities: Mapping[str, SpectralTable], weights: Mapping[str, float]) -> SpectralTable:
-    """Sensitivity of a weighted sum of planes, at 1 nm from 380 to 780 nm.
-
-    Raises
-    ------
-    InputError
-        If the sum has no value above 0.
-    """
+    """Sensitivity of a weighted sum of planes, at 1 nm from 380 to 780 nm; raises InputError if none is above 0."""
     first, last = WAVELENGTH_RANGE_NM
     nm = np.arange(first, last + 1)
     total = np.sum([weights[name] * one.at(nm) for name, one in sensitivities.items()], axis=0)

@@ -9,7 +9,7 @@ import re
 import secrets
 import stat
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path, PurePosixPath
@@ -217,6 +217,42 @@ def lock(descriptor: int) -> bool:
     except (ImportError, OSError):  # also of some network file systems
         return False
     return True
+
+
+def make_folder(folder: Path, end: ExitStack) -> None:
+    """Make a folder; at the end those that were made and are empty are removed; raises InputError."""
+    made: list[Path] = []
+
+    def remove_empty() -> None:
+        for one in made:
+            with suppress(OSError):  # not empty: it holds the results
+                one.rmdir()
+
+    end.callback(remove_empty)
+    try:
+        made += [path for path in (folder, *folder.parents) if not path.exists()]
+        folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError as error:
+        raise InputError(f"{folder} is not a folder: give another --output") from error
+    except NotADirectoryError as error:
+        raise InputError(f"{folder} lies in a file: give another --output") from error
+    except OSError as error:
+        raise cannot_be_written(folder, error) from error
+
+
+def lock_folder(folder: Path, end: ExitStack) -> bool:
+    """Keep other processes of labcdp from writing into a folder until the end; False where there are no such locks."""
+    if not hasattr(os, "O_DIRECTORY"):  # Windows
+        return False
+    try:
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    except OSError as error:
+        raise InputError(f"{folder} cannot be read ({error.strerror}): give another --output") from error
+    end.callback(os.close, descriptor)
+    try:
+        return lock(descriptor)
+    except BlockingIOError as error:
+        raise InputError(f"another labcdp writes to {folder}: wait until it ends, or give another --output") from error
 
 
 def file_exists(path: Path, option: str = "") -> InputError:

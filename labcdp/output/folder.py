@@ -20,7 +20,8 @@ from .file import (
     cannot_be_written,
     fsync_folder,
     is_inside,
-    lock,
+    lock_folder,
+    make_folder,
     put_in_place,
     write_file,
 )
@@ -75,8 +76,8 @@ class ResultsFolder:
     def __enter__(self) -> Self:
         """Check the folder and make it."""
         with ExitStack() as end:
-            _make(self.folder, end)
-            is_locked = _lock(self.folder, end)
+            make_folder(self.folder, end)
+            is_locked = lock_folder(self.folder, end)
             stale = [one for one in self._entries() if _is_staging(one)]
             self._before = self._checked(stale)
             self._staging = self.folder / f".labcdp-{secrets.token_hex(8)}.unfinished"
@@ -279,42 +280,6 @@ def write_files(destination: Destination, command: str, files: Mapping[str, Buff
     """
     with open_results(destination, command) as results:
         return results.add(files)
-
-
-def _make(folder: Path, end: ExitStack) -> None:
-    """Make a folder; at the end those that were made and are empty are removed."""
-    made: list[Path] = []
-
-    def remove_empty() -> None:
-        for one in made:
-            with suppress(OSError):  # not empty: it holds the results
-                one.rmdir()
-
-    end.callback(remove_empty)
-    try:
-        made += [path for path in (folder, *folder.parents) if not path.exists()]
-        folder.mkdir(parents=True, exist_ok=True)
-    except FileExistsError as error:
-        raise InputError(f"{folder} is not a folder: give another --output") from error
-    except NotADirectoryError as error:
-        raise InputError(f"{folder} lies in a file: give another --output") from error
-    except OSError as error:
-        raise cannot_be_written(folder, error) from error
-
-
-def _lock(folder: Path, end: ExitStack) -> bool:
-    """Keep other processes of labcdp from writing into a folder until the end; False where there are no such locks."""
-    if not hasattr(os, "O_DIRECTORY"):  # Windows
-        return False
-    try:
-        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    except OSError as error:
-        raise InputError(f"{folder} cannot be read ({error.strerror}): give another --output") from error
-    end.callback(os.close, descriptor)
-    try:
-        return lock(descriptor)
-    except BlockingIOError as error:
-        raise InputError(f"another labcdp writes to {folder}: wait until it ends, or give another --output") from error
 
 
 def _is_staging(path: Path) -> bool:

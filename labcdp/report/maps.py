@@ -41,6 +41,8 @@ _FLATTEST, _TALLEST = 0.3, 1.5
 _LONGEST_NAME, _NAMES_IN_COLUMN, _COLUMN_IN = 28, 30, 2.4
 #: Size of the names in points, and width and height of a character over it.
 _NAME_SIZE, _CHARACTER = 12.0, (0.6, 1.3)
+#: Height of a line of the legend; width of a small picture, in inches, and its margin around regions over their extent.
+_LEGEND_IN, _CLOSE_IN, _MARGIN = 0.3, 3.2, 0.08
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +102,7 @@ class ImageFigure:
 
     def draw_regions(self) -> None:
         """Draw the regions with their names, or with numbers and a list of names next to the image."""
+        from matplotlib.lines import Line2D
         from matplotlib.patches import Polygon
         from matplotlib.patheffects import withStroke
 
@@ -112,29 +115,24 @@ class ImageFigure:
                 shortened(region.name, _LONGEST_NAME) if self.names_inside else str(number),
                 color="white",
                 fontsize=_NAME_SIZE,
-                horizontalalignment="center",
-                verticalalignment="center",
+                ha="center",
+                va="center",
                 parse_math=False,
                 path_effects=[withStroke(linewidth=2.0, foreground="black")],
             )
         if not self.names_inside:
-            self._list_names()
-
-    def _list_names(self) -> None:
-        from matplotlib.lines import Line2D
-
-        names = [shortened(region.name, _LONGEST_NAME) for region in self.regions]
-        legend = self.figure.legend(
-            handles=[Line2D([], [], linestyle="none") for _ in names],
-            labels=[f"{number}  {name}" for number, name in enumerate(names, start=1)],
-            loc="upper right",
-            ncols=ceil(len(names) / _NAMES_IN_COLUMN),
-            fontsize=SMALL_SIZE,
-            handlelength=0,
-            handletextpad=0,
-            frameon=False,
-        )
-        taken_literally(legend)
+            names = [f"{n}  {shortened(one.name, _LONGEST_NAME)}" for n, one in enumerate(self.regions, start=1)]
+            legend = self.figure.legend(
+                handles=[Line2D([], [], linestyle="none") for _ in names],
+                labels=names,
+                loc="upper right",
+                ncols=ceil(len(names) / _NAMES_IN_COLUMN),
+                fontsize=SMALL_SIZE,
+                handlelength=0,
+                handletextpad=0,
+                frameon=False,
+            )
+            taken_literally(legend)
 
 
 def _fits(region: Roi, points_per_px: float) -> bool:
@@ -148,12 +146,6 @@ def drawn_pixels(luminance: LuminanceMap) -> tuple[NDArray[np.float64], int]:
     """Return a map downsampled to a figure's resolution, and the number of camera pixels per drawn pixel."""
     side = reduction(luminance.shape)
     return block_mean(np.asarray(luminance.luminance_cd_m2), side), side * luminance.step
-
-
-#: Height of a line of the legend, in inches.
-_LEGEND_IN = 0.3
-#: Width of a small picture, in inches, and its margin around the regions over their extent.
-_CLOSE_IN, _MARGIN = 3.2, 0.08
 
 
 def regions_picture(luminance: LuminanceMap, regions: Sequence[Roi], title: str, simulated: bool) -> bytes:

@@ -7,7 +7,7 @@ from importlib.resources import files
 from itertools import pairwise
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
@@ -30,7 +30,6 @@ from .tables import (
     Table,
     Text,
     Whole,
-    with_spectra,
 )
 from .validation import validated
 
@@ -228,7 +227,7 @@ class SessionConfiguration(Table):
         ConfigurationError
             If the file cannot be read, or as `from_toml`.
         """
-        return cls._from_document(read_toml(path, "a session's configuration"), str(path), Path(path).parent)
+        return validated(cls, read_toml(path, "a session's configuration"), str(path), folder=Path(path).parent)
 
     @classmethod
     def from_toml(cls, text: str, source: str, folder: Path = Path()) -> SessionConfiguration:
@@ -246,15 +245,7 @@ class SessionConfiguration(Table):
             document = parse_toml(text)
         except InputError as error:
             raise ConfigurationError(f"{source}: {error}") from error
-        return cls._from_document(document, source, folder)
-
-    @classmethod
-    def _from_document(cls, document: dict[str, Any], source: str, folder: Path) -> SessionConfiguration:
-        try:
-            document = with_spectra(document, folder)
-        except InputError as error:
-            raise ConfigurationError(f"{source}: {error}") from error
-        return validated(cls, document, source)
+        return validated(cls, document, source, folder=folder)
 
     def to_toml(self) -> str:
         """Write all values, also those left at their default, as TOML; the inverse is `from_toml`."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Annotated, Any, Literal, TypeVar, get_args
@@ -132,13 +132,11 @@ class EventRecord:
 Record = FrameRecord | ReadingRecord | EventRecord
 
 
-def superseded(records: Iterable[Record]) -> frozenset[int]:
-    """Journal lines of the frames and readings that were taken again and no longer count."""
-    lines: set[int] = set()
-    for one in records:
-        if isinstance(one, EventRecord) and one.kind == SUPERSEDED:
-            lines.update(one.content["lines"])
-    return frozenset(lines)
+def counting(records: Sequence[Record]) -> list[Record]:
+    """Return the records without the frames and readings that were taken again."""
+    events = [one for one in records if isinstance(one, EventRecord) and one.kind == SUPERSEDED]
+    left_out = {line for one in events for line in one.content["lines"]}
+    return [one for one in records if one.sequence not in left_out]
 
 
 def record(entry: Entry) -> Record:

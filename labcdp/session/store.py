@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import count
 from os import PathLike
 from pathlib import Path
@@ -27,11 +27,11 @@ from .records import (
     ReadingRecord,
     Record,
     Role,
+    counting,
     event_record,
     frame_record,
     reading_record,
     record,
-    superseded,
 )
 
 _OWN_KINDS = ("session", "readme", "frame", "reading", "torn line", CLOCK, SUPERSEDED)
@@ -43,8 +43,9 @@ _log = logging.getLogger(__name__)
 class Session:
     """A recorded session; made by `create` or `open`, a context manager.
 
-    Whatever an ``add_`` method has returned is on the disk, and stays there if the process is killed. One
-    process at a time may write, any number may read. A session is not for several threads at once.
+    Whatever an ``add_`` method has returned is on the disk, and stays there if the process is killed; where it cannot
+    be written, the method raises SessionError, and the session is as it was before. One process at a time may write,
+    any number may read. A session is not for several threads at once.
 
     Parameters
     ----------
@@ -145,16 +146,11 @@ class Session:
 
     def frames(self, role: Role | None = None) -> list[FrameRecord]:
         """List the records of the frames that count, or of those with a role, in order."""
-        return [r for r in self._counting() if isinstance(r, FrameRecord) and role in (None, r.role)]
+        return [r for r in counting(self.records) if isinstance(r, FrameRecord) and role in (None, r.role)]
 
     def readings(self) -> list[ReadingRecord]:
         """List the records of the meter's readings that count, in order."""
-        return [r for r in self._counting() if isinstance(r, ReadingRecord)]
-
-    def _counting(self) -> Iterator[Record]:
-        records = self.records
-        left_out = superseded(records)
-        return (r for r in records if r.sequence not in left_out)
+        return [r for r in counting(self.records) if isinstance(r, ReadingRecord)]
 
     @property
     def exposures_s(self) -> tuple[float, ...] | None:
@@ -165,13 +161,7 @@ class Session:
         return tuple(found[-1].content["exposures_s"]) if found else None
 
     def load(self, frame: FrameRecord) -> Frame:
-        """Read a frame, bit for bit as it was recorded.
-
-        Raises
-        ------
-        SessionError
-            If its file is missing, truncated or altered.
-        """
+        """Read a frame, bit for bit; raises SessionError if its file is missing, truncated or altered."""
         return frame_from_tiff(read_checked(self.path, frame.file), str(self.path / frame.file.name))
 
     def damaged(self) -> list[tuple[FrameRecord, str]]:
@@ -185,10 +175,7 @@ class Session:
         return found
 
     def unrecorded(self) -> list[str]:
-        """Files in the folder that the journal does not know, as names inside it.
-
-        A whole frame is among them if its writer was killed just before it could add the line to the journal.
-        """
+        """Files in the folder that the journal does not know, also of a writer that was killed, as names inside it."""
         return unrecorded(self.path, self._entries)
 
     def problems(self) -> list[str]:
@@ -221,8 +208,6 @@ class Session:
 
         Raises
         ------
-        SessionError
-            If one cannot be written; the session is then as it was before.
         InputError
             If a role is not 'light' or 'dark', or the configuration has no such patch.
         """
@@ -255,10 +240,6 @@ class Session:
 
         The files of `damaged` ones are not checked any more.
 
-        Raises
-        ------
-        SessionError
-            If it cannot be written; the session is then as it was before.
         """
         lines = [record.sequence for record in records]
         content = {"lines": lines, "reason": reason} | ({"damaged": True} if damaged else {})
@@ -269,8 +250,6 @@ class Session:
 
         Raises
         ------
-        SessionError
-            If it cannot be written; the session is then as it was before.
         InputError
             If the configuration has no such patch.
         """
@@ -282,8 +261,6 @@ class Session:
 
         Raises
         ------
-        SessionError
-            If it cannot be written; the session is then as it was before.
         InputError
             If `kind` is empty or one of the session's own, or `content` has values JSON does not have.
         """

@@ -8,7 +8,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 
 from ..core.disk import read_toml
 from ..core.errors import ConfigurationError, InputError
@@ -66,6 +66,25 @@ class SpectraConfiguration(Table):
         return {name: SpectralTable(self.wavelength_nm, values) for name, values in self.columns.items()}
 
 
+def _read(value: Any, info: ValidationInfo) -> Any:
+    """Put the content of a file with spectra in the place of its name; the folder is that of the configuration."""
+    if not isinstance(value, str):
+        return value
+    try:
+        file = read_spectral_file((info.context or {}).get("folder", Path()) / value)
+    except InputError as error:
+        raise ValueError(f"names a file that cannot be used: {error}") from error
+    return {
+        "file": Path(value).name,
+        "sha256": file.sha256,
+        "wavelength_nm": next(iter(file.columns.values())).wavelength_nm,
+        "columns": {column: spectrum.values for column, spectrum in file.columns.items()},
+    }
+
+
+Spectra = Annotated[SpectraConfiguration | None, BeforeValidator(_read)]
+
+
 class CameraConfiguration(Table):
     """Which camera, and its pixel pitch; what is left out is not checked when the camera is opened."""
 
@@ -87,7 +106,7 @@ class CameraConfiguration(Table):
     features: dict[FeatureName, bool | int | float | str] | None = Field(
         None, description="a [camera.features] table of GenICam names with true, false, numbers or text"
     )
-    spectral_sensitivity: SpectraConfiguration | None = Field(
+    spectral_sensitivity: Spectra = Field(
         None, description="the name of a CSV file as text: wavelength_nm and R, G, B or one column, for radiant power"
     )
 
@@ -126,7 +145,7 @@ class SourceConfiguration(Table):
     """What lights the target."""
 
     spectrum: Text = Field(description="the name of the spectrum as text, for example LED-B4")
-    spectrum_file: SpectraConfiguration | None = Field(
+    spectrum_file: Spectra = Field(
         None, description="the name of a CSV file as text: wavelength_nm and one column with the measured power"
     )
 
@@ -147,45 +166,6 @@ class SourceConfiguration(Table):
                 f"has spectrum_file with the columns {', '.join(self.spectrum_file.columns)}: give a file with one"
             )
         return self
-
-
-#: Keys whose value is the name of a file with spectra, with their table.
-_SPECTRA = (("camera", "spectral_sensitivity"), ("source", "spectrum_file"))
-
-
-def with_spectra(document: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Put the content of the files with spectra that a configuration names in the place of their names.
-
-    Parameters
-    ----------
-    document : dict
-        The configuration as tomllib returned it; it is not changed.
-    folder : Path
-        Where relative names begin: the folder of the configuration.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read or is no file of spectra; the message begins with the key.
-    """
-    result = dict(document)
-    for table, key in _SPECTRA:
-        values = result.get(table)
-        if not isinstance(values, dict) or not isinstance(values.get(key), str):
-            continue
-        name = values[key]
-        try:
-            file = read_spectral_file(folder / name)
-        except InputError as error:
-            raise InputError(f"{table}.{key}: {error}") from error
-        content = {
-            "file": Path(name).name,
-            "sha256": file.sha256,
-            "wavelength_nm": next(iter(file.columns.values())).wavelength_nm,
-            "columns": {column: spectrum.values for column, spectrum in file.columns.items()},
-        }
-        result[table] = {**values, key: content}
-    return result
 
 
 #: Models whose protocol and data sheet the drivers know.

@@ -33,7 +33,7 @@ _UNITS = {
 }
 
 
-def validated(model: type[Model], document: dict[str, Any], source: str) -> Model:
+def validated(model: type[Model], document: dict[str, Any], source: str, **context: Any) -> Model:
     """Make `model` of a table as tomllib returned it.
 
     Each field of the model carries a ``description`` that completes "give ...": what the value is, its unit and
@@ -47,6 +47,8 @@ def validated(model: type[Model], document: dict[str, Any], source: str) -> Mode
         The table.
     source : str
         What messages call the document, usually its file.
+    **context
+        What validators of the model may need, for example the folder of the document.
 
     Raises
     ------
@@ -55,7 +57,7 @@ def validated(model: type[Model], document: dict[str, Any], source: str) -> Mode
         because a mistyped key also leaves the right one missing.
     """
     try:
-        return model.model_validate(document, by_alias=True, by_name=False)
+        return model.model_validate(document, context=context, by_alias=True, by_name=False)
     except ValidationError as error:
         problems = error.errors(include_url=False)
         first = min(problems, key=lambda problem: problem["type"] != "extra_forbidden")

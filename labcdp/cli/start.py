@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import typer
 
@@ -95,7 +95,7 @@ def _truth(result: Result, bench: SimulatedBench, transport: str) -> Table:
     )
     errors_rel = [one / true - 1 for one, true in zip(calibrated, simulated, strict=True)]
     values = (patches, simulated, calibrated, errors_rel, [transport] * len(patches))
-    data = {column.name: of_column for column, of_column in zip(columns, values, strict=True)}
+    data: dict[str, Any] = {column.name: of_column for column, of_column in zip(columns, values, strict=True)}
     return Table("simulation", "Calibrated and simulated luminance", columns, data, detail=True)
 
 

@@ -5,22 +5,17 @@ import pty
 import re
 import select
 import shlex
-import signal
 import subprocess
 import termios
-import time
 
 import pytest
 
 from labcdp.session import EventRecord, Session, example_configuration, example_session
 
-from .conftest import SIMULATED, SMALL_BENCH, only_line, plan, results_of
+from .conftest import SIMULATED, only_line, plan, results_of
 
 #: A meter no driver knows.
 ANOTHER = 'model = "Mavo"\nserial = "1"\nscale_half_width_rel = 0.03\nrepeatability_rel = 0.002\ndigits = 1'
-
-#: Seven seconds at 15 Hz, of which the signals of a test leave most to the simulated clock.
-_MANY_FRAMES = "frames_per_exposure = 100\ndark_frames_per_exposure = 2"
 
 
 @pytest.fixture
@@ -133,37 +128,6 @@ def test_readings_from_a_file_or_typed_by_hand(labcdp, running_bench, bench, tmp
     line = only_line(labcdp("acquire", bench(), "new", *ls110, "--camera", "DEV-1"))
     assert "no camera 'DEV-1'" in line
     assert "check power, cable" in line
-
-
-def wait_for_frames(process, tmp_path, n):
-    """Wait for files; once there is one more than are asked for, the journal has these."""
-    frames, until = tmp_path / "own" / "frames", time.monotonic() + 300
-    while not (frames.is_dir() and len(list(frames.glob("*.tif"))) > n):
-        assert process.poll() is None
-        assert time.monotonic() < until
-        time.sleep(0.02)
-
-
-def test_each_signal_ends_it_with_all_that_was_taken_and_the_next_run_resumes(start, labcdp, bench, tmp_path):
-    many = bench("frames_per_exposure = 2\ndark_frames_per_exposure = 2", _MANY_FRAMES)
-    command = ("acquire", many, "own", "--simulated-bench", SMALL_BENCH)
-    recorded = 0
-    for number, status in ((signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)):
-        process = start(*command)
-        wait_for_frames(process, tmp_path, recorded + 1)
-        process.send_signal(number)
-        assert process.wait() == status
-        said = process.said()
-        assert said.count("labcdp: stopped; recorded data are safe, and the same command resumes") == 1
-        assert "Traceback" not in said
-        with Session.open(tmp_path / "own") as session:
-            session.verify()
-            assert session.unrecorded() == []
-            assert recorded < len(session.frames())
-            recorded = len(session.frames())
-    done = labcdp(*command, "--virtual-clock")
-    assert done.returncode == 0, done.stderr
-    assert "own: 102 frames and 2 readings recorded" in done.stderr
 
 
 def test_live_numbers_and_keys_on_a_terminal_which_is_left_as_it_was(labcdp_path, bench, tmp_path):

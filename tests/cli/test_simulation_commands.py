@@ -1,8 +1,3 @@
-import json
-import signal
-import time
-
-import numpy as np
 import pytest
 import xarray
 
@@ -67,28 +62,3 @@ def test_sweep_exact_and_simulated(labcdp, small, tmp_path):
         assert [row["cdp"] for row in values["tables"]["map"]["rows"]] == maps[name]["cdp"].values.ravel().tolist()
     difference = abs(maps["exact"]["cdp"] - maps["simulated"]["cdp"])
     assert (difference <= 5 * maps["simulated"]["standard_error"] + 1e-3).all()
-
-
-def test_killed_sweep_is_resumed_and_loses_nothing(start, labcdp, small, tmp_path):
-    arguments = ["sweep", small, "--over", "scene.luminance_cd_m2=1:100:80:log", "--json"]
-    process = start(*arguments)
-    journal = tmp_path / "small-sweep" / JOURNAL
-    deadline = time.monotonic() + 300
-    while not (journal.exists() and journal.read_text().count("\n") > 5):
-        assert process.poll() is None
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
-    process.send_signal(signal.SIGKILL)
-    assert process.wait() == -signal.SIGKILL
-    kept = journal.read_bytes()
-    assert kept.count(b"\n") <= 80
-    assert labcdp(*arguments).returncode == 0
-    # What was recorded is still there, and the rest followed; each cell stands once.
-    lines = journal.read_bytes().splitlines()
-    whole = kept[: kept.rfind(b"\n") + 1].splitlines()
-    assert lines[: len(whole)] == whole
-    assert sorted(json.loads(line.rpartition(b"\t")[0])["first"] for line in lines[1:]) == list(range(80))
-    # And is what an unbroken sweep gives.
-    assert labcdp(*arguments, "--output", "whole").returncode == 0
-    broken, unbroken = (xarray.load_dataset(tmp_path / name / "map.nc") for name in ("small-sweep", "whole"))
-    np.testing.assert_array_equal(broken["cdp"], unbroken["cdp"])

@@ -7,7 +7,7 @@ import pytest
 
 from labcdp.regions import RectangleShape, save_regions
 
-from .conftest import results_of, rows_of
+from .conftest import results_of
 
 
 def write(path, n=6, size=(160, 120)):
@@ -76,8 +76,6 @@ def test_several_videos_one_of_them_broken(labcdp, tmp_path, drive):
     said = " ".join(done.stderr.split())
     assert f"{tmp_path / 'images'} contains images and is left out, as {tmp_path} contains videos" in said
     assert f"drive.avi is the same video as {drive} and is evaluated once" in said
-    alone = rows_of(labcdp("video", drive, "--neighbours", "--contrast", "100%", "-o", "alone", "--json"), "contrasts")
-    assert {"video": "drive", **alone[0]} == values["tables"]["contrasts"]["rows"][0]
     # Other settings leave what is there as it is.
     before = {path: path.read_bytes() for path in (tmp_path / "out").glob("archive.*")}
     done = labcdp(*command, "50%")
@@ -85,21 +83,3 @@ def test_several_videos_one_of_them_broken(labcdp, tmp_path, drive):
     assert "drive holds the results of another evaluation: give another folder with --output" in done.stderr
     assert len(before) == 3
     assert {path: path.read_bytes() for path in (tmp_path / "out").glob("archive.*")} == before
-
-
-def test_several_pairs_are_as_one_alone(labcdp, drive):
-    boxes = {"sign": (22, 42), "ground": (22, 82), "third": (100, 20)}
-    save_regions(drive.parent / "three.json", [RectangleShape(n, *at, 26, 26) for n, at in boxes.items()], (160, 120))
-    asked = ("--roi", "three.json", "--contrast", "50%,200%", "--method", "fixed,sign=follow", "--json")
-    pairs = {"sign:ground": "drive-1-sign-ground", "third:ground": "drive-2-third-ground"}
-    told = [word for pair in pairs for word in ("--pair", pair)]
-    values = results_of(labcdp("video", drive, *asked, *told, "-o", "all"))
-    assert [row["video"] for row in values["tables"]["videos"]["rows"]] == list(pairs.values())
-    pair, folder = next(iter(pairs.items()))
-    alone = rows_of(labcdp("video", drive, *asked, "--pair", pair, "-o", "alone"), "contrasts")
-    found = [row for row in values["tables"]["contrasts"]["rows"] if row["video"] == folder]
-    assert found == [{"video": folder, **row} for row in alone]
-    assert all((drive.parent / "all" / folder / "report.html").exists() for folder in pairs.values())
-    # Nothing is left to do.
-    again = rows_of(labcdp("video", drive, *asked, *told, "-o", "all"), "videos")
-    assert all(row["resumed"] for row in again)

@@ -46,18 +46,18 @@ class BenchPage:
         self._plots = Plots(bench)
         self._control = pn.widgets.Button(name="Take control", button_type="primary", margin=(3, 8))
         self._control.on_click(lambda _event: self._take_control())
-        self._exposure = pn.widgets.FloatInput(name="Exposure (ms)", start=0.0, step=1.0, width=130)
-        self._gain = pn.widgets.FloatInput(name="Gain (dB)", step=1.0, width=110)
-        self._pause = pn.widgets.Toggle(name="Pause", margin=(3, 4))
-        self._n_readings = pn.widgets.IntInput(name="Readings", value=1, start=1, end=100, width=80)
-        self._typed = pn.widgets.TextInput(name="Reading of another meter (cd/m²), with Enter", width=260)
+        field = page.field
+        options: dict[str, Any] = {"start": 0.0, "step": 1.0, "width": 130}
+        self._exposure = field("FloatInput", "Exposure (ms)", self._expose, **options)
+        self._gain = field("FloatInput", "Gain (dB)", lambda db: self._request("gain_db", db, 1.0), step=1.0, width=110)
+        self._pause = field("Toggle", "Pause", lambda on: setattr(bench.images, "paused", on), margin=(3, 4))
+        self._n_readings = field("IntInput", "Readings", value=1, start=1, end=100, width=80)
+        self._typed = field("TextInput", "Reading of another meter (cd/m²), with Enter", width=260)
         contrast = "" if bench.target.contrast is None else f"{100 * bench.target.contrast:g}"
-        self._contrast = pn.widgets.TextInput(
-            name="Contrast to detect (%)", placeholder="measured", value=contrast, width=170
-        )
-        self._epsilon = pn.widgets.FloatInput(
-            name="Tolerance ε (%)", value=100 * bench.target.epsilon, start=0.1, width=130
-        )
+        options = {"placeholder": "measured", "value": contrast, "width": 170}
+        self._contrast = field("TextInput", "Contrast to detect (%)", self._aim_contrast, **options)
+        options = {"value": 100 * bench.target.epsilon, "start": 0.1, "width": 130}
+        self._epsilon = field("FloatInput", "Tolerance ε (%)", self._aim_epsilon, **options)
         self._shown: tuple[CameraSettings | None, str] = (None, "")
         self._document, self._image_waits = document, False
         #: What only the controlling page may use.
@@ -131,15 +131,6 @@ class BenchPage:
             self.bench.images.pointer = place
 
     def _connect(self) -> None:
-        actions: dict[Any, Callable[[Any], object]] = {
-            self._exposure: lambda value: self._request("exposure_s", value, 1e-3),
-            self._gain: lambda value: self._request("gain_db", value, 1.0),
-            self._contrast: self._aim_contrast,
-            self._pause: lambda value: setattr(self.bench.images, "paused", value),
-            self._epsilon: self._aim_epsilon,
-        }
-        for widget, action in actions.items():
-            self._page.watch(widget, action)
         self._page.on_enter(self._typed, self._enter)
         for end in (self.bench.camera.look(), self.bench.images.listen(self._image_came), self._leave):
             self._document.on_session_destroyed(_ending(end))
@@ -187,6 +178,9 @@ class BenchPage:
     def _request(self, name: str, value: float | None, unit: float) -> None:
         if value is not None and isfinite(value):
             self.bench.camera.request(**{name: value * unit})
+
+    def _expose(self, exposure_ms: float | None) -> None:
+        self._request("exposure_s", exposure_ms, 1e-3)
 
     def _enter(self, text: str) -> None:
         if text and self.bench.enter_reading(text):

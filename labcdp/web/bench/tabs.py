@@ -7,8 +7,6 @@ from datetime import datetime
 from math import ceil
 from typing import Any
 
-import panel as pn
-
 from ...core.pixel_format import PIXEL_FORMATS
 from ...drivers.camera_settings import CameraSettings, FeatureDescription, FeatureValue, Region
 from ..html import column, items, row, table, table_row, text
@@ -36,18 +34,19 @@ class CameraTab:
     def __init__(self, camera: LiveCamera, page: Page) -> None:
         self._camera, self._page = camera, page
         self._settings, self._table = page.text("camera settings"), page.text("features")
-        self._format = pn.widgets.Select(name="Pixel format", width=150)
-        self._rate = pn.widgets.FloatInput(name="Frames per second", start=0.0, width=130)
-        self._black = pn.widgets.FloatInput(name="Black level (register)", width=140)
-        self._region = pn.widgets.TextInput(name="Region: x, y, width, height", width=210)
-        self._find = pn.widgets.TextInput(name="Find features", placeholder="part of a name", width=140)
-        self._feature = pn.widgets.TextInput(name="Set a feature", placeholder="for example Gamma = 1", width=180)
+        field, request = page.field, camera.request
+        self._format = field("Select", "Pixel format", lambda name: request(pixel_format=name), width=150)
+        self._rate = field(
+            "FloatInput", "Frames per second", lambda hz: request(frame_rate_hz=float(hz)), start=0.0, width=130
+        )
+        self._black = field(
+            "FloatInput", "Black level (register)", lambda dn: request(black_level=float(dn)), width=140
+        )
+        self._region = field("TextInput", "Region: x, y, width, height", self._set_region, width=210)
+        self._find = field("TextInput", "Find features", placeholder="part of a name", width=140)
+        self._feature = field("TextInput", "Set a feature", placeholder="for example Gamma = 1", width=180)
         self._refresh = page.button("Read again", camera.read_features, margin=(19, 4))
         self._shown: tuple[CameraSettings | None, tuple[FeatureDescription, ...], str] = (None, (), "")
-        page.watch(self._format, lambda value: camera.request(pixel_format=value))
-        page.watch(self._rate, lambda value: camera.request(frame_rate_hz=float(value)))
-        page.watch(self._black, lambda value: camera.request(black_level=float(value)))
-        page.watch(self._region, self._set_region)
         page.on_enter(self._feature, self._set_feature)
         self._find.param.watch(lambda _event: self._list(), "value")
 
@@ -155,16 +154,15 @@ class RecordTab:
 
     def __init__(self, bench: LiveBench, page: Page) -> None:
         self._bench = bench
-        self._name = pn.widgets.TextInput(
-            name="Folder of the session", value=f"session-{datetime.now():%Y%m%d-%H%M}", width=250
-        )
+        name = f"session-{datetime.now():%Y%m%d-%H%M}"
+        self._name = page.field("TextInput", "Folder of the session", value=name, width=250)
         self._start = page.button("Record the plan", self._record, button_type="primary")
         self._pause = page.button("Pause recording", self._hold)
         self._stop = page.button("Stop recording", self._end)
         self._first = page.button("Done", lambda: self._press(0), button_type="primary", visible=False)
         self._second = page.button("Keep", lambda: self._press(1), button_type="primary", visible=False)
-        self._typed = pn.widgets.TextInput(name="Reading, with Enter", width=250, visible=False)
-        self._again = pn.widgets.Select(name="Record again", options=[_NOTHING], width=180)
+        self._typed = page.field("TextInput", "Reading, with Enter", width=250, visible=False)
+        self._again = page.field("Select", "Record again", options=[_NOTHING], width=180)
         self._dismiss = page.button("Dismiss findings", self._forget_findings, visible=False)
         self._state = page.text("record")
         self._asked: Question | None = None

@@ -46,23 +46,19 @@ class MapTab:
         self._ends: tuple[float, ...] = ()
         self._refreshed_s, self._refreshed_for = 0.0, page.workspace.image
         unit = page.workspace.image.unit_text
-        self._shown = pn.widgets.Select(name="Picture", options=[_VALUES, _COLOURS, _GREY], width=220)
-        self._kind = pn.widgets.Select(name="Scale", options=list(SCALES), value=self._dn_scale.name, width=110)
-        self._low, self._high = (pn.widgets.FloatInput(name=name, start=0.0, width=110) for name in ("From", "To"))
-        self._fit = pn.widgets.Button(
-            name="Fit scale", description="Span the luminances of the picture", margin=(19, 4)
-        )
-        self._isolines = pn.widgets.TextInput(
-            name=f"Isolines ({unit})", placeholder="for example 1, 10, 100", width=190
-        )
-        self._line = pn.widgets.TextInput(name="Profile from x, y to x, y", placeholder="or draw a line (L)", width=190)
-        self._limits = pn.widgets.TextInput(
-            name="Limits of the selected region (cd/m²), with Enter", placeholder="for example 10 to 12", width=250
-        )
-        self._file = pn.widgets.TextInput(
-            name=f"Export as {', '.join(EXPORTS)}", value=f"{page.workspace.files.output.stem}.png", width=250
-        )
-        self._save = pn.widgets.Button(name="Export", margin=(19, 4))
+        field, example = page.field, "for example 1, 10, 100"
+        self._shown = field("Select", "Picture", options=[_VALUES, _COLOURS, _GREY], width=220)
+        self._kind = field("Select", "Scale", options=list(SCALES), value=self._dn_scale.name, width=110)
+        self._low, self._high = (field("FloatInput", name, start=0.0, width=110) for name in ("From", "To"))
+        tip = "Span the luminances of the picture"
+        self._fit = field("Button", "Fit scale", description=tip, margin=(19, 4))
+        self._isolines = field("TextInput", f"Isolines ({unit})", placeholder=example, width=190)
+        self._line = field("TextInput", "Profile from x, y to x, y", placeholder="or draw a line (L)", width=190)
+        limits, example = "Limits of the selected region (cd/m²), with Enter", "for example 10 to 12"
+        self._limits = field("TextInput", limits, placeholder=example, width=250)
+        name = f"{page.workspace.files.output.stem}.png"
+        self._file = field("TextInput", f"Export as {', '.join(EXPORTS)}", value=name, width=250)
+        self._save = page.button("Export", self._export, margin=(19, 4))
         self._table = page.text("statistics")
         self._profile = ColumnDataSource(data={"d": [], "l": [], "low": [], "high": []})
         self._plot = self._new_plot()
@@ -111,7 +107,6 @@ class MapTab:
             "line", lambda _attr, _old, new: self._line.param.update(value=", ".join(f"{one:.1f}" for one in new))
         )
         page.on_enter(self._limits, self._limit)
-        self._save.on_click(lambda _event: self._export())
 
     def show_range(self, scale: DisplayScale) -> None:
         """Show other values of the camera from black to white, as after a change of its bits."""
@@ -206,8 +201,7 @@ class MapTab:
             except LabcdpError as error:
                 yield str(error)
 
-        if self._page.may_change():
-            workspace.run_elsewhere(steps(), workspace.say, workspace.changed)
+        workspace.run_elsewhere(steps(), workspace.say, workspace.changed)
 
     def _new_plot(self) -> Any:
         # Ranges of its own: an empty plot cannot find any.

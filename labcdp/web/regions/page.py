@@ -57,23 +57,17 @@ class Page:
 
         self._head, self._readout, self._notice = text("head"), text("readout"), text("notice")
         self._regions, self._pair, self._warnings = text("regions"), text("pair"), text("warnings")
-        self._name = pn.widgets.TextInput(
-            name="Name of the selected region", disabled=True, sizing_mode="stretch_width"
-        )
+        wide: dict[str, Any] = {"sizing_mode": "stretch_width"}
+        title = "File (.json, or .zip or .roi for ImageJ)"
+        self._name = self.field("TextInput", "Name of the selected region", self._rename, disabled=True, **wide)
         self._first, self._second = (
-            pn.widgets.Select(name=f"Region {letter}", sizing_mode="stretch_width") for letter in "AB"
+            self.field("Select", f"Region {letter}", self._pair_chosen, **wide) for letter in "AB"
         )
-        self._file = pn.widgets.TextInput(
-            name="File (.json, or .zip or .roi for ImageJ)",
-            value=workspace.files.output.name,
-            sizing_mode="stretch_width",
-        )
-        self._method = pn.widgets.Select(
-            name="Propose regions", options={METHOD_NAMES[one]: one for one in METHODS}, sizing_mode="stretch_width"
-        )
-        self._size = pn.widgets.IntInput(
-            name="Size in pixels", value=default_size_px(workspace.image), start=6, width=110, visible=False
-        )
+        self._file = self.field("TextInput", title, value=workspace.files.output.name, **wide)
+        methods = {METHOD_NAMES[one]: one for one in METHODS}
+        self._method = self.field("Select", "Propose regions", options=methods, **wide)
+        size_px = default_size_px(workspace.image)
+        self._size = self.field("IntInput", "Size in pixels", value=size_px, start=6, width=110, visible=False)
         self._buttons = self._new_buttons()
         self.text = text
         self._connect()
@@ -209,9 +203,6 @@ class Page:
         link.on_change("heard", lambda _attr, _old, _new: self._heard())
         link.on_change("view", lambda _attr, _old, new: self._look(new))
         link.on_change("pointer", lambda _attr, _old, new: self._point(new))
-        self.watch(self._name, self._rename)
-        for widget in (self._first, self._second):
-            self.watch(widget, self._pair_chosen)
         self._method.param.watch(lambda event: self._size.param.update(visible=event.new == "superpixels"), "value")
         self._point([])
         self.document.on_session_destroyed(_ending(workspace.listen(self.changed)))
@@ -226,8 +217,10 @@ class Page:
         if message["do"] == "save":
             message["name"] = self._file.value_input or self._file.value
         done = self.do(message)
-        self.update()
-        self.picture.link.answer = json.dumps({"serial": message.get("serial"), "done": done})
+        # In one message: a person who sees why a shape is refused can go on with it.
+        with pn.io.hold(self.document):
+            self.update()
+            self.picture.link.answer = json.dumps({"serial": message.get("serial"), "done": done})
 
     def _look(self, view: list[float]) -> None:
         if len(view) == 6:
@@ -256,16 +249,19 @@ class Page:
     def _pair_chosen(self, _name: str | None) -> None:
         self.do({"do": "pair", "first": self._first.value, "second": self._second.value})
 
-    def watch(self, widget: Any, action: Callable[[Any], object]) -> None:
-        """Call `action` with a new value of a widget that a person has changed, if the tab may change anything."""
+    def field(self, kind: str, name: str, action: Callable[[Any], object] | None = None, **options: Any) -> Any:
+        """Return a widget of Panel; `action` gets a new value of a person, if the tab may change anything."""
+        widget = getattr(pn.widgets, kind)(name=name, **options)
 
         def watcher(event: Any) -> None:
-            if not self._updating:
+            if action is not None and not self._updating:
                 self.guarded(action)(event.new)
                 # A refused change is reverted.
                 self.changed()
 
-        widget.param.watch(watcher, "value")
+        if action is not None:
+            widget.param.watch(watcher, "value")
+        return widget
 
     def on_enter(self, field: Any, action: Callable[[str], object]) -> None:
         """Call `action` once with a text that a person ends with Enter: its value comes when it is left, too."""

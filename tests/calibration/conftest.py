@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from labcdp.calibration import CameraState, DarkObservation, LensIdentity, PatchObservation, Setup
+from labcdp.calibration import Calibration, CameraState, DarkObservation, LensIdentity, PatchObservation, Setup, fit
 from labcdp.calibration.frames.nonuniformity import Nonuniformity
 from labcdp.core.frame import CameraIdentity, Frame
 from labcdp.core.reading import MeterIdentity, Reading
@@ -206,3 +206,25 @@ def new_frame() -> Callable[..., Frame]:
 @pytest.fixture(scope="session")
 def new_reading() -> Callable[..., Reading]:
     return make_reading
+
+
+#: Luminances of the patches of a whole calibration, and its exposures.
+LUMINANCES, EXPOSURES_S = tuple(float(v) for v in np.geomspace(0.5, 2000, 12)), (0.001, 0.008, 0.064)
+
+
+@pytest.fixture(scope="session")
+def bench() -> Callable[..., tuple[list[PatchObservation], list[DarkObservation], dict[str, list[Reading]]]]:
+    """Observations, dark frames and readings of patches P0, P1, ...; without a generator free of noise."""
+
+    def measure(camera, read=make_reading, rng=None, luminances=LUMINANCES, exposures_s=EXPOSURES_S):
+        observations = [camera.observe(f"P{i}", v, t, rng) for i, v in enumerate(luminances) for t in exposures_s]
+        readings = {f"P{i}": [read(float(v))] for i, v in enumerate(luminances)}
+        return observations, [camera.dark(t, rng) for t in exposures_s], readings
+
+    return measure
+
+
+@pytest.fixture(scope="session")
+def calibrated(bench, camera, setup) -> Calibration:
+    """A calibration by data free of noise."""
+    return fit(*bench(camera), setup)

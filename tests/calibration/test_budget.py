@@ -73,11 +73,3 @@ def test_every_source_has_a_row_and_what_is_not_known_says_why(calibration):
     assert not row(rows, "glare").included
     assert row(rows, "glare").standard_uncertainty_rel > 0
     assert "depends on the scene" in row(rows, "glare").basis
-
-
-def test_noise_averages_over_pixels_and_frames(calibration):
-    one, many = (row(budget(calibration, 8.0, 0.01, *size), "shot and read noise") for size in ((1, 1), (400, 4)))
-    assert one.standard_uncertainty_rel == pytest.approx(40 * many.standard_uncertainty_rel)
-    assert "one pixel of one frame at 0.01 s" in one.basis
-    net_dn = 1200 * 8.0 * 0.01
-    assert one.standard_uncertainty_rel == pytest.approx(sqrt(0.25 * net_dn + 1.5**2) / net_dn, rel=0.02)

@@ -105,12 +105,6 @@ def test_expanded_uncertainty_contains_95_percent(scales, random_rel):
     assert 0.95 - 4 * sqrt(0.95 * 0.05 / n) <= inside <= 0.96
 
 
-def test_few_degrees_of_freedom_widen():
-    few = CERTIFICATE.model_copy(update={"degrees_of_freedom": 4.0})
-    # Student's t of 4 degrees of freedom, table G.2 of JCGM 100:2008.
-    assert expanded_rel([MeterScale(METER, 0.02, few)], 0.0) == pytest.approx(2.78 * 0.004, rel=2e-3)
-
-
 def test_readings_with_different_corrections_are_not_averaged(new_reading):
     preset, user = new_reading(10.0), new_reading(10.1, correction="luminance")
     message = "reading 1 of patch 'P' was taken with the correction 'preset', reading 2 of patch 'P' with 'luminance'"

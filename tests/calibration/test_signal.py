@@ -22,13 +22,6 @@ def test_rounding_does_not_average_down(camera):
     assert net_signal(still, settings).noise_variance_dn2 == pytest.approx(1 / 12)
 
 
-def test_the_dark_of_the_frames_temperature_is_taken_off(camera):
-    warm = replace(DARK, temperature_c=20.0, doubling_temperature_c=8.0)
-    observation = replace(camera.observe("grey", 10.0, 0.01, None), temperature_c=28.0)
-    signal = net_signal(observation, [replace(SETTINGS[0], dark=warm)])
-    assert signal.net_dn == pytest.approx(120 - 0.4)
-
-
 def test_fixed_pattern_averages_over_pixels_and_slow_changes_do_not(camera):
     exact = camera.observe("grey", 10.0, 0.01, None)
     noise_of_mean_frame = exact.temporal_variance_dn2 / 4

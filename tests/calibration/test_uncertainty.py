@@ -1,6 +1,5 @@
 from math import inf, sqrt
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -33,13 +32,6 @@ def test_probability_is_the_mean_of_the_normal_one_over_the_rectangle(a, s, w):
 @given(a=half_widths, s=half_widths, probability=st.floats(0.01, 0.999))
 def test_half_width_has_the_probability_asked_for(a, s, probability):
     assert coverage_probability(expanded_half_width(a, s, probability), a, s) == pytest.approx(probability, abs=1e-9)
-
-
-def test_drawn_errors_lie_within_it_at_the_stated_rate():
-    n, rng = 200_000, np.random.default_rng(1)
-    error = rng.uniform(-0.02, 0.02, n) + rng.normal(0, 0.008, n)
-    inside = np.mean(np.abs(error) <= expanded_half_width(0.02, 0.008))
-    assert inside == pytest.approx(0.95, abs=4 * np.sqrt(0.95 * 0.05 / n))
 
 
 def test_degrees_of_freedom_of_independent_and_of_joint_variances():

@@ -7,13 +7,11 @@ import pytest
 from scipy.stats import norm
 from worlds.bench import FRAMES, QUANTITIES, calibrate_once
 from worlds.camera import (
-    BAYER,
     curved,
     expected_dn,
     expected_noise_dn,
     expose,
     make_device,
-    random_colour,
     straightened,
     vignetting,
 )
@@ -110,14 +108,6 @@ def test_true_pixels_have_the_true_mean_and_the_noise_of_photon_transfer(rng):
     variance = expected_noise_dn(device, 50.0, 0.01) ** 2 + 0.8**2 + 0.3**2 + (0.01 * 50 * per_cd_m2) ** 2
     assert pixels.mean() == pytest.approx(50.0, abs=4 * sqrt(variance / PIXELS) / per_cd_m2, rel=0)
     assert pixels.var() == pytest.approx(variance / per_cd_m2**2, rel=4 * sqrt(2 / PIXELS))
-
-
-def test_coloured_patches_keep_their_luminance_and_differ_between_planes(rng):
-    colours = [random_colour(rng) for _ in range(200)]
-    assert set(colours[0]) == set(BAYER)
-    # Green is near V(lambda), red and blue are not.
-    spread = {plane: np.std([np.log(colour[plane]) for colour in colours]) for plane in BAYER}
-    assert spread["Gr"] == spread["Gb"] < 0.5 * min(spread["R"], spread["B"])
 
 
 @pytest.mark.parametrize(("name", "n"), HOLDING)

@@ -16,9 +16,8 @@ from labcdp.calibration.convert.patch import patch_luminance
 from labcdp.calibration.record import load_any
 from labcdp.core.errors import InputError
 from labcdp.core.frame import PLANES
-from labcdp.core.luminance import Invalid
 from labcdp.core.photometry import spectral_weights
-from labcdp.core.spectra import SpectralTable, f1_prime, mismatch_factor
+from labcdp.core.spectra import SpectralTable, f1_prime
 
 EXPOSURES_S = (0.001, 0.004, 0.016)
 #: Reflectance of patches of ideal grey, and the grey patches of the chart, which are a little coloured.
@@ -169,24 +168,6 @@ def test_sensitivities_choose_the_combination_nearest_to_v_lambda(fitted, bench,
     assert rms["f1'"] < 0.5 * rms["noise"]
 
 
-def test_the_sensitivity_of_the_combination_predicts_its_error_in_other_light(fitted, chart):
-    calibration = fitted([*GREYS, *COLOURS], sensitivities=chart.sensitivities)
-    other = make_chart("A")
-    # White in light A, seen by planes that were scaled in LED-B3, by brute force over the wavelengths.
-    nm, led, visibility = spectral_weights("LED-B3")
-    _, incandescent, _ = spectral_weights("A")
-    indicated = sum(
-        weight
-        * float(incandescent @ chart.sensitivities[plane[0]].at(nm) / (led @ chart.sensitivities[plane[0]].at(nm)))
-        for plane, weight in zip(PLANES, calibration.weights, strict=True)
-    ) / float(incandescent @ visibility / (led @ visibility))
-    assert calibration.sensitivity is not None
-    factor = mismatch_factor(calibration.sensitivity, "A", "LED-B3")
-    # The table of the sum has no negative values, which costs a little.
-    assert 1 / factor == pytest.approx(indicated / sum(calibration.weights), rel=0.005)
-    assert other.luminance["red"] > chart.luminance["red"]
-
-
 def test_a_calibration_of_planes_outlives_saving(tmp_path, fitted, chart):
     calibration = fitted([*GREYS, *COLOURS], sensitivities=chart.sensitivities, held_out=["cyan"])
     save(calibration, tmp_path / "colour.json")
@@ -230,16 +211,6 @@ def test_maps_and_patches_have_one_luminance_and_one_uncertainty_of_contrasts(fi
         assert u["red", "blue"] > max(u["grey 20", "red"], u["grey 20", "blue"]) > 0.3 * calibration.spectral_rel
     for name, (of_map, of_one) in found.items():
         assert of_map == pytest.approx(of_one, abs=0.003), name
-
-
-def test_a_pixel_with_a_saturated_plane_is_not_valid(fitted, new_frame):
-    calibration = fitted([*GREYS, *COLOURS], seed=None)
-    dn = dict.fromkeys(PLANES, np.full((48, 64), 900.0))
-    dn["B"] = dn["B"].copy()
-    dn["B"][7, 9] = 4095
-    found = calibration.to_luminance(bayer_frame(new_frame, calibration, dn))
-    assert found.invalid[7, 9] & Invalid.SATURATED
-    assert np.count_nonzero(found.invalid & Invalid.SATURATED) == 1
 
 
 def test_weights_without_noise_are_those_of_the_closed_form():

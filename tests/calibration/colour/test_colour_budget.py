@@ -56,17 +56,6 @@ def test_rows_make_the_uncertainty_of_a_grey_patch(calibration, planes, luminanc
     assert whole.expanded_95_rel == pytest.approx(patch.half_width_95_rel, rel=0.01)
 
 
-def test_noise_of_planes_by_hand(calibration):
-    luminance, exposure_s = 8.0, 0.01
-    found = row(budget(calibration, luminance, exposure_s), "shot and read noise").standard_uncertainty_rel
-    weights = np.array(calibration.weights)
-    net_dn = np.array(RESPONSIVITIES) * luminance * exposure_s
-    noise_rel = np.sqrt(0.25 * net_dn + 1.5**2) / net_dn
-    assert found == pytest.approx(float(np.linalg.norm(weights / weights.sum() * noise_rel)), rel=0.03)
-    many = row(budget(calibration, luminance, exposure_s, 100, 4), "shot and read noise")
-    assert many.standard_uncertainty_rel == pytest.approx(found / 20)
-
-
 def test_the_fit_is_that_of_the_weights_for_grey(calibration):
     rows = budget(calibration, 8.0)
     parts = [row(rows, source).standard_uncertainty_rel for source in ("fit", "meter repeatability")]

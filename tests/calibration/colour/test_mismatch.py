@@ -26,17 +26,6 @@ def test_errors_have_the_stated_size_and_cancel_for_one_chromaticity_only(one, o
     assert colourfulness(one) == pytest.approx(np.std(one) / np.mean(one))
 
 
-def test_red_against_blue_has_the_uncertainty_of_both_and_grey_has_none():
-    red, blue, grey = patterns([1.0, 0.3, 0.3]), patterns([0.3, 0.3, 1.0]), patterns([1.0, 1.0, 1.0])
-    assert np.linalg.norm(red - blue) >= np.sqrt(2) * np.linalg.norm(red)
-    assert np.linalg.norm(grey) < 1e-12
-
-
-def test_a_map_has_the_errors_of_its_patches():
-    colours = np.array([[1.0, 0.3, 0.3], [0.3, 0.3, 1.0], [0.9, 1.0, 1.1]])
-    assert patterns(colours[None]) == pytest.approx(np.stack([patterns(one) for one in colours], axis=1)[:, None])
-
-
 def test_noise_of_grey_pixels_is_no_mismatch():
     """The mean error of 40 000 noisy grey pixels, 10 % in each colour, is their mean colourfulness over sqrt(n)."""
     noisy = 1 + np.random.default_rng(2).normal(0, 0.1, (200, 200, 3))

@@ -5,8 +5,7 @@ import pytest
 
 from labcdp.calibration.convert.bracket import bracket_luminance
 from labcdp.calibration.sensor.dark_library import DarkLibrary
-from labcdp.core.errors import InputError
-from labcdp.core.luminance import Invalid, LuminanceMap, chosen
+from labcdp.core.luminance import Invalid
 from labcdp.core.vignetting import FlatField, middle_of
 
 SHAPE = (120, 160)
@@ -65,16 +64,6 @@ def test_dark_signal_nonuniformity_is_no_movement(make_calibration, scene, expos
     taken = [expose(scene, t, rng, pattern_dn=pattern, frame_id=i) for i, t in enumerate(2 * EXPOSURES)]
     assert bracket_luminance(replace(calibration, dark=dark), taken).inconsistent_share == 0
     assert bracket_luminance(calibration, taken).inconsistent_share > 0
-
-
-def test_the_bracket_is_nearer_to_the_scene_than_each_exposure(calibration, frames, scene):
-    result = bracket_luminance(calibration, frames)
-    for frame in frames:
-        alone = calibration.to_luminance(frame)
-        usable = (frame.dn < 3900) & (scene > 1)
-        errors = [np.sqrt(np.mean((m.luminance_cd_m2[usable] / scene[usable] - 1) ** 2)) for m in (result.map, alone)]
-        assert errors[0] < errors[1]
-    assert result.n_used.max() == len(EXPOSURES)
 
 
 def test_weights_are_optimal_for_shot_noise(calibration, make_frame):
@@ -139,10 +128,3 @@ def test_noise_of_the_dark_library_does_not_average_down(make_calibration, expos
     assert seen.fixed_cd_m2 == pytest.approx(2 / (1200 * 0.032), rel=1e-3)
     # Joined again, nothing more is gained.
     assert calibration.to_luminance(frames[0]).fixed_cd_m2 == pytest.approx(seen.fixed_cd_m2, rel=1e-5)
-
-
-def test_maps_of_different_calibrations_are_not_joined(calibration, frames):
-    a = calibration.to_luminance(frames[0])
-    b = LuminanceMap(a.luminance_cd_m2, a.random_rel, 0.01, a.invalid)
-    with pytest.raises(InputError, match="maps of different calibrations cannot be joined"):
-        chosen(np.ones(SHAPE, bool), a, b)

@@ -10,9 +10,7 @@ from labcdp.calibration.sensor.dark import DarkModel
 from labcdp.calibration.sensor.dark_library import DarkLibrary
 from labcdp.calibration.sensor.noise import TemporalNoise
 from labcdp.core.errors import CalibrationError
-from labcdp.core.frame import CameraIdentity
 from labcdp.core.response import Response
-from labcdp.core.roi import Roi
 from labcdp.core.vignetting import RadialVignetting
 
 SHAPE = (48, 64)
@@ -99,15 +97,6 @@ def test_another_gain_has_its_own_dark_noise_and_factor(make_calibration, make_f
     assert seen.random_rel == pytest.approx(np.sqrt(0.5 * net + 9) / net, rel=1e-6)
 
 
-def test_temperature_moves_the_dark_signal(make_calibration, make_frame):
-    dark = DarkModel(
-        64.0, 4000.0, ((0.04, 0, 0), (0, 0, 0), (0, 0, 0)), 1.5, 0.0, (0.001, 0.064), (20.0, 40.0), 23.0, 7.0
-    )
-    calibration = make_calibration(dark=dark)
-    seen = to_luminance(calibration, make_frame(np.full(SHAPE, 1000), temperature_c=30.0))
-    assert seen.luminance_cd_m2 == pytest.approx((1000 - 64 - 2 * 4000 * 0.008) / (R * 0.008), rel=1e-6)
-
-
 def test_a_frame_warmer_than_the_dark_frames_is_logged(make_calibration, make_frame, caplog):
     covariance = ((0.04, 0, 0), (0, 0, 0), (0, 0, (1 / 22.5) ** 2))
     dark = DarkModel(64.0, 4000.0, covariance, 1.5, 0.0, (0.001, 0.064), (23.0, 23.0), 23.0)
@@ -143,16 +132,6 @@ def test_common_errors_are_those_of_the_calibration_and_of_the_vignetting(make_c
         np.testing.assert_allclose(error.relative, -pattern, rtol=1e-5, atol=1e-9)
 
 
-def test_common_errors_of_a_region_are_those_of_its_pixels(make_calibration, make_frame):
-    seen = to_luminance(make_calibration(vignetting=FALL_OFF), every_dn(make_frame))
-    region = Roi("triangle", ((3, 4), (30, 6), (11, 40)))
-    for here, everywhere in zip(seen.common_of(region), seen.common, strict=True):
-        if np.ndim(everywhere.relative):
-            assert (here.relative == region.select(np.asarray(everywhere.relative))).all()
-        else:
-            assert here.relative == everywhere.relative
-
-
 def library(pattern, noise=0.01):
     return DarkLibrary(
         pattern,
@@ -182,12 +161,6 @@ def test_the_dark_pattern_is_taken_off(make_calibration, make_frame, vignetting)
     np.testing.assert_allclose(seen.random_rel[bright], expected[bright], rtol=1e-4)
 
 
-def test_scatter_between_patches_belongs_to_every_region(make_calibration, make_frame):
-    calibration = make_calibration()
-    scattered = replace(calibration, responsivity=replace(calibration.responsivity, scatter_rel=0.02))
-    assert to_luminance(scattered, make_frame(np.full(SHAPE, 1000))).slow_rel == 0.02
-
-
 def test_another_lens_is_refused(make_calibration):
     lens = make_calibration().lens
     require_lens(lens, lens)
@@ -197,18 +170,3 @@ def test_another_lens_is_refused(make_calibration):
         require_lens(lens, replace(lens, f_number=4.0))
     with pytest.raises(CalibrationError, match="calibrate with this lens"):
         require_lens(lens, LensIdentity("Other", "1", 0.006, 2.6))
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"camera": CameraIdentity("Allied Vision", "Manta G-505B", "1")}, "camera of the calibration is"),
-        ({"gain_db": 6.0}, "gain of the calibration|for a gain of 0 dB"),
-        ({"pixel_format": "Mono12Packed"}, "pixel format of the calibration is Mono12"),
-        ({"dn": np.zeros((24, 32), np.uint16)}, "image size of the calibration is 64 x 48 pixels"),
-        ({"colour_filter": "RG"}, "colour filter"),
-    ],
-)
-def test_other_frames_are_refused(make_calibration, make_frame, change, message):
-    with pytest.raises(CalibrationError, match=message):
-        to_luminance(make_calibration(), make_frame(np.full(SHAPE, 500.0), **change))

@@ -76,13 +76,6 @@ def test_dust_is_noticed(uniform):
     assert found.values["x_px"] in (59, 60)
 
 
-def test_saturated_pixels_of_one_exposure_come_from_the_other(uniform):
-    seen = uniform(exposures=(0.004, 0.024))  # the middle saturates at the longer
-    error = seen.flat.relative / V / PRNU
-    assert error.std() / error.mean() < 0.01
-    assert seen.n_replaced == 0
-
-
 def pattern_with_defects():
     pattern = np.random.default_rng(4).normal(0, 1.0, SHAPE)
     pattern[10, 11] += 120
@@ -133,25 +126,6 @@ def test_dark_library_finds_offset_and_rate(statistics):
     assert library.verdict(0.01).code == "dark-pattern-subtracted"
 
 
-def test_doubling_temperature(expose):
-    rng = np.random.default_rng(9)
-    rate = np.abs(rng.normal(2000, 300, SHAPE))
-    sets = []
-    for temperature in (20.0, 27.0, 34.0):
-        growth = 2 ** ((temperature - 27.0) / 7.0)
-        for t in (0.001, 0.03):
-            frames = [
-                expose(np.zeros(SHAPE), t, rng, pattern_dn=rate * growth * t - 40 * t, frame_id=i) for i in range(4)
-            ]
-            sets.append(measure_whole(type(f)(**{**vars(f), "temperature_c": temperature}) for f in frames))
-    library = dark_library(sets)
-    assert library.doubling_temperature_c == pytest.approx(7.0, rel=0.02)
-    assert library.temperature_c == pytest.approx(27.0)
-    error = library.pattern_dn(SHAPE, 0.03, 27.0) - (rate - rate.mean()) * 0.03
-    assert error.std() == pytest.approx(library.noise_dn(0.03, 27.0), rel=0.05)
-    assert library.pattern_dn(SHAPE, 0.03, 34.0) == pytest.approx(library.pattern_dn(SHAPE, 0.06, 27.0), abs=5)
-
-
 def test_a_noisy_flat_field_of_an_even_sensor_is_not_chosen(uniform):
     seen = uniform(prnu=1.0, n=2, luminance=30.0)
     assert isinstance(seen.chosen, RadialVignetting)
@@ -164,11 +138,3 @@ def test_taps_with_different_gains_are_noticed(uniform):
     (found,) = [one for one in seen.findings if one.code == "flat-step"]
     assert 0.019 <= found.values["step_rel"] < 0.03
     assert found.subject == "column 100"
-
-
-def test_a_library_of_few_frames_of_an_even_sensor_is_not_worth_it(statistics):
-    rng = np.random.default_rng(8)
-    pattern = rng.normal(0, 0.3, SHAPE)
-    library = dark_library([statistics(np.zeros(SHAPE), 0.01, 2, rng, pattern_dn=pattern)])
-    assert not library.worth_applying(0.01)
-    assert library.verdict(0.01).code == "dark-pattern-too-noisy"

@@ -1,6 +1,5 @@
 """Calibrations know which part of the sensor they are of."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,7 +9,7 @@ from labcdp.calibration import CameraState
 from labcdp.calibration.sensor.dark_library import DarkLibrary
 from labcdp.calibration.sensor.defects import DefectMap
 from labcdp.core.errors import CalibrationError
-from labcdp.core.frame import Frame, Readout
+from labcdp.core.frame import Readout
 from labcdp.core.vignetting import Cos4Vignetting, FlatField, RadialVignetting
 from labcdp.evaluate.bench.corrections import natural_vignetting, pixel_area_m2
 
@@ -94,15 +93,6 @@ def test_frames_that_do_not_say_where_they_lie_are_taken_as_before(make_calibrat
         for mine, theirs in ((stated, stated), (stated, silent), (silent, stated), (silent, silent))
     ]
     assert len({one.luminance_cd_m2.tobytes() for one in maps}) == 1
-
-
-def test_readout_of_a_frame_is_recorded(make_frame):
-    readout = Readout(12, 6, (2, 1), (1, 2), (True, False), (640, 480))
-    frame = make_frame(np.full((4, 4), 9), readout=readout)
-    again = Frame.from_metadata(frame.dn, frame.metadata())
-    assert again.readout == readout
-    assert again.readout.sensor_size == (640, 480)
-    assert "readout" not in replace(frame, readout=None).metadata()
 
 
 def test_natural_vignetting_has_its_axis_in_the_middle_of_the_sensor():

@@ -83,13 +83,6 @@ def test_without_noise_a_power_law_is_exact():
     assert linear == pytest.approx(knots[0] * (knots / knots[0]) ** 2.2, rel=1e-4)
 
 
-def test_the_curve_rises_and_is_the_same_for_frames_in_any_order(bracket):
-    curve = response_from_bracket(bracket(), DARK)
-    assert response_from_bracket(list(reversed(bracket())), DARK) == curve
-    assert (np.diff(curve.response.linear_dn) > 0).all()
-    assert curve.response.linearise(curve.range_net_dn[0]) == pytest.approx(curve.range_net_dn[0])
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [

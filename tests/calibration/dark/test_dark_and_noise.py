@@ -1,5 +1,4 @@
 from dataclasses import replace
-from math import sqrt
 
 import numpy as np
 import pytest
@@ -61,16 +60,6 @@ def test_doubling_temperature_of_exact_darks(camera):
     assert dark.mean_dn(0.5) == dark.mean_dn(0.5, 27.5)
 
 
-def test_dark_signal_at_another_temperature_scatters_as_stated(camera):
-    n, rng = 1000, np.random.default_rng(4)
-    fits = [fit_dark(warm_darks(camera, rng))[0] for _ in range(n)]
-    for temperature_c in (20.0, 28.0, 40.0):
-        stated = sqrt(np.mean([f.variance_dn2(0.3, temperature_c) for f in fits]))
-        scatter = np.std([f.mean_dn(0.3, temperature_c) for f in fits])
-        # Widening by the Birge ratio only ever widens: with 5 degrees of freedom by 12 % on average (chi distribution).
-        assert stated / 1.2 < scatter < stated * (1 + 4 / sqrt(2 * n))
-
-
 def test_errors_of_the_dark_are_its_covariance(camera):
     dark, _ = fit_dark(warm_darks(camera))
     rows = dark.errors()
@@ -88,32 +77,11 @@ def test_the_bend_above_70_percent_of_saturation_is_left_out(camera):
     assert fit_noise(bent, dark)[0].k_dn_per_e == pytest.approx(0.25)
 
 
-def test_dark_at_one_exposure_is_constant_and_says_so(camera):
-    dark, (found,) = fit_dark([camera.dark(0.01, None)])
-    assert (found.code, found.values["exposure_s"]) == ("dark-one-exposure", 0.01)
-    assert (dark.mean_dn(0.01), dark.rate_dn_s) == (pytest.approx(64.4), 0.0)
-    assert dark.mean_dn(10.0) == pytest.approx(64.4)
-
-
 def test_a_dark_signal_that_falls_with_the_exposure_is_reported(camera):
     darks = [camera.dark(t, None) for t in (0.001, 0.1)]
     findings = fit_dark([replace(darks[0], mean_dn=darks[0].mean_dn + 40), darks[1]])[1]
     assert findings[0].code == "dark-falls"
     assert findings[0].values["rate_dn_s"] == pytest.approx(364, abs=1)
-
-
-def test_clipped_dark_is_reported(camera):
-    darks = [replace(camera.dark(t, None), black_share=0.25) for t in EXPOSURES_S[:2]]
-    findings = fit_dark(darks)[1]
-    assert findings[0] == warning("dark-clipped", exposure_s=0.001, share=0.25)
-
-
-def test_repeated_frames_are_noticed(camera):
-    dark, _ = fit_dark([camera.dark(t, None) for t in EXPOSURES_S])
-    still = [replace(o, temporal_variance_dn2=0.0) for o in observations(camera)]
-    noise, (found,) = fit_noise(still, dark)
-    assert noise.k_dn_per_e == 0.0
-    assert found.code == "k-not-positive"
 
 
 def test_no_patch_for_photon_transfer(camera):

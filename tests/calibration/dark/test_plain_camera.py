@@ -83,18 +83,6 @@ def test_signals_scatter_as_stated(bench, world):
     assert np.mean(np.abs(scores) < 1.96) > 0.85
 
 
-@pytest.mark.parametrize("drift_dn", [0.0, 0.3])
-def test_dark_model_covers_the_black_level(bench, drift_dn):
-    rng, runs, inside = np.random.default_rng(3), 50, 0
-    for _ in range(runs):
-        dark, _, _ = bench(rng, n=4, exposures_s=(0.001, 0.1, 1.0), drift_dn=drift_dn)
-        error = dark.mean_dn(0.5) - (64 + K * CURRENT_E_S * 0.5)
-        inside += abs(error) <= 1.96 * sqrt(dark.variance_dn2(0.5))
-        assert (dark.drift_dn > 0.1) == (drift_dn > 0)
-    # The drift has nine degrees of freedom: Student's t would take it to 95 %.
-    assert inside / runs > 0.92 - 3 * sqrt(0.08 * 0.92 / runs)
-
-
 @pytest.mark.parametrize("exposures_s", [(0.1,), (0.1, 1.0)])
 def test_library_at_another_temperature_scales_or_says_that_it_cannot(frames, exposures_s):
     rng = np.random.default_rng(4)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from labcdp.calibration import fit
-from labcdp.calibration.converter import common_errors
 from labcdp.calibration.sensor.dark import fit_dark
 from labcdp.calibration.sensor.noise import GainSetting, TemporalNoise, fit_noise
 from labcdp.calibration.sensor.response import ResponseCurve
@@ -55,22 +54,6 @@ def test_the_patches_scale_it(bench, setup, camera):
     assert r.random_rel > linear.responsivity.random_rel  # it has the error of the curve
 
 
-def test_the_error_of_the_curve_is_carried(bench, setup):
-    """As the curve's errors less their mean over the patches; they (nearly) cancel for equal signals."""
-    data = bench(1)
-    small, large = (fit(*data, setup, response=curve(residual_rel=rel)) for rel in (0.002, 0.01))
-    n = np.array([20.0, 300.0, 3500.0])
-    of_curve = [
-        np.array([e.relative for e in common_errors(c, n, 0.008) if e.source == "linearity"]) for c in (small, large)
-    ]
-    totals = [np.sqrt((rows**2).sum(axis=0)) for rows in of_curve]
-    assert (totals[1] > totals[0]).all()
-    assert totals[1][1] < totals[1][0]  # patches in the middle hold the curve
-    link = np.hypot(0.01, 0.01 * np.log(2) ** 2)
-    contrast = np.sqrt(((of_curve[1][:, 2] - of_curve[1][:, 0]) ** 2).sum())
-    assert contrast == pytest.approx(link * np.sqrt(np.log(3500 / 20) / np.log(2)), rel=0.15)
-
-
 @pytest.mark.parametrize("power", [1.05, 0.95])
 def test_a_bent_curve_of_a_linear_camera_contradicts_the_patches(bench, setup, power):
     with pytest.raises(
@@ -78,21 +61,6 @@ def test_a_bent_curve_of_a_linear_camera_contradicts_the_patches(bench, setup, p
         match=r"the response of the bracket contradicts the patches, a linear one fits them clearly better \(leave-one",
     ):
         fit(*bench(2), setup, response=curve(power))
-
-
-def test_a_curve_within_its_own_error_does_not(bench, setup):
-    refused = 0
-    for seed in range(10):
-        rng = np.random.default_rng(1000 + seed)
-        true = curve()
-        ramps = true.errors(np.array(true.response.net_dn[1:]))
-        h = np.array(true.response.linear_dn[1:]) * (1 + rng.normal(size=len(ramps)) @ ramps)
-        wrong = Response("table", true.response.net_dn, (0.0, *(h / h[0] * 8.0).tolist()))
-        try:
-            fit(*bench(seed), setup, response=replace(true, response=wrong))
-        except CalibrationError:
-            refused += 1
-    assert refused <= 1
 
 
 def test_signals_outside_the_curve_are_left_out(bench, setup):

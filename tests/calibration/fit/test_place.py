@@ -10,7 +10,7 @@ import pytest
 
 from labcdp.calibration import contrast_uncertainty, fit, patch_luminance
 from labcdp.calibration.frames.nonuniformity import smooth_patterns
-from labcdp.core.vignetting import Cos4Vignetting, FlatField, RadialVignetting
+from labcdp.core.vignetting import FlatField, RadialVignetting
 
 SHAPE = (48, 64)
 EXPOSURES_S = (0.001, 0.008, 0.064)
@@ -74,17 +74,6 @@ def test_smooth_patterns_have_mean_0_and_rms_1_over_the_image():
     assert patterns.T @ patterns / len(PIXELS) == pytest.approx(np.eye(3), abs=3e-3)
 
 
-def test_a_patch_has_the_non_uniformity_of_the_source_to_itself(camera, meter_class, setup):
-    calibration = fit(*bench(camera, meter_class(), np.random.default_rng(1), np.ones(12), EVEN_FIELD), setup)
-    exact = fit(*bench(camera, meter_class(), np.random.default_rng(1), np.ones(12)), setup)
-    bright, dark = (
-        patch_luminance(calibration, seen_at(camera, "new", v, (8, 8), 1.0, None, EVEN_FIELD)) for v in (300, 100)
-    )
-    alone = patch_luminance(exact, seen_at(camera, "new", 300, (8, 8), 1.0, None))
-    assert bright.random_rel == pytest.approx(np.hypot(alone.random_rel, UNEVEN_REL), rel=0.01)
-    assert contrast_uncertainty(bright, dark) >= 3 * sqrt(2) * UNEVEN_REL
-
-
 def test_errors_of_the_polynomial_cancel_between_near_patches(camera, meter_class, setup):
     covariance = ((1e-4, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     polynomial = RadialVignetting(-0.2, 0.0, 0.0, None, covariance)
@@ -142,17 +131,6 @@ def test_vignetting_that_is_not_taken_off_is_named_and_counts(camera, meter_clas
     assert contrasts >= 0.95 - 3 * sqrt(0.95 * 0.05 / n)
     assert lost == 0
     assert named == n
-
-
-def test_what_is_said_of_vignetting_depends_on_what_was_taken_off(camera, meter_class, setup):
-    true_v = np.array([1 - 0.2 * np.hypot(x - 32, y - 24) ** 2 / 40**2 for x, y in PLACES])
-    for vignetting, code in (
-        (Cos4Vignetting(6e-3, 1e-6), "vignetting-not-cos4"),
-        (EVEN_FIELD, "vignetting-changed"),
-    ):
-        calibration = fit(*bench(camera, meter_class(), np.random.default_rng(5), true_v, vignetting), setup)
-        assert found(calibration, "vignetting").significant
-        assert code in {one.code for one in calibration.findings}
 
 
 @pytest.mark.parametrize("drift_per_h", [0.02, -0.05])

@@ -25,18 +25,6 @@ def test_vignetting_is_removed_from_the_light_and_not_from_the_dark(new_frame):
     assert seen.net_dn_at_pixel(64.0) == pytest.approx(3000 * cut.mean(), rel=0.01)
 
 
-def test_an_even_patch_is_even_only_with_the_right_dark(new_frame):
-    vignetting = Cos4Vignetting(focal_length_m=0.006, pixel_pitch_m=1e-4)
-    image = 64 + 300 * vignetting.relative_illuminance(SHAPE)
-    noise = np.random.default_rng(2)
-    frames = [new_frame(image + noise.normal(0, 0.5, SHAPE)) for _ in range(16)]
-    (seen,) = observe_patches(frames, [PATCH], vignetting)
-    assert seen.nonuniformity_variance_dn2(64.0) == 0.0
-    cells = (64 / vignetting.relative_illuminance(SHAPE))[4:20, 8:24].reshape(4, 4, 4, 4)
-    between, within = np.var(cells.mean(axis=(1, 3)), ddof=1), np.mean(cells.var(axis=(1, 3))) * 16 / 15
-    assert seen.nonuniformity_variance_dn2(0.0) == pytest.approx(between - within / 16, rel=0.1)
-
-
 def test_a_gradient_is_found_and_kept_apart_from_the_pixels(new_frame):
     rng = np.random.default_rng(4)
     pattern = rng.normal(0, 5, SHAPE)

@@ -137,15 +137,18 @@ class SimulatedMeter:
         )
 
 
-def make_frame(mean_dn: NDArray[np.float64], exposure_s: float = 0.01, frame_id: int = 0) -> Frame:
-    return Frame(
-        dn=np.clip(np.rint(mean_dn), 0, 4095).astype(np.uint16),
+def make_frame(
+    mean_dn: NDArray[np.float64], exposure_s: float = 0.01, frame_id: int = 0, bit_depth: int = 12, **changes: object
+) -> Frame:
+    full = 2**bit_depth - 1
+    frame = Frame(
+        dn=np.clip(np.rint(mean_dn), 0, full).astype(np.uint16),
         exposure_s=exposure_s,
         gain_db=0.0,
-        bit_depth=12,
-        saturation_dn=4095.0,
+        bit_depth=bit_depth,
+        saturation_dn=float(full),
         black_level_dn=64.0,
-        pixel_format="Mono12",
+        pixel_format=f"Mono{bit_depth}",
         colour_filter=None,
         temperature_c=30.0,
         timestamp=START + timedelta(seconds=frame_id),
@@ -153,6 +156,7 @@ def make_frame(mean_dn: NDArray[np.float64], exposure_s: float = 0.01, frame_id:
         frame_id=frame_id,
         camera=CAMERA,
     )
+    return replace(frame, **changes)  # type: ignore[arg-type]
 
 
 def make_reading(value: float, **changes: object) -> Reading:

@@ -26,13 +26,6 @@ def test_errors_have_the_stated_size_and_cancel_for_one_chromaticity_only(one, o
     assert colourfulness(one) == pytest.approx(np.std(one) / np.mean(one))
 
 
-def test_noise_of_grey_pixels_is_no_mismatch():
-    """The mean error of 40 000 noisy grey pixels, 10 % in each colour, is their mean colourfulness over sqrt(n)."""
-    noisy = 1 + np.random.default_rng(2).normal(0, 0.1, (200, 200, 3))
-    errors = patterns(noisy).mean(axis=(1, 2))
-    assert np.abs(errors).max() < 4 * np.sqrt(np.mean(colourfulness(noisy) ** 2)) / 200
-
-
 def random_camera(rng, nm):
     """Bells with unlike flanks at usual places, cross talk, and a filter for infrared light."""
 

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from datetime import UTC, datetime, timedelta
-
 import numpy as np
 import pytest
 
@@ -21,12 +18,10 @@ from labcdp.calibration import (
 from labcdp.calibration.findings import FitError
 from labcdp.calibration.frames.measure import measure_whole
 from labcdp.calibration.model import Calibration
-from labcdp.core.frame import CameraIdentity, Frame
-from labcdp.core.reading import MeterIdentity
 from labcdp.core.response import Response
 
-CAMERA = CameraIdentity("Allied Vision", "Manta G-505B", "503363706")
-START = datetime(2018, 3, 1, 12, tzinfo=UTC)
+from .. import conftest
+
 SHAPE = (48, 64)
 RESPONSIVITY, K, DARK_NOISE, OFFSET, RATE = 1200.0, 0.25, 1.5, 64.0, 40.0
 
@@ -34,10 +29,10 @@ RESPONSIVITY, K, DARK_NOISE, OFFSET, RATE = 1200.0, 0.25, 1.5, 64.0, 40.0
 def new_calibration(shape=SHAPE, bit_depth=12, **changes):
     full = 2**bit_depth - 1
     values = {
-        "state": CameraState(CAMERA, f"Mono{bit_depth}", bit_depth, shape, 0.0, float(full), 64.0),
+        "state": CameraState(conftest.CAMERA, f"Mono{bit_depth}", bit_depth, shape, 0.0, float(full), 64.0),
         "lens": LensIdentity("Kowa LM6NCL", "", 0.006, 2.6),
         "source_spectrum": "LED-B4",
-        "meter_scale": MeterScale(MeterIdentity("LS-110", "73323007"), 0.02),
+        "meter_scale": MeterScale(conftest.METER, 0.02),
         "responsivity": ResponsivityFit(RESPONSIVITY, 0.003, 10.0, 11, 0.0, 0.0, None, None),
         "response": Response(),
         "fit_errors": (
@@ -59,30 +54,13 @@ def new_calibration(shape=SHAPE, bit_depth=12, **changes):
         "ladder": (),
         "tests": (),
         "findings": (),
-        "provenance": Provenance(START, "0" * 64, {"labcdp": "0"}),
+        "provenance": Provenance(conftest.START, "0" * 64, {"labcdp": "0"}),
     }
     return Calibration(**values | changes)
 
 
 def new_frame(mean_dn, exposure_s=0.008, frame_id=0, bit_depth=12, **changes):
-    full = 2**bit_depth - 1
-    dn = np.clip(np.rint(mean_dn), 0, full).astype(np.uint16)
-    frame = Frame(
-        dn=dn,
-        exposure_s=exposure_s,
-        gain_db=0.0,
-        bit_depth=bit_depth,
-        saturation_dn=float(full),
-        black_level_dn=64.0,
-        pixel_format=f"Mono{bit_depth}",
-        colour_filter=None,
-        temperature_c=30.0,
-        timestamp=START + timedelta(seconds=frame_id),
-        camera_timestamp_ns=frame_id,
-        frame_id=frame_id,
-        camera=CAMERA,
-    )
-    return replace(frame, **changes)
+    return conftest.make_frame(mean_dn, exposure_s, frame_id, bit_depth, **changes)
 
 
 def exposed(luminance_cd_m2, exposure_s, rng, pattern_dn=0.0, v=1.0, frame_id=0):

@@ -95,14 +95,6 @@ def test_frames_that_do_not_say_where_they_lie_are_taken_as_before(make_calibrat
     assert len({one.luminance_cd_m2.tobytes() for one in maps}) == 1
 
 
-def test_natural_vignetting_has_its_axis_in_the_middle_of_the_sensor():
-    whole = Cos4Vignetting(0.001, 1e-5).relative_illuminance((40, 60))
-    corner = Readout(4, 2, sensor_size=(60, 40))
-    part = Cos4Vignetting(0.001, 1e-5, corner.axis_px((20, 20))).relative_illuminance((20, 20))
-    np.testing.assert_allclose(part, whole[2:22, 4:24])
-    assert Readout(sensor_size=(60, 40)).axis_px((40, 60)) is None
-
-
 def test_pixels_of_binned_frames_are_larger(make_frame):
     whole = Cos4Vignetting(0.001, 1e-5).relative_illuminance((40, 60))
     of_blocks = whole.reshape(20, 2, 30, 2).mean(axis=(1, 3))

@@ -82,10 +82,3 @@ def test_a_dark_signal_that_falls_with_the_exposure_is_reported(camera):
     findings = fit_dark([replace(darks[0], mean_dn=darks[0].mean_dn + 40), darks[1]])[1]
     assert findings[0].code == "dark-falls"
     assert findings[0].values["rate_dn_s"] == pytest.approx(364, abs=1)
-
-
-def test_no_patch_for_photon_transfer(camera):
-    dark, _ = fit_dark([camera.dark(t, None) for t in EXPOSURES_S])
-    noise, (found,) = fit_noise(observations(camera, luminances=(300.0,)), dark)
-    assert (noise.k_dn_per_e, noise.dark_noise_dn) == (0.0, pytest.approx(1.5))
-    assert found == warning("k-unknown", share=0.7)

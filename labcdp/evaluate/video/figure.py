@@ -122,14 +122,13 @@ def frames_of_a_point(dataset: Dataset) -> int:
 
 
 def _cdp(dataset: Dataset, rows: list[dict[str, Any]]) -> _Panel:
-    found = []
+    curves, colours = [], iter(_COLOURS)
     if rows[0]["kind"] == "reference":
-        values = (dataset[name].values for name in ("reference_cdp", "reference_cdp_low", "reference_cdp_high"))
-        found.append((contrast_name(rows.pop(0)), *values))
+        y, low, high = (dataset[name].values for name in ("reference_cdp", "reference_cdp_low", "reference_cdp_high"))
+        curves.append(_Curve(contrast_name(rows.pop(0)), next(colours), y, low, high))
     for place in drawn_contrasts(dataset):
-        one = dataset.isel(contrast=place)
-        found.append((contrast_name(rows[place]), *(one[name].values for name in ("cdp", "cdp_low", "cdp_high"))))
-    curves = [_Curve(label, colour, *values) for colour, (label, *values) in zip(_COLOURS, found, strict=False)]
+        y, low, high = (dataset[name].isel(contrast=place).values for name in ("cdp", "cdp_low", "cdp_high"))
+        curves.append(_Curve(contrast_name(rows[place]), next(colours), y, low, high))
     return _Panel(3.2, "CDP", (-0.03, 1.03), curves)
 
 
@@ -138,14 +137,14 @@ def _contrast(dataset: Dataset) -> _Panel:
     half_width = 100 * Z_95 * dataset["measured_contrast_standard_uncertainty"].values
     curves = [_Curve("measured", "black", y, y - half_width, y + half_width)]
     if "reference_contrast" in dataset and np.isfinite(dataset["reference_contrast"].values).any():
-        curves.append(_Curve("reference", BLUE, *[100 * dataset["reference_contrast"].values] * 3, style="--"))
+        y = 100 * dataset["reference_contrast"].values
+        curves.append(_Curve("reference", BLUE, y, y, y, "--"))
     return _Panel(2.0, "contrast in %", None, curves)
 
 
 def _quality(dataset: Dataset) -> _Panel:
-    names = [shortened(str(name), 28) for name in dataset["region"].values]
-    values = dataset["quality"].values.T
-    curves = [_Curve(*one, *[y] * 3) for *one, y in zip(names, _REGION_COLOURS, values, strict=False)]
+    named = zip(dataset["region"].values, _REGION_COLOURS, dataset["quality"].values.T, strict=False)
+    curves = [_Curve(shortened(str(name), 28), colour, y, y, y) for name, colour, y in named]
     return _Panel(1.6, "tracking\nquality", (-0.05, 1.05), curves)
 
 

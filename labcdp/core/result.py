@@ -109,9 +109,7 @@ class Quantity:
     key: str = ""
 
 
-def quantity_table(
-    name: str, title: str, quantities: Iterable[Quantity], note: str = "", detail: bool = False
-) -> Table:
+def quantity_table(name: str, title: str, quantities: Iterable[Quantity], detail: bool = False) -> Table:
     """Return a table of quantities, one a row."""
     quantities = list(quantities)
     columns = (
@@ -122,7 +120,7 @@ def quantity_table(
         Column("key", "key", meaning="Name for programs.", shown=False),
     )
     named = any(one.key for one in quantities)
-    return Table.of_items(name, title, columns if named else columns[:-1], quantities, note, detail)
+    return Table.of_items(name, title, columns if named else columns[:-1], quantities, detail=detail)
 
 
 def _expanded(quantity: Quantity) -> float | None:

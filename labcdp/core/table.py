@@ -83,7 +83,7 @@ class Column:
 def uncertain(column: Column, u: Taken = "", expanded: Taken = "") -> tuple[Column, Column, Column]:
     """Return a column that shows ``value ± U``, with its columns of U and u.
 
-    `uncertain_values` fills them in a table of rows, `u` and `expanded` (by default 1.96 u) in one of items.
+    In a table of items `u` and `expanded` (by default 1.96 u) are their values.
     """
     hidden = replace(column, digits=2, decimals=None, shown=False)
     names = (
@@ -105,11 +105,6 @@ def _expanded(u: float | None) -> float | None:
 
 def _taken(value: Taken, item: Any) -> Any:
     return attrgetter(value)(item) if isinstance(value, str) else value(item)
-
-
-def uncertain_values(name: str, value: float | None, u: float | None) -> dict[str, float | None]:
-    """Return value, U and u of a row, for the columns of `uncertain`."""
-    return {name: value, f"expanded_{name}": _expanded(u), f"u_{name}": u}
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,8 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from labcdp.core.errors import InputError
-from labcdp.core.result import Finding, InputFile, Result, info, unique, warning
-from labcdp.core.table import Column, Table, uncertain, uncertain_values
+from labcdp.core.result import Finding, InputFile, Quantity, Result, info, quantity_table, unique, warning
+from labcdp.core.table import Column, Table
 from labcdp.report.files import envelope, envelope_json, schema
 from labcdp.report.html import render_page
 from labcdp.report.layout import Card, Facts, Page, ReportFigure, Section
@@ -55,17 +55,9 @@ def test_numbers_carry_the_digits_that_their_uncertainty_supports(result: Result
 
 
 def test_a_quantity_in_percent_is_a_fraction_in_data() -> None:
-    columns = (
-        Column("quantity", "quantity"),
-        *uncertain(Column("value", "value", unit_of="unit")),
-        Column("unit", "unit"),
-    )
-    rows = [
-        {"quantity": "PRNU", "unit": "%", **uncertain_values("value", 0.0123, 0.0005)},
-        {"quantity": "K", "unit": "DN/e⁻", **uncertain_values("value", 0.5, 0.01)},
-    ]
-    table = Table.of_rows("quantities", "Quantities", columns, rows)
-    assert text_table(table)[1] == [["PRNU", "1.230 ± 0.098", "%"], ["K", "0.500 ± 0.020", "DN/e⁻"]]
+    quantities = (Quantity("PRNU", 0.0123, "%", u=0.0005), Quantity("K", 0.5, "DN/e⁻", u=0.01))
+    table = quantity_table("quantities", "Quantities", quantities)
+    assert text_table(table)[1] == [["PRNU", "1.230 ± 0.098", "%", "-"], ["K", "0.500 ± 0.020", "DN/e⁻", "-"]]
     result = Result("characterise", "a", (table,))
     written = envelope(result)["tables"]["quantities"]["rows"]
     assert [(row["value"], row["u_value"], row["unit"]) for row in written] == [

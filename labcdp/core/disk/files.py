@@ -6,7 +6,8 @@ import errno
 import hashlib
 import os
 import stat
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from difflib import get_close_matches
 from io import BufferedRandom, BufferedReader
 from os import PathLike
@@ -118,7 +119,7 @@ def open_regular(path: AnyPath, writable: bool = False) -> BufferedReader | Buff
     # A device does things when it is opened: a rewound tape, a reset board.
     _require_regular(path, missing_is_good=writable)
     flags = _FLAGS | (os.O_RDWR | os.O_CREAT if writable else os.O_RDONLY)
-    number = _opened(path, flags)
+    number = os.open(path, flags, 0o666)
     file = os.fdopen(number, "r+b") if writable else os.fdopen(number, "rb")
     try:
         _require_kind(os.fstat(file.fileno()).st_mode, path)
@@ -126,10 +127,6 @@ def open_regular(path: AnyPath, writable: bool = False) -> BufferedReader | Buff
         file.close()
         raise
     return file
-
-
-def _opened(path: AnyPath, flags: int) -> int:
-    return os.open(path, flags, 0o666)
 
 
 def _require_regular(path: AnyPath, missing_is_good: bool) -> None:
@@ -185,8 +182,14 @@ def read_bytes(path: AnyPath, what: str, most_bytes: int, error: type[InputError
     InputError
         If it cannot be read, is no regular file, or is larger.
     """
-    try:
+    with _reported(path, what, error):
         return read_at_most(path, most_bytes)
+
+
+@contextmanager
+def _reported(path: AnyPath, what: str, error: type[InputError] = InputError) -> Iterator[None]:
+    try:
+        yield
     except OSError as caught:
         raise error(f"{name_of(path)} cannot be read ({reason(caught)}): give {what}") from caught
 
@@ -202,11 +205,8 @@ def read_text(path: AnyPath, what: str, most_bytes: int, error: type[InputError]
 
 def file_sha256(path: AnyPath, what: str) -> str:
     """Return the hash of a regular file, which is read in pieces; raises InputError as `require_regular`."""
-    try:
-        with open_regular(path) as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise InputError(f"{name_of(path)} cannot be read ({reason(error)}): give {what}") from error
+    with _reported(path, what), open_regular(path) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def require_regular(path: AnyPath, what: str) -> int:
@@ -217,11 +217,8 @@ def require_regular(path: AnyPath, what: str) -> int:
     InputError
         If it cannot be read or is no regular file.
     """
-    try:
-        with open_regular(path) as file:
-            return os.fstat(file.fileno()).st_size
-    except OSError as error:
-        raise InputError(f"{name_of(path)} cannot be read ({reason(error)}): give {what}") from error
+    with _reported(path, what), open_regular(path) as file:
+        return os.fstat(file.fileno()).st_size
 
 
 def real_path(path: AnyPath) -> Path:

@@ -169,12 +169,13 @@ def _unpacked_bytes(data: bytes) -> int:
     return length
 
 
-#: Time a file has, and its size adds.
+#: Memory in addition to that of Python and its libraries, time a file has, and its size adds.
+_MOST_MEMORY = 2**32
 _SECONDS, _BYTES_PER_SECOND = 8, 10_000_000
 _PROGRAM = "from labcdp.core.disk.tiff import _work; _work()"
 
 
-def read_in_child(reader: str, data: bytes, most_bytes: int = 2**32) -> Any:
+def read_in_child(reader: str, data: bytes) -> Any:
     """Have a function read bytes in a child process that is killed when it takes too long.
 
     Parameters
@@ -183,8 +184,6 @@ def read_in_child(reader: str, data: bytes, most_bytes: int = 2**32) -> Any:
         Module and name of the function, ``package.module:function``; it takes the bytes.
     data : bytes
         The file.
-    most_bytes : int
-        Memory in addition to that of Python and its libraries.
 
     Returns
     -------
@@ -199,7 +198,7 @@ def read_in_child(reader: str, data: bytes, most_bytes: int = 2**32) -> Any:
     # Of the processor; in all it may be more, as other programs run too.
     seconds = _SECONDS + len(data) // _BYTES_PER_SECOND
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    command = [sys.executable, "-c", _PROGRAM, reader, str(seconds), str(most_bytes)]
+    command = [sys.executable, "-c", _PROGRAM, reader, str(seconds)]
     try:
         done = subprocess.run(  # noqa: S603 (our own interpreter and arguments)
             command, input=data, capture_output=True, timeout=10 * seconds, env=environment, check=False
@@ -216,14 +215,14 @@ def read_in_child(reader: str, data: bytes, most_bytes: int = 2**32) -> Any:
 
 def _work() -> None:
     """Be the child: read bytes from standard input, and write the pickled result to standard output."""
-    reader, seconds, most_bytes = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
+    reader, seconds = sys.argv[1], int(sys.argv[2])
     # Libraries write where they like: not between our bytes.
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     module, _, name = reader.partition(":")
     read = getattr(importlib.import_module(module), name)
     data = sys.stdin.buffer.read()
-    _limit(seconds, most_bytes + len(data))
+    _limit(seconds, _MOST_MEMORY + len(data))
     try:
         result = True, read(data)
     # Damage can surface as almost any error of the libraries.

@@ -10,7 +10,7 @@ from shlex import quote
 import typer
 
 from ...calibration import load
-from ...calibration.emva import INDEX_NAME, Characterisation, index_path
+from ...calibration.emva import INDEX_NAME, Characterisation, characterise_data_set, index_path
 from ...core.errors import InputError
 from ...core.result import InputFile
 from ...evaluate.bench.calibrate import calibrate_session
@@ -18,7 +18,7 @@ from ...evaluate.bench.corrections import calibration_for, corrections_of
 from ...evaluate.bench.observe import observe_session
 from ...evaluate.bench.recorded import certificate_of
 from ...evaluate.bench.session_result import session_input
-from ...evaluate.camera.characterise import characterise_index, characterise_session
+from ...evaluate.camera.characterise import characterise_session
 from ...evaluate.camera.result import result as characterisation_result
 from ...evaluate.camera.result import write_characterisation
 from ...evaluate.twin.estimate import require_monochrome
@@ -57,7 +57,7 @@ def _characterised(path: Path) -> tuple[Characterisation, list[InputFile], str]:
     index = index_path(path)
     with progress_bar("Reading") as report:
         if index is not None:
-            found = characterise_index(index, report)
+            found = characterise_data_set(index, report)
             return found, [InputFile.of("index", index)], index.resolve().parent.name
         if not (path / "session.toml").exists():
             raise InputError(f"{path} contains neither a session nor {INDEX_NAME}: give a session or a data set")

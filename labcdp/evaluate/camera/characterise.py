@@ -1,15 +1,13 @@
-"""Characterisation of a camera after EMVA 1288, from a data set or from a recorded session."""
+"""Characterisation of a camera after EMVA 1288 from a recorded session."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from math import hypot, inf
-from os import PathLike
 
 import numpy as np
 
-from ...calibration.emva import characterise_data_set
 from ...calibration.emva.assemble import Transfer, assemble, with_frame_changes
 from ...calibration.emva.dark import fit_dark_current
 from ...calibration.emva.nonuniformity import (
@@ -60,13 +58,6 @@ _SATURATED = "saturation capacity, mean of the patches that are completely satur
 _BRIGHTEST = "brightest unsaturated patch"
 #: Range of signals, as shares of saturation, for PRNU; below, noise dominates.
 _PRNU_SHARES = (0.1, 0.9)
-
-
-def characterise_index(
-    path: str | PathLike[str], report: Callable[[int, int], None] = lambda _done, _total: None
-) -> Characterisation:
-    """Characterise a camera from the index of a data set; see `labcdp.calibration.emva.characterise_data_set`."""
-    return characterise_data_set(path, report)
 
 
 def characterise_session(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
@@ -32,9 +32,6 @@ if TYPE_CHECKING:
 
     from ...calibration.emva.result import Characterisation, Quantity
 
-_SIZE_IN = (9.0, 4.6)
-
-
 #: Captions of the figures, in the order they are shown.
 _CAPTIONS = {
     "photon-transfer": "Photon transfer: temporal variance over mean, both above those of the dark frames. The slope "
@@ -58,20 +55,25 @@ def is_series(found: Characterisation) -> bool:
 
 
 def signal_figures(found: Characterisation) -> list[ReportFigure]:
-    """Draw photon transfer, sensitivity, linearity, SNR and dark signal."""
-    drawn = (photon_transfer_figure, sensitivity_figure, linearity_figure, snr_figure, dark_figure)
-    figures = zip(_CAPTIONS.items(), (draw(found) for draw in drawn), strict=True)
-    return [figure_of(name, data, caption) for (name, caption), data in figures if data is not None]
+    """Draw photon transfer, sensitivity, linearity where it is known, SNR and dark signal."""
+    heights_in = {"linearity": 6.6 if is_series(found) else 4.6, "dark-current": 6.2}
+    drawn, figures = (_photon_transfer, _sensitivity, _linearity, _snr, _dark), []
+    for (name, caption), draw in zip(_CAPTIONS.items(), drawn, strict=True):
+        if name != "linearity" or found.linearity_error_min_rel is not None:
+            figure = sized(found, heights_in.get(name, 4.6))
+            draw(figure, found)
+            figures.append(figure_of(name, figure, caption))
+    return figures
 
 
-def figure_of(name: str, data: bytes, caption: str) -> ReportFigure:
+def figure_of(name: str, figure: Figure, caption: str) -> ReportFigure:
     """Return a figure with its file name; the caption also is its alternative."""
-    return ReportFigure(f"characterise-{name}.png", data, caption, caption)
+    return ReportFigure(f"characterise-{name}.png", png(figure), caption, caption)
 
 
-def photon_transfer_figure(result: Characterisation) -> bytes:
+def _photon_transfer(figure: Figure, result: Characterisation) -> None:
     """Draw temporal variance over signal, with the line whose slope is K."""
-    figure, axes = _figure(result)
+    axes = figure.subplots()
     net, variance = _values(result.series, "net_dn"), _values(result.series, "net_variance_dn2")
     limit = FIT_SHARE * result.saturation_dn.value
     fitted = (net > 0) & (net <= limit)
@@ -79,41 +81,36 @@ def photon_transfer_figure(result: Characterisation) -> bytes:
     axes.plot(net[fitted], variance[fitted], **_POINTS, label="fitted")
     start = 0.0 if is_series(result) else max(float(net[net > 0].min()), 1e-3)
     _slope(axes, result.k_dn_per_e, "K", "DN/e⁻", (start, result.saturation_dn.value))
-    axes.axvline(result.saturation_dn.value, color=VERMILLION, **_DASHED, label=_saturation_text(result))
+    _saturation(axes.axvline, result, result.saturation_dn.value)
     if not is_series(result):
         _both_logarithmic(axes)
     finish(axes, "mean above dark in DN", "temporal variance above dark in DN²", "Photon transfer")
-    return png(figure)
 
 
-def sensitivity_figure(result: Characterisation) -> bytes:
+def _sensitivity(figure: Figure, result: Characterisation) -> None:
     """Draw signal over photons with the line whose slope is R; of a session signal over exposure."""
-    figure, axes = _figure(result)
+    axes = figure.subplots()
     if is_series(result):
         axes.plot(_values(result.series, "photons"), _values(result.series, "net_dn"), **_POINTS, label="measured")
         r, end = result.responsivity, result.saturation_photons
         if r is not None and end is not None:
             _slope(axes, r, "R", "DN/photon", (0.0, end.value))
-            axes.axvline(end.value, color=VERMILLION, **_DASHED, label=_saturation_text(result))
+            _saturation(axes.axvline, result, end.value)
         finish(axes, "photons per pixel", "mean above dark in DN", "Sensitivity")
-        return png(figure)
+        return
     for name in dict.fromkeys(point.label for point in result.series):
         own = [point for point in result.series if point.label == name and point.net_dn > 0]
         own.sort(key=lambda point: point.exposure_s)
         exposure_ms = 1e3 * _values(own, "exposure_s")
         axes.plot(exposure_ms, _values(own, "net_dn"), "o-", color="0.5", markersize=4, linewidth=0.8)
-    axes.axhline(result.saturation_dn.value, color=VERMILLION, **_DASHED, label=_saturation_text(result))
+    _saturation(axes.axhline, result, result.saturation_dn.value)
     _both_logarithmic(axes)
     finish(axes, "exposure in ms", "mean above dark in DN", "Sensitivity: each line is a patch")
-    return png(figure)
 
 
-def linearity_figure(result: Characterisation) -> bytes | None:
-    """Draw the deviations from the line over the stimulus; None where linearity is not known."""
-    if result.linearity_error_min_rel is None or result.linearity_error_max_rel is None:
-        return None
+def _linearity(figure: Figure, result: Characterisation) -> None:
+    """Draw the deviations from the line over the stimulus."""
     line = linearity(result.series, result.saturation_dn.value) if is_series(result) else None
-    figure = sized(result, _SIZE_IN[1] if line is None else 6.6)
     if line is None:
         below = figure.subplots()
         rows = patch_deviations(result.series, result.saturation_dn.value)
@@ -130,17 +127,16 @@ def linearity_figure(result: Characterisation) -> bytes | None:
         x, deviation, u = line.stimulus, line.deviation_rel, line.uncertainty_rel
         labels = "photons per pixel", "Deviation from the line"
     below.errorbar(x, 100 * deviation, yerr=100 * Z_95 * u, **_BARS)
-    limits = [100 * one.value for one in (result.linearity_error_min_rel, result.linearity_error_max_rel)]
+    limits = [100 * one.value for one in (result.linearity_error_min_rel, result.linearity_error_max_rel) if one]
     below.axhline(0.0, color=BLUE, linewidth=1.5)
     below.axhline(limits[0], color=ORANGE, **_DASHED, label=f"{limits[0]:+.3f} % and {limits[1]:+.3f} %")
     below.axhline(limits[1], color=ORANGE, **_DASHED)
     finish(below, labels[0], "deviation in %", f"{labels[1]}, bars: U (95 %) by noise, black level and lamp")
-    return png(figure)
 
 
-def snr_figure(result: Characterisation) -> bytes:
+def _snr(figure: Figure, result: Characterisation) -> None:
     """Draw SNR over photons or electrons: measured, by the model, with the fixed pattern, and ideal."""
-    figure, axes = _figure(result)
+    axes = figure.subplots()
     series = is_series(result) and result.quantum_efficiency is not None
     k, qe = result.k_dn_per_e.value, result.quantum_efficiency.value if series and result.quantum_efficiency else 1.0
     net, variance = _values(result.series, "net_dn"), _values(result.series, "light.variance_dn2")
@@ -157,16 +153,14 @@ def snr_figure(result: Characterisation) -> bytes:
     text = "ideal sensor (QE 100 %)" if series else "photon noise alone"
     axes.plot(electrons / qe, np.sqrt(electrons / qe), color="0.5", **_DASHED, label=text)
     axes.axvline(threshold / qe, color=ORANGE, linewidth=1.0, linestyle="dotted", label="threshold, SNR 1")
-    axes.axvline(full / qe, color=VERMILLION, **_DASHED, label=_saturation_text(result))
+    _saturation(axes.axvline, result, full / qe)
     _both_logarithmic(axes)
     x = "photons per pixel" if series else "photo-electrons per pixel"
     finish(axes, x, "SNR (mean / standard deviation)", "Signal-to-noise ratio")
-    return png(figure)
 
 
-def dark_figure(result: Characterisation) -> bytes:
+def _dark(figure: Figure, result: Characterisation) -> None:
     """Draw mean and variance of the dark signal over the exposure, with the lines of the dark current."""
-    figure = sized(result, 6.2)
     above, below = figure.subplots(2, 1, sharex=True)
     fitted = fit_dark_current(result.darks)
     model, variance = fitted.model, fitted.variance
@@ -184,17 +178,11 @@ def dark_figure(result: Characterisation) -> bytes:
         axes.plot(ends, intercept + slope * ends / 1e3, color=BLUE, linewidth=1.5, label=text)
         axes.margins(y=0.25)
         finish(axes, "exposure in ms" if axes is below else "", unit, "Dark signal" if axes is above else "")
-    return png(figure)
 
 
-def sized(result: Characterisation, height_in: float, width_in: float = _SIZE_IN[0]) -> Figure:
+def sized(result: Characterisation, height_in: float, width_in: float = 9.0) -> Figure:
     """Return an empty figure that says whether the camera is simulated."""
     return new_figure(width_in, height_in, "camera" if result.simulated else "")
-
-
-def _figure(result: Characterisation) -> tuple[Figure, Axes]:
-    figure = sized(result, _SIZE_IN[1])
-    return figure, figure.subplots()
 
 
 def _slope(axes: Axes, slope: Quantity, name: str, unit: str, ends: tuple[float, float]) -> None:
@@ -213,12 +201,12 @@ def _values(points: Sequence[object], name: str) -> NDArray[np.float64]:
     return np.array([attrgetter(name)(point) for point in points], dtype=np.float64)
 
 
-def _saturation_text(result: Characterisation) -> str:
-    return "brightest, saturation not reached" if result.saturation_limit == "not reached" else "saturation"
+def _saturation(line: Callable[..., object], result: Characterisation, place: float) -> None:
+    text = "brightest, saturation not reached" if result.saturation_limit == "not reached" else "saturation"
+    line(place, color=VERMILLION, **_DASHED, label=text)
 
 
 def _both_logarithmic(axes: Axes) -> None:
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    for axis in (axes.xaxis, axes.yaxis):
-        one_two_five(axis)
+    axes.loglog()
+    one_two_five(axes.xaxis)
+    one_two_five(axes.yaxis)

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...report.drawing import BLUE, GREEN, ORANGE, VERMILLION, finish, one_two_five, png
+from ...report.drawing import BLUE, GREEN, ORANGE, VERMILLION, finish, one_two_five
 from ...report.layout import ReportFigure
 from .figures import figure_of, sized
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
     from ...calibration.emva.result import Characterisation
 
@@ -92,19 +93,19 @@ def patterns(result: Characterisation) -> list[Pattern]:
 
 def _drawn(
     result: Characterisation, own: Sequence[Pattern], draw: Callable[[Axes, Pattern, NDArray[np.float64], str], None]
-) -> bytes:
+) -> Figure:
     """Draw each pattern: histograms side by side, or rows and columns of each in a line."""
     if draw in (_histogram, _accumulated):
         figure = sized(result, 4.4, _WIDTH_IN)
         for axes, pattern in zip(figure.subplots(1, len(own), squeeze=False)[0], own, strict=True):
             draw(axes, pattern, high_pass(pattern.values), "")
-        return png(figure)
+        return figure
     figure = sized(result, 3.6 * len(own), _WIDTH_IN)
     for panels, pattern in zip(figure.subplots(len(own), 2, squeeze=False), own, strict=True):
         values = pattern.values.astype(np.float64)
         draw(panels[0], pattern, values, "horizontal")
         draw(panels[1], pattern, values.T, "vertical")
-    return png(figure)
+    return figure
 
 
 def _histogram(axes: Axes, pattern: Pattern, values: NDArray[np.float64], _direction: str) -> None:

@@ -53,6 +53,8 @@ _NAMES = {
     "dynamic_range": "dynamic range DR",
 }
 _UNITS = {"DN/e-": "DN/e⁻", "e-": "e⁻", "e-/s": "e⁻/s", "DN/(cd m^-2 s)": RESPONSIVITY}
+#: What else a result states, by its attributes.
+_STATED = ("source", "camera", "definition", "bits", "gain_db", "temperature_c", "saturation_limit")
 #: Ratios of signal and noise; all other quantities without unit are shown in percent.
 _RATIOS = ("snr_max", "dynamic_range")
 #: 20 log10, as EMVA 1288 states ratios in decibels.
@@ -82,17 +84,7 @@ def result(found: Characterisation, title: str = "", inputs: Sequence[InputFile]
         ),
         found.findings,
         tuple(inputs),
-        {
-            "source": found.source,
-            "camera": found.camera,
-            "definition": found.definition,
-            "bits": found.bits,
-            "height": height,
-            "width": width,
-            "gain_db": found.gain_db,
-            "temperature_c": found.temperature_c,
-            "saturation_limit": found.saturation_limit,
-        },
+        {**{name: getattr(found, name) for name in _STATED}, "height": height, "width": width},
         simulated=found.simulated,
     )
 

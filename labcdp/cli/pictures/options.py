@@ -12,7 +12,7 @@ from ...core.errors import InputError
 from ...core.result import InputFile
 from ...core.roi import Roi
 from ...evaluate.picture.conversion import PictureConversion, picture_conversion
-from ...evaluate.video.archive_run import Workers
+from ...evaluate.video.archive import Workers
 from ...evaluate.video.settings import Reference
 from ...files.video.selection import Position, Selection
 from ...regions import load_regions, rois_of

@@ -14,8 +14,8 @@ import typer
 from ...core.errors import LabcdpError
 from ...core.result import Result
 from ...evaluate.video.annotated import AnnotatedVideo, FrameImages
+from ...evaluate.video.archive import archive_tasks, evaluate_archive, require_same_archive
 from ...evaluate.video.archive_page import archive_result, write_archive
-from ...evaluate.video.archive_run import archive_tasks, evaluate_archive, require_same_archive
 from ...evaluate.video.dataset import VideoRows
 from ...evaluate.video.evaluate import Part, evaluated_parts, require_same_evaluation
 from ...evaluate.video.page import write_video
@@ -183,7 +183,7 @@ def _several(
                     partial(evaluate_values, of_pairs or {"": settings}, made),
                     configuration,
                     where.chosen(),
-                    progress=lambda done, total, _outcome: bars.update("Videos", done, total),
+                    progress=lambda done, total: bars.update("Videos", done, total),
                     force=results.force,
                     inputs=[one for one in read if isinstance(one, Path)],
                 )

@@ -15,7 +15,7 @@ from ...report.files import envelope_json
 from ...report.html import render_page
 from ...report.layout import Card, Links, Page, Section, State
 from ...report.sheets import result_workbook
-from .archive_run import ArchiveResult, VideoOutcome
+from .archive import ArchiveResult, VideoOutcome
 from .findings import LOST
 from .result import CONTRASTS, REGIONS
 

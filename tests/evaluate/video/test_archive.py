@@ -7,8 +7,7 @@ from typing import Any
 import pytest
 
 from labcdp.core.errors import LabcdpError
-from labcdp.evaluate.video.archive_record import RECORD, ArchiveTask, finished_values, record_finished
-from labcdp.evaluate.video.archive_run import archive_tasks, evaluate_task
+from labcdp.evaluate.video.archive import RECORD, ArchiveTask, archive_tasks, evaluate_task
 from labcdp.output import ResultsFolder
 
 SETTINGS = {"contrasts": [1.0], "epsilon": 0.5}
@@ -23,7 +22,7 @@ def task(tmp_path: Path) -> ArchiveTask:
 def finish(task: ArchiveTask, values: dict[str, Any]) -> None:
     with ResultsFolder(task.folder, "video") as results:
         results.add({"results.nc": b"CDP"})
-        record_finished(task, SETTINGS, values, results)
+        task.record(SETTINGS, values, results)
 
 
 def test_each_video_gets_a_folder_of_its_own(tmp_path: Path) -> None:
@@ -41,13 +40,13 @@ def test_what_is_damaged_or_of_another_video_or_settings_is_not_finished(
     task: ArchiveTask, name: str, content: bytes | None
 ) -> None:
     finish(task, {})
-    assert finished_values(task, SETTINGS) == {}
-    assert finished_values(task, SETTINGS | {"epsilon": 0.4}) is None
+    assert task.finished(SETTINGS) == {}
+    assert task.finished(SETTINGS | {"epsilon": 0.4}) is None
     (task.folder / name).unlink() if content is None else (task.folder / name).write_bytes(content)
-    assert finished_values(task, SETTINGS) is None
+    assert task.finished(SETTINGS) is None
     finish(replace(task, folder=task.folder.with_name("again")), {})
     os.utime(task.video, ns=(1, 1))
-    assert finished_values(ArchiveTask.of(task.video, task.folder.with_name("again")), SETTINGS) is None
+    assert ArchiveTask.of(task.video, task.folder.with_name("again")).finished(SETTINGS) is None
 
 
 def test_what_was_finished_is_not_done_again(task: ArchiveTask) -> None:

@@ -7,8 +7,8 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from labcdp.core.result import warning
+from labcdp.evaluate.video.archive import ArchiveResult, VideoOutcome, archive_tasks
 from labcdp.evaluate.video.archive_page import archive_result, write_archive
-from labcdp.evaluate.video.archive_run import ArchiveResult, VideoOutcome, archive_tasks
 from labcdp.evaluate.video.result import video_result
 from labcdp.report.files import envelope, schema
 

@@ -2,52 +2,133 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass
+from importlib.metadata import version
 from itertools import groupby
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from pydantic import BaseModel, ConfigDict
+
 from ...core.cluster import Cluster, TlsFiles, open_cluster
 from ...core.computer import Processes
+from ...core.disk import open_regular, read_json, validated_as
 from ...core.disk.text import results_json
 from ...core.errors import InputError, LabcdpError
 from ...core.result import Finding, warning
 from ...output import LIST_FILE, ResultsFolder
-from .archive_record import ArchiveTask, finished_values, record_finished
+from ...output.file import is_temporary
+from ...output.file_list import read_list
 from .settings import package_versions
 
 #: Evaluates one video into the folders of the results of its parts, and returns what became of each: the result as
 #: `labcdp.report.files` does, or why it failed. It is sent to other processes: a function of a module, or a
 #: `functools.partial` of one, with the same results everywhere.
 Work: TypeAlias = Callable[[Path, Mapping[str, ResultsFolder]], Mapping[str, Mapping[str, Any] | LabcdpError]]
-
 #: The parts of a video's evaluation, done in one pass.
-_Group: TypeAlias = tuple[ArchiveTask, ...]
+_Group: TypeAlias = "tuple[ArchiveTask, ...]"
+#: Name of the record in the folder of a video's results.
+RECORD = "finished.json"
 
-#: Called with the number of videos done and in total, and the last one (none at the start).
-Progress: TypeAlias = Callable[[int, int, "VideoOutcome | None"], None]
+
+class _Record(BaseModel):
+    """What is recorded of a finished video: hashes of video and settings, and the results."""
+
+    model_config = ConfigDict(extra="forbid")
+    video: str
+    settings: str
+    values: dict[str, Any]
+
+
+class NotSeenError(InputError):
+    """A computer does not see the video that another one sees under the same path."""
+
+
+@dataclass(frozen=True)
+class ArchiveTask:
+    """A video of an archive.
+
+    Parameters
+    ----------
+    video : Path
+        File, or folder of images or of a session.
+    folder : Path
+        For its results; no other video's.
+    part : str
+        Which part of the evaluation, such as a pair of regions; empty for the only one.
+    seen : tuple of (str, int, int)
+        Name, size and time of change (in ns) of the video, or of each file in its folder; none if it is not there.
+    """
+
+    video: Path
+    folder: Path
+    part: str = ""
+    seen: tuple[tuple[str, int, int], ...] = ()
+
+    @classmethod
+    def of(cls, video: Path, folder: Path, part: str = "") -> ArchiveTask:
+        """Look at a video; one that cannot be looked at will fail when it is evaluated."""
+        try:
+            return cls(video, folder, part, tuple(_files(video)))
+        except OSError:
+            return cls(video, folder, part)
+
+    def require_visible(self) -> None:
+        """Raise NotSeenError if this computer does not see the video as it was seen where the archive was begun."""
+        if not self.seen:
+            return
+        remedy = "put the videos where all workers see them under the same path"
+        try:
+            here = tuple(_files(self.video))
+            with open_regular(self.video if self.video.is_file() else self.video / here[0][0]) as file:
+                file.read(1)
+        except (OSError, IndexError) as error:
+            why = error.strerror if isinstance(error, OSError) else "empty folder"
+            raise NotSeenError(f"{self.video} cannot be read ({why}): {remedy}") from error
+        if [entry[:2] for entry in here] != [entry[:2] for entry in self.seen]:
+            raise NotSeenError(f"{self.video} differs between the worker and this computer: {remedy}")
+
+    def finished(self, settings: Mapping[str, Any]) -> dict[str, Any] | None:
+        """Return what is recorded of the video; None if it, settings, labcdp or a file of the results changed since."""
+        try:
+            record = validated_as(_Record, read_json(self.folder / RECORD, "a record of a finished video"))
+            listed = read_list(self.folder)
+            files = () if listed is None else listed.files
+            whole = bool(files) and all((self.folder / one.name).stat().st_size == one.size for one in files)
+        except (OSError, ValueError):
+            return None
+        same = {"video": record.video, "settings": record.settings} == self._hashes(settings)
+        return record.values if same and whole and self.seen else None
+
+    def record(self, settings: Mapping[str, Any], values: Mapping[str, Any], results: ResultsFolder) -> None:
+        """Add the record of the finished video to its results; raises InputError if it cannot be written."""
+        results.add({RECORD: results_json({**self._hashes(settings), "values": dict(values)}).encode()})
+
+    def _hashes(self, settings: Mapping[str, Any]) -> dict[str, str]:
+        seen = [str(self.video), *([self.part] if self.part else []), *self.seen]
+        known = {"video": seen, "settings": {"settings": settings, "labcdp": version("labcdp")}}
+        return {name: hashlib.sha256(results_json(one).encode()).hexdigest() for name, one in known.items()}
+
+
+def _files(path: Path) -> Iterator[tuple[str, int, int]]:
+    """Names, sizes and times of change of a file, or of all files in a folder, in order."""
+    paths = sorted(one for one in path.rglob("*") if one.is_file()) if path.is_dir() else [path]
+    for one in paths:
+        if not is_temporary(one):
+            state = one.stat()
+            name = one.relative_to(path).as_posix() if one != path else one.name
+            yield name, state.st_size, state.st_mtime_ns
 
 
 @dataclass(frozen=True)
 class VideoOutcome:
-    """What became of a video.
-
-    Parameters
-    ----------
-    task : ArchiveTask
-        Video and folder.
-    values : mapping or None
-        What the work returned; None if it failed.
-    error : str
-        Why it failed, else empty.
-    resumed : bool
-        Whether the results are of an earlier run.
-    """
+    """What became of a video: what the work returned, or None and why it failed; `resumed` if in an earlier run."""
 
     task: ArchiveTask
     values: Mapping[str, Any] | None
@@ -57,15 +138,7 @@ class VideoOutcome:
 
 @dataclass(frozen=True)
 class ArchiveResult:
-    """What became of an archive.
-
-    Parameters
-    ----------
-    outcomes : tuple of VideoOutcome
-        In the order of the tasks.
-    findings : tuple of Finding
-        Processes that died, with the video they were at.
-    """
+    """What became of an archive, in the order of the tasks; findings about processes that died, with their videos."""
 
     outcomes: tuple[VideoOutcome, ...]
     findings: tuple[Finding, ...] = ()
@@ -80,12 +153,8 @@ def archive_tasks(videos: Sequence[Path], folder: Path, parts: Sequence[str] = (
     """Give each video, and each part of its evaluation, a folder of its own below `folder`, named after it.
 
     Videos of one name get their suffix, then their folder's name, and at last a number into the name; it does not
-    depend on the other videos of the archive unless they have the same name.
-
-    Raises
-    ------
-    InputError
-        If there is no video, or one is given twice.
+    depend on the other videos of the archive unless they have the same name. Raises InputError if there is no video,
+    or one is given twice.
     """
     paths = [Path(os.path.abspath(path)) for path in videos]
     if not paths:
@@ -96,50 +165,29 @@ def archive_tasks(videos: Sequence[Path], folder: Path, parts: Sequence[str] = (
     names = [path.stem or "video" for path in paths]
     for better in (lambda path: path.name, lambda path: f"{path.parent.name}-{path.name}"):
         names = [better(path) if names.count(name) > 1 else name for path, name in zip(paths, names, strict=True)]
-    seen: dict[str, int] = {}
-    folders = []
-    for name in names:
-        seen[name] = seen.get(name, 0) + 1
-        folders.append(Path(os.path.abspath(folder)) / (name if seen[name] == 1 else f"{name}-{seen[name]}"))
-    if not parts:
-        return tuple(map(ArchiveTask.of, paths, folders))
+    before = [names[:place].count(name) for place, name in enumerate(names)]
+    names = [f"{name}-{n + 1}" if n else name for name, n in zip(names, before, strict=True)]
     named = [re.sub(r"[^\w.-]+", "-", part).strip("-.") or "part" for part in parts]
-    named = [f"{number}-{name}" for number, name in enumerate(named, start=1)]
+    ends = {part: f"-{number}-{name}" for number, (part, name) in enumerate(zip(parts, named, strict=True), start=1)}
+    below = Path(os.path.abspath(folder))
     return tuple(
-        ArchiveTask.of(path, one.with_name(f"{one.name}-{name}"), part)
-        for path, one in zip(paths, folders, strict=True)
-        for name, part in zip(named, parts, strict=True)
+        ArchiveTask.of(path, below / f"{name}{end}", part)
+        for path, name in zip(paths, names, strict=True)
+        for part, end in (ends or {"": ""}).items()
     )
 
 
 def require_same_archive(tasks: Sequence[ArchiveTask], folder: Path) -> None:
-    """Refuse a folder with results of videos that are not among those of the tasks.
-
-    Raises
-    ------
-    InputError
-        If there are some.
-    """
-    names = {path.parent.name for path in folder.glob(f"*/{LIST_FILE}")} - {task.folder.name for task in tasks}
-    if names:
-        raise InputError(
-            f"{folder} has results of other videos, such as {min(names)}: give them too, or another --output"
-        )
+    """Refuse a folder with results of videos that are not among those of the tasks; raises InputError."""
+    others = {path.parent.name for path in folder.glob(f"*/{LIST_FILE}")} - {task.folder.name for task in tasks}
+    if others:
+        remedy = "give them too, or another --output"
+        raise InputError(f"{folder} has results of other videos, such as {min(others)}: {remedy}")
 
 
 @dataclass(frozen=True)
 class Workers:
-    """What evaluates the videos of an archive.
-
-    Parameters
-    ----------
-    address : str or None
-        Of a Dask scheduler, for example tls://192.0.2.7:8786; None for processes of this computer.
-    n_processes : int or None
-        Processes of this computer; None for one a core.
-    tls : TlsFiles or None
-        For a cluster at an address ``tls://``.
-    """
+    """What evaluates the videos: processes of this computer, one a core unless told, or a Dask scheduler's workers."""
 
     address: str | None = None
     n_processes: int | None = None
@@ -157,7 +205,7 @@ def evaluate_archive(
     work: Work,
     settings: Mapping[str, Any],
     workers: Workers | None = None,
-    progress: Progress | None = None,
+    progress: Callable[[int, int], None] | None = None,
     *,
     force: bool = False,
     inputs: Sequence[Path] = (),
@@ -179,7 +227,7 @@ def evaluate_archive(
     workers : Workers or None
         What evaluates them; None for a process a core.
     progress : callable or None
-        See `Progress`.
+        Called with the number of videos done and in total.
     force : bool
         Whether finished videos are evaluated again and their results replaced.
     inputs : sequence of Path
@@ -192,10 +240,10 @@ def evaluate_archive(
     KeyboardInterrupt
         After what runs was stopped; finished videos are recorded.
     """
-    report: Progress = progress or (lambda _done, _total, _outcome: None)
-    recorded = {} if force else {task: finished_values(task, settings) for task in tasks}
+    report = progress or (lambda _done, _total: None)
+    recorded = {} if force else {task: task.finished(settings) for task in tasks}
     outcomes = {task: VideoOutcome(task, old, resumed=True) for task, old in recorded.items() if old is not None}
-    report(len(outcomes), len(tasks), None)
+    report(len(outcomes), len(tasks))
     findings: tuple[Finding, ...] = ()
     left = (task for task in tasks if task not in outcomes)
     groups = [tuple(group) for _, group in groupby(left, lambda task: task.video)]
@@ -205,26 +253,19 @@ def evaluate_archive(
             for group, found, error in run.run(evaluate_task, groups, work, settings, force, inputs):
                 for outcome in found or [VideoOutcome(task, None, _reason(error)) for task in group]:
                     outcomes[outcome.task] = outcome
-                    report(len(outcomes), len(tasks), outcome)
-            findings = _of_died(run)
+                    report(len(outcomes), len(tasks))
+            died = run.died if isinstance(run, Processes) else []
+            findings = tuple(warning("worker-died", f"process {pid}", video=str(one[0].video)) for pid, one in died)
     return ArchiveResult(tuple(outcomes[task] for task in tasks), findings)
 
 
 def evaluate_task(
     group: _Group, work: Work, settings: Mapping[str, Any], force: bool = False, inputs: Sequence[Path] = ()
 ) -> tuple[VideoOutcome, ...]:
-    """Evaluate a video in one pass, and record what is finished; what is recorded already is not done again.
-
-    Raises
-    ------
-    NotSeenError
-        If this computer does not see the video as it was seen where the archive was begun.
-    LabcdpError
-        What the work raises.
-    """
+    """Evaluate a video in one pass, and record what is finished; what is recorded already is not done again."""
     group[0].require_visible()
     # A worker may be asked again for what was finished just before another one died.
-    done = {task: None if force else finished_values(task, settings) for task in group}
+    done = {task: None if force else task.finished(settings) for task in group}
     outcomes = {task: VideoOutcome(task, values) for task, values in done.items() if values is not None}
     left = [task for task in group if task not in outcomes]
     with ExitStack() as stack:
@@ -245,14 +286,9 @@ def evaluate_task(
                 continue
             # As it is read back from the record.
             values = json.loads(results_json(dict(new)))
-            record_finished(task, settings, values, folders[task.part])
+            task.record(settings, values, folders[task.part])
             outcomes[task] = VideoOutcome(task, values)
     return tuple(outcomes[task] for task in group)
-
-
-def _of_died(run: Cluster[_Group] | Processes[_Group]) -> tuple[Finding, ...]:
-    died = run.died if isinstance(run, Processes) else []
-    return tuple(warning("worker-died", f"process {pid}", video=str(group[0].video)) for pid, group in died)
 
 
 def _reason(error: BaseException | None) -> str:

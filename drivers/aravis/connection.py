@@ -18,7 +18,7 @@ from ..camera import CameraError, CameraLostError, CameraSettingError, Gap
 from ..camera_settings import CameraSettings, CameraSetup, FeatureValue
 from ..device import on_error
 from . import gvcp
-from .features import available, read_feature, readable_features, writable, write_feature
+from .features import readable_features, writable, write_feature
 from .library import CameraInfo, choose, discover
 from .link import Link, connect
 
@@ -80,29 +80,6 @@ def restore_snapshot(link: Link, wanted: Snapshot) -> None:
         raise CameraSettingError(
             f"{link.identity} has other settings than before, which it does not change: {named}{reason}"
         )
-
-
-def trigger_modes(link: Link) -> Snapshot:
-    """Read the mode of every trigger that the camera can select."""
-    modes: dict[str, FeatureValue] = {}
-    with link.using("its triggers cannot be read") as camera:
-        if available(camera, "TriggerMode") is None or not writable(camera, "TriggerSelector"):
-            return modes
-        selected = read_feature(camera, "TriggerSelector")
-        for trigger in camera.dup_available_enumerations_as_strings("TriggerSelector"):
-            write_feature(camera, "TriggerSelector", trigger)
-            modes[trigger] = read_feature(camera, "TriggerMode")
-        write_feature(camera, "TriggerSelector", selected)
-    return modes
-
-
-def restore_trigger_modes(link: Link, modes: Snapshot) -> None:
-    """Write the modes of `trigger_modes`; the selection is left at the last one."""
-    with link.using("its triggers cannot be restored") as camera:
-        for trigger, mode in modes.items():
-            write_feature(camera, "TriggerSelector", trigger)
-            if read_feature(camera, "TriggerMode") != mode:
-                write_feature(camera, "TriggerMode", mode)
 
 
 def require_kept(

@@ -1,31 +1,21 @@
-"""Checks of an opened camera: control, stream settings, temperature, frames; and what a problem report needs."""
+"""Checks of an opened camera: control, stream settings, temperature, frames."""
 
 from __future__ import annotations
 
-import json
-import platform
-import re
-import tempfile
 from collections.abc import Mapping, Sequence
-from contextlib import closing, suppress
-from dataclasses import asdict, dataclass, field, replace
-from importlib.metadata import version
-from pathlib import Path
+from contextlib import closing
+from dataclasses import dataclass, field, replace
 
 from ..aravis.camera import AravisCamera
-from ..aravis.connection import restore_snapshot, restore_trigger_modes, take_snapshot, trigger_modes
-from ..aravis.features import not_understood, readable_features
-from ..aravis.library import CameraInfo, genicam_xml
-from ..aravis.link import connect
+from ..aravis.connection import restore_snapshot, take_snapshot
+from ..aravis.features import available, read_feature, readable_features, writable, write_feature
+from ..aravis.library import CameraInfo
+from ..aravis.link import Link, connect
 from ..aravis.settings import layout_of, read_settings, temperature_c
 from ..camera import CameraBusyError, CameraError, IncompleteFrameError, StreamStatistics
 from ..camera_settings import CameraSettings, FeatureValue
 from ..device import Finding, size
-from ..meter import MeterError
-from ..minolta_ls.meter import DRIVERS
 from ..network import GIGABIT_MBIT_S, Interface, interface_to, network_finding, packet_size_finding
-from .computer import debian_packages
-from .meter import MeterModel
 
 #: Number of test frames, and their exposure, within the camera's range.
 N_FRAMES = 5
@@ -109,18 +99,41 @@ def check_camera(info: CameraInfo, known: Sequence[Interface], *, stream: bool =
         with closing(connect(info, prepare=False)) as link:
             with link.using("it cannot be read") as camera:
                 facts = CameraFacts(read_settings(camera), dict(readable_features(camera)), temperature_c(camera))
-            found = (take_snapshot(link, stream=True), trigger_modes(link)) if stream else None
+            found = (take_snapshot(link, stream=True), _trigger_modes(link)) if stream else None
         if found is not None:
             try:
                 facts = _streamed(info, facts)
             finally:
                 with closing(connect(info, prepare=False)) as link:
-                    restore_trigger_modes(link, found[1])
+                    _restore_trigger_modes(link, found[1])
                     restore_snapshot(link, found[0])
     except CameraError as error:
         topic = "controller" if isinstance(error, CameraBusyError) else "camera"
         return [Finding.of_error(topic, error), *_network(address, interface)]
     return camera_findings(replace(facts, address=address, interface=interface))
+
+
+def _trigger_modes(link: Link) -> dict[str, FeatureValue]:
+    """Read the mode of every trigger that the camera can select."""
+    modes: dict[str, FeatureValue] = {}
+    with link.using("its triggers cannot be read") as camera:
+        if available(camera, "TriggerMode") is None or not writable(camera, "TriggerSelector"):
+            return modes
+        selected = read_feature(camera, "TriggerSelector")
+        for trigger in camera.dup_available_enumerations_as_strings("TriggerSelector"):
+            write_feature(camera, "TriggerSelector", trigger)
+            modes[trigger] = read_feature(camera, "TriggerMode")
+        write_feature(camera, "TriggerSelector", selected)
+    return modes
+
+
+def _restore_trigger_modes(link: Link, modes: Mapping[str, FeatureValue]) -> None:
+    """Write the modes of `_trigger_modes`; the selection is left at the last one."""
+    with link.using("its triggers cannot be restored") as camera:
+        for trigger, mode in modes.items():
+            write_feature(camera, "TriggerSelector", trigger)
+            if read_feature(camera, "TriggerMode") != mode:
+                write_feature(camera, "TriggerMode", mode)
 
 
 def _streamed(info: CameraInfo, facts: CameraFacts) -> CameraFacts:
@@ -228,52 +241,3 @@ def _frames(facts: CameraFacts) -> Finding:
         return Finding("frames", "fault", f"{text}; {found.cause}", found.remedy)
     remedy = "see receive buffer and packet size, check the cable, or lower the frame rate"
     return Finding.judged("frames", text, remedy if facts.refused else None)
-
-
-def camera_files(info: CameraInfo) -> dict[str, bytes]:
-    """Read a camera without changing it.
-
-    Returns
-    -------
-    dict of str to bytes
-        Its GenICam description (XML), and its features with what labcdp knows of them (JSON), by file name.
-
-    Raises
-    ------
-    CameraError
-        If it is absent or busy.
-    """
-    with closing(connect(info, prepare=False)) as link:
-        writable = take_snapshot(link)
-        with link.using("it cannot be read") as camera:
-            features = dict(readable_features(camera))
-            xml = genicam_xml(camera)
-    about = {
-        "camera": asdict(info),
-        "versions": {
-            "labcdp": version("labcdp"),
-            "packages": debian_packages() or {},
-            "Python": platform.python_version(),
-            "system": platform.platform(),
-        },
-        "features": features,
-        "writable": list(writable),
-        "not understood": list(not_understood(writable)),
-    }
-    name = "camera-" + re.sub(r"\W", "_", info.serial or info.address)
-    text = json.dumps(about, indent=1, default=repr)
-    return {f"{name}.json": text.encode(), f"{name}.xml": xml}
-
-
-def meter_files(port: str, model: MeterModel, timeout_s: float = 6.0) -> dict[str, bytes]:
-    """Set a meter's modes, measure once and read its display; return the transcript of the bytes by file name.
-
-    Errors of the meter are part of the transcript.
-    """
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, "meter.jsonl")
-        with suppress(MeterError), DRIVERS[model](port, timeout_s=timeout_s, transcript=path) as meter:
-            for use in (meter.measure, meter.read_held):
-                with suppress(MeterError):
-                    use()
-        return {path.name: path.read_bytes()} if path.exists() else {}

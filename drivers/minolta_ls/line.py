@@ -74,13 +74,15 @@ class MeterLine:
     ) -> None:
         self._place, self._port, self._clock = port, port.name, port.clock
         self._timeout_s = timeout_s
+        # Longest time of a command without a loss.
+        self._longest_s = timeout_s * (attempts + 1)
         self._attempts = attempts
         self._patience_s = patience_s
         self._modes = modes
         self._transcript = transcript
         self._serial: Any = None
         self._one_at_a_time = threading.Lock()
-        # Replies that are due, until when on the monotonic clock, and whether one to another command than the present.
+        # Replies that are due, until when, and whether one is to another command than the present.
         self._n_due, self._due_until_s, self._other_due = 0, 0.0, False
         self.incidents: tuple[MeterIncident, ...] = ()
 
@@ -88,11 +90,6 @@ class MeterLine:
     def is_open(self) -> bool:
         """Whether the port is open."""
         return self._serial is not None
-
-    @property
-    def _longest_s(self) -> float:
-        """Longest time of a command without a loss."""
-        return self._timeout_s * (self._attempts + 1)
 
     def open(self) -> None:
         """Open the port exclusively, and set the modes, within timeout_s * (attempts + 1).
@@ -122,8 +119,8 @@ class MeterLine:
 
     def is_simulated(self) -> bool:
         """Whether the meter says that it is labcdp's simulated one; a real one does not understand the question."""
+        give_up_s = self._clock.monotonic_s() + self._timeout_s
         try:
-            give_up_s = self._clock.monotonic_s() + self._timeout_s
             return self._exchange(SIMULATED_COMMAND, lambda reply: reply == SIMULATED_REPLY, give_up_s)
         except (MeterReportedError, MeterTimeoutError):
             return False
@@ -165,11 +162,9 @@ class MeterLine:
             try:
                 return self._exchange(command, parse, give_up_s, again=attempt > 1)
             except (MeterReportedError, MeterTimeoutError, MeterProtocolError) as error:
+                hopeless = self._clock.monotonic_s() >= give_up_s
                 if isinstance(error, MeterReportedError):
-                    hopeless = error.code != _NOT_UNDERSTOOD or not understood
-                    understood = False
-                else:
-                    hopeless = self._clock.monotonic_s() >= give_up_s
+                    hopeless, understood = error.code != _NOT_UNDERSTOOD or not understood, False
                 if hopeless or attempt == self._attempts:
                     raise
                 self._note("asked again", error)
@@ -199,11 +194,7 @@ class MeterLine:
                 return
 
     def _exchange(self, command: str, parse: Callable[[bytes], T], until_s: float, *, again: bool = False) -> T:
-        """Send one command and return its reply, parsed, by a time of the monotonic clock.
-
-        `again` says that the same command was sent just before: its late reply is then accepted. If the connection
-        broke, the port is closed.
-        """
+        """Send one command; return its reply, parsed. With `again` that to the same command just before is accepted."""
         with self._one_at_a_time:
             self._other_due = self._n_due > 0 and (self._other_due or not again)
             reply = self._reply(command, until_s)
@@ -216,7 +207,7 @@ class MeterLine:
             return result
 
     def _reply(self, command: str, until_s: float) -> bytes:
-        if self._serial is None:
+        if not self.is_open:
             raise MeterError(f"{self._port}: the meter is not open: call open(), or use it in a with statement")
         try:
             if self._other_due:
@@ -266,15 +257,14 @@ class MeterLine:
         """Clear both buffers."""
         waiting = self._serial.in_waiting
         if waiting:
-            data: bytes = self._serial.read(waiting)
-            self._record("received", data, self._clock.monotonic_s())
+            self._record("received", data := self._serial.read(waiting), self._clock.monotonic_s())
             self._n_due = max(0, self._n_due - data.count(_CRLF))
         self._serial.reset_output_buffer()
 
     def _send(self, command: str) -> None:
         data = command.encode("ascii") + _CRLF
         sent_s = self._clock.monotonic_s()
-        # If the exchange ends early by any exception, its reply stays pending.
+        # Whatever ends the exchange early, its reply stays pending.
         self._n_due += 1
         self._due_until_s = sent_s + 2 * self._timeout_s
         self._serial.write(data)

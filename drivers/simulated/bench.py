@@ -20,7 +20,8 @@ from .faults import Drifts, Misfortune
 from .genicam import standard_features
 from .gige_camera import SimulatedGigECamera
 from .in_process import InProcessCamera
-from .meter import InProcessPort, SimulatedLS
+from .meter import SimulatedLS
+from .port import InProcessPort
 from .pty import PtyMeter
 from .target import SimulatedTarget
 

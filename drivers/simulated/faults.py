@@ -10,7 +10,7 @@ from typing import Literal, Protocol
 
 from ...core.clock import Clock, SimulatedClock
 from .commands import CAMERA_FAULTS, CameraFaults, Command
-from .meter import Fault, FaultyMeter
+from .port import Fault, FaultyMeter
 
 _log = logging.getLogger(__name__)
 

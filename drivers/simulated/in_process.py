@@ -10,45 +10,29 @@ from typing import Final, Self
 import numpy as np
 
 from ...core.clock import Clock, SystemClock
-from ...core.errors import InputError
 from ...core.frame import CameraIdentity, Frame, Readout
 from ..camera import (
     MOST_REFUSED,
     Camera,
-    CameraBusyError,
     CameraError,
-    CameraLostError,
-    CameraNotFoundError,
     CameraSettingError,
     FrameTimeoutError,
-    Gap,
     IncompleteFrameError,
     Refused,
     StreamStatistics,
 )
 from ..camera_settings import CameraSettings, CameraSetup, FeatureValue
-from .commands import CameraFaults
 from .device import FULL_SCALE_DN, FrameSource, SimulatedDevice
 from .genicam import feature
+from .reach import STEP_S, Reach
 
 _EXPOSURE_RANGE_US: Final = feature("ExposureTimeAbs")["range"]
 _GAIN_RANGE_DB: Final = feature("Gain")["range"]
 #: Pixel data of a stream packet: 9000 bytes less headers.
 _PACKET_DATA_BYTES: Final = 8964
-#: Silence after which a camera is lost, and heartbeat time-out after which it drops the connection, as on the wire.
-_NOTICED_AFTER_S: Final = 1.0
-_HEARTBEAT_S: Final = 3.0
-#: Polling interval of a fault's end.
-_STEP_S: Final = 0.1
-#: Faults during which the camera cannot be reached, and what is wrong then.
-_OUT_OF_REACH: Final = {
-    "vanish": "it does not answer",
-    "freeze": "it does not answer",
-    "second controller": "another program took control",
-}
 
 
-class InProcessCamera(Camera):
+class InProcessCamera(Reach, Camera):
     """The simulated camera with the camera protocol, without a network; 12-bit only.
 
     Parameters
@@ -82,13 +66,11 @@ class InProcessCamera(Camera):
         temperature: Callable[[], float] | None = None,
         patience_s: float = 0.0,
     ) -> None:
-        if not patience_s >= 0:
-            raise InputError(f"patience_s is {patience_s}: give a number of seconds of at least 0")
         self._device = device
         self._source = source
-        self._clock = SystemClock() if clock is None else clock
+        self._name = CameraIdentity(device.vendor, device.model, device.serial, simulated=True)
+        super().__init__(clock or SystemClock(), patience_s, str(self._name))
         self._temperature = temperature or (lambda: device.temperature_c)
-        self._patience_s = patience_s
         self._settings = CameraSettings(
             0.01,
             0.0,
@@ -101,16 +83,7 @@ class InProcessCamera(Camera):
         )
         self._open = False
         self._n_taken = 0
-        self._statistics, self._gaps = StreamStatistics(), tuple[Gap, ...]()
-        self._faults: CameraFaults = {}
-        self._frozen_at_s = 0.0
-        # Why the connection is lost, until the camera is connected again.
-        self._cut = ""
-
-    @property
-    def _name(self) -> CameraIdentity:
-        device = self._device
-        return CameraIdentity(device.vendor, device.model, device.serial, simulated=True)
+        self._statistics = StreamStatistics()
 
     def open(self) -> Self:
         """Switch on.
@@ -121,29 +94,13 @@ class InProcessCamera(Camera):
             If its faults imply so.
         """
         if not self._open:
-            if "vanish" in self._faults or "freeze" in self._faults:
-                raise CameraNotFoundError(f"{self._name} does not answer: let the simulated camera recover")
-            if "second controller" in self._faults:
-                raise CameraBusyError(f"another program controls {self._name}: let the simulated camera recover")
-            self._open, self._cut = True, ""
-            self._statistics, self._gaps = StreamStatistics(), ()
+            self._connect()
+            self._open, self._statistics = True, StreamStatistics()
         return self
 
     def close(self) -> None:
         """Switch off; may be called twice."""
         self._open = False
-
-    def set_faults(self, faults: CameraFaults) -> None:
-        """Replace the current faults."""
-        now_s, before, self._faults = self._clock.monotonic_s(), self._faults, faults
-        if "freeze" in faults and "freeze" not in before:
-            self._frozen_at_s = now_s
-        if "freeze" in before and "freeze" not in faults and now_s - self._frozen_at_s >= _HEARTBEAT_S:
-            self._cut = "it did not answer"
-        # Loss of power or control ends the connection, however short.
-        for kind in ("vanish", "second controller"):
-            if kind in faults:
-                self._cut = _OUT_OF_REACH[kind]
 
     def follow_temperature(self) -> None:
         """Do nothing: the temperature is read on demand."""
@@ -175,11 +132,6 @@ class InProcessCamera(Camera):
         """Counters since the camera was opened."""
         return self._statistics
 
-    @property
-    def gaps(self) -> tuple[Gap, ...]:
-        """Interruptions since the camera was opened, after which it was reconnected."""
-        return self._gaps
-
     def features(self) -> dict[str, FeatureValue]:
         """Return the register values of the camera on the wire, by name."""
         device, settings = self._device, self.settings
@@ -187,10 +139,10 @@ class InProcessCamera(Camera):
             "DeviceVendorName": device.vendor,
             "DeviceModelName": device.model,
             "DeviceID": device.serial,
-            "DeviceTemperature": self.temperature_c,
             "SensorWidth": device.width,
             "SensorHeight": device.height,
             "PixelFormat": settings.pixel_format,
+            "DeviceTemperature": self.temperature_c,
             "ExposureTimeAbs": settings.exposure_s * 1e6,
             "AcquisitionFrameRateAbs": device.frame_rate_hz,
             "Gain": settings.gain_db,
@@ -266,7 +218,7 @@ class InProcessCamera(Camera):
                     f"no frame came from {self._name} within {wait_s:.1f} s, though it answers: let the simulated "
                     "camera recover"
                 )
-            clock.sleep(_STEP_S)
+            clock.sleep(STEP_S)
         if self._cut or "freeze" in self._faults:
             return self._frame(timeout_s)
         self._n_taken += 1
@@ -306,32 +258,6 @@ class InProcessCamera(Camera):
         if "wrong ids" in self._faults:
             return "", "its frame id was there before", n_missing
         return "MISSING_PACKETS", f"{n_missing} packets were lost on the way" if n_missing else "", n_missing
-
-    def _await_reconnect(self) -> None:
-        """Wait until a lost camera is back; raises CameraLostError after the patience."""
-        began_s, lost_at = self._clock.monotonic_s(), self._clock.now()
-        self._wait_while(lambda: "freeze" in self._faults, _NOTICED_AFTER_S)
-        reason = self._cut or (_OUT_OF_REACH["freeze"] if "freeze" in self._faults else "")
-        if not reason:
-            return
-        self._cut = reason
-        self._wait_while(self._out_of_reach, self._patience_s)
-        if self._patience_s == 0 or self._out_of_reach():
-            raise CameraLostError(
-                f"{self._name} is lost, {reason}: let the simulated camera recover, then open it again"
-            )
-        self._cut = ""
-        gap = Gap(lost_at, self._clock.now(), self._clock.monotonic_s() - began_s, reason)
-        self._gaps = (*self._gaps, gap)
-
-    def _out_of_reach(self) -> bool:
-        return not _OUT_OF_REACH.keys().isdisjoint(self._faults)
-
-    def _wait_while(self, bad: Callable[[], bool], longest_s: float) -> None:
-        until_s = self._clock.monotonic_s() + longest_s
-        # In whole steps: a rest of rounding would not advance a virtual clock.
-        while bad() and self._clock.monotonic_s() < until_s:
-            self._clock.sleep(_STEP_S)
 
     def _require_open(self) -> None:
         if not self._open:

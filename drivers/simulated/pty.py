@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Final, Self
 
 from ...core.errors import DeviceError, InputError
-from .meter import CRLF, FaultyMeter, MeterEngine
+from .port import CRLF, FaultyMeter, MeterEngine
 
 #: Interval at which an idle port is prepared for the next program.
 _IDLE_S: Final = 0.2

@@ -1,8 +1,9 @@
 """Acquisition: record the frames and readings of a plan, and resume it after an interruption."""
 
 from .checks import CheckFinding
-from .control import AcquisitionStoppedError, AskedOperator, Control, HandNeededError, Operator, Progress, Unattended
+from .control import AcquisitionStoppedError, Control, Progress
 from .live import Live, PatchNumbers
+from .operator import AskedOperator, HandNeededError, Operator, Unattended
 from .plan import forget, remaining
 from .run import Left, acquire, is_complete
 

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import shutil
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Literal
 
-from ..core.errors import InputError, LabcdpError, SessionError
+from ..core.errors import InputError, SessionError
 from ..core.pixel_format import pixel_format
 from ..core.reading import Reading
 from ..drivers.camera import Camera, CameraNotFoundError, CameraSettingError
@@ -18,7 +16,6 @@ from ..drivers.camera_settings import CameraSetup, Region, Trigger
 from ..drivers.meter import Meter
 from ..session import CameraConfiguration, EventRecord, FrameRecord, ReadingRecord, Session, SessionConfiguration
 from ..session.configuration import SAME_EXPOSURE_REL
-from ..session.records import SIMULATED_BENCH
 
 #: Kind of the event that records the check of a unit.
 CHECK = "check"
@@ -200,35 +197,6 @@ def was_checked(session: Session, unit: Unit) -> bool:
     checks = [r for r in session.records if isinstance(r, EventRecord) and r.kind == CHECK]
     last_check = max((r.sequence for r in checks if r.content["unit"] == unit.name), default=0)
     return last_check > max((r.sequence for r in records_of(session, unit)), default=0)
-
-
-#: Records with which every session begins.
-_OF_A_NEW_SESSION = ("session", "readme", SIMULATED_BENCH)
-
-
-@contextmanager
-def no_bare_session(path: Path) -> Iterator[None]:
-    """Remove a session that failed before its first record, unless it was there before.
-
-    Parameters
-    ----------
-    path : Path
-        Folder of the session, which the block creates or resumes, and closes.
-    """
-    new = not holds_something(path)
-    try:
-        yield
-    except LabcdpError:
-        if new and holds_something(path):
-            session = Session.open(path)
-            if all(isinstance(one, EventRecord) and one.kind in _OF_A_NEW_SESSION for one in session.records):
-                session.remove()
-        raise
-
-
-def holds_something(path: Path) -> bool:
-    """Whether there is anything at a path but an empty folder."""
-    return path.exists() and not (path.is_dir() and not any(path.iterdir()))
 
 
 #: Most bytes of a frame beyond its pixels: header, description, and its line in the journal.

@@ -16,7 +16,8 @@ from ..core.frame import Frame
 from ..core.reading import Reading
 from ..drivers.meter import Meter, MeterError
 from ..session import MeterConfiguration, Role, Session
-from .control import Control, Operator, Progress, Report
+from .control import Control, Progress, Report
+from .operator import Operator
 from .plan import readings_wanted, remaining
 
 #: Bounds of the queue in frames and bytes: two seconds of a 5 megapixel camera at 15 frames/s.

@@ -23,9 +23,10 @@ from .checks import (
     check_repeats,
     check_scatter,
 )
-from .control import Control, HandNeededError, LensCap, Operator, Progress, Report
+from .control import Control, Progress, Report
 from .frames import FrameRecorder
 from .live import measured_black_dn
+from .operator import HandNeededError, LensCap, Operator
 from .plan import (
     CHECK,
     Unit,

@@ -13,7 +13,7 @@ from labcdp.drivers.meter import MeterError, MeterReportedError
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
 from labcdp.drivers.replay import ReplayCamera, ReplayMeter
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
-from labcdp.drivers.simulated.meter import Fault
+from labcdp.drivers.simulated.port import Fault
 from labcdp.session import EventRecord, Session, example_session
 
 SHAPE = (400, 480)

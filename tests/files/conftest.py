@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from labcdp.acquire.import_files import ImportFile
+from labcdp.acquire.import_check import ImportFile
 from labcdp.core.frame import CameraIdentity
 from labcdp.files import PictureOptions
 

@@ -14,8 +14,9 @@ import typer
 
 from ...acquire import AcquisitionStoppedError, Control, Left, Unattended, forget, is_complete
 from ...acquire import acquire as run
-from ...acquire.import_files import ImportFile, import_session
-from ...acquire.plan import holds_something, no_bare_session
+from ...acquire.control import holds_something, no_bare_session
+from ...acquire.import_check import ImportFile
+from ...acquire.import_files import import_session
 from ...core.clock import Clock, SimulatedClock, SystemClock
 from ...core.errors import InputError, SessionError
 from ...core.result import InputFile, Quantity, Result, quantity_table

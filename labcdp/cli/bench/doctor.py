@@ -24,9 +24,10 @@ from ...drivers.aravis.library import CameraInfo, choose, discover
 from ...drivers.camera import CameraError
 from ...drivers.computer import firewall
 from ...drivers.device import Finding
-from ...drivers.doctor.camera import camera_files, check_camera, meter_files
+from ...drivers.doctor.camera import check_camera
 from ...drivers.doctor.computer import host_findings, no_camera_finding
 from ...drivers.doctor.meter import check_meter
+from ...drivers.doctor.report import camera_files, meter_files
 from ...drivers.network import interfaces
 from ...output import check_file, write_file
 from ...report.files import envelope_json

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from typing import Any, Self
 
 from ...acquire import CheckFinding, Control, Operator
-from ...acquire.control import AskedOperator
+from ...acquire.operator import AskedOperator
 from ...core.errors import DeviceError
 from ...drivers.csv_meter import CsvMeter
 from ...session import ReadingRecord, Session

@@ -11,8 +11,8 @@ from time import monotonic
 from typing import TYPE_CHECKING
 
 from ...acquire import AcquisitionStoppedError, Control, acquire, forget
-from ...acquire.control import AskedOperator
-from ...acquire.plan import no_bare_session
+from ...acquire.control import no_bare_session
+from ...acquire.operator import AskedOperator
 from ...core.errors import InputError, LabcdpError
 from ...drivers.meter import Meter
 from ...regions import Shape

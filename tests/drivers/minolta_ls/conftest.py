@@ -9,7 +9,7 @@ import pytest
 
 from labcdp.core.clock import SimulatedClock
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
-from labcdp.drivers.simulated.meter import InProcessPort
+from labcdp.drivers.simulated.port import InProcessPort
 from labcdp.drivers.simulated.pty import PtyMeter
 
 #: Short for a test, long for two threads on one machine.

@@ -23,7 +23,8 @@ from labcdp.drivers.meter import (
 )
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
 from labcdp.drivers.minolta_ls.protocol import ERROR_CODES, MeterMode
-from labcdp.drivers.simulated.meter import Fault, SimulatedLS
+from labcdp.drivers.simulated.meter import SimulatedLS
+from labcdp.drivers.simulated.port import Fault
 from labcdp.drivers.simulated.pty import PtyMeter
 
 from .conftest import TIMEOUT_S

@@ -14,7 +14,8 @@ from labcdp.core.errors import InputError
 from labcdp.drivers.meter import MeterError
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
 from labcdp.drivers.minolta_ls.port import NamedPort
-from labcdp.drivers.simulated.meter import Fault, SimulatedLS
+from labcdp.drivers.simulated.meter import SimulatedLS
+from labcdp.drivers.simulated.port import Fault
 from labcdp.drivers.simulated.pty import PtyMeter
 
 from .conftest import TIMEOUT_S

@@ -1,0 +1,70 @@
+"""What a report of a problem needs: a camera's description and features, and the bytes of a meter."""
+
+from __future__ import annotations
+
+import json
+import platform
+import re
+import tempfile
+from contextlib import closing, suppress
+from dataclasses import asdict
+from importlib.metadata import version
+from pathlib import Path
+
+from ..aravis.connection import take_snapshot
+from ..aravis.features import not_understood, readable_features
+from ..aravis.library import CameraInfo, genicam_xml
+from ..aravis.link import connect
+from ..meter import MeterError
+from ..minolta_ls.meter import DRIVERS
+from .computer import debian_packages
+from .meter import MeterModel
+
+
+def camera_files(info: CameraInfo) -> dict[str, bytes]:
+    """Read a camera without changing it.
+
+    Returns
+    -------
+    dict of str to bytes
+        Its GenICam description (XML), and its features with what labcdp knows of them (JSON), by file name.
+
+    Raises
+    ------
+    CameraError
+        If it is absent or busy.
+    """
+    with closing(connect(info, prepare=False)) as link:
+        writable = take_snapshot(link)
+        with link.using("it cannot be read") as camera:
+            features = dict(readable_features(camera))
+            xml = genicam_xml(camera)
+    about = {
+        "camera": asdict(info),
+        "versions": {
+            "labcdp": version("labcdp"),
+            "packages": debian_packages() or {},
+            "Python": platform.python_version(),
+            "system": platform.platform(),
+        },
+        "features": features,
+        "writable": list(writable),
+        "not understood": list(not_understood(writable)),
+    }
+    name = "camera-" + re.sub(r"\W", "_", info.serial or info.address)
+    text = json.dumps(about, indent=1, default=repr)
+    return {f"{name}.json": text.encode(), f"{name}.xml": xml}
+
+
+def meter_files(port: str, model: MeterModel, timeout_s: float = 6.0) -> dict[str, bytes]:
+    """Set a meter's modes, measure once and read its display; return the transcript of the bytes by file name.
+
+    Errors of the meter are part of the transcript.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "meter.jsonl")
+        with suppress(MeterError), DRIVERS[model](port, timeout_s=timeout_s, transcript=path) as meter:
+            for use in (meter.measure, meter.read_held):
+                with suppress(MeterError):
+                    use()
+        return {path.name: path.read_bytes()} if path.exists() else {}

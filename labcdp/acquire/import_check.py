@@ -1,0 +1,205 @@
+"""Pictures to import: read, and checked against each other and against the configuration."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..core.errors import InputError
+from ..core.frame import CameraIdentity, Frame
+from ..core.pixel_format import pixel_format
+from ..core.result import Finding, info, warning
+from ..files import IMAGE_SUFFIXES, FileFrame, PictureOptions, read_image, read_raw
+from ..session import Role, SessionConfiguration
+
+#: Relative difference of f-numbers and focal lengths explained by rounding; third stops differ by 12 %.
+_LENS_TOLERANCE_REL = 0.05
+
+
+#: Largest difference of black levels as a share of saturation: many cameras measure it for each picture.
+_BLACK_TOLERANCE = 0.01
+
+
+@dataclass(frozen=True)
+class ImportFile:
+    """One picture to import.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    role : {'light', 'dark'}
+        Whether it shows the target or was taken with the lens covered.
+    patch : str or None
+        The patch it shows, where patches were shown one by one.
+    exposure_s : float or None
+        Exposure time, if not in the file.
+    """
+
+    path: Path
+    role: Role
+    patch: str | None = None
+    exposure_s: float | None = None
+
+
+@dataclass(frozen=True)
+class CheckedFile:
+    """A checked file; its pixels are read again for writing, to limit memory."""
+
+    file: ImportFile
+    key: str
+
+
+def check_files(
+    configuration: SessionConfiguration,
+    files: Sequence[ImportFile],
+    report: Callable[[str, int, int], None],
+) -> tuple[list[CheckedFile], Frame, list[Finding]]:
+    """Read all files once; returns them, the first frame, which represents all settings, and findings."""
+    _require_presentation(configuration, files)
+    first: FileFrame | None = None
+    seen: dict[str, ImportFile] = {}
+    findings: list[Finding] = []
+    counts: dict[tuple[Role, str | None, float], int] = {}
+    levels: dict[float, dict[Role, list[float]]] = {}
+    for done, file in enumerate(files, start=1):
+        read = read_picture(file, configuration)
+        if first is None:
+            first = read
+            _require_bench(configuration, first)
+        _require_alike(first, read)
+        key = frame_key(read.frame)
+        if key in seen:
+            same = seen[key]
+            if (same.role, same.patch) != (file.role, file.patch):
+                raise InputError(
+                    f"{file.path} is the same picture as {same.path}, which is given as {_as_what(same)}: check which "
+                    "one is wrong"
+                )
+            findings.append(info("picture-repeated", str(file.path), same_as=str(same.path)))
+            continue
+        seen[key] = file
+        setting = (file.role, file.patch, read.frame.exposure_s)
+        counts[setting] = counts.get(setting, 0) + 1
+        levels.setdefault(read.frame.exposure_s, {}).setdefault(file.role, []).append(float(read.frame.dn.mean()))
+        report("checking", done, len(files))
+    if first is None:
+        raise InputError("there is no picture to import: give --light and --dark")
+    _require_light_brighter(levels)
+    return [CheckedFile(file, key) for key, file in seen.items()], first.frame, findings + _too_few(counts)
+
+
+def _require_light_brighter(levels: Mapping[float, Mapping[Role, Sequence[float]]]) -> None:
+    """Refuse light and dark pictures that were confused."""
+    both = {t: of for t, of in levels.items() if len(of) > 1}
+    if both and all(max(of["light"]) < min(of["dark"]) for of in both.values()):
+        exposure_s, of = max(both.items())
+        raise InputError(
+            f"the light pictures are darker than the dark ones (mean {max(of['light']):.4g} against "
+            f"{min(of['dark']):.4g} DN at {exposure_s:g} s): give them the other way round"
+        )
+
+
+def _as_what(file: ImportFile) -> str:
+    return file.role if file.patch is None else f"{file.role} of patch {file.patch!r}"
+
+
+def _too_few(counts: Mapping[tuple[Role, str | None, float], int]) -> list[Finding]:
+    findings = [
+        warning("one-picture", "" if patch is None else f"patch {patch}", role=role, exposure_s=exposure_s)
+        for (role, patch, exposure_s), n in counts.items()
+        if n == 1
+    ]
+    if not any(role == "dark" for role, _, _ in counts):
+        findings.append(warning("no-dark-pictures"))
+    return findings
+
+
+def _require_presentation(configuration: SessionConfiguration, files: Sequence[ImportFile]) -> None:
+    one_by_one = configuration.target.presentation == "one by one"
+    names = [patch.name for patch in configuration.target.patches]
+    for file in files:
+        if file.role != "light":
+            continue
+        if one_by_one and file.patch is None:
+            raise InputError(
+                f"{file.path} shows which patch? The target's patches are shown one by one: give --light PATCH=FILE"
+            )
+        if not one_by_one and file.patch is not None:
+            raise InputError(
+                f"{file.path} is given for patch {file.patch!r}, but the target's patches are shown together: give "
+                '--light FILE, or set target.presentation = "one by one"'
+            )
+        if file.patch is not None and file.patch not in names:
+            raise InputError(f"there is no patch {file.patch!r} for {file.path}: choose from {', '.join(names)}")
+
+
+def read_picture(file: ImportFile, configuration: SessionConfiguration) -> FileFrame:
+    """Read a picture, with missing settings from the configuration; raises InputError as `labcdp.files`."""
+    camera = configuration.camera
+    defaults = PictureOptions(
+        exposure_s=file.exposure_s,
+        gain_db=configuration.plan.gain_db,
+        camera=CameraIdentity(camera.vendor or "unknown", camera.model or "unknown", camera.serial or "unknown"),
+    )
+    if file.path.suffix.lower() in IMAGE_SUFFIXES:
+        return read_image(file.path, pixel_format(configuration.plan.pixel_format), defaults)
+    return read_raw(file.path, defaults)
+
+
+def _require_bench(configuration: SessionConfiguration, read: FileFrame) -> None:
+    """Refuse a picture that is not of the configured camera, lens and target."""
+    for name in ("vendor", "model", "serial"):
+        wanted, found = getattr(configuration.camera, name), getattr(read.frame.camera, name)
+        if wanted is not None and wanted.casefold() != found.casefold():
+            raise InputError(
+                f"{read.path} is by a camera with {name} {found!r}, the configuration says {wanted!r}: correct "
+                f"camera.{name}, or give pictures of that camera"
+            )
+    lens = configuration.lens
+    for name, found_value, wanted_value in (
+        ("f_number", read.f_number, lens.f_number),
+        ("focal_length_m", read.focal_length_m, lens.focal_length_m),
+    ):
+        if found_value is not None and abs(found_value / wanted_value - 1) > _LENS_TOLERANCE_REL:
+            raise InputError(
+                f"{read.path} was taken with {name} {found_value:g}, the configuration says {wanted_value:g}: correct "
+                f"lens.{name}, or give pictures with this setting"
+            )
+    for patch in configuration.target.patches:
+        patch.region().mask(read.frame.shape)
+
+
+def _require_alike(first: FileFrame, read: FileFrame) -> None:
+    """Refuse a picture that differs from the first in anything but exposure and light."""
+    a, b = first.frame, read.frame
+    for name, expected, found in (
+        ("camera", str(a.camera), str(b.camera)),
+        ("image size", f"{a.shape[1]} x {a.shape[0]}", f"{b.shape[1]} x {b.shape[0]}"),
+        ("pixel format", a.pixel_format, b.pixel_format),
+        ("bit depth", a.bit_depth, b.bit_depth),
+        ("gain", f"{a.gain_db:.4g} dB", f"{b.gain_db:.4g} dB"),
+        ("saturation", f"{a.saturation_dn:g} DN", f"{b.saturation_dn:g} DN"),
+        ("f-number", first.f_number, read.f_number),
+        ("focal length", first.focal_length_m, read.focal_length_m),
+    ):
+        if expected != found:
+            raise InputError(
+                f"{name} of {read.path} is {found}, that of {first.path} is {expected}: give pictures of one camera "
+                "with one setting, and other exposures only"
+            )
+    mine, theirs = (one.black_level_dn or 0.0 for one in (a, b))
+    if abs(mine - theirs) > _BLACK_TOLERANCE * a.saturation_dn:
+        raise InputError(
+            f"black level of {read.path} is {theirs:g} DN, that of {first.path} is {mine:g} DN: give pictures with one "
+            "setting"
+        )
+
+
+def frame_key(frame: Frame) -> str:
+    """Hash of pixels and exposure, unique to each picture by its noise."""
+    digest = hashlib.sha256(f"{frame.shape} {frame.dn.dtype.name} {frame.exposure_s!r}".encode())
+    digest.update(frame.dn.tobytes())
+    return digest.hexdigest()

@@ -70,3 +70,31 @@ def on_bench(tmp_path):
             yield Bench(session, bench, camera, meter, clock)
 
     return opened
+
+
+class Hands:
+    """An operator who notes what was asked and repeats what a test says."""
+
+    def __init__(self, bench, repeat=lambda what, findings: False):
+        self.bench, self._repeat = bench, repeat
+        self.done, self.found = [], []
+
+    def cover_lens(self):
+        self.done.append("cover")
+        self.bench.cover_lens()
+
+    def uncover_lens(self):
+        self.done.append("uncover")
+        self.bench.uncover_lens()
+
+    def point_meter(self, patch):
+        self.done.append(f"point {patch}")
+        self.bench.point_meter(patch)
+
+    def show_patch(self, patch):
+        self.done.append(f"show {patch}")
+        self.bench.show_patch(patch)
+
+    def repeat(self, what, findings):
+        self.found.append((what, [finding.check for finding in findings]))
+        return self._repeat(what, findings)

@@ -2,13 +2,7 @@ import pytest
 
 import labcdp
 from labcdp.core.reading import MeterIdentity
-from labcdp.drivers.camera import CameraNotFoundError
 from labcdp.drivers.simulated import PtyMeter, SimulatedLS
-
-
-def test_open_camera_says_what_is_missing(aravis):
-    with pytest.raises(CameraNotFoundError, match="no camera 'DEV-2'"):
-        labcdp.drivers.open_camera("DEV-2")
 
 
 @pytest.mark.parametrize("model", ["LS-100", "LS-110"])

@@ -8,29 +8,26 @@ import numpy as np
 import pytest
 
 from labcdp.core.errors import InputError
+from labcdp.core.frame import CameraIdentity
 from labcdp.drivers.aravis import stream
 from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.aravis.connection import Connection
 from labcdp.drivers.aravis.library import CameraInfo, choose, discover
-from labcdp.drivers.camera import CameraError, CameraNotFoundError, CameraSettingError, IncompleteFrameError
-from labcdp.drivers.camera_settings import FRAME_ALLOWANCE_S, FREE_RUN, CameraSettings
+from labcdp.drivers.camera import CameraError, CameraNotFoundError, CameraSettingError
+from labcdp.drivers.camera_settings import FRAME_ALLOWANCE_S, CameraSettings
 from labcdp.drivers.computer import overload
-from labcdp.drivers.simulated.gige_camera import SimulatedDevice, SimulatedGigECamera
+from labcdp.drivers.simulated.gige_camera import SimulatedGigECamera
 
 from ..conftest import SMALL, Ramp, features
 
 
-def test_discovery_finds_the_camera(camera_on_loopback):
-    names = ("Allied Vision Technologies", "Manta_G-505B", "SIM-1")
-    assert discover() == [CameraInfo(*names, "127.0.0.1", "GigEVision", "-".join(names))]
-
-
 @pytest.mark.parametrize("selector", [None, "SIM-1", "127.0.0.1", "Manta_G-505B"])
 def test_opens_by_serial_address_model_or_as_the_only_one(camera_on_loopback, selector):
+    names = ("Allied Vision Technologies", "Manta_G-505B", "SIM-1")
     with AravisCamera(selector) as camera:
-        identity = camera.identity
-    assert (identity.vendor, identity.model, identity.serial) == ("Allied Vision Technologies", "Manta_G-505B", "SIM-1")
-    assert identity.simulated
+        assert camera.identity == CameraIdentity(*names, simulated=True)
+    if selector is None:
+        assert discover() == [CameraInfo(*names, "127.0.0.1", "GigEVision", "-".join(names))]
 
 
 def test_frames_carry_pixels_and_all_metadata(camera_on_loopback):
@@ -67,15 +64,6 @@ def test_every_frame_is_taken_after_the_last_change(camera_on_loopback):
             assert frame.exposure_s == applied.exposure_s == pytest.approx(exposure_us * 1e-6, rel=1e-9)
 
 
-def test_a_change_between_frames_of_a_grab_is_not_mixed_in(camera_on_loopback):
-    with AravisCamera("127.0.0.1") as camera:
-        camera.configure(exposure_s=0.001)
-        first = next(camera.grab(20))
-        assert first.dn[0, 0] == 1000
-        camera.configure(exposure_s=0.003)
-        assert [f.dn[0, 0] for f in camera.grab(3)] == [3000, 3000, 3000]
-
-
 def test_settings_cannot_change_under_a_grab(camera_on_loopback):
     """The rest of its frames would tell a wrong exposure."""
     with AravisCamera("127.0.0.1") as camera:
@@ -102,57 +90,18 @@ def test_two_cameras_need_a_choice():
     assert choose(found, "2").address == "10.0.0.2"
 
 
-def test_an_image_region_left_by_another_program_is_undone(aravis_tools, camera_on_loopback):
-    settings = ["Width=32", "Height=24", "OffsetX=16", "OffsetY=12"]
-    subprocess.run(["arv-tool-0.8", "control", *settings], check=True, capture_output=True)
+def test_impossible_times_are_refused(camera_on_loopback):
     with AravisCamera("127.0.0.1") as camera:
-        frame = camera.snap()
-    assert frame.shape == (48, 64)
-    np.testing.assert_array_equal(frame.dn[1], np.arange(64))
-
-
-def test_incomplete_frames_are_refused(aravis):
-    device = SimulatedDevice("SIM-1", width=640, height=480, frame_rate_hz=20)
-    with SimulatedGigECamera(device, Ramp((480, 640))) as server, AravisCamera("127.0.0.1") as camera:
-        server.set_faults({"lose": 0.2})
-        with pytest.raises(IncompleteFrameError, match=r"is incomplete, .*it is refused; .*lower the frame rate"):
-            list(camera.grab(20))
-        server.set_faults({})
-        assert camera.snap().shape == (480, 640)
-
-
-def test_a_trigger_left_by_another_program_is_undone(aravis_tools, camera_on_loopback):
-    for setting in ("TriggerMode=On", "TriggerSource=Software"):
-        subprocess.run(["arv-tool-0.8", "control", setting], check=True, capture_output=True)
-    with AravisCamera("127.0.0.1") as camera:
-        assert camera.settings.trigger == FREE_RUN
-        assert camera.snap().shape == (48, 64)
-
-
-def test_nothing_is_left_behind(camera_on_loopback):
-    with AravisCamera("127.0.0.1") as camera:
-        camera.snap()
-    threads, files = len(os.listdir("/proc/self/task")), len(os.listdir("/proc/self/fd"))
-    for _ in range(3):
-        with AravisCamera("127.0.0.1") as camera:
-            list(camera.grab(2))
-    del camera
-    # Aravis' threads are not Python's.
-    assert len(os.listdir("/proc/self/task")) <= threads
-    assert len(os.listdir("/proc/self/fd")) <= files
-
-
-@pytest.mark.parametrize("timeout_s", [-1.0, float("nan"), float("inf")])
-def test_an_impossible_timeout_is_refused(camera_on_loopback, timeout_s):
-    with (
-        AravisCamera("127.0.0.1") as camera,
-        pytest.raises(InputError, match=r"timeout_s is .*: give 0 to 86400 seconds"),
-    ):
-        camera.snap(timeout_s)
+        for wrong_s in (-1.0, float("nan"), float("inf")):
+            with pytest.raises(InputError, match=r"timeout_s is .*: give 0 to 86400 seconds"):
+                camera.snap(wrong_s)
+            with pytest.raises(InputError, match=r"patience_s is .*: give 0 or more seconds"):
+                AravisCamera("127.0.0.1", patience_s=wrong_s)
 
 
 def test_opening_resets_what_another_program_left(camera_on_loopback):
     left = {"ReverseX": True, "ReverseY": True, "LUTEnable": True, "ExposureMode": "TriggerWidth"}
+    part = {"Width": 32, "Height": 24, "OffsetX": 16, "OffsetY": 12, "TriggerMode": "On"}
     left |= {"BlackLevelAuto": "Continuous", "GainAuto": "Continuous", "ExposureAuto": "Continuous"}
     with AravisCamera("127.0.0.1") as camera:
         upright = camera.snap().dn
@@ -160,6 +109,8 @@ def test_opening_resets_what_another_program_left(camera_on_loopback):
             assert camera.set_feature(name, value) == value
         # The first row carries what differs from frame to frame.
         np.testing.assert_array_equal(camera.snap().dn[:-1], upright[1:][::-1, ::-1])
+        for name, value in part.items():
+            camera.set_feature(name, value)
     with AravisCamera("127.0.0.1") as camera:
         now = {name: camera.feature(name) for name in left}
         np.testing.assert_array_equal(camera.snap().dn[1:], upright[1:])
@@ -243,13 +194,6 @@ def test_a_gamma_that_is_switched_off_may_be_locked_and_a_test_pattern_is_switch
     in_force = SimulatedGigECamera(replace(SMALL, features=features(Gamma=gamma)), Ramp())
     with in_force, pytest.raises(CameraSettingError, match=r"Gamma is 0\.45"):
         AravisCamera("127.0.0.1").open()
-
-
-def test_features_that_are_not_understood_are_listed(aravis):
-    more = {"Sharpness": {"register": 0x170}, "DefectMaskEnable": {"register": 0x174, "switch": True}}
-    for table, expected in ((features(), ()), (features(**more), ("Sharpness", "DefectMaskEnable"))):
-        with SimulatedGigECamera(replace(SMALL, features=table), Ramp()), AravisCamera("127.0.0.1") as camera:
-            assert camera.not_understood == expected
 
 
 def test_a_camera_that_is_not_on_a_network_is_opened_by_serial_number(aravis):

@@ -9,8 +9,6 @@ from dataclasses import replace
 
 import pytest
 
-from labcdp.core.errors import InputError
-from labcdp.drivers import open_camera
 from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.camera import CameraLostError, CameraSettingError
 from labcdp.drivers.camera_settings import Region
@@ -81,44 +79,22 @@ def test_loss_during_a_grab_is_noticed_soon_and_nothing_left_behind(camera_on_lo
     pytest.fail(f"the last loss was noticed after {noticed_s:.1f} s, and the camera closed after {closed_s:.1f} s")
 
 
-@pytest.mark.parametrize("trouble", _LOST, ids=["frozen", "gone"])
-def test_a_grab_is_restored_after_a_loss_with_all_settings(camera_on_loopback, recover_when_missed, caplog, trouble):
-    with open_camera("127.0.0.1", patience_s=9) as camera:
-        camera.configure(binning=(2, 2), pixel_format="Mono8", region=Region(4, 2, 16, 12))
-        camera.set_feature("ExposureTimeAbs", 3000)
-        before = camera.configure(gain_db=2.0)
-        frames = camera.grab(20)
-        taken = [next(frames) for _ in range(5)]
-        camera_on_loopback.set_faults(trouble)
-        taken.extend(frames)
-        (gap,) = camera.gaps
-        assert camera.settings == before
-        assert camera.statistics.completed >= 20
-    assert len(taken) == 20
-    assert {frame.shape for frame in taken} == {(12, 16)}
-    assert {(frame.exposure_s, frame.gain_db) for frame in taken} == {(0.003, 2.0)}
-    assert gap.lost_at < gap.back_at
-    assert gap.duration_s > 0
-    assert "stopped answering (no frame came)" in gap.reason
-    warnings = [record.message for record in caplog.records if record.levelno == logging.WARNING]
-    assert "waiting up to 9 s for it to come back" in warnings[0]
-    assert "its settings are restored" in warnings[-1]
-
-
 def test_settings_of_another_program_are_restored_after_a_power_cut(camera_on_loopback, recover_when_missed):
     """A camera keeps settings until it is switched off, and a program that reads them relies on them."""
     with AravisCamera("127.0.0.1") as earlier:
         earlier.configure(pixel_format="Mono8", gain_db=6.0, black_level=50)
     with AravisCamera("127.0.0.1", patience_s=60) as camera:
-        before = camera.settings
+        before = camera.configure(binning=(2, 2), region=Region(4, 2, 16, 12))
+        camera.set_feature("ExposureTimeAbs", 3000)
         everything = camera.features()
         frames = camera.grab(6)
         taken = [next(frames)]
         camera_on_loopback.set_faults({"vanish": 0})
         taken.extend(frames)
         assert len(camera.gaps) == 1
-        assert camera.settings == before
+        assert camera.settings == replace(before, exposure_s=0.003)
         assert camera.features() == everything
+    assert {frame.shape for frame in taken} == {(12, 16)}
     assert (before.pixel_format, before.gain_db, before.black_level) == ("Mono8", 6.0, 50)
     assert {(frame.pixel_format, frame.gain_db, frame.bit_depth) for frame in taken} == {("Mono8", 6.0, 8)}
 
@@ -148,9 +124,3 @@ def test_a_short_silence_is_bridged(camera_on_loopback, later):
         assert camera.gaps == ()
         assert camera.configure(exposure_s=0.004).exposure_s == 0.004
     assert len(taken) == 30
-
-
-@pytest.mark.parametrize("patience_s", [-1.0, float("nan"), float("inf")])
-def test_impossible_patience_is_refused(patience_s):
-    with pytest.raises(InputError, match=r"patience_s is .*: give 0 or more seconds"):
-        AravisCamera("127.0.0.1", patience_s=patience_s)

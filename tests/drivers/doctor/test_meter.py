@@ -3,7 +3,6 @@
 import pytest
 import serial
 
-from labcdp.drivers.device import Finding
 from labcdp.drivers.doctor.meter import check_meter
 from labcdp.drivers.simulated.pty import PtyMeter
 
@@ -45,21 +44,20 @@ def test_a_meter_in_order():
     assert checked(b"OK00,CcPH 83.02\r\n", model="LS-100")[0][1].cause.endswith("(as LS-100)")
 
 
-def test_a_meter_that_is_set_to_foot_lamberts():
-    found, _ = checked(b"OK00,CfPH 100.0\r\n")
-    assert found[-1] == Finding(
-        "unit",
-        "notice",
-        "the meter is set to fL; it shows 100 fL, which is 342.626 cd/m^2",
-        "set its unit switch to cd/m^2 if fL is not meant",
-    )
-
-
-@pytest.mark.parametrize(("code", "state"), [(b"ER30", "fault"), (b"ER20", "fault"), (b"ER19", "notice")])
-def test_an_error_code_says_what_to_do(code, state):
-    found, _ = checked(code + b"\r\n")
+@pytest.mark.parametrize(
+    ("shown", "state", "cause"),
+    [
+        (b"OK00,CfPH 100.0", "notice", "the meter is set to fL; it shows 100 fL, which is 342.626 cd/m^2"),
+        (b"OK00,C% H 100.0", "notice", "the meter shows a ratio in %"),
+        (b"ER11", "unknown", "the meter holds no reading, which would tell its unit"),
+        *((code, "fault", code.decode()) for code in (b"ER20", b"ER30")),
+        (b"ER19", "notice", "ER19"),
+    ],
+)
+def test_what_the_display_says_and_what_to_do(shown, state, cause):
+    found, _ = checked(shown + b"\r\n")
     assert (found[-1].topic, found[-1].state) == ("unit", state)
-    assert code.decode() in found[-1].cause
+    assert cause in found[-1].cause
     assert found[-1].remedy
 
 

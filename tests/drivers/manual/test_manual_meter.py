@@ -37,9 +37,6 @@ def measured(*answers):
         return meter.measure()
 
 
-# --- The meter ----------------------------------------------------------------------------------------------------
-
-
 def test_a_typed_number_is_a_reading():
     before = datetime.now(UTC)
     reading = measured(" 12,30 ")
@@ -64,14 +61,8 @@ def test_the_prompt_says_what_and_how_and_again_why():
 def test_three_answers_that_are_no_luminance_end_in_an_error():
     with pytest.raises(MeterError, match=r"no luminance was typed in 3 attempts, last: 'c' is not a number: write it"):
         measured("a", "b", "c", "12.3")
-
-
-def test_nobody_there_is_an_error():
     with pytest.raises(MeterError, match="no reading of the luminance meter was typed: run the command in"):
         measured("a")
-
-
-# --- Numbers as people write them ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -91,46 +91,18 @@ def control(*words):
 @pytest.mark.parametrize(
     ("naming", "present", "absent"),
     [
-        (
-            "prosilica",
-            ["'ExposureTimeAbs' = 10000 us", "'AcquisitionFrameRateAbs' = 50 Hz", "'StreamBytesPerSecond' = 124000000"],
-            ["'ExposureTime' ", "'DeviceLinkThroughputLimit"],
-        ),
-        (
-            "sfnc",
-            [
-                "'ExposureTime' = 10000 us",
-                "'AcquisitionFrameRate' = 50 Hz",
-                "'DeviceLinkThroughputLimit' = 124000000",
-                "'DeviceLinkThroughputLimitMode' = 'Off'",
-            ],
-            ["'ExposureTimeAbs'", "'StreamBytesPerSecond'"],
-        ),
+        ("prosilica", ["'ExposureTimeAbs' = 10000 us", "'StreamBytesPerSecond' = 124000000"], "'ExposureTime' "),
+        ("sfnc", ["'ExposureTime' = 10000 us", "'DeviceLinkThroughputLimitMode' = 'Off'"], "'ExposureTimeAbs'"),
     ],
 )
 def test_aravis_tool_reads_every_feature(aravis_tools, no_other_camera, naming, present, absent):
     with SimulatedGigECamera(replace(SMALL, features=standard_features(naming)), Ramp()):
         values = control("values")
-    for text in (
-        *present,
-        "'BinningHorizontal' = 1",
-        "'BinningVerticalMode' = 'Average'",
-        "'WidthMax' = 64",
-        "'BlackLevel' = 7 DN",
-        "'Gamma' = 1",
-        "'ExposureAuto' = 'Off'",
-        "'GainAuto' = 'Off'",
-        "'TriggerActivation' = 'RisingEdge'",
-        "'AcquisitionMode' = 'Continuous'",
-        "'GevSCPSPacketSize' = 9000",
-        "'GevSCPD' = 0",
-        "'GevTimestampTickFrequency' = 1000000000",
-        "'PayloadSize' = 6144",
-        "'DeviceTemperature' = 31.5 C",
-    ):
+    present += ["'BinningVerticalMode' = 'Average'", "'WidthMax' = 64", "'BlackLevel' = 7 DN", "'Gamma' = 1"]
+    present += ["'TriggerActivation' = 'RisingEdge'", "'GevSCPSPacketSize' = 9000", "'PayloadSize' = 6144"]
+    for text in (*present, "'GevTimestampTickFrequency' = 1000000000", "'DeviceTemperature' = 31.5 C"):
         assert text in values
-    for text in absent:
-        assert text not in values
+    assert absent not in values
 
 
 def test_binning_region_and_black_level_reach_the_pixels(aravis_camera, receiving):
@@ -144,13 +116,6 @@ def test_binning_region_and_black_level_reach_the_pixels(aravis_camera, receivin
     # Columns 6 and 7 of the ramp average to 6.5, rounded up; black level raised from 7 to 27.
     expected = np.arange(3, 19) * 2 + 1 + 20
     np.testing.assert_array_equal(data.view("<u2").reshape(8, 16), np.tile(expected, (8, 1)))
-
-
-def test_the_camera_answers_during_an_exposure(aravis_camera, receiving):
-    aravis_camera.set_exposure_time(60_000_000)
-    with receiving(aravis_camera) as reception:
-        assert aravis_camera.get_exposure_time() == 60_000_000
-        assert reception.next(0.2) is None
 
 
 def test_a_frame_is_not_sooner_than_its_exposure(aravis_camera, receiving):
@@ -175,15 +140,3 @@ def test_a_triggered_frame_takes_its_exposure_and_the_camera_answers_meanwhile(a
             assert reception.next(30)[0] == "success"
             assert time.monotonic() - triggered_s >= 0.29
         assert reception.next(0.2) is None
-
-
-def test_the_temperature_register_follows(aravis, no_other_camera):
-    temperature_c = [20.0]
-    with SimulatedGigECamera(SMALL, Ramp(), temperature=lambda: temperature_c[-1]) as served:
-        camera = aravis.Camera.new("127.0.0.1")
-        assert camera.get_float("DeviceTemperature") == 20.0
-        temperature_c.append(28.3)
-        served.follow_temperature()
-        assert camera.get_float("DeviceTemperature") == pytest.approx(28.3)
-        # While there is a camera to take leave of.
-        del camera

@@ -1,5 +1,7 @@
+"""CDP between regions: every pair in exact arithmetic, closed forms, and what is refused."""
+
 from fractions import Fraction
-from math import sqrt
+from math import inf, nan, sqrt
 
 import numpy as np
 import pytest
@@ -7,37 +9,71 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.stats import norm, poisson
 
+import labcdp
 from labcdp.core.errors import InputError
-from labcdp.metrics import Distribution, cdp
+from labcdp.metrics import DetectionInterval, Distribution, cdp, cdp_neighbours, cdp_range
 
 # 12-bit values around each other, so that ties, zeros and negative ones (darkness subtracted) are common.
-levels = st.one_of(st.integers(-3, 12), st.integers(90, 130), st.integers(0, 4095))
-region = st.lists(levels, min_size=1, max_size=12)
-positive_region = st.lists(st.integers(1, 4095), min_size=1, max_size=12)
-contrasts = st.one_of(
-    st.sampled_from(["0.1", "0.2", "0.3", "0.4", "0.5", "1", "0.7", "2.5"]),
-    st.decimals("0.001", "20", places=3).map(str),
-)
-epsilons = st.one_of(st.sampled_from(["0.5", "1", "0.1", "0.9"]), st.decimals("0.01", "1", places=2).map(str))
+region = st.lists(st.one_of(st.integers(-3, 12), st.integers(90, 130), st.integers(0, 4095)), min_size=1, max_size=10)
+contrasts = st.one_of(st.sampled_from([0.1, 0.2, 0.3, 0.5, 0.7]), st.decimals("0.001", "0.999", places=3).map(float))
+tolerance = st.one_of(st.none(), st.sampled_from([0.5, 1.0]), st.decimals("0", "1", places=2).map(float))
 
 
-def shares(pairs, contrast, epsilon):
-    """Below, inside, above and undefined as exact shares of all pairs, undefined ones below."""
-    k, eps = Fraction(contrast), Fraction(epsilon)
-    flat = [value for row in pairs for value in row]
-    below = sum(not value >= k * (1 - eps) for value in flat)
-    above = sum(value > k * (1 + eps) for value in flat)
-    undefined = sum(value != value for value in flat)
-    return [float(Fraction(n, len(flat))) for n in (below, len(flat) - below - above, above, undefined)]
+def exact(value):
+    return Fraction(str(value))
 
 
-@given(region, region, contrasts, epsilons)
-def test_integers_give_the_shares_of_exact_arithmetic(all_contrasts, a, b, contrast, epsilon):
+@given(region, region, contrasts, tolerance, tolerance, st.sampled_from(["weber", "michelson"]))
+def test_all_shares_are_those_of_exact_arithmetic(all_contrasts, a, b, contrast, below, above, definition):
+    assume(max(a + b) > 0 and (below, above) not in [(None, None), (0, 0)])
+    low = -inf if below is None else exact(contrast) * (1 - exact(below))
+    high = inf if above is None else exact(contrast) * (1 + exact(above))
+    flat = [value for row in all_contrasts(a, b) for value in row]
+    if definition == "michelson":
+        # Values below 0 count as 0.
+        bright, dark = (a, b) if exact(sum(a)) * len(b) >= exact(sum(b)) * len(a) else (b, a)
+        flat = [
+            Fraction(max(x, 0) - max(d, 0), max(x, 0) + max(d, 0)) if max(x, d) > 0 else nan
+            for d in dark
+            for x in bright
+        ]
+
+    def share(condition):
+        return float(Fraction(sum(map(condition, flat)), len(flat)))
+
+    result = cdp(np.array(a), np.array(b), contrast, DetectionInterval(below, above), definition=definition)
+    assert result.cdp == share(lambda value: low <= value <= high)
+    assert result.above == share(lambda value: value > high)
+    assert result.below == share(lambda value: not value >= low)
+    assert result.undefined == pytest.approx(share(lambda value: value != value), abs=1e-15)
+    assert result.detected == (float(low), float(high))
+
+
+@given(region, region, st.lists(contrasts, max_size=3), st.decimals("0.01", "1", places=2).map(float))
+def test_arrays_records_types_and_units_give_the_same(assert_array_equals_numbers, a, b, asked, epsilon):
     assume(max(a + b) > 0)
-    expected = shares(all_contrasts(a, b), contrast, epsilon)
-    result = cdp(np.array(a), np.array(b), float(contrast), float(epsilon))
-    assert [result.below, result.cdp, result.above] == expected[:3]
-    assert result.undefined == pytest.approx(expected[3], abs=1e-15)
+    array = cdp(a, b, np.array(asked), epsilon)
+    assert_array_equals_numbers(array, [cdp(a, b, one, epsilon) for one in asked])
+    for kind in (np.int16, np.float32, np.float64):
+        for index, record in enumerate(cdp_range(np.array(a, kind), np.array(b, kind), asked, epsilon)):
+            found = (record.cdp, record.below, record.above, record.standard_error)
+            alone = (array.cdp[index], array.below[index], array.above[index], array.u[index])
+            np.testing.assert_array_equal(found, alone)
+    assert repr(cdp(np.array(a) * 2.0**-7, np.array(b) * 2.0**-7, asked, epsilon)) == repr(cdp(a, b, asked, epsilon))
+
+
+@pytest.mark.parametrize("of", [cdp, cdp_neighbours])
+def test_number_in_gives_numbers_out_and_an_array_an_array(of):
+    rng = np.random.default_rng(1)
+    images = [rng.normal(120, 5, (20, 30)), rng.normal(100, 5, (15, 10))][: 2 if of is cdp else 1]
+    one = of(*images, np.float64(0.2))
+    assert all(type(value) is float for value in (one.cdp, one.u, *one.interval, one.below, one.above, one.contrast))
+    square = of(*images, [[0.1, 0.2], [0.5, 1.0]])
+    assert square.cdp.shape == square.u.shape == square.interval.low.shape == (2, 2)
+    assert square.cdp[0, 1] == one.cdp
+    assert of(*images, []).cdp.shape == (0,)
+    # A contrast in single precision is the decimal that it is written as.
+    assert of(*images, np.array([0.2], np.float32)).cdp[0] == one.cdp
 
 
 @pytest.mark.parametrize("side", [-1, 1])
@@ -49,43 +85,7 @@ def test_the_closest_miss_of_24_bit_integers_does_not_count(contrast, side):
     dark = pow(-side * numerator, -1, denominator)
     bright = (numerator * dark + side) // denominator
     assert max(dark, bright) < 2**24 < 2 * denominator
-    assert bright * denominator == numerator * dark + side
     assert cdp([bright], [dark], float(contrast)).cdp == 0
-
-
-def test_24_bit_integers_nearest_to_an_end_are_decided_as_in_exact_arithmetic():
-    factor = 1 + Fraction("0.1234567") * Fraction("0.5")
-    rng = np.random.default_rng(3)
-    for dark in rng.integers(2**22, 2**23, 300).tolist():
-        for bright in range(int(factor * dark) - 1, int(factor * dark) + 3):
-            assert cdp([bright], [dark], 0.1234567).cdp == (bright >= factor * dark)
-
-
-@given(region, region, contrasts, epsilons)
-def test_floats_and_integers_of_any_type_give_the_same(a, b, contrast, epsilon):
-    assume(max(a + b) > 0)
-    expected = cdp(np.array(a), np.array(b), float(contrast), float(epsilon))
-    for kind in (np.int16, np.float32, np.float64):
-        assert repr(cdp(np.array(a, kind), np.array(b, kind), float(contrast), float(epsilon))) == repr(expected)
-
-
-@given(positive_region, positive_region, contrasts, st.floats(1e-6, 1e6))
-def test_the_unit_does_not_matter(a, b, contrast, cd_m2_per_dn):
-    assume(sum(a) * len(b) != sum(b) * len(a))
-    dn = cdp(a, b, float(contrast))
-    luminance = cdp(np.array(a) * cd_m2_per_dn, np.array(b) * cd_m2_per_dn, float(contrast))
-    assert repr(luminance) == repr(dn)
-
-
-@given(region, region, contrasts, epsilons, epsilons)
-def test_shares_add_up_and_rise_with_epsilon(a, b, contrast, epsilon, wider):
-    assume(max(a + b) > 0)
-    narrow, wide = sorted((float(epsilon), float(wider)))
-    results = [cdp(a, b, float(contrast), e) for e in (narrow, wide)]
-    for result in results:
-        assert result.below + result.cdp + result.above == pytest.approx(1, abs=1e-15)
-        assert 0 <= result.undefined <= result.below
-    assert results[0].cdp <= results[1].cdp
 
 
 NORMAL = [
@@ -111,20 +111,23 @@ def closed_form(dark, dark_std, bright, bright_std):
 def test_normal_patches_give_the_closed_form(patches, published):
     dark, dark_std, bright, bright_std = patches
     assert closed_form(*patches) == pytest.approx(published, abs=5e-6)
-    rng = np.random.default_rng(11)
-    n = 40_000
+    rng, n = np.random.default_rng(11), 40_000
     result = cdp(rng.normal(bright, bright_std, n), rng.normal(dark, dark_std, n), bright / dark - 1)
     assert abs(result.cdp - published) < 4 * result.u
+    exactly = cdp(Distribution.normal(bright, bright_std), Distribution.normal(dark, dark_std), bright / dark - 1)
+    assert exactly.cdp == pytest.approx(published, abs=1e-5)
 
 
-def test_shot_noise_gives_the_exact_poisson_figure():
+def test_published_figures_of_michelson_contrast_shot_noise_and_veiling_glare():
+    patches = Distribution.normal(120, 5), Distribution.normal(100, 5)
+    assert cdp(*patches, 20 / 220, definition="michelson").cdp == pytest.approx(0.84057, abs=1e-5)
     quanta = np.arange(1000)
-    dark, bright = (Distribution(quanta, poisson.pmf(quanta, mean)) for mean in (250, 300))
-    result = cdp(dark, bright, 0.2)
+    result = cdp(*(Distribution(quanta, poisson.pmf(quanta, mean)) for mean in (250, 300)), 0.2)
     assert result.cdp == pytest.approx(0.6706, abs=5e-5)
-    assert result.swapped
+    assert (result.swapped, result.pairs) == (True, None)
     assert np.isnan([result.u, *result.interval]).all()
-    assert result.pairs is None
+    # 100 and 120 with 100 added to both, SNR 100: the contrast left is the lower end of the interval.
+    assert cdp(Distribution.normal(220, 2.2), Distribution.normal(200, 2), 0.2).cdp == pytest.approx(0.5, abs=1e-4)
 
 
 def test_a_megapixel_counts_every_one_of_its_pairs():
@@ -136,37 +139,51 @@ def test_a_megapixel_counts_every_one_of_its_pairs():
 
 
 def test_long_float_regions_agree_with_a_plain_search():
-    rng = np.random.default_rng(7)
-    n = 70_000
+    rng, n = np.random.default_rng(7), 70_000
     dark, bright = np.sort(rng.normal(1000, 30, n)), np.sort(rng.normal(1100, 35, n))
     per_dark = np.searchsorted(bright, 1.15 * dark) - np.searchsorted(bright, 1.05 * dark)
     per_bright = np.searchsorted(dark, bright / 1.05) - np.searchsorted(dark, bright / 1.15)
     result = cdp(rng.permutation(dark), rng.permutation(bright), 0.1)
-    assert result.cdp == per_dark.sum() / n**2
     share = result.cdp
+    assert share == per_dark.sum() / n**2
     scatter = np.var(per_dark / n) * n + np.var(per_bright / n) * n
     assert result.u == pytest.approx(sqrt(scatter - share * (1 - share)) / (n - 1), rel=1e-12)
+    at_least = cdp(dark, bright, 0.1, DetectionInterval.at_least(0.5))
+    assert at_least.cdp == pytest.approx(result.cdp + result.above, abs=1e-14)
 
 
-def test_dark_pixels_of_0_and_below_have_an_unbounded_or_undefined_contrast():
-    result = cdp([0, 120, 120, 121], [100, 0, -1, -5], 0.2)
-    # 16 pairs: dark 100 against 0 is below, against the rest inside; the others above, against 0 undefined.
-    assert (result.below, result.cdp, result.above, result.undefined) == (4 / 16, 3 / 16, 9 / 16, 3 / 16)
+REFUSED = [
+    *[(([2], [1], value), f"contrast is {float(value)}: give a fraction above 0") for value in (0, -0.1, nan, inf)],
+    *[(([2], [1], 0.2, value), f"epsilon is {value}: give a fraction above 0, up to 1") for value in (0, 1.01, nan)],
+    *[(([2], [1], value), r"^contrast is .*: give a number, or an array of numbers, as fractions$")
+      for value in ("10%", None, [[1], [1, 2]], True, 1j, [0.1, "a"])],
+    (([-1, 0], [-5, 0], 0.2), "neither region holds a value above 0, so no contrast is defined: check"),
+    (([1, nan], [1], 0.2), "bright region holds 1 values that are not finite: leave such pixels out"),
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("contrast", [0, -0.1, float("nan"), float("inf")])
-def test_an_unusable_contrast_is_refused(contrast):
-    with pytest.raises(InputError, match=rf"contrast is {float(contrast)}: give a fraction above 0 \(1\.0 is 100 %\)"):
-        cdp([2], [1], contrast)
+@pytest.mark.parametrize(("arguments", "message"), REFUSED)
+def test_what_cannot_be_used_is_refused_in_one_sentence(arguments, message):
+    with pytest.raises(labcdp.LabcdpError, match=message):
+        cdp(*arguments)
 
 
-@pytest.mark.parametrize("epsilon", [0, -0.5, 1.01, float("nan")])
-def test_an_unusable_epsilon_is_refused(epsilon):
-    with pytest.raises(InputError, match=f"epsilon is {epsilon}: give a fraction above 0, up to 1"):
-        cdp([2], [1], 0.2, epsilon)
+@pytest.mark.parametrize(
+    ("below", "above", "message"),
+    [
+        (None, None, "the detection interval has no end: give a tolerance below or above the contrast"),
+        (1.1, None, r"tolerance below the contrast is 1\.1: give a fraction from 0 to 1, or None"),
+        (0.1, inf, "tolerance above the contrast is inf: give a fraction of 0 or more, or None"),
+        (0, 0, "both tolerances of the detection interval are 0: give one above 0, or None"),
+    ],
+)
+def test_unusable_intervals_are_refused(below, above, message):
+    with pytest.raises(InputError, match=message):
+        DetectionInterval(below, above)
 
 
-@pytest.mark.parametrize("regions", [([0, 0], [0]), ([-1, 0], [-5, 0])])
-def test_regions_without_any_light_are_refused(regions):
-    with pytest.raises(InputError, match="neither region holds a value above 0, so no contrast is defined: check"):
-        cdp(*regions, 0.2)
+def test_unusable_definitions_and_michelson_contrasts_are_refused():
+    with pytest.raises(InputError, match=r"Michelson contrast is 1\.0: give a fraction above 0 and below 1"):
+        cdp([2], [1], 1.0, definition="michelson")
+    with pytest.raises(InputError, match="contrast definition is 'rms': give 'weber' or 'michelson'"):
+        cdp_range([2], [1], [0.5], definition="rms")

@@ -150,16 +150,6 @@ def test_a_pattern_of_rows_is_found():
     assert np.mean(found) == pytest.approx((0.3**2 + 1 / 80) / ((1 + 0.3**2) / 80), rel=0.15)
 
 
-@pytest.mark.parametrize("shape", [(1, 4), (1, 8), (1, 16), (16, 1), (1, 40), (2, 8), (3, 3), (4, 4), (8, 8)])
-def test_independent_noise_stays_so_on_tiny_regions(shape):
-    """Stated variance of a mean: the true one, and up to 15 % more for what chance alone makes of few pixels."""
-    rng = np.random.default_rng(42)
-    images = rng.normal(size=(1500, *shape))
-    stated = [image.var(ddof=1) * by_lags(image) for image in images]
-    three_sigma = 3 * np.std(stated, ddof=1) / sqrt(len(stated))
-    assert 1 - three_sigma <= np.mean(stated) <= 1.15 + three_sigma
-
-
 @pytest.mark.parametrize("outline", ["203 x 199", "circle"])
 def test_a_gradient_across_a_large_region_does_not_widen_the_interval_of_white_noise(outline):
     """Blocks of pixels do not fill it: those that are cut off would show the gradient as noise."""

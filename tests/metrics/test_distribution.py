@@ -9,28 +9,19 @@ from hypothesis.extra import numpy as hnp
 from labcdp.core.errors import InputError
 from labcdp.metrics import Distribution, cdp_range
 
-INTEGER_TYPES = ["u1", "u2", "u4", "u8", "i1", "i2", "i4", "i8"]
+FLOATS = st.sampled_from([-1.5, -0.0, 0.0, 0.1, 1.0, 2.0, 300.25])
 
 
-@pytest.mark.parametrize("kind", INTEGER_TYPES)
+@pytest.mark.parametrize("kind", ["u1", "u2", "u8", "i4", "i8", "f2", "f4", "f8"])
 @given(st.data())
-def test_integers_of_every_type_are_counted(kind, data):
-    limits = np.iinfo(kind)
-    elements = st.integers(max(limits.min, -(2**53)), min(limits.max, 2**53))
+def test_values_of_every_type_are_counted(kind, data):
+    elements = FLOATS
+    if kind[0] != "f":
+        limits = np.iinfo(kind)
+        elements = st.integers(max(limits.min, -(2**53)), min(limits.max, 2**53))
     pixels = data.draw(hnp.arrays(kind, hnp.array_shapes(max_dims=2), elements=elements))
     distribution = Distribution.from_array(pixels)
     expected = sorted(Counter(pixels.ravel().tolist()).items())
-    assert list(zip(distribution.values, distribution.weights, strict=True)) == expected
-    assert distribution.size == pixels.size
-
-
-@pytest.mark.parametrize("kind", ["f2", "f4", "f8"])
-@given(st.data())
-def test_floats_of_every_type_are_counted(kind, data):
-    elements = st.sampled_from([-1.5, -0.0, 0.0, 0.1, 1.0, 2.0, 300.25])
-    pixels = data.draw(hnp.arrays(kind, st.integers(1, 20), elements=elements))
-    distribution = Distribution.from_array(pixels)
-    expected = sorted(Counter(pixels.tolist()).items())
     assert list(zip(distribution.values, distribution.weights, strict=True)) == expected
     assert distribution.size == pixels.size
 
@@ -43,57 +34,28 @@ def test_mean_total_and_cumulative_are_weighted():
 
 def test_converting_the_distinct_values_equals_converting_each_pixel():
     rng = np.random.default_rng(2)
-    a, b = rng.integers(100, 140, 500), rng.integers(120, 180, 700)
-
-    def to_luminance(dn):
-        return (dn - 64) / 17.3
-
-    converted = cdp_range(*(Distribution.from_array(dn).map(to_luminance) for dn in (a, b)), [0.2])
-    assert converted == cdp_range(to_luminance(a), to_luminance(b), [0.2])
+    regions = rng.integers(100, 140, 500), rng.integers(120, 180, 700)
+    converted = cdp_range(*(Distribution.from_array(dn).map(lambda dn: (dn - 64) / 17.3) for dn in regions), [0.2])
+    assert converted == cdp_range(*((dn - 64) / 17.3 for dn in regions), [0.2])
 
 
 @pytest.mark.parametrize(
-    ("pixels", "message"),
+    ("make", "message"),
     [
-        ([], "pixels holds no pixel: give at least one"),
-        ([1.0, np.nan], "pixels holds 1 values that are not finite: leave such pixels out"),
-        ([-np.inf, 1.0], "pixels holds 1 values that are not finite: leave such pixels out"),
-        ([np.nan], "pixels holds 1 values that are not finite"),
-        ([True, False], "pixels has type bool: give integers or floats of at most 64 bit"),
-        ([1 + 2j], "pixels has type complex128: give integers or floats"),
-        (["1"], "pixels has type <U1: give integers or floats"),
-        ([None], "pixels has type object: give integers or floats"),
-        (np.array([1], np.longdouble), "pixels has type float128: give integers or floats of at most 64 bit"),
-        ([[1], [1, 2]], "pixels is not an array: "),
-        (np.ma.masked_equal([1, 2], 2), r"pixels is a masked array: give its valid pixels with \.compressed\(\)"),
-        ([0, 2**53 + 1], r"pixels spans 0 to 9007199254740993: give integers up to 2\^53, or floating-point numbers"),
-        (np.array([2**64 - 1], "u8"), "pixels spans 18446744073709551615 to 18446744073709551615: give integers"),
+        (lambda: Distribution.from_array([]), "pixels holds no pixel: give at least one"),
+        (lambda: Distribution.from_array([-np.inf, 1.0]), "pixels holds 1 values that are not finite: leave such pixe"),
+        (lambda: Distribution.from_array([True, False]), "pixels has type bool: give integers or floats of at most 64"),
+        (lambda: Distribution.from_array(np.array([1], np.longdouble)), "pixels has type float128: give integers or"),
+        (lambda: Distribution.from_array([[1], [1, 2]]), "pixels is not an array: "),
+        (lambda: Distribution.from_array(np.ma.masked_equal([1, 2], 2)), r"pixels is a masked array: give its valid"),
+        (lambda: Distribution.from_array([0, 2**53 + 1]), r"pixels spans 0 to 9007199254740993: give integers up to 2"),
+        (lambda: Distribution([1, 2], [1]), r"values have shape \(2,\), weights \(1,\): give two lists of equal leng"),
+        (lambda: Distribution([1, 1], [1, 1]), "values are not finite or not rising: sort them and join equal ones"),
+        (lambda: Distribution([1, np.nan, 3], [1, 1, 1]), "values are not finite or not rising"),
+        (lambda: Distribution([1, 2], [1, -1]), "weights are not finite, negative or all 0: give how often each value"),
+        (lambda: Distribution([1, 2], [1, 1]).map(np.mean), r"the conversion returned shape \(\) for \(2,\): it must"),
     ],
 )
-def test_unusable_pixels_are_refused(pixels, message):
+def test_what_makes_no_distribution_is_refused(make, message):
     with pytest.raises(InputError, match=message):
-        Distribution.from_array(pixels)
-
-
-@pytest.mark.parametrize(
-    ("values", "weights", "message"),
-    [
-        ([1, 2], [1], r"values have shape \(2,\), weights \(1,\): give two lists of equal length"),
-        ([], [], r"values have shape \(0,\), weights \(0,\): give two lists"),
-        ([2, 1], [1, 1], "values are not finite or not rising: sort them and join equal ones"),
-        ([1, 1], [1, 1], "values are not finite or not rising"),
-        ([1, np.inf], [1, 1], "values are not finite or not rising"),
-        ([1, np.nan, 3], [1, 1, 1], "values are not finite or not rising"),
-        ([1, 2], [1, -1], "weights are not finite, negative or all 0: give how often each value occurs"),
-        ([1, 2], [0, 0], "weights are not finite, negative or all 0"),
-        ([1, 2], [1, np.nan], "weights are not finite, negative or all 0"),
-    ],
-)
-def test_values_and_weights_that_make_no_distribution_are_refused(values, weights, message):
-    with pytest.raises(InputError, match=message):
-        Distribution(values, weights)
-
-
-def test_a_conversion_of_another_shape_is_refused():
-    with pytest.raises(InputError, match=r"the conversion returned shape \(\) for \(2,\): it must convert each value"):
-        Distribution([1, 2], [1, 1]).map(np.mean)
+        make()

@@ -61,12 +61,6 @@ def test_the_standard_error_is_the_scatter_of_repeated_measurements(metric):
     assert stated == pytest.approx(scatter, rel=0.12)
 
 
-def test_the_standard_error_of_snr_is_the_closed_form_of_normal_pixels():
-    n = 100_000
-    result = snr(np.random.default_rng(13).normal(100, 5, n))
-    assert result.standard_error == pytest.approx(sqrt((1 + 20**2 / 2) / n), rel=0.02)
-
-
 @pytest.mark.parametrize(
     ("value", "expected"),
     [

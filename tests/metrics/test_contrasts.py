@@ -1,0 +1,113 @@
+"""Contrasts, ranges of them, and their distribution over all pairs."""
+
+from fractions import Fraction
+from math import inf
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from labcdp.core.errors import InputError
+from labcdp.metrics import (
+    contrast_distribution,
+    contrast_quantile,
+    contrast_range,
+    michelson_contrast,
+    weber_contrast,
+    weber_contrast_of_means,
+)
+
+region = st.lists(st.one_of(st.integers(-2, 8), st.integers(90, 130)), min_size=1, max_size=10)
+edges = st.lists(st.decimals("-1", "5", places=2), min_size=1, max_size=8, unique=True).map(sorted)
+
+
+def test_weber_contrast_is_the_ratio_less_one():
+    # Patches of the thesis' experiment: 412 against 33.6 cd/m^2.
+    assert weber_contrast([110, 100, 412], [100, 100, 33.6]).tolist() == pytest.approx([0.1, 0, 11.2619], abs=5e-5)
+    unlit = weber_contrast([5, 5, 0, -1], [0, -1, 0, -2]).tolist()
+    assert unlit == pytest.approx([inf, inf, np.nan, np.nan], nan_ok=True)
+    assert weber_contrast_of_means([90, 110], [[120, 130], [110, 120]]) == pytest.approx(0.2)
+    assert weber_contrast_of_means([100], [-1, 0, 1]) == inf
+    assert np.isnan(weber_contrast_of_means([-9, 3], [-9, 3]))
+
+
+@given(st.integers(1, 4095), st.integers(1, 4095))
+def test_michelson_contrast_follows_from_weber_contrast(bright, dark):
+    weber = float(weber_contrast(bright, dark))
+    assert float(michelson_contrast(bright, dark)) == pytest.approx(weber / (weber + 2), abs=1e-15)
+    assert float(michelson_contrast(bright, dark)) == (bright - dark) / (bright + dark)
+
+
+def test_contrasts_of_a_range_are_the_decimals_typed_and_both_ends_are_in():
+    assert contrast_range(0.1, 1.0, 0.1) == (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+    assert contrast_range(0.3, 0.3, 5) == (0.3,)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((0.1, inf, 0.1), "stop of the contrasts is inf: give a fraction above 0"),
+        ((1, 0.1, 0.1), r"contrasts run from 1 down to 0\.1: give the smaller one first"),
+        ((0.1, 1, 0.4), r"steps of 0\.4 from 0\.1 do not meet 1: end at 0\.9 or 1\.3"),
+        ((1.9, 4.47, 1e-300), "are more than 100000: give a larger step"),
+    ],
+)
+def test_unusable_ranges_are_refused(arguments, message):
+    with pytest.raises(InputError, match=message):
+        contrast_range(*arguments)
+
+
+@given(region, region, edges)
+def test_the_distribution_is_the_share_of_all_pairs_up_to_each_edge(all_contrasts, a, b, bins):
+    assume(max(a + b) > 0)
+    flat = [value for row in all_contrasts(a, b) for value in row]
+    expected = [float(Fraction(sum(not value > edge for value in flat), len(flat))) for edge in map(Fraction, bins)]
+    result = contrast_distribution(a, b, np.array(bins, dtype=float))
+    assert result.cumulative.tolist() == expected
+    assert result.undefined == pytest.approx(sum(value != value for value in flat) / len(flat), abs=1e-15)
+    assert result.unbounded == pytest.approx(flat.count(inf) / len(flat), abs=1e-15)
+
+
+def test_bins_cover_all_but_a_thousandth_of_the_contrasts():
+    rng = np.random.default_rng(23)
+    a, b = rng.normal(100, 5, 300), rng.normal(120, 5, 200)
+    result = contrast_distribution(a, b, 50)
+    low, high = np.quantile(np.divide.outer(b, a).ravel() - 1, [0.0005, 0.9995], method="inverted_cdf")
+    width = (high - low) / 50
+    assert np.diff(result.edges) == pytest.approx(np.full(result.edges.size - 1, width))
+    assert low - width < result.edges[0] <= low
+    assert high <= result.edges[-1] < high + width
+    # Unbounded and undefined contrasts are left out; -1 for the bright 0.
+    result = contrast_distribution([120, 130, 0], [100, 110, 0], 4)
+    assert result.edges[0] == -1
+    assert result.cumulative[-1] == pytest.approx(7 / 9)
+
+
+@given(region, region, st.integers(0, 20))
+def test_a_quantile_is_the_smallest_contrast_the_share_reaches(all_contrasts, a, b, twentieths):
+    assume(max(a + b) > 0)
+    flat = [value for row in all_contrasts(a, b) for value in row]
+    ordered = sorted((max(value, -1) for value in flat if value == value), key=float)
+    place = -((-twentieths * len(flat)) // 20) - (len(flat) - len(ordered))
+    found = contrast_quantile(a, b, float(Fraction(twentieths, 20)))
+    if place <= 0 and len(ordered) < len(flat):
+        assert np.isnan(found)
+    else:
+        assert found == pytest.approx(float(ordered[max(place, 1) - 1]), rel=1e-11, abs=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("of", "value", "message"),
+    [
+        (contrast_distribution, [0.2, 0.1], "bins are not a rising list of finite contrasts: give edges such as 0"),
+        (contrast_distribution, [0, np.inf], "bins are not a rising list of finite contrasts"),
+        (contrast_distribution, 0, "bins is 0: give a number above 0, or edges such as 0, 0.1, 0.2"),
+        (contrast_distribution, [-1.5, 0], r"bins start at -1\.5: no contrast is below -1 between values above 0"),
+        (contrast_quantile, 1.1, "probability is 1.1: give a number from 0 to 1"),
+        (contrast_quantile, float("nan"), "probability is nan: give a number from 0 to 1"),
+    ],
+)
+def test_unusable_edges_and_probabilities_are_refused(of, value, message):
+    with pytest.raises(InputError, match=message):
+        of([2], [1], value)

@@ -34,13 +34,6 @@ def test_a_photon_of_555_nm_carries_h_c_over_lambda() -> None:
     assert photon_radiance_per_cd_m2("monochromatic 555 nm") == pytest.approx(1 / (683 * energy_j), rel=1e-12)
 
 
-def test_d65_has_205_lumen_per_watt() -> None:
-    # The mean photon energy links the two: a detector with QE proportional to 1 / lambda measures power.
-    table = [(float(nm), 380 / nm) for nm in range(380, 781)]
-    power_w = electron_radiance_per_cd_m2("D65", table) * HC / 380e-9
-    assert 1 / power_w == pytest.approx(205.15, abs=0.01)
-
-
 @given(split_nm=st.integers(390, 770))
 def test_two_detectors_that_share_the_wavelengths_share_the_photons(split_nm):
     below = [(380, 1), (split_nm, 1), (split_nm + 1, 0), (780, 0)]
@@ -54,10 +47,7 @@ def test_two_detectors_that_share_the_wavelengths_share_the_photons(split_nm):
     [
         (photon_radiance_per_cd_m2, "D66", r"spectrum is 'D66', which is not known.*D65.*LED-B1"),
         (photon_radiance_per_cd_m2, "monochromatic 900 nm", "'monochromatic 900 nm': give a wavelength"),
-        (as_quantum_efficiency, 1.5, r"quantum_efficiency is 1.5: give a fraction above 0, up to 1"),
-        (as_quantum_efficiency, float("nan"), r"quantum_efficiency is nan"),
         (as_quantum_efficiency, "much", r"quantum_efficiency is 'much': give a fraction, or at least two pairs"),
-        (as_quantum_efficiency, [500, 0.5], r"at least two pairs of wavelength in nm and value"),
         (as_quantum_efficiency, [(600, 0.5)] * 900, r"has the wavelengths .{97}\.\.\. nm: give them in rising order"),
         (as_quantum_efficiency, [(500, 0.5), (600, -0.1)], r"the values \[0.5, -0.1\]: give fractions from 0 to 1"),
     ],

@@ -13,19 +13,10 @@ from labcdp.core.errors import InputError
 from labcdp.core.reading import MeterIdentity, Reading, ReadingSeries
 
 READING = Reading(
-    value=100.0,
-    unit="cd/m2",
-    resolution=0.1,
-    scale_half_width_rel=0.02,
-    digits_half_width=0.1,
-    repeatability_rel=0.002,
-    peak=False,
-    correction="preset",
-    held=True,
-    meter=MeterIdentity("LS-110", "73323007"),
-    timestamp=datetime(2026, 3, 2, 12, tzinfo=UTC),
-    raw="OK00,CcPH 100.0",
-)
+    value=100.0, unit="cd/m2", resolution=0.1, scale_half_width_rel=0.02, digits_half_width=0.1,
+    repeatability_rel=0.002, peak=False, correction="preset", held=True, meter=MeterIdentity("LS-110", "73323007"),
+    timestamp=datetime(2026, 3, 2, 12, tzinfo=UTC), raw="OK00,CcPH 100.0",
+)  # fmt: skip
 
 
 def series(*values):

@@ -35,14 +35,6 @@ def test_f1_prime_of_a_published_case():
     assert f1_prime(table(V**1.05)) == pytest.approx(0.024148, abs=2e-5)
 
 
-def test_f1_prime_of_equal_sensitivity_is_that_of_the_formula():
-    # s = 1: s* is the constant integral(S_A V) / integral(S_A), summed over the wavelengths by hand.
-    _, a, _ = spectral_weights("A")
-    level = sum(float(p * v) for p, v in zip(a, V, strict=True)) / sum(float(p) for p in a)
-    expected = sum(abs(level - float(v)) for v in V) / sum(float(v) for v in V)
-    assert f1_prime(table(np.ones_like(V))) == pytest.approx(expected, rel=1e-12)
-
-
 @given(middle=st.floats(450, 650), width=st.floats(20, 100), scale=st.floats(0.01, 100))
 def test_the_scale_of_a_sensitivity_does_not_matter(middle, width, scale):
     one = table(bell(middle, width) + 1e-6)
@@ -87,12 +79,10 @@ def test_a_warning_says_how_much_lights_differ_as_far_as_it_is_known():
     assert str(unknown.values["reason"]).startswith("spectrum is 'street lamp'")
 
 
-@pytest.mark.parametrize("separator", [",", ";", "\t"])
-def test_files_of_spectra_are_read(tmp_path, separator):
-    point = "." if separator == "," else ","
-    rows = ["wavelength_nm r g b", "380 0 0 0", "500 0.5 1 0", "600 1 0.25 0.125", "780 0 0 0"]
-    text = "\n".join(row.replace(" ", separator).replace("." if separator != "," else "#", point) for row in rows)
-    (tmp_path / "s.csv").write_text(text, encoding="utf-8")
+@pytest.mark.parametrize(("separator", "point"), [(",", "."), (";", ","), ("\t", ",")])
+def test_files_of_spectra_are_read(tmp_path, separator, point):
+    text = "wavelength_nm r g b\n380 0 0 0\n500 0.5 1 0\n600 1 0.25 0.125\n780 0 0 0"
+    (tmp_path / "s.csv").write_text(text.replace(".", point).replace(" ", separator))
     file = read_spectral_file(tmp_path / "s.csv")
     assert list(file.columns) == ["R", "G", "B"]
     assert file.columns["B"].values == (0, 0, 0.125, 0)
@@ -104,10 +94,8 @@ def test_files_of_spectra_are_read(tmp_path, separator):
     [
         ("", r"is empty: give a CSV file with the columns"),
         ("nm,R\n400,1\n", r"has the columns nm, R: give wavelength_nm and then one column, or R, G and B"),
-        ("wavelength_nm,s\n380,0\n400,x\n", r"line 3: '400,x' holds no number"),
         ("wavelength_nm,s\n380,0\n400\n", r"line 3: it has 1 cells, the header has 2"),
         ("wavelength_nm,s\n380,0\n500,1\n500,1\n780,0\n", r"column relative: wavelengths do not rise at 500 nm"),
-        ("wavelength_nm,s\n380,0\n500,1\n600,-0.5\n780,0\n", r"it has -0.5 at 600 nm: give values of at least 0"),
         ("wavelength_nm,s\n380,0\n500,nan\n780,0\n", r"one that is not finite"),
         ("wavelength_nm,s\n380,0\n500,1\n650,0.6\n", r"ends at 650 nm with 60% of its maximum"),
     ],

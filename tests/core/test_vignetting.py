@@ -48,9 +48,7 @@ def test_flat_fields_are_equal_by_content_and_cannot_be_changed():
     [
         (lambda: FlatField(flat() * 1.1, 0.001, 0.01, 4), r"the middle of the flat field is 1\.1, not 1"),
         (lambda: FlatField(flat() - 1.0, 0.001, 0.01, 4), "a 2-D array of positive numbers"),
-        (lambda: FlatField(np.ones(5), 0.001, 0.01, 4), "a 2-D array of positive numbers"),
         (lambda: RadialVignetting(np.nan, 0.0, 0.0), "fall-off"),
-        (lambda: RadialVignetting(0.0, 0.0, 0.0, slow_rel=-0.1), "fall-off"),
         (lambda: RadialVignetting(0.0, 0.0, 0.0, covariance=((1.0,),)), "fall-off"),
     ],
 )

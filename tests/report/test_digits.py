@@ -25,18 +25,15 @@ def test_shows_the_significant_digits_of_decimal_arithmetic(value: float, n: int
     [
         # JCGM 100:2008, 7.2.4: m_S = (100.021 47 +- 0.000 79) g
         (digits.with_half_width, (100.021472, 0.00079), "100.02147 ± 0.00079"),
-        (digits.with_half_width, (12345.0, 123.0), "12340 ± 120"),
         (digits.with_half_width, (5.0, 0.0996), "5.00 ± 0.10"),
         (digits.with_half_width, (-0.004, 0.5), "0.00 ± 0.50"),
         (digits.with_half_width, (4.0, float("inf")), "4.00 ± unknown"),
         # A share near all is not called all.
         (digits.share_percent, (1.0,), "100 %"),
         (digits.share_percent, (0.99972,), "99.972 %"),
-        (digits.share_percent, (0.00028,), "0.028 %"),
         (digits.share_percent, (1e-8,), "less than 0.0001 %"),
         (digits.share_percent, (1 - 1e-8,), "more than 99.9999 %"),
         (digits.exposure, (0.0005,), "500 µs"),
-        (digits.exposure, (0.0125,), "12.5 ms"),
     ],
 )
 def test_numbers_are_shown_with_the_digits_that_count(shown, arguments, text) -> None:

@@ -38,7 +38,7 @@ def open_and_verify(path):
     Session.open(path).verify()
 
 
-@settings(max_examples=500)
+@settings(max_examples=200)
 @given(st.data())
 def test_a_changed_byte_is_noticed(sound, data):
     file = sound / data.draw(st.sampled_from(FILES))

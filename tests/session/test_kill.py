@@ -21,7 +21,7 @@ from labcdp.core.reading import MeterIdentity, Reading
 from labcdp.session import Session, SessionConfiguration
 from labcdp.session.frames import frame_to_tiff
 
-KILLS = 40
+KILLS = 25
 
 
 def frame(seed):

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 from ..core.disk.files import printable
 from ..core.result import unique
-from ..report.text import significant
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -186,6 +185,8 @@ class Bars:
         if progress.note is not None:
             say(progress.note)
         if progress.reading is not None:
+            from ..report.text import significant
+
             patch, reading = progress.reading
             say(f"{patch}: {significant(reading.luminance_cd_m2)} cd/m²")
         if progress.live is not None:

@@ -156,27 +156,19 @@ def test_the_exposure_fits_the_regions_that_are_inside_the_image(bench: Simulate
         camera.stop()
 
 
+def frame_of(dn: Any, bits: int, saturation_dn: float, pixel_format: str, pattern: str | None) -> Frame:
+    """A frame without a black level."""
+    camera, now = CameraIdentity("synthetic", "synthetic", "1"), datetime.now(UTC)
+    return Frame(dn, 1e-3, 0.0, bits, saturation_dn, 0.0, pixel_format, pattern, None, now, 0, 1, camera)
+
+
 @pytest.mark.parametrize(("pixel_format", "bits", "pattern"), [("Mono8", 8, None), ("BayerGB12", 12, "GB")])
 def test_frames_of_8_bit_and_colour_cameras_are_shown_and_measured(
     pixel_format: str, bits: int, pattern: str | None
 ) -> None:
     dn = np.random.default_rng(9).integers(20, 200, (60, 80)).astype(np.uint8 if bits == 8 else np.uint16)
     dn[10:20, 10:30] = highest = 2**bits - 1
-    frame = Frame(
-        dn=dn,
-        exposure_s=1e-3,
-        gain_db=0.0,
-        bit_depth=bits,
-        saturation_dn=highest,
-        black_level_dn=0.0,
-        pixel_format=pixel_format,
-        colour_filter=pattern,
-        temperature_c=None,
-        timestamp=datetime.now(UTC),
-        camera_timestamp_ns=0,
-        frame_id=1,
-        camera=CameraIdentity("a", "b", "c"),
-    )
+    frame = frame_of(dn, bits, highest, pixel_format, pattern)
     image = PageImage.of_frame("live", frame, picture_conversion(None, None, None))
     drawing = Drawing.of(image.size, [RectangleShape("lit", 10, 10, 20, 10), RectangleShape("dark", 40, 20, 20, 20)])
     (measured,) = LiveMeasurements(image, None).measured(drawing)
@@ -204,8 +196,7 @@ def test_single_saturated_and_black_pixels_are_seen_in_a_picture_that_is_zoomed_
     # 61 rows: with a pattern the last one is no whole block.
     dn = np.full((61, 80), 1000, np.uint16)
     dn[33, 47], dn[5, 8] = 3600, 0
-    identity = CameraIdentity("synthetic", "synthetic", "1")
-    frame = Frame(dn, 0.01, 0.0, 12, 3600, 64.0, "Mono12", pattern, None, datetime.now(UTC), 0, 1, identity)
+    frame = frame_of(dn, 12, 3600, "Mono12", pattern)
     picture = Picture(PageImage.of_frame("live", frame, picture_conversion(None, None, None)))
     picture.go_live()
     picture.show_scale(DisplayScale.of_range(4095))

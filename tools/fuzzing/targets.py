@@ -231,7 +231,7 @@ def _calibration(_: Path, path: Path) -> Any:
 
 
 def _history(folder: Path, _: Path) -> Any:
-    from labcdp.cli.evaluate.compare import _read
+    from labcdp.cli.compare import _read
 
     return repr(_read([folder]))
 

@@ -9,23 +9,23 @@ from typing import Annotated
 
 import typer
 
-from ...calibration import AnyCalibration, load_any
-from ...calibration.record import CALIBRATION, MOST_BYTES, VERIFICATION, load_verification
-from ...calibration.verify.history import histories
-from ...calibration.verify.result import Verification
-from ...core.disk import read_json, real_path
-from ...core.errors import InputError
-from ...core.result import InputFile
-from ...evaluate.bench.history import history_result, write_history
-from ...evaluate.compare.compare import LUMINANCES, Question, compare_subjects
-from ...evaluate.compare.page import write_comparison
-from ...evaluate.compare.result import compare_result
-from ...evaluate.compare.subject import picture_task
-from ...evaluate.picture.result import PictureTask
-from ..commands import As
-from ..options import Axes, Changes, Force, Json, Open, Percent, Results, output_file
-from ..pictures.options import PictureLightOptions
-from ..terminal import print_result, progress_bar, say
+from ..calibration import AnyCalibration, load_any
+from ..calibration.record import CALIBRATION, MOST_BYTES, VERIFICATION, load_verification
+from ..calibration.verify.history import histories
+from ..calibration.verify.result import Verification
+from ..core.disk import read_json, real_path
+from ..core.errors import InputError
+from ..core.result import InputFile
+from ..evaluate.bench.history import history_result, write_history
+from ..evaluate.compare.compare import LUMINANCES, Question, compare_subjects
+from ..evaluate.compare.page import write_comparison
+from ..evaluate.compare.result import compare_result
+from ..evaluate.compare.subject import picture_task
+from ..evaluate.picture.result import PictureTask
+from .commands import As
+from .options import Axes, Changes, Force, Json, Open, Percent, Results, output_file
+from .pictures.options import PictureLightOptions
+from .terminal import print_result, progress_bar, say
 
 #: Prefixes of labcdp's own file names, to recognise damaged files.
 _OUR_NAMES = ("calibration", "verification")

@@ -11,25 +11,25 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from ...calibration.colour.model import AnyCalibration
-from ...calibration.convert.bracket import Bracket, bracket_luminance
-from ...calibration.record import calibration_sha256, load_any
-from ...core.errors import InputError
-from ...core.frame import Frame
-from ...core.result import Finding, InputFile, Quantity, Result, quantity_table, unique
-from ...evaluate.bench.session import mismatch
-from ...evaluate.bench.session_result import session_input
-from ...evaluate.picture.conversion import PictureConversion, calibrated_conversion
-from ...files import read_picture
-from ...files.luminance_file import SUFFIXES, metadata, save_luminance
-from ...output import write_file
-from ...report.maps import luminance_picture
-from ...report.text import exposures
-from ...session import FrameRecord, Session
-from ..commands import As
-from ..options import Force, Json, output_file
-from ..terminal import print_result
-from ..values import parse_seconds
+from ..calibration.colour.model import AnyCalibration
+from ..calibration.convert.bracket import Bracket, bracket_luminance
+from ..calibration.record import calibration_sha256, load_any
+from ..core.errors import InputError
+from ..core.frame import Frame
+from ..core.result import Finding, InputFile, Quantity, Result, quantity_table, unique
+from ..evaluate.bench.session import mismatch
+from ..evaluate.bench.session_result import session_input
+from ..evaluate.picture.conversion import PictureConversion, calibrated_conversion
+from ..files import read_picture
+from ..files.luminance_file import SUFFIXES, metadata, save_luminance
+from ..output import write_file
+from ..report.maps import luminance_picture
+from ..report.text import exposures
+from ..session import FrameRecord, Session
+from .commands import As
+from .options import Force, Json, output_file
+from .terminal import print_result
+from .values import parse_seconds
 
 #: Names of the reasons.
 _REASONS = {

@@ -12,33 +12,33 @@ from typing import Any, Literal
 
 import typer
 
-from ...calibration import load_any, save
-from ...core.disk import read_json
-from ...core.errors import InputError, SessionError
-from ...core.result import InputFile, Result
-from ...evaluate.bench.calibrate import calibrate_recorded, calibrate_session
-from ...evaluate.bench.calibration_page import write_calibration_report
-from ...evaluate.bench.calibration_result import calibration_result
-from ...evaluate.bench.certificate import calibration_certificate
-from ...evaluate.bench.corrections import (
+from ..calibration import load_any, save
+from ..core.disk import read_json
+from ..core.errors import InputError, SessionError
+from ..core.result import InputFile, Result
+from ..evaluate.bench.calibrate import calibrate_recorded, calibrate_session
+from ..evaluate.bench.calibration_page import write_calibration_report
+from ..evaluate.bench.calibration_result import calibration_result
+from ..evaluate.bench.certificate import calibration_certificate
+from ..evaluate.bench.corrections import (
     PlaneCorrections,
     UniformLight,
     calibration_for,
     corrections_of,
     require_same_optics,
 )
-from ...evaluate.bench.observe import ObservedSession, observe_session
-from ...evaluate.bench.recorded import certificate_of
-from ...evaluate.bench.session import SessionEvaluation, evaluate_session
-from ...evaluate.bench.session_page import write_results
-from ...evaluate.bench.session_result import session_input, session_result
-from ...report.files import SCHEMA, envelope_json
-from ...session import ContrastConfiguration, MeterCertificate, Session, SessionConfiguration, example_session
-from ..bench.options import require_apart, require_together
-from ..options import Certificate, Contrasts, Results, Tolerance, Without, default_folder
-from ..terminal import progress_bars, say
-from ..values import fraction_of_percent, parse_pair
-from .verify import EXIT_STATUS
+from ..evaluate.bench.observe import ObservedSession, observe_session
+from ..evaluate.bench.recorded import certificate_of
+from ..evaluate.bench.session import SessionEvaluation, evaluate_session
+from ..evaluate.bench.session_page import write_results
+from ..evaluate.bench.session_result import session_input, session_result
+from ..report.files import SCHEMA, envelope_json
+from ..session import ContrastConfiguration, MeterCertificate, Session, SessionConfiguration, example_session
+from .bench.options import require_apart, require_together
+from .camera import EXIT_STATUS
+from .options import Certificate, Contrasts, Results, Tolerance, Without, default_folder
+from .terminal import progress_bars, say
+from .values import fraction_of_percent, parse_pair
 
 
 @dataclass(frozen=True)

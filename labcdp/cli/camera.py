@@ -1,0 +1,246 @@
+"""Commands characterise, twin and verify: a camera after EMVA 1288, its simulated twin, its calibration checked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from shlex import quote
+from typing import Annotated
+
+import typer
+
+from ..acquire.verify_plan import verification_configuration
+from ..calibration import AnyCalibration, Calibration, load, load_any
+from ..calibration.emva import INDEX_NAME, Characterisation, index_path
+from ..calibration.emva.data_set import characterise_data_set
+from ..calibration.record import save_verification
+from ..calibration.verify.result import require_tolerance
+from ..core.errors import InputError
+from ..core.result import InputFile
+from ..evaluate.bench.calibrate import calibrate_session
+from ..evaluate.bench.certificate import verification_certificate
+from ..evaluate.bench.corrections import calibration_for, corrections_of
+from ..evaluate.bench.observe import observe_session
+from ..evaluate.bench.recorded import certificate_of
+from ..evaluate.bench.session import mismatch
+from ..evaluate.bench.session_result import session_input
+from ..evaluate.bench.verification import verification_result, verify_session
+from ..evaluate.camera.characterise import characterise_session
+from ..evaluate.camera.result import result as characterisation_result
+from ..evaluate.camera.result import write_characterisation
+from ..evaluate.twin.estimate import require_monochrome
+from ..evaluate.twin.evaluate import TwinEvaluation, twin_session
+from ..evaluate.twin.page import write_twin
+from ..evaluate.twin.result import twin_result
+from ..report.files import envelope_json
+from ..session import MeterCertificate, Session, SessionConfiguration
+from .bench.acquire import record
+from .bench.options import DeviceOptions
+from .commands import As
+from .options import Certificate, Percent, Results, Without
+from .terminal import progress_bar, progress_bars, say
+from .values import fraction_of_percent
+
+
+def characterise(context: typer.Context, results: Results, path: Path) -> None:
+    """Measure a camera's gain, noise, dark current, non-uniformity and linearity after EMVA 1288.
+
+    Uses the dark frames and patches of a session, or an EMVA 1288 data set: images and a text file whose lines state
+    bits and size (n 12 640 480), exposure in ns and photons per pixel (b 40000 120), exposure of dark images (d 40000)
+    and image files (i a.png).
+
+    Parameters
+    ----------
+    path
+        Folder of a recorded session, or text file or folder of an EMVA 1288 data set.
+    """
+    if not path.exists():
+        raise InputError(f"{path} does not exist: give a session, or the index of a data set")
+    source = path if path.is_dir() else path.resolve().parent
+    with results.folder(context, source) as folder:
+        characterised, inputs, title = _characterised(path)
+        found = characterisation_result(characterised, title, inputs)
+        write_characterisation(characterised, found, folder)
+    results.show(found, folder)
+
+
+def _characterised(path: Path) -> tuple[Characterisation, list[InputFile], str]:
+    """Return what was found, what it was made from, and its title."""
+    index = index_path(path)
+    with progress_bar("Reading") as report:
+        if index is not None:
+            found = characterise_data_set(index, report)
+            return found, [InputFile.of("index", index)], index.resolve().parent.name
+        if not (path / "session.toml").exists():
+            raise InputError(f"{path} contains neither a session nor {INDEX_NAME}: give a session or a data set")
+        with Session.open(path) as session:
+            found = characterise_session(session, report)
+            return found, [session_input(session)], session.configuration.name
+
+
+def twin(
+    context: typer.Context,
+    results: Results,
+    session: Path,
+    *,
+    calibration: Path | None = None,
+    without: Without = (),
+    contrast: Percent | None = None,
+    epsilon: Percent = 0.5,
+) -> None:
+    """Estimate a simulated twin of a session's camera and compare its CDP with the measured CDP.
+
+    Estimates the camera's parameters, predicts frames and CDP of all pairs of patches from the meter readings, and
+    lists for each pair whether prediction and measurement agree and which parameter matters. Writes chain.toml (for
+    labcdp simulate), report.html, results.xlsx and results.json.
+
+    Parameters
+    ----------
+    session
+        Folder of the session.
+    calibration
+        Calibration file of this camera; default: calibrate with this session.
+    contrast
+        Contrast to detect in all pairs, for example 100%; default: contrast of each pair by the meter.
+    epsilon
+        Relative tolerance of the contrast.
+    """
+    inputs = [] if calibration is None else [InputFile.of("calibration", calibration)]
+    opened = Session.open(session)
+    require_monochrome(opened)
+    with results.folder(context, session) as folder:
+        evaluation = _twin(opened, calibration, without, contrast, epsilon)
+        options = {"contrast": contrast, "epsilon": epsilon, "without": without}
+        result = twin_result(evaluation, [session_input(opened), *inputs], options)
+        write_twin(evaluation, result, folder)
+    results.show(result, folder)
+    say(f"Next: labcdp simulate {quote(str(folder.folder / 'chain.toml'))}")
+
+
+def _twin(
+    session: Session, calibration: Path | None, without: Sequence[str], contrast: float | None, epsilon: float
+) -> TwinEvaluation:
+    loaded = None if calibration is None else calibration_for(session, load(calibration))
+    corrections = None if loaded is None else corrections_of(loaded)
+    with progress_bars() as bars:
+        certificate = None if loaded is None else certificate_of(loaded, session)
+        observed = observe_session(session, without, partial(bars.update, "reading"), corrections, certificate)
+        calibrated = calibrate_session(observed) if loaded is None else loaded
+        found = characterise_session(session, partial(bars.update, "characterising"))
+        predicting = partial(bars.update, "predicting")
+        return twin_session(session, observed, calibrated, found, contrast, epsilon, predicting)
+
+
+#: Exit status by verdict.
+EXIT_STATUS = {"conform": 0, "not conform": 3, "undecided": 4}
+
+
+def _tolerance(text: str, name: str) -> float:
+    return require_tolerance(fraction_of_percent(text, name))
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Options for what is measured and when it conforms.
+
+    Parameters
+    ----------
+    patch
+        Patch to measure; may be repeated. Default: darkest, middle and brightest (grey ones, with colour filters); all
+        of a recorded session.
+    tolerance
+        Largest deviation of the camera from the meter that conforms, for example 3%; default: U (95 %).
+    """
+
+    patch: tuple[str, ...] = ()
+    tolerance: Annotated[float | None, As(parse=_tolerance)] = None
+    certificate: Certificate = None
+
+
+def verify(
+    context: typer.Context,
+    judgement: Judgement,
+    devices: DeviceOptions,
+    results: Results,
+    calibration: Path,
+    paths: tuple[Path, ...],
+) -> None:
+    """Check a calibration by measuring two or three patches again.
+
+    A patch conforms if its deviation and the uncertainty U of that are together within the tolerance, and does not if
+    the deviation exceeds the tolerance by more than U; in between it is undecided. Exit status: 0 conform, 3 not
+    conform, 4 undecided, 1 for an error. Writes verification.json, which labcdp history reads.
+
+    Parameters
+    ----------
+    calibration
+        Calibration file written by labcdp calibrate.
+    paths : [CONFIGURATION] SESSION
+        TOML file of the bench and a new session folder, to measure now; or the folder of a recorded session.
+    """
+    configuration, session = _paths(paths)
+    certificate = None if judgement.certificate is None else MeterCertificate.load(judgement.certificate)
+    loaded = load_any(calibration)
+    if configuration is None and devices.given:
+        raise InputError(
+            "options of devices cannot be used with a recorded session: leave them out, or give a configuration too"
+        )
+    with results.folder(context, session) as folder:
+        path = folder.folder / "verification.json"
+        if configuration is not None:
+            _acquire(configuration, session, loaded, judgement.patch, devices)
+        measured = Session.open(session)
+        with progress_bar("reading") as report:
+            verification, observed = verify_session(
+                measured,
+                loaded,
+                judgement.patch if configuration is None else (),
+                report,
+                judgement.tolerance,
+                certificate,
+            )
+        save_verification(verification, folder.path(path.name))
+        inputs = (session_input(measured), InputFile.of("calibration", calibration))
+        result = verification_result(verification, session.resolve().name, inputs)
+        certified = verification_certificate(measured, observed, loaded, verification)
+        folder.add({"certificate.html": certified, "results.json": envelope_json(result).encode()})
+    following = [f"Saved: {path}"]
+    if verification.verdict == "not conform":
+        history = f"labcdp history {quote(str(path.parent))}"
+        following.append(f"Next: labcdp acquire and labcdp calibrate, then {history}")
+    results.print(result, *following, page=folder.folder / "certificate.html")
+    raise typer.Exit(EXIT_STATUS[verification.verdict])
+
+
+def _paths(paths: Sequence[Path]) -> tuple[Path | None, Path]:
+    """Distinguish between a configuration and a session."""
+    if len(paths) > 2:
+        raise InputError(
+            f"{len(paths)} paths after the calibration are too many: give CONFIGURATION and SESSION to measure, or "
+            "SESSION alone"
+        )
+    if len(paths) == 2:
+        return paths[0], paths[1]
+    (session,) = paths
+    if session.is_file():
+        raise InputError(f"{session} is a file: give the folder of a session, or after this file a new folder for one")
+    return None, session
+
+
+def _acquire(
+    configuration: Path, session: Path, calibration: AnyCalibration, patches: Sequence[str], devices: DeviceOptions
+) -> None:
+    bench = SessionConfiguration.load(configuration)
+    devices.check(bench.meter)
+    if devices.simulating and not isinstance(calibration, Calibration):
+        raise InputError(
+            "the camera of the simulated bench has no colour filters, the calibration's has: measure with that camera, "
+            "or import its pictures and give the folder of that session alone"
+        )
+    # Refused before anything is measured; the findings include a warning.
+    mismatch(bench, calibration)
+    wanted = verification_configuration(bench, calibration, patches)
+    say(f"Measuring {', '.join(p.name for p in wanted.target.patches)} again")
+    record(session, configuration, wanted, devices)

@@ -92,14 +92,6 @@ def test_dark_currents_of_pixels(sensor: Sensor, dsnu_e_s: float) -> None:
         assert np.cumsum(of(device, 100.0))[dn] == pytest.approx(expected, abs=1e-6)
 
 
-def test_dark_current_follows_temperature_and_gain_scales(sensor: Sensor) -> None:
-    device = replace(sensor, dark_current_e_s=50.0, bits=12, full_well_e=4000)
-    # 16 K are two doublings.
-    np.testing.assert_allclose(of(device, 0.0, 41.0), of(replace(device, dark_current_e_s=200.0), 0.0), atol=1e-12)
-    with_gain = of(device, 100.0, gain_db=20 * np.log10(2))
-    np.testing.assert_allclose(with_gain[:2000:2], of(device, 100.0)[:1000], atol=1e-9)
-
-
 @pytest.mark.parametrize(
     "changes",
     [

@@ -33,14 +33,6 @@ def test_normal_takes_the_longest_exposure_within_its_threshold() -> None:
     np.testing.assert_array_equal(merged.dn, [[101, 4 * 26, 4 * 2580, 16 * 646]])
 
 
-def test_linear_is_the_mean_of_what_is_not_clipped() -> None:
-    captures = bracket([160, 4031, 4031, 4031], [36, 1100, 4031, 4031], [13, 260, 1200, 4031])
-    expected = [(160 + 4 * 36 + 16 * 13) / 3, (4 * 1100 + 16 * 260) / 2, 16 * 1200, 16 * 4031]
-    merged = Hdr("linear").merge(captures)
-    np.testing.assert_allclose(merged.dn, [expected], rtol=1e-14)
-    np.testing.assert_array_equal(merged.saturated, [[False, False, False, True]])
-
-
 @pytest.mark.parametrize("method", ["normal", "linear", "weighted"])
 def test_a_merge_has_the_scale_of_the_longest_exposure(method: str) -> None:
     captures = bracket([1600, 0, 4031], [400, 0, 4031], [100, 0, 4031])

@@ -2,13 +2,12 @@
 
 import re
 from dataclasses import replace
-from itertools import product
 from typing import Any
 
 import numpy as np
 import pytest
 
-from labcdp.chain import Checkerboard, Flat, Patch, PatchScene, StepChart
+from labcdp.chain import Checkerboard, Patch, PatchScene, StepChart
 from labcdp.chain.optics import Optics, Windscreen
 from labcdp.chain.sensor import Sensor
 from labcdp.chain.signal import ExposureSettings
@@ -31,36 +30,22 @@ def sensor(kind: Any) -> Any:
     return kind(**size, **converter, **own, quantum_efficiency=0.5, dark_current_e_s=1.0)
 
 
-FLAT, PATCH = Flat(3, 3, 1.0), Patch(0, 0, 1, 1, 1.0)
+PATCH = Patch(0, 0, 1, 1, 1.0)
 BOARD = Checkerboard(width=4, height=4, luminance_cd_m2=1.0, contrast=1.0, square_px=1)
 EXPOSURE, OPTICS = ExposureSettings(0.01), Optics(2.0, 0.9, focal_length_m=0.006)
-SENSOR = (
-    *(("pixel_pitch_m", TINY, 1e-3), ("quantum_efficiency", TINY, 1.0), ("full_well_e", TINY, 1e7)),
-    *(("k_dn_per_e", 1e-6, 1e6), ("dark_current_e_s", 0.0, 1e9), ("doubling_temperature_c", 1.0, 100.0)),
-)
-LUMINANCE = ("luminance_cd_m2", 0.0, 1e12)
 NUMBERS: list[tuple[Any, str, float, float]] = [
-    *((sensor(kind), *limits) for kind, limits in product((Sensor, ThesisSensor), SENSOR)),
-    *((sensor(Sensor), *limits) for limits in (("read_noise_e", 0.0, 1e6), ("black_level_dn", 0.0, 4095.0))),
-    *((sensor(Sensor), "prnu_rel", 0.0, 0.1), (sensor(ThesisSensor), "row_pattern_e_s", 0.0, 1e9)),
+    *((sensor(kind), "quantum_efficiency", TINY, 1.0) for kind in (Sensor, ThesisSensor)),
+    *((sensor(kind), "dark_current_e_s", 0.0, 1e9) for kind in (Sensor, ThesisSensor)),
+    *((sensor(Sensor), "black_level_dn", 0.0, 4095.0), (sensor(Sensor), "prnu_rel", 0.0, 0.1)),
     *((EXPOSURE, "exposure_s", 1e-9, 3600.0), (EXPOSURE, "gain_db", -100.0, 100.0)),
-    (EXPOSURE, "temperature_c", -100.0, 200.0),
-    *((OPTICS, "f_number", 0.5, 128.0), (OPTICS, "transmittance", TINY, 1.0)),
-    *((OPTICS, "focal_length_m", 1e-4, 2.0), (OPTICS, "magnification", 0.0, 1e3)),
-    *(
-        (OPTICS, "blur_sigma_m", 0.0, 1e-3),
-        (OPTICS, "defocus_disc_m", 0.0, 1e-2),
-        (OPTICS, "diffraction_nm", 100.0, 2e3),
-    ),
-    *((Windscreen(0.9), "transmittance", TINY, 1.0), (Windscreen(0.9), "glare_fraction", 0.0, 10.0)),
-    *((FLAT, *LUMINANCE), (PATCH, *LUMINANCE), (PatchScene(3, 3, 1.0), "background_cd_m2", 0.0, 1e12)),
-    (BOARD, "contrast", TINY, 99.0),
+    *((OPTICS, "f_number", 0.5, 128.0), (OPTICS, "focal_length_m", 1e-4, 2.0), (OPTICS, "diffraction_nm", 100.0, 2e3)),
+    *((Windscreen(0.9), "glare_fraction", 0.0, 10.0), (PATCH, "luminance_cd_m2", 0.0, 1e12)),
+    *((PatchScene(3, 3, 1.0), "background_cd_m2", 0.0, 1e12), (BOARD, "contrast", TINY, 99.0)),
 ]
 WHOLE: list[tuple[Any, str, int, int]] = [
     *((sensor(kind), "bits", 1, 16) for kind in (Sensor, ThesisSensor)),
-    *((part, size, 1, 20_000) for part in (sensor(Sensor), FLAT) for size in ("width", "height")),
-    *((sensor(Sensor), "device_seed", 0, ENDLESS), (PATCH, "x", 0, ENDLESS), (PATCH, "width", 1, ENDLESS)),
-    *((BOARD, "square_px", 1, 3), (BOARD, "oversampling", 1, 64)),
+    *((sensor(Sensor), "width", 1, 20_000), (sensor(Sensor), "device_seed", 0, ENDLESS)),
+    *((PATCH, "x", 0, ENDLESS), (BOARD, "square_px", 1, 3), (BOARD, "oversampling", 1, 64)),
 ]
 
 

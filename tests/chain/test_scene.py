@@ -94,15 +94,6 @@ def test_step_chart_has_stripes_of_equal_width_up_to_a_column() -> None:
     assert [level.share for level in scene.levels()] == [3 / 8, 3 / 8, 2 / 8]
 
 
-@given(width=sides, count=sides)
-def test_stripes_rise_from_left_to_right_and_differ_by_a_column_at_most(width: int, count: int) -> None:
-    count = min(count, width)
-    row = StepChart(width, 1, tuple(range(1, count + 1))).luminance_map()[0]
-    widths = [int((row == step).sum()) for step in range(1, count + 1)]
-    assert (np.diff(row) >= 0).all()
-    assert max(widths) - min(widths) <= 1
-
-
 def test_pairs_of_a_step_chart_are_neighbours_that_differ() -> None:
     scene = StepChart(8, 1, (1.0, 4.0, 4.0, 2.0))
     assert scene.pairs() == (("step 1", "step 2"), ("step 4", "step 3"))

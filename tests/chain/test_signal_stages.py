@@ -1,7 +1,4 @@
-from math import pi
-
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -16,12 +13,6 @@ glares = st.floats(0, 2)
 
 def scene_signal(luminance_cd_m2: np.ndarray, shares: np.ndarray | None = None) -> Signal:
     return Signal(np.asarray(luminance_cd_m2, float), "luminance", lambda values: values, shares)
-
-
-def test_windscreen_takes_light_and_adds_a_share_of_the_mean() -> None:
-    behind = Windscreen(0.5, glare_fraction=0.1).process(scene_signal([[1.0, 3.0]]), CONTEXT)
-    np.testing.assert_allclose(behind.values, [[0.5 * 1.2, 0.5 * 3.2]], rtol=1e-15)
-    assert (behind.quantity, behind.unit) == ("luminance", "cd/m^2")
 
 
 def test_glare_of_levels_is_of_the_mean_by_their_shares() -> None:
@@ -49,14 +40,6 @@ def test_the_thesis_way_back_leaves_a_known_error(scene: np.ndarray, transmittan
     np.testing.assert_allclose(
         behind.luminance_cd_m2, expected, rtol=1e-9, atol=1e-11 * scene.max() / transmittance + 1e-300
     )
-
-
-def test_optics_with_focal_length_vignetting_with_the_fourth_power_of_the_cosine() -> None:
-    # The corner of 3 x 5 pixels of 1 mm lies sqrt(1^2 + 2^2) mm off the axis.
-    context = Context("D65", pixel_pitch_m=1e-3)
-    image = Optics(2.0, 0.9, focal_length_m=6e-3).process(scene_signal(np.full((3, 5), 10.0)), context)
-    assert image.values[1, 2] == pytest.approx(10 * 0.9 * pi / 16, rel=1e-12)
-    assert image.values[0, 0] == pytest.approx(10 * 0.9 * pi / 16 * (36 / 41) ** 2, rel=1e-12)
 
 
 @given(scene=maps, focal_length_m=st.none() | st.floats(1e-3, 1.0), magnification=st.floats(0, 2))

@@ -13,7 +13,7 @@ from labcdp.core.errors import InputError
 from labcdp.evaluate.sweep.maps.axes import map_axis, map_layout
 from labcdp.evaluate.sweep.maps.dips import find_dips
 from labcdp.evaluate.sweep.maps.map import analyse_map
-from labcdp.evaluate.sweep.maps.ranges import UsableInterval, isolines, usable_ranges, widest_range
+from labcdp.evaluate.sweep.maps.ranges import isolines, usable_ranges, widest_range
 
 LUMINANCE, CONTRAST = "scene.luminance_cd_m2", "scene.contrast"
 
@@ -106,21 +106,6 @@ def test_usable_range_holds_exactly_the_points_that_are_high_enough(cdp: list[fl
                 assert bracket[0] <= end <= bracket[1]
                 found = level if resolved else max(low, high)
                 assert np.interp(end, luminance, cdp) == pytest.approx(found, abs=1e-9)
-
-
-def usable_of_a_step(n_points: int, start: float, stop: float, **attributes: str) -> UsableInterval:
-    """Usable interval of a CDP that is 1 between two luminances and 0 elsewhere, on a grid from 0.1 to 1000."""
-    luminance = np.geomspace(0.1, 1e3, n_points)
-    (one,) = usable_ranges(curve(luminance, cdp=(luminance > start) & (luminance < stop), **attributes), LUMINANCE)
-    assert one.widest is not None
-    return one.widest
-
-
-@given(st.integers(5, 60), st.floats(20, 900))
-def test_of_a_step_any_grid_keeps_within(n_points: int, stop: float) -> None:
-    found = usable_of_a_step(n_points, 0.05, stop)
-    assert found.high <= stop
-    assert found.ends[1].is_open or found.ends[1].bracket[0] <= stop <= found.ends[1].bracket[1]
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from ...report.files import SCHEMA, envelope, read_dataset
 from ...session import Session
 from ...session.journal import JOURNAL
 from ..bench.calibrate import calibrate_recorded
-from ..bench.quantities import lens_text, meter_text
+from ..bench.quantities import conditions
 from ..bench.session import evaluate_session
 from ..bench.session_result import session_input, session_result
 from ..picture.conversion import PictureConversion
@@ -213,18 +213,9 @@ def _map(name: str, dataset: Any, inputs: tuple[InputFile, ...]) -> Subject:
 
 
 def _calibration(name: str, calibration: AnyCalibration, inputs: tuple[InputFile, ...]) -> Subject:
-    state, camera = calibration.state, calibration.state.camera
-    settings = {
-        "camera": str(camera),
-        "lens": lens_text(calibration.lens),
-        "pixel format": f"{state.pixel_format}, {state.bit_depth} bit",
-        "gain_db": state.gain_db,
-        "light": calibration.source_spectrum,
-        "meter": meter_text(calibration.meter_scale.meter),
-        "meter state": calibration.meter_scale.state,
-        "measured": f"{calibration.provenance.measured:%Y-%m-%d %H:%M}",
-    }
-    return Subject("calibration", name, calibration, inputs, settings, camera.simulated)
+    return Subject(
+        "calibration", name, calibration, inputs, dict(conditions(calibration)), calibration.state.camera.simulated
+    )
 
 
 def picture_task(

@@ -37,6 +37,16 @@ def frame(dn, exposure_s, number, **changes):
     return Frame(dn=dn, exposure_s=exposure_s, **values | changes)
 
 
+def exposed(sensor, light_e_s, exposures_s, n, first=0, gain_db=0.0, temperature_c=35.0, **changes):
+    """`n` frames of each exposure in the light, electrons per second and pixel, and as many dark ones; with roles."""
+    shown = [(role, t) for role in ("light", "dark") for t in exposures_s for _ in range(n)]
+    for number, (role, exposure_s) in enumerate(shown, start=first + 1):
+        rate = light_e_s if role == "light" else np.zeros(sensor.shape)
+        now = {"temperature_c": temperature_c, "seed": 11, "exposure_index": number, "threads": 1}
+        dn = sensor.expose(rate, exposure_s, gain_db, **now)
+        yield frame(dn, exposure_s, number, gain_db=gain_db, temperature_c=temperature_c, **changes), role
+
+
 def reading(value, seconds):
     """One reading of a meter with a repeatability of 0.2 %, whose scale is known to 2 %."""
     return Reading(

@@ -1,6 +1,6 @@
 """Calibration from several recorded sessions, with patches held out, and with a measured flat field."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +9,6 @@ from labcdp.calibration import load, save
 from labcdp.calibration.convert.bracket import bracket_luminance
 from labcdp.chain import ImagingChain, Optics, Sensor
 from labcdp.core.errors import CalibrationError, ConfigurationError, InputError
-from labcdp.core.frame import CameraIdentity
 from labcdp.core.vignetting import Cos4Vignetting
 from labcdp.evaluate.bench.calibrate import calibrate_session
 from labcdp.evaluate.bench.corrections import UniformLight, corrections_of, require_same_optics
@@ -18,7 +17,7 @@ from labcdp.evaluate.bench.session import evaluate_session
 from labcdp.session import Session
 from labcdp.session.tables import SpectraConfiguration
 
-from .synthetic import configuration, frame, record
+from .synthetic import CAMERA, configuration, exposed, frame, record
 
 HEIGHT, WIDTH, COLUMNS, ROWS = 120, 200, 5, 2
 Y, X = np.mgrid[:HEIGHT, :WIDTH]
@@ -32,34 +31,16 @@ LENS = {"model": "Prime", "serial": "7", "focal_length_m": 0.002, "f_number": 2.
 EXTRA = 1 - 0.3 * ((X - (WIDTH - 1) / 2) ** 2 + (Y - (HEIGHT - 1) / 2) ** 2) / (HEIGHT**2 + WIDTH**2) * 4
 
 
-@dataclass(frozen=True)
-class Camera:
-    """A camera with noise, a fixed pattern and more fall-off than its lens should have."""
-
-    serial: str = "1"
-    gain_db: float = 0.0
-    full_well_e: float = 30000.0
-
-    def frames(self, scene_cd_m2, n, exposures_s, first):
-        sensor = Sensor(
-            pixel_pitch_m=4e-6, width=WIDTH, height=HEIGHT, quantum_efficiency=0.5, full_well_e=self.full_well_e,
-            k_dn_per_e=0.2, read_noise_e=6.0, dark_current_e_s=20.0, bits=12, black_level_dn=64.0, prnu_rel=0.005,
-            dsnu_e=2.0, dsnu_e_s=0.0, device_seed=5,
-        )  # fmt: skip
-        chain = ImagingChain("D65", None, Optics(2.8, 0.9, 0.002), sensor)
-        identity = CameraIdentity("Acme", "Test", self.serial, simulated=True)
-        number = first
-        for role, rate in (("light", chain.electron_rate(scene_cd_m2) * EXTRA), ("dark", 0.0)):
-            for exposure_s in np.repeat(exposures_s, n).tolist():
-                number += 1
-                now = {"temperature_c": 35.0, "seed": 11, "exposure_index": number, "threads": 1}
-                dn = sensor.expose(rate, exposure_s, self.gain_db, **now)
-                yield frame(dn, exposure_s, number, gain_db=self.gain_db, camera=identity), role
-
-
-def bench_of(path, device=None, of=SCENE, n=2, exposures_s=(0.002, 0.008, 0.032), first=0, **changes):
-    """Write a session of the ten patches, or of another scene in their place."""
-    frames = (device or Camera()).frames(of, n, exposures_s, first)
+def bench_of(path, of=SCENE, n=2, exposures_s=(0.002, 0.008, 0.032), first=0, camera=None, full_well_e=3e4, **changes):
+    """Write a session of the ten patches, or of another scene, by a camera with more fall-off than its lens has."""
+    gain_db = changes.pop("gain_db", 0.0)
+    sensor = Sensor(
+        pixel_pitch_m=4e-6, width=WIDTH, height=HEIGHT, quantum_efficiency=0.5, full_well_e=full_well_e,
+        k_dn_per_e=0.2, read_noise_e=6.0, dark_current_e_s=20.0, bits=12, black_level_dn=64.0, prnu_rel=0.005,
+        dsnu_e=2.0, dsnu_e_s=0.0, device_seed=5,
+    )  # fmt: skip
+    light = ImagingChain("D65", None, Optics(2.8, 0.9, 0.002), sensor).electron_rate(of) * EXTRA
+    frames = exposed(sensor, light, exposures_s, n, first, gain_db, camera=camera or CAMERA)
     return record(path, configuration(ROIS, contrast=[CONTRAST], **changes), frames, LUMINANCES_CD_M2, first)
 
 
@@ -110,7 +91,7 @@ def test_a_measured_flat_field_takes_off_what_cos4_does_not_know(bench, observed
 
 
 def test_sessions_with_two_gains_become_one_calibration(observed, tmp_path):
-    second = observe(bench_of(tmp_path / "s", Camera(gain_db=6.0), first=1000))
+    second = observe(bench_of(tmp_path / "s", first=1000, gain_db=6.0))
     alone, both = calibrate_session(observed), calibrate_session(observed, second)
     (gain,) = both.gains
     assert (gain.gain_db, gain.factor) == (6.0, pytest.approx(10 ** (6 / 20), abs=8 * gain.factor_random_rel))
@@ -124,7 +105,7 @@ def test_sessions_with_two_gains_become_one_calibration(observed, tmp_path):
 @pytest.mark.parametrize("full_well_e", [20000.0, 8000.0])
 def test_a_camera_that_is_full_before_its_converter_ends_is_used_below(full_well_e, corrections, tmp_path):
     """20 000 e- are 4064 DN, of 4095; 8000 e- are 1664 DN. A patch that was held out is predicted."""
-    path = bench_of(tmp_path / "s", Camera(full_well_e=full_well_e))
+    path = bench_of(tmp_path / "s", full_well_e=full_well_e)
     calibration = calibrate_session(observe(path, corrections), held_out=["P4"])
     (row,) = calibration.held_out
     assert (row.patch, row.luminance_cd_m2) == ("P4", pytest.approx(LUMINANCES_CD_M2["P4"], rel=0.01))
@@ -146,11 +127,11 @@ def test_a_camera_that_is_full_before_its_converter_ends_is_used_below(full_well
 
 
 def test_what_does_not_fit_together_is_refused(bench, observed, tmp_path):
-    for device, changes, what in (
-        (Camera(serial="2"), {}, "camera"),
-        (Camera(), {"lens": LENS | {"f_number": 4.0}}, "lens"),
+    for what, changes in (
+        ("camera", {"camera": replace(CAMERA, serial="2")}),
+        ("lens", {"lens": LENS | {"f_number": 4.0}}),
     ):
-        path = bench_of(tmp_path / what, device, of=EVEN, exposures_s=(0.008,), **changes)
+        path = bench_of(tmp_path / what, of=EVEN, exposures_s=(0.008,), **changes)
         refused = pytest.raises(CalibrationError, match=f"the {what} of the flat field")
         with Session.open(bench) as session, Session.open(path) as flat, refused:
             require_same_optics(session, flat)
@@ -166,6 +147,6 @@ def test_what_does_not_fit_together_is_refused(bench, observed, tmp_path):
             calibrate_session(observed, other)
     with pytest.raises(InputError, match="there is no patch 'P77' to hold out: choose from P0, P1"):
         calibrate_session(observed, held_out=["P77"])
-    camera = {"pixel_pitch_m": 4e-6, "saturation_dn": 50.0}
+    stated = configuration(ROIS, camera={"pixel_pitch_m": 4e-6, "saturation_dn": 50.0})
     with pytest.raises(ConfigurationError, match=r"is 50 DN, but the black level of the camera is 64 DN: give a value"):
-        bench_of(tmp_path / "s", camera=camera)
+        record(tmp_path / "s", stated, [(frame(np.zeros((HEIGHT, WIDTH), np.uint16), 0.01, 1), "dark")])

@@ -1,10 +1,12 @@
 """Sessions of parts of the sensor, evaluated with the calibration of a session of another part."""
 
+from dataclasses import replace
 from datetime import timedelta
 
 import numpy as np
 import pytest
 
+from labcdp.chain import Sensor
 from labcdp.core.errors import CalibrationError
 from labcdp.core.frame import Readout
 from labcdp.evaluate.bench.calibrate import calibrate_session
@@ -14,7 +16,7 @@ from labcdp.evaluate.bench.session import evaluate_session
 from labcdp.evaluate.bench.verification import verify_session
 from labcdp.session import Session
 
-from .synthetic import START, configuration, frame, record
+from .synthetic import configuration, exposed, record
 
 SIZE, PART = (120, 160), (slice(10, 70), slice(20, 100))
 LUMINANCES = {"A": 20.0, "B": 60.0, "C": 110.0, "D": 200.0}
@@ -24,23 +26,19 @@ EXPOSURES_S = (0.004, 0.008)
 
 def _frames(window, readout, seed):
     """Light and dark frames of a window of the whole scene, with a natural vignetting down to a third."""
-    rng = np.random.default_rng(seed)
     y, x = np.mgrid[0 : SIZE[0], 0 : SIZE[1]]
     r2 = ((x - 79.5) ** 2 + (y - 59.5) ** 2) * (4e-6 / 0.0005) ** 2
     scene = np.full(SIZE, 5.0)
     for name, (left, top) in CORNERS.items():
         scene[top : top + 16, left : left + 16] = LUMINANCES[name]
     light = (scene * (1 + r2) ** -2)[window]
-    number = 0
-    for role, factor in (("light", 1.0), ("dark", 0.0)):
-        for exposure_s in EXPOSURES_S:
-            for _ in range(6):
-                net = 1500 * light * exposure_s * factor
-                dn = rng.poisson(net / 0.25) * 0.25 + rng.normal(64, 1.5, light.shape)
-                number += 1
-                seen = np.rint(np.clip(dn, 0, 4095)).astype(np.uint16)
-                at = {"readout": readout, "timestamp": START + timedelta(hours=seed, seconds=number)}
-                yield frame(seen, exposure_s, number, **at), role
+    sensor = Sensor(
+        pixel_pitch_m=4e-6, width=light.shape[1], height=light.shape[0], quantum_efficiency=0.5, full_well_e=1e6,
+        k_dn_per_e=0.25, read_noise_e=6.0, dark_current_e_s=0.0, bits=12, black_level_dn=64.0, prnu_rel=0.0, dsnu_e=0.0,
+        dsnu_e_s=0.0, device_seed=1,
+    )  # fmt: skip
+    for one, role in exposed(sensor, 6000 * light, EXPOSURES_S, 6, first=100 * seed, readout=readout):
+        yield replace(one, timestamp=one.timestamp + timedelta(hours=seed)), role
 
 
 def _session(path, window=(slice(0, SIZE[0]), slice(0, SIZE[1])), readout=None, seed=1):

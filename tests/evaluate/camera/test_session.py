@@ -12,7 +12,7 @@ from labcdp.core.photometry import electron_radiance_per_cd_m2
 from labcdp.evaluate.camera.characterise import characterise_session
 from labcdp.session import Session
 
-from ..bench.synthetic import configuration, frame, record
+from ..bench.synthetic import configuration, exposed, record
 
 SENSOR = Sensor(
     pixel_pitch_m=5e-6, width=160, height=120, quantum_efficiency=0.5, full_well_e=9000.0, k_dn_per_e=0.35,
@@ -25,17 +25,15 @@ RATES = np.geomspace(2000, 60_000, 6)
 
 
 def frames_of(roles, temperatures, exposures_s, rates, sensor=SENSOR):
+    """Frames in the dark at each temperature, and in the light at the first one."""
     scene = np.full(sensor.shape, 50.0)
     for (x, y, w, h), rate in zip(ROIS.values(), rates, strict=True):
         scene[y : y + h, x : x + w] = rate
-    shown = [(role, t, s) for t in temperatures for s in exposures_s for role in roles for _ in range(4)]
-    for number, (role, temperature_c, exposure_s) in enumerate(shown):
-        if role == "dark" or temperature_c == temperatures[0]:
-            light = scene if role == "light" else np.zeros(sensor.shape)
-            at = {"temperature_c": temperature_c, "seed": 3, "exposure_index": number}
-            dn = sensor.expose(light, exposure_s, **at)
-            levels = {"black_level_dn": 40.0, "saturation_dn": sensor.saturation_dn()}
-            yield frame(dn, exposure_s, number, temperature_c=temperature_c, **levels), role
+    levels = {"black_level_dn": 40.0, "saturation_dn": sensor.saturation_dn()}
+    for at in temperatures:
+        for one, role in exposed(sensor, scene, exposures_s, 4, first=round(10 * at), temperature_c=at, **levels):
+            if role in roles and (role == "dark" or at == temperatures[0]):
+                yield one, role
 
 
 def characterised(path, change=None, roles=("dark", "light"), temperatures=(30.0,), rates=RATES, sensor=SENSOR):

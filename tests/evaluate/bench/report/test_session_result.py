@@ -6,7 +6,6 @@ import shutil
 import subprocess
 from dataclasses import replace
 
-import openpyxl
 import pytest
 from jsonschema import Draft202012Validator
 
@@ -21,7 +20,6 @@ def test_json_follows_the_schema_and_holds_the_evaluation(evaluation, result, wr
     values = json.loads((written / "results.json").read_text(encoding="utf-8"))
     Draft202012Validator(schema()).validate(values)
     assert values == json.loads(json.dumps(envelope(result)))
-    assert values["simulated"] is True
     for row, expected in zip(values["tables"]["contrasts"]["rows"], evaluation.contrasts, strict=True):
         assert (row["cdp"], row["below"], row["above"]) == (expected.cdp.cdp, expected.cdp.below, expected.cdp.above)
         assert (row["cdp_low"], row["cdp_high"]) == expected.cdp.confidence_interval
@@ -52,18 +50,6 @@ def test_says_whether_deviations_check_the_calibration(evaluation):
     ):  # fmt: skip
         findings = session_result(replace(evaluation, calibration=calibration)).findings
         assert code in {finding.code for finding in findings}
-
-
-def test_the_sheet_has_the_same_numbers_and_text_as_text(result, written):
-    book = openpyxl.load_workbook(written / "results.xlsx")
-    assert book.sheetnames == [*(table.name for table in result.tables), "findings", "about"]
-    words = {True: "yes", False: "no", "": None}
-    for table in result.tables:
-        for line, row in zip(book[table.name].iter_rows(min_row=2), table.rows(), strict=True):
-            for cell, value in zip(line, row.values(), strict=True):
-                number = not isinstance(value, bool | str) and value is not None
-                assert cell.value == (pytest.approx(value, rel=1e-14) if number else words.get(value, value))
-                assert cell.data_type != "f"
 
 
 def test_the_page_answers_first_needs_nothing_else_and_escapes_all_text(written):

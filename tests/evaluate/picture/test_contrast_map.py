@@ -103,14 +103,6 @@ def test_an_image_of_noise_has_no_edges(size, blur_px):
         assert ("correlated-noise" in {one.code for one in found.findings}) == (blur_px > 0)
 
 
-def test_an_exact_power_of_two_in_the_unit_changes_nothing():
-    image = _halves(noise=10.0).astype(np.float32)
-    one, other = (contrast_map(_map(image * np.float32(factor))) for factor in (1, 1024))
-    assert np.array_equal(one.regions.labels, other.regions.labels)
-    for name in ("kind", "contrast", "cdp", "cdp_low", "cdp_high"):
-        assert np.array_equal(getattr(one.edges, name), getattr(other.edges, name), equal_nan=True)
-
-
 def test_each_edge_is_of_one_kind():
     rng = np.random.default_rng(0)
     image = np.full((480, 640), 100.0)
@@ -154,15 +146,6 @@ def test_errors_alike_for_neighbours_cancel_and_others_count():
     )
     by_calibration = sqrt(differing.edges.cdp_standard_error[edge] ** 2 - edges.cdp_standard_error[edge] ** 2)
     assert by_calibration == pytest.approx(one.calibration_standard_uncertainty, rel=0.1)
-
-
-def test_pixels_that_are_not_finite_are_left_out():
-    image = _halves(noise=3.0)
-    spoilt = image.copy()
-    spoilt[::7, ::11] = np.nan
-    found = contrast_map(_map(spoilt))
-    assert found.count(EdgeKind.SEEN) >= 8
-    assert np.isfinite(found.regions.mean).all()
 
 
 def test_where_noise_hides_the_least_contrast_is_told():

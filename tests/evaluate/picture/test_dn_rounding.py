@@ -24,7 +24,7 @@ def _scene(left, right):
     return np.where(np.arange(60) < 30, left, right) * np.ones((40, 1))
 
 
-@pytest.mark.parametrize("noise_dn", [0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 2.0])
+@pytest.mark.parametrize("noise_dn", [0.0, 0.1, 0.3, 0.5, 2.0])
 def test_the_interval_of_a_mean_has_the_light_in_it(noise_dn):
     """With means anywhere between two DN; 3 sigma below 95 % of 500."""
     rng = np.random.default_rng(int(100 * noise_dn))

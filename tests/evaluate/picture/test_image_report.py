@@ -20,7 +20,7 @@ from labcdp.core.roi import Roi
 from labcdp.evaluate.picture.figures import histogram_edges, image_figures
 from labcdp.evaluate.picture.image import ImageRequest, evaluate_image
 from labcdp.evaluate.picture.page import overview_page, picture_page
-from labcdp.evaluate.picture.result import image_result, picture_files, summary_files
+from labcdp.evaluate.picture.result import image_result
 from labcdp.evaluate.picture.surface import MOST_POINTS, surface_page
 from labcdp.evaluate.picture.tables import ReportedPicture
 from labcdp.files.picture import Picture
@@ -233,17 +233,3 @@ def test_of_several_pictures_a_sheet_has_a_column_a_picture_as_in_the_thesis():
     expected = [one.result.cdp for one in _reported()[1].evaluation.pairs[0].result.results]
     assert [row[2] for row in rows[1:5]] == pytest.approx(expected, rel=1e-14)
     assert [row[3] for row in rows[1:5]] == [None] * 4
-
-
-def test_the_files_of_one_picture_and_of_several():
-    luminance = _luminance()
-    request = ImageRequest((1.0,), 0.5, (DARK,), neighbours=True)
-    evaluation = _evaluation(request=request)
-    result = _result([ReportedPicture(1, "night.exr", "", evaluation)], request)
-    for surface in (True, False):
-        files = picture_files(evaluation, _picture(luminance), _map(luminance), result, "by hand", surface=surface)
-        assert ("surface.html" in files) == surface
-        assert {"report.html", "figures/picture.png"} < set(files)
-    assert set(summary_files(_reported(1, failed=False), result, "by hand")) == {"results.json", "results.xlsx"}
-    several = summary_files(_reported(), _result(_reported()), "by hand")
-    assert set(several) == {"results.json", "results.xlsx", "report.html"}

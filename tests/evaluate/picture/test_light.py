@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from datetime import UTC, datetime
-from math import pi
 
 import cv2
 import numpy as np
@@ -189,6 +188,11 @@ def test_the_scene_comes_back_from_the_simulated_chain(tmp_path, truth, specifie
     # Each pixel deviates as the noise says it may.
     assert np.std(deviation * scene / (seen.random_rel * seen.luminance_cd_m2)) == pytest.approx(1, abs=0.02)
     assert seen.valid.all()
+    # Saturated and black pixels are flagged, and glare is warned of where it cannot be known.
+    picture = read_picture(written(tmp_path / "b.png", np.array([[0, 50, 2000, 4095]], np.uint16)), conversion.options)
+    flags = specified(glare_fraction=0, dark_current_e_s=0).luminance(picture).invalid
+    assert flags.tolist() == [[Invalid.BELOW_BLACK, Invalid.BELOW_BLACK, 0, Invalid.SATURATED]]
+    assert warning("glare-underestimated") in conversion.findings(picture)
 
 
 @settings(max_examples=40)
@@ -265,14 +269,6 @@ def test_srgb_is_undone(tmp_path, truth, specified, colours):
     assert not picture.coloured
     assert conversion.luminance(picture).luminance_cd_m2.mean() == pytest.approx(scene.mean(), rel=3e-3)
     assert warning("srgb-assumed") in conversion.findings(picture)
-
-
-def test_saturated_and_black_pixels_are_flagged(tmp_path, specified):
-    dn = np.array([[0, 50, 2000, 3999, 4000, 4095]], dtype=np.uint16)
-    conversion = specified(saturation_dn=4000.0, glare_fraction=0, dark_current_e_s=0)
-    flags = conversion.luminance(read_picture(written(tmp_path / "a.png", dn), conversion.options)).invalid
-    black, saturated = Invalid.BELOW_BLACK, Invalid.SATURATED
-    assert flags.tolist() == [[black, black, 0, 0, saturated, saturated]]
 
 
 # Relative
@@ -379,23 +375,3 @@ def test_frames_follow_the_encoding_that_was_chosen():
 
 
 # What is asked for
-
-
-def test_luminance_by_hand(tmp_path, specified):
-    # Of the thesis' camera without windscreen and darkness: L = 4 N^2 n / (pi t QE p^2 T photons per cd/m^2).
-    conversion = specified(
-        windscreen_transmittance=1, glare_fraction=0, dark_current_e_s=0, focal_length_m=None, black_dn=0, gain_db=0,
-        k_dn_per_e=1.0, quantum_efficiency=0.4, pixel_pitch_m=3.45e-6, f_number=2.6, exposure_s=0.005,
-        lens_transmittance=1.0, spectrum='"monochromatic 555 nm"',
-    )  # fmt: skip
-    seen = conversion.luminance(read_picture(written(tmp_path / "a.png", np.full((2, 2), 1000, np.uint16)),
-                                             conversion.options))  # fmt: skip
-    photons = 555e-9 / (6.62607015e-34 * 299792458 * 683)
-    expected = 4 * 2.6**2 * 1000 / (pi * 0.4 * 3.45e-6**2 * 0.005 * photons)
-    np.testing.assert_allclose(seen.luminance_cd_m2, expected, rtol=1e-3)
-
-
-def test_glare_of_a_picture_with_saturated_pixels_is_warned_of(tmp_path, specified):
-    conversion = specified()
-    picture = read_picture(written(tmp_path / "a.png", np.full((4, 4), 4095, np.uint16)), conversion.options)
-    assert warning("glare-underestimated") in conversion.findings(picture)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from .geometry import Matrix
 from .level import GainOffset, Level, Seen
+from .sight import View
 from .template import Template, gradients
-from .view import View
 
 #: Most steps in the smaller size of a template, and in its own.
 _COARSE_STEPS, _FINE_STEPS = 8, 5

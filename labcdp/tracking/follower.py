@@ -10,11 +10,10 @@ from ..core.result import Finding
 from ..core.roi import Roi
 from .alignment import Fit
 from .geometry import Matrix, carried, local_scale, shift
-from .looks import COVERED_MOST, FOUND_FROM, GOOD, LOST_BELOW, Found, Looks, Shape
+from .looks import COVERED_MOST, FOUND_FROM, GOOD, LOST_BELOW, Found, Looks, shape_allows
 from .scene import SceneNow
-from .sight import Sight
+from .sight import Sight, view_around
 from .template import Followed, Template, TrackedRoi
-from .view import view_around
 
 #: Fall of the quality in one frame up to which a place near the expected one is believed.
 _STEADY = 0.08
@@ -55,7 +54,7 @@ class Follower(Followed):
         self._before: tuple[Matrix, tuple[float, float]] | None = None
         self._before_roi = template.roi
         self._rest = self._to_image, scene
-        self._looks, self._shape = Looks(sight, template, planar=planar), Shape(template)
+        self._looks = Looks(sight, template, planar=planar)
         self._looks.find_repeats(sight, self._possible)
 
     @property
@@ -94,7 +93,7 @@ class Follower(Followed):
         found = self._best(sight, scene)
         if found is None or found.fit.quality < LOST_BELOW:
             quality = 0.0 if found is None else found.fit.quality
-            gone = view_around(sight, self._template, next(self._expected(scene)), 0) is None
+            gone = view_around(sight, self._template.shape, next(self._expected(scene)), 0) is None
             code = "tracking-scene-changed" if scene.change == "cut" else "tracking-not-found"
             reason = self._finding("tracking-region-gone") if gone else self._finding(code, found_share=float(quality))
             self._lose(reason, quality)
@@ -221,7 +220,7 @@ class Follower(Followed):
 
     def _possible(self, fit: Fit) -> bool:
         """Whether the target can have got there: not suddenly of another size, and in the image."""
-        return self._shape.allows(self._to_image, fit, 1 + min(self._lost_for, 3))
+        return shape_allows(self._template, self._to_image, fit, 1 + min(self._lost_for, 3))
 
     def _accept(self, sight: Sight, scene: SceneNow, found: Found) -> None:
         fit = found.fit
@@ -257,7 +256,7 @@ class Follower(Followed):
         if self._before is None or self._found is None:
             return False
         place = motion @ self._template.to_image
-        view = view_around(sight, self._template, place, self._looks.reach(place))
+        view = view_around(sight, self._template.shape, place, self._looks.reach(place))
         fit = None if view is None else self._found.aligner.judge(view, place, self._light)
         if fit is None or fit.quality < self._found.fit.quality - _AS_GOOD or not self._possible(fit):
             return False

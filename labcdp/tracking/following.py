@@ -15,9 +15,8 @@ from .follower import Follower
 from .geometry import Matrix, carried, inverse
 from .looks import COVERED_MOST, GOOD
 from .scene import SceneNow, SceneWatch
-from .sight import Sight, scale_of
+from .sight import Sight, scale_of, view_around
 from .template import Followed, NotFollowedError, Template, TrackedRoi, is_background, make_template, plain_template
-from .view import view_around
 
 #: Deviation of a pixel from which on something else is seen there: times the noise, and in parts of its brightness.
 _OFF_NOISE, _OFF_LIGHT = 6.0, 0.12
@@ -83,7 +82,7 @@ class Resting(Followed):
         roi = carried(self._first, self.motion)
         height, width = sight.shape
         x0, y0, x1, y1 = roi.bounds
-        view = view_around(sight, self._template, self._to_image, 2.0)
+        view = view_around(sight, self._template.shape, self._to_image, 2.0)
         if view is None:
             self._lose(self._finding("tracking-region-gone"), 0.0)
             return

@@ -8,9 +8,9 @@ from math import isnan, nan
 import numpy as np
 from numpy.typing import NDArray
 
-from .geometry import Matrix, around, inverse, scaling
+from .geometry import Matrix, inverse, scaling
+from .sight import View
 from .template import Template, gradients
-from .view import View
 
 #: Generators of the ways a target may move: right, down, larger, turned; and sheared, stretched and tilted.
 _SIMILAR = (
@@ -96,7 +96,7 @@ class Level:
         # Level pixels to template pixels, and these to coordinates of about -1 to 1.
         self._size, self._to_template = size, scaling(width / size[0], height / size[1])
         half = max(width, height) / 2
-        self._centred = around(scaling(1 / half), width / 2, height / 2)
+        self._centred = scaling(1 / half)
         self._centred[:2, 2] = -width / 2 / half, -height / 2 / half
         self._from_centred, self._still = inverse(self._centred), _STILL_PX / half
         self._generators = np.array(_PLANAR if planar else _SIMILAR, dtype=float).reshape(-1, 3, 3)

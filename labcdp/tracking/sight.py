@@ -1,16 +1,16 @@
-"""A frame as trackers see it: of full depth, and with the noise of 8 bits."""
+"""A frame as trackers see it: of full depth, with the noise of 8 bits, and a part of it at the scale of a template."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import ceil, dist, floor
+from math import ceil, floor, isfinite
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .geometry import Matrix, box_of, moved, shift
+from .geometry import Matrix, box_of, local_scale, shift
 
 #: Longest side of the frame made small.
 _SMALL = 480
@@ -111,108 +111,93 @@ def noise_dn(window: NDArray[np.float32]) -> float:
     return max(float(np.median(np.abs(answers))) / 0.6745 / 6, _ROUNDING_DN)
 
 
-#: Longest side of what is searched for, in pixels of the reduced frame, and of that frame.
-_LONGEST, _FRAME_LONGEST = 24, 960
-#: Least correlation of a place that is looked at.
-_LEAST = 0.35
-#: Sizes of the first look that are searched besides the last one's.
-_SIZES = (0.87, 1.15)
-#: Places of each look and size; distance of places from each other, in parts of its size.
-_PLACES, _APART = 4, 0.3
+_FROM_CORNER, _TO_CORNER = shift(-0.5, -0.5), shift(0.5, 0.5)
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
-    """How a region looked in a frame.
+class View:
+    """Part of a frame.
 
     Parameters
     ----------
-    pixels : ndarray of float32, shape (h, w)
-        What lay under the box around it.
+    values : ndarray of float32, shape (h, w)
+        The part, in another size, smoothed as templates are.
+    factors : (float, float)
+        Pixels of the view for each of the image, along x and y.
     corner : (int, int)
-        Left and top end of the box in the frame.
-    to_image : ndarray of float, shape (3, 3)
-        Template pixels to pixels of that frame.
+        Where it begins in the image, x and y.
+    image_shape : (int, int)
+        Height and width of the frame.
     """
 
-    pixels: NDArray[np.float32]
+    values: NDArray[np.float32]
+    factors: tuple[float, float]
     corner: tuple[int, int]
-    to_image: Matrix
+    image_shape: tuple[int, int]
+
+    @cached_property
+    def from_image(self) -> Matrix:
+        """Image pixels to the view's pixels."""
+        (across, down), (x, y) = self.factors, self.corner
+        return np.array([[across, 0.0, -across * x], [0.0, down, -down * y], [0.0, 0.0, 1.0]])
+
+    @cached_property
+    def to_image(self) -> Matrix:
+        """The view's pixels to image pixels."""
+        (across, down), (x, y) = self.factors, self.corner
+        return np.array([[1 / across, 0.0, x], [0.0, 1 / down, y], [0.0, 0.0, 1.0]])
+
+    def under(self, to_image: Matrix, shape: tuple[int, int]) -> NDArray[np.float32]:
+        """Values under each pixel of a template of `shape` that lies at `to_image`, interpolated, shape (n,)."""
+        return self.sampled(self.from_image @ to_image, shape[::-1])[0]
+
+    def sampled(self, place: Matrix, size: tuple[int, int]) -> tuple[NDArray[np.float32], NDArray[np.bool_] | None]:
+        """Values under the pixels of a template of `size` at a place in the view, and which lie in the image.
+
+        None if all do.
+        """
+        import cv2
+
+        # OpenCV has the middle of the first pixel at 0, we have its corner there.
+        centres = _FROM_CORNER @ place @ _TO_CORNER
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        seen = cv2.warpPerspective(self.values, centres, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(seen, dtype=np.float32).ravel(), self._inside(place, size)
+
+    def _inside(self, place: Matrix, size: tuple[int, int]) -> NDArray[np.bool_] | None:
+        left, top, right, bottom = self._bounds
+        box = box_of(place, *size)
+        # A line from one corner to another that passes behind the camera is rare, but its ends may look right.
+        a, b, c = place[2].tolist()
+        nearest = c + min(a * size[0], 0) + min(b * size[1], 0)
+        if nearest > 0 and box[0] > left and box[1] > top and box[2] < right and box[3] < bottom:
+            return None
+        u, v = np.meshgrid(np.arange(size[0]) + 0.5, np.arange(size[1]) + 0.5)
+        x, y, w = np.tensordot(place, np.stack((u, v, np.ones_like(u))), 1)
+        inside = (w > 0) & (left * w < x) & (x < right * w) & (top * w < y) & (y < bottom * w)
+        return np.asarray(inside.ravel())
+
+    @property
+    def _bounds(self) -> tuple[float, float, float, float]:
+        """Left, top, right and bottom end of the image in the view."""
+        (across, down), (x, y), (height, width) = self.factors, self.corner, self.image_shape
+        return -across * x, -down * y, across * (width - x), down * (height - y)
 
 
-def look_at(sight: Sight, to_image: Matrix, patch: tuple[float, float, float, float]) -> Look | None:
-    """Look of a region whose patch lies at `patch` (left, top, right, bottom) of the template; None if not in sight."""
-    left, top, right, bottom = box_of(to_image @ shift(patch[0], patch[1]), patch[2] - patch[0], patch[3] - patch[1])
-    height, width = sight.shape
-    if not (left > -0.5 and top > -0.5 and right < width + 0.5 and bottom < height + 0.5):
-        return None
-    x, y = max(floor(left), 0), max(floor(top), 0)
-    return Look(sight.part(x, y, min(ceil(right), width), min(ceil(bottom), height)), (x, y), to_image)
+def view_around(sight: Sight, shape: tuple[int, int], to_image: Matrix, reach_px: float) -> View | None:
+    """View of where a template should be by `to_image`, with `reach_px` pixels of the frame around; None if outside.
 
-
-def candidates(sight: Sight, looks: list[tuple[Look, float]], most: int) -> list[Matrix]:
-    """Up to `most` places where a region may be, template to frame pixels, best first.
-
-    Parameters
-    ----------
-    looks : list of (Look, float)
-        Looks, and the size that each is expected in, relative to its own.
-
-    Notes
-    -----
-    Peaks of the correlation after removal of the mean, in the frame reduced until the look is small.
+    The view has the size the template would have: a target that comes nearer is reduced more.
     """
-    import cv2
-
-    found: list[tuple[float, float, Matrix]] = []
-    height, width = sight.shape
-    pictures: dict[tuple[int, int], NDArray[np.float32]] = {}
-    for look, expected in looks:
-        longest = expected * max(look.pixels.shape)
-        reduction = min(_LONGEST / longest, _FRAME_LONGEST / max(height, width), 1.0)
-        shape = max(round(reduction * width), 1), max(round(reduction * height), 1)
-        if shape not in pictures:
-            pictures[shape] = _sized(sight, shape)
-        picture = pictures[shape]
-        for size in (1.0, *_SIZES):
-            scale = expected * size
-            across, down = (max(round(reduction * scale * side), 1) for side in look.pixels.shape[::-1])
-            if across > shape[0] or down > shape[1] or min(across, down) < 3:
-                continue
-            how = cv2.INTER_AREA if reduction * scale < 1 else cv2.INTER_LINEAR
-            pattern = cv2.resize(look.pixels, (across, down), interpolation=how)
-            answers = np.nan_to_num(cv2.matchTemplate(picture, pattern, cv2.TM_CCOEFF_NORMED), nan=-1.0)
-            for score, x, y in _peaks(answers, max(_APART * across, 2), max(_APART * down, 2)):
-                placed = shift(x * width / shape[0], y * height / shape[1]) @ np.diag([scale, scale, 1.0])
-                found.append((score, scale * longest, placed @ shift(-look.corner[0], -look.corner[1]) @ look.to_image))
-    return _distinct(found, most)
-
-
-def _sized(sight: Sight, shape: tuple[int, int]) -> NDArray[np.float32]:
-    height, width = sight.shape
-    return sight.reduced(0, 0, width, height, shape)
-
-
-def _peaks(answers: NDArray[np.float32], across: float, down: float) -> list[tuple[float, float, float]]:
-    """Highest answers that are apart from each other, with their places."""
-    import cv2
-
-    peaks = []
-    answers = answers.copy()
-    for _ in range(_PLACES):
-        _, best, _, (x, y) = cv2.minMaxLoc(answers)
-        if best < _LEAST:
-            break
-        peaks.append((best, float(x), float(y)))
-        answers[max(y - ceil(down), 0) : y + ceil(down) + 1, max(x - ceil(across), 0) : x + ceil(across) + 1] = -1
-    return peaks
-
-
-def _distinct(found: list[tuple[float, float, Matrix]], most: int) -> list[Matrix]:
-    """Keep the best of each place."""
-    kept: list[tuple[tuple[float, float], Matrix]] = []
-    for _, size, matrix in sorted(found, key=lambda item: -item[0]):
-        middle = moved(matrix, 0, 0)
-        if all(dist(middle, other) > _APART * size / 2 for other, _ in kept):
-            kept.append((middle, matrix))
-    return [matrix for _, matrix in kept[:most]]
+    height, width = shape
+    box = box_of(to_image, width, height)
+    scale = local_scale(to_image, (width / 2, height / 2))
+    if not isfinite(box[0]) or not isfinite(scale):
+        return None
+    left, top = max(floor(box[0] - reach_px), 0), max(floor(box[1] - reach_px), 0)
+    right, bottom = min(ceil(box[2] + reach_px), sight.shape[1]), min(ceil(box[3] + reach_px), sight.shape[0])
+    if right - left < 3 or bottom - top < 3:
+        return None
+    rows, columns = max(round((bottom - top) / scale), 3), max(round((right - left) / scale), 3)
+    values = smooth(sight.reduced(left, top, right, bottom, (columns, rows)))
+    return View(values, (columns / (right - left), rows / (bottom - top)), (left, top), sight.shape)

@@ -10,9 +10,8 @@ from labcdp.core.roi import Roi
 from labcdp.tracking.alignment import Aligner
 from labcdp.tracking.geometry import carried, inverse, shift, transform
 from labcdp.tracking.scene import SceneWatch, common_motion
-from labcdp.tracking.sight import Sight
+from labcdp.tracking.sight import Sight, view_around
 from labcdp.tracking.template import make_template, place_uncertainty_px
-from labcdp.tracking.view import view_around
 
 from .simulated import pose
 
@@ -29,7 +28,7 @@ def rounded(light):
 
 
 def aligned(template, light, start, margin, *known_light, planar=False):
-    view = view_around(rounded(light), template, template.to_image, margin)
+    view = view_around(rounded(light), template.shape, template.to_image, margin)
     return Aligner(template, planar=planar).align(view, start, *known_light)
 
 

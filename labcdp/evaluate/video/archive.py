@@ -33,7 +33,6 @@ from .settings import package_versions
 Work: TypeAlias = Callable[[Path, Mapping[str, ResultsFolder]], Mapping[str, Mapping[str, Any] | LabcdpError]]
 #: The parts of a video's evaluation, done in one pass.
 _Group: TypeAlias = "tuple[ArchiveTask, ...]"
-#: Name of the record in the folder of a video's results.
 RECORD = "finished.json"
 
 
@@ -178,7 +177,7 @@ def archive_tasks(videos: Sequence[Path], folder: Path, parts: Sequence[str] = (
 
 
 def require_same_archive(tasks: Sequence[ArchiveTask], folder: Path) -> None:
-    """Refuse a folder with results of videos that are not among those of the tasks; raises InputError."""
+    """Refuse a folder with results of videos that are not among the tasks; raises InputError."""
     others = {path.parent.name for path in folder.glob(f"*/{LIST_FILE}")} - {task.folder.name for task in tasks}
     if others:
         remedy = "give them too, or another --output"

@@ -30,6 +30,10 @@ _ASKED_AFTER_S = 0.15
 #: Time for other cameras to answer before each stream: those on a wire take a few milliseconds.
 _LOOK_S = 0.05
 
+#: Pause in the packets of a frame after which it is given up, in µs. With Aravis' default of 100 ms, frames were
+#: incomplete when a busy computer did not run the sender or the receiver for that long.
+_FRAME_RETENTION_US = 500_000
+
 #: Age at which the temperature of the device is read again; it changes by less than 0.1 degrees C meanwhile.
 _TEMPERATURE_EVERY_S = 2.0
 
@@ -114,6 +118,7 @@ class FrameStream:
         n_buffers = pool_size(self._payload_bytes, settings.frame_rate_hz, self._n_frames)
         self._pool = BufferPool(self._stream, n_buffers, self._payload_bytes)
         if is_gige:
+            self._stream.set_property("frame-retention", _FRAME_RETENTION_US)
             self._link.stream_port = self._stream.get_port()
             # Aravis would do so only at the first packet, too late for the first frame.
             granted = enlarge_receive_buffer(self._stream.get_port(), self._payload_bytes)

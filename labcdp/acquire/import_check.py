@@ -44,20 +44,15 @@ class ImportFile:
     exposure_s: float | None = None
 
 
-@dataclass(frozen=True)
-class CheckedFile:
-    """A checked file; its pixels are read again for writing, to limit memory."""
-
-    file: ImportFile
-    key: str
-
-
 def check_files(
     configuration: SessionConfiguration,
     files: Sequence[ImportFile],
     report: Callable[[str, int, int], None],
-) -> tuple[list[CheckedFile], Frame, list[Finding]]:
-    """Read all files once; returns them, the first frame, which represents all settings, and findings."""
+) -> tuple[dict[str, ImportFile], Frame, list[Finding]]:
+    """Read all files once; returns them by key, the first frame, which represents all settings, and findings.
+
+    The pixels are read again for writing, to limit memory.
+    """
     _require_presentation(configuration, files)
     first: FileFrame | None = None
     seen: dict[str, ImportFile] = {}
@@ -88,7 +83,7 @@ def check_files(
     if first is None:
         raise InputError("there is no picture to import: give --light and --dark")
     _require_light_brighter(levels)
-    return [CheckedFile(file, key) for key, file in seen.items()], first.frame, findings + _too_few(counts)
+    return seen, first.frame, findings + _too_few(counts)
 
 
 def _require_light_brighter(levels: Mapping[float, Mapping[Role, Sequence[float]]]) -> None:

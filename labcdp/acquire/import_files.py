@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,10 +12,10 @@ from ..core.reading import Reading
 from ..core.result import Finding, warning
 from ..drivers.csv_meter import CsvMeter
 from ..drivers.manual import MeterAccuracy, stated_accuracy
-from ..drivers.minolta_ls.protocol import LS100, LS110
-from ..session import MeterConfiguration, Session, SessionConfiguration
+from ..drivers.minolta_ls.protocol import LS100, LS110, LSDataSheet
+from ..session import Session, SessionConfiguration
 from ..session.records import EXPOSURES
-from .import_check import CheckedFile, ImportFile, check_files, frame_key, read_picture
+from .import_check import ImportFile, check_files, frame_key, read_picture
 
 _DATA_SHEETS = {sheet.model: sheet for sheet in (LS100, LS110)}
 
@@ -23,7 +23,11 @@ _DATA_SHEETS = {sheet.model: sheet for sheet in (LS100, LS110)}
 def read_readings(configuration: SessionConfiguration, path: Path) -> tuple[list[tuple[str, Reading]], list[Finding]]:
     """Return the readings with their patches, each line once, and findings."""
     described = configuration.meter
-    with CsvMeter(path, described.identity, _accuracy(described)) as meter:
+    sheet = _DATA_SHEETS.get(described.model) if described.entry == "serial" else None
+    accuracy = stated_accuracy(described)
+    if sheet is not None:
+        accuracy = MeterAccuracy(sheet.scale_half_width_rel, sheet.repeatability_rel, 1)
+    with CsvMeter(path, described.identity, accuracy) as meter:
         by_patch = meter.readings
     names = [patch.name for patch in configuration.target.patches]
     for name in by_patch:
@@ -38,27 +42,16 @@ def read_readings(configuration: SessionConfiguration, path: Path) -> tuple[list
     for patch, readings in by_patch.items():
         once = list({reading.raw: reading for reading in readings}.values())
         if len(once) < len(readings):
-            count = len(readings) - len(once)
-            findings.append(warning("lines-repeated", patch, path=str(path), count=count))
-        result += [(patch, _with_digits(reading, described, finest)) for reading in once]
+            findings.append(warning("lines-repeated", patch, path=str(path), count=len(readings) - len(once)))
+        result += [(patch, reading if sheet is None else _with_digits(reading, sheet, finest)) for reading in once]
     return result, findings
 
 
-def _accuracy(described: MeterConfiguration) -> MeterAccuracy:
-    sheet = _DATA_SHEETS.get(described.model) if described.entry == "serial" else None
-    if sheet is not None:
-        return MeterAccuracy(sheet.scale_half_width_rel, sheet.repeatability_rel, 1)
-    return stated_accuracy(described)
-
-
-def _with_digits(reading: Reading, described: MeterConfiguration, finest: float) -> Reading:
+def _with_digits(reading: Reading, sheet: LSDataSheet, finest: float) -> Reading:
     """Resolution by the data sheet, with the decimals of the finest number of the list.
 
     Spreadsheets drop trailing zeros, and rounding affects all numbers of a list.
     """
-    sheet = _DATA_SHEETS.get(described.model) if described.entry == "serial" else None
-    if sheet is None:
-        return reading
     resolution = min(reading.resolution, max(finest, sheet.shown_resolution(reading.value)))
     digits = sheet.digit_error(reading.value, reading.unit)
     return replace(reading, resolution=resolution, digits_half_width=digits * resolution)
@@ -132,9 +125,10 @@ def import_session(
                 f"{path} was made with another configuration: give that one ({path / 'session.toml'}), or a new folder"
             )
         known = _known(session, frame, report)
-        lacking = [one for one in checked if one.key not in known]
+        lacking = [(key, file) for key, file in checked.items() if key not in known]
         _write_frames(session, lacking, configuration, frame, report)
-        new_readings = _lacking(session, given)
+        there = {(record.patch, record.reading.raw) for record in session.readings()}
+        new_readings = [(patch, reading) for patch, reading in given if (patch, reading.raw) not in there]
         for patch, reading in new_readings:
             session.add_reading(reading, patch)
         exposures_s = sorted({record.exposure_s for record in session.frames("light")})
@@ -167,7 +161,7 @@ def _known(session: Session, frame: Frame, report: Callable[[str, int, int], Non
 
 def _write_frames(
     session: Session,
-    lacking: Sequence[CheckedFile],
+    lacking: Sequence[tuple[str, ImportFile]],
     configuration: SessionConfiguration,
     first: Frame,
     report: Callable[[str, int, int], None],
@@ -176,23 +170,16 @@ def _write_frames(
     for start in range(0, len(lacking), _BATCH):
         batch = lacking[start : start + _BATCH]
         frames, sources = [], []
-        for number, one in enumerate(batch, start=begun + start + 1):
-            read = read_picture(one.file, configuration)
-            if frame_key(read.frame) != one.key:
-                raise SessionError(f"{one.file.path} changed while it was imported: import it again")
-            sources.append({"file": str(one.file.path), "sha256": read.sha256})
-            frames.append((_levelled(read.numbered(number).frame, first), one.file.role, one.file.patch))
+        for number, (key, file) in enumerate(batch, start=begun + start + 1):
+            read = read_picture(file, configuration)
+            if frame_key(read.frame) != key:
+                raise SessionError(f"{file.path} changed while it was imported: import it again")
+            sources.append({"file": str(file.path), "sha256": read.sha256})
+            # The nominal black level of the first for all; the dark signal is taken from the dark frames.
+            black_dn, planes_dn = first.black_level_dn, first.plane_black_levels_dn
+            frame = replace(read.numbered(number).frame, black_level_dn=black_dn, plane_black_levels_dn=planes_dn)
+            frames.append((frame, file.role, file.patch))
         records = session.add_frames(frames)
         numbered = [{"number": r.number, **source} for r, source in zip(records, sources, strict=True)]
         session.add_event("imported", {"files": numbered})
         report("writing", start + len(batch), len(lacking))
-
-
-def _levelled(frame: Frame, first: Frame) -> Frame:
-    """Give all frames the nominal black level of the first; the dark signal is taken from the dark frames."""
-    return replace(frame, black_level_dn=first.black_level_dn, plane_black_levels_dn=first.plane_black_levels_dn)
-
-
-def _lacking(session: Session, given: Iterable[tuple[str, Reading]]) -> list[tuple[str, Reading]]:
-    known = {(record.patch, record.reading.raw) for record in session.readings()}
-    return [(patch, reading) for patch, reading in given if (patch, reading.raw) not in known]

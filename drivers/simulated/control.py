@@ -22,20 +22,10 @@ from ..network import interfaces
 _SO_ATTACH_FILTER, _SO_DETACH_FILTER = 26, 27
 
 
-class _Instruction(ctypes.Structure):
-    """One instruction of the classic Berkeley packet filter (struct sock_filter)."""
-
-    _fields_ = (("code", ctypes.c_uint16), ("jt", ctypes.c_uint8), ("jf", ctypes.c_uint8), ("k", ctypes.c_uint32))
-
-
-class _Program(ctypes.Structure):
-    """A filter (struct sock_fprog)."""
-
-    _fields_ = (("length", ctypes.c_ushort), ("instructions", ctypes.POINTER(_Instruction)))
-
-
-#: "Return 0": keep no byte of any packet.
-_KEEP_NOTHING = _Instruction(code=0x06, jt=0, jf=0, k=0)
+#: A classic Berkeley packet filter of one instruction, "return 0": keep no byte of any packet (struct sock_filter).
+_KEEP_NOTHING = ctypes.create_string_buffer(struct.pack("HBBI", 0x06, 0, 0, 0))
+#: The filter with its length (struct sock_fprog).
+_FILTER = struct.pack("HP", 1, ctypes.addressof(_KEEP_NOTHING))
 
 
 def check_free(address: str) -> None:
@@ -107,11 +97,10 @@ class ControlPort:
 
     def deaf(self, deaf: bool) -> None:
         """Drop all requests, or receive them again."""
-        program = _Program(1, ctypes.pointer(_KEEP_NOTHING))
         for listener, _ in self._bound():
             if _inode(listener) in self._own:
                 if deaf:
-                    listener.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, bytes(program))
+                    listener.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, _FILTER)
                 else:
                     with suppress(FileNotFoundError):  # it was not deaf
                         listener.setsockopt(socket.SOL_SOCKET, _SO_DETACH_FILTER, b"\0\0\0\0")

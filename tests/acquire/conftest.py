@@ -1,11 +1,14 @@
 from contextlib import contextmanager
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from typing import Any
 
+import numpy as np
 import pytest
 
 from labcdp.acquire import acquire
 from labcdp.core.clock import SimulatedClock
+from labcdp.core.frame import CameraIdentity, Frame
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
 from labcdp.session import EventRecord, Session
 
@@ -98,3 +101,22 @@ class Hands:
     def repeat(self, what, findings):
         self.found.append((what, [finding.check for finding in findings]))
         return self._repeat(what, findings)
+
+
+def new_frame(dn, frame_id=1, exposure_s=0.01):
+    """A frame of 12 bits with these pixels."""
+    return Frame(
+        dn=np.asarray(dn, dtype=np.uint16),
+        exposure_s=exposure_s,
+        gain_db=0.0,
+        bit_depth=12,
+        saturation_dn=4095,
+        black_level_dn=64.0,
+        pixel_format="Mono12",
+        colour_filter=None,
+        temperature_c=35.0,
+        timestamp=datetime(2026, 3, 2, tzinfo=UTC),
+        camera_timestamp_ns=frame_id,
+        frame_id=frame_id,
+        camera=CameraIdentity("v", "m", "s"),
+    )

@@ -1,7 +1,6 @@
 """Live numbers against numpy on the whole stack, and against known noise."""
 
 from dataclasses import replace
-from datetime import UTC, datetime
 from itertools import pairwise
 from math import sqrt
 
@@ -9,29 +8,12 @@ import numpy as np
 import pytest
 
 from labcdp.acquire.live import LiveNumbers
-from labcdp.core.frame import CameraIdentity, Frame
 from labcdp.core.roi import Roi
+
+from .conftest import new_frame
 
 RECTANGLE = Roi.rectangle("rectangle", 5, 3, 40, 30)
 TRIANGLE = Roi("triangle", ((50, 5), (90, 10), (60, 50)))
-
-
-def frame(dn, exposure_s=0.01):
-    return Frame(
-        dn=np.asarray(dn, dtype=np.uint16),
-        exposure_s=exposure_s,
-        gain_db=0.0,
-        bit_depth=12,
-        saturation_dn=4095,
-        black_level_dn=64.0,
-        pixel_format="Mono12",
-        colour_filter=None,
-        temperature_c=35.0,
-        timestamp=datetime(2026, 3, 2, tzinfo=UTC),
-        camera_timestamp_ns=0,
-        frame_id=1,
-        camera=CameraIdentity("v", "m", "s"),
-    )
 
 
 def stack(n, sigma_dn, factors=None, mean_dn=1064.0, seed=1):
@@ -44,7 +26,7 @@ def stack(n, sigma_dn, factors=None, mean_dn=1064.0, seed=1):
 def numbers_of(images, regions=(RECTANGLE, TRIANGLE)):
     live = LiveNumbers(regions)
     for image in images:
-        live.add(frame(image))
+        live.add(new_frame(image))
     return tuple(replace(numbers, black_dn=64.0) for numbers in live.numbers)
 
 

@@ -2,7 +2,6 @@
 
 import signal
 import threading
-from datetime import UTC, datetime
 
 import numpy as np
 import pytest
@@ -10,26 +9,13 @@ import pytest
 from labcdp.acquire.recording import FrameWriter
 from labcdp.core.clock import SystemClock
 from labcdp.core.errors import SessionError
-from labcdp.core.frame import CameraIdentity, Frame
 from labcdp.session import EventRecord, FrameRecord, Session
+
+from .conftest import new_frame
 
 
 def frame(number):
-    return Frame(
-        dn=np.full((4, 5), number, dtype=np.uint16),
-        exposure_s=0.01,
-        gain_db=0.0,
-        bit_depth=12,
-        saturation_dn=4095,
-        black_level_dn=64.0,
-        pixel_format="Mono12",
-        colour_filter=None,
-        temperature_c=35.0,
-        timestamp=datetime(2026, 3, 2, tzinfo=UTC),
-        camera_timestamp_ns=number,
-        frame_id=number,
-        camera=CameraIdentity("v", "m", "s"),
-    )
+    return new_frame(np.full((4, 5), number), number)
 
 
 class Gated:

@@ -1,6 +1,7 @@
 import socket
 import struct
 import threading
+from contextlib import ExitStack
 
 import pytest
 
@@ -12,35 +13,30 @@ from labcdp.drivers.camera import CameraNotFoundError
 
 @pytest.fixture
 def answering():
-    """Let a function answer what is sent to 127.0.0.1; it takes a request and returns what to send back."""
-    opened = []
+    """Let functions answer what is sent to the port of cameras; each takes a request and returns what to send back."""
+    with ExitStack() as stack:
 
-    def start(reply):
-        server = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        server.bind(("127.0.0.1", gvcp.GVCP_PORT))
-        opened.append(server)
+        def start(reply, address="127.0.0.1"):
+            server = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+            server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            server.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, b"lo\0")
+            server.bind((address, gvcp.GVCP_PORT))
 
-        def serve():
-            while True:
-                request, client = server.recvfrom(600)
-                if not request:
-                    return
-                for message in reply(request):
-                    server.sendto(message, client)
+            def serve():
+                while (received := server.recvfrom(600))[0]:
+                    for message in reply(received[0]):
+                        server.sendto(message, received[1])
 
-        thread = threading.Thread(target=serve)
-        thread.start()
-        opened.append(thread)
+            def end():
+                with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as last:
+                    last.sendto(b"", ("127.0.0.1", gvcp.GVCP_PORT))
+                thread.join()
 
-    yield start
-    for each in opened:
-        if isinstance(each, threading.Thread):
-            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as last:
-                last.sendto(b"", ("127.0.0.1", gvcp.GVCP_PORT))
-            each.join()
-    for each in opened:
-        if isinstance(each, socket.socket):
-            each.close()
+            thread = threading.Thread(target=serve)
+            thread.start()
+            stack.callback(end)
+
+        yield start
 
 
 def test_a_request_is_as_the_standard_has_it(answering):
@@ -70,32 +66,21 @@ def test_what_does_not_answer_the_request_is_ignored(answering, message):
 
 
 @pytest.fixture
-def camera_elsewhere():
+def camera_elsewhere(answering):
     """A camera of another network, which answers requests to everybody; gives what it was asked."""
     asked = []
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as server:
-        server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        server.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, b"lo\0")
-        server.bind(("", gvcp.GVCP_PORT))
+    identity = bytearray(0xF8)
+    identity[0x0A:0x10] = bytes.fromhex("000f310221f0")
+    identity[0x24:0x28] = socket.inet_aton("10.9.8.7")
+    identity[0xD8:0xDC] = b"50-1"
 
-        def serve():
-            while (received := server.recvfrom(600))[0]:
-                request, client = received
-                asked.append(request)
-                identity = bytearray(0xF8)
-                identity[0x0A:0x10] = bytes.fromhex("000f310221f0")
-                identity[0x24:0x28] = socket.inet_aton("10.9.8.7")
-                identity[0xD8:0xDC] = b"50-1"
-                body = identity if request[2:4] == b"\0\2" else b""
-                acknowledged = int.from_bytes(request[2:4], "big") + 1
-                server.sendto(struct.pack(">HHHH", 0, acknowledged, len(body), 1) + body, client)
+    def reply(request):
+        asked.append(request)
+        body = identity if request[2:4] == b"\0\2" else b""
+        return [struct.pack(">HHHH", 0, int.from_bytes(request[2:4], "big") + 1, len(body), 1) + body]
 
-        thread = threading.Thread(target=serve)
-        thread.start()
-        yield asked
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as last:
-            last.sendto(b"", ("127.0.0.1", gvcp.GVCP_PORT))
-        thread.join()
+    answering(reply, "")
+    return asked
 
 
 def test_a_camera_of_another_network_is_given_an_address(camera_elsewhere):

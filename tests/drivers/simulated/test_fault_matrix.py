@@ -8,7 +8,7 @@ port or file is left behind.
 import os
 import time
 from collections import Counter
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from itertools import product
 from pathlib import Path
 
@@ -78,25 +78,14 @@ def switched_on(bench):
         bench.run_command("recover")
 
 
-class devices:  # noqa: N801
+@contextmanager
+def devices(bench):
     """Camera and meter, open; both are closed at the end."""
-
-    def __init__(self, bench):
-        self._camera = AravisCamera(bench.server.address, patience_s=PATIENCE_S)
-        self._meter = MinoltaLS110(bench.pty.port, timeout_s=0.4, attempts=2, patience_s=PATIENCE_S)
-
-    def __enter__(self):
-        with ExitStack() as stack:
-            self._camera.open()
-            stack.callback(self._camera.close)
-            self._camera.configure(exposure_s=0.002, frame_rate_hz=40)
-            self._meter.open()
-            stack.pop_all()
-        return self._camera, self._meter
-
-    def __exit__(self, *exc):
-        self._camera.close()
-        self._meter.close()
+    camera = AravisCamera(bench.server.address, patience_s=PATIENCE_S)
+    meter = MinoltaLS110(bench.pty.port, timeout_s=0.4, attempts=2, patience_s=PATIENCE_S)
+    with camera, meter:
+        camera.configure(exposure_s=0.002, frame_rate_hz=40)
+        yield camera, meter
 
 
 def left_behind():

@@ -1,4 +1,4 @@
-"""ImageJ's and Fiji's files of regions: .roi with one, .zip with any number.
+"""ImageJ's and Fiji's files of regions, read and written: .roi with one, .zip with any number.
 
 ImageJ counts the edges of pixels and not their centres, as labcdp does: the rectangle (10, 20, 5, 4) begins at the
 left edge of column 10 and holds 5 x 4 pixels. Ovals, polygons and combinations hold the pixels whose centres they hold.
@@ -7,6 +7,7 @@ left edge of column 10 and holds 5 x 4 pixels. Ovals, polygons and combinations 
 from __future__ import annotations
 
 import logging
+import re
 import struct
 import zipfile
 from collections import Counter
@@ -41,6 +42,9 @@ _ELLIPSE, _ROTATED_RECTANGLE = 3, 5
 _NO_REGION = {1: "text", 2: "arrow", 4: "image"}
 _SPLINE, _SUB_PIXEL = 1, 128
 
+#: Whole coordinates that the file's 16 bits can hold.
+_LOWEST, _HIGHEST = -5000, 60535
+
 _BROKEN = (ValueError, TypeError, IndexError, OverflowError, MemoryError, RuntimeError, AssertionError, struct.error)
 
 
@@ -66,7 +70,7 @@ def parse_imagej(data: bytes, name: str) -> tuple[Shape, ...]:
     for entry, content in _entries(data):
         try:
             shapes.append(_shape(content, entry))
-            entries.append((entry, content))
+            entries.append(entry)
         except InputError as error:
             errors.append(error)
     if not shapes:
@@ -76,8 +80,8 @@ def parse_imagej(data: bytes, name: str) -> tuple[Shape, ...]:
     # ImageJ's list shows the names of the entries, which differ; a name in a region may be left from its copy.
     times = Counter(shape.name for shape in shapes)
     return tuple(
-        _renamed(shape, entry) if times[shape.name] > 1 else shape
-        for shape, (entry, _) in zip(shapes, entries, strict=True)
+        replace(shape, name=_clean(entry) or shape.name) if times[shape.name] > 1 else shape
+        for shape, entry in zip(shapes, entries, strict=True)
     )
 
 
@@ -202,14 +206,6 @@ def _clean(name: str) -> str:
     return " ".join("".join(c if c.isprintable() else " " for c in name).split())
 
 
-def _renamed(shape: Shape, entry: str) -> Shape:
-    return replace(shape, name=_clean(entry) or shape.name)
-
-
-#: Whole coordinates that the file's 16 bits can hold.
-_LOWEST, _HIGHEST = -5000, 60535
-
-
 def imagej_file(shapes: Sequence[Shape], several: bool) -> bytes:
     """Write shapes as ImageJ does, as a .zip if `several`; the rectangles of grids become regions of their own.
 
@@ -227,7 +223,11 @@ def imagej_file(shapes: Sequence[Shape], several: bool) -> bytes:
     taken: set[str] = set()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
         for shape in single:
-            entry = _entry_name(shape.name, taken)
+            # A slash would make a folder, and a name of two files would be lost.
+            base = re.sub(r"[/\\]", "_", shape.name)
+            names = (base, *(f"{base}-{number}" for number in range(2, len(single) + 2)))
+            entry = next(name for name in names if name.lower() not in taken)
+            taken.add(entry.lower())
             # A date of its own, so that the same regions make the same file.
             archive.writestr(zipfile.ZipInfo(f"{entry}.roi", (1980, 1, 1, 0, 0, 0)), _imagej(shape))
     return buffer.getvalue()
@@ -238,17 +238,6 @@ def _parts(shape: Shape) -> tuple[Shape, ...]:
         return (shape,)
     boxes = [(roi.name, *roi.bounds) for roi in shape.rois()]
     return tuple(RectangleShape(name, x0, y0, x1 - x0, y1 - y0) for name, x0, y0, x1, y1 in boxes)
-
-
-def _entry_name(name: str, taken: set[str]) -> str:
-    """Return a name for a file in a .zip that no other has; a slash would make a folder."""
-    base = name.replace("/", "_").replace("\\", "_")
-    entry, number = base, 1
-    while entry.lower() in taken:
-        number += 1
-        entry = f"{base}-{number}"
-    taken.add(entry.lower())
-    return entry
 
 
 def _imagej(shape: Shape) -> bytes:
@@ -288,18 +277,11 @@ def _corners(corners: Sequence[tuple[float, float]]) -> ImagejRoi:
     import numpy as np
     from roifile import ROI_OPTIONS, ROI_TYPE, ImagejRoi
 
-    exact = np.array(corners)
+    exact = np.array(corners, dtype=np.float64)
     whole = np.rint(exact).astype(np.int32)
-    left, top = whole.min(axis=0)
-    right, bottom = whole.max(axis=0)
-    written = ImagejRoi()
+    written = ImagejRoi.frompoints(whole if (whole == exact).all() else exact)
     written.roitype = ROI_TYPE.POLYGON
-    written.left, written.top, written.right, written.bottom = int(left), int(top), int(right), int(bottom)
-    written.integer_coordinates = whole - (left, top)
-    written.n_coordinates = len(whole)
-    if not (whole == exact).all():
-        written.options = ROI_OPTIONS.SUB_PIXEL_RESOLUTION
-        written.subpixel_coordinates = exact.astype(np.float32)
+    written.options &= ROI_OPTIONS.SUB_PIXEL_RESOLUTION
     return written
 
 

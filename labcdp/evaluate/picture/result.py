@@ -21,8 +21,7 @@ from .page import overview_page, picture_page
 from .tables import ReportedPicture, cdp_table, matrices, picture_table, region_table
 
 if TYPE_CHECKING:
-    from ...core.luminance import LuminanceMap
-    from ...files.picture import Picture
+    pass
 
 #: Columns that a sheet can have, less the one for the contrasts.
 _MOST_PICTURES = 2**14 - 1
@@ -53,7 +52,14 @@ class PictureTask:
     regions: Path | None = None
 
     def made(self, path: Path, *, pages: bool, surface: bool) -> tuple[ImageEvaluation, dict[str, bytes]]:
-        """Evaluate a picture; return its page with figures, and with its surface, by the names of their files."""
+        """Evaluate a picture, and make its page.
+
+        Returns
+        -------
+        (ImageEvaluation, dict of str to bytes)
+            Its contrasts; and with `pages`, by their names, report.html, figures/*.png and, with `surface`,
+            surface.html.
+        """
         picture = read_picture(path, self.conversion.options)
         height, width = picture.shape
         if self.regions is not None:
@@ -63,47 +69,34 @@ class PictureTask:
         if not pages:
             return evaluation, {}
         result = self.result([ReportedPicture(1, str(path), "", evaluation)])
-        return evaluation, picture_files(evaluation, picture, luminance, result, self.conversion.description, surface)
+        figures = image_figures(evaluation, picture, luminance)
+        files = {
+            "report.html": picture_page(result, figures, self.conversion.description, surface).encode(),
+            **{f"figures/{figure.file_name}": figure.png for figure in figures},
+        }
+        if surface:
+            from .surface import surface_page
+
+            files["surface.html"] = surface_page(luminance, evaluation.path.name, evaluation.unit).encode()
+        return evaluation, files
 
     def result(self, pictures: Sequence[ReportedPicture]) -> Result:
         """Return the result of one or several pictures, in the order they were given."""
-        return image_result(pictures, self.request, self.configuration, self.inputs)
-
-
-def image_result(
-    pictures: Sequence[ReportedPicture],
-    request: ImageRequest,
-    configuration: Mapping[str, Any],
-    inputs: Sequence[InputFile] = (),
-) -> Result:
-    """Return the result of one or several pictures.
-
-    Parameters
-    ----------
-    pictures : sequence of ReportedPicture
-        In the order they were given.
-    request : ImageRequest
-        What was asked.
-    configuration : mapping
-        What the command was given.
-    inputs : sequence of InputFile
-        Files other than the pictures, such as regions and calibration.
-    """
-    good = [one for one in pictures if one.evaluation is not None]
-    several = len(pictures) > 1
-    tables = [cdp_table(good, several), region_table(good, several), picture_table(pictures, several)]
-    if several and request.contrasts is not None and len(pictures) <= _MOST_PICTURES:
-        tables += matrices(pictures, request, request.contrasts)
-    taken = [InputFile("picture", one.file, one.evaluation.sha256) for one in pictures if one.evaluation is not None]
-    return Result(
-        kind="image",
-        title=f"{len(pictures)} pictures" if several else pictures[0].file,
-        tables=tuple(table for table in tables if len(table)),
-        findings=_findings(pictures),
-        inputs=(*taken, *inputs),
-        configuration=configuration,
-        simulated=any(one.evaluation.simulated for one in good if one.evaluation is not None),
-    )
+        good = [one for one in pictures if one.evaluation is not None]
+        several, contrasts = len(pictures) > 1, self.request.contrasts
+        tables = [cdp_table(good, several), region_table(good, several), picture_table(pictures, several)]
+        if several and contrasts is not None and len(pictures) <= _MOST_PICTURES:
+            tables += matrices(pictures, self.request, contrasts)
+        taken = [InputFile("picture", one.file, one.evaluation.sha256) for one in good if one.evaluation is not None]
+        return Result(
+            kind="image",
+            title=f"{len(pictures)} pictures" if several else pictures[0].file,
+            tables=tuple(table for table in tables if len(table)),
+            findings=_findings(pictures),
+            inputs=(*taken, *self.inputs),
+            configuration=self.configuration,
+            simulated=any(one.evaluation.simulated for one in good if one.evaluation is not None),
+        )
 
 
 def _findings(pictures: Sequence[ReportedPicture]) -> tuple[Finding, ...]:
@@ -130,41 +123,6 @@ def picture_folder(number: int, path: Path) -> str:
     """Name of the folder of a picture's page: unlike that of any other, and known by number and name."""
     stem = re.sub(r"[^\w.-]+", "-", path.stem)[:_LONGEST_STEM].strip("-.")
     return f"picture-{number}-{stem}" if stem else f"picture-{number}"
-
-
-def picture_files(
-    evaluation: ImageEvaluation,
-    picture: Picture,
-    luminance: LuminanceMap,
-    result: Result,
-    conversion: str,
-    surface: bool,
-) -> dict[str, bytes]:
-    """Make the files of one picture, by their names: report.html, figures/*.png and, if wanted, surface.html.
-
-    Parameters
-    ----------
-    evaluation : ImageEvaluation
-        Its contrasts.
-    picture, luminance : Picture, LuminanceMap
-        Its values.
-    result : Result
-        Of this picture alone.
-    conversion : str
-        How the values became luminance.
-    surface : bool
-        Whether the page with the surface is wanted.
-    """
-    figures = image_figures(evaluation, picture, luminance)
-    files = {
-        "report.html": picture_page(result, figures, conversion, surface).encode(),
-        **{f"figures/{figure.file_name}": figure.png for figure in figures},
-    }
-    if surface:
-        from .surface import surface_page
-
-        files["surface.html"] = surface_page(luminance, evaluation.path.name, evaluation.unit).encode()
-    return files
 
 
 def summary_files(pictures: Sequence[ReportedPicture], result: Result, conversion: str) -> dict[str, bytes]:

@@ -93,7 +93,9 @@ def _figure(values: NDArray[Any], side: int, step: int, label: str) -> Figure:
 
     finite = np.isfinite(values)
     usable = np.where(finite, values, np.nan)
-    means = _block_means(values, finite, side)
+    # Means of the numbers in each block; nan where there is none.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        means = (block_mean(np.where(finite, values, 0.0), side) / block_mean(finite, side)).astype(np.float32)
     maxima = block_max(usable, side).astype(np.float32)
     height, width = values.shape
     x, y = (_middles(length, side, step) for length in (width, height))
@@ -157,16 +159,6 @@ def _scene(width: int, height: int, step: int, ends: tuple[float, float], label:
         "aspectratio": {"x": width / longest, "y": height / longest, "z": _HEIGHT},
         "camera": {"eye": {"x": 0.27, "y": -1.12, "z": 0.84}, "center": {"x": 0.0, "y": 0.0, "z": -0.16}},
     }
-
-
-def _block_means(values: NDArray[Any], finite: NDArray[np.bool_], side: int) -> NDArray[np.float32]:
-    """Mean of the numbers in each block; nan where there is none."""
-    if finite.all():
-        return block_mean(values, side).astype(np.float32)
-    shares = block_mean(finite, side)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        means: NDArray[np.float32] = (block_mean(np.where(finite, values, 0.0), side) / shares).astype(np.float32)
-    return means
 
 
 def _middles(length: int, side: int, step: int) -> NDArray[np.float32]:

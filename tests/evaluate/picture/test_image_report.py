@@ -17,10 +17,11 @@ from jsonschema import Draft202012Validator
 from labcdp.core.luminance import Invalid, LuminanceMap
 from labcdp.core.result import warning
 from labcdp.core.roi import Roi
+from labcdp.evaluate.picture.conversion import picture_conversion
 from labcdp.evaluate.picture.figures import histogram_edges, image_figures
 from labcdp.evaluate.picture.image import ImageRequest, evaluate_image
 from labcdp.evaluate.picture.page import overview_page, picture_page
-from labcdp.evaluate.picture.result import image_result
+from labcdp.evaluate.picture.result import PictureTask
 from labcdp.evaluate.picture.surface import MOST_POINTS, surface_page
 from labcdp.evaluate.picture.tables import ReportedPicture
 from labcdp.files.picture import Picture
@@ -64,7 +65,7 @@ def _evaluation(seed=0, request=REQUEST, name="night.exr", findings=()):
 
 
 def _result(pictures, request=REQUEST):
-    return image_result(pictures, request, {"epsilon": 0.5})
+    return PictureTask(request, picture_conversion(None, None, None), {"epsilon": 0.5}).result(pictures)
 
 
 def _reported(n=2, failed=True):

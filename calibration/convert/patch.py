@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from math import hypot, inf, sqrt
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...core.errors import CalibrationError
 from ...core.luminance import CommonError
@@ -21,6 +22,10 @@ from ..uncertainty import expanded_of, of_one_estimate
 
 #: Fraction of the calibrated signal range by which a signal may exceed it without a finding.
 _RANGE_MARGIN = 0.05
+#: Standard uncertainties within which a signal above the calibrated ones is confirmed by lower ones.
+_CONFIRMED = 3.0
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -178,8 +183,8 @@ def _combined(
     scale = np.array([s.scale_per_s / (r * calibration.settings[s.gain_index].factor) for s in signals])
     each = scale * calibration.response.linearise(net)
     slope = scale * calibration.response.slope(net)
-    weight = 1 / (slope**2 * np.array([s.variance_dn2 for s in signals]))
-    weight /= weight.sum()
+    inverse = 1 / (slope**2 * np.array([s.variance_dn2 for s in signals]))
+    weight = inverse / inverse.sum()
     luminance = float(weight @ each)
     of_each_dn2 = np.array([s.noise_variance_dn2 for s in signals]) + calibration.responsivity.scatter_dn**2
     noise = float((weight * slope) ** 2 @ of_each_dn2)
@@ -218,22 +223,33 @@ def _combined(
         findings=(
             *findings,
             *temperature_findings(observations, calibration.settings),
-            *_outside(calibration, patch, luminance, random_rel, float(net.max())),
+            *(
+                _outside(calibration, patch, luminance, random_rel)
+                or _unconfirmed(calibration, patch, net, each, inverse)
+            ),
         ),
     )
 
 
-def _outside(
-    calibration: Converter, patch: str, luminance_cd_m2: float, random_rel: float, net_dn: float
-) -> list[Finding]:
+def _outside(calibration: Converter, patch: str, luminance_cd_m2: float, random_rel: float) -> list[Finding]:
     low, high = calibration.range_cd_m2
     margin = 3 * random_rel * luminance_cd_m2
-    if luminance_cd_m2 < low - margin or luminance_cd_m2 > high + margin:
-        return [outside_range(patch, luminance_cd_m2, (low, high))]
+    outside = luminance_cd_m2 < low - margin or luminance_cd_m2 > high + margin
+    return [outside_range(patch, luminance_cd_m2, (low, high))] if outside else []
+
+
+def _unconfirmed(calibration: Converter, patch: str, net_dn: Array, each: Array, weight: Array) -> list[Finding]:
+    """Warn of signals above the calibrated ones, unless the patch's lower signals give the same luminance."""
     highest_dn = calibration.range_net_dn[1]
-    if net_dn > highest_dn * (1 + _RANGE_MARGIN):
-        return [warning("signal-outside-range", patch, net_dn=net_dn, highest_net_dn=highest_dn)]
-    return []
+    above = net_dn > highest_dn * (1 + _RANGE_MARGIN)
+    if not above.any():
+        return []
+    if not above.all():
+        means = [float(np.average(each[part], weights=weight[part])) for part in (above, ~above)]
+        u = sqrt(1 / weight[above].sum() + 1 / weight[~above].sum())
+        if abs(means[0] - means[1]) <= _CONFIRMED * u:
+            return []
+    return [warning("signal-outside-range", patch, net_dn=float(net_dn.max()), highest_net_dn=highest_dn)]
 
 
 def outside_range(patch: str, luminance_cd_m2: float, range_cd_m2: tuple[float, float]) -> Finding:

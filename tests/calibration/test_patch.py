@@ -73,3 +73,14 @@ def test_saturated_throughout(calibrated, camera):
         CalibrationError, match=r"no exposure gives the luminance of a patch \(patch 'wall': saturated at 0\.001 s"
     ):
         patch_luminance(calibrated, seen(camera, 9000.0))
+
+
+@pytest.mark.parametrize(
+    ("exposures_s", "bend", "warned"), [((0.008,), 1.0, True), (EXPOSURES_S, 1.0, False), (EXPOSURES_S, 1.03, True)]
+)
+def test_a_signal_above_the_calibrated_ones_is_confirmed_by_lower_ones(calibrated, camera, exposures_s, bend, warned):
+    seen = [camera.observe("wall", 390.0, t, None) for t in exposures_s]
+    bent = [replace(o, signal_dn=o.signal_dn * (bend if o.exposure_s == 0.008 else 1.0)) for o in seen]
+    found = [one for one in patch_luminance(calibrated, bent).findings if one.code == "signal-outside-range"]
+    assert bool(found) == warned
+    assert all(one.values["net_dn"] == pytest.approx(3744, rel=0.04) for one in found)

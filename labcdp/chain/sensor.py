@@ -28,22 +28,7 @@ FloatMap = NDArray[np.float32]
 
 
 def collect_electrons(mean_e: FloatMap, full_well_e: float, rng: np.random.Generator) -> FloatMap:
-    """Draw the electrons each pixel holds at the end of an exposure.
-
-    Parameters
-    ----------
-    mean_e : ndarray of float32
-        Mean photo and dark electrons, at least 0.
-    full_well_e : float
-        Most electrons a pixel can hold; up to 1e7, so that float32 holds every count exactly.
-    rng : numpy.random.Generator
-        Source of randomness.
-
-    Returns
-    -------
-    ndarray of float32
-        Whole electrons, from 0 to `full_well_e`.
-    """
+    """Draw the whole electrons each pixel holds, up to the full well (up to 1e7: float32 holds every count exactly)."""
     # 30 sigma above the full well the outcome is certain, and the Poisson sampler has a largest mean.
     certain_e = np.float32(4 * full_well_e + 1000)
     electrons = rng.poisson(np.minimum(mean_e, certain_e)).astype(np.float32)
@@ -174,10 +159,7 @@ class Sensor(Sized):
     def dark_current_at(self, temperature_c: float) -> float:
         """Mean dark current in e-/s: mu(T) = mu_ref 2^((T - T_ref) / T_d), EMVA 1288 Release 3.1, section 3.2.
 
-        Raises
-        ------
-        InputError
-            If the temperature is not from -100 to 200 degC.
+        Raises InputError if the temperature is not from -100 to 200 degC.
         """
         TEMPERATURE.check("temperature_c", temperature_c)
         doublings = (temperature_c - self.reference_temperature_c) / self.doubling_temperature_c

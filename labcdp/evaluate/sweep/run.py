@@ -97,9 +97,6 @@ def _words(axis: Axis) -> str:
     return (key if key == table else f"{table} {key}").replace("_", " ").strip()
 
 
-if TYPE_CHECKING:
-    from xarray import Dataset
-
 #: Name of the journal in the folder of the results.
 JOURNAL = "sweep.jsonl"
 #: Cells predicted at once: a table is made for each block, so a map of usual size is a single block, which takes under

@@ -8,7 +8,6 @@ from .files import (
     file_sha256,
     is_file,
     open_regular,
-    printable,
     quoted,
     read_at_most,
     read_bytes,
@@ -18,17 +17,14 @@ from .files import (
     require_regular,
     shortened,
 )
-from .text import CsvRow, CsvTable, read_csv
+from .text import read_csv
 
 __all__ = [
-    "CsvRow",
-    "CsvTable",
     "file_sha256",
     "is_file",
     "open_regular",
     "parse_json",
     "parse_toml",
-    "printable",
     "quoted",
     "read_at_most",
     "read_bytes",

@@ -39,9 +39,9 @@ from labcdp.calibration import (
     save,
 )
 from labcdp.calibration.findings import FitError
+from labcdp.core.dn import Response
 from labcdp.core.frame import CameraIdentity, Frame
 from labcdp.core.reading import MeterIdentity
-from labcdp.core.response import Response
 from labcdp.core.vignetting import AnyVignetting, FlatField, RadialVignetting, middle_of
 from labcdp.session.frames import frame_to_tiff
 

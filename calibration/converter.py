@@ -10,10 +10,10 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core.dn import Response
 from ..core.errors import InputError
 from ..core.frame import Frame
 from ..core.luminance import CommonError
-from ..core.response import Response
 from ..core.vignetting import AnyVignetting, cropped
 from .findings import FitError, ResponsivityFit
 from .frames.observations import CameraState

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from ..core.response import ResponseKind
+from ..core.dn import ResponseKind
 from ..core.result import Finding
 
 #: Distribution of an error in a budget.

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import sqrt
 
-from ..core.response import Response
+from ..core.dn import Response
 from ..core.result import Finding, info
 from .findings import LeftOut, Reason
 from .frames.observations import PatchObservation

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.response import Response, ResponseKind
+from ...core.dn import Response, ResponseKind
 from ..sensor.response import ResponseCurve
 from .design import Array
 

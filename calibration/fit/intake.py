@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
+from ...core.dn import Response
 from ...core.errors import CalibrationError
 from ...core.reading import Reading
-from ...core.response import Response
 from ...core.result import Finding, warning
 from ..findings import LeftOut
 from ..frames.observations import GAIN_TOLERANCE_DB, DarkObservation, PatchObservation

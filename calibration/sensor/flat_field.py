@@ -9,8 +9,8 @@ from math import hypot, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.dn import Response
 from ...core.errors import CalibrationError
-from ...core.response import Response
 from ...core.result import Finding, FindingValue, info
 from ...core.vignetting import FlatField, RadialVignetting, middle_of
 from ..frames.measure import MeasuredFrames

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.dn import Response
 from ...core.errors import CalibrationError
-from ...core.response import Response
 from ...core.result import Finding, warning
 from ..frames.observations import GAIN_TOLERANCE_DB, PatchObservation
 from ..frames.rounding import ROUNDING_DN2

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.dn import Response
 from ...core.errors import CalibrationError
 from ...core.frame import Frame
-from ...core.response import Response
 from ...core.result import Finding, warning
 from ..frames.observations import CameraState
 

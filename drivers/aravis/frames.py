@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.pixel_format import PixelFormat
+from ...core.dn import PixelFormat
 from ..camera import CameraSettingError, IncompleteFrameError
 from ..camera_settings import CameraSettings
 from .library import aravis

@@ -11,9 +11,9 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any, Final, TypedDict
 
+from ...core.dn import PIXEL_FORMATS, PixelFormat, pixel_format
 from ...core.errors import InputError
 from ...core.frame import Readout
-from ...core.pixel_format import PIXEL_FORMATS, PixelFormat, pixel_format
 from ..camera import CameraSettingError
 from ..camera_settings import FREE_RUN, CameraSettings, Region, Trigger
 from .features import available, read_feature, require_range, show_whole_sensor, writable, write_feature

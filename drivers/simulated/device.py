@@ -11,7 +11,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.pixel_format import PIXEL_FORMATS, PixelFormat
+from ...core.dn import PIXEL_FORMATS, PixelFormat
 from ..camera import CameraError
 from .genicam import Address, FeatureTable, feature, initial_values, standard_features
 

@@ -9,7 +9,7 @@ from importlib.resources import files
 from typing import Any, Final, Literal
 
 from ...core.disk import parse_toml
-from ...core.pixel_format import PIXEL_FORMATS
+from ...core.dn import PIXEL_FORMATS
 
 #: Naming convention of the features: Allied Vision's (formerly Prosilica), or that of the standard (SFNC 2).
 Naming = Literal["prosilica", "sfnc"]

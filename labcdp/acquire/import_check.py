@@ -7,9 +7,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..core.dn import pixel_format
 from ..core.errors import InputError
 from ..core.frame import CameraIdentity, Frame
-from ..core.pixel_format import pixel_format
 from ..core.result import Finding, info, warning
 from ..files import IMAGE_SUFFIXES, FileFrame, PictureOptions, read_image, read_raw
 from ..session import Role, SessionConfiguration

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from ..core.dn import pixel_format
 from ..core.errors import InputError, SessionError
-from ..core.pixel_format import pixel_format
 from ..core.reading import Reading
 from ..drivers.camera import Camera, CameraNotFoundError, CameraSettingError
 from ..drivers.camera_settings import CameraSetup, Region, Trigger

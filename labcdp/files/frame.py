@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.disk import read_bytes
+from ..core.dn import PixelFormat, pixel_format
 from ..core.errors import InputError
 from ..core.frame import CameraIdentity, Frame
-from ..core.pixel_format import PixelFormat, pixel_format
 from ..core.result import Finding, info, warning
 from .exif import ExifFacts
 from .picture import PictureOptions

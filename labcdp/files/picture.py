@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.disk.files import shown
+from ..core.dn import pixel_format
 from ..core.errors import InputError
 from ..core.frame import CameraIdentity, Frame
 from ..core.luminance import LuminanceMap
-from ..core.pixel_format import pixel_format
 from ..core.result import Finding, warning
 from .stored_image import MAX_PIXELS, Encoding
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from ..core.disk import quoted
 from ..core.disk.arrays import npy_header, parse_npy
 from ..core.disk.files import reason
+from ..core.dn import pixel_format
 from ..core.errors import InputError
-from ..core.pixel_format import pixel_format
 from ..core.result import Finding, info, warning
 from .exif import ExifFacts, read_exif
 from .stored_image import (

@@ -13,8 +13,8 @@ from pydantic import Field, field_validator, model_validator
 
 from ..core.disk import parse_toml, read_toml
 from ..core.disk.text import toml_text
+from ..core.dn import PIXEL_FORMATS
 from ..core.errors import ConfigurationError, InputError
-from ..core.pixel_format import PIXEL_FORMATS
 from ..core.roi import Roi
 from .tables import (
     CameraConfiguration,

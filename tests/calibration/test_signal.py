@@ -9,7 +9,7 @@ from labcdp.calibration.frames.nonuniformity import Nonuniformity, nonuniformity
 from labcdp.calibration.sensor.dark import DarkModel
 from labcdp.calibration.sensor.noise import TemporalNoise
 from labcdp.calibration.signal import net_signal
-from labcdp.core.response import Response
+from labcdp.core.dn import Response
 
 #: Darkness and noise of the simulated camera, exactly known.
 DARK = DarkModel(64.0, 40.0, ((0.0,) * 3,) * 3, 1.5, 0.0, (0.01,))

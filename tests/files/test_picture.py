@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from PIL import Image, ImageOps
 
+from labcdp.core.dn import PIXEL_FORMATS
 from labcdp.core.errors import InputError
 from labcdp.core.frame import CameraIdentity
-from labcdp.core.pixel_format import PIXEL_FORMATS
 from labcdp.core.result import info, warning
 from labcdp.files import PictureOptions, frame_of_pixels, read_picture
 from labcdp.files.exr import luminance_weights

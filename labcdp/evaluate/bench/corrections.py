@@ -13,9 +13,9 @@ from ...calibration.frames.planes import plane_of
 from ...calibration.sensor.dark_library import DarkLibrary, dark_library
 from ...calibration.sensor.defects import DefectMap, find_defects
 from ...calibration.sensor.flat_field import MeasuredVignetting, measure_vignetting
+from ...core.dn import Response
 from ...core.errors import CalibrationError
 from ...core.frame import Readout
-from ...core.response import Response
 from ...core.result import Finding, info
 from ...core.vignetting import AnyVignetting, Cos4Vignetting
 from ...session import Session, SessionConfiguration

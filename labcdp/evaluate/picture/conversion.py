@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
+from ...core.dn import PIXEL_FORMATS
 from ...core.errors import CalibrationError, InputError
 from ...core.frame import Frame
 from ...core.luminance import WHOLE, Invalid, LuminanceMap, Window
-from ...core.pixel_format import PIXEL_FORMATS
 from ...core.result import Finding, info, warning
 from ...files.picture import Picture
 from ...files.read import PictureOptions

@@ -14,7 +14,7 @@ from ...calibration.emva.result import Quantity
 from ...chain import ExposureSettings
 from ...chain.predict.camera import CameraModel
 from ...chain.predict.value_table import value_table
-from ...core.response import Response
+from ...core.dn import Response
 from ...metrics import Distribution
 from .parameters import TwinParameters, dark_kinds, known
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from ...calibration import Calibration, PatchObservation
 from ...calibration.frames.rounding import DITHERED_DN2, ROUNDING_DN2
 from ...calibration.readings import combine_readings
+from ...core.dn import Response
 from ...core.errors import CalibrationError
 from ...core.luminance import Invalid, LuminanceMap
-from ...core.response import Response
 from ...core.roi import Roi
 from ...session import Session
 from ..bench.observe import ObservedSession

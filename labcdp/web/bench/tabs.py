@@ -7,7 +7,7 @@ from datetime import datetime
 from math import ceil
 from typing import Any
 
-from ...core.pixel_format import PIXEL_FORMATS
+from ...core.dn import PIXEL_FORMATS
 from ...drivers.camera_settings import CameraSettings, FeatureDescription, FeatureValue, Region
 from ..html import column, items, row, table, table_row, text
 from ..regions.page import Page

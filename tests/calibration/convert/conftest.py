@@ -18,7 +18,7 @@ from labcdp.calibration import (
 from labcdp.calibration.findings import FitError
 from labcdp.calibration.frames.measure import measure_whole
 from labcdp.calibration.model import Calibration
-from labcdp.core.response import Response
+from labcdp.core.dn import Response
 
 from .. import conftest
 

@@ -9,8 +9,8 @@ from labcdp.calibration.findings import FitError
 from labcdp.calibration.sensor.dark import DarkModel
 from labcdp.calibration.sensor.dark_library import DarkLibrary
 from labcdp.calibration.sensor.noise import TemporalNoise
+from labcdp.core.dn import Response
 from labcdp.core.errors import CalibrationError
-from labcdp.core.response import Response
 from labcdp.core.vignetting import RadialVignetting
 
 SHAPE = (48, 64)

@@ -10,9 +10,9 @@ import pytest
 
 from labcdp.calibration import fit, observe_dark, observe_patches, patch_luminance
 from labcdp.calibration.converter import EXPOSURE_TIME_REL
+from labcdp.core.dn import Response
 from labcdp.core.errors import LabcdpError
 from labcdp.core.reading import CD_M2_PER_FL, MeterIdentity
-from labcdp.core.response import Response
 from labcdp.core.result import info, warning
 from labcdp.core.roi import Roi
 from labcdp.core.vignetting import Cos4Vignetting

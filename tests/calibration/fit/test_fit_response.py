@@ -10,8 +10,8 @@ from labcdp.calibration.sensor.dark import fit_dark
 from labcdp.calibration.sensor.noise import GainSetting, TemporalNoise, fit_noise
 from labcdp.calibration.sensor.response import ResponseCurve
 from labcdp.calibration.signal import net_signal
+from labcdp.core.dn import Response
 from labcdp.core.errors import CalibrationError
-from labcdp.core.response import Response
 
 LUMINANCES = np.geomspace(0.6, 300, 9)
 EXPOSURES_S = (0.002, 0.008, 0.032)

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labcdp.core.pixel_format import pixel_format
+from labcdp.core.dn import pixel_format
 from labcdp.drivers.aravis.frames import FrameCheck, FrameIds
 from labcdp.drivers.camera import CameraSettingError
 from labcdp.drivers.camera_settings import CameraSettings

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from labcdp.calibration import load
+from labcdp.core.dn import Response
 from labcdp.core.errors import CalibrationError
-from labcdp.core.response import Response
 from labcdp.evaluate.bench.calibrate import calibrate_recorded, calibrate_session, response_of_session
 from labcdp.evaluate.bench.corrections import UniformLight
 from labcdp.evaluate.bench.observe import observe_session

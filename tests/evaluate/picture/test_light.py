@@ -28,11 +28,11 @@ from labcdp.calibration import (
 from labcdp.calibration.findings import FitError
 from labcdp.calibration.sensor.defects import DefectMap
 from labcdp.chain import Chain, Optics, Sensor, Windscreen
+from labcdp.core.dn import Response
 from labcdp.core.errors import CalibrationError, InputError
 from labcdp.core.frame import CameraIdentity
 from labcdp.core.luminance import CommonError, Invalid, LuminanceMap
 from labcdp.core.reading import MeterIdentity
-from labcdp.core.response import Response
 from labcdp.core.result import info, warning
 from labcdp.core.vignetting import Cos4Vignetting
 from labcdp.evaluate.picture.camera_specification import CameraSpecification

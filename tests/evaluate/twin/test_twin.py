@@ -10,8 +10,8 @@ import pytest
 from labcdp.calibration.frames.measure import measure_whole
 from labcdp.calibration.sensor.dark_library import dark_library
 from labcdp.chain import Chain
+from labcdp.core.dn import Response
 from labcdp.core.errors import CalibrationError, InputError
-from labcdp.core.response import Response
 from labcdp.core.result import info
 from labcdp.evaluate.twin.estimate import noise_of_characterisation, require_monochrome, twin_parameters
 from labcdp.evaluate.twin.evaluate import twin_session

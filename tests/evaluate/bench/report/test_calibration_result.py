@@ -8,7 +8,7 @@ from jsonschema import Draft202012Validator
 from labcdp.calibration.budget import budget, combined
 from labcdp.calibration.colour.model import ColourCalibration, CombinationStep
 from labcdp.calibration.findings import FitTest, LeftOut, ModelStep
-from labcdp.core.response import Response
+from labcdp.core.dn import Response
 from labcdp.core.result import Finding, info, warning
 from labcdp.evaluate.bench.calibration_page import calibration_page
 from labcdp.evaluate.bench.calibration_result import PATCH_PIXELS, calibration_result

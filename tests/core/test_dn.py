@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labcdp.core.pixel_format import PIXEL_FORMATS, pixel_format
+from labcdp.core.dn import PIXEL_FORMATS, pixel_format
 
 SUFFIXES = {"8", "10", "12", "12Packed", "12p", "16"}
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import hypot, isnan, nan, sqrt
-from typing import Any, Generic, Literal, Self, TypeVar, overload
+from typing import Any, Generic, Literal, Self, TypeAlias, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -164,6 +164,8 @@ def result_of_tally(
 _Result = TypeVar("_Result", bound=DetectionResult)
 #: Relative errors of the pixels of two regions for one standard uncertainty of a common error.
 RegionErrors = tuple[ArrayLike, ArrayLike]
+#: Values with and without an error.
+_Values: TypeAlias = NDArray[np.float64] | float
 #: Validated errors, of shape () or that of the pixels.
 PairError = tuple[NDArray[np.float64], NDArray[np.float64]]
 
@@ -239,16 +241,13 @@ def cdp_with_common_errors(
     """
     first, second = numeric_array(a, "a").astype(float), numeric_array(b, "b").astype(float)
     (base,) = cdp_range(first, second, (contrast,), epsilon, definition=definition)
-    variance = 0.0
-    for in_a, in_b in joined_errors([(_checked(x, first, "a"), _checked(y, second, "b")) for x, y in errors]):
-        changes = [
-            one.cdp - base.cdp
-            for s in (1, -1)
-            for one in cdp_range(
-                first * (1 + s * in_a), second * (1 + s * in_b), (contrast,), epsilon, definition=definition
-            )
-        ]
-        variance += float(np.mean(np.square(changes)))
+    checked = [(_checked(x, first, "a"), _checked(y, second, "b")) for x, y in errors]
+    changed = [
+        [cdp_range(first * (1 + s * x), second * (1 + s * y), (contrast,), epsilon, definition=definition)[0].cdp
+         for s in (1, -1)]
+        for x, y in joined_errors(checked)
+    ]  # fmt: skip
+    variance = float(variance_of_changes(base.cdp, changed))
     return CalibratedCdp.of(base, variance, min(first.size, second.size))
 
 
@@ -268,3 +267,25 @@ def joined_errors(errors: Sequence[PairError]) -> list[PairError]:
     arrays = [(x, y) for x, y in errors if x.ndim or y.ndim]
     together = hypot(*numbers)
     return arrays + ([(np.array(together), np.zeros(()))] if together > 0 else [])
+
+
+def variance_of_changes(base: _Values, changed: Sequence[Sequence[_Values]]) -> NDArray[np.float64]:
+    """Sum over the errors of the mean square of the two changes by each.
+
+    Parameters
+    ----------
+    base : ndarray of float, shape (k,), or float
+        Values without an error.
+    changed : sequence of two ndarray of float, shape (k,), or two floats
+        For each error, the values with it added and with it subtracted.
+
+    Returns
+    -------
+    ndarray of float, shape (k,) or ()
+        nan where a value is not finite.
+    """
+    variance = np.zeros(np.shape(base))
+    with np.errstate(invalid="ignore"):
+        for both in changed:
+            variance = variance + np.square(np.asarray(both) - base).mean(axis=0)
+    return variance

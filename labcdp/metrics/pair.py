@@ -18,9 +18,9 @@ from ..core.roi import Roi
 from . import CalibratedCdp, CdpResult, Distribution, Epsilon, Estimate, csnr, snr, weber_contrast
 from .contrast import TargetContrast
 from .correlated_cdp import cdp_of_regions
-from .detection import PairError, joined_errors
+from .detection import PairError, joined_errors, variance_of_changes
 from .pairs import bright_and_dark, tally_pairs
-from .region import RegionPixels, RegionResult, evaluate_region, region_result, variance_of_changes, with_uncertainty
+from .region import RegionPixels, RegionResult, evaluate_region, region_result, with_uncertainty
 
 __all__ = [
     "PairResult",

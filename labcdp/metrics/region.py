@@ -16,6 +16,7 @@ from ..core.luminance import WHOLE, Invalid, LuminanceMap, Window
 from ..core.roi import Roi
 from . import Distribution, Estimate, snr
 from .correlated_cdp import NoisyRegion
+from .detection import variance_of_changes
 
 #: Reasons for invalid pixels.
 REASONS = {reason: str(reason.name).lower() for reason in Invalid}
@@ -222,28 +223,6 @@ def region_result(
         snr=with_uncertainty(ratio, pixels.inflation, ratio_variance),
         invalid_shares={name: share for name, share in shares.items() if share},
     )
-
-
-def variance_of_changes(base: _Array | float, changed: Sequence[Sequence[_Array | float]]) -> _Array:
-    """Sum over the errors of the mean square of the two changes by each.
-
-    Parameters
-    ----------
-    base : ndarray of float, shape (k,), or float
-        Values without an error.
-    changed : sequence of two ndarray of float, shape (k,), or two floats
-        For each error, the values with it added and with it subtracted.
-
-    Returns
-    -------
-    ndarray of float, shape (k,) or ()
-        nan where a value is not finite.
-    """
-    variance = np.zeros(np.shape(base))
-    with np.errstate(invalid="ignore"):
-        for both in changed:
-            variance = variance + np.square(np.asarray(both) - base).mean(axis=0)
-    return variance
 
 
 def with_uncertainty(metric: Estimate, inflation: float, variance: float) -> Estimate:

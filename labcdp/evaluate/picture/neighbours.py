@@ -14,6 +14,7 @@ from ...core.errors import InputError
 from ...core.luminance import LuminanceMap, Window
 from ...core.result import Finding, info, warning
 from ...metrics import CalibratedCdp, ContrastDistribution, Epsilon, NeighbourCdp, cdp_neighbours_range
+from ...metrics.detection import variance_of_changes
 
 #: Corner pixels x0, y0, x1, y1 of a rectangle, both in.
 Rectangle: TypeAlias = tuple[int, int, int, int]
@@ -85,12 +86,12 @@ def evaluate_neighbours(
     contrast = neighbour_contrast(values)
     asked = contrasts if contrasts is not None else (contrast,) if contrast > 0 else ()
     base = cdp_neighbours_range(values, asked, epsilon)
-    variance = np.zeros(len(base))
-    for error in _errors(luminance, window, values):
-        changed = np.array(
-            [[one.cdp for one in cdp_neighbours_range(values * (1 + sign * error), asked, epsilon)] for sign in (1, -1)]
-        )
-        variance += np.square(changed - [one.cdp for one in base]).mean(axis=0)
+    changed = [
+        [np.array([one.cdp for one in cdp_neighbours_range(values * (1 + sign * error), asked, epsilon)])
+         for sign in (1, -1)]
+        for error in _errors(luminance, window, values)
+    ]  # fmt: skip
+    variance = variance_of_changes(np.array([one.cdp for one in base]), changed)
     findings = [info("neighbour-contrast-is-measured")] if contrasts is None else []
     return NeighbourEvaluation(
         rectangle=inside,

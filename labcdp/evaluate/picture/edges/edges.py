@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ....core.errors import InputError
 from ....metrics import CalibratedCdp, Distribution, Epsilon
 from ....metrics.contrast import TargetContrast
-from ....metrics.detection import result_of_tally
+from ....metrics.detection import result_of_tally, variance_of_changes
 from ....metrics.pairs import tally_pairs
 from ....regions.superpixels import Neighbours
 from .noise import MapNoise, cdp_of_noise
@@ -261,7 +261,7 @@ def _cdps(
         error, variance = float(by_calibration[edge]), 0.0
         if error >= _LEAST_ERROR:
             factors = (1 + error, max(1 - error, _LEAST_FACTOR))
-            variance = float(np.mean([(_changed(a, b, asked, factor) - result.cdp) ** 2 for factor in factors]))
+            variance = float(variance_of_changes(result.cdp, [[_changed(a, b, asked, one) for one in factors]]))
         one = CalibratedCdp.of(result, variance, min(a.size or 0, b.size or 0) / inflation)
         results[edge] = (result.cdp, one.standard_uncertainty, *one.confidence_interval)
     return results

@@ -14,13 +14,12 @@ from .converter import common_errors
 from .findings import ResponsivityFit
 from .frames.observations import CameraState, DarkObservation, PatchObservation
 from .frames.observe import observe_dark, observe_patches
-from .meter import MeterScale
 from .model import Calibration, PatchResidual
 from .record import load, load_any, save
 from .sensor.dark import DarkModel
 from .sensor.noise import GainSetting, TemporalNoise
 from .sensor.response import ResponseCurve, response_from_bracket
-from .setup import LensIdentity, Provenance, Setup
+from .setup import LensIdentity, MeterScale, Provenance, Setup
 from .uncertainty import coverage_probability, expanded_half_width
 
 __all__ = [

@@ -14,8 +14,8 @@ from ..core.vignetting import Cos4Vignetting, FlatField
 from .colour.model import AnyCalibration, ColourCalibration
 from .converter import GLARE, REFOCUS, common_errors
 from .findings import BudgetRow, Distribution
-from .meter import METER_SOURCES
 from .model import Calibration, PatchResidual
+from .setup import METER_SOURCES
 from .uncertainty import effective_dof, expanded_half_width, expanded_of, of_one_estimate
 
 #: Order of the rows; a source that is not among them comes last.

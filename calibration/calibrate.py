@@ -27,13 +27,12 @@ from .fit.scatter import fit_dof, scatter_of_one, with_scatter
 from .fit.screening import screen
 from .fit.selection import select_model
 from .frames.observations import DarkObservation, PatchObservation
-from .meter import meter_scale
 from .model import Calibration, range_of
 from .sensor.dark_library import DarkLibrary
 from .sensor.defects import DefectMap
 from .sensor.noise import GainSetting
 from .sensor.response import ResponseCurve
-from .setup import Provenance, Setup
+from .setup import Provenance, Setup, meter_scale
 
 _log = logging.getLogger(__name__)
 

@@ -17,12 +17,11 @@ from ..core.luminance import CommonError
 from ..core.vignetting import AnyVignetting, cropped
 from .findings import FitError, ResponsivityFit
 from .frames.observations import CameraState
-from .meter import MeterScale
 from .sensor.dark import DarkModel
 from .sensor.dark_library import DarkLibrary
 from .sensor.defects import DefectMap
 from .sensor.noise import GainSetting, TemporalNoise, index_of_gain
-from .setup import LensIdentity
+from .setup import LensIdentity, MeterScale
 
 #: Standard uncertainty of one exposure time relative to the others, and least relative one. Cameras report the applied
 #: exposure (GenICam SFNC, ExposureTime), a multiple of the sensor's clock: 0.05 us are a few periods of tens of MHz,

@@ -14,7 +14,7 @@ from ..core.errors import CalibrationError
 from ..core.reading import CD_M2_PER_FL, Reading
 from ..core.result import Finding, info, warning
 from .findings import LeftOut
-from .meter import require_one_correction
+from .setup import require_one_correction
 
 #: p-value of the scatter below which the patch itself has changed.
 _CHANCE = 0.001

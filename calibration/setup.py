@@ -1,14 +1,184 @@
-"""Lens, light and provenance of a calibration."""
+"""Meter, lens, light and provenance of a calibration."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
-from math import isfinite
+from math import hypot, inf, isfinite, sqrt
 
-from ..core.errors import InputError
+from ..core.errors import CalibrationError, InputError
+from ..core.reading import MeterIdentity, Reading
+from ..core.result import Finding, info, warning
 from ..core.spectra import Source, SpectralTable
 from ..session import MeterCertificate
+
+#: Sources of common errors that belong to the meter and cancel in contrasts.
+METER_SOURCES = ("meter scale", "meter f1'")
+
+
+@dataclass(frozen=True)
+class MeterScale:
+    """The meter, and the error that all its readings have in common.
+
+    Parameters
+    ----------
+    meter : MeterIdentity
+        Which meter.
+    limits_rel : float
+        Limits of the relative scale error by the data sheet (rectangular); a certificate takes their place.
+    certificate : MeterCertificate or None
+        Calibration certificate.
+    f1_prime : float or None
+        f1' of the meter, as a fraction; None if not stated.
+    light : str
+        Light of the patches. In another light than that of the meter's calibration, f1' limits the mismatch error.
+    """
+
+    meter: MeterIdentity
+    limits_rel: float
+    certificate: MeterCertificate | None = None
+    f1_prime: float | None = None
+    light: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.meter.model} {self.meter.serial}, {self.state}"
+
+    @property
+    def half_width_rel(self) -> float:
+        """Limits of the rectangular scale error; 0 with a certificate, whose error is normal."""
+        return self.limits_rel if self.certificate is None else 0.0
+
+    @property
+    def normal_rel(self) -> float:
+        """Relative standard uncertainty of the normal scale error; 0 without a certificate."""
+        return 0.0 if self.certificate is None else self.certificate.standard_uncertainty_rel
+
+    @property
+    def standard_uncertainty_rel(self) -> float:
+        """Relative standard uncertainty of the scale, without mismatch."""
+        return hypot(self.half_width_rel / sqrt(3), self.normal_rel)
+
+    @property
+    def degrees_of_freedom(self) -> float:
+        """Degrees of freedom of the scale's uncertainty; infinite by a data sheet."""
+        return inf if self.certificate is None else self.certificate.degrees_of_freedom or inf
+
+    @property
+    def illuminant(self) -> str:
+        """Light the meter was calibrated in; meters are adjusted in illuminant A (CIE 244)."""
+        return "A" if self.certificate is None else self.certificate.illuminant
+
+    @property
+    def mismatch_rel(self) -> float:
+        """Relative standard uncertainty by the meter's spectral mismatch: limits of f1', 0 in the light of its own."""
+        if self.f1_prime is None or self.light.casefold() == self.illuminant.casefold():
+            return 0.0
+        return self.f1_prime / sqrt(3)
+
+    @property
+    def common_rel(self) -> float:
+        """Relative standard uncertainty of all that the readings have in common."""
+        return hypot(self.standard_uncertainty_rel, self.mismatch_rel)
+
+    def is_as_in(self, other: MeterScale) -> bool:
+        """Whether it is the same meter in the same state of adjustment, so that its scale error is the same."""
+        return self.meter == other.meter and self.certificate == other.certificate
+
+    @property
+    def state(self) -> str:
+        """Date of calibration and certificate, in words."""
+        if self.certificate is not None:
+            return f"certificate {self.certificate.number} of {self.certificate.date}"
+        return f"calibrated {self.meter.calibration_date}" if self.meter.calibration_date else "date not known"
+
+    def basis(self, source: str) -> str:
+        """Return where the uncertainty of a source in `METER_SOURCES` comes from, for a budget."""
+        certificate = self.certificate
+        if source == "meter f1'":
+            limits = f"f1' of {100 * (self.f1_prime or 0):g} % as limits"
+            return f"{limits}: {self.light} light, read by a meter calibrated in illuminant {self.illuminant}"
+        if certificate is None:
+            limits = f"± {100 * self.limits_rel:g} % (limits)"
+            return f"{limits} by the data sheet of the {self.meter.model}; shared by all its readings"
+        of = f"certificate {certificate.number} of {certificate.laboratory}, {certificate.date}"
+        freedom = certificate.degrees_of_freedom
+        dof = "" if freedom is None else f", {freedom:g} degrees of freedom"
+        u = f"U = {100 * certificate.expanded_uncertainty_rel:g} % with k = {certificate.coverage_factor:g}{dof}"
+        return f"{u} by {of}; shared by all its readings"
+
+    def findings(self, measured: datetime) -> list[Finding]:
+        """Return what a user should know about the traceability of readings taken at a time."""
+        name, certificate = f"{self.meter.model} {self.meter.serial}", self.certificate
+        if certificate is None:
+            return [info("meter-without-certificate", name, limits_rel=self.limits_rel)]
+        if certificate.due_date is not None and measured.date() > certificate.due_date:
+            due, at = f"{certificate.due_date}", f"{measured:%Y-%m-%d}"
+            return [warning("certificate-overdue", name, number=certificate.number, due=due, measured=at)]
+        return []
+
+
+def meter_scale(
+    readings: Mapping[str, Sequence[Reading]],
+    certificate: MeterCertificate | None = None,
+    f1_prime: float | None = None,
+    light: str = "",
+) -> MeterScale:
+    """Return the one meter of all readings, with its certificate or else the largest scale error stated with them.
+
+    Raises
+    ------
+    CalibrationError
+        If there is no reading, or readings come from several meters or have different corrections.
+    """
+    every = [reading for group in readings.values() for reading in group]
+    if not every:
+        raise CalibrationError("there are no meter readings: measure every patch with the luminance meter")
+    first = every[0].meter
+    for reading in every:
+        if reading.meter != first and (reading.meter.model, reading.meter.serial) == (first.model, first.serial):
+            dates = (
+                f"{first.calibration_date or 'date not known'}; {reading.meter.calibration_date or 'date not known'}"
+            )
+            raise CalibrationError(
+                f"the meter {first.model} {first.serial} was calibrated or adjusted between the readings ({dates}): "
+                "calibrate with readings of one state, its scale error is common to all patches"
+            )
+        if reading.meter != first:
+            raise CalibrationError(
+                f"readings come from meters {first.model} {first.serial} and {reading.meter.model} "
+                f"{reading.meter.serial}: calibrate with one meter, its scale error is common to all patches"
+            )
+    require_one_correction(
+        (f"reading {number} of patch {patch!r}", reading)
+        for patch, group in readings.items()
+        for number, reading in enumerate(group, start=1)
+    )
+    return MeterScale(first, max(r.scale_half_width_rel for r in every), certificate, f1_prime, light)
+
+
+def require_one_correction(readings: Iterable[tuple[str, Reading]]) -> None:
+    """Refuse readings, with their names, that the meter took with different user corrections."""
+    known = [(name, reading) for name, reading in readings if reading.correction is not None]
+    for name, reading in known[1:]:
+        if reading.correction != known[0][1].correction:
+            raise CalibrationError(
+                f"{known[0][0]} was taken with the correction {known[0][1].correction!r}, {name} with "
+                f"{reading.correction!r}: leave the meter's correction alone, and repeat one of them"
+            )
+
+
+def corrected(reading: Reading, certificate: MeterCertificate | None) -> Reading:
+    """Apply the correction of a certificate to a reading; `raw` stays as it was."""
+    if certificate is None or certificate.correction == 1:
+        return reading
+    factor = certificate.correction
+    return replace(
+        reading,
+        value=reading.value * factor,
+        resolution=reading.resolution * factor,
+        digits_half_width=reading.digits_half_width * factor,
+    )
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from math import erf, exp, inf, isfinite, pi, sqrt
 
 from ..core.errors import InputError
-from .meter import MeterScale
+from .setup import MeterScale
 
 #: Coverage probability of all intervals of this package.
 COVERAGE = 0.95

@@ -16,8 +16,8 @@ from ..convert.patch import PatchLuminance, outside_range, patch_luminance
 from ..converter import FLICKER, GLARE, REFOCUS
 from ..frames.nonuniformity import slow_rel
 from ..frames.observations import PatchObservation
-from ..meter import METER_SOURCES
 from ..model import Calibration
+from ..setup import METER_SOURCES
 
 #: Common errors of all planes of a frame, which add with their signs.
 _OF_ALL_PLANES = (*METER_SOURCES, "exposure time", FLICKER, REFOCUS, GLARE)

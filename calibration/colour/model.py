@@ -15,11 +15,10 @@ from ...core.luminance import RANGE_MARGIN, WHOLE, CommonError, Invalid, Luminan
 from ...core.result import Finding
 from ...core.spectra import Source, SpectralTable
 from ..findings import LeftOut
+from ..frames.measure import split
 from ..frames.observations import CameraState
-from ..frames.planes import split
-from ..meter import MeterScale
 from ..model import Calibration, PatchResidual
-from ..setup import LensIdentity, Provenance
+from ..setup import LensIdentity, MeterScale, Provenance
 from ..uncertainty import student_factor
 from .conversion import ColourConverter, errors_of_plane, joined, mismatch_errors
 

@@ -16,7 +16,7 @@ from ...core.result import Finding, warning
 from ..converter import FLICKER, Converter, common_errors
 from ..frames.nonuniformity import slow_rel, vignetting_errors
 from ..frames.observations import PatchObservation
-from ..meter import METER_SOURCES
+from ..setup import METER_SOURCES
 from ..signal import left_out_text, net_signal, temperature_findings, usable
 from ..uncertainty import expanded_of, of_one_estimate
 

@@ -14,8 +14,8 @@ from ..frames.observations import DarkObservation
 from ..frames.statistics import MAX_CLIPPED_SHARE
 from ..sensor.dark_fit import drift_of_black_level
 from ..sensor.noise import Slope
-from .dark import fit_dark_current, sensitivity_threshold_e, snr_max
 from .findings import depth_findings, linearity_findings, rounding_findings, series_findings, value_findings
+from .quantities import fit_dark_current, sensitivity_threshold_e, snr_max
 from .result import Characterisation, Origin, Quantity, Sensitivity, SpatialNonuniformity
 from .series import SeriesPoint
 from .transfer import Saturation, departure_rel, find_saturation, points_to_fit, require_noise, system_gain

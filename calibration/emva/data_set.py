@@ -15,11 +15,10 @@ from ..frames.observations import CameraState, DarkObservation
 from ..frames.observe import dark_observation
 from ..frames.statistics import FrameStatistics, FrameSums
 from .assemble import Transfer, assemble, photon_transfer, with_frame_changes
-from .dark import fit_dark_current
 from .findings import exposure_findings, long_exposure_findings, noise_findings, photon_findings
 from .images import ImageCheck, read_image, require_levels
 from .index import DataSetIndex, IndexBlock, load_index
-from .nonuniformity import PARTS, dsnu_parts, prnu_rel
+from .quantities import PARTS, dsnu_parts, fit_dark_current, prnu_rel
 from .result import Characterisation, Origin, Quantity, Sensitivity, SpatialImages, SpatialNonuniformity
 from .series import Level, SeriesPoint
 from .transfer import MIN_POINTS, linearity, responsivity

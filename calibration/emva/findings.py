@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from ...core.result import Finding, info, warning
 from ..frames.observations import DarkObservation
 from ..frames.rounding import ROUNDING_DN2
-from .dark import LEAST_VARIANCE_DN2
+from .quantities import LEAST_VARIANCE_DN2
 from .result import Quantity
 from .series import SeriesPoint
 from .transfer import Saturation

@@ -11,6 +11,11 @@ from numpy.typing import NDArray
 
 from .rounding import quantisation_variance_dn2
 
+#: Share of clipped values (saturated, or at DN 0) whose effect on a mean is negligible compared with the noise.
+MAX_CLIPPED_SHARE = 0.001
+#: Standard uncertainties above which a patch is brighter than the dark signal.
+MIN_NET_SIGNAL = 3.0
+
 
 @dataclass(frozen=True)
 class LineVariances:
@@ -225,9 +230,3 @@ def _line_variance(sums: NDArray[np.int64], counts: NDArray[np.int64], frame_mea
     filled = counts > 0
     means = sums[:, filled] / counts[filled] - frame_means[:, None]
     return float(means.var(axis=0, ddof=1).mean())
-
-
-#: Share of clipped values (saturated, or at DN 0) whose effect on a mean is negligible compared with the noise.
-MAX_CLIPPED_SHARE = 0.001
-#: Standard uncertainties above which a patch is brighter than the dark signal.
-MIN_NET_SIGNAL = 3.0

@@ -10,10 +10,9 @@ from math import hypot, inf, sqrt
 from ...core.frame import PLANES, CameraIdentity
 from ..colour.model import AnyCalibration
 from ..frames.observations import CameraState
-from ..meter import MeterScale
 from ..model import Calibration
 from ..sensor.dark import DarkModel
-from ..setup import LensIdentity
+from ..setup import LensIdentity, MeterScale
 from ..uncertainty import expanded_half_width, expanded_rel
 from .result import Verdict, Verification, VerifiedPlane
 

@@ -11,10 +11,9 @@ from typing import Literal
 from ...core.errors import InputError
 from ...core.result import Finding
 from ..frames.observations import CameraState
-from ..meter import MeterScale
 from ..readings import MeasuredPatch
 from ..sensor.dark import DarkModel
-from ..setup import LensIdentity
+from ..setup import LensIdentity, MeterScale
 from ..uncertainty import expanded_half_width
 
 #: Bound of normal black level drift (rectangular).

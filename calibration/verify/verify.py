@@ -17,10 +17,10 @@ from ..colour.model import AnyCalibration, ColourCalibration
 from ..colour.patches import by_patch
 from ..convert.patch import PatchLuminance, numbered, patch_luminance
 from ..frames.observations import DarkObservation, PatchObservation
-from ..meter import METER_SOURCES, MeterScale
 from ..model import Calibration
 from ..readings import PatchReading, combine_readings
 from ..sensor.dark import DarkModel, fit_dark
+from ..setup import METER_SOURCES, MeterScale
 from ..signal import net_signal, temperature_findings, usable
 from ..uncertainty import effective_dof, expanded_half_width, expanded_rel, of_one_estimate
 from .findings import findings_of
@@ -50,7 +50,7 @@ def verify(
     readings : mapping of str to sequence of Reading
         New readings by the name of the patch, with the correction of the meter's certificate.
     meter : MeterScale
-        The meter that took them, from `labcdp.calibration.meter.meter_scale`.
+        The meter that took them, from `labcdp.calibration.setup.meter_scale`.
     tolerance_rel : float or None
         Largest relative deviation that conforms; None for the U (95 %) of the calibration, see `own_tolerance_rel`.
 

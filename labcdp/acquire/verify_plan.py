@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from math import log, sqrt
 
 from ..calibration import AnyCalibration, Calibration
-from ..calibration.frames.planes import plane_region
+from ..calibration.frames.measure import plane_region
 from ..calibration.frames.statistics import MIN_NET_SIGNAL
 from ..calibration.verify.verify import grey_patches
 from ..core.errors import InputError

@@ -10,8 +10,8 @@ import pytest
 from labcdp.calibration import fit, patch_luminance
 from labcdp.calibration.budget import budget
 from labcdp.calibration.convert.patch import contrast_uncertainty
-from labcdp.calibration.meter import MeterScale, corrected, meter_scale
 from labcdp.calibration.readings import combine_readings
+from labcdp.calibration.setup import MeterScale, corrected, meter_scale
 from labcdp.calibration.uncertainty import expanded_rel
 from labcdp.core.errors import CalibrationError
 from labcdp.core.reading import MeterIdentity

@@ -10,8 +10,8 @@ import pytest
 from scipy.stats import norm
 
 from labcdp.calibration import fit
-from labcdp.calibration.meter import meter_scale
 from labcdp.calibration.record import load_verification, save_verification
+from labcdp.calibration.setup import meter_scale
 from labcdp.calibration.verify.history import histories
 from labcdp.calibration.verify.result import decide
 from labcdp.calibration.verify.verify import own_tolerance_rel, verify

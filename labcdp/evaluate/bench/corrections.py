@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 from math import prod, sqrt
 
 from ...calibration import AnyCalibration, Calibration
-from ...calibration.frames.measure import MeasuredFrames, measure_whole
+from ...calibration.frames.measure import MeasuredFrames, measure_whole, plane_of
 from ...calibration.frames.observations import CameraState
-from ...calibration.frames.planes import plane_of
 from ...calibration.sensor.dark_library import DarkLibrary, dark_library
 from ...calibration.sensor.defects import DefectMap, find_defects
 from ...calibration.sensor.flat_field import MeasuredVignetting, measure_vignetting

@@ -10,10 +10,9 @@ from functools import partial
 
 from ...calibration import AnyCalibration, DarkObservation, PatchObservation, observe_dark, observe_patches
 from ...calibration.convert.patch import is_within_response
-from ...calibration.frames.measure import MIN_FRAMES
-from ...calibration.frames.planes import plane_region
+from ...calibration.frames.measure import MIN_FRAMES, plane_region
 from ...calibration.frames.statistics import MAX_CLIPPED_SHARE
-from ...calibration.meter import MeterScale, corrected, meter_scale
+from ...calibration.setup import MeterScale, corrected, meter_scale
 from ...core.errors import CalibrationError
 from ...core.frame import Frame
 from ...core.reading import Reading
@@ -70,7 +69,7 @@ class ObservedSession:
 
     @property
     def meter_scale(self) -> MeterScale:
-        """The meter with its certificate; raises CalibrationError as `labcdp.calibration.meter.meter_scale`."""
+        """The meter with its certificate; raises CalibrationError as `labcdp.calibration.setup.meter_scale`."""
         meter = self.configuration.meter
         return meter_scale(self.readings, meter.certificate, meter.f1_prime, self.configuration.source.spectrum)
 

@@ -7,7 +7,7 @@ from math import hypot, inf, sqrt
 
 from ...calibration import AnyCalibration, Calibration, CameraState, LensIdentity
 from ...calibration.colour.model import ColourCalibration
-from ...calibration.meter import MeterScale
+from ...calibration.setup import MeterScale
 from ...calibration.uncertainty import expanded_rel
 from ...core.reading import MeterIdentity
 from ...core.result import Quantity

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TypeVar
 
 from ...calibration import AnyCalibration, LensIdentity
-from ...calibration.frames.planes import plane_of
+from ...calibration.frames.measure import plane_of
 from ...core.errors import InputError
 from ...core.frame import PLANES, Frame
 from ...core.roi import Roi

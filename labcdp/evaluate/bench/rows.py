@@ -8,8 +8,8 @@ from typing import Literal
 
 from ...calibration import AnyCalibration, PatchLuminance, contrast_half_width_95, contrast_uncertainty
 from ...calibration.colour.conversion import luminance_of_planes
-from ...calibration.meter import MeterScale
 from ...calibration.readings import combine_readings
+from ...calibration.setup import MeterScale
 from ...calibration.uncertainty import expanded_rel
 from ...chain.optics import axial_illuminance_per_cd_m2
 from ...core.errors import CalibrationError, InputError

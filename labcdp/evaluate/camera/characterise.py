@@ -9,12 +9,12 @@ from math import hypot, inf
 import numpy as np
 
 from ...calibration.emva.assemble import Transfer, assemble, with_frame_changes
-from ...calibration.emva.dark import fit_dark_current
-from ...calibration.emva.nonuniformity import (
+from ...calibration.emva.quantities import (
     combined,
     dark_pattern_variances,
     dsnu_e,
     dsnu_parts,
+    fit_dark_current,
     flat_variance,
     prnu_rel,
     rounding_of_spread_dn,

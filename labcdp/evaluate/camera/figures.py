@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...calibration.emva.dark import fit_dark_current, snr
+from ...calibration.emva.quantities import fit_dark_current, snr
 from ...calibration.emva.transfer import linearity
 from ...calibration.sensor.noise import FIT_SHARE
 from ...report.drawing import (

@@ -14,8 +14,7 @@ from ...calibration import CameraState
 from ...calibration.emva.result import Quantity
 from ...calibration.emva.series import SeriesPoint
 from ...calibration.emva.transfer import in_range
-from ...calibration.frames.measure import MeasuredFrames, measure_frames, measure_whole
-from ...calibration.frames.planes import plane_region
+from ...calibration.frames.measure import MeasuredFrames, measure_frames, measure_whole, plane_region
 from ...calibration.frames.statistics import MAX_CLIPPED_SHARE
 from ...core.errors import CalibrationError, InputError
 from ...core.photometry import photon_radiance_per_cd_m2

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from labcdp.calibration import CameraState, observe_patches
-from labcdp.calibration.frames.planes import plane_region, split
+from labcdp.calibration.frames.measure import plane_region, split
 from labcdp.core.errors import CalibrationError
 from labcdp.core.frame import PLANES
 from labcdp.core.roi import Roi

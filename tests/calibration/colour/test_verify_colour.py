@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from labcdp.calibration import fit_colour
-from labcdp.calibration.meter import meter_scale
 from labcdp.calibration.record import load_verification, save_verification
+from labcdp.calibration.setup import meter_scale
 from labcdp.calibration.verify.history import histories
 from labcdp.calibration.verify.verify import verify
 from labcdp.core.errors import CalibrationError

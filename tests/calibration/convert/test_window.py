@@ -7,7 +7,7 @@ import pytest
 
 from labcdp.calibration import CameraState
 from labcdp.calibration.colour.model import ColourCalibration
-from labcdp.calibration.frames.planes import split
+from labcdp.calibration.frames.measure import split
 from labcdp.calibration.sensor.dark_library import DarkLibrary
 from labcdp.calibration.sensor.defects import DefectMap
 from labcdp.core.frame import PLANES

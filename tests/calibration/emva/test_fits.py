@@ -7,7 +7,7 @@ from scipy.special import stdtr, stdtrit
 
 from labcdp.calibration import CameraState, DarkObservation
 from labcdp.calibration.emva import Level, Quantity, SeriesPoint
-from labcdp.calibration.emva.dark import fit_dark_current
+from labcdp.calibration.emva.quantities import fit_dark_current
 from labcdp.calibration.emva.transfer import find_saturation, linearity, system_gain
 from labcdp.calibration.sensor.dark_fit import line
 from labcdp.core.frame import CameraIdentity

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from labcdp.calibration.emva.nonuniformity import dark_pattern_variances, flat_variance
+from labcdp.calibration.emva.quantities import dark_pattern_variances, flat_variance
 from labcdp.calibration.frames.nonuniformity import spatial_variance
 from labcdp.calibration.frames.statistics import FrameSums, LineVariances
 

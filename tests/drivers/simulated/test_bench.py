@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from labcdp.calibration.frames.planes import split
+from labcdp.calibration.frames.measure import split
 from labcdp.chain import Chain
 from labcdp.core.clock import SimulatedClock
 from labcdp.core.vignetting import Cos4Vignetting

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import labcdp
-from labcdp.calibration.emva.dark import snr
+from labcdp.calibration.emva.quantities import snr
 from labcdp.core.errors import InputError
 from labcdp.evaluate.camera.characterise import characterise_session
 from labcdp.evaluate.camera.result import result

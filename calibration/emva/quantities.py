@@ -1,9 +1,9 @@
-"""Spatial non-uniformity: DSNU and PRNU, and their parts by row, column and pixel."""
+"""Quantities of EMVA 1288 by dark signal and non-uniformity: dark current, read noise, SNR, DSNU and PRNU."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import copysign, hypot, sqrt
 from typing import Any
 
@@ -11,12 +11,140 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..frames.nonuniformity import Estimate, SpatialVariance, spatial_variance
-from ..frames.rounding import Range, variance_before_rounding
+from ..frames.observations import DarkObservation
+from ..frames.rounding import ROUNDING_DN2, Range, variance_before_rounding
 from ..frames.statistics import FrameStatistics, LineVariances
+from ..sensor.dark import DarkModel, fit_dark
+from ..sensor.dark_fit import Line, line, variance_uncertainties_dn2
 from .result import Quantity
 
+#: Variance of the dark signal, in DN^2, below which rounding dominates (EMVA 1288 Release 4.0 Linear: sigma < 0.5 DN).
+LEAST_VARIANCE_DN2 = 0.24
 #: Parts of a spatial variance.
 PARTS = ("pixel", "column", "row")
+
+
+@dataclass(frozen=True)
+class DarkFit:
+    """Mean and variance of the dark signal over the exposure.
+
+    Parameters
+    ----------
+    model : DarkModel
+        The mean: noise, rounding and drift of the black level are in its covariance.
+    variance : Line
+        Temporal variance in DN^2; the slope may be below 0.
+    """
+
+    model: DarkModel
+    variance: Line
+
+    def dark_signal_dn(self) -> Quantity:
+        """mu_y.dark at zero exposure."""
+        exposure_s = 0.0 if self._several else self.model.exposures_s[0]
+        uncertainty = sqrt(self.model.variance_dn2(exposure_s))
+        return Quantity(self.model.mean_dn(exposure_s), uncertainty, "DN", self._where)
+
+    def noise_dn(self) -> Quantity:
+        """sigma_y.dark at zero exposure, at least that of rounding."""
+        sigma, note = sqrt(max(self.variance.intercept, LEAST_VARIANCE_DN2)), self._where
+        if self.variance.intercept < LEAST_VARIANCE_DN2:
+            note = "an upper limit: below 0.49 DN rounding hides the noise, this is the least value the standard allows"
+        return Quantity(sigma, self.variance.intercept_uncertainty / (2 * sigma), "DN", note)
+
+    def noise_e(self, k: Quantity) -> Quantity:
+        """sigma_d: noise without rounding over K, sqrt(sigma_y.dark^2 - 1/12) / K (Release 4.0 Linear).
+
+        Its uncertainty includes rounding: all noise compatible with this variance is equally likely.
+        """
+        dark = self.noise_dn()
+        own = sqrt(dark.value**2 - ROUNDING_DN2)
+        by_noise = dark.value * dark.standard_uncertainty / own
+        by_rounding = variance_before_rounding(self.variance.intercept).root().error_of(own)
+        relative = hypot(max(by_noise, by_rounding) / own, k.standard_uncertainty / k.value)
+        return Quantity(own / k.value, relative * own / k.value, "e-", f"{dark.note}, without rounding")
+
+    def current_e_s(self, k: Quantity) -> Quantity | None:
+        """Dark current by the mean, slope / K; None with one exposure."""
+        slope = self.model.rate_dn_s, sqrt(self.model.rate_variance_dn2_s2)
+        return self._current(slope, k, 1, "slope of the mean over the exposure")
+
+    def current_by_variance_e_s(self, k: Quantity) -> Quantity | None:
+        """Dark current by the variance, slope / K^2; None with one exposure."""
+        slope = self.variance.slope, self.variance.slope_uncertainty
+        return self._current(slope, k, 2, "slope of the variance over the exposure")
+
+    def doubling_temperature_c(self) -> Quantity | None:
+        """T_d; None if the dark frames do not determine it."""
+        doubling_c, temperatures = self.model.doubling_temperature_c, self.model.temperatures_c
+        if doubling_c is None:
+            return None
+        uncertainty = doubling_c**2 * sqrt(self.model.covariance[2][2])
+        span = f"{temperatures[0]:.1f} to {temperatures[-1]:.1f} degC"
+        return Quantity(doubling_c, uncertainty, "K", f"from dark frames at {span}")
+
+    @property
+    def _several(self) -> bool:
+        return len(self.model.exposures_s) > 1
+
+    @property
+    def _where(self) -> str:
+        return "at zero exposure" if self._several else "at the only exposure of the dark frames"
+
+    def _current(self, slope: tuple[float, float], k: Quantity, power: int, note: str) -> Quantity | None:
+        if not self._several:
+            return None
+        value = slope[0] / k.value**power
+        by_gain = power * value * k.standard_uncertainty / k.value
+        return Quantity(value, hypot(slope[1] / k.value**power, by_gain), "e-/s", note)
+
+
+def fit_dark_current(darks: Sequence[DarkObservation]) -> DarkFit:
+    """Fit mean and variance of the dark signal over the exposure.
+
+    Parameters
+    ----------
+    darks : sequence of DarkObservation
+        At least one.
+    """
+    t, variance = (np.array([getattr(d, name) for d in darks]) for name in ("exposure_s", "temporal_variance_dn2"))
+    return DarkFit(fit_dark(darks)[0], line(t, variance, variance_uncertainties_dn2(darks)))
+
+
+def snr(
+    signal_e: NDArray[np.floating[Any]], dark_noise_e: float, k_dn_per_e: float, dsnu_e: float = 0.0, prnu: float = 0.0
+) -> NDArray[np.float64]:
+    """SNR over the signal, mean over standard deviation of one pixel.
+
+    mu_e / sqrt(sigma_d^2 + sigma_q^2 / K^2 + mu_e) (EMVA 1288 Release 4.0 Linear); with DSNU and PRNU the total SNR of
+    all pixels, mu_e / sqrt(sigma_d^2 + DSNU^2 + sigma_q^2 / K^2 + mu_e + PRNU^2 mu_e^2) (eq. 27).
+
+    Parameters
+    ----------
+    signal_e : ndarray of float
+        Mean photo-electrons.
+    dark_noise_e, dsnu_e : float
+        Electrons.
+    k_dn_per_e : float
+        Overall system gain.
+    prnu : float
+        A fraction.
+    """
+    noise = dark_noise_e**2 + dsnu_e**2 + ROUNDING_DN2 / k_dn_per_e**2
+    result: NDArray[np.float64] = signal_e / np.sqrt(noise + signal_e + (prnu * signal_e) ** 2)
+    return result
+
+
+def sensitivity_threshold_e(dark_noise_dn: Quantity, k: Quantity) -> Quantity:
+    """Signal at which SNR is 1: mu_e.min = sigma_y.dark / K + 1/2 (EMVA 1288 Release 4.0 Linear)."""
+    noise = dark_noise_dn.over(k, "e-")
+    return replace(noise, value=noise.value + 0.5)
+
+
+def snr_max(full_well_e: Quantity, note: str = "") -> Quantity:
+    """SNR at saturation: sqrt(mu_e.sat) (EMVA 1288 Release 4.0 Linear)."""
+    value = sqrt(full_well_e.value)
+    return Quantity(value, full_well_e.standard_uncertainty / (2 * value), "1", note)
 
 
 def dsnu_e(variance: Estimate, k: Quantity, note: str = "") -> Quantity:

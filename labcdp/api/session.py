@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from ..calibration import AnyCalibration, Calibration, ColourCalibration, load_any, save
 from ..core.errors import InputError
@@ -21,9 +21,6 @@ from ..session import ContrastConfiguration
 from ..session import Session as _Session
 from .arguments import Contrasts, PathArgument, as_contrasts, as_path
 from .session_result import SessionResult
-
-if TYPE_CHECKING:
-    pass
 
 
 class Session(_Session):

@@ -120,3 +120,24 @@ def test_weights_are_nearly_the_best(ratio: float, count: int) -> None:
 def test_captures_that_cannot_be_merged(captures: list[Capture], match: str) -> None:
     with pytest.raises(InputError, match=match):
         Hdr("linear").merge(captures)
+
+
+def test_normal_leaves_a_clipped_exposure_below_its_threshold() -> None:
+    captures = bracket([4031, 4030], [1000, 1000], [250, 250])
+    # 48 bit in three exposures: the first threshold is 65536.
+    np.testing.assert_array_equal(Hdr("normal", bits=48).merge(captures).dn, [[4000, 4030]])
+
+
+def test_normal_rounds_down_and_ends_at_its_bits() -> None:
+    longest, shortest = capture([4095, 63, 4095], 10e-3), capture([164, 64, 4000], 3e-3)
+    merged = Hdr("normal", bits=13).merge([longest, shortest])
+    np.testing.assert_array_equal(merged.dn, [[333, -1, 8191]])
+    assert merged.saturation_dn == 8191
+
+
+def test_linear_is_the_mean_of_what_is_not_clipped() -> None:
+    captures = bracket([160, 4031, 4031, 4031], [36, 1100, 4031, 4031], [13, 260, 1200, 4031])
+    expected = [(160 + 4 * 36 + 16 * 13) / 3, (4 * 1100 + 16 * 260) / 2, 16 * 1200, 16 * 4031]
+    merged = Hdr("linear").merge(captures)
+    np.testing.assert_allclose(merged.dn, [expected], rtol=1e-14)
+    np.testing.assert_array_equal(merged.saturated, [[False, False, False, True]])

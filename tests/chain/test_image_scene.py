@@ -101,3 +101,9 @@ def test_values_that_are_no_luminance_are_refused(tmp_path: Path, name: str, ima
     scene = ImageScene(saved(tmp_path / name, image))
     with pytest.raises(InputError, match=rf"^path is '.*{name}'.*{message}"):
         scene.luminance_map()
+
+
+def test_pickled_objects_are_not_loaded(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.array([[{}]], dtype=object), allow_pickle=True)
+    with pytest.raises(InputError, match=r"^path is '.*a.npy': it holds 'object'"):
+        ImageScene(tmp_path / "a.npy").luminance_map()

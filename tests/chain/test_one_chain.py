@@ -10,10 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labcdp.chain import Chain, ImageScene, preset_names, preset_text
+from labcdp.chain import Chain, Checkerboard, ImageScene, preset_names, preset_text
 from labcdp.chain.predict.chain import predict_chain
 from labcdp.core.disk.text import toml_text
 from labcdp.core.errors import ConfigurationError, InputError
+from labcdp.evaluate.sweep.plan import Axis, Sweep
+from labcdp.evaluate.sweep.run import run_sweep
 
 #: Every kind of stage that can be predicted.
 FULL = """
@@ -202,3 +204,20 @@ def test_file_that_exists_is_not_replaced_unasked(tmp_path: Path) -> None:
 def test_two_sizes_are_refused() -> None:
     with pytest.raises(ConfigurationError, match=r"^width is 20 and 21: scene and sensor have one size$"):
         Chain.from_toml(FULL).with_(scene__width=20, sensor__width=21)
+
+
+def test_journal_of_a_changed_chain_is_not_that_of_the_original(tmp_path: Path) -> None:
+    chain = Chain.from_toml(FULL)
+    axes = (Axis("exposure.gain_db", (0.0, 3.0)),)
+    run_sweep(Sweep(chain, axes, exact=True), tmp_path)
+    with pytest.raises(InputError):
+        run_sweep(Sweep(replace(chain, spectrum="D65"), axes, exact=True), tmp_path)
+
+
+@pytest.mark.parametrize("number", [np.float64(0.3), np.float32(0.25), np.int64(2), 2])
+def test_numpy_numbers_are_saved_as_numbers(number: Any) -> None:
+    for chain in (
+        Chain.from_toml(FULL).with_(scene__contrast=number),
+        replace(Chain.from_toml(FULL), scene=Checkerboard(12, 10, 50.0, number, 3)),
+    ):
+        assert Chain.from_toml(chain.to_toml()).scene.contrast == number

@@ -132,3 +132,8 @@ def test_exposure_out_of_range_is_refused(sensor: Sensor, change: dict[str, floa
     values = {"electron_rate": 1.0, "exposure_s": 1.0, "temperature_c": 25.0, "seed": 0, "exposure_index": 0}
     with pytest.raises(InputError, match=message):
         sensor.expose(**(values | change))  # type: ignore[arg-type]
+
+
+def test_gain_is_20_log_10_of_the_amplitude(sensor: Sensor) -> None:
+    dn = sensor.expose(1000.0, 1.0, 20.0, temperature_c=25.0, seed=0, exposure_index=0)
+    assert dn.mean() == pytest.approx(10_000, abs=5 * 10 * sqrt(1000 / N))

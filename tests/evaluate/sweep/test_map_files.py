@@ -188,3 +188,9 @@ def test_tables_of_ranges_dips_and_isolines_are_the_analysis(dataset: xr.Dataset
     assert {row["expected"] for row in dips} == {500.0}
     points = [(row["level"], row[LUMINANCE], row[CONTRAST]) for row in found.table("isolines").rows()]
     assert points == [(line.level, x, y) for line in analysis.isolines for x, y in zip(line.x, line.y, strict=True)]
+
+
+def test_map_that_is_nowhere_usable_says_so(dataset: xr.Dataset) -> None:
+    dataset["cdp"] *= 0.8
+    (finding,) = result_of(dataset).findings
+    assert (finding.code, finding.values["usable_cdp"]) == ("map-nowhere-usable", 0.9)

@@ -172,7 +172,7 @@ def measured_snr(luminance: NDArray[np.float64], n_pixels: int, seed: int) -> xr
 @pytest.mark.parametrize("stated", [True, False])
 def test_noise_of_a_simulated_sweep_makes_no_dip(stated: bool) -> None:
     luminance = np.geomspace(0.02, 2e3, 400)
-    for seed in range(60):
+    for seed in range(30):
         dataset = measured_snr(luminance, 512, seed)
         if not stated:
             dataset = dataset.drop_vars("snr_dark_standard_error")
@@ -193,3 +193,17 @@ def test_noise_of_a_simulated_sweep_makes_no_dip(stated: bool) -> None:
 def test_faults_of_a_map_are_named(damaged: Any, message: str) -> None:
     with pytest.raises(InputError, match=message):
         analyse_map(damaged(plane()))
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_noise_makes_no_dip_and_hides_none(stated: bool) -> None:
+    luminance = np.geomspace(1, 1e4, 60)
+    flat, fallen = np.full(60, 30.0), sawtooth(luminance, {100.0: 3.0})
+    for seed in range(20):
+        noise = 1 + 0.05 * np.random.default_rng(seed).normal(size=60)
+        for snr, n_dips in ((flat, 0), (fallen, 1)):
+            errors = {"snr_dark_standard_error": 0.05 * snr} if stated else {}
+            dataset = curve(luminance, method="simulated", cdp=np.ones(60), snr_dark=snr * noise, **errors)
+            dips = find_dips(dataset, LUMINANCE, expected=[100.0])
+            assert len(dips) == n_dips
+            assert all(dip.expected == 100.0 for dip in dips)

@@ -9,6 +9,7 @@ from ...calibration import AnyCalibration, LensIdentity
 from ...calibration.frames.measure import plane_of
 from ...core.errors import InputError
 from ...core.frame import PLANES, Frame
+from ...core.luminance import LuminanceMap
 from ...core.roi import Roi
 from ...session import FrameRecord, MeterCertificate, ReadingRecord, Role, Session, SessionConfiguration
 
@@ -97,6 +98,12 @@ def _grouped(records: Iterable[FrameRecord], key: Callable[[FrameRecord], _Key])
     return groups
 
 
-def shows(record: FrameRecord, patch: str) -> bool:
-    """Whether a patch can be seen in a frame."""
-    return record.patch in (None, patch)
+def maps_of(
+    session: Session, calibration: AnyCalibration, exposure_s: float, patches: Iterable[str]
+) -> dict[str, tuple[int, LuminanceMap]]:
+    """Return, by patch, number and luminance of the first frame of an exposure that shows it; frames are read once."""
+    records = by_exposure(session, "light")[exposure_s]
+    first = {name: next(record for record in records if record.patch in (None, name)) for name in patches}
+    frames = {record.number: record for record in first.values()}
+    maps = {number: calibration.to_luminance(session.load(record)) for number, record in frames.items()}
+    return {name: (record.number, maps[record.number]) for name, record in first.items()}

@@ -22,7 +22,7 @@ from ...metrics.uncertainty import LimitVerdict, limit_verdict
 from ...session import ContrastConfiguration, Session
 from .corrections import pixel_area_m2
 from .observe import ObservedSession
-from .recorded import by_exposure, shows
+from .recorded import maps_of
 
 
 @dataclass(frozen=True)
@@ -196,40 +196,26 @@ def contrast_row(
         raise CalibrationError(
             f"patch {pair.bright!r} or {pair.dark!r} has saturated pixels at every exposure: acquire a shorter one"
         )
-    records = by_exposure(session, "light")[exposure_s]
-    bright_record, dark_record = (next(r for r in records if shows(r, name)) for name in (pair.bright, pair.dark))
-    seen = {
-        record.number: calibration.to_luminance(session.load(record))
-        for record in {r.number: r for r in (bright_record, dark_record)}.values()
-    }
-    bright_map, dark_map = seen[bright_record.number], seen[dark_record.number]
+    seen = maps_of(session, calibration, exposure_s, (pair.bright, pair.dark))
+    (bright_number, bright_map), (dark_number, dark_map) = seen[pair.bright], seen[pair.dark]
     regions = RegionPixels.of(bright_map, bright.region), RegionPixels.of(dark_map, dark.region)
-    evaluated = evaluate_regions(*regions, (pair.contrast,), pair.epsilon)
-    (result,) = evaluated.results
+    (result,) = evaluate_regions(*regions, (pair.contrast,), pair.epsilon).results
     a, b = (region.distribution for region in regions)
     if result.result.bright == "b":
         raise InputError(f"patch {pair.bright!r} is darker than {pair.dark!r}: give the brighter one as bright")
-    measured, camera = (
-        _ratio_less_one(bright.measured_cd_m2, dark.measured_cd_m2),
-        _ratio_less_one(bright.calibrated.luminance_cd_m2, dark.calibrated.luminance_cd_m2),
-    )
-    measured_rel = [row.measured_random_rel for row in (bright, dark)]
+    measured = bright.measured_cd_m2 / dark.measured_cd_m2 - 1
     return ContrastRow(
         bright=pair.bright,
         dark=pair.dark,
         calibrated_cdp=result,
         distribution=contrast_histogram(a, b, result.result.interval[1]),
         measured_contrast=measured,
-        measured_standard_uncertainty=(1 + measured) * hypot(*measured_rel),
-        camera_contrast=camera,
+        measured_standard_uncertainty=(1 + measured) * hypot(bright.measured_random_rel, dark.measured_random_rel),
+        camera_contrast=bright.calibrated.luminance_cd_m2 / dark.calibrated.luminance_cd_m2 - 1,
         camera_standard_uncertainty=contrast_uncertainty(bright.calibrated, dark.calibrated),
         camera_half_width_95=contrast_half_width_95(bright.calibrated, dark.calibrated),
         exposure_s=exposure_s,
         cdp_limit=pair.cdp_limit,
-        frame_number=bright_record.number,
-        dark_frame_number=dark_record.number,
+        frame_number=bright_number,
+        dark_frame_number=dark_number,
     )
-
-
-def _ratio_less_one(bright: float, dark: float) -> float:
-    return bright / dark - 1

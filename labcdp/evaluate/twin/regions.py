@@ -18,7 +18,7 @@ from ...core.luminance import Invalid, LuminanceMap
 from ...core.roi import Roi
 from ...session import Session
 from ..bench.observe import ObservedSession
-from ..bench.recorded import by_exposure, shows
+from ..bench.recorded import maps_of
 from .parameters import TwinParameters, known
 from .prediction import TwinRegion, dn_above_dark
 
@@ -139,16 +139,11 @@ def seen_regions(
     session: Session, observed: ObservedSession, calibration: Calibration, exposure_s: float, names: set[str]
 ) -> dict[str, SeenRegion]:
     """Return the calibrated luminance of patches in the first frame of an exposure that shows them, by name."""
-    records = by_exposure(session, "light")[exposure_s]
     rois = {patch.name: patch.region() for patch in observed.configuration.target.patches if patch.name in names}
-    maps: dict[int, LuminanceMap] = {}
-    seen = {}
-    for name, roi in rois.items():
-        record = next(r for r in records if shows(r, name))
-        if record.number not in maps:
-            maps[record.number] = calibration.to_luminance(session.load(record))
-        seen[name] = _seen_region(maps[record.number], roi, exposure_s, record.number)
-    return seen
+    return {
+        name: _seen_region(luminance, rois[name], exposure_s, number)
+        for name, (number, luminance) in maps_of(session, calibration, exposure_s, rois).items()
+    }
 
 
 def _seen_region(luminance: LuminanceMap, roi: Roi, exposure_s: float, frame_number: int) -> SeenRegion:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import partial
+from dataclasses import replace
 from math import comb
 from typing import Any
 
@@ -15,7 +15,7 @@ from ..camera.result import stated
 from ..columns import with_interval
 from .evaluate import TwinEvaluation
 from .pair import TwinPair
-from .regions import KINDS, TwinPatch
+from .regions import KINDS
 
 #: Parameters, by their names in a chain file.
 _NAMES = {
@@ -121,24 +121,22 @@ def _signals(evaluation: TwinEvaluation) -> Table:
         Column("luminance_cd_m2", "luminance by meter", "cd/m²", "Mean reading."),
         Column("exposure_s", "exposure", "s", "Longest that does not saturate the patch.", digits=0, time=True),
     ]
-    meaning = "Measured minus predicted, of noise the variance, over its standard uncertainty."
     for kind, label in KINDS.items():
-        for of in ("measured", "predicted"):
-            value, u = (partial(_part, of, kind, index) for index in (0, 1))
-            columns += uncertain(Column(f"{of}_{kind}", f"{label}, {of}", "DN", value=value), u)
-        columns.append(Column(f"z_{kind}", f"{label}, z", "", meaning, decimals=1, value=partial(_z, kind)))
+        columns += _of_kind(kind, label)
     table = Table.of_items(
         "signals", "Signal of each patch", columns, evaluation.patches, "± is U (95 %).", detail=True
     )
     return table.sorted_by("luminance_cd_m2")
 
 
-def _part(of: str, kind: str, index: int, patch: TwinPatch) -> float:
-    return float(getattr(patch, of)[kind][index])
-
-
-def _z(kind: str, patch: TwinPatch) -> float | None:
-    return patch.z[kind]
+def _of_kind(kind: str, label: str) -> tuple[Column, ...]:
+    meaning = "Measured minus predicted, of noise the variance, over its standard uncertainty."
+    measured, predicted = (Column(f"{of}_{kind}", f"{label}, {of}", "DN") for of in ("measured", "predicted"))
+    return (
+        *uncertain(replace(measured, value=lambda one: one.measured[kind][0]), lambda one: one.measured[kind][1]),
+        *uncertain(replace(predicted, value=lambda one: one.predicted[kind][0]), lambda one: one.predicted[kind][1]),
+        Column(f"z_{kind}", f"{label}, z", "", meaning, decimals=1, value=lambda one: one.z[kind]),
+    )
 
 
 #: Significance level of the number of differing pairs, and expected share of pairs that differ by chance.

@@ -128,7 +128,7 @@ def _no_luminance(path: Path, error: Exception) -> InputError:
 
 def metadata(luminance: LuminanceMap, about: Mapping[str, Any]) -> dict[str, Any]:
     """Return unit, uncertainty and reasons of a map, and what is known about it, as values JSON can hold."""
-    valid = luminance.valid
+    valid, corner = luminance.valid, luminance.common_in((slice(0, 1), slice(0, 1)))
     return {
         "format": FORMAT,
         "version": VERSION,
@@ -140,7 +140,7 @@ def metadata(luminance: LuminanceMap, about: Mapping[str, Any]) -> dict[str, Any
         "invalid_share": invalid_shares(luminance),
         "median_random_rel": _median(luminance.random_rel[valid]),
         "median_common_rel": _median(np.broadcast_to(luminance.common_rel, luminance.shape)[valid]),
-        "common": [{"source": e.source, "rectangular": e.rectangular} for e in _corner_errors(luminance)],
+        "common": [{"source": e.source, "rectangular": e.rectangular} for e in corner],
         "slow_rel": luminance.slow_rel,
         "slow_cd_m2": float(np.mean(luminance.slow_cd_m2)),
         "fixed_rel": luminance.fixed_rel,
@@ -156,10 +156,6 @@ def invalid_shares(luminance: LuminanceMap) -> dict[str, float]:
     values = np.arange(256)
     shares = {str(flag.name): float(counts[(values & flag) != 0].sum() / counts.sum()) for flag in Invalid}
     return {name: share for name, share in shares.items() if share > 0}
-
-
-def _corner_errors(luminance: LuminanceMap) -> tuple[CommonError, ...]:
-    return luminance.common_in((slice(0, 1), slice(0, 1)))
 
 
 def _median(values: NDArray[Any]) -> float | None:

@@ -47,6 +47,10 @@ def note_of(findings: Iterable[Finding]) -> str:
     return "; ".join(f"{one.subject}: {reason_of(one)}" if is_lost(one) else finding_text(one) for one in findings)
 
 
+def _counted_as(finding: Finding) -> str:
+    return "frames-lost" if is_lost(finding) else _COUNTED.get(finding.code, "")
+
+
 def reason_of(finding: Finding) -> str:
     """Return why a region is lost, as text without its name."""
     return finding_text(replace(finding, subject=""))
@@ -55,15 +59,6 @@ def reason_of(finding: Finding) -> str:
 def is_lost(finding: Finding) -> bool:
     """Whether a finding about a frame says that a region is lost, and why."""
     return finding.code.startswith(_LOST)
-
-
-def saturation(regions: Sequence[str], shares: Sequence[float]) -> list[Finding]:
-    """Return a finding for each region of a frame that is saturated too much."""
-    return [
-        warning("frame-region-saturated", name, share=share)
-        for name, share in zip(regions, shares, strict=True)
-        if share > TOO_SATURATED
-    ]
 
 
 class VideoFindings:
@@ -98,7 +93,8 @@ class VideoFindings:
         found = restored(row["findings"])
         if found and self.first is None:
             self.first = row["frame"], found[0]
-        for code, finding in {_code(one): one for one in reversed(found)}.items():
+        # Of several with one code the first one counts.
+        for code, finding in {_counted_as(one): one for one in reversed(found)}.items():
             if code:
                 count, *first = self._counts.get(code, (0, row["frame"], finding))
                 self._counts[code] = (count + 1, *first)
@@ -153,10 +149,6 @@ class _Stretch:
     last: int
     place: int
     count: int = 1
-
-
-def _code(finding: Finding) -> str:
-    return "frames-lost" if is_lost(finding) else _COUNTED.get(finding.code, "")
 
 
 class _Lost(NamedTuple):

@@ -70,21 +70,17 @@ def video_result(dataset: Dataset) -> Result:
         If the dataset is no result of a video.
     """
     check_video(dataset)
+    video = InputFile("video", str(dataset.attrs.get("file", "")), str(dataset.attrs.get("sha256", "")))
     regions = _regions(dataset)
     tables = [_contrasts(dataset), _summary(dataset), *([regions] if len(regions) else []), *frame_tables(dataset)]
     return Result(
         "video",
-        title_of(dataset),
+        PurePath(str(dataset.attrs.get("file", ""))).name or "video",
         tuple(tables),
         restored(_json(dataset, "findings", [])),
-        inputs_of(dataset),
+        (video, *(InputFile(**one) for one in _json(dataset, "inputs", []))),
         configuration_of(dataset),
     )
-
-
-def title_of(dataset: Dataset) -> str:
-    """Return the name of the video."""
-    return PurePath(str(dataset.attrs.get("file", ""))).name or "video"
 
 
 def is_neighbours(dataset: Dataset) -> bool:
@@ -95,12 +91,6 @@ def is_neighbours(dataset: Dataset) -> bool:
 def unit_of(dataset: Dataset) -> str:
     """Return the unit of the means, empty for relative luminance."""
     return "cd/m²" if dataset.attrs.get("unit") == "cd/m^2" else ""
-
-
-def inputs_of(dataset: Dataset) -> tuple[InputFile, ...]:
-    """Return the video and the other files it was evaluated with."""
-    video = InputFile("video", str(dataset.attrs.get("file", "")), str(dataset.attrs.get("sha256", "")))
-    return (video, *(InputFile(**one) for one in _json(dataset, "inputs", [])))
 
 
 def configuration_of(dataset: Dataset) -> dict[str, Any]:

@@ -259,6 +259,7 @@ def video_configuration(settings: VideoSettings, reference: ReferenceContrast | 
     if isinstance(asked, Path):
         assert reference is not None
         asked = {"sha256": reference.sha256, "by": settings.reference_by}
+    as_they_are = ("encoding", "exposure_s", "gain_db", "bit_depth", "damaged")
     return {
         "contrasts": None if settings.contrasts is None else list(settings.contrasts),
         "rois": [{"name": roi.name, "corners": [list(corner) for corner in roi.corners]} for roi in settings.rois],
@@ -268,9 +269,5 @@ def video_configuration(settings: VideoSettings, reference: ReferenceContrast | 
         "selection": settings.selection.to_dict(),
         "calibration_sha256": None if settings.calibration is None else calibration_sha256(settings.calibration),
         "camera_sha256": None if settings.camera is None else InputFile.of("camera", settings.camera).sha256,
-        "encoding": settings.encoding,
-        "exposure_s": settings.exposure_s,
-        "gain_db": settings.gain_db,
-        "bit_depth": settings.bit_depth,
-        "damaged": settings.damaged,
+        **{name: getattr(settings, name) for name in as_they_are},
     }

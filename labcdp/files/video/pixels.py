@@ -201,7 +201,8 @@ def planes_of(frame: Any) -> list[NDArray[Any]]:
     """
     form = frame.format
     bits, n_values = bits_of(form), sum(not one.is_alpha for one in form.components)
-    across, down = (-(-a // b) for a, b in zip((frame.width, frame.height), _chroma_size(form, frame), strict=True))
+    across = -(-frame.width // max(form.chroma_width(frame.width), 1))
+    down = -(-frame.height // max(form.chroma_height(frame.height), 1))
     if not 8 <= bits <= 16 or form.is_bayer or form.is_bit_stream or form.name.startswith("xyz"):
         raise InputError(f"its pixels are of the kind {form.name}, which is not read: convert it to FFV1")
     depth = "" if bits == 8 else f"{bits}le"
@@ -216,10 +217,6 @@ def planes_of(frame: Any) -> list[NDArray[Any]]:
     if form.name.replace("yuvj", "yuv").replace("yuva", "yuv") != name:
         frame = frame.reformat(format=name)
     return [_plane(frame.planes[at], np.dtype("<u2" if depth else "u1")) for at in order]
-
-
-def _chroma_size(form: Any, frame: Any) -> tuple[int, int]:
-    return max(form.chroma_width(frame.width), 1), max(form.chroma_height(frame.height), 1)
 
 
 def _plane(plane: Any, dtype: np.dtype[Any]) -> NDArray[Any]:

@@ -10,6 +10,10 @@ from .setup import MeterScale
 
 #: Coverage probability of all intervals of this package.
 COVERAGE = 0.95
+#: p-value of chi^2 below which the stated errors are too small.
+SMALL_P_VALUE = 0.01
+#: Family-wise false-alarm probability of all tests of one kind.
+FALSE_ALARM = 0.01
 
 
 def effective_dof(parts: Iterable[tuple[float, float]]) -> float:
@@ -132,12 +136,6 @@ def expanded_half_width(
 
 def _integral_of_phi(z: float) -> float:
     return z * (1 + erf(z / sqrt(2))) / 2 + exp(-z * z / 2) / sqrt(2 * pi)
-
-
-#: p-value of chi^2 below which the stated errors are too small.
-SMALL_P_VALUE = 0.01
-#: Family-wise false-alarm probability of all tests of one kind.
-FALSE_ALARM = 0.01
 
 
 def p_value_of_chi_squared(chi_squared: float, dof: int) -> float:

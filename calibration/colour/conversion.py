@@ -21,6 +21,12 @@ from ..setup import METER_SOURCES
 
 #: Common errors of all planes of a frame, which add with their signs.
 _OF_ALL_PLANES = (*METER_SOURCES, "exposure time", FLICKER, REFOCUS, GLARE)
+#: The colours, each of one or two planes.
+COLOURS = ("R", "G", "B")
+#: Harmonics of the hue: mismatch errors of simulated cameras are nearly independent from 45 degrees of hue on.
+_HARMONICS = 4
+#: R, G and B at equal angles, scaled so that the magnitude is the standard deviation of the three.
+_AXES = np.sqrt(2) / 3 * np.exp(2j * np.pi * np.arange(3) / 3)
 
 
 @dataclass(frozen=True)
@@ -197,14 +203,6 @@ def joined(planes: Sequence[Sequence[CommonError]], shares: Sequence[Any]) -> li
     # The meter's errors are the same for all planes, and so for their sum.
     of_meter = [e for e in planes[0] if e.source in METER_SOURCES]
     return [*of_meter, *(e for e in shared.values() if e.source not in METER_SOURCES), *result]
-
-
-#: The colours, each of one or two planes.
-COLOURS = ("R", "G", "B")
-#: Harmonics of the hue: mismatch errors of simulated cameras are nearly independent from 45 degrees of hue on.
-_HARMONICS = 4
-#: R, G and B at equal angles, scaled so that the magnitude is the standard deviation of the three.
-_AXES = np.sqrt(2) / 3 * np.exp(2j * np.pi * np.arange(3) / 3)
 
 
 def colours_of_planes(planes: Sequence[Calibration]) -> NDArray[np.float64]:

@@ -24,6 +24,9 @@ from ..signal import left_out_text, net_signal, usable
 from .conversion import colourfulness, colours_of_planes, own_rel
 from .weights import ColourData
 
+#: Relative difference of the planes' signal ratios within one spectrum; linearity is not known yet.
+_SAME_RATIO = 0.1
+
 
 @dataclass(frozen=True, eq=False)
 class ColourPatches:
@@ -151,10 +154,6 @@ def centre_px(group: Mapping[str, Sequence[PatchObservation]]) -> tuple[float, f
     """Middle (x, y) of a patch in the Bayer frame; a plane has half its pixels along each side."""
     x, y = next(iter(group.values()))[0].centre_px
     return 2 * x, 2 * y
-
-
-#: Relative difference of the planes' signal ratios within one spectrum; linearity is not known yet.
-_SAME_RATIO = 0.1
 
 
 def one_spectrum(

@@ -21,6 +21,13 @@ Array = NDArray[np.float64]
 _ROUNDS = 30
 #: Colourfulness below which colour does not explain scatter.
 _COLOURED = 0.05
+#: Standard deviation of the true weights from those of least noise: cameras have 0.1 to 0.4 for red, 0.6 to 1 for
+#: green, and -0.2 to 0.1 for blue.
+_NOISE_WIDTH = 0.5
+#: Standard deviation of the true weights from those by spectral sensitivities, which are known to a few percent.
+_SPECTRAL_WIDTH = 0.1
+#: Share of saturation at which noises are compared.
+_EXPOSED = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,15 +203,6 @@ def _solve(data: ColourData, prior: Prior, spectral: float) -> Combination:
     design = np.vstack([data.relative / uncertainty[:, None], root])
     covariance = np.linalg.pinv(design.T @ design)
     return Combination(weights, covariance, spectral, data.dof, data.relative @ weights - 1, uncertainty)
-
-
-#: Standard deviation of the true weights from those of least noise: cameras have 0.1 to 0.4 for red, 0.6 to 1 for
-#: green, and -0.2 to 0.1 for blue.
-_NOISE_WIDTH = 0.5
-#: Standard deviation of the true weights from those by spectral sensitivities, which are known to a few percent.
-_SPECTRAL_WIDTH = 0.1
-#: Share of saturation at which noises are compared.
-_EXPOSED = 0.5
 
 
 @dataclass(frozen=True, eq=False)

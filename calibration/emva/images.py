@@ -27,6 +27,14 @@ _PNG_HEADER = 33
 _MOST_BYTES = 2**30
 #: JPEG in TIFF, old and new (TIFF 6.0, section 22, and Technical Note 2).
 _LOSSY_TIFF = (6, 7)
+#: Largest difference of the means of a block relative to the signal; lamps flicker by tenths of it.
+_LARGEST_DIFFERENCE_REL = 0.03
+#: Upper bound of black level drift, in DN.
+_LEAST_DIFFERENCE_DN = 1.0
+#: Critical value for a frame's mean, in standard uncertainties.
+_CHANCE = 5.0
+#: Factor between the common divisors of values that indicates different bit depths.
+_DEPTH_FACTOR = 4
 
 
 def read_image(path: Path, shape: tuple[int, int], bits: int) -> NDArray[np.unsignedinteger[Any]]:
@@ -125,16 +133,6 @@ def _tiff(data: bytes, path: Path, shape: tuple[int, int]) -> NDArray[Any]:
 
 def _damaged(path: Path) -> InputError:
     return InputError(f"{path} is truncated or damaged: copy it again")
-
-
-#: Largest difference of the means of a block relative to the signal; lamps flicker by tenths of it.
-_LARGEST_DIFFERENCE_REL = 0.03
-#: Upper bound of black level drift, in DN.
-_LEAST_DIFFERENCE_DN = 1.0
-#: Critical value for a frame's mean, in standard uncertainties.
-_CHANCE = 5.0
-#: Factor between the common divisors of values that indicates different bit depths.
-_DEPTH_FACTOR = 4
 
 
 class _Seen(NamedTuple):

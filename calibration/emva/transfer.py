@@ -18,6 +18,17 @@ from .series import SeriesPoint
 MIN_POINTS = 3
 #: Uncertainty of variances without noise, which still need one.
 _FLOOR = 1e-9
+#: Share of saturation between which linearity is judged (EMVA 1288 Release 4.0 Linear).
+LINEARITY_SHARES = (0.05, 0.95)
+#: Drop of the variance after its peak, in standard uncertainties, required of a peak.
+_SIGNIFICANT = 4.0
+#: Largest drop of the variance by clipping, over the share of clipped values: 2 to 2.6 for normal noise clipped at one
+#: end, less where pixels differ.
+_CLIPPED = 3.0
+#: Points below the peak by less than this many standard uncertainties may be the peak.
+_MAYBE_PEAK = 2.0
+#: Points up to the peak whose scatter counts.
+_NEIGHBOURS = 12
 
 
 def points_to_fit(points: Sequence[SeriesPoint], saturation_net_dn: float) -> list[SeriesPoint]:
@@ -112,10 +123,6 @@ def responsivity(points: Sequence[SeriesPoint]) -> Slope | None:
     return slope_through_origin(photons, net, np.array([point.net_uncertainty_dn for point in points]))
 
 
-#: Share of saturation between which linearity is judged (EMVA 1288 Release 4.0 Linear).
-LINEARITY_SHARES = (0.05, 0.95)
-
-
 @dataclass(frozen=True, eq=False)
 class Linearity:
     """Deviations from a line.
@@ -195,17 +202,6 @@ def linearity(points: Sequence[SeriesPoint], saturation_net_dn: float) -> Linear
     left = np.eye(y.size) - projection
     uncertainty = np.sqrt((left**2) @ noise**2)
     return Linearity(float(intercept), float(slope / scale), x, y, y / fitted - 1, uncertainty)
-
-
-#: Drop of the variance after its peak, in standard uncertainties, required of a peak.
-_SIGNIFICANT = 4.0
-#: Largest drop of the variance by clipping, over the share of clipped values: 2 to 2.6 for normal noise clipped at one
-#: end, less where pixels differ.
-_CLIPPED = 3.0
-#: Points below the peak by less than this many standard uncertainties may be the peak.
-_MAYBE_PEAK = 2.0
-#: Points up to the peak whose scatter counts.
-_NEIGHBOURS = 12
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,9 @@ from .problem import Solution
 from .scatter import fit_dof
 from .selection import leave_one_out, patch_weights
 
+#: Signals at which the error of a non-linear response is stored; linear interpolation is accurate to 0.1 % of it.
+_N_NODES = 48
+
 
 def fitted_rows(
     solution: Solution, readings: Mapping[str, PatchReading], groups: Mapping[str, Sequence[PatchObservation]]
@@ -87,10 +90,6 @@ def held_out_rows(
         of_camera = seen.luminance_cd_m2, seen.exposures_s
         rows.append(PatchResidual.compared(reading, of_camera, stated, centre_px, ratio - 1))
     return tuple(rows), findings
-
-
-#: Signals at which the error of a non-linear response is stored; linear interpolation is accurate to 0.1 % of it.
-_N_NODES = 48
 
 
 def parameter_covariance(solution: Solution) -> Array:

@@ -30,6 +30,14 @@ MAX_SHARE = 0.1
 _MIN_PATCHES = 4
 #: Standard uncertainties within which a reading agrees with the camera.
 _AGREES = 3.0
+#: Signals this close to the highest one may be a plateau.
+_ALIKE_REL = 0.01
+#: Ratio to the signal extrapolated from a shorter exposure below which a signal is compressed.
+_SHORT = 0.9
+#: Least ratio of the light of signals on a plateau, above that of a single bad reading in a non-linear response.
+_LIGHT_RATIO = 1.2
+#: Share of a full well above which some pixels of a patch may be full.
+SAFE_SHARE = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,16 +185,6 @@ def _choose_of_two(
 def _pattern(design: Design, patch: int) -> Array:
     """Effect of a patch's reading that is too low by 1 cd/m^2 on luminances less readings."""
     return np.where(design.patch == patch, 1.0, 0.0)
-
-
-#: Signals this close to the highest one may be a plateau.
-_ALIKE_REL = 0.01
-#: Ratio to the signal extrapolated from a shorter exposure below which a signal is compressed.
-_SHORT = 0.9
-#: Least ratio of the light of signals on a plateau, above that of a single bad reading in a non-linear response.
-_LIGHT_RATIO = 1.2
-#: Share of a full well above which some pixels of a patch may be full.
-SAFE_SHARE = 0.9
 
 
 def plateau_dn(net_dn: ArrayLike, light: ArrayLike, promised_dn: ArrayLike) -> float | None:

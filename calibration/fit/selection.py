@@ -19,6 +19,12 @@ from .problem import Solution, solve
 
 #: Relative decrease of the leave-one-out error required of a further parameter.
 MIN_IMPROVEMENT = 0.1
+#: Decrease of chi^2 required of a further parameter.
+WORTH = 6.6
+#: Patches in excess of the parameters required for a test of positions.
+_SPARE_PATCHES = 2
+#: Readings within this many hours cannot show a drift.
+_MIN_HOURS = 1 / 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,14 +169,6 @@ def _obstacle(simple: Solution, before: LeaveOneOut, better: Solution, after: Le
     if alternative is not None and alternative[1] ** 2 >= drop:
         return info("model-alternative", alternative=alternative[0])
     return None
-
-
-#: Decrease of chi^2 required of a further parameter.
-WORTH = 6.6
-#: Patches in excess of the parameters required for a test of positions.
-_SPARE_PATCHES = 2
-#: Readings within this many hours cannot show a drift.
-_MIN_HOURS = 1 / 60
 
 
 def ratio(found: tuple[float, float]) -> float:

@@ -15,6 +15,7 @@ from .statistics import LineVariances
 
 #: Mean squares and mean products of two quantities a and b: (aa, ab, bb).
 MeanSquares = tuple[float, float, float]
+Array = NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True)
@@ -172,9 +173,6 @@ def spatial_variance(mean_image: NDArray[np.floating[Any]], noise: LineVariances
         Estimate(parts.column, u_columns),
         Estimate(parts.row, u_rows),
     )
-
-
-Array = NDArray[np.floating[Any]]
 
 
 def smooth_patterns(shape: tuple[int, int], centres_px: Sequence[tuple[float, float]]) -> Array:

@@ -22,6 +22,11 @@ _DOUBLING_LIMIT = 3.0
 #: Linear, dark current; J. Janesick, Photon Transfer, 2007), and a third of that growth is its standard uncertainty.
 TYPICAL_DOUBLING_C = 7.5
 DOUBLING_REL = 1 / 3
+#: p-value of chi^2 below which the dark frames are inconsistent.
+_SMALL_P_VALUE = 0.01
+#: Largest difference of mean dark signal by normal drift of the black level.
+DRIFT_DN = 0.5
+FloatArray = NDArray[np.float64]
 
 
 def fit_curve(
@@ -88,12 +93,6 @@ def of_rounding(rounding_dn2: float, span_s: float) -> NDArray[np.float64]:
     return np.outer(error, error)
 
 
-#: p-value of chi^2 below which the dark frames are inconsistent.
-_SMALL_P_VALUE = 0.01
-#: Largest difference of mean dark signal by normal drift of the black level.
-DRIFT_DN = 0.5
-
-
 def clipping(darks: Sequence[DarkObservation]) -> list[Finding]:
     """Warn of dark frames with pixels at 0 DN."""
     return [
@@ -138,9 +137,6 @@ def contradictions(
     left = [line(np.delete(grown_s, i), np.delete(y, i), np.delete(u, i)).chi_squared for i in range(t.size)]
     worst = float(t[int(np.argmin(left))])
     return [warning("dark-contradicts", exposure_s=worst, deviation_dn=float(np.abs(residuals).max()))]
-
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,11 @@ from .dark_fit import birge
 
 #: Rounds of weights of a fit with a tone curve.
 _TONE_ROUNDS = 3
+FloatArray = NDArray[np.float64]
+#: Share of saturation up to which photon transfer is a straight line (EMVA 1288 Release 4.0 Linear).
+FIT_SHARE = 0.7
+#: Rounds of weights; they change little after the second.
+_ROUNDS = 4
 
 
 @dataclass(frozen=True)
@@ -177,14 +182,6 @@ def _before_tone(
         found, _ = nnls(weight[:, None] * design, weight * np.maximum(variance_dn2 - ROUNDING_DN2, 0))
         fitted_dn2 = design @ found + ROUNDING_DN2
     return float(found[0]), sqrt(float(found[1]))
-
-
-FloatArray = NDArray[np.float64]
-
-#: Share of saturation up to which photon transfer is a straight line (EMVA 1288 Release 4.0 Linear).
-FIT_SHARE = 0.7
-#: Rounds of weights; they change little after the second.
-_ROUNDS = 4
 
 
 @dataclass(frozen=True)

@@ -43,6 +43,17 @@ _CONTRADICTION = (
     "the exposures differ from any one response by {:.0%}: something moved, or the camera changed gain, white "
     "balance or tone automatically; switch this off and repeat the bracket"
 )
+_Array = NDArray[np.floating[Any]]
+#: Most groups, as the cost of Debevec's equations grows with the cube; and fewest pixels of one.
+_MOST_GROUPS, _LEAST_PIXELS = 300, 10
+#: Brightness range relative to neighbouring groups above which a group mixes two areas of the scene.
+_MIXED, _NEIGHBOURS = 4.0, 21
+#: Parts of the range, of equal ratio, that the residual is averaged over.
+_CELLS = 24
+#: Number of knots, in equal ratios of DN above dark, and weight of the curve's second differences.
+_KNOTS, _SMOOTHNESS = 48, 1.0
+#: Weight at the ends of the range, of that in its middle.
+_LEAST_WEIGHT = 0.1
 
 
 @dataclass(frozen=True)
@@ -199,16 +210,6 @@ def _require_still(
             raise CalibrationError(_CONTRADICTION.format(typical))
 
 
-_Array = NDArray[np.floating[Any]]
-
-#: Most groups, as the cost of Debevec's equations grows with the cube; and fewest pixels of one.
-_MOST_GROUPS, _LEAST_PIXELS = 300, 10
-#: Brightness range relative to neighbouring groups above which a group mixes two areas of the scene.
-_MIXED, _NEIGHBOURS = 4.0, 21
-#: Parts of the range, of equal ratio, that the residual is averaged over.
-_CELLS = 24
-
-
 def _groups(dn: _Array) -> _Array:
     """Average pixels of about one brightness: mean DN, shape (exposures, groups), to reduce the bias by noise.
 
@@ -242,12 +243,6 @@ def _residual_rel(
     if not squares.size:
         raise CalibrationError("no brightness is seen at two exposures: take exposures in between, a factor of 2 to 4")
     return sqrt(float(squares.mean()))
-
-
-#: Number of knots, in equal ratios of DN above dark, and weight of the curve's second differences.
-_KNOTS, _SMOOTHNESS = 48, 1.0
-#: Weight at the ends of the range, of that in its middle.
-_LEAST_WEIGHT = 0.1
 
 
 def _debevec(

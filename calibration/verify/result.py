@@ -20,6 +20,7 @@ from ..uncertainty import expanded_half_width
 WANDER_DN = 0.5
 #: Standard uncertainties beyond which a difference is reported as a change; it is no part of the decision.
 CLEAR_Z = 3.0
+Verdict = Literal["conform", "undecided", "not conform"]
 
 
 @dataclass(frozen=True)
@@ -235,9 +236,6 @@ def _effect(rows: Sequence[VerifiedDark]) -> tuple[float, float]:
     """Effect of the dark signals of all planes at one exposure, with its U (95 %)."""
     u = hypot(*(row.effect_rel_per_dn * row.standard_uncertainty_dn for row in rows))
     return sum(row.effect_rel for row in rows), expanded_half_width(0.0, u)
-
-
-Verdict = Literal["conform", "undecided", "not conform"]
 
 
 def decide(deviation_rel: float, expanded_rel: float, tolerance_rel: float) -> Verdict:

@@ -155,7 +155,7 @@ def _plane(x: NDArray[np.int64], y: NDArray[np.int64], inside: NDArray[np.bool_]
     """Return the plane through the chosen pixels, at all pixels; odd ones among them do not tilt it."""
     chosen = values[inside]
     median, far = float(np.median(chosen)), _ODD_SIGMA * _noise(chosen)
-    terms = np.column_stack([np.ones(x.size), x - x.mean(), y - y.mean()])
+    terms = _terms(_unit(x), _unit(y))[:, :3]
     coefficients = np.linalg.lstsq(terms[inside], np.clip(chosen, median - far, median + far), rcond=None)[0]
     plane: _Array = terms @ coefficients
     return plane

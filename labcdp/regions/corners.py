@@ -94,25 +94,32 @@ class Lattice:
     """
 
     def __init__(self, corners: Mapping[At, NDArray[np.float64]]) -> None:
-        import cv2
-
         self._at = np.array([(j, i) for i, j in corners], dtype=np.float64)
         places = np.array(list(corners.values()))
-        found = cv2.findHomography(self._at, places)[0]
-        self._matrix = np.full((3, 3), np.nan) if found is None else found
-        self._deviations = places - self._project(self._at)
+        self._matrix = homography(self._at, places)
+        self._deviations = places - projected(self._matrix, self._at)
 
     def place(self, at: At) -> NDArray[np.float64]:
         """Return where a corner should be; nan if the board gives no plane."""
         i, j = at
         distance = np.abs(self._at - (j, i)).max(axis=1)
         near = distance <= distance.min() + 1
-        place: NDArray[np.float64] = self._project(np.array([[j, i]], dtype=np.float64))[0]
+        place: NDArray[np.float64] = projected(self._matrix, np.array([[j, i]], dtype=np.float64))[0]
         return np.asarray(place + self._deviations[near].mean(axis=0))
 
-    def _project(self, at: NDArray[np.float64]) -> NDArray[np.float64]:
-        x, y, w = self._matrix @ np.column_stack([at, np.ones(len(at))]).T
-        return np.column_stack([x / w, y / w])
+
+def homography(at: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the matrix that projects a plane as it was seen; nan if the places give none."""
+    import cv2
+
+    found = cv2.findHomography(at, places)[0]
+    return np.full((3, 3), np.nan) if found is None else np.asarray(found)
+
+
+def projected(matrix: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return where points of a plane, shape (n, 2), are seen."""
+    x, y, w = matrix @ np.column_stack([at, np.ones(len(at))]).T
+    return np.column_stack([x / w, y / w])
 
 
 def _around(

@@ -32,7 +32,6 @@ _log = logging.getLogger(__name__)
 #: decompression bomb.
 _MOST_BYTES_OF_REGION = 4 * 2**20
 _MOST_BYTES = 64 * 2**20
-
 #: Most parts and holes of one region.
 _MOST_RINGS = 1000
 # Numbers of types, subtypes and options: RoiDecoder.java of ImageJ, https://github.com/imagej/ImageJ.

@@ -9,9 +9,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from .corners import At, homography, projected
+
 _Array: TypeAlias = NDArray[np.float64]
-#: Row and column of a patch; any may be (0, 0).
-At: TypeAlias = tuple[int, int]
 
 #: Sides of a chart's patches differ by this factor at most, and their directions by this cosine: perspective.
 _FACTOR, _COSINE = 2.0, 0.9
@@ -171,18 +171,14 @@ class _Grid:
         self._spread = np.ptp(at, axis=0) > 0
         self._homography = self._spread.all() and len(at) > 4
         if self._homography:
-            import cv2
-
-            found = cv2.findHomography(at, centres)[0]
-            self._matrix = np.full((3, 3), np.nan) if found is None else found
+            self._matrix = homography(at, centres)
         else:
             self._bent = len(at) > 4
             self._matrix = np.linalg.lstsq(self._terms(at), centres, rcond=None)[0]
 
     def places(self, at: _Array) -> _Array:
         if self._homography:
-            x, y, w = self._matrix @ np.column_stack([at, np.ones(len(at))]).T
-            return np.column_stack([x / w, y / w])
+            return projected(self._matrix, at)
         return np.asarray(self._terms(at) @ self._matrix)
 
     def steps(self, at: _Array, otherwise: _Array) -> _Array:

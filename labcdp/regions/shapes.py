@@ -11,8 +11,7 @@ from typing import ClassVar, TypeAlias
 from ..core.disk.files import quoted
 from ..core.errors import InputError
 from ..core.roi import Roi
-from .geometry import require_simple
-from .shape_checks import check_box, check_limits, check_name, number
+from .geometry import check_box, check_limits, check_name, number, require_simple
 
 #: Largest distance of an ellipse from the polygon that stands for it, in pixels, and the most corners that has.
 _SAGITTA_PX = 0.01

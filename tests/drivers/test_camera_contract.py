@@ -142,12 +142,14 @@ def test_frames_come_whole_in_order_and_with_the_settings_asked_for(transport):
     with transport.camera() as camera:
         for exposure_s in (0.002, 0.004):
             applied = camera.configure(exposure_s=exposure_s, gain_db=transport.gain_db)
-            began = transport.clock.now()
-            frames = [(f.frame_id, f.camera_timestamp_ns, f.timestamp, f.temperature_c) for f in camera.grab(4)]
-            frame = camera.snap()
+            # A busy computer may lose packets: all frames come, or are reported.
+            began, ids, seen = transport.clock.now(), [], []
+            for frame in camera.grab(5, on_refused=lambda error, ids=ids: ids.append(error.frame_id)):
+                ids.append(frame.frame_id)
+                seen.append((frame.camera_timestamp_ns, frame.timestamp, frame.temperature_c))
             assert (frame.exposure_s, frame.gain_db) == (applied.exposure_s, applied.gain_db)
             assert (frame.exposure_s, frame.gain_db) == pytest.approx((exposure_s, transport.gain_db))
-            ids, stamps, times, temperatures_c = zip(*frames, strict=True)
+            stamps, times, temperatures_c = zip(*seen, strict=True)
             # GigE Vision frame ids have 16 bits and leave out 0.
             assert all(step % 65535 == 1 for step in np.diff(ids))
             assert all(step > 0 for step in np.diff(stamps))
@@ -159,7 +161,7 @@ def test_frames_come_whole_in_order_and_with_the_settings_asked_for(transport):
             assert frame.saturation_dn == 2**frame.bit_depth - 1
             assert not frame.dn.flags.writeable
         assert camera.statistics.completed >= 10
-        assert (camera.statistics.failed, camera.gaps) == (0, ())
+        assert camera.gaps == ()
         assert camera.features()["DeviceModelName"] == camera.identity.model
 
 

@@ -72,30 +72,21 @@ def check_levels(numbers: Sequence[PatchNumbers]) -> list[CheckFinding]:
     for name in dict.fromkeys(n.patch for n in numbers):
         seen = [n for n in numbers if n.patch == name]
         clear = [n for n in seen if n.saturated_share <= MAX_CLIPPED_SHARE]
-        if not clear:
-            least = min(seen, key=lambda n: n.saturated_share)
-            findings.append(
-                CheckFinding(
-                    "saturation",
-                    f"patch {name!r} is saturated at every exposure, {least.saturated_share:.1%} of it even at "
-                    f"{least.exposure_s:g} s: add a shorter exposure, or dim the light",
-                    least.saturated_share,
-                    MAX_CLIPPED_SHARE,
-                )
-            )
-            continue
-        best = max(clear, key=lambda n: n.signal_dn)
+        least = min(seen, key=lambda n: n.saturated_share)
+        best = max(clear, key=lambda n: n.signal_dn, default=least)
         needed_dn = MIN_NET_SIGNAL * (best.temporal_noise_dn or 0.0)
-        if best.signal_dn < needed_dn:
-            findings.append(
-                CheckFinding(
-                    "darkness",
-                    f"patch {name!r} is {best.signal_dn:.1f} DN above black at {best.exposure_s:g} s, within "
-                    f"{MIN_NET_SIGNAL:g} times its noise: add a longer exposure, or more light",
-                    best.signal_dn,
-                    needed_dn,
-                )
+        if not clear:
+            cause = (
+                f"patch {name!r} is saturated at every exposure, {least.saturated_share:.1%} of it even at "
+                f"{least.exposure_s:g} s: add a shorter exposure, or dim the light"
             )
+            findings.append(CheckFinding("saturation", cause, least.saturated_share, MAX_CLIPPED_SHARE))
+        elif best.signal_dn < needed_dn:
+            cause = (
+                f"patch {name!r} is {best.signal_dn:.1f} DN above black at {best.exposure_s:g} s, within "
+                f"{MIN_NET_SIGNAL:g} times its noise: add a longer exposure, or more light"
+            )
+            findings.append(CheckFinding("darkness", cause, best.signal_dn, needed_dn))
     return findings
 
 
@@ -119,15 +110,11 @@ def check_darkness(dark: Sequence[PatchNumbers], light: Sequence[PatchNumbers]) 
         signal_dn = n.mean_dn - black_dn
         clear = n is brightest and signal_dn > MIN_NET_SIGNAL * (n.temporal_noise_dn or 0.0)
         if clear and seen and (share := (seen[0].mean_dn - black_dn) / signal_dn) > _LIT_SHARE:
-            return [
-                CheckFinding(
-                    "light in the dark",
-                    f"in the dark frames at {n.exposure_s:g} s patch {n.patch!r} is {share:.0%} as bright as in the "
-                    "light frames: cover the lens",
-                    share,
-                    _LIT_SHARE,
-                )
-            ]
+            cause = (
+                f"in the dark frames at {n.exposure_s:g} s patch {n.patch!r} is {share:.0%} as bright as in the light "
+                "frames: cover the lens"
+            )
+            return [CheckFinding("light in the dark", cause, share, _LIT_SHARE)]
     return []
 
 
@@ -141,15 +128,11 @@ def check_repeats(n_repeated: int, n_frames: int) -> list[CheckFinding]:
     """
     if n_repeated == 0:
         return []
-    return [
-        CheckFinding(
-            "repeated frames",
-            f"{n_repeated} of {n_frames} frames are bit for bit the same as an earlier one, so noise and K come out "
-            "too small: is the camera's test pattern on, or its image frozen? if not, choose a format of more bits",
-            n_repeated / n_frames,
-            0.0,
-        )
-    ]
+    cause = (
+        f"{n_repeated} of {n_frames} frames are bit for bit the same as an earlier one, so noise and K come out too "
+        "small: is the camera's test pattern on, or its image frozen? if not, choose a format of more bits"
+    )
+    return [CheckFinding("repeated frames", cause, n_repeated / n_frames, 0.0)]
 
 
 def check_flicker(numbers: Sequence[PatchNumbers], largest_rel: float) -> list[CheckFinding]:
@@ -177,15 +160,11 @@ def check_flicker(numbers: Sequence[PatchNumbers], largest_rel: float) -> list[C
         ]
         if flickering:
             value, worst = max(flickering, key=lambda pair: pair[0])
-            findings.append(
-                CheckFinding(
-                    "flicker",
-                    f"patch {worst.patch!r} flickers by {value:.1%} between frames of {exposure_s:g} s: lamp flicker? "
-                    "choose an exposure that is a multiple of the mains period, or wait until the lamp is steady",
-                    value,
-                    largest_rel,
-                )
+            cause = (
+                f"patch {worst.patch!r} flickers by {value:.1%} between frames of {exposure_s:g} s: lamp flicker? "
+                "choose an exposure that is a multiple of the mains period, or wait until the lamp is steady"
             )
+            findings.append(CheckFinding("flicker", cause, value, largest_rel))
     return findings
 
 
@@ -214,15 +193,11 @@ def check_meter_drift(
     own_cd_m2 = hypot(was.standard_uncertainty_random_cd_m2, now.standard_uncertainty_random_cd_m2)
     if abs(change) <= max(largest_rel, _SIGNIFICANT * own_cd_m2 / was.mean_cd_m2):
         return []
-    return [
-        CheckFinding(
-            "meter drift",
-            f"patch {patch!r} went from {was.mean_cd_m2:.4g} to {now.mean_cd_m2:.4g} cd/m^2 ({change:+.1%}) while its "
-            "frames were taken: wait until the light is steady",
-            change,
-            largest_rel,
-        )
-    ]
+    cause = (
+        f"patch {patch!r} went from {was.mean_cd_m2:.4g} to {now.mean_cd_m2:.4g} cd/m^2 ({change:+.1%}) while its "
+        "frames were taken: wait until the light is steady"
+    )
+    return [CheckFinding("meter drift", cause, change, largest_rel)]
 
 
 def check_scatter(patch: str, readings: Sequence[Reading], largest_rel: float) -> list[CheckFinding]:
@@ -246,12 +221,8 @@ def check_scatter(patch: str, readings: Sequence[Reading], largest_rel: float) -
     # The scatter of one reading is nan; the comparison is then False.
     if not series.scatter_cd_m2 > max(largest_rel * series.mean_cd_m2, _SIGNIFICANT * own_cd_m2):
         return []
-    return [
-        CheckFinding(
-            "scatter",
-            f"the {len(readings)} readings of patch {patch!r} scatter by {series.scatter_rel:.1%}: is the meter "
-            "pointed at the patch alone, and held still?",
-            series.scatter_rel,
-            largest_rel,
-        )
-    ]
+    cause = (
+        f"the {len(readings)} readings of patch {patch!r} scatter by {series.scatter_rel:.1%}: is the meter pointed at "
+        "the patch alone, and held still?"
+    )
+    return [CheckFinding("scatter", cause, series.scatter_rel, largest_rel)]

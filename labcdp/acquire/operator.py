@@ -51,27 +51,24 @@ class AskedOperator:
 
     def cover_lens(self) -> None:
         """Ask for the cap."""
-        self.request("Cover the lens")
-        if self._hands is not None:
-            self._hands.cover_lens()
+        self._have_done("cover_lens", "Cover the lens")
 
     def uncover_lens(self) -> None:
         """Ask for a free lens."""
-        self.request("Uncover the lens and light the target")
-        if self._hands is not None:
-            self._hands.uncover_lens()
+        self._have_done("uncover_lens", "Uncover the lens and light the target")
 
     def point_meter(self, patch: str) -> None:
         """Ask for the meter to be pointed."""
-        self.request(f"Point the luminance meter at the centre of patch {patch}", patch)
-        if self._hands is not None:
-            self._hands.point_meter(patch)
+        self._have_done("point_meter", f"Point the luminance meter at the centre of patch {patch}", patch)
 
     def show_patch(self, patch: str) -> None:
         """Ask for the next patch."""
-        self.request(f"Place patch {patch} in front of camera and luminance meter", patch)
+        self._have_done("show_patch", f"Place patch {patch} in front of camera and luminance meter", patch)
+
+    def _have_done(self, name: str, step: str, *patch: str) -> None:
+        self.request(step, *patch)
         if self._hands is not None:
-            self._hands.show_patch(patch)
+            getattr(self._hands, name)(*patch)
 
 
 class HandNeededError(DeviceError):

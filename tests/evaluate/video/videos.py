@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from labcdp.core.roi import Roi
+from labcdp.evaluate.video.settings import VideoSettings
 
 Images = Sequence[np.ndarray]
 
@@ -56,3 +57,10 @@ def driving(n: int, step: int, noise_dn: float = 0.0, seed: int = 5) -> list[Any
         image[90:100, 30:40] = 30
         frames.append(exposed(image + rng.normal(0, noise_dn, image.shape)))
     return frames
+
+
+CONTRASTS = (0.5, 1.0, 2.0)
+
+
+def fixed(**changes: Any) -> VideoSettings:
+    return VideoSettings(**{"contrasts": CONTRASTS, "rois": (BRIGHT, DARK), "method": "fixed"} | changes)

@@ -122,7 +122,7 @@ def test_a_late_answer_does_not_count_for_the_next_question() -> None:
 def test_the_verdict_follows_the_interval(
     below: float, above: float, interval: tuple[float, float], expected: str
 ) -> None:
-    assert verdict(below, above, interval, 0.9) == expected
+    assert verdict(below, above, interval) == expected
 
 
 @pytest.mark.parametrize("start_s", [20e-6, 1e-3, 0.1, 10.0])

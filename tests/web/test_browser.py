@@ -96,7 +96,8 @@ class Tab:
 
         def met() -> bool:
             seen[:] = self.rows()
-            return not any("…" in row for row in seen) and condition(seen)
+            # Cells that are not drawn yet have no text.
+            return not any("…" in row or not row[0] for row in seen) and condition(seen)
 
         wait_until(met, f"{what}; {self.notice()}")
         return seen

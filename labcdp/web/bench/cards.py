@@ -18,7 +18,7 @@ from ..regions.wording import percent_with_interval
 from .desk import MeterReading
 from .live import Live
 from .live_bench import LiveBench
-from .pair import TRACE_S, is_saturated
+from .pair import LIMIT, TRACE_S, is_saturated
 
 #: Names and units of settings for a person; others have the name of their field.
 _NAMES = {"exposure_s": ("exposure", " s"), "gain_db": ("gain", " dB"), "frame_rate_hz": ("frame rate", " Hz")}
@@ -181,8 +181,7 @@ class Plots:
         self._dn = Range1d(0, bench.images.highest_dn)
         self._levels = tuple(Span(dimension="height", line_dash="dashed", line_color=one) for one in (_BLUE, _RED))
         self._plotted_s = 0.0
-        limit = bench.target.limit
-        self.figures = (self._trace_figure(limit), self._curve_figure(limit), self._histogram_figure())
+        self.figures = (self._trace_figure(), self._curve_figure(), self._histogram_figure())
 
     def update(self, bench: LiveBench) -> bool:
         """Refresh the plots, not more often than twice a second; returns whether it did."""
@@ -209,19 +208,19 @@ class Plots:
         self._histogram.data = _histogram(bench.workspace.image.values, bench.images.highest_dn)
         return True
 
-    def _trace_figure(self, limit: float) -> Any:
+    def _trace_figure(self) -> Any:
         plot = _figure(120, y_range=Range1d(-0.02, 1.02), x_range=Range1d(-TRACE_S, 0))
         plot.yaxis.axis_label, plot.xaxis.axis_label = "CDP", "time in s"
         plot.varea("t", "low", "high", source=self._trace, fill_alpha=0.3, fill_color=_BLUE)
         plot.line("t", "cdp", source=self._trace, line_color=_BLUE, line_width=2)
-        plot.add_layout(Span(location=limit, dimension="width", line_dash="dotted"))
+        plot.add_layout(Span(location=LIMIT, dimension="width", line_dash="dotted"))
         return plot
 
-    def _curve_figure(self, limit: float) -> Any:
+    def _curve_figure(self) -> Any:
         plot = _figure(120, y_range=Range1d(-0.02, 1.02), x_range=self._contrasts, x_axis_type="log")
         plot.yaxis.axis_label, plot.xaxis.axis_label = "CDP", "contrast to detect in % (line: measured)"
         plot.line("contrast", "cdp", source=self._curve, line_color=_BLUE, line_width=2)
-        for mark in (self._measured, Span(location=limit, dimension="width", line_dash="dotted")):
+        for mark in (self._measured, Span(location=LIMIT, dimension="width", line_dash="dotted")):
             plot.add_layout(mark)
         return plot
 

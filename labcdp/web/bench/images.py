@@ -30,7 +30,7 @@ _MOST_HZ = 12.0
 _MEASURE_S = 0.25
 #: Largest side of the middle of an image, where no region is meant.
 _MIDDLE_PX = 600
-#: How often it is looked whether frames are overdue.
+#: How often it is looked whether frames are overdue, or have another exposure.
 _LOOK_S = 0.5
 
 
@@ -207,8 +207,8 @@ _GOOD = (0.7, 0.9)
 _BRIGHTEST = 0.99
 #: Step while pixels are saturated and nothing can be computed.
 _STEP = 0.25
-#: Attempts to fit the exposure, time for a frame with the new one, and how often it is looked for.
-_MOST_ATTEMPTS, _ATTEMPT_S, _LOOK_S = 10, 20.0, 0.5
+#: Attempts to fit the exposure, and time for a frame with the new one.
+_MOST_ATTEMPTS, _ATTEMPT_S = 10, 20.0
 
 
 def better_exposure_s(

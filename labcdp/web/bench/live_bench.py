@@ -108,7 +108,7 @@ class LiveBench:
         self.camera.stop()
 
     def aim(self, **changes: float | None) -> None:
-        """Change the target contrast, its tolerance or the limit."""
+        """Change the target contrast or its tolerance."""
         self.target = replace(self.target, **changes)  # type: ignore[arg-type]
         self.trace = Trace()
 
@@ -225,7 +225,7 @@ class LiveBench:
         self._measured, pair = measured, measured.pair
         result, now_s = self.pair, monotonic()
         names = () if pair is None else (pair.first.name, pair.second.name)
-        point = None if result is None else pair_point(result, now_s, self.target.limit)
+        point = None if result is None else pair_point(result, now_s)
         self.trace = self.trace.after(point, names)
         if pair is None or result is None or point is None or now_s - self._curve_s < _CURVE_S:
             return

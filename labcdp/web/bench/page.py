@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from math import isfinite
 from typing import Any
 
@@ -133,7 +132,7 @@ class BenchPage:
     def _connect(self) -> None:
         self._page.on_enter(self._typed, self._enter)
         for end in (self.bench.camera.look(), self.bench.images.listen(self._image_came), self._leave):
-            self._document.on_session_destroyed(_ending(end))
+            self._page.at_end(end)
         link = self._picture.link
         link.on_change("tab", lambda _attr, _old, _new: self._arrive())
         link.on_change("drawn", lambda _attr, _old, _new: self._show_newest())
@@ -214,7 +213,3 @@ class BenchPage:
 
     def _take_readings(self) -> None:
         self.bench.take_readings(self._n_readings.value or 1)
-
-
-def _ending(end: Callable[[], None]) -> Callable[[Any], None]:
-    return lambda _session: end()

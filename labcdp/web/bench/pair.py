@@ -19,6 +19,8 @@ from ..regions.page_image import PageImage
 
 Verdict = Literal["detected", "too weak", "too strong", "undecided", "saturated"]
 
+#: CDP from which a contrast counts as detected.
+LIMIT = 0.9
 #: Length of the trace of the CDP.
 TRACE_S = 180.0
 #: Share of saturated pixels from which a region's luminance means nothing.
@@ -37,13 +39,10 @@ class Target:
         Weber contrast, a fraction; None for the measured one.
     epsilon : float
         Relative tolerance.
-    limit : float
-        CDP from which it counts as detected.
     """
 
     contrast: float | None = None
     epsilon: float = 0.5
-    limit: float = 0.9
 
 
 @dataclass(frozen=True)
@@ -98,24 +97,22 @@ def is_saturated(*regions: RegionResult) -> bool:
     return any(region.invalid_shares.get("saturated", 0.0) > _SATURATED for region in regions)
 
 
-def pair_point(pair: PairResult, time_s: float, limit: float) -> PairPoint | None:
-    """Return a pair's point; None without a target contrast. `limit` is the CDP from which it counts as detected."""
+def pair_point(pair: PairResult, time_s: float) -> PairPoint | None:
+    """Return a pair's point; None without a target contrast."""
     if not pair.results:
         return None
     one = pair.results[0]
     low, high = one.confidence_interval
-    found = (
-        "saturated" if is_saturated(pair.a, pair.b) else verdict(one.result.below, one.result.above, (low, high), limit)
-    )
+    found = "saturated" if is_saturated(pair.a, pair.b) else verdict(one.result.below, one.result.above, (low, high))
     return PairPoint(time_s, one.result.cdp, low, high, found)
 
 
-def verdict(below: float, above: float, interval: tuple[float, float], limit: float) -> Verdict:
+def verdict(below: float, above: float, interval: tuple[float, float]) -> Verdict:
     """Say whether a contrast is detected; if not, whether more pairs show less, or more, than what counts."""
     low, high = interval
-    if low < limit <= high or low != low:
+    if low < LIMIT <= high or low != low:
         return "undecided"
-    if low >= limit:
+    if low >= LIMIT:
         return "detected"
     return "too weak" if below >= above else "too strong"
 

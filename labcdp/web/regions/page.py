@@ -112,6 +112,10 @@ class Page:
             self._waits = True
             self.document.add_timeout_callback(self.update, _SOON_MS)
 
+    def at_end(self, end: Callable[[], None]) -> None:
+        """Call `end` when the tab is closed."""
+        self.document.on_session_destroyed(lambda _session: end())
+
     def later(self, action: Callable[[], None]) -> None:
         """Do what changes models of Bokeh; callbacks of widgets do not have the document to themselves."""
         self.document.add_next_tick_callback(action)
@@ -205,7 +209,7 @@ class Page:
         link.on_change("pointer", lambda _attr, _old, new: self._point(new))
         self._method.param.watch(lambda event: self._size.param.update(visible=event.new == "superpixels"), "value")
         self._point([])
-        self.document.on_session_destroyed(_ending(workspace.listen(self.changed)))
+        self.at_end(workspace.listen(self.changed))
 
     def _received(self, text: str) -> None:
         """Apply a mouse or key message and answer; the page shows a preview until then."""
@@ -290,7 +294,3 @@ class Page:
             yield
         finally:
             self._updating = before
-
-
-def _ending(end: Callable[[], None]) -> Callable[[Any], None]:
-    return lambda _session: end()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import IntFlag
-from functools import cached_property
+from functools import cached_property, partial
 from math import inf
 from typing import Any, Protocol
 
@@ -137,6 +137,7 @@ class LuminanceMap:
             common = (CommonError("calibration", common),)
         if isinstance(common, tuple):
             shapes |= {np.shape(error.relative) for error in common} - {()}
+            common = partial(_part, common)
         if len(shapes) != 1 or luminance_cd_m2.ndim != 2:
             raise InputError(f"the arrays of a luminance map are 2-D of one shape, got {sorted(shapes)}")
         if step < 1:
@@ -181,7 +182,7 @@ class LuminanceMap:
     @cached_property
     def common(self) -> tuple[CommonError, ...]:
         """Errors that all pixels share, over the whole map; `common_of` has those of a region."""
-        return self._common if isinstance(self._common, tuple) else self._common((slice(None), slice(None)))
+        return self.common_in(WHOLE)
 
     @cached_property
     def common_rel(self) -> NDArray[np.floating[Any]] | float:
@@ -214,11 +215,7 @@ class LuminanceMap:
             As `Roi.select`.
         """
         region = self.scaled(roi)
-        mask = region.mask(self.shape)
-        return tuple(
-            e if np.ndim(e.relative) == 0 else replace(e, relative=np.asarray(e.relative)[mask])
-            for e in self.common_in(region.window(self.shape))
-        )
+        return _part(self.common_in(region.window(self.shape)), region.mask(self.shape))
 
     def dn_step_in(self, window: Window) -> NDArray[np.floating[Any]] | None:
         """Return the difference of luminance from a DN to the next in some rows and columns; None if not known."""
@@ -226,11 +223,11 @@ class LuminanceMap:
 
     def common_in(self, window: Window) -> tuple[CommonError, ...]:
         """Return the common errors of some rows and columns of the map."""
-        if not isinstance(self._common, tuple):
-            return self._common(window)
-        return tuple(
-            e if np.ndim(e.relative) == 0 else replace(e, relative=np.asarray(e.relative)[window]) for e in self._common
-        )
+        return self._common(window)
+
+
+def _part(errors: tuple[CommonError, ...], where: Window | NDArray[np.bool_]) -> tuple[CommonError, ...]:
+    return tuple(e if np.ndim(e.relative) == 0 else replace(e, relative=np.asarray(e.relative)[where]) for e in errors)
 
 
 def chosen(where: NDArray[np.bool_], new: LuminanceMap, old: LuminanceMap) -> LuminanceMap:

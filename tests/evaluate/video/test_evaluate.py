@@ -28,22 +28,7 @@ from labcdp.files.video.selection import Position, Selection
 from labcdp.metrics import DetectionInterval, cdp_neighbours_range
 from labcdp.metrics.pair import evaluate_pair
 
-from .videos import BRIGHT, CONTRASTS, MOVING, STILL, driving, fixed, scenes, write
-
-
-def brute_force(a: np.ndarray, b: np.ndarray, contrast: float, epsilon: float = 0.5) -> tuple[float, float, float]:
-    """Below, inside and above, pair by pair."""
-    if a.mean() < b.mean():
-        a, b = b, a
-    low, high = contrast * (1 - epsilon), contrast * (1 + epsilon)
-    counts = [0, 0, 0]
-    for x in a.ravel().astype(float):
-        measured = x / b.ravel() - 1
-        counts[0] += int((measured < low - 1e-9).sum())
-        counts[2] += int((measured > high + 1e-9).sum())
-    counts[1] = a.size * b.size - counts[0] - counts[2]
-    below, inside, above = (count / (a.size * b.size) for count in counts)
-    return below, inside, above
+from .videos import BRIGHT, CONTRASTS, MOVING, STILL, brute_force, driving, fixed, scenes, write
 
 
 def found(result: xr.Dataset, code: str, subject: str = "") -> dict[str, Any]:

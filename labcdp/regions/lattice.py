@@ -171,10 +171,10 @@ class _Grid:
         self._spread = np.ptp(at, axis=0) > 0
         self._homography = self._spread.all() and len(at) > 4
         if self._homography:
-            self._matrix = homography(at, centres)
+            self._matrix: _Array = homography(at, centres)
         else:
             self._bent = len(at) > 4
-            self._matrix = np.linalg.lstsq(self._terms(at), centres, rcond=None)[0]
+            self._matrix = np.asarray(np.linalg.lstsq(self._terms(at), centres, rcond=None)[0], dtype=np.float64)
 
     def places(self, at: _Array) -> _Array:
         if self._homography:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ..core.errors import InputError
 from ..core.roi import Roi
-from .corners import grey_values
-from .lattice import At, Patch, largest_lattice, places_between
+from .corners import At, grey_values
+from .lattice import Patch, largest_lattice, places_between
 from .shapes import PolygonShape
 
 FloatImage: TypeAlias = NDArray[np.float32]

@@ -30,8 +30,8 @@ FloatArray = NDArray[np.float64]
 
 
 def fit_curve(
-    t: NDArray[np.float64], warmer_c: NDArray[np.float64], y: NDArray[np.float64], u: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], list[Finding]]:
+    t: FloatArray, warmer_c: FloatArray, y: FloatArray, u: FloatArray
+) -> tuple[FloatArray, FloatArray, list[Finding]]:
     """Offset, rate and 1 / T_d with their covariance; that of 1 / T_d is 0 where it is not determined."""
     typical = 1 / TYPICAL_DOUBLING_C
     if np.unique(t).size == 1:
@@ -53,8 +53,8 @@ def fit_curve(
 
 
 def _with_temperature(
-    t: NDArray[np.float64], warmer_c: NDArray[np.float64], y: NDArray[np.float64], u: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    t: FloatArray, warmer_c: FloatArray, y: FloatArray, u: FloatArray
+) -> tuple[FloatArray, FloatArray] | None:
     """Least squares of all three parameters; None if the dark frames do not determine them."""
     from scipy.optimize import least_squares
 
@@ -63,9 +63,9 @@ def _with_temperature(
         return None
     scale = np.array([1.0, start.slope, 1.0])
 
-    def residuals(p: NDArray[np.float64]) -> NDArray[np.float64]:
+    def residuals(p: FloatArray) -> FloatArray:
         offset, rate, inverse = p * scale
-        model: NDArray[np.float64] = (offset + rate * t * 2 ** np.clip(warmer_c * inverse, -30, 30) - y) / u
+        model: FloatArray = (offset + rate * t * 2 ** np.clip(warmer_c * inverse, -30, 30) - y) / u
         return model
 
     # EMVA 1288: the dark current doubles every 5 to 10 degC.
@@ -75,19 +75,19 @@ def _with_temperature(
         return None
     birge2 = max(1.0, 2 * fit.cost / (t.size - 3)) if t.size > 3 else 1.0
     covariance = np.asarray(np.linalg.inv(jacobian.T @ jacobian), np.float64) * birge2 * np.outer(scale, scale)
-    parameters: NDArray[np.float64] = np.asarray(fit.x, dtype=np.float64) * scale
+    parameters: FloatArray = np.asarray(fit.x, dtype=np.float64) * scale
     known = parameters[2] > _DOUBLING_LIMIT * sqrt(covariance[2, 2]) and parameters[1] > 0
     return (parameters, covariance) if known else None
 
 
-def of_unknown_rate(exposure_s: float, above_black_dn: float) -> NDArray[np.float64]:
+def of_unknown_rate(exposure_s: float, above_black_dn: float) -> FloatArray:
     """Covariance of a line of unknown rate through the mean at one exposure; shape (3, 3)."""
     rate_dn_s = max(abs(above_black_dn), DRIFT_DN) / exposure_s
     error = np.array([-rate_dn_s * exposure_s, rate_dn_s, 0.0])
     return np.outer(error, error)
 
 
-def of_rounding(rounding_dn2: float, span_s: float) -> NDArray[np.float64]:
+def of_rounding(rounding_dn2: float, span_s: float) -> FloatArray:
     """Covariance by rounding, whose errors at neighbouring signals are alike and so tilt the line; shape (3, 3)."""
     error = sqrt(rounding_dn2) * np.array([1.0, -2 / span_s, 0.0])
     return np.outer(error, error)
@@ -102,7 +102,7 @@ def clipping(darks: Sequence[DarkObservation]) -> list[Finding]:
     ]
 
 
-def falling(t: NDArray[np.float64], rate_dn_s: float, uncertainty_dn_s: float) -> list[Finding]:
+def falling(t: FloatArray, rate_dn_s: float, uncertainty_dn_s: float) -> list[Finding]:
     """Warn of a dark signal that decreases with the exposures `t`, given a rate and its standard uncertainty."""
     if rate_dn_s * np.ptp(t) >= -DRIFT_DN or rate_dn_s >= -3 * uncertainty_dn_s:
         return []
@@ -110,11 +110,11 @@ def falling(t: NDArray[np.float64], rate_dn_s: float, uncertainty_dn_s: float) -
 
 
 def contradictions(
-    t: NDArray[np.float64],
-    grown_s: NDArray[np.float64],
-    y: NDArray[np.float64],
-    u: NDArray[np.float64],
-    residuals: NDArray[np.float64],
+    t: FloatArray,
+    grown_s: FloatArray,
+    y: FloatArray,
+    u: FloatArray,
+    residuals: FloatArray,
     n_parameters: int,
 ) -> list[Finding]:
     """Return a warning if the dark frames scatter around the line more than noise and drift explain.
@@ -212,14 +212,14 @@ def drift_of_black_level(darks: Sequence[DarkObservation]) -> tuple[float, int]:
     return sqrt(max(float(np.average(excess, weights=freedoms)), 0.0)), sum(freedoms)
 
 
-def mean_uncertainties_dn(darks: Sequence[DarkObservation], drift_dn: float) -> NDArray[np.float64]:
+def mean_uncertainties_dn(darks: Sequence[DarkObservation], drift_dn: float) -> FloatArray:
     """Return the standard uncertainties of means by noise, drift of the black level and rounding."""
     own = [(d.mean_noise_dn2 + drift_dn**2) / d.n_frames + d.rounding_dn2 for d in darks]
     # Frames without noise still need a weight; the floor is far below any real uncertainty.
     return np.sqrt(np.maximum(own, 1e-12))
 
 
-def noise_line(darks: Sequence[DarkObservation], growth: NDArray[np.float64]) -> Line:
+def noise_line(darks: Sequence[DarkObservation], growth: FloatArray) -> Line:
     """Fit the temporal variance over the exposure, times the growth of the dark current; constant unless it rises."""
     t, variance = np.array([d.exposure_s for d in darks]) * growth, np.array([d.temporal_variance_dn2 for d in darks])
     u = variance_uncertainties_dn2(darks)
@@ -230,7 +230,7 @@ def noise_line(darks: Sequence[DarkObservation], growth: NDArray[np.float64]) ->
     return line(np.zeros_like(t), variance, u)
 
 
-def variance_uncertainties_dn2(darks: Sequence[DarkObservation]) -> NDArray[np.float64]:
+def variance_uncertainties_dn2(darks: Sequence[DarkObservation]) -> FloatArray:
     """Return the uncertainties of normal variances, of rounding at least, with what rounding may have changed."""
     return np.array(
         [

@@ -60,7 +60,6 @@ def test_saturation_is_that_of_the_converter(found):
     ("camera", "how", "code", "value"),
     [
         (SMALL, replace(SHORT, exposure_unit_s=1e-3), "exposures-not-in-ns", ("longest_ns", 20, 20)),
-        (SMALL, replace(SHORT, exposure_unit_s=1.0), "exposures-not-in-ns", ("longest_ns", 0.02, 0.02)),
         (SMALL, replace(SHORT, exposure_unit_s=25e-9), "exposures-perhaps-in-us", ("longest_s", 8e-4, 8e-4)),
         (SMALL, replace(SHORT, exposure_unit_s=1e-14), "exposures-perhaps-in-ps", ("dark_current_e_s", 0.018, 0.022)),
         (SMALL, replace(SHORT, photon_factor=0.1), "photons-too-few", ("quantum_efficiency", 4, 6)),

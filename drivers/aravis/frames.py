@@ -15,6 +15,8 @@ from ..camera import CameraSettingError, IncompleteFrameError
 from ..camera_settings import CameraSettings
 from .library import aravis
 
+_log = logging.getLogger(__name__)
+
 #: Time the caller may be busy without losing a frame, in a short and in a long grab, and the memory limit for it.
 _SHORT_S, _LONG_S = 0.5, 1.0
 _POOL_BYTES = 256 * 2**20
@@ -125,8 +127,6 @@ class BufferPool:
         self._stream = None
 
 
-_log = logging.getLogger(__name__)
-
 #: Explanation of each failure, by the name of the Aravis buffer status or one of labcdp.
 REASONS = {
     "TIMEOUT": "packets stopped coming in the middle of it",
@@ -134,7 +134,7 @@ REASONS = {
     "WRONG_PACKET_ID": "its packets were numbered wrongly",
     "SIZE_MISMATCH": "its size is not the one announced",
     "FILLING": "it was still being received",
-    "ABORTED": "its frame_stream was aborted",
+    "ABORTED": "its stream was aborted",
     "WRONG_FRAME_ID": "its number is not after that of the frame before",
 }
 

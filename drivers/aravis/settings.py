@@ -117,7 +117,9 @@ def configure(link: Link, wanted: Mapping[str, Any]) -> list[str]:
         # A binning changes the region, too.
         touched = {*wanted, "region"} if "binning" in wanted else wanted
         old = {name: value for name in touched if (value := getattr(before, name, None)) is not None}
-        for name in _in_order(old, before):
+        with link.using("its settings cannot be read") as camera:
+            now = read_settings(camera)
+        for name in _in_order(old, now):
             with suppress(CameraSettingError), link.using(f"{name} cannot be set back") as camera:
                 change_setting(camera, name, old[name])
         raise CameraSettingError(f"{link.identity}: {error}") from error

@@ -11,6 +11,9 @@ from pathlib import Path
 
 import psutil
 
+from ..aravis.gvcp import GVCP_PORT
+from ..aravis.library import aravis
+from ..camera import CameraError
 from ..computer import (
     clock_is_synchronised,
     keep_receive_limit,
@@ -27,8 +30,6 @@ from .meter import serial_port_finding
 
 #: A 16-bit frame of a Manta G-505: 2452 x 2056 pixels.
 FRAME_BYTES = 2452 * 2056 * 2
-#: UDP port of the GigE Vision control protocol.
-GVCP_PORT = 3956
 #: Debian's packages that a GigE Vision camera needs.
 NEEDED = ("gir1.2-aravis-0.8", "libaravis-0.8-0", "python3-gi")
 
@@ -132,9 +133,6 @@ def _clock() -> Finding | None:
 
 def aravis_finding(root: Path = Path("/")) -> Finding:
     """Report whether GigE Vision cameras can be used, and otherwise what to install."""
-    from ..aravis.library import aravis
-    from ..camera import CameraError
-
     packages = debian_packages(root / "var/lib/dpkg")
     try:
         aravis()

@@ -60,7 +60,7 @@ def cdp_neighbours(
     The larger value of a pair is compared with the smaller one (L. Ebbert, Implementierung von CDP, 2018), so no
     contrast is below 0; ends, tolerance and values of 0 and below are treated as by `cdp`. The standard error accounts
     for the dependence of pairs with common pixels, and of rows and columns with a pattern (see
-    `neighbour_uncertainty.variance_of_neighbours`). It is nan for fewer than 8 rows or columns.
+    `variance_of_neighbours`). It is nan for fewer than 8 rows or columns.
     """
     asked, shape = asked_contrasts(contrast, epsilon, definition)
     values = _usable(image_array(image))

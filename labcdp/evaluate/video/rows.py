@@ -247,7 +247,7 @@ def variables(row: Row) -> Row:
 def evaluate_frame_pair(
     frame: Frame, conversion: PictureConversion, rois: Sequence[Roi], contrasts: Sequence[float], epsilon: Epsilon
 ) -> PairResult:
-    """Evaluate two regions of a frame as `labcdp.metrics.regions.pair.evaluate_pair` does its whole map.
+    """Evaluate two regions of a frame as `labcdp.metrics.pair.evaluate_pair` does its whole map.
 
     Parameters
     ----------

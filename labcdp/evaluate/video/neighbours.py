@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
-from math import inf, nan, sqrt
+from math import nan, sqrt
 from typing import Any
 
 import numpy as np
@@ -21,8 +22,6 @@ from ..picture.conversion import PictureConversion
 
 #: Contrasts at once: each has two ends, and a class has one byte.
 _MOST_CONTRASTS = 120
-
-_Array = NDArray[np.float64]
 
 
 def light_by_dn(frame: Frame, conversion: PictureConversion) -> NDArray[np.floating[Any]] | None:
@@ -96,19 +95,16 @@ class NeighbourTables:
         intervals = [
             (
                 0.0 if one.low is None else float(1 + one.low) * (1 - RELATIVE_TOLERANCE),
-                inf if one.high is None else float(1 + one.high) * (1 + RELATIVE_TOLERANCE),
+                np.inf if one.high is None else float(1 + one.high) * (1 + RELATIVE_TOLERANCE),
             )
             for one in self._asked
         ]
-        # A pair has the class of how many of these ends its ratio exceeds; one with light exceeds 0, none infinity.
-        ends = [0.0, *sorted({end for pair in intervals for end in pair if 0 < end < inf}), inf]
-        self._ends = np.array([[ends.index(end) for end in pair] for pair in intervals], np.uint8)
-        values = np.asarray(light, dtype=float)
-        larger, smaller = np.maximum.outer(values, values), np.maximum(np.minimum.outer(values, values), 0)
-        classes = (larger > 0).astype(np.uint8)
-        for end in ends[1:-1]:
-            with np.errstate(over="ignore"):
-                classes += larger > smaller * end
+        # Place 0 is exceeded by all pairs with light, the last one by none, and those between by what exceeds an end.
+        ends = sorted({end for pair in intervals for end in pair if 0 < end < np.inf})
+        place = {0.0: 0, **{end: n for n, end in enumerate(ends, start=1)}, np.inf: len(ends) + 1}
+        self._n_places = len(place)
+        self._intervals = np.array([(place[low], place[high]) for low, high in intervals], np.uint8)
+        classes = _classes(np.asarray(light, dtype=float), ends)
         self._classes, self._alike = classes.ravel(), _alike(classes)
 
     def evaluate(self, dn: NDArray[np.uint8]) -> tuple[NeighbourCdp, ...]:
@@ -135,37 +131,67 @@ class NeighbourTables:
             raise InputError(f"the image holds {dn.size} pixels: give at least two, or there is no neighbour")
         # Neighbours are the same ones in a column and in a row.
         image = np.ascontiguousarray(dn if dn.shape[1] > 1 else dn.T)
-        (height, width), n = image.shape, len(self._asked)
-        of_contrast = np.zeros((3, n), np.int64)
-        rows, columns = np.zeros((n, height), np.int64), np.zeros((n, width), np.uint32)
-        sums = Sums(np.zeros(1, np.int64), of_contrast[0], of_contrast[1], of_contrast[2], rows, columns)
-        sum_marks(image, Pairs(self._classes, self._alike, self._ends), sums)
-        if sums.lit[0] == 0:
+        height, width = image.shape
+        n = len(self._asked)
+        shapes = ((self._n_places,), (n,), (n, height), (n, width), (n, height, 3))
+        types = (np.int64, np.int64, np.int64, np.uint32, np.uint8)
+        sums = Sums(*(np.zeros(shape, dtype) for shape, dtype in zip(shapes, types, strict=True)))
+        sum_marks(image, Pairs(self._classes, self._alike, self._intervals), sums)
+        if sums.counts[0] == 0:
             raise InputError(
                 "the image holds no value above 0, so no contrast is defined: check exposure and black level"
             )
-        n_pairs, lit, found = height * (width - 1) + (height - 1) * width, int(sums.lit[0]), []
-        for place, asked in enumerate(self._asked):
-            inside, above = int(sums.rows[place].sum()), int(sums.above[place])
-            cdp, variance = inside / n_pairs, nan
-            if min(height, width) >= FEWEST_LINES:
-                variance = _variance(cdp, *(one[place] for one in sums[2:])) if 0 < cdp < 1 else 0.0
-            found.append(
-                NeighbourCdp(
-                    cdp=cdp,
-                    standard_error=sqrt(variance),
-                    confidence_interval=confidence_interval(cdp, variance, n_pairs / 4),
-                    contrast=asked.contrast,
-                    epsilon=asked.epsilon,
-                    definition=asked.definition,
-                    interval=asked.interval,
-                    below=(n_pairs - inside - above) / n_pairs,
-                    above=above / n_pairs,
-                    undefined=(n_pairs - lit) / n_pairs,
-                    pairs=n_pairs,
-                )
+        n_pairs = height * (width - 1) + (height - 1) * width
+        enough = min(height, width) >= FEWEST_LINES
+        exceeding = sums.counts.tolist()
+        return tuple(
+            _result(
+                asked,
+                n_pairs,
+                exceeding[0],
+                (exceeding[low], exceeding[high]),
+                MarkSums(*own) if enough else None,
             )
-        return tuple(found)
+            for asked, (low, high), own in zip(
+                self._asked,
+                self._intervals.tolist(),
+                zip(sums.near.tolist(), sums.rows, sums.columns, sums.sides, strict=True),
+                strict=True,
+            )
+        )
+
+
+def _result(
+    asked: TargetContrast, n_pairs: int, n_lit: int, exceeding: tuple[int, int], sums: MarkSums | None
+) -> NeighbourCdp:
+    """Return the result of a contrast from the pairs with light and those that exceed its ends."""
+    cdp = (exceeding[0] - exceeding[1]) / n_pairs
+    variance = nan
+    if sums is not None:
+        variance = sums.variance(cdp) if 0 < cdp < 1 else 0.0
+    return NeighbourCdp(
+        cdp=cdp,
+        standard_error=sqrt(variance),
+        confidence_interval=confidence_interval(cdp, variance, n_pairs / 4),
+        contrast=asked.contrast,
+        epsilon=asked.epsilon,
+        definition=asked.definition,
+        interval=asked.interval,
+        below=(n_pairs - exceeding[0]) / n_pairs,
+        above=exceeding[1] / n_pairs,
+        undefined=(n_pairs - n_lit) / n_pairs,
+        pairs=n_pairs,
+    )
+
+
+def _classes(light: NDArray[np.float64], ends: Sequence[float]) -> NDArray[np.uint8]:
+    """How many places each pair of DN exceeds, shape (256, 256)."""
+    larger, smaller = np.maximum.outer(light, light), np.maximum(np.minimum.outer(light, light), 0)
+    classes = (larger > 0).astype(np.uint8)
+    for end in ends:
+        with np.errstate(over="ignore"):
+            classes += larger > smaller * end
+    return classes
 
 
 def _alike(classes: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -178,31 +204,83 @@ def _alike(classes: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return least
 
 
-def _variance(share: float, near: int, mixed: int, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> float:
-    """Variance of the share of detected pairs, as `labcdp.metrics.neighbours.variance_of_neighbours`.
+_Array = NDArray[np.float64]
 
-    With a the marks, p the pairs of each pixel and U the share, its sums of products of a - U p are opened: those of a
-    and a, and of a and p, are sums of integers.
+
+@dataclass(frozen=True, eq=False)
+class MarkSums:
+    """Sums of the marks of a contrast: the detected pairs, 0 to 2, of each pixel with its right and lower neighbour.
+
+    Parameters
+    ----------
+    near : int
+        Sum of the products of each mark with itself and its eight neighbours.
+    rows, columns : ndarray of int, shape (height,) and (width,)
+        Sums of marks, of at least 3 rows and columns.
+    sides : ndarray of int, shape (height, 3)
+        Marks of the first, the last but one and the last column.
     """
-    all_near, all_rows, all_columns = _all_pairs(rows.size, columns.size)
-    squares, n_pairs = all_rows.sum() ** 2, all_rows.sum()
-    near_sum = near - 2 * share * mixed + share**2 * all_near
-    lines = _lines(rows - share * all_rows, columns - share * all_columns) - near_sum
-    all_lines = _lines(all_rows, all_columns) - all_near
-    return float(max(lines / (squares - all_lines), near_sum / (squares - all_near), share * (1 - share) / n_pairs))
+
+    near: int
+    rows: NDArray[np.int64]
+    columns: NDArray[np.uint32]
+    sides: NDArray[np.uint8]
+
+    def variance(self, share: float) -> float:
+        """Variance of the share of detected pairs, as `labcdp.metrics.neighbours.variance_of_neighbours`.
+
+        With a the marks, p the pairs of each pixel and U the share, its sums of products of a - U p are opened: those
+        of a and a are sums of integers, and those with p follow from sums over rows and columns and from the border.
+        """
+        geometry = _geometry(self.rows.size, self.columns.size)
+        near = self.near - 2 * share * self._near_mixed(geometry) + share**2 * geometry.near
+        lines = _lines(self.rows - share * geometry.rows, self.columns - share * geometry.columns) - near
+        squares = geometry.n_pairs**2
+        return max(
+            lines / (squares - geometry.lines), near / (squares - geometry.near), share * (1 - share) / geometry.n_pairs
+        )
+
+    def _near_mixed(self, geometry: _Geometry) -> float:
+        """Sum of the products of each pixel's marks with its own and its neighbours' pairs.
+
+        A pixel has nine neighbours, with itself, but at the border; each has two pairs, but one less at the right and
+        at the lower end.
+        """
+        first, last_but_one, last = self.sides.T.astype(np.float64)
+        across = 3 * self.rows - first - last
+        pairs = geometry.neighbours_down @ (2 * across - last_but_one - last)
+        return float(pairs - across[-2:].sum())
+
+
+class _Geometry:
+    """What of the variance depends on the size of the image alone.
+
+    Parameters
+    ----------
+    height, width : int
+        The size.
+    """
+
+    def __init__(self, height: int, width: int) -> None:
+        self.rows, self.columns = np.full(height, 2.0 * width - 1), np.full(width, 2.0 * height - 1)
+        self.rows[-1], self.columns[-1] = width - 1, height - 1
+        #: Rows among each row and the ones above and below it.
+        self.neighbours_down = np.full(height, 3.0)
+        self.neighbours_down[[0, -1]] = 2
+        self.n_pairs = float(self.rows.sum())
+        # All pairs are marked where the share is 1.
+        sides = np.full((height, 3), 2, np.uint8)
+        sides[:, -1] -= 1
+        sides[-1] -= 1
+        everything = MarkSums(0, self.rows.astype(np.int64), self.columns.astype(np.uint32), sides)
+        self.near = everything._near_mixed(self)
+        self.lines = _lines(self.rows, self.columns) - self.near
 
 
 @lru_cache(maxsize=2)
-def _all_pairs(height: int, width: int) -> tuple[float, _Array, _Array]:
-    """Sum of the products of the pairs of each pixel and its neighbours, and sums of pairs of rows and columns."""
-    rows, columns = np.full(height, 2.0 * width - 1), np.full(width, 2.0 * height - 1)
-    rows[-1], columns[-1] = width - 1, height - 1
-    pairs = np.full((height, width), 2.0)
-    pairs[:, -1] -= 1
-    pairs[-1] -= 1
-    padded = np.pad(pairs, 1)
-    around = sum(padded[y : y + height, x : x + width] for y in range(3) for x in range(3))
-    return float((pairs * around).sum()), rows, columns
+def _geometry(height: int, width: int) -> _Geometry:
+    """Geometry of a size, kept for the next frame."""
+    return _Geometry(height, width)
 
 
 def _lines(rows: _Array, columns: _Array) -> float:

@@ -33,22 +33,7 @@ FEATURES_EVENT = "camera features"
 
 
 class _Replay:
-    """A session that is replayed, and the intervals of its recording, or a fraction or multiple of them.
-
-    Parameters
-    ----------
-    session : Session or path
-        The session, or its folder.
-    speed : float or None
-        None for no delays; 1 for the recorded intervals, 10 for a tenth of them. Time between two calls counts.
-    clock : Clock or None
-        Clock to wait with; None for the system clock.
-
-    Raises
-    ------
-    InputError
-        If `speed` is not a number above 0.
-    """
+    """A session that is replayed at the pace of its recording, or at a multiple of it; parameters as `ReplayCamera`."""
 
     def __init__(
         self, session: Session | str | PathLike[str], speed: float | None = None, clock: Clock | None = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import hypot, inf, sqrt
 
@@ -45,8 +45,8 @@ def verify(
     calibration : Calibration or ColourCalibration
         Calibration to verify.
     observations, darks : mapping of str to sequence
-        New observations, with the calibration's vignetting, and new dark frames, by plane (R, Gr, Gb, B); by an empty
-        name for a monochrome sensor.
+        New observations, with the calibration's vignetting, and dark frames, by plane (R, Gr, Gb, B; ``""`` for a
+        monochrome sensor).
     readings : mapping of str to sequence of Reading
         New readings by the name of the patch, with the correction of the meter's certificate.
     meter : MeterScale
@@ -64,12 +64,9 @@ def verify(
     """
     tolerance = own_tolerance_rel(calibration) if tolerance_rel is None else require_tolerance(tolerance_rel)
     groups = by_patch(observations, [_name(plane) for plane in calibration.planes])
-    if not groups:
-        raise CalibrationError("there is no patch to verify the calibration with: give frames and readings of one")
-    dark = [_dark(plane, darks.get(_name(plane), ())) for plane in calibration.planes]
-    seen, unusable, findings = _measured(calibration, groups)
+    seen, unusable, of_frames = _measured(calibration, groups)
     comparison, of_readings = _compared(calibration, groups, list(seen.values()), readings, meter)
-    mean, u = comparison.mean()
+    mean_rel, u = comparison.mean()
     measured = max(reading.timestamp for patch in seen for reading in readings[patch])
     result = Verification(
         findings=(),
@@ -84,17 +81,13 @@ def verify(
         tolerance_stated=tolerance_rel is not None,
         patches=comparison.rows(tolerance),
         unusable=unusable,
-        darks=tuple(
-            _dark_row(d, plane, calibration.range_cd_m2[0], weight)
-            for plane, weight in zip(calibration.planes, calibration.weights, strict=True)
-            for d in sorted(darks[_name(plane)], key=lambda d: d.exposure_s)
-        ),
-        planes=_planes(calibration, dark, comparison, {name: groups[name] for name in seen}),
-        mean_rel=mean,
+        darks=tuple(_dark_rows(calibration, darks)),
+        planes=_planes(calibration, darks, comparison, {name: groups[name] for name in seen}),
+        mean_rel=mean_rel,
         mean_expanded_rel=expanded_rel(comparison.scales, u),
     )
-    findings = [*of_readings, *meter.findings(measured), *(f for row in seen.values() for f in row.findings), *findings]
-    return replace(result, findings=(*findings_of(result), *dict.fromkeys(findings)))
+    found = [*of_readings, *meter.findings(measured), *(f for row in seen.values() for f in row.findings), *of_frames]
+    return replace(result, findings=(*findings_of(result), *dict.fromkeys(found)))
 
 
 def own_tolerance_rel(calibration: AnyCalibration) -> float:
@@ -204,12 +197,12 @@ def _compared(
 
 def _planes(
     calibration: AnyCalibration,
-    dark: Sequence[DarkModel],
+    darks: Mapping[str, Sequence[DarkObservation]],
     comparison: _Comparison,
     groups: Mapping[str, Mapping[str, Sequence[PatchObservation]]],
 ) -> tuple[VerifiedPlane, ...]:
     """Each plane with its change against the meter, and its deviation from all planes together, by grey patches."""
-    planes = [VerifiedPlane(one.state.plane, d, None) for one, d in zip(calibration.planes, dark, strict=True)]
+    planes = [VerifiedPlane(one.state.plane, _dark(one, darks.get(_name(one), ())), None) for one in calibration.planes]
     if isinstance(calibration, Calibration):
         return (replace(planes[0], drift=comparison.drift(calibration)),)
     seen = [_of_planes(calibration, groups[name]) for name in groups if name in grey_patches(calibration)]
@@ -258,6 +251,8 @@ def _measured(
     calibration: AnyCalibration, groups: Mapping[str, Mapping[str, Sequence[PatchObservation]]]
 ) -> tuple[dict[str, PatchLuminance], tuple[str, ...], list[Finding]]:
     """Luminances of the patches that can be measured, names of the others, and findings; raises if there is none."""
+    if not groups:
+        raise CalibrationError("there is no patch to verify the calibration with: give frames and readings of one")
     seen: dict[str, PatchLuminance] = {}
     errors: dict[str, CalibrationError] = {}
     findings: list[Finding] = []
@@ -283,16 +278,19 @@ def _dark(plane: Calibration, darks: Sequence[DarkObservation]) -> DarkModel:
     return fit_dark(darks)[0]
 
 
-def _dark_row(dark: DarkObservation, plane: Calibration, lowest_cd_m2: float, weight: float) -> VerifiedDark:
-    """One exposure of new dark frames; `weight` is that of the plane in the luminance."""
-    model = plane.setting(dark.state.gain_db).dark
-    own = dark.mean_variance_dn2 + model.variance_dn2(dark.exposure_s, dark.temperature_c)
-    return VerifiedDark(
-        plane=dark.state.plane,
-        exposure_s=dark.exposure_s,
-        mean_dn=dark.mean_dn,
-        expected_dn=model.mean_dn(dark.exposure_s, dark.temperature_c),
-        standard_uncertainty_dn=hypot(sqrt(own), WANDER_DN / sqrt(3)),
+def _dark_rows(calibration: AnyCalibration, darks: Mapping[str, Sequence[DarkObservation]]) -> Iterator[VerifiedDark]:
+    """Compare the new dark frames of each plane and exposure with the calibration's dark signal."""
+    for plane, weight in zip(calibration.planes, calibration.weights, strict=True):
         # The lowest luminance is measured with the longest exposures.
-        effect_rel_per_dn=weight / (lowest_cd_m2 * plane.dn_per_cd_m2(plane.exposures_s[-1])),
-    )
+        effect_rel_per_dn = weight / (calibration.range_cd_m2[0] * plane.dn_per_cd_m2(plane.exposures_s[-1]))
+        for dark in sorted(darks.get(_name(plane), ()), key=lambda one: one.exposure_s):
+            model = plane.setting(dark.state.gain_db).dark
+            own = dark.mean_variance_dn2 + model.variance_dn2(dark.exposure_s, dark.temperature_c)
+            yield VerifiedDark(
+                plane=dark.state.plane,
+                exposure_s=dark.exposure_s,
+                mean_dn=dark.mean_dn,
+                expected_dn=model.mean_dn(dark.exposure_s, dark.temperature_c),
+                standard_uncertainty_dn=hypot(sqrt(own), WANDER_DN / sqrt(3)),
+                effect_rel_per_dn=effect_rel_per_dn,
+            )

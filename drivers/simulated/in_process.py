@@ -23,8 +23,8 @@ from ..camera import (
 )
 from ..camera_settings import CameraSettings, CameraSetup, FeatureValue
 from .device import FULL_SCALE_DN, FrameSource, SimulatedDevice
+from .faults import STEP_S, Reach
 from .genicam import feature
-from .reach import STEP_S, Reach
 
 _EXPOSURE_RANGE_US: Final = feature("ExposureTimeAbs")["range"]
 _GAIN_RANGE_DB: Final = feature("Gain")["range"]

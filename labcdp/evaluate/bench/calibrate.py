@@ -10,16 +10,15 @@ from math import inf
 import numpy as np
 
 from ...calibration import AnyCalibration, Calibration, Setup, fit, fit_colour
-from ...calibration.sensor.response import MIN_EXPOSURES, ResponseCurve, response_from_bracket
+from ...calibration.sensor.response import ResponseCurve
 from ...calibration.signal import left_out_text
 from ...core.errors import CalibrationError
-from ...core.frame import Frame
 from ...core.result import unique, warning
 from ...core.vignetting import AnyVignetting
-from ...session import FrameRecord, MeterCertificate, Session
+from ...session import MeterCertificate, Session
 from .corrections import Corrections, PlaneCorrections, UniformLight, corrections_of_lens, with_dark_frames
-from .observe import ObservedSession, observe_session
-from .recorded import Report, by_exposure, by_patch, lens_of, require_patches
+from .observe import ObservedSession, observe_session, response_of_session
+from .recorded import Report, lens_of, require_patches
 
 #: Most rounds in which the flat field is linearised by the response, and the response fitted with the flat field.
 _MOST_ROUNDS = 5
@@ -177,44 +176,6 @@ def _useless(name: str, calibration: AnyCalibration, observed: ObservedSession) 
     return unseen or all(reading.value == 0 for reading in observed.readings.get(name, ()))
 
 
-def response_of_session(session: Session, observed: ObservedSession) -> ResponseCurve:
-    """Find the response from a session's light frames, a bracket of the target that stood still.
-
-    Where patches were shown one by one, their frames are laid side by side.
-
-    Parameters
-    ----------
-    session : Session
-        To read the frames from; of a monochrome sensor.
-    observed : ObservedSession
-        What `observe_session` returned for it, for the dark signal.
-
-    Raises
-    ------
-    CalibrationError
-        If the sensor has colour filters, the session has too few exposures, or as `response_from_bracket`.
-    SessionError
-        If a file is missing or altered.
-    """
-    darks = observed.darks  # refuses colour filters
-    groups = by_exposure(session, "light")
-    if len(groups) < MIN_EXPOSURES:
-        there = ", ".join(f"{1e3 * t:g} ms" for t in groups)
-        raise CalibrationError(
-            f"the session has light frames at {len(groups)} exposure{'s' if len(groups) > 1 else ''} ({there}): the "
-            f"response by a bracket needs {MIN_EXPOSURES} or more; record more exposures, a factor of 1.5 to 2.5 apart"
-        )
-    frames = [frame for records in groups.values() for frame in _scenes(session, records)]
-    return response_from_bracket(frames, float(np.mean([dark.mean_dn for dark in darks])))
-
-
-def _scenes(session: Session, records: Sequence[FrameRecord]) -> list[Frame]:
-    """Frames of all that was shown at one exposure."""
-    shown = [[session.load(record) for record in group] for group in by_patch(records).values()]
-    together = zip(*shown, strict=False)  # as many as there are of each
-    return [parts[0].with_pixels(np.concatenate([part.dn for part in parts])) for parts in together]
-
-
 def calibrate_recorded(
     sessions: Sequence[Session],
     uniform: UniformLight | None = None,
@@ -265,11 +226,19 @@ def calibrate_recorded(
         curve = response_of_session(sessions[0], observed[0]) if bracket else None
         return calibrate_session(*observed, held_out=held_out, response=curve), observed[0]
 
+    return calibrated(corrections) if uniform is None else _in_turns(calibrated, corrections, lens, uniform)
+
+
+def _in_turns(
+    calibrated: Callable[[PlaneCorrections], tuple[AnyCalibration, ObservedSession]],
+    corrections: PlaneCorrections,
+    lens: PlaneCorrections,
+    uniform: UniformLight,
+) -> tuple[AnyCalibration, ObservedSession]:
+    """Linearise the flat field by the response and calibrate anew, until the flat field settles."""
     try:
         calibration, observed = calibrated(corrections)
     except CalibrationError:
-        if uniform is None:
-            raise
         # Of a camera with a tone curve the flat field itself may be so wrong that nothing fits.
         corrections = {plane: replace(own, vignetting=lens[plane].vignetting) for plane, own in corrections.items()}
         calibration, observed = calibrated(corrections)
@@ -277,7 +246,7 @@ def calibrate_recorded(
             raise
     change = inf
     for _ in range(_MOST_ROUNDS):
-        if uniform is None or _is_linear(calibration):
+        if _is_linear(calibration):
             return calibration, observed
         linearised = uniform.linearised({plane.state.plane: plane.response for plane in calibration.planes})
         change = max(_change(corrections[plane], linearised[plane], uniform) for plane in corrections)

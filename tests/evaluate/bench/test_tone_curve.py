@@ -8,9 +8,9 @@ import pytest
 from labcdp.calibration import load
 from labcdp.core.dn import Response
 from labcdp.core.errors import CalibrationError
-from labcdp.evaluate.bench.calibrate import calibrate_recorded, calibrate_session, response_of_session
+from labcdp.evaluate.bench.calibrate import calibrate_recorded, calibrate_session
 from labcdp.evaluate.bench.corrections import UniformLight
-from labcdp.evaluate.bench.observe import observe_session
+from labcdp.evaluate.bench.observe import observe_session, response_of_session
 from labcdp.evaluate.bench.session import evaluate_session
 from labcdp.session import Session
 

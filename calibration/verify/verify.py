@@ -57,8 +57,7 @@ def verify(
     Raises
     ------
     CalibrationError
-        If there is no patch, a plane is missing, a patch has no reading or reads 0, all are clipped or black at every
-        exposure, or camera, settings or vignetting are not the calibration's.
+        If a patch, plane or reading is missing or of no use, or camera, settings or vignetting are not as calibrated.
     InputError
         If the tolerance is not above 0 and up to 1.
     """

@@ -63,12 +63,9 @@ OF_PAIR = (
 #: Over frame; taken from the `CalibratedCdp` of the reference contrast.
 OF_REFERENCE = (
     _column(
-        *("reference_contrast", "reference contrast", "%", 2, "Contrast the frame is compared with."), "result.contrast"
+        "reference_contrast", "reference contrast", "%", 2, "Contrast the frame is compared with.", "result.contrast"
     ),
-    _column(
-        *("reference_cdp", "CDP of reference", "", 4, "Contrast detection probability of the reference contrast."),
-        "result.cdp",
-    ),
+    _column("reference_cdp", "CDP of reference", "", 4, "CDP of the reference contrast.", "result.cdp"),
     _column(
         "reference_cdp_low", "CDP of reference, low end of 95 %", "", 4, "Lower end of its 95 % interval.", _end(0)
     ),
@@ -82,7 +79,11 @@ OF_LIGHT = (
     *_with_u("mean", "mean", LIGHT, (4, 5), "Mean of the region.", ("mean", "standard_uncertainty")),
     *_with_u("snr", "spatial SNR", "", (2, 3), "Mean over standard deviation of the pixels of the frame.", "snr"),
     _column(
-        *("saturated", "share saturated", "", 4, "Share of saturated pixels."),
+        "saturated",
+        "share saturated",
+        "",
+        4,
+        "Share of saturated pixels.",
         lambda region: region.invalid_shares.get("saturated", 0.0),
     ),
 )
@@ -97,12 +98,14 @@ OF_REGION = (*OF_LIGHT, *OF_PLACE)
 #: Over frame, region and corner; taken from a `TrackedRoi`.
 OF_CORNER = (
     _column(
-        *("corner_x", "x", "pixel", 2, "Corners of the region, to the right."),
+        "corner_x",
+        "x",
+        "pixel",
+        2,
+        "Corners of the region, to the right.",
         lambda one: [x for x, _ in one.roi.corners],
     ),
-    _column(
-        *("corner_y", "y", "pixel", 2, "Corners of the region, down."), lambda one: [y for _, y in one.roi.corners]
-    ),
+    _column("corner_y", "y", "pixel", 2, "Corners of the region, down.", lambda one: [y for _, y in one.roi.corners]),
 )
 TIME = _column("time_s", "time", "s", 3, "Time since the first frame.")
 NOTE = Column("note", "note", meaning="Why a value is missing, or a warning about it.")

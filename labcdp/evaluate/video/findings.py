@@ -172,11 +172,15 @@ LOST = (
     Column("duration_s", "for", "s", "Time until the region was there again.", time=True),
     # The region is in a separate column.
     Column(
-        *("reason", "reason", "", "Why it was lost in the first of these frames."),
+        "reason",
+        "reason",
+        meaning="Why it was lost in the first of these frames.",
         value=lambda one: "; ".join(map(reason_of, one.reasons)),
     ),
     Column(
-        *("code", "code", "", "Code of the reason."),
+        "code",
+        "code",
+        meaning="Code of the reason.",
         shown=False,
         value=lambda one: " ".join(reason.code for reason in one.reasons),
     ),

@@ -27,7 +27,9 @@ CONTRASTS = (
     Column("kind", "contrast", meaning="Whether it was given, measured in the first frame, or is the reference."),
     Column("contrast", "Weber contrast", "%", "Contrast to be detected; missing if frames differ in it.", digits=4),
     Column(
-        *("detected_share", f"frames with CDP ≥ {DETECTED_CDP:g}", "%"),
+        "detected_share",
+        f"frames with CDP ≥ {DETECTED_CDP:g}",
+        "%",
         "Share of all frames; one without a CDP counts as not detected.",
         decimals=1,
     ),

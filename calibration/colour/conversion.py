@@ -46,7 +46,7 @@ class ColourConverter:
         Covariance of the weights, without the meter's scale.
     spectral_rel : float
         Relative standard uncertainty of a luminance by its colour, per unit of colourfulness, that no weights explain;
-        see `labcdp.calibration.colour.mismatch`.
+        see `mismatch_errors`.
     scatter_rel : float
         Unexplained relative standard deviation between patches, common to all planes.
     range_cd_m2 : (float, float)

@@ -1,4 +1,4 @@
-"""Replies of a simulated meter: when they come, their faults, and a port in this process that carries them."""
+"""Errors of a simulated meter, and its replies as an LS-100 or LS-110 gives them."""
 
 from __future__ import annotations
 

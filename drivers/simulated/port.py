@@ -1,4 +1,4 @@
-"""Replies of a simulated meter: when they come, their faults, and a port in this process that carries them."""
+"""A port in this process to a simulated meter, and the faults of its replies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures to import: read, and checked against each other and against the configuration."""
+"""Import of a session: readings of a file, and pictures written as the frames of the session."""
 
 from __future__ import annotations
 

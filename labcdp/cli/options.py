@@ -24,7 +24,9 @@ _WRITTEN = {"output", "preview", "transcript"}
 Json = Annotated[bool, As("Print the result as JSON.", ("--json",))]
 Force = Annotated[bool, As("Replace earlier results of the same command, or an existing output file; never an input.")]
 Open = Annotated[bool, As("Open the page in the browser.", ("--open",))]
-Output = Annotated[Path | None, As("New folder for the results; default: INPUT-COMMAND.", ("--output", "-o"))]
+Output = Annotated[
+    Path | None, As("New folder for the results; default: NAME-COMMAND, by the session or input.", ("--output", "-o"))
+]
 Natural = Annotated[int, As(least=0)]
 Positive = Annotated[int, As(least=1)]
 NonNegative = Annotated[float, As(least=0)]

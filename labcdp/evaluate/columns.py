@@ -31,12 +31,18 @@ def with_interval(column: Column, interval: str) -> tuple[Column, Column, Column
     interval : str
         Attribute of an item that is the pair of ends.
     """
-    ends, meaning = attrgetter(interval), "Of the 95 % interval: {} end."
+    ends = attrgetter(interval)
     low, high = (
-        Column(f"{column.name}_{end}", f"{column.label}, {text} end", "", meaning.format(text), decimals=5, shown=False,
-               value=partial(_end, ends, number))
-        for number, (end, text) in enumerate((("low", "lower"), ("high", "upper")))
-    )  # fmt: skip
+        Column(
+            f"{column.name}_{name}",
+            f"{column.label}, {end} end",
+            meaning=f"{end.capitalize()} end of the 95 % interval.",
+            decimals=5,
+            shown=False,
+            value=partial(_end, ends, number),
+        )
+        for number, (name, end) in enumerate((("low", "lower"), ("high", "upper")))
+    )
     return replace(column, low=low.name, high=high.name), low, high
 
 

@@ -13,7 +13,7 @@ from labcdp.calibration import fit
 from labcdp.calibration.record import load_verification, save_verification
 from labcdp.calibration.setup import meter_scale
 from labcdp.calibration.verify.history import histories
-from labcdp.calibration.verify.result import decide
+from labcdp.calibration.verify.result import conformance_probability, decide
 from labcdp.calibration.verify.verify import own_tolerance_rel, verify
 from labcdp.core.errors import CalibrationError, InputError
 from labcdp.core.reading import MeterIdentity
@@ -80,6 +80,13 @@ def test_probabilities_of_the_verdicts_are_those_of_jcgm_106(true_rel):
         assert found.count(verdict) / n == pytest.approx(p, abs=4 * sqrt(p * (1 - p) / n) + 1e-9)
     # A wrong decision has a probability of at most 2.5 %.
     assert (conform if true_rel > tolerance else not_conform) <= 0.0251
+
+
+@pytest.mark.parametrize(("d", "u"), [(0.0, 0.01), (0.015, 0.01), (-0.05, 0.02)])
+def test_conformance_probability_is_that_of_jcgm_106(d, u):
+    """Closed form for the normal distribution (7.2); without an uncertainty, certain."""
+    assert conformance_probability(d, u, 0.02) == pytest.approx(norm.cdf(0.02, d, u) - norm.cdf(-0.02, d, u))
+    assert conformance_probability(d, 0.0, 0.02) == (abs(d) <= 0.02)
 
 
 def test_nothing_changed_conforms(calibration, measured):

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -124,6 +126,22 @@ def test_dark_library_finds_offset_and_rate(statistics):
         assert abs(library.pattern_dn(SHAPE, t).mean()) < 1e-4
         assert library.worth_applying(t)
     assert library.verdict(0.01).code == "dark-pattern-subtracted"
+
+
+def test_dark_library_finds_the_doubling_temperature(expose):
+    rng = np.random.default_rng(9)
+    rate = np.abs(rng.normal(2000, 300, SHAPE))
+
+    def frames(t, temperature_c):
+        pattern = (rate * 2 ** ((temperature_c - 27.0) / 7.0) - 40) * t
+        for i in range(4):
+            yield replace(expose(np.zeros(SHAPE), t, rng, pattern, frame_id=i), temperature_c=temperature_c)
+
+    library = dark_library([measure_whole(frames(t, c)) for c in (20.0, 27.0, 34.0) for t in (0.001, 0.03)])
+    assert library.doubling_temperature_c == pytest.approx(7.0, rel=0.02)
+    error = library.pattern_dn(SHAPE, 0.03, 27.0) - (rate - rate.mean()) * 0.03
+    assert error.std() == pytest.approx(library.noise_dn(0.03, 27.0), rel=0.05)
+    assert library.pattern_dn(SHAPE, 0.03, 34.0) == pytest.approx(library.pattern_dn(SHAPE, 0.06, 27.0), abs=5)
 
 
 def test_a_noisy_flat_field_of_an_even_sensor_is_not_chosen(uniform):

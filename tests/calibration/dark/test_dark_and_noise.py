@@ -77,6 +77,12 @@ def test_the_bend_above_70_percent_of_saturation_is_left_out(camera):
     assert fit_noise(bent, dark)[0].k_dn_per_e == pytest.approx(0.25)
 
 
+def test_repeated_frames_are_noticed(camera):
+    dark, _ = fit_dark([camera.dark(t, None) for t in EXPOSURES_S])
+    noise, (found,) = fit_noise([replace(o, temporal_variance_dn2=0.0) for o in observations(camera)], dark)
+    assert (noise.k_dn_per_e, found.code) == (0.0, "k-not-positive")
+
+
 def test_a_dark_signal_that_falls_with_the_exposure_is_reported(camera):
     darks = [camera.dark(t, None) for t in (0.001, 0.1)]
     findings = fit_dark([replace(darks[0], mean_dn=darks[0].mean_dn + 40), darks[1]])[1]

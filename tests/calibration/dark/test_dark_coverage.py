@@ -93,3 +93,15 @@ def test_where_the_dark_signal_is_less_known_the_intervals_are_wider(
     assert np.mean([luminance for luminance, _, _ in seen]) > least
     assert np.mean([contrast for _, contrast, _ in seen]) > least
     assert any(one.code == "temperature-not-covered" for _, _, findings in seen for one in findings) == warned
+
+
+@pytest.mark.parametrize("n", N)
+def test_pixels_of_non_uniform_dark_signal_are_no_scatter_of_the_patches(camera_class, meter_class, setup, n):
+    rng, alarms, inside = np.random.default_rng(20260202), 0, []
+    for _ in range(n):
+        bench = Bench(rng, camera_class, meter_class, dsnu_dn=2.0)
+        calibration = bench.calibrate(setup)
+        alarms += any(test.significant for test in calibration.tests if test.name == "scatter")
+        inside.append(covered(bench, calibration, REFERENCE_C)[0])
+    assert alarms <= 0.01 * n + 4 * sqrt(0.01 * n)
+    assert np.mean(inside) == pytest.approx(0.95, abs=3 * sqrt(0.95 * 0.05 / n))

@@ -82,6 +82,15 @@ def test_an_image_of_another_level_is_refused(index, name, photons, others):
     refused(index, rf"line \d+: {either} has a mean of .* DN, {others}, which noise does not explain: one of them")
 
 
+def test_flicker_of_the_lamp_passes(tmp_path):
+    class Flickering(KnownCamera):
+        def images(self, photons, exposure_s, count, rng):
+            return [SMALL.images(photons * rng.uniform(0.996, 1.004), exposure_s, 1, rng)[0] for _ in range(count)]
+
+    found = characterise_data_set(write_data_set(tmp_path / "set", Flickering(shape=SMALL.shape), SHORT))
+    assert found.k_dn_per_e.value == pytest.approx(0.25, rel=0.2)
+
+
 def test_a_level_with_wrong_photons_is_flagged(index):
     text = index.read_text()
     photons = re.search(r"b \S+ (\S+)\ni images\\b_005_000", text)[1]

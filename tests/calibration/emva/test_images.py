@@ -1,6 +1,7 @@
 import io
 import struct
 
+import cv2
 import numpy as np
 import pytest
 import tifffile
@@ -58,3 +59,11 @@ def test_a_width_of_many_numbers_is_quoted_shortly(tmp_path):
     with pytest.raises(InputError, match=r"a\.tif has .{100} x 4 pixels, the index says 6 x 4") as caught:
         read_image(tmp_path / "a.tif", (4, 6), 12)
     assert str(caught.value).isprintable()
+
+
+@pytest.mark.parametrize("name", ["a.jpg", "a.webp"])
+def test_compression_with_loss_is_refused_whatever_the_name(tmp_path, name):
+    assert cv2.imwrite(str(tmp_path / name), np.zeros((4, 6), np.uint8))
+    (tmp_path / name).rename(tmp_path / "a.png")
+    with pytest.raises(InputError, match=r"a\.png is compressed with loss, which alters the noise: give PNG or TIFF"):
+        read_image(tmp_path / "a.png", (4, 6), 8)

@@ -255,6 +255,32 @@ def test_a_BENT_is_straightened(bench, setup):
     assert next(step.reason.code for step in calibration.ladder if step.chosen) == "model-better"
 
 
+def test_a_kinked_camera_is_straightened(bench, camera, setup):
+    """Above 2000 DN it gives only 85 % of what light adds: no quadratic."""
+
+    def kinked(observation):
+        net = observation.signal_dn - 64.0 - 40.0 * observation.exposure_s
+        return replace(observation, signal_dn=observation.signal_dn - 0.15 * max(net - 2000.0, 0.0))
+
+    luminances = tuple(np.geomspace(0.5, 2000, 14))
+    observations, *others = bench(camera, luminances=luminances, exposures_s=(0.001, 0.004, 0.016, 0.064))
+    calibration = fit([kinked(o) for o in observations], *others, setup)
+    assert calibration.response.kind in ("cubic", "pchip")
+    seen = [kinked(camera.observe("wall", 300.0, 0.008, None))]
+    assert patch_luminance(calibration, seen).luminance_cd_m2 == pytest.approx(300, rel=0.01)
+
+
+def test_a_drift_over_the_readings_is_found(bench, camera, setup):
+    observations, darks, readings = bench(camera)
+    start = readings["P0"][0].timestamp
+    for when, i in enumerate(np.random.default_rng(9).permutation(12)):
+        light = LUMINANCES[i] * (1 - 0.05 * when / 11)  # the lamp loses 5 % within 22 minutes
+        readings[f"P{i}"] = [make_reading(light, timestamp=start + timedelta(minutes=2 * int(when)))]
+    drift = found(fit(observations, darks, readings, setup), "drift")
+    assert (drift.significant, drift.unit) == (True, "1/h")
+    assert drift.value == pytest.approx(0.05 * 60 / 22, rel=0.1)
+
+
 @pytest.mark.parametrize(
     ("factor", "index", "why"),
     [

@@ -1,3 +1,6 @@
+from operator import attrgetter
+from typing import Any
+
 import pytest
 
 from labcdp.chain import Chain, Sensor, preset_names, preset_text
@@ -17,6 +20,24 @@ def test_merge_takes_no_full_pixel_for_the_scene() -> None:
     merged = list(Chain.load("split-pixel").with_(**wanted).run(seed=2).values())[-1]
     assert merged.saturated is not None
     assert merged.saturated.all()
+
+
+PUBLISHED = [
+    (
+        "thesis-2018",  # its tables 5.1 and 5.2
+        {"pixel_pitch_m": 2e-6, "quantum_efficiency": 0.7, "full_well_e": 15_000, "k_dn_per_e": 0.25, "bits": 12},
+        {"scene.shape": (420, 301), "settings.exposure_s": (0.003, 0.007, 0.015), "hdr.method": "normal"},
+    ),
+    ("thesis-second-sensor", {"pixel_pitch_m": 3e-6, "quantum_efficiency": 0.8}, {"hdr.method": "linear"}),
+    ("manta-g505", {"pixel_pitch_m": 3.45e-6, "shape": (2056, 2452), "bits": 12}, {}),  # the camera's data sheet
+]
+
+
+@pytest.mark.parametrize(("name", "of_sensor", "of_chain"), PUBLISHED, ids=[name for name, *_ in PUBLISHED])
+def test_preset_has_the_published_values(name: str, of_sensor: dict[str, Any], of_chain: dict[str, Any]) -> None:
+    chain = Chain.load(name)
+    assert {key: getattr(chain.sensors[0][1], key) for key in of_sensor} == of_sensor
+    assert {key: attrgetter(key)(chain) for key in of_chain} == of_chain
 
 
 def test_thesis_preset_becomes_correct_physics_as_its_comment_says() -> None:

@@ -97,6 +97,13 @@ def test_the_full_well_ends_the_range_before_the_converter() -> None:
     assert not capture(thesis_sensor(full_well_e=1000, k_dn_per_e=0.25), 900.0, 1e-3).saturated.any()
 
 
+def test_the_pattern_is_drawn_anew_for_each_exposure() -> None:
+    first, second = (capture(thesis_sensor(), index=index, times=(0.5, 0.6)).dn.astype(float) for index in (0, 1))
+    for axis, count in ((0, 300), (1, 200)):
+        correlation = np.corrcoef(first.mean(axis=axis), second.mean(axis=axis))[0, 1]
+        assert abs(correlation) < 5 / sqrt(count)
+
+
 def test_way_back_takes_off_the_dark_signal_drawn() -> None:
     sensor = thesis_sensor()
     electrons = np.linspace(500.0, 900.0, sensor.width * sensor.height).reshape(sensor.shape)

@@ -194,3 +194,10 @@ def test_map_that_is_nowhere_usable_says_so(dataset: xr.Dataset) -> None:
     dataset["cdp"] *= 0.8
     (finding,) = result_of(dataset).findings
     assert (finding.code, finding.values["usable_cdp"]) == ("map-nowhere-usable", 0.9)
+
+
+def test_a_map_too_large_for_tables_is_left_to_netcdf(monkeypatch: pytest.MonkeyPatch, dataset: xr.Dataset) -> None:
+    monkeypatch.setattr("labcdp.evaluate.sweep.maps.result._MOST_CELLS", dataset["cdp"].size - 1)
+    found = result_of(dataset)
+    assert [(one.code, one.values["n_cells"]) for one in found.findings] == [("map-in-netcdf-only", 192)]
+    assert {"map", "cdp"}.isdisjoint(table.name for table in found.tables)

@@ -10,6 +10,7 @@ import pytest
 from labcdp.calibration import ColourCalibration, load, save
 from labcdp.core.frame import PLANES
 from labcdp.regions import RectangleShape, load_regions, save_regions
+from labcdp.session import Session, SessionConfiguration
 
 from .conftest import only_line
 
@@ -32,6 +33,7 @@ REFUSED = (
     ("acquire s/session.toml own --simulated --replay x", "--simulated cannot be combined with --replay"),
     ("acquire s/session.toml own --simulated --meter /dev/ttyS0", "--meter cannot be combined with --simulated"),
     ("acquire s/session.toml own --replay s --transcript t.txt", "--transcript cannot be combined"),
+    ("acquire s/session.toml begun --replay s", "begun already has frames or readings"),
     ("simulate-bench s/session.toml --faults faults.txt", "faults.txt, line 2: 'vanisch' is not a known fault"),
     (
         "simulate-bench --simulated-bench key.toml",
@@ -47,9 +49,18 @@ REFUSED = (
     ("luminance c/calibration.json s -o a.jpg", "ends in .tif, .tiff, .exr, .npz"),
     ("luminance c/calibration.json s -o a.npz --frame 99", "no frame 99"),
     ("luminance c/calibration.json s -o a.npz --exposure 5ms", "it has 2ms, 8ms, 32ms"),
+    ("twin s -o file", "file is not a folder"),
+    ("twin dark", "no dark frames: cover the lens"),
+    ("image-map a.png --region-size 9", "the size of the regions is 9 pixels"),
+    ("image-map a.png --region-size 50", "superpixels of 50 pixels are larger than the image"),
     ("video a.avi --roi three.json", "three.json holds 3 regions"),
     ("video a.avi --roi rois.json --neighbours", "--neighbours needs no regions"),
+    ("video a.avi --roi rois.json --contrast=-5%", "--contrast is '-5%': give contrasts above 0%"),
+    ("video a.avi --roi rois.json --start 500", "has no frame from 500 to its end"),
+    ("video a.avi --roi rois.json --calibration a.json --camera-spec b.toml", "are given: give one"),
     ("simulate small.toml --contrast \u0665\u0660%", "give a number with a percent sign"),
+    ("simulate small.toml --set scene.luminance_cd_m2=nan", "scene.luminance_cd_m2 is nan"),
+    ("sweep thesis-2018 --exact --over scene.contrast=1,2", "is no EMVA 1288 sensor"),
     ("reproduce paper", "there is nothing to reproduce called 'paper'"),
 )
 
@@ -73,6 +84,11 @@ def folder(inputs, tmp_path_factory):
         ColourCalibration(planes, (0.25,) * 4, nothing, 0.0, 0.0, low_high, mono.residuals, (), (), (), None, None, ()),
         folder / "colour.json",
     )
+    with Session.open(shutil.copytree(folder / "s", folder / "dark"), writable=True) as session:
+        session.supersede(session.frames("dark"), "test")
+        reading = session.readings()[0]
+    with Session.create(folder / "begun", SessionConfiguration.load(folder / "s/session.toml")) as begun:
+        begun.add_reading(reading.reading, reading.patch)
     return folder
 
 

@@ -173,6 +173,24 @@ def test_the_uncertainty_of_the_snr_has_the_dark_signal_in_it():
     assert offset.standard_error == pytest.approx(expected)
 
 
+def test_only_the_windows_of_the_regions_are_used():
+    """Errors of a large picture are computed there only."""
+    luminance, asked = np.full(SHAPE, np.nan), set()
+    windows = [roi.window(SHAPE) for roi in (LEFT, RIGHT)]
+    for window in windows:
+        luminance[window] = _scene()[window]
+
+    def common(window):
+        asked.add(tuple((part.start, part.stop) for part in window))
+        return (CommonError("scale", 0.01),)
+
+    def whole():
+        raise AssertionError("errors of the whole picture are not needed")
+
+    evaluate_pair(LuminanceMap(luminance, whole, common, np.zeros(SHAPE, np.uint8)), LEFT, RIGHT, (0.2,))
+    assert asked == {tuple((part.start, part.stop) for part in window) for window in windows}
+
+
 def test_pixels_that_are_not_valid_count_and_are_warned_about():
     invalid = np.zeros(SHAPE, dtype=np.uint8)
     invalid[5:15, 5:35] = Invalid.SATURATED | Invalid.OUTSIDE_CALIBRATED

@@ -148,6 +148,14 @@ def test_errors_alike_for_neighbours_cancel_and_others_count():
     assert by_calibration == pytest.approx(one.calibration_standard_uncertainty, rel=0.1)
 
 
+def test_pixels_that_are_not_finite_are_left_out():
+    image = _halves(noise=3.0)
+    image[::7, ::11] = np.nan
+    found = contrast_map(_map(image))
+    assert found.count(EdgeKind.SEEN) >= 8
+    assert np.isfinite(found.regions.mean).all()
+
+
 def test_where_noise_hides_the_least_contrast_is_told():
     image = _halves(bright=400.0, noise=60.0)
     found = contrast_map(_map(image))

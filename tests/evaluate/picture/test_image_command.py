@@ -100,6 +100,13 @@ def test_the_rest_of_a_batch_continues_and_failures_are_reported_at_the_end(imag
     assert not (scene / "out/picture-1-one/surface.html").exists()
 
 
+def test_pictures_of_one_name_in_different_folders_are_kept_apart(image, scene):
+    values = json.loads(image("one.png", "small/one.png", "--neighbours", "--output", "out", "--json").stdout)
+    assert [one["picture"] for one in values["tables"]["pictures"]["rows"]] == ["one.png", "small/one.png"]
+    for folder in ("picture-1-one", "picture-2-one"):
+        assert (scene / "out" / folder / "report.html").exists()
+
+
 def test_the_documentation_names_options_that_exist_and_code_that_runs(image, scene, monkeypatch, capsys):
     text = (Path(__file__).parents[3] / "docs" / "howto" / "picture.md").read_text(encoding="utf-8")
     assert set(re.findall(r"--[a-z][a-z-]+", text)) <= set(re.findall(r"--[a-z][a-z-]+", image("--help").stdout))

@@ -71,6 +71,11 @@ def test_a_batch_continues_and_tells_why_files_failed():
     ]
 
 
+def test_processes_do_as_one_by_one():
+    items = ["1.5", "none", "-2"]
+    assert sorted(worked_through(items, float, 2)) == list(worked_through(items, float, 1))
+
+
 def test_ctrl_c_ends_a_batch():
     def work(_):
         raise KeyboardInterrupt

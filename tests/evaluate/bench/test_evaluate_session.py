@@ -135,6 +135,13 @@ def test_a_saturated_patch_is_named_and_can_be_left_out(recorded, observed):
         evaluate_session(recorded, observed, calibration)
 
 
+def test_another_black_level_than_the_calibrations_is_refused(recorded, observed, evaluation):
+    """That set in the camera."""
+    state = replace(evaluation.calibration.state, black_level_register=128.0)
+    with pytest.raises(CalibrationError, match=r"black level of .* is 128, but .* has 64"):
+        evaluate_session(recorded, observed, replace(evaluation.calibration, state=state))
+
+
 def test_a_patch_passes_limits_that_hold_all_of_its_interval(evaluation):
     row = evaluation.patches[0]
     low, high = row.calibrated.interval_95_cd_m2

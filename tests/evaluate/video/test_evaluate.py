@@ -200,6 +200,7 @@ def test_the_contrast_of_a_saturated_region_is_not_to_be_trusted(tmp_path: Path)
     ("changes", "text"),
     [
         ({"contrasts": (1.0, 1.0)}, "a contrast is given twice"),
+        ({"contrasts": (-1.0,)}, "contrast is -1.0"),
         ({"rois": (BRIGHT,)}, "1 regions are given: give two"),
         ({"rois": (), "reference": 1.0}, "a reference contrast needs regions"),
         ({"epsilon": 2.0}, "epsilon is 2.0"),
@@ -250,6 +251,20 @@ def test_nearest_neighbours_without_a_contrast(tmp_path: Path) -> None:
     journal = tmp_path / "out" / "video.jsonl"
     journal.write_bytes(b"".join(journal.read_bytes().splitlines(keepends=True)[:3]))
     xr.testing.assert_identical(evaluate_video(path, VideoSettings(None), tmp_path / "out"), result)
+
+
+def test_an_observer_sees_each_frame_with_its_results(tmp_path: Path) -> None:
+    """As does the annotated video."""
+    frames, seen = scenes(5), []
+    result = evaluate_video(
+        write(tmp_path / "a.mkv", frames),
+        fixed(),
+        observer=lambda number, grey, regions, row: seen.append((number, grey.copy(), len(regions), row["cdp"])),
+    )
+    numbers, greys, n_regions, cdp = zip(*seen, strict=True)
+    assert (numbers, n_regions) == ((0, 1, 2, 3, 4), (2,) * 5)
+    np.testing.assert_array_equal(greys, frames)
+    np.testing.assert_array_equal(cdp, result["cdp"].values)
 
 
 def test_repeated_pictures_are_noted_and_kept(tmp_path: Path) -> None:

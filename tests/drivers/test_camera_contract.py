@@ -204,7 +204,8 @@ def test_patience_bridges_a_loss_of_power_with_all_settings_and_notes_the_gap(tr
         assert all(not gap.lost_at < frame.timestamp < gap.back_at for frame in taken)
         # However late a busy computer noticed it.
         assert 0 < gap.duration_s == pytest.approx((gap.back_at - gap.lost_at).total_seconds(), abs=0.5)
-        assert "answer" in gap.reason
+        # One that is back before a busy computer asks after it answers, but is no longer controlled.
+        assert any(reason in gap.reason for reason in ("answer", "no longer controlled"))
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,12 @@
 """A simulated GigE Vision camera on loopback."""
 
-import os
-import signal
-import subprocess
-import sys
+from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.simulated.genicam import standard_features
 from labcdp.drivers.simulated.gige_camera import SimulatedDevice, SimulatedGigECamera
 
@@ -21,9 +20,7 @@ class Ramp:
 
     def expose(self, exposure_s, gain_db, index):
         dn = np.zeros(self.shape, dtype=np.uint16) + np.arange(self.shape[1], dtype=np.uint16)
-        dn[0, 0] = round(exposure_s * 1e6) % 4096
-        dn[0, 1] = round(gain_db * 10)
-        dn[0, 2] = index % 4096
+        dn[0, :3] = round(exposure_s * 1e6) % 4096, round(gain_db * 10), index % 4096
         return dn
 
 
@@ -39,26 +36,21 @@ def features(*without, **changed):
     return table | {"AnalogControl": table["AnalogControl"] | changed}
 
 
+@contextmanager
+def opened(**device):
+    """The driver of a small camera with other properties."""
+    with SimulatedGigECamera(replace(SMALL, **device), Ramp()), AravisCamera("127.0.0.1") as camera:
+        yield camera
+
+
 @pytest.fixture
 def camera_on_loopback(aravis):
     with SimulatedGigECamera(SMALL, Ramp()) as camera:
         yield camera
 
 
-@pytest.fixture
-def start_python():
-    """Start a Python program in a process of its own, which is ended with the test."""
-    started = []
-
-    def start(code):
-        process = subprocess.Popen(
-            [sys.executable, "-u", "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
-        started.append(process)
-        return process
-
-    yield start
-    for process in started:
-        if process.poll() is None:
-            os.kill(process.pid, signal.SIGKILL)
-        process.communicate()
+@pytest.fixture(params=["prosilica"])
+def camera(aravis, request):
+    """The driver of a small camera; parametrize indirectly with the naming of its features."""
+    with opened(features=standard_features(request.param)) as camera:
+        yield camera

@@ -16,14 +16,14 @@ from ..conftest import Ramp
 def test_frames_outlive_grab_and_camera(camera_on_loopback, name):
     with AravisCamera("127.0.0.1") as camera:
         camera.configure(pixel_format=name)
-        kept = list(camera.grab(30))
+        kept = list(camera.grab(20))
         copies = [frame.dn.copy() for frame in kept]
-        list(camera.grab(30))
+        list(camera.grab(20))
     gc.collect()
     assert all((frame.dn == copy).all() for frame, copy in zip(kept, copies, strict=True))
 
 
-def test_frames_dropped_in_another_thread_return_their_buffers(camera_on_loopback):
+def test_frames_dropped_in_another_thread_return_their_buffers(camera):
     waiting, stop, places = [], threading.Event(), []
 
     def drop():
@@ -33,21 +33,17 @@ def test_frames_dropped_in_another_thread_return_their_buffers(camera_on_loopbac
     thread = threading.Thread(target=drop)
     thread.start()
     try:
-        with AravisCamera("127.0.0.1") as camera:
-            for frame in camera.grab(60):
-                places.append(frame.dn.ctypes.data)
-                waiting.append(frame)
+        for frame in camera.grab(60):
+            places.append(frame.dn.ctypes.data)
+            waiting.append(frame)
     finally:
         stop.set()
         thread.join()
     # A busy computer may lose frames of its own; but no buffer is, as few of them serve all frames.
-    assert len(places) == 60
-    assert len(set(places)) < 60
+    assert len(places) == 60 > len(set(places))
 
 
-@pytest.mark.parametrize(
-    ("name", "n"), [("Mono8", 120), *(pytest.param(n, 300, marks=pytest.mark.long) for n in ("Mono8", "Mono16"))]
-)
+@pytest.mark.parametrize(("name", "n"), [("Mono8", 120), pytest.param("Mono16", 300, marks=pytest.mark.long)])
 def test_memory_is_flat_and_frames_are_not_copied(aravis, name, n):
     device = SimulatedDevice("SIM-1", width=256, height=256, frame_rate_hz=200)
     with SimulatedGigECamera(device, Ramp((256, 256))), AravisCamera("127.0.0.1") as camera:
@@ -63,10 +59,9 @@ def test_memory_is_flat_and_frames_are_not_copied(aravis, name, n):
         finally:
             tracemalloc.stop()
     # NumPy's allocations are traced. The simulated camera renders two frames ahead, in three steps each.
-    frame_bytes = frame.dn.nbytes
     assert after - before < 6 * 2 * 256 * 256
     base = frame.dn
     while isinstance(base, np.ndarray):
         base = base.base
     assert isinstance(base, Loan)
-    assert len(places) <= pool_size(frame_bytes, 200, n)
+    assert len(places) <= pool_size(frame.dn.nbytes, 200, n)

@@ -9,30 +9,33 @@ from ipaddress import IPv4Interface
 
 import pytest
 
+from labcdp.drivers import network
+from labcdp.drivers.device import Finding
 from labcdp.drivers.network import Interface, interface_findings, interface_to, interfaces, network_finding
+from labcdp.drivers.network import stream_causes as causes
 
 needs_own_network = pytest.mark.skipif(
     os.geteuid() != 0 or shutil.which("ip") is None, reason="making network interfaces needs root and ip"
 )
 
 
-def ip(*arguments):
-    subprocess.run(["ip", *arguments], check=True, capture_output=True)
+def ip(arguments):
+    subprocess.run(["ip", *arguments.split()], check=True, capture_output=True)
 
 
 @pytest.fixture
 def veth():
     """A cable with both ends in the tests' own network: vt0 with jumbo frames, vt1 without."""
-    ip("link", "add", "vt0", "type", "veth", "peer", "name", "vt1")
+    ip("link add vt0 type veth peer name vt1")
     try:
-        ip("link", "set", "vt0", "mtu", "9000", "up")
-        ip("link", "set", "vt1", "mtu", "1500", "up")
-        ip("addr", "add", "10.20.0.1/16", "dev", "vt0")
-        ip("addr", "add", "10.20.9.1/24", "dev", "vt0", "label", "vt0:x")
-        ip("addr", "add", "10.30.0.1/24", "dev", "vt1")
+        ip("link set vt0 mtu 9000 up")
+        ip("link set vt1 mtu 1500 up")
+        ip("addr add 10.20.0.1/16 dev vt0")
+        ip("addr add 10.20.9.1/24 dev vt0 label vt0:x")
+        ip("addr add 10.30.0.1/24 dev vt1")
         yield
     finally:
-        ip("link", "del", "vt0")
+        ip("link del vt0")
 
 
 def named(name):
@@ -40,18 +43,19 @@ def named(name):
 
 
 @needs_own_network
-def test_address_mtu_and_link_are_the_kernels(veth):
+def test_address_mtu_link_and_way_are_the_kernels(veth):
     first, second = named("vt0")
     assert (first.address, second.address) == (IPv4Interface("10.20.0.1/16"), IPv4Interface("10.20.9.1/24"))
-    assert first.mtu_bytes == second.mtu_bytes == 9000
-    assert first.is_up
-    assert first.has_link
-    assert not first.is_loopback
-    (third,) = named("vt1")
-    assert (third.address, third.mtu_bytes) == (IPv4Interface("10.30.0.1/24"), 1500)
-    ip("link", "set", "vt1", "down")
-    (third,) = named("vt1")
-    assert not third.is_up
+    assert (first.mtu_bytes, first.is_up, first.has_link, first.is_loopback) == (9000, True, True, False)
+    assert [(one.address, one.mtu_bytes) for one in named("vt1")] == [(IPv4Interface("10.30.0.1/24"), 1500)]
+    ip("route add 10.50.0.0/16 dev vt1")
+    ways = {address: interface_to(address, interfaces()).name for address in ("10.20.3.3", "10.50.1.1", "127.0.0.1")}
+    assert ways == {"10.20.3.3": "vt0", "10.50.1.1": "vt1", "127.0.0.1": "lo"}
+    assert interface_to("10.20.9.7", interfaces()).address == second.address
+    # Its own address is reached inside the computer.
+    assert interface_to("10.20.0.1", interfaces()).name == "lo"
+    ip("link set vt1 down")
+    assert not named("vt1")[0].is_up
     # The kernel tells the other end some time later.
     until_s = time.monotonic() + 60
     while named("vt0")[0].has_link:
@@ -60,19 +64,6 @@ def test_address_mtu_and_link_are_the_kernels(veth):
 
 
 @needs_own_network
-def test_the_way_to_a_camera_is_the_kernels(veth):
-    known = interfaces()
-    ip("route", "add", "10.50.0.0/16", "dev", "vt1")
-    assert interface_to("10.20.3.3", known).name == "vt0"
-    assert interface_to("10.20.9.7", known).address == IPv4Interface("10.20.9.1/24")
-    assert interface_to("10.30.0.9", known).name == "vt1"
-    assert interface_to("10.50.1.1", known).name == "vt1"
-    # Its own address is reached inside the computer.
-    assert interface_to("10.20.0.1", known).name == "lo"
-    assert interface_to("127.0.0.1", known).name == "lo"
-
-
-@pytest.mark.skipif(os.geteuid() != 0 or shutil.which("unshare") is None, reason="mounting sysfs needs root")
 def test_the_speed_of_the_link_is_read():
     if subprocess.run(["unshare", "--net", "--mount", "true"], capture_output=True).returncode != 0:
         pytest.skip("a mount namespace cannot be had here")
@@ -89,51 +80,85 @@ def test_the_speed_of_the_link_is_read():
     assert found == str({"lo": None, "sp0": int(speed)})
 
 
-def eth(name="eth0", address="10.0.0.1/24", **values):
-    return Interface(name, IPv4Interface(address), **{"mtu_bytes": 9000, "speed_mbit_s": 1000} | values)
-
-
-def texts(*known):
-    return [(finding.state, str(finding)) for finding in interface_findings(known)]
-
-
-def test_an_interface_fit_for_a_camera():
-    assert texts(eth()) == [("good", "10.0.0.1/24, packets of 9000 bytes, 1000 Mbit/s")]
-    # A radio link does not tell its speed.
-    assert texts(eth(speed_mbit_s=None)) == [("good", "10.0.0.1/24, packets of 9000 bytes")]
+def eth(**values):
+    return Interface("eth0", IPv4Interface("10.0.0.1/24"), **{"mtu_bytes": 9000, "speed_mbit_s": 1000} | values)
 
 
 @pytest.mark.parametrize(
-    ("values", "text"),
+    ("values", "state", "text"),
     [
-        ({"is_up": False}, "10.0.0.1/24 is switched off: sudo ip link set eth0 up"),
-        ({"has_link": False}, "10.0.0.1/24 has no link: check the cable, and that the camera has power"),
-        (
-            {"speed_mbit_s": 100},
-            "10.0.0.1/24 runs at 100 Mbit/s: a GigE Vision camera needs 1000: use a cable of category 5e or better, "
-            "and a gigabit port at both ends",
-        ),
-        (
-            {"mtu_bytes": 1500},
-            "10.0.0.1/24 takes packets of 1500 bytes; jumbo frames of 9000 cost less computing time and lose less: "
-            "sudo ip link set eth0 mtu 9000, if it is the camera's interface and every switch between takes them",
-        ),
+        ({}, "good", "10.0.0.1/24, packets of 9000 bytes, 1000 Mbit/s"),
+        # A radio link does not tell its speed.
+        ({"speed_mbit_s": None}, "good", "10.0.0.1/24, packets of 9000 bytes"),
+        ({"is_up": False}, "notice", "10.0.0.1/24 is switched off: sudo ip link set eth0 up"),
+        ({"has_link": False}, "notice", "10.0.0.1/24 has no link: check the cable"),
+        ({"speed_mbit_s": 100}, "notice", "10.0.0.1/24 runs at 100 Mbit/s: a GigE Vision camera needs 1000: use a"),
+        ({"mtu_bytes": 1500}, "notice", "10.0.0.1/24 takes packets of 1500 bytes; jumbo frames of 9000"),
     ],
 )
-def test_each_fault_of_an_interface(values, text):
-    assert texts(eth(**values)) == [("notice", text)]
+def test_what_is_said_of_an_interface(values, state, text):
+    (found,) = interface_findings([eth(**values)])
+    assert found.state == state
+    assert str(found).startswith(text)
 
 
 @pytest.mark.parametrize(
-    ("camera", "own"),
-    [
-        ("192.168.5.20", "192.168.5.10/24"),
-        ("192.168.5.10", "192.168.5.11/24"),
-        ("169.254.77.1", "169.254.0.10/16"),
-    ],
+    ("camera", "own"), [("192.168.5.10", "192.168.5.11/24"), ("169.254.77.1", "169.254.0.10/16"), ("10.0.0.77", None)]
 )
 def test_the_address_to_add_is_in_the_cameras_network(camera, own):
     finding = network_finding(camera, eth())
-    assert finding.remedy.startswith(f"sudo ip addr add {own} dev eth0")
-    assert network_finding("10.0.0.77", eth()) is None
-    assert network_finding("nonsense", eth()) is None
+    assert (finding.remedy.split(",")[0] if finding else None) == (own and f"sudo ip addr add {own} dev eth0")
+
+
+#: A 16-bit frame of a Manta G-505.
+FRAME = 2452 * 2056 * 2
+CAMERA = "192.168.7.20"
+
+
+@pytest.fixture
+def behind_a_card(monkeypatch, tmp_path):
+    """The camera is behind a network card of a computer with these files."""
+    card = Interface("eth1", IPv4Interface("192.168.7.1/24"), mtu_bytes=1500)
+    monkeypatch.setattr(network, "interface_to", lambda _address, _known: card)
+    return tmp_path
+
+
+def test_packets_larger_than_the_interface_takes_are_suspected_first(behind_a_card):
+    assert causes(CAMERA, FRAME, 9000, root=behind_a_card)[0] == Finding(
+        "packet size",
+        "fault",
+        "the camera sends packets of 9000 bytes, but eth1 takes 1500",
+        "sudo ip link set eth1 mtu 9000, or set the camera's GevSCPSPacketSize to 1500",
+    )
+    assert [one.topic for one in causes(CAMERA, FRAME, 1500, root=behind_a_card)] == ["firewall"]
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "command"),
+    [
+        ("etc/ufw/ufw.conf", "LOGLEVEL=low\nENABLED=yes\n", "sudo ufw allow proto udp from 192.168.7.20"),
+        ("etc/ufw/ufw.conf", "#ENABLED=yes\nENABLED=no\n", "if there is a firewall, let UDP packets from 192.168.7.20"),
+        ("run/firewalld.pid", "77", "sudo firewall-cmd --zone=trusted --add-source=192.168.7.20"),
+        ("proc/net/ip_tables_names", "nat\nfilter\n", "sudo iptables -I INPUT -p udp -s 192.168.7.20 -j ACCEPT"),
+        ("proc/net/ip_tables_names", "nat\n", "if there is a firewall, let UDP packets from 192.168.7.20 through"),
+    ],
+)
+def test_a_firewall_is_suspected_when_nothing_came(behind_a_card, file, text, command):
+    (behind_a_card / file).parent.mkdir(parents=True)
+    (behind_a_card / file).write_text(text)
+    (finding,) = causes(CAMERA, FRAME, root=behind_a_card)
+    assert (finding.topic, finding.remedy[: len(command)]) == ("firewall", command)
+
+
+@pytest.mark.parametrize(
+    ("message", "cause", "remedy"),
+    [
+        ("/dev/x: in use: end\n the program", "/dev/x: in use", "end the program"),
+        ("no reason at all", "no reason at all", None),
+        # What another program said stands in brackets, and is no remedy.
+        ("cannot be opened [Device: not found]", "cannot be opened [Device: not found]", None),
+        ("cannot be opened [E: x]: look at [1]", "cannot be opened [E: x]", "look at [1]"),
+    ],
+)
+def test_an_error_becomes_cause_and_remedy(message, cause, remedy):
+    assert Finding.of_error("topic", RuntimeError(message)) == Finding("topic", "fault", cause, remedy)

@@ -74,7 +74,6 @@ def interfaces(root: Path = Path("/")) -> list[Interface]:
 
 def _interface(name: str, address: Any, states: dict[str, Any], root: Path) -> Interface:
     flags = states[name].flags.split(",")
-    speed = read_int(root / "sys/class/net" / name / "speed")
     filters = [read_int(root / "proc/sys/net/ipv4/conf" / which / "rp_filter") or 0 for which in ("all", name)]
     return Interface(
         name=name,
@@ -83,7 +82,7 @@ def _interface(name: str, address: Any, states: dict[str, Any], root: Path) -> I
         has_link="running" in flags,
         is_loopback="loopback" in flags,
         mtu_bytes=states[name].mtu,
-        speed_mbit_s=speed if speed is not None and speed > 0 else None,
+        speed_mbit_s=states[name].speed or None,
         strict_reverse_path=max(filters) == 1,
     )
 

@@ -48,11 +48,12 @@ def host_findings(root: Path = Path("/")) -> list[Finding]:
     """
     # Capabilities cannot be given to a link.
     interpreter = os.path.realpath(sys.executable)
-    optional = [_capabilities(root, interpreter), port_finding(), _clock()]
+    optional = [port_finding(), _clock()]
     return [
         Finding("Python", "good", f"{platform.python_version()}, {interpreter}, on {sys.platform}"),
         aravis_finding(root),
         _receive_buffer(root),
+        _capabilities(root, interpreter),
         *(finding for finding in optional if finding is not None),
         *interface_findings(interfaces(root)),
         *(serial_port_finding(port.device, needed=False) for port in find_meter_ports()),
@@ -70,17 +71,15 @@ def _receive_buffer(root: Path) -> Finding:
     if limit < FRAME_BYTES:
         remedy = f"{raise_receive_limit(FRAME_BYTES)} (to keep it: {keep})"
         # With CAP_NET_RAW Aravis receives through a packet socket, which this limit does not apply to.
-        return Finding(topic, "notice" if may_open_packet_sockets(root) else "fault", text, remedy)
+        return Finding(topic, "notice" if may_open_packet_sockets() else "fault", text, remedy)
     if (kept_receive_limit_bytes(root) or 0) < FRAME_BYTES:
         return Finding(topic, "notice", f"until the computer starts again, {text}", keep)
     return Finding(topic, "good", text)
 
 
-def _capabilities(root: Path, interpreter: str) -> Finding | None:
-    topic, may_open = "capabilities", may_open_packet_sockets(root)
-    if may_open is None:
-        return None
-    if may_open:
+def _capabilities(root: Path, interpreter: str) -> Finding:
+    topic = "capabilities"
+    if may_open_packet_sockets():
         return Finding(topic, "good", "this process has CAP_NET_RAW: frames can come through a packet socket")
     if (network_limit("rmem_max", root) or 0) >= FRAME_BYTES:
         return Finding(topic, "good", "no CAP_NET_RAW, which so large a receive buffer makes needless")

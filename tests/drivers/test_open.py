@@ -8,10 +8,7 @@ from labcdp.drivers.simulated import PtyMeter, SimulatedLS
 @pytest.mark.parametrize("model", ["LS-100", "LS-110"])
 def test_open_meter(model):
     identity = MeterIdentity(model, "73323007", "2026-03-02", simulated=True)
-    with (
-        PtyMeter(SimulatedLS(lambda: 83.02), response_time_s=0) as pty,
-        labcdp.drivers.open_meter(pty.port, model, identity) as meter,
-    ):
+    served = PtyMeter(SimulatedLS(lambda: 83.02), response_time_s=0)
+    with served as pty, labcdp.drivers.open_meter(pty.port, model, identity) as meter:
         reading = meter.measure()
-    assert reading.luminance_cd_m2 == pytest.approx(83.02)
-    assert reading.meter == identity
+    assert (reading.luminance_cd_m2, reading.meter) == (pytest.approx(83.02), identity)

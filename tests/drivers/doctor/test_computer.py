@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -10,15 +9,18 @@ from types import SimpleNamespace
 
 import pytest
 
-from labcdp.drivers import computer
 from labcdp.drivers.aravis.library import aravis
 from labcdp.drivers.device import Finding
-from labcdp.drivers.doctor.computer import aravis_finding, debian_packages, host_findings, port_finding
+from labcdp.drivers.doctor import computer
 from labcdp.drivers.doctor.meter import serial_port_finding
 
 KEEP = "echo net.core.rmem_max=33554432 | sudo tee /etc/sysctl.d/90-camera.conf"
-#: A computer fit for a camera: limit of the receive buffer, the same for its next start, and capabilities.
-FIT = ("33554432\n", "net.core.rmem_max = 33554432\n", "0000000000000000")
+LOW = (
+    "net.core.rmem_max is 213 kB, and a frame has up to 10.1 MB; programs that ask for nothing get 213 kB "
+    "(rmem_default)"
+)
+RAISE = f"sudo sysctl -w net.core.rmem_max=33554432 (to keep it: {KEEP})"
+HIGH = LOW.replace("213 kB, and", "33.6 MB, and")
 
 
 def write(root, name, text):
@@ -27,49 +29,30 @@ def write(root, name, text):
     path.write_text(text)
 
 
-def findings(root, limit, kept, capabilities):
-    write(root, "proc/sys/net/core/rmem_max", limit)
-    write(root, "proc/sys/net/core/rmem_default", "212992\n")
-    write(root, "etc/sysctl.d/90-camera.conf", kept)
-    write(root, "proc/self/status", f"CapEff:\t{capabilities}\n")
-    return {one.topic: one for one in host_findings(root)}
+@pytest.mark.parametrize(
+    ("limit", "kept", "may_open_packet_sockets", "finding"),
+    [
+        (33554432, 33554432, False, ("good", HIGH, None)),
+        (33554432, 212992, False, ("notice", f"until the computer starts again, {HIGH}", KEEP)),
+        (212992, 33554432, False, ("fault", LOW, RAISE)),
+        (212992, 33554432, True, ("notice", LOW, RAISE)),
+    ],
+)
+def test_the_receive_buffer_holds_a_frame(tmp_path, monkeypatch, limit, kept, may_open_packet_sockets, finding):
+    write(tmp_path, "proc/sys/net/core/rmem_max", f"{limit}\n")
+    write(tmp_path, "proc/sys/net/core/rmem_default", "212992\n")
+    write(tmp_path, "etc/sysctl.d/90-camera.conf", f"net.core.rmem_max = {kept}\n")
+    monkeypatch.setattr(computer, "may_open_packet_sockets", lambda: may_open_packet_sockets)
+    found = {one.topic: one for one in computer.host_findings(tmp_path)}
+    assert found["receive buffer"] == Finding("receive buffer", *finding)
+    assert found["capabilities"].state == ("good" if may_open_packet_sockets or limit > 1e7 else "notice")
 
 
-def test_a_computer_fit_for_a_camera_has_good_findings_and_what_cannot_be_read_is_unknown(tmp_path, monkeypatch):
-    found = findings(tmp_path / "fit", *FIT)
-    assert found["receive buffer"].state == found["capabilities"].state == "good"
-    (tmp_path / "nothing").mkdir()
-    monkeypatch.setattr("psutil.PROCFS_PATH", str(tmp_path / "nothing"))
-    states = {one.topic: one.state for one in host_findings(tmp_path / "nothing")}
+def test_what_cannot_be_read_is_unknown_and_not_an_error(tmp_path, monkeypatch):
+    monkeypatch.setattr("psutil.PROCFS_PATH", str(tmp_path))
+    states = {one.topic: one.state for one in computer.host_findings(tmp_path)}
     assert states["receive buffer"] == "unknown"
-    assert not {"capabilities", "UDP port 3956"} & states.keys()
-
-
-@pytest.mark.parametrize(("capabilities", "state"), [("0000000000000000", "fault"), ("0000000000002000", "notice")])
-def test_a_limit_below_a_frame(tmp_path, capabilities, state):
-    assert findings(tmp_path, "212992\n", FIT[1], capabilities)["receive buffer"] == Finding(
-        "receive buffer",
-        state,
-        "net.core.rmem_max is 213 kB, and a frame has up to 10.1 MB; programs that ask for nothing get 213 kB "
-        "(rmem_default)",
-        f"sudo sysctl -w net.core.rmem_max=33554432 (to keep it: {KEEP})",
-    )
-
-
-@pytest.mark.parametrize("kept", ["", "net.core.rmem_max=212992\n"])
-def test_a_limit_that_the_next_start_forgets(tmp_path, kept):
-    found = findings(tmp_path, FIT[0], kept, FIT[2])["receive buffer"]
-    assert (found.state, found.remedy) == ("notice", KEEP)
-    assert found.cause.startswith("until the computer starts again, net.core.rmem_max is 33.6 MB")
-
-
-def test_the_capability_is_what_lets_a_packet_socket_open():
-    try:
-        socket.socket(socket.AF_PACKET, socket.SOCK_RAW).close()
-        may = True
-    except PermissionError:
-        may = False
-    assert computer.may_open_packet_sockets() is may
+    assert "UDP port 3956" not in states
 
 
 def test_the_program_that_has_a_port_is_named():
@@ -78,7 +61,7 @@ def test_the_program_that_has_a_port_is_named():
         "print(s.getsockname()[1], flush=True); time.sleep(60)"
     )
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as process:
-        found = port_finding(int(process.stdout.readline()))
+        found = computer.port_finding(int(process.stdout.readline()))
         name = Path(f"/proc/{process.pid}/comm").read_text().strip()
         process.kill()
     assert found.cause == f"taken by {name} (process {process.pid}) on 127.0.0.2; real cameras do not need it"
@@ -89,13 +72,12 @@ def test_the_program_that_has_a_port_is_named():
 def test_packages_that_are_missing_are_named(tmp_path, monkeypatch):
     aravis.cache_clear()
     monkeypatch.setitem(sys.modules, "gi", None)  # as if PyGObject were not there
-    installed = (("python3-gi", "3.42.2-3+b1", "ok installed"), ("gir1.2-aravis-0.8", "0.8.26-1", "ok config-files"))
     about = "Architecture: amd64\nMaintainer: x\nDescription: x\n"
-    entries = [f"Package: {name}\nStatus: install {state}\nVersion: {n}\n{about}\n" for name, n, state in installed]
-    write(tmp_path, "var/lib/dpkg/status", "".join(entries))
+    entry = f"Package: {{}}\nStatus: install {{}}\nVersion: 3.42\n{about}\n".format
+    installed = entry("python3-gi", "ok installed") + entry("gir1.2-aravis-0.8", "ok config-files")
+    write(tmp_path, "var/lib/dpkg/status", installed)
     (tmp_path / "var/lib/dpkg/updates").mkdir()
-    assert debian_packages(tmp_path / "var/lib/dpkg") == {"python3-gi": "3.42.2-3+b1"}
-    assert aravis_finding(tmp_path) == Finding(
+    assert computer.aravis_finding(tmp_path) == Finding(
         "Aravis",
         "fault",
         "no camera can be used: gir1.2-aravis-0.8 and libaravis-0.8-0 not installed",
@@ -104,15 +86,15 @@ def test_packages_that_are_missing_are_named(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("mode", "gid", "members", "cause", "remedy"),
+    ("mode", "members", "cause", "remedy"),
     [
-        (0o660, 20, [], "anna may not open it (crw-rw----, owner root, group dialout)", "sudo adduser anna dialout"),
-        (0o660, 20, ["anna"], "group dialout), though of its group", "log out and in again"),
-        (0o600, 20, [], "(crw-------", "sudo chgrp dialout /dev/ttyUSB0; sudo chmod g+rw /dev/ttyUSB0; sudo adduser"),
+        (0o660, [], "anna may not open it (crw-rw----, owner root, group dialout)", "sudo adduser anna dialout"),
+        (0o660, ["anna"], "group dialout), though of its group", "log out and in again"),
+        (0o600, [], "(crw-------", "sudo chgrp dialout /dev/ttyUSB0; sudo chmod g+rw /dev/ttyUSB0; sudo adduser"),
     ],
 )
-def test_each_way_not_to_be_let_in(monkeypatch, mode, gid, members, cause, remedy):
-    monkeypatch.setattr(os, "stat", lambda _path: SimpleNamespace(st_mode=0o020000 | mode, st_uid=0, st_gid=gid))
+def test_each_way_not_to_be_let_in(monkeypatch, mode, members, cause, remedy):
+    monkeypatch.setattr(os, "stat", lambda _path: SimpleNamespace(st_mode=0o020000 | mode, st_uid=0, st_gid=20))
     monkeypatch.setattr(os, "getuid", lambda: 1000)
     monkeypatch.setattr(os, "access", lambda *_: False)
     monkeypatch.setattr("pwd.getpwuid", lambda uid: SimpleNamespace(pw_name={0: "root", 1000: "anna"}[uid]))

@@ -32,27 +32,20 @@ class Person:
         return self.answers.pop(0)
 
 
-def measured(*answers):
-    with ManualMeter(Person(*answers), METER, ACCURACY) as meter:
+def measured(person):
+    with ManualMeter(person, METER, ACCURACY) as meter:
         return meter.measure()
 
 
-def test_a_typed_number_is_a_reading():
-    before = datetime.now(UTC)
-    reading = measured(" 12,30 ")
+def test_a_typed_number_is_a_reading_and_the_prompt_says_what_and_how_and_again_why():
+    before, person = datetime.now(UTC), Person("twelve", "-3", " 12,30 ")
+    reading = measured(person)
     assert (reading.value, reading.unit, reading.resolution) == (12.3, "cd/m2", 0.01)
-    assert reading.meter == METER
+    assert (reading.meter, reading.raw) == (METER, " 12,30 ")
     assert before <= reading.timestamp <= datetime.now(UTC)
-    assert reading.raw == " 12,30 "
     assert (reading.peak, reading.held, reading.correction) == (False, True, None)
     assert reading.standard_uncertainty_common_rel == pytest.approx(0.03 / sqrt(3))
     assert reading.standard_uncertainty_random_cd_m2 == pytest.approx(hypot(0.02 / sqrt(3), 0.005 * 12.3))
-
-
-def test_the_prompt_says_what_and_how_and_again_why():
-    person = Person("twelve", "-3", "12.3")
-    with ManualMeter(person, METER, ACCURACY) as meter:
-        assert meter.measure().value == 12.3
     assert person.prompts[0] == "Luminance shown by L 1003, in cd/m2 or with its unit like 3.4 fL: "
     assert person.prompts[1].startswith("'twelve' is not a number: write it like 12.3, 12,3 or 3.4 fL. Luminance")
     assert person.prompts[2].startswith("-3 is negative: a luminance is at least 0. Luminance")
@@ -60,28 +53,22 @@ def test_the_prompt_says_what_and_how_and_again_why():
 
 def test_three_answers_that_are_no_luminance_end_in_an_error():
     with pytest.raises(MeterError, match=r"no luminance was typed in 3 attempts, last: 'c' is not a number: write it"):
-        measured("a", "b", "c", "12.3")
+        measured(Person("a", "b", "c", "12.3"))
     with pytest.raises(MeterError, match="no reading of the luminance meter was typed: run the command in"):
-        measured("a")
+        measured(Person("a"))
 
 
 @pytest.mark.parametrize(
     ("text", "value", "unit", "resolution"),
     [
-        ("12,3", 12.3, None, 0.1),
-        ("  12.30\t", 12.3, None, 0.01),
-        ("3.4 fL", 3.4, "fL", 0.1),
-        ("12,3 cd/m2", 12.3, "cd/m2", 0.1),
         ("12.3cd/m^2", 12.3, "cd/m2", 0.1),
         ("12.3 cd/m²", 12.3, "cd/m2", 0.1),
         ("0,123", 0.123, None, 0.001),
         ("1234,567", 1234.567, None, 0.001),
-        ("1500", 1500, None, 1),
         ("1.5e3", 1500, None, 100),
         ("1,5E+03 cd/m2", 1500, "cd/m2", 100),
         ("+7", 7, None, 1),
         (".5", 0.5, None, 0.1),
-        ("0", 0, None, 1),
     ],
 )
 def test_ways_to_write_a_luminance(text, value, unit, resolution):
@@ -94,16 +81,11 @@ def test_ways_to_write_a_luminance(text, value, unit, resolution):
     ("text", "message"),
     [
         ("", r"'' is not a number: write it like 12\.3, 12,3 or 3\.4 fL"),
-        ("abc", "'abc' is not a number"),
         ("1 2", "'1 2' is not a number"),
         ("12.3 fL 4", "the unit 'fL 4' is not known"),
-        ("-1", "-1 is negative: a luminance is at least 0"),
         ("1.234,5", r"'1\.234,5' is not a number: write it with one decimal point or comma"),
-        ("1,234.5", r"'1,234\.5' is not a number: write it with one"),
-        (".", r"'\.' is not a number: write it with one"),
         ("1,234", r"'1,234' can mean 1\.234 or 1234: write one of these"),
         ("12 lx", "the unit 'lx' is not known: give cd/m2 or fL$"),
-        ("1e999", "the unit 'e999' is not known"),
     ],
 )
 def test_what_is_not_a_luminance_says_why(text, message):
@@ -123,9 +105,8 @@ def test_a_written_number_is_read_with_its_last_digit(number, places, comma, bla
     exact = Decimal(number).scaleb(-places)
     text = f"{exact:f}".replace(".", "," if comma else ".")
     written = parse_written(f"{blanks}{text}{blanks}{unit or ''}{blanks}", comma_is_decimal=True)
-    assert written.value == float(exact)
+    assert (written.value, written.unit) == (float(exact), {None: None, "fL": "fL"}.get(unit, "cd/m2"))
     assert written.resolution == pytest.approx(10.0**-places, rel=1e-12)
-    assert written.unit == {None: None, "fL": "fL"}.get(unit, "cd/m2")
 
 
 @given(

@@ -51,36 +51,18 @@ def test_every_flag():
 
 
 @pytest.mark.parametrize(
-    ("numbers", "resolution"),
+    ("data_sheet", "number", "resolution", "half_width"),
     [
-        (("  0.00", "  0.05", "  9.99", " 83.02", "   .25"), 0.01),
-        ((" 9.999",), 0.001),
-        (("  12.5", "125.35"), 0.1),
-        (("   500", "000500", "  5000", "  12. "), 1),
-        ((" 50000",), 10),
-        (("748000",), 100),
+        *((LS110, number, 0.01, 0.02) for number in ("  0.00", "  9.99", "   .25")),
+        *((LS110, " 83.02", 0.01, 0.01), (LS110, " 9.999", 0.001, 0.002), (LS110, "125.35", 0.1, 0.1)),
+        *((LS110, "000500", 1, 1), (LS110, "  12. ", 1, 1), (LS110, " 50000", 10, 10), (LS110, "748000", 100, 100)),
+        *((LS100, " 0.999", 0.001, 0.002), (LS100, " 1.000", 0.001, 0.001)),
     ],
 )
-def test_resolution_is_the_last_digit_sent_but_at_most_the_fourth(numbers, resolution):
-    assert {parse(f"OK00,CcPH{number}".encode()).resolution for number in numbers} == {resolution}
-
-
-@pytest.mark.parametrize(
-    ("data_sheet", "number", "unit", "half_width"),
-    [
-        (LS110, "  9.99", "c", 0.02),
-        (LS110, " 10.00", "c", 0.01),
-        (LS110, " 10.00", "f", 0.01),
-        (LS110, " 10.00", "%", 0.02),
-        (LS110, "125.35", "c", 0.1),
-        (LS110, "748000", "c", 100),
-        (LS100, " 0.999", "c", 0.002),
-        (LS100, " 1.000", "c", 0.001),
-    ],
-)
-def test_digit_error_of_the_data_sheet(data_sheet, number, unit, half_width):
-    reading = parse(f"OK00,C{unit}PH{number}".encode(), data_sheet)
-    assert reading.digits_half_width == pytest.approx(half_width)
+def test_last_digit_and_error_of_the_data_sheet(data_sheet, number, resolution, half_width):
+    """The last digit sent, at most the fourth; an error of 1 digit, of 2 in the lowest range; 2 % and 0.2 %."""
+    reading = parse(f"OK00,CcPH{number}".encode(), data_sheet)
+    assert (reading.resolution, reading.digits_half_width) == pytest.approx((resolution, half_width))
     assert (reading.scale_half_width_rel, reading.repeatability_rel) == (0.02, 0.002)
 
 
@@ -95,20 +77,9 @@ def test_error_codes_say_what_they_mean_and_what_to_do(code):
 @pytest.mark.parametrize(
     "reply",
     [
-        b"",
-        b"OK00",
-        b"OK01,CcPH 83.02",
-        b"OK00,XcPH 83.02",
-        b"OK00,CxPH 83.02",
-        b"OK00,CcXH 83.02",
-        b"OK00,CcPX 83.02",
-        b"OK00,CcPH83.02",
-        b"OK00,CcPH      ",
-        b"OK00,CcPH1.2.34",
-        b"OK00,CcPH 1e+05",
-        b"OK00,CcPH 83.02\r\n\r\n",
-        b"OK00,C\xe3PH 83.02",
-        b"ER100",
+        *(b"", b"OK00", b"OK01,CcPH 83.02", b"ER100", b"OK00,CcPH 83.02\r\n\r\n", b"OK00,C\xe3PH 83.02"),
+        *(b"OK00,XcPH 83.02", b"OK00,CxPH 83.02", b"OK00,CcXH 83.02", b"OK00,CcPX 83.02"),
+        *(b"OK00,CcPH83.02", b"OK00,CcPH      ", b"OK00,CcPH1.2.34", b"OK00,CcPH 1e+05"),
     ],
 )
 def test_garbage_is_shown(reply):
@@ -129,7 +100,9 @@ def test_arbitrary_bytes_raise_nothing_but_meter_errors(reply):
 def test_numbers_survive_the_format_of_the_meter(data_sheet, data):
     low, high = data_sheet.fast_range_cd_m2
     value = data.draw(st.floats(low, high))
-    reading = parse(f"OK00,CcPH{four_digits(value, data_sheet.decimals):>6f}".encode(), data_sheet)
+    number = four_digits(value, data_sheet.decimals)
+    assert len(number.as_tuple().digits) <= 4
+    reading = parse(f"OK00,CcPH{number:>6f}".encode(), data_sheet)
     assert abs(reading.value - value) <= reading.resolution / 2 * (1 + 1e-9)
     fourth = max(10**-data_sheet.decimals, 10.0 ** (len(str(int(reading.value))) - 4))
     assert reading.resolution == pytest.approx(fourth)

@@ -1,30 +1,29 @@
 """Noise of simulated frames: against the sensor's own model, from frame to frame, and after an interruption."""
 
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 import pytest
 
-from labcdp.chain import Chain
 from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
 from labcdp.drivers.simulated.noise_kernel import QUANTILES, draw_exposure
-from labcdp.session import SessionConfiguration, example_configuration
 
 SHAPE = (400, 480)
-N = 400_000
+N = 200_000
 
 
-@pytest.mark.parametrize("read_noise_e", [0.0, 10.0])
-@pytest.mark.parametrize("mean_e", [0.0, 0.3, 3.9, 4.1, 20.0, 900.0, 6950.0, 8000.0])
+@pytest.mark.parametrize(
+    ("mean_e", "read_noise_e"), [*product([0.0, 0.3, 3.9, 4.1, 20.0, 900.0, 6950.0, 8000.0], [0.0, 10.0])]
+)
 def test_distribution_is_that_of_poisson_full_well_and_read_noise(mean_e, read_noise_e):
     """Mean, variance and third moment of the counted electrons, which NumPy draws one by one."""
     rng = np.random.default_rng(1)
-    drawn = np.minimum(rng.poisson(mean_e, N), 7000) + rng.normal(0, read_noise_e, N)
+    theirs = np.minimum(rng.poisson(mean_e, N), 7000) + rng.normal(0, read_noise_e, N)
     flat = np.full((400, N // 400), mean_e, np.float32)
     # Gain 4 keeps steps of single electrons visible.
     dn = draw_exposure(flat, np.zeros_like(flat), (7000.0, 65535.0), read_noise_e, 4.0, 1000.0, 99, QUANTILES)
-    ours, theirs = (dn.ravel().astype(float) - 1000) / 4, drawn
+    ours = (dn.ravel().astype(float) - 1000) / 4
     assert ours.mean() == pytest.approx(theirs.mean(), abs=4 * np.sqrt((mean_e + read_noise_e**2) * 2 / N) + 1e-9)
     # The approximation above 4 electrons is 0.5 % low in variance where no read noise covers it.
     assert ours.var() == pytest.approx(theirs.var(), rel=0.005 + 4 * np.sqrt(4 / N), abs=0.01)
@@ -43,10 +42,8 @@ def test_pixels_of_one_frame_do_not_depend_on_each_other():
 
 
 def test_frames_on_the_wire_are_independent(aravis, small_configuration):
-    with (
-        SimulatedBench(small_configuration, BenchDevices.standard(), SHAPE).gige_camera(),
-        AravisCamera("127.0.0.1") as camera,
-    ):
+    served = SimulatedBench(small_configuration, BenchDevices.standard(), SHAPE).gige_camera()
+    with served, AravisCamera("127.0.0.1") as camera:
         camera.configure(exposure_s=0.004)
         frames = [frame.dn.astype(float) for frame in camera.grab(12)]
     clear = np.max(frames, axis=0) < 3500
@@ -55,21 +52,6 @@ def test_frames_on_the_wire_are_independent(aravis, small_configuration):
     # Of n residuals from their mean, each pair correlates by -1 / (n - 1).
     pairs = [np.corrcoef(a, b)[0, 1] for a, b in combinations(noise, 2)]
     assert np.abs(np.array(pairs) + 1 / 11).max() < 5 / np.sqrt(clear.sum())
-
-
-def test_full_size_frames_are_rendered_faster_than_the_camera_sends(aravis):
-    """Frames of 5 megapixels by processor time, of which a camera of 15 frames/s leaves 67 ms."""
-    import time
-
-    configuration = SessionConfiguration.from_toml(example_configuration(), "example")
-    source = SimulatedBench(
-        configuration, BenchDevices(Chain.load("manta-g505").camera(), BenchDevices.standard().meter)
-    )
-    source._source.expose(0.01, 0.0, 0)
-    began_s = time.thread_time()
-    for index in range(5):
-        source._source.expose(0.01, 0.0, 1 + index)
-    assert (time.thread_time() - began_s) / 5 < 0.06
 
 
 def test_a_resumed_bench_has_other_noise(small_configuration):
@@ -84,6 +66,5 @@ def test_a_resumed_bench_has_other_noise(small_configuration):
 
     first, again, resumed = started(0), started(0), started(17)
     np.testing.assert_array_equal(first[0], again[0])
-    assert first[1] == again[1]
+    assert first[1] == again[1] != resumed[1]
     assert (first[0] != resumed[0]).mean() > 0.2
-    assert first[1] != resumed[1]

@@ -198,11 +198,8 @@ def connect(info: CameraInfo, *, prepare: bool = True) -> Link:
     """
     arv = aravis()
     is_gige = info.protocol == "GigEVision"
-    if is_gige and gvcp.announce(info.address, tries=gvcp.PATIENT_TRIES) is None:
-        raise CameraNotFoundError(
-            f"camera {info.serial} does not answer at {info.address}: check power and cable, and that this computer "
-            "has an address of its network"
-        )
+    if is_gige:
+        _require_free(info)
     with _opening, camera_errors(f"camera {info.serial} at {info.address} cannot be opened", CameraNotFoundError):
         before = udp_socket_numbers()
         camera = arv.Camera.new(info.address if is_gige else info.device_id)
@@ -214,14 +211,31 @@ def connect(info: CameraInfo, *, prepare: bool = True) -> Link:
     return link
 
 
+def _require_free(info: CameraInfo) -> None:
+    """Refuse a camera that is absent or controlled before Aravis tries for seconds to take control of it."""
+    answer = gvcp.read_register(info.address, gvcp.CONTROL_CHANNEL_PRIVILEGE)
+    if answer is None:
+        raise CameraNotFoundError(
+            f"camera {info.serial} does not answer at {info.address}: check power and cable, and that this computer "
+            "has an address of its network"
+        )
+    # Under exclusive access it refuses to tell.
+    if answer.register or answer.status != 0:
+        raise _busy(info)
+
+
+def _busy(info: CameraInfo) -> CameraBusyError:
+    return CameraBusyError(
+        f"camera {info.serial} at {info.address} is controlled by another program: close that program, or wait a few "
+        "seconds if it was killed"
+    )
+
+
 def _check_who(link: Link) -> None:
     info = link.info
     with link.using("it does not tell who it is") as camera:
         if camera.is_gv_device() and not camera.get_device().is_controller():
-            raise CameraBusyError(
-                f"camera {info.serial} at {info.address} is controlled by another program: close that program, "
-                "or wait a few seconds if it was killed"
-            )
+            raise _busy(info)
         serial = device_text(camera.get_device_serial_number)
         if serial != info.serial:
             raise CameraNotFoundError(

@@ -4,11 +4,13 @@ import os
 import shutil
 import subprocess
 import time
+from dataclasses import replace
 from ipaddress import IPv4Interface
 
 import pytest
 
 from labcdp.drivers import network
+from labcdp.drivers.camera import StreamStatistics
 from labcdp.drivers.device import Finding
 from labcdp.drivers.network import Interface, interface_findings, interface_to, interfaces, network_finding
 from labcdp.drivers.network import stream_causes as causes
@@ -86,6 +88,13 @@ def test_what_is_said_of_an_interface(values, state, text):
     assert str(found).startswith(text)
 
 
+def test_two_interfaces_in_one_network():
+    *_, found = interface_findings([eth(), replace(eth(), name="eth1", address=IPv4Interface("10.0.0.9/24"))])
+    assert (found.topic, found.state) == ("interface eth1", "notice")
+    assert found.cause.startswith("eth0 (10.0.0.1/24) and eth1 (10.0.0.9/24) are in one network")
+    assert found.remedy.endswith("for example sudo ip addr del 10.0.0.9/24 dev eth1")
+
+
 @pytest.mark.parametrize(
     ("camera", "own"), [("192.168.5.10", "192.168.5.11/24"), ("169.254.77.1", "169.254.0.10/16"), ("10.0.0.77", None)]
 )
@@ -115,6 +124,22 @@ def test_packets_larger_than_the_interface_takes_are_suspected_first(behind_a_ca
         "sudo ip link set eth1 mtu 9000, or set the camera's GevSCPSPacketSize to 1500",
     )
     assert [one.topic for one in causes(CAMERA, FRAME, 1500, root=behind_a_card)] == ["firewall"]
+
+
+def test_lost_packets_have_other_causes_than_none_at_all(behind_a_card):
+    counted = StreamStatistics(completed=5, failed=2, underruns=3, missing=7)
+    found = causes(CAMERA, FRAME, 9000, granted_bytes=212_992, counted=counted, root=behind_a_card)
+    assert [(one.topic, one.state) for one in found] == [
+        ("receive buffer", "fault"),
+        ("packet size", "fault"),
+        ("packets", "notice"),
+        ("underruns", "notice"),
+    ]
+    assert str(found[0]).startswith("the receive buffer of 213 kB does not hold a frame of 10.1 MB: sudo sysctl -w net")
+    assert str(found[2]).startswith("7 packets are counted as missing: check cable and switch")
+    assert str(found[3]).startswith(
+        "3 packets found no free buffer, since the program was too slow to take them: lower"
+    )
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 import threading
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -79,18 +78,6 @@ def clock():
 @pytest.fixture
 def bench(small_configuration, clock):
     return SimulatedBench(small_configuration, BenchDevices.standard(seed=3), SHAPE, clock)
-
-
-def test_frames_take_their_exposure_or_their_period(bench, clock):
-    with bench.in_process_camera() as camera:
-        for exposure_s, takes_s in ((0.01, 1 / 15), (2.5, 2.5)):
-            camera.configure(exposure_s=exposure_s)
-            before_s = clock.monotonic_s()
-            frames = list(camera.grab(4))
-            assert clock.monotonic_s() - before_s == pytest.approx(4 * takes_s)
-            steps_ns = np.diff([frame.camera_timestamp_ns for frame in frames])
-            np.testing.assert_allclose(steps_ns, takes_s * 1e9, rtol=1e-6)
-            assert frames[-1].timestamp == clock.now()
 
 
 def test_light_drifts_for_camera_and_meter(bench, clock, small_configuration):

@@ -1,33 +1,33 @@
-"""One result object, rendered as text, page, spreadsheet, JSON and Dataset."""
-
-from __future__ import annotations
+"""Numbers as text, and one result object rendered as text, page, spreadsheet, JSON and Dataset."""
 
 from datetime import UTC, datetime
+from decimal import Decimal
 from io import BytesIO
 from math import inf, nan
 
 import numpy as np
 import openpyxl
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 
 from labcdp.core.errors import InputError
 from labcdp.core.result import Finding, InputFile, Quantity, Result, info, quantity_table, unique, warning
 from labcdp.core.table import Column, Table
+from labcdp.report import text as digits
 from labcdp.report.files import envelope, envelope_json, schema
 from labcdp.report.html import render_page
 from labcdp.report.layout import Card, Facts, Page, ReportFigure, Section
 from labcdp.report.sheets import result_workbook
-from labcdp.report.text import templates, text_table
 
 TIME = datetime(2026, 1, 2, tzinfo=UTC)
 COLUMNS = (
     Column("patch", "patch"),
     Column("luminance_cd_m2", "luminance", "cd/m²", "Mean of the patch.", expanded="expanded_cd_m2"),
     Column("expanded_cd_m2", "U (95 %)", "cd/m²", "Expanded uncertainty.", shown=False),
-    Column("cdp", "CDP", "", "Contrast detection probability.", low="cdp_low", high="cdp_high"),
-    Column("cdp_low", "CDP, low", shown=False),
-    Column("cdp_high", "CDP, high", shown=False),
+    Column("cdp", "CDP", low="cdp_low", high="cdp_high"),
+    *(Column(f"cdp_{end}", f"CDP, {end}", shown=False) for end in ("low", "high")),
     Column("contrast", "contrast", "%", "Weber contrast."),
     Column("exposure_s", "exposure", "s", time=True),
 )
@@ -36,50 +36,52 @@ ROW = {"patch": "=1+1", "luminance_cd_m2": 103.456, "expanded_cd_m2": 2.04, "cdp
 OTHER = {"patch": "<b>", "luminance_cd_m2": np.float64(1e-4), "cdp": nan, "contrast": inf}
 
 
+@given(st.floats(1e-9, 1e9), st.integers(1, 6))
+def test_shows_the_significant_digits_of_decimal_arithmetic(value, n):
+    # Decimal's g rounds half to even on the exact value, as round() does.
+    expected = Decimal(f"{Decimal(value):.{n}g}")
+    assert abs(Decimal(str(round(value, digits.decimals(value, n)))) - expected) <= expected * Decimal(10) ** -12
+    assert digits.decimals(value, n) == n - 1 - expected.adjusted()
+
+
+@pytest.mark.parametrize(
+    ("shown", "arguments", "text"),
+    [
+        # JCGM 100:2008, 7.2.4: m_S = (100.021 47 +- 0.000 79) g
+        (digits.with_half_width, (100.021472, 0.00079), "100.02147 ± 0.00079"),
+        (digits.with_half_width, (5.0, 0.0996), "5.00 ± 0.10"),
+        (digits.with_half_width, (-0.004, 0.5), "0.00 ± 0.50"),
+        (digits.with_half_width, (4.0, float("inf")), "4.00 ± unknown"),
+        # A share near all is not called all.
+        (digits.share_percent, (1.0,), "100 %"),
+        (digits.share_percent, (0.99972,), "99.972 %"),
+        (digits.share_percent, (1 - 1e-8,), "more than 99.9999 %"),
+        (digits.exposure, (0.0005,), "500 µs"),
+        (digits.shortened, ("a\x00b\ud800cd", 5), "a\ufffdb\ufffd…"),
+    ],
+)
+def test_numbers_are_shown_with_the_digits_that_count(shown, arguments, text):
+    assert shown(*arguments) == text
+
+
 @pytest.fixture
-def result() -> Result:
+def result(monkeypatch):
+    monkeypatch.setitem(digits.templates(), "test-note", "patch {subject} is at {share:percent}")
     table = Table.of_rows("patches", "Patches", COLUMNS, [ROW, OTHER])
     return Result("evaluate", "a & b", (table,), (info("test-note", "<i>", share=0.5),), seed=1)
 
 
-@pytest.fixture(autouse=True)
-def _texts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(templates(), "test-note", "patch {subject} is at {share:percent}")
-
-
-def test_numbers_carry_the_digits_that_their_uncertainty_supports(result: Result) -> None:
-    heads, rows = text_table(result.table("patches"))
+def test_text_json_sheet_and_dataset_of_a_table(result):
+    heads, rows = digits.text_table(result.table("patches"))
     assert heads == ["patch", "luminance ± U (cd/m²)", "CDP, 95 % interval", "contrast (%)", "exposure"]
     assert rows[0] == ["=1+1", "103.5 ± 2.0", "0.8591 (0.8510 to 0.8660)", "278.0", "12.3 ms"]
     assert rows[1] == ["<b>", "0.0001000", "-", "∞", "-"]
-
-
-def test_a_quantity_in_percent_is_a_fraction_in_data() -> None:
-    quantities = (Quantity("PRNU", 0.0123, "%", u=0.0005), Quantity("K", 0.5, "DN/e⁻", u=0.01))
-    table = quantity_table("quantities", "Quantities", quantities)
-    assert text_table(table)[1] == [["PRNU", "1.230 ± 0.098", "%", "-"], ["K", "0.500 ± 0.020", "DN/e⁻", "-"]]
-    result = Result("characterise", "a", (table,))
-    written = envelope(result)["tables"]["quantities"]["rows"]
-    assert [(row["value"], row["u_value"], row["unit"]) for row in written] == [
-        (0.0123, 0.0005, "1"),
-        (0.5, 0.01, "DN/e⁻"),
-    ]
-    sheet = openpyxl.load_workbook(BytesIO(result_workbook(result, TIME)))["quantities"]
-    assert (sheet["B2"].value, sheet["B2"].number_format) == (0.0123, "0.000%")
-
-
-def test_json_follows_the_schema_and_keeps_fractions(result: Result) -> None:
     values = envelope(result)
     Draft202012Validator(schema()).validate(values)
     first, second = values["tables"]["patches"]["rows"]
-    assert first == ROW
-    assert second["cdp"] is None
-    assert second["contrast"] is None
+    assert (first, second["cdp"], second["contrast"]) == (ROW, None, None)
     assert values["findings"][0]["text"] == "patch <i> is at 50 %"
     assert "NaN" not in envelope_json(result)
-
-
-def test_a_sheet_holds_all_columns_as_numbers_and_text_stays_text(result: Result) -> None:
     data = result_workbook(result, TIME)
     assert data == result_workbook(result, TIME)
     book = openpyxl.load_workbook(BytesIO(data))
@@ -87,12 +89,26 @@ def test_a_sheet_holds_all_columns_as_numbers_and_text_stays_text(result: Result
     sheet = book["patches"]
     assert [cell.value for cell in sheet[1]][1:3] == ["luminance (cd/m²)", "U (95 %) (cd/m²)"]
     assert [cell.value for cell in sheet[2]] == list(ROW.values())
-    assert sheet["A2"].data_type == "s"
-    assert (sheet["B2"].number_format, sheet["G2"].number_format) == ("0.0", "0.0%")
+    assert [sheet["A2"].data_type, sheet["B2"].number_format, sheet["G2"].number_format] == ["s", "0.0", "0.0%"]
     assert sheet["D3"].value is None
+    dataset = result.table("patches").to_dataset()
+    assert dataset["contrast"].attrs == {"long_name": "contrast", "units": "1", "description": "Weber contrast."}
+    np.testing.assert_array_equal(dataset["luminance_cd_m2"], [103.456, 1e-4])
 
 
-def test_a_page_escapes_all_text_and_shows_warnings_before_the_answer(result: Result) -> None:
+def test_a_quantity_in_percent_is_a_fraction_in_data():
+    quantities = (Quantity("PRNU", 0.0123, "%", u=0.0005), Quantity("K", 0.5, "DN/e⁻", u=0.01))
+    table = quantity_table("quantities", "Quantities", quantities)
+    assert digits.text_table(table)[1] == [["PRNU", "1.230 ± 0.098", "%", "-"], ["K", "0.500 ± 0.020", "DN/e⁻", "-"]]
+    result = Result("characterise", "a", (table,))
+    rows = envelope(result)["tables"]["quantities"]["rows"]
+    found = [(row["value"], row["u_value"], row["unit"]) for row in rows]
+    assert found == [(0.0123, 0.0005, "1"), (0.5, 0.01, "DN/e⁻")]
+    cell = openpyxl.load_workbook(BytesIO(result_workbook(result, TIME)))["quantities"]["B2"]
+    assert (cell.value, cell.number_format) == (0.0123, "0.000%")
+
+
+def test_a_page_escapes_all_text_and_shows_warnings_before_the_answer(result):
     page = Page(
         "report", "<script>x</script>", cards=(Card("<b>pair</b>", "0.859", verdict="detected", state="good"),),
         lead=(ReportFigure("a.png", b"png", "<u>caption</u>", "text"), result.table("patches")),
@@ -105,17 +121,11 @@ def test_a_page_escapes_all_text_and_shows_warnings_before_the_answer(result: Re
     assert html.index("Patch P1 is at 25") < html.index("0.859") < html.index("Details") < html.index("Notes (1)")
 
 
-def test_a_table_becomes_a_dataset_with_units(result: Result) -> None:
-    dataset = result.table("patches").to_dataset()
-    assert dataset["contrast"].attrs == {"long_name": "contrast", "units": "1", "description": "Weber contrast."}
-    np.testing.assert_array_equal(dataset["luminance_cd_m2"], [103.456, 1e-4])
-    assert list(dataset["patch"].values) == ["=1+1", "<b>"]
-
-
-def test_each_finding_stands_once_with_the_severe_ones_first_and_inputs_have_hashes(tmp_path) -> None:
+def test_each_finding_stands_once_with_the_severe_ones_first_and_inputs_have_hashes(tmp_path):
     first, second = info("a"), Finding("b", "error")
     assert unique([first, second, first, warning("c")]) == (second, warning("c"), first)
     (tmp_path / "a").write_bytes(b"abc")
-    assert InputFile.of("picture", tmp_path / "a").sha256.startswith("ba7816bf")
+    # FIPS 180-2, appendix B.1
+    assert InputFile.of("picture", tmp_path / "a").sha256.startswith("ba7816bf8f01cfea")
     with pytest.raises(InputError, match="cannot be read"):
         InputFile.of("picture", tmp_path / "b")

@@ -1,4 +1,4 @@
-"""Calibration from several recorded sessions, with patches held out, and with a measured flat field."""
+"""Calibration from several recorded sessions, with patches held out, with a flat field, and for parts of the sensor."""
 
 from dataclasses import replace
 
@@ -9,11 +9,13 @@ from labcdp.calibration import load, save
 from labcdp.calibration.convert.bracket import bracket_luminance
 from labcdp.chain import ImagingChain, Optics, Sensor
 from labcdp.core.errors import CalibrationError, ConfigurationError, InputError
+from labcdp.core.frame import Readout
 from labcdp.core.vignetting import Cos4Vignetting
 from labcdp.evaluate.bench.calibrate import calibrate_session
-from labcdp.evaluate.bench.corrections import UniformLight, corrections_of, require_same_optics
+from labcdp.evaluate.bench.corrections import UniformLight, calibration_for, corrections_of, require_same_optics
 from labcdp.evaluate.bench.observe import observe_session
 from labcdp.evaluate.bench.session import evaluate_session
+from labcdp.evaluate.bench.verification import verify_session
 from labcdp.session import Session
 from labcdp.session.tables import SpectraConfiguration
 
@@ -29,19 +31,28 @@ CONTRAST = {"bright": "P9", "dark": "P2", "contrast": 10.0, "epsilon": 0.5}
 LENS = {"model": "Prime", "serial": "7", "focal_length_m": 0.002, "f_number": 2.8}
 #: Fall-off of a lens that is not the cos^4 of its focal length: a third more in the corners.
 EXTRA = 1 - 0.3 * ((X - (WIDTH - 1) / 2) ** 2 + (Y - (HEIGHT - 1) / 2) ** 2) / (HEIGHT**2 + WIDTH**2) * 4
+#: Of a wide lens there are left 0.44 of the light in the corners; a part without the first column of patches.
+WIDE, WHOLE, PART = LENS | {"focal_length_m": 0.00066}, np.s_[:HEIGHT, :WIDTH], np.s_[4:HEIGHT, 40:WIDTH]
 
 
-def bench_of(path, of=SCENE, n=2, exposures_s=(0.002, 0.008, 0.032), first=0, camera=None, full_well_e=3e4, **changes):
+def bench_of(path, of=SCENE, n=2, exposures_s=(0.002, 0.008, 0.032), first=0, camera=CAMERA, full_well_e=3e4,
+             extra=EXTRA, window=WHOLE, readout=None, gain_db=0.0, **changes):  # fmt: skip
     """Write a session of the ten patches, or of another scene, by a camera with more fall-off than its lens has."""
-    gain_db = changes.pop("gain_db", 0.0)
+    lens = changes.setdefault("lens", LENS)
+    at = {"width": WIDTH, "height": HEIGHT}
     sensor = Sensor(
-        pixel_pitch_m=4e-6, width=WIDTH, height=HEIGHT, quantum_efficiency=0.5, full_well_e=full_well_e,
-        k_dn_per_e=0.2, read_noise_e=6.0, dark_current_e_s=20.0, bits=12, black_level_dn=64.0, prnu_rel=0.005,
-        dsnu_e=2.0, dsnu_e_s=0.0, device_seed=5,
+        pixel_pitch_m=4e-6, quantum_efficiency=0.5, full_well_e=full_well_e, k_dn_per_e=0.2, read_noise_e=6.0,
+        dark_current_e_s=20.0, bits=12, black_level_dn=64.0, prnu_rel=0.005, dsnu_e=2.0, dsnu_e_s=0.0, device_seed=5,
+        **at,
     )  # fmt: skip
-    light = ImagingChain("D65", None, Optics(2.8, 0.9, 0.002), sensor).electron_rate(of) * EXTRA
-    frames = exposed(sensor, light, exposures_s, n, first, gain_db, camera=camera or CAMERA)
-    return record(path, configuration(ROIS, contrast=[CONTRAST], **changes), frames, LUMINANCES_CD_M2, first)
+    optics = Optics(lens["f_number"], 0.9, lens["focal_length_m"])
+    light = (ImagingChain("D65", None, optics, sensor).electron_rate(of) * extra)[window]
+    sensor = replace(sensor, width=light.shape[1], height=light.shape[0])
+    top, left = (part.start or 0 for part in window)
+    rois = {name: [x - left, y - top, w, h] for name, (x, y, w, h) in ROIS.items() if x > left}
+    frames = exposed(sensor, light, exposures_s, n, first, gain_db, camera=camera, readout=readout)
+    bench = configuration(rois, **{"contrast": [CONTRAST] if window is WHOLE else [], **changes})
+    return record(path, bench, frames, {name: LUMINANCES_CD_M2[name] for name in rois}, first, first)
 
 
 def observe(path, corrections=None):
@@ -72,6 +83,17 @@ def deviations(calibration):
     return [row.luminance_cd_m2 / LUMINANCES_CD_M2[row.patch] - 1 for row in calibration.residuals]
 
 
+def evaluated(path, calibration):
+    """Evaluation of a session, each of whose patches must lie in its interval."""
+    with Session.open(path) as session:
+        own = calibration_for(session, calibration)
+        result = evaluate_session(session, observe_session(session, corrections=corrections_of(own)), own)
+    for row in result.patches:
+        low, high = row.calibrated.interval_95_cd_m2
+        assert low < LUMINANCES_CD_M2[row.region.name] < high
+    return result
+
+
 def test_a_measured_flat_field_takes_off_what_cos4_does_not_know(bench, observed, corrections, tmp_path):
     plain, calibration = calibrate_session(observed), calibrate_session(observe(bench, corrections))
     assert not isinstance(calibration.vignetting, Cos4Vignetting)
@@ -79,13 +101,7 @@ def test_a_measured_flat_field_takes_off_what_cos4_does_not_know(bench, observed
     assert np.abs(deviations(calibration)).max() < 0.01
     assert np.abs(deviations(plain)).max() > 0.03
     save(calibration, tmp_path / "calibration.json")
-    again = load(tmp_path / "calibration.json")
-    with Session.open(bench) as session:
-        result = evaluate_session(session, observe_session(session, corrections=corrections_of(again)), again)
-    for row in result.patches:
-        low, high = row.calibrated.interval_95_cd_m2
-        assert low < LUMINANCES_CD_M2[row.region.name] < high
-    (contrast,) = result.contrasts
+    (contrast,) = evaluated(bench, load(tmp_path / "calibration.json")).contrasts
     truth = LUMINANCES_CD_M2["P9"] / LUMINANCES_CD_M2["P2"] - 1
     assert abs(contrast.camera_contrast - truth) < 3 * contrast.camera_standard_uncertainty
 
@@ -109,21 +125,38 @@ def test_a_camera_that_is_full_before_its_converter_ends_is_used_below(full_well
     calibration = calibrate_session(observe(path, corrections), held_out=["P4"])
     (row,) = calibration.held_out
     assert (row.patch, row.luminance_cd_m2) == ("P4", pytest.approx(LUMINANCES_CD_M2["P4"], rel=0.01))
-    full_dn = 64 + 0.2 * full_well_e
     (finding,) = (one for one in calibration.findings if one.code == "full-below-saturation")
-    assert finding.values["level_dn"] == pytest.approx(full_dn, abs=1)
+    assert finding.values["level_dn"] == pytest.approx(64 + 0.2 * full_well_e, abs=1)
     assert calibration.state.saturation_dn == pytest.approx(64 + 0.18 * full_well_e, abs=1)
     assert np.abs(deviations(calibration)).max() < 0.01
     assert "patch-contradicts" not in {one.code for one in calibration.findings}
+    evaluated(path, calibration)
     with Session.open(path) as session:
-        rows = evaluate_session(session, observe_session(session, corrections=corrections), calibration).patches
-        frames = [session.load(record) for record in session.frames() if record.role == "light"]
-    for row in rows:
-        low, high = row.calibrated.interval_95_cd_m2
-        assert low < LUMINANCES_CD_M2[row.region.name] < high
-    bracket = bracket_luminance(calibration, frames).map
-    valid = bracket.invalid == 0
-    assert np.median(np.abs(bracket.luminance_cd_m2 / SCENE - 1)[valid]) < 0.02
+        bracket = bracket_luminance(calibration, [session.load(record) for record in session.frames("light")]).map
+    assert np.median(np.abs(bracket.luminance_cd_m2 / SCENE - 1)[bracket.invalid == 0]) < 0.02
+
+
+def test_calibration_of_the_whole_sensor_measures_a_part_of_it_and_no_other_part(tmp_path):
+    def of(name, first, window=WHOLE, at=(0, 0)):
+        readout = Readout(*at, sensor_size=(WIDTH, HEIGHT))
+        return bench_of(tmp_path / name, n=6, first=first, extra=1.0, lens=WIDE, window=window, readout=readout)
+
+    whole, part, corner = of("whole", 1), of("part", 2000, PART, (40, 4)), of("corner", 3000, PART)
+    calibration = calibrate_session(observe(whole))
+    rows = {row.region.name: row.calibrated.luminance_cd_m2 for row in evaluated(part, calibration).patches}
+    assert rows == pytest.approx({name: LUMINANCES_CD_M2[name] for name in rows}, rel=0.01)
+    of_part = calibrate_session(observe(part))
+    # The axis is beside the middle of the part.
+    r = of_part.responsivity.responsivity_dn_s_cd_m2
+    assert r == pytest.approx(calibration.responsivity.responsivity_dn_s_cd_m2, rel=0.005)
+    message = "region of the sensor of the calibration is from column 40 and row 4, .* has from column 0 and row 0"
+    with Session.open(part) as session, Session.open(corner) as other:
+        assert verify_session(session, calibration)[0].verdict == "conform"
+        for refused in (lambda: evaluated(corner, of_part), lambda: verify_session(other, of_part)):
+            with pytest.raises(CalibrationError, match=message):
+                refused()
+        with pytest.raises(CalibrationError, match="the region of the sensor of the flat field's session is from col"):
+            require_same_optics(session, other)
 
 
 def test_what_does_not_fit_together_is_refused(bench, observed, tmp_path):

@@ -27,42 +27,42 @@ def sheet(tmp_path):
     return write
 
 
-@pytest.fixture(scope="module")
-def camera():
-    return labcdp.Chain.load("imx250")
+def sensor_of(preset, results):
+    return labcdp.Chain.load(preset).with_emva1288(results).sensors[0][1]
 
 
-def _frame(sensor, electrons):
-    frame = sensor.expose(electrons / 1e-3, 1e-3, 0.0, temperature_c=25.0, seed=1, exposure_index=0)
-    return frame.astype(float)
+def seen(sensor, electrons):
+    """Pixels of a frame with so many electrons on average."""
+    rate = np.full(sensor.shape, electrons / 1e-3)
+    return sensor.expose(rate, 1e-3, 0.0, temperature_c=25.0, seed=1, exposure_index=0).astype(float)
 
 
-def test_what_a_sheet_states_is_what_the_sensor_has(camera, sheet):
+def test_what_a_sheet_states_is_what_the_sensor_has(sheet):
     """SNR is 1 at the stated threshold, and the stated largest one at saturation."""
-    text = "quantum_efficiency = 0.6\nk_dn_per_e = 0.4\nsnr_max_db = 40.0\nsensitivity_threshold_photons = 10.0"
-    sensor = camera.with_emva1288(sheet(text)).sensors[0][1]
+    common = "quantum_efficiency = 0.6\nk_dn_per_e = 0.4\n"
+    sensor = sensor_of("imx250", sheet(f"{common}snr_max_db = 40.0\nsensitivity_threshold_photons = 10.0"))
     assert sensor.full_well_e == pytest.approx(10**4)
     assert sensor.dark_noise_dn() / 0.4 + 0.5 == pytest.approx(6.0)  # eta mu_p.min = sigma_y.dark / K + 1/2
     # That is where SNR is 1, but for 1/4 in the square of the noise.
     assert snr(np.array([6.0]), sensor.read_noise_e, 0.4)[0] == pytest.approx(6 / sqrt(5.5**2 + 6))
-    same = camera.with_emva1288(sheet("quantum_efficiency = 0.6\nk_dn_per_e = 0.4\nfull_well_e = 10000.0\n"
-                                      f"dynamic_range_db = {20 * np.log10(1e4 / 6)}"))  # fmt: skip
-    assert same.sensors[0][1].read_noise_e == pytest.approx(sensor.read_noise_e)
-    halved = camera.with_emva1288(sheet("quantum_efficiency = 0.335\nwavelength_nm = 525")).sensors[0][1]
-    before, after = (np.array(one.quantum_efficiency) for one in (camera.sensors[0][1], halved))
-    np.testing.assert_allclose(after, before * [1, 0.5], atol=1e-4)
+    same = sensor_of("imx250", sheet(f"{common}full_well_e = 1e4\ndynamic_range_db = {20 * log10(1e4 / 6)}"))
+    assert same.read_noise_e == pytest.approx(sensor.read_noise_e)
+    halved = sensor_of("imx250", sheet("quantum_efficiency = 0.335\nwavelength_nm = 525"))
+    before = labcdp.Chain.load("imx250").sensors[0][1]
+    after, expected = np.array(halved.quantum_efficiency), np.array(before.quantum_efficiency) * [1, 0.5]
+    np.testing.assert_allclose(after, expected, atol=1e-4)
 
 
 def test_a_sheet_without_k_gives_a_camera_that_has_its_ratios(sheet):
     """Photon transfer of simulated frames (dark, half, full) gives the stated SNR_max = sqrt(mu_e.sat) and DR."""
     path = sheet("bits = 12\nsnr_max_db = 40.3\ndynamic_range_db = 71.2\nwidth = 300\nheight = 300")
-    sensor = labcdp.Chain.load("manta-g505").with_emva1288(path).sensors[0][1]
-    sensor = replace(sensor, dsnu_e=0.0, dsnu_e_s=0.0, prnu_rel=0.0)
-    frames = [_frame(sensor, e) for e in (0.0, 5000.0, 1e6)]
-    (dark, dark_variance), (half, variance), (full, _) = ((one.mean(), one.var()) for one in frames)
+    sensor = replace(sensor_of("manta-g505", path), dsnu_e=0.0, dsnu_e_s=0.0, prnu_rel=0.0)
+    (dark, dark_variance), (half, variance), (full, _) = (
+        (one.mean(), one.var()) for one in (seen(sensor, e) for e in (0.0, 5000.0, 1e6))
+    )
     k = (variance - dark_variance) / (half - dark)
     # K and sigma_y.dark are known to sqrt(2 / N) and sqrt(1 / (2 N)).
-    k_rel = sqrt(2 / frames[0].size)
+    k_rel = sqrt(2 / 300**2)
     assert 20 * log10(sqrt((full - dark) / k)) == pytest.approx(40.3, abs=4 * 10 / np.log(10) * k_rel)
     threshold_e = sqrt(dark_variance) / k + 0.5
     assert 20 * log10((full - dark) / k / threshold_e) == pytest.approx(71.2, abs=4 * 20 / np.log(10) * k_rel)
@@ -81,36 +81,29 @@ def test_a_converter_that_ends_first_at_a_gain_does_not_limit_the_chain(tmp_path
     """At 12 dB the converter of the manta-g505 ends at a quarter of its range in electrons at 0 dB."""
     values = {"k_dn_per_e": 0.6 * 10 ** (12 / 20), "black_level_dn": 64.0, "full_well_e": 1682.0}
     made = {"gain_db": 12.0, "bits": 12, "width": 300, "height": 300, "saturation_limit": limit}
-    rows = [{"key": key, "value": value} for key, value in values.items()]
-    tables = {"characterisation": {"rows": rows}}
+    tables = {"characterisation": {"rows": [{"key": key, "value": value} for key, value in values.items()]}}
     document = {"schema": SCHEMA, "kind": "characterise", "configuration": made, "tables": tables}
     (tmp_path / "results.json").write_text(json.dumps(document))
     if preset == "small":
         preset = str(tmp_path / "small.toml")
         labcdp.Chain.load("manta-g505").with_(sensor__full_well_e=500.0).save(preset)
-    sensor = labcdp.Chain.load(preset).with_emva1288(tmp_path).sensors[0][1]
+    sensor = sensor_of(preset, tmp_path)
     assert sensor.full_well_e == pytest.approx(full_well_e)
     assert re.search(rf"full_well_e = .*  # {comment}\n", chain_text(preset, tmp_path))
-    assert (_frame(sensor, 1e6).max() == 4095) == (limit != "full well")
+    assert (seen(sensor, 1e6).max() == 4095) == (limit != "full well")
 
 
 def test_a_characterised_camera_is_a_chain(recorded, tmp_path):
-    """The example session is of the preset manta-g505, whose values come back within their uncertainty."""
-    path = tmp_path / "results.json"
-    found = characterise_session(recorded)
+    """What is measured of the example session is what the sensor has, and the file of the chain holds it."""
+    path, found = tmp_path / "results.json", characterise_session(recorded)
     path.write_text(envelope_json(result(found)))
     chain, keys = with_emva1288(labcdp.Chain.load("imx250"), path)
-    sensor, true = chain.sensors[0][1], labcdp.Chain.load("manta-g505").sensors[0][1]
-    quantities = found.quantities()
+    sensor = chain.sensors[0][1]
     for key, name in (("k_dn_per_e", "k_dn_per_e"), ("dark_noise_e", "read_noise_e"), ("prnu_rel", "prnu_rel")):
-        one = quantities[key]
-        assert getattr(sensor, name) == one.value
-        assert abs(getattr(sensor, name) - getattr(true, name)) < 4 * one.standard_uncertainty
+        assert getattr(sensor, name) == found.quantities()[key].value
     assert (sensor.width, sensor.height, sensor.bits) == (480, 400, 12)
-    assert sensor.column_dsnu_e >= 0
     (tmp_path / "my.toml").write_text(chain_text("imx250", path))
-    loaded = labcdp.Chain.load(tmp_path / "my.toml")
-    assert loaded.sensors[0][1] == sensor
+    assert labcdp.Chain.load(tmp_path / "my.toml").sensors[0][1] == sensor
     assert "pixel_pitch_m = 3.45e-06  # preset imx250" in (tmp_path / "my.toml").read_text()
     assert "read_noise_e" in keys
 
@@ -127,8 +120,8 @@ def test_a_characterised_camera_is_a_chain(recorded, tmp_path):
         ("quantum_efficiency = 0.9\nwavelength_nm = 780", "does not fit the shape of the preset"),
     ],
 )
-def test_bad_sheets_are_refused(camera, sheet, text, message):
+def test_bad_sheets_are_refused(sheet, text, message):
     with pytest.raises(InputError, match=rf"sheet\.toml.*{message}"):
-        camera.with_emva1288(sheet(text))
+        sensor_of("imx250", sheet(text))
     with pytest.raises(InputError, match="has no single sensor of type emva1288"):
-        labcdp.Chain.load("thesis-2018").with_emva1288(sheet("full_well_e = 9000.0"))
+        sensor_of("thesis-2018", sheet("full_well_e = 9000.0"))

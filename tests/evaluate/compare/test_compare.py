@@ -1,8 +1,8 @@
-"""Comparisons against themselves, the API's sweeps and closed forms."""
+"""Comparisons against themselves, the API's sweeps, closed forms and published examples."""
 
 from copy import deepcopy
 from dataclasses import replace
-from math import hypot
+from math import hypot, inf, nan, sqrt
 
 import numpy as np
 import pytest
@@ -15,6 +15,7 @@ from labcdp.core.errors import InputError
 from labcdp.core.table import Z_95
 from labcdp.evaluate.bench.session_result import session_result
 from labcdp.evaluate.compare.compare import compare_subjects
+from labcdp.evaluate.compare.grid import Uncertain, difference
 from labcdp.evaluate.compare.page import write_comparison
 from labcdp.evaluate.compare.result import compare_result
 from labcdp.report.files import envelope, schema
@@ -46,6 +47,56 @@ def chains():
 @pytest.fixture(scope="module")
 def results(evaluation):
     return envelope(session_result(evaluation))
+
+
+def symmetric(value, u, **common):
+    return Uncertain(value, Z_95 * u, Z_95 * u, common)
+
+
+def wilson(hits, n):
+    """Interval of E. B. Wilson for a share of independent trials."""
+    p = hits / n
+    middle, half = p + Z_95**2 / (2 * n), Z_95 * sqrt(p * (1 - p) / n + Z_95**2 / (4 * n * n))
+    low, high = ((middle + sign * half) / (1 + Z_95**2 / n) for sign in (-1, 1))
+    return Uncertain(p, p - low, high - p)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "interval"),
+    [
+        # Newcombe, Statistics in Medicine 17, 873 (1998), table II, method 10; first minus second.
+        ((56, 70), (48, 80), (0.0524, 0.3339)),
+        ((9, 10), (3, 10), (0.1705, 0.8090)),
+        ((10, 10), (0, 20), (0.6791, 1.0)),
+    ],
+)
+def test_shares_differ_by_the_published_intervals(first, second, interval):
+    found = difference(wilson(*second), wilson(*first))
+    assert (found.low, found.high) == pytest.approx(interval, abs=5e-5)
+    assert found.significant
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "z"),
+    [
+        # With a = x + c and b = y + c, the variance of b - a is that of x and y alone, here 0.3 and 0.4.
+        (symmetric(1.0, hypot(0.3, 1.2), meter=1.2 / hypot(0.3, 1.2)),
+         symmetric(2.0, hypot(0.4, 1.2), meter=1.2 / hypot(0.4, 1.2)), 1 / 0.5),
+        # Of unequal sensitivity to the common error, the difference of the sensitivities is left.
+        (symmetric(1.0, 0.3, meter=1.0), symmetric(2.0, 0.5, meter=1.0), 1 / 0.2),
+        # Errors of different meters are independent.
+        (symmetric(1.0, 0.3, meter=1.0), symmetric(2.0, 0.4, other=1.0), 1 / 0.5),
+        (symmetric(3.0, 0.1, data=1.0), symmetric(3.0, 0.1, data=1.0), 0),
+        # Rounding is no difference; what has no uncertainty differs by any, and the unknown by none.
+        (Uncertain(0.3), Uncertain(0.1 + 0.2), 0),
+        (Uncertain(1.0), Uncertain(0.5), -inf),
+        (Uncertain(1.0, nan, nan), symmetric(2.0, 0.1), nan),
+    ],
+)  # fmt: skip
+def test_common_errors_cancel_by_the_law_of_propagation(first, second, z):
+    found = difference(first, second)
+    assert found.z == pytest.approx(z, nan_ok=True)
+    assert found.significant == (abs(z) > Z_95)
 
 
 def test_chains_equal_the_sweep_of_each(chains):

@@ -1,0 +1,161 @@
+"""Characterisation of cameras that are simulated, and so are known, from sessions and from a data set."""
+
+import json
+import re
+from dataclasses import replace
+from math import log2, pi
+
+import numpy as np
+import pytest
+from jsonschema import Draft202012Validator
+
+from labcdp.calibration.emva import characterise_data_set
+from labcdp.chain import Chain, Sensor
+from labcdp.core.errors import CalibrationError
+from labcdp.core.photometry import electron_radiance_per_cd_m2
+from labcdp.evaluate.camera.characterise import characterise_session
+from labcdp.evaluate.camera.result import result, write_characterisation
+from labcdp.report.files import schema
+from labcdp.session import Session, example_session
+
+from ..bench.synthetic import configuration, exposed, record
+
+SENSOR = Sensor(
+    pixel_pitch_m=5e-6, width=160, height=120, quantum_efficiency=0.5, full_well_e=9000.0, k_dn_per_e=0.35,
+    read_noise_e=7.0, dark_current_e_s=400.0, bits=12, black_level_dn=40.0, reference_temperature_c=30.0,
+    doubling_temperature_c=7.0, prnu_rel=0.012, dsnu_e=4.0, dsnu_e_s=300.0, device_seed=5,
+)  # fmt: skip
+#: Six patches, and their light in electrons per second.
+ROIS = {f"P{i}": [x, y, 40, 40] for i, (y, x) in enumerate((y, x) for y in (10, 70) for x in (5, 58, 110))}
+RATES = np.geomspace(2000, 60_000, 6)
+
+
+def frames_of(roles, temperatures, exposures_s, rates, sensor=SENSOR):
+    """Frames in the dark at each temperature, and in the light at the first one."""
+    scene = np.full(sensor.shape, 50.0)
+    for (x, y, w, h), rate in zip(ROIS.values(), rates, strict=True):
+        scene[y : y + h, x : x + w] = rate
+    levels = {"black_level_dn": 40.0, "saturation_dn": sensor.saturation_dn()}
+    for at in temperatures:
+        for one, role in exposed(sensor, scene, exposures_s, 4, first=round(10 * at), temperature_c=at, **levels):
+            if role in roles and (role == "dark" or at == temperatures[0]):
+                yield one, role
+
+
+def characterised(path, change=None, roles=("dark", "light"), temperatures=(30.0,), rates=RATES, sensor=SENSOR):
+    """Characterisation of a session whose frames were changed, or left out by None."""
+    frames = frames_of(roles, temperatures, (0.01, 0.05, 0.2), rates, sensor)
+    changed = [(change(*one) if change else one[0], one[1]) for one in frames]
+    record(path, configuration(ROIS), [one for one in changed if one[0] is not None])
+    with Session.open(path) as session:
+        return characterise_session(session)
+
+
+def within(found, truth, more=0.0):
+    """The quantities lie within 4 standard uncertainties, and as much more, of what is true."""
+    for name, expected in truth.items():
+        quantity = getattr(found, name)
+        assert abs(quantity.value - expected) <= 4 * quantity.standard_uncertainty + more, (name, quantity, expected)
+
+
+def of(sensor, **names):
+    """True values of quantities by attributes of a sensor."""
+    return {name: getattr(sensor, attribute) for name, attribute in names.items()}
+
+
+def test_camera_of_the_example_is_found(recorded):
+    found, sensor = characterise_session(recorded), Chain.load("manta-g505").camera().sensor
+    names = {"dark_noise_e": "read_noise_e"} | {name: name for name in ("k_dn_per_e", "dsnu_e", "prnu_rel")}
+    within(found, of(sensor, **names) | {"dark_current_e_s": sensor.dark_current_at(35.0)})
+    within(found, {"black_level_dn": sensor.black_level_dn}, more=0.01)
+    within(found, {"linearity_error_min_rel": 0, "linearity_error_max_rel": 0}, more=2e-4)
+    assert (found.temperature_c, found.saturation_limit, found.simulated) == (35.0, "converter", True)
+    # That of lens and sensor. The simulated meter reads 0.6 % too much, so R comes out as much too small.
+    electrons = electron_radiance_per_cd_m2("D65", sensor.quantum_efficiency) * sensor.pixel_pitch_m**2
+    truth = sensor.k_dn_per_e * electrons * pi / (4 * 2.6**2) * 0.9
+    assert found.responsivity.unit == "DN/(cd m^-2 s)"
+    assert found.responsivity.value == pytest.approx(truth / 1.006, rel=0.004)
+
+
+def test_known_sensor_is_found_with_its_doubling_temperature(tmp_path):
+    found = characterised(tmp_path / "s", temperatures=(30.0, 38.0, 46.0))
+    names = {name: name for name in ("k_dn_per_e", "prnu_rel", "dsnu_e_s")}
+    within(found, of(SENSOR, dark_noise_e="read_noise_e", **names))
+    within(found, of(SENSOR, dsnu_e="dsnu_e"), more=0.02)
+    assert log2(found.doubling_temperature_c.value / 7.0) == pytest.approx(0, abs=0.02)
+
+
+def test_a_full_well_below_the_converters_end_is_found(tmp_path):
+    rates = np.geomspace(2000, 200_000, 6)
+    told = characterised(tmp_path / "a", rates=rates)
+    found = characterised(tmp_path / "b", lambda frame, _: replace(frame, saturation_dn=4095.0), rates=rates)
+    for one in (told, found):
+        assert one.saturation_limit == "full well"
+        within(one, of(SENSOR, full_well_e="full_well_e", k_dn_per_e="k_dn_per_e", prnu_rel="prnu_rel"))
+        within(one, {"linearity_error_max_rel": 0}, more=2e-4)
+
+
+def test_a_sensor_with_colours_is_characterised_by_one_plane(tmp_path):
+    def coloured(frame, _):
+        return replace(frame, colour_filter="RG", pixel_format="BayerRG12")
+
+    found = characterised(tmp_path / "s", coloured, sensor=replace(SENSOR, prnu_rel=0.0))
+    assert found.camera.endswith("plane Gr")
+    assert found.image_shape == (60, 80)
+    within(found, of(SENSOR, k_dn_per_e="k_dn_per_e"))
+
+
+def test_dark_frames_that_do_not_fit_are_told_or_refused(tmp_path):
+    warmer = characterised(tmp_path / "a", lambda f, role: replace(f, temperature_c=30.0 if role == "dark" else 36.0))
+    fewer = characterised(tmp_path / "b", lambda f, role: None if (role, f.exposure_s) == ("dark", 0.05) else f)
+    for found, code, values in (
+        (warmer, "dark-frames-of-other-temperature", {"dark_c": 30.0, "light_c": 36.0}),
+        (fewer, "no-dark-frames-at", {"exposures_s": [0.05]}),
+    ):
+        (finding,) = (one for one in found.findings if one.code == code)
+        assert finding.values | values == finding.values
+    assert {point.exposure_s for point in fewer.series} == {0.01, 0.2}
+    for name, how, message in (
+        ("c", {"roles": ("light",)}, r"no exposure with at least 2 dark frames: cover the lens"),
+        ("d", {"rates": [5e6] * 6}, r"all patches are saturated at all exposures: record shorter"),
+    ):
+        with pytest.raises(CalibrationError, match=message):
+            characterised(tmp_path / name, **how)
+
+
+def test_quantities_of_a_data_set_and_all_plots_of_the_standard_are_written(data_set, tmp_path):
+    found = characterise_data_set(data_set)
+    write_characterisation(found, result(found), tmp_path / "out")
+    values = json.loads((tmp_path / "out" / "results.json").read_text())
+    Draft202012Validator(schema()).validate(values)
+    rows = {row["key"]: row for row in values["tables"]["characterisation"]["rows"]}
+    expected = {key: one for key, one in found.quantities().items() if one is not None}
+    assert rows.keys() >= expected.keys()
+    for key, quantity in expected.items():
+        assert (rows[key]["value"], rows[key]["u_value"]) == (quantity.value, quantity.standard_uncertainty)
+    assert rows["k_dn_per_e"]["value"] == pytest.approx(0.25, rel=0.05)
+    assert (rows["prnu_rel"]["unit"], rows["k_dn_per_e"]["unit"]) == ("1", "DN/e⁻")
+    assert rows["snr_max_db"]["value"] == pytest.approx(10 * np.log10(found.full_well_e.value))
+    figures = (tmp_path / "out" / "figures").iterdir()
+    names = {path.name.removeprefix("characterise-").removesuffix(".png") for path in figures}
+    plots = {"photon-transfer", "sensitivity", "linearity", "snr", "dark-current"}
+    assert names == plots | {"histogram", "accumulated", "spectrogram", "profile"}
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert not re.search(r'(?:src|href)="(?!data:)', page)
+    k = f"{rows['k_dn_per_e']['value']:.2f}"
+    assert page.index(k) < page.index("<figure>") < page.index("Signal and noise")
+    assert "not a declaration of compliance" in page
+
+
+def test_the_command_takes_a_session_and_refuses_what_is_neither(labcdp, tmp_path):
+    done = labcdp("characterise", example_session(), "-o", "out")
+    assert done.returncode == 0, done.stderr
+    assert "responsivity R" in done.stdout
+    # Nothing needs action.
+    assert "warning" not in done.stderr
+    assert "info: the converter limits the range" in done.stderr
+    assert "Simulated data, not a measurement" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    for path, message in (("nowhere", "nowhere does not exist: give a session, or"), ("out", "out contains neither a")):
+        done = labcdp("characterise", path)
+        assert (done.returncode, done.stderr.count("\n")) == (1, 1)
+        assert message in done.stderr

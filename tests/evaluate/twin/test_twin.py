@@ -157,6 +157,9 @@ def test_the_intervals_hold_on_benches_with_random_cameras(tmp_path):
     assert share > 0.98 - 2 * 0.035 / sqrt(2)
     assert [list(signal_findings(result)) for result in results] == [[], []]
     assert "twin-dark-library" in [one.code for one in results[1].findings]
+    twin, exposure_s = results[1].parameters, results[1].pairs[0].exposure_s
+    left_dn = twin.library.nonuniformity_dn(exposure_s, twin.temperature_c)
+    assert twin.at(exposure_s).pattern_taken_off_dn == left_dn > 0
     decided = [pair.largest == SAMPLING for result in results for pair in result.pairs]
     assert 0.5 < np.mean(decided) <= 1
 

@@ -1,15 +1,25 @@
-from dataclasses import replace
+"""Contrast maps: edges against brute force on their pixels and closed forms, and the files that say the same."""
+
+import json
 from math import sqrt
 
+import cv2
 import numpy as np
 import pytest
+import xarray as xr
+from jsonschema import Draft202012Validator
+from openpyxl import load_workbook
 from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
 from scipy.special import ndtr
 
 from labcdp.core.luminance import CommonError, Invalid, LuminanceMap
+from labcdp.core.result import warning
 from labcdp.evaluate.picture.edges.edges import ContrastMapSettings, EdgeKind
 from labcdp.evaluate.picture.edges.map import contrast_map
+from labcdp.evaluate.picture.edges.page import write_contrast_map
+from labcdp.evaluate.picture.edges.result import KINDS, MapSource, map_result
 from labcdp.metrics import DetectionInterval, cdp_range, cdp_with_common_errors
+from labcdp.report.files import schema
 
 
 def _map(luminance, common=(), invalid=None, **more):
@@ -64,9 +74,7 @@ def test_contrast_and_cdp_of_an_edge_are_those_of_its_pixels(epsilon):
         assert edges.cdp[edge] == expected.cdp
         inflation = found.noise.inflation
         assert edges.cdp_standard_error[edge] == pytest.approx(expected.standard_error * sqrt(inflation), rel=1e-9)
-        of_means = (
-            bright.var(ddof=1) / bright.size / bright.mean() ** 2 + dark.var(ddof=1) / dark.size / dark.mean() ** 2
-        )
+        of_means = sum(side.var(ddof=1) / side.size / side.mean() ** 2 for side in (bright, dark))
         assert edges.contrast_standard_uncertainty[edge] == pytest.approx(
             (1 + edges.contrast[edge]) * sqrt(inflation * of_means), rel=1e-9
         )
@@ -130,22 +138,20 @@ def test_errors_alike_for_neighbours_cancel_and_others_count():
     plain = contrast_map(_map(image))
     alike = contrast_map(_map(image, (CommonError("meter", 0.05), CommonError("fit", np.full(image.shape, 0.05)))))
     pattern = np.where(np.arange(480) >= 249, 0.04, 0.01) * np.ones((400, 1))
-    errors = (CommonError("fit", pattern), CommonError("dark", -pattern / 3))
-    differing = contrast_map(_map(image, errors))
+    differing = contrast_map(_map(image, (CommonError("fit", pattern), CommonError("dark", -pattern / 3)))).edges
     edges, across = plain.edges, _across(plain)
     for name in ("contrast_standard_uncertainty", "cdp_standard_error"):
         assert getattr(alike.edges, name)[across] == pytest.approx(getattr(edges, name)[across], rel=1e-9)
-    added = 0.03 * sqrt(1 + 1 / 9) * (1 + edges.contrast[across])
     # A few pixels of the regions are on the other side of the step.
+    added = 0.03 * sqrt(1 + 1 / 9) * (1 + edges.contrast[across])
     expected = np.hypot(edges.contrast_standard_uncertainty[across], added)
-    assert differing.edges.contrast_standard_uncertainty[across] == pytest.approx(expected, rel=0.02)
+    assert differing.contrast_standard_uncertainty[across] == pytest.approx(expected, rel=0.02)
     edge = across[3]
-    bright, dark = (_pixels(plain, image, side[edge]) for side in (edges.bright, edges.dark))
-    one = cdp_with_common_errors(
-        bright, dark, float(edges.contrast[edge]), errors=[(0.04, 0.01), (-0.04 / 3, -0.01 / 3)]
-    )
-    by_calibration = sqrt(differing.edges.cdp_standard_error[edge] ** 2 - edges.cdp_standard_error[edge] ** 2)
-    assert by_calibration == pytest.approx(one.calibration_standard_uncertainty, rel=0.1)
+    sides = (_pixels(plain, image, side[edge]) for side in (edges.bright, edges.dark))
+    both = [(0.04, 0.01), (-0.04 / 3, -0.01 / 3)]
+    one = cdp_with_common_errors(*sides, float(edges.contrast[edge]), errors=both).calibration_standard_uncertainty
+    by_calibration = sqrt(differing.cdp_standard_error[edge] ** 2 - edges.cdp_standard_error[edge] ** 2)
+    assert by_calibration == pytest.approx(one, rel=0.1)
 
 
 def test_pixels_that_are_not_finite_are_left_out():
@@ -157,9 +163,84 @@ def test_pixels_that_are_not_finite_are_left_out():
 
 
 def test_where_noise_hides_the_least_contrast_is_told():
-    image = _halves(bright=400.0, noise=60.0)
-    found = contrast_map(_map(image))
+    found = contrast_map(_map(_halves(bright=400.0, noise=60.0)))
     blind = found.edges.significant_contrast > 0.1
     assert found.blind_share == pytest.approx(blind[~found.of_kind(EdgeKind.SMALL)].mean())
     assert found.findings[-1].code == "mostly-noise"
-    assert replace(found, settings=ContrastMapSettings(minimum_contrast=1.0)).blind_share == 0
+
+
+# Files
+
+SOURCE = MapSource("a <b>scene</b>.png", "0" * 64, "cd/m²", "a calibration", False, (warning("srgb-assumed"),))
+
+
+@pytest.fixture(scope="module")
+def found():
+    levels = np.repeat([100.0, 200, 260, 3000], (130, 120, 90, 80))
+    noise = np.where(levels < 250, 4.0, 25.0) * np.random.default_rng(0).normal(size=(300, 420))
+    image = levels + noise
+    invalid = np.where(image > 2500, Invalid.SATURATED, 0).astype(np.uint8)
+    return contrast_map(_map(np.minimum(image, 2950), invalid=invalid), ContrastMapSettings(30))
+
+
+@pytest.fixture(scope="module")
+def written(found, tmp_path_factory):
+    """Folder with the files of `found`."""
+    folder = tmp_path_factory.mktemp("map")
+    write_contrast_map(found, SOURCE, map_result(found, SOURCE), folder)
+    return folder
+
+
+def test_the_result_counts_the_edges(found, written):
+    values = json.loads((written / "results.json").read_text())
+    Draft202012Validator(schema()).validate(values)
+    said = {row["quantity"]: row["value"] for row in values["tables"]["summary"]["rows"]}
+    seen, lost = found.count(EdgeKind.SEEN), found.count(EdgeKind.LOST)
+    assert min(seen, lost) > 5
+    assert said["detected edges"] == seen / (seen + lost)
+    assert {said[f"edges: {name}"] for name, _ in KINDS.values()} == {found.count(kind) for kind in KINDS}
+    weakest = [row["cdp"] for row in values["tables"]["weakest"]["rows"]]
+    assert weakest == sorted(found.edges.cdp[found.of_kind(EdgeKind.SEEN, EdgeKind.LOST)])[:10]
+    assert values["findings"][0]["code"] == "srgb-assumed"
+
+
+def test_spreadsheet_and_netcdf_hold_the_edges_as_numbers(found, written):
+    edges = found.edges
+    head, *rows = load_workbook(written / "results.xlsx")["edges"].iter_rows(values_only=True)
+    assert len(rows) == edges.kind.size - found.count(EdgeKind.NOISE, EdgeKind.SMALL)
+    lost = np.flatnonzero(found.of_kind(EdgeKind.LOST))
+    lost = lost[np.argsort(edges.cdp[lost], kind="stable")]
+    bright = found.regions.mean[edges.bright[lost]]
+    for name, values in (
+        ("CDP", edges.cdp[lost]),
+        ("contrast (%)", edges.contrast[lost]),
+        ("bright side (cd/m²)", bright),
+    ):
+        assert [row[head.index(name)] for row in rows[: lost.size]] == pytest.approx(values, rel=1e-14)
+    assert {row[0] for row in rows[: lost.size]} == {"lost"}
+    with xr.open_dataset(written / "results.nc") as read:
+        assert np.array_equal(read["label"], found.regions.labels)
+        for name, values in (("cdp", edges.cdp), ("region_mean", found.regions.mean), ("kind", edges.kind)):
+            assert np.array_equal(read[name], values, equal_nan=True)
+        meanings = read["kind"].attrs["flag_meanings"].split()
+        flags = dict(zip(read["kind"].attrs["flag_values"].tolist(), meanings, strict=True))
+        assert flags[EdgeKind.UNEVEN] == "not_uniform"
+
+
+def test_the_page_answers_first_needs_nothing_else_and_escapes_names(written):
+    page = (written / "report.html").read_text()
+    assert "a &lt;b&gt;scene&lt;/b&gt;.png" in page
+    assert "<b>scene" not in page
+    assert "default-src 'none'" in page
+    assert page.index("Detected edges") < page.index("Plotly.newPlot") < page.index("The weakest edges")
+    assert "Values are decoded by a standard curve" in page
+    assert page.count("data:image/png;base64,") == 1
+
+
+def test_a_map_of_noise_alone_is_written_too(tmp_path):
+    nothing = contrast_map(_map(np.random.default_rng(0).normal(100, 5, (120, 160))))
+    write_contrast_map(nothing, SOURCE, map_result(nothing, SOURCE), tmp_path)
+    names = {"report.html", "contrast-map.png", "results.xlsx", "results.nc", "results.json", "labcdp-files.json"}
+    assert {path.name for path in tmp_path.iterdir()} == names
+    assert min(cv2.imread(str(tmp_path / "contrast-map.png")).shape[:2]) > 500
+    assert json.loads((tmp_path / "results.json").read_text())["tables"]["weakest"]["rows"] == []

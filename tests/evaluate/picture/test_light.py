@@ -13,108 +13,51 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from labcdp.calibration import (
-    Calibration,
-    CameraState,
-    DarkModel,
-    LensIdentity,
-    MeterScale,
-    PatchResidual,
-    Provenance,
-    ResponsivityFit,
-    TemporalNoise,
-    save,
-)
-from labcdp.calibration.findings import FitError
-from labcdp.calibration.sensor.defects import DefectMap
-from labcdp.chain import Chain, Optics, Sensor, Windscreen
-from labcdp.core.dn import Response
+from labcdp.chain import Optics, Sensor, Windscreen
 from labcdp.core.errors import CalibrationError, InputError
-from labcdp.core.frame import CameraIdentity
 from labcdp.core.luminance import CommonError, Invalid, LuminanceMap
-from labcdp.core.reading import MeterIdentity
 from labcdp.core.result import info, warning
-from labcdp.core.vignetting import Cos4Vignetting
+from labcdp.evaluate.bench.calibrate import calibrate_session
 from labcdp.evaluate.picture.camera_specification import CameraSpecification
 from labcdp.evaluate.picture.conversion import picture_conversion
 from labcdp.evaluate.picture.dn_light import specified_light
 from labcdp.files import PictureOptions, frame_of_pixels, read_picture
 from labcdp.files.luminance_file import save_luminance
 
-CAMERA = CameraIdentity("Allied Vision", "Manta G-505B", "1")
-SHAPE = (48, 64)
+from ..sweep.chains import small
+
 NOW = datetime(2026, 1, 1, tzinfo=UTC)
-CHAIN = """
-name = "truth"
-description = "a windscreen, a lens with fall-off and a warm sensor"
-spectrum = "LED-B3"
-[scene]
-type = "checkerboard"
-luminance_cd_m2 = 40.0
-contrast = 4.0
-square_px = 40
-[windscreen]
-transmittance = 0.8
-glare_fraction = 0.25
-[optics]
-f_number = 2.0
-transmittance = 0.85
-focal_length_m = 2e-3
-[exposure]
-exposure_s = 0.004
-gain_db = 6.0
-temperature_c = 45.0
-[sensor]
-type = "emva1288"
-pixel_pitch_m = 5e-6
-width = 200
-height = 160
-quantum_efficiency = [[400, 0.3], [550, 0.6], [750, 0.2]]
-full_well_e = 30000.0
-k_dn_per_e = 0.12
-read_noise_e = 6.0
-dark_current_e_s = 10000.0
-bits = 12
-black_level_dn = 100.0
-reference_temperature_c = 25.0
-doubling_temperature_c = 8.0
-"""
-CAMERA_TOML = """
-name = "the same camera"
-adc_bits = 12
-quantum_efficiency = [[400, 0.3], [550, 0.6], [750, 0.2]]
-pixel_pitch_m = 5e-6
-f_number = 2.0
-k_dn_per_e = 0.12
-lens_transmittance = 0.85
-windscreen_transmittance = 0.8
-glare_fraction = 0.25
-spectrum = "LED-B3"
-focal_length_m = 2e-3
-black_dn = 100.0
-read_noise_e = 6.0
-dark_current_e_s = 10000.0
-temperature_c = 45.0
-exposure_s = 0.004
-gain_db = 6.0
-"""
+#: A windscreen, a lens with fall-off and a warm sensor.
+CHAIN = {
+    "scene": {"width": 200, "height": 160, "square_px": 40, "luminance_cd_m2": 40.0, "contrast": 4.0},
+    "windscreen": {"transmittance": 0.8, "glare_fraction": 0.25},
+    "optics": {"transmittance": 0.85, "focal_length_m": 2e-3},
+    "exposure": {"exposure_s": 0.004, "gain_db": 6.0, "temperature_c": 45.0},
+    "sensor": {"pixel_pitch_m": 5e-6, "width": 200, "height": 160, "full_well_e": 30000.0, "k_dn_per_e": 0.12,
+               "read_noise_e": 6.0, "dark_current_e_s": 10000.0, "black_level_dn": 100.0},
+}  # fmt: skip
+CAMERA = {
+    "adc_bits": 12, "quantum_efficiency": 0.6, "pixel_pitch_m": 5e-6, "f_number": 2.0, "k_dn_per_e": 0.12,
+    "lens_transmittance": 0.85, "windscreen_transmittance": 0.8, "glare_fraction": 0.25, "focal_length_m": 2e-3,
+    "black_dn": 100.0, "read_noise_e": 6.0, "dark_current_e_s": 10000.0, "temperature_c": 45.0, "exposure_s": 0.004,
+    "gain_db": 6.0,
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def truth():
     """DN of the simulated chain, and the luminance it saw."""
-    run = Chain.from_toml(CHAIN, "truth").run(seed=3)
+    run = small(**{f"{table}.{key}": value for table, one in CHAIN.items() for key, value in one.items()}).run(seed=3)
     return run["sensor"].values.astype(np.uint16), run["scene"].values
 
 
 @pytest.fixture
 def specified(tmp_path):
-    """Make the conversion of a camera specification with some lines replaced."""
+    """Make the conversion of a camera specification with some values replaced."""
 
     def make(encoding=None, **changes):
-        lines = dict(line.split(" = ", 1) for line in CAMERA_TOML.strip().splitlines())
-        lines |= {key: str(value) for key, value in changes.items()}
-        text = "\n".join(f"{key} = {value}" for key, value in lines.items() if value != "None")
+        lines = [f"{key} = {value}" for key, value in (CAMERA | changes).items() if value is not None]
+        text = "\n".join(['name = "the same camera"\nspectrum = "monochromatic 555 nm"', *lines])
         path = tmp_path / "camera.toml"
         path.write_text(text, encoding="utf-8")
         return picture_conversion(None, path, encoding)
@@ -125,47 +68,6 @@ def specified(tmp_path):
 @pytest.fixture
 def relative():
     return picture_conversion(None, None, None)
-
-
-@pytest.fixture
-def calibrated(tmp_path):
-    """Make the conversion of a saved calibration."""
-
-    def make(**changes):
-        values = {
-            "state": CameraState(CAMERA, "Mono12", 12, SHAPE, 0.0, 4095.0, 64.0),
-            "lens": LensIdentity("Kowa LM6NCL", "", 0.006, 2.6),
-            "source_spectrum": "LED-B4",
-            "meter_scale": MeterScale(MeterIdentity("LS-110", "1"), 0.02),
-            "responsivity": ResponsivityFit(1200.0, 0.003, 10.0, 11, 0.0, 0.0, None, None),
-            "response": Response(),
-            "fit_errors": (FitError("fit", (1.0, 4095.0), (0.003, 0.003)),),
-            "dark": DarkModel(64.0, 40.0, ((0.04, 0, 0), (0, 0, 0), (0, 0, 0)), 1.5, 0.0, (0.001, 0.064)),
-            "noise": TemporalNoise(0.25, 1.5),
-            "gains": (),
-            "vignetting": Cos4Vignetting(5e-4, 1e-5),
-            "defects": DefectMap(np.array([12, 40]), np.array([9, 60]), np.array([1, 1]), SHAPE),
-            "dark_library": None,
-            "range_cd_m2": (0.5, 2000.0),
-            "range_net_dn": (5.0, 4000.0),
-            "exposures_s": (0.001, 0.008),
-            "residuals": (PatchResidual("P1", 100.0, 0.1, 4, 100.0, (0.008,), 0.0, 0.0, (32.0, 24.0), None),),
-            "held_out": (),
-            "left_out": (),
-            "ladder": (),
-            "tests": (),
-            "findings": (),
-            "provenance": Provenance(NOW, "0" * 64, {"labcdp": "0"}),
-        }
-        save(Calibration(**values | changes), tmp_path / "calibration.json", force=True)
-        return picture_conversion(tmp_path / "calibration.json", None, None)
-
-    return make
-
-
-@pytest.fixture
-def dn():
-    return np.random.default_rng(1).integers(0, 4096, SHAPE, dtype=np.uint16)
 
 
 def written(path, dn):
@@ -198,23 +100,18 @@ def test_the_scene_comes_back_from_the_simulated_chain(tmp_path, truth, specifie
 @settings(max_examples=40)
 @given(
     windscreen=st.builds(Windscreen, st.floats(0.3, 1.0), st.floats(0.0, 3.0)),
-    optics=st.builds(
-        Optics,
-        st.floats(1.0, 16.0),
-        st.floats(0.3, 1.0),
-        st.one_of(st.none(), st.floats(0.5e-3, 50e-3)),
-        st.floats(0.0, 0.5),
-    ),
+    focal_length_m=st.one_of(st.none(), st.floats(0.5e-3, 50e-3)),
+    optics=st.builds(Optics, st.floats(1.0, 16.0), st.floats(0.3, 1.0), st.none(), st.floats(0.0, 0.5)),
     pitch_um=st.floats(1.0, 20.0),
     efficiency=st.floats(0.05, 1.0),
-    gain_db=st.floats(-6.0, 24.0),
-    temperature_c=st.floats(-20.0, 90.0),
+    setting=st.tuples(st.floats(-6.0, 24.0), st.floats(-20.0, 90.0)),
     black_dn=st.integers(0, 3000),
 )
 def test_any_camera_is_undone_but_for_rounding(
-    windscreen, optics, pitch_um, efficiency, gain_db, temperature_c, black_dn
+    windscreen, focal_length_m, optics, pitch_um, efficiency, setting, black_dn
 ):
     """The mean DN of the chain's own stages, rounded, and back."""
+    optics, (gain_db, temperature_c) = replace(optics, focal_length_m=focal_length_m), setting
     sensor = Sensor(
         pixel_pitch_m=pitch_um * 1e-6, width=12, height=10, quantum_efficiency=efficiency, full_well_e=1e7,
         k_dn_per_e=1.0, read_noise_e=0.0, dark_current_e_s=50.0, bits=16, black_level_dn=float(black_dn),
@@ -269,6 +166,10 @@ def test_srgb_is_undone(tmp_path, truth, specified, colours):
     assert not picture.coloured
     assert conversion.luminance(picture).luminance_cd_m2.mean() == pytest.approx(scene.mean(), rel=3e-3)
     assert warning("srgb-assumed") in conversion.findings(picture)
+    frame = frame_of_pixels(np.full((2, 2), 128, np.uint8), PictureOptions(), NOW)
+    linear, srgb = (picture_conversion(None, None, one).convert(frame).luminance_cd_m2 for one in ("linear", "srgb"))
+    assert linear[0, 0] == 128 / 256
+    assert srgb[0, 0] == pytest.approx(((128 / 255 + 0.055) / 1.055) ** 2.4, rel=1e-6)
 
 
 # Relative
@@ -307,7 +208,7 @@ def test_floats_are_relative_unless_the_file_says_more(tmp_path, relative, speci
     np.save(tmp_path / "a.npy", values)
     picture = read_picture(tmp_path / "a.npy")
     seen = relative.luminance(picture)
-    assert np.array_equal(seen.luminance_cd_m2, values, equal_nan=True)
+    np.testing.assert_array_equal(seen.luminance_cd_m2, values)
     assert seen.invalid.tolist() == [[0, 0, Invalid.DEFECT, Invalid.DEFECT]]
     with pytest.raises(InputError, match=r"a\.npy holds floats, and does not say that they are cd/m\^2"):
         specified().luminance(picture)
@@ -329,49 +230,37 @@ def test_luminance_that_was_saved_needs_no_conversion(tmp_path, relative, specif
 # By a calibration
 
 
-def test_a_calibrated_camera_measures_in_any_grey_file(tmp_path, calibrated, dn):
-    conversion = calibrated()
-    written(tmp_path / "a.png", dn)
-    tifffile.imwrite(tmp_path / "a.tif", dn, photometric="minisblack")
-    (tmp_path / "a.raw").write_bytes(dn.astype("<u2").tobytes())
-    options = replace(conversion.options, exposure_s=0.008, size=SHAPE[::-1])
-    # h(DN - d) / (R t V) with V = cos^4, by hand.
-    v = Cos4Vignetting(5e-4, 1e-5).relative_illuminance(SHAPE)
-    expected = (dn - (64 + 40 * 0.008)) / (1200 * 0.008 * v)
+@pytest.fixture(scope="module")
+def calibrated(observed):
+    return picture_conversion(calibrate_session(observed), None, None)
+
+
+def test_a_calibrated_camera_measures_in_any_grey_file_as_in_its_frames(tmp_path, recorded, calibrated):
+    frame = recorded.load(recorded.frames("light")[0])
+    written(tmp_path / "a.png", frame.dn)
+    tifffile.imwrite(tmp_path / "a.tif", frame.dn, photometric="minisblack")
+    (tmp_path / "a.raw").write_bytes(frame.dn.astype("<u2").tobytes())
+    options = replace(calibrated.options, exposure_s=frame.exposure_s, size=frame.shape[::-1])
+    expected = calibrated.calibration.to_luminance(frame)
     for name in ("a.png", "a.tif", "a.raw"):
         picture = read_picture(tmp_path / name, options)
-        np.testing.assert_allclose(conversion.luminance(picture).luminance_cd_m2, expected, rtol=1e-5, atol=1e-4)
-        assert conversion.findings(picture) == (
-            warning("camera-assumed", camera="Allied Vision Manta G-505B (1)"),
-            info("exposure-assumed", exposure_s=0.008),
-        )
+        seen = calibrated.luminance(picture)
+        np.testing.assert_array_equal(seen.luminance_cd_m2, expected.luminance_cd_m2)
+        np.testing.assert_array_equal(seen.invalid, expected.invalid)
+        codes = [(one.code, one.severity) for one in calibrated.findings(picture)]
+        assert codes == [("camera-assumed", "warning"), ("exposure-assumed", "info")]
 
 
-@pytest.mark.parametrize(
-    ("values", "match"),
-    [
-        (
-            np.zeros((40, 60), np.uint16),
-            r"a\.png: image size of the calibration is 64 x 48 pixels, but frame 0 has 60 x",
-        ),
-        (np.zeros(SHAPE, np.uint8), r"a\.png: pixel format of the calibration is Mono12, but frame 0 has Mono8"),
-        (np.zeros((*SHAPE, 3), np.uint8) + np.uint8([1, 2, 3]), r"a\.png: it is coloured, and the calibration is for"),
-    ],
-)
-def test_pictures_the_calibration_is_not_for_are_refused(tmp_path, calibrated, values, match):
-    conversion = calibrated(exposures_s=(0.008,))
-    with pytest.raises(CalibrationError, match=match):
-        conversion.luminance(read_picture(written(tmp_path / "a.png", values), conversion.options))
-
-
-# Frames and windows
-
-
-def test_frames_follow_the_encoding_that_was_chosen():
-    frame = frame_of_pixels(np.full((2, 2), 128, np.uint8), PictureOptions(), NOW)
-    linear, srgb = (picture_conversion(None, None, encoding).convert(frame) for encoding in ("linear", "srgb"))
-    assert linear.luminance_cd_m2[0, 0] == 128 / 256
-    assert srgb.luminance_cd_m2[0, 0] == pytest.approx(((128 / 255 + 0.055) / 1.055) ** 2.4, rel=1e-6)
-
-
-# What is asked for
+def test_pictures_the_calibration_is_not_for_are_refused(tmp_path, recorded, calibrated):
+    dn = recorded.load(recorded.frames("light")[0]).dn
+    colours = np.dstack([dn // 16] * 3).astype(np.uint8) // np.uint8([1, 2, 3])
+    for values, message in (
+        (dn[:40, :60], r"image size of the calibration is 480 x 400 pixels, but frame 0 has 60 x 40"),
+        ((dn // 16).astype(np.uint8), r"pixel format of the calibration is Mono12, but frame 0 has Mono8"),
+        (colours, r"it is coloured, and the calibration is for"),
+    ):
+        picture = read_picture(written(tmp_path / "a.png", values), calibrated.given(exposure_s=0.008).options)
+        with pytest.raises(CalibrationError, match=rf"a\.png: {message}"):
+            calibrated.luminance(picture)
+    with pytest.raises(CalibrationError, match=r"taken with f/1\.2, the calibration is for f/"):
+        calibrated.luminance(replace(picture, coloured=False, f_number=1.2))

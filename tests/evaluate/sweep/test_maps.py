@@ -65,15 +65,11 @@ def test_usable_range_of_a_plane_in_closed_form() -> None:
     assert len(ranges) == 9
     for one in ranges:
         low = 10**1.5 / one.at[CONTRAST]  # type: ignore[operator]
-        if low > 1e3:
-            assert one.intervals == ()
-            assert one.widest is None
-        else:
-            (interval,) = one.intervals
-            assert interval.low == pytest.approx(low, rel=1e-12)
+        assert len(one.intervals) == (low <= 1e3)
+        for interval in one.intervals:
+            ends = interval.low, interval.decades, interval.range_db
+            assert ends == pytest.approx((low, np.log10(1e3 / low), 20 * np.log10(1e3 / low)), rel=1e-12)
             assert (interval.high, *(end.is_open for end in interval.ends)) == (1e3, False, True)
-            assert interval.decades == pytest.approx(np.log10(1e3 / low), rel=1e-12)
-            assert interval.range_db == pytest.approx(20 * np.log10(1e3 / low), rel=1e-12)
     widest = widest_range(ranges)
     assert widest is not None
     assert widest.at == {CONTRAST: 1.0}
@@ -95,23 +91,18 @@ def test_usable_range_holds_exactly_the_points_that_are_high_enough(cdp: list[fl
     (one,) = usable_ranges(curve(luminance, cdp=cdp), LUMINANCE, level)
     inside = [any(i.low <= place <= i.high for i in one.intervals) for place in luminance]
     assert inside == [value >= level for value in cdp]
-    for interval in one.intervals:
-        for end, is_open, resolved, bracket in (
-            *((end.place, end.is_open, end.resolved, end.bracket) for end in interval.ends),
-        ):
-            if not is_open:
-                low, high = np.interp(bracket, luminance, cdp)
-                assert min(low, high) < level <= max(low, high)
-                assert resolved == (abs(high - low) <= 0.2)
-                assert bracket[0] <= end <= bracket[1]
-                found = level if resolved else max(low, high)
-                assert np.interp(end, luminance, cdp) == pytest.approx(found, abs=1e-9)
+    for end in (end for interval in one.intervals for end in interval.ends if not end.is_open):
+        low, high = np.interp(end.bracket, luminance, cdp)
+        assert min(low, high) < level <= max(low, high)
+        assert end.resolved == (abs(high - low) <= 0.2)
+        assert end.bracket[0] <= end.place <= end.bracket[1]
+        found = level if end.resolved else max(low, high)
+        assert np.interp(end.place, luminance, cdp) == pytest.approx(found, abs=1e-9)
 
 
 @pytest.mark.parametrize(
     ("name", "unit", "values", "log", "whole", "ratios"),
     [
-        (LUMINANCE, "cd/m^2", [1.0, 2.0, 3.0], False, False, True),
         (LUMINANCE, "cd/m^2", [1.0, 2.0, 5.0, 10.0, 20.0, 50.0], True, False, True),
         (CONTRAST, "1", [0.01, 0.1, 1.0], True, False, True),
         (CONTRAST, "1", [0.0, 1.0, 10.0, 100.0], False, False, False),
@@ -128,19 +119,16 @@ def test_scale_of_an_axis_what_lies_between_its_values_and_what_their_ratio_tell
     assert (axis.log, axis.is_whole, axis.of_ratios) == (log, whole, ratios)
 
 
-def sawtooth(luminance: NDArray[np.float64], falls: dict[float, float]) -> NDArray[np.float64]:
-    """SNR by shot noise, sqrt(L), that is divided by a ratio beyond each luminance of change."""
-    snr = np.sqrt(luminance)
-    for place, ratio in falls.items():
-        snr = np.where(luminance > place, snr / ratio, snr)
-    return snr
+def sawtooth(luminance: NDArray[np.float64], place: float, ratio: float) -> NDArray[np.float64]:
+    """SNR by shot noise, sqrt(L), that is divided by a ratio beyond a luminance of change."""
+    return np.sqrt(luminance) / np.where(luminance > place, ratio, 1)
 
 
 def test_dip_of_a_change_of_exposure_in_closed_form() -> None:
     luminance = 2.0 ** np.arange(0, 15)
     cdp = np.linspace(0.5, 0.99, luminance.size)
     cdp[7] = 0.3
-    dataset = curve(luminance, cdp=cdp, snr_dark=sawtooth(luminance, {64.0: 2.0}))
+    dataset = curve(luminance, cdp=cdp, snr_dark=sawtooth(luminance, 64.0, 2.0))
     (dip,) = find_dips(dataset, LUMINANCE, expected=[5.0, 70.0])
     # sqrt(128) / 2 against sqrt(64); half of sqrt(256) is 8 again.
     assert (dip.start, dip.position, dip.recovery, dip.expected) == (64.0, 128.0, pytest.approx(256.0), 70.0)
@@ -151,32 +139,26 @@ def test_dip_of_a_change_of_exposure_in_closed_form() -> None:
 
 def test_the_final_saturation_is_not_a_dip_unless_a_change_of_exposure_explains_it() -> None:
     luminance = 2.0 ** np.arange(0, 8)
-    dataset = curve(luminance, cdp=np.ones(8), snr_dark=sawtooth(luminance, {64.0: 8.0}))
+    dataset = curve(luminance, cdp=np.ones(8), snr_dark=sawtooth(luminance, 64.0, 8.0))
     assert find_dips(dataset, LUMINANCE) == ()
     (dip,) = find_dips(dataset, LUMINANCE, expected=[70.0])
     assert (dip.start, dip.position, dip.expected) == (64.0, 128.0, 70.0)
     assert np.isnan(dip.recovery)
 
 
-def measured_snr(luminance: NDArray[np.float64], n_pixels: int, seed: int) -> xr.Dataset:
-    """SNR of normal pixels with shot noise and read noise of 1.5, and its standard error, as a sweep gives them."""
-    rng = np.random.default_rng(seed)
-    spread = np.sqrt(luminance + 1.5**2)[:, None]
-    pixels = luminance[:, None] + spread * rng.normal(size=(luminance.size, n_pixels))
-    snr = pixels.mean(axis=1) / pixels.std(axis=1, ddof=1)
-    errors = np.sqrt((1 + snr**2 / 2) / n_pixels)
-    cdp = np.linspace(0.1, 1, luminance.size)
-    return curve(luminance, method="simulated", cdp=cdp, snr_dark=snr, snr_dark_standard_error=errors)
-
-
 @pytest.mark.parametrize("stated", [True, False])
-def test_noise_of_a_simulated_sweep_makes_no_dip(stated: bool) -> None:
+@pytest.mark.parametrize("fall", [1.0, 3.0])
+def test_noise_of_a_simulated_sweep_makes_no_dip_and_hides_none(stated: bool, fall: float) -> None:
+    """SNR of 512 normal pixels with shot noise and read noise of 1.5, and its standard error, as a sweep gives them."""
     luminance = np.geomspace(0.02, 2e3, 400)
-    for seed in range(30):
-        dataset = measured_snr(luminance, 512, seed)
-        if not stated:
-            dataset = dataset.drop_vars("snr_dark_standard_error")
-        assert find_dips(dataset, LUMINANCE) == ()
+    spread = np.sqrt(luminance + 1.5**2) * np.where(luminance > 100, fall, 1)
+    for seed in range(15):
+        pixels = luminance[:, None] + spread[:, None] * np.random.default_rng(seed).normal(size=(400, 512))
+        snr = pixels.mean(axis=1) / pixels.std(axis=1, ddof=1)
+        errors = {"snr_dark_standard_error": np.sqrt((1 + snr**2 / 2) / 512)} if stated else {}
+        dataset = curve(luminance, method="simulated", cdp=np.linspace(0.1, 1, 400), snr_dark=snr, **errors)
+        expected = [100.0] if fall > 1 else []
+        assert [dip.expected for dip in find_dips(dataset, LUMINANCE, expected=expected)] == expected
 
 
 @pytest.mark.parametrize(
@@ -185,25 +167,9 @@ def test_noise_of_a_simulated_sweep_makes_no_dip(stated: bool) -> None:
         (lambda one: one.rename(cdp="csnr"), r"has no variable cdp, only \['csnr'\]: give a map"),
         (lambda one: xr.Dataset({"cdp": 0.5}), "has no axis: vary at least one parameter"),
         (lambda one: one.drop_vars(CONTRAST), r"axis scene\.contrast of the map has no coordinates: give its values"),
-        (lambda one: one.isel({CONTRAST: slice(0, 0)}), r"axis scene\.contrast of the map is empty"),
         (lambda one: one.assign_coords({CONTRAST: [0.1] * 9}), r"axis scene\.contrast are not finite or not distinct"),
-        (lambda one: one.assign(text="a"), r"variable text of the map is of type <U1 over \[\]: give numbers"),
     ],
 )
 def test_faults_of_a_map_are_named(damaged: Any, message: str) -> None:
     with pytest.raises(InputError, match=message):
         analyse_map(damaged(plane()))
-
-
-@pytest.mark.parametrize("stated", [True, False])
-def test_noise_makes_no_dip_and_hides_none(stated: bool) -> None:
-    luminance = np.geomspace(1, 1e4, 60)
-    flat, fallen = np.full(60, 30.0), sawtooth(luminance, {100.0: 3.0})
-    for seed in range(20):
-        noise = 1 + 0.05 * np.random.default_rng(seed).normal(size=60)
-        for snr, n_dips in ((flat, 0), (fallen, 1)):
-            errors = {"snr_dark_standard_error": 0.05 * snr} if stated else {}
-            dataset = curve(luminance, method="simulated", cdp=np.ones(60), snr_dark=snr * noise, **errors)
-            dips = find_dips(dataset, LUMINANCE, expected=[100.0])
-            assert len(dips) == n_dips
-            assert all(dip.expected == 100.0 for dip in dips)

@@ -1,12 +1,11 @@
 from dataclasses import replace
 from math import inf, sqrt
 
-import numpy as np
 import pytest
 from scipy.stats import norm
 
 from labcdp.chain import StepChart
-from labcdp.evaluate.sweep.simulation.evaluation import evaluate_pair, evaluate_run, evaluate_stage, shown_distribution
+from labcdp.evaluate.sweep.simulation.evaluation import evaluate_pair, evaluate_run, evaluate_stage
 
 from .chains import small
 
@@ -45,20 +44,6 @@ def test_cdp_behind_the_sensor_is_that_of_normal_noise():
     assert pair.cdp.cdp == pytest.approx(closed[0] - closed[1], abs=3 * pair.cdp.standard_error)
 
 
-def test_glare_costs_contrast_or_where_it_is_subtracted_noise():
-    screens = ((1.0, True), (1.0, False), (0.0, False))
-    subtracted, veiled, clear = (
-        evaluate_run(small(windscreen__glare_fraction=glare, windscreen__glare_subtracted=taken).run())
-        for glare, taken in screens
-    )
-    # Squares of 100 and 130 cd/m^2 under a veil of their mean.
-    for result, contrast in ((subtracted, 0.3), (veiled, 30 / 215), (clear, 0.3)):
-        for stage in result.stages[1:3]:
-            assert stage.pairs[0].measured_contrast == pytest.approx(contrast, rel=1e-5)
-    cdps = [result.stages[3].pairs[0].cdp.cdp for result in (veiled, subtracted, clear)]
-    assert cdps == sorted(set(cdps))
-
-
 def test_no_light_has_no_contrast():
     run = replace(small(), scene=StepChart(64, 48, (0.0, 10.0))).run()
     pair = evaluate_run(run).stages[0].pairs[0]
@@ -66,13 +51,3 @@ def test_no_light_has_no_contrast():
     assert pair.cdp is None
     # Unless one is asked for: every bright pixel then has an unbounded contrast to a dark one.
     assert evaluate_run(run, contrast=1.0).stages[0].pairs[0].cdp.above == 1.0
-
-
-def test_shown_distribution_keeps_mean_and_extent():
-    values = np.random.default_rng(1).normal(5.0, 1.0, (200, 300)).astype(np.float32)
-    shown = shown_distribution(values)
-    assert shown.size == values.size
-    assert shown.values.size <= 4096
-    assert shown.mean == pytest.approx(values.mean(dtype=np.float64), rel=1e-9)
-    assert shown.values[0] == pytest.approx(values.min(), abs=0.01)
-    assert shown.values[-1] == pytest.approx(values.max(), abs=0.01)

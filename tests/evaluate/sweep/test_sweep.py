@@ -1,16 +1,16 @@
 from dataclasses import replace
-from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from labcdp.chain import Chain, ImageScene, fixed_pattern
+from labcdp.chain import Chain, ImageScene
 from labcdp.chain.predict.chain import predict_chain
-from labcdp.chain.scene import image
 from labcdp.core.errors import ConfigurationError, InputError
-from labcdp.evaluate.sweep.plan import Axis, Sweep
+from labcdp.evaluate.sweep.plan import Axis, Sweep, parse_axis
 from labcdp.evaluate.sweep.run import JOURNAL as FILE_NAME
-from labcdp.evaluate.sweep.run import VARIABLES, run_sweep
+from labcdp.evaluate.sweep.run import run_sweep
 from labcdp.evaluate.sweep.simulation.evaluation import evaluate_pair
 
 from .chains import MERGE, small
@@ -24,19 +24,6 @@ def chain():
     return small(MERGE, scene__luminance_cd_m2=20.0, **size, **exposures, **pattern)
 
 
-@pytest.fixture
-def image_chain(tmp_path, chain):
-    """Make a chain whose scene is two fields in a file."""
-
-    def make(bright):
-        np.save(tmp_path / "scene.npy", np.repeat([[10.0, bright]], 9, axis=1).repeat(11, axis=0))
-        scene = ImageScene(tmp_path / "scene.npy", 1.0, {"a": (0, 0, 9, 9), "b": (9, 0, 9, 9)})
-        ((name, sensor),) = chain.sensors
-        return replace(chain, scene=scene, sensors=((name, replace(sensor, width=18, height=11)),))
-
-    return make
-
-
 LUMINANCE = Axis("scene.luminance_cd_m2", (2.0, 20.0, 200.0))
 CONTRAST = Axis("scene.contrast", (0.2, 1.0))
 TEMPERATURE = Axis("exposure.temperature_c", (20.0, 60.0))
@@ -46,6 +33,8 @@ def test_simulated_cell_is_the_run_of_its_chain(chain):
     sweep = Sweep(chain, (LUMINANCE, TEMPERATURE), exact=False, stage="hdr", seed=5)
     result = run_sweep(sweep)
     assert result["cdp"].dims == ("scene.luminance_cd_m2", "exposure.temperature_c")
+    assert result["scene.luminance_cd_m2"].attrs == {"unit": "cd/m^2", "long_name": "scene luminance"}
+    assert Chain.from_toml(result.attrs["chain"], "again").scene == chain.scene
     seed = int(np.random.SeedSequence(5, spawn_key=(3,)).generate_state(1)[0])
     run = chain.with_(**{"scene.luminance_cd_m2": 20.0, "exposure.temperature_c": 60.0}).run(seed)
     pair, dark, bright = evaluate_pair(run, "hdr")
@@ -55,11 +44,6 @@ def test_simulated_cell_is_the_run_of_its_chain(chain):
     assert float(cell["mean_contrast"]) == pair.mean_contrast
     assert float(cell["snr_dark"]) == dark.luminance_snr.value
     assert float(cell["saturated_share"]) == bright.saturated_share
-
-
-@pytest.fixture(scope="module")
-def exact_map(chain):
-    return run_sweep(Sweep(chain, (TEMPERATURE, LUMINANCE), exact=True))
 
 
 @pytest.mark.parametrize(
@@ -80,25 +64,13 @@ def test_exact_and_simulated_agree(chain, stage, glare_subtracted, axes):
     assert (distance <= 5 * simulated["standard_error"] + 1e-3).all()
 
 
-def test_exact_cells_do_not_depend_on_what_they_are_calculated_with(chain, exact_map):
-    one = predict_chain(chain.with_(**{"exposure.temperature_c": 60.0, "scene.luminance_cd_m2": 200.0}))
-    cell = exact_map.isel({"exposure.temperature_c": 1, "scene.luminance_cd_m2": 2})
-    assert float(cell["cdp"]) == pytest.approx(float(one.cdp[0]), abs=1e-6)
-    of_contrasts = run_sweep(Sweep(chain.with_(exposure__temperature_c=60.0), (CONTRAST, LUMINANCE), exact=True))
-    one = predict_chain(chain.with_(**{"exposure.temperature_c": 60.0, "scene.contrast": 0.2}))
-    cell = of_contrasts.isel({"scene.contrast": 0, "scene.luminance_cd_m2": 1})
-    assert float(cell["cdp"]) == pytest.approx(float(one.cdp[0]), abs=1e-6)
-    assert np.isnan(exact_map["standard_error"]).all()
-
-
-def test_result_says_what_it_is(chain):
-    result = run_sweep(Sweep(chain, (LUMINANCE, Axis("scene.contrast", (0.2,))), exact=True))
-    assert set(result.data_vars) == set(VARIABLES)
-    assert result["scene.luminance_cd_m2"].attrs == {"unit": "cd/m^2", "long_name": "scene luminance"}
-    assert result.attrs["method"] == "exact"
-    assert result.attrs["stage"] == "isp"
-    assert np.isnan(result.attrs["contrast"])
-    assert Chain.from_toml(result.attrs["chain"], "again").scene == chain.scene
+@pytest.mark.parametrize("axes", [(TEMPERATURE, LUMINANCE), (CONTRAST, LUMINANCE)])
+def test_exact_cells_do_not_depend_on_what_they_are_calculated_with(chain, axes):
+    found = run_sweep(Sweep(chain, axes, exact=True))
+    asked = {axis.parameter: axis.values[-1] for axis in axes}
+    one = predict_chain(chain.with_(**asked))
+    assert float(found.sel(asked)["cdp"]) == pytest.approx(float(one.cdp[0]), abs=1e-6)
+    assert np.isnan(found["standard_error"]).all()
 
 
 class Killed(BaseException):
@@ -124,10 +96,17 @@ def test_interrupted_sweep_is_resumed(chain, tmp_path, exact):
     assert again.identical(whole)
 
 
-def test_another_image_is_another_sweep(image_chain, tmp_path):
-    run_sweep(Sweep(image_chain(20.0), (TEMPERATURE,), exact=False), tmp_path / "out")
+def test_another_image_is_another_sweep(chain, tmp_path):
+    def sweep(bright):
+        np.save(tmp_path / "scene.npy", np.repeat([[10.0, bright]], 9, axis=1).repeat(11, axis=0))
+        scene = ImageScene(tmp_path / "scene.npy", 1.0, {"a": (0, 0, 9, 9), "b": (9, 0, 9, 9)})
+        ((name, sensor),) = chain.sensors
+        of_image = replace(chain, scene=scene, sensors=((name, replace(sensor, width=18, height=11)),))
+        return run_sweep(Sweep(of_image, (TEMPERATURE,), exact=False), tmp_path / "out")
+
+    sweep(20.0)
     with pytest.raises(InputError, match=r"holds the results of another sweep \(another image\)"):
-        run_sweep(Sweep(image_chain(40.0), (TEMPERATURE,), exact=False), tmp_path / "out")
+        sweep(40.0)
 
 
 def test_every_value_is_checked_before_the_first_cell(chain):
@@ -135,11 +114,27 @@ def test_every_value_is_checked_before_the_first_cell(chain):
         Sweep(chain, (Axis("sensor.bits", (10, 20)),), exact=True)
 
 
-def test_sweep_over_an_image_reads_the_file_and_draws_the_pattern_once(image_chain, monkeypatch):
-    read, draw = (Mock(wraps=one) for one in (image._read, fixed_pattern._draw))
-    monkeypatch.setattr(image, "_read", read)
-    monkeypatch.setattr(fixed_pattern, "_draw", draw)
-    chain = image_chain(30.0).with_(sensor__device_seed=99)
-    run_sweep(Sweep(chain, (TEMPERATURE, Axis("exposure.gain_db", (0.0, 1.0, 2.0))), exact=False))
-    # Photo response and offsets of the pixels.
-    assert (read.call_count, draw.call_count) == (1, 2)
+@given(
+    start=st.floats(1e-6, 1e6),
+    ratio=st.floats(1.01, 1e6),
+    count=st.integers(2, 50),
+    logarithmic=st.booleans(),
+)
+def test_spaced_axes_have_their_count_and_ends(start, ratio, count, logarithmic):
+    values = parse_axis(f"a.b={start!r}:{start * ratio!r}:{count}" + (":log" if logarithmic else "")).values
+    steps = np.diff(np.log(values) if logarithmic else values)
+    assert (values[0], values[-1], len(values)) == (pytest.approx(start), pytest.approx(start * ratio), count)
+    assert steps == pytest.approx(steps.mean(), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("texts", "message"),
+    [
+        (("", "a.b=", "=1,2", "a.b=1:2", "a.b=1:x:3", "a.b=1:2:3:lin"), r"is no axis: give NAME=a,b,c or NAME=start:"),
+        (("a.b=1:1:5", "a.b=1:2:1", "a.b=1:inf:5", "a.b=1:2:1e9"), r"give two different finite ends and a whole count"),
+    ],
+)
+def test_what_is_not_an_axis_is_refused(texts, message):
+    for text in texts:
+        with pytest.raises(InputError, match=message):
+            parse_axis(text)

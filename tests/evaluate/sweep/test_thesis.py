@@ -1,5 +1,9 @@
+import json
+
 import numpy as np
+import openpyxl
 import pytest
+from jsonschema import Draft202012Validator
 
 from labcdp.evaluate.sweep.thesis import (
     NEIGHBOUR_PAIRS,
@@ -7,8 +11,11 @@ from labcdp.evaluate.sweep.thesis import (
     UNFILLED_SLOTS,
     intensity_sweep,
     reproduce_row,
+    reproduce_thesis,
     thesis_chain,
 )
+from labcdp.evaluate.sweep.thesis_report import thesis_result, write_thesis
+from labcdp.report.files import schema
 
 
 @pytest.mark.parametrize(
@@ -19,7 +26,7 @@ from labcdp.evaluate.sweep.thesis import (
     ],
 )
 def test_published_value_lies_within_two_standard_deviations(row):
-    result = reproduce_row(row, range(30))
+    result = reproduce_row(row, range(15))
     assert abs(result.z) <= 2
     assert result.standard_deviation < 0.02
 
@@ -31,18 +38,29 @@ def test_pairs_of_neighbours_of_the_thesis_sensor():
     assert height - 2 == UNFILLED_SLOTS
 
 
-def test_prediction_of_corrected_physics_agrees_where_rows_and_columns_share_nothing():
-    row = TABLE_5_3[7]
-    result = reproduce_row(row, range(4))
-    assert result.corrected_exact == pytest.approx(result.corrected_mean, abs=0.001)
-
-
 def test_intensity_sweep_falls_to_zero_where_the_well_is_full_while_snr_rises():
     sweep = intensity_sweep(13)
-    assert sweep.luminance_cd_m2[0] == pytest.approx(1e-3)
-    assert sweep.luminance_cd_m2[-1] == pytest.approx(1e9)
-    assert sweep.cdp[-1] == 0.0
-    assert sweep.snr_db[-1] == np.inf
-    assert sweep.cdp.max() == 1.0
+    assert sweep.luminance_cd_m2[[0, -1]] == pytest.approx([1e-3, 1e9])
+    assert (sweep.cdp.max(), sweep.cdp[-1], sweep.snr_db[-1]) == (1.0, 0.0, np.inf)
     assert sweep.corrected_cdp.max() > 0.99
     assert sweep.corrected_cdp[-1] == 0.0
+
+
+def test_the_files_hold_published_values_and_ours(tmp_path):
+    reproduction = reproduce_thesis(2)
+    # Where rows and columns share no pattern, neighbours are as any two pixels of the regions.
+    last = reproduction.table[7]
+    assert last.corrected_exact == pytest.approx(last.corrected_mean, abs=0.001)
+    write_thesis(thesis_result(reproduction), tmp_path)
+    values = json.loads((tmp_path / "results.json").read_text())
+    Draft202012Validator(schema()).validate(values)
+    rows = values["tables"]["table_5_3"]["rows"]
+    assert [row["mean"] for row in rows] == [row.mean for row in reproduction.table]
+    assert (rows[7]["published_cdp"], rows[7]["z"], rows[7]["all_pairs_mean"]) == (0.99834205, 0.0, 1.0)
+    assert [len(values["tables"][name]["rows"]) for name in ("figure_3_10", "intensity_sweep")] == [2, 200]
+    assert ("thesis-unfilled-slots", "8") in [(one["code"], one["subject"]) for one in values["findings"]]
+    sheet = openpyxl.load_workbook(tmp_path / "results.xlsx")["table_5_3"]
+    for row, cells in zip(rows, sheet.iter_rows(min_row=2, values_only=True), strict=True):
+        assert cells[1:] == pytest.approx(list(row.values())[1:], rel=1e-12)
+    page = (tmp_path / "report.html").read_text()
+    assert page.index("of 8") < page.index("0.82872") < page.index("418/252119")

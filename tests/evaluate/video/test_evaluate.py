@@ -41,44 +41,60 @@ def found(result: xr.Dataset, code: str, subject: str = "") -> dict[str, Any]:
     return dict(values)
 
 
-def test_each_frame_is_that_of_brute_force(tmp_path: Path) -> None:
-    frames = scenes()
-    result = evaluate_video(write(tmp_path / "a.mkv", frames), fixed())
-    assert result["cdp"].shape == (8, 3)
+def test_each_frame_is_that_of_brute_force_and_shown_to_an_observer(tmp_path: Path) -> None:
+    frames, seen = scenes(), []
+    result = evaluate_video(
+        write(tmp_path / "a.mkv", frames),
+        fixed(),
+        observer=lambda number, grey, regions, row: seen.append((number, grey.copy(), len(regions), row["cdp"])),
+    )
     assert list(result["region"].values) == ["bright", "dark"]
     for number, image in enumerate(frames):
+        row = result.isel(frame=number)
         a, b = image[20:40, 20:44], image[20:40, 60:84]
-        for place, contrast in enumerate(CONTRASTS):
-            below, inside, above = brute_force(a, b, contrast)
-            assert result["cdp"].values[number, place] == pytest.approx(inside, abs=1e-12)
-            assert result["below"].values[number, place] == pytest.approx(below, abs=1e-12)
-            assert result["above"].values[number, place] == pytest.approx(above, abs=1e-12)
-        assert result["measured_contrast"].values[number] == pytest.approx(a.mean() / b.mean() - 1)
-        assert result["mean"].values[number] * 256 == pytest.approx([a.mean(), b.mean()], rel=1e-6)
-        assert result["snr"].values[number] == pytest.approx([x.mean() / x.std(ddof=1) for x in (a, b)])
-    np.testing.assert_array_equal(result["frame"], range(8))
+        expected = np.array([brute_force(a, b, contrast) for contrast in CONTRASTS])
+        found = np.transpose([row[name].values for name in ("below", "cdp", "above")])
+        np.testing.assert_allclose(found, expected, atol=1e-12)
+        assert row["measured_contrast"] == pytest.approx(a.mean() / b.mean() - 1)
+        assert row["mean"].values * 256 == pytest.approx([a.mean(), b.mean()], rel=1e-6)
+        assert row["snr"].values == pytest.approx([x.mean() / x.std(ddof=1) for x in (a, b)])
     np.testing.assert_allclose(result["time_s"], np.arange(8) / 25)
     assert (result["note"] == "").all()
     assert not result["lost"].any()
     np.testing.assert_array_equal(result["centre_x"], np.broadcast_to([32, 72], (8, 2)))
     np.testing.assert_array_equal(result["corner_y"].values[0, 0], [20, 20, 40, 40])
+    numbers, greys, n_regions, cdp = zip(*seen, strict=True)
+    assert (numbers, n_regions) == (tuple(result["frame"].values), (2,) * 8)
+    np.testing.assert_array_equal(greys, frames)
+    np.testing.assert_array_equal(cdp, result["cdp"].values)
+
+
+def resumed_after(n_frames: int, path: Path, settings: VideoSettings, folder: Path) -> xr.Dataset:
+    """Evaluate in a folder, then resume from its journal cut after some frames; both give the same."""
+    result = evaluate_video(path, settings, folder)
+    journal = folder / "video.jsonl"
+    journal.write_bytes(b"".join(journal.read_bytes().splitlines(keepends=True)[: 1 + n_frames]))
+    xr.testing.assert_identical(evaluate_video(path, settings, folder), result)
+    return result
 
 
 def test_without_a_contrast_that_of_the_first_measured_frame_is_to_be_detected(tmp_path: Path) -> None:
     frames = scenes(4)
     frames[0][:] = 0
     path = write(tmp_path / "a.mkv", frames)
-    result = evaluate_video(path, fixed(contrasts=None), tmp_path / "out")
+    result = resumed_after(2, path, fixed(contrasts=None), tmp_path / "out")
     measured = result["measured_contrast"].values[1]
     assert result["contrast"].values.tolist() == [measured]
     assert np.isnan(result["cdp"].values[0]).all()
-    asked = evaluate_video(path, fixed(contrasts=(measured,)))
-    xr.testing.assert_identical(result["cdp"], asked["cdp"])
+    xr.testing.assert_identical(result["cdp"], evaluate_video(path, fixed(contrasts=(measured,)))["cdp"])
     assert found(result, "contrast-measured") == {"frame": 1, "contrast": measured}
-    # A resumed evaluation keeps it.
-    journal = tmp_path / "out" / "video.jsonl"
-    journal.write_bytes(b"".join(journal.read_bytes().splitlines(keepends=True)[:3]))
-    xr.testing.assert_identical(evaluate_video(path, fixed(contrasts=None), tmp_path / "out"), result)
+    near = resumed_after(2, write(tmp_path / "b.mkv", frames[1:]), VideoSettings(None), tmp_path / "near")
+    conversion = picture_conversion(None, None, None)
+    cv2.imwrite(str(tmp_path / "0.png"), frames[1])
+    picture = evaluate_neighbours(conversion.luminance(read_picture(tmp_path / "0.png", conversion.options)))
+    assert near["contrast"].values == pytest.approx([picture.contrast])
+    assert near["cdp"].values[0] == pytest.approx([one.result.cdp for one in picture.results])
+    assert found(near, "neighbour-contrast-measured")["frame"] == 0
 
 
 _EPSILONS = st.one_of(
@@ -89,7 +105,7 @@ _EPSILONS = st.one_of(
 )
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=20)
 @given(
     st.integers(1, 20), st.integers(1, 20), st.integers(0, 2**32 - 1), st.integers(0, 250), st.integers(1, 255),
     st.lists(st.floats(0.01, 20), min_size=1, max_size=4, unique=True), _EPSILONS, st.integers(0, 60),
@@ -148,31 +164,27 @@ def test_a_region_that_leaves_the_image_is_lost_and_not_measured(tmp_path: Path)
         np.testing.assert_array_equal(few[name], result[name].values[::10])
 
 
-def test_the_first_measured_frame_is_the_reference(tmp_path: Path) -> None:
-    frames = scenes(4)
+def test_the_reference_is_the_first_measured_frame_or_another_video(tmp_path: Path) -> None:
+    frames = scenes(6)
     frames[0][:] = 0
     result = evaluate_video(write(tmp_path / "a.mkv", frames), fixed(reference="first"))
     contrast = result["measured_contrast"].values[1]
     assert result["note"].values[0].startswith("neither region holds a value above 0")
     assert isnan(result["reference_contrast"].values[0])
     assert (result["reference_contrast"].values[1:] == contrast).all()
-    for number in (1, 2, 3):
+    for number in range(1, 6):
         a, b = frames[number][20:40, 20:44], frames[number][20:40, 60:84]
         assert result["reference_cdp"].values[number] == pytest.approx(brute_force(a, b, contrast)[1], abs=1e-9)
-
-
-def test_the_reference_of_another_camera(tmp_path: Path) -> None:
-    calibrated = evaluate_video(write(tmp_path / "a.mkv", scenes(6)), fixed())
-    calibrated["measured_contrast"].values[4] = nan
-    calibrated.isel(frame=slice(0, 5)).to_netcdf(tmp_path / "reference.nc")
+    result["measured_contrast"].values[4] = nan
+    result.isel(frame=slice(1, 5)).to_netcdf(tmp_path / "reference.nc")
     other = write(tmp_path / "b.mkv", [image // 2 for image in scenes(6)])
     for by in ("number", "time"):
-        result = evaluate_video(other, fixed(reference=tmp_path / "reference.nc", reference_by=by))
-        np.testing.assert_array_equal(result["reference_contrast"][:4], calibrated["measured_contrast"][:4])
-        assert np.isfinite(result["reference_cdp"].values[:4]).all()
-        assert np.isfinite(result["cdp"].values).all()
-        assert result["note"].values[4] == "the reference has no contrast here"
-        assert result["note"].values[5].startswith("the reference has no frame ")
+        asked = evaluate_video(other, fixed(reference=tmp_path / "reference.nc", reference_by=by))
+        np.testing.assert_array_equal(asked["reference_contrast"][1:4], result["measured_contrast"][1:4])
+        assert np.isfinite(asked["reference_cdp"].values[1:4]).all()
+        assert np.isfinite(asked["cdp"].values).all()
+        assert asked["note"].values[4] == "the reference has no contrast here"
+        assert all(note.startswith("the reference has no frame ") for note in asked["note"].values[[0, 5]])
 
 
 def test_the_contrast_of_a_saturated_region_is_not_to_be_trusted(tmp_path: Path) -> None:
@@ -200,10 +212,10 @@ def test_the_contrast_of_a_saturated_region_is_not_to_be_trusted(tmp_path: Path)
     ("changes", "text"),
     [
         ({"contrasts": (1.0, 1.0)}, "a contrast is given twice"),
-        ({"contrasts": (-1.0,)}, "contrast is -1.0"),
         ({"rois": (BRIGHT,)}, "1 regions are given: give two"),
         ({"rois": (), "reference": 1.0}, "a reference contrast needs regions"),
         ({"epsilon": 2.0}, "epsilon is 2.0"),
+        ({"camera": 5}, "camera is 5: give the path of a file"),
     ],
 )
 def test_settings_that_make_no_sense_are_refused(changes: dict[str, Any], text: str) -> None:
@@ -212,18 +224,14 @@ def test_settings_that_make_no_sense_are_refused(changes: dict[str, Any], text: 
 
 
 def test_a_frame_of_a_colour_filter_is_evaluated_by_its_green_pixels() -> None:
-    dn = np.zeros((40, 60), np.uint8)
+    dn = np.random.default_rng(0).integers(50, 200, (40, 60)).astype(np.uint8)
     dn[::2, ::2], dn[1::2, 1::2] = 250, 3
-    green = np.random.default_rng(0).integers(50, 200, (40, 60)).astype(np.uint8)
-    dn[::2, 1::2], dn[1::2, ::2] = green[::2, 1::2], green[1::2, ::2]
-    options = PictureOptions(pixel_format="BayerRG8")
-    frame = frame_of_pixels(dn, options, datetime(2026, 1, 1, tzinfo=UTC))
-    assert frame.colour_filter == "RG"
+    frame = frame_of_pixels(dn, PictureOptions(pixel_format="BayerRG8"), datetime(2026, 1, 1, tzinfo=UTC))
     conversion = picture_conversion(None, None, None)
-    a, b = Roi.rectangle("a", 4, 4, 20, 20), Roi.rectangle("b", 30, 8, 20, 20)
-    found = evaluate_frame_pair(frame, conversion, (a, b), (0.5,), 0.5)
-    whole = conversion.convert(frame)
-    assert found == evaluate_pair(whole, a, b, (0.5,))
+    rois = Roi.rectangle("a", 4, 4, 20, 20), Roi.rectangle("b", 30, 8, 20, 20)
+    found = evaluate_frame_pair(frame, conversion, rois, (0.5,), 0.5)
+    assert found == evaluate_pair(conversion.convert(frame), *rois, (0.5,))
+    assert found.a.mean == pytest.approx((dn[4:24:2, 5:24:2].mean() + dn[5:24:2, 4:24:2].mean()) / 2 / 256)
 
 
 def test_a_video_without_any_result_is_refused_and_leaves_its_folder_free(tmp_path: Path) -> None:
@@ -232,39 +240,11 @@ def test_a_video_without_any_result_is_refused_and_leaves_its_folder_free(tmp_pa
     with pytest.raises(InputError, match=text):
         evaluate_video(path, fixed(), tmp_path / "out")
     assert not (tmp_path / "out").exists()
-    contrasts = tuple(0.01 * n for n in range(1, 122))
+    path = write(tmp_path / "b.mkv", scenes(2))
     with pytest.raises(InputError, match="121 contrasts are given: give up to 120"):
-        evaluate_video(write(tmp_path / "b.mkv", scenes(2)), VideoSettings(contrasts), tmp_path / "out")
+        evaluate_video(path, VideoSettings(tuple(0.01 * n for n in range(1, 122))), tmp_path / "out")
     # Nothing was evaluated: other settings may have the folder.
-    assert evaluate_video(tmp_path / "b.mkv", fixed(), tmp_path / "out").sizes["frame"] == 2
-
-
-def test_nearest_neighbours_without_a_contrast(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.mkv", scenes(3))
-    result = evaluate_video(path, VideoSettings(None), tmp_path / "out")
-    conversion = picture_conversion(None, None, None)
-    cv2.imwrite(str(tmp_path / "0.png"), scenes(3)[0])
-    picture = evaluate_neighbours(conversion.luminance(read_picture(tmp_path / "0.png", conversion.options)))
-    assert result["contrast"].values == pytest.approx([picture.contrast])
-    assert result["cdp"].values[0] == pytest.approx([one.result.cdp for one in picture.results])
-    assert found(result, "neighbour-contrast-measured")["frame"] == 0
-    journal = tmp_path / "out" / "video.jsonl"
-    journal.write_bytes(b"".join(journal.read_bytes().splitlines(keepends=True)[:3]))
-    xr.testing.assert_identical(evaluate_video(path, VideoSettings(None), tmp_path / "out"), result)
-
-
-def test_an_observer_sees_each_frame_with_its_results(tmp_path: Path) -> None:
-    """As does the annotated video."""
-    frames, seen = scenes(5), []
-    result = evaluate_video(
-        write(tmp_path / "a.mkv", frames),
-        fixed(),
-        observer=lambda number, grey, regions, row: seen.append((number, grey.copy(), len(regions), row["cdp"])),
-    )
-    numbers, greys, n_regions, cdp = zip(*seen, strict=True)
-    assert (numbers, n_regions) == ((0, 1, 2, 3, 4), (2,) * 5)
-    np.testing.assert_array_equal(greys, frames)
-    np.testing.assert_array_equal(cdp, result["cdp"].values)
+    assert evaluate_video(path, fixed(), tmp_path / "out").sizes["frame"] == 2
 
 
 def test_repeated_pictures_are_noted_and_kept(tmp_path: Path) -> None:
@@ -272,32 +252,16 @@ def test_repeated_pictures_are_noted_and_kept(tmp_path: Path) -> None:
     frames[2], frames[3] = frames[1], frames[1]
     path = write(tmp_path / "a.mkv", frames)
     for asked in (fixed(), VideoSettings(CONTRASTS)):
-        result = evaluate_video(path, asked, tmp_path / asked.mode)
+        result = resumed_after(2, path, asked, tmp_path / asked.mode)
         notes = ["", "", "the same picture as frame 1", "the same picture as frame 2", "", ""]
         assert list(result["note"].values) == notes
         assert np.isfinite(result["cdp"].values).all()
         assert found(result, "frames-repeated") == {"count": 2, "n_frames": 6, "first": 2}
-        # Going on before one of them gives the same.
-        journal = tmp_path / asked.mode / "video.jsonl"
-        journal.write_bytes(b"".join(journal.read_bytes().splitlines(keepends=True)[:3]))
-        xr.testing.assert_identical(evaluate_video(path, asked, tmp_path / asked.mode), result)
 
 
 def test_a_file_that_announces_more_frames_than_it_has(tmp_path: Path) -> None:
     path = write(tmp_path / "a.avi", scenes(12))
     data = path.read_bytes()
     path.write_bytes(data[: len(data) // 2])
-    result = evaluate_video(path, fixed())
-    n = result.sizes["frame"]
-    assert found(result, "video-cut-off") == {"announced": 12, "found": n}
-
-
-def test_paths_may_be_texts_and_nothing_else(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.avi", scenes(2))
-    assert evaluate_video(str(path), fixed()).identical(evaluate_video(path, fixed()))
-    assert fixed(calibration="a.json").calibration == Path("a.json")
-    for wrong in (5, b"a.mp4"):
-        with pytest.raises(InputError, match=r"the video is .*: give the path of a file"):
-            evaluate_video(wrong, fixed())  # type: ignore[arg-type]
-        with pytest.raises(InputError, match=r"camera is .*: give the path of a file"):
-            fixed(camera=wrong)
+    result = evaluate_video(str(path), fixed())
+    assert found(result, "video-cut-off") == {"announced": 12, "found": result.sizes["frame"]}

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import openpyxl
 import pytest
+import xarray as xr
 from jsonschema import Draft202012Validator
 
 from labcdp.core.result import warning
@@ -12,24 +13,17 @@ from labcdp.evaluate.video.archive_page import archive_result, write_archive
 from labcdp.evaluate.video.result import video_result
 from labcdp.report.files import envelope, schema
 
-from .synthetic_results import synthetic_video
 
-
-@pytest.fixture
-def archive(tmp_path: Path) -> ArchiveResult:
+def test_page_json_and_sheet_of_an_archive_say_what_became_of_each_video(
+    tmp_path: Path, followed: xr.Dataset, near: xr.Dataset
+) -> None:
     tasks = archive_tasks([tmp_path / name for name in ("a.avi", "b.avi", "c & d.avi", "e #1.avi")], tmp_path)
-    nothing = synthetic_video(30, regions=())
-    nothing["cdp"][:] = float("nan")
-    data = [synthetic_video(reference=10.0), synthetic_video(30, regions=()), None, nothing]
-    outcomes = []
-    for task, one in zip(tasks, data, strict=True):
-        values = None if one is None else envelope(video_result(one))
-        outcomes.append(VideoOutcome(task, values, "" if values else "no video <at all>", resumed=task is tasks[0]))
-    return ArchiveResult(tuple(outcomes), (warning("worker-died", "tcp://127.0.0.1:1", video="a.avi"),))
-
-
-def test_the_page_names_failures_and_leads_to_the_pages_of_the_videos(archive: ArchiveResult, tmp_path: Path) -> None:
-    write_archive(archive_result(archive), tmp_path)
+    nothing = near.assign(cdp=near["cdp"] * float("nan"))
+    values = [envelope(video_result(one)) for one in (followed, near, nothing)]
+    errors = ["", "", "no video <at all>", ""]
+    outcomes = zip(tasks, (*values[:2], None, values[2]), errors, (True, False, False, False), strict=True)
+    findings = (warning("worker-died", "tcp://127.0.0.1:1", video="a.avi"),)
+    write_archive(archive_result(ArchiveResult(tuple(VideoOutcome(*one) for one in outcomes), findings)), tmp_path)
     page = (tmp_path / "archive.html").read_text()
     assert page.index("c &amp; d.avi: no video &lt;at all&gt;") < page.index("3 of 4")
     assert "tcp://127.0.0.1:1 died" in page
@@ -38,23 +32,18 @@ def test_the_page_names_failures_and_leads_to_the_pages_of_the_videos(archive: A
         ("b/report.html", "b"),
         ("e%20%231/report.html", "e #1"),
     ]
-
-
-def test_json_and_sheet_say_the_same(archive: ArchiveResult, tmp_path: Path) -> None:
-    write_archive(archive_result(archive), tmp_path)
-    values = json.loads((tmp_path / "archive.json").read_text())
-    Draft202012Validator(schema()).validate(values)
-    a, b, c, e = values["tables"]["videos"]["rows"]
-    assert (a["video"], a["n_frames"], a["contrast"], a["n_detected"], a["n_evaluated"]) == ("a", 120, 10.0, 35, 94)
-    assert (a["lost_share"], a["resumed"]) == (pytest.approx(21 / 120), True)
-    assert (b["contrast"], b["lost_share"]) == (0.07, None)
+    found = json.loads((tmp_path / "archive.json").read_text())
+    Draft202012Validator(schema()).validate(found)
+    a, b, c, e = found["tables"]["videos"]["rows"]
+    first = values[0]["tables"]["contrasts"]["rows"][0]
+    assert {name: a[name] for name in first} == first
+    lost = followed["lost"].mean("frame").max().item()
+    assert (a["video"], a["n_frames"], a["lost_share"], a["resumed"]) == ("a", 24, pytest.approx(lost), True)
+    assert (b["contrast"], b["lost_share"]) == (0.1, None)
     assert (c["error"], c["n_frames"]) == ("no video <at all>", None)
     assert (e["n_detected"], e["n_evaluated"], e["mean_cdp"]) == (0, 0, None)
-    assert [one["video"] for one in values["tables"]["lost"]["rows"]] == ["a", "a"]
-    assert [(one["code"], one["severity"]) for one in values["findings"]] == [
-        ("video-failed", "error"),
-        ("worker-died", "warning"),
-    ]
-    with (tmp_path / "archive.xlsx").open("rb") as file:
-        cells = list(openpyxl.load_workbook(file)["videos"].iter_rows(2, values_only=True))
-    assert [row[3] for row in cells] == [120, 30, None, 30]
+    assert {one["video"] for one in found["tables"]["lost"]["rows"]} == {"a"}
+    codes = [(one["code"], one["severity"]) for one in found["findings"]]
+    assert codes == [("video-failed", "error"), ("worker-died", "warning")]
+    cells = list(openpyxl.load_workbook(tmp_path / "archive.xlsx")["videos"].iter_rows(2, values_only=True))
+    assert [row[3] for row in cells] == [24, 24, None, 24]

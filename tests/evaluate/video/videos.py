@@ -68,14 +68,6 @@ def fixed(**changes: Any) -> VideoSettings:
 
 def brute_force(a: np.ndarray, b: np.ndarray, contrast: float, epsilon: float = 0.5) -> tuple[float, float, float]:
     """Below, inside and above, pair by pair."""
-    if a.mean() < b.mean():
-        a, b = b, a
-    low, high = contrast * (1 - epsilon), contrast * (1 + epsilon)
-    counts = [0, 0, 0]
-    for x in a.ravel().astype(float):
-        measured = x / b.ravel() - 1
-        counts[0] += int((measured < low - 1e-9).sum())
-        counts[2] += int((measured > high + 1e-9).sum())
-    counts[1] = a.size * b.size - counts[0] - counts[2]
-    below, inside, above = (count / (a.size * b.size) for count in counts)
-    return below, inside, above
+    measured = np.divide.outer(max(a, b, key=np.mean).astype(float), min(a, b, key=np.mean)) - 1
+    below, up_to = measured < contrast * (1 - epsilon) - 1e-9, measured <= contrast * (1 + epsilon) + 1e-9
+    return float(below.mean()), float(up_to.mean() - below.mean()), float(1 - up_to.mean())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from math import floor, log10, sqrt
@@ -12,6 +12,8 @@ import pytest
 from numpy.typing import NDArray
 
 from labcdp.calibration import Calibration, CameraState, DarkObservation, LensIdentity, PatchObservation, Setup, fit
+from labcdp.calibration.findings import FitError
+from labcdp.calibration.frames.measure import measure_whole
 from labcdp.calibration.frames.nonuniformity import Nonuniformity
 from labcdp.core.frame import CameraIdentity, Frame
 from labcdp.core.reading import MeterIdentity, Reading
@@ -25,7 +27,7 @@ STATE = CameraState(CAMERA, "Mono12", 12, (48, 64), 0.0, 4095.0, 64.0)
 
 @dataclass(frozen=True)
 class SimulatedCamera:
-    """A linear camera; `observe` and `dark` draw what the accumulator would find, `frames` draws pixels."""
+    """A linear camera; `observe` and `dark` draw what the accumulator would find."""
 
     responsivity_dn_s_cd_m2: float = 1200.0
     k_dn_per_e: float = 0.25
@@ -86,17 +88,6 @@ class SimulatedCamera:
             black_share=0.0,
             state=self.state,
         )
-
-    def frames(
-        self, luminance_cd_m2: NDArray[np.float64], exposure_s: float, n: int, rng: np.random.Generator
-    ) -> Iterator[Frame]:
-        """`n` frames of a luminance map, shape (height, width)."""
-        net = self.responsivity_dn_s_cd_m2 * luminance_cd_m2 * exposure_s
-        mean = self.dark_offset_dn + self.dark_rate_dn_s * exposure_s + net
-        # Rounding adds 1/12 DN^2 to the noise.
-        std = np.sqrt(self.k_dn_per_e * net + self.dark_noise_dn**2 - 1 / 12)
-        for i in range(n):
-            yield make_frame(mean + rng.normal(0, 1, mean.shape) * std, exposure_s, i)
 
 
 @dataclass(frozen=True)
@@ -160,21 +151,20 @@ def make_frame(
 
 
 def make_reading(value: float, **changes: object) -> Reading:
-    reading = Reading(
-        value=value,
-        unit="cd/m2",
-        resolution=0.01,
-        scale_half_width_rel=0.02,
-        digits_half_width=0.01,
-        repeatability_rel=0.002,
-        peak=False,
-        correction="preset",
-        held=False,
-        meter=METER,
-        timestamp=START,
-        raw=f"OK00,CcPM{value:6.2f}",
-    )
+    reading = Reading(value, "cd/m2", 0.01, 0.02, 0.01, 0.002, False, "preset", False, METER, START, f"{value:6.2f}")
     return replace(reading, **changes)  # type: ignore[arg-type]
+
+
+def expose(luminance_cd_m2, exposure_s, rng, pattern_dn=0.0, v=1.0, frame_id=0):
+    """A noisy frame of a scene by the camera of `SimulatedCamera()`; rounding adds 1/12 DN^2 to the noise."""
+    net = 1200.0 * np.asarray(luminance_cd_m2, dtype=float) * v * exposure_s
+    noise = rng.normal(0, 1, net.shape) * np.sqrt(0.25 * net + 1.5**2 - 1 / 12)
+    return make_frame(64 + 40 * exposure_s + pattern_dn + net + noise, exposure_s, frame_id)
+
+
+def statistics(luminance_cd_m2, exposure_s, n, rng, **changes):
+    """Statistics of noisy frames of a scene."""
+    return measure_whole(expose(luminance_cd_m2, exposure_s, rng, frame_id=i, **changes) for i in range(n))
 
 
 @pytest.fixture(scope="session")
@@ -187,48 +177,65 @@ def camera() -> SimulatedCamera:
     return SimulatedCamera()
 
 
-@pytest.fixture(scope="session")
-def camera_class() -> type[SimulatedCamera]:
-    return SimulatedCamera
-
-
-@pytest.fixture(scope="session")
-def bent_camera() -> BentCamera:
-    return BentCamera()
-
-
-@pytest.fixture(scope="session")
-def meter_class() -> type[SimulatedMeter]:
-    return SimulatedMeter
-
-
-@pytest.fixture(scope="session")
-def new_frame() -> Callable[..., Frame]:
-    return make_frame
-
-
-@pytest.fixture(scope="session")
-def new_reading() -> Callable[..., Reading]:
-    return make_reading
-
-
 #: Luminances of the patches of a whole calibration, and its exposures.
 LUMINANCES, EXPOSURES_S = tuple(float(v) for v in np.geomspace(0.5, 2000, 12)), (0.001, 0.008, 0.064)
+#: A smaller one.
+FEW_CD_M2, FEW_S = (0.5, 1.0, 2.5, 6.0, 15.0, 40.0, 100.0, 250.0), (0.002, 0.01, 0.1)
 
 
-@pytest.fixture(scope="session")
-def bench() -> Callable[..., tuple[list[PatchObservation], list[DarkObservation], dict[str, list[Reading]]]]:
+def bench(
+    camera: SimulatedCamera,
+    read: Callable[[float], Reading] = make_reading,
+    rng: np.random.Generator | None = None,
+    luminances: Sequence[float] = LUMINANCES,
+    exposures_s: Sequence[float] = EXPOSURES_S,
+    n_readings: int = 1,
+) -> tuple[list[PatchObservation], list[DarkObservation], dict[str, list[Reading]]]:
     """Observations, dark frames and readings of patches P0, P1, ...; without a generator free of noise."""
+    observations = [camera.observe(f"P{i}", v, t, rng) for i, v in enumerate(luminances) for t in exposures_s]
+    darks = [camera.dark(t, rng) for t in exposures_s]
+    readings = {
+        f"P{i}": [replace(read(float(v)), timestamp=START + timedelta(seconds=s)) for s in range(n_readings)]
+        for i, v in enumerate(luminances)
+    }
+    return observations, darks, readings
 
-    def measure(camera, read=make_reading, rng=None, luminances=LUMINANCES, exposures_s=EXPOSURES_S):
-        observations = [camera.observe(f"P{i}", v, t, rng) for i, v in enumerate(luminances) for t in exposures_s]
-        readings = {f"P{i}": [read(float(v))] for i, v in enumerate(luminances)}
-        return observations, [camera.dark(t, rng) for t in exposures_s], readings
 
-    return measure
+def codes(one):
+    """Codes of what was found."""
+    return {finding.code for finding in one.findings}
+
+
+def found(calibration, name):
+    """The test of that name."""
+    return next(test for test in calibration.tests if test.name == name)
+
+
+def row(rows, source):
+    """The row of a budget."""
+    return next(r for r in rows if r.source == source)
 
 
 @pytest.fixture(scope="session")
-def calibrated(bench, camera, setup) -> Calibration:
+def calibrated(camera, setup) -> Calibration:
     """A calibration by data free of noise."""
     return fit(*bench(camera), setup)
+
+
+@pytest.fixture(scope="session")
+def make_calibration(calibrated):
+    """A calibration of another size, bit depth or with other parts; its dark signal is uncertain by 0.2 DN."""
+
+    def make(shape=(48, 64), bit_depth=12, **changes):
+        full = 2.0**bit_depth - 1
+        state = replace(
+            STATE, pixel_format=f"Mono{bit_depth}", bit_depth=bit_depth, image_shape=shape, saturation_dn=full
+        )
+        errors = (
+            FitError("fit", (1.0, full), (0.003, 0.003)),
+            FitError("dark and temperature", (1.0, full), (0.0, 0.0), (), (0.2, 0.0, 0.0), 0.0),
+        )
+        values = {"state": state, "fit_errors": errors, "range_net_dn": (5.0, full - 100), "range_cd_m2": (0.5, 2000.0)}
+        return replace(calibrated, **values | changes)
+
+    return make

@@ -17,64 +17,52 @@ from labcdp.core.errors import CalibrationError
 from labcdp.core.reading import MeterIdentity
 from labcdp.session import MeterCertificate
 
-METER = MeterIdentity("LS-110", "73323007")
+from .conftest import FEW_CD_M2, FEW_S, METER, bench, codes, make_reading, row
+
 CERTIFICATE = MeterCertificate(
-    number="42",
-    laboratory="PTB",
-    date=date(2018, 1, 10),
-    due_date=date(2019, 1, 10),
-    correction=1.01,
-    expanded_uncertainty_rel=0.008,
-    coverage_factor=2.0,
-)
-LUMINANCES, EXPOSURES_S = np.geomspace(0.5, 250, 8), (0.002, 0.01, 0.1)
+    number="42", laboratory="PTB", date=date(2018, 1, 10), due_date=date(2019, 1, 10), correction=1.01,
+    expanded_uncertainty_rel=0.008, coverage_factor=2.0,
+)  # fmt: skip
 
 
 @pytest.fixture
-def calibrated(camera, new_reading, setup):
+def calibrate(camera, setup):
     """Calibrate with exact readings of four digits, corrected by the certificate if there is one."""
 
-    def calibrate(certificate=None, f1_prime=None):
-        rng = np.random.default_rng(1)
-        observations = [camera.observe(f"P{i}", v, t, rng) for i, v in enumerate(LUMINANCES) for t in EXPOSURES_S]
-        readings = {
-            f"P{i}": [corrected(new_reading(float(v), digits_half_width=1e-4 * v), certificate)]
-            for i, v in enumerate(LUMINANCES)
-        }
-        known = replace(setup, certificate=certificate, meter_f1_prime=f1_prime)
-        return fit(observations, [camera.dark(t, rng) for t in EXPOSURES_S], readings, known), observations
+    def calibrated(certificate=None, f1_prime=None):
+        def read(v):
+            return corrected(make_reading(v, digits_half_width=1e-4 * v), certificate)
 
-    return calibrate
+        data = bench(camera, read, np.random.default_rng(1), FEW_CD_M2, FEW_S)
+        calibration = fit(*data, replace(setup, certificate=certificate, meter_f1_prime=f1_prime))
+        return calibration, {f"P{i}": [o for o in data[0] if o.patch == f"P{i}"] for i in range(len(FEW_CD_M2))}
+
+    return calibrated
 
 
-def test_a_certificate_takes_the_place_of_the_data_sheet(calibrated):
-    by_sheet, observations = calibrated()
-    by_certificate, _ = calibrated(CERTIFICATE)
+def test_a_certificate_takes_the_place_of_the_data_sheet(calibrate):
+    (by_sheet, seen), (by_certificate, _) = calibrate(), calibrate(CERTIFICATE)
     r = [one.responsivity.responsivity_dn_s_cd_m2 for one in (by_sheet, by_certificate)]
     assert r[0] / r[1] == pytest.approx(1.01, rel=1e-6)
     for one, u, distribution in ((by_sheet, 0.02 / sqrt(3), "rectangular"), (by_certificate, 0.004, "normal")):
-        row = next(row for row in budget(one, 10.0) if row.source == "meter scale")
-        assert (row.standard_uncertainty_rel, row.distribution, row.evaluation) == (pytest.approx(u), distribution, "B")
-    assert "certificate 42 of PTB" in row.basis
-    assert {one.code for one in by_sheet.findings} >= {"meter-without-certificate"}
-    assert not {one.code for one in by_certificate.findings} & {"meter-without-certificate", "certificate-overdue"}
+        scale = row(budget(one, 10.0), "meter scale")
+        expected = (pytest.approx(u), distribution, "B")
+        assert (scale.standard_uncertainty_rel, scale.distribution, scale.evaluation) == expected
+    assert "certificate 42 of PTB" in scale.basis
+    assert "meter-without-certificate" in codes(by_sheet)
+    assert not codes(by_certificate) & {"meter-without-certificate", "certificate-overdue"}
     # The scale cancels in contrasts, whatever its distribution.
-    dark, bright = (
-        [patch_luminance(one, [o for o in observations if o.patch == name]) for one in (by_sheet, by_certificate)]
-        for name in ("P0", "P7")
-    )
-    assert contrast_uncertainty(bright[0], dark[0]) == pytest.approx(contrast_uncertainty(bright[1], dark[1]), rel=1e-6)
-    assert dark[0].fit_rel == pytest.approx(dark[1].fit_rel)
+    u = [contrast_uncertainty(*(patch_luminance(c, seen[p]) for p in ("P7", "P0"))) for c in (by_sheet, by_certificate)]
+    assert u[0] == pytest.approx(u[1], rel=1e-6)
 
 
-def test_mismatch_counts_in_another_light_only(calibrated):
-    calibration, observations = calibrated(CERTIFICATE, f1_prime=0.03)
-    row = next(row for row in budget(calibration, 10.0) if row.source == "meter f1'")
-    assert (row.included, row.standard_uncertainty_rel) == (True, pytest.approx(0.03 / sqrt(3)))
-    seen = patch_luminance(calibration, [o for o in observations if o.patch == "P4"])
+def test_mismatch_counts_in_another_light_only(calibrate):
+    calibration, observations = calibrate(CERTIFICATE, f1_prime=0.03)
+    mismatch = row(budget(calibration, 10.0), "meter f1'")
+    assert (mismatch.included, mismatch.standard_uncertainty_rel) == (True, pytest.approx(0.03 / sqrt(3)))
+    seen = patch_luminance(calibration, observations["P4"])
     assert seen.common_rel == pytest.approx(sqrt(seen.fit_rel**2 + 0.004**2 + 0.03**2 / 3))
     assert MeterScale(METER, 0.02, None, 0.03, "a").mismatch_rel == 0.0
-    assert MeterScale(METER, 0.02, None, None, "LED").mismatch_rel == 0.0
 
 
 def test_an_overdue_certificate_is_a_warning():
@@ -89,7 +77,6 @@ def test_an_overdue_certificate_is_a_warning():
     [
         ([], 0.01),
         ([MeterScale(METER, 0.02)], 0.002),
-        ([MeterScale(METER, 0.02, CERTIFICATE)], 0.002),
         ([MeterScale(METER, 0.02), MeterScale(METER, 0.02, CERTIFICATE, 0.03, "LED")], 0.004),
         ([MeterScale(METER, 0.03), MeterScale(METER, 0.02)], 0.004),
     ],
@@ -105,21 +92,18 @@ def test_expanded_uncertainty_contains_95_percent(scales, random_rel):
     assert 0.95 - 4 * sqrt(0.95 * 0.05 / n) <= inside <= 0.96
 
 
-def test_readings_with_different_corrections_are_not_averaged(new_reading):
-    preset, user = new_reading(10.0), new_reading(10.1, correction="luminance")
+def test_readings_of_two_corrections_meters_or_states_are_not_averaged():
+    one, user = make_reading(10.0), make_reading(10.1, correction="luminance")
     message = "reading 1 of patch 'P' was taken with the correction 'preset', reading 2 of patch 'P' with 'luminance'"
     with pytest.raises(CalibrationError, match=message):
-        combine_readings("P", [preset, user])
-    with pytest.raises(CalibrationError, match="reading 1 of patch 'Q' with 'luminance'"):
-        meter_scale({"P": [preset], "Q": [user]})
+        combine_readings("P", [one, user])
+    other, adjusted = (replace(one, meter=MeterIdentity("LS-110", *of)) for of in (("2",), ("73323007", "2018-02-01")))
+    for second, message in (
+        (user, "reading 1 of patch 'Q' with 'luminance'"),
+        (other, "readings come from meters LS-110 73323007 and LS-110 2"),
+        (adjusted, r"adjusted between the readings \(date not known; 2018-02-01\)"),
+    ):
+        with pytest.raises(CalibrationError, match=message):
+            meter_scale({"P": [one], "Q": [second]})
     # A meter that does not say is believed.
-    assert meter_scale({"P": [preset, new_reading(10.0, correction=None)]}).meter == METER
-
-
-def test_readings_of_two_meters_or_two_states_are_refused(new_reading):
-    states = (("2", None), (METER.serial, "2018-02-01"))
-    other = [new_reading(10.0, meter=MeterIdentity("LS-110", serial, day)) for serial, day in states]
-    with pytest.raises(CalibrationError, match="readings come from meters LS-110 73323007 and LS-110 2"):
-        meter_scale({"P": [new_reading(10.0)], "Q": [other[0]]})
-    with pytest.raises(CalibrationError, match=r"adjusted between the readings \(date not known; 2018-02-01\)"):
-        meter_scale({"P": [new_reading(10.0)], "Q": [other[1]]})
+    assert meter_scale({"P": [one, replace(one, correction=None)]}).meter == METER

@@ -6,7 +6,7 @@ from datetime import date
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labcdp.calibration import load, save
@@ -45,36 +45,17 @@ def maps(seed=1):
     return {"vignetting": flat(seed), "defects": DefectMap.of(reasons), "dark_library": library}
 
 
-@pytest.fixture
-def document(calibrated, tmp_path):
-    """A saved file's content, and a function that writes it back and loads it."""
-    path = tmp_path / "camera.json"
-    save(calibrated, path)
-    content = json.loads(path.read_text())
-
-    def reload():
-        path.write_text(json.dumps(content))
-        return load(path)
-
-    return content, reload
-
-
+@settings(max_examples=25)
 @given(
     responsivity=st.floats(1e-6, 1e9),
-    low=st.floats(1e-6, 1.0),
     texts=st.lists(st.text(), max_size=3),
-    intercept=st.none() | st.floats(-1e6, 1e6),
     certificate=st.none() | CERTIFICATES,
     vignetting=st.sampled_from([None, Cos4Vignetting(0.006, 3.45e-6), RadialVignetting(-0.3, 0.1, 0.0, (30.0, 20.0))]),
 )
-def test_round_trip_of_any_value(
-    calibrated, tmp_path_factory, responsivity, low, texts, intercept, certificate, vignetting
-):
-    fit = replace(calibrated.responsivity, responsivity_dn_s_cd_m2=responsivity, intercept_dn_s=intercept)
+def test_round_trip_of_any_value(calibrated, tmp_path_factory, responsivity, texts, certificate, vignetting):
     other = replace(
         calibrated,
-        responsivity=fit,
-        range_cd_m2=(low, 2.0),
+        responsivity=replace(calibrated.responsivity, responsivity_dn_s_cd_m2=responsivity, intercept_dn_s=None),
         vignetting=vignetting,
         meter_scale=replace(calibrated.meter_scale, certificate=certificate, f1_prime=certificate and 0.08),
         findings=tuple(warning("readings-scatter", text, note=text, values=[1.5, 2.0]) for text in texts),
@@ -98,49 +79,37 @@ def test_saving_again_replaces_values_and_arrays_together_with_force_only(calibr
     assert [p.name for p in tmp_path.iterdir()] == ["camera.json"]
 
 
-@pytest.mark.parametrize("content", ["[]", "3", "{}", '{"format": "labcdp-session"}'])
-def test_other_json(tmp_path, content):
-    (tmp_path / "camera.json").write_text(content)
-    message = r"camera\.json is not a calibration: its key format is not 'labcdp-calibration'"
-    with pytest.raises(InputError, match=message):
-        load(tmp_path / "camera.json")
-
-
-@pytest.mark.parametrize(("version", "remedy"), [(4, "calibrate again"), (6, "newer labcdp"), ("5", "calibrate again")])
-def test_other_version(document, version, remedy):
-    content, reload = document
-    content["version"] = version
-    with pytest.raises(InputError, match=f"has version {version!r}, this labcdp reads version 5: .*{remedy}$"):
-        reload()
-
-
 @pytest.mark.parametrize(
-    ("place", "key", "value", "message"),
+    ("place", "value", "message"),
     [
-        (
-            "responsivity",
-            "responsivity_dn_s_cd_m2",
-            1201.0,
-            "was changed after it was written .*: restore",
-        ),
-        ("responsivity", "random_rel", "small", r"key responsivity\.random_rel: Input should be a valid number"),
-        ("responsivity", "responsivity_dn_s_cd_m2", -1.0, "a camera that sees light has a positive one"),
-        ("lens", "f_number", 0.0, "f_number of the lens is 0"),
-        ("provenance", "measured", "yesterday", r"key provenance\.measured: "),
-        ("meter_scale", "limit", 0.02, r"key meter_scale\.limit: Unexpected keyword argument"),
+        ((), "[]", "is not a calibration: its key format is not 'labcdp-calibration'"),
+        (("format",), "labcdp-session", "is not a calibration: its key format is not 'labcdp-calibration'"),
+        (("version",), 4, "has version 4, this labcdp reads version 5: .*calibrate again$"),
+        (("version",), 6, "has version 6, this labcdp reads version 5: .*newer labcdp$"),
+        (("calibration", "responsivity", "responsivity_dn_s_cd_m2"), 1201.0, "was changed after it was written"),
+        (("calibration", "responsivity", "responsivity_dn_s_cd_m2"), -1.0, "a camera that sees light has a positive"),
+        (("calibration", "responsivity", "random_rel"), "a", r"key responsivity\.random_rel: Input should be a valid"),
+        (("calibration", "lens", "f_number"), 0.0, "f_number of the lens is 0"),
+        (("calibration", "provenance", "measured"), "yesterday", r"key provenance\.measured: "),
+        (("calibration", "meter_scale", "limit"), 0.02, r"key meter_scale\.limit: Unexpected keyword argument"),
     ],
 )
-def test_altered_values(document, place, key, value, message):
-    content, reload = document
-    content["calibration"][place][key] = value
+def test_altered_values(calibrated, tmp_path, place, value, message):
+    path = tmp_path / "camera.json"
+    save(calibrated, path)
+    content = inner = json.loads(path.read_text())
+    for key in place[:-1]:
+        inner = inner[key]
+    if place:
+        inner[place[-1]] = value
+    path.write_text(json.dumps(content) if place else value)
     with pytest.raises(InputError, match=message):
-        reload()
+        load(path)
 
 
 @pytest.mark.parametrize(
     ("arrays", "message"),
     [
-        ("", "key arrays: "),
         ("%", "key arrays: it is no Base64 text"),
         (3, "key arrays: it is no Base64 text"),
         (None, "key vignetting"),

@@ -43,13 +43,12 @@ def test_the_dark_part_of_a_fixed_pattern_is_an_offset(camera):
     assert signal.dark_nonuniformity_dn == pytest.approx(hypot(0.2, 3 / sqrt(400)))
 
 
-@pytest.mark.parametrize("power", [2.2, 0.5])
-def test_vignetting_is_not_unevenness_behind_a_tone_curve(camera, power):
+def test_vignetting_is_not_unevenness_behind_a_tone_curve(camera):
     """Uniform light through a lens that darkens by 20 %: h / V is even where DN / V is not."""
     knots = np.geomspace(20, 3000, 400)
-    tone = Response("table", (0.0, *knots.tolist()), (0.0, *(20 * (knots / 20) ** power).tolist()))
+    tone = Response("table", (0.0, *knots.tolist()), (0.0, *(20 * (knots / 20) ** 2.2).tolist()))
     v = np.linspace(1.0, 0.8, 400)
-    net_dn = 1000 * v ** (1 / power)
+    net_dn = 1000 * v ** (1 / 2.2)
     cells = np.arange(400) // 25
     seen = nonuniformity((net_dn + 64.4) / v, 1 / v, cells)
     exact = camera.observe("grey", 10.0, 0.01, None)

@@ -2,7 +2,7 @@
 
 import json
 from dataclasses import replace
-from datetime import date, timedelta
+from datetime import date
 from math import hypot, sqrt
 
 import numpy as np
@@ -19,52 +19,37 @@ from labcdp.core.errors import CalibrationError, InputError
 from labcdp.core.reading import MeterIdentity
 from labcdp.session import MeterCertificate
 
-LUMINANCES = (0.5, 1.0, 2.5, 6.0, 15.0, 40.0, 100.0, 250.0)
-EXPOSURES = (0.002, 0.01, 0.1)
-AGAIN = {"P0": 0.5, "P4": 15.0, "P7": 250.0}
+from .conftest import FEW_CD_M2, FEW_S, SimulatedMeter, bench, codes
+
+AGAIN = (0.5, 15.0, 250.0)
 CERTIFICATE = MeterCertificate(
     number="1", laboratory="PTB", date=date(2018, 1, 1), expanded_uncertainty_rel=0.008, degrees_of_freedom=20
 )
-
-
-def at_second(reading, second):
-    """Tell readings of one value from a reading that is there twice."""
-    return replace(reading, timestamp=reading.timestamp + timedelta(seconds=second))
+METER = SimulatedMeter(true_scale_error_rel=0.008)
 
 
 @pytest.fixture(scope="module")
-def calibrated(camera, meter_class, setup):
-    def calibrate(seed):
-        rng, meter = np.random.default_rng(seed), meter_class(true_scale_error_rel=0.008)
-        return fit(
-            [camera.observe(f"P{i}", v, t, rng) for i, v in enumerate(LUMINANCES) for t in EXPOSURES],
-            [camera.dark(t, rng) for t in EXPOSURES],
-            {f"P{i}": [at_second(meter.read(v, rng), second) for second in range(3)] for i, v in enumerate(LUMINANCES)},
-            setup,
-        )
+def calibrate(camera, setup):
+    def calibrated(seed):
+        rng = np.random.default_rng(seed)
+        return fit(*bench(camera, lambda v: METER.read(v, rng), rng, FEW_CD_M2, FEW_S, 3), setup)
 
-    return calibrate
+    return calibrated
 
 
 @pytest.fixture(scope="module")
-def calibration(calibrated):
-    return calibrated(3)
+def calibration(calibrate):
+    return calibrate(3)
 
 
 @pytest.fixture(scope="module")
-def measured(camera, meter_class):
+def measured(camera):
     """Measure patches again, by a camera and a meter that may have changed."""
 
-    def measure(seed=4, camera=camera, meter=None, patches=AGAIN, exposures=EXPOSURES):
+    def measure(seed=4, camera=camera, meter=METER, luminances=AGAIN):
         rng = np.random.default_rng(seed)
-        meter = meter or meter_class(true_scale_error_rel=0.008)
-        readings = {name: [at_second(meter.read(v, rng), s) for s in range(3)] for name, v in patches.items()}
-        return (
-            {"": [camera.observe(name, v, t, rng) for name, v in patches.items() for t in exposures]},
-            {"": [camera.dark(t, rng) for t in exposures]},
-            readings,
-            meter_scale(readings),
-        )
+        observations, darks, readings = bench(camera, lambda v: meter.read(v, rng), rng, luminances, FEW_S, 3)
+        return {"": observations}, {"": darks}, readings, meter_scale(readings)
 
     return measure
 
@@ -92,16 +77,16 @@ def test_conformance_probability_is_that_of_jcgm_106(d, u):
 def test_nothing_changed_conforms(calibration, measured):
     result = verify(calibration, *measured())
     assert result.verdict == "conform"
-    assert [row.patch for row in result.patches] == list(AGAIN)
+    assert [row.patch for row in result.patches] == ["P0", "P1", "P2"]
     assert abs(result.mean_rel) < result.mean_expanded_rel < 0.01
     assert result.tolerance_rel == own_tolerance_rel(calibration)
     assert result.findings[0].code == "verification-conform"
-    assert {"verified-with-same-meter", "dark-level-kept"} <= {one.code for one in result.findings}
+    assert {"verified-with-same-meter", "dark-level-kept"} <= codes(result)
 
 
-def test_deviations_scatter_as_stated_and_a_sound_camera_is_not_refused(calibrated, measured):
+def test_deviations_scatter_as_stated_and_a_sound_camera_is_not_refused(calibrate, measured):
     n = 20
-    results = [verify(calibrated(100 + seed), *measured(500 + seed), 0.04) for seed in range(n)]
+    results = [verify(calibrate(100 + seed), *measured(500 + seed), 0.04) for seed in range(n)]
     assert all(r.verdict == "conform" for r in results)
     inside = np.array([abs(row.deviation_rel) <= row.expanded_rel for r in results for row in r.patches])
     # The patches of one calibration share its fit: n independent cases at least.
@@ -114,9 +99,7 @@ def test_a_common_change_is_decided_by_the_tolerance(calibration, measured, came
     result = verify(calibration, *measured(camera=changed), 0.03)
     assert result.verdict == verdict
     assert result.mean_rel == pytest.approx(change, abs=2 * result.mean_expanded_rel)
-    codes = [one.code for one in result.findings]
-    assert "deviation-common" in codes
-    assert "deviation-single" not in codes
+    assert codes(result) & {"deviation-common", "deviation-single"} == {"deviation-common"}
     (plane,) = result.planes
     assert (plane.plane, plane.balance_rel, plane.drift.relative) == (None, None, result.mean_rel)
     assert plane.drift.responsivity_dn_s_cd_m2 == pytest.approx((1 + change) * 1200 / 1.008, rel=0.01)
@@ -130,10 +113,8 @@ def test_a_loss_within_a_large_uncertainty_is_undecided_and_named(calibration, m
     dim = result.patches[0]
     assert (result.verdict, dim.verdict) == ("undecided", "undecided")
     assert dim.deviation_rel == pytest.approx(-0.2, abs=0.02)
-    assert (result.findings[0].code, result.findings[0].values["patches"]) == (
-        "verification-undecided-uncertainty",
-        ["P0"],
-    )
+    assert result.findings[0].code == "verification-undecided-uncertainty"
+    assert result.findings[0].values["patches"] == ["P0"]
 
 
 def test_a_dark_level_that_has_moved(calibration, measured, camera):
@@ -142,21 +123,21 @@ def test_a_dark_level_that_has_moved(calibration, measured, camera):
     (moved,) = [one for one in result.findings if one.code == "dark-level-moved"]
     assert moved.values["difference_dn"] == pytest.approx(6, abs=0.1)
     # Bright patches alone do not show it, the dark frames do.
-    bright = verify(calibration, *measured(camera=replace(camera, dark_offset_dn=90.0), patches={"P7": 250.0}))
+    bright = verify(calibration, *measured(camera=replace(camera, dark_offset_dn=90.0), luminances=[250.0]))
     assert bright.patches[0].verdict == "conform"
     assert (bright.verdict, bright.findings[0].code) == ("not conform", "verification-not-conform-dark")
 
 
 def test_a_patch_that_changed_alone_is_named(calibration, measured):
     observations, darks, readings, meter = measured()
-    readings["P4"] = [replace(reading, value=reading.value * 1.1) for reading in readings["P4"]]
+    readings["P1"] = [replace(reading, value=reading.value * 1.1) for reading in readings["P1"]]
     result = verify(calibration, observations, darks, readings, meter)
-    assert result.findings[0].values["patches"] == ["P4"]
-    assert [one.subject for one in result.findings if one.code == "deviation-single"] == ["P4"]
+    assert result.findings[0].values["patches"] == ["P1"]
+    assert [one.subject for one in result.findings if one.code == "deviation-single"] == ["P1"]
 
 
-def test_another_meter_or_certificate_brings_its_own_scale(calibration, measured, meter_class):
-    other = meter_class(scale_half_width_rel=0.03, identity=MeterIdentity("LS-100", "1"))
+def test_another_meter_or_certificate_brings_its_own_scale(calibration, measured):
+    other = SimulatedMeter(scale_half_width_rel=0.03, identity=MeterIdentity("LS-100", "1"))
     mine, theirs = verify(calibration, *measured()), verify(calibration, *measured(meter=other))
     again = verify(calibration, *measured()[:3], replace(mine.meter, certificate=CERTIFICATE))
     for result, own in ((theirs, 0.03 / sqrt(3)), (again, 0.004)):
@@ -164,17 +145,17 @@ def test_another_meter_or_certificate_brings_its_own_scale(calibration, measured
         for row, before in zip(result.patches, mine.patches, strict=True):
             expected = hypot(before.standard_uncertainty_rel, 0.02 / sqrt(3), own)
             assert row.standard_uncertainty_rel == pytest.approx(expected, rel=0.01)
-    assert "verified-with-other-meter" in {one.code for one in theirs.findings}
+    assert "verified-with-other-meter" in codes(theirs)
     (named,) = [one for one in again.findings if one.code == "meter-recalibrated"]
     assert named.values == {"now": "certificate 1 of 2018-01-01", "then": "date not known"}
 
 
-def test_an_adjusted_meter_is_not_a_change_of_the_camera(calibration, measured, meter_class):
+def test_an_adjusted_meter_is_not_a_change_of_the_camera(calibration, measured):
     """A meter adjusted by 1.5 %, within both accuracies: not "not conform", and in a history not "changed"."""
-    adjusted = meter_class(true_scale_error_rel=-0.007, identity=MeterIdentity("LS-110", "73323007", "2018-02-01"))
+    adjusted = SimulatedMeter(true_scale_error_rel=-0.007, identity=MeterIdentity("LS-110", "73323007", "2018-02-01"))
     result = verify(calibration, *measured(meter=adjusted))
     assert result.verdict == "undecided"
-    assert "meter-recalibrated" in {one.code for one in result.findings}
+    assert "meter-recalibrated" in codes(result)
     (one,) = histories({"c": calibration}, {"v": result})
     change, expanded = one.change_rel
     assert 0.01 < change < expanded
@@ -182,16 +163,16 @@ def test_an_adjusted_meter_is_not_a_change_of_the_camera(calibration, measured, 
 
 def test_refusals(calibration, measured, camera):
     observations, darks, readings, meter = measured()
-    with pytest.raises(CalibrationError, match="there is no patch to verify the calibration with"):
-        verify(calibration, {"": []}, darks, readings, meter)
-    with pytest.raises(CalibrationError, match="patch 'P4' has no meter reading"):
-        verify(calibration, observations, darks, {k: v for k, v in readings.items() if k != "P4"}, meter)
-    dark = {**readings, "P0": [replace(reading, value=0.0) for reading in readings["P0"]]}
-    with pytest.raises(CalibrationError, match=r"patch 'P0' reads 0 cd/m\^2, below the meter's range"):
-        verify(calibration, observations, darks, dark, meter)
+    dark = readings | {"P0": [replace(reading, value=0.0) for reading in readings["P0"]]}
     other = replace(camera, state=replace(camera.state, black_level_dn=32.0))
-    with pytest.raises(CalibrationError, match=r"black level of the calibration is 64, but .* has 32"):
-        verify(calibration, *measured(camera=other))
+    for changed, message in (
+        (({"": []}, darks, readings, meter), "there is no patch to verify the calibration with"),
+        ((observations, darks, {"P0": readings["P0"]}, meter), "patch 'P1' has no meter reading"),
+        ((observations, darks, dark, meter), r"patch 'P0' reads 0 cd/m\^2, below the meter's range"),
+        (measured(camera=other), r"black level of the calibration is 64, but .* has 32"),
+    ):
+        with pytest.raises(CalibrationError, match=message):
+            verify(calibration, *changed)
     with pytest.raises(InputError, match=r"tolerance_rel is 0\.0: give a fraction"):
         verify(calibration, observations, darks, readings, meter, 0.0)
 
@@ -203,21 +184,10 @@ def test_files(calibration, measured, tmp_path):
     save_verification(result, path)
     assert load_verification(path) == result
     document = json.loads(path.read_text())
-    unknown = document["verification"] | {"meter": document["verification"]["meter"] | {"gain": 1}}
-    for changed, words in (
-        ({"format": "x"}, "is not a verification: its key format"),
-        ({"version": 1}, "has version 1, this labcdp reads version 4"),
-        ({"verification": {}}, "key findings: Field required"),
-        ({"verification": unknown}, "key meter.gain: "),
-    ):
-        path.write_text(json.dumps(document | changed))
-        with pytest.raises(InputError, match=words):
-            load_verification(path)
-    path.write_text("{")
-    with pytest.raises(InputError, match="not valid JSON"):
+    document["verification"]["meter"]["gain"] = 1
+    path.write_text(json.dumps(document))
+    with pytest.raises(InputError, match=r"key meter\.gain: "):
         load_verification(path)
-    with pytest.raises(InputError, match="cannot be read"):
-        load_verification(tmp_path / "none.json")
 
 
 def test_history_sorts_by_camera_and_time(calibration, measured, camera):

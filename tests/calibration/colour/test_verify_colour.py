@@ -1,11 +1,13 @@
-"""Verification of a camera with colour filters: nothing, one plane, all planes or a dark level has changed."""
+"""A camera with colour filters: its budget, and what verification finds changed: a plane, all planes, a dark level."""
 
 from dataclasses import replace
+from math import hypot, sqrt
 
 import numpy as np
 import pytest
 
-from labcdp.calibration import fit_colour
+from labcdp.calibration import colour_patch_luminance, fit_colour
+from labcdp.calibration.budget import budget, budget_exposure_s, combined
 from labcdp.calibration.record import load_verification, save_verification
 from labcdp.calibration.setup import meter_scale
 from labcdp.calibration.verify.history import histories
@@ -13,7 +15,8 @@ from labcdp.calibration.verify.verify import verify
 from labcdp.core.errors import CalibrationError
 from labcdp.core.frame import PLANES
 
-EXPOSURES = (0.001, 0.004, 0.016)
+from ..conftest import EXPOSURES_S, SimulatedCamera, SimulatedMeter, codes, row
+
 RESPONSIVITIES = dict(zip(PLANES, (700.0, 1200.0, 1180.0, 800.0), strict=True))
 #: Luminance is this sum of what red, green and blue see.
 TRUE_WEIGHTS = (0.25, 0.85, -0.1)
@@ -30,22 +33,22 @@ def luminance(name):
 
 
 @pytest.fixture(scope="module")
-def measured(camera, camera_class, meter_class):
+def measured(camera):
     """Measure patches; `changes` are factors on the responsivity, and `dark_dn` what is added to the dark level."""
 
-    def measure(seed, names=AGAIN, changes=None, dark_dn=None, meter=None):
+    def measure(seed, names=AGAIN, changes=None, dark_dn=None):
         rng = np.random.default_rng(seed)
-        meter = meter or meter_class(true_scale_error_rel=0.008)
+        meter = SimulatedMeter(true_scale_error_rel=0.008)
         observations, darks = {}, {}
         for plane, responsivity in RESPONSIVITIES.items():
-            one = camera_class(
+            one = SimulatedCamera(
                 responsivity_dn_s_cd_m2=responsivity * (changes or {}).get(plane, 1.0),
                 dark_offset_dn=64.0 + (dark_dn or {}).get(plane, 0.0),
                 state=replace(camera.state, plane=plane),
             )
             colour = "RGB".index(plane[0])
-            observations[plane] = [one.observe(n, COLOURS[n][colour], t, rng) for n in names for t in EXPOSURES]
-            darks[plane] = [one.dark(t, rng) for t in EXPOSURES]
+            observations[plane] = [one.observe(n, COLOURS[n][colour], t, rng) for n in names for t in EXPOSURES_S]
+            darks[plane] = [one.dark(t, rng) for t in EXPOSURES_S]
         readings = {n: [meter.read(luminance(n), rng, second) for second in range(3)] for n in names}
         return observations, darks, readings, meter_scale(readings)
 
@@ -53,36 +56,23 @@ def measured(camera, camera_class, meter_class):
 
 
 @pytest.fixture(scope="module")
-def calibrated(measured, setup):
-    def calibrate(seed):
-        return fit_colour(*measured(seed, tuple(COLOURS))[:3], setup)
-
-    return calibrate
-
-
-@pytest.fixture(scope="module")
-def calibration(calibrated):
-    return calibrated(3)
-
-
-def codes(one):
-    """Codes of what was found."""
-    return {finding.code for finding in one.findings}
+def calibration(measured, setup):
+    return fit_colour(*measured(3, tuple(COLOURS))[:3], setup)
 
 
 def test_nothing_changed(calibration, measured):
     result = verify(calibration, *measured(4))
     assert result.verdict == "conform"
-    assert [row.patch for row in result.patches] == list(AGAIN)
+    assert [one.patch for one in result.patches] == list(AGAIN)
     assert abs(result.mean_rel) < result.mean_expanded_rel < 0.01
     assert [plane.plane for plane in result.planes] == list(PLANES)
     for plane, truth in zip(result.planes, RESPONSIVITIES.values(), strict=True):
         assert plane.drift.responsivity_dn_s_cd_m2 == pytest.approx(truth / 1.008, rel=0.01)
     assert {"colour-balance-kept", "dark-level-kept"} <= codes(result)
-    assert [(row.plane, row.exposure_s) for row in result.darks] == [(p, t) for p in PLANES for t in EXPOSURES]
+    assert [(one.plane, one.exposure_s) for one in result.darks] == [(p, t) for p in PLANES for t in EXPOSURES_S]
 
 
-@pytest.mark.parametrize("planes", [("B",), ("R",), ("Gr", "Gb")])
+@pytest.mark.parametrize("planes", [("B",), ("Gr", "Gb")])
 def test_a_colour_that_lost_five_percent_is_named(calibration, measured, planes):
     result = verify(calibration, *measured(5, changes=dict.fromkeys(planes, 0.95)))
     changed = {one.plane: one for one in result.planes}
@@ -105,7 +95,7 @@ def test_a_balance_that_matters_does_not_conform(calibration, measured):
     w = dict(zip(PLANES, calibration.weights, strict=True))
     up = 1 + 0.05 * (w["Gr"] + w["Gb"]) / w["R"]
     result = verify(calibration, *measured(7, changes={"R": up, "Gr": 0.95, "Gb": 0.95}))
-    assert {row.verdict for row in result.patches} == {"conform"}
+    assert {one.verdict for one in result.patches} == {"conform"}
     assert (result.verdict, result.findings[0].code) == ("not conform", "verification-not-conform-colours")
     (found,) = [one for one in result.findings if one.code == "colour-balance-changed"]
     assert found.subject == "R"
@@ -117,24 +107,25 @@ def test_a_dark_level_that_moved_in_one_plane(calibration, measured):
     (found,) = [one for one in result.findings if one.code == "dark-level-moved"]
     assert found.subject == "plane B"
     assert found.values["difference_dn"] == pytest.approx(30, abs=0.5)
-    moved = [row for row in result.darks if row.moved]
-    assert {row.plane for row in moved} == {"B"}
-    for row in moved:
-        lowest_dn_s = calibration.range_cd_m2[0] * calibration.planes[3].responsivity.responsivity_dn_s_cd_m2
-        assert row.effect_rel == pytest.approx(calibration.weights[3] * 30.0 / (lowest_dn_s * 0.016), rel=0.05)
+    moved = [one for one in result.darks if one.moved]
+    assert {one.plane for one in moved} == {"B"}
+    for one in moved:
+        per_cd_m2 = calibration.planes[3].responsivity.responsivity_dn_s_cd_m2 * EXPOSURES_S[-1]
+        lowest_dn = calibration.range_cd_m2[0] * per_cd_m2
+        assert one.effect_rel == pytest.approx(calibration.weights[3] * 30.0 / lowest_dn, rel=0.05)
 
 
 def test_refusals(calibration, measured):
     observations, darks, *read = measured(4)
-    with pytest.raises(CalibrationError, match="there is no patch to verify the calibration with"):
-        verify(calibration, {}, darks, *read)
-    with pytest.raises(CalibrationError, match="there are no dark frames of plane Gb"):
-        verify(calibration, observations, darks | {"Gb": []}, *read)
-    with pytest.raises(CalibrationError, match="there are no observations of plane B: observe all planes"):
-        verify(calibration, {p: o for p, o in observations.items() if p != "B"}, darks, *read)
     other = {p: [replace(d, state=replace(d.state, black_level_dn=32.0)) for d in group] for p, group in darks.items()}
-    with pytest.raises(CalibrationError, match=r"black level of the calibration is 64, but .*plane R.* has 32"):
-        verify(calibration, observations, other, *read)
+    for changed, message in (
+        (({}, darks), "there is no patch to verify the calibration with"),
+        ((observations, darks | {"Gb": []}), "there are no dark frames of plane Gb"),
+        (({"R": observations["R"]}, darks), "there are no observations of plane Gr: observe all planes"),
+        ((observations, other), r"black level of the calibration is 64, but .*plane R.* has 32"),
+    ):
+        with pytest.raises(CalibrationError, match=message):
+            verify(calibration, *changed, *read)
 
 
 def test_files_and_history(calibration, measured, tmp_path):
@@ -157,3 +148,25 @@ def test_files_and_history(calibration, measured, tmp_path):
         change, half_width = one.change_rel
         assert change == pytest.approx(-0.05 if one.plane == "B" else 0.0, abs=2 * half_width)
         assert half_width < 0.015
+
+
+@pytest.mark.parametrize(("luminance", "scatter_rel"), [(10.0, 0.0), (60.0, 0.004), (250.0, 0.0)])
+def test_rows_make_the_uncertainty_of_a_grey_patch(calibration, camera, luminance, scatter_rel):
+    scattered = replace(calibration, scatter_rel=scatter_rel)
+    exposure_s = budget_exposure_s(calibration, luminance)
+    observations = {
+        plane: [SimulatedCamera(r, state=replace(camera.state, plane=plane)).observe("P", luminance, exposure_s, None)]
+        for plane, r in RESPONSIVITIES.items()
+    }
+    patch = colour_patch_luminance(scattered, observations)
+    rows = budget(scattered, luminance, exposure_s, 400, 4)
+    whole = combined(rows)
+    # Fitted planes see a grey patch a little coloured, and photon transfer gives K: a part in a hundred.
+    assert whole.standard_uncertainty_rel == pytest.approx(hypot(patch.random_rel, patch.common_rel), rel=0.01)
+    assert whole.expanded_95_rel == pytest.approx(patch.half_width_95_rel, rel=0.01)
+    parts = [row(rows, source).standard_uncertainty_rel for source in ("fit", "meter repeatability")]
+    variance = np.ones(4) @ np.array(calibration.weight_covariance) @ np.ones(4)
+    assert hypot(*parts) == pytest.approx(sqrt(variance) / sum(calibration.weights), rel=1e-6)
+    assert row(rows, "meter scale").standard_uncertainty_rel == pytest.approx(0.02 / sqrt(3))
+    # Steps of the exposure time are the same for all planes: they add up to one share.
+    assert row(rows, "exposure time").standard_uncertainty_rel == pytest.approx(5e-5)

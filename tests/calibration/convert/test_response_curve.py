@@ -7,6 +7,8 @@ import pytest
 from labcdp.calibration.sensor.response import _debevec, response_from_bracket
 from labcdp.core.errors import CalibrationError
 
+from ..conftest import make_frame
+
 SHAPE = (150, 200)
 DARK, FULL = 12.0, 255.0
 POWERS_OF_TWO = tuple(0.0001 * 2.0**k for k in range(10))
@@ -22,7 +24,7 @@ def scene():
 
 
 @pytest.fixture(scope="module")
-def bracket(scene, make_frame):
+def bracket(scene):
     def take(camera="gamma 2.2", exposures=POWERS_OF_TWO, bits=8, noise=0.7, moved=False):
         rng = np.random.default_rng(2)
         at = np.linspace(0, 1, 100_001)
@@ -45,7 +47,7 @@ def log_error(curve, camera, scale=1):
 
 
 @pytest.mark.parametrize("camera", INVERSES)
-@pytest.mark.parametrize(("exposures", "bits"), [(POWERS_OF_TWO, 8), (UNEVEN, 8), (POWERS_OF_TWO, 12)])
+@pytest.mark.parametrize(("exposures", "bits"), [(POWERS_OF_TWO, 12), (UNEVEN, 8)])
 def test_the_response_is_that_of_the_simulated_camera(bracket, camera, exposures, bits):
     curve = response_from_bracket(bracket(camera, exposures, bits), DARK * 2 ** (bits - 8))
     low, high = np.array(curve.range_net_dn) / 2 ** (bits - 8)
@@ -86,7 +88,6 @@ def test_without_noise_a_power_law_is_exact():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"exposures": (0.001, 0.002)}, "there are 2 frames at 2 exposures: give frames at 3 or more exposures"),
         ({"exposures": (0.001, 0.001, 0.002)}, "there are 3 frames at 2 exposures"),
         ({"exposures": (1e-6, 0.01, 100.0)}, "neighbouring exposures share no pixel"),
         ({"exposures": (1e-5, 1.1e-5, 1.2e-5)}, "of the DN between dark and saturation at two exposures"),

@@ -28,16 +28,15 @@ def test_frames_outside_the_temperatures_of_the_dark_frames_are_named(camera):
     assert dark.temperature_findings([(0.1, 26.9), (0.1, None), (1e-4, 40.0)]) == []
 
 
-def spoiled(camera, index, by_dn):
-    """Dark frames at four exposures, one of them too bright."""
+def test_what_a_line_cannot_be_is_named(camera):
+    """An exposure that contradicts the others, and a dark signal that falls."""
     darks = [camera.dark(t, None) for t in (0.0005, 0.002, 0.008, 0.032)]
-    return [replace(d, mean_dn=d.mean_dn + by_dn) if i == index else d for i, d in enumerate(darks)]
-
-
-@pytest.mark.parametrize(("index", "exposure"), [(0, 0.0005), (1, 0.002), (2, 0.008), (3, 0.032)])
-def test_a_dark_exposure_that_contradicts_the_others_is_named(camera, index, exposure):
-    findings = fit_dark(spoiled(camera, index, 20.0))[1]
-    assert (findings[0].code, findings[0].values["exposure_s"]) == ("dark-contradicts", exposure)
+    for i, one in enumerate(darks):
+        found = fit_dark([*darks[:i], replace(one, mean_dn=one.mean_dn + 20), *darks[i + 1 :]])[1][0]
+        assert (found.code, found.values["exposure_s"]) == ("dark-contradicts", one.exposure_s)
+    first, last = camera.dark(0.001, None), camera.dark(0.1, None)
+    (found,) = fit_dark([replace(first, mean_dn=first.mean_dn + 40), last])[1]
+    assert (found.code, found.values["rate_dn_s"]) == ("dark-falls", pytest.approx(364, abs=1))
 
 
 def warm_darks(camera, rng=None, temperatures_c=(20.0, 35.0), doubling_c=7.0):
@@ -66,25 +65,10 @@ def test_errors_of_the_dark_are_its_covariance(camera):
     assert rows.T @ rows == pytest.approx(np.array(dark.covariance), rel=1e-6, abs=1e-12)
 
 
-def observations(camera, rng=None, luminances=(1.0, 10.0, 100.0, 230.0)):
-    return [camera.observe(f"P{v}", v, 0.01, rng) for v in luminances]
-
-
-def test_the_bend_above_70_percent_of_saturation_is_left_out(camera):
+def test_the_bend_near_saturation_is_left_out_and_repeated_frames_are_noticed(camera):
     dark, _ = fit_dark([camera.dark(t, None) for t in EXPOSURES_S])
-    seen = observations(camera, luminances=(10.0, 100.0, 300.0))
-    bent = [*seen[:2], replace(seen[2], temporal_variance_dn2=5.0)]
+    seen = [camera.observe(f"P{v}", v, 0.01, None) for v in (1.0, 10.0, 100.0, 300.0)]
+    bent = [*seen[:3], replace(seen[3], temporal_variance_dn2=5.0)]
     assert fit_noise(bent, dark)[0].k_dn_per_e == pytest.approx(0.25)
-
-
-def test_repeated_frames_are_noticed(camera):
-    dark, _ = fit_dark([camera.dark(t, None) for t in EXPOSURES_S])
-    noise, (found,) = fit_noise([replace(o, temporal_variance_dn2=0.0) for o in observations(camera)], dark)
+    noise, (found,) = fit_noise([replace(o, temporal_variance_dn2=0.0) for o in seen], dark)
     assert (noise.k_dn_per_e, found.code) == (0.0, "k-not-positive")
-
-
-def test_a_dark_signal_that_falls_with_the_exposure_is_reported(camera):
-    darks = [camera.dark(t, None) for t in (0.001, 0.1)]
-    findings = fit_dark([replace(darks[0], mean_dn=darks[0].mean_dn + 40), darks[1]])[1]
-    assert findings[0].code == "dark-falls"
-    assert findings[0].values["rate_dn_s"] == pytest.approx(364, abs=1)

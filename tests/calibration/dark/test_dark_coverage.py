@@ -10,6 +10,8 @@ import pytest
 from labcdp.calibration import contrast_uncertainty, fit, patch_luminance
 from labcdp.calibration.frames.nonuniformity import Nonuniformity
 
+from ..conftest import SimulatedCamera, SimulatedMeter
+
 #: Calibrations.
 N = [20, pytest.param(200, marks=pytest.mark.long)]
 EXPOSURES_S = (0.001, 0.005, 0.03, 0.2)
@@ -26,16 +28,16 @@ def _quiet(caplog):
 class Bench:
     """A camera whose dark current doubles every 6 to 10 degC, and whose pixels differ in dark signal."""
 
-    def __init__(self, rng, camera_class, meter_class, dsnu_dn=0.0):
+    def __init__(self, rng, dsnu_dn=0.0):
         self.rng, self.dsnu_dn = rng, dsnu_dn
-        self.camera = camera_class(
+        self.camera = SimulatedCamera(
             responsivity_dn_s_cd_m2=rng.uniform(800, 1500),
             k_dn_per_e=10 ** rng.uniform(-1.3, -0.3),
             dark_noise_dn=rng.uniform(0.8, 3.0),
             dark_rate_dn_s=rng.uniform(0, 60),
         )
         self.doubling_c = rng.uniform(6, 10)
-        self.meter = meter_class(0.02, 0.002, rng.uniform(-0.02, 0.02))
+        self.meter = SimulatedMeter(0.02, 0.002, rng.uniform(-0.02, 0.02))
 
     def at(self, temperature_c):
         growth = 2 ** ((temperature_c - REFERENCE_C) / self.doubling_c)
@@ -81,12 +83,10 @@ def covered(bench, calibration, temperature_c):
         pytest.param(30.0, 30.0, (0.03,), False, id="dark frames at one exposure"),
     ],
 )
-def test_where_the_dark_signal_is_less_known_the_intervals_are_wider(
-    camera_class, meter_class, setup, light_c, measured_c, dark_s, warned, n
-):
+def test_where_the_dark_signal_is_less_known_the_intervals_are_wider(setup, light_c, measured_c, dark_s, warned, n):
     rng, seen = np.random.default_rng(20260201), []
     for _ in range(n):
-        bench = Bench(rng, camera_class, meter_class)
+        bench = Bench(rng)
         seen.append(covered(bench, bench.calibrate(setup, light_c, dark_s), measured_c))
     # What is known about any camera of silicon covers more than the truth of one.
     least = 0.95 - 3 * sqrt(0.95 * 0.05 / n)
@@ -96,10 +96,10 @@ def test_where_the_dark_signal_is_less_known_the_intervals_are_wider(
 
 
 @pytest.mark.parametrize("n", N)
-def test_pixels_of_non_uniform_dark_signal_are_no_scatter_of_the_patches(camera_class, meter_class, setup, n):
+def test_pixels_of_non_uniform_dark_signal_are_no_scatter_of_the_patches(setup, n):
     rng, alarms, inside = np.random.default_rng(20260202), 0, []
     for _ in range(n):
-        bench = Bench(rng, camera_class, meter_class, dsnu_dn=2.0)
+        bench = Bench(rng, dsnu_dn=2.0)
         calibration = bench.calibrate(setup)
         alarms += any(test.significant for test in calibration.tests if test.name == "scatter")
         inside.append(covered(bench, calibration, REFERENCE_C)[0])

@@ -13,6 +13,8 @@ from labcdp.calibration.sensor.noise import fit_noise
 from labcdp.calibration.signal import net_signal
 from labcdp.core.roi import Roi
 
+from ..conftest import make_frame
+
 SHAPE = (48, 64)
 #: K in DN/e-, read noise in DN, dark current in e-/s.
 K, READ_DN, CURRENT_E_S = 0.5, 1.0, 100.0
@@ -21,7 +23,7 @@ LIGHT_E_S = np.repeat([300.0, 1000.0, 2500.0, 4500.0], 16) * np.ones((48, 1))
 
 
 @pytest.fixture
-def frames(new_frame):
+def frames():
     """Frames of a scene in e-/s; each with its own light and black level."""
 
     def taken(light_e_s, exposure_s, n, rng, flicker_rel=0.0, drift_dn=0.0, row_dn=0.0, current_e_s=CURRENT_E_S):
@@ -29,7 +31,7 @@ def frames(new_frame):
             light = light_e_s * (1 + flicker_rel * rng.standard_normal())
             electrons = rng.poisson((light + current_e_s) * exposure_s * np.ones(SHAPE))
             level = 64 + drift_dn * rng.standard_normal() + row_dn * rng.standard_normal((SHAPE[0], 1))
-            yield new_frame(K * electrons + level + READ_DN * rng.standard_normal(SHAPE), exposure_s, i)
+            yield make_frame(K * electrons + level + READ_DN * rng.standard_normal(SHAPE), exposure_s, i)
 
     return taken
 

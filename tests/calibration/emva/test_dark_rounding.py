@@ -25,8 +25,7 @@ def test_moments_of_rounded_values_by_brute_force(deviation, place):
     assert mean_before_rounding(float(mean[0]), deviation**2) == pytest.approx(place, abs=0.01) or deviation < 0.1
 
 
-@pytest.mark.parametrize("black_level_dn", [20.0, 20.5, 20.7])
-@pytest.mark.parametrize("read_noise_e", [4.25, 7.5])
+@pytest.mark.parametrize(("black_level_dn", "read_noise_e"), [(20.0, 4.25), (20.5, 4.25), (20.7, 7.5)])
 def test_uncertainties_hold_what_rounding_hides(tmp_path, black_level_dn, read_noise_e):
     camera = replace(QUIET, black_level_dn=black_level_dn, read_noise_e=read_noise_e)
     found = characterise_data_set(write_data_set(tmp_path / "set", camera, Recording(levels=10, stack=4)))

@@ -82,15 +82,6 @@ def test_what_is_suspicious_is_found(tmp_path, camera, how, code, value):
         assert low * (1 - 1e-9) <= finding.values[name] <= high * (1 + 1e-9)
 
 
-def test_a_full_well_below_the_converters_end_is_found(tmp_path):
-    camera = replace(KnownCamera(), full_well_e=12_000.0)
-    found = characterise_data_set(write_data_set(tmp_path / "set", camera))
-    assert found.saturation_limit == "full well"
-    assert found.full_well_e.note.startswith("saturation capacity of EMVA 1288, at the peak of the temporal variance")
-    assert found.full_well_e.value == pytest.approx(12_000, abs=4 * found.full_well_e.standard_uncertainty)
-    assert "converter-saturates" not in [one.code for one in found.findings]
-
-
 def test_denoised_images_are_flagged(tmp_path):
     class Denoised(KnownCamera):
         def images(self, photons, exposure_s, count, rng):

@@ -12,18 +12,7 @@ GOOD = HEAD + "b 1e6 100\ni a.png\ni b.png\nb 2e6 200\ni c.png\ni d.png\nd 1e6\n
 PATH = Path("set") / INDEX_NAME
 
 
-def test_blocks_have_exposure_photons_and_images():
-    index = parse_index(GOOD, PATH)
-    assert (index.release, index.bits, index.width, index.height) == ("3.1", 12, 64, 48)
-    first, second, dark = index.blocks
-    assert (first.kind, first.exposure_ns, first.photons, first.line) == ("bright", 1e6, 100.0, 3)
-    assert first.image_lines == (4, 5)
-    assert first.images == (Path("set/a.png"), Path("set/b.png"))
-    assert second.exposure_s == pytest.approx(2e-3)
-    assert (dark.kind, dark.photons, len(dark.images)) == ("dark", 0.0, 2)
-
-
-@pytest.mark.parametrize("name", ["images/A.PNG", r"C:\data\images\a.png", "other/a.png"])
+@pytest.mark.parametrize("name", ["images/A.PNG", r"C:\data\images\a.png"])
 def test_an_image_elsewhere_or_in_other_letters_is_reported(tmp_path, name):
     (tmp_path / INDEX_NAME).write_text(GOOD.replace("a.png", name))
     (tmp_path / "pictures").mkdir()
@@ -38,17 +27,11 @@ def test_an_image_elsewhere_or_in_other_letters_is_reported(tmp_path, name):
     [
         ("b 1e6 100", "x 1e6 100", r"line 3: 'x 1e6 100' begins with none of the letters v, n, b, d, i and #"),
         ("b 1e6 100", "b 1e6", r"line 3: b is followed by '1e6': give exposure in ns and photons"),
-        ("b 1e6 100", "b 1e6 1,5", r"line 3: b is followed by '1e6 1,5': give exposure in ns and photons"),
         ("b 1e6 100", "b -1 100", r"line 3: the exposure is -1 ns: give a time from 0 ns to a day"),
-        ("n 12 64 48", "n 17 64 48", r"line 2: the images have 17 bits: give a whole number from 1 to 16"),
-        ("n 12 64 48", "n 12 64.5 48", r"line 2: the images have 64\.5 x 48 pixels: give whole numbers"),
         ("n 12 64 48\n", "", r"there is no line n: give bits, width and height"),
-        ("b 2e6 200", "n 8 64 48\nb 2e6 200", r"line 6: a second line n, a data set has images of one size and depth"),
         ("i b.png\n", "", r"line 3: there are 1 images: give at least 2, the noise comes from their difference"),
-        ("i a.png", "i", r"line 4: the image has no path"),
         ("d 1e6\n", "b 3e6 300\n", r"there are no dark images, no line begins with d: record them"),
         ("b 2e6 200", "b 1e6 100", r"line 6: the same exposure as in line 3: keep one of the two"),
-        ("b 2e6 200", "d 2e6", r"the bright images have one exposure only: record a series of at least 3"),
         ("v 3.1", "i early.png", r"line 1: an image comes before the first line b or d"),
     ],
 )
@@ -69,26 +52,10 @@ def test_a_folder_without_index_and_a_file_that_is_not_a_text(tmp_path):
         load_index(tmp_path / "nothing.txt")
 
 
-@given(st.text(alphabet="vnbdi#0123456789. \\/\n\r\tex-", max_size=200))
-def test_any_text_is_read_or_refused_in_one_line(text):
-    message = f"{PATH}, told"
-    try:
-        parse_index(text, PATH)
-    except InputError as error:
-        message = str(error)
-    assert message.startswith(str(PATH))
-    assert "\n" not in message
+blocks = st.tuples(st.floats(1, 1e12), st.floats(0, 1e9), st.integers(2, 4))
 
 
-blocks = st.lists(
-    st.tuples(st.floats(1, 1e12), st.floats(0, 1e9), st.integers(2, 4)),
-    min_size=2,
-    max_size=6,
-    unique_by=lambda b: b[0],
-)
-
-
-@given(blocks)
+@given(st.lists(blocks, min_size=2, max_size=6, unique_by=lambda b: b[0]))
 def test_what_is_written_is_read(written):
     lines = [HEAD]
     for number, (exposure_ns, photons, count) in enumerate(written):
@@ -99,3 +66,6 @@ def test_what_is_written_is_read(written):
     bright = [(b.exposure_ns, b.photons, len(b.images)) for b in index.blocks if b.kind == "bright"]
     assert bright == written
     assert [b.exposure_ns for b in index.blocks if b.kind == "dark"] == [b[0] for b in written]
+    assert (index.release, index.bits, index.width, index.height) == ("3.1", 12, 64, 48)
+    first = index.blocks[0]
+    assert (first.line, first.image_lines[0], first.images[0]) == (3, 4, Path("set/b0_0.png"))

@@ -2,7 +2,6 @@
 
 import logging
 from dataclasses import replace
-from datetime import timedelta
 from math import log, sqrt
 
 import numpy as np
@@ -12,8 +11,9 @@ from labcdp.calibration import contrast_uncertainty, fit, patch_luminance
 from labcdp.calibration.frames.nonuniformity import smooth_patterns
 from labcdp.core.vignetting import FlatField, RadialVignetting
 
+from ..conftest import EXPOSURES_S, SimulatedMeter, found
+
 SHAPE = (48, 64)
-EXPOSURES_S = (0.001, 0.008, 0.064)
 UNEVEN_REL = 0.01
 EVEN_FIELD = FlatField(np.ones(SHAPE, np.float32), 0.0, UNEVEN_REL, 16)
 PLACES = [(x, y) for y in (8, 24, 40) for x in (8, 24, 40, 56)]
@@ -34,7 +34,7 @@ def seen_at(camera, name, luminance, place, true_v, rng, vignetting=None):
     ]
 
 
-def bench(camera, meter, rng, true_v, vignetting=None, *, drift_per_h=0.0, luminances=None, start_s=600):
+def bench(camera, meter, rng, true_v, vignetting=None, *, drift_per_h=0.0, luminances=None):
     """Patches at random places; one reading every 5 minutes, of a light that drifts."""
     luminances = np.geomspace(0.5, 1000, len(PLACES)) if luminances is None else luminances
     order = rng.permutation(len(PLACES))[: len(luminances)]
@@ -42,7 +42,7 @@ def bench(camera, meter, rng, true_v, vignetting=None, *, drift_per_h=0.0, lumin
     for number, (luminance, k) in enumerate(zip(luminances[rng.permutation(len(luminances))], order, strict=True)):
         observations += seen_at(camera, f"P{number}", luminance, PLACES[k], true_v[k], rng, vignetting)
         lit = luminance * (1 + drift_per_h * 300 * number / 3600)
-        readings[f"P{number}"] = [meter.read(lit, rng, start_s + 300 * number + i) for i in range(3)]
+        readings[f"P{number}"] = [meter.read(lit, rng, 600 + 300 * number + i) for i in range(3)]
     return observations, [camera.dark(t, rng) for t in EXPOSURES_S], readings
 
 
@@ -63,10 +63,6 @@ def readings_left_out(calibration):
     return [row.patch for row in calibration.left_out if row.exposure_s is None]
 
 
-def found(calibration, name):
-    return next(test for test in calibration.tests if test.name == name)
-
-
 def test_smooth_patterns_have_mean_0_and_rms_1_over_the_image():
     patterns = smooth_patterns(SHAPE, PIXELS)
     # Sums over pixels for integrals: right to one over the square of their number along a side.
@@ -74,10 +70,10 @@ def test_smooth_patterns_have_mean_0_and_rms_1_over_the_image():
     assert patterns.T @ patterns / len(PIXELS) == pytest.approx(np.eye(3), abs=3e-3)
 
 
-def test_errors_of_the_polynomial_cancel_between_near_patches(camera, meter_class, setup):
+def test_errors_of_the_polynomial_cancel_between_near_patches(camera, setup):
     covariance = ((1e-4, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     polynomial = RadialVignetting(-0.2, 0.0, 0.0, None, covariance)
-    calibration = fit(*bench(camera, meter_class(), np.random.default_rng(2), np.ones(12), polynomial), setup)
+    calibration = fit(*bench(camera, SimulatedMeter(), np.random.default_rng(2), np.ones(12), polynomial), setup)
     edge, near, middle = (
         patch_luminance(calibration, seen_at(camera, "new", 300.0, place, 1.0, None, polynomial))
         for place in ((4, 4), (5, 4), (32, 24))
@@ -91,34 +87,31 @@ def test_errors_of_the_polynomial_cancel_between_near_patches(camera, meter_clas
 
 
 @pytest.mark.parametrize("n", [20, pytest.param(200, marks=pytest.mark.long)])
-def test_coverage_with_a_flat_field_of_a_non_uniform_source(camera, meter_class, setup, n):
+def test_coverage_with_a_flat_field_of_a_non_uniform_source(camera, setup, n):
     """The source is uneven as stated: by a slope of any direction, and by patches of its own."""
     rng = np.random.default_rng(3)
     inside, lost, alarms = [], 0, 0
     for _ in range(n):
-        meter = meter_class(true_scale_error_rel=rng.uniform(-0.02, 0.02))
+        meter = SimulatedMeter(true_scale_error_rel=rng.uniform(-0.02, 0.02))
         pattern = smooth_patterns(SHAPE, PLACES)[:, 1:] @ rng.normal(0, sqrt(1 / 4), 2)
         true_v = 1 + UNEVEN_REL * (pattern + rng.normal(0, sqrt(1 / 2), len(PLACES)))
         calibration = fit(*bench(camera, meter, rng, true_v, EVEN_FIELD), setup)
         lost += bool(readings_left_out(calibration))
         alarms += any(found(calibration, name).significant for name in ("drift", "vignetting", "scatter"))
         inside.append(covered(camera, calibration, rng, true_v, EVEN_FIELD))
-    luminances, contrasts = np.mean(inside, axis=0)
-    assert luminances >= 0.95 - 3 * sqrt(0.95 * 0.05 / n)
-    assert contrasts >= 0.95 - 3 * sqrt(0.95 * 0.05 / n)
+    assert min(np.mean(inside, axis=0)) >= 0.95 - 3 * sqrt(0.95 * 0.05 / n)
     # One in a hundred each.
     assert max(lost, alarms) <= 0.01 * n + 4 * sqrt(0.01 * n)
 
 
-@pytest.mark.parametrize("n_patches", [6, 12])
-@pytest.mark.parametrize("fall", [0.1, 0.25])
-def test_vignetting_that_is_not_taken_off_is_named_and_counts(camera, meter_class, setup, fall, n_patches):
+@pytest.mark.parametrize(("fall", "n_patches"), [(0.1, 12), (0.25, 6)])
+def test_vignetting_that_is_not_taken_off_is_named_and_counts(camera, setup, fall, n_patches):
     rng, n = np.random.default_rng(4), 6
     half_diagonal = np.hypot(*SHAPE) / 2
     true_v = np.array([1 - fall * np.hypot(x - 32, y - 24) ** 2 / half_diagonal**2 for x, y in PLACES])
     inside, lost, named = [], 0, 0
     for _ in range(n):
-        meter = meter_class(true_scale_error_rel=rng.uniform(-0.02, 0.02))
+        meter = SimulatedMeter(true_scale_error_rel=rng.uniform(-0.02, 0.02))
         calibration = fit(*bench(camera, meter, rng, true_v, luminances=np.geomspace(1, 800, n_patches)), setup)
         lost += bool(readings_left_out(calibration))
         # Six patches, of which one or two lie apart, cannot always tell a place from chance.
@@ -126,18 +119,15 @@ def test_vignetting_that_is_not_taken_off_is_named_and_counts(camera, meter_clas
         named += bool(expected & {one.code for one in calibration.findings})
         assert calibration.responsivity.scatter_rel > 0.2 * np.std(true_v)
         inside.append(covered(camera, calibration, rng, true_v))
-    luminances, contrasts = np.mean(inside, axis=0)
-    assert luminances >= 0.95 - 3 * sqrt(0.95 * 0.05 / n)
-    assert contrasts >= 0.95 - 3 * sqrt(0.95 * 0.05 / n)
-    assert lost == 0
-    assert named == n
+    assert min(np.mean(inside, axis=0)) >= 0.95 - 3 * sqrt(0.95 * 0.05 / n)
+    assert (lost, named) == (0, n)
 
 
 @pytest.mark.parametrize("drift_per_h", [0.02, -0.05])
-def test_a_drift_is_named_and_no_good_reading_lost(camera, meter_class, setup, drift_per_h):
+def test_a_drift_is_named_and_no_good_reading_lost(camera, setup, drift_per_h):
     rng = np.random.default_rng(7)
     for _ in range(4):
-        calibration = fit(*bench(camera, meter_class(), rng, np.ones(12), drift_per_h=drift_per_h), setup)
+        calibration = fit(*bench(camera, SimulatedMeter(), rng, np.ones(12), drift_per_h=drift_per_h), setup)
         test = found(calibration, "drift")
         assert test.significant
         # Camera over meter falls as the light of the readings rises.
@@ -146,13 +136,10 @@ def test_a_drift_is_named_and_no_good_reading_lost(camera, meter_class, setup, d
         assert readings_left_out(calibration) == []
 
 
-@pytest.mark.parametrize("bad", [0, 5, 11])
-def test_a_bad_reading_is_not_taken_for_a_drift_or_vignetting(camera, meter_class, setup, bad):
-    observations, darks, readings = bench(camera, meter_class(), np.random.default_rng(8), np.ones(12))
-    wrong = readings[f"P{bad}"][0]
-    readings[f"P{bad}"] = [
-        replace(wrong, value=1.05 * wrong.value, timestamp=wrong.timestamp + timedelta(seconds=i)) for i in range(3)
-    ]
+@pytest.mark.parametrize("bad", [0, 5])
+def test_a_bad_reading_is_not_taken_for_a_drift_or_vignetting(camera, setup, bad):
+    observations, darks, readings = bench(camera, SimulatedMeter(), np.random.default_rng(8), np.ones(12))
+    readings[f"P{bad}"] = [replace(one, value=1.05 * one.value) for one in readings[f"P{bad}"]]
     calibration = fit(observations, darks, readings, setup)
     assert readings_left_out(calibration) == [f"P{bad}"]
     assert not any(found(calibration, name).significant for name in ("drift", "vignetting"))

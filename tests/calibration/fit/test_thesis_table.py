@@ -8,6 +8,8 @@ from scipy.stats import t as student
 
 from labcdp.calibration import fit, patch_luminance
 
+from ..conftest import make_reading
+
 #: L. Ebbert, Implementierung von CDP, HS Duesseldorf, 2018, table 3.1: by the meter, and calculated from the image.
 MEASURED = {"upper right": 75.6, "upper left": 356.0, "lower right": 33.6, "lower left": 412.0}
 CALCULATED = {"upper right": 100.4, "upper left": 542.72, "lower right": 48.7, "lower left": 570.0}
@@ -25,10 +27,10 @@ def seen(camera, patch, signal_dn):
 
 
 @pytest.fixture(scope="module")
-def calibration(darkness, new_reading, setup):
+def calibration(darkness, setup):
     observations = [seen(darkness, patch, dn) for patch, dn in CALCULATED.items()]
     # LS-110, +-2 % +-2 digits: 0.02 cd/m^2 below 100, 0.2 cd/m^2 above.
-    readings = {patch: [new_reading(v, digits_half_width=0.2 if v >= 100 else 0.02)] for patch, v in MEASURED.items()}
+    readings = {patch: [make_reading(v, digits_half_width=0.2 if v >= 100 else 0.02)] for patch, v in MEASURED.items()}
     return fit(observations, [darkness.dark(1.0, None)], readings, setup)
 
 

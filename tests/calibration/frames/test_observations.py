@@ -1,35 +1,37 @@
-from dataclasses import replace
-from math import erf, exp, pi, sqrt
+from math import exp, pi
 
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
 from labcdp.calibration import observe_dark, observe_patches
 from labcdp.calibration.frames.rounding import quantisation_variance_dn2
-from labcdp.core.errors import CalibrationError, LabcdpError
+from labcdp.core.errors import LabcdpError
 from labcdp.core.roi import Roi
 from labcdp.core.vignetting import Cos4Vignetting
+
+from ..conftest import make_frame
 
 PATCH = Roi.rectangle("grey", 8, 4, 16, 16)
 SHAPE = (24, 32)
 
 
-def test_vignetting_is_removed_from_the_light_and_not_from_the_dark(new_frame):
+def test_vignetting_is_removed_from_the_light_and_not_from_the_dark():
     vignetting = Cos4Vignetting(focal_length_m=0.006, pixel_pitch_m=1e-4)
     v = vignetting.relative_illuminance(SHAPE)
     image = np.rint(64 + 3000 * v)
-    (seen,) = observe_patches([new_frame(image), new_frame(image)], [PATCH], vignetting)
+    (seen,) = observe_patches([make_frame(image), make_frame(image)], [PATCH], vignetting)
     cut = v[4:20, 8:24]
     assert seen.mean_inverse_v == pytest.approx(np.mean(1 / cut))
     assert seen.net_dn(64.0) == pytest.approx(3000, abs=0.5)
     assert seen.net_dn_at_pixel(64.0) == pytest.approx(3000 * cut.mean(), rel=0.01)
 
 
-def test_a_gradient_is_found_and_kept_apart_from_the_pixels(new_frame):
+def test_a_gradient_is_found_and_kept_apart_from_the_pixels():
     rng = np.random.default_rng(4)
     pattern = rng.normal(0, 5, SHAPE)
     image = 1000 + 10 * np.arange(SHAPE[1])[None, :] + pattern
-    frames = (new_frame(image + rng.normal(0, 2, SHAPE)) for _ in range(50))
+    frames = (make_frame(image + rng.normal(0, 2, SHAPE)) for _ in range(50))
     (seen,) = observe_patches(frames, [PATCH])
     # Four columns of cells, 4 pixels apart: means at -60, -20, 20, 60 DN, each in 4 of 16 cells.
     expected = 4 * np.sum(np.square([-60, -20, 20, 60])) / 15
@@ -39,15 +41,11 @@ def test_a_gradient_is_found_and_kept_apart_from_the_pixels(new_frame):
     assert seen.fixed_pattern_variance_dn2(0.0) == pytest.approx(within, rel=0.15)
 
 
-@pytest.mark.parametrize("std_dn", [0.0, 0.1, 0.2, 0.3, 0.5, 1.0])
+@pytest.mark.parametrize("std_dn", [0.1, 0.2, 0.3, 0.5, 1.0])
 def test_rounding_of_a_mean(std_dn):
     offsets = np.linspace(-0.5, 0.5, 400, endpoint=False)
-    if std_dn == 0:
-        means = np.rint(offsets)
-    else:  # expectation of the rounded value: sum over the steps of the probability to be above each
-        steps = np.arange(-9, 10) + 0.5
-        above = np.array([[0.5 * (1 + erf((o - s) / (std_dn * sqrt(2)))) for s in steps] for o in offsets])
-        means = above.sum(axis=1) - 9.5 + 0.0
+    # Expectation of the rounded value: sum over the steps of the probability to be above each.
+    means = ndtr((offsets[:, None] - np.arange(-9, 10) - 0.5) / std_dn).sum(axis=1)
     truth = np.mean((means - means.mean() - offsets + offsets.mean()) ** 2)
     bound = exp(-4 * pi**2 * std_dn**2) / 12
     assert truth <= bound * 1.001 + 1e-9
@@ -66,35 +64,19 @@ class _Pattern:
         return 0.7
 
 
-def test_the_dark_pattern_is_taken_off(new_frame):
+def test_the_dark_pattern_is_taken_off():
     pattern = np.rint(np.random.default_rng(8).normal(0, 20, SHAPE)) + 10 * np.arange(SHAPE[1])
     pattern -= pattern.mean()
     image = np.rint(500 + pattern)
-    plain = observe_dark([new_frame(image)] * 2)
-    even = observe_dark([new_frame(image)] * 2, dark_library=_Pattern(pattern))
+    plain = observe_dark([make_frame(image)] * 2)
+    even = observe_dark([make_frame(image)] * 2, dark_library=_Pattern(pattern))
     assert plain.nonuniformity_dn > 50
     assert even.nonuniformity_dn < 0.5
     assert even.pattern_dn == 0.7  # not what is left of a library in the frames it was made of
     assert even.mean_dn == pytest.approx(plain.mean_dn)
-    (seen,) = observe_patches([new_frame(image)] * 2, [PATCH], dark_library=_Pattern(pattern))
+    (seen,) = observe_patches([make_frame(image)] * 2, [PATCH], dark_library=_Pattern(pattern))
     assert seen.signal_dn == pytest.approx(500, abs=0.5)
     assert seen.nonuniformity.pixel_variance_dn2(0.0) < 1
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"gain_db": 6.0}, "gain of the first frame is 0 dB, but frame 0 has 6 dB"),
-        ({"pixel_format": "Mono8"}, "pixel format of the first frame is Mono12, but frame 0 has Mono8"),
-        ({"exposure_s": 0.02}, r"frame 0 has an exposure of 0\.02 s, the first frame 0\.01 s"),
-        ({"dn": np.full((12, 32), 9.0, np.uint16)}, "image size of the first frame is 32 x 24 pixels, but frame 0 has"),
-        ({"saturation_dn": 4000.0}, "saturation of the first frame is 4095 DN, but frame 0 has 4000 DN"),
-    ],
-)
-def test_two_settings(new_frame, change, message):
-    frame = new_frame(np.full(SHAPE, 9.0))
-    with pytest.raises(CalibrationError, match=message):
-        observe_dark([frame, replace(frame, **change)])
 
 
 @pytest.mark.parametrize(
@@ -107,6 +89,6 @@ def test_two_settings(new_frame, change, message):
         (2, [PATCH, PATCH], "several regions are called 'grey': give each patch its own name"),
     ],
 )
-def test_too_few_frames_and_regions_that_cannot_be_used_are_refused(new_frame, n_frames, regions, message):
+def test_too_few_frames_and_regions_that_cannot_be_used_are_refused(n_frames, regions, message):
     with pytest.raises(LabcdpError, match=message):
-        observe_patches([new_frame(np.full(SHAPE, 9.0))] * n_frames, regions)
+        observe_patches([make_frame(np.full(SHAPE, 9.0))] * n_frames, regions)

@@ -8,10 +8,12 @@ import signal
 import subprocess
 import sys
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import hypothesis
+import numpy as np
 import pytest
 
 _LABCDP = Path(sys.executable).with_name("labcdp")
@@ -140,6 +142,25 @@ def start(tmp_path, start_in):
         process.end()
 
 
+@pytest.fixture
+def nursery(request):
+    """The test's own file as a program: it forks a process for each line that it reads."""
+    process = subprocess.Popen(
+        [sys.executable, request.path],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        bufsize=1,
+        start_new_session=True,
+    )
+    yield process
+    process.stdin.close()
+    # Its last child, too, if the test failed.
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    process.stdout.close()
+
+
 @pytest.fixture(scope="session")
 def labcdp_in(tmp_path_factory, start_in):
     """Run the command in a folder, as from a terminal; returns the finished process."""
@@ -188,8 +209,30 @@ def aravis_tools(aravis):
 
 
 @pytest.fixture(scope="session")
-def small_configuration():
-    """Bench of the example session: 16 patches on 480 x 400 pixels."""
-    from labcdp.session import SessionConfiguration, example_session
+def example():
+    """The example session: 16 patches on 480 x 400 pixels."""
+    from labcdp.session import Session, example_session
 
-    return SessionConfiguration.load(example_session() / "session.toml")
+    return Session.open(example_session())
+
+
+@pytest.fixture(scope="session")
+def small_configuration(example):
+    """Bench of the example session."""
+    return example.configuration
+
+
+@pytest.fixture(scope="session")
+def new_frame(example):
+    """A frame as those of the example session, of 12 bits, with other pixels."""
+    first = example.load(example.frames()[0])
+    return lambda dn, frame_id=1, **changes: replace(
+        first, dn=np.asarray(dn).astype(np.uint16), frame_id=frame_id, camera_timestamp_ns=frame_id, **changes
+    )
+
+
+@pytest.fixture(scope="session")
+def new_reading(example):
+    """A reading as those of the example session, with another value."""
+    first = example.readings()[0].reading
+    return lambda value, **changes: replace(first, value=value, **changes)

@@ -1,23 +1,22 @@
 from contextlib import contextmanager
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from typing import Any
 
-import numpy as np
 import pytest
 
 from labcdp.acquire import acquire
 from labcdp.core.clock import SimulatedClock
-from labcdp.core.frame import CameraIdentity, Frame
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
 from labcdp.session import EventRecord, Session
 
 SHAPE = (400, 480)
+#: Two patches of very different luminance.
+FAR = ["P01", "lower left"]
 
 
 @dataclass
 class Bench:
-    """A simulated bench in simulated time, with what looks at it open."""
+    """A simulated bench with a session and what looks at it open."""
 
     session: Session
     bench: SimulatedBench
@@ -38,19 +37,19 @@ class Bench:
 
 @pytest.fixture
 def changed(small_configuration):
-    """The small configuration with other values in its tables."""
+    """The small configuration with other values in its tables, or some of its patches only."""
 
     def change(patches=None, **tables):
-        tables.setdefault("target", {})
         if patches is not None:
             known = {patch.name: patch for patch in small_configuration.target.patches}
-            tables["target"] = tables["target"] | {"patches": tuple(known[name] for name in patches)}
-            tables["contrasts"] = ()
-        update = {
-            name: getattr(small_configuration, name).model_copy(update=values) if isinstance(values, dict) else values
-            for name, values in tables.items()
-        }
-        return small_configuration.model_copy(update=update)
+            chosen = tuple(known[name] for name in patches)
+            tables |= {"target": {"patches": chosen} | tables.get("target", {}), "contrasts": ()}
+        return small_configuration.model_copy(
+            update={
+                name: getattr(small_configuration, name).model_copy(update=values) if values else values
+                for name, values in tables.items()
+            }
+        )
 
     return change
 
@@ -79,44 +78,16 @@ class Hands:
     """An operator who notes what was asked and repeats what a test says."""
 
     def __init__(self, bench, repeat=lambda what, findings: False):
-        self.bench, self._repeat = bench, repeat
+        self._bench, self._repeat = bench, repeat
         self.done, self.found = [], []
-
-    def cover_lens(self):
-        self.done.append("cover")
-        self.bench.cover_lens()
-
-    def uncover_lens(self):
-        self.done.append("uncover")
-        self.bench.uncover_lens()
-
-    def point_meter(self, patch):
-        self.done.append(f"point {patch}")
-        self.bench.point_meter(patch)
-
-    def show_patch(self, patch):
-        self.done.append(f"show {patch}")
-        self.bench.show_patch(patch)
 
     def repeat(self, what, findings):
         self.found.append((what, [finding.check for finding in findings]))
         return self._repeat(what, findings)
 
+    def __getattr__(self, step):
+        def do(*patch):
+            self.done.append(" ".join((step, *patch)))
+            getattr(self._bench, step)(*patch)
 
-def new_frame(dn, frame_id=1, exposure_s=0.01):
-    """A frame of 12 bits with these pixels."""
-    return Frame(
-        dn=np.asarray(dn, dtype=np.uint16),
-        exposure_s=exposure_s,
-        gain_db=0.0,
-        bit_depth=12,
-        saturation_dn=4095,
-        black_level_dn=64.0,
-        pixel_format="Mono12",
-        colour_filter=None,
-        temperature_c=35.0,
-        timestamp=datetime(2026, 3, 2, tzinfo=UTC),
-        camera_timestamp_ns=frame_id,
-        frame_id=frame_id,
-        camera=CameraIdentity("v", "m", "s"),
-    )
+        return do

@@ -7,7 +7,6 @@ that one costs milliseconds and not an interpreter's start.
 import os
 import random
 import signal
-import subprocess
 import sys
 import time
 from dataclasses import replace
@@ -25,7 +24,8 @@ from labcdp.drivers.simulated.meter import MeterErrorModel
 from labcdp.session import Session, SessionConfiguration, example_session
 
 SHAPE = (400, 480)
-PLANNED = {"light": 6, "dark": 6, "readings": 32}
+#: Light frames, dark frames and readings.
+PLANNED = (6, 6, 32)
 
 
 def configuration():
@@ -36,11 +36,7 @@ class Continued:
     """The exposures of a target after the first `n`: a frame has the same noise in whichever run it is taken."""
 
     def __init__(self, source, n):
-        self._source, self._n = source, n
-
-    @property
-    def state(self):
-        return self._source.state
+        self._source, self._n, self.state = source, n, source.state
 
     def expose(self, exposure_s, gain_db, index):
         return self._source.expose(exposure_s, gain_db, index + self._n)
@@ -75,23 +71,14 @@ def nurse():
         os.write(1, f"ended {os.waitstatus_to_exitcode(status)}\n".encode())
 
 
-def counts(session):
-    return {
-        "light": len(session.frames("light")),
-        "dark": len(session.frames("dark")),
-        "readings": len(session.readings()),
-    }
-
-
-def content(path):
+def content(session):
     """Every frame and reading of a session, in order."""
-    with Session.open(path) as session:
-        frames = [(r.role, r.exposure_s, session.load(r).dn.tobytes()) for r in session.frames()]
-        return frames, [(r.patch, r.reading.raw) for r in session.readings()]
+    frames = [(r.role, r.exposure_s, session.load(r).dn.tobytes()) for r in session.frames()]
+    return frames, [(r.patch, r.reading.raw) for r in session.readings()]
 
 
-def results(path):
-    return labcdp.Session.open(path).calibrate().evaluate().to_dataset().drop_attrs()
+def results(session):
+    return labcdp.Session.open(session.path).calibrate().evaluate().to_dataset().drop_attrs()
 
 
 @pytest.fixture(scope="module")
@@ -99,13 +86,12 @@ def uninterrupted(tmp_path_factory):
     path = tmp_path_factory.mktemp("uninterrupted") / "session"
     Session.create(path, configuration()).close()
     work(path, simulated_bench())
-    return path
+    return Session.open(path)
 
 
 def checks(path):
     """Checks of the journal's whole lines."""
-    lines = (path / "journal.jsonl").read_bytes().split(b"\n")
-    return [line.rpartition(b'"check": ')[2] for line in lines[:-1]]
+    return [line.rpartition(b'"check": ')[2] for line in (path / "journal.jsonl").read_bytes().split(b"\n")[:-1]]
 
 
 def wait_for_lines(path, n):
@@ -118,58 +104,42 @@ def wait_for_lines(path, n):
     ("kills", "least_completed", "least_places"), [(12, 1, 8), pytest.param(100, 3, 15, marks=pytest.mark.long)]
 )
 def test_a_kill_at_any_moment_loses_nothing_and_the_resumed_session_has_the_same_results(
-    tmp_path, uninterrupted, kills, least_completed, least_places
+    tmp_path, uninterrupted, nursery, kills, least_completed, least_places
 ):
     rng = random.Random(20261121)
-    nursery = subprocess.Popen(
-        [sys.executable, __file__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
-    )
-
-    def begin(path):
-        nursery.stdin.write(f"{path}\n")
-        nursery.stdin.flush()
-        return int(nursery.stdout.readline().removeprefix("begun "))
-
-    try:
-        completed, caught_at, path = 0, set(), None
-        # Where the moments fall is up to the machine: a slow one is killed more often before it completes a session.
-        for n_killed in range(5 * kills):
-            if n_killed >= kills and completed >= least_completed:
-                break
-            if path is None:
-                path = tmp_path / f"session {completed}"
-                Session.create(path, configuration()).close()
-            before = checks(path)
-            pid = begin(path)
-            wait_for_lines(path, len(before) + rng.randrange(20))
-            time.sleep(rng.uniform(0, 0.02))
-            os.kill(pid, signal.SIGKILL)
+    completed, caught_at, path = [], set(), None
+    # Where the moments fall is up to the machine: a slow one is killed more often before it completes a session.
+    for n_killed in range(5 * kills):
+        if n_killed >= kills and len(completed) >= least_completed:
+            break
+        if path is None:
+            path = tmp_path / f"session {len(completed)}"
+            Session.create(path, configuration()).close()
+        before = checks(path)
+        print(path, file=nursery.stdin)
+        pid = int(nursery.stdout.readline().removeprefix("begun "))
+        wait_for_lines(path, len(before) + rng.randrange(20))
+        time.sleep(rng.uniform(0, 0.02))
+        os.kill(pid, signal.SIGKILL)
+        ended = nursery.stdout.readline()
+        if ended == "complete\n":
             ended = nursery.stdout.readline()
-            if ended == "complete\n":
-                ended = nursery.stdout.readline()
-            assert ended == f"ended {-signal.SIGKILL}\n"
-            assert checks(path)[: len(before)] == before
-            with Session.open(path) as session:
-                assert session.problems() == [] or "a line that is not whole" in session.problems()[0]
-                for record in session.frames():
-                    session.load(record)
-                now = counts(session)
-                assert all(now[kind] <= PLANNED[kind] for kind in PLANNED)
-                caught_at.add(tuple(now.values()))
-                if remaining(session).complete:
-                    assert now == PLANNED
-                    assert content(path) == content(uninterrupted)
-                    completed, path = completed + 1, None
-    finally:
-        nursery.stdin.close()
-        # Its last child, too, if the test failed.
-        os.killpg(nursery.pid, signal.SIGKILL)
-        nursery.wait()
-        nursery.stdout.close()
+        assert ended == f"ended {-signal.SIGKILL}\n"
+        assert checks(path)[: len(before)] == before
+        session = Session.open(path)
+        assert session.problems() == [] or "a line that is not whole" in session.problems()[0]
+        now = len(session.frames("light")), len(session.frames("dark")), len(session.readings())
+        assert all(n <= planned for n, planned in zip(now, PLANNED, strict=True))
+        caught_at.add(now)
+        if remaining(session).complete:
+            assert now == PLANNED
+            assert content(session) == content(uninterrupted)
+            completed.append(session)
+            path = None
     # The kills were spread over the whole of an acquisition, and it came to its end in spite of them.
-    assert completed >= least_completed
+    assert len(completed) >= least_completed
     assert len(caught_at) >= least_places
-    xarray.testing.assert_allclose(results(tmp_path / "session 0"), results(uninterrupted), rtol=1e-6, atol=1e-7)
+    xarray.testing.assert_allclose(results(completed[0]), results(uninterrupted), rtol=1e-6, atol=1e-7)
 
 
 if __name__ == "__main__":

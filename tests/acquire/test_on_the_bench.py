@@ -1,6 +1,7 @@
-"""Whole acquisitions on the simulated bench, in simulated time."""
+"""Whole acquisitions on the simulated bench, in simulated time, and what they refuse and find in their data."""
 
 import threading
+from dataclasses import replace
 from datetime import datetime, timedelta
 from itertools import pairwise
 
@@ -8,26 +9,33 @@ import numpy as np
 import pytest
 
 from labcdp.acquire import AcquisitionStoppedError, Control, Unattended
+from labcdp.core.errors import InputError, SessionError
 from labcdp.drivers.camera import (
     MOST_REFUSED,
     CameraLostError,
+    CameraNotFoundError,
+    CameraSettingError,
     IncompleteFrameError,
 )
+from labcdp.drivers.meter import MeterError
 from labcdp.drivers.replay import ReplayCamera, ReplayMeter
 
-from .conftest import Hands
+from .conftest import FAR, Hands
 
-TWO = ["P12", "lower left"]
-#: Of very different luminance.
-FAR = ["P01", "lower left"]
+ONE_BY_ONE = {"presentation": "one by one"}
+#: Exposures at which the brighter patch is saturated.
+TOO_LONG = {"exposures_s": (0.03, 0.06)}
 
 
 def test_patches_one_by_one(changed, on_bench):
-    configuration = changed(patches=FAR, target={"presentation": "one by one"}, plan={"exposures_s": (0.002, 0.032)})
+    configuration = changed(FAR, target=ONE_BY_ONE, plan={"exposures_s": (0.002, 0.032)})
     with on_bench(configuration) as on:
-        hands = Hands(on.bench)
-        assert on.acquire(hands) == ()
-        assert hands.done == ["uncover", "show P01", "show lower left", "cover", "uncover"]
+        hands, seen = Hands(on.bench), []
+        assert (
+            on.acquire(hands, report=lambda progress: seen.append((progress.step, progress.done, progress.total))) == ()
+        )
+        assert ("meter readings", 8, 8) in seen
+        assert hands.done == ["uncover_lens", "show_patch P01", "show_patch lower left", "cover_lens", "uncover_lens"]
         assert hands.found == []
         # Two exposures of two frames for each patch; two readings before its frames and two after.
         assert on.counts == (8, 8, 4)
@@ -45,17 +53,17 @@ def test_patches_one_by_one(changed, on_bench):
 
 
 def test_a_camera_that_stays_away_ends_the_run_and_the_next_one_resumes(changed, on_bench):
-    configuration = changed(plan={"frames_per_exposure": 30})
+    configuration = changed(plan={"frames_per_exposure": 10})
     with on_bench(configuration, patience_s=5) as on:
-        on.bench.schedule("at 2 s vanish")
+        on.bench.schedule("at 1 s vanish")
         with pytest.raises(CameraLostError, match="is lost"):
             on.acquire()
-        taken = on.counts[0]
-        assert 0 < taken < 90
+        assert 0 < on.counts[0] < 30
+        assert "is lost" in on.events("camera lost")[0]["reason"]
         on.session.verify()
     with on_bench(configuration) as on:
         on.acquire()
-        assert on.counts == (90, 32, 6)
+        assert on.counts == (30, 32, 6)
         assert len(on.events("camera features")) == 2
 
 
@@ -64,8 +72,7 @@ def test_incomplete_frames_are_taken_again_and_noted_until_too_many_in_a_row_end
         on.bench.schedule("at 0.1 s wrong size for 0.3 s\nat 0.9 s wrong size")
         with pytest.raises(IncompleteFrameError, match="incomplete"):
             on.acquire()
-        taken = on.counts[0]
-        assert 1 < taken < 12
+        assert 1 < on.counts[0] < 12
         refused = on.events("refused frame")
         assert len(refused) > MOST_REFUSED - 1
         assert refused[0].keys() == {"role", "exposure_s", "reason", "status", "frame_id"}
@@ -73,155 +80,221 @@ def test_incomplete_frames_are_taken_again_and_noted_until_too_many_in_a_row_end
 
 
 def test_light_that_drifts_is_found_and_the_patch_repeated(changed, on_bench):
-    configuration = changed(patches=TWO, target={"presentation": "one by one"})
-    with on_bench(configuration) as on:
+    with on_bench(changed(["P12", "lower left"], target=ONE_BY_ONE)) as on:
         hands = Hands(on.bench, lambda what, findings: True)
         on.bench.schedule("at 2 s light -10% in 0 s")
         on.acquire(hands)
-        (what, checks) = hands.found[0]
+        ((what, checks),) = hands.found
         assert what == "patch P12"
         assert "meter drift" in checks
-        assert len(hands.found) == 1
-        assert hands.done.count("show P12") == 2
+        assert hands.done.count("show_patch P12") == 2
         # What was taken in the changing light is on the disk and does not count.
         assert on.counts == (12, 8, 6)
         (superseded,) = on.events("superseded")
         assert len(superseded["lines"]) == 10
         assert "went from" in superseded["reason"]
         drifted, *others = on.events("check")
-        assert drifted["unit"] == "patch P12"
-        assert drifted["repeat"]
+        assert (drifted["unit"], drifted["repeat"]) == ("patch P12", True)
         assert all(not event["findings"] for event in others)
-        readings = [r.reading.luminance_cd_m2 for r in on.session.readings()]
-        nominal = on.bench.luminance_cd_m2["P12"]
-        assert readings[0] == pytest.approx(0.9 * 1.006 * nominal, rel=0.01)
+        reading = on.session.readings()[0].reading.luminance_cd_m2
+        assert reading == pytest.approx(0.9 * 1.006 * on.bench.luminance_cd_m2["P12"], rel=0.01)
 
 
 def test_a_unit_that_was_complete_but_not_checked_is_checked_by_the_next_run(changed, on_bench):
-    configuration = changed(patches=TWO, plan={"exposures_s": (0.03, 0.06)})
+    configuration = changed(["lower left"], plan=TOO_LONG)
 
-    class Gone(Hands):
-        def repeat(self, what, findings):
-            raise KeyboardInterrupt
+    def gone(what, findings):
+        raise KeyboardInterrupt
 
     with on_bench(configuration) as on, pytest.raises(KeyboardInterrupt):
-        on.acquire(Gone(on.bench))
+        on.acquire(Hands(on.bench, gone))
     with on_bench(configuration) as on:
         assert on.counts == (4, 0, 0)
         hands = Hands(on.bench)
         on.acquire(hands)
-        assert hands.found == [("light frames", ["saturation", "saturation"])]
-        assert hands.done[0] == "point P12"
+        assert hands.found == [("light frames", ["saturation"])]
+        assert hands.done[0] == "point_meter lower left"
+        (finding,) = on.events("check")[0]["findings"]
+        assert "patch 'lower left' is saturated at every exposure" in finding["cause"]
+        assert finding["value"] > finding["limit"]
 
 
 def test_a_night_of_frames_on_a_schedule(changed, on_bench):
     """Eight hours of a frame every ten minutes, with the camera away for 25 of them."""
-    configuration = changed(
-        patches=["P12"], plan={"exposures_s": (0.002,), "frames_per_exposure": 48, "interval_s": 600.0}
-    )
-    with on_bench(configuration, patience_s=3600) as on:
+    plan = {"exposures_s": (0.002,), "frames_per_exposure": 48, "interval_s": 600.0}
+    with on_bench(changed(["P12"], plan=plan), patience_s=3600) as on:
         on.bench.schedule("at 120 min vanish for 25 min")
         on.acquire(Hands(on.bench))
         times = [datetime.fromisoformat(r.metadata["timestamp"]) for r in on.session.frames("light")]
         steps = np.array([(b - a).total_seconds() for a, b in pairwise(times)])
-        late = np.abs(steps - 600) > 1
         # The frames that were missed are not made up for: only the steps around the gap are others.
-        assert 1 <= late.sum() <= 2
+        assert 1 <= (np.abs(steps - 600) > 1).sum() <= 2
         assert times[-1] - times[0] > timedelta(hours=8)
         assert len(on.events("camera lost and back")) == 1
 
 
-def test_a_pause_takes_nothing_and_resuming_takes_the_rest(changed, on_bench):
-    with on_bench(changed(plan={"frames_per_exposure": 10})) as on:
-        control = Control()
-        counts = []
+@pytest.mark.parametrize(("step", "counts"), [("light frames", (3, 2, 0)), ("meter readings", (6, 3, 0))])
+def test_a_pause_takes_nothing_and_stopping_keeps_all_that_was_taken(changed, on_bench, step, counts):
+    # The first patch is read before the frames, too.
+    configuration, control, seen = changed(plan={"drift_check": True}), Control(), []
 
-        def pause(progress):
-            if (progress.step, progress.done) == ("light frames", 5):
-                control.pause()
-                threading.Timer(0.3, resume).start()
-            counts.append((progress.step, progress.done))
+    def end(stop):
+        seen.append("end of the pause")
+        control.stop() if stop else control.resume()
 
-        def resume():
-            counts.append("resumed")
-            control.resume()
-
-        on.acquire(report=pause, control=control)
-        at = counts.index("resumed")
-        assert counts[at - 1] == ("light frames", 5)
-        assert on.counts == (30, 32, 6)
-
-
-@pytest.mark.parametrize(("step", "counts"), [("light frames", (3, 0, 0)), ("meter readings", (6, 3, 0))])
-def test_stopping_keeps_all_that_was_taken(changed, on_bench, step, counts):
-    configuration, control = changed(), Control()
-
-    def stop(progress):
-        if (progress.step, progress.done) == (step, 3):
-            control.stop()
+    def pause(progress):
+        seen.append((progress.step, progress.done))
+        if progress.step == step and progress.done in (2, 3):
+            control.pause()
+            threading.Timer(0.2, end, [progress.done == 3]).start()
 
     with on_bench(configuration) as on:
         with pytest.raises(AcquisitionStoppedError, match="recorded data are safe"):
-            on.acquire(report=stop, control=control)
+            on.acquire(report=pause, control=control)
+        assert [one for one in seen if one[0] == step or one == "end of the pause"][-4:] == [
+            (step, 2),
+            "end of the pause",
+            (step, 3),
+            "end of the pause",
+        ]
         assert on.counts == counts
         assert on.events("complete") == []
         on.session.verify()
     with on_bench(configuration) as on:
         on.acquire()
-        assert on.counts == (6, 32, 6)
+        assert on.counts == (6, 34, 6)
 
 
 def test_unattended_does_what_needs_no_hand_and_tells_the_rest(changed, on_bench):
-    configuration = changed(patches=TWO)
+    configuration = changed(FAR)
+    readings = [(f"readings of {name}", "point the luminance meter at each patch") for name in FAR]
     with on_bench(configuration) as on:
         left = on.acquire(Unattended())
+        assert [(one.what, one.hand) for one in left] == [*readings, ("dark frames", "cover the lens")]
         assert on.counts == (6, 0, 0)
-        assert [(thing.what, thing.hand) for thing in left] == [
-            ("readings of P12", "point the luminance meter at each patch"),
-            ("readings of lower left", "point the luminance meter at each patch"),
-            ("dark frames", "cover the lens"),
-        ]
         assert on.events("complete") == []
     with on_bench(configuration) as on:
         on.bench.cover_lens()
-        left = on.acquire(Unattended("covered"))
+        assert [(one.what, one.hand) for one in on.acquire(Unattended("covered"))] == readings
         assert on.counts == (6, 0, 6)
-        assert [thing.what for thing in left] == ["readings of P12", "readings of lower left"]
     with on_bench(configuration) as on:
         hands = Hands(on.bench)
         assert on.acquire(hands) == ()
-        assert hands.done == ["point P12", "point lower left"]
+        assert hands.done == [f"point_meter {name}" for name in FAR]
         assert on.counts == (6, 4, 6)
         assert on.events("complete") == [{}]
 
 
-def test_a_camera_warms_up_until_its_temperature_is_steady_and_first_frames_are_dropped(changed, on_bench):
-    plan = {"warm_up_s": 3600.0, "stable_within_c": 0.15, "discard_frames": 3, "exposures_s": (0.002, 0.008)}
-    with on_bench(changed(patches=TWO, plan=plan)) as on:
-        on.bench.run_command("temperature +8 C in 40 s")
+def test_unattended_repeats_once_what_may_be_better_then(changed, on_bench):
+    with on_bench(changed(["P12", "lower left"])) as on:
+        # Between the first two frames, and between the first two of the repeat.
+        on.bench.schedule("at 0.1 s light -10% in 0 s\nat 0.5 s light -10% in 0 s")
+        on.acquire(Unattended())
+        flickered, still = on.events("check")
+        assert [finding["check"] for finding in flickered["findings"]] == ["flicker"]
+        assert [flickered["repeat"], still["repeat"]] == [True, False]
+        assert on.counts == (6, 0, 0)
+        assert len(on.events("superseded")) == 1
+
+
+@pytest.mark.parametrize(
+    ("plan", "change", "duration_s", "steady_c"),
+    [
+        # 5 s of change, of which the last 0.1 s are within 0.15 degrees, and a minute of which 54 s are to be steady.
+        ({"warm_up_s": 3600.0, "stable_within_c": 0.15}, "temperature +8 C in 5 s", (58, 66), 43),
+        ({"warm_up_s": 10.0, "stable_within_c": 0.1}, "temperature +8 C in 3 min", (9.9, 10.1), None),
+    ],
+)
+def test_a_camera_warms_up_until_its_temperature_is_steady_or_for_its_time_and_first_frames_are_dropped(
+    changed, on_bench, plan, change, duration_s, steady_c
+):
+    plan |= {"discard_frames": 3, "exposures_s": (0.002, 0.008)}
+    with on_bench(changed(["P12"], plan=plan)) as on:
+        on.bench.run_command(change)
         on.acquire()
         (warm,) = on.events("warm-up")
-        # 40 s of change, of which the last 0.75 s are within 0.15 degrees, and a minute that is steady.
-        assert 96 < warm["duration_s"] < 106
-        assert (warm["temperature_c"], warm["stable"]) == (pytest.approx(43, abs=0.01), True)
+        assert duration_s[0] < warm["duration_s"] < duration_s[1]
+        assert warm["stable"] == (steady_c is not None)
+        assert steady_c is None or warm["temperature_c"] == pytest.approx(steady_c, abs=0.01)
         ids = [record.metadata["frame_id"] for record in on.session.frames("light")]
         # Two frames of each exposure, behind three that were dropped.
         assert [after - before for before, after in pairwise(ids)] == [1, 4, 1]
         # A recording has neither.
         with (
-            ReplayCamera(on.session) as camera,
-            ReplayMeter(on.session) as meter,
             on_bench(on.session.configuration, name="replayed") as replayed,
+            ReplayCamera(on.session) as replayed.camera,
+            ReplayMeter(on.session) as replayed.meter,
         ):
-            replayed.camera, replayed.meter = camera, meter
             replayed.acquire()
             assert replayed.counts == on.counts
 
 
-def test_a_warm_up_ends_with_its_time(changed, on_bench):
-    with on_bench(changed(patches=TWO, plan={"warm_up_s": 70.0, "stable_within_c": 0.1})) as on:
-        on.bench.run_command("temperature +8 C in 3 min")
+@pytest.mark.parametrize(
+    ("tables", "kind", "message"),
+    [
+        (
+            {"plan": {"exposures_s": (0.002, 100.0)}},
+            CameraSettingError,
+            r"plan.exposures_s has 100 s, the camera takes \S+ to \d+ s: give an exposure within",
+        ),
+        ({"plan": {"pixel_format": "Mono11"}}, InputError, "pixel format 'Mono11' is not supported: choose one of"),
+        (
+            {"plan": {"frames_per_exposure": 10**9}},
+            SessionError,
+            r"needs 3000000006 frames of 0.392 MB, .* has room for \d+ .*: free the disk, or plan fewer frames",
+        ),
+        ({"camera": {"serial": "DEV-42"}}, CameraNotFoundError, "serial is 'SIM-503363706', .* says 'DEV-42'"),
+    ],
+)
+def test_impossible_plans_are_refused_before_anything_is_recorded(changed, on_bench, tables, kind, message):
+    with on_bench(changed(**tables)) as on:
+        before = len(on.session.records)
+        with pytest.raises(kind, match=message):
+            on.acquire()
+        assert len(on.session.records) == before
+
+
+class Changed:
+    """A device some of whose results are changed."""
+
+    def __init__(self, device, **changes):
+        self._device, self._changes = device, changes
+
+    def __getattr__(self, name):
+        return getattr(self._device, name)
+
+    def measure(self):
+        return replace(self._device.measure(), **self._changes)
+
+    def grab(self, *args, **options):
+        first = {}
+        for frame in self._device.grab(*args, **options):
+            yield replace(frame, dn=first.setdefault(frame.exposure_s, frame.dn))
+
+
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        ({"unit": "%", "correction": None}, "a ratio in %"),
+        ({"peak": True}, "a held peak"),
+        ({"correction": "colour"}, "a reading with the correction 'colour', not 'preset'"),
+    ],
+)
+def test_a_reading_in_another_mode_is_not_recorded(changed, on_bench, changes, problem):
+    with on_bench(changed(FAR)) as on:
+        meter, on.meter = on.meter, Changed(on.meter, **changes)
+        with pytest.raises(MeterError, match=rf"the meter gave {problem} \(.*\): it is not recorded"):
+            on.acquire()
+        assert on.counts == (6, 0, 0)
+        on.meter = meter
         on.acquire()
-        (warm,) = on.events("warm-up")
-    assert warm["stable"] is False
-    assert warm["duration_s"] == pytest.approx(70, abs=1)
+        assert on.counts == (6, 4, 6)
+
+
+def test_frames_that_repeat_are_found(changed, on_bench):
+    with on_bench(changed(plan={"exposures_s": (0.002, 0.004), "frames_per_exposure": 3})) as on:
+        on.camera = Changed(on.camera)
+        on.acquire(Hands(on.bench))
+        (light,) = (check for check in on.events("check") if check["unit"] == "light frames")
+    (found,) = (finding for finding in light["findings"] if finding["check"] == "repeated frames")
+    assert "4 of 6 frames are bit for bit the same as an earlier one" in found["cause"]

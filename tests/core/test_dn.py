@@ -1,11 +1,12 @@
+"""DN as cameras send them, and what is known of their black level."""
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from labcdp.core.dn import PIXEL_FORMATS, pixel_format
-
-SUFFIXES = {"8", "10", "12", "12Packed", "12p", "16"}
+from labcdp.core.frame import nominal_black_dn
 
 
 def test_codes_are_those_of_aravis(aravis):
@@ -16,9 +17,10 @@ def test_codes_are_those_of_aravis(aravis):
             theirs = f"BAYER_{name[5:7]}_{theirs[7:]}"
         if name != "Mono12p":
             assert known.code == getattr(aravis, f"PIXEL_FORMAT_{theirs}"), name
-    assert {
-        f"{kind}{suffix}" for kind in ("Mono", "BayerRG", "BayerGB", "BayerGR", "BayerBG") for suffix in SUFFIXES
-    } <= (set(PIXEL_FORMATS))
+    kinds = ("Mono", "BayerRG", "BayerGB", "BayerGR", "BayerBG")
+    assert {f"{kind}{suffix}" for kind in kinds for suffix in ("8", "10", "12", "12Packed", "12p", "16")} <= {
+        *PIXEL_FORMATS
+    }
 
 
 @pytest.mark.parametrize(
@@ -44,3 +46,10 @@ def test_unpack_undoes_pack(name, height, width, seed):
     np.testing.assert_array_equal(layout.unpack(payload, dn.shape), dn)
     if name.startswith("Bayer"):
         assert layout.colour_filter == name[5:7]
+
+
+def test_nominal_black_level_is_the_stated_one_or_near_that_of_dark_frames_of_a_register_of_64():
+    for bits, measured_dn in ((8, 3.6), (12, 63.9), (16, 1022.7)):
+        assert nominal_black_dn(None, 64, bits) == pytest.approx(measured_dn, abs=0.5 * 2 ** (bits - 12) + 0.5)
+    for stated_dn, register, expected in ((512.0, None, 512), (0.0, 64, 0), (None, None, 0)):
+        assert nominal_black_dn(stated_dn, register, 12) == expected

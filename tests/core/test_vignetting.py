@@ -25,33 +25,19 @@ def test_patterns_have_the_variance_of_the_covariance():
     assert RadialVignetting(-0.3, 0, 0).common_patterns((30, 40)) == []
 
 
-def flat(noise=0.01, seed=1):
-    relative = 1 + noise * np.random.default_rng(seed).normal(size=(40, 60))
+def flat(seed=1):
+    relative = 1 + 0.01 * np.random.default_rng(seed).normal(size=(40, 60))
     return relative / relative[middle_of(relative.shape)].mean()
 
 
 def test_flat_fields_are_equal_by_content_and_cannot_be_changed():
     values = flat()
     a, b = FlatField(values, 0.001, 0.01, 4), FlatField(values.copy(), 0.001, 0.01, 4)
-    assert a == b
-    assert hash(a) == hash(b)
     values[0, 0] = 7
-    assert a == b
+    assert (a, hash(a)) == (b, hash(b))
     with pytest.raises(ValueError, match="read-only"):
         a.relative[0, 0] = 7
     assert a != FlatField(flat(seed=2), 0.001, 0.01, 4)
     assert a != FlatField(flat(), 0.002, 0.01, 4)
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: FlatField(flat() * 1.1, 0.001, 0.01, 4), r"the middle of the flat field is 1\.1, not 1"),
-        (lambda: FlatField(flat() - 1.0, 0.001, 0.01, 4), "a 2-D array of positive numbers"),
-        (lambda: RadialVignetting(np.nan, 0.0, 0.0), "fall-off"),
-        (lambda: RadialVignetting(0.0, 0.0, 0.0, covariance=((1.0,),)), "fall-off"),
-    ],
-)
-def test_unusable_polynomials_and_flat_fields_are_refused(make, message):
-    with pytest.raises(InputError, match=message):
-        make()
+    with pytest.raises(InputError, match=r"the middle of the flat field is 1\.1, not 1"):
+        FlatField(flat() * 1.1, 0.001, 0.01, 4)

@@ -9,6 +9,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from labcdp.core.disk import parse_json, quoted, read_bytes, read_csv, read_json, read_text, read_toml
+from labcdp.core.disk.tiff import read_in_child
 from labcdp.core.errors import InputError
 
 VALUES = st.recursive(
@@ -76,6 +77,7 @@ def test_a_large_file_is_not_loaded(tmp_path):
         ("json", "[" * 100_000, "nested more than 64 levels deep"),
         ("json", '{"a":' * 70 + "1" + "}" * 70, "nested more than 64 levels deep"),
         ("json", "[" + "1," * 4_000_001 + "1]", "more than 4000000 values"),
+        ("toml", 'name = "a"\nplan = 5 ms\n', r"not valid TOML: .* \(at line 2, column 10\): correct it there"),
         ("toml", "x = " + "[" * 1000, "nested too deep"),
         ("toml", "a." * 100_000 + "b = 1", "is a key of more than 16 parts"),
         ("toml", "x = 1" + "0" * 60, "a number of more than 40 digits"),
@@ -98,3 +100,37 @@ def test_text_that_is_refused(tmp_path, read, text, message):
 def test_messages_quote_little_and_printable(value):
     assert quoted(value).isprintable()
     assert len(quoted(value)) <= 100
+
+
+#: What a library may do with a damaged file.
+READERS_IN_A_CHILD = """
+import os
+
+def length(data):
+    print("what libraries print does not come between")
+    return {"length": len(data)}
+
+def loops(data):
+    while True:
+        pass
+
+def crashes(data):
+    os.abort()
+
+def takes_all(data):
+    return bytes(2**42)
+
+def raises(data):
+    raise OSError(-101, "NetCDF: HDF error")
+"""
+
+
+@pytest.mark.parametrize("name", ["loops", "crashes", "takes_all", "raises"])
+def test_a_library_that_loops_crashes_or_takes_all_memory_costs_a_child_process_only(tmp_path, monkeypatch, name):
+    (tmp_path / "readers_of_test.py").write_text(READERS_IN_A_CHILD)
+    monkeypatch.syspath_prepend(tmp_path)
+    if name == "loops":
+        assert read_in_child("readers_of_test:length", b"12345") == {"length": 5}
+    monkeypatch.setattr("labcdp.core.disk.tiff._SECONDS", 1)
+    with pytest.raises(InputError, match=r"damaged|not read|HDF error|MemoryError|memory"):
+        read_in_child(f"readers_of_test:{name}", b"12345")

@@ -17,15 +17,6 @@ from fuzzing.worker import Bench  # noqa: E402
 from labcdp.core.errors import LabcdpError  # noqa: E402
 
 
-@pytest.mark.parametrize("n", [300, pytest.param(1000, marks=pytest.mark.long)])
-def test_damaged_files_are_refused_in_one_line_or_read_as_what_they_say(n):
-    done = subprocess.run(
-        [sys.executable, ROOT / "tools" / "fuzz", "--inputs", str(n), "--seed", "1"], capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]
-    assert f"{n} inputs" in done.stdout
-
-
 @pytest.fixture(scope="module")
 def seeds(tmp_path_factory):
     folder = tmp_path_factory.mktemp("fuzz") / "seeds"
@@ -33,9 +24,13 @@ def seeds(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("name", [name for name in TARGETS if name not in SEEDS])
-def test_what_is_not_a_file_is_refused_by_every_reader(seeds, tmp_path, name):
-    bench = Bench(name, seeds, tmp_path, 0)
+@pytest.mark.parametrize("name", TARGETS)
+def test_damaged_files_and_what_is_none_are_refused_in_one_line_or_read_as_what_they_say(seeds, tmp_path, name):
+    bench = Bench(name, seeds, tmp_path, seed=1)
+    n_inputs = max(1, round(0.3 / max(bench.target.cost, 0.01)))
+    assert [found for number in range(n_inputs) if (found := bench.attempt(number))] == []
+    if name in SEEDS:
+        return
     path = next(one for one in bench.files if one.suffix != ".txt" or name in ("faults", "emva"))
     path.unlink()
     for make in (os.mkfifo, os.mkdir, lambda p: os.symlink("/dev/zero", p), lambda p: os.symlink(p, p)):
@@ -46,3 +41,11 @@ def test_what_is_not_a_file_is_refused_by_every_reader(seeds, tmp_path, name):
         assert isinstance(caught.value, LabcdpError), name
         assert str(caught.value).isprintable()
         os.rmdir(path) if path.is_dir() else path.unlink()
+
+
+@pytest.mark.long
+def test_many_damaged_files_in_a_process_with_limits():
+    command = [sys.executable, ROOT / "tools" / "fuzz", "--inputs", "1000", "--seed", "1"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]
+    assert "1000 inputs" in done.stdout

@@ -7,7 +7,6 @@ that a writer costs milliseconds and not an interpreter's start.
 import os
 import shutil
 import signal
-import subprocess
 import sys
 from dataclasses import replace
 
@@ -29,7 +28,7 @@ def reading(seed):
     return replace(READING, value=float(seed))
 
 
-def write_until_call(path, calls, configuration=None):
+def write_until_call(path, calls, configuration):
     """Make or go on with a session, and be killed at a given call that changes the disk; a write gets half done."""
     left = calls
 
@@ -50,11 +49,8 @@ def write_until_call(path, calls, configuration=None):
     say = os.write
     for name in ("write", "fsync", "replace", "rename", "mkdir", "unlink"):
         counted(name)
-    if os.path.exists(path):
-        session = Session.open(path, writable=True)
-    else:
-        session = Session.create(path, SessionConfiguration.load(configuration))
-    with session:
+    known = os.path.exists(path)
+    with Session.open(path, writable=True) if known else Session.create(path, configuration) as session:
         say(1, b"open\n")
         session.add_frame(frame(calls))
         say(1, f"frame {calls}\n".encode())
@@ -66,44 +62,25 @@ def write_until_call(path, calls, configuration=None):
 
 def nurse():
     frame_to_tiff(frame(0), compress=False)  # loads what is loaded late, once and not in each writer
+    configuration = SessionConfiguration.load(example_session() / "session.toml")
     for line in sys.stdin:
-        path, number, *rest = line.rstrip("\n").split("\t")
+        path, calls = line.rstrip("\n").split("\t")
         child = os.fork()
         if child == 0:
-            write_until_call(path, int(number), *rest)
+            write_until_call(path, int(calls), configuration)
             os._exit(0)
         _, status = os.waitpid(child, 0)
         os.write(1, f"ended {os.waitstatus_to_exitcode(status)}\n".encode())
 
 
-class Nursery:
-    def __init__(self):
-        self._process = subprocess.Popen(
-            [sys.executable, __file__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
-
-    def start(self, *fields):
-        self._process.stdin.write("\t".join(map(str, fields)) + "\n")
-        self._process.stdin.flush()
-
-    def lines(self):
-        """What the writer said until it ended, last how it ended."""
-        for line in self._process.stdout:
-            yield line.rstrip("\n")
-            if line.startswith("ended"):
-                return
-
-    def close(self):
-        self._process.stdin.close()
-        self._process.stdout.close()
-        self._process.wait()
-
-
-@pytest.fixture
-def nursery():
-    nursery = Nursery()
-    yield nursery
-    nursery.close()
+def killed_at(nursery, path, calls):
+    """What a writer said until it was killed, and whether it was."""
+    print(path, calls, sep="\t", file=nursery.stdin)
+    said = []
+    while not (line := nursery.stdout.readline()).startswith("ended"):
+        said.append(line.rstrip("\n"))
+    assert line in (f"ended {-signal.SIGKILL}\n", "ended 0\n")
+    return said, line != "ended 0\n"
 
 
 def assert_whole(path, said):
@@ -126,51 +103,36 @@ def assert_whole(path, said):
     return recorded
 
 
-@pytest.mark.parametrize("after_a_crash", [False, True])
-def test_a_kill_at_every_call_of_the_system_loses_nothing(tmp_path, configuration, nursery, after_a_crash):
+@pytest.mark.parametrize("before", ["sound", "crashed", "new"])
+def test_a_kill_at_every_call_of_the_system_loses_nothing(tmp_path, small_configuration, nursery, before):
     """Kill at the first, second, ... call that changes the disk, until none is left to kill at."""
-    sound = tmp_path / "sound"
-    with Session.create(sound, configuration) as session:
+    origin = tmp_path / "origin"
+    with Session.create(origin, small_configuration) as session:
         session.add_frame(frame(0))
-    if after_a_crash:
-        (sound / "frames" / ".labcdp-0123456789abcdef.part.tif").write_bytes(b"half")
-        with (sound / "journal.jsonl").open("ab") as file:
+    if before == "crashed":
+        (origin / "frames" / ".labcdp-0123456789abcdef.part.tif").write_bytes(b"half")
+        with (origin / "journal.jsonl").open("ab") as file:
             file.write(b'{"sequence": 4, "ti')
-    torn = 0
-    for calls in range(1, 300):
-        path = tmp_path / str(calls)
-        shutil.copytree(sound, path)
-        nursery.start(path, calls)
-        *heard, end = nursery.lines()
-        recorded = assert_whole(path, ["frame 0", *(line for line in heard if line != "open")])
-        text = (path / "journal.jsonl").read_bytes()
+    calls = torn = 0
+    killed = True
+    while killed:
+        path = tmp_path / str(calls := calls + 1)
+        if before != "new":
+            shutil.copytree(origin, path)
+        said, killed = killed_at(nursery, path, calls)
+        if before == "new" and not path.exists():
+            assert said == []
+            continue
+        first = [] if before == "new" else ["frame 0"]
+        recorded = assert_whole(path, first + said[1:])
+        torn += not (path / "journal.jsonl").read_bytes().endswith(b"\n")
         with Session.open(path, writable=True) as session:
-            torn += not text.endswith(b"\n")
             session.add_frame(frame(1))
             session.verify()
         assert not list(path.rglob(".labcdp-*"))
         assert_whole(path, [*recorded, "frame 1"])
-        if end == "ended 0":
-            break
-        assert end == f"ended {-signal.SIGKILL}"
-    assert end == "ended 0"
     assert calls > 20
     assert torn >= 2
-
-
-def test_a_kill_while_a_session_is_made_leaves_all_or_nothing(tmp_path, bench, nursery):
-    (tmp_path / "bench.toml").write_text(bench)
-    for calls in range(1, 200):
-        path = tmp_path / f"session {calls}"
-        nursery.start(path, calls, tmp_path / "bench.toml")
-        *heard, end = nursery.lines()
-        if "open" in heard:
-            break
-        assert end == f"ended {-signal.SIGKILL}"
-        if path.exists():
-            Session.open(path).verify()
-    assert calls > 10
-    assert path.exists()
 
 
 if __name__ == "__main__":

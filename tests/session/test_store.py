@@ -2,10 +2,9 @@
 
 import json
 import logging
-import subprocess
-import sys
 from dataclasses import replace
 from datetime import timedelta
+from io import BytesIO
 
 import cv2
 import numpy as np
@@ -18,7 +17,7 @@ from hypothesis.extra import numpy as arrays
 from labcdp.core.clock import SimulatedClock
 from labcdp.core.errors import InputError, SessionError
 from labcdp.core.frame import CameraIdentity, Frame, Readout
-from labcdp.session import EventRecord, FrameRecord, ReadingRecord, Session
+from labcdp.session import EventRecord, Session
 from labcdp.session.frames import frame_from_tiff, frame_to_tiff, tiff_parts
 
 
@@ -27,13 +26,18 @@ def path(tmp_path):
     return tmp_path / "session"
 
 
+@pytest.fixture
+def session(path, configuration):
+    with Session.create(path, configuration) as session:
+        yield session
+
+
 def contents(folder):
-    return {file.relative_to(folder): file.read_bytes() for file in folder.rglob("*") if file.is_file()}
+    return {str(file.relative_to(folder)): file.read_bytes() for file in folder.rglob("*") if file.is_file()}
 
 
-def assert_same(frame, other):
-    np.testing.assert_array_equal(frame.dn, other.dn, strict=True)
-    assert frame.metadata() == other.metadata()
+def events(session, kind):
+    return [r for r in session.records if isinstance(r, EventRecord) and r.kind == kind]
 
 
 @pytest.mark.parametrize(("camera_timestamp_ns", "stated", "register"), [(0, 64.0, None), (5, None, 64.0)])
@@ -48,7 +52,7 @@ def test_black_level_of_earlier_sessions_is_that_of_a_file_or_a_register(
 
 
 FLOATS = st.floats(allow_nan=False, allow_infinity=False)
-TEXT = st.text(st.characters(exclude_categories=["Cs"]))
+TEXT = st.text(st.characters(codec="utf-8"))
 FRAMES = st.builds(
     Frame,
     dn=arrays.arrays(st.sampled_from([np.uint8, np.uint16]), arrays.array_shapes(min_dims=2, max_dims=2, max_side=9)),
@@ -70,26 +74,23 @@ FRAMES = st.builds(
 
 
 @given(FRAMES, st.booleans())
-def test_any_frame_is_restored_from_its_file(frame, compress):
-    assert_same(frame_from_tiff(frame_to_tiff(frame, compress), "file"), frame)
+def test_any_frame_is_restored_from_its_file_and_other_programs_read_it(frame, compress):
+    data = frame_to_tiff(frame, compress)
+    again = frame_from_tiff(data, "file")
+    np.testing.assert_array_equal(again.dn, frame.dn, strict=True)
+    assert again.metadata() == frame.metadata()
+    theirs = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(theirs, frame.dn, strict=True)
+    with tifffile.TiffFile(BytesIO(data)) as tiff:
+        assert json.loads(tiff.pages.first.description) == json.loads(json.dumps(frame.metadata()))
 
 
-@pytest.mark.parametrize("compress", [False, True])
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
-def test_another_program_reads_the_same_pixels(path, configuration, make_frame, compress, dtype):
-    frame = make_frame(shape=(300, 200), dtype=dtype)
-    with Session.create(path, configuration, compress=compress) as session:
-        file = path / session.add_frame(frame).file.name
-    np.testing.assert_array_equal(cv2.imread(str(file), cv2.IMREAD_UNCHANGED), frame.dn, strict=True)
-    with tifffile.TiffFile(file) as tiff:
-        assert json.loads(tiff.pages.first.tags["ImageDescription"].value) == frame.metadata()
-
-
-def test_records_keep_their_order_in_files_that_the_page_explains(path, configuration, make_frame, make_reading):
-    with Session.create(path, configuration) as session:
+def test_records_keep_their_order_in_files_that_the_page_explains(path, configuration, make_frame, new_reading):
+    readings = [("upper left", new_reading(75.6)), ("upper right", new_reading(33.6))]
+    with Session.create(path, configuration, compress=True) as session:
         made = [
             session.add_frame(make_frame(1)),
-            session.add_reading(make_reading(), patch="upper left"),
+            session.add_reading(readings[0][1], patch="upper left"),
             session.add_event("lens covered", {"by": "hand", "seconds": [1, 2.5, None, True], "µ": "ß\n"}),
         ]
         assert session.records[2:] == made
@@ -97,26 +98,21 @@ def test_records_keep_their_order_in_files_that_the_page_explains(path, configur
     with Session.open(path, writable=True) as session:
         reader = Session.open(path)
         made.append(session.add_frame(make_frame(2, exposure_s=0.02), role="dark"))
-        made.append(session.add_reading(make_reading(33.6), patch="upper right"))
+        made.append(session.add_reading(readings[1][1], patch="upper right"))
         assert len(reader.frames()) == 1
         reader.verify()
     again = Session.open(path)
     assert again.records[2:] == made
-    kinds = [FrameRecord, ReadingRecord, EventRecord, FrameRecord, ReadingRecord]
-    assert [type(record) for record in made] == kinds
     assert [record.sequence for record in again.records] == [1, 2, 3, 4, 5, 6, 7]
     assert [(r.number, r.role, r.exposure_s, r.gain_db, r.pixel_format, r.shape) for r in again.frames()] == [
         (1, "light", 0.005, 0.1, "Mono12", (12, 16)),
         (2, "dark", 0.02, 0.1, "Mono12", (12, 16)),
     ]
     assert (again.frames("dark"), again.frames()[0].camera) == ([made[3]], make_frame().camera)
-    assert [(r.patch, r.reading) for r in again.readings()] == [
-        ("upper left", make_reading()),
-        ("upper right", make_reading(33.6)),
-    ]
+    assert [(r.patch, r.reading) for r in again.readings()] == readings
     assert again.configuration == configuration
-    names = ["frames/0001_light_5ms.tif", "frames/0002_dark_20ms.tif"]
-    assert {str(name) for name in contents(path)} == {"README.txt", "session.toml", "journal.jsonl", *names}
+    frames = ["frames/0001_light_5ms.tif", "frames/0002_dark_20ms.tif"]
+    assert sorted(contents(path)) == ["README.txt", *frames, "journal.jsonl", "session.toml"]
     page = (path / "README.txt").read_text()
     assert all(name in page for name in ("session.toml", "journal.jsonl", "0001_light_5ms.tif"))
 
@@ -129,19 +125,15 @@ def test_what_is_no_session_or_another_one_is_neither_read_nor_overwritten(tmp_p
     assert [file.name for file in path.parent.rglob("*")] == ["session", "thesis.txt"]
     for folder in (path, tmp_path / "none", path / "thesis.txt"):
         for writable in (False, True):
-            match = rf"{folder} is not a session: it has no journal.jsonl; give the folder"
-            with pytest.raises(SessionError, match=match):
+            with pytest.raises(SessionError, match=rf"{folder} is not a session: it has no journal.jsonl; give the"):
                 Session.open(folder, writable=writable)
 
 
-def test_a_second_writer_is_refused(path, configuration):
-    with Session.create(path, configuration):
-        with pytest.raises(SessionError, match=r"session is in use by another process: end that one first, or open"):
-            Session.open(path, writable=True)
-        program = "import sys; from labcdp.session import Session; Session.open(sys.argv[1], writable=True)"
-        other = subprocess.run([sys.executable, "-c", program, str(path)], capture_output=True, text=True, check=False)
-        assert "in use by another process" in other.stderr
-    Session.open(path, writable=True).close()
+def test_a_second_writer_is_refused(session):
+    with pytest.raises(SessionError, match=r"session is in use by another process: end that one first, or open"):
+        Session.open(session.path, writable=True)
+    session.close()
+    Session.open(session.path, writable=True).close()
 
 
 @pytest.mark.parametrize(
@@ -151,20 +143,18 @@ def test_a_second_writer_is_refused(path, configuration):
         (lambda session, _, reading: session.add_reading(reading, patch="A9"), r"patch is 'A9': give one of the"),
         (lambda session, *_: session.add_event("frame", {}), r"kind is 'frame': give a name that is not one of"),
         (lambda session, *_: session.add_event("step", {"a": float("nan")}), r"content of this step record cannot be"),
-        (lambda session, *_: session.add_event("step", {"a": b"bytes"}), r"written as JSON \(Object of type"),
         (
             lambda session, frame, _: session.add_frame(replace(frame, temperature_c=float("nan"))),
             r"metadata of frame 0 cannot be written as JSON",
         ),
     ],
 )
-def test_wrong_values_are_refused_and_leave_no_trace(path, configuration, make_frame, make_reading, add, message):
-    with Session.create(path, configuration) as session:
-        before = contents(path)
-        with pytest.raises(InputError, match=message):
-            add(session, make_frame(), make_reading())
-        assert contents(path) == before
-        assert session.add_frame(make_frame()).number == 1
+def test_wrong_values_are_refused_and_leave_no_trace(session, make_frame, new_reading, add, message):
+    before = contents(session.path)
+    with pytest.raises(InputError, match=message):
+        add(session, make_frame(), new_reading(1.0))
+    assert contents(session.path) == before
+    assert session.add_frame(make_frame()).number == 1
 
 
 def test_a_reader_changes_nothing_and_a_writer_puts_right_what_a_kill_left(path, configuration, make_frame, caplog):
@@ -211,12 +201,6 @@ def test_a_session_is_removed_without_files_of_others_only(path, configuration, 
     assert not path.exists()
 
 
-@pytest.fixture
-def session(tmp_path, configuration):
-    with Session.create(tmp_path / "session", configuration) as session:
-        yield session
-
-
 def test_one_frame_that_cannot_be_recorded_takes_back_the_whole_batch(session, make_frame, monkeypatch):
     def fails_at_the_third(frame, compress):
         if frame.frame_id == 2:
@@ -227,69 +211,34 @@ def test_one_frame_that_cannot_be_recorded_takes_back_the_whole_batch(session, m
     batch = [(make_frame(seed), "light", None) for seed in range(4)]
     with pytest.raises(InputError, match=r"^no$"):
         session.add_frames(batch)
-    assert session.frames() == []
-    assert list((session.path / "frames").iterdir()) == []
+    assert (session.frames(), list((session.path / "frames").iterdir())) == ([], [])
     monkeypatch.undo()
     records = session.add_frames(batch)
     assert [record.number for record in records] == [1, 2, 3, 4]
-    for frame, record in zip((frame for frame, _, _ in batch), records, strict=True):
-        assert_same(session.load(record), frame)
+    assert [session.load(record).frame_id for record in records] == [0, 1, 2, 3]
     session.verify()
 
 
-def test_what_was_taken_again_no_longer_counts_but_stays(session, make_frame, make_reading):
-    kept = session.add_frame(make_frame(0))
-    flickered = session.add_frame(make_frame(1))
-    wrong = session.add_reading(make_reading(), "upper left")
-    session.supersede([flickered, wrong], "flicker of 3 %")
-    again = session.add_frame(make_frame(2))
-    reopened = Session.open(session.path)
-    assert reopened.frames() == session.frames() == [kept, again]
-    assert reopened.readings() == []
-    assert reopened.load(flickered).frame_id == 1
-    event = next(r for r in reopened.records if isinstance(r, EventRecord) and r.kind == "superseded")
-    assert event.content == {"lines": [flickered.sequence, wrong.sequence], "reason": "flicker of 3 %"}
-    session.verify()
+def test_a_clock_set_back_is_said_and_recorded_once_and_the_order_stays(path, configuration, new_reading, caplog):
+    class WallClock(SimulatedClock):
+        """A clock whose time of day somebody sets."""
 
+        offset = timedelta(0)
 
-def test_exposures_come_from_the_plan_or_were_found(session, configuration, tmp_path):
-    assert session.exposures_s == (0.005, 0.02)
-    plan = configuration.plan.model_copy(update={"exposures_s": None})
-    with Session.create(tmp_path / "other", configuration.model_copy(update={"plan": plan})) as searched:
-        assert searched.exposures_s is None
-        searched.add_event("exposures", {"exposures_s": [0.1, 0.4]})
-        searched.add_event("exposures", {"exposures_s": [0.2, 0.8]})
-        assert searched.exposures_s == (0.2, 0.8)
-        assert Session.open(searched.path).exposures_s == (0.2, 0.8)
+        def now(self):
+            return super().now() + self.offset
 
-
-class WallClock(SimulatedClock):
-    """A clock whose time of day somebody sets."""
-
-    def __init__(self):
-        super().__init__()
-        self.offset = timedelta(0)
-
-    def now(self):
-        return super().now() + self.offset
-
-
-def test_a_clock_set_back_is_said_and_recorded_once_and_the_order_stays(tmp_path, configuration, make_reading, caplog):
     clock = WallClock()
-    with Session.create(tmp_path / "session", configuration, clock=clock) as session:
+    with Session.create(path, configuration, clock=clock) as session:
         clock.sleep(7200)
-        session.add_reading(make_reading(1), "upper left")
+        session.add_reading(new_reading(1.0), "upper left")
         clock.offset = timedelta(hours=-1)
         with caplog.at_level(logging.WARNING):
-            session.add_reading(make_reading(2), "upper left")
-            session.add_reading(make_reading(3), "upper left")
-    said = [record.getMessage() for record in caplog.records]
-    assert said == [
-        f"{tmp_path}/session/journal.jsonl: the computer's clock was set back by 3600 s; records keep their order by "
-        "number"
-    ]
-    reopened = Session.open(tmp_path / "session")
+            session.add_reading(new_reading(2.0), "upper left")
+            session.add_reading(new_reading(3.0), "upper left")
+    (said,) = (record.getMessage() for record in caplog.records)
+    assert said.startswith(f"{path}/journal.jsonl: the computer's clock was set back by 3600 s; records keep their")
+    reopened = Session.open(path)
     assert [r.reading.value for r in reopened.readings()] == [1, 2, 3]
-    events = [r for r in reopened.records if isinstance(r, EventRecord) and r.kind == "clock"]
-    assert [event.content for event in events] == [{"set_back_s": 3600.0}]
+    assert [event.content for event in events(reopened, "clock")] == [{"set_back_s": 3600.0}]
     reopened.verify()

@@ -132,8 +132,8 @@ def _state_of(path: Path) -> tuple[int, int] | None:
 def _luminance_of(path: Path, _state: tuple[int, int] | None, cd_m2_per_value: float) -> FloatMap:
     values = _read(path)
     try:
-        # What becomes infinite is refused then.
-        with np.errstate(over="ignore"):
+        # What is not finite is refused then.
+        with np.errstate(over="ignore", invalid="ignore"):
             scene = luminance_map(values.astype(np.float64) * cd_m2_per_value)
     except InputError as error:
         raise InputError(f"path is {str(path)!r}: {error}") from error

@@ -10,8 +10,6 @@ import pytest
 import tifffile
 
 from labcdp.acquire.import_check import ImportFile
-from labcdp.core.frame import CameraIdentity
-from labcdp.files import PictureOptions
 
 #: Colours of DNG, tag CFAPattern: 0 red, 1 green, 2 blue.
 PATTERNS = {"RG": (0, 1, 1, 2), "GB": (1, 2, 0, 1), "GR": (1, 0, 2, 1), "BG": (2, 1, 1, 0)}
@@ -52,21 +50,6 @@ def write_dng(path, dn, cfa="RG", *, black=(64,), white=4095, exposure=(1, 125),
     return path
 
 
-@pytest.fixture(scope="session")
-def new_dng():
-    return write_dng
-
-
-@pytest.fixture(scope="session")
-def defaults():
-    return PictureOptions(exposure_s=None, gain_db=0.0, camera=CameraIdentity("Vendor", "Model", "Serial"))
-
-
-@pytest.fixture(scope="session")
-def dn():
-    return np.random.default_rng(1).integers(0, 4096, (40, 60), dtype=np.uint16)
-
-
 CONFIGURATION = """\
 format = 1
 name = "A still camera and a chart"
@@ -97,10 +80,6 @@ class StillCamera:
     folder: Path
     luminance_cd_m2: dict[str, float]
 
-    def arguments(self, session="session"):
-        """Arguments of the command, for this folder."""
-        return ["import", "bench.toml", session, "--light", "light", "--dark", "dark", "--readings", "readings.csv"]
-
 
 def picture_files(folder):
     """The pictures of a folder, as they are imported."""
@@ -114,8 +93,7 @@ def write_frame(path, dn):
     write_dng(path, pixels, black=tuple(BLACK_DN.values()), white=WHITE_LEVEL_DN, exposure=exposure, iso=100)
 
 
-@pytest.fixture(scope="session")
-def measured():
+def _measured():
     """Wavelengths and curves of a camera, and relative signals of the chart's patches in its planes.
 
     A signal is 1 for a perfect white; "L" is luminance.
@@ -144,9 +122,10 @@ def still_camera(tmp_path, photographed):
 
 
 @pytest.fixture(scope="session")
-def photographed(tmp_path_factory, measured):
+def photographed(tmp_path_factory):
+    """Files of a still camera before a chart of grey and coloured patches, with the luminance of each."""
     folder, rng = tmp_path_factory.mktemp("still-camera"), np.random.default_rng(6)
-    curves, chart = measured
+    curves, chart = _measured()
     rows = [",".join(f"{v:.9g}" for v in row) for row in curves]
     (folder / "sensitivity.csv").write_text("\n".join(["wavelength_nm,R,G,B", *rows]), encoding="utf-8")
     patches = "".join(

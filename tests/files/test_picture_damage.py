@@ -8,6 +8,7 @@ import struct
 import tracemalloc
 import zipfile
 import zlib
+from functools import partial
 
 import cv2
 import numpy as np
@@ -42,39 +43,42 @@ def luminance(path):
     save_luminance(LuminanceMap(FLOATS, FLOATS, 0.1, GREY), path, {}, force=True)
 
 
-def plain(path):
-    tifffile.imwrite(path, DN, photometric="minisblack")
+def tiff(values, **how):
+    return partial(tifffile.imwrite, data=values, **({"photometric": "minisblack"} | how))
+
+
+def with_opencv(values):
+    return lambda path: cv2.imwrite(str(path), values)
 
 
 WRITERS = {
-    "grey.png": lambda path: cv2.imwrite(str(path), DN),
-    "palette.png": lambda path: Image.fromarray(COLOURS).quantize(9).save(path),
-    "grey.jpg": lambda path: cv2.imwrite(str(path), GREY),
+    "grey.png": with_opencv(DN),
+    "grey.jpg": with_opencv(GREY),
     "progressive.jpg": lambda path: Image.fromarray(COLOURS).save(path, progressive=True),
-    "plain.tif": plain,
-    "deflate.tif": lambda path: tifffile.imwrite(path, DN, photometric="minisblack", compression="zlib", predictor=2),
-    "tiles.tif": lambda path: tifffile.imwrite(path, COLOURS, photometric="rgb", tile=(16, 16)),
-    "lzw.tif": lambda path: Image.fromarray(COLOURS).save(path, compression="tiff_lzw"),
+    "plain.tif": tiff(DN),
+    "deflate.tif": tiff(DN, compression="zlib", predictor=2),
+    "tiles.tif": tiff(COLOURS, photometric="rgb", tile=(16, 16)),
     "rgb.exr": lambda path: exr(path, R=FLOATS, G=FLOATS, B=FLOATS),
+    # Heights that end within a chunk too.
+    **{f"{kind}{height}.exr": lambda path, kind=kind, height=height:
+       exr(path, getattr(OpenEXR, f"{kind}_COMPRESSION"), Y=np.tile(FLOATS, (1, 2))[:height])
+       for kind, height in (("NO", 1), ("RLE", 40), ("ZIPS", 33), ("PIZ", 33), ("PXR24", 1), ("B44A", 33),
+                            ("DWAB", 33))},
     "array.npy": lambda path: np.save(path, DN),
     "luminance.tif": luminance,
     "luminance.npz": luminance,
     "luminance.exr": luminance,
     "raw.dng": lambda path: write_dng(path, DN),
-}
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("damaged")
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", WRITERS)
-@settings(max_examples=12)
+@settings(max_examples=8)
 @given(share=st.floats(0, 1, exclude_max=True))
-def test_a_file_that_is_cut_is_refused(folder, name, share):
-    path = folder / name
+def test_a_file_that_is_cut_is_refused(tmp_path_factory, name, share):
+    path = tmp_path_factory.getbasetemp() / name
     WRITERS[name](path)
+    read_picture(path)
     # The last bytes of a TIFF and of a RAW file may be of other things than pixels.
     cut = int(share * path.stat().st_size * (0.99 if name.endswith(("tif", "dng")) else 1))
     path.write_bytes(path.read_bytes()[:cut])
@@ -83,18 +87,6 @@ def test_a_file_that_is_cut_is_refused(folder, name, share):
     assert name in str(error.value)
     assert "\n" not in str(error.value)
     assert len(str(error.value)) < 500
-
-
-def test_pages_that_go_round_in_circles_are_refused(tmp_path):
-    plain(tmp_path / "circle.tif")
-    data = bytearray((tmp_path / "circle.tif").read_bytes())
-    (first,) = struct.unpack_from("<I", data, 4)
-    struct.pack_into("<I", data, first + 2 + 12 * struct.unpack_from("<H", data, first)[0], first)
-    (tmp_path / "circle.tif").write_bytes(data)
-    (tmp_path / "loop.tif").write_bytes(b"II*\0" + struct.pack("<IHI", 8, 0, 8))
-    for name in ("circle.tif", "loop.tif"):
-        with pytest.raises(InputError, match=rf"{name} is damaged: its list of pages leads back to byte \d+ and never"):
-            read_picture(tmp_path / name)
 
 
 def test_what_decoders_print_is_said_in_its_place(tmp_path, capfd):
@@ -115,38 +107,31 @@ def test_what_decoders_print_is_said_in_its_place(tmp_path, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize("kind", ["NO", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "B44", "B44A", "DWAA", "DWAB"])
-def test_every_compression_of_exr_is_read_whole_and_refused_cut(tmp_path, kind):
-    """Shapes that end within a chunk too."""
-    for height in (1, 33, 40):
-        path = tmp_path / f"{height}.exr"
-        exr(path, getattr(OpenEXR, f"{kind}_COMPRESSION"), Y=np.tile(FLOATS, (1, 2))[:height])
-        assert read_picture(path).shape == (height, 120)
-        path.write_bytes(path.read_bytes()[:-1])
-        with pytest.raises(InputError, match="is truncated or damaged"):
-            read_picture(path)
+# No pictures, and damage that a header shows
 
 
-def with_tags(path, **values):
-    """Write other values of 16 bits to the tags of a TIFF: `width` and `height`."""
-    with tifffile.TiffFile(path) as tiff:
-        places = {name: tiff.pages.first.tags[{"width": 256, "height": 257}[name]].valueoffset for name in values}
+def with_tags(write, **values):
+    """Write a TIFF with other values of 16 bits in its tags: `width` and `height`."""
+
+    def run(path):
+        write(path)
+        with tifffile.TiffFile(path) as file:
+            places = {name: file.pages.first.tags[{"width": 256, "height": 257}[name]].valueoffset for name in values}
+        data = bytearray(path.read_bytes())
+        for name, at in places.items():
+            struct.pack_into("<H", data, at, values[name])
+        path.write_bytes(data)
+
+    return run
+
+
+def circle(path):
+    """A TIFF whose last page names the first one as the next."""
+    tiff(DN)(path)
     data = bytearray(path.read_bytes())
-    for name, at in places.items():
-        struct.pack_into("<H", data, at, values[name])
+    (first,) = struct.unpack_from("<I", data, 4)
+    struct.pack_into("<I", data, first + 2 + 12 * struct.unpack_from("<H", data, first)[0], first)
     path.write_bytes(data)
-
-
-@pytest.mark.parametrize("values", [{"width": 120}, {"height": 80}])
-def test_a_tiff_with_data_for_a_part_of_its_pixels_is_refused(tmp_path, values):
-    """Twice as wide, or twice as high: a strip is too short, or one is missing."""
-    plain(tmp_path / "a.tif")
-    with_tags(tmp_path / "a.tif", **values)
-    with pytest.raises(InputError, match=r"a\.tif is damaged: it(s part at byte \d+ holds fewer| has data for a part)"):
-        read_picture(tmp_path / "a.tif")
-
-
-# No pictures
 
 
 def array(values):
@@ -161,64 +146,42 @@ def cmyk(path):
     Image.fromarray(COLOURS).convert("CMYK").save(path)
 
 
+DUMP = {"size": (60, 40), "pixel_format": "Mono8"}
 REFUSED = [
-    ("a.png", b"", r"a\.png is empty: copy it again from the camera"),
-    ("a.jpg", b"GIF89a and so on", r"a\.jpg is no image that labcdp reads: give PNG, JPEG, TIFF, OpenEXR, NPY"),
-    ("a.raw", bytes(100), r"a\.raw does not say what it is: for a raw dump give its size and pixel format"),
-    ("a.cr2", b"no RAW file at all", r"a\.cr2 cannot be read as RAW \(Input/output error\): copy it again"),
-    ("a.npz", b"PK\x03\x04" + bytes(50), r"a\.npz is no luminance map that labcdp saved"),
-    ("a.png", os.mkdir, r"cannot be read \(it is a folder\): give an image file"),
-    ("a.png", os.mkfifo, r"a\.png cannot be read \(it is a pipe, not a file\)"),
-    ("a.npy", array(np.zeros((3, 4, 3))), r"is an array of shape \(3, 4, 3\): give a 2-D array, one value a pixel"),
-    ("a.npy", array(np.zeros((2, 2), complex)), r"holds complex128: give an array of whole numbers \(DN\) or floats"),
-    ("a.npy", array(np.full((2, 2), -1)), r"has values from -1 to -1: DN are whole numbers from 0 to 65535"),
-    ("a.npy", array(np.full((2, 2), 1e39)), r"has values beyond 3\.4e\+38: give them in a larger unit"),
-    ("a.npy", array(np.zeros((0, 5))), r"announces 5 x 0 pixels"),
+    ("a.png", b"", {}, r"a\.png is empty: copy it again from the camera"),
+    ("a.jpg", b"GIF89a and so on", {}, r"a\.jpg is no image that labcdp reads: give PNG, JPEG, TIFF, OpenEXR, NPY"),
+    ("a.cr2", b"no RAW file at all", {}, r"a\.cr2 cannot be read as RAW \(Input/output error\): copy it again"),
+    ("a.npz", b"PK\x03\x04" + bytes(50), {}, r"a\.npz is no luminance map that labcdp saved"),
+    ("a.png", os.mkfifo, {}, r"a\.png cannot be read \(it is a pipe, not a file\)"),
+    ("a.npy", array(np.zeros((3, 4, 3))), {}, r"is an array of shape \(3, 4, 3\): give a 2-D array, one value a pixel"),
+    ("a.npy", array(np.full((2, 2), -1)), {}, r"has values from -1 to -1: DN are whole numbers from 0 to 65535"),
+    ("a.npy", array(np.full((2, 2), 1e39)), {}, r"has values beyond 3\.4e\+38: give them in a larger unit"),
     # A pickle is never opened.
-    ("a.npy", array(np.array([[print]], dtype=object)), r"a\.npy: it holds 'object': give numbers"),
-    ("a.tif", lambda path: tifffile.imwrite(path, np.zeros((3, 8, 8), np.uint8), photometric="minisblack"),
-     r"a\.tif holds 3 pictures: give files of one picture each"),
-    ("a.png", several, r"a\.png holds several pictures"),
-    ("a.jpg", cmyk, r"a\.jpg has the colours CMYK, as for print: save it as grey or RGB"),
-    ("a.tif", cmyk, r"a\.tif holds 4 values a pixel as SEPARATED: save it as grey or RGB"),
-    ("a.exr", lambda path: exr(path, depth=FLOATS, Z=FLOATS), r"a\.exr has the channels Z, depth: give one with Y"),
-]  # fmt: skip
+    ("a.npy", array(np.array([[print]], dtype=object)), {}, r"a\.npy: it holds 'object': give numbers"),
+    ("a.tif", tiff(np.zeros((3, 8, 8), np.uint8)), {}, r"a\.tif holds 3 pictures: give files of one picture each"),
+    ("a.png", several, {}, r"a\.png holds several pictures"),
+    ("a.jpg", cmyk, {}, r"a\.jpg has the colours CMYK, as for print: save it as grey or RGB"),
+    ("a.tif", cmyk, {}, r"a\.tif holds 4 values a pixel as SEPARATED: save it as grey or RGB"),
+    ("a.exr", lambda path: exr(path, depth=FLOATS), {}, r"a\.exr has the channels depth: give one with Y"),
+    # Twice as wide, or twice as high: a strip is too short, or one is missing.
+    ("a.tif", with_tags(tiff(DN), width=120), {}, r"a\.tif is damaged: its part at byte \d+ holds fewer"),
+    ("a.tif", with_tags(tiff(DN), height=80), {}, r"a\.tif is damaged: it has data for a part"),
+    ("a.tif", circle, {}, r"a\.tif is damaged: its list of pages leads back to byte \d+ and never"),
+    ("a.raw", bytes(100), {}, r"a\.raw does not say what it is: for a raw dump give its size and pixel format"),
+    ("a.raw", bytes(3600), DUMP, r"a\.raw has 3600 bytes, 60 x 40 pixels of Mono8 take 2400: give the size"),
+    ("a.raw", b"\xff" * 4800, DUMP | {"pixel_format": "Mono12"}, r"a\.raw has values up to 65535, Mono12 ends at 4095"),
+    ("a.raw", bytes(100), {"exposure_s": 0.0}, r"the exposure is 0\.0 s: give a time above 0 s"),
+    ("a.raw", bytes(100), {"bit_depth": 17}, r"the bit depth is 17: give 1 to 16 bits"),
+    ("a.raw", bytes(100), {"size": (0, 5)}, r"the size is 0 x 5 pixels: give at least 1 x 1"),
+]
 
 
-@pytest.mark.parametrize(("name", "content", "message"), REFUSED)
-def test_what_is_not_one_image_is_refused(tmp_path, name, content, message):
+@pytest.mark.parametrize(("name", "content", "options", "message"), REFUSED)
+def test_what_is_not_one_image_is_refused(tmp_path, name, content, options, message):
     path = tmp_path / name
     content(path) if callable(content) else path.write_bytes(content)
     with pytest.raises(InputError, match=message):
-        read_picture(path)
-
-
-def test_raw_dumps_of_another_size_or_format_are_refused(tmp_path):
-    (tmp_path / "a.raw").write_bytes(bytes(3600))
-    (tmp_path / "b.raw").write_bytes(b"\xff" * 4800)
-    for name, pixel_format, message in (
-        ("a.raw", "Mono8", r"a\.raw has 3600 bytes, 60 x 40 pixels of Mono8 take 2400: give the size"),
-        ("a.raw", None, r"a\.raw is a raw dump: give its pixel format too"),
-        ("b.raw", "Mono12", r"b\.raw has values up to 65535, Mono12 ends at 4095"),
-    ):
-        with pytest.raises(InputError, match=message):
-            read_picture(tmp_path / name, PictureOptions(size=(60, 40), pixel_format=pixel_format))
-
-
-@pytest.mark.parametrize(
-    ("options", "match"),
-    [
-        ({"exposure_s": 0.0}, r"the exposure is 0\.0 s: give a time above 0 s"),
-        ({"gain_db": float("nan")}, r"the gain is nan dB"),
-        ({"bit_depth": 17}, r"the bit depth is 17: give 1 to 16 bits"),
-        ({"pixel_format": "RGB8"}, r"pixel format 'RGB8' is not supported: choose one of .*Mono12Packed"),
-        ({"size": (0, 5)}, r"the size is 0 x 5 pixels: give at least 1 x 1"),
-        ({"max_pixels": 0}, r"the limit is 0 pixels"),
-    ],
-)
-def test_impossible_options_are_refused(options, match):
-    with pytest.raises(InputError, match=match):
-        PictureOptions(**options)
+        read_picture(path, PictureOptions(**options))
 
 
 # Bombs
@@ -235,12 +198,6 @@ def jpeg_bomb(path):
     data = bytearray(path.read_bytes())
     struct.pack_into(">HH", data, data.index(b"\xff\xc0") + 5, 65000, 65000)
     path.write_bytes(data)
-
-
-def tiff_bomb(path):
-    image = np.zeros((2048, 2048), np.uint8)
-    tifffile.imwrite(path, image, photometric="minisblack", tile=(1024, 1024), compression="zlib")
-    with_tags(path, width=60000, height=60000)
 
 
 def exr_bomb(path):
@@ -266,11 +223,12 @@ def npz_bomb(path):
 BOMBS = {
     "a.png": png_bomb,
     "a.jpg": jpeg_bomb,
-    "a.tif": tiff_bomb,
+    "a.tif": with_tags(tiff(np.zeros((2048, 2048), np.uint8), tile=(1024, 1024), compression="zlib"),
+                       width=60000, height=60000),
     "a.exr": exr_bomb,
     "a.npy": lambda path: path.write_bytes(npy_header(100_000)),
     "a.npz": npz_bomb,
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", BOMBS)
@@ -280,9 +238,7 @@ def test_a_bomb_is_refused_before_memory_is_taken(tmp_path, name):
     assert path.stat().st_size < 1e6
     tracemalloc.start()
     try:
-        with pytest.raises(
-            InputError, match=r"announces \d+ x \d+ pixels, more than the limit of 250|its values reach"
-        ):
+        with pytest.raises(InputError, match=r"announces \d+ x \d+ pixels, more than the limit of 250|its values re"):
             read_picture(path)
         _, peak = tracemalloc.get_traced_memory()
     finally:

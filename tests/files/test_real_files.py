@@ -76,16 +76,15 @@ def test_packed_bits_agree_with_8_bits_of_the_same_flower(name):
         assert np.abs(picture.frame.dn / (2**bits - 1) * 255 - eight.frame.dn).max() <= 1
 
 
-@pytest.mark.parametrize("name", names("pictures", ".exr"))
+# Carrots.exr has chromaticities of its own.
+@pytest.mark.parametrize("name", [name for name in names("pictures", ".exr") if "Carrots" not in name])
 def test_luminance_of_openexr(name):
     path = material(name)
     light = read_picture(path).light
     with OpenEXR.File(str(path), separate_channels=True) as file:
         channels = {key: one.pixels.astype(np.float64) for key, one in file.channels().items()}
-    # Of XYZ files the green channel is Y; those of Carrots.exr have chromaticities of their own.
+    # Of XYZ files the green channel is Y.
     weights = {"R": 0.0, "G": 1.0, "B": 0.0} if "XYZ" in name else {"R": 0.2126, "G": 0.7152, "B": 0.0722}
-    if "Carrots" in name:
-        return
     with np.errstate(invalid="ignore"):
         expected = channels["Y"] if "Y" in channels else sum(weights[c] * channels[c] for c in "RGB")
     np.testing.assert_allclose(light, expected, rtol=1e-3, atol=1e-4)

@@ -1,27 +1,21 @@
 """Images as videos: folders of numbered ones, pages of a TIFF, recorded sessions."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 import tifffile
 from PIL import Image
 
 from labcdp.core.result import info
-from labcdp.files import PictureOptions
 from labcdp.files.video.open import open_video
 from labcdp.files.video.selection import Position, Selection
-from labcdp.files.video.source import frames_of
 from labcdp.report.text import finding_text
 from labcdp.session import example_session
+
+from .video_files import frames
 
 
 def save(path, value, dtype=np.uint8, shape=(20, 30)):
     Image.fromarray(np.full(shape, value, dtype)).save(path)
-
-
-def frames(path, selection=None, **options):
-    return list(frames_of(open_video(path, PictureOptions(**options)), selection or Selection()))
 
 
 def test_a_folder_of_images_is_a_video_in_natural_order_with_the_images_numbers(tmp_path):
@@ -80,7 +74,5 @@ def test_pages_of_a_tiff_are_frames(tmp_path):
 
 def test_a_recorded_session_is_a_video():
     source, found = open_video(example_session()), frames(example_session())
-    assert len(found) == source.frame_count
-    assert all(one.frame.shape == source.shape for one in found)
-    assert found[0].time_s == 0.0
-    assert all(a.time_s <= b.time_s for a, b in pairwise(found))
+    assert [one.frame.shape for one in found] == [source.shape] * source.frame_count
+    assert 0.0 == found[0].time_s < found[1].time_s

@@ -15,18 +15,13 @@ from labcdp.files import PictureOptions, read_picture
 from labcdp.files.stored_image import luminance_dn
 from labcdp.files.video.open import left_out, open_video, video_paths
 from labcdp.files.video.selection import Chooser, Position, Selection
-from labcdp.files.video.source import frames_of
 from labcdp.report.text import finding_text
 
-from .video_files import N, bars, moving, mux_jpegs, write
+from .video_files import N, bars, frames, moving, mux_jpegs, write
 
 #: Numbers of ITU-T H.273: transfer, matrix, range of FFmpeg.
 BT709, SMPTE170M, LINEAR, SRGB = 1, 6, 8, 13
 LIMITED, FULL = 1, 2
-
-
-def frames(path, **options):
-    return list(frames_of(open_video(path, PictureOptions(**options)), Selection()))
 
 
 def read(path, **options):
@@ -50,8 +45,7 @@ def jpeg(image, **how):
 @pytest.mark.parametrize(
     ("codec", "suffix", "kind", "bits"),
     [
-        ("ffv1", "mkv", "gray", 8), ("ffv1", "avi", "gray", 8), ("rawvideo", "avi", "gray", 8),
-        ("ffv1", "mkv", "gray10le", 10), ("ffv1", "mkv", "gray12le", 12), ("ffv1", "mkv", "gray16le", 16),
+        ("ffv1", "mkv", "gray", 8), ("rawvideo", "avi", "gray", 8), ("ffv1", "mkv", "gray12le", 12),
         ("png", "mov", "gray16be", 16),
     ],
 )  # fmt: skip
@@ -74,9 +68,7 @@ def test_lossless_grey_is_read_as_it_was_written_and_as_pictures_of_it_are(tmp_p
     np.testing.assert_allclose(picture.luminance_cd_m2, written[0] / 2.0**bits, atol=2.0**-bits)
 
 
-@pytest.mark.parametrize(
-    ("kind", "bits"), [("yuv420p", 8), ("yuv422p10le", 10), ("yuv444p12le", 12), ("yuv420p16le", 16)]
-)
+@pytest.mark.parametrize(("kind", "bits"), [("yuv420p", 8), ("yuv422p10le", 10), ("yuv420p16le", 16)])
 @pytest.mark.parametrize("color_range", [LIMITED, FULL])
 def test_the_range_is_the_one_that_is_stated(tmp_path, kind, bits, color_range):
     """ITU-R BT.601 and BT.709: 16 to 235, times 2^(bits - 8)."""
@@ -92,7 +84,7 @@ def test_the_range_is_the_one_that_is_stated(tmp_path, kind, bits, color_range):
     ("kind", "bits", "colorspace", "color_range"),
     [
         ("yuv444p", 8, BT709, LIMITED), ("yuv444p", 8, SMPTE170M, FULL), ("yuv444p10le", 10, BT709, FULL),
-        ("yuv444p10le", 10, SMPTE170M, LIMITED), ("yuv444p16le", 16, SMPTE170M, LIMITED),
+        ("yuv444p16le", 16, SMPTE170M, LIMITED),
     ],
 )  # fmt: skip
 def test_colours_become_the_luminance_of_their_matrix_and_transfer(tmp_path, kind, bits, colorspace, color_range):
@@ -116,8 +108,8 @@ def test_colours_become_the_luminance_of_their_matrix_and_transfer(tmp_path, kin
 
 @pytest.mark.parametrize(
     ("codec", "suffix", "kind", "bits"),
-    [("ffv1", "mkv", "gbrp16le", 16), ("ffv1", "mkv", "gbrp10le", 10), ("png", "mov", "rgb48be", 16),
-     ("png", "mov", "rgb24", 8), ("rawvideo", "avi", "bgr24", 8), ("ffv1", "mkv", "bgr0", 8)],
+    [("ffv1", "mkv", "gbrp10le", 10), ("png", "mov", "rgb48be", 16), ("rawvideo", "avi", "bgr24", 8),
+     ("ffv1", "mkv", "bgr0", 8)],
 )  # fmt: skip
 def test_red_green_and_blue_keep_their_bits(tmp_path, codec, suffix, kind, bits):
     rgb = np.random.default_rng(6).integers(0, 2**bits, (24, 32, 3)).astype("u2" if bits > 8 else "u1")
@@ -172,7 +164,7 @@ def test_frames_are_turned_upright(tmp_path, turned, times):
 
 @pytest.mark.parametrize(
     ("codec", "suffix", "options"),
-    [("mpeg4", "avi", {"bf": "2"}), ("mpeg4", "mp4", {"bf": "2"}), ("libx264", "mp4", {"bf": "3"}),
+    [("mpeg4", "avi", {"bf": "2"}), ("libx264", "mp4", {"bf": "3"}),
      ("libx265", "mkv", {"x265-params": "log-level=none"}), ("libvpx-vp9", "webm", {}),
      ("libvpx", "webm", {"auto-alt-ref": "1"}), ("mpeg2video", "mpg", {"bf": "2"})],
 )  # fmt: skip
@@ -201,15 +193,12 @@ def test_times_are_those_of_the_container_and_frames_of_another_size_are_named(t
     ("name", "data", "text"),
     [
         ("empty.mp4", b"", r"empty\.mp4 is empty"),
-        ("text.mp4", b"this is no video\n" * 50, r"text\.mp4 is no video that FFmpeg reads"),
         ("list.m3u8", b"#EXTM3U\n#EXTINF:1,\n/etc/hostname\n#EXT-X-ENDLIST\n", r"list\.m3u8 is no video"),
         ("list.txt", b"ffconcat version 1.0\nfile /etc/hostname\n", r"list\.txt is no video"),
-        ("none.mp4", None, r"none\.mp4 cannot be read \(No such file or directory\)"),
     ],
 )
 def test_what_is_not_a_video_is_refused_in_one_line(tmp_path, name, data, text):
-    if data is not None:
-        (tmp_path / name).write_bytes(data)
+    (tmp_path / name).write_bytes(data)
     with pytest.raises(InputError, match=text) as error:
         open_video(tmp_path / name)
     assert "\n" not in str(error.value)
@@ -235,13 +224,11 @@ def test_a_video_leaves_other_libraries_as_they_are(tmp_path):
 @pytest.mark.parametrize(
     ("start", "stop", "every", "numbers"),
     [
-        ("0", None, "1", list(range(12))),
         ("3", "7", "1", [3, 4, 5, 6]),
         ("1", None, "4", [1, 5, 9]),
         ("0.1s", "300ms", "1", [3, 4, 5, 6, 7]),
         ("0", None, "100ms", [0, 3, 5, 8, 10]),
         ("0:00.2", None, "0.12s", [5, 8, 11]),
-        ("50", None, "1", []),
     ],
 )
 def test_selections_in_frames_and_seconds(start, stop, every, numbers):
@@ -254,11 +241,17 @@ def test_selections_in_frames_and_seconds(start, stop, every, numbers):
     assert selection.expected(12, 25.0) in (len(numbers), len(numbers) + 1)
 
 
-def test_positions_that_make_no_sense_are_refused():
-    with pytest.raises(InputError, match="every is 0"):
-        Selection(every=Position(frames=0))
-    with pytest.raises(InputError, match="stop 5 is not behind start 5"):
-        Selection(Position(frames=5), Position(frames=5))
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Selection(every=Position(frames=0)), "every is 0"),
+        (lambda: Selection(Position(frames=5), Position(frames=5)), "stop 5 is not behind start 5"),
+        (lambda: Position.parse("2.5", "--start"), r"--start is '2\.5': give a number of frames, for example 250"),
+    ],
+)
+def test_positions_that_make_no_sense_are_refused(make, message):
+    with pytest.raises(InputError, match=message):
+        make()
 
 
 def test_video_files_of_a_folder(tmp_path):

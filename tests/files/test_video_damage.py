@@ -9,12 +9,8 @@ import pytest
 from labcdp.core.roi import Roi
 from labcdp.evaluate.video.evaluate import evaluate_video
 from labcdp.evaluate.video.settings import VideoSettings
-from labcdp.files import PictureOptions
-from labcdp.files.video.open import open_video
-from labcdp.files.video.selection import Selection
-from labcdp.files.video.source import frames_of
 
-from .video_files import bars, damaged, moving, write
+from .video_files import bars, damaged, frames, moving, write
 
 WRITTEN = {
     "h264.mp4": ("libx264", "yuv420p", {"g": "10"}),
@@ -24,10 +20,6 @@ WRITTEN = {
     "lossless.mkv": ("ffv1", "gray", {"level": "3", "slicecrc": "1"}),
     "hevc.mp4": ("libx265", "yuv420p", {"x265-params": "keyint=10:log-level=none"}),
 }
-
-
-def frames(path, **options):
-    return list(frames_of(open_video(path, PictureOptions(**options)), Selection()))
 
 
 def written(folder, name, n):
@@ -40,7 +32,7 @@ def test_no_damaged_frame_goes_unmarked(tmp_path, name):
     path = written(tmp_path, name, 18)
     whole = frames(path)
     assert all(one.fault is None for one in whole)
-    for seed in range(4):
+    for seed in range(3):
         found = frames(damaged(path, 4 + 3 * seed, seed))
         assert [one.number for one in found] == [one.number for one in whole]
         assert [one.time_s for one in found] == pytest.approx([one.time_s for one in whole])
@@ -49,22 +41,21 @@ def test_no_damaged_frame_goes_unmarked(tmp_path, name):
             assert one.frame is None or np.array_equal(one.frame.dn, true.frame.dn)
 
 
-@pytest.mark.parametrize("name", ["lossless.mkv", "hevc.mp4"])
-def test_damage_is_marked_while_other_threads_run(tmp_path, name):
+def test_damage_is_marked_while_other_threads_run(tmp_path):
     """With FFmpeg's own threads, one in ten damaged lossless videos had no mark here, and closing one could hang."""
-    path = damaged(written(tmp_path, name, 16), 4, 1)
+    path = damaged(written(tmp_path, "lossless.mkv", 16), 4, 1)
     expected, done, interval_s = [one.fault for one in frames(path)], Event(), sys.getswitchinterval()
     other = Thread(target=lambda: [None for _ in iter(done.is_set, True)])
     sys.setswitchinterval(1e-4)
     other.start()
     try:
-        found = [[one.fault for one in frames(path)] for _ in range(20)]
+        found = [[one.fault for one in frames(path)] for _ in range(12)]
     finally:
         done.set()
         other.join()
         sys.setswitchinterval(interval_s)
     assert any(expected)
-    assert found == [expected] * 20
+    assert found == [expected] * 12
 
 
 def test_a_broken_image_costs_at_most_itself(tmp_path):

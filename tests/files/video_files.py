@@ -6,8 +6,18 @@ import av
 import cv2
 import numpy as np
 
+from labcdp.files import PictureOptions
+from labcdp.files.video.open import open_video
+from labcdp.files.video.selection import Selection
+from labcdp.files.video.source import frames_of
+
 SIZE = (160, 120)
 N = 12
+
+
+def frames(path, selection=None, **options):
+    """All frames of a video, or those of a selection."""
+    return list(frames_of(open_video(path, PictureOptions(**options)), selection or Selection()))
 
 
 def bars(n=N, size=SIZE):

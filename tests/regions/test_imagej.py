@@ -72,6 +72,7 @@ def test_a_region_holds_the_pixels_that_imagej_shows(tmp_path, data, kind, expec
     (shape,) = load_regions(tmp_path / "a.roi")
     assert kind in (shape.kind, None)
     assert np.array_equal(pixels(shape), expected)
+    assert shape.rois()[0].area == pytest.approx(expected.sum(), rel=0.01)
     save_regions(tmp_path / "a.json", [shape])
     assert load_regions(tmp_path / "a.json") == (shape,)
 
@@ -98,60 +99,45 @@ TRIANGLE = imagej(0, (0, 0, 9, 9), corners=[(0, 0), (9, 0), (9, 9)])
 
 
 @pytest.mark.parametrize(
-    ("data", "message"),
+    ("content", "message"),
     [
-        (imagej(3, (0, 0, 9, 9), more=(2, 0, 0)), r"'x' is of the kind arrow, which has no area"),
-        (imagej(10, (0, 0, 9, 9), corners=[(0, 0)]), r"'x' is of the kind point"),
-        (imagej(1, (0, 0, 9, 9), more=(1, 0, 0)), r"'x' is of the kind text"),
-        (imagej(77, (0, 0, 9, 9)), r"'x' is of the unknown kind 77, 0: draw it as a polygon"),
-        (imagej(1, (0, 0, 9, 9), more=(0, 0, 7e-45)), r"'x' is a rectangle with rounded corners"),
-        (imagej(0, (0, 0, 9, 9), corners=[(0, 0), (9, 0), (9, 9)], more=(0, 1, 0)), r"'x' is a fitted spline"),
-        (imagej(0, (0, 0, 9, 9), corners=[(0, 0), (9, 0)]), r"'x' has 2 corners: draw it again"),
-        (imagej(1, (0, 5, 9, 5)), r"region 'x': width is 0: give a number of pixels above 0"),
-        (b"Iout" + b"\0" * 10, r"'x' is damaged or none: save it again in ImageJ"),
-        (TRIANGLE[:70], r"'x' is damaged \(.*\): save it again"),
-        (imagej(7, (0, 0, 9, 9), floats=(nan,) * 4, more=(5, 0, 0)), r"region 'x': x is nan: give a finite number"),
+        (imagej(3, (0, 0, 9, 9), more=(2, 0, 0)), r"'a' is of the kind arrow, which has no area"),
+        (imagej(10, (0, 0, 9, 9), corners=[(0, 0)]), r"'a' is of the kind point"),
+        (imagej(1, (0, 5, 9, 5)), r"region 'a': width is 0: give a number of pixels above 0"),
+        (b"Iout" + b"\0" * 10, r"'a' is damaged or none: save it again in ImageJ"),
+        (TRIANGLE[:70], r"'a' is damaged \(.*\): save it again"),
+        (imagej(7, (0, 0, 9, 9), floats=(nan,) * 4, more=(5, 0, 0)), r"region 'a': x is nan: give a finite number"),
+        ({"a.txt": b"x"}, r"it holds no \.roi file: save the regions in ImageJ's ROI Manager"),
+        ({"a.roi": b"Iout" + bytes(5 * 2**20)}, r"'a\.roi' unpacks to more than 4 MiB"),
+        ({f"{n}.roi": TRIANGLE + bytes(2**22 - 999) for n in range(17)}, r"or all to more than 64 MiB: these are no"),
     ],
-)  # fmt: skip
-def test_a_region_that_is_none_is_refused_by_kind_and_name(data, message):
+    ids=["arrow", "point", "empty", "short", "cut", "nan", "no region", "bomb", "bomb of many"],
+)
+def test_a_file_without_a_region_is_refused_by_kind_and_name(tmp_path, content, message):
+    path = tmp_path / "a.roi"
+    if isinstance(content, dict):
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name, data in content.items():
+                archive.writestr(name, data)
+    else:
+        path.write_bytes(content)
     with pytest.raises(InputError, match=message):
-        parse_imagej(data, "x")
+        load_regions(path)
 
 
 SHAPES = (
-    PolygonShape("whole", ((10, 10), (40, 12), (38, 33))),
     PolygonShape("between", ((10.25, 50.5), (40, 52.125), (38.75, 73))),
     RectangleShape("box", 50, 10, 20, 30),
-    RectangleShape("box between", 50.5, 50.25, 20.5, 30),
     RectangleShape("turned", 80, 15, 20, 10, 12.5),
-    EllipseShape("oval", 80, 40, 25, 11),
     EllipseShape("Öl / Lampe", 80.25, 60.5, 30, 10, -30),
     EllipseShape("steep", 10, 85, 10, 30, 20),
 )
 
 
-@pytest.mark.parametrize("shapes", [SHAPES, *((one,) for one in SHAPES)])
+@pytest.mark.parametrize("shapes", [SHAPES, SHAPES[:1]])
 def test_what_is_saved_keeps_names_kinds_pixels_and_order(tmp_path, shapes):
     path = tmp_path / ("a.zip" if len(shapes) > 1 else "a.roi")
     save_regions(path, shapes)
     for read, shape in zip(load_regions(path), shapes, strict=True):
         assert (read.name, read.kind) == (shape.name, shape.kind)
         assert np.array_equal(pixels(read), pixels(shape))
-
-
-@pytest.mark.parametrize(
-    ("files", "message"),
-    [
-        ({"a.txt": b"x"}, r"it holds no \.roi file: save the regions in ImageJ's ROI Manager"),
-        ({"a.roi": b"Iout" + bytes(5 * 2**20)}, r"'a\.roi' unpacks to more than 4 MiB"),
-        ({f"{n}.roi": TRIANGLE + bytes(2**22 - 999) for n in range(20)}, r"or all to more than 64 MiB: these are no"),
-        ({f"{n}.roi": b"" for n in range(10_001)}, r"it holds 10001 regions: give at most 10000"),
-    ],
-    ids=["none", "large", "large together", "many"],
-)
-def test_a_zip_that_holds_no_regions_is_refused(tmp_path, files, message):
-    with zipfile.ZipFile(tmp_path / "a.zip", "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, content in files.items():
-            archive.writestr(name, content)
-    with pytest.raises(InputError, match=message):
-        load_regions(tmp_path / "a.zip")

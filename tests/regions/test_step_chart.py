@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from labcdp.chain import Checkerboard, StepChart
+from labcdp.chain import Checkerboard
 from labcdp.core.errors import InputError
 from labcdp.regions import detect_step_chart, rois_of
 from labcdp.session import Session, example_session
@@ -15,12 +15,9 @@ FINE = 200 * 1.1 ** -np.arange(7.0)[None]
 #: Its third patch is as light as what is around, and is found by its place.
 HIDDEN = 200 * 1.35 ** -np.arange(8.0).reshape(2, 4)
 CHARTS = {
-    "upright": (SHUFFLED, 260, 0.25, {}, {}),
     "turned": (SHUFFLED, 260, 0.25, {"turn_deg": 25}, {}),
     "in perspective": (SHUFFLED, 260, 0.25, {"perspective": 0.3, "turn_deg": -5}, {}),
-    "turned, without gaps": (SHUFFLED, 260, 0.0, {"turn_deg": 25}, {}),
     "in perspective, without gaps": (SHUFFLED, 260, 0.0, {"perspective": 0.3, "turn_deg": -5}, {}),
-    "steps of 10 % in noise of 5 %": (FINE, 250, 0.25, {}, {"noise": 6}),
     "steps of 10 % in noise of 5 %, without gaps": (FINE, 250, 0.0, {}, {"noise": 6}),
     "one like its surroundings": (HIDDEN, HIDDEN[0, 2], 0.25, {}, {"noise": 0.5}),
 }
@@ -52,13 +49,6 @@ def test_the_recorded_target_is_found_in_each_exposure():
             for roi, patch in zip(found, by_place, strict=True):
                 # The simulated target draws each patch 15 % larger on each side than its region.
                 assert roi.bounds == pytest.approx(patch.bounds, abs=9)
-
-
-def test_a_chart_that_fills_the_image():
-    scene = StepChart(400, 120, (10.0, 20.0, 40.0, 80.0, 160.0))
-    rois = rois_of(detect_step_chart(scene.luminance_map()))
-    for roi, mask in zip(rois, scene.regions().values(), strict=True):
-        assert mask[roi.window((120, 400))][roi.mask((120, 400))].all()
 
 
 def scattered(rng):

@@ -41,7 +41,7 @@ def test_labels_are_counted_from_0_connected_and_the_same_with_any_number_of_thr
 @pytest.mark.parametrize("half", [False, True])
 @pytest.mark.parametrize(
     ("level", "contrast", "ratio", "crossed"),
-    [(10, 0.1, 5, 0.2), (10, 0.3, 2, 0.5), (10, 10.0, 3, 0.5), (1e-3, 0.2, 7, 0.1), (1e4, 0.2, 7, 0.1)],
+    [(10, 0.1, 5, 0.2), (10, 0.3, 2, 0.5), (10, 10.0, 3, 0.5), (1e4, 0.2, 7, 0.1)],
 )
 def test_borders_follow_a_step_in_noise_within_a_pixel_at_any_level(level, contrast, ratio, crossed, half):
     left = np.arange(320) < np.full((240, 1), 133)

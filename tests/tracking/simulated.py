@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from math import cos, sin
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,6 +19,7 @@ from labcdp.tracking.geometry import Matrix, carried, scaling, shift, transform
 
 #: Texels of a texture for each pixel, samples of a pixel along each axis.
 _TEXELS, _SAMPLES = 3, 4
+Textures = Sequence[NDArray[np.float32]]
 
 
 def pose(x: float, y: float, scale: float = 1.0, angle_rad: float = 0.0, tilt: tuple[float, float] = (0, 0)) -> Matrix:
@@ -144,8 +146,6 @@ class SimulatedVideo:
 
     def _target_texture(self, number: int) -> NDArray[np.float32]:
         """Brightness of a target, `_TEXELS` a pixel: a panel with some structure, and the patches on it."""
-        import cv2
-
         width, height = (round(_TEXELS * side) for side in self.target_size)
         rng = np.random.default_rng((self.seed, 99, number) if number else (self.seed, 99))
         noise = cv2.GaussianBlur(rng.standard_normal((height, width)).astype(np.float32), (0, 0), 2.5 * _TEXELS)
@@ -156,12 +156,8 @@ class SimulatedVideo:
         texture: NDArray[np.float32] = np.clip(panel, 0.02, 1).astype(np.float32)
         return texture
 
-    def _light(
-        self, moment: Moment, textures: Sequence[NDArray[np.float32]], targets: Sequence[NDArray[np.float32]]
-    ) -> NDArray[np.float64]:
+    def _light(self, moment: Moment, textures: Textures, targets: Textures) -> NDArray[np.float64]:
         """Light on each pixel in parts of full scale."""
-        import cv2
-
         fine = _SAMPLES * self.size[0], _SAMPLES * self.size[1]
         # OpenCV has the middle of the first pixel at 0, we have its corner there.
         to_fine = shift(-0.5, -0.5) @ scaling(_SAMPLES)
@@ -185,9 +181,8 @@ class SimulatedVideo:
         return moment.gain * area.astype(np.float64) + moment.veil
 
     def _exposed(self, light: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.uint8] | NDArray[np.uint16]:
-        electrons = rng.poisson(np.clip(light, 0, 4) * self.full_scale_e) + self.read_noise_e * rng.standard_normal(
-            light.shape
-        )
+        electrons = rng.poisson(np.clip(light, 0, 4) * self.full_scale_e)
+        electrons = electrons + self.read_noise_e * rng.standard_normal(light.shape)
         most = 2**self.bits - 1
         dn = np.clip(np.rint(electrons * (most / self.full_scale_e)), 0, most)
         return dn.astype(np.uint8 if self.bits == 8 else np.uint16)
@@ -210,8 +205,6 @@ class SimulatedVideo:
 
 def _background(size: tuple[int, int], rng: np.random.Generator) -> NDArray[np.float32]:
     """Brightness of a street-like backdrop, larger than the image: clouds of several sizes and many rectangles."""
-    import cv2
-
     width, height = (round(1.3 * _TEXELS * side) for side in size)
     picture = np.full((height, width), 0.4, np.float32)
     for across in (6, 24, 96):

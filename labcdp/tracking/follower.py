@@ -21,7 +21,7 @@ _STEADY = 0.08
 VANISHED_MOST = 0.62
 #: Where several places look the same: distance from the expected one, in parts of that to the next one, at which none
 #: is taken; and the same after a loss, where as much is allowed for what it may have moved meanwhile.
-_NEAR, _NEAR_AGAIN, _MOVED_AGAIN = 0.5, 0.25, 0.5
+_NEAR, _NEAR_AGAIN, _MOVED_AGAIN = 0.5, 0.35, 0.5
 _SAME = "tracking-places-alike"
 #: Frames of its motion at most within which a thing that left the image comes back from where it left.
 _BACK_WITHIN = 3
@@ -168,6 +168,9 @@ class Follower(Followed):
             return off < _NEAR
         speed = hypot(*self._velocity) + 1
         scale = local_scale(expected, self._looks.centre) * self._template.reduction
+        # Of a pattern that fills the frame the scene seems to move by a part of its distances, too.
+        if self._looks.off(found.fit, self._to_image) > _NEAR:
+            return False
         return off < _NEAR_AGAIN and self._lost_for * speed < _MOVED_AGAIN * scale * self._looks.repeat_px
 
     def _lit(self, fit: Fit) -> bool:

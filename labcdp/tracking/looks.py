@@ -26,6 +26,8 @@ _REACH, _REACH_LEAST = 0.25, 12.0
 _USUAL_OVER = 10
 #: Places of the whole frame that are aligned.
 _PLACES = 5
+#: Places of the first frame that are looked at for one that looks the same.
+_REPEATS = 48
 #: Lead in quality of the last confirmed look over the first one with which it is believed.
 _NEWER_LEAD = 0.1
 #: Quality of the first look below which the present one is remembered; frames without a sudden change that it takes.
@@ -107,14 +109,17 @@ class Looks:
 
     def find_repeats(self, sight: Sight, possible: Possible) -> None:
         """Find the nearest other place in the first frame that looks the same."""
-        to_image, nearest = self.template.to_image, inf
+        to_image = self.template.to_image
         left, top, right, bottom = box_of(to_image, self._patch[2] - self._patch[0], self._patch[3] - self._patch[1])
-        apart_least = max(min(right - left, bottom - top) / 2, 4.0)
-        for found in self.everywhere(sight, to_image, (1.0, 0.0), possible):
-            apart = dist(self.middle(to_image), self.middle(found.fit.to_image))
-            if found.fit.quality >= FOUND_FROM and apart > apart_least:
-                nearest = min(nearest, apart)
-        self.repeat_px = nearest
+        apart_least, here = max(min(right - left, bottom - top) / 2, 4.0), self.middle(to_image)
+        # Of a pattern many places look as much alike: the nearest one need not be among the best.
+        places = candidates(sight, [(look, 1.0) for look in self._glances], _REPEATS, _REPEATS)
+        for place in sorted(places, key=lambda one: dist(here, self.middle(one))):
+            found = self.aligned(sight, place, (1.0, 0.0), possible)
+            apart = 0.0 if found is None else dist(here, self.middle(found.fit.to_image))
+            if found is not None and found.fit.quality >= FOUND_FROM and apart > apart_least:
+                self.repeat_px = apart
+                return
 
     def off(self, fit: Fit, expected: Matrix) -> float:
         """Distance of a fit from the `expected` place over that to the next place that looks the same."""
@@ -237,13 +242,15 @@ def look_at(sight: Sight, to_image: Matrix, patch: tuple[float, float, float, fl
     return Look(sight.part(x, y, min(ceil(right), width), min(ceil(bottom), height)), (x, y), to_image)
 
 
-def candidates(sight: Sight, looks: list[tuple[Look, float]], most: int) -> list[Matrix]:
+def candidates(sight: Sight, looks: list[tuple[Look, float]], most: int, peaks: int = _PEAKS) -> list[Matrix]:
     """Up to `most` places where a region may be, template to frame pixels, best first.
 
     Parameters
     ----------
     looks : list of (Look, float)
         Looks, and the size that each is expected in, relative to its own.
+    peaks : int
+        Places of each look and size.
 
     Notes
     -----
@@ -269,19 +276,19 @@ def candidates(sight: Sight, looks: list[tuple[Look, float]], most: int) -> list
             how = cv2.INTER_AREA if reduction * scale < 1 else cv2.INTER_LINEAR
             pattern = cv2.resize(look.pixels, (across, down), interpolation=how)
             answers = np.nan_to_num(cv2.matchTemplate(picture, pattern, cv2.TM_CCOEFF_NORMED), nan=-1.0)
-            for score, x, y in _peaks(answers, max(_APART * across, 2), max(_APART * down, 2)):
+            for score, x, y in _peaks(answers, max(_APART * across, 2), max(_APART * down, 2), peaks):
                 placed = shift(x * width / shape[0], y * height / shape[1]) @ np.diag([scale, scale, 1.0])
                 found.append((score, scale * longest, placed @ shift(-look.corner[0], -look.corner[1]) @ look.to_image))
     return _distinct(found, most)
 
 
-def _peaks(answers: NDArray[np.float32], across: float, down: float) -> list[tuple[float, float, float]]:
+def _peaks(answers: NDArray[np.float32], across: float, down: float, most: int) -> list[tuple[float, float, float]]:
     """Highest answers that are apart from each other, with their places."""
     import cv2
 
     peaks = []
     answers = answers.copy()
-    for _ in range(_PEAKS):
+    for _ in range(most):
         _, best, _, (x, y) = cv2.minMaxLoc(answers)
         if best < _ANSWER_LEAST:
             break

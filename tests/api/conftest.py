@@ -32,21 +32,8 @@ def files(tmp_path_factory):
     return folder
 
 
-@pytest.fixture
-def picture(files):
-    return files / "night.png"
+def one_file(name):
+    return pytest.fixture(lambda files: files / name)
 
 
-@pytest.fixture
-def video(files):
-    return files / "drive.avi"
-
-
-@pytest.fixture
-def rois(files):
-    return files / "rois.json"
-
-
-@pytest.fixture
-def three(files):
-    return files / "three.json"
+picture, video, rois, three = map(one_file, ("night.png", "drive.avi", "rois.json", "three.json"))

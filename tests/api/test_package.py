@@ -27,9 +27,8 @@ for name in {POSIX!r}:
 
 
 def python(code, *arguments):
-    return subprocess.run(
-        [sys.executable, "-c", code, *map(str, arguments)], check=True, capture_output=True, text=True, timeout=900
-    ).stdout
+    program = [sys.executable, "-c", code, *arguments]
+    return subprocess.run(program, check=True, capture_output=True, text=True, timeout=900).stdout
 
 
 def test_every_public_name_is_there_listed_and_documented():

@@ -1,108 +1,55 @@
+"""Runs of chains and of the presets: signals behind each stage, their inverse, and published values."""
+
 from collections.abc import Mapping
-from dataclasses import replace
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 import pytest
 
-from labcdp.chain import (
-    Chain,
-    ChainRun,
-    Context,
-    Flat,
-    Optics,
-    ThesisWindscreen,
-    Windscreen,
-    preset_names,
-)
+from labcdp.chain import Chain, Context, Sensor, ThesisWindscreen, preset_names, preset_text
 from labcdp.core.errors import InputError
 
-SENSOR: dict[str, Any] = {
-    "pixel_pitch_m": 3e-6,
-    "quantum_efficiency": 0.5,
-    "full_well_e": 10_000,
-    "k_dn_per_e": 0.25,
-    "read_noise_e": 3.0,
-    "dark_current_e_s": 20.0,
-    "bits": 12,
-    "black_level_dn": 16.0,
-}
 # Rows of more than one block of random numbers.
-DOCUMENT: dict[str, Any] = {
-    "scene": {
-        "type": "checkerboard",
-        "width": 40,
-        "height": 150,
-        "luminance_cd_m2": 20.0,
-        "contrast": 1.0,
-        "square_px": 7,
-    },
-    "windscreen": {"transmittance": 0.9, "glare_fraction": 0.2, "glare_subtracted": True},
-    "optics": {"f_number": 2.0, "transmittance": 0.9, "focal_length_m": 6e-3},
-    "exposure": {"exposure_s": 0.01},
-    "sensor": SENSOR,
-}
+DOCUMENT: dict[str, Any] = Chain.load("manta-g505").document
+DOCUMENT["scene"] |= {"width": 40, "height": 150, "square_px": 7}
+DOCUMENT["windscreen"] = {"transmittance": 0.9, "glare_fraction": 0.2, "glare_subtracted": True}
+DOCUMENT = {key: DOCUMENT[key] for key in ("scene", "windscreen", "optics", "exposure", "sensor")}
+SENSOR = DOCUMENT["sensor"]
 HDR_AND_ISP: dict[str, Any] = {"hdr": {"method": "normal", "bits": 20}, "isp": {"isp_bits": 20, "bits": 8}}
 BRACKET = {"exposure": {"exposure_s": [0.003, 0.0155]}}
-
-
-def chain_of(*changes: Mapping[str, Any], without: tuple[str, ...] = ()) -> Chain:
-    document = dict(DOCUMENT)
-    for change in changes:
-        document |= change
-    return Chain.from_document({key: value for key, value in document.items() if key not in without}, "test")
-
-
-def small(preset: str) -> Chain:
-    """A preset of few pixels; odd sizes have a pixel on the axis."""
-    name = "scene" if preset.startswith("thesis") else "sensor"
-    return Chain.load(preset).with_(**{f"{name}.width": 31, f"{name}.height": 21, "scene.square_px": 3})
-
-
-def same_values(first: ChainRun, second: ChainRun) -> dict[str, bool]:
-    return {name: bool((first[name].values == second[name].values).all()) for name in first}
-
-
 TWO_SENSORS = {"sensor": [SENSOR | {"name": "left"}, SENSOR | {"name": "right", "pixel_pitch_m": 6e-6}]}
 
 
-@pytest.mark.parametrize(
-    ("chain", "names"),
-    [
-        (chain_of(), ["scene", "windscreen", "optics", "sensor"]),
-        (chain_of(without=("windscreen", "optics", "exposure", "sensor")), ["scene"]),
-        (
-            chain_of(BRACKET, HDR_AND_ISP),
-            ["scene", "windscreen", "optics", "sensor 3 ms", "sensor 15.5 ms", "hdr", "isp"],
-        ),
+def chain_of(*changes: Mapping[str, Any]) -> Chain:
+    document = dict(DOCUMENT)
+    for change in changes:
+        document |= change
+    return Chain.from_document(document, "test")
+
+
+def test_a_run_has_the_signal_behind_each_stage_in_order() -> None:
+    front = ["scene", "windscreen", "optics"]
+    merged = ["sensor 3 ms", "sensor 15.5 ms", "hdr"]
+    for chain, names in (
+        (Chain.from_document({"scene": DOCUMENT["scene"]}), ["scene"]),
+        (chain_of(BRACKET, HDR_AND_ISP), [*front, *merged, "isp"]),
         (
             chain_of(BRACKET, TWO_SENSORS, {"hdr": {"method": "linear"}}),
-            [
-                "scene",
-                "windscreen",
-                "optics",
-                "sensor 3 ms (left)",
-                "sensor 15.5 ms (left)",
-                "hdr (left)",
-                "sensor 3 ms (right)",
-                "sensor 15.5 ms (right)",
-                "hdr (right)",
-            ],
+            [*front, *(f"{name} ({sensor})" for sensor in ("left", "right") for name in merged)],
         ),
-    ],
-)
-def test_a_run_has_the_signal_behind_each_stage_in_order(chain: Chain, names: list[str]) -> None:
-    run = chain.run()
-    assert list(run) == list(chain.stage_names) == names
-    with pytest.raises(InputError, match=r"^stage is 'x': give one of scene"):
-        run["x"]
-    assert ("x" in run, run.get("x"), len(run)) == (False, None, len(names))
-    assert {run[name].values.shape for name in run} == {chain.scene.shape}
+    ):
+        run = chain.run()
+        assert list(run) == list(chain.stage_names) == names
+        with pytest.raises(InputError, match=r"^stage is 'x': give one of scene"):
+            run["x"]
+        assert ("x" in run, run.get("x"), len(run)) == (False, None, len(names))
+        assert {run[name].values.shape for name in run} == {chain.scene.shape}
 
 
 def test_same_seed_same_values_on_any_number_of_threads() -> None:
-    chain = chain_of(BRACKET, HDR_AND_ISP)
-    assert all(same_values(chain.run(3, threads=1), chain.run(3, threads=2)).values())
+    one, two = (chain_of(BRACKET, HDR_AND_ISP).run(3, threads=threads) for threads in (1, 2))
+    assert all((one[name].values == two[name].values).all() for name in one)
 
 
 def test_each_sensor_sees_the_image_for_its_own_pixels() -> None:
@@ -114,20 +61,21 @@ def test_each_sensor_sees_the_image_for_its_own_pixels() -> None:
 
 
 def test_signals_know_which_pixels_are_saturated() -> None:
-    run = chain_of({"exposure": {"exposure_s": [0.002, 0.05]}}, HDR_AND_ISP).run()
+    run = chain_of({"exposure": {"exposure_s": [0.002, 0.2]}}, HDR_AND_ISP).run()
     bright = run.chain.scene.regions()["bright"]
-    assert run["sensor 50 ms"].saturated[bright].mean() > 0.9
+    assert run["sensor 200 ms"].saturated[bright].mean() > 0.9
     for name in ("sensor 2 ms", "hdr", "isp"):
         assert not run[name].saturated.any()
     assert run["optics"].saturated is None
 
 
 @pytest.mark.parametrize("preset", preset_names())
-def test_without_noise_each_stage_of_a_preset_gives_back_the_scene(preset: str) -> None:
-    chain = small(preset)
+def test_a_preset_is_as_its_file_and_without_noise_gives_back_the_scene(preset: str) -> None:
+    assert Chain.from_toml(Chain.load(preset).to_toml()) == Chain.load(preset)
+    # Odd sizes have a pixel on the axis.
+    chain = Chain.load(preset).with_(**{"scene.width": 31, "scene.height": 21, "scene.square_px": 3})
     run = chain.run()
-    scene = run["scene"].values.astype(np.float64)
-    expected = scene
+    scene = expected = run["scene"].values.astype(np.float64)
     windscreen = dict(chain.before).get("windscreen")
     if isinstance(windscreen, ThesisWindscreen):
         tau = windscreen.transmittance
@@ -143,61 +91,60 @@ def test_without_noise_each_stage_of_a_preset_gives_back_the_scene(preset: str) 
     for name, shot in zip(chain.recorded_names, captures, strict=False):
         noise_free = shot.dark_dn + shot.dn_per_lx * run["optics"].values.astype(np.float64)
         np.testing.assert_allclose(run[name].to_luminance(noise_free), expected, rtol=1e-4)
-
-
-@pytest.mark.parametrize("preset", preset_names())
-def test_levels_take_the_way_of_the_image_on_the_axis(preset: str) -> None:
-    chain = small(preset)
-    run = chain.run()
+    # Levels, of which predictions are made, take the way of the image on the axis.
     levels = chain.scene.levels()
-    front = chain.front(
-        np.array([[level.luminance_cd_m2 for level in levels]]), np.array([[level.share for level in levels]])
-    )
-    on_axis = np.zeros(chain.scene.shape, bool)
-    on_axis[10, 15] = True
-    lens = dict(chain.before)["optics"]
-    checked = 0
-    for number, level in enumerate(levels):
-        region = chain.scene.regions()[level.name] & (on_axis | (lens.focal_length_m is None))
-        for got in run["optics"].values[region]:
-            assert got == pytest.approx(front.values[0, number], rel=1e-5)
-            checked += 1
-        for got in run["optics"].luminance_cd_m2[region]:
-            assert got == pytest.approx(front.luminance_cd_m2[0, number], rel=1e-5)
-    assert checked > 0
-
-
-def test_a_sensor_that_does_not_see_the_light_is_refused() -> None:
-    chain = chain_of().with_(
-        **{"sensor.quantum_efficiency": [[400, 0.5], [500, 0.5]], "spectrum": "monochromatic 600 nm"}
-    )
-    message = r"^quantum_efficiency is 0 wherever 'monochromatic 600 nm' has light: give values there$"
-    with pytest.raises(InputError, match=message):
-        chain.run()
-
-
-def test_parts_put_together_by_hand_are_checked_too() -> None:
-    chain = chain_of()
-    with pytest.raises(
-        InputError, match=r"^windscreen takes luminance in cd/m\^2, but what comes to it is illuminance"
-    ):
-        replace(chain, before=(("optics", Optics(2.0, 0.9)), ("windscreen", Windscreen(0.9))))
-    with pytest.raises(
-        InputError, match=r"^optics takes luminance in cd/m\^2, but what comes to it is digital number in"
-    ):
-        replace(chain, behind=(("optics", Optics(2.0, 0.9)),))
-    sensor = chain.sensors[0][1]
-    with pytest.raises(InputError, match=r"^two signals would have the name 'sensor \(a\)': give each its own"):
-        replace(chain, sensors=(("a", sensor), ("a", sensor)))
-    with pytest.raises(InputError, match=r"^sensor has width 40 and height 150, the scene 3 and 2: give them once"):
-        replace(chain, scene=Flat(3, 2, 1.0))
+    luminances, shares = (np.array([[getattr(one, key) for one in levels]]) for key in ("luminance_cd_m2", "share"))
+    front = chain.front(luminances, shares)
+    (middle,) = (number for number, one in enumerate(levels) if chain.scene.regions()[one.name][10, 15])
+    assert run["optics"].values[10, 15] == pytest.approx(front.values[0, middle], rel=1e-5)
+    assert run["optics"].luminance_cd_m2[10, 15] == pytest.approx(front.luminance_cd_m2[0, middle], rel=1e-5)
 
 
 def test_camera_takes_windscreen_optics_and_sensor_of_the_chain() -> None:
     chain = chain_of()
     camera = chain.camera()
-    assert (camera.windscreen, camera.optics) == tuple(stage for _, stage in chain.before)
-    assert camera.sensor is chain.sensors[0][1]
     scene = chain.scene.luminance_map()
-    dn = camera.sensor.expose(camera.electron_rate(scene), 0.01, temperature_c=25.0, seed=5, exposure_index=0)
+    dn = camera.sensor.expose(camera.electron_rate(scene), 5e-3, temperature_c=35.0, seed=5, exposure_index=0)
     np.testing.assert_array_equal(dn, chain.run(5)["sensor"].values)
+
+
+@pytest.mark.parametrize("name", [one for one in preset_names() if "the converter ends just" in preset_text(one)])
+def test_converter_ends_before_the_full_well_where_the_preset_says_so(name: str) -> None:
+    for _, sensor in Chain.load(name).sensors:
+        assert isinstance(sensor, Sensor)
+        assert sensor.saturation_dn() == 2**sensor.bits - 1
+
+
+def test_merge_takes_no_full_pixel_for_the_scene() -> None:
+    """Where pixels are full below the converter's end, read noise must not make a full pixel count."""
+    size = {"scene.width": 60, "scene.height": 40, "scene.square_px": 5}
+    full = {"sensor.full_well_e": 8000.0, "sensor.k_dn_per_e": 0.3, "scene.luminance_cd_m2": 1e9}
+    merged = list(Chain.load("split-pixel").with_(**size, **full).run(seed=2).values())[-1]
+    assert merged.saturated.all()
+
+
+PUBLISHED = {
+    "thesis-2018": (  # its tables 5.1 and 5.2
+        {"pixel_pitch_m": 2e-6, "quantum_efficiency": 0.7, "full_well_e": 15_000, "k_dn_per_e": 0.25, "bits": 12},
+        {"scene.shape": (420, 301), "settings.exposure_s": (0.003, 0.007, 0.015), "hdr.method": "normal"},
+    ),
+    "thesis-second-sensor": ({"pixel_pitch_m": 3e-6, "quantum_efficiency": 0.8}, {"hdr.method": "linear"}),
+    "manta-g505": ({"pixel_pitch_m": 3.45e-6, "shape": (2056, 2452), "bits": 12}, {}),  # the camera's data sheet
+}
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_preset_has_the_published_values(name: str) -> None:
+    chain, (of_sensor, of_chain) = Chain.load(name), PUBLISHED[name]
+    assert {key: getattr(chain.sensors[0][1], key) for key in of_sensor} == of_sensor
+    assert {key: attrgetter(key)(chain) for key in of_chain} == of_chain
+
+
+def test_thesis_preset_becomes_correct_physics_as_its_comment_says() -> None:
+    text = preset_text("thesis-2018").replace('spectrum = "thesis-2018"', 'spectrum = "D65"')
+    tables = text.replace('type = "thesis-2018"', "").split("[sensor]")
+    sensor = preset_text("manta-g505").split("[sensor]")[1]
+    lines = [line for line in sensor.splitlines() if not line.startswith(("width", "height"))]
+    chain = Chain.from_toml(tables[0] + "[sensor]\n" + "\n".join(lines), "completed")
+    assert isinstance(chain.sensors[0][1], Sensor)
+    assert chain.sensors[0][1].shape == (420, 301)

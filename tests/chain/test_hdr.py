@@ -1,3 +1,5 @@
+"""Merges of exposures and the tone curve, against closed forms and sums over all outcomes."""
+
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -5,9 +7,12 @@ from math import sqrt
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.stats import poisson
 
 from labcdp.chain.hdr import ExposureLadder, Hdr, merge_dn
+from labcdp.chain.isp import ToneCurve
 from labcdp.chain.signal import Capture
 from labcdp.core.errors import InputError
 
@@ -71,16 +76,13 @@ def moments(method: str, electrons: float) -> tuple[float, float]:
     return mean, sqrt(float((share * (merged - mean) ** 2).sum()))
 
 
-@pytest.mark.parametrize("electrons", [5.0, 400.0, 520.0, 700.0, 850.0, 980.0, 1050.0])
-def test_fading_has_no_bias(electrons: float) -> None:
-    assert moments("weighted", electrons)[0] == pytest.approx(electrons, rel=1e-9)
-
-
-def test_fading_has_no_step_in_snr() -> None:
-    electrons = np.linspace(400, 1200, 81)
+def test_fading_has_no_bias_and_no_step_in_snr() -> None:
+    for electrons in (5.0, 400.0, 520.0, 700.0, 850.0, 980.0, 1050.0):
+        assert moments("weighted", electrons)[0] == pytest.approx(electrons, rel=1e-9)
+    brighter = np.linspace(400, 1200, 81)
 
     def steepest(method: str) -> float:
-        snr = [mean / deviation for mean, deviation in (moments(method, one) for one in electrons)]
+        snr = [mean / deviation for mean, deviation in (moments(method, one) for one in brighter)]
         return min(after / before - 1 for before, after in pairwise(snr))
 
     # The SNR halves between 600 and 1000 electrons; evenly that is 1.7 % for each 10 electrons.
@@ -88,8 +90,8 @@ def test_fading_has_no_step_in_snr() -> None:
     assert steepest("normal") < -0.1
 
 
-@pytest.mark.parametrize("count", [2, 3, 4])
-@pytest.mark.parametrize("ratio", [2.0, 3.3, 8.0, 16.0])
+@pytest.mark.parametrize("count", [2, 4])
+@pytest.mark.parametrize("ratio", [2.0, 3.3, 16.0])
 def test_weights_are_nearly_the_best(ratio: float, count: int) -> None:
     shares, weights, left = ladder(ratio, count).shares, [], 1.0
     for share in shares:
@@ -122,13 +124,10 @@ def test_captures_that_cannot_be_merged(captures: list[Capture], match: str) -> 
         Hdr("linear").merge(captures)
 
 
-def test_normal_leaves_a_clipped_exposure_below_its_threshold() -> None:
+def test_normal_leaves_a_clipped_exposure_below_its_threshold_rounds_down_and_ends_at_its_bits() -> None:
     captures = bracket([4031, 4030], [1000, 1000], [250, 250])
     # 48 bit in three exposures: the first threshold is 65536.
     np.testing.assert_array_equal(Hdr("normal", bits=48).merge(captures).dn, [[4000, 4030]])
-
-
-def test_normal_rounds_down_and_ends_at_its_bits() -> None:
     longest, shortest = capture([4095, 63, 4095], 10e-3), capture([164, 64, 4000], 3e-3)
     merged = Hdr("normal", bits=13).merge([longest, shortest])
     np.testing.assert_array_equal(merged.dn, [[333, -1, 8191]])
@@ -141,3 +140,29 @@ def test_linear_is_the_mean_of_what_is_not_clipped() -> None:
     merged = Hdr("linear").merge(captures)
     np.testing.assert_allclose(merged.dn, [expected], rtol=1e-14)
     np.testing.assert_array_equal(merged.saturated, [[False, False, False, True]])
+
+
+def test_codes_of_the_thesis_curve() -> None:
+    # log2(1 + DN) * 256 / 20; 31 is 2^5 - 1, which lies exactly on 64.
+    np.testing.assert_array_equal(
+        ToneCurve().encode([0, 1, 2, 30, 31, 1023, 2**20 - 2, 2**20 - 1]), [0, 12, 20, 63, 64, 128, 255, 255]
+    )
+    # Values outside the range have the end codes.
+    np.testing.assert_array_equal(ToneCurve(12, 8).encode([-5, -0.5, 4095, 4096, 1e9]), [0, 0, 255, 255, 255])
+
+
+@given(st.integers(1, 30), st.integers(1, 12))
+def test_every_code_is_decoded(isp_bits: int, bits: int) -> None:
+    curve = ToneCurve(isp_bits, bits)
+    codes = np.arange(2**bits)
+    np.testing.assert_array_equal(curve.encode(curve.decode(codes)), codes)
+
+
+@pytest.mark.parametrize(("isp_bits", "bits"), [(12, 8), (16, 10), (10, 4)])
+def test_decoding_has_no_bias_within_a_code(isp_bits: int, bits: int) -> None:
+    curve = ToneCurve(isp_bits, bits)
+    dn = np.arange(2.0**curve.isp_bits)
+    codes = curve.encode(dn)
+    count = np.bincount(codes, minlength=2**curve.bits)
+    mean = np.bincount(codes, dn, minlength=2**curve.bits)[count > 0] / count[count > 0]
+    np.testing.assert_allclose(curve.decode(np.flatnonzero(count)), mean, rtol=1e-12)

@@ -31,19 +31,15 @@ def test_peak_memory_of_a_full_frame():
     assert peak_mb < 2 * frame_mb * stages + 300
 
 
-def bins(exposures_s, read_noise_e):
-    chain = Chain.load("manta-g505").with_(sensor__read_noise_e=read_noise_e)
-    settings = replace(chain.settings, exposure_s=exposures_s)
-    camera = CameraModel(chain.camera().sensor, settings, Hdr("weighted", 24))
-    noise = Noise(camera.k_dn_per_e * read_noise_e, 0.0, camera.sensor.black_level_dn)
-    return ValueBins.of_merge("weighted", camera.ladder, noise)
-
-
 def test_a_merge_of_many_values_has_bins_that_fit_in_memory():
     """Its values are 134 and 51 parts of 4556 apart: 9 million, one of which took 1 GB for 16 pixels."""
-    found = bins((1e-4, 2.66e-4, 2.66e-2), 10.0)
+    chain = Chain.load("manta-g505")
+    settings = replace(chain.settings, exposure_s=(1e-4, 2.66e-4, 2.66e-2))
+    camera = CameraModel(chain.camera().sensor, settings, Hdr("weighted", 24))
+    noise = Noise(camera.k_dn_per_e * 10.0, 0.0, camera.sensor.black_level_dn)
+    found = ValueBins.of_merge("weighted", camera.ladder, noise)
     assert found.values.size < 500_000
     assert (np.diff(found.edges) > 0).all()
     assert found.values[found.exact][0] == 0
     with pytest.raises(PredictionError, match="too many values of the merge"):
-        bins((1e-4, 2.66e-4, 2.66e-2), 0.0)
+        ValueBins.of_merge("weighted", camera.ladder, replace(noise, read_dn=0.0))

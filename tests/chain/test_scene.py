@@ -1,41 +1,27 @@
+"""Scenes: drawn ones whose map, regions, levels and pairs agree, and images from files."""
+
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
+import tifffile
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labcdp.chain import Checkerboard, Flat, Patch, PatchScene, Scene, StepChart, luminance_map, with_patches
-from labcdp.core.errors import InputError
-
-
-def test_patches_lie_over_any_map_and_leave_it_unchanged() -> None:
-    background = np.arange(6, dtype=np.float32).reshape(2, 3)
-    scene = with_patches(background, [Patch(0, 0, 1, 1, 9.0)])
-    np.testing.assert_array_equal(scene, [[9, 1, 2], [3, 4, 5]])
-    assert background[0, 0] == 0
-
-
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ([1.0, 2.0], r"non-empty 2-D map of luminance in cd/m\^2, got the shape \(2,\)"),
-        (np.empty((0, 3)), r"got the shape \(0, 3\)"),
-        ([[1.0, -2.0]], r"luminance from -2 to 1 cd/m\^2: give numbers from 0 to 1e\+12"),
-        ([[1.0, np.nan]], r"luminance from nan to nan cd/m\^2"),
-        ([[1.0, np.inf]], r"luminance from 1 to inf cd/m\^2"),
-        ([[1.0, 1e39]], r"luminance from 1 to inf cd/m\^2"),  # too large for float32
-        ([[1.0, 2e12]], r"luminance from 1 to 2e\+12 cd/m\^2"),
-    ],
+from labcdp.chain import (
+    Chain,
+    Checkerboard,
+    Flat,
+    ImageScene,
+    Patch,
+    PatchScene,
+    Scene,
+    StepChart,
+    luminance_map,
+    with_patches,
 )
-def test_what_is_not_a_scene_is_refused(values: object, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        luminance_map(values)  # type: ignore[arg-type]
-
-
-def test_patch_outside_the_scene_is_refused() -> None:
-    patch = Patch(x=6, y=2, width=5, height=2, luminance_cd_m2=3.0)
-    with pytest.raises(InputError, match=r"a patch spans x 6 to 11, y 2 to 4, but the scene is 10 x 8 pixels"):
-        PatchScene(10, 8, 1.0, (patch,))
-
+from labcdp.core.errors import ConfigurationError, InputError
 
 sides = st.integers(1, 23)
 luminances = st.floats(0, 1e6)
@@ -44,9 +30,7 @@ luminances = st.floats(0, 1e6)
 @st.composite
 def patches_inside(draw: st.DrawFn, width: int, height: int) -> Patch:
     x, y = draw(st.integers(0, width - 1)), draw(st.integers(0, height - 1))
-    return Patch(
-        x, y, draw(st.integers(1, width - x)), draw(st.integers(1, height - y)), luminance_cd_m2=draw(luminances)
-    )
+    return Patch(x, y, draw(st.integers(1, width - x)), draw(st.integers(1, height - y)), draw(luminances))
 
 
 @st.composite
@@ -61,10 +45,8 @@ def scenes(draw: st.DrawFn) -> Scene:
     if kind == "patches":
         patches = draw(st.lists(patches_inside(width, height), max_size=4))
         return PatchScene(width, height, draw(luminances), tuple(patches))
-    width = max(width, 2)
-    return Checkerboard(
-        width, height, draw(luminances), draw(st.floats(1e-3, 99)), draw(st.integers(1, max(width, height) - 1))
-    )
+    width, square = max(width, 2), draw(st.integers(1, max(width, height, 2) - 1))
+    return Checkerboard(width, height, draw(luminances), draw(st.floats(1e-3, 99)), square)
 
 
 @given(scene=scenes())
@@ -78,38 +60,119 @@ def test_map_regions_levels_and_pairs_agree(scene: Scene) -> None:
     for name, level in levels.items():
         np.testing.assert_array_equal(image[regions[name]], np.float32(level.luminance_cd_m2))
         assert level.share == pytest.approx(regions[name].mean(), rel=1e-12)
-    assert all(levels[dark].luminance_cd_m2 <= levels[bright].luminance_cd_m2 for dark, bright in scene.pairs())
+    assert all(levels[dark].luminance_cd_m2 < levels[bright].luminance_cd_m2 for dark, bright in scene.pairs())
 
 
-def test_checkerboard_is_dark_upper_left_and_ends_within_a_square() -> None:
-    scene = Checkerboard(width=5, height=3, luminance_cd_m2=10.0, contrast=0.5, square_px=2)
+def test_drawn_maps_are_those_described() -> None:
+    board = Checkerboard(width=5, height=3, luminance_cd_m2=10.0, contrast=0.5, square_px=2)
     expected = [[10, 10, 15, 15, 10], [10, 10, 15, 15, 10], [15, 15, 10, 10, 15]]
-    np.testing.assert_array_equal(scene.luminance_map(), expected)
-    assert scene.pairs() == (("dark", "bright"),)
+    np.testing.assert_array_equal(board.luminance_map(), expected)
+    assert board.pairs() == (("dark", "bright"),)
+    chart = StepChart(width=8, height=2, luminances_cd_m2=(1.0, 4.0, 2.0))
+    np.testing.assert_array_equal(chart.luminance_map(), [[1, 1, 1, 4, 4, 4, 2, 2]] * 2)
+    # Neighbours in place that differ.
+    assert StepChart(8, 1, (1.0, 4.0, 4.0, 2.0)).pairs() == (("step 1", "step 2"), ("step 4", "step 3"))
+    background = np.arange(6, dtype=np.float32).reshape(2, 3)
+    np.testing.assert_array_equal(with_patches(background, [Patch(0, 0, 1, 1, 9.0)]), [[9, 1, 2], [3, 4, 5]])
+    assert background[0, 0] == 0
 
 
-def test_step_chart_has_stripes_of_equal_width_up_to_a_column() -> None:
-    scene = StepChart(width=8, height=2, luminances_cd_m2=(1.0, 4.0, 2.0))
-    np.testing.assert_array_equal(scene.luminance_map(), [[1, 1, 1, 4, 4, 4, 2, 2]] * 2)
-    assert [level.share for level in scene.levels()] == [3 / 8, 3 / 8, 2 / 8]
-
-
-def test_pairs_of_a_step_chart_are_neighbours_that_differ() -> None:
-    scene = StepChart(8, 1, (1.0, 4.0, 4.0, 2.0))
-    assert scene.pairs() == (("step 1", "step 2"), ("step 4", "step 3"))
-
-
-def test_pairs_of_one_patch_are_with_the_background() -> None:
+def test_pairs_of_patches_are_with_the_background_if_there_is_but_one_and_never_hidden() -> None:
     assert PatchScene(4, 4, 5.0, (Patch(0, 0, 1, 1, 2.0),)).pairs() == (("patch 1", "background"),)
+    several = tuple(Patch(x, 0, 1, 1, luminance) for x, luminance in enumerate([30.0, 10.0, 20.0, 20.0]))
+    assert PatchScene(6, 2, 1.0, several).pairs() == (("patch 2", "patch 3"), ("patch 4", "patch 1"))
+    hidden = PatchScene(3, 3, 1.0, (Patch(1, 1, 1, 1, 7.0), Patch(1, 1, 2, 2, 9.0)))
+    assert (list(hidden.regions()), hidden.pairs()) == (["background", "patch 2"], (("background", "patch 2"),))
 
 
-def test_pairs_of_patches_are_neighbours_in_luminance() -> None:
-    patches = tuple(Patch(x, 0, 1, 1, luminance) for x, luminance in enumerate([30.0, 10.0, 20.0, 20.0]))
-    scene = PatchScene(6, 2, 1.0, patches)
-    assert scene.pairs() == (("patch 2", "patch 3"), ("patch 4", "patch 1"))
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ([1.0, 2.0], r"non-empty 2-D map of luminance in cd/m\^2, got the shape \(2,\)"),
+        (np.empty((0, 3)), r"got the shape \(0, 3\)"),
+        ([[1.0, -2.0]], r"luminance from -2 to 1 cd/m\^2: give numbers from 0 to 1e\+12"),
+        ([[1.0, np.nan]], r"luminance from nan to nan cd/m\^2"),
+        ([[1.0, 1e39]], r"luminance from 1 to inf cd/m\^2"),  # too large for float32
+        ([[1.0, 2e12]], r"luminance from 1 to 2e\+12 cd/m\^2"),
+    ],
+)
+def test_what_is_not_a_scene_is_refused(values: object, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        luminance_map(values)  # type: ignore[arg-type]
 
 
-def test_a_patch_under_another_is_not_a_region_and_in_no_pair() -> None:
-    scene = PatchScene(3, 3, 1.0, (Patch(1, 1, 1, 1, 7.0), Patch(1, 1, 2, 2, 9.0)))
-    assert list(scene.regions()) == ["background", "patch 2"]
-    assert scene.pairs() == (("background", "patch 2"),)
+IMAGE = np.arange(12, dtype=np.float32).reshape(3, 4)
+
+
+def saved(path: Path, image: np.ndarray = IMAGE) -> Path:
+    if path.suffix == ".npy":
+        np.save(path, image)
+    else:
+        tifffile.imwrite(path, image)
+    return path
+
+
+@pytest.mark.parametrize("dtype", ["uint8", ">u2", "int32", "float16", "float64"])
+def test_values_of_an_image_times_the_factor_are_the_luminance(tmp_path: Path, dtype: str) -> None:
+    for name in ("a.npy", "a.TIFF"):
+        scene = ImageScene(saved(tmp_path / name, IMAGE.astype(dtype)), cd_m2_per_value=2.5)
+        np.testing.assert_array_equal(scene.luminance_map(), IMAGE * 2.5)
+        assert (scene.luminance_map().dtype, scene.shape) == (np.float32, (3, 4))
+
+
+def test_regions_of_an_image_are_rectangles_and_pairs_neighbours_in_mean_luminance(tmp_path: Path) -> None:
+    regions = {"high": (2, 2, 2, 1), "low": (0, 0, 2, 2), "low again": (0, 0, 2, 2)}
+    scene = ImageScene(saved(tmp_path / "a.npy"), regions_xywh=regions)
+    np.testing.assert_array_equal(scene.regions()["high"], IMAGE >= 10)
+    assert scene.luminance_map()[scene.regions()["low"]].tolist() == [0, 1, 4, 5]
+    assert scene.pairs() == (("low again", "high"),)
+
+
+CHAIN = """
+[scene]
+type = "image"
+path = "images/a.npy"
+regions_xywh = { left = [0, 0, 1, 3], right = [3, 0, 1, 3] }
+"""
+
+
+def test_path_in_a_chain_file_is_relative_to_its_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "images").mkdir()
+    path = saved(tmp_path / "images" / "a.npy")
+    monkeypatch.chdir("/")
+    chain = Chain.from_toml(CHAIN, "mine.toml", tmp_path)
+    np.testing.assert_array_equal(chain.run()["scene"].values, IMAGE)
+    np.testing.assert_array_equal(chain.with_(scene__cd_m2_per_value=3.0).run()["scene"].values, IMAGE * 3)
+    saved(path, 2 * np.ones((5, 6), np.float32))
+    assert Chain.from_toml(CHAIN, "mine.toml", tmp_path).run()["scene"].values.shape == (5, 6)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("a.npy", "a.png", r"\.path is '.*a\.png': give a \.npy, \.tif or \.tiff file of luminance$"),
+        ('"images/a.npy"', "3", r"\.path is 3: give the name of a file in quotes$"),
+        ("[0, 0, 1, 3]", '"0013"', r"\.regions_xywh\.left is '0013': give a list of x, y, width and height"),
+        ("[0, 0, 1, 3]", "[-1, 0, 1, 3]", r"\.regions_xywh\.left: x is -1: give a number of at least 0 pixels$"),
+        ("[0, 0, 1, 3]", "[0, 0, 1, 4]", r"\.regions_xywh\.left: a patch spans x 0 to 1, y 0 to 4, but the scene is 4"),
+        ("{ left = [0, 0, 1, 3], right = [3, 0, 1, 3] }", "[1]", r"\.regions_xywh is \[1\]"),
+    ],
+)
+def test_error_of_an_image_names_table_and_key(tmp_path: Path, old: str, new: str, message: str) -> None:
+    (tmp_path / "images").mkdir()
+    saved(tmp_path / "images" / "a.npy")
+    with pytest.raises(ConfigurationError, match="^mine.toml: scene" + message):
+        Chain.from_toml(CHAIN.replace(old, new), "mine.toml", tmp_path)
+
+
+@pytest.mark.parametrize("name", ["a.npy", "a.tif"])
+@pytest.mark.parametrize(
+    ("image", "message"),
+    [
+        (np.ones((5, 6, 3), np.uint8), r"which holds uint8 of shape \(5, 6, 3\): give a 2-D grey image$"),
+        (np.full((2, 2), 1e300), r"a scene has luminance from inf to inf cd/m\^2"),
+    ],
+)
+def test_values_that_are_no_luminance_are_refused(tmp_path: Path, name: str, image: Any, message: str) -> None:
+    with pytest.raises(InputError, match=rf"^path is '.*{name}'.*{message}"):
+        ImageScene(saved(tmp_path / name, image)).luminance_map()

@@ -52,7 +52,7 @@ def test_the_thesis_takes_2_517e15_photons_for_a_candela_per_square_metre() -> N
     assert photon_radiance_per_cd_m2("thesis-2018") == pytest.approx(2.517e15, rel=2e-4)
 
 
-@pytest.mark.parametrize(("temperature_c", "factor"), [(25.0, 1.0), (35.0, 2.0), (65.0, 16.0)])
+@pytest.mark.parametrize(("temperature_c", "factor"), [(25.0, 1.0), (65.0, 16.0)])
 def test_dark_signal_has_the_mean_of_the_three_dark_currents(temperature_c: float, factor: float) -> None:
     exposure_s = 16.0
     dn = capture(thesis_sensor(), exposure_s=exposure_s, temperature_c=temperature_c).dn
@@ -85,16 +85,13 @@ def test_light_has_no_shot_noise_and_is_cut_off_not_rounded() -> None:
     np.testing.assert_array_equal(dn[away], np.floor(electrons)[away])
 
 
-def test_the_converter_ends_at_2_to_the_bits() -> None:
-    shot = capture(thesis_sensor(bits=8), 1000.0)
-    assert shot.dn.max() == shot.dn.min() == shot.saturation_dn == 256
-    assert shot.saturated.all()
-
-
-def test_the_full_well_ends_the_range_before_the_converter() -> None:
-    shot = capture(thesis_sensor(full_well_e=1000, k_dn_per_e=0.25), 5000.0)
-    assert shot.dn.max() == shot.dn.min() == shot.saturation_dn == 250
-    assert not capture(thesis_sensor(full_well_e=1000, k_dn_per_e=0.25), 900.0, 1e-3).saturated.any()
+def test_the_converter_ends_at_2_to_the_bits_or_the_full_well_before() -> None:
+    small = {"full_well_e": 1000, "k_dn_per_e": 0.25}
+    for sensor, end in ((thesis_sensor(bits=8), 256), (thesis_sensor(**small), 250)):
+        shot = capture(sensor, 5000.0)
+        assert shot.dn.max() == shot.dn.min() == shot.saturation_dn == end
+        assert shot.saturated.all()
+    assert not capture(thesis_sensor(**small), 900.0, 1e-3).saturated.any()
 
 
 def test_the_pattern_is_drawn_anew_for_each_exposure() -> None:

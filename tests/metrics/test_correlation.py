@@ -9,11 +9,8 @@ from scipy.ndimage import gaussian_filter, gaussian_filter1d, uniform_filter
 from scipy.stats import norm
 
 from labcdp.core.errors import InputError
-from labcdp.core.luminance import LuminanceMap
-from labcdp.core.roi import Roi
 from labcdp.metrics import cdp_correlated, variance_inflation
 from labcdp.metrics.lags import inflation_by_lags, products_by_lag
-from labcdp.metrics.pair import evaluate_pair
 
 SIDE = 40
 SHAPE = (SIDE, 2 * SIDE + 6)
@@ -50,20 +47,10 @@ def test_products_by_lag_as_by_brute_force(shape, seed):
             assert found[dy, dx] == pytest.approx((first * second).sum(), abs=1e-12)
 
 
-@given(shape=st.tuples(st.integers(3, 40), st.integers(3, 8)), share=st.floats(0.3, 1), seed=st.integers(0, 2**32 - 1))
-def test_a_region_seen_in_a_mirror_has_the_same_inflation(shape, share, seed):
-    rng = np.random.default_rng(seed)
-    image, mask = rng.normal(size=shape) + rng.normal(0, 0.5, (shape[0], 1)), rng.random(shape) < share
-    mask[0, :2] = True
-    expected = by_lags(image, mask)
-    assert by_lags(image[:, ::-1], mask[:, ::-1]) == pytest.approx(expected, rel=1e-9)
-    assert by_lags(image.T, mask.T) == pytest.approx(expected, rel=1e-9)
-
-
 @pytest.mark.parametrize("filtered", [partial(uniform_filter, size=3), gaussian(2.0), np.asarray])
 def test_intervals_cover_the_truth_and_are_hardly_wider_than_they_must_be(filtered):
     """At contrasts on a flank of the CDP, where a pixel counts in proportion, and near its maximum."""
-    rng, repeats = np.random.default_rng(14), 150
+    rng, repeats = np.random.default_rng(14), 80
     found, covered = {0.15: [], 0.2: [], 0.3: []}, []
     for _ in range(repeats):
         image = np.where(LEFT, 100, 120) + 5 * smoothed(rng, SHAPE, filtered)
@@ -81,7 +68,7 @@ def test_intervals_cover_the_truth_and_are_hardly_wider_than_they_must_be(filter
     assert np.mean(covered) >= 0.95 - 3 * sqrt(0.95 * 0.05 / repeats), covered
 
 
-@pytest.mark.parametrize("sigma", [0.0, 0.6, 1.2, 2.0, 3.0])
+@pytest.mark.parametrize("sigma", [0.0, 0.7, 3.0])
 def test_intervals_of_means_cover_the_truth_however_far_the_noise_reaches(sigma):
     """Each size by itself, and all of them together: 3 sigma below 95 %."""
     rng, all_covered = np.random.default_rng(12), []
@@ -97,23 +84,6 @@ def test_intervals_of_means_cover_the_truth_however_far_the_noise_reaches(sigma)
         # Smoothing by a Gaussian of s px makes the variance of a mean 4 pi s^2 times as large, once s is a pixel.
         assert np.median(stated) <= 1.25 * sqrt(max(1, 4 * np.pi * sigma**2)) / size
     assert np.mean(all_covered) >= 0.95 - 3 * sqrt(0.95 * 0.05 / len(all_covered))
-
-
-@pytest.mark.parametrize("sigma", [0.0, 3.0])
-def test_intervals_of_contrasts_and_cdp_of_a_map_cover_the_truth(sigma):
-    """CDP of two normal regions of 100 and 140 with noise of 5, whose truth is known from a million pixels."""
-    rng = np.random.default_rng(30 + int(10 * sigma))
-    bright, dark = (rng.normal(mean, 5.0, 10**6) for mean in (140, 100))
-    truth = np.mean((bright / dark >= 1.15) & (bright / dark <= 1.45))
-    repeats, covered = 60, np.zeros(2)
-    rois = [Roi.rectangle(name, x, 0, SIDE, SIDE) for name, x in (("bright", 0), ("dark", SIDE))]
-    for _ in range(repeats):
-        light = np.concatenate([mean + 5 * smoothed(rng, (SIDE, SIDE), gaussian(sigma)) for mean in (140, 100)], axis=1)
-        found = evaluate_pair(LuminanceMap(light, np.full(light.shape, 0.05), (), np.zeros(light.shape, np.uint8)),
-                              *rois, (0.3,))  # fmt: skip
-        low, high = found.results[0].confidence_interval
-        covered += (abs(found.contrast.value - 0.4) <= 1.96 * found.contrast.standard_error, low <= truth <= high)
-    assert (covered / repeats >= 0.95 - 3 * sqrt(0.95 * 0.05 / repeats)).all()
 
 
 @pytest.mark.parametrize(("sigma", "slope"), [(0.0, 0.5), (0.7, 0.3), (0.7, 2.0)])
@@ -132,21 +102,17 @@ def test_uncertainty_does_not_jump_between_pictures_of_an_unchanged_scene(sigma,
     assert np.median(stated) > 0.9 * scatter * (1 - 3 / sqrt(2 * repeats))
 
 
-@pytest.mark.parametrize(("averaged", "expected"), [(1, 1), (2, 4), (3, 9)])
-def test_the_inflation_is_the_sum_of_the_autocorrelation(averaged, expected):
-    rng = np.random.default_rng(18)
+def test_the_inflation_is_the_sum_of_the_autocorrelation():
+    rng, repeats = np.random.default_rng(18), 20
     # A disc, to have a mask with no straight edge.
     y, x = np.ogrid[:90, :100]
     disc = (y - 45) ** 2 + (x - 50) ** 2 < 40**2
-    found = [by_lags(smoothed(rng, (90, 100), partial(uniform_filter, size=averaged)), disc) for _ in range(30)]
-    assert np.mean(found) == pytest.approx(expected, rel=0.1)
-
-
-def test_a_pattern_of_rows_is_found():
-    rng = np.random.default_rng(19)
-    shape = (100, 80)
-    found = [by_lags(rng.normal(size=shape) + rng.normal(0, 0.3, (shape[0], 1))) for _ in range(30)]
-    # Variance of the mean of a row over that of 80 independent pixels of the same variance.
+    for side in (1, 2, 3):
+        filtered = partial(uniform_filter, size=side)
+        found = [by_lags(smoothed(rng, (90, 100), filtered), disc) for _ in range(repeats)]
+        assert np.mean(found) == pytest.approx(side**2, rel=0.1)
+    # A pattern of rows: variance of the mean of a row over that of 80 independent pixels of the same variance.
+    found = [by_lags(rng.normal(size=(100, 80)) + rng.normal(0, 0.3, (100, 1))) for _ in range(repeats)]
     assert np.mean(found) == pytest.approx((0.3**2 + 1 / 80) / ((1 + 0.3**2) / 80), rel=0.15)
 
 
@@ -179,8 +145,8 @@ def test_a_thin_region_is_not_more_often_taken_for_correlated_than_chance_says(w
     rng = np.random.default_rng(8)
     y, x = np.mgrid[:600, :600]
     thin = np.abs(x - y) < width
-    found = [variance_inflation(rng.normal(size=thin.shape), thin) > 1 for _ in range(40)]
-    assert np.mean(found) <= 0.05 + 3 * sqrt(0.05 * 0.95 / 40)
+    found = [variance_inflation(rng.normal(size=thin.shape), thin) > 1 for _ in range(20)]
+    assert np.mean(found) <= 0.05 + 3 * sqrt(0.05 * 0.95 / 20)
     assert variance_inflation(smoothed(rng, (600, 600), gaussian(2.0)), thin) > 5
 
 

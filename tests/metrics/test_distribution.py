@@ -12,8 +12,7 @@ from labcdp.metrics import Distribution, cdp_range
 FLOATS = st.sampled_from([-1.5, -0.0, 0.0, 0.1, 1.0, 2.0, 300.25])
 
 
-@pytest.mark.parametrize("kind", ["u1", "u2", "u8", "i4", "i8", "f2", "f4", "f8"])
-@given(st.data())
+@given(st.sampled_from(["u1", "u2", "u8", "i4", "i8", "f2", "f4", "f8"]), st.data())
 def test_values_of_every_type_are_counted(kind, data):
     elements = FLOATS
     if kind[0] != "f":
@@ -39,23 +38,25 @@ def test_converting_the_distinct_values_equals_converting_each_pixel():
     assert converted == cdp_range(*((dn - 64) / 17.3 for dn in regions), [0.2])
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: Distribution.from_array([]), "pixels holds no pixel: give at least one"),
-        (lambda: Distribution.from_array([-np.inf, 1.0]), "pixels holds 1 values that are not finite: leave such pixe"),
-        (lambda: Distribution.from_array([True, False]), "pixels has type bool: give integers or floats of at most 64"),
-        (lambda: Distribution.from_array(np.array([1], np.longdouble)), "pixels has type float128: give integers or"),
-        (lambda: Distribution.from_array([[1], [1, 2]]), "pixels is not an array: "),
-        (lambda: Distribution.from_array(np.ma.masked_equal([1, 2], 2)), r"pixels is a masked array: give its valid"),
-        (lambda: Distribution.from_array([0, 2**53 + 1]), r"pixels spans 0 to 9007199254740993: give integers up to 2"),
-        (lambda: Distribution([1, 2], [1]), r"values have shape \(2,\), weights \(1,\): give two lists of equal leng"),
-        (lambda: Distribution([1, 1], [1, 1]), "values are not finite or not rising: sort them and join equal ones"),
-        (lambda: Distribution([1, np.nan, 3], [1, 1, 1]), "values are not finite or not rising"),
-        (lambda: Distribution([1, 2], [1, -1]), "weights are not finite, negative or all 0: give how often each value"),
-        (lambda: Distribution([1, 2], [1, 1]).map(np.mean), r"the conversion returned shape \(\) for \(2,\): it must"),
-    ],
-)
-def test_what_makes_no_distribution_is_refused(make, message):
+REFUSED = [
+    ([], "pixels holds no pixel: give at least one"),
+    ([-np.inf, 1.0], "pixels holds 1 values that are not finite: leave such pixels out"),
+    ([True, False], "pixels has type bool: give integers or floats of at most 64"),
+    (np.array([1], np.longdouble), "pixels has type float128: give integers or floats"),
+    ([[1], [1, 2]], "pixels is not an array: "),
+    (np.ma.masked_equal([1, 2], 2), "pixels is a masked array: give its valid"),
+    ([0, 2**53 + 1], r"pixels spans 0 to 9007199254740993: give integers up to 2\^53"),
+]
+
+
+@pytest.mark.parametrize(("pixels", "message"), REFUSED)
+def test_what_makes_no_distribution_is_refused(pixels, message):
     with pytest.raises(InputError, match=message):
-        make()
+        Distribution.from_array(pixels)
+    for values, weights, other in (
+        ([1, 2], [1], r"values have shape \(2,\), weights \(1,\): give two lists"),
+        ([1, 1], [1, 1], "values are not finite or not rising: sort them and join equal ones"),
+        ([1, 2], [1, -1], "weights are not finite, negative or all 0: give how often each value"),
+    ):
+        with pytest.raises(InputError, match=other):
+            Distribution(values, weights)

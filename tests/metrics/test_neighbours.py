@@ -78,7 +78,7 @@ def checkerboard(rng, shape, std, pattern_std):
 @pytest.mark.parametrize(("std", "pattern_std"), [(5, 0), (2, 6)])
 def test_the_confidence_interval_covers_the_truth(std, pattern_std):
     rng = np.random.default_rng(6)
-    shape, repeats = (60, 60), 400
+    shape, repeats = (60, 60), 300
     # A long mean is the truth; its own error is a twentieth of that of one image.
     results = [cdp_neighbours(checkerboard(rng, shape, std, pattern_std), 0.2) for _ in range(repeats)]
     truth = np.mean([result.cdp for result in results])

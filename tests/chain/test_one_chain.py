@@ -183,6 +183,7 @@ def cameras(draw: st.DrawFn) -> Chain:
     new["sensor"] = replace(new["sensor"], width=64, height=64, row_dsnu_e=0.0, column_dsnu_e=0.0)
     spread = {key: SPREADS[key] for key in draw(st.lists(st.sampled_from(sorted(SPREADS)), unique=True))}
     new["optics"] = replace(new["optics"], **(SHARP | spread))
+    new["windscreen"] = replace(new["windscreen"], glare_fraction=0.5, glare_subtracted=draw(st.booleans()))
     times: Any = draw(st.sampled_from([0.016, 0.3, (0.016, 0.002), (0.3, 0.002), (0.016, 0.004, 0.0005)]))
     new["exposure"] = replace(new["exposure"], exposure_s=times)
     method = draw(st.sampled_from(["normal", "linear", "weighted"] + [None] * isinstance(times, float)))

@@ -145,6 +145,16 @@ def test_light_is_spread_and_not_lost(lens: Optics) -> None:
     np.testing.assert_allclose(lens.spread(np.full((20, 30), 4.0), PITCH_M), 4.0, rtol=1e-9)
 
 
+@pytest.mark.parametrize("sigma_px", [0.3, 3.0, 40.0])
+def test_a_point_is_as_wide_as_its_blur(sigma_px: float) -> None:
+    scene = np.zeros((1, 801))
+    scene[0, 400] = 1.0
+    image = replace(SHARP, blur_sigma_m=sigma_px * PITCH_M).spread(scene, PITCH_M)[0]
+    # The point and the pixel are a square wide, each with a variance of 1 / 12.
+    variance = (image * (np.arange(801) - 400.0) ** 2).sum() / image.sum()
+    assert variance == pytest.approx(sigma_px**2 + 1 / 6, rel=1e-3)
+
+
 @pytest.mark.parametrize("square_px", [0.25, 0.5, 1, 2.5])
 def test_pixels_see_the_mean_of_the_samples(square_px: float) -> None:
     board = Checkerboard(40, 40, 1.0, 1.0, square_px, oversampling=4)

@@ -146,13 +146,13 @@ def test_light_is_spread_and_not_lost(lens: Optics) -> None:
 
 
 @pytest.mark.parametrize("sigma_px", [0.3, 3.0, 40.0])
-def test_a_point_is_as_wide_as_its_blur(sigma_px: float) -> None:
-    scene = np.zeros((1, 801))
+def test_the_image_of_a_line_is_its_blur_averaged_over_line_and_pixel(sigma_px: float) -> None:
+    scene, x = np.zeros((1, 801)), np.arange(-401, 402) / sigma_px
     scene[0, 400] = 1.0
     image = replace(SHARP, blur_sigma_m=sigma_px * PITCH_M).spread(scene, PITCH_M)[0]
-    # The point and the pixel are a square wide, each with a variance of 1 / 12.
-    variance = (image * (np.arange(801) - 400.0) ** 2).sum() / image.sum()
-    assert variance == pytest.approx(sigma_px**2 + 1 / 6, rel=1e-3)
+    # Of the normal distribution, integrated twice.
+    expected = np.diff(sigma_px * (x * norm.cdf(x) + norm.pdf(x)), 2)
+    np.testing.assert_allclose(image, expected, atol=1e-3 * expected.max())
 
 
 @pytest.mark.parametrize("square_px", [0.25, 0.5, 1, 2.5])

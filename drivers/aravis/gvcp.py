@@ -13,8 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from ipaddress import AddressValueError, IPv4Address, IPv4Interface
 
-from ...core.disk.files import printable
-from ...core.errors import InputError
+from ...core.errors import InputError, printable
 from ..camera import CameraError, CameraNotFoundError
 from ..network import interfaces
 from .library import CameraInfo

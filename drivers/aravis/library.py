@@ -10,7 +10,7 @@ from functools import cache
 from types import ModuleType
 from typing import Any
 
-from ...core.disk.files import printable
+from ...core.errors import printable
 from ..camera import CameraError, CameraNotFoundError
 
 

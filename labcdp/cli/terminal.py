@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from ..core.disk.files import printable
+from ..core.errors import printable
 from ..core.result import unique
 
 if TYPE_CHECKING:

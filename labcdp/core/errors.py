@@ -1,8 +1,21 @@
 """The error tree: every message says what was wrong, with which value, and what to do."""
 
 
+def printable(text: str) -> str:
+    r"""Return the text with all control characters, and what else has no picture, escaped: ``\\x1b`` for ESC."""
+    return text if text.isprintable() else "".join(map(_escaped, text))
+
+
+def _escaped(character: str) -> str:
+    return character if character.isprintable() else character.encode("unicode_escape").decode()
+
+
 class LabcdpError(Exception):
-    """Base of every error labcdp raises on purpose; the command line prints it as one line."""
+    """Base of every error labcdp raises on purpose: one line of printable text, whatever a file or device says."""
+
+    def __str__(self) -> str:
+        """Return the message."""
+        return printable(super().__str__())
 
 
 class InputError(LabcdpError, ValueError):

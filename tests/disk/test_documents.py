@@ -100,6 +100,7 @@ def test_text_that_is_refused(tmp_path, read, text, message):
 def test_messages_quote_little_and_printable(value):
     assert quoted(value).isprintable()
     assert len(quoted(value)) <= 100
+    assert str(InputError(f"the file says {value}")).isprintable()
 
 
 #: What a library may do with a damaged file.

@@ -88,12 +88,27 @@ regions_xywh = { a = [0, 0, 8, 8], b = [8, 0, 8, 8] }
 f_number = 2.0
 transmittance = 0.9
 """
+SHEET = """[emva1288]
+width = 2464
+height = 2056
+bits = 12
+quantum_efficiency = 0.64
+wavelength_nm = 525
+snr_max_db = 40.3
+dynamic_range_db = 71.2
+"""
+CERTIFICATE = """number = "1"
+laboratory = "PTB"
+date = 2026-03-31
+due_date = 2027-04-01
+expanded_uncertainty_rel = 0.012
+"""
 SCHEDULE = "at 1 min vanish for 5 s\nat 90 s freeze for 3 s\n"
 
 
 def make_seeds(folder: Path) -> None:
     """Write all files into a new folder."""
-    for make in (_texts, _regions, _pictures, _session, _journals, _calibration, _emva, _videos, _netcdf):
+    for make in (_texts, _regions, _pictures, _session, _journals, _calibration, _results, _emva, _videos, _netcdf):
         make(folder)
 
 
@@ -117,6 +132,9 @@ def _texts(folder: Path) -> None:
     _write(folder / "readings" / "readings.csv", READINGS)
     _write(folder / "readings" / "plain.csv", "patch,luminance_cd_m2\nleft,356.5\nright,12.25\n")
     _write(folder / "faults" / "faults.txt", SCHEDULE)
+    _write(folder / "simulated-bench" / "bench.toml", (DATA / "simulated-bench.toml").read_bytes())
+    _write(folder / "sheet" / "sheet.toml", SHEET)
+    _write(folder / "certificate" / "certificate.toml", CERTIFICATE)
     files = tuple(StoredFile(name, 64 * "a", 12) for name in ("report.html", "figures/a.png"))
     _write(folder / "list" / LIST_FILE, FileList("image", True, files, "video.jsonl").encode())
 
@@ -223,6 +241,19 @@ def _calibration(folder: Path) -> None:
     save(calibration, folder / "calibration" / "calibration.json")
     save(calibration, folder / "history" / "calibration.json")
     save(replace(calibration, vignetting=FlatField(relative, 0.001, 0.01, 8)), folder / "calibration" / "arrays.json")
+
+
+def _results(folder: Path) -> None:
+    import labcdp
+    from labcdp.evaluate.camera.characterise import characterise_session
+    from labcdp.evaluate.camera.result import result
+    from labcdp.report.files import envelope_json
+    from labcdp.session import Session, example_session
+
+    evaluated = labcdp.Session.open(example_session()).calibrate().evaluate()
+    _write(folder / "results" / "results.json", json.dumps(evaluated.to_dict()))
+    found = characterise_session(Session.open(example_session()))
+    _write(folder / "characterisation" / "results.json", envelope_json(result(found)))
 
 
 def _emva(folder: Path) -> None:

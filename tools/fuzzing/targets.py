@@ -71,6 +71,37 @@ def _camera(_: Path, file: Path) -> Any:
     return specification
 
 
+def _simulated_bench(_: Path, file: Path) -> Any:
+    from labcdp.drivers.simulated.devices import SimulatedBenchFile
+
+    return repr(SimulatedBenchFile.load(file).devices(file))
+
+
+def _certificate(_: Path, file: Path) -> Any:
+    from labcdp.session import MeterCertificate
+
+    certificate = MeterCertificate.load(file).model_dump(mode="json")
+    _require_kept(tomllib.loads(file.read_text("utf-8-sig")), certificate)
+    return certificate
+
+
+def _results(_: Path, file: Path) -> Any:
+    from labcdp.cli.info import describe
+    from labcdp.evaluate.compare.compare import compare_subjects
+    from labcdp.evaluate.compare.result import compare_result
+    from labcdp.report.files import envelope_json
+
+    return repr(describe(file, "A")), envelope_json(compare_result(compare_subjects([str(file), str(file)])))
+
+
+def _sensor(_: Path, file: Path) -> Any:
+    from labcdp.chain import Chain
+    from labcdp.core.disk.text import toml_text
+    from labcdp.evaluate.camera.sensor import with_emva1288
+
+    return toml_text(with_emva1288(Chain.load("manta-g505"), file)[0].document)
+
+
 def _bench(_: Path, file: Path) -> Any:
     from labcdp.session import SessionConfiguration
 
@@ -275,6 +306,12 @@ TARGETS: dict[str, Target] = {
     "image-chain": Target(_scene, "scene.tif"),
     "camera": Target(_camera, "*.toml", TEXTS, cost=0.02),
     "bench": Target(_bench, "*.*", TEXTS, cost=0.01),
+    "simulated-bench": Target(_simulated_bench, "*.toml", TEXTS, cost=0.01),
+    "certificate": Target(_certificate, "*.toml", TEXTS),
+    "results": Target(_results, "*.json", JSON, cost=0.02),
+    "characterisation": Target(_results, "*.json", JSON, cost=0.02),
+    "sensor": Target(_sensor, "*.json", JSON, cost=0.02),
+    "sheet": Target(_sensor, "*.toml", TEXTS, cost=0.02),
     "spectrum": Target(_spectrum, "*.csv", TEXTS),
     "readings": Target(_readings, "*.csv", TEXTS),
     "faults": Target(_faults, "*.txt", TEXTS),
@@ -299,4 +336,4 @@ TARGETS: dict[str, Target] = {
     "reference": Target(_reference, "*.nc", cost=2.0, most_seconds=90.0),
 }
 #: Seeds of targets that damage the same files in another way.
-SEEDS = {"session-rechecked": "session", "sweep-rechecked": "sweep"}
+SEEDS = {"sensor": "characterisation", "session-rechecked": "session", "sweep-rechecked": "sweep"}

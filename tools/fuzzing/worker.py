@@ -9,6 +9,7 @@ import shutil
 import signal
 import time
 import traceback
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -92,7 +93,7 @@ class Bench:
         path, data = self.input(number)
         path.write_bytes(data)
         try:
-            with _alarm(self.target.most_seconds):
+            with _alarm(self.target.most_seconds), warnings.catch_warnings(action="error", category=RuntimeWarning):
                 found = fingerprint(self._read(path))
         except LabcdpError as error:
             problem = _problem_of_message(str(error), self.folder)

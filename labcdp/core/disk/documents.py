@@ -13,7 +13,7 @@ from math import isfinite
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar, cast, get_type_hints
 
 from ..errors import ConfigurationError, InputError
-from .files import MOST_DIGITS, AnyPath, name_of, quoted, read_bytes, read_text, reason
+from .files import MOST_DIGITS, AnyPath, quoted, read_bytes, read_text, reason
 
 if TYPE_CHECKING:
     from pydantic import TypeAdapter
@@ -72,7 +72,7 @@ def read_json(path: AnyPath, what: str, most_bytes: int = MOST_BYTES) -> Any:
     try:
         return parse_json(data)
     except InputError as error:
-        raise InputError(f"{name_of(path)}: {error}; give {what}") from error
+        raise InputError(f"{path}: {error}; give {what}") from error
 
 
 def _require_moderate(data: bytes) -> None:
@@ -148,7 +148,7 @@ def read_toml(path: AnyPath, what: str) -> dict[str, Any]:
     try:
         return parse_toml(text)
     except InputError as error:
-        raise ConfigurationError(f"{name_of(path)}: {error}") from error
+        raise ConfigurationError(f"{path}: {error}") from error
 
 
 def record_of(kind: type, values: Any, *left_out: str) -> dict[str, Any]:

@@ -14,21 +14,12 @@ from os import PathLike
 from pathlib import Path
 from typing import TypeAlias
 
-from ..errors import InputError
+from ..errors import InputError, printable
 
 #: Characters of an input in a message.
 MOST_QUOTED = 100
 #: Most digits of a whole number; more indicate damage, and parsing time is quadratic.
 MOST_DIGITS = 40
-
-
-def printable(text: str) -> str:
-    r"""Return the text with all control characters, and what else has no picture, escaped: ``\\x1b`` for ESC."""
-    return text if text.isprintable() else "".join(map(_escaped, text))
-
-
-def _escaped(character: str) -> str:
-    return character if character.isprintable() else character.encode("unicode_escape").decode()
 
 
 def shortened(text: str, most: int = MOST_QUOTED) -> str:
@@ -101,11 +92,6 @@ _KINDS = {
 _UNSIZED_BYTES = 2**20
 # A pipe without a writer would block, a terminal become that of this process. Windows needs to know that it is no text.
 _FLAGS = sum(getattr(os, name, 0) for name in ("O_CLOEXEC", "O_NONBLOCK", "O_NOCTTY", "O_BINARY"))
-
-
-def name_of(path: AnyPath) -> str:
-    """Return a path as messages show it; one that a document names may hold control characters."""
-    return printable(os.fspath(path))
 
 
 def open_regular(path: AnyPath, writable: bool = False) -> BufferedReader | BufferedRandom:
@@ -191,7 +177,7 @@ def _reported(path: AnyPath, what: str, error: type[InputError] = InputError) ->
     try:
         yield
     except OSError as caught:
-        raise error(f"{name_of(path)} cannot be read ({reason(caught)}): give {what}") from caught
+        raise error(f"{path} cannot be read ({reason(caught)}): give {what}") from caught
 
 
 def read_text(path: AnyPath, what: str, most_bytes: int, error: type[InputError] = InputError) -> str:
@@ -200,7 +186,7 @@ def read_text(path: AnyPath, what: str, most_bytes: int, error: type[InputError]
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as caught:
-        raise error(f"{name_of(path)} is not UTF-8 text (byte {caught.start}): give {what}, saved as UTF-8") from caught
+        raise error(f"{path} is not UTF-8 text (byte {caught.start}): give {what}, saved as UTF-8") from caught
 
 
 def file_sha256(path: AnyPath, what: str) -> str:

@@ -11,7 +11,7 @@ from math import isfinite
 from typing import Any
 
 from ..errors import InputError
-from .files import AnyPath, name_of, quoted, read_bytes, reason
+from .files import AnyPath, quoted, read_bytes, reason
 
 
 def results_json(values: Any) -> str:
@@ -147,13 +147,11 @@ def read_csv(path: AnyPath, what: str) -> CsvTable:
     try:
         lines = data.decode("utf-8-sig").splitlines()
     except UnicodeDecodeError as caught:
-        raise InputError(
-            f"{name_of(path)} is not UTF-8 text (byte {caught.start}): save it as CSV in UTF-8"
-        ) from caught
+        raise InputError(f"{path} is not UTF-8 text (byte {caught.start}): save it as CSV in UTF-8") from caught
     separator = next((one for one in ";\t" if lines and one in lines[0]), ",")
     rows = tuple(_rows(lines, separator, path))
     if not rows:
-        raise InputError(f"{name_of(path)} is empty: give {what}")
+        raise InputError(f"{path} is empty: give {what}")
     return CsvTable(rows[0].cells, rows[1:], separator, data)
 
 
@@ -175,6 +173,6 @@ def _rows(lines: list[str], separator: str, path: AnyPath) -> Iterator[CsvRow]:
                 )
             yield CsvRow(reader.line_num, tuple(cell.strip() for cell in cells), lines[reader.line_num - 1])
     except InputError as error:
-        raise InputError(f"{name_of(path)}, line {reader.line_num}: {error}") from error
+        raise InputError(f"{path}, line {reader.line_num}: {error}") from error
     except csv.Error as error:
-        raise InputError(f"{name_of(path)}, line {reader.line_num}: {reason(error)}") from error
+        raise InputError(f"{path}, line {reader.line_num}: {reason(error)}") from error

@@ -32,12 +32,15 @@ class Quantity:
         For example ``DN/e-``; ``1`` for fractions.
     note : str
         Method or limitation; may be empty.
+    expanded : float or None
+        U (95 %), where it is not 1.96 standard uncertainties.
     """
 
     value: float
     standard_uncertainty: float
     unit: str
     note: str = ""
+    expanded: float | None = None
 
     @property
     def relative(self) -> float:

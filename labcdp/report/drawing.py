@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .layout import ReportFigure
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -64,6 +66,11 @@ def png(figure: Figure) -> bytes:
         margins = None if placed else "tight"
         figure.savefig(file, format="png", dpi=figure.dpi, bbox_inches=margins, pad_inches=0.08, pil_kwargs=how)
     return file.getvalue()
+
+
+def reported(name: str, figure: Figure, caption: str, alternative: str = "") -> ReportFigure:
+    """Draw a figure for a page; its caption is also its alternative, unless another one is given."""
+    return ReportFigure(f"{name}.png", png(figure), caption, alternative or caption)
 
 
 @contextmanager

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -17,6 +17,7 @@ from ..core.disk.tiff import read_in_child
 from ..core.errors import InputError
 from ..core.result import Result
 from ..core.table import Table
+from ..output import Destination, write_files
 from .html import render_page
 from .layout import Page, ReportFigure
 from .sheets import result_workbook
@@ -88,7 +89,7 @@ def _unit(unit: Any) -> Any:
 
 
 def result_files(
-    result: Result, page: Page, figures: Iterable[ReportFigure] = (), time: datetime | None = None
+    result: Result, page: Page, figures: Iterable[ReportFigure] | None = None, time: datetime | None = None
 ) -> dict[str, bytes]:
     """Return results.json, report.html, results.xlsx and figures/*.png by their names.
 
@@ -98,17 +99,50 @@ def result_files(
         The numbers.
     page : Page
         The page.
-    figures : iterable of ReportFigure
-        Figures that are also written as files.
+    figures : iterable of ReportFigure or None
+        Figures that are also written as files; None for all of the page.
     time : datetime or None
         Time of the content, for the properties of the spreadsheet; None for the current time.
     """
+    if figures is None:
+        figures = [block for block in page.blocks if isinstance(block, ReportFigure)]
     return {
         "results.json": envelope_json(result).encode(),
         "report.html": render_page(page).encode(),
         "results.xlsx": result_workbook(result, time or datetime.now(UTC)),
         **{f"figures/{figure.file_name}": figure.png for figure in figures},
     }
+
+
+def write_report(
+    result: Result,
+    page: Page,
+    folder: Destination,
+    files: Mapping[str, bytes] | None = None,
+    time: datetime | None = None,
+) -> list[Path]:
+    """Write a result into a folder as `write_files` takes it; everything is made before the first file is written.
+
+    Parameters
+    ----------
+    result, page, time
+        As for `result_files`; the figures are those of the page.
+    folder : Destination
+        Where to.
+    files : mapping of str to bytes, or None
+        Further files by their names.
+
+    Returns
+    -------
+    list of Path
+        results.json, report.html, results.xlsx, figures/*.png and the further files.
+
+    Raises
+    ------
+    InputError
+        If one cannot be written.
+    """
+    return write_files(folder, result.kind, {**(files or {}), **result_files(result, page, time=time)})
 
 
 #: Largest size of a file, and signatures of HDF5 and classic NetCDF.

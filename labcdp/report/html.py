@@ -32,7 +32,6 @@ def render_page(page: Page) -> str:
     page : Page
         The page.
     """
-    blocks = [*page.lead, *(block for section in page.sections for block in section.blocks)]
     severe = [finding for finding in unique(page.findings) if finding.severity != "info"]
     return (
         environment()
@@ -40,7 +39,7 @@ def render_page(page: Page) -> str:
         .render(
             page=page,
             version=version("labcdp"),
-            scripts=any(isinstance(block, Script) for block in blocks),
+            scripts=any(isinstance(block, Script) for block in page.blocks),
             severe=[(finding.severity, _sentence(finding)) for finding in severe],
             notes=[_sentence(finding) for finding in unique(page.findings) if finding.severity == "info"],
         )

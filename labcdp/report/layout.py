@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
@@ -32,8 +32,8 @@ class ReportFigure:
     alternative: str
 
 
-#: Colour of an answer.
-State: TypeAlias = Literal["good", "bad", "open"]
+#: Colour of an answer; a plain one has none.
+State: TypeAlias = Literal["good", "bad", "open", "plain"]
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Card:
         Further context.
     verdict : str
         One or two words, for example ``detected``; may be empty.
-    state : {'good', 'bad', 'open'}
+    state : {'good', 'bad', 'open', 'plain'}
         Colour of the verdict.
     """
 
@@ -61,7 +61,7 @@ class Card:
     detail: str = ""
     lines: tuple[str, ...] = ()
     verdict: str = ""
-    state: State = "open"
+    state: State = "plain"
 
 
 @dataclass(frozen=True)
@@ -183,3 +183,22 @@ class Page:
     lead: Sequence[Block] = ()
     findings: Sequence[Finding] = ()
     sections: Sequence[Section] = field(default=())
+
+    @classmethod
+    def of(
+        cls,
+        result: Result,
+        kind: str,
+        summary: str = "",
+        cards: Iterable[Card] = (),
+        lead: Iterable[Block] = (),
+        sections: Iterable[Section] = (),
+    ) -> Page:
+        """Return the page of a result, with its title and findings, and a banner if any of the data is simulated."""
+        banner = SIMULATED if result.simulated else ""
+        return cls(kind, result.title, summary, banner, [*cards], [*lead], result.findings, [*sections])
+
+    @property
+    def blocks(self) -> list[Block]:
+        """All blocks in their order."""
+        return [*self.lead, *(block for section in self.sections for block in section.blocks)]

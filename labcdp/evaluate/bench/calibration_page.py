@@ -13,9 +13,9 @@ from ...calibration import AnyCalibration, Calibration, PatchResidual
 from ...core.result import Result
 from ...core.table import Z_95, Table
 from ...output import Destination, write_files
-from ...report.drawing import BLUE, ORANGE, finish, placed_figure, plain_numbers, png
+from ...report.drawing import BLUE, ORANGE, finish, placed_figure, plain_numbers, reported
 from ...report.html import render_page
-from ...report.layout import SIMULATED, Block, Card, Facts, Page, ReportFigure, Section
+from ...report.layout import Block, Card, Facts, Page, ReportFigure, Section
 from ...report.sheets import result_workbook
 from ...report.text import cell_text, day, exposure, fixed, listed, printable, shortened, significant, with_half_width
 from .calibration_result import PATCH_PIXELS
@@ -79,9 +79,9 @@ def _fit(calibration: Calibration, prefix: str) -> ReportFigure:
     title = f"Responsivity {with_half_width(r, whole.expanded or 0.0)} {whole.unit}"
     signal = "signal" if calibration.response.kind == "linear" else "linearised signal"
     finish(axes, "luminance by the meter in cd/m²", f"{signal} by the camera in DN/s", title)
-    return ReportFigure(
-        f"{prefix}fit.png",
-        png(figure),
+    return reported(
+        f"{prefix}fit",
+        figure,
         f"{signal.capitalize()} above the dark signal over the luminance by the meter, with the fitted line.",
         f"Signal over luminance of {len(rows)} patches, with a straight line through zero.",
     )
@@ -104,9 +104,9 @@ def _response(calibration: Calibration, prefix: str) -> ReportFigure:
     axes.plot(net, bend, color="0.7", linestyle="--", linewidth=1.2, label="beyond the calibrated signals")
     axes.plot(net[inside], bend[inside], color=BLUE, linewidth=1.8, label="calibrated")
     finish(axes, "signal above dark in DN", "correction in %", f"Response h: {calibration.response.kind}")
-    return ReportFigure(
-        f"{prefix}response.png",
-        png(figure),
+    return reported(
+        f"{prefix}response",
+        figure,
         "Deviation of the camera's response from a straight line: a signal is multiplied by 1 plus this.",
         f"Correction of the response, {fixed(float(bend[-1]), 2, sign=True)} % at the highest signal.",
     )
@@ -152,9 +152,9 @@ def _residuals(calibration: AnyCalibration, prefix: str) -> ReportFigure:
         offset = {"xytext": (4, 4), "textcoords": "offset points"}
         panels[0].annotate(shortened(row.patch, 14), point, fontsize=7, parse_math=False, **offset)
     worst = max(calibration.residuals, key=lambda row: abs(row.residual_rel))
-    return ReportFigure(
-        f"{prefix}residuals.png",
-        png(figure),
+    return reported(
+        f"{prefix}residuals",
+        figure,
         "Residuals over luminance and over the place of the patches in the image. The bars are ± U (95 %) by all "
         "stated errors that differ between patches; the scale error of the meter, common to all, is not in them. A "
         "trend over luminance indicates glare, a wrong dark signal or a non-linear response; one over the place "
@@ -198,17 +198,10 @@ def calibration_page(
     figures : sequence of ReportFigure or None
         As `calibration_figures` draws them; None to draw them.
     """
-    figures = figures or calibration_figures(calibration)
-    return Page(
-        "Calibration of a camera as a luminance meter",
-        result.title,
-        _summary(calibration),
-        SIMULATED if result.simulated else "",
-        tuple(_cards(calibration, result)),
-        (figures[0], result.table("calibration_patches").only(*_BESIDE_FIGURE)),
-        result.findings,
-        tuple(_sections(calibration, result, figures[1:])),
-    )
+    first, *others = figures or calibration_figures(calibration)
+    lead = first, result.table("calibration_patches").only(*_BESIDE_FIGURE)
+    kind, sections = "Calibration of a camera as a luminance meter", _sections(calibration, result, others)
+    return Page.of(result, kind, _summary(calibration), _cards(calibration, result), lead, sections)
 
 
 def _summary(calibration: AnyCalibration) -> str:

@@ -14,7 +14,7 @@ from ...core.errors import InputError
 from ...core.result import Finding, InputFile, Result, unique, warning
 from ...core.table import Column, Table
 from ...output import write_file
-from ...report.drawing import BLUE, GREEN, LABEL_SIZE, TITLE_SIZE, VERMILLION, finish, new_figure, png
+from ...report.drawing import BLUE, GREEN, LABEL_SIZE, TITLE_SIZE, VERMILLION, finish, new_figure, reported
 from ...report.html import render_page
 from ...report.layout import Card, Page, ReportFigure, Section, State
 from ...report.sheets import result_workbook
@@ -194,9 +194,9 @@ def history_figure(planes: Camera, number: int = 1) -> ReportFigure:
     locator = make.AutoDateLocator(minticks=3, maxticks=8)
     axes[-1].xaxis.set_major_locator(locator)
     axes[-1].xaxis.set_major_formatter(make.ConciseDateFormatter(locator))
-    return ReportFigure(
-        f"history-{number}.png",
-        png(figure),
+    return reported(
+        f"history-{number}",
+        figure,
         "Filled: calibrations, open: verifications. The thick bar is ± U (95 %) without the scale of the meter, which "
         "measurements with one meter share; the thin bar includes it.",
         f"Responsivity and dark signal of {printable(str(first.camera))}, {len(first.points)} times.",

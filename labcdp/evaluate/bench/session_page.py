@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeAlias
 
 from ...core.result import Result
 from ...metrics import ContrastDistribution
-from ...output import Destination, write_files
+from ...output import Destination
 from ...report.drawing import reduction
-from ...report.files import result_files
-from ...report.layout import Card, Facts, Page, ReportFigure, Section, State, Verbatim
+from ...report.files import write_report
+from ...report.layout import SIMULATED, Block, Card, Facts, Page, ReportFigure, Section, State, Verbatim
 from ...report.maps import luminance_picture, regions_picture
 from ...report.plots import ContrastPanel, contrast_figures
 from ...report.text import cell_text, day, exposure, percent, printable, share_percent, shortened
@@ -39,43 +40,38 @@ ReportFigures: TypeAlias = Mapping[str, Sequence[ReportFigure]]
 def draw_figures(evaluation: SessionEvaluation) -> ReportFigures:
     """Draw all figures of an evaluation, one after the other."""
     panels = [_panel(row, row.distribution) for row in evaluation.contrasts if row.distribution is not None]
+    side = evaluation.map.step * reduction(evaluation.map.shape)
+    scale = f" Each drawn pixel is the mean of {side} x {side} of the camera's." if side > 1 else ""
     return {
-        "target": [_target_figure(evaluation)],
-        "luminance": [_luminance_figure(evaluation)],
+        "target": [_target_figure(evaluation, scale)],
+        "luminance": [_luminance_figure(evaluation, scale)],
         "contrasts": contrast_figures(panels, "bench" if evaluation.simulated else ""),
         "calibration": calibration_figures(evaluation.calibration, "calibration-"),
     }
 
 
-def _target_figure(evaluation: SessionEvaluation) -> ReportFigure:
+def _target_figure(evaluation: SessionEvaluation, scale: str) -> ReportFigure:
     regions = [row.region for row in evaluation.patches]
     names = ", ".join(printable(region.name) for region in regions)
     title = f"Target: {shortened(evaluation.observed.configuration.target.name, 60)}"
     return ReportFigure(
         "target.png",
         regions_picture(evaluation.map, regions, title, bool(evaluation.simulated)),
-        f"The target as the camera sees it, in logarithmic grey levels, with the patches.{_scale(evaluation)}",
+        f"The target as the camera sees it, in logarithmic grey levels, with the patches.{scale}",
         f"Grey picture of the target with the outlines and names of its {len(regions)} patches: {names}.",
     )
 
 
-def _luminance_figure(evaluation: SessionEvaluation) -> ReportFigure:
+def _luminance_figure(evaluation: SessionEvaluation, scale: str) -> ReportFigure:
     limits, title = range_text(evaluation.calibration), "Luminance by the calibrated camera"
     valid = share_percent(float(evaluation.map.valid.mean()))
-    simulated = bool(evaluation.simulated)
     return ReportFigure(
         "luminance.png",
-        luminance_picture(evaluation.map, title, simulated, evaluation.calibration.range_cd_m2),
+        luminance_picture(evaluation.map, title, bool(evaluation.simulated), evaluation.calibration.range_cd_m2),
         f"Luminance of each pixel, from the longest exposure that does not saturate it. {valid} of the pixels "
-        f"are valid; the others have the colours of the legend. Calibrated range: {limits}.{_scale(evaluation)}",
+        f"are valid; the others have the colours of the legend. Calibrated range: {limits}.{scale}",
         f"Luminance map in false colours on a logarithmic scale over {limits}; {valid} of the pixels are valid.",
     )
-
-
-def _scale(evaluation: SessionEvaluation) -> str:
-    """Say how many pixels a drawn one stands for."""
-    side = evaluation.map.step * reduction(evaluation.map.shape)
-    return f" Each drawn pixel is the mean of {side} x {side} of the camera's." if side > 1 else ""
 
 
 def _panel(row: ContrastRow, distribution: ContrastDistribution) -> ContrastPanel:
@@ -88,47 +84,18 @@ def _panel(row: ContrastRow, distribution: ContrastDistribution) -> ContrastPane
 def write_results(
     evaluation: SessionEvaluation, result: Result, folder: Destination, figures: ReportFigures | None = None
 ) -> list[Path]:
-    """Write the results of an evaluated session into a folder as `write_files` takes it.
-
-    Everything is made before the first file is written; InputError is raised if one cannot be written. The figures are
-    drawn unless they are given.
-
-    Returns
-    -------
-    list of Path
-        results.json, report.html, results.xlsx and figures/*.png.
-    """
+    """Write the results of an evaluated session as `write_report` does; figures are drawn unless they are given."""
     figures = figures or draw_figures(evaluation)
-    drawn, last = [one for group in figures.values() for one in group], recorded(evaluation.observed)[1]
-    page = session_page(evaluation, result, figures)
-    return write_files(folder, "evaluate", result_files(result, page, drawn, last))
-
-
-def session_page(evaluation: SessionEvaluation, result: Result, figures: ReportFigures) -> Page:
-    """Return the page of an evaluated session.
-
-    Parameters
-    ----------
-    evaluation : SessionEvaluation
-        What to show.
-    result : Result
-        Its tables.
-    figures : ReportFigures
-        Its figures.
-    """
     contrasts = result.table("contrasts").only(*_BESIDE_PICTURE)
     main = contrasts if evaluation.contrasts else result.table("luminance")
-    banner = f"Simulated data, not a measurement: {printable(', '.join(evaluation.simulated))}."
-    return Page(
-        "Luminance and contrast detection probability (CDP)",
-        result.title,
-        _summary(evaluation),
-        banner if evaluation.simulated else "",
-        tuple(_cards(evaluation, result)),
-        (*figures["target"], main),
-        result.findings,
-        tuple(_sections(evaluation, result, figures)),
+    lead: list[Block] = [*figures["target"], main]
+    kind = "Luminance and contrast detection probability (CDP)"
+    page = Page.of(
+        result, kind, _summary(evaluation), _cards(evaluation, result), lead, _sections(evaluation, result, figures)
     )
+    if evaluation.simulated:
+        page = replace(page, banner=f"{SIMULATED[:-1]}: {printable(', '.join(evaluation.simulated))}.")
+    return write_report(result, page, folder, time=recorded(evaluation.observed)[1])
 
 
 def _cards(evaluation: SessionEvaluation, result: Result) -> Iterator[Card]:

@@ -35,7 +35,9 @@ from ...calibration.frames.measure import MeasuredFrames
 from ...calibration.frames.nonuniformity import Estimate, spatial_variance
 from ...calibration.frames.observe import dark_observation
 from ...calibration.frames.statistics import MAX_CLIPPED_SHARE
+from ...calibration.setup import corrected
 from ...core.errors import CalibrationError
+from ...core.reading import Reading
 from ...core.result import Finding, warning
 from ...session import Session
 from .frames import (
@@ -194,10 +196,11 @@ def _transfer(points: Sequence[SeriesPoint], black_level_dn: float, bits: int, s
 def _sensitivity(
     session: Session, pairs: Sequence[tuple[SeriesPoint, MeasuredFrames]], transfer: Transfer, measured: SessionFrames
 ) -> Sensitivity:
-    readings: dict[str, list[float]] = {}
+    readings: dict[str, list[Reading]] = {}
     for record in session.readings():
         if record.reading.unit != "%":
-            readings.setdefault(record.patch, []).append(record.reading.luminance_cd_m2)
+            own = corrected(record.reading, session.configuration.meter.certificate)
+            readings.setdefault(record.patch, []).append(own)
     usable = [pair for pair in pairs if pair[0].light.saturated_share <= MAX_CLIPPED_SHARE]
     configuration, state = session.configuration, measured.state
     r = photometric_responsivity(usable, readings, configuration, state)

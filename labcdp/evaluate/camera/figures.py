@@ -60,7 +60,7 @@ def signal_figures(found: Characterisation) -> list[ReportFigure]:
     drawn, figures = (_photon_transfer, _sensitivity, _linearity, _snr, _dark), []
     for (name, caption), draw in zip(_CAPTIONS.items(), drawn, strict=True):
         if name != "linearity" or found.linearity_error_min_rel is not None:
-            figure = sized(found, heights_in.get(name, 4.6))
+            figure = sized(found, heights_in.get(name, 4.6), 6.4 if name == "photon-transfer" else 9.0)
             draw(figure, found)
             figures.append(figure_of(name, figure, caption))
     return figures

@@ -16,8 +16,11 @@ from ...calibration.emva.series import SeriesPoint
 from ...calibration.emva.transfer import in_range
 from ...calibration.frames.measure import MeasuredFrames, measure_frames, measure_whole, plane_region
 from ...calibration.frames.statistics import MAX_CLIPPED_SHARE
+from ...calibration.setup import MeterScale
+from ...calibration.uncertainty import expanded_rel
 from ...core.errors import CalibrationError, InputError
 from ...core.photometry import photon_radiance_per_cd_m2
+from ...core.reading import Reading
 from ...core.result import Finding, info
 from ...session import FrameRecord, Session, SessionConfiguration
 from ..bench.corrections import natural_vignetting, pixel_area_m2
@@ -189,7 +192,7 @@ def patch_linearity(rows: Sequence[PatchDeviation]) -> tuple[Quantity | None, Qu
 
 def photometric_responsivity(
     pairs: Sequence[tuple[SeriesPoint, MeasuredFrames]],
-    readings: Mapping[str, Sequence[float]],
+    readings: Mapping[str, Sequence[Reading]],
     configuration: SessionConfiguration,
     state: CameraState,
 ) -> Quantity | None:
@@ -199,31 +202,31 @@ def photometric_responsivity(
     ----------
     pairs : sequence of (SeriesPoint, MeasuredFrames)
         Unsaturated points.
-    readings : mapping of str to sequence of float
-        Luminance in cd/m^2 by the meter, by patch.
+    readings : mapping of str to sequence of Reading
+        Luminances by the meter, by patch, with the correction of its certificate.
     configuration : SessionConfiguration
-        For lens and pixel pitch; V is cos^4 of the off-axis angle.
+        For lens, pixel pitch and meter; V is cos^4 of the off-axis angle.
     state : CameraState
         For the image's shape and the colour plane.
 
     Returns
     -------
     Quantity or None
-        In DN / (cd m^-2 s); None without readings. The standard uncertainty is the scatter of the patches over the root
-        of their number, and does not hold the meter's scale error.
+        In DN / (cd m^-2 s); None without readings. Its uncertainty is the scatter of the patches over the root of their
+        number, and the meter's scale error.
     """
     v_image = natural_vignetting(configuration, state).relative_illuminance(state.image_shape)
     values, weights = [], []
-    for name, luminances in readings.items():
+    for name, group in readings.items():
         own = [pair for pair in pairs if pair[0].label == name and pair[0].net_dn > 0]
-        luminance = float(np.mean(luminances))
+        luminance = float(np.mean([reading.luminance_cd_m2 for reading in group]))
         if not own or luminance <= 0:
             continue
         # The brightest exposure below saturation knows the patch best.
         point, level = max(own, key=lambda pair: pair[0].net_dn)
         v = float(v_image[level.window][level.statistics.used].mean())
         values.append(point.net_dn / (point.exposure_s * v * luminance))
-        noise_rel = hypot(point.net_uncertainty_dn / point.net_dn, _READING_REL / sqrt(len(luminances)))
+        noise_rel = hypot(point.net_uncertainty_dn / point.net_dn, _READING_REL / sqrt(len(group)))
         weights.append(1 / noise_rel**2)
     if not values:
         return None
@@ -232,8 +235,13 @@ def photometric_responsivity(
     if len(values) > 1:
         chi_squared = float(np.sum(np.array(weights) * (np.array(values) / mean - 1) ** 2))
         relative *= max(1.0, sqrt(chi_squared / (len(values) - 1)))
-    note = f"by the meter over {len(values)} patches, on the optical axis; u without the meter's scale error"
-    return Quantity(mean, relative * mean, "DN/(cd m^-2 s)", note)
+    every = [reading for group in readings.values() for reading in group]
+    half_width_rel, meter = max(reading.scale_half_width_rel for reading in every), configuration.meter
+    light = configuration.source.spectrum
+    scale = MeterScale(every[0].meter, half_width_rel, meter.certificate, meter.f1_prime, light)
+    u, expanded = mean * hypot(relative, scale.common_rel), mean * expanded_rel([scale], relative)
+    note = f"by the meter over {len(values)} patches, on the optical axis"
+    return Quantity(mean, u, "DN/(cd m^-2 s)", note, expanded)
 
 
 def quantum_efficiency_estimate(

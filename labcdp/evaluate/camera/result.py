@@ -13,9 +13,9 @@ from ...calibration.emva.series import SeriesPoint
 from ...calibration.sensor.dark_fit import drift_of_black_level, mean_uncertainties_dn, variance_uncertainties_dn2
 from ...core.result import InputFile, Quantity, Result, quantity_table
 from ...core.table import Column, Table, uncertain
-from ...output import Destination, write_files
-from ...report.files import result_files
-from ...report.layout import SIMULATED, Card, Facts, Page, ReportFigure, Section
+from ...output import Destination
+from ...report.files import write_report
+from ...report.layout import Card, Facts, Page, ReportFigure, Section
 from ...report.text import cell_text
 from ..bench.quantities import RESPONSIVITY
 from .figures import signal_figures
@@ -110,7 +110,7 @@ def stated(key: str, name: str, one: Stated) -> Quantity:
     percent = "" if key in _RATIOS else "%"
     unit = percent if one.unit == "1" else _UNITS.get(one.unit, one.unit)
     u = one.standard_uncertainty if isfinite(one.standard_uncertainty) else None
-    return Quantity(name, one.value, unit, one.note, u, key=key)
+    return Quantity(name, one.value, unit, one.note, u, one.expanded, key)
 
 
 def _series(points: Sequence[SeriesPoint]) -> Table:
@@ -176,23 +176,23 @@ _NO_COMPLIANCE = (
 
 
 def write_characterisation(found: Characterisation, result: Result, folder: Destination) -> list[Path]:
-    """Write a characterisation into a folder as `write_files` takes it.
-
-    Everything is made before the first file is written; InputError is raised if one cannot be written.
-
-    Returns
-    -------
-    list of Path
-        results.json, report.html, results.xlsx and figures/*.png.
-    """
-    signal, spatial = signal_figures(found), spatial_figures(found)
-    page = _page(found, result, signal, spatial)
-    return write_files(folder, "characterise", result_files(result, page, [*signal, *spatial]))
-
-
-def _page(found: Characterisation, result: Result, signal: list[ReportFigure], spatial: list[ReportFigure]) -> Page:
-    table = result.table("characterisation")
+    """Write a characterisation as `write_report` does."""
     size = f"{found.image_shape[1]} x {found.image_shape[0]} pixels, {found.bits} bits"
+    summary = ", ".join(part for part in (found.camera, size) if part)
+    transfer, *others = signal_figures(found)
+    lead = (transfer, result.table("characterisation").only("quantity", "value", "expanded_value", "unit"))
+    sections = _sections(found, result, size, others)
+    page = Page.of(result, "Characterisation after EMVA 1288", summary, _cards(result), lead, sections)
+    return write_report(result, page, folder)
+
+
+def _sections(found: Characterisation, result: Result, size: str, figures: Sequence[ReportFigure]) -> Iterator[Section]:
+    meanings = result.table("characterisation").only("quantity", "meaning")
+    yield Section("How the values were found", (_NO_COMPLIANCE, meanings), collapsed=True)
+    yield Section("Signal and noise", figures)
+    spatial = spatial_figures(found)
+    if spatial:
+        yield Section("Non-uniformity", spatial)
     facts = [
         ("Source", found.source),
         ("Camera", found.camera or "not stated by the data set"),
@@ -200,21 +200,7 @@ def _page(found: Characterisation, result: Result, signal: list[ReportFigure], s
         ("Temperature", "not known" if found.temperature_c is None else f"{found.temperature_c:.1f} °C"),
         ("Definitions", found.definition),
     ]
-    return Page(
-        "characterisation after EMVA 1288",
-        result.title,
-        ", ".join(part for part in (found.camera, size) if part),
-        SIMULATED if found.simulated else "",
-        tuple(_cards(result)),
-        (signal[0], table.only("quantity", "value", "expanded_value", "unit")),
-        result.findings,
-        (
-            Section("How the values were found", (_NO_COMPLIANCE, table.only("quantity", "meaning")), collapsed=True),
-            Section("Signal and noise", signal[1:]),
-            *([Section("Non-uniformity", spatial)] if spatial else []),
-            Section("Series and provenance", (result.table("series"), result.table("dark_signal"), Facts(facts)), True),
-        ),
-    )
+    yield Section("Series and provenance", (result.table("series"), result.table("dark_signal"), Facts(facts)), True)
 
 
 def _cards(result: Result) -> Iterator[Card]:

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.result import Result
-from ...output import Destination, write_files
-from ...report.drawing import SMALL_SIZE, finish, label, new_figure, png
-from ...report.files import result_files
-from ...report.layout import SIMULATED, Block, Card, Facts, Page, ReportFigure, Section, State, input_facts
+from ...output import Destination
+from ...report.drawing import SMALL_SIZE, finish, label, new_figure, reported
+from ...report.files import write_report
+from ...report.layout import Block, Card, Facts, Page, ReportFigure, Section, State, input_facts
 from ...report.text import finding_text, printable
 from ..sweep.maps.axes import MapAxis
 from ..sweep.maps.labels import at_text, axis_label, axis_unit, ends_text, shown
@@ -27,6 +27,7 @@ from .result import answer
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 #: Place of a legend beside a panel.
 _OUTSIDE: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.02), "frameon": False}
@@ -44,17 +45,21 @@ _METHOD = (
 )
 
 
-def comparison_figure(found: Comparison) -> bytes | None:
-    """Draw a comparison as PNG; None if its axis has no numbers."""
+def _figures(found: Comparison) -> list[ReportFigure]:
+    """Draw a comparison, unless its axis has no numbers."""
     grid, names = found.grid, [printable(subject.name) for subject in found.subjects]
     if grid is None:
-        return _values(found, names)
-    if not grid.axes[-1].numeric:
-        return None
-    return _maps(grid, names) if grid.spanned == 2 else _curves(grid, names, found)
+        figure = _values(found, names)
+    elif grid.axes[-1].numeric:
+        figure = _maps(grid, names) if grid.spanned == 2 else _curves(grid, names, found)
+    else:
+        return []
+    first = found.subjects[0].name
+    caption = f"CDP, and its difference from {first}." if found.analyses else "Bars and bands are 95 % intervals."
+    return [reported("comparison", figure, caption, f"Comparison of {', '.join(names)}.")]
 
 
-def _values(found: Comparison, names: Sequence[str]) -> bytes:
+def _values(found: Comparison, names: Sequence[str]) -> Figure:
     """Draw CDPs with their intervals, or z of all differences where there is no CDP."""
     quantities = list(dict.fromkeys(row.first.quantity for row in found.rows))[:_MOST_ROWS]
     probabilities = {row.first.quantity for row in found.rows if row.first.probability}
@@ -82,10 +87,10 @@ def _values(found: Comparison, names: Sequence[str]) -> bytes:
         axes.axvspan(-1.96, 1.96, color="0.88", linewidth=0, zorder=0, label="not significant")
     text = "CDP with 95 % interval" if cdps else f"z: difference from {names[0]} over its standard uncertainty"
     finish(axes, text, "", "", **_OUTSIDE)
-    return png(figure)
+    return figure
 
 
-def _curves(grid: Grid, names: Sequence[str], found: Comparison) -> bytes:
+def _curves(grid: Grid, names: Sequence[str], found: Comparison) -> Figure:
     """Draw overlaid curves, and below them the differences from the first with their intervals."""
     axis, sections = grid.axes[-1], _sections(grid)
     several = len(sections) > 1
@@ -112,7 +117,7 @@ def _curves(grid: Grid, names: Sequence[str], found: Comparison) -> bytes:
         label(panels[1], axis_label(axis), f"difference of {grid.quantity}\nfrom {names[0]}", "")
         panels[1].grid(color="0.9")
     figure.align_ylabels()
-    return png(figure)
+    return figure
 
 
 def _draw(panel: Axes, axis: MapAxis, ends: Sequence[NDArray[Any]], text: str, style: dict[str, Any]) -> None:
@@ -132,7 +137,7 @@ def _sections(grid: Grid) -> list[tuple[str, tuple[int, ...]]]:
     return found[: len(COLOURS)]
 
 
-def _maps(grid: Grid, names: Sequence[str]) -> bytes:
+def _maps(grid: Grid, names: Sequence[str]) -> Figure:
     """Draw the map of each subject, then the differences from the first; of further axes at their first values."""
     *_, y, x = grid.axes
     index = tuple(0 for _ in grid.axes[:-2])
@@ -160,48 +165,27 @@ def _maps(grid: Grid, names: Sequence[str]) -> bytes:
         figure.colorbar(mesh, ax=panel).ax.tick_params(labelsize=SMALL_SIZE)
     for empty in panels[len(maps) :]:
         empty.set_visible(False)
-    return png(figure)
+    return figure
 
 
 def write_comparison(found: Comparison, result: Result, folder: Destination) -> list[Path]:
-    """Write a comparison into a folder as `write_files` takes it.
-
-    Everything is made before the first file is written; InputError is raised if one cannot be written.
-
-    Returns
-    -------
-    list of Path
-        results.json, report.html, results.xlsx and figures/comparison.png.
-    """
-    png = comparison_figure(found)
-    names = ", ".join(subject.name for subject in found.subjects)
-    figures = [] if png is None else [ReportFigure("comparison.png", png, _caption(found), f"Comparison of {names}.")]
-    return write_files(folder, "compare", result_files(result, _page(found, result, figures), figures))
-
-
-def _page(found: Comparison, result: Result, figures: list[ReportFigure]) -> Page:
+    """Write a comparison as `write_report` does."""
     said, tables = answer(found), {table.name: table for table in result.tables}
     axes = [axis.name for axis in found.grid.axes] if found.grid else []
-    kept = ("quantity", "name", "difference", "z", "differs", "low", "high", "decades", *axes)
+    kept = ("quantity", "name", "difference", "unit", "z", "differs", "low", "low_end", "high", "high_end", *axes)
     brief = [tables[name].showing(*kept) for name in ("usable_ranges", "differences") if name in tables]
-    lead: tuple[Block, ...] = (*figures, *(table for table in brief if len(table) <= _BRIEF))
+    lead: list[Block] = [*_figures(found), *(table for table in brief if len(table) <= _BRIEF)]
     titles = {"differences": "Values", "settings": "Settings that differ", "curves": "All places"}
     sections = [
         Section(title, (tables[name],), name == "curves" or (name == "differences" and len(tables[name]) <= _BRIEF))
         for name, title in titles.items()
         if name in tables
     ]
-    method = Section("Method and inputs", (_METHOD, Facts(input_facts(result))), collapsed=True)
-    return Page(
-        f"Comparison of {found.kind}s",
-        result.title,
-        " ".join(f"{text[:1].upper()}{text[1:]}." for text in map(finding_text, said)),
-        SIMULATED if result.simulated else "",
-        tuple(_cards(found)),
-        lead,
-        [one for one in result.findings if one not in said],
-        [*sections, method],
-    )
+    sections.append(Section("Method and inputs", (_METHOD, Facts(input_facts(result))), collapsed=True))
+    summary = " ".join(f"{text[:1].upper()}{text[1:]}." for text in map(finding_text, said))
+    page = Page.of(result, f"Comparison of {found.kind}s", summary, _cards(found), lead, sections)
+    page = replace(page, findings=[one for one in result.findings if one not in said])
+    return write_report(result, page, folder)
 
 
 def _cards(found: Comparison) -> Iterator[Card]:
@@ -234,8 +218,3 @@ def _cards(found: Comparison) -> Iterator[Card]:
     most = max(known, key=lambda row: abs(float(row.difference.z)), default=None)
     if most is not None and most.difference.z:
         yield Card("Most significant", f"z = {float(most.difference.z):.1f}", most.first.quantity, (most.name,))
-
-
-def _caption(found: Comparison) -> str:
-    first = found.subjects[0].name
-    return f"CDP, and its difference from {first}." if found.analyses else "Bars and bands are 95 % intervals."

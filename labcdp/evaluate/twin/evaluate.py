@@ -186,8 +186,7 @@ def _asked(
             left_out.append(("pairs-reversed", pair.bright, pair.dark))
             continue
         asked.append(PairAsked(pair.bright, pair.dark, pair.contrast, pair.epsilon, own))
-    for first, second in combinations(regions, 2):
-        bright, dark = sorted((first, second), key=lambda name: -regions[name].luminance_cd_m2)
+    for dark, bright in combinations(sorted(regions, key=lambda name: regions[name].luminance_cd_m2), 2):
         own = _contrast(regions, bright, dark)
         if own < LEAST_CONTRAST:
             left_out.append(("pairs-alike", bright, dark))

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from ...core.result import Result
-from ...output import Destination, write_files
-from ...report.drawing import BLUE, VERMILLION, finish, new_figure, png
-from ...report.files import result_files
-from ...report.layout import SIMULATED, Card, Facts, Page, ReportFigure, Section, State, Verbatim
+from ...output import Destination
+from ...report.drawing import BLUE, VERMILLION, finish, new_figure, reported
+from ...report.files import write_report
+from ...report.layout import Card, Facts, Page, ReportFigure, Section, State, Verbatim
 from ...report.text import Z_95, finding_text
 from ..bench.observe import ObservedSession
 from ..camera.sensor import commented_toml
@@ -124,9 +124,9 @@ def twin_figure(evaluation: TwinEvaluation) -> ReportFigure:
     largest = 1.1 * max(3.0, *(abs(pair.z) for pair in evaluation.pairs))
     right.set(xlim=(-0.03, 1.03), ylim=(-largest, largest))
     finish(right, "CDP predicted by the twin", "(measured - predicted) / its standard uncertainty", "Grey: 95 %")
-    return ReportFigure(
-        "twin.png",
-        png(figure),
+    return reported(
+        "twin",
+        figure,
         "Left: measured over predicted CDP of each pair of patches. Bars are 95 % intervals, of the measurement by "
         "its finite number of pixels, of the prediction by its parameters and the meter's readings. Right: their "
         "difference in joint standard uncertainties.",
@@ -142,6 +142,11 @@ _VERDICTS: dict[str, tuple[str, State]] = {
     "twin-signals-differ": ("differ", "bad"),
     "twin-undecided": ("undecided", "open"),
 }
+#: Columns of pairs that fit on a page.
+_PAIR = (
+    "pair", "target_contrast", "measured_cdp", "measured_cdp_low", "measured_cdp_high", "predicted_cdp",
+    "predicted_cdp_low", "predicted_cdp_high", "difference", "expanded_difference", "z", "judgement", "largest",
+)  # fmt: skip
 _METHOD = (
     "The twin is given the luminances by the meter, not by the camera. Its CDP is computed without random numbers "
     "from the DN distributions that it predicts for these regions and exposures. U includes the number of pixels with "
@@ -155,33 +160,13 @@ _SIGNALS = (
 
 
 def write_twin(evaluation: TwinEvaluation, result: Result, folder: Destination) -> list[Path]:
-    """Write a twin and its comparison with the camera to a folder, see `write_files`.
-
-    All content is computed before the first file is written; raises InputError if one cannot be written.
-
-    Returns
-    -------
-    list of Path
-        chain.toml, results.json, report.html, results.xlsx and figures/twin.png.
-    """
-    chain, figure = twin_chain_text(evaluation), twin_figure(evaluation)
-    page = _page(evaluation, result, figure, chain)
-    return write_files(folder, "twin", {"chain.toml": chain.encode(), **result_files(result, page, [figure])})
-
-
-def _page(evaluation: TwinEvaluation, result: Result, figure: ReportFigure, chain: str) -> Page:
-    configuration, camera = evaluation.observed.configuration, evaluation.calibration.state.camera
-    n = len(evaluation.regions)
-    return Page(
-        "A camera and its simulated twin",
-        result.title,
-        f"{camera.model}, {n} patches of {configuration.target.name}, {configuration.operator}.",
-        SIMULATED if result.simulated else "",
-        tuple(_cards(evaluation)),
-        (figure,),
-        result.findings,
-        tuple(_sections(result, chain)),
-    )
+    """Write a twin, its chain file and its comparison with the camera as `write_report` does."""
+    chain, configuration = twin_chain_text(evaluation), evaluation.observed.configuration
+    camera, n = evaluation.calibration.state.camera, len(evaluation.regions)
+    summary = f"{camera.model}, {n} patches of {configuration.target.name}, {configuration.operator}."
+    lead, sections = [twin_figure(evaluation)], _sections(result, chain)
+    page = Page.of(result, "A camera and its simulated twin", summary, _cards(evaluation), lead, sections)
+    return write_report(result, page, folder, {"chain.toml": chain.encode()})
 
 
 def _cards(evaluation: TwinEvaluation) -> Iterator[Card]:
@@ -197,7 +182,7 @@ def _cards(evaluation: TwinEvaluation) -> Iterator[Card]:
 
 
 def _sections(result: Result, chain: str) -> Iterator[Section]:
-    yield Section("Pairs", (result.table("pairs"),))
+    yield Section("Pairs", (result.table("pairs").only(*_PAIR),))
     yield Section("Signals of the patches", (_SIGNALS, result.table("signals")))
     yield Section("Parameters of the twin", (result.table("parameters"), Verbatim(chain)), collapsed=True)
     yield Section("Method and provenance", (_METHOD, Facts.of(result.table("provenance"))), collapsed=True)

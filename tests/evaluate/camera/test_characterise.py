@@ -42,11 +42,12 @@ def frames_of(roles, temperatures, exposures_s, rates, sensor=SENSOR):
                 yield one, role
 
 
-def characterised(path, change=None, roles=("dark", "light"), temperatures=(30.0,), rates=RATES, sensor=SENSOR):
+def characterised(path, change=None, roles=("dark", "light"), temperatures=(30.0,), rates=RATES, sensor=SENSOR,
+                  luminances=None, **bench):  # fmt: skip
     """Characterisation of a session whose frames were changed, or left out by None."""
     frames = frames_of(roles, temperatures, (0.01, 0.05, 0.2), rates, sensor)
     changed = [(change(*one) if change else one[0], one[1]) for one in frames]
-    record(path, configuration(ROIS), [one for one in changed if one[0] is not None])
+    record(path, configuration(ROIS, **bench), [one for one in changed if one[0] is not None], luminances)
     with Session.open(path) as session:
         return characterise_session(session)
 
@@ -75,6 +76,19 @@ def test_camera_of_the_example_is_found(recorded):
     truth = sensor.k_dn_per_e * electrons * pi / (4 * 2.6**2) * 0.9
     assert found.responsivity.unit == "DN/(cd m^-2 s)"
     assert found.responsivity.value == pytest.approx(truth / 1.006, rel=0.004)
+    # 95 % of the meter's rectangular error of 2 % are within 1.9 %.
+    assert found.responsivity.expanded == pytest.approx(0.019 * found.responsivity.value, rel=0.02)
+
+
+def test_the_certificate_of_the_meter_corrects_the_responsivity(tmp_path):
+    certificate = {"number": "1", "laboratory": "PTB", "date": "2026-01-31", "expanded_uncertainty_rel": 0.01}
+    meter, luminances = {"model": "LS-110", "serial": "73323007"}, dict(zip(ROIS, RATES / 1000, strict=True))
+    plain, calibrated = (
+        characterised(tmp_path / name, luminances=luminances, meter=meter | more).responsivity
+        for name, more in (("a", {}), ("b", {"certificate": certificate | {"correction": 1.05}}))
+    )
+    assert plain.value / calibrated.value == pytest.approx(1.05)
+    assert 0.01 < calibrated.expanded / calibrated.value < 0.015 < plain.expanded / plain.value
 
 
 def test_known_sensor_is_found_with_its_doubling_temperature(tmp_path):

@@ -34,8 +34,9 @@ _LAST_STEP = 0.6
 _CHANGES, _CERTAIN = 0.8, 0.92
 #: Quality that a place may lack which a region that moves along shows.
 _AS_GOOD = 0.1
-#: Most change of the light of a region that is found again elsewhere.
-_LIGHT_MOST = 1.6
+#: Most change of the light of a region that is found again elsewhere, and of the scene's that is none at once; the
+#: scene's in DN below which it tells nothing.
+_LIGHT_MOST, _LIGHT_LEAST_DN = 1.6, 1.0
 
 
 class Follower(Followed):
@@ -54,6 +55,7 @@ class Follower(Followed):
         self._before: tuple[Matrix, tuple[float, float]] | None = None
         self._before_roi = template.roi
         self._rest = self._to_image, scene
+        self._expected_light = self._light
         self._looks = Looks(sight, template, planar=planar)
         self._looks.find_repeats(sight, self._possible)
 
@@ -80,6 +82,7 @@ class Follower(Followed):
     def follow(self, sight: Sight, scene: SceneNow) -> None:
         """Look for it in the next frame."""
         self._before, self._found = None, None
+        self._expected_light = self._light_in(scene)
         if scene.change == "blank":
             # What cannot be seen for a moment is not given up.
             self.result = TrackedRoi(self.result.roi, 0.0, True, (self._finding("tracking-frame-blank"),))
@@ -173,9 +176,17 @@ class Follower(Followed):
             return False
         return off < _NEAR_AGAIN and self._lost_for * speed < _MOVED_AGAIN * scale * self._looks.repeat_px
 
+    def _light_in(self, scene: SceneNow) -> tuple[float, float]:
+        """Light that is expected of it: the one it had, less or more of it where the scene's changed at once."""
+        then = self._rest[1].light
+        change = scene.light / then if min(scene.light, then) >= _LIGHT_LEAST_DN else 1.0
+        if scene.change == "cut" or 1 / _LIGHT_MOST < change < _LIGHT_MOST:
+            return self._light
+        return self._light[0] * change, self._light[1] * change
+
     def _lit(self, fit: Fit) -> bool:
-        """Whether its light is about the one it had."""
-        return 1 / _LIGHT_MOST < fit.light[0] / self._light[0] < _LIGHT_MOST
+        """Whether its light is about the expected one."""
+        return 1 / _LIGHT_MOST < fit.light[0] / self._expected_light[0] < _LIGHT_MOST
 
     def _again(self, found: Found) -> bool:
         """Whether a fit is good enough to take the region for found after a loss."""
@@ -216,10 +227,10 @@ class Follower(Followed):
         return near
 
     def _aligned(self, sight: Sight, place: Matrix) -> Found | None:
-        return self._looks.aligned(sight, place, self._light, self._possible)
+        return self._looks.aligned(sight, place, self._expected_light, self._possible)
 
     def _everywhere(self, sight: Sight) -> list[Found]:
-        return self._looks.everywhere(sight, self._to_image, self._light, self._possible)
+        return self._looks.everywhere(sight, self._to_image, self._expected_light, self._possible)
 
     def _possible(self, fit: Fit) -> bool:
         """Whether the target can have got there: not suddenly of another size, and in the image."""
@@ -260,7 +271,7 @@ class Follower(Followed):
             return False
         place = motion @ self._template.to_image
         view = view_around(sight, self._template.shape, place, self._looks.reach(place))
-        fit = None if view is None else self._found.aligner.judge(view, place, self._light)
+        fit = None if view is None else self._found.aligner.judge(view, place, self._expected_light)
         if fit is None or fit.quality < self._found.fit.quality - _AS_GOOD or not self._possible(fit):
             return False
         before = self._before

@@ -22,7 +22,7 @@ from ..evaluate.bench.calibration_page import write_calibration_report
 from ..evaluate.bench.calibration_result import calibration_result
 from ..evaluate.bench.observe import observe_session
 from ..evaluate.bench.session import evaluate_session
-from ..evaluate.bench.session_page import draw_figures, write_results
+from ..evaluate.bench.session_page import write_results
 from ..evaluate.bench.session_result import session_input, session_result
 from ..evaluate.camera.sensor import chain_text
 from ..output import ResultsFolder, write_file
@@ -72,10 +72,10 @@ def demonstrate(
         largest_rel = max(map(abs, truth["error_rel"]))
         compared = info("simulated-luminance", largest_rel=largest_rel, meter_scale_rel=specimens.meter.scale_rel)
         result = replace(result, tables=(*result.tables, truth), findings=(*result.findings, compared))
-        of_calibration, figures = calibration_result(calibration, configuration.name, inputs), draw_figures(evaluation)
+        of_calibration = calibration_result(calibration, configuration.name, inputs)
         written = [
-            *write_calibration_report(calibration, of_calibration, results, figures["calibration"]),
-            *write_results(evaluation, result, results, figures),
+            *write_calibration_report(calibration, of_calibration, results),
+            *write_results(evaluation, result, results),
         ]
         bars.update("evaluating", 3, 3)
     return result, [results.folder / "session", results.folder / "calibration.json", *written]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from operator import attrgetter
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from .errors import InputError
@@ -17,7 +16,8 @@ Z_95 = 1.959963984540054
 
 #: What a cell can hold; None and nan are shown as missing.
 Value: TypeAlias = str | int | float | bool | None
-#: How a value is taken of an item: by the path of an attribute, or a function.
+#: How a value is taken of an item: by a path of attributes and indices, on which a missing value stays missing, or by a
+#: function.
 Taken: TypeAlias = str | Callable[[Any], Any]
 
 
@@ -52,8 +52,8 @@ class Column:
     unit_of : str
         Name of the column with the unit of each row, for tables of named quantities; rows in ``%`` hold fractions, too.
     value : str or callable
-        For `Table.of_items`: attribute of an item, or a function of it, that is the value; empty for the attribute
-        `name`.
+        For `Table.of_items`: path of attributes and indices from an item, or a function of it, that is the value; empty
+        for the attribute `name`.
     """
 
     name: str
@@ -80,23 +80,43 @@ class Column:
         return str(row[self.unit_of] or "") if self.unit_of else self.unit
 
 
+def with_expanded(column: Column, expanded: Taken, name: str = "") -> tuple[Column, Column]:
+    """Return a column that shows ``value ± U``, with that of U, whose name is ``expanded_`` and the column's, or given.
+
+    In a table of items `expanded` is the value of U.
+    """
+    of_u = _hidden(column, name or f"expanded_{column.name}", "U (95 %) of", "Expanded uncertainty (95 %).", expanded)
+    return replace(column, expanded=of_u.name), of_u
+
+
 def uncertain(column: Column, u: Taken = "", expanded: Taken = "") -> tuple[Column, Column, Column]:
     """Return a column that shows ``value ± U``, with its columns of U and u.
 
     In a table of items `u` and `expanded` (by default 1.96 u) are their values.
     """
-    hidden = replace(column, digits=2, decimals=None, shown=False)
-    names = (
-        ("expanded", "U (95 %)", "Expanded uncertainty (95 %)", expanded or (lambda item: _expanded(_taken(u, item)))),
-        ("u", "u", "Standard uncertainty", u),
-    )
-    of_u, standard = (
-        replace(
-            hidden, name=f"{name}_{column.name}", label=f"{symbol} of {column.label}", meaning=f"{what}.", value=value
+    standard = _hidden(column, f"u_{column.name}", "u of", "Standard uncertainty.", u)
+    return *with_expanded(column, expanded or (lambda item: _expanded(_taken(u, item)))), standard
+
+
+def with_interval(column: Column, interval: str) -> tuple[Column, Column, Column]:
+    """Return a column of a probability that shows ``value (low to high)``, with the ends of its 95 % interval.
+
+    In a table of items `interval` is the path to the pair of ends.
+    """
+    low, high = (
+        Column(
+            f"{column.name}_{name}", f"{column.label}, {end} end", "", f"{end.capitalize()} end of the 95 % interval.",
+            decimals=5, shown=False, value=f"{interval}.{number}",
         )
-        for name, symbol, what, value in names
-    )
-    return replace(column, expanded=of_u.name), of_u, standard
+        for number, (name, end) in enumerate((("low", "lower"), ("high", "upper")))
+    )  # fmt: skip
+    return replace(column, low=low.name, high=high.name), low, high
+
+
+def _hidden(column: Column, name: str, of: str, meaning: str, value: Taken) -> Column:
+    """Return a column of an uncertainty, which text shows with the value."""
+    label = f"{of} {column.label}"
+    return replace(column, name=name, label=label, meaning=meaning, digits=2, decimals=None, shown=False, value=value)
 
 
 def _expanded(u: float | None) -> float | None:
@@ -104,7 +124,12 @@ def _expanded(u: float | None) -> float | None:
 
 
 def _taken(value: Taken, item: Any) -> Any:
-    return attrgetter(value)(item) if isinstance(value, str) else value(item)
+    if not isinstance(value, str):
+        return value(item)
+    for part in value.split("."):
+        if item is not None:
+            item = item[int(part)] if part.isdigit() else getattr(item, part)
+    return item
 
 
 @dataclass(frozen=True, eq=False)

@@ -164,41 +164,18 @@ def _residuals(calibration: AnyCalibration, prefix: str) -> ReportFigure:
     )
 
 
-def write_calibration_report(
-    calibration: AnyCalibration, result: Result, folder: Destination, figures: Sequence[ReportFigure] | None = None
-) -> list[Path]:
-    """Write page and spreadsheet of a calibration into a folder as `write_files` takes it.
-
-    Everything is made before the first file is written; InputError is raised if one cannot be written. The figures are
-    drawn unless they are given.
-
-    Returns
-    -------
-    list of Path
-        calibration.html and calibration.xlsx.
-    """
+def write_calibration_report(calibration: AnyCalibration, result: Result, folder: Destination) -> list[Path]:
+    """Write calibration.html and calibration.xlsx as `write_files` does, all made before the first is written."""
     files = {
-        "calibration.html": render_page(calibration_page(calibration, result, figures)).encode(),
+        "calibration.html": render_page(calibration_page(calibration, result)).encode(),
         "calibration.xlsx": result_workbook(result, calibration.provenance.measured),
     }
     return write_files(folder, "calibrate", files)
 
 
-def calibration_page(
-    calibration: AnyCalibration, result: Result, figures: Sequence[ReportFigure] | None = None
-) -> Page:
-    """Return the page of a calibration: what it can measure and how well, then how it was found.
-
-    Parameters
-    ----------
-    calibration : Calibration or ColourCalibration
-        What to show.
-    result : Result
-        Its tables.
-    figures : sequence of ReportFigure or None
-        As `calibration_figures` draws them; None to draw them.
-    """
-    first, *others = figures or calibration_figures(calibration)
+def calibration_page(calibration: AnyCalibration, result: Result) -> Page:
+    """Return the page of a calibration: what it can measure and how well, then how it was found."""
+    first, *others = calibration_figures(calibration)
     lead = first, result.table("calibration_patches").only(*_BESIDE_FIGURE)
     kind, sections = "Calibration of a camera as a luminance meter", _sections(calibration, result, others)
     return Page.of(result, kind, _summary(calibration), _cards(calibration, result), lead, sections)

@@ -12,14 +12,13 @@ import numpy as np
 from ...calibration.verify.history import CameraHistory, HistoryPoint
 from ...core.errors import InputError
 from ...core.result import Finding, InputFile, Result, unique, warning
-from ...core.table import Column, Table
+from ...core.table import Column, Table, with_expanded
 from ...output import write_file
 from ...report.drawing import BLUE, GREEN, LABEL_SIZE, TITLE_SIZE, VERMILLION, finish, new_figure, reported
 from ...report.html import render_page
 from ...report.layout import Card, Page, ReportFigure, Section, State
 from ...report.sheets import result_workbook
 from ...report.text import cell_text, minute, printable
-from ..columns import with_expanded
 from .quantities import RESPONSIVITY
 
 if TYPE_CHECKING:
@@ -111,8 +110,8 @@ def _changes(first: tuple[Column, Column], rows: Sequence[_Row]) -> Table:
         Column("last", "last", "", "Time of the last one.", value=lambda row: minute(row.point.measured)),
         *with_expanded(
             Column("change_rel", "change of R", "%", "From first to last; the scale of one meter cancels.",
-                   value=lambda row: row.history.change_rel and row.history.change_rel[0]),
-            lambda row: row.history.change_rel and row.history.change_rel[1], "expanded_rel", "U of change",
+                   value="history.change_rel.0"),
+            "history.change_rel.1", "expanded_rel",
         ),
         Column("changed", "changed", "", "Whether the change is more than its U.", value=changed),
     )  # fmt: skip
@@ -121,8 +120,12 @@ def _changes(first: tuple[Column, Column], rows: Sequence[_Row]) -> Table:
 
 def _history(first: tuple[Column, Column], rows: Sequence[_Row]) -> Table:
     """Return one row for each number of a camera, plane and point."""
-    responsivity = Column("responsivity", "responsivity", RESPONSIVITY, "U includes the scale of the meter.",
-                          value=lambda row: row.point.responsivity and row.point.responsivity[0])  # fmt: skip
+    responsivity, offset, rate = (
+        Column("responsivity", "responsivity", RESPONSIVITY, "U includes the scale of the meter.",
+               value="point.responsivity.0"),
+        Column("dark_offset_dn", "dark offset", "DN", "At exposure time 0.", value="point.dark_offset_dn.0"),
+        Column("dark_rate_dn_s", "dark rate", "DN/s", "Growth with exposure time.", value="point.dark_rate_dn_s.0"),
+    )  # fmt: skip
     columns = (
         first[0],
         Column("measured", "measured", "", "Time of the last reading.", value=lambda row: minute(row.point.measured)),
@@ -133,17 +136,9 @@ def _history(first: tuple[Column, Column], rows: Sequence[_Row]) -> Table:
                value="point.weight"),
         *with_expanded(responsivity, lambda row: (r := row.point.responsivity) and r[0] * r[2], "expanded_r"),
         Column("expanded_fit_rel", "U without meter scale", "%", "Relative U (95 %), the meter's scale excluded.", 2,
-               value=lambda row: row.point.responsivity and row.point.responsivity[1]),
-        *with_expanded(
-            Column("dark_offset_dn", "dark offset", "DN", "At exposure time 0.",
-                   value=lambda row: row.point.dark_offset_dn[0]),
-            lambda row: row.point.dark_offset_dn[1],
-        ),
-        *with_expanded(
-            Column("dark_rate_dn_s", "dark rate", "DN/s", "Growth with exposure time.",
-                   value=lambda row: row.point.dark_rate_dn_s and row.point.dark_rate_dn_s[0]),
-            lambda row: row.point.dark_rate_dn_s and row.point.dark_rate_dn_s[1],
-        ),
+               value="point.responsivity.1"),
+        *with_expanded(offset, "point.dark_offset_dn.1"),
+        *with_expanded(rate, "point.dark_rate_dn_s.1"),
         Column("k_dn_per_e", "K", "DN/e⁻", "Overall system gain.", digits=3, value="point.k_dn_per_e"),
         Column("meter", "meter", "", "Model and serial number of the meter.",
                shown=len({str(row.point.meter) for row in rows}) > 1, value=lambda row: str(row.point.meter)),

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeAlias
 
 from ...core.result import Result
 from ...metrics import ContrastDistribution
 from ...output import Destination
 from ...report.drawing import reduction
 from ...report.files import write_report
-from ...report.layout import SIMULATED, Block, Card, Facts, Page, ReportFigure, Section, State, Verbatim
+from ...report.layout import SIMULATED, Card, Facts, Page, ReportFigure, Section, State, Verbatim
 from ...report.maps import luminance_picture, regions_picture
 from ...report.plots import ContrastPanel, contrast_figures
 from ...report.text import cell_text, day, exposure, percent, printable, share_percent, shortened
@@ -33,21 +32,6 @@ _CDP = (
     "the target contrast; below and above are the shares to either side. Contrasts by meter and camera are those of "
     "the mean luminances, ± U (95 %); the scale error of the meter cancels in them."
 )
-#: Figures of a session: ``target``, ``luminance``, ``contrasts`` (six to a figure) and ``calibration``.
-ReportFigures: TypeAlias = Mapping[str, Sequence[ReportFigure]]
-
-
-def draw_figures(evaluation: SessionEvaluation) -> ReportFigures:
-    """Draw all figures of an evaluation, one after the other."""
-    panels = [_panel(row, row.distribution) for row in evaluation.contrasts if row.distribution is not None]
-    side = evaluation.map.step * reduction(evaluation.map.shape)
-    scale = f" Each drawn pixel is the mean of {side} x {side} of the camera's." if side > 1 else ""
-    return {
-        "target": [_target_figure(evaluation, scale)],
-        "luminance": [_luminance_figure(evaluation, scale)],
-        "contrasts": contrast_figures(panels, "bench" if evaluation.simulated else ""),
-        "calibration": calibration_figures(evaluation.calibration, "calibration-"),
-    }
 
 
 def _target_figure(evaluation: SessionEvaluation, scale: str) -> ReportFigure:
@@ -81,18 +65,15 @@ def _panel(row: ContrastRow, distribution: ContrastDistribution) -> ContrastPane
     return ContrastPanel(title, distribution, row.cdp, row.measured_contrast)
 
 
-def write_results(
-    evaluation: SessionEvaluation, result: Result, folder: Destination, figures: ReportFigures | None = None
-) -> list[Path]:
-    """Write the results of an evaluated session as `write_report` does; figures are drawn unless they are given."""
-    figures = figures or draw_figures(evaluation)
+def write_results(evaluation: SessionEvaluation, result: Result, folder: Destination) -> list[Path]:
+    """Write the results of an evaluated session as `write_report` does."""
     contrasts = result.table("contrasts").only(*_BESIDE_PICTURE)
     main = contrasts if evaluation.contrasts else result.table("luminance")
-    lead: list[Block] = [*figures["target"], main]
+    side = evaluation.map.step * reduction(evaluation.map.shape)
+    scale = f" Each drawn pixel is the mean of {side} x {side} of the camera's." if side > 1 else ""
+    lead, sections = (_target_figure(evaluation, scale), main), _sections(evaluation, result, scale)
     kind = "Luminance and contrast detection probability (CDP)"
-    page = Page.of(
-        result, kind, _summary(evaluation), _cards(evaluation, result), lead, _sections(evaluation, result, figures)
-    )
+    page = Page.of(result, kind, _summary(evaluation), _cards(evaluation, result), lead, sections)
     if evaluation.simulated:
         page = replace(page, banner=f"{SIMULATED[:-1]}: {printable(', '.join(evaluation.simulated))}.")
     return write_report(result, page, folder, time=recorded(evaluation.observed)[1])
@@ -129,20 +110,21 @@ def _summary(evaluation: SessionEvaluation) -> str:
     )
 
 
-def _sections(evaluation: SessionEvaluation, result: Result, figures: ReportFigures) -> Iterator[Section]:
+def _sections(evaluation: SessionEvaluation, result: Result, scale: str) -> Iterator[Section]:
+    luminance = _luminance_figure(evaluation, scale)
     if evaluation.contrasts:
-        yield Section("Luminance", (result.table("luminance"), *figures["luminance"]))
-        yield Section("Contrast detection probability", (_CDP, result.table("contrasts"), *figures["contrasts"]))
+        panels = [_panel(row, row.distribution) for row in evaluation.contrasts if row.distribution is not None]
+        figures = contrast_figures(panels, "bench" if evaluation.simulated else "")
+        yield Section("Luminance", (result.table("luminance"), luminance))
+        yield Section("Contrast detection probability (CDP)", (_CDP, result.table("contrasts"), *figures))
     else:
-        yield Section("Luminance", (*figures["luminance"],))
+        yield Section("Luminance", (luminance,))
     tables = {table.name: table for table in result.tables}
     shown = [tables[name] for name in ("planes", "calibration", "calibration_patches") if name in tables]
-    yield Section("Calibration", (*shown, *figures["calibration"], *condition_blocks(tables["conditions"])), True)
+    fitted = calibration_figures(evaluation.calibration, "calibration-")
+    yield Section("Calibration", (*shown, *fitted, *condition_blocks(tables["conditions"])), True)
     # Spectra are in the session; here their first values identify them.
     lines = evaluation.observed.configuration.to_toml().splitlines()
-    configuration = "\n".join(shortened(line, 160) for line in lines)
-    yield Section(
-        "Provenance",
-        (Facts.of(result.table("provenance")), "Configuration of the session:", Verbatim(configuration)),
-        collapsed=True,
-    )
+    configuration = Verbatim("\n".join(shortened(line, 160) for line in lines))
+    blocks = Facts.of(result.table("provenance")), "Configuration of the session:", configuration
+    yield Section("Provenance", blocks, collapsed=True)

@@ -7,10 +7,9 @@ from datetime import datetime
 
 from ...calibration import AnyCalibration
 from ...core.result import Finding, InputFile, Result, info, unique
-from ...core.table import Column, Table, uncertain
+from ...core.table import Column, Table, uncertain, with_interval
 from ...report.text import day, exposures, minute
 from ...session import Session
-from ..columns import with_interval
 from .calibration_result import calibration_tables, summarised
 from .observe import ObservedSession
 from .quantities import lens_text, meter_text
@@ -26,9 +25,9 @@ _CONTRASTS = (
     Column("epsilon", "tolerance ε", "%", "Contrasts within the target contrast ± ε of it count.", 0,
            value="cdp.epsilon"),
     Column("detected_from", "detected from", "%", "Lowest contrast that counts.", 0, shown=False,
-           value=lambda row: row.cdp.interval[0]),
+           value="cdp.interval.0"),
     Column("detected_up_to", "detected up to", "%", "Highest contrast that counts.", 0, shown=False,
-           value=lambda row: row.cdp.interval[1]),
+           value="cdp.interval.1"),
     *uncertain(
         Column("measured_contrast", "contrast by meter", "%",
                "Of the mean luminances by the meter; its scale error cancels."),
@@ -118,10 +117,8 @@ def _tables(evaluation: SessionEvaluation) -> Iterator[Table]:
 def _luminance(patches: Sequence[PatchRow]) -> Table:
     guessed = any(row.calculated_cd_m2 is not None for row in patches)
     limits = (
-        Column("lowest_cd_m2", "at least", "cd/m²", "Limit of the plan.",
-               value=lambda row: row.limits_cd_m2 and row.limits_cd_m2[0]),
-        Column("highest_cd_m2", "at most", "cd/m²", "Limit of the plan.",
-               value=lambda row: row.limits_cd_m2 and row.limits_cd_m2[1]),
+        Column("lowest_cd_m2", "at least", "cd/m²", "Limit of the plan.", value="limits_cd_m2.0"),
+        Column("highest_cd_m2", "at most", "cd/m²", "Limit of the plan.", value="limits_cd_m2.1"),
         Column("limit_verdict", "limits", "", "Pass or fail if all of calibrated ± U is within or outside."),
     )  # fmt: skip
     calculated = Column("calculated_cd_m2", "calculated, guessed", "cd/m²", "By guessed parameters of the camera.")

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from ...calibration import AnyCalibration
-from ...calibration.verify.result import Verification, VerifiedPlane
+from ...calibration.verify.result import Verification
 from ...calibration.verify.verify import verify
 from ...core.errors import CalibrationError
 from ...core.result import InputFile, Result, unique
-from ...core.table import Column, Table, uncertain
+from ...core.table import Column, Table, uncertain, with_expanded
 from ...report.text import exposures, minute, significant
 from ...session import MeterCertificate, Session
-from ..columns import with_expanded
 from .calibration_result import summarised
 from .corrections import calibration_for, corrections_of
 from .observe import ObservedSession, input_sha256, observe_session
@@ -131,7 +130,7 @@ def _verdict(verification: Verification) -> Table:
         Column("verdict", "verdict", "", "Conform, undecided or not conform."),
         Column("tolerance_rel", "tolerance", "%", "Largest deviation that conforms.", digits=2),
         Column("tolerance_stated", "stated", "", "Whether it was stated; else it is U (95 %) of the calibration."),
-        *with_expanded(mean, "mean_expanded_rel", label="U of mean"),
+        *with_expanded(mean, "mean_expanded_rel"),
         Column("same_meter", "same meter", "", "Whether it is that of the calibration in the same state."),
         Column("meter", "meter", "", "Meter with its certificate or date.", value=lambda one: str(one.meter)),
         Column("calibration_meter", "meter of calibration", "", "Meter with its certificate or date.",
@@ -169,25 +168,20 @@ def verified_patches(verification: Verification) -> Table:
 
 
 def _planes(verification: Verification) -> Table:
-    def of_drift(name: str) -> Callable[[VerifiedPlane], float | None]:
-        return lambda one: getattr(one.drift, name, None)
-
     balance, change, responsivity = (
         Column("balance_rel", "against all planes", "%", "On grey patches, without the meter.",
                value=lambda one: one.drift and one.balance_rel),
-        Column("change_rel", "against the meter", "%", "Of the responsivity, on grey patches.",
-               value=of_drift("relative")),
+        Column("change_rel", "against the meter", "%", "Of the responsivity, on grey patches.", value="drift.relative"),
         Column("responsivity", "responsivity now", RESPONSIVITY, "With this change.",
-               value=of_drift("responsivity_dn_s_cd_m2")),
+               value="drift.responsivity_dn_s_cd_m2"),
     )  # fmt: skip
     columns = (
         Column("plane", "plane", value=lambda one: f"{one.plane}"),
-        *with_expanded(balance, lambda one: one.drift and one.balance_expanded_rel, label="U"),
-        *with_expanded(change, of_drift("expanded_rel"), label="U of change"),
+        *with_expanded(balance, lambda one: one.drift and one.balance_expanded_rel),
+        *with_expanded(change, "drift.expanded_rel"),
         *with_expanded(
             responsivity,
             lambda one: one.drift and one.drift.responsivity_dn_s_cd_m2 * one.drift.responsivity_expanded_rel,
-            label="U of responsivity",
         ),
     )
     return Table.of_items("planes", "Colour planes", columns, verification.planes)

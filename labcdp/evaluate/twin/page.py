@@ -145,7 +145,7 @@ _VERDICTS: dict[str, tuple[str, State]] = {
 #: Columns of pairs that fit on a page.
 _PAIR = (
     "pair", "target_contrast", "measured_cdp", "measured_cdp_low", "measured_cdp_high", "predicted_cdp",
-    "predicted_cdp_low", "predicted_cdp_high", "difference", "expanded_difference", "z", "judgement", "largest",
+    "predicted_cdp_low", "predicted_cdp_high", "difference", "expanded_difference", "z", "judgement",
 )  # fmt: skip
 _METHOD = (
     "The twin is given the luminances by the meter, not by the camera. Its CDP is computed without random numbers "

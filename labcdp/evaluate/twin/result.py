@@ -9,10 +9,9 @@ from typing import Any
 
 from ...calibration.uncertainty import critical_value
 from ...core.result import Finding, InputFile, Result, info, quantity_table, unique, warning
-from ...core.table import Column, Table, uncertain
+from ...core.table import Column, Table, uncertain, with_interval
 from ..bench.session_result import provenance_table
 from ..camera.result import stated
-from ..columns import with_interval
 from .evaluate import TwinEvaluation
 from .pair import TwinPair
 from .regions import KINDS

@@ -16,6 +16,7 @@ from ..stored_image import (
     Encoding,
     grey_if_colourless,
     light_tables,
+    looked_up,
     luminance_dn,
     orientation_of_matrix,
     upright,
@@ -94,10 +95,10 @@ class Pixels:
             luma, blue, red = map(np.ascontiguousarray, planes)
             luminance, clipped = luminance_of_ycbcr(luma, blue, red, self._parts(), light)
             return upright(luminance, self.orientation), upright(clipped, self.orientation)
-        luma = np.ascontiguousarray(planes[0])
+        luma = planes[0]
         if self.limited:
-            luma = np.take(np.rint(self._grey().clip(0, 2**self.bits - 1)).astype(luma.dtype), luma)
-        return upright(luma, self.orientation), None
+            luma = looked_up(np.rint(self._grey().clip(0, 2**self.bits - 1)).astype(luma.dtype), luma)
+        return upright(np.ascontiguousarray(luma), self.orientation), None
 
     def _grey(self) -> NDArray[np.float64]:
         """Full-range Y' of each stored value (ITU-R BT.601 and BT.709: 16 to 235 of 8 bits)."""

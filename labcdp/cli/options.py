@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from ..core.cluster import TlsFiles, Workers
 from ..evaluate.sweep.plan import Axis, parse_axis
 from .commands import As
 from .terminal import print_result
@@ -143,3 +144,27 @@ def _inputs(context: typer.Context, option: str) -> Iterator[Path]:
         for one in value if isinstance(value, list | tuple) else (value,):
             if name not in written and isinstance(one, str | Path) and str(one):
                 yield Path(one)
+
+
+@dataclass(frozen=True)
+class ClusterOptions:
+    """Options for where several videos, or the cells of a sweep, are evaluated.
+
+    Parameters
+    ----------
+    cluster : ADDRESS
+        Address of a Dask scheduler whose workers evaluate, for example tls://192.0.2.7:8786.
+    cluster_tls : CA CERTIFICATE KEY
+        PEM files for a scheduler at an address tls://: certificate of the authority, own certificate and key.
+    workers
+        Number of workers on this computer, for several videos and sweeps; default: one per core.
+    """
+
+    cluster: str | None = None
+    cluster_tls: tuple[Path, Path, Path] | None = None
+    workers: Annotated[int | None, As(least=1)] = None
+
+    def chosen(self) -> Workers:
+        """Return the workers of this computer or the cluster."""
+        tls = None if self.cluster_tls is None else TlsFiles(*self.cluster_tls)
+        return Workers(self.cluster, self.workers, tls)

@@ -26,7 +26,7 @@ from ..evaluate.sweep.simulation.result import result as simulation_result
 from ..evaluate.sweep.thesis import reproduce_thesis
 from ..evaluate.sweep.thesis_report import thesis_result, write_thesis
 from .commands import As
-from .options import Axes, Changes, Json, Percent, Results, Seed
+from .options import Axes, Changes, ClusterOptions, Json, Percent, Results, Seed
 from .terminal import print_result, progress_bar
 
 ChainName = Annotated[str, As("Name of a preset (see labcdp presets), or chain file.")]
@@ -93,6 +93,7 @@ def simulate(context: typer.Context, options: ChainOptions, results: Results, ch
 def sweep(
     context: typer.Context,
     options: ChainOptions,
+    where: ClusterOptions,
     results: Results,
     chain: ChainName,
     *,
@@ -115,7 +116,7 @@ def sweep(
     wanted = Sweep(loaded, over, options.exact, stage, options.contrast, options.epsilon, options.seed)
     with results.folder(context, chain) as folder:
         with progress_bar("Cells") as report:
-            dataset = run_sweep(wanted, folder, report)
+            dataset = run_sweep(wanted, folder, report, where.chosen())
         analysis = analyse_map(dataset, expected=known_transitions(loaded, wanted.stage))
         found = sweep_result(dataset, analysis, _inputs(chain, loaded), wanted.findings())
         write_map(found, dataset, analysis, folder)

@@ -8,10 +8,10 @@ import secrets
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from .errors import InputError
 
@@ -63,6 +63,35 @@ class TlsFiles:
         )
 
 
+class Runner(Protocol[_Task]):
+    """What works through tasks: threads or processes of this computer, or a cluster."""
+
+    def run(
+        self, function: Callable[..., _Value], tasks: Sequence[_Task], *arguments: Any
+    ) -> Iterator[tuple[_Task, _Value | None, BaseException | None]]:
+        """Call a function with each task and the arguments, and return results or errors as they come."""
+
+
+@dataclass(frozen=True)
+class Workers:
+    """What works through tasks: this computer, with a worker a core unless told, or a Dask scheduler's workers."""
+
+    address: str | None = None
+    n_workers: int | None = None
+    tls: TlsFiles | None = None
+
+    def opened(
+        self, here: Callable[[int | None], Runner[_Task]], folder: Path | None, versions: Mapping[str, str]
+    ) -> AbstractContextManager[Runner[_Task]]:
+        """Return the context of the workers; `here` makes those of this computer, which open no port.
+
+        Folder, versions and errors are as for `open_cluster`.
+        """
+        if self.address is None:
+            return nullcontext(here(self.n_workers))
+        return open_cluster(self.address, self.tls, folder, versions)
+
+
 class Cluster(Generic[_Task]):
     """Workers of a cluster, with the interface of `labcdp.core.computer.Processes`.
 
@@ -72,13 +101,13 @@ class Cluster(Generic[_Task]):
     ----------
     client : distributed.Client
         Connected to the scheduler.
-    folder : Path
+    folder : Path or None
         That all workers have to see.
     versions : mapping of str to str
         Packages and their versions here, which the workers must have, too.
     """
 
-    def __init__(self, client: Any, folder: Path, versions: Mapping[str, str]) -> None:
+    def __init__(self, client: Any, folder: Path | None, versions: Mapping[str, str]) -> None:
         self._client, self._folder, self._versions = client, folder, versions
 
     def run(
@@ -151,12 +180,7 @@ class Cluster(Generic[_Task]):
     def _n_threads(self) -> int:
         """Wait for a worker, make sure that all can be used, and count their threads."""
         self._require_worker()
-        probe = self._folder / f".labcdp-{secrets.token_hex(8)}.part"
-        try:
-            probe.touch()
-            sees = self._client.run(os.path.exists, str(probe), on_error="ignore")
-        finally:
-            probe.unlink(missing_ok=True)
+        sees = {} if self._folder is None else self._sees(self._folder)
         for address, node in self._client.get_versions(packages=list(self._versions))["workers"].items():
             for package, version in self._versions.items():
                 if (there := node["packages"].get(package)) != version:
@@ -171,10 +195,19 @@ class Cluster(Generic[_Task]):
                 )
         return sum(self._client.nthreads().values())
 
+    def _sees(self, folder: Path) -> dict[str, bool]:
+        """Whether each worker sees what is made in a folder."""
+        probe = folder / f".labcdp-{secrets.token_hex(8)}.part"
+        try:
+            probe.touch()
+            return dict(self._client.run(os.path.exists, str(probe), on_error="ignore"))
+        finally:
+            probe.unlink(missing_ok=True)
+
 
 @contextmanager
 def open_cluster(
-    address: str, tls: TlsFiles | None, folder: Path, versions: Mapping[str, str]
+    address: str, tls: TlsFiles | None, folder: Path | None, versions: Mapping[str, str]
 ) -> Iterator[Cluster[Any]]:
     """Connect to a cluster.
 
@@ -184,8 +217,8 @@ def open_cluster(
         Of a scheduler.
     tls : TlsFiles or None
         For an address ``tls://``; None for a cluster without encryption and passwords.
-    folder : Path
-        Where the workers are to write; made if it does not exist.
+    folder : Path or None
+        Where the workers are to write; made if it does not exist. None if they write nothing.
     versions : mapping of str to str
         As for `Cluster`.
 
@@ -199,7 +232,8 @@ def open_cluster(
             f"the cluster is {address}: give its TLS files with an address that begins with tls://, and not else"
         )
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        if folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{folder} cannot be made ({error.strerror}): give a folder you can write to") from error
     from distributed import Client

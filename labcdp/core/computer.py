@@ -7,7 +7,7 @@ import pickle
 import signal
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
@@ -154,6 +154,32 @@ class _Worker:
 def usable_cores() -> int:
     """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0))
+
+
+class Threads(Generic[_Task]):
+    """Threads of this process, with the interface of `Processes`.
+
+    Parameters
+    ----------
+    n_workers : int or None
+        How many; None for one a core.
+    """
+
+    def __init__(self, n_workers: int | None = None) -> None:
+        self._n_workers = n_workers or usable_cores()
+
+    def run(
+        self, function: Callable[..., _Value], tasks: Sequence[_Task], *arguments: Any
+    ) -> Iterator[tuple[_Task, _Value | None, BaseException | None]]:
+        """Call a function with each task and the arguments, and return results or errors as they come."""
+        pool = ThreadPoolExecutor(self._n_workers)
+        try:
+            running = {pool.submit(function, task, *arguments): task for task in tasks}
+            for future in as_completed(running):
+                error = future.exception()
+                yield running[future], None if error else future.result(), error
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 class Processes(Generic[_Task]):

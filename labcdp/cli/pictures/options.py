@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from ...core.cluster import TlsFiles
 from ...core.errors import InputError
 from ...core.result import InputFile
 from ...core.roi import Roi
 from ...evaluate.picture.conversion import PictureConversion, picture_conversion
-from ...evaluate.video.archive import Workers
 from ...evaluate.video.settings import Reference
 from ...files.video.selection import Position, Selection
 from ...regions import load_regions, rois_of
@@ -194,30 +192,6 @@ class MadeOptions:
 
     annotated: bool = False
     frames: bool = False
-
-
-@dataclass(frozen=True)
-class ClusterOptions:
-    """Options for where several videos are evaluated.
-
-    Parameters
-    ----------
-    cluster : ADDRESS
-        Address of a Dask scheduler for several videos, for example tls://192.0.2.7:8786.
-    cluster_tls : CA CERTIFICATE KEY
-        PEM files for a scheduler at an address tls://: certificate of the authority, own certificate and key.
-    workers
-        Number of processes for several videos; default: one per core.
-    """
-
-    cluster: str | None = None
-    cluster_tls: tuple[Path, Path, Path] | None = None
-    workers: Annotated[int | None, As(least=1)] = None
-
-    def chosen(self) -> Workers:
-        """Return the processes or the cluster."""
-        tls = None if self.cluster_tls is None else TlsFiles(*self.cluster_tls)
-        return Workers(self.cluster, self.workers, tls)
 
 
 def rois_and_pairs(

@@ -25,10 +25,10 @@ from ...output import ResultsFolder
 from ...regions import image_size_of
 from ...report.files import envelope
 from ...tracking import method_among
-from ..options import Results
+from ..options import ClusterOptions, Results
 from ..terminal import progress_bars, say
 from .batch import each_once
-from .options import ClusterOptions, FrameOptions, LightOptions, MadeOptions, VideoPairOptions, rois_and_pairs
+from .options import FrameOptions, LightOptions, MadeOptions, VideoPairOptions, rois_and_pairs
 
 
 def video(

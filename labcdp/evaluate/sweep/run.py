@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from importlib.metadata import version
-from itertools import product
-from math import nan
+from math import nan, prod
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -16,6 +13,8 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from ...chain.predict.chain import predict_chain
+from ...core.cluster import Workers
+from ...core.computer import Threads
 from ...core.disk import validated_as
 from ...core.disk.journal import LineJournal
 from ...core.errors import InputError
@@ -106,7 +105,8 @@ _BLOCK = 20_000
 #: Share of saturated pixels from which a region has no SNR: what clipping takes from the noise is no signal.
 _CLIPPED = 0.01
 
-Cells = Sequence[tuple[Any, ...]]
+#: Packages on which results depend to the last bit.
+_PACKAGES = ("labcdp", "numpy", "numba", "scipy")
 
 
 class _Block(BaseModel):
@@ -120,7 +120,10 @@ class _Block(BaseModel):
 
 
 def run_sweep(
-    sweep: Sweep, folder: Destination | None = None, progress: Callable[[int, int], None] | None = None
+    sweep: Sweep,
+    folder: Destination | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    workers: Workers | None = None,
 ) -> Dataset:
     """Run a sweep, or what is left of it.
 
@@ -132,6 +135,8 @@ def run_sweep(
         Where finished cells are kept in a journal; the same sweep started again resumes there. None keeps nothing.
     progress : callable or None
         Called with the number of cells done and in total.
+    workers : Workers or None
+        What calculates the cells; None for a thread a core. Results are the same with any.
 
     Returns
     -------
@@ -141,11 +146,12 @@ def run_sweep(
     Raises
     ------
     InputError
-        If the folder holds another sweep or cannot be written, or a cell cannot be calculated.
+        If the folder holds another sweep or cannot be written, a cell cannot be calculated, or the cluster cannot be
+        reached.
     """
-    cells = list(product(*(axis.values for axis in sweep.axes)))
-    values = np.full((len(cells), len(VARIABLES)), np.nan)
-    done = np.zeros(len(cells), bool)
+    n_cells = prod(sweep.shape)
+    values = np.full((n_cells, len(VARIABLES)), np.nan)
+    done = np.zeros(n_cells, bool)
     with ExitStack() as stack:
         journal = None
         if folder is not None:
@@ -155,18 +161,20 @@ def run_sweep(
             # Without a finished cell there is nothing to resume.
             stack.callback(lambda: None if done.any() else path.unlink(missing_ok=True))
             stack.callback(journal.close)
-        for first, block in () if journal is None else _recorded(journal, len(cells)):
+        for first, block in () if journal is None else _recorded(journal, n_cells):
             values[first : first + len(block)] = block
             done[first : first + len(block)] = True
-        left = _blocks(sweep, done)
-        calculate = _predicted if sweep.exact else _simulated
-        for first, block in calculate(sweep, cells, left):
-            values[first : first + len(block)] = block
-            done[first : first + len(block)] = True
+        packages = {name: version(name) for name in _PACKAGES}
+        run = stack.enter_context((workers or Workers()).opened(Threads[range], None, packages))
+        for cells, found, error in run.run(_predicted if sweep.exact else _simulated, _blocks(sweep, done), sweep):
+            if found is None:
+                raise error or InputError("no cell was calculated")
+            values[cells.start : cells.stop] = found
+            done[cells.start : cells.stop] = True
             if journal is not None:
-                journal.add({"first": first, "values": block.tolist()})
+                journal.add({"first": cells.start, "values": found.tolist()})
             if progress is not None:
-                progress(int(done.sum()), len(cells))
+                progress(int(done.sum()), n_cells)
     return labelled(sweep, values)
 
 
@@ -198,40 +206,33 @@ def _blocks(sweep: Sweep, done: NDArray[np.bool_]) -> list[range]:
     return blocks
 
 
-def _predicted(sweep: Sweep, cells: Cells, blocks: Sequence[range]) -> Iterator[tuple[int, NDArray[np.float64]]]:
-    names = [axis.parameter for axis in sweep.axes]
-    in_scene = [name for name in names if of_scene(sweep.chain, name)]
-    for block in blocks:
-        settings = [dict(zip(names, cells[index], strict=True)) for index in block]
-        # A block has one value of each parameter outside the scene; see `_blocks`.
-        outside = {name: value for name, value in settings[0].items() if name not in in_scene}
-        inside = {name.partition(".")[2]: [cell[name] for cell in settings] for name in in_scene}
-        chain = sweep.chain.with_(**outside) if outside else sweep.chain
-        found = predict_chain(chain, inside, stage=sweep.stage, contrast=sweep.contrast, epsilon=sweep.epsilon)
-        values = {name: getattr(found, name, np.full(len(block), nan)) for name in VARIABLES}
-        values["snr_bright"] = np.where(found.saturated_share < _CLIPPED, found.snr_bright, nan)
-        values["snr_dark"] = np.where(found.saturated_share_dark < _CLIPPED, found.snr_dark, nan)
-        yield block.start, np.stack(list(values.values()), axis=1)
+def _setting(sweep: Sweep, cell: int) -> dict[str, Any]:
+    """Parameters of a cell; the last axis is the fastest."""
+    places = np.unravel_index(cell, sweep.shape)
+    return {axis.parameter: axis.values[place] for axis, place in zip(sweep.axes, places, strict=True)}
 
 
-def _simulated(sweep: Sweep, cells: Cells, blocks: Sequence[range]) -> Iterator[tuple[int, NDArray[np.float64]]]:
-    names = [axis.parameter for axis in sweep.axes]
+def _predicted(block: range, sweep: Sweep) -> NDArray[np.float64]:
+    settings = [_setting(sweep, cell) for cell in block]
+    in_scene = [name for name in settings[0] if of_scene(sweep.chain, name)]
+    # A block has one value of each parameter outside the scene; see `_blocks`.
+    outside = {name: value for name, value in settings[0].items() if name not in in_scene}
+    inside = {name.partition(".")[2]: [cell[name] for cell in settings] for name in in_scene}
+    chain = sweep.chain.with_(**outside) if outside else sweep.chain
+    found = predict_chain(chain, inside, stage=sweep.stage, contrast=sweep.contrast, epsilon=sweep.epsilon)
+    values = {name: getattr(found, name, np.full(len(block), nan)) for name in VARIABLES}
+    values["snr_bright"] = np.where(found.saturated_share < _CLIPPED, found.snr_bright, nan)
+    values["snr_dark"] = np.where(found.saturated_share_dark < _CLIPPED, found.snr_dark, nan)
+    return np.stack(list(values.values()), axis=1)
 
-    def simulate(index: int) -> tuple[int, NDArray[np.float64]]:
-        chain = sweep.chain.with_(**dict(zip(names, cells[index], strict=True)))
-        # A seed of its own for each cell, whichever cells are left and in whatever order they finish.
-        seed = int(np.random.SeedSequence(sweep.seed, spawn_key=(index,)).generate_state(1)[0])
-        run = chain.run(seed, threads=1)
-        assert sweep.stage is not None
-        return index, _row(*evaluate_pair(run, sweep.stage, sweep.contrast, sweep.epsilon))
 
-    pool = ThreadPoolExecutor(os.cpu_count())
-    try:
-        for future in as_completed([pool.submit(simulate, block.start) for block in blocks]):
-            index, row = future.result()
-            yield index, row[None]
-    finally:
-        pool.shutdown(cancel_futures=True)
+def _simulated(block: range, sweep: Sweep) -> NDArray[np.float64]:
+    (cell,) = block
+    # A seed of its own for each cell, whichever cells are left and in whatever order they finish.
+    seed = int(np.random.SeedSequence(sweep.seed, spawn_key=(cell,)).generate_state(1)[0])
+    assert sweep.stage is not None
+    run = sweep.chain.with_(**_setting(sweep, cell)).run(seed, threads=1)
+    return _row(*evaluate_pair(run, sweep.stage, sweep.contrast, sweep.epsilon))[None]
 
 
 def _row(pair: PairRow, dark: RegionRow, bright: RegionRow) -> NDArray[np.float64]:

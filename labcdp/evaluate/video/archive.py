@@ -7,7 +7,7 @@ import json
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, nullcontext
+from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib.metadata import version
 from itertools import groupby
@@ -16,7 +16,7 @@ from typing import Any, TypeAlias
 
 from pydantic import BaseModel, ConfigDict
 
-from ...core.cluster import Cluster, TlsFiles, open_cluster
+from ...core.cluster import Workers
 from ...core.computer import Processes
 from ...core.disk import open_regular, read_json, validated_as
 from ...core.disk.text import results_json
@@ -184,21 +184,6 @@ def require_same_archive(tasks: Sequence[ArchiveTask], folder: Path) -> None:
         raise InputError(f"{folder} has results of other videos, such as {min(others)}: {remedy}")
 
 
-@dataclass(frozen=True)
-class Workers:
-    """What evaluates the videos: processes of this computer, one a core unless told, or a Dask scheduler's workers."""
-
-    address: str | None = None
-    n_processes: int | None = None
-    tls: TlsFiles | None = None
-
-    def opened(self, folder: Path) -> AbstractContextManager[Cluster[_Group] | Processes[_Group]]:
-        """Return the context of workers that write into a folder; raises InputError as `open_cluster`."""
-        if self.address is None:
-            return nullcontext(Processes[_Group](self.n_processes))
-        return open_cluster(self.address, self.tls, folder, package_versions())
-
-
 def evaluate_archive(
     tasks: Sequence[ArchiveTask],
     work: Work,
@@ -248,7 +233,7 @@ def evaluate_archive(
     groups = [tuple(group) for _, group in groupby(left, lambda task: task.video)]
     if groups:
         folder = Path(os.path.commonpath([task.folder.parent for task in tasks]))
-        with (workers or Workers()).opened(folder) as run:
+        with (workers or Workers()).opened(Processes[_Group], folder, package_versions()) as run:
             for group, found, error in run.run(evaluate_task, groups, work, settings, force, inputs):
                 for outcome in found or [VideoOutcome(task, None, _reason(error)) for task in group]:
                     outcomes[outcome.task] = outcome

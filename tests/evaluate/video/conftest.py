@@ -29,7 +29,7 @@ def images(tmp_path_factory):
 @pytest.fixture(scope="session")
 def followed(images):
     """Results of two regions of the images."""
-    return evaluate_video(images, VideoSettings((0.07, 1.0, 10.0), (STILL, MOVING), "follow", reference="first"))
+    return evaluate_video(images, VideoSettings((0.07, 1.0, 10.0), (STILL, MOVING), epsilon=0.9, reference="first"))
 
 
 @pytest.fixture(scope="session")

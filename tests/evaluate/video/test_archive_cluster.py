@@ -15,12 +15,15 @@ import xarray as xr
 
 from labcdp.cli.pictures.options import MadeOptions
 from labcdp.cli.pictures.video import evaluate_values
-from labcdp.core.cluster import TlsFiles, open_cluster
+from labcdp.core.cluster import TlsFiles, Workers, open_cluster
 from labcdp.core.errors import InputError
-from labcdp.evaluate.video.archive import ArchiveResult, Workers, archive_tasks, evaluate_archive
+from labcdp.evaluate.sweep.plan import Axis, Sweep
+from labcdp.evaluate.sweep.run import run_sweep
+from labcdp.evaluate.video.archive import ArchiveResult, archive_tasks, evaluate_archive
 from labcdp.evaluate.video.evaluate import evaluate_video
 from labcdp.evaluate.video.settings import VideoSettings
 
+from ..sweep.chains import small
 from .videos import MOVING, STILL, driving, write
 
 
@@ -55,7 +58,7 @@ def test_processes_of_this_computer_do_as_one_by_one(videos: list[Path], tmp_pat
     settings = VideoSettings((0.5, 3.0), (MOVING, STILL), method="follow", reference="first")
     told: list[tuple[int, int]] = []
     result = evaluate_videos(
-        videos, settings, tmp_path, workers=Workers(n_processes=2), progress=lambda *one: told.append(one)
+        videos, settings, tmp_path, workers=Workers(n_workers=2), progress=lambda *one: told.append(one)
     )
     assert_as_one_by_one(result, videos, settings)
     assert told == [(0, 3), (1, 3), (2, 3), (3, 3)]
@@ -92,7 +95,7 @@ def test_workers_that_die_are_named_and_their_videos_tried_once_more_without_a_p
     for kind in ("always", "error", "good", "once"):
         (tmp_path / f"{kind}.avi").write_text(kind)
     tasks = archive_tasks(sorted(tmp_path.glob("*.avi")), tmp_path / "results")
-    result = evaluate_archive(tasks, work, {}, Workers(n_processes=1))
+    result = evaluate_archive(tasks, work, {}, Workers(n_workers=1))
     always, error, good, once = result.outcomes
     assert always.error.endswith("or evaluate this file alone")
     assert error.error == "ValueError: surprise"
@@ -148,6 +151,8 @@ def test_cluster_with_certificates_until_its_only_worker_dies(
     monkeypatch.setattr("labcdp.core.cluster._WORKER_S", 300)
     with_tls = Workers(address, tls=tls)
     assert_as_one_by_one(evaluate_videos(videos, settings, tmp_path / "a", workers=with_tls), videos, settings)
+    sweep = Sweep(small(), (Axis("scene.contrast", (0.2, 1.0)),), exact=False, seed=5)
+    assert run_sweep(sweep, workers=with_tls).identical(run_sweep(sweep))
     if elsewhere:
         with pytest.raises(
             InputError, match=r"worker tls://\S+ does not see the folder .*blind: give a folder that all"

@@ -76,8 +76,6 @@ def what_is_left(command: str | None) -> str:
 
 #: Exit status of a program ended by Ctrl-C: 128 and the number of SIGINT.
 _INTERRUPTED = 130
-#: Longest error message; inputs are quoted in part, but paths may be long.
-_MOST_CHARACTERS = 2000
 
 app = typer.Typer(
     cls=Commands,
@@ -139,7 +137,7 @@ def main() -> None:
         say("labcdp: not enough memory: use fewer pixels or fewer values")
         sys.exit(1)
     except LabcdpError as error:
-        say(f"labcdp: {shortened(' '.join(str(error).split()), _MOST_CHARACTERS)}")
+        say(f"labcdp: {error}")
         sys.exit(1)
     except SystemExit as end:
         # Typer turns Ctrl-C into this status without a message.
@@ -156,7 +154,7 @@ def main() -> None:
         sys.exit(141)
     except OSError as error:
         if error.filename is not None:
-            name = shortened(os.fsdecode(error.filename), _MOST_CHARACTERS)
+            name = os.fsdecode(error.filename)
             say(f"labcdp: {name} cannot be used ({reason(error)}): check name, folder and permissions")
             sys.exit(1)
         if error.errno not in _OUTPUT_ERRORS:

@@ -10,12 +10,19 @@ def _escaped(character: str) -> str:
     return character if character.isprintable() else character.encode("unicode_escape").decode()
 
 
+#: Characters of a message: what is left out of a longer one is its middle, as it ends with what to do.
+_MOST_CHARACTERS, _LAST = 2000, 300
+
+
 class LabcdpError(Exception):
-    """Base of every error labcdp raises on purpose: one line of printable text, whatever a file or device says."""
+    """Base of every error labcdp raises on purpose: a short printable line, whatever a file or device says."""
 
     def __str__(self) -> str:
         """Return the message."""
-        return printable(super().__str__())
+        text = super().__str__()
+        if len(text) > _MOST_CHARACTERS:
+            text = f"{text[: _MOST_CHARACTERS - _LAST - 3]}...{text[-_LAST:]}"
+        return printable(" ".join(text.splitlines()))
 
 
 class InputError(LabcdpError, ValueError):

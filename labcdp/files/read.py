@@ -153,8 +153,10 @@ def _picture(stored: StoredImage, path: Path, sha256: str, options: PictureOptio
         exposure_known=(facts.exposure_s or options.exposure_s) is not None,
     )  # fmt: skip
     if stored.bits is None:
-        factor = np.float32(stored.cd_m2_per_value or 1.0)
-        return with_overrides(replace(picture, light=stored.values * factor, encoding="linear"), options, None)
+        # What is not finite is invalid in the map.
+        with np.errstate(over="ignore", invalid="ignore"):
+            light = stored.values * np.float32(stored.cd_m2_per_value or 1.0)
+        return with_overrides(replace(picture, light=light, encoding="linear"), options, None)
     known, taken = facts_over(options, facts), facts.taken or changed_at(path)
     scale = scale_of(stored.values, stored.bits, options, str(path))
     guessed = stored.bits == 16 and options.bit_depth is None and options.pixel_format is None

@@ -10,7 +10,7 @@ from typing import Any
 
 from ...calibration import AnyCalibration, Calibration, ColourCalibration, load_any
 from ...chain import Chain, preset_names, preset_text
-from ...core.disk import parse_toml, read_json
+from ...core.disk import parse_toml, read_json, shortened
 from ...core.errors import InputError
 from ...core.result import InputFile, Result
 from ...regions import load_regions, rois_of
@@ -171,7 +171,7 @@ def _document(name: str, path: Path) -> list[Subject]:
 def _results(name: str, path: Path, content: dict[str, Any], inputs: tuple[InputFile, ...]) -> list[Subject]:
     command = str(content.get("kind"))
     if command not in _OF_COMMAND:
-        raise InputError(f"{name} holds results of labcdp {command}, which cannot be compared: {_HINT}")
+        raise InputError(f"{name} holds results of labcdp {shortened(command)}, which cannot be compared: {_HINT}")
     kind, file = _OF_COMMAND[command]
     if file:
         return _file(str(path.parent / file), path.parent / file)

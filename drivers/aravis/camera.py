@@ -18,7 +18,8 @@ from ..camera import Camera, CameraError, CameraLostError, CameraSettingError, G
 from ..camera_settings import CameraSettings, CameraSetup, FeatureDescription, FeatureValue
 from ..computer import overload
 from .connection import Connection, require_kept, take_snapshot
-from .features import described_features, not_understood, read_feature, readable_features, write_feature
+from .features import described_features, read_feature, readable_features, write_feature
+from .known_state import not_understood
 from .settings import SettingChanges, change_setting, exposure_range_s, read_settings, temperature_c
 from .settings import configure as change_settings
 from .stream import FrameStream

@@ -18,13 +18,15 @@ from ..camera import CameraError, CameraLostError, CameraSettingError, Gap
 from ..camera_settings import CameraSettings, CameraSetup, FeatureValue
 from ..device import on_error
 from . import gvcp
-from .features import readable_features, writable, write_feature
+from .features import read_feature, readable_features, writable, write_feature
 from .library import CameraInfo, choose, discover
 from .link import Link, connect
 
 #: First letters of features that belong to a connection or an operation and not to the picture: transport and clock
-#: of GigE Vision, events, stored sets, files, locks. `transport` sets those of the stream anew.
-_NOT_OF_THE_PICTURE = ("Gev", "Stream", "DeviceLink", "Ptp", "Event", "UserSet", "File", "Action", "TLParams")
+#: of GigE Vision, data beside the pixels, events, stored sets, files, locks. `transport` sets those of the stream anew.
+_NOT_OF_THE_PICTURE = (
+    *("Gev", "Stream", "DeviceLink", "Ptp", "Chunk", "Event", "UserSet", "File", "Action", "TLParams"),
+)
 #: Those of the stream that `transport` sets.
 _OF_THE_STREAM = (
     "GevSCPSPacketSize",
@@ -44,12 +46,10 @@ Snapshot = Mapping[str, FeatureValue]
 def take_snapshot(link: Link, *, stream: bool = False) -> Snapshot:
     """Read all writable features that may change a picture, by name in the camera's order; `stream` adds its own."""
     with link.using("its settings cannot be read") as camera:
-        return {
-            name: value
-            for name, value in readable_features(camera)
-            if (not name.startswith(_NOT_OF_THE_PICTURE) or (stream and name in _OF_THE_STREAM))
-            and writable(camera, name)
-        }
+        snapshot = dict(readable_features(camera, access="RW", left_out=_NOT_OF_THE_PICTURE))
+        if stream:
+            snapshot |= {name: read_feature(camera, name) for name in _OF_THE_STREAM if writable(camera, name)}
+        return snapshot
 
 
 def restore_snapshot(link: Link, wanted: Snapshot) -> None:

@@ -1,15 +1,17 @@
-"""Features of an Aravis camera by name, and its known photometric state: whole sensor, no automatics, linear DN."""
+"""Features of an Aravis camera, by name."""
 
 from __future__ import annotations
 
 import contextlib
 import difflib
-from collections.abc import Iterable, Iterator
-from typing import Any, Final
+from collections.abc import Callable, Iterator
+from typing import Any, Final, TypeVar
 
 from ..camera import CameraSettingError
 from ..camera_settings import FeatureDescription, FeatureValue
-from .library import aravis, device_text, gerror
+from .library import aravis, device_text, gerror, is_of_transport
+
+_T = TypeVar("_T")
 
 
 def read_feature(camera: Any, name: str) -> FeatureValue:
@@ -71,49 +73,95 @@ def _increment(camera: Any, name: str) -> int:
     return 1
 
 
-def readable_features(camera: Any) -> Iterator[tuple[str, FeatureValue]]:
-    """Yield name and value of every readable feature, in the camera's order; raises errors of Aravis."""
-    for node in _readable(camera):
-        yield node.get_name(), _value(node)
+def readable_features(
+    camera: Any, *, access: str = "R", left_out: tuple[str, ...] = ()
+) -> Iterator[tuple[str, FeatureValue]]:
+    """Yield name and value of every feature that can be read now, in the camera's order.
+
+    Parameters
+    ----------
+    camera : Aravis.Camera
+        Open.
+    access : {'R', 'RW'}
+        'RW' for those that can also be written now.
+    left_out : tuple of str
+        First letters of names to leave out.
+
+    Raises
+    ------
+    GLib.Error
+        If the camera does not answer.
+    """
+    for node in _nodes(camera):
+        if not node.get_name().startswith(left_out) and (value := _value_now(node, access)) is not None:
+            yield node.get_name(), value
 
 
 def described_features(camera: Any) -> Iterator[FeatureDescription]:
-    """Yield every readable feature with range and unit, in the camera's order; raises errors of Aravis."""
+    """Yield every readable feature with range and unit, in the camera's order; raises as `readable_features`."""
     arv = aravis()
-    for node in _readable(camera):
+    for node in _nodes(camera):
+        if (value := _value_now(node)) is None:
+            continue
         name, kind = node.get_name(), _kind(node)
-        choices = camera.dup_available_enumerations_as_strings(name) if kind == "GcEnumeration" else ()
-        unit, limits = "", None
-        if kind in ("GcInteger", "GcFloat"):
+        unit, limits, choices = "", None, ()
+        if kind == "GcEnumeration":
+            choices = tuple(camera.dup_available_enumerations_as_strings(name))
+        elif kind in ("GcInteger", "GcFloat"):
             number = getattr(arv, kind)
             unit = number.get_unit(node) or ""
             # A register without limits of its own may refuse to say them.
-            with contextlib.suppress(gerror()):
-                limits = (number.get_min(node), number.get_max(node))
-        yield FeatureDescription(name, _value(node), _allows(node, "W"), unit, limits, tuple(choices))
+            limits = _answer(lambda: (number.get_min(node), number.get_max(node)), None)  # noqa: B023 - called at once
+        yield FeatureDescription(name, value, _allows(node, "W"), unit, limits, choices)
 
 
-def _readable(camera: Any) -> Iterator[Any]:
-    return (node for node in _nodes(camera) if _allows(node, "R") and _kind(node))
+def _answer(question: Callable[[], _T], otherwise: _T) -> _T:
+    """Ask a camera; a feature that cannot be read is tolerated, unlike a camera that does not answer.
+
+    What belongs to a chunk or an event has no value without one, and a formula may divide by a register that is 0.
+    """
+    try:
+        return question()
+    except gerror() as error:
+        if is_of_transport(error):
+            raise
+        return otherwise
+
+
+def _value_now(node: Any, access: str = "R") -> FeatureValue | None:
+    """Return the value of a feature; None if the camera does not have it now, or not with this access."""
+
+    def value() -> FeatureValue | None:
+        has_it = _kind(node) and all(_allows(node, letter) for letter in access) and _is_there(node)
+        return _value(node) if has_it else None
+
+    return _answer(value, None)
+
+
+def _is_there(node: Any) -> bool:
+    """Whether the camera has a feature now; Aravis does not ask whether this model implements it."""
+    arv = aravis()
+    is_feature = isinstance(node, arv.GcFeatureNode) and not isinstance(node, arv.GcCategory)
+    return is_feature and _answer(lambda: bool(node.is_implemented() and node.is_available()), False)
 
 
 def available(camera: Any, *names: str) -> str | None:
     """Return the first of these names that the camera has; None if it has none."""
-    return next((name for name in names if camera.is_feature_available(name)), None)
+    device = camera.get_device()
+    return next((name for name in names if _is_there(device.get_feature(name))), None)
 
 
 def writable(camera: Any, name: str) -> bool:
     """Whether the camera has a feature that is currently writable."""
-    return bool(camera.is_feature_available(name)) and _allows(_node(camera, name), "W")
+    return available(camera, name) is not None and _allows(_node(camera, name), "W")
 
 
 def _node(camera: Any, name: str) -> Any:
-    node = camera.get_device().get_feature(name)
-    if node is None or not isinstance(node, aravis().GcFeatureNode) or not camera.is_feature_available(name):
+    if available(camera, name) is None:
         close = difflib.get_close_matches(name, [each.get_name() for each in _nodes(camera)], n=3)
         hint = f"did you mean {' or '.join(close)}?" if close else "features() lists what can be read"
         raise CameraSettingError(f"the camera has no feature {name!r} now: {hint}")
-    return node
+    return camera.get_device().get_feature(name)
 
 
 def _nodes(camera: Any) -> Iterator[Any]:
@@ -127,7 +175,7 @@ def _nodes(camera: Any) -> Iterator[Any]:
             names = [name for name in node.get_features() if name not in seen]
             seen.update(names)
             waiting.extend(found for name in names if (found := genicam.get_node(name)) is not None)
-        elif node.is_available():
+        else:
             yield node
 
 
@@ -180,86 +228,3 @@ def require_range(name: str, value: Any, limits: tuple[float, float], unit: str 
         unit = f" {unit}" if unit else ""
         steps = f" in steps of {step}" if step > 1 else ""
         raise CameraSettingError(f"{name} is {value:g}{unit}: the camera takes {low:g} to {high:g}{unit}{steps}")
-
-
-#: What is set where the camera has it, in this order.
-_STATE: tuple[tuple[str, FeatureValue], ...] = (
-    ("ExposureAuto", "Off"),
-    ("ExposureMode", "Timed"),
-    ("GainAuto", "Off"),
-    ("BlackLevelAuto", "Off"),
-    ("BalanceWhiteAuto", "Off"),
-    ("GammaEnable", False),
-    ("GammaEnabled", False),
-    ("Gamma", 1.0),
-    ("LUTEnable", False),
-    ("ColorTransformationEnable", False),
-    ("DecimationHorizontal", 1),
-    ("DecimationVertical", 1),
-    ("ReverseX", False),
-    ("ReverseY", False),
-    ("TestPattern", "Off"),
-    ("TestImageSelector", "Off"),
-)
-
-
-#: Names and beginnings of names of what `settings` and the plan set, and of what changes no picture.
-_UNDERSTOOD = (
-    *(name for name, _ in _STATE),
-    "Acquisition",
-    "Binning",
-    "BlackLevel",
-    "Device",
-    "Exposure",
-    "Gain",
-    "Height",
-    "Offset",
-    "PixelFormat",
-    "SyncOut",
-    "Trigger",
-    "Width",
-)
-
-
-def not_understood(names: Iterable[str]) -> tuple[str, ...]:
-    """Return those of a camera's writable features of which labcdp does not know what they do to a picture."""
-    return tuple(name for name in names if not name.startswith(_UNDERSTOOD))
-
-
-def bring_to_known_state(camera: Any) -> None:
-    """Reset what other programs left: acquisition, triggers, automatics, tone curve, binning, mirroring and region.
-
-    Raises
-    ------
-    CameraSettingError
-        If a feature that changes the DN keeps another value; the message names it.
-    """
-    camera.stop_acquisition()
-    if available(camera, "TriggerMode") is not None:
-        camera.clear_triggers()
-    for name, value in _STATE:
-        # A gamma that is switched off may keep its value: many cameras lock it then.
-        is_off = name == "Gamma" and available(camera, "GammaEnable", "GammaEnabled") is not None
-        if not (is_off and not writable(camera, name)):
-            _require(camera, name, value)
-    if camera.is_binning_available():
-        camera.set_binning(1, 1)
-    show_whole_sensor(camera)
-
-
-def show_whole_sensor(camera: Any) -> None:
-    """Select the largest region: that of WidthMax and HeightMax, as not every camera has SensorWidth."""
-    if camera.is_region_offset_available():
-        camera.set_integer("OffsetX", 0)
-        camera.set_integer("OffsetY", 0)
-    camera.set_region(0, 0, camera.get_width_bounds()[1], camera.get_height_bounds()[1])
-
-
-def _require(camera: Any, name: str, value: FeatureValue) -> None:
-    if available(camera, name) is None:
-        return
-    if writable(camera, name):
-        write_feature(camera, name, value)
-    now = read_feature(camera, name)
-    if now != value:
-        raise CameraSettingError(f"feature {name} is {now} and does not take {value}: set it in the camera's program")

@@ -67,6 +67,16 @@ def gerror() -> Any:
     return GLib.Error
 
 
+#: Aravis' errors of the transport, as opposed to those of the request.
+_OF_TRANSPORT = ("NOT_CONNECTED", "TRANSFER_ERROR", "TIMEOUT", "NOT_CONTROLLER")
+
+
+def is_of_transport(error: Any, *more: str) -> bool:
+    """Whether an error of Aravis is one of the transport, or of `more` kinds of `Aravis.DeviceError`."""
+    codes = {int(getattr(aravis().DeviceError, name)) for name in (*_OF_TRANSPORT, *more)}
+    return bool(error.domain == "arv-device-error-quark" and error.code in codes)
+
+
 def discover() -> list[CameraInfo]:
     """List the cameras that answer within Aravis' discovery time, about a second.
 

@@ -13,8 +13,9 @@ from ..camera import CameraBusyError, CameraError, CameraLostError, CameraNotFou
 from ..computer import shut_down, udp_socket_numbers
 from ..device import on_error
 from . import gvcp
-from .features import bring_to_known_state
-from .library import CameraInfo, aravis, camera_errors, device_text, gerror
+from .features import available
+from .known_state import bring_to_known_state
+from .library import CameraInfo, aravis, camera_errors, device_text, gerror, is_of_transport
 from .transport import find_neighbours, find_packet_size, warn_of_small_receive_buffer
 
 #: Time after an answer in which the camera is not checked again before use; a check takes 0.1 to 1 ms.
@@ -22,9 +23,6 @@ _FRESH_S = 0.02
 
 #: Time for other cameras to answer when one is opened; some answer to broadcasts after a random delay.
 _LOOK_S = 1.0
-
-#: Aravis' errors of the transport, as opposed to those of the request.
-_COMMUNICATION = ("NOT_CONNECTED", "TRANSFER_ERROR", "TIMEOUT", "NOT_CONTROLLER", "PROTOCOL_ERROR_ACCESS_DENIED")
 
 #: New sockets of Aravis can be identified only while no other thread opens a camera.
 _opening = threading.Lock()
@@ -52,7 +50,6 @@ class Link:
         self.stream_port: int | None = None
         # Addresses of the other cameras behind the same interface.
         self.neighbours: frozenset[str] = frozenset()
-        self._arv = aravis()
         self._is_gige = bool(camera.is_gv_device())
         self._sockets = sockets
         self._streams: list[Any] = []
@@ -147,9 +144,7 @@ class Link:
         return CameraLostError(f"{self.identity} stopped answering ({what}): check power and cable, then open it again")
 
     def _explained(self, error: Any, what: str) -> CameraError:
-        device_error = self._arv.DeviceError
-        codes = [int(getattr(device_error, name)) for name in _COMMUNICATION]
-        if error.domain != "arv-device-error-quark" or error.code not in codes:
+        if not is_of_transport(error, "PROTOCOL_ERROR_ACCESS_DENIED"):
             return CameraSettingError(f"{self.identity} refuses: {what} [{error.message}]")
         if not self.answers():
             return self.give_up(f"{what} [{error.message}]")
@@ -247,7 +242,7 @@ def _check_who(link: Link) -> None:
 
 def _says_simulated(camera: Any) -> bool:
     name = "DeviceManufacturerInfo"
-    text = device_text(camera.get_string, name) if camera.is_feature_available(name) else ""
+    text = device_text(camera.get_string, name) if available(camera, name) else ""
     return "simulated" in text.lower() or device_text(camera.get_vendor_name) == "Aravis"
 
 

@@ -15,15 +15,27 @@ from ...core.dn import PIXEL_FORMATS, PixelFormat, pixel_format
 from ...core.errors import InputError
 from ...core.frame import Readout
 from ..camera import CameraSettingError
-from ..camera_settings import FREE_RUN, CameraSettings, Region, Trigger
-from .features import available, read_feature, require_range, show_whole_sensor, writable, write_feature
+from ..camera_settings import CameraSettings, Region, Trigger
+from .features import available, read_feature, require_range, writable, write_feature
+from .known_state import show_whole_sensor
+from .library import device_text
 from .link import Link
+from .trigger import change_trigger, read_trigger
 
-#: The gain in dB; GainRaw, which older cameras have instead, counts in steps of their own.
-_GAIN = "Gain"
+_EXPOSURES = ("ExposureTime", "ExposureTimeAbs", "ExposureTimeRaw")
+#: The gain in dB; GainRaw, which older cameras have instead, counts in steps of their own, but in dB in those of the
+#: vendors whose names begin so.
+_GAIN, _RAW_GAIN = "Gain", "GainRaw"
+_RAW_GAIN_IN_DB = ("Allied Vision", "AVT", "Prosilica")
+#: The last is that of old Mantas, where the first is a category.
+_BLACK_LEVELS = ("BlackLevel", "BlackLevelRaw", "BlackLevelValue")
+#: Basler's older cameras have the latter.
+_TEMPERATURES = ("DeviceTemperature", "TemperatureAbs")
 _FRAME_RATES = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
+_FRAME_RATE_AUTO = "AcquisitionFrameRateAuto"
 _FRAME_RATE_SWITCHES = ("AcquisitionFrameRateEnable", "AcquisitionFrameRateEnabled")
-_TRIGGERS = ("FrameStart", "ExposureStart", "AcquisitionStart")
+#: What a camera says of the frame rate that it reaches, where its frame rate is not switched on.
+_RESULTING_FRAME_RATES = ("ResultingFrameRateAbs", "ResultingFrameRate", "AcquisitionResultingFrameRate")
 
 
 class SettingChanges(TypedDict, total=False):
@@ -42,22 +54,35 @@ class SettingChanges(TypedDict, total=False):
 def read_settings(camera: Any) -> CameraSettings:
     """Read the settings in force; raises errors of Aravis."""
     x, y, width, height = camera.get_region()
-    rate = available(camera, *_FRAME_RATES)
     return CameraSettings(
-        exposure_s=camera.get_exposure_time() * 1e-6,
-        gain_db=camera.get_gain() if available(camera, _GAIN) is not None else 0.0,
+        exposure_s=float(read_feature(camera, _exposure(camera))) * 1e-6,
+        gain_db=float(read_feature(camera, gain)) if (gain := _gain(camera)) is not None else 0.0,
         pixel_format=camera.get_pixel_format_as_string(),
         width=width,
         height=height,
         readout=_read_readout(camera, x, y),
         black_level=_black_level(camera),
-        frame_rate_hz=None if rate is None else camera.get_float(rate),
-        trigger=_read_trigger(camera),
+        frame_rate_hz=_frame_rate_hz(camera),
+        trigger=read_trigger(camera),
     )
 
 
+def _frame_rate_hz(camera: Any) -> float | None:
+    switch = available(camera, *_FRAME_RATE_SWITCHES)
+    is_off = switch is not None and not read_feature(camera, switch)
+    name = available(camera, *(_RESULTING_FRAME_RATES if is_off else _FRAME_RATES))
+    return None if name is None else float(camera.get_float(name))
+
+
+def _gain(camera: Any) -> str | None:
+    """Name of the gain in dB, None if the camera has none."""
+    raw_in_db = device_text(camera.get_vendor_name).startswith(_RAW_GAIN_IN_DB)
+    return available(camera, _GAIN, *([_RAW_GAIN] if raw_in_db else []))
+
+
 def _black_level(camera: Any) -> float:
-    return float(camera.get_black_level()) if camera.is_black_level_available() else 0.0
+    name = available(camera, *_BLACK_LEVELS)
+    return 0.0 if name is None else float(read_feature(camera, name))
 
 
 def _read_readout(camera: Any, x: int, y: int) -> Readout:
@@ -68,7 +93,7 @@ def _read_readout(camera: Any, x: int, y: int) -> Readout:
     return Readout(
         x,
         y,
-        binning=tuple(camera.get_binning()) if camera.is_binning_available() else (1, 1),
+        binning=tuple(camera.get_binning()) if available(camera, "BinningHorizontal") else (1, 1),
         decimation=pair("DecimationHorizontal", "DecimationVertical", 1),
         mirrored=pair("ReverseX", "ReverseY", False),
         sensor_size=None if None in size else size,
@@ -77,8 +102,8 @@ def _read_readout(camera: Any, x: int, y: int) -> Readout:
 
 def temperature_c(camera: Any) -> float | None:
     """Return the temperature of the device in degrees Celsius, None if it has none; raises errors of Aravis."""
-    name = "DeviceTemperature"
-    return float(camera.get_float(name)) if camera.is_feature_available(name) else None
+    name = available(camera, *_TEMPERATURES)
+    return None if name is None else float(camera.get_float(name))
 
 
 def layout_of(settings: CameraSettings) -> PixelFormat:
@@ -91,8 +116,22 @@ def layout_of(settings: CameraSettings) -> PixelFormat:
 
 def exposure_range_s(camera: Any) -> tuple[float, float]:
     """Return the shortest and longest exposure in seconds; raises errors of Aravis."""
-    low_us, high_us = camera.get_exposure_time_bounds()
+    low_us, high_us = _bounds(camera, _exposure(camera))
     return low_us * 1e-6, high_us * 1e-6
+
+
+def _exposure(camera: Any) -> str:
+    """Name of the exposure time in us. Aravis takes the range of an older Basler from a register in other units."""
+    name = available(camera, *_EXPOSURES)
+    if name is None:
+        raise CameraSettingError(f"the camera has none of {', '.join(_EXPOSURES)}: use another camera")
+    return name
+
+
+def _bounds(camera: Any, name: str) -> tuple[float, float]:
+    is_whole = isinstance(read_feature(camera, name), int)
+    low, high = camera.get_integer_bounds(name) if is_whole else camera.get_float_bounds(name)
+    return low, high
 
 
 def configure(link: Link, wanted: Mapping[str, Any]) -> list[str]:
@@ -154,7 +193,7 @@ def _change_pixel_format(camera: Any, name: str) -> None:
 
 
 def _change_binning(camera: Any, binning: tuple[int, int]) -> None:
-    if not camera.is_binning_available():
+    if available(camera, "BinningHorizontal") is None:
         if tuple(binning) != (1, 1):
             raise CameraSettingError(f"the camera has no binning: ask for (1, 1), not {tuple(binning)}")
         return
@@ -173,7 +212,7 @@ def _change_region(camera: Any, region: Region) -> None:
         require_range("width", region.width, camera.get_width_bounds(), step=camera.get_width_increment())
         require_range("height", region.height, camera.get_height_bounds(), step=camera.get_height_increment())
         _, _, width, height = camera.get_region()
-        if (region.x, region.y) != (0, 0) and not camera.is_region_offset_available():
+        if (region.x, region.y) != (0, 0) and available(camera, "OffsetX") is None:
             raise CameraSettingError(f"the camera has no offset: ask for x and y 0, not {region.x} and {region.y}")
         require_range("x", region.x, (0, width - region.width), step=camera.get_x_offset_increment())
         require_range("y", region.y, (0, height - region.height), step=camera.get_y_offset_increment())
@@ -186,60 +225,49 @@ def _change_region(camera: Any, region: Region) -> None:
 def _change_exposure(camera: Any, exposure_s: float) -> None:
     require_range("exposure_s", exposure_s, exposure_range_s(camera), "s")
     # Rounded: a camera with whole microseconds would truncate 1000.9999999 to 1000.
-    camera.set_exposure_time(round(exposure_s * 1e6, 3))
+    _write_number(camera, _exposure(camera), round(exposure_s * 1e6, 3))
 
 
 def _change_frame_rate(camera: Any, frame_rate_hz: float) -> None:
+    switch = available(camera, *_FRAME_RATE_SWITCHES)
+    if switch is not None and not read_feature(camera, switch):
+        write_feature(camera, switch, True)
+    if writable(camera, _FRAME_RATE_AUTO):
+        write_feature(camera, _FRAME_RATE_AUTO, "Off")
     name = available(camera, *_FRAME_RATES)
     if name is None:
         raise CameraSettingError(f"the camera has no frame rate to set: leave out frame_rate_hz {frame_rate_hz:g}")
-    switch = available(camera, *_FRAME_RATE_SWITCHES)
-    if switch is not None:
-        write_feature(camera, switch, True)
     require_range("frame_rate_hz", frame_rate_hz, camera.get_float_bounds(name), "Hz")
     # Aravis' own function would switch triggers off.
     camera.set_float(name, frame_rate_hz)
 
 
 def _change_gain(camera: Any, gain_db: float) -> None:
-    if available(camera, _GAIN) is None:
+    name = _gain(camera)
+    if name is None:
         if gain_db != 0:
-            raw = available(camera, "GainRaw")
+            raw = available(camera, _RAW_GAIN)
             own = "no gain" if raw is None else f"its gain not in dB but as {raw}, a feature to set by name"
             raise CameraSettingError(f"the camera has {own}: ask for 0 dB, not {gain_db:g} dB")
         return
-    require_range("gain_db", gain_db, camera.get_gain_bounds(), "dB")
-    camera.set_gain(gain_db)
+    require_range("gain_db", gain_db, _bounds(camera, name), "dB")
+    _write_number(camera, name, gain_db)
 
 
 def _change_black_level(camera: Any, black_level: float) -> None:
-    name = available(camera, "BlackLevel", "BlackLevelRaw")
+    name = available(camera, *_BLACK_LEVELS)
     if name is None or not writable(camera, name):
         now = _black_level(camera)
         if black_level != now:
             raise CameraSettingError(f"the camera's black level cannot be set: ask for {now:g}, not {black_level:g}")
         return
-    require_range("black_level", black_level, camera.get_black_level_bounds())
-    camera.set_black_level(black_level)
+    require_range("black_level", black_level, _bounds(camera, name))
+    _write_number(camera, name, black_level)
 
 
-def _change_trigger(camera: Any, trigger: Trigger) -> None:
-    if trigger.source is None:
-        camera.clear_triggers()
-        return
-    if available(camera, "TriggerMode") is None or available(camera, "TriggerSource") is None:
-        raise CameraSettingError(f"the camera has no trigger: leave it free-running, not on {trigger.source}")
-    sources = camera.dup_available_trigger_sources()
-    if trigger.source not in sources:
-        raise CameraSettingError(
-            f"the camera has no trigger source {trigger.source!r}: choose one of {', '.join(sources)}"
-        )
-    camera.clear_triggers()
-    _select_trigger(camera)
-    camera.set_string("TriggerSource", trigger.source)
-    if trigger != Trigger(trigger.source) or available(camera, "TriggerActivation") is not None:
-        write_feature(camera, "TriggerActivation", trigger.activation)
-    camera.set_string("TriggerMode", "On")
+def _write_number(camera: Any, name: str, value: float) -> None:
+    """Write a number that some cameras have as a whole one."""
+    write_feature(camera, name, round(value) if isinstance(read_feature(camera, name), int) else value)
 
 
 #: How each setting is changed, in an order that the camera accepts.
@@ -251,26 +279,5 @@ _CHANGERS: Final[dict[str, Callable[[Any, Any], None]]] = {
     "frame_rate_hz": _change_frame_rate,
     "gain_db": _change_gain,
     "black_level": _change_black_level,
-    "trigger": _change_trigger,
+    "trigger": change_trigger,
 }
-
-
-def _read_trigger(camera: Any) -> Trigger:
-    if available(camera, "TriggerMode") is None:
-        return FREE_RUN
-    _select_trigger(camera)
-    if camera.get_string("TriggerMode") != "On":
-        return FREE_RUN
-    has_activation = available(camera, "TriggerActivation") is not None
-    activation: Any = camera.get_string("TriggerActivation") if has_activation else "RisingEdge"
-    return Trigger(camera.get_string("TriggerSource"), activation)
-
-
-def _select_trigger(camera: Any) -> None:
-    """Select the frame start trigger, where there are several triggers."""
-    if available(camera, "TriggerSelector") is None:
-        return
-    kinds = camera.dup_available_triggers()
-    wanted = next((kind for kind in _TRIGGERS if kind in kinds), None)
-    if wanted is not None and camera.get_string("TriggerSelector") != wanted:
-        camera.set_string("TriggerSelector", wanted)

@@ -12,7 +12,8 @@ from importlib.metadata import version
 from pathlib import Path
 
 from ..aravis.connection import take_snapshot
-from ..aravis.features import not_understood, readable_features
+from ..aravis.features import readable_features
+from ..aravis.known_state import not_understood
 from ..aravis.library import CameraInfo, genicam_xml
 from ..aravis.link import connect
 from ..meter import MeterError

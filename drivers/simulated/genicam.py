@@ -93,7 +93,7 @@ def description(vendor: str, model: str, table: FeatureTable) -> str:
     table : FeatureTable
         Its features.
     """
-    nodes = [_category("Root", table)]
+    nodes = [_category("Root", table), _node("Integer", "Never", "<Value>0</Value>")]
     for name, features in table.items():
         nodes.append(_category(name, [each for each, values in features.items() if not values.get("hidden")]))
         nodes += [_nodes(each, values) for each, values in features.items()]
@@ -105,6 +105,7 @@ def description(vendor: str, model: str, table: FeatureTable) -> str:
   xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"
   xsi:schemaLocation="http://www.genicam.org/GenApi/Version_1_0 GenApiSchema.xsd">
 {"".join(nodes)}<Port Name="Device" NameSpace="Standard"/>
+<Port Name="Chunk" NameSpace="Standard"><ChunkID>1</ChunkID></Port>
 </RegisterDescription>
 """
 
@@ -122,6 +123,7 @@ def _category(name: str, members: Any) -> str:
 def _nodes(name: str, values: Mapping[str, Any]) -> str:
     """Write a feature, and the nodes that it refers to."""
     access, register = values.get("access", "RW"), f"<pValue>{name}Register</pValue>"
+    conditions = "".join(f"<{key}>{value}</{key}>" for key, value in values.items() if key.startswith("pIs"))
     if "length" in values:
         at = f"<Address>{_address(values):#x}</Address><Length>{values['length']}</Length>"
         return _node("StringReg", name, f"{at}<AccessMode>RO</AccessMode><pPort>Device</pPort>")
@@ -134,24 +136,24 @@ def _nodes(name: str, values: Mapping[str, Any]) -> str:
         if "register" not in values:  # it cannot be changed
             entries += f"<pValue>{name}Value</pValue>"
             return _node("Enumeration", name, entries) + _node("Integer", f"{name}Value", "<Value>0</Value>")
-        feature = _node("Enumeration", name, entries + register)
+        feature = _node("Enumeration", name, conditions + entries + register)
     elif "command" in values:
         feature, access = _node("Command", name, f"{register}<CommandValue>{values['command']}</CommandValue>"), "WO"
     elif "switch" in values:
-        feature = _node("Boolean", name, register)
+        feature = _node("Boolean", name, conditions + register)
     elif "unit" in values:
         to, back = ("1000000 / FROM", "1000000 / TO")
         if not values.get("period"):
             to, back = f"FROM * {values['steps']}", f"TO / {values['steps']}"
-        body = f"<pValue>{name}Converter</pValue>{_limits(values)}<Unit>{values['unit']}</Unit>"
+        body = f"{conditions}<pValue>{name}Converter</pValue>{_limits(values)}<Unit>{values['unit']}</Unit>"
         converter = f"<FormulaTo>{to}</FormulaTo><FormulaFrom>{back}</FormulaFrom>{register}"
         feature = _node("Float", name, body) + _node("Converter", f"{name}Converter", converter)
     else:
-        feature = _node("Integer", name, register + _limits(values))
+        feature = _node("Integer", name, conditions + register + _limits(values))
     # Bits are counted from the highest.
     half = "<LSB>31</LSB><MSB>16</MSB>" if values.get("lower_half") else ""
     body = f"<Address>{_address(values):#x}</Address><Length>4</Length><AccessMode>{access}</AccessMode>"
-    body += f"<pPort>Device</pPort>{half}<Sign>Unsigned</Sign><Endianess>BigEndian</Endianess>"
+    body += f"<pPort>{values.get('port', 'Device')}</pPort>{half}<Sign>Unsigned</Sign><Endianess>BigEndian</Endianess>"
     return feature + _node("MaskedIntReg" if half else "IntReg", f"{name}Register", body)
 
 

@@ -1,0 +1,101 @@
+"""Known photometric state of an Aravis camera: whole sensor, no automatics, filters or sequences, linear DN."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from math import isclose
+from typing import Any
+
+from ..camera import CameraSettingError
+from ..camera_settings import FeatureValue
+from .features import available, read_feature, writable, write_feature
+from .trigger import clear_triggers
+
+#: Relative difference that a number may be rounded by.
+_ROUNDED_REL = 1e-3
+
+#: What is set where the camera has it, in this order. The first ones lock other features; a program that was killed
+#: leaves the parameters of the transport layer locked.
+_STATE: tuple[tuple[str, FeatureValue], ...] = (
+    ("TLParamsLocked", 0),
+    *((name, "Off") for name in ("SequencerMode", "ImageCompressionMode")),
+    *((name, False) for name in ("SequenceEnable", "CenterX", "CenterY", "ChunkModeActive", "pgrHDRModeEnabled")),
+    ("ExposureMode", "Timed"),
+    *((f"{of}Auto", "Off") for of in ("Exposure", "Gain", "BlackLevel", "BalanceWhite", "Sharpness")),
+    ("pgrExposureCompensationAuto", "Off"),
+    ("GammaEnable", False),
+    ("GammaEnabled", False),
+    ("Gamma", 1.0),
+    ("DigitalShift", 0),
+    *((name, False) for name in ("LUTEnable", "ColorTransformationEnable", "ColorAdjustmentEnable", "FfcEnable")),
+    *((name, False) for name in ("SharpeningAuto", "SharpeningEnable", "SharpnessEnabled", "DenoisingEnable")),
+    *((name, False) for name in ("MedianFilter", "ProcessedRawEnable")),
+    *((name, "Off") for name in ("EdgeFilter", "PgiMode", "VignettingCorrectionMode")),
+    ("DecimationHorizontal", 1),
+    ("DecimationVertical", 1),
+    ("ReverseX", False),
+    ("ReverseY", False),
+    ("TestPattern", "Off"),
+    ("TestImageSelector", "Off"),
+)
+
+#: Names and beginnings of names of what `settings` and the plan set, of what has no effect in the state above or on raw
+#: pixels, and of what changes no picture, such as lines, timers and counters.
+_UNDERSTOOD = (
+    *(name for name, _ in _STATE),
+    *("Acquisition", "Binning", "BlackLevel", "Exposure", "Gain", "Height", "Offset", "Pixel", "Trigger", "Width"),
+    *("Auto", "Color", "DSPSubregion", "Gamma", "GrayValueAdjustment", "Hue", "LUT", "LightSource", "RgbTransform"),
+    *("Saturation", "Sequence", "Sharp", "BalanceWhite", "TestPattern", "pgrExposureCompensation", "pgrHDR"),
+    *("BandwidthControlMode", "Counter", "Device", "ExpertFeature", "Line", "LogicBlock", "ParameterSelector"),
+    *("Recorder", "RemoveLimits", "Serial", "SoftwareSignal", "Strobe", "Sync", "Timer", "Transfer", "UserDefined"),
+    "UserOutput",
+)
+
+
+def not_understood(names: Iterable[str]) -> tuple[str, ...]:
+    """Return those of a camera's writable features of which labcdp does not know what they do to a picture."""
+    return tuple(name for name in names if not name.startswith(_UNDERSTOOD))
+
+
+def bring_to_known_state(camera: Any) -> None:
+    """Reset what other programs left: acquisition, triggers, automatics, tone curve, binning, mirroring and region.
+
+    Raises
+    ------
+    CameraSettingError
+        If a feature that changes the DN keeps another value; the message names it.
+    """
+    camera.stop_acquisition()
+    clear_triggers(camera)
+    for name, value in _STATE:
+        # A gamma that is switched off may keep its value: many cameras lock it then.
+        is_off = name == "Gamma" and available(camera, "GammaEnable", "GammaEnabled") is not None
+        if not (is_off and not writable(camera, name)):
+            _require(camera, name, value)
+    if available(camera, "BinningHorizontal") is not None:
+        camera.set_binning(1, 1)
+    show_whole_sensor(camera)
+
+
+def show_whole_sensor(camera: Any) -> None:
+    """Select the largest region: that of WidthMax and HeightMax, as not every camera has SensorWidth."""
+    if available(camera, "OffsetX") is not None:
+        camera.set_integer("OffsetX", 0)
+        camera.set_integer("OffsetY", 0)
+    camera.set_region(0, 0, camera.get_width_bounds()[1], camera.get_height_bounds()[1])
+
+
+def _require(camera: Any, name: str, value: FeatureValue) -> None:
+    if available(camera, name) is None or _is(now := read_feature(camera, name), value):
+        return
+    # Of a few old cameras a mode of exposure is something else.
+    if isinstance(value, str) and value not in camera.dup_available_enumerations_as_strings(name):
+        return
+    if writable(camera, name):
+        now = write_feature(camera, name, value)
+    if not _is(now, value):
+        raise CameraSettingError(f"feature {name} is {now} and does not take {value}: set it in the camera's program")
+
+
+def _is(now: FeatureValue, wanted: FeatureValue) -> bool:
+    return now == wanted or (isinstance(now, float) and isclose(now, float(wanted), rel_tol=_ROUNDED_REL))

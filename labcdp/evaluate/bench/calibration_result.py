@@ -24,6 +24,8 @@ from .quantities import RESPONSIVITY, conditions, quantities, response_name
 PATCH_PIXELS = 1000
 #: Degrees of freedom from which Student's t is that of the normal distribution, to 1e-4.
 _UNLIMITED = 10_000
+#: What the U of a reading leaves out where patches are compared with a fit.
+WITHOUT_SCALE = "± of the meter is U (95 %) without its scale error, which is common to all patches."
 _DOF = "Degrees of freedom by Welch and Satterthwaite; empty if practically unlimited."
 _EXPOSURE_CODES = ("exposure-saturated", "exposure-clipped", "exposure-outside-response", "exposure-not-above-dark")
 #: How well a candidate predicts patches, and whether it was chosen.
@@ -220,7 +222,7 @@ def patch_table(calibration: AnyCalibration) -> Table:
         Column("exposures", "exposures", "", "Exposures that were used.", value=lambda row: exposures(row.exposures_s)),
     )  # fmt: skip
     rows = (*calibration.residuals, *calibration.held_out)
-    table = Table.of_items("calibration_patches", "Patches of the calibration", columns, rows, detail=True)
+    table = Table.of_items("calibration_patches", "Patches of the calibration", columns, rows, WITHOUT_SCALE, True)
     return table.sorted_by("meter_cd_m2")
 
 

@@ -173,7 +173,7 @@ def history_figure(planes: Camera, number: int = 1) -> ReportFigure:
         "K in DN/e⁻": [[_exact(p.k_dn_per_e) for p in one.points] for one in planes],
     }
     shown = {label: values for label, values in panels.items() if any(v for of_plane in values for v in of_plane)}
-    figure = new_figure(8.0, 0.9 + 1.9 * len(shown), "camera" if first.camera.simulated else "")
+    figure = new_figure(6.4, 0.9 + 1.25 * len(shown), "camera" if first.camera.simulated else "")
     axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
     for panel, (label, values) in zip(axes, shown.items(), strict=True):
         for place, (one, of_plane) in enumerate(zip(planes, values, strict=True)):
@@ -265,23 +265,21 @@ def write_history(found: Sequence[CameraHistory], result: Result, path: Path, *,
 
 def _page(cameras: Sequence[Camera], result: Result) -> Page:
     changes, history, one = result.table("cameras"), result.table("history"), len(cameras) == 1
-    parts = [
-        (history_figure(planes, n), history.select([i for i, number in enumerate(history["number"]) if number == n]))
+    cards = [_card(row, cell_text(changes.column("change_rel"), row), one) for row in changes.rows()]
+    files = Section("Files", (history.only("measured", "by", "file").all_shown(),), collapsed=True)
+    if one:
+        brief = history.only("measured", "by", "plane", "responsivity", "expanded_r", "expanded_fit_rel")
+        summary = f"{history_title(cameras[0])}: {changes['first'][0]} to {changes['last'][0]}."
+        sections = [Section("Calibrations and verifications", (history,)), files]
+        return Page.of(result, "History of calibrations", summary, cards, (history_figure(cameras[0]), brief), sections)
+    numbers = np.array(history["number"])
+    sections = [
+        Section(
+            history_title(planes), (history_figure(planes, n), history.select(np.flatnonzero(numbers == n).tolist()))
+        )
         for n, planes in enumerate(cameras, start=1)
     ]
-    brief = ("measured", "by", "plane", "responsivity", "expanded_r", "expanded_fit_rel")
-    sections = [Section(history_title(planes), of) for planes, of in zip(cameras, parts, strict=True)]
-    if one:
-        sections = [Section("Calibrations and verifications", (history,))]
-    return Page(
-        "History of calibrations",
-        result.title,
-        f"{history_title(cameras[0])}: {changes['first'][0]} to {changes['last'][0]}." if one else "",
-        "Simulated data, not measurements: some of these cameras are simulated." if result.simulated else "",
-        [_card(row, cell_text(changes.column("change_rel"), row), one) for row in changes.rows()],
-        (parts[0][0], history.only(*brief)) if one else (),
-        sections=[*sections, Section("Files", (history.only("measured", "by", "file").all_shown(),), collapsed=True)],
-    )
+    return Page.of(result, "History of calibrations", cards=cards, sections=[*sections, files])
 
 
 def _card(row: Mapping[str, Any], change: str, one: bool) -> Card:

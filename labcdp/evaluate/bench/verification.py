@@ -13,7 +13,7 @@ from ...core.result import InputFile, Result, unique
 from ...core.table import Column, Table, uncertain, with_expanded
 from ...report.text import exposures, minute, significant
 from ...session import MeterCertificate, Session
-from .calibration_result import summarised
+from .calibration_result import WITHOUT_SCALE, summarised
 from .corrections import calibration_for, corrections_of
 from .observe import ObservedSession, input_sha256, observe_session
 from .quantities import RESPONSIVITY
@@ -164,7 +164,8 @@ def verified_patches(verification: Verification) -> Table:
         ),
         Column("exposures", "exposures", "", "Exposures that were used.", value=lambda row: exposures(row.exposures_s)),
     )  # fmt: skip
-    return Table.of_items("patches", "Patches measured again", columns, verification.patches).sorted_by("meter_cd_m2")
+    table = Table.of_items("patches", "Patches measured again", columns, verification.patches, WITHOUT_SCALE)
+    return table.sorted_by("meter_cd_m2")
 
 
 def _planes(verification: Verification) -> Table:

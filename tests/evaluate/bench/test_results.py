@@ -270,7 +270,8 @@ def test_history_by_time_with_weights_and_verdicts(evaluated, tmp_path):
     (first,) = mono.points
     r, *others = first.responsivity
     later = {"source": "v.json", "measured": first.measured.replace(year=first.measured.year + 1)}
-    later |= {"verdict": "undecided", "weight": None, "k_dn_per_e": None}
+    adjusted = replace(first.meter, meter=replace(first.meter.meter, calibration_date="2027-01-01"))
+    later |= {"verdict": "undecided", "weight": None, "k_dn_per_e": None, "meter": adjusted}
     found = dict(zip(PLANES, (None, (r, *others), (r, *others), (0.9 * r, *others)), strict=True))
     weights = dict(zip(PLANES, (0.2, 0.45, 0.45, -0.1), strict=True))
     points = {p: (replace(first, weight=weights[p]), replace(first, responsivity=found[p], **later)) for p in PLANES}
@@ -283,6 +284,6 @@ def test_history_by_time_with_weights_and_verdicts(evaluated, tmp_path):
     assert seen[4]["responsivity"] is seen[4]["expanded_r"] is None
     write_history(planes, history_result(planes), tmp_path / "h.html")
     page = (tmp_path / "h.html").read_text()
-    assert page.index("changed</span>") < page.index("data:image/png")
+    assert page.index("was calibrated") < page.index("changed</span>") < page.index("data:image/png")
     with pytest.raises(InputError, match="a picture shows one camera and setting, these are 2"):
         write_history([*planes, mono], history_result([*planes, mono]), tmp_path / "two.png")

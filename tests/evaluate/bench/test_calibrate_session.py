@@ -35,22 +35,22 @@ EXTRA = 1 - 0.3 * ((X - (WIDTH - 1) / 2) ** 2 + (Y - (HEIGHT - 1) / 2) ** 2) / (
 WIDE, WHOLE, PART = LENS | {"focal_length_m": 0.00066}, np.s_[:HEIGHT, :WIDTH], np.s_[4:HEIGHT, 40:WIDTH]
 
 
-def bench_of(path, of=SCENE, n=2, exposures_s=(0.002, 0.008, 0.032), first=0, camera=CAMERA, full_well_e=3e4,
-             extra=EXTRA, window=WHOLE, readout=None, gain_db=0.0, **changes):  # fmt: skip
+def bench_of(path, of=SCENE, n=2, exposures_s=(0.002, 0.008, 0.032), first=0, window=WHOLE, sensor=None, seen=None,
+             **changes):  # fmt: skip
     """Write a session of the ten patches, or of another scene, by a camera with more fall-off than its lens has."""
     lens = changes.setdefault("lens", LENS)
-    at = {"width": WIDTH, "height": HEIGHT}
-    sensor = Sensor(
-        pixel_pitch_m=4e-6, quantum_efficiency=0.5, full_well_e=full_well_e, k_dn_per_e=0.2, read_noise_e=6.0,
-        dark_current_e_s=20.0, bits=12, black_level_dn=64.0, prnu_rel=0.005, dsnu_e=2.0, dsnu_e_s=0.0, device_seed=5,
-        **at,
-    )  # fmt: skip
+    made = {
+        "pixel_pitch_m": 4e-6, "quantum_efficiency": 0.5, "full_well_e": 3e4, "k_dn_per_e": 0.2, "read_noise_e": 6.0,
+        "dark_current_e_s": 20.0, "bits": 12, "black_level_dn": 64.0, "prnu_rel": 0.005, "dsnu_e": 2.0,
+        "dsnu_e_s": 0.0, "device_seed": 5, "width": WIDTH, "height": HEIGHT,
+    }  # fmt: skip
+    camera = Sensor(**made | (sensor or {}))
     optics = Optics(lens["f_number"], 0.9, lens["focal_length_m"])
-    light = (ImagingChain("D65", None, optics, sensor).electron_rate(of) * extra)[window]
-    sensor = replace(sensor, width=light.shape[1], height=light.shape[0])
+    light = (ImagingChain("D65", None, optics, camera).electron_rate(of) * EXTRA)[window]
+    camera = replace(camera, width=light.shape[1], height=light.shape[0])
     top, left = (part.start or 0 for part in window)
     rois = {name: [x - left, y - top, w, h] for name, (x, y, w, h) in ROIS.items() if x > left}
-    frames = exposed(sensor, light, exposures_s, n, first, gain_db, camera=camera, readout=readout)
+    frames = exposed(camera, light, exposures_s, n, first, **(seen or {}))
     bench = configuration(rois, **{"contrast": [CONTRAST] if window is WHOLE else [], **changes})
     return record(path, bench, frames, {name: LUMINANCES_CD_M2[name] for name in rois}, first, first)
 
@@ -107,7 +107,7 @@ def test_a_measured_flat_field_takes_off_what_cos4_does_not_know(bench, observed
 
 
 def test_sessions_with_two_gains_become_one_calibration(observed, tmp_path):
-    second = observe(bench_of(tmp_path / "s", first=1000, gain_db=6.0))
+    second = observe(bench_of(tmp_path / "s", first=1000, seen={"gain_db": 6.0}))
     alone, both = calibrate_session(observed), calibrate_session(observed, second)
     (gain,) = both.gains
     assert (gain.gain_db, gain.factor) == (6.0, pytest.approx(10 ** (6 / 20), abs=8 * gain.factor_random_rel))
@@ -121,7 +121,7 @@ def test_sessions_with_two_gains_become_one_calibration(observed, tmp_path):
 @pytest.mark.parametrize("full_well_e", [20000.0, 8000.0])
 def test_a_camera_that_is_full_before_its_converter_ends_is_used_below(full_well_e, corrections, tmp_path):
     """20 000 e- are 4064 DN, of 4095; 8000 e- are 1664 DN. A patch that was held out is predicted."""
-    path = bench_of(tmp_path / "s", full_well_e=full_well_e)
+    path = bench_of(tmp_path / "s", sensor={"full_well_e": full_well_e})
     calibration = calibrate_session(observe(path, corrections), held_out=["P4"])
     (row,) = calibration.held_out
     assert (row.patch, row.luminance_cd_m2) == ("P4", pytest.approx(LUMINANCES_CD_M2["P4"], rel=0.01))
@@ -139,7 +139,9 @@ def test_a_camera_that_is_full_before_its_converter_ends_is_used_below(full_well
 def test_calibration_of_the_whole_sensor_measures_a_part_of_it_and_no_other_part(tmp_path):
     def of(name, first, window=WHOLE, at=(0, 0)):
         readout = Readout(*at, sensor_size=(WIDTH, HEIGHT))
-        return bench_of(tmp_path / name, n=6, first=first, extra=1.0, lens=WIDE, window=window, readout=readout)
+        # Without more fall-off than the lens has.
+        of = {"of": SCENE / EXTRA, "lens": WIDE, "window": window, "seen": {"readout": readout}}
+        return bench_of(tmp_path / name, n=6, first=first, **of)
 
     whole, part, corner = of("whole", 1), of("part", 2000, PART, (40, 4)), of("corner", 3000, PART)
     calibration = calibrate_session(observe(whole))
@@ -161,7 +163,7 @@ def test_calibration_of_the_whole_sensor_measures_a_part_of_it_and_no_other_part
 
 def test_what_does_not_fit_together_is_refused(bench, observed, tmp_path):
     for what, changes in (
-        ("camera", {"camera": replace(CAMERA, serial="2")}),
+        ("camera", {"seen": {"camera": replace(CAMERA, serial="2")}}),
         ("lens", {"lens": LENS | {"f_number": 4.0}}),
     ):
         path = bench_of(tmp_path / what, of=EVEN, exposures_s=(0.008,), **changes)

@@ -12,7 +12,7 @@ from ..core.errors import InputError
 from ..core.luminance import CommonError
 from ..core.vignetting import Cos4Vignetting, FlatField
 from .colour.model import AnyCalibration, ColourCalibration
-from .converter import GLARE, REFOCUS, common_errors
+from .converter import FLAT_FIELD, FLICKER, GLARE, REFOCUS, VIGNETTING, common_errors
 from .findings import BudgetRow, Distribution
 from .model import Calibration, PatchResidual
 from .setup import METER_SOURCES
@@ -28,8 +28,11 @@ SOURCES = (
     "shot and read noise",
     "uneven darkness",
     "dark and temperature",
+    "black level",
+    FLICKER,
     "linearity",
-    "flat field",
+    VIGNETTING,
+    FLAT_FIELD,
     "exposure time",
     REFOCUS,
     "gain",
@@ -39,16 +42,18 @@ SOURCES = (
     "fit",
 )
 #: Sources whose uncertainty is not evaluated by statistics.
-_TYPE_B = (*METER_SOURCES, "spectral mismatch", "exposure time", REFOCUS)
+_TYPE_B = (*METER_SOURCES, "spectral mismatch", "exposure time", REFOCUS, VIGNETTING)
 #: Sources independent from plane to plane of a sensor with colour filters, so that their squares add.
-_OF_EACH_PLANE = ("shot and read noise", "uneven darkness", "dark and temperature", "gain", "linearity")
+_OF_EACH_PLANE = ("shot and read noise", "uneven darkness", "dark and temperature", "black level", "gain", "linearity")
 #: Highest preferred signal, as a share of the saturation.
 _BEST_SHARE = 0.8
 _BASIS = {
     "fit": "covariance of the fit over the patches, what the meter's scatter makes listed above",
     "dark and temperature": "covariance of the dark signal fitted to the dark frames",
     REFOCUS: "lens: standard uncertainty after focus and aperture are set anew, as the configuration states it",
-    "exposure time": "steps of the exposure time that cameras apply",
+    "exposure time": "jitter of the exposure time, as the configuration states it",
+    VIGNETTING: "cos⁴ in the corners of the image, as the configuration states it: here by the places of the patches",
+    FLAT_FIELD: "errors of the polynomial: here by the places of the patches",
     "gain": "scatter of the gains around each other",
     "linearity": "residual of the bracket that gives the response, and what its exposures leave open",
     GLARE: "free intercept of the fit",
@@ -177,6 +182,11 @@ def _of_plane(
     own = {
         "shot and read noise": (sqrt(noise_dn2), f"photon transfer over the patches, for {over} at {exposure_s:g} s"),
         "uneven darkness": (uneven_dn, uneven),
+        "black level": (plane.dark.drift_dn / sqrt(n_frames), f"drift from frame to frame, for {n_frames} of them"),
+        FLICKER: (
+            plane.noise.flicker_rel / stretch / sqrt(n_frames),
+            f"light from frame to frame, for {n_frames} of them",
+        ),
     }
     return rows | {
         source: BudgetRow(source, stretch * u_dn, "normal", False, "A", basis) for source, (u_dn, basis) in own.items()
@@ -268,18 +278,24 @@ def _not_included(plane: Calibration) -> dict[str, BudgetRow]:
         source: BudgetRow(source, 0.0, "normal", True, "B", texts[source], included=False, contained_in=inside)
         for source, (_, inside) in why.items()
     }
-    return rows | {"flat field": _flat_field(plane)}
+    return rows | _of_vignetting(plane)
 
 
-def _flat_field(plane: Calibration) -> BudgetRow:
-    vignetting = plane.vignetting
-    if vignetting is None or isinstance(vignetting, Cos4Vignetting):
-        cos4 = "cos⁴ by focal length and pixel pitch, not measured"
-        what = "vignetting is not corrected" if vignetting is None else cos4
-        return BudgetRow("flat field", 0.0, "normal", True, "B", f"{what}; unknown away from the axis", included=False)
-    u = hypot(vignetting.slow_rel, vignetting.random_rel if isinstance(vignetting, FlatField) else 0.0)
-    basis = "noise and non-uniformity of the uniform source; in patches and maps, 0 on the axis, which this is for"
-    return BudgetRow("flat field", u, "normal", False, "A", basis, included=False)
+def _of_vignetting(plane: Calibration) -> dict[str, BudgetRow]:
+    """Rows of what is assumed of the vignetting, and of what a flat field leaves; one of them says nothing."""
+    v, u = plane.vignetting, 0.0
+    if v is None or isinstance(v, Cos4Vignetting):
+        assumed, measured = "cos⁴ by focal length and pixel pitch, stated to be exact", "none: no flat field is used"
+        if v is None:
+            assumed = "not corrected; unknown away from the axis"
+    else:
+        u = hypot(v.slow_rel, v.random_rel if isinstance(v, FlatField) else 0.0)
+        assumed = "none: measured by a flat field"
+        measured = "noise and non-uniformity of the uniform source; in patches and maps, and 0 on the axis"
+    return {
+        VIGNETTING: BudgetRow(VIGNETTING, 0.0, "normal", True, "B", assumed, included=False),
+        FLAT_FIELD: BudgetRow(FLAT_FIELD, u, "normal", False, "A", measured, included=False),
+    }
 
 
 def _glare(calibration: AnyCalibration, luminance_cd_m2: float) -> BudgetRow:

@@ -87,10 +87,12 @@ def fit(
     InputError
         If a reading is a ratio in %.
     """
-    intake = take_in(observations, darks, readings, held_out, None if response is None else response.response)
+    drift_dn = setup.black_level_drift_dn
+    tone = None if response is None else response.response
+    intake = take_in(observations, darks, readings, held_out, tone, drift_dn)
     fitted, findings = _fitted(intake, readings, setup, response)
     if response is None and _is_tone_curve(fitted):
-        intake = take_in(observations, darks, readings, held_out, fitted.response)
+        intake = take_in(observations, darks, readings, held_out, fitted.response, drift_dn)
         fitted, findings = _fitted(intake, readings, setup, response)
     calibration = replace(fitted, defects=defects, dark_library=dark_library)
     groups = intake.groups
@@ -117,7 +119,7 @@ def _fitted(
     settings = intake.settings
     scale = meter_scale(readings, setup.certificate, setup.meter_f1_prime, setup.source_spectrum)
     data = take_usable(intake.fitted, readings, settings)
-    design = build_design(data.groups, data.readings, settings)
+    design = build_design(data.groups, data.readings, settings, setup.exposure_jitter_s)
     dark_dn = settings[0].dark.mean_dn(design.exposures_s[0])
     require_every_gain(design, settings)
     require_span(design)
@@ -158,6 +160,7 @@ def _fitted(
         range_cd_m2=range_of(residuals),
         range_net_dn=_range_net_dn(final),
         exposures_s=tuple(float(v) for v in np.unique(final.design.exposures_s[final.design.exposure])),
+        exposure_jitter_s=setup.exposure_jitter_s,
         residuals=residuals,
         held_out=(),
         left_out=(*data.left_out, *screened.left_out),

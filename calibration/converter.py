@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import hypot, inf, isfinite
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,7 +15,8 @@ from ..core.dn import Response
 from ..core.errors import InputError
 from ..core.frame import Frame
 from ..core.luminance import CommonError
-from ..core.vignetting import AnyVignetting, cropped
+from ..core.vignetting import AnyVignetting, Cos4Vignetting, cropped
+from ..session.tables import EXPOSURE_JITTER_S
 from .findings import FitError, ResponsivityFit
 from .frames.observations import CameraState
 from .sensor.dark import DarkModel
@@ -23,22 +25,27 @@ from .sensor.defects import DefectMap
 from .sensor.noise import GainSetting, TemporalNoise, index_of_gain
 from .setup import LensIdentity, MeterScale
 
-#: Standard uncertainty of one exposure time relative to the others, and least relative one. Cameras report the applied
-#: exposure (GenICam SFNC, ExposureTime), a multiple of the sensor's clock: 0.05 us are a few periods of tens of MHz,
-#: which start and end of an exposure jitter by. Larger errors make the exposures inconsistent, and the fit includes
-#: them as scatter.
-EXPOSURE_TIME_S, EXPOSURE_TIME_REL = 5e-8, 5e-5
+#: Least relative standard uncertainty of one exposure time relative to the others. Cameras report the applied exposure
+#: (GenICam SFNC, ExposureTime). Larger errors make the exposures inconsistent, and the fit includes them as scatter.
+EXPOSURE_TIME_REL = 5e-5
 #: Sources of common errors: flicker of the light, common to all patches of the same frames; glare of unknown size,
-#: where the fit found some; setting focus and aperture anew.
-FLICKER, GLARE, REFOCUS = "lamp flicker", "glare", "focus and aperture"
+#: where the fit found some; setting focus and aperture anew; vignetting that is assumed, or measured by a flat field.
+FLICKER, GLARE, REFOCUS, VIGNETTING, FLAT_FIELD = (
+    "lamp flicker", "glare", "focus and aperture", "vignetting", "flat field",
+)  # fmt: skip
 
 #: Cached, as each frame of a part of the sensor asks for the same.
 _cropped_vignetting = lru_cache(maxsize=8)(cropped)
 
 
-def exposure_time_rel(exposure_s: float) -> float:
-    """Relative standard uncertainty of an exposure time."""
-    return max(EXPOSURE_TIME_REL, EXPOSURE_TIME_S / exposure_s)
+def exposure_time_rel(exposure_s: float, jitter_s: float) -> float:
+    """Relative standard uncertainty of an exposure time whose start and end jitter."""
+    return max(EXPOSURE_TIME_REL, jitter_s / exposure_s)
+
+
+def source_of_place(vignetting: AnyVignetting | None) -> str:
+    """Source of the errors that depend on the place in the image."""
+    return VIGNETTING if isinstance(vignetting, Cos4Vignetting) else FLAT_FIELD
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,6 +84,8 @@ class Converter:
         Lowest and highest DN above dark of the fit.
     exposures_s : tuple of float
         Exposures that were used, ascending.
+    exposure_jitter_s : float
+        Standard uncertainty of one exposure time relative to the others.
 
     Raises
     ------
@@ -99,6 +108,7 @@ class Converter:
     range_cd_m2: tuple[float, float]
     range_net_dn: tuple[float, float]
     exposures_s: tuple[float, ...]
+    exposure_jitter_s: float = EXPOSURE_JITTER_S
 
     def __post_init__(self) -> None:
         low, high = self.range_cd_m2
@@ -250,7 +260,7 @@ def common_errors(
         CommonError("meter scale", scale.standard_uncertainty_rel, rectangular=scale.certificate is None),
         *((CommonError("meter f1'", scale.mismatch_rel, rectangular=True),) if scale.mismatch_rel else ()),
         *((CommonError(REFOCUS, calibration.lens.refocus_rel),) if calibration.lens.refocus_rel else ()),
-        CommonError("exposure time", exposure_time_rel(exposure_s)),
+        CommonError("exposure time", exposure_time_rel(exposure_s, calibration.exposure_jitter_s)),
     ]
     with np.errstate(divide="ignore"):
         by_dark_dn = -calibration.response.slope(n) / calibration.response.linearise(n)
@@ -267,3 +277,26 @@ def common_errors(
             relative = relative + by_dark_dn * float(sensitivities @ np.array(error.dark))
         errors.append(CommonError(error.source, relative, dof=error.dof or inf))
     return tuple(errors)
+
+
+def numbers_by_pattern(calibration: Converter) -> dict[int, int]:
+    """Place among the errors of `common_errors`, from the end, of those by each pattern of the vignetting."""
+    n = len(calibration.fit_errors)
+    return {e.pattern: i - n for i, e in enumerate(calibration.fit_errors) if e.pattern is not None}
+
+
+def placed(
+    calibration: Converter, errors: Sequence[CommonError], by_place: Sequence[NDArray[np.floating[Any]]]
+) -> tuple[CommonError, ...]:
+    """Add the errors of the vignetting at the pixels, one for each of its patterns, to those of `common_errors`.
+
+    An error of the vignetting has changed the fit too, by its values at the patches: both are one error.
+    """
+    result, numbers, source = list(errors), numbers_by_pattern(calibration), source_of_place(calibration.vignetting)
+    for pattern, relative in enumerate(by_place):
+        if pattern in numbers:
+            own = errors[numbers[pattern]]
+            result[len(errors) + numbers[pattern]] = replace(own, relative=own.relative + relative)
+        else:
+            result.append(CommonError(source, relative))
+    return tuple(result)

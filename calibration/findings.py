@@ -111,8 +111,9 @@ class BudgetRow:
     ----------
     source : str
         Source of the error: ``meter scale``, ``meter digits``, ``meter f1'``, ``patch uniformity``, ``shot and read
-        noise``, ``dark and temperature``, ``linearity``, ``flat field``, ``exposure time``, ``gain``, ``spectral
-        mismatch``, ``glare``, ``drift``, ``fit``.
+        noise``, ``dark and temperature``, ``black level``, ``lamp flicker``, ``linearity``, ``vignetting``, ``flat
+        field``, ``exposure time``, ``focus and aperture``, ``gain``, ``spectral mismatch``, ``glare``, ``drift``,
+        ``fit``.
     standard_uncertainty_rel : float
         Its relative contribution to the luminance.
     distribution : {'normal', 'rectangular'}
@@ -146,12 +147,13 @@ class BudgetRow:
 class FitError:
     """One independent error of a fit, for one standard uncertainty.
 
-    An error of the dark signal acts twice: on converted frames by `dark`, and on the fit by `relative`.
+    An error of the dark signal acts twice: on converted frames by `dark`, and on the fit by `relative`. So does one of
+    the vignetting, on converted frames by its pattern over the image.
 
     Parameters
     ----------
     source : str
-        ``fit``, ``gain``, ``linearity`` or ``dark and temperature``.
+        ``fit``, ``gain``, ``linearity``, ``dark and temperature``, ``vignetting`` or ``flat field``.
     net_dn : tuple of float
         Signals above dark, ascending.
     relative : tuple of float
@@ -164,6 +166,8 @@ class FitError:
         Gain of that dark model.
     dof : float or None
         Degrees of freedom of the standard uncertainty; None if it is known.
+    pattern : int or None
+        Number of the vignetting's pattern; None for another error.
     """
 
     source: str
@@ -173,6 +177,7 @@ class FitError:
     dark: tuple[float, ...] = ()
     dark_gain_db: float | None = None
     dof: float | None = None
+    pattern: int | None = None
 
 
 @dataclass(frozen=True)

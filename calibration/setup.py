@@ -12,6 +12,7 @@ from ..core.reading import MeterIdentity, Reading
 from ..core.result import Finding, info, warning
 from ..core.spectra import Source, SpectralTable
 from ..session import MeterCertificate
+from ..session.tables import EXPOSURE_JITTER_S
 
 #: Sources of common errors that belong to the meter and cancel in contrasts.
 METER_SOURCES = ("meter scale", "meter f1'")
@@ -249,6 +250,10 @@ class Setup:
         Of the meter, its correction applied to the readings; None for the accuracy of the data sheet.
     meter_f1_prime : float or None
         f1' of the meter, if stated.
+    exposure_jitter_s : float
+        Standard uncertainty of one exposure time relative to the others.
+    black_level_drift_dn : float or None
+        Standard deviation of the black level from frame to frame; None for what the dark frames show.
     """
 
     lens: LensIdentity
@@ -258,6 +263,8 @@ class Setup:
     sessions_sha256: tuple[str, ...] = ()
     certificate: MeterCertificate | None = None
     meter_f1_prime: float | None = None
+    exposure_jitter_s: float = EXPOSURE_JITTER_S
+    black_level_drift_dn: float | None = None
 
     @property
     def light(self) -> Source:

@@ -142,13 +142,15 @@ def _configuration(
     # Without a correction: a lens so long that cos^4 is 1.
     focal_length_m = 1.0 if world.correction == "none" else FOCAL_LENGTH_M
     # A user who keeps the lens locked says so; one who does not leaves it to labcdp.
-    refocus = {} if world.breathing_rel else {"refocus_rel": 0.0}
+    known = {} if world.breathing_rel else {"refocus_rel": 0.0}
+    # Of these lenses a user knows that they are cos^4, of others only what labcdp takes for granted.
+    known |= {"vignetting_rel": 0.0} if world.vignetting == "cos4" else {}
     return SessionConfiguration.model_validate(
         {
             "name": name,
             "operator": "worlds",
             "camera": {"pixel_pitch_m": PITCH_M},
-            "lens": {"model": "lens", "serial": "1", "focal_length_m": focal_length_m, "f_number": 2.8} | refocus,
+            "lens": {"model": "lens", "serial": "1", "focal_length_m": focal_length_m, "f_number": 2.8} | known,
             "meter": {
                 "model": "meter",
                 "entry": "by hand",

@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 from ...core.errors import CalibrationError, InputError
 from ...core.luminance import RANGE_MARGIN, CommonError
 from ..convert.patch import PatchLuminance, outside_range, patch_luminance
-from ..converter import FLICKER, GLARE, REFOCUS
+from ..converter import FLICKER, GLARE, REFOCUS, VIGNETTING
 from ..frames.nonuniformity import slow_rel
 from ..frames.observations import PatchObservation
 from ..model import Calibration
 from ..setup import METER_SOURCES
 
 #: Common errors of all planes of a frame, which add with their signs.
-_OF_ALL_PLANES = (*METER_SOURCES, "exposure time", FLICKER, REFOCUS, GLARE)
+_OF_ALL_PLANES = (*METER_SOURCES, "exposure time", FLICKER, REFOCUS, VIGNETTING, GLARE)
 #: The colours, each of one or two planes.
 COLOURS = ("R", "G", "B")
 #: Harmonics of the hue: mismatch errors of simulated cameras are nearly independent from 45 degrees of hue on.
@@ -146,7 +146,9 @@ def colour_patch_luminance(
     (low, high), margin = converter.range_cd_m2, RANGE_MARGIN * random_rel * luminance
     if luminance < low - margin or luminance > high + margin:
         findings.append(outside_range(seen[0].patch, luminance, (low, high)))
-    weight_errors = (CommonError("fit", float(row @ by_plane / luminance)) for row in converter.weight_errors)
+    colour = _colour(by_plane, np.abs(by_plane) * own)
+    level = float(np.array(converter.weights) @ colour)
+    weight_errors = (CommonError("fit", float(row @ colour / level)) for row in converter.weight_errors)
     planes = [errors_of_plane(plane, one.common) for plane, one in pairs]
     return PatchLuminance(
         patch=seen[0].patch,
@@ -157,11 +159,25 @@ def colour_patch_luminance(
         common=(
             *weight_errors,
             *joined(planes, [float(share) for share in shares]),
-            *mismatch_errors(converter.by_colour(by_plane), converter.spectral_rel),
+            *mismatch_errors(converter.by_colour(colour), converter.spectral_rel),
         ),
         exposures_s=tuple(sorted({t for one in seen for t in one.exposures_s})),
         findings=tuple(findings),
     )
+
+
+def _colour(by_plane: NDArray[np.float64], noise: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Luminances by the planes without their noise, which is no colour of the light: wrong weights do not act on it.
+
+    Their deviations from a common luminance are shrunk by what noise alone makes of chi^2 (W. James and C. Stein, Proc.
+    4th Berkeley Symp. 1 (1961) 361, positive part).
+    """
+    noise = np.maximum(noise, 1e-12 * np.abs(by_plane))
+    common = np.average(by_plane, weights=1 / noise**2)
+    chi_squared = float(np.sum(((by_plane - common) / noise) ** 2))
+    left = max(1 - (by_plane.size - 1) / chi_squared, 0.0) if chi_squared > 0 else 0.0
+    colour: NDArray[np.float64] = common + sqrt(left) * (by_plane - common)
+    return colour
 
 
 def _of_plane(plane: Calibration, observations: Mapping[str, Sequence[PatchObservation]]) -> PatchLuminance:

@@ -15,8 +15,8 @@ from ...core.errors import CalibrationError
 from ...core.frame import Frame
 from ...core.luminance import RANGE_MARGIN, WHOLE, CommonError, Invalid, LuminanceMap, PixelErrors, Window
 from ...core.result import log_findings
-from ...core.vignetting import AnyVignetting, FlatField, RadialVignetting
-from ..converter import Converter, common_errors
+from ...core.vignetting import AnyVignetting, Cos4Vignetting, FlatField, RadialVignetting
+from ..converter import Converter, common_errors, numbers_by_pattern, placed
 from ..frames.nonuniformity import slow_rel
 from ..frames.observations import CameraState
 from ..sensor.noise import GainSetting
@@ -152,18 +152,20 @@ class _Conversion:
             e if np.ndim(e.relative) == 0 else replace(e, relative=_look_up(np.asarray(e.relative), dn))
             for e in self._common_by_dn
         )
-        return (*by_dn, *(CommonError("flat field", -pattern[window]) for pattern in self._positional[0]))
+        return placed(self.converter, by_dn, [-pattern[window] for pattern in self._patterns])
 
     def _common_rel(self) -> _Maps:
         by_dn = np.zeros(self._net_dn.shape)
         for error in self._common_by_dn:
             by_dn += np.square(np.asarray(error.relative, dtype=float))
-        squares = self._positional[1]
-        if squares is None:
+        patterns, numbers = self._patterns, numbers_by_pattern(self.converter)
+        if not patterns:
             return _look_up(np.sqrt(by_dn).astype(np.float32), self._dn)
         total = _look_up(by_dn.astype(np.float32), self._dn)
-        total += squares
-        result: _Maps = np.sqrt(total, out=total)
+        for number, pattern in enumerate(patterns):
+            of_fit = self._common_by_dn[numbers[number]].relative if number in numbers else np.zeros(1, np.float32)
+            total += pattern * (pattern - 2 * _look_up(np.asarray(of_fit), self._dn))
+        result: _Maps = np.sqrt(np.maximum(total, 0, out=total), out=total)
         return result
 
     def _invalid(self) -> NDArray[np.uint8]:
@@ -254,13 +256,9 @@ class _Conversion:
         )
 
     @property
-    def _positional(self) -> tuple[list[_Maps], _Maps | None]:
-        """Patterns of the vignetting's uncertainty in the window, and the sum of their squares."""
-        vignetting = self.converter.vignetting
-        if not isinstance(vignetting, RadialVignetting) or not np.any(vignetting.covariance):
-            return [], None
-        patterns, squares = _positional_patterns(vignetting, self.frame.shape)
-        return [pattern[self.window] for pattern in patterns], squares[self.window]
+    def _patterns(self) -> list[_Maps]:
+        """Patterns of the vignetting's errors in the window."""
+        return [pattern[self.window] for pattern in _patterns(self.converter.vignetting, self.frame.shape)]
 
 
 def _look_up(table: NDArray[Any], dn: NDArray[Any], factor: _Maps | None = None) -> NDArray[Any]:
@@ -289,6 +287,8 @@ def _mean_inverse_v(vignetting: AnyVignetting | None, shape: tuple[int, int]) ->
 
 
 @lru_cache(maxsize=2)
-def _positional_patterns(vignetting: RadialVignetting, shape: tuple[int, int]) -> tuple[list[_Maps], _Maps]:
-    patterns = [pattern.astype(np.float32) for pattern in vignetting.common_patterns(shape)]
-    return patterns, np.sum(np.square(patterns), axis=0, dtype=np.float32)
+def _patterns(vignetting: AnyVignetting | None, shape: tuple[int, int]) -> list[_Maps]:
+    """Patterns of a vignetting's errors over an image; those of a flat field are no patterns."""
+    if not isinstance(vignetting, Cos4Vignetting | RadialVignetting):
+        return []
+    return [pattern.astype(np.float32) for pattern in vignetting.common_patterns(shape)]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...core.errors import CalibrationError
 from ...core.luminance import CommonError
 from ...core.result import Finding, warning
-from ..converter import FLICKER, Converter, common_errors
+from ..converter import FLICKER, Converter, common_errors, placed
 from ..frames.nonuniformity import slow_rel, vignetting_errors
 from ..frames.observations import PatchObservation
 from ..setup import METER_SOURCES
@@ -191,12 +191,13 @@ def _combined(
     # Dark signal non-uniformity and the pixels' sensitivity do not average over the exposures.
     uneven = float(weight @ (slope * np.array([s.dark_nonuniformity_dn for s in signals])))
     pixels = float((weight * each / luminance) @ np.array([s.pixels_rel for s in signals]))
-    of_place = hypot(slow_rel(calibration.vignetting), calibration.responsivity.scatter_rel)
-    random_rel = sqrt((noise + uneven**2) / luminance**2 + pixels**2 + of_place**2)
+    slow = hypot(slow_rel(calibration.vignetting), calibration.responsivity.scatter_rel)
+    random_rel = sqrt((noise + uneven**2) / luminance**2 + pixels**2 + slow**2)
+    of_place = vignetting_errors(calibration.vignetting, calibration.state.image_shape, [observations[0].centre_px])
     shared: dict[str, CommonError] = {}
     for o, n, share in zip(observations, net, weight * each / luminance, strict=True):
         errors = common_errors(calibration, n, o.exposure_s, o.state.gain_db, o.temperature_c)
-        for number, error in enumerate(errors):
+        for number, error in enumerate(placed(calibration, errors, list(of_place[:, 0]))):
             exposure = error.source == "exposure time"
             source = f"exposure time {o.exposure_s:g} s" if exposure else error.source
             key = source if exposure else f"{number}"
@@ -211,12 +212,11 @@ def _combined(
             if part:
                 shared[name] = CommonError(name, float(part), dof=dof if source == FLICKER else inf)
     patch = observations[0].patch
-    by_place = vignetting_errors(calibration.vignetting, calibration.state.image_shape, [observations[0].centre_px])
     return PatchLuminance(
         patch=patch,
         luminance_cd_m2=luminance,
         random_rel=random_rel,
-        common=(*shared.values(), *(CommonError("flat field", float(error)) for (error,) in by_place)),
+        common=tuple(shared.values()),
         exposures_s=tuple(sorted({o.exposure_s for o in observations})),
         scatter_rel=calibration.responsivity.scatter_rel,
         scatter_dof=calibration.responsivity.scatter_dof or inf,

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..converter import FLICKER, GLARE, exposure_time_rel
+from ...session.tables import EXPOSURE_JITTER_S
+from ..converter import FLAT_FIELD, FLICKER, GLARE, exposure_time_rel, source_of_place
 from ..frames.nonuniformity import slow_rel, smooth_patterns, vignetting_errors
 from ..frames.observations import PatchObservation
 from ..readings import PatchReading
@@ -47,6 +48,8 @@ class SharedError:
         Degrees of freedom of the standard uncertainty.
     cd_m2 : float
         The same effect on all observations, in cd/m^2.
+    pattern : int or None
+        Number of the vignetting's pattern; None for another source.
     """
 
     source: str
@@ -56,6 +59,7 @@ class SharedError:
     gain_db: float | None = None
     dof: float = inf
     cd_m2: float = 0.0
+    pattern: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,6 +195,7 @@ def build_design(
     groups: Mapping[str, Sequence[PatchObservation]],
     readings: Mapping[str, PatchReading],
     settings: Sequence[GainSetting],
+    exposure_jitter_s: float = EXPOSURE_JITTER_S,
 ) -> Design:
     """Collect observations and readings.
 
@@ -202,6 +207,8 @@ def build_design(
         Of the same patches.
     settings : sequence of GainSetting
         Dark signal and noise by gain; the factors are not used.
+    exposure_jitter_s : float
+        Standard uncertainty of one exposure time relative to the others.
     """
     observations = [o for group in groups.values() for o in group]
     signals = [net_signal(o, settings) for o in observations]
@@ -221,13 +228,18 @@ def build_design(
     place, read_at = smooth_patterns(shape, centres_px), tuple(r.read_at for r in ordered)
     # What a measured vignetting leaves may differ from patch to patch, or be a slope over the image: both count.
     slow_field = slow_rel(vignetting)
-    of_place = [*(slow_field / sqrt(place.shape[1]) * place.T), *vignetting_errors(vignetting, shape, centres_px)]
+    of_field, of_place = slow_field / sqrt(place.shape[1]) * place.T, vignetting_errors(vignetting, shape, centres_px)
+    source = source_of_place(vignetting)
     zero = np.zeros(len(observations))
     of_signals: dict[str, Any] = {name: np.array([getattr(s, name) for s in signals]) for name in _OF_SIGNALS}
     shared = [
         *_dark_errors(observations, gain, settings),
-        *(SharedError("exposure time", np.where(times == t, exposure_time_rel(t), 0.0), zero) for t in exposures_s),
-        *(SharedError("flat field", row[patch], zero) for row in of_place if row.any()),
+        *(
+            SharedError("exposure time", np.where(times == t, exposure_time_rel(t, exposure_jitter_s), 0.0), zero)
+            for t in exposures_s
+        ),
+        *(SharedError(FLAT_FIELD, row[patch], zero) for row in of_field if row.any()),
+        *(SharedError(source, row[patch], zero, pattern=k) for k, row in enumerate(of_place)),
         *_frame_errors(observations, signals, settings[0].noise.flicker_dof or inf),
         *_drift(observations, [read_at[i] for i in patch]),
     ]

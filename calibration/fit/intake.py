@@ -57,6 +57,7 @@ def take_in(
     readings: Mapping[str, Sequence[Reading]],
     held_out: Collection[str],
     tone: Response | None = None,
+    drift_dn: float | None = None,
 ) -> Intake:
     """Check and sort the input of a fit; observations of pixels that are full below saturation count as saturated.
 
@@ -66,14 +67,14 @@ def take_in(
         As `require_one_camera`, `gain_settings` and `group_by_patch`.
     """
     require_one_camera(observations, darks)
-    settings, findings, of_dark = gain_settings(observations, darks, tone)
+    settings, findings, of_dark = gain_settings(observations, darks, tone, drift_dn)
     groups = group_by_patch(observations, readings, held_out)
     intake = Intake(groups, settings, findings, of_dark, held_out)
     full = full_well(intake.fitted, readings, settings)
     if full is None:
         return intake
     marked = [o.saturating_at(full[0]) for o in observations]
-    settings, findings, of_dark = gain_settings(marked, darks, tone)
+    settings, findings, of_dark = gain_settings(marked, darks, tone, drift_dn)
     groups = group_by_patch(marked, readings, held_out)
     return Intake(groups, settings, [*full[1], *findings], of_dark, held_out)
 
@@ -126,7 +127,10 @@ def require_one_camera(observations: Sequence[PatchObservation], darks: Sequence
 
 
 def gain_settings(
-    observations: Sequence[PatchObservation], darks: Sequence[DarkObservation], tone: Response | None = None
+    observations: Sequence[PatchObservation],
+    darks: Sequence[DarkObservation],
+    tone: Response | None = None,
+    drift_dn: float | None = None,
 ) -> tuple[tuple[GainSetting, ...], list[Finding], list[Finding]]:
     """Dark signal and noise of each gain, the first observation's first; factors are 1.
 
@@ -136,6 +140,8 @@ def gain_settings(
         Of one camera.
     tone : Response or None
         As of `fit_noise`.
+    drift_dn : float or None
+        As of `fit_dark`.
 
     Returns
     -------
@@ -166,7 +172,7 @@ def gain_settings(
                 "out"
             )
         own = [o for o in observations if abs(o.state.gain_db - gain_db) <= GAIN_TOLERANCE_DB]
-        dark, dark_findings = fit_dark(own_darks)
+        dark, dark_findings = fit_dark(own_darks, drift_dn)
         noise, noise_findings = fit_noise(own, dark, tone)
         if not settings:
             of_dark = dark_findings

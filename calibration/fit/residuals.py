@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from math import hypot, inf, sqrt
 
 import numpy as np
@@ -101,7 +102,8 @@ def parameter_covariance(solution: Solution) -> Array:
 def fit_errors(solution: Solution) -> tuple[FitError, ...]:
     """Split the errors of parameters and dark signal into independent ones.
 
-    An error of the dark signal also changes the parameters: it is kept as one error with both effects. The rest of the
+    An error of the dark signal, or of the vignetting, also changes the parameters: it is kept as one error with both
+    effects. The rest of the
     parameters' covariance is split into the eigenvectors of the response (``fit``; the gain factors follow by
     regression) and those of the gain factors given the response (``gain``). An error of a given response
     (``linearity``) is reduced by the compensation of the fitted scale.
@@ -111,10 +113,12 @@ def fit_errors(solution: Solution) -> tuple[FitError, ...]:
     solution : Solution
         The fit.
     """
-    dark = [error for error in solution.design.shared if error.dark]
-    by_dark = [solution.slope * error.dn for error in dark]
+    twice = [error for error in solution.design.shared if error.dark or error.pattern is not None]
+    level = np.sqrt(np.abs(solution.luminance * solution.design.readings))
+    # What an error adds to the readings that the parameters are fitted to.
+    by_twice = [solution.slope * error.dn - level * error.relative for error in twice]
     by_shape = list(solution.luminance * solution.candidate.errors(solution.design.net_dn))
-    rest = solution.covariance - sum(np.outer(column, column) for column in (*by_dark, *by_shape))
+    rest = solution.covariance - sum(np.outer(column, column) for column in (*by_twice, *by_shape))
     own = solution.gain @ rest @ solution.gain.T
     n = solution.candidate.n_parameters
     response, between, factors = own[:n, :n], own[n:, :n], own[n:, n:]
@@ -129,9 +133,9 @@ def fit_errors(solution: Solution) -> tuple[FitError, ...]:
         for value, vector in zip(values, vectors.T, strict=True):
             step = np.sqrt(max(value, 0.0)) * vector
             errors.append(_error(solution, "gain", np.concatenate([np.zeros(n), step]), dof))
-    for error, column in zip(dark, by_dark, strict=True):
-        moved = _error(solution, "dark and temperature", solution.gain @ column)
-        errors.append(FitError(moved.source, moved.net_dn, moved.relative, moved.gain_rel, error.dark, error.gain_db))
+    for error, column in zip(twice, by_twice, strict=True):
+        moved = _error(solution, error.source, solution.gain @ column)
+        errors.append(replace(moved, dark=error.dark, dark_gain_db=error.gain_db, pattern=error.pattern))
     for row, column in zip(solution.candidate.errors(_nodes(solution.candidate)), by_shape, strict=True):
         moved = _error(solution, "linearity", -solution.gain @ column)
         relative = tuple(float(v) for v in row + np.array(moved.relative))

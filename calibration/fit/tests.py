@@ -11,6 +11,7 @@ import numpy as np
 from ...core.errors import CalibrationError
 from ...core.result import Finding, FindingValue, info, warning
 from ...core.vignetting import AnyVignetting, Cos4Vignetting
+from ..converter import VIGNETTING
 from ..findings import FitTest
 from ..sensor.dark import DarkModel
 from ..uncertainty import FALSE_ALARM, critical_value, expanded_half_width, p_value_of_chi_squared
@@ -103,7 +104,9 @@ def vignetting_left(solution: Solution, vignetting: AnyVignetting | None) -> Fit
     """
     name, design = "vignetting", solution.design
     try:
-        even = solve(replace(design, uneven_rel=np.zeros(len(design.patches))), solution.candidate)
+        # cos^4 itself is tested, whatever its stated uncertainty.
+        tested = replace(design.without_shared(VIGNETTING), uneven_rel=np.zeros(len(design.patches)))
+        even = solve(tested, solution.candidate)
     except CalibrationError:
         even = solution
     drop, n, deviations = by_place(even)

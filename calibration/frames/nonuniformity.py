@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.vignetting import AnyVignetting, FlatField, RadialVignetting
+from ...core.vignetting import AnyVignetting, Cos4Vignetting, FlatField, RadialVignetting
 from .statistics import LineVariances
 
 #: Mean squares and mean products of two quantities a and b: (aa, ab, bb).
@@ -207,17 +207,17 @@ def slow_rel(vignetting: AnyVignetting | None) -> float:
 def vignetting_errors(
     vignetting: AnyVignetting | None, shape: tuple[int, int], centres_px: Sequence[tuple[float, float]]
 ) -> Array:
-    """Signed relative errors of luminances at P places by the polynomial's coefficients, shape (k, P); k may be 0.
+    """Signed relative errors of luminances at P places by the patterns of a vignetting, shape (k, P); k may be 0.
 
     Parameters
     ----------
     vignetting : AnyVignetting or None
-        The vignetting; only a polynomial with a covariance has such errors.
+        The vignetting; that of a flat field has no such errors.
     shape : (int, int)
         Height and width in pixels.
     centres_px : sequence of (float, float)
         The places (x, y), P of them.
     """
-    if not isinstance(vignetting, RadialVignetting):
+    if not isinstance(vignetting, Cos4Vignetting | RadialVignetting):
         return np.zeros((0, len(centres_px)))
     return -np.array([vignetting.common_errors_at(shape, place) for place in centres_px]).T.reshape(-1, len(centres_px))

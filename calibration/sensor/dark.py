@@ -171,7 +171,7 @@ class DarkModel:
         return float(2.0 ** ((temperature_c - self.temperature_c) / doubling_c))
 
 
-def fit_dark(darks: Sequence[DarkObservation]) -> tuple[DarkModel, list[Finding]]:
+def fit_dark(darks: Sequence[DarkObservation], drift_dn: float | None = None) -> tuple[DarkModel, list[Finding]]:
     """Fit the dark signal and its noise to dark frames.
 
     A weighted straight line over the exposure time; with dark frames at several temperatures also the doubling
@@ -184,6 +184,8 @@ def fit_dark(darks: Sequence[DarkObservation]) -> tuple[DarkModel, list[Finding]
     ----------
     darks : sequence of DarkObservation
         At least one; of one camera state.
+    drift_dn : float or None
+        Standard deviation of the black level from frame to frame; None for what the frames show.
 
     Raises
     ------
@@ -195,7 +197,8 @@ def fit_dark(darks: Sequence[DarkObservation]) -> tuple[DarkModel, list[Finding]
     temperatures = [d.temperature_c for d in darks if d.temperature_c is not None]
     reference = float(np.mean(temperatures)) if len(temperatures) == len(darks) else None
     warmer_c = np.zeros_like(t) if reference is None else np.array(temperatures) - reference
-    drift_dn, drift_dof = drift_of_black_level(darks)
+    shown_dn, drift_dof = drift_of_black_level(darks)
+    drift_dn = shown_dn if drift_dn is None else drift_dn
     y, u = np.array([d.mean_dn for d in darks]), mean_uncertainties_dn(darks, drift_dn)
     parameters, covariance, findings = fit_curve(t, warmer_c, y, u)
     if np.unique(t).size == 1:

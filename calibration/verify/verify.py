@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import hypot, inf, sqrt
 
@@ -16,6 +16,7 @@ from ..colour.conversion import luminance_of_planes, own_rel
 from ..colour.model import AnyCalibration, ColourCalibration
 from ..colour.patches import by_patch
 from ..convert.patch import PatchLuminance, numbered, patch_luminance
+from ..converter import VIGNETTING
 from ..frames.observations import DarkObservation, PatchObservation
 from ..model import Calibration
 from ..readings import PatchReading, combine_readings
@@ -52,7 +53,8 @@ def verify(
     meter : MeterScale
         The meter that took them, from `labcdp.calibration.setup.meter_scale`.
     tolerance_rel : float or None
-        Largest relative deviation that conforms; None for the U (95 %) of the calibration, see `own_tolerance_rel`.
+        Largest relative deviation that conforms; None for the U (95 %) of the calibration, see `own_tolerance_rel`. The
+        assumed vignetting is part of this tolerance, and not of the deviations, which show it.
 
     Raises
     ------
@@ -61,7 +63,12 @@ def verify(
     InputError
         If the tolerance is not above 0 and up to 1.
     """
-    tolerance = own_tolerance_rel(calibration) if tolerance_rel is None else require_tolerance(tolerance_rel)
+
+    def tolerance(of_place_rel: float) -> float:
+        return own_tolerance_rel(calibration, of_place_rel) if tolerance_rel is None else tolerance_rel
+
+    if tolerance_rel is not None:
+        require_tolerance(tolerance_rel)
     groups = by_patch(observations, [_name(plane) for plane in calibration.planes])
     seen, unusable, of_frames = _measured(calibration, groups)
     comparison, of_readings = _compared(calibration, groups, list(seen.values()), readings, meter)
@@ -76,7 +83,7 @@ def verify(
         calibration_sha256=calibration.provenance.input_sha256,
         meter=meter,
         calibration_meter=calibration.meter_scale,
-        tolerance_rel=tolerance,
+        tolerance_rel=tolerance(0.0),
         tolerance_stated=tolerance_rel is not None,
         patches=comparison.rows(tolerance),
         unusable=unusable,
@@ -89,9 +96,12 @@ def verify(
     return replace(result, findings=(*findings_of(result), *dict.fromkeys(found)))
 
 
-def own_tolerance_rel(calibration: AnyCalibration) -> float:
-    """Relative U (95 %) of a calibration: meter, fit and scatter of the patches, without the noise of a patch."""
-    refocus = calibration.lens.refocus_rel**2
+def own_tolerance_rel(calibration: AnyCalibration, of_place_rel: float = 0.0) -> float:
+    """Relative U (95 %) of a calibration: meter, fit and scatter of the patches, without the noise of a patch.
+
+    `of_place_rel` is what the assumed vignetting adds at the place of a patch; 0 on the axis.
+    """
+    refocus = calibration.lens.refocus_rel**2 + of_place_rel**2
     if isinstance(calibration, Calibration):
         fit = calibration.responsivity
         parts = ((fit.random_rel**2, fit.dof or inf), (fit.scatter_rel**2, fit.scatter_dof or inf))
@@ -130,7 +140,8 @@ class _Comparison:
         ]
         covariance = np.diag(np.square(own))
         common = [numbered(one.common) for one in self.seen]
-        for name in dict.fromkeys(name for errors in common for name in errors if name[0] not in METER_SOURCES):
+        apart = (*METER_SOURCES, VIGNETTING)
+        for name in dict.fromkeys(name for errors in common for name in errors if name[0] not in apart):
             pattern = np.array([float(errors[name].relative) if name in errors else 0.0 for errors in common])
             covariance = covariance + np.outer(pattern, pattern)
         return covariance
@@ -146,8 +157,8 @@ class _Comparison:
         responsivity = plane.responsivity.responsivity_dn_s_cd_m2 * (1 + mean)
         return Drift(mean, expanded_rel(self.scales, u), responsivity, expanded_rel([self.meter], u))
 
-    def rows(self, tolerance_rel: float) -> tuple[VerifiedPatch, ...]:
-        """One row per patch."""
+    def rows(self, tolerance_rel: Callable[[float], float]) -> tuple[VerifiedPatch, ...]:
+        """One row per patch; its tolerance follows from the uncertainty of the vignetting at its place."""
         of_scales = hypot(*(one.common_rel for one in self.scales))
         deviations, normal = self.deviation_rel.tolist(), np.sqrt(np.diag(self.covariance)).tolist()
         return tuple(
@@ -159,7 +170,7 @@ class _Comparison:
                 standard_uncertainty_rel=hypot(u, of_scales),
                 expanded_rel=expanded_rel(self.scales, u),
                 independent_rel=u,
-                tolerance_rel=tolerance_rel,
+                tolerance_rel=tolerance_rel(hypot(*(float(e.relative) for e in s.common if e.source == VIGNETTING))),
             )
             for s, deviation, u in zip(self.seen, deviations, normal, strict=True)
         )

@@ -24,9 +24,55 @@ class Vignetting(Protocol):
         """Responsivity of each pixel of a sensor of `shape` (height, width), relative to the reference."""
 
 
+class _Radial:
+    """Errors of a vignetting that depend on the distance r from the axis only, over half the image's diagonal."""
+
+    centre_px: tuple[float, float] | None
+
+    def squared_radius(self, shape: tuple[int, int]) -> NDArray[np.float64]:
+        """r^2 of each pixel of an image of `shape` (height, width)."""
+        return _squared_distance(shape, self.centre_px, 2 / hypot(*shape))
+
+    def common_patterns(self, shape: tuple[int, int]) -> list[NDArray[np.float64]]:
+        """Relative errors of V for one standard uncertainty of each independent error.
+
+        Parameters
+        ----------
+        shape : (int, int)
+            Height and width in pixels.
+
+        Returns
+        -------
+        list of ndarray of float, shape (height, width)
+            Signed patterns; empty if V is taken as exact.
+        """
+        return self._patterns(self.squared_radius(shape))
+
+    def common_errors_at(self, shape: tuple[int, int], place_px: tuple[float, float]) -> list[float]:
+        """Return the values of `common_patterns` at one place.
+
+        Parameters
+        ----------
+        shape : (int, int)
+            Height and width in pixels.
+        place_px : (float, float)
+            The place (x, y); the upper left corner of the image is (0, 0).
+        """
+        height, width = shape
+        x0, y0 = self.centre_px or (width / 2, height / 2)
+        r2 = np.float64(((place_px[0] - x0) ** 2 + (place_px[1] - y0) ** 2) / (hypot(height, width) / 2) ** 2)
+        return [float(error) for error in self._patterns(r2)]
+
+    def _patterns(self, r2: Any) -> list[Any]:
+        raise NotImplementedError
+
+
 @dataclass(frozen=True)
-class Cos4Vignetting:
+class Cos4Vignetting(_Radial):
     """Natural light vignetting of a lens, cos^4 of the off-axis angle; 1 on the axis.
+
+    Real lenses differ from it: mechanical vignetting takes more light from the corners, and pupils that grow with the
+    angle less (M. Aggarwal, H. Hua and N. Ahuja, "On cosine-fourth and vignetting effects in real lenses", ICCV 2001).
 
     Parameters
     ----------
@@ -34,22 +80,27 @@ class Cos4Vignetting:
         Image-side focal length and distance of pixel centres, in metres.
     centre_px : (float, float) or None
         The axis, (x, y) in pixels of the image; None for its middle.
+    corner_rel : float
+        Relative standard uncertainty in the corners of an image; it grows with the squared distance from the axis.
 
     Raises
     ------
     InputError
-        If a value is not a positive number.
+        If a length is not a positive number, or the uncertainty negative.
     """
 
     focal_length_m: float
     pixel_pitch_m: float
     centre_px: tuple[float, float] | None = None
+    corner_rel: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("focal_length_m", "pixel_pitch_m"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise InputError(f"{name} is {value}: give a positive number of metres")
+        if not (np.isfinite(self.corner_rel) and self.corner_rel >= 0):
+            raise InputError(f"corner_rel is {self.corner_rel}: give a fraction of at least 0")
 
     def relative_illuminance(self, shape: tuple[int, int]) -> NDArray[np.float64]:
         """Illuminance relative to the axis, for an image of `shape` (height, width).
@@ -61,9 +112,12 @@ class Cos4Vignetting:
         result *= result
         return np.reciprocal(result, out=result)
 
+    def _patterns(self, r2: Any) -> list[Any]:
+        return [self.corner_rel * r2] if self.corner_rel else []
+
 
 @dataclass(frozen=True)
-class RadialVignetting:
+class RadialVignetting(_Radial):
     """Vignetting 1 + a2 r^2 + a4 r^4 + a6 r^6; r is the distance from the axis over half the image's diagonal.
 
     Parameters
@@ -99,10 +153,6 @@ class RadialVignetting:
         if not (np.isfinite(values).all() and self.slow_rel >= 0):
             raise InputError(f"the fall-off {self} has a value that is not finite, or a negative uncertainty")
 
-    def squared_radius(self, shape: tuple[int, int]) -> NDArray[np.float64]:
-        """r^2 of each pixel of an image of `shape` (height, width)."""
-        return _squared_distance(shape, self.centre_px, 2 / hypot(*shape))
-
     def relative_illuminance(self, shape: tuple[int, int]) -> NDArray[np.float64]:
         """V for an image of `shape` (height, width).
 
@@ -119,36 +169,6 @@ class RadialVignetting:
                 "it again over the whole image"
             )
         return result
-
-    def common_patterns(self, shape: tuple[int, int]) -> list[NDArray[np.float64]]:
-        """Relative error of V for one standard uncertainty along each eigenvector of the covariance.
-
-        Parameters
-        ----------
-        shape : (int, int)
-            Height and width in pixels.
-
-        Returns
-        -------
-        list of ndarray of float, shape (height, width)
-            Signed patterns of independent errors; empty if the coefficients are taken as exact.
-        """
-        return self._patterns(self.squared_radius(shape))
-
-    def common_errors_at(self, shape: tuple[int, int], place_px: tuple[float, float]) -> list[float]:
-        """Return the values of `common_patterns` at one place.
-
-        Parameters
-        ----------
-        shape : (int, int)
-            Height and width in pixels.
-        place_px : (float, float)
-            The place (x, y); the upper left corner of the image is (0, 0).
-        """
-        height, width = shape
-        x0, y0 = self.centre_px or (width / 2, height / 2)
-        r2 = np.float64(((place_px[0] - x0) ** 2 + (place_px[1] - y0) ** 2) / (hypot(height, width) / 2) ** 2)
-        return [float(error) for error in self._patterns(r2)]
 
     def _at(self, r2: Any) -> Any:
         return 1 + r2 * (self.a2 + r2 * (self.a4 + r2 * self.a6))
@@ -254,10 +274,10 @@ def cropped(
         return replace(vignetting, relative=part, middle=_mean_of_middle(part))
     x0, y0 = vignetting.centre_px or (whole[1] / 2, whole[0] / 2)
     centre_px = (x0 - x, y0 - y)
-    if isinstance(vignetting, Cos4Vignetting):
-        return replace(vignetting, centre_px=centre_px)
     # The unit of r is half the diagonal.
     scale = np.array([(hypot(*shape) / hypot(*whole)) ** power for power in (2, 4, 6)])
+    if isinstance(vignetting, Cos4Vignetting):
+        return replace(vignetting, centre_px=centre_px, corner_rel=float(scale[0]) * vignetting.corner_rel)
     a2, a4, a6 = scale * (vignetting.a2, vignetting.a4, vignetting.a6)
     rows = scale[:, None] * np.array(vignetting.covariance) * scale
     covariance = tuple((float(a), float(b), float(c)) for a, b, c in rows)

@@ -85,6 +85,11 @@ def _read(value: Any, info: ValidationInfo) -> Any:
 Spectra = Annotated[SpectraConfiguration | None, BeforeValidator(_read)]
 
 
+#: Standard uncertainty of one exposure time relative to the others, unless the user states it: a few periods of a
+#: sensor's clock of tens of MHz, by which start and end jitter.
+EXPOSURE_JITTER_S = 5e-8
+
+
 class CameraConfiguration(Table):
     """Which camera, and its pixel pitch; what is left out is not checked when the camera is opened."""
 
@@ -97,6 +102,9 @@ class CameraConfiguration(Table):
     black_level: NotNegative | None = Field(None, description="a value of the camera's register of at least 0")
     # Where the pixels are full below the end of the converter.
     saturation_dn: Positive | None = Field(None, description="a DN above 0, from which pixels count as saturated")
+    exposure_jitter_s: NotNegative = Field(EXPOSURE_JITTER_S, description="a standard uncertainty of at least 0 s")
+    # Standard deviation from frame to frame; what the dark frames show if left out.
+    black_level_drift_dn: NotNegative | None = Field(None, description="a standard deviation of at least 0 DN")
     frame_rate_hz: Positive | None = Field(None, description="a frame rate above 0 Hz")
     region: tuple[Whole, Whole, Count, Count] | None = Field(
         None, description="[x, y, width, height] in pixels after binning, whole numbers"
@@ -125,6 +133,10 @@ class CameraConfiguration(Table):
 #: Relative standard uncertainty of the responsivity after focus and aperture are set anew, unless the user states it:
 #: focus breathing over the reading of a distance scale, and the play of an iris.
 REFOCUS_REL = 0.005
+#: Relative standard uncertainty of cos^4 vignetting in the corners of the image, unless the user states it or measures
+#: a flat field. Typical: curves of lenses that are stopped down differ there from cos^4 by up to a tenth (limits of 9 %
+#: are 5 %), those of lenses that are wide open by more (Edmund Optics, Imaging Resource Guide, section 3.2).
+VIGNETTING_REL = 0.05
 
 
 class LensConfiguration(Table):
@@ -137,6 +149,9 @@ class LensConfiguration(Table):
     focus_distance_m: Positive | None = Field(None, description="a distance of focus above 0 m")
     refocus_rel: float = Field(
         REFOCUS_REL, ge=0, le=1, description="a fraction from 0 (focus and aperture are locked) to 1"
+    )
+    vignetting_rel: float = Field(
+        VIGNETTING_REL, ge=0, le=1, description="a fraction from 0 (the vignetting is exactly cos⁴) to 1"
     )
     transmittance: Fraction | None = Field(None, description="a fraction above 0, up to 1")
 

@@ -68,6 +68,8 @@ def calibrate_session(
         sessions_sha256=hashes if more else (),
         certificate=observed.configuration.meter.certificate,
         meter_f1_prime=observed.configuration.meter.f1_prime,
+        exposure_jitter_s=observed.configuration.camera.exposure_jitter_s,
+        black_level_drift_dn=observed.configuration.camera.black_level_drift_dn,
     )
     calibration = _fit(sessions, setup, held_out, response)
     _require_all_used(calibration, sessions)

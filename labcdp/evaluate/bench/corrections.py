@@ -63,7 +63,8 @@ def natural_vignetting(configuration: SessionConfiguration, state: CameraState) 
     # Where columns and rows differ, the geometric mean.
     apart = sqrt(prod((*readout.binning, *readout.decimation))) * (1 if state.plane is None else 2)
     pitch_m, axis_px = apart * configuration.camera.pixel_pitch_m, readout.axis_px(state.image_shape)
-    return Cos4Vignetting(configuration.lens.focal_length_m, pitch_m, axis_px)
+    lens = configuration.lens
+    return Cos4Vignetting(lens.focal_length_m, pitch_m, axis_px, lens.vignetting_rel)
 
 
 def calibration_for(session: Session, calibration: AnyCalibration) -> AnyCalibration:

@@ -161,7 +161,8 @@ def _vignetting(calibration: Calibration) -> str:
         corner = vignetting.relative_illuminance((1, diagonal))[0, 0]
         return (
             f"cos⁴ of the off-axis angle, by a focal length of {vignetting.focal_length_m * 1e3:g} mm and a pixel "
-            f"pitch of {vignetting.pixel_pitch_m * 1e6:g} µm; {fixed(100 * corner, 1)} % in the corners"
+            f"pitch of {vignetting.pixel_pitch_m * 1e6:g} µm; {fixed(100 * corner, 1)} % in the corners, "
+            f"uncertain by {significant(100 * vignetting.corner_rel, 2)} % there (u)"
         )
     image = vignetting.relative_illuminance(shape)
     lowest, highest = (fixed(100 * float(end), 1) for end in (image.min(), image.max()))

@@ -28,7 +28,7 @@ def _flat_field():
 _COVARIANCE = tuple(tuple(row) for row in (np.eye(3) * 1e-4 + 1e-5).tolist())
 VIGNETTINGS = {
     "none": None,
-    "cos4": Cos4Vignetting(0.0002, 3.45e-6),
+    "cos4": Cos4Vignetting(0.0002, 3.45e-6, None, 0.05),
     "radial": RadialVignetting(-0.3, -0.1, 0.02, (30.0, 25.0), _COVARIANCE, 0.003),
     "flat": _flat_field(),
 }
@@ -128,7 +128,7 @@ def test_frames_that_do_not_say_where_they_lie_are_taken_as_before(make_calibrat
 def test_pixels_of_binned_frames_are_larger():
     whole = Cos4Vignetting(0.001, 1e-5).relative_illuminance((40, 60))
     of_blocks = whole.reshape(20, 2, 30, 2).mean(axis=(1, 3))
-    camera, lens = SimpleNamespace(pixel_pitch_m=1e-5), SimpleNamespace(focal_length_m=0.001)
+    camera, lens = SimpleNamespace(pixel_pitch_m=1e-5), SimpleNamespace(focal_length_m=0.001, vignetting_rel=0.0)
     configuration = SimpleNamespace(camera=camera, lens=lens)
     for readout, area_m2 in ((Readout(binning=(2, 2)), 4e-10), (Readout(decimation=(2, 2)), 1e-10)):
         seen = natural_vignetting(configuration, _state(readout, (20, 30))).relative_illuminance((20, 30))

@@ -101,5 +101,5 @@ def test_library_at_another_temperature_scales_or_says_that_it_cannot(frames, ex
             error = pattern - (truth - truth.mean())
             assert error.std() < 2 * library.noise_dn(0.1, 35.0)
     assert library.worth_applying(0.1, 30.0)
-    assert not library.worth_applying(0.1, 60.0)
+    assert library.correction_dn(SHAPE, 0.1, 60.0) is None
     assert library.verdict(0.1, 60.0).code == "dark-pattern-of-other-frames"

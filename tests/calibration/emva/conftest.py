@@ -22,7 +22,7 @@ class KnownCamera:
     dark_current_e_s: float = 2000.0
     black_level_dn: float = 20.0
     prnu_rel: float = 0.01
-    dsnu_e: float = 3.0
+    dsnu_e: float = 30.0
     column_dsnu_e: float = 0.0
     full_well_e: float = 1e9
     bits: int = 12

@@ -9,7 +9,7 @@ import pytest
 
 from labcdp.calibration import contrast_uncertainty, fit, patch_luminance
 from labcdp.calibration.frames.nonuniformity import smooth_patterns
-from labcdp.core.vignetting import FlatField, RadialVignetting
+from labcdp.core.vignetting import Cos4Vignetting, FlatField, RadialVignetting
 
 from ..conftest import EXPOSURES_S, SimulatedMeter, found
 
@@ -70,20 +70,35 @@ def test_smooth_patterns_have_mean_0_and_rms_1_over_the_image():
     assert patterns.T @ patterns / len(PIXELS) == pytest.approx(np.eye(3), abs=3e-3)
 
 
-def test_errors_of_the_polynomial_cancel_between_near_patches(camera, setup):
-    covariance = ((1e-4, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    polynomial = RadialVignetting(-0.2, 0.0, 0.0, None, covariance)
-    calibration = fit(*bench(camera, SimulatedMeter(), np.random.default_rng(2), np.ones(12), polynomial), setup)
-    edge, near, middle = (
-        patch_luminance(calibration, seen_at(camera, "new", 300.0, place, 1.0, None, polynomial))
-        for place in ((4, 4), (5, 4), (32, 24))
-    )
-    (error,) = [float(e.relative) for e in edge.common if e.source == "flat field"]
-    r2 = (28**2 + 20**2) / (32**2 + 24**2)
-    assert abs(error) == pytest.approx(0.01 * r2 / (1 - 0.2 * r2))
-    own = sqrt(2) * edge.random_rel
-    assert contrast_uncertainty(edge, near) < 0.1 * abs(error)
-    assert contrast_uncertainty(edge, middle) == pytest.approx(np.hypot(own, error), rel=0.01)
+@pytest.mark.parametrize(
+    "vignetting",
+    [Cos4Vignetting(1.0, 1e-6, None, 0.01), RadialVignetting(-0.2, 0, 0, None, ((1e-4, 0, 0), (0, 0, 0), (0, 0, 0)))],
+)
+def test_an_error_of_the_vignetting_moves_fit_and_patches_together(camera, setup, vignetting):
+    """It is what a fit in the wrong light and then the same patches give, and cancels between near ones."""
+    places = {"edge": (4, 4), "near": (5, 4), "middle": (32, 24)}
+
+    def light(place):
+        return 1 + vignetting.common_errors_at(SHAPE, place)[0]
+
+    def seen(calibration, of_light):
+        return {
+            name: patch_luminance(calibration, seen_at(camera, "new", 300.0, place, of_light(place), None, vignetting))
+            for name, place in places.items()
+        }
+
+    def fitted(true_v):
+        luminances, rng, meter = np.array([5.0, 300.0] * 3), np.random.default_rng(2), SimulatedMeter(0.02, 0.02)
+        return fit(*bench(camera, meter, rng, true_v, vignetting, luminances=luminances), setup)
+
+    right = seen(fitted(np.ones(12)), lambda _: 1.0)
+    wrong = seen(fitted(np.array([light(place) for place in PLACES])), light)
+    stated = [[e for e in right[name].common if e.source in ("vignetting", "flat field")] for name in places]
+    moved = {name: wrong[name].luminance_cd_m2 / right[name].luminance_cd_m2 - 1 for name in places}
+    assert [-float(error.relative) for (error,) in stated] == pytest.approx(list(moved.values()), abs=2e-4)
+    assert abs(moved["middle"]) > 1e-3
+    near, far = (contrast_uncertainty(right["edge"], right[other]) for other in ("near", "middle"))
+    assert near < 0.1 * far
 
 
 @pytest.mark.parametrize("n", [20, pytest.param(200, marks=pytest.mark.long)])
@@ -143,3 +158,14 @@ def test_a_bad_reading_is_not_taken_for_a_drift_or_vignetting(camera, setup, bad
     calibration = fit(observations, darks, readings, setup)
     assert readings_left_out(calibration) == [f"P{bad}"]
     assert not any(found(calibration, name).significant for name in ("drift", "vignetting"))
+
+
+@pytest.mark.parametrize("n", [20, pytest.param(200, marks=pytest.mark.long)])
+def test_sound_patches_that_scatter_are_kept(camera, setup, n):
+    """8 patches, 4 exposures and 1 % of scatter of the patches: one in a hundred calibrations may lose one."""
+    rng, lost = np.random.default_rng(11), 0
+    for _ in range(n):
+        true_v = 1 + 0.01 * rng.normal(size=len(PLACES))
+        data = bench(camera, SimulatedMeter(), rng, true_v, luminances=np.geomspace(1, 800, 8))
+        lost += bool(readings_left_out(fit(*data, setup)))
+    assert lost <= 0.01 * n + 3 * sqrt(0.01 * n)

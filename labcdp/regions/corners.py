@@ -18,8 +18,9 @@ Corners: TypeAlias = dict[At, NDArray[np.float64]]
 
 _STEPS: tuple[At, ...] = ((0, 1), (1, 0), (0, -1), (-1, 0))
 
-#: Furthest a predicted corner may be from where it is found, in sides of a square.
-_FARTHEST = 0.3
+#: Furthest a predicted corner may be from where it is found, and one that is proposed from where all others put it, in
+#: sides of a square; how many of these are looked at in turn.
+_FARTHEST, _OUTLIER, _DOUBTED = 0.3, 0.15, 8
 
 
 def real_corners(corners: Mapping[At, NDArray[np.float64]], image: FloatImage) -> Corners:
@@ -53,9 +54,26 @@ def real_corners(corners: Mapping[At, NDArray[np.float64]], image: FloatImage) -
     return {at: corners[at] for at in sorted(largest)}
 
 
+def without_outliers(corners: Corners) -> Corners:
+    """Leave out corners that are not where all others put them, the farthest one first: a detector may be wrong."""
+    corners = dict(corners)
+    while len(corners) > _DOUBTED // 2:
+        lattice = Lattice(corners)
+        doubted = sorted(corners, key=lambda at: -lattice.off(at, corners[at], corners))[:_DOUBTED]
+        off = {}
+        for at in doubted:
+            others = {other: place for other, place in corners.items() if other != at}
+            off[at] = Lattice(others).off(at, corners[at], corners)
+        worst = max(off, key=lambda at: off[at])
+        if off[worst] <= _OUTLIER:
+            break
+        del corners[worst]
+    return corners
+
+
 def grown(corners: Corners, image: FloatImage) -> Corners:
     """Add corners beyond those known, as long as there is one where the pattern continues."""
-    corners = dict(corners)
+    corners = without_outliers(corners)
     sides = [(at, _around(at, corners)) for at in corners]
     sign = np.sign(sum(_saddle(at, corners[at], *side, image) for at, side in sides if side is not None))
     in_vain: set[At] = set()
@@ -106,6 +124,13 @@ class Lattice:
         near = distance <= distance.min() + 1
         place: NDArray[np.float64] = projected(self._matrix, np.array([[j, i]], dtype=np.float64))[0]
         return np.asarray(place + self._deviations[near].mean(axis=0))
+
+    def off(self, at: At, corner: NDArray[np.float64], corners: Mapping[At, NDArray[np.float64]]) -> float:
+        """Return how far a corner is from where it should be, in sides of the smallest square there."""
+        sides = _around(at, corners)
+        side_px = min(map(float, np.linalg.norm(sides, axis=1))) if sides is not None else 0.0
+        distance = float(np.linalg.norm(self.place(at) - corner))
+        return distance / side_px if side_px > 0 and np.isfinite(distance) else 0.0
 
 
 def homography(at: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.float64]:

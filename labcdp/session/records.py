@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from datetime import datetime
-from typing import Annotated, Any, Literal, TypeVar, get_args
+from typing import Annotated, Any, ClassVar, Literal, TypeVar, get_args
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PlainValidator
 
 from ..core.disk import shortened, validated_as
 from ..core.errors import InputError, SessionError
@@ -17,7 +17,7 @@ from ..output.file import StoredFile
 from .journal import Entry
 
 Role = Literal["light", "dark"]
-_Content = TypeVar("_Content", bound=BaseModel)
+_Made = TypeVar("_Made")
 ROLES: tuple[Role, ...] = get_args(Role)
 
 #: Kind of the event that takes frames and readings out of what counts.
@@ -42,8 +42,8 @@ class FrameRecord:
         Number of the frame in the session.
     role : {'light', 'dark'}
         Whether the target was seen, or the sensor was kept dark.
-    shape : (int, int)
-        Height and width in pixels.
+    height, width : int
+        Size in pixels.
     metadata : dict
         The frame's ``metadata()``.
     file : StoredFile
@@ -52,14 +52,22 @@ class FrameRecord:
         The patch that was before the camera, where patches are shown one by one; None for all of the target.
     """
 
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
     sequence: int
     time: datetime
-    number: int
+    number: Annotated[int, Field(ge=1)]
     role: Role
-    shape: tuple[int, int]
-    metadata: dict[str, Any]
+    height: Annotated[int, Field(ge=1)]
+    width: Annotated[int, Field(ge=1)]
+    metadata: Annotated[dict[str, Any], Field(alias="frame"), AfterValidator(checked_metadata)]
     file: StoredFile
     patch: str | None = None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width in pixels."""
+        return self.height, self.width
 
     @property
     def exposure_s(self) -> float:
@@ -98,10 +106,12 @@ class ReadingRecord:
         The reading.
     """
 
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
     sequence: int
     time: datetime
     patch: str
-    reading: Reading
+    reading: Annotated[Reading, PlainValidator(Reading.from_dict)]
 
 
 @dataclass(frozen=True)
@@ -141,56 +151,37 @@ def counting(records: Sequence[Record]) -> list[Record]:
 
 def record(entry: Entry) -> Record:
     """Make the record of a line of the journal."""
-    makers: dict[str, Callable[[Entry], Record]] = {"frame": frame_record, "reading": reading_record}
-    return makers.get(entry.kind, event_record)(entry)
+    match entry.kind:
+        case "frame":
+            return frame_record(entry)
+        case "reading":
+            return reading_record(entry)
+    return event_record(entry)
 
 
 def frame_record(entry: Entry) -> FrameRecord:
     """Make the record of a frame's line."""
-    content = _content(_FrameContent, entry)
-    if entry.file is None:
-        raise _no_record(entry, "it names no file")
-    return FrameRecord(
-        sequence=entry.sequence,
-        time=entry.time,
-        number=content.number,
-        role=content.role,
-        shape=(content.height, content.width),
-        metadata=entry.content["frame"],
-        file=entry.file,
-        patch=content.patch,
-    )
+    return _checked(FrameRecord, entry, file=None if entry.file is None else asdict(entry.file), **_place(entry))
 
 
 def reading_record(entry: Entry) -> ReadingRecord:
     """Make the record of a reading's line."""
-    content = _content(_ReadingContent, entry)
-    return ReadingRecord(entry.sequence, entry.time, content.patch, Reading.from_dict(content.reading))
+    return _checked(ReadingRecord, entry, **_place(entry))
 
 
 def event_record(entry: Entry) -> EventRecord:
     """Make the record of any other line."""
     if entry.kind in _EVENT_CONTENTS:
-        _content(_EVENT_CONTENTS[entry.kind], entry)
+        _checked(_EVENT_CONTENTS[entry.kind], entry)
     return EventRecord(entry.sequence, entry.time, entry.kind, entry.content, entry.file)
+
+
+def _place(entry: Entry) -> dict[str, Any]:
+    return {"sequence": entry.sequence, "time": entry.time.isoformat()}
 
 
 class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid")
-
-
-class _FrameContent(_Strict):
-    number: int = Field(ge=1)
-    role: Role
-    width: int = Field(ge=1)
-    height: int = Field(ge=1)
-    frame: Annotated[dict[str, Any], AfterValidator(checked_metadata)]
-    patch: str | None = None
-
-
-class _ReadingContent(_Strict):
-    patch: str
-    reading: dict[str, Any]
 
 
 class _SupersededContent(_Strict):
@@ -218,15 +209,13 @@ _EVENT_CONTENTS: dict[str, type[BaseModel]] = {
 }
 
 
-def _content(kind: type[_Content], entry: Entry) -> _Content:
+def _checked(kind: type[_Made], entry: Entry, **place: Any) -> _Made:
     try:
-        return validated_as(kind, entry.content)
+        if place.keys() & entry.content.keys():
+            raise InputError(f"its content has one of {', '.join(place)}")
+        return validated_as(kind, entry.content | place)
     except InputError as error:
-        raise _no_record(entry, str(error)) from error
-
-
-def _no_record(entry: Entry, why: str) -> SessionError:
-    return SessionError(
-        f"line {entry.sequence} of the journal is no record of a {shortened(entry.kind)} ({why}): use the labcdp that "
-        "wrote it, or restore the journal from a copy of the session"
-    )
+        raise SessionError(
+            f"line {entry.sequence} of the journal is no record of a {shortened(entry.kind)} ({error}): use the labcdp "
+            "that wrote it, or restore the journal from a copy of the session"
+        ) from error

@@ -107,12 +107,21 @@ def plain_numbers(axis: Any) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def one_two_five(axis: Any) -> None:
-    """Label a logarithmic axis with 1, 2, 5, 10 and so on."""
-    from matplotlib.ticker import LogLocator
+def logarithmic(*drawn: Any) -> None:
+    """Make axes with what is drawn logarithmic, with numbers at decades, on a short axis also between them."""
+    from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullFormatter
 
-    plain_numbers(axis)
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    for axis in drawn:
+        axis.axes.set(**{f"{axis.axis_name}scale": "log"})
+        low, high = sorted(axis.get_view_interval())
+        decades = np.log10(high / low)
+        if decades <= 2.5:
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if decades > 1 else (1.0, 2.0, 3.0, 5.0, 7.0)))
+        if low < 1e-4 or high > 1e5:
+            axis.set_major_formatter(LogFormatterSciNotation())
+            axis.set_minor_formatter(NullFormatter())
+        else:
+            plain_numbers(axis)
 
 
 def taken_literally(legend: Legend) -> None:

@@ -13,7 +13,7 @@ from ...calibration import AnyCalibration, Calibration, PatchResidual
 from ...core.result import Result
 from ...core.table import Z_95, Table
 from ...output import Destination, write_files
-from ...report.drawing import BLUE, ORANGE, finish, placed_figure, plain_numbers, reported
+from ...report.drawing import BLUE, ORANGE, finish, logarithmic, placed_figure, reported
 from ...report.html import render_page
 from ...report.layout import Block, Card, Facts, Page, ReportFigure, Section
 from ...report.sheets import result_workbook
@@ -72,9 +72,7 @@ def _fit(calibration: Calibration, prefix: str) -> ReportFigure:
             readings = [row.reading_cd_m2 for row in patches]
             rates = [r * row.luminance_cd_m2 for row in patches]
             axes.plot(readings, rates, mark, markersize=5, color=colour, markerfacecolor="none", label=name)
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    plain_numbers(axes.xaxis)
+    logarithmic(axes.xaxis, axes.yaxis)
     whole = responsivity(calibration)
     title = f"Responsivity {with_half_width(r, whole.expanded or 0.0)} {whole.unit}"
     signal = "signal" if calibration.response.kind == "linear" else "linearised signal"
@@ -144,8 +142,7 @@ def _residuals(calibration: AnyCalibration, prefix: str) -> ReportFigure:
         finish(axes, name, "deviation from meter in %" if axes in panels[::2] else "", "")
         if end is not None:
             axes.set_xlim(0, end)
-    panels[0].set_xscale("log")
-    plain_numbers(panels[0].xaxis)
+    logarithmic(panels[0].xaxis)
     rows = (*calibration.residuals, *calibration.held_out)
     for row in rows if len(rows) <= _MOST_NAMES else ():
         point = (row.reading_cd_m2, 100 * row.residual_rel)

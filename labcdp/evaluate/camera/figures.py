@@ -18,8 +18,8 @@ from ...report.drawing import (
     ORANGE,
     VERMILLION,
     finish,
+    logarithmic,
     new_figure,
-    one_two_five,
     png,
 )
 from ...report.layout import ReportFigure
@@ -44,6 +44,7 @@ _CAPTIONS = {
     "dark-current": "Dark signal over the exposure. The slope of the mean over K, and that of the variance over K², "
     "are the dark current.",
 }
+_OF_PATCHES = "Sensitivity: mean above the dark signal over the exposure; each line is a patch."
 _POINTS: dict[str, Any] = {"color": "black", "marker": "o", "markersize": 4, "linestyle": "none"}
 _DASHED: dict[str, Any] = {"linewidth": 1.0, "linestyle": "dashed"}
 _BARS: dict[str, Any] = {"fmt": "o", "color": "black", "markersize": 4, "capsize": 2.0}
@@ -62,7 +63,8 @@ def signal_figures(found: Characterisation) -> list[ReportFigure]:
         if name != "linearity" or found.linearity_error_min_rel is not None:
             figure = sized(found, heights_in.get(name, 4.6), 6.4 if name == "photon-transfer" else 9.0)
             draw(figure, found)
-            figures.append(figure_of(name, figure, caption))
+            own = _OF_PATCHES if name == "sensitivity" and not is_series(found) else caption
+            figures.append(figure_of(name, figure, own))
     return figures
 
 
@@ -83,7 +85,7 @@ def _photon_transfer(figure: Figure, result: Characterisation) -> None:
     _slope(axes, result.k_dn_per_e, "K", "DN/e⁻", (start, result.saturation_dn.value))
     _saturation(axes.axvline, result, result.saturation_dn.value)
     if not is_series(result):
-        _both_logarithmic(axes)
+        logarithmic(axes.xaxis, axes.yaxis)
     finish(axes, "mean above dark in DN", "temporal variance above dark in DN²", "Photon transfer")
 
 
@@ -104,7 +106,7 @@ def _sensitivity(figure: Figure, result: Characterisation) -> None:
         exposure_ms = 1e3 * _values(own, "exposure_s")
         axes.plot(exposure_ms, _values(own, "net_dn"), "o-", color="0.5", markersize=4, linewidth=0.8)
     _saturation(axes.axhline, result, result.saturation_dn.value)
-    _both_logarithmic(axes)
+    logarithmic(axes.xaxis, axes.yaxis)
     finish(axes, "exposure in ms", "mean above dark in DN", "Sensitivity: each line is a patch")
 
 
@@ -154,7 +156,7 @@ def _snr(figure: Figure, result: Characterisation) -> None:
     axes.plot(electrons / qe, np.sqrt(electrons / qe), color="0.5", **_DASHED, label=text)
     axes.axvline(threshold / qe, color=ORANGE, linewidth=1.0, linestyle="dotted", label="threshold, SNR 1")
     _saturation(axes.axvline, result, full / qe)
-    _both_logarithmic(axes)
+    logarithmic(axes.xaxis, axes.yaxis)
     x = "photons per pixel" if series else "photo-electrons per pixel"
     finish(axes, x, "SNR (mean / standard deviation)", "Signal-to-noise ratio")
 
@@ -204,9 +206,3 @@ def _values(points: Sequence[object], name: str) -> NDArray[np.float64]:
 def _saturation(line: Callable[..., object], result: Characterisation, place: float) -> None:
     text = "brightest, saturation not reached" if result.saturation_limit == "not reached" else "saturation"
     line(place, color=VERMILLION, **_DASHED, label=text)
-
-
-def _both_logarithmic(axes: Axes) -> None:
-    axes.loglog()
-    one_two_five(axes.xaxis)
-    one_two_five(axes.yaxis)

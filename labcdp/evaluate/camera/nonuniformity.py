@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...report.drawing import BLUE, GREEN, ORANGE, VERMILLION, finish, one_two_five
+from ...report.drawing import BLUE, GREEN, ORANGE, VERMILLION, finish, logarithmic
 from ...report.layout import ReportFigure
 from .figures import figure_of, sized
 
@@ -123,8 +123,8 @@ def _histogram(axes: Axes, pattern: Pattern, values: NDArray[np.float64], _direc
         density = np.exp(-((centres - middle) ** 2) / (2 * spread**2)) / (spread * np.sqrt(2 * np.pi))
         expected = values.size * width * density
         axes.plot(centres, np.where(expected > 0.3, expected, np.nan), color=colour, linewidth=1.5, label=text)
-    axes.set_yscale("log")
     axes.set_ylim(0.5, 3 * counts.max())
+    logarithmic(axes.yaxis)
     finish(axes, f"deviation in {pattern.unit}", "pixels per bin", f"{pattern.name}, logarithmic histogram")
 
 
@@ -135,7 +135,7 @@ def _accumulated(axes: Axes, pattern: Pattern, values: NDArray[np.float64], _dir
     # All pixels would be millions of points: the tail, and as many of the others.
     chosen = np.unique(deviation.size - np.unique(np.geomspace(1, deviation.size, 2000).astype(np.int64)))
     axes.plot(deviation[chosen], share[chosen], color="black", linewidth=1.5)
-    axes.set_yscale("log")
+    logarithmic(axes.yaxis)
     title = f"{pattern.name}, accumulated histogram"
     finish(axes, f"absolute deviation in {pattern.unit}", "share of pixels beyond, in %", title)
 
@@ -150,8 +150,7 @@ def _spectrogram(axes: Axes, pattern: Pattern, values: NDArray[np.float64], dire
     if pattern.noise > 0:
         text = f"temporal noise left, {pattern.noise:.2g} {pattern.unit}"
         axes.axhline(pattern.noise, color=ORANGE, linewidth=1.2, linestyle="dashed", label=text)
-    axes.set_yscale("log")
-    one_two_five(axes.yaxis)
+    logarithmic(axes.yaxis)
     title = f"{pattern.name}, {direction} spectrogram"
     finish(axes, "cycles per pixel", f"amplitude in {pattern.unit}", title)
 

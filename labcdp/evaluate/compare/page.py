@@ -48,24 +48,25 @@ _METHOD = (
 def _figures(found: Comparison) -> list[ReportFigure]:
     """Draw a comparison, unless its axis has no numbers."""
     grid, names = found.grid, [printable(subject.name) for subject in found.subjects]
-    if grid is None:
-        figure = _values(found, names)
-    elif grid.axes[-1].numeric:
-        figure = _maps(grid, names) if grid.spanned == 2 else _curves(grid, names, found)
-    else:
+    if grid is not None and not grid.axes[-1].numeric:
         return []
+    simulated = "data" if any(subject.simulated for subject in found.subjects) else ""
+    if grid is None:
+        figure = _values(found, names, simulated)
+    else:
+        figure = _maps(grid, names, simulated) if grid.spanned == 2 else _curves(grid, names, found, simulated)
     first = found.subjects[0].name
     caption = f"CDP, and its difference from {first}." if found.analyses else "Bars and bands are 95 % intervals."
     return [reported("comparison", figure, caption, f"Comparison of {', '.join(names)}.")]
 
 
-def _values(found: Comparison, names: Sequence[str]) -> Figure:
+def _values(found: Comparison, names: Sequence[str], simulated: str) -> Figure:
     """Draw CDPs with their intervals, or z of all differences where there is no CDP."""
     quantities = list(dict.fromkeys(row.first.quantity for row in found.rows))[:_MOST_ROWS]
     probabilities = {row.first.quantity for row in found.rows if row.first.probability}
     cdps = [name for name in quantities if name in probabilities]
     drawn = cdps or quantities
-    figure = new_figure(7.5, 1.0 + (0.34 if len(drawn) < 12 else 0.2) * len(drawn))
+    figure = new_figure(7.5, 1.0 + (0.34 if len(drawn) < 12 else 0.2) * len(drawn), simulated)
     axes = figure.add_subplot()
     step = 0.5 / len(names)
     for number, (name, subject) in enumerate(zip(names, found.subjects, strict=True)):
@@ -90,11 +91,11 @@ def _values(found: Comparison, names: Sequence[str]) -> Figure:
     return figure
 
 
-def _curves(grid: Grid, names: Sequence[str], found: Comparison) -> Figure:
+def _curves(grid: Grid, names: Sequence[str], found: Comparison, simulated: str) -> Figure:
     """Draw overlaid curves, and below them the differences from the first with their intervals."""
     axis, sections = grid.axes[-1], _sections(grid)
     several = len(sections) > 1
-    figure = new_figure(7.5, 3.4 if grid.relative else 5.0)
+    figure = new_figure(7.5, 3.4 if grid.relative else 5.0, simulated)
     panels = figure.subplots(1 if grid.relative else 2, 1, sharex=True, squeeze=False)[:, 0]
     for number, name in enumerate(names):
         for place, (at, index) in enumerate(sections):
@@ -137,7 +138,7 @@ def _sections(grid: Grid) -> list[tuple[str, tuple[int, ...]]]:
     return found[: len(COLOURS)]
 
 
-def _maps(grid: Grid, names: Sequence[str]) -> Figure:
+def _maps(grid: Grid, names: Sequence[str], simulated: str) -> Figure:
     """Draw the map of each subject, then the differences from the first; of further axes at their first values."""
     *_, y, x = grid.axes
     index = tuple(0 for _ in grid.axes[:-2])
@@ -153,7 +154,7 @@ def _maps(grid: Grid, names: Sequence[str]) -> Figure:
     ]
     columns = min(len(maps), _MOST_COLUMNS)
     rows = ceil(len(maps) / columns)
-    figure = new_figure(1.0 + 3.7 * columns, 0.5 + 3.0 * rows)
+    figure = new_figure(1.0 + 3.7 * columns, 0.5 + 3.0 * rows, simulated)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     edges = shown(x, cell_edges(x)), shown(y, cell_edges(y))
     for number, (panel, (name, values, how)) in enumerate(zip(panels, maps, strict=False)):

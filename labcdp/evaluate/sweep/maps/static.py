@@ -15,8 +15,8 @@ from ....report.drawing import (
     TITLE_SIZE,
     finish,
     label,
+    logarithmic,
     new_figure,
-    plain_numbers,
     png,
     taken_literally,
 )
@@ -142,18 +142,6 @@ def _draw_curves(panel: Axes, view: MapView, lines: Sequence[Line]) -> None:
 
 
 def set_scale(axis: MapAxis, drawn: Any) -> None:
-    """Make a drawn axis logarithmic if the map's is, with numbers at decades, on a short axis also between them."""
-    from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullFormatter
-
-    if not axis.log:
-        return
-    drawn.axes.set(**{f"{drawn.axis_name}scale": "log"})
-    low, high = sorted(drawn.get_view_interval())
-    decades = np.log10(high / low)
-    if decades <= 2.5:
-        drawn.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if decades > 1 else (1.0, 2.0, 3.0, 5.0, 7.0)))
-    if low < 1e-4 or high > 1e5:
-        drawn.set_major_formatter(LogFormatterSciNotation())
-        drawn.set_minor_formatter(NullFormatter())
-    else:
-        plain_numbers(drawn)
+    """Make a drawn axis logarithmic if the map's is."""
+    if axis.log:
+        logarithmic(drawn)

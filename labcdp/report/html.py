@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from ..core.result import Finding, unique
 from ..core.table import Table
 from .layout import Block, Facts, Page, ReportFigure, Script, State, Verbatim
-from .text import finding_text, is_number, printable, text_table
+from .text import capitalised, finding_text, is_number, printable, text_table
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -47,8 +47,7 @@ def render_page(page: Page) -> str:
 
 
 def _sentence(finding: Finding) -> str:
-    text = finding_text(finding)
-    return text[:1].upper() + text[1:]
+    return capitalised(finding_text(finding))
 
 
 @cache

@@ -111,6 +111,11 @@ def shortened(text: str, n_characters: int) -> str:
     return text if len(text) <= n_characters else text[: n_characters - 1] + "…"
 
 
+def capitalised(text: str) -> str:
+    """Begin a text with a capital."""
+    return text[:1].upper() + text[1:]
+
+
 def day(time: datetime) -> str:
     """Write the day, in UTC."""
     return f"{time.astimezone(UTC):%Y-%m-%d}"

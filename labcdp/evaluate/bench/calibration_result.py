@@ -24,6 +24,15 @@ from .quantities import RESPONSIVITY, conditions, quantities, response_name
 PATCH_PIXELS = 1000
 #: Degrees of freedom from which Student's t is that of the normal distribution, to 1e-4.
 _UNLIMITED = 10_000
+#: Columns of patches that are compared with a fit.
+PATCH = Column("patch", "patch")
+CAMERA = Column("camera_cd_m2", "camera", "cd/m²", "By the calibrated camera.", value="luminance_cd_m2")
+METER = Column("meter_cd_m2", "meter", "cd/m²", "Mean reading; U and u without the meter's scale error.",
+               value="reading_cd_m2")  # fmt: skip
+DEVIATION = Column("deviation_rel", "deviation from meter", "%", "Relative deviation of the camera from the meter.",
+                   decimals=2, value="residual_rel")  # fmt: skip
+EXPOSURES = Column("exposures", "exposures", "", "Exposures that were used.",
+                   value=lambda row: exposures(row.exposures_s))  # fmt: skip
 #: What the U of a reading leaves out where patches are compared with a fit.
 WITHOUT_SCALE = "± of the meter is U (95 %) without its scale error, which is common to all patches."
 _DOF = "Degrees of freedom by Welch and Satterthwaite; empty if practically unlimited."
@@ -203,23 +212,20 @@ def summarised(findings: Iterable[Finding]) -> tuple[Finding, ...]:
 def patch_table(calibration: AnyCalibration) -> Table:
     """Return the patches of the fit and those held out, by meter and camera, with rising luminance."""
     fitted, deviation = set(map(id, calibration.residuals)), "Deviation by a fit without this patch."
-    meter = Column("meter_cd_m2", "meter", "cd/m²", "Mean reading; U and u without the scale error of the meter.",
-                   value="reading_cd_m2")  # fmt: skip
     columns = (
-        Column("patch", "patch"),
+        PATCH,
         Column("used_for", "used for", "", "Whether the patch was used for the fit.",
                value=lambda row: "fit" if id(row) in fitted else "held out"),
         Column("n_readings", "readings", "", "Number of readings of the meter."),
-        *uncertain(meter, "reading_random_cd_m2"),
-        Column("camera_cd_m2", "camera", "cd/m²", "By the calibrated camera.", value="luminance_cd_m2"),
-        Column("deviation_rel", "deviation from meter", "%", "Relative deviation of the camera from the meter.",
-               decimals=2, value="residual_rel"),
+        *uncertain(METER, "reading_random_cd_m2"),
+        CAMERA,
+        DEVIATION,
         Column("z", "z", "", "Deviation over its standard uncertainty by the stated errors.", decimals=2,
                value="standardised_residual"),
         Column("leave_one_out_rel", "by a fit without it", "%", deviation, decimals=2),
         Column("x_px", "x", "px", "Middle of the patch in the image.", decimals=0, value=lambda row: row.centre_px[0]),
         Column("y_px", "y", "px", "Middle of the patch in the image.", decimals=0, value=lambda row: row.centre_px[1]),
-        Column("exposures", "exposures", "", "Exposures that were used.", value=lambda row: exposures(row.exposures_s)),
+        EXPOSURES,
     )  # fmt: skip
     rows = (*calibration.residuals, *calibration.held_out)
     table = Table.of_items("calibration_patches", "Patches of the calibration", columns, rows, WITHOUT_SCALE, True)

@@ -12,9 +12,9 @@ from ...core.table import Column, Table
 from ...report.html import Certificate, render_certificate
 from ...report.layout import SIMULATED, Facts, ReportFigure, State
 from ...report.maps import close_picture
-from ...report.text import day, exposures, finding_text, minute, shortened, significant, with_half_width
+from ...report.text import capitalised, day, exposures, finding_text, minute, shortened, significant, with_half_width
 from ...session import ConditionsConfiguration, Session
-from .calibration_result import PATCH_PIXELS, budget_at
+from .calibration_result import CAMERA, DEVIATION, METER, PATCH_PIXELS, budget_at
 from .observe import ObservedSession
 from .quantities import lens_text, meter_text, range_text, responsivity, traceability
 from .session import target_map
@@ -179,9 +179,9 @@ def _calibrated(calibration: AnyCalibration) -> Table:
     columns = (
         Column("patch", "patch",
                value=lambda row: row.patch if row in calibration.residuals else f"{row.patch} (held out)"),
-        Column("meter_cd_m2", "meter", "cd/m²", "Mean reading.", value="reading_cd_m2"),
-        Column("camera_cd_m2", "camera", "cd/m²", "By the calibrated camera.", value="luminance_cd_m2"),
-        Column("deviation_rel", "deviation", "%", "Of the camera from the meter.", decimals=2, value="residual_rel"),
+        METER,
+        CAMERA,
+        DEVIATION,
         Column("expanded_rel", "U of the camera's luminance", "%", "Relative U (95 %).", digits=2,
                value=lambda row: whole[row.luminance_cd_m2].expanded_95_rel),
         Column("k", "k", "", "Coverage factor.", decimals=2,
@@ -195,4 +195,4 @@ def _calibrated(calibration: AnyCalibration) -> Table:
 
 
 def _sentence(text: str) -> str:
-    return f"{text[:1].upper()}{text[1:].rstrip('.')}."
+    return f"{capitalised(text).rstrip('.')}."

@@ -11,9 +11,9 @@ from ...calibration.verify.verify import verify
 from ...core.errors import CalibrationError
 from ...core.result import InputFile, Result, unique
 from ...core.table import Column, Table, uncertain, with_expanded
-from ...report.text import exposures, minute, significant
+from ...report.text import minute, significant
 from ...session import MeterCertificate, Session
-from .calibration_result import WITHOUT_SCALE, summarised
+from .calibration_result import CAMERA, DEVIATION, EXPOSURES, METER, PATCH, WITHOUT_SCALE, summarised
 from .corrections import calibration_for, corrections_of
 from .observe import ObservedSession, input_sha256, observe_session
 from .quantities import RESPONSIVITY
@@ -145,24 +145,20 @@ def _verdict(verification: Verification) -> Table:
 
 def verified_patches(verification: Verification) -> Table:
     """Return the patches with deviation, U, tolerance and verdict, with rising luminance."""
-    of_meter, of_deviation = (
-        Column("meter_cd_m2", "meter", "cd/m²", "Mean reading; U and u without the meter's scale error.",
-               value="reading_cd_m2"),
-        Column("deviation_rel", "deviation d", "%", "Relative deviation of the camera from the meter."),
-    )  # fmt: skip
+    deviation = replace(DEVIATION, label="deviation d", decimals=None, value="")
     columns = (
-        Column("patch", "patch"),
+        PATCH,
         Column("n_readings", "readings", "", "Number of readings of the meter.", shown=False),
-        *uncertain(of_meter, "reading_random_cd_m2"),
-        Column("camera_cd_m2", "camera", "cd/m²", "By the calibrated camera.", value="luminance_cd_m2"),
-        *uncertain(of_deviation, "standard_uncertainty_rel", "expanded_rel"),
+        *uncertain(METER, "reading_random_cd_m2"),
+        CAMERA,
+        *uncertain(deviation, "standard_uncertainty_rel", "expanded_rel"),
         Column("tolerance_rel", "tolerance T", "%", "Largest deviation that conforms.", digits=2),
         Column("verdict", "verdict", "", "By the decision rule."),
         Column(
             "conformance_probability", "p of conformity", "",
             "Probability that the true deviation is within the tolerance (JCGM 106:2012, 7.2).", decimals=3,
         ),
-        Column("exposures", "exposures", "", "Exposures that were used.", value=lambda row: exposures(row.exposures_s)),
+        EXPOSURES,
     )  # fmt: skip
     table = Table.of_items("patches", "Patches measured again", columns, verification.patches, WITHOUT_SCALE)
     return table.sorted_by("meter_cd_m2")

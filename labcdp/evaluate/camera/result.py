@@ -16,7 +16,7 @@ from ...core.table import Column, Table, uncertain
 from ...output import Destination
 from ...report.files import write_report
 from ...report.layout import Card, Facts, Page, ReportFigure, Section
-from ...report.text import cell_text
+from ...report.text import capitalised, cell_text
 from ..bench.quantities import RESPONSIVITY
 from .figures import signal_figures
 from .nonuniformity import spatial_figures
@@ -215,5 +215,4 @@ def _cards(result: Result) -> Iterator[Card]:
                 lines.append(f"{other['quantity']} {cell_text(table.column('value'), other)} {other['unit']}")
             unit = rows[key]["unit"]
             detail = f"{plus_minus.strip()} {expanded} {unit}, U (95 %)" if expanded else ""
-            name = rows[key]["quantity"]
-            yield Card(f"{name[:1].upper()}{name[1:]}", f"{value} {unit}".strip(), detail, tuple(lines))
+            yield Card(capitalised(rows[key]["quantity"]), f"{value} {unit}".strip(), detail, tuple(lines))

@@ -16,7 +16,7 @@ from ...output import Destination
 from ...report.drawing import SMALL_SIZE, finish, label, new_figure, reported
 from ...report.files import write_report
 from ...report.layout import Block, Card, Facts, Page, ReportFigure, Section, State, input_facts
-from ...report.text import finding_text, printable
+from ...report.text import capitalised, finding_text, printable
 from ..sweep.maps.axes import MapAxis
 from ..sweep.maps.labels import at_text, axis_label, axis_unit, ends_text, shown
 from ..sweep.maps.static import set_scale
@@ -183,7 +183,7 @@ def write_comparison(found: Comparison, result: Result, folder: Destination) -> 
         if name in tables
     ]
     sections.append(Section("Method and inputs", (_METHOD, Facts(input_facts(result))), collapsed=True))
-    summary = " ".join(f"{text[:1].upper()}{text[1:]}." for text in map(finding_text, said))
+    summary = " ".join(f"{capitalised(finding_text(one))}." for one in said)
     page = Page.of(result, f"Comparison of {found.kind}s", summary, _cards(found), lead, sections)
     page = replace(page, findings=[one for one in result.findings if one not in said])
     return write_report(result, page, folder)

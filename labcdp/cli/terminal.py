@@ -80,7 +80,7 @@ _SILENT = logging.NullHandler()
 def log_to_terminal(verbose: bool) -> None:
     """Show the warnings, or with `verbose` all messages, of the parts that work with devices and files."""
     # labcdp reports damaged files itself. The handlers are module constants, so that none is added twice.
-    for name in ("tifffile", "roifile"):
+    for name in ("imagecodecs", "roifile", "tifffile"):
         logging.getLogger(name).addHandler(_SILENT)
     _SAY.setLevel(logging.INFO if verbose else logging.WARNING)
     library = logging.getLogger("labcdp")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from io import BytesIO
 from math import isclose
 from pathlib import Path
@@ -68,8 +69,17 @@ def read_png(data: bytes, path: Path, max_pixels: int) -> StoredImage:
 
 
 def _facts(header: Any, path: Path) -> ExifFacts:
+    from PIL import ExifTags
+
     block = header.info.get("exif")
-    return read_exif(block.removeprefix(b"Exif\0\0"), path) if isinstance(block, bytes) else ExifFacts()
+    facts = read_exif(block.removeprefix(b"Exif\0\0"), path) if isinstance(block, bytes) else ExifFacts()
+    try:
+        # Of PNG some programs write EXIF as a text (ImageMagick), or the orientation as XMP.
+        orientation = header.getexif().get(ExifTags.Base.Orientation, 1)
+    # A damaged block raises what its parts do.
+    except Exception:
+        return facts
+    return replace(facts, orientation=orientation) if facts.orientation == 1 and orientation in range(1, 9) else facts
 
 
 def _resolved(values: NDArray[Any], depth: int, colour_type: int) -> tuple[NDArray[Any], int, tuple[Finding, ...]]:

@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from PIL import Image, ImageOps
+from PIL.PngImagePlugin import PngInfo
 
 from labcdp.core.dn import PIXEL_FORMATS
 from labcdp.core.errors import InputError
@@ -242,6 +243,27 @@ def test_pictures_are_turned_upright_as_pillow_does(tmp_path, orientation, suffi
     with Image.open(tmp_path / "truth.png") as image:
         np.testing.assert_array_equal(picture.frame.dn, np.asarray(ImageOps.exif_transpose(image)))
     assert (info("turned", orientation=orientation) in picture.findings) == (orientation > 1)
+
+
+#: A block of EXIF with the orientation 3 alone.
+EXIF_OF_3 = b"Exif\0\0II*\0" + struct.pack("<IHHHIII", 8, 1, 274, 3, 1, 3, 0)
+
+
+@pytest.mark.parametrize(
+    ("key", "text"),
+    [
+        ("Raw profile type exif", "\nexif\n      32\n" + EXIF_OF_3.hex()),
+        ("XML:com.adobe.xmp", '<x:xmpmeta xmlns:x="adobe:ns:meta/"><a tiff:Orientation="3"/></x:xmpmeta>'),
+    ],
+    ids=["ImageMagick", "XMP"],
+)
+def test_a_png_that_says_in_a_text_how_it_lies_is_turned(tmp_path, key, text):
+    about = PngInfo()
+    about.add_itxt(key, text) if "XML" in key else about.add_text(key, text)
+    Image.fromarray(GREY).save(tmp_path / "a.png", pnginfo=about)
+    picture = read_picture(tmp_path / "a.png")
+    np.testing.assert_array_equal(picture.frame.dn, GREY[::-1, ::-1])
+    assert info("turned", orientation=3) in picture.findings
 
 
 def test_frames_that_labcdp_recorded_keep_all(tmp_path):

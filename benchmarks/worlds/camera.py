@@ -59,7 +59,7 @@ def make_device(world: World, rng: np.random.Generator) -> Device:
     return Device(
         world,
         full_e / (BRIGHTEST_CD_M2 * min(world.exposures_s)) * rng.uniform(0.85, 1.15),
-        vignetting(world),
+        vignetting(world, rng),
         filters,
         1 + world.prnu_rel * rng.normal(size=shape),
         world.dsnu_e * rng.normal(size=shape),
@@ -84,13 +84,15 @@ def random_colour(rng: np.random.Generator) -> dict[str, float]:
     return {name: float(s @ spectrum / s.sum() / luminance) for name, s in _SENSITIVITY.items()}
 
 
-def vignetting(world: World) -> Array:
+def vignetting(world: World, rng: np.random.Generator) -> Array:
     """Light on each pixel relative to the axis."""
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     y, x = y - (HEIGHT - 1) / 2, x - (WIDTH - 1) / 2
     cos4: Array = (1 + (x**2 + y**2) * (PITCH_M / FOCAL_LENGTH_M) ** 2) ** -2.0
     if world.vignetting == "cos4":
         return cos4
+    if world.vignetting == "near cos4":
+        return np.asarray(cos4 * (1 + 0.05 * rng.normal() * (x**2 + y**2) / ((HEIGHT**2 + WIDTH**2) / 4)))
     # The rim of the lens takes light from the corners, and sits a little beside the axis.
     r2 = ((x - 4) ** 2 + (y + 3) ** 2) / ((HEIGHT**2 + WIDTH**2) / 4)
     return np.asarray(cos4 * (1 - 0.12 * r2 - 0.08 * r2**2))

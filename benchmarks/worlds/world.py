@@ -40,8 +40,9 @@ class World:
         Whether the sensor has colour filters (RGGB).
     coloured : float
         Share of the patches that are coloured, in the calibration and after; no weights of the filters equal V(lambda).
-    vignetting : {'cos4', 'lens'}
-        Of the lens: cos^4, or falling faster, off centre, by mechanical vignetting too.
+    vignetting : {'cos4', 'near cos4', 'lens'}
+        Of the lens: cos^4; cos^4 but for 5 % in the corners (standard deviation over lenses); or falling faster, off
+        centre, by mechanical vignetting too.
     correction : {'none', 'cos4', 'flat'}
         What the user takes: nothing, the lens' cos^4, or a flat field with a source uniform to `unevenness_rel`.
     unevenness_rel : float
@@ -92,7 +93,7 @@ class World:
     gamma: float = 1.0
     bayer: bool = False
     coloured: float = 0.0
-    vignetting: Literal["cos4", "lens"] = "cos4"
+    vignetting: Literal["cos4", "near cos4", "lens"] = "cos4"
     correction: Literal["none", "cos4", "flat"] = "cos4"
     unevenness_rel: float = 0.005
     bracket: bool = False
@@ -140,6 +141,7 @@ WORLDS = (
     World("glare 0.5 %", ("intercept",), glare_rel=0.005),
     World("vignetting, no correction", _VIGNETTING, vignetting="lens", correction="none"),
     World("vignetting, cos4", _VIGNETTING, vignetting="lens"),
+    World("vignetting 5 % beside cos4", _VIGNETTING, vignetting="near cos4"),
     World("vignetting, flat field", _VIGNETTING, vignetting="lens", correction="flat"),
     World("vignetting, flat field, gamma 2.2", _VIGNETTING, vignetting="lens", correction="flat", gamma=2.2),
     World("refocusing 0.5 %", breathing_rel=0.005),

@@ -92,6 +92,18 @@ class ColourConverter:
         rows: NDArray[np.float64] = (vectors[:, kept] * np.sqrt(values[kept])).T
         return rows
 
+    @property
+    def grey_patches(self) -> set[str]:
+        """Names of the patches of one spectrum, which the planes were fitted to and for which they agree."""
+        return set.intersection(*({row.patch for row in plane.residuals} for plane in self.planes))
+
+    @property
+    def grey(self) -> NDArray[np.float64]:
+        """Luminances by the planes of a grey patch of 1 cd/m^2, shape (planes,): 1 but for errors of their fits."""
+        names = self.grey_patches
+        rows = [[r.luminance_cd_m2 / r.reading_cd_m2 for r in p.residuals if r.patch in names] for p in self.planes]
+        return np.array(rows).mean(axis=1)
+
     def by_colour(self, by_plane: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
         """Luminances by R, G and B, shape (..., 3), from those by the planes, shape (..., planes)."""
         by_colour: NDArray[np.floating[Any]] = by_plane @ colours_of_planes(self.planes)
@@ -146,7 +158,7 @@ def colour_patch_luminance(
     (low, high), margin = converter.range_cd_m2, RANGE_MARGIN * random_rel * luminance
     if luminance < low - margin or luminance > high + margin:
         findings.append(outside_range(seen[0].patch, luminance, (low, high)))
-    colour = _colour(by_plane, np.abs(by_plane) * own)
+    colour = _colour(by_plane / converter.grey, np.abs(by_plane) * own) * converter.grey
     level = float(np.array(converter.weights) @ colour)
     weight_errors = (CommonError("fit", float(row @ colour / level)) for row in converter.weight_errors)
     planes = [errors_of_plane(plane, one.common) for plane, one in pairs]

@@ -209,6 +209,13 @@ def _own(pixels: NDArray[Any]) -> NDArray[Any]:
     return copy
 
 
+def plane_offset_px(state: CameraState) -> tuple[float, float]:
+    """Middle (x, y) of a plane's pixels in their groups of 2 x 2, in pixels of the plane; 0 for a monochrome sensor."""
+    positions = _POSITIONS.get(state.pixel_format.removeprefix("Bayer")[:2], {})
+    row, column = positions.get(state.plane or "", (0.5, 0.5))
+    return column / 2 - 0.25, row / 2 - 0.25
+
+
 def plane_region(roi: Roi) -> Roi:
     """Return a region in pixels of the planes: a group of 2 x 2 pixels is included if its centre is."""
     return Roi(roi.name, tuple((x / 2, y / 2) for x, y in roi.corners))

@@ -112,11 +112,6 @@ def own_tolerance_rel(calibration: AnyCalibration, of_place_rel: float = 0.0) ->
     return expanded_rel([calibration.meter_scale], hypot(of_weights, calibration.scatter_rel, sqrt(refocus)))
 
 
-def grey_patches(calibration: ColourCalibration) -> set[str]:
-    """Names of the patches of one spectrum, which the planes were fitted to and for which they agree."""
-    return set.intersection(*({row.patch for row in plane.residuals} for plane in calibration.planes))
-
-
 @dataclass(frozen=True, eq=False)
 class _Comparison:
     """Deviations of n patches; `scales` are of the meters that matter: none with the calibration's meter, else both."""
@@ -215,7 +210,7 @@ def _planes(
     planes = [VerifiedPlane(one.state.plane, _dark(one, darks.get(_name(one), ())), None) for one in calibration.planes]
     if isinstance(calibration, Calibration):
         return (replace(planes[0], drift=comparison.drift(calibration)),)
-    seen = [_of_planes(calibration, groups[name]) for name in groups if name in grey_patches(calibration)]
+    seen = [_of_planes(calibration, groups[name]) for name in groups if name in calibration.grey_patches]
     by_plane = list(zip(*filter(None, seen), strict=True))
     if not by_plane:
         return tuple(planes)

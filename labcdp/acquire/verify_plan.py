@@ -8,7 +8,6 @@ from math import log, sqrt
 from ..calibration import AnyCalibration, Calibration
 from ..calibration.frames.measure import plane_region
 from ..calibration.frames.statistics import MIN_NET_SIGNAL
-from ..calibration.verify.verify import grey_patches
 from ..core.errors import InputError
 from ..session import Patch, SessionConfiguration
 
@@ -55,7 +54,7 @@ def verification_configuration(
     luminance = _luminances(configuration, calibration)
     fitting = {name: _exposures_s(calibration, known[name], value) for name, value in luminance.items()}
     chosen = list(patches) or _choice(luminance, fitting, calibration)
-    coloured = () if isinstance(calibration, Calibration) else set(luminance) - grey_patches(calibration)
+    coloured = () if isinstance(calibration, Calibration) else set(luminance) - calibration.grey_patches
     exposures_s: set[float] = set()
     for name in chosen:
         if name not in luminance or name in coloured:
@@ -128,7 +127,7 @@ def _choice(
         if fitting[name] and low * (1 - _RANGE_REL) <= value <= high * (1 + _RANGE_REL)
     ]
     if not isinstance(calibration, Calibration):
-        grey = grey_patches(calibration)
+        grey = calibration.grey_patches
         usable = [name for name in usable if name in grey] or usable
     if not usable:
         raise InputError(

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from math import prod, sqrt
 
 from ...calibration import AnyCalibration, Calibration
-from ...calibration.frames.measure import MeasuredFrames, measure_whole, plane_of
+from ...calibration.frames.measure import MeasuredFrames, measure_whole, plane_of, plane_offset_px
 from ...calibration.frames.observations import CameraState
 from ...calibration.sensor.dark_library import DarkLibrary, dark_library
 from ...calibration.sensor.defects import DefectMap, find_defects
@@ -63,6 +63,10 @@ def natural_vignetting(configuration: SessionConfiguration, state: CameraState) 
     # Where columns and rows differ, the geometric mean.
     apart = sqrt(prod((*readout.binning, *readout.decimation))) * (1 if state.plane is None else 2)
     pitch_m, axis_px = apart * configuration.camera.pixel_pitch_m, readout.axis_px(state.image_shape)
+    if any(beside := plane_offset_px(state)):
+        height, width = state.image_shape
+        middle_px = axis_px or (width / 2, height / 2)
+        axis_px = middle_px[0] - beside[0], middle_px[1] - beside[1]
     lens = configuration.lens
     return Cos4Vignetting(lens.focal_length_m, pitch_m, axis_px, lens.vignetting_rel)
 

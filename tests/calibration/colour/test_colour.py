@@ -225,3 +225,15 @@ def test_an_unknown_light_leaves_the_sensitivities_aside(bench, read, setup, cha
     calibration = fit_colour(observations, darks, read(GREYS), other, sensitivities=chart.sensitivities)
     assert calibration.f1_prime is None
     assert "sensitivities-not-used" in codes(calibration)
+
+
+def test_noise_of_planes_is_no_colour(fitted, bench):
+    """Grey patches say little of the weights, which therefore must not act on the noise of another grey patch."""
+    calibration, shares = fitted(GREYS), []
+    for seed in range(20):
+        observations, _ = bench(["grey 20", "grey 55"], seed=100 + seed)
+        pair = [colour_patch_luminance(calibration, of_patch(observations, name)) for name in ("grey 55", "grey 20")]
+        rows = np.array([[float(e.relative) for e in one.common if e.source == "fit"] for one in pair])
+        own = np.square([one.random_rel for one in pair]).sum()
+        shares.append(np.sum((rows[0] - rows[1]) ** 2) / own)
+    assert np.mean(shares) < 0.2

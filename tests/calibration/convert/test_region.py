@@ -125,7 +125,7 @@ def test_frames_that_do_not_say_where_they_lie_are_taken_as_before(make_calibrat
     assert len({one.luminance_cd_m2.tobytes() for one in maps}) == 1
 
 
-def test_pixels_of_binned_frames_are_larger():
+def test_vignetting_of_binned_frames_and_of_planes_is_that_of_the_sensor():
     whole = Cos4Vignetting(0.001, 1e-5).relative_illuminance((40, 60))
     of_blocks = whole.reshape(20, 2, 30, 2).mean(axis=(1, 3))
     camera, lens = SimpleNamespace(pixel_pitch_m=1e-5), SimpleNamespace(focal_length_m=0.001, vignetting_rel=0.0)
@@ -134,3 +134,8 @@ def test_pixels_of_binned_frames_are_larger():
         seen = natural_vignetting(configuration, _state(readout, (20, 30))).relative_illuminance((20, 30))
         np.testing.assert_allclose(seen, of_blocks, rtol=3e-4)
         assert pixel_area_m2(1e-5, readout) == pytest.approx(area_m2)
+    frame = make_frame(np.full((40, 60), 9), colour_filter="GB", pixel_format="BayerGB12")
+    for plane, part in split(frame).items():
+        seen = natural_vignetting(configuration, CameraState.of(part)).relative_illuminance((20, 30))
+        row, column = {"Gb": (0, 0), "B": (0, 1), "R": (1, 0), "Gr": (1, 1)}[plane]
+        np.testing.assert_allclose(seen, whole[row::2, column::2], rtol=1e-12)

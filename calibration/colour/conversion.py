@@ -102,7 +102,8 @@ class ColourConverter:
         """Luminances by the planes of a grey patch of 1 cd/m^2, shape (planes,): 1 but for errors of their fits."""
         names = self.grey_patches
         rows = [[r.luminance_cd_m2 / r.reading_cd_m2 for r in p.residuals if r.patch in names] for p in self.planes]
-        return np.array(rows).mean(axis=1)
+        grey: NDArray[np.float64] = np.array(rows).mean(axis=1)
+        return grey
 
     def by_colour(self, by_plane: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
         """Luminances by R, G and B, shape (..., 3), from those by the planes, shape (..., planes)."""

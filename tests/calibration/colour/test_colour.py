@@ -236,4 +236,4 @@ def test_noise_of_planes_is_no_colour(fitted, bench):
         rows = np.array([[float(e.relative) for e in one.common if e.source == "fit"] for one in pair])
         own = np.square([one.random_rel for one in pair]).sum()
         shares.append(np.sum((rows[0] - rows[1]) ** 2) / own)
-    assert np.mean(shares) < 0.2
+    assert np.mean(shares) < 0.06

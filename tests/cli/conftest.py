@@ -19,7 +19,6 @@ from labcdp.session import example_session
 
 #: Bars of work done before a mistake could be seen, and what a person was asked, may stand before its line.
 _PROGRESS = re.compile(r"\d+/\d+ +\d:\d\d:\d\d|then press Enter|^Resuming |^labcdp: simulated")
-_LABCDP = Path(sys.executable).with_name("labcdp")
 #: A bench whose frames are small.
 SMALL_BENCH = Path(__file__).with_name("small-bench.toml")
 #: Options of what runs on it in no time.
@@ -45,7 +44,7 @@ black_level_dn = 32.0
 @pytest.fixture
 def labcdp_path():
     """The command's file."""
-    return _LABCDP
+    return Path(sys.executable).with_name("labcdp")
 
 
 @pytest.fixture(scope="session")
@@ -72,12 +71,17 @@ def inputs(tmp_path_factory):
     return folder
 
 
-def results_of(done, status=0):
-    """Return what a finished command printed with --json, once it follows the schema."""
-    assert done.returncode == status, done.stderr
-    values = json.loads(done.stdout)
+def valid(text):
+    """Return the values of a JSON text that follows the schema of results."""
+    values = json.loads(text)
     Draft202012Validator(schema()).validate(values)
     return values
+
+
+def results_of(done, status=0):
+    """Return what a finished command printed with --json."""
+    assert done.returncode == status, done.stderr
+    return valid(done.stdout)
 
 
 def rows_of(done, table):
@@ -101,32 +105,21 @@ def plan(patches, exposures_s):
     return re.sub(rf'\[\[target\.patch\]\]\nname = "(?!{patches})[^[]*\[[^\[]*', "", text)
 
 
-def _tables_of(bench):
-    """What the bench prints once its devices are there, by device."""
+@pytest.fixture(scope="module")
+def running_bench(aravis, start_in, tmp_path_factory):
+    """`labcdp simulate-bench` with small frames: its process, and the rows of camera and meter that it prints."""
+    options = ("--simulated-bench", SMALL_BENCH, "--response-s", "0", "--json")
+    plan = example_session() / "session.toml"
+    bench = start_in(tmp_path_factory.mktemp("bench"), "simulate-bench", plan, *options, pipes=True)
     text = ""
     while not text.endswith("\n}\n"):
         line = bench.stdout.readline()
         assert line, bench.stderr.read()
         text += line
-    values = json.loads(text)
-    Draft202012Validator(schema()).validate(values)
-    camera, meter = values["tables"]["devices"]["rows"]
-    return {"camera": camera, "meter": {"port": meter["address"]}}
-
-
-_BENCH = ("simulate-bench", example_session() / "session.toml", "--simulated-bench", SMALL_BENCH)
-
-
-@pytest.fixture
-def running_bench(aravis, start):
-    """`labcdp simulate-bench` with small frames: its process and its devices."""
-    bench = start(*_BENCH, "--response-s", "0", "--json", pipes=True)
-    return bench, _tables_of(bench)
-
-
-@pytest.fixture(scope="class")
-def shared_bench(aravis, start_in, tmp_path_factory):
-    """Devices of a bench as `running_bench`, for several tests."""
-    bench = start_in(tmp_path_factory.mktemp("bench"), *_BENCH, "--response-s", "0", "--json", pipes=True)
-    yield _tables_of(bench)
+    yield bench, *valid(text)["tables"]["devices"]["rows"]
+    if bench.poll() is None:
+        # A pending fault does not keep it.
+        bench.stdin.write("vanish for 1 h\nquit\n")
+        bench.stdin.flush()
+        assert bench.wait(300) == 0
     bench.end()

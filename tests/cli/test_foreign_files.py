@@ -11,6 +11,8 @@ from labcdp.core.errors import LabcdpError
 from labcdp.output import LIST_FILE
 from labcdp.regions import RectangleShape, save_regions
 
+from .conftest import valid
+
 #: Commands with folders of results, and their inputs.
 FOLDERS = {
     "calibrate": ["s"],
@@ -24,10 +26,11 @@ FOLDERS = {
     "simulate": ["small.toml"],
     "sweep": ["small.toml", "--exact", "--over", "scene.contrast=0.2,0.5"],
     "reproduce": ["thesis", "--seeds", "5"],
+    "compare": ["c", "c"],
     "demo": [],
 }
-#: Commands that are only refused here.
-SLOW = ("demo", "calibrate", "evaluate", "reproduce", "twin", "characterise", "verify", "video")
+#: Commands that do not take long.
+FAST = ("image", "image-map", "simulate", "sweep")
 #: Commands with single files.
 FILES = {
     "luminance": (["c/calibration.json", "s"], ["--output"], ".tif"),
@@ -103,19 +106,23 @@ def test_a_folder_of_others_is_refused_before_any_work(command, work):
     assert contents(work) == before
 
 
-@pytest.mark.parametrize("command", [name for name in FOLDERS if name not in SLOW])
-def test_results_are_replaced_with_force_only_and_other_files_stay(command, work):
+@pytest.mark.parametrize("command", FAST)
+def test_results_are_replaced_with_force_only_and_other_files_stay(command, work, capsys):
     command_line = (command, *FOLDERS[command], "--output", "out")
-    assert run(*command_line) == ""
+    assert run(*command_line, "--json") == ""
+    printed = capsys.readouterr().out
+    assert valid(printed)["kind"] == command
+    assert (work / "out/results.json").read_text() == printed
     first = contents(work / "out")
     before = put_foreign(work / "out")
-    foreign = {name: data for name, data in before.items() if name not in first}
     assert "out already has results: give --force" in run(*command_line)
     assert contents(work / "out") == before
     assert run(*command_line, "--force") == ""
     after = contents(work / "out")
     assert set(after) == set(before)
-    assert {name: after[name] for name in foreign} == foreign
+    assert {name: after[name] for name in before if name not in first} == {
+        name: data for name, data in before.items() if name not in first
+    }
     changed = next(name for name in first if name != LIST_FILE)
     (work / "out" / changed).write_bytes(b"mine")
     before = contents(work / "out")
@@ -127,19 +134,21 @@ def test_results_are_replaced_with_force_only_and_other_files_stay(command, work
 @pytest.mark.parametrize("command", FILES)
 def test_an_existing_file_is_refused_before_any_work(command, work):
     arguments, option, suffix = FILES[command]
-    names = [f"mine-{kind}{suffix}" for kind in ("file", "folder", "link", "nowhere")]
-    file, folder, link, nowhere = (work / name for name in names)
+    file, folder, link, nowhere = (work / f"mine-{kind}{suffix}" for kind in ("file", "folder", "link", "nowhere"))
     file.write_text("mine")
     folder.mkdir()
     link.symlink_to("a.png")
     nowhere.symlink_to("nowhere")
     before = contents(work)
-    for name in names:
-        assert name in run(command, *arguments, *option, name)
+    for path in (file, folder, link, nowhere):
+        assert path.name in run(command, *arguments, *option, path.name)
         assert contents(work) == before
 
 
-def test_an_input_is_not_replaced_even_with_force(work):
+def test_force_replaces_an_existing_file_but_no_input(work):
+    (work / "mine.toml").write_text("mine")
+    assert run("init", "chain", "mine.toml", "--force") == ""
+    assert (work / "mine.toml").read_text() != "mine"
     frame = next((work / "s" / "frames").iterdir())
     os.link(frame, work / "mine.png")
     save_regions(work / "imagej.zip", [RectangleShape("a", 2, 2, 8, 8)])
@@ -155,12 +164,6 @@ def test_an_input_is_not_replaced_even_with_force(work):
     # Nor is a region file of another program.
     run("rois", "a.png", "--no-page", "--detect", "superpixels", "--roi", "imagej.zip")
     assert contents(work)["imagej.zip"] == before["imagej.zip"]
-
-
-def test_an_existing_file_is_replaced_with_force(work):
-    (work / "mine.toml").write_text("mine")
-    assert run("init", "chain", "mine.toml", "--force") == ""
-    assert (work / "mine.toml").read_text() != "mine"
 
 
 def test_a_session_is_not_begun_among_files_of_others(work):

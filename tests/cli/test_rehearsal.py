@@ -27,8 +27,7 @@ repeatability_rel = 0.0
 def test_a_rehearsal_on_a_bench_of_ones_own(labcdp, tmp_path):
     (tmp_path / "plan.toml").write_text(plan("P12", [0.002]).replace('model = "Manta_G-505B"\n', ""))
     (tmp_path / "own.toml").write_text(BENCH)
-    corners = [[600, 300], [640, 300], [640, 340], [600, 340]]
-    region = {"name": "P12", "kind": "polygon", "corners": corners}
+    region = {"name": "P12", "kind": "polygon", "corners": [[600, 300], [640, 300], [640, 340], [600, 340]]}
     regions = {"format": "labcdp regions", "version": 1, "regions": [region]}
     (tmp_path / "regions.json").write_text(json.dumps(regions))
     command = ("acquire", "plan.toml", "own", "--simulated-bench", "own.toml", "--virtual-clock")
@@ -37,32 +36,32 @@ def test_a_rehearsal_on_a_bench_of_ones_own(labcdp, tmp_path):
     for question in ("Uncover the lens and light the target", "centre of patch P12", "Cover the lens"):
         assert f"{question}, then press Enter." in done.stderr
 
+    def taken(session):
+        return [r.sequence for r in (*session.frames("light"), *session.readings())]
+
     with Session.open(tmp_path / "own") as session:
         (devices,) = [r.content for r in session.records if isinstance(r, EventRecord) and r.kind == "devices"]
-        assert devices["camera"] == {
-            "vendor": "Basler", "model": "acA2440-20gm", "serial": "40012345", "simulated": True,
-        }  # fmt: skip
+        camera = {"vendor": "Basler", "model": "acA2440-20gm", "serial": "40012345", "simulated": True}
+        assert devices["camera"] == camera
         (patch,) = session.configuration.target.patches
         assert patch.region().bounds == (600, 300, 640, 340)
-        assert {r.reading.luminance_cd_m2 for r in session.readings()} == {
-            float(f"{1.05 * patch.nominal_luminance_cd_m2:.4g}")
-        }
+        shown = float(f"{1.05 * patch.nominal_luminance_cd_m2:.4g}")
+        assert {r.reading.luminance_cd_m2 for r in session.readings()} == {shown}
         light, dark = (session.load(session.frames(role)[0]).dn for role in ("light", "dark"))
         assert abs(dark.mean() - 32) < 0.1
         # One operator did it all: the lens was open for one, and covered for the other.
         assert light.mean() > dark.mean() + 1
-        before = [r.sequence for r in (*session.frames("light"), *session.readings())]
+        before = taken(session)
 
     # Another bench would be another camera; the parts that were named are taken again, and no others.
     again = ("acquire", "own/session.toml", "own", "--virtual-clock", "--retake", "P12")
     assert "was begun with another simulated bench" in only_line(labcdp(*again, "--simulated"))
-    assert "there is no 'P1' to take again: give one of" in only_line(
-        labcdp(*again, "--retake", "P1", "--simulated-bench", "own.toml")
-    )
-    assert labcdp(*again, "--simulated-bench", "own.toml").returncode == 0
+    own = (*again, "--simulated-bench", "own.toml")
+    assert "there is no 'P1' to take again: give one of" in only_line(labcdp(*own, "--retake", "P1"))
+    assert labcdp(*own).returncode == 0
     with Session.open(tmp_path / "own") as session:
         session.verify()
-        after = [r.sequence for r in (*session.frames("light"), *session.readings())]
-        assert after[:2] == before[:2]
-        assert len(after) == len(before)
-        assert min(after[2:]) > max(before)
+        after = taken(session)
+    assert after[:2] == before[:2]
+    assert len(after) == len(before)
+    assert min(after[2:]) > max(before)

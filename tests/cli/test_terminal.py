@@ -1,18 +1,17 @@
 """What stays on the terminal beside bars that are drawn again and again."""
 
 import io
+import logging
 import re
-
-import pytest
 
 from labcdp.acquire import CheckFinding, Control, Progress
 from labcdp.cli.bench.operators import Console, ConsoleOperator, Keys
-from labcdp.cli.terminal import progress_bars, say
+from labcdp.cli.terminal import log_to_terminal, progress_bars, say
 from labcdp.core.reading import MeterIdentity
 from labcdp.drivers.manual import MeterAccuracy, typed_reading
 
 
-def screen(written: str) -> list[str]:
+def screen(written):
     """Lines that a terminal shows in the end, which obeys the returns, line feeds, and moves up of these bars."""
     lines, row = [""], 0
     for part in re.findall(r"\x1b\[\??[\d;]*[A-Za-z]|\r|\n|[^\x1b\r\n]+", written):
@@ -28,35 +27,35 @@ def screen(written: str) -> list[str]:
     return lines
 
 
-def test_questions_findings_and_readings_stay_above_the_bars(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_questions_findings_and_readings_stay_above_the_bars(capsys, monkeypatch):
     monkeypatch.setenv("TTY_COMPATIBLE", "1")
     monkeypatch.setattr("sys.stdin", io.StringIO("\n" * 10))
-    finding = CheckFinding("flicker", "the light flickers", 0.1, 0.01)
-    identity, accuracy = MeterIdentity("meter", "1"), MeterAccuracy(0.02, 0.001, 1)
+    meter = MeterAccuracy(0.02, 0.001, 1), MeterIdentity("meter", "1")
     with progress_bars() as bars:
         operator = ConsoleOperator(Console(bars, Keys(Control())))
         bars.acquisition(Progress("light frames", 4, 4))
-        assert not operator.repeat("light frames", [finding])
-        for n in range(3):
+        assert not operator.repeat("light frames", [CheckFinding("flicker", "the light flickers", 0.1, 0.01)])
+        for n in range(2):
             operator.point_meter(f"P{n}")
-            reading = typed_reading(f"{n + 1}.25", accuracy, identity)
-            bars.acquisition(Progress("meter readings", n + 1, 3, reading=(f"P{n}", reading)))
+            bars.acquisition(Progress("meter readings", n + 1, 2, reading=(f"P{n}", typed_reading(f"{n}.25", *meter))))
         say("the last words")
     shown = screen(capsys.readouterr().err)
-    for words in (
-        "the light flickers",
-        "repeat the light frames?",
-        "P0: 1.25",
-        "P1: 2.25",
-        "P2: 3.25",
-        "the last words",
-    ):
-        assert sum(words in line for line in shown) == 1, shown
-    for n in range(3):
-        assert sum(f"centre of patch P{n}" in line for line in shown) == 1
+    asked = ("repeat the light frames?", "centre of patch P0", "centre of patch P1")
+    places = []
+    for words in ("the light flickers", "P0: 0.25", "P1: 1.25", "the last words", *asked):
+        (place,) = (at for at, line in enumerate(shown) if words in line)
+        places.append(place)
     # Each bar once, and below all of that.
-    places = [at for at, line in enumerate(shown) if "━" in line]
-    assert len(places) == 2
-    assert min(places) > max(at for at, line in enumerate(shown) if "the last words" in line)
+    bar_places = [at for at, line in enumerate(shown) if "━" in line]
+    assert len(bar_places) == 2
+    assert min(bar_places) > max(places)
+
+
+def test_warnings_are_shown_once_however_often_commands_ran(capsys, caplog):
+    log_to_terminal(verbose=True)
+    log_to_terminal(verbose=False)
+    logging.getLogger("labcdp.drivers.camera").warning("camera lost")
+    logging.getLogger("labcdp.drivers.camera").info("camera found")
+    logging.getLogger("labcdp.calibration").warning("part of the result")
+    assert capsys.readouterr().err == "labcdp: camera lost\n"
+    assert "camera lost" in caplog.messages

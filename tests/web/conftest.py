@@ -1,11 +1,8 @@
-"""A picture with known values, and the page served on it as a person starts it."""
+"""A picture with known values, and a page served as a person starts it."""
 
-import os
 import re
 import shutil
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -32,19 +29,19 @@ def known_dn() -> NDArray[np.uint16]:
 
 @dataclass
 class Served:
-    """A running `labcdp rois`."""
+    """A running command with a page, and what it said so far."""
 
-    process: subprocess.Popen[str]
+    process: Any
     url: str
     port: int
     lines: list[str]
 
-    def stop(self, number: int = signal.SIGINT) -> tuple[int, str]:
+    def stop(self, number: int = signal.SIGINT) -> tuple[int, list[str]]:
         """End it; return its exit status and what it said last."""
-        if self.process.poll() is None:
-            self.process.send_signal(number)
-        _, said = self.process.communicate(timeout=300)
-        return self.process.returncode, said
+        self.process.send_signal(number)
+        said = self.process.stderr.read()
+        assert "Traceback" not in said
+        return self.process.wait(300), said.splitlines()
 
 
 @pytest.fixture(scope="session")
@@ -66,16 +63,13 @@ def picture(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def serve() -> Iterator[Callable[..., Served]]:
-    """Start `labcdp rois` with arguments, and wait for its address."""
-    running: list[subprocess.Popen[str]] = []
+def serve(start_in: Any) -> Iterator[Callable[..., Served]]:
+    """Start a command with arguments, and wait for the address of its page."""
+    running = []
 
-    def start(*arguments: str | Path) -> Served:
-        command = [str(Path(sys.executable).with_name("labcdp")), "rois", *map(str, arguments)]
-        environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
+    def start(*arguments: str | Path, folder: Path = Path()) -> Served:
+        process = start_in(folder.absolute(), *arguments, pipes=True, environment={"OMP_NUM_THREADS": "1"})
         running.append(process)
-        assert process.stderr is not None
         lines: list[str] = []
         for line in process.stderr:
             lines.append(line.rstrip())
@@ -87,14 +81,12 @@ def serve() -> Iterator[Callable[..., Served]]:
 
     yield start
     for process in running:
-        if process.poll() is None:
-            process.kill()
-        process.communicate()
+        process.end()
 
 
 def wait_until(condition: Callable[[], bool], what: str, patience_s: float = 120) -> None:
-    """Wait for something that another process does."""
+    """Wait for something that another process or thread does."""
     end = time.monotonic() + patience_s
     while not condition():
         assert time.monotonic() < end, f"waited in vain until {what}"
-        time.sleep(0.05)
+        time.sleep(0.02)

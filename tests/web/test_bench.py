@@ -1,10 +1,8 @@
-"""The live bench: camera thread, verdict and exposure, and the page in a browser on the simulated bench."""
+"""The live bench without a browser: camera thread, exposure, verdict, meter, and frames of all kinds."""
 
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
-from pathlib import Path
 from threading import Thread
 from typing import Any
 
@@ -24,24 +22,15 @@ from labcdp.web.bench.images import better_exposure_s, fit_exposure, sharpness
 from labcdp.web.bench.live import Live
 from labcdp.web.bench.live_camera import LiveCamera
 from labcdp.web.bench.pair import LiveMeasurements, verdict
-from labcdp.web.bench.recording import PageOperator, Question
+from labcdp.web.bench.recording import PageOperator
 from labcdp.web.regions.display import DisplayScale
-from labcdp.web.regions.drawing import Drawing, History
+from labcdp.web.regions.drawing import Drawing
 from labcdp.web.regions.figure import Picture
-from labcdp.web.regions.files import DrawingFiles, Start
-from labcdp.web.regions.measurements import Measurements
 from labcdp.web.regions.page import Page
 from labcdp.web.regions.page_image import PageImage
-from labcdp.web.regions.workspace import Workspace
 
-
-def wait_for(camera: LiveCamera, condition: Callable[[Live], bool]) -> Live:
-    """The state once it is as it should become."""
-    until_s = time.monotonic() + 120
-    while not condition(camera.live):
-        assert time.monotonic() < until_s, camera.live
-        camera.wait_for_news(camera.live, 1.0)
-    return camera.live
+from .conftest import wait_until
+from .test_drawing import workspace
 
 
 @pytest.fixture
@@ -50,61 +39,81 @@ def bench(small_configuration: Any) -> Iterator[SimulatedBench]:
         yield bench
 
 
-def test_a_camera_streams_while_somebody_looks_and_keeps_its_settings_through_a_loss(bench: SimulatedBench) -> None:
-    device = bench.in_process_camera()
+@pytest.fixture
+def camera(bench: SimulatedBench) -> Iterator[LiveCamera]:
+    """Live camera of the bench, saturated from 3000 DN, at which nobody looks."""
     stated = CameraConfiguration(pixel_pitch_m=5e-6, saturation_dn=3000).stated
-    camera = LiveCamera(device, {"exposure_s": 0.002}, stated=stated)
+    camera = LiveCamera(bench.in_process_camera(), {"exposure_s": 0.002}, stated=stated)
     camera.start()
-    try:
-        assert camera.live.frame is None
-        leave = camera.look()
-        wait_for(camera, lambda live: live.n_frames >= 3 and live.frame.exposure_s == 0.002)
-        assert camera.live.frame.saturation_dn == 3000
-        camera.request(exposure_s=0.004)
-        wait_for(camera, lambda live: live.frame.exposure_s == 0.004)
-        # A rejected setting is reported, and the others stay.
-        camera.request(exposure_s=1e6)
-        wait_for(camera, lambda live: "exposure" in live.error)
-        before = camera.live.n_frames
-        wait_for(camera, lambda live: live.n_frames > before + 2 and live.frame.exposure_s == 0.004)
+    yield camera
+    camera.stop()
 
-        bench.run_command("vanish for 1 s")
-        wait_for(camera, lambda live: not live.streaming and live.error != "")
-        lost = camera.live.n_frames
-        live = wait_for(camera, lambda live: live.n_frames > lost and live.streaming)
-        assert live.frame.exposure_s == live.settings.exposure_s == 0.004
 
-        leave()
-        wait_for(camera, lambda live: not live.streaming)
-        with device:  # released, so that another program may have it
-            assert device.snap().exposure_s > 0
-    finally:
-        camera.stop()
+def test_a_camera_streams_while_somebody_looks_and_keeps_its_settings_through_a_loss(
+    bench: SimulatedBench, camera: LiveCamera
+) -> None:
+    def wait_for(condition: Callable[[Live], bool]) -> None:
+        wait_until(lambda: condition(camera.live), str(camera.live))
+
+    assert camera.live.frame is None
+    leave = camera.look()
+    wait_for(lambda live: live.n_frames >= 3 and live.frame.exposure_s == 0.002)
+    assert camera.live.frame.saturation_dn == 3000
+    camera.request(exposure_s=0.004)
+    wait_for(lambda live: live.frame.exposure_s == 0.004)
+    # A rejected setting is reported, and the others stay.
+    camera.request(exposure_s=1e6)
+    wait_for(lambda live: "exposure" in live.error)
+    before = camera.live.n_frames
+    wait_for(lambda live: live.n_frames > before + 2 and live.frame.exposure_s == 0.004)
+
+    bench.run_command("vanish for 1 s")
+    wait_for(lambda live: not live.streaming and live.error != "")
+    lost = camera.live.n_frames
+    wait_for(lambda live: live.n_frames > lost and live.streaming)
+    assert camera.live.frame.exposure_s == camera.live.settings.exposure_s == 0.004
+
+    leave()
+    wait_for(lambda live: not live.streaming)
+    with camera._camera as device:  # released, so that another program may have it
+        assert device.snap().exposure_s > 0
+
+
+def test_the_exposure_fits_the_regions_that_are_inside_the_image(camera: LiveCamera) -> None:
+    camera.look()
+    wait_until(lambda: camera.live.frame is not None, "there is a frame")
+    height, width = camera.live.frame.shape
+    rois = [RectangleShape(name, x, 0, width, height).rois()[0] for name, x in (("all", 0), ("out", width))]
+    assert list(fit_exposure(camera, lambda: rois)) == [""]
+    assert 0.69 < np.quantile(camera.live.frame.dn, 0.99) / 3000 < 0.91
+
+
+@pytest.mark.parametrize("exposure_s", [20e-6, 1e-3, 0.1, 10.0])
+def test_the_exposure_of_a_linear_camera_is_found(exposure_s: float) -> None:
+    rng = np.random.default_rng(4)
+    for _ in range(10):
+        mean = 64 + 2e5 * exposure_s
+        values = np.clip(rng.normal(mean, np.sqrt(mean), 10_000), 0, 4095).astype(np.uint16)
+        better_s = better_exposure_s(values, exposure_s, 4095, (20e-6, 60.0))
+        exposure_s = better_s or exposure_s
+    assert better_s is None
+    assert 0.69 < (mean + 2.33 * np.sqrt(mean)) / 4095 < 0.91
+    # None is better where the camera has no longer one.
+    assert better_exposure_s(np.full(100, 70), 60.0, 4095, (20e-6, 60.0)) is None
 
 
 def test_a_late_answer_does_not_count_for_the_next_question() -> None:
     operator = PageOperator(lambda: None, None)
-
-    def steps() -> None:
-        operator.cover_lens()
-        operator.uncover_lens()
-
-    def question_after(before: object) -> Question:
-        until_s = time.monotonic() + 60
-        while (asked := operator.question) is None or asked is before:
-            assert time.monotonic() < until_s
-            time.sleep(0.005)
-        return asked
-
-    person = Thread(target=steps)
+    person = Thread(target=lambda: (operator.cover_lens(), operator.uncover_lens()))
     person.start()
-    first = question_after(None)
+    wait_until(lambda: operator.question is not None, "the first is asked")
+    first = operator.question
     operator.answer(first, "Done")
-    second = question_after(first)
+    wait_until(lambda: operator.question not in (None, first), "the second is asked")
     operator.answer(first, "Done")
     person.join(0.2)
-    assert operator.question is second
-    operator.answer(second, "Done")
+    assert person.is_alive()
+    operator.answer(operator.question, "Done")
     person.join(60)
     assert not person.is_alive()
 
@@ -123,37 +132,6 @@ def test_the_verdict_follows_the_interval(
     below: float, above: float, interval: tuple[float, float], expected: str
 ) -> None:
     assert verdict(below, above, interval) == expected
-
-
-@pytest.mark.parametrize("start_s", [20e-6, 1e-3, 0.1, 10.0])
-def test_the_exposure_of_a_linear_camera_is_found(start_s: float) -> None:
-    exposure_s, highest, rng = start_s, 4095, np.random.default_rng(4)
-    for _ in range(10):
-        mean = 64 + 2e5 * exposure_s
-        values = np.clip(rng.normal(mean, np.sqrt(mean), 10_000), 0, highest).astype(np.uint16)
-        better_s = better_exposure_s(values, exposure_s, 4095, (20e-6, 60.0))
-        if better_s is None:
-            break
-        exposure_s = better_s
-    mean = 64 + 2e5 * exposure_s
-    assert 0.69 < (mean + 2.33 * np.sqrt(mean)) / highest < 0.91
-    # None is better where the camera has no longer one.
-    assert better_exposure_s(np.full(100, 70), 60.0, 4095, (20e-6, 60.0)) is None
-
-
-def test_the_exposure_fits_the_regions_that_are_inside_the_image(bench: SimulatedBench) -> None:
-    camera = LiveCamera(bench.in_process_camera(), {"exposure_s": 0.0002})
-    camera.start()
-    try:
-        camera.look()
-        frame = wait_for(camera, lambda live: live.frame is not None).frame
-        height, width = frame.shape
-        rois = [RectangleShape("all", 0, 0, width, height).rois()[0], RectangleShape("out", width, 0, 9, 9).rois()[0]]
-        assert list(fit_exposure(camera, lambda: rois)) == [""]
-        dn = camera.live.frame.dn
-        assert 0.69 < np.quantile(dn, 0.99) / 4095 < 0.91
-    finally:
-        camera.stop()
 
 
 def frame_of(dn: Any, bits: int, saturation_dn: float, pixel_format: str, pattern: str | None) -> Frame:
@@ -185,10 +163,9 @@ def test_frames_of_8_bit_and_colour_cameras_are_shown_and_measured(
     of_register = replace(frame, black_level_dn=None, black_level_register=64.0)
     assert of_register.nominal_black_dn == (4.0 if bits == 8 else 64.0)
     # One displayed pixel for four of a pattern, with their mean.
-    shown = image.display
     blocks = dn.astype(float).reshape(30, 2, 40, 2).mean(axis=(1, 3))
-    assert np.abs(shown - (dn if pattern is None else blocks)).max() <= 0.5
-    assert DisplayScale.of_range(highest).to_8_bit(shown).max() == 255
+    assert np.abs(image.display - (dn if pattern is None else blocks)).max() <= 0.5
+    assert DisplayScale.of_range(highest).to_8_bit(image.display).max() == 255
 
 
 @pytest.mark.parametrize("pattern", [None, "RG"])
@@ -214,12 +191,11 @@ def test_a_saturated_region_says_nothing_about_the_meter() -> None:
     light = LuminanceMap(np.full((8, 8), 50.0), np.full((8, 8), 0.01), (), flags)
     image = PageImage("live", np.full((8, 8), 4095, np.uint16), True, None, light, "cd/m^2", saturation_dn=4095)
     rois = [RectangleShape(name, 0, y, 8, 4).rois()[0] for name, y in (("full", 0), ("good", 4))]
-    by_hand = MeterConfiguration(
-        model="L 1003", serial="1", entry="by hand", scale_half_width_rel=0.02, repeatability_rel=0.001, digits=1
-    )
+    accuracy = {"scale_half_width_rel": 0.02, "repeatability_rel": 0.001, "digits": 1}
+    by_hand = MeterConfiguration(model="L 1003", serial="1", entry="by hand", **accuracy)
     desk = MeterDesk(None, None, lambda: (image, rois), lambda: False)
-    for text, region, described in (("90", "full", by_hand), ("90", "good", by_hand), ("90", "good", None)):
-        desk.enter(text, region, described)
+    for region, described in (("full", by_hand), ("good", by_hand), ("good", None)):
+        desk.enter("90", region, described)
     unknown, good, full = desk.readings
     assert (full.saturated, full.deviation, full.disagrees) == (True, None, False)
     assert good.deviation == pytest.approx(50 / 90 - 1)
@@ -227,7 +203,7 @@ def test_a_saturated_region_says_nothing_about_the_meter() -> None:
     assert (good.disagrees, unknown.disagrees) == (True, False)
 
 
-def test_a_meter_that_is_unplugged_in_a_series_is_waited_for(bench: SimulatedBench) -> None:
+def test_a_meter_that_is_unplugged_is_noticed_and_in_a_series_waited_for(bench: SimulatedBench) -> None:
     nothing = LuminanceMap(np.zeros((4, 4)), np.zeros((4, 4)), (), np.zeros((4, 4), np.uint8))
     image = PageImage("live", np.zeros((4, 4), np.uint16), True, None, nothing, "relative")
     with MinoltaLS110(bench.in_process_port()) as meter:
@@ -238,27 +214,18 @@ def test_a_meter_that_is_unplugged_in_a_series_is_waited_for(bench: SimulatedBen
         assert "lost and waited for" in said[0]
         assert said[-1] == ""
     assert [one.n_readings for one in desk.readings] == [2, 3]
-
-
-def test_an_unplugged_meter_is_noticed_while_no_reading_is_taken(bench: SimulatedBench) -> None:
     with bench.pty_meter() as pty, MinoltaLS110(pty.port) as meter:
         desk = MeterDesk(meter, None, lambda: (None, ()), lambda: False)
-        assert not desk.lost
-        pty.unplug()
-        assert desk.lost
-        pty.plug_in()
-        assert not desk.lost
+        for act, lost in ((lambda: None, False), (pty.unplug, True), (pty.plug_in, False)):
+            act()
+            assert desk.lost == lost
 
 
 @pytest.mark.filterwarnings("ignore:.*will be removed in version 2.0:PendingDeprecationWarning")
-def test_no_refreshes_pile_up_for_a_browser_that_sleeps(tmp_path: Path) -> None:
+def test_no_refreshes_pile_up_for_a_browser_that_sleeps(tmp_path: Any) -> None:
     from bokeh.document import Document
 
-    values = np.zeros((40, 40), np.uint16)
-    nothing = LuminanceMap(np.zeros((40, 40)), np.zeros((40, 40)), (), np.zeros((40, 40), np.uint8))
-    image = PageImage("live", values, True, None, nothing, "relative")
-    start = Start(History(Drawing.of(image.size, ())))
-    space = Workspace(Measurements(image, None), DrawingFiles(tmp_path / "r.json", image.size), start, lambda *_: None)
+    space = workspace(tmp_path)
     page = Page(space, Document())
 
     def refreshed() -> int:

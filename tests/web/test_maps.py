@@ -63,8 +63,7 @@ def test_colours_span_the_range_and_mark_what_is_beyond(image: PageImage, name: 
     scale = DisplayScale(name, 1.25, 1.75, ends_apart=True)  # type: ignore[arg-type]
     values = np.array([-np.inf, 0.5, 1.25, np.sqrt(1.25 * 1.75) if name == "logarithm" else 1.5, 1.75, 3, np.inf])
     assert np.abs(scale.to_8_bit(values).astype(int) - [0, 1, 1, 127.5, 254, 254, 255]).max() <= 0.5
-    assert np.isinf(image.light_display[0, 0])
-    assert np.isfinite(image.light_display).sum() == HEIGHT * WIDTH - 1
+    assert np.argwhere(~np.isfinite(image.light_display)).tolist() == [[0, 0]]
 
 
 def test_a_map_is_exported_once(image: PageImage, tmp_path: Path) -> None:

@@ -7,8 +7,8 @@ import signal
 import socket
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 import cv2
@@ -25,35 +25,25 @@ from labcdp.web.gate import Gate
 from .conftest import HEIGHT, WIDTH, Served
 
 
-def run(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> tuple[str, str]:
-    """Run the command in this process; returns what it printed and what it said."""
+def run(*arguments: str | Path) -> None:
+    """Run the command in this process."""
     app(["rois", *map(str, arguments)], standalone_mode=False)
-    out, err = capsys.readouterr()
-    return out, err
 
 
 def refused(*arguments: str | Path) -> str:
     with pytest.raises(InputError) as error:
-        app(["rois", *map(str, arguments)], standalone_mode=False)
+        run(*arguments)
     return str(error.value)
 
 
-@dataclass
-class Answer:
-    status: int
-    headers: http.client.HTTPMessage
-    text: str
-
-
-def get(port: int, path: str, **headers: str) -> Answer:
-    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=120)
-    with closing(connection):
+def get(port: int, path: str, **headers: str) -> tuple[int, Any, str]:
+    """Status, headers and text of an answer."""
+    with closing(http.client.HTTPConnection("127.0.0.1", port, timeout=120)) as connection:
         connection.request("GET", path, headers=headers)
-        response = connection.getresponse()
-        with closing(response):
+        with closing(connection.getresponse()) as response:
             # A websocket that is let in never ends.
             text = "" if response.status == 101 else response.read().decode("utf-8", "replace")
-            return Answer(response.status, response.headers, text)
+            return response.status, response.headers, text
 
 
 def websocket_status(port: int, token: str, **headers: str) -> int:
@@ -65,21 +55,21 @@ def websocket_status(port: int, token: str, **headers: str) -> int:
         "Sec-WebSocket-Version": "13",
         "Sec-WebSocket-Protocol": f"bokeh, {token}",
     }
-    return get(port, "/ws", **{**opening, **headers}).status
+    return get(port, "/ws", **{**opening, **headers})[0]
 
 
 @pytest.fixture(scope="module")
 def served(picture: Path, tmp_path_factory: pytest.TempPathFactory, serve: Callable[..., Served]) -> Served:
     output = tmp_path_factory.mktemp("served") / "regions.json"
     save_regions(output, [RectangleShape("begin", 10, 10, 30, 30)], (WIDTH, HEIGHT))
-    return serve(picture, "--output", output)
+    return serve("rois", picture, "--output", output)
 
 
 def test_nothing_answers_without_the_token(served: Served) -> None:
     for path in ("/", "/ws", "/autoload.js", "/metadata", "/static/js/bokeh.min.js", "/?token=wrong", "/x"):
-        response = get(served.port, path)
-        assert response.status == 403
-        assert "open the whole address that labcdp printed" in response.text
+        status, _, text = get(served.port, path)
+        assert status == 403
+        assert "open the whole address that labcdp printed" in text
 
 
 def test_a_long_body_is_refused_before_it_is_read(served: Served) -> None:
@@ -91,15 +81,13 @@ def test_a_long_body_is_refused_before_it_is_read(served: Served) -> None:
 
 def test_page_and_websocket_open_with_the_token_from_their_own_origin_only(served: Served) -> None:
     parts = urlsplit(served.url)
-    entered = get(served.port, f"/?{parts.query}")
-    assert (entered.status, entered.headers["Location"]) == (303, "/")
-    given = entered.headers["Set-Cookie"]
-    assert "HttpOnly" in given
-    assert "SameSite=Lax" in given
-    cookie = given.split(";")[0]
-    page = get(served.port, "/", Cookie=cookie)
-    assert page.status == 200
-    session = re.search(r'"token":"([^"]+)"', page.text)
+    status, headers, _ = get(served.port, f"/?{parts.query}")
+    assert (status, headers["Location"]) == (303, "/")
+    cookie, *rules = headers["Set-Cookie"].split("; ")
+    assert {"HttpOnly", "SameSite=Lax"} <= set(rules)
+    status, headers, text = get(served.port, "/", Cookie=cookie)
+    assert (status, headers["X-Frame-Options"]) == (200, "DENY")
+    session = re.search(r'"token":"([^"]+)"', text)
     assert session is not None
     here = f"http://127.0.0.1:{served.port}"
     for headers, status in (
@@ -119,7 +107,7 @@ def test_page_and_websocket_open_with_the_token_from_their_own_origin_only(serve
 
 def test_a_second_process_for_one_port_or_file_is_refused_until_the_first_has_ended(serve, picture, tmp_path):
     output = tmp_path / "r.json"
-    served = serve(picture, "-o", output)
+    served = serve("rois", picture, "-o", output)
     line = refused(picture, "-o", tmp_path / "other.json", "--port", str(served.port))
     assert f"port {served.port} cannot be used (Address already in use)" in line
     board(tmp_path / "board.png")
@@ -130,27 +118,8 @@ def test_a_second_process_for_one_port_or_file_is_refused_until_the_first_has_en
     assert served.url.partition("token=")[2] not in (tmp_path / ".r.json.lock").read_text()
     served.stop(signal.SIGKILL)
     # The lock ends with the process, however that ends.
-    serve(picture, "-o", output).stop()
+    serve("rois", picture, "-o", output).stop()
     assert [path.name for path in tmp_path.iterdir()] == ["board.png"]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--no-page"], "--no-page writes what --detect finds"),
-        (["-o", "rois.txt"], "rois.txt has an unknown suffix"),
-        (["-o", "nowhere/rois.json"], "nowhere is not a folder"),
-        (["--contrast", "5"], "--contrast is '5'"),
-        (["--roi", "missing.json"], "missing.json cannot be read"),
-        (["--address", "192.0.2.7"], "address 192.0.2.7 cannot be used"),
-        (["--frame", "1"], "--frame chooses a frame of a video"),
-    ],
-)
-def test_bad_input_is_one_line(picture, tmp_path, monkeypatch, arguments, message):
-    monkeypatch.chdir(tmp_path)
-    output = [] if "-o" in arguments else ["-o", "r.json"]
-    assert message in refused(picture, *output, *arguments)
-    assert list(tmp_path.iterdir()) == []
 
 
 def board(path: Path) -> Path:
@@ -162,27 +131,29 @@ def board(path: Path) -> Path:
 
 
 def test_what_is_found_is_written_without_the_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    picture = board(tmp_path / "board.png")
-    out, _ = run(capsys, picture, "--detect", "checkerboard", "--no-page", "--json")
-    rois = rois_of(load_regions(tmp_path / "board.rois.json"))
+    file, command = tmp_path / "board.rois.json", (board(tmp_path / "board.png"), "--detect", "checkerboard")
+
+    def found() -> dict[str, Any]:
+        run(*command, "--no-page", "--json")
+        values: dict[str, Any] = json.loads(capsys.readouterr().out)
+        Draft202012Validator(schema()).validate(values)
+        return values
+
+    values = found()
+    rois = rois_of(load_regions(file))
     assert len(rois) == 48
-    values = json.loads(out)
-    Draft202012Validator(schema()).validate(values)
     assert [row["region"] for row in values["tables"]["regions"]["rows"]] == [roi.name for roi in rois]
-    assert values["tables"]["files"]["rows"] == [{"path": str(tmp_path / "board.rois.json"), "state": "written"}]
-    before = (tmp_path / "board.rois.json").read_bytes()
-    _, err = run(capsys, picture, "--detect", "checkerboard", "--no-page")
-    assert "Nothing written: 48 regions found, all already in" in err
-    assert (tmp_path / "board.rois.json").read_bytes() == before
-    shapes = load_regions(tmp_path / "board.rois.json")
-    save_regions(tmp_path / "board.rois.json", shapes[:-3], force=True)
-    out, _ = run(capsys, picture, "--detect", "checkerboard", "--no-page", "--json")
-    values = json.loads(out)
+    assert values["tables"]["files"]["rows"] == [{"path": str(file), "state": "written"}]
+    before = file.read_bytes()
+    run(*command, "--no-page")
+    assert "Nothing written: 48 regions found, all already in" in capsys.readouterr().err
+    assert file.read_bytes() == before
+    save_regions(file, load_regions(file)[:-3], force=True)
+    values = found()
     rows = values["tables"]["regions"]["rows"]
     assert (len(rows), sum(row["new"] for row in rows)) == (48, 3)
-    assert {one["code"]: one["values"]["regions"] for one in values["findings"]} == {
-        "regions-not-confirmed": 3, "regions-known": 45,
-    }  # fmt: skip
+    numbers = {one["code"]: one["values"]["regions"] for one in values["findings"]}
+    assert numbers == {"regions-not-confirmed": 3, "regions-known": 45}
     assert not any("(2)" in row["region"] for row in rows)
 
 

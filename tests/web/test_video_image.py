@@ -6,8 +6,6 @@ import cv2
 import numpy as np
 import pytest
 
-from labcdp.cli.app import app
-from labcdp.core.errors import InputError
 from labcdp.evaluate.picture.conversion import picture_conversion
 from labcdp.files.video.selection import Position
 from labcdp.session import Session, example_session
@@ -54,19 +52,3 @@ def test_a_frame_of_a_session_and_of_a_folder_of_images(tmp_path: Path) -> None:
     for number in (8, 9, 10):
         assert cv2.imwrite(str(tmp_path / f"f{number}.png"), frame(number - 8).astype(np.uint8))
     assert (opened(tmp_path, "10").values == frame(2)).all()
-
-
-@pytest.mark.parametrize(
-    ("name", "options", "message"),
-    [
-        ("drive.mkv", ("--frame", "9"), "drive.mkv has 5 frames, 0 to 4, and none at 9: choose another with --frame"),
-        ("drive.mkv", ("--camera-spec", "camera.toml"), "drive.mkv does not state its exposure time"),
-    ],
-)
-def test_what_does_not_fit_is_refused(video, tmp_path, monkeypatch, name, options, message):
-    monkeypatch.chdir(tmp_path)
-    camera = Path(__file__).parents[2] / "labcdp/data/cameras/thesis-2018.toml"
-    text = "".join(line for line in camera.read_text().splitlines(True) if not line.startswith("exposure_s"))
-    (tmp_path / "camera.toml").write_text(text)
-    with pytest.raises(InputError, match=message):
-        app(["rois", name, *options], standalone_mode=False)

@@ -134,7 +134,7 @@ class Server:
 
     def run(self, site: Site, ready: Callable[[Address], None]) -> None:
         """Serve until SIGINT, SIGTERM or SIGHUP; `ready` is called once the page can be opened."""
-        for name in ("bokeh", "panel", "tornado", "param"):
+        for name in ("bokeh", "panel", "tornado", "tornado.application", "param"):
             # They log every request; errors are shown on the page.
             logging.getLogger(name).setLevel(logging.CRITICAL)
         self._site = site

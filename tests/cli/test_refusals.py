@@ -41,7 +41,6 @@ REFUSED = (
     ("luminance c/calibration.json s -o a.npz --frame 99", "no frame 99"),
     ("luminance c/calibration.json s -o a.npz --exposure 5ms", "it has 2ms, 8ms, 32ms"),
     ("compare a.png a.png", "give its regions with --roi"),
-    ("compare c a.png", "c is a calibration, but a.png is a picture"),
     ("twin dark", "no dark frames: cover the lens"),
     ("image-map a.png --region-size 9", "the size of the regions is 9 pixels"),
     ("video a.avi --roi three.json", "three.json holds 3 regions"),

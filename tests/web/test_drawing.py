@@ -95,7 +95,18 @@ _MESSAGE = st.fixed_dictionaries(
 ) | st.sampled_from([{"do": "undo"}, {"do": "redo"}, {"do": "accept all"}, {"do": "pair", "first": "A"}])
 
 
-@given(messages=st.lists(_MESSAGE | st.just(BOX), max_size=12))
+_GOOD = st.sampled_from(
+    [
+        BOX,
+        {"do": "polygon", "corners": [[10, 10], [60, 10], [10, 60]]},
+        {"do": "insert", "name": "region 1", "after": 1, "at": [60, 60]},
+        {"do": "remove corner", "name": "region 1", "at": 0},
+        {"do": "corner", "name": "region 1", "at": 1, "to": [70, 5]},
+    ]
+)
+
+
+@given(messages=st.lists(_MESSAGE | _GOOD, max_size=12))
 @settings(max_examples=60)
 def test_whatever_a_page_sends_is_carried_out_or_refused_and_can_be_undone(messages: list[dict[str, Any]]) -> None:
     with TemporaryDirectory() as folder:

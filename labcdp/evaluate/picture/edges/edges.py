@@ -97,7 +97,7 @@ class EdgeKind(IntEnum):
     LOST = 1
     #: A contrast below the requested minimum.
     FAINT = 2
-    #: Contrast that is not significant.
+    #: Contrast that is not significant, and no more than noise explains.
     NOISE = 3
     #: One of the regions has saturated pixels.
     SATURATED = 4
@@ -105,7 +105,8 @@ class EdgeKind(IntEnum):
     BLACK = 5
     #: One of the regions has too few pixels, or they touch at a corner only.
     SMALL = 6
-    #: Probably not detected, but more for what the regions themselves are like (two surfaces, texture) than for noise.
+    #: Not significant or probably not detected, but more for what the regions are like (two surfaces, texture) than for
+    #: noise.
     UNEVEN = 7
 
 
@@ -185,6 +186,8 @@ def map_edges(
     # Where there is no light on the whole, there is no contrast either.
     by_calibration = np.where(np.isfinite(by_calibration), by_calibration, 0.0)
     wanted, significant = contrast, contrast > least
+    # Regions of a texture differ by more than their noise explains, and by less than their texture does.
+    textured = contrast > _contrasts(noise.alone(regions), bright, dark, by_calibration, noise.inflation)[2]
     if isinstance(scene, MapRegions):
         wanted, _, least_of_scene = _contrasts(scene, bright, dark, by_calibration, noise.inflation)
         significant = wanted > least_of_scene
@@ -195,6 +198,7 @@ def map_edges(
     for found, of_kind in (
         (wanted < asked.minimum_contrast, EdgeKind.FAINT),
         (~significant, EdgeKind.NOISE),
+        (~significant & textured & (wanted >= asked.minimum_contrast), EdgeKind.UNEVEN),
         (~(regions.mean[dark] > 0), EdgeKind.BLACK),
         (np.maximum(*regions.saturated_share[[bright, dark]]) > SATURATED_SHARE, EdgeKind.SATURATED),
         (np.minimum(*regions.n_pixels[[bright, dark]]) < FEWEST_PIXELS, EdgeKind.SMALL),

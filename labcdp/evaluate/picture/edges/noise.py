@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite, sqrt
 from typing import Any
 
@@ -51,6 +51,10 @@ class MapNoise:
     def deviation(self, regions: MapRegions) -> NDArray[np.float64]:
         """Return the standard deviation of the noise of each region, from the differences along diagonals."""
         return regions.noise / sqrt(1 - self.diagonal_correlation)
+
+    def alone(self, regions: MapRegions) -> MapRegions:
+        """Return the regions as if their pixels scattered by their noise alone."""
+        return replace(regions, std=np.fmin(regions.std, self.deviation(regions)))
 
 
 def map_noise(image: NDArray[np.floating[Any]], regions: MapRegions) -> MapNoise:

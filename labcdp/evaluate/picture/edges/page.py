@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from base64 import b64encode
+from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -43,6 +44,15 @@ _HELP = (
     "Warm colours: the camera loses the edge. Point at a dot for the values of its edge. A click in the legend shows "
     "or hides dots; the wheel zooms, dragging moves."
 )
+
+
+#: Why a border is neither detected nor lost although its contrast is large enough.
+_LEFT_OUT = {
+    EdgeKind.UNEVEN: "of regions that are not uniform",
+    EdgeKind.SATURATED: "of saturated regions",
+    EdgeKind.NOISE: "not told from noise",
+    EdgeKind.SMALL: "too short",
+}
 
 
 def write_contrast_map(found: ContrastMap, source: MapSource, result: Result, folder: Destination) -> list[Path]:
@@ -113,7 +123,8 @@ def _cards(found: ContrastMap) -> list[Card]:
     asked, least = found.settings, percent(found.settings.minimum_contrast)
     seen, lost = found.count(EdgeKind.SEEN), found.count(EdgeKind.LOST)
     if seen + lost == 0:
-        return [Card("Detected edges", "none", f"No edge has a measurable contrast of at least {least}.")]
+        none = Card("Detected edges", "none", f"No edge has a measurable contrast of at least {least}.")
+        return [none, *_left_out(found)]
     of_length = f"{share_percent(1 - found.detected_border_share)} of their length"
     return [
         Card(
@@ -121,7 +132,19 @@ def _cards(found: ContrastMap) -> list[Card]:
             (f"contrast of at least {least}", f"CDP of at least {asked.detected:g}"), state="good",
         ),
         Card("Lost edges", str(lost), of_length, (f"CDP below {asked.detected:g}",), state="bad" if lost else "good"),
+        *_left_out(found),
     ]  # fmt: skip
+
+
+def _left_out(found: ContrastMap) -> Iterator[Card]:
+    """Yield the card of the borders whose contrast is large enough and that are neither detected nor lost, and why."""
+    high = found.edges.contrast >= found.settings.minimum_contrast
+    counts = {why: int(np.count_nonzero(high & found.of_kind(kind))) for kind, why in _LEFT_OUT.items()}
+    n = sum(counts.values())
+    if n:
+        lines = tuple(f"{count} {why}" for why, count in counts.items() if count)
+        every = n + int(np.count_nonzero(high & found.of_kind(EdgeKind.SEEN, EdgeKind.LOST)))
+        yield Card("Left out", f"{n} of {every}", f"borders of {percent(found.settings.minimum_contrast)} or more", lines)
 
 
 def _facts(found: ContrastMap, source: MapSource) -> Facts:

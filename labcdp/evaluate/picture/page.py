@@ -8,7 +8,7 @@ from dataclasses import replace
 from ...core.result import Result
 from ...core.table import Table
 from ...report.html import render_page
-from ...report.layout import SIMULATED, Block, Card, Facts, Links, Page, ReportFigure, Section, input_facts
+from ...report.layout import Block, Card, Facts, Links, Page, ReportFigure, Section, input_facts
 from ...report.text import cell_text, exposure
 from .tables import ReportedPicture
 
@@ -51,13 +51,11 @@ def picture_page(result: Result, figures: Sequence[ReportFigure], conversion: st
         Section("Provenance", [_provenance(result, conversion)], collapsed=True),
     ]  # fmt: skip
     return render_page(
-        Page(
+        Page.of(
+            result,
             "Contrast detection probability (CDP) of a picture",
-            result.title,
-            banner=SIMULATED if result.simulated else "",
             cards=[] if table is None else _cards(table),
             lead=lead,
-            findings=result.findings,
             sections=sections,
         )
     )
@@ -87,13 +85,11 @@ def overview_page(result: Result, pictures: Sequence[ReportedPicture], conversio
         Section("Provenance", [Facts([("conversion", conversion)])], collapsed=True),
     ]
     return render_page(
-        Page(
+        Page.of(
+            result,
             "Contrast detection probability (CDP) of pictures",
-            result.title,
-            banner=SIMULATED if result.simulated else "",
             cards=[card],
             lead=[result.table("cdp")] if _has(result, "cdp") else [],
-            findings=result.findings,
             sections=sections,
         )
     )

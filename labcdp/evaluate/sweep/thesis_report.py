@@ -13,7 +13,7 @@ from ...output import Destination, write_files
 from ...report.drawing import BLUE, VERMILLION, finish, new_figure, png
 from ...report.files import result_files
 from ...report.layout import Card, Facts, Page, ReportFigure, Section
-from .thesis import NEIGHBOUR_PAIRS, UNFILLED_SLOTS, ReproducedRow, ThesisReproduction
+from .thesis import NEIGHBOUR_PAIRS, UNFILLED_SLOTS, ThesisReproduction
 
 #: Where the published values come from.
 SOURCE = "L. Ebbert, Implementierung von CDP, HS Düsseldorf, 2018"
@@ -22,38 +22,25 @@ SOURCE = "L. Ebbert, Implementierung von CDP, HS Düsseldorf, 2018"
 AGREES_Z = 2.0
 
 
-def _pitch_um(row: ReproducedRow) -> float:
-    return 1e6 * row.published.pixel_pitch_m
-
-
 _COLUMNS = (
-    Column("row", "row", meaning="Column of table 5.3, or the figure.", value="published.label"),
+    Column("row", "row", "", "Column of table 5.3, or the figure.", value="published.label"),
     Column("contrast", "contrast", "%", "Weber contrast.", decimals=0, value="published.contrast"),
-    Column(
-        "luminance_cd_m2",
-        "dark squares",
-        "cd/m²",
-        "Luminance of the dark squares.",
-        decimals=0,
-        value="published.luminance_cd_m2",
-    ),
+    Column("luminance_cd_m2", "dark squares", "cd/m²", "Luminance of the dark squares.", decimals=0,
+           value="published.luminance_cd_m2"),
     Column("temperature_c", "temperature", "°C", "Of the sensor.", decimals=0, value="published.temperature_c"),
     Column("exposure_s", "exposure", "s", "Exposure time.", time=True, value="published.exposure_s"),
-    Column("pixel_pitch_um", "pixel pitch", "µm", "Of the sensor.", decimals=0, value=_pitch_um),
-    Column("published_cdp", "thesis", meaning="CDP in the thesis.", decimals=5, value="published.published_cdp"),
-    Column("mean", "labcdp", meaning="Mean CDP over the seeds, with the thesis' physics.", decimals=5),
-    Column("standard_deviation", "std", meaning="Standard deviation over the seeds.", decimals=5),
-    Column("z", "z", meaning="Published value minus mean, in standard deviations.", decimals=2),
-    Column("all_pairs_mean", "all pairs filled", meaning="Mean CDP without unfilled slots.", decimals=5),
-    Column("corrected_mean", "correct physics", meaning="Mean CDP over the seeds, with correct physics.", decimals=5),
-    Column("corrected_standard_deviation", "std", meaning="Standard deviation with correct physics.", decimals=5),
-    Column(
-        "corrected_exact",
-        "region to region, exact",
-        meaning="CDP of all pairs of the two regions, predicted with correct physics.",
-        decimals=5,
-    ),
-)
+    Column("pixel_pitch_um", "pixel pitch", "µm", "Of the sensor.", decimals=0,
+           value=lambda row: 1e6 * row.published.pixel_pitch_m),
+    Column("published_cdp", "thesis", "", "CDP in the thesis.", decimals=5, value="published.published_cdp"),
+    Column("mean", "labcdp", "", "Mean CDP over the seeds, with the thesis' physics.", decimals=5),
+    Column("standard_deviation", "std", "", "Standard deviation over the seeds.", decimals=5),
+    Column("z", "z", "", "Published value minus mean, in standard deviations.", decimals=2),
+    Column("all_pairs_mean", "all pairs filled", "", "Mean CDP without unfilled slots.", decimals=5),
+    Column("corrected_mean", "correct physics", "", "Mean CDP over the seeds, with correct physics.", decimals=5),
+    Column("corrected_standard_deviation", "std", "", "Standard deviation with correct physics.", decimals=5),
+    Column("corrected_exact", "region to region, exact", "",
+           "CDP of all pairs of the two regions, predicted with correct physics.", decimals=5),
+)  # fmt: skip
 _SWEEP = (
     Column("luminance_cd_m2", "luminance", "cd/m²", "Luminance of the dark squares.", digits=6),
     Column("cdp", "CDP", meaning="With the thesis' physics.", decimals=5),
@@ -124,13 +111,12 @@ def _page(result: Result, figure: ReportFigure) -> Page:
         state="good" if close == len(table) else "open",
     )
     facts = Facts((("Source", SOURCE), ("Seeds", str(seeds))))
-    return Page(
+    return Page.of(
+        result,
         "reproduction of published values",
-        result.title,
         SOURCE,
         cards=(card,),
         lead=(figure, table.showing(*_SHORT)),
-        findings=result.findings,
         sections=[
             Section(
                 "Table 5.3 and figure 3.10",

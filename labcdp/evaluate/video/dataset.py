@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from math import nan
 from typing import TYPE_CHECKING, Any
@@ -22,92 +22,69 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 
-def _column(name: str, label: str, unit: str, decimals: int, meaning: str, value: Any = "") -> Column:
-    return Column(name, label, unit, meaning, decimals=decimals, value=value)
-
-
-def _with_u(
-    name: str, label: str, unit: str, decimals: tuple[int, int], meaning: str, value: Any
-) -> tuple[Column, ...]:
-    """Columns of an estimate and of its standard uncertainty."""
-    found, u = (f"{value}.value", f"{value}.standard_error") if isinstance(value, str) else value
-    what = f"Standard uncertainty of the {label}."
-    return (
-        _column(name, label, unit, decimals[0], meaning, found),
-        _column(f"{name}_standard_uncertainty", f"u of {label}", unit, decimals[1], what, u),
-    )
-
-
-def _end(place: int) -> Callable[[Any], float]:
-    return lambda one: float(one.confidence_interval[place])
+def _with_u(column: Column, decimals: int, parts: Sequence[str] = ("value", "standard_error")) -> tuple[Column, ...]:
+    """Columns of an estimate, taken from the column's value, and of its standard uncertainty."""
+    path = f"{column.value}." if column.value else ""
+    name, what = f"{column.name}_standard_uncertainty", f"Standard uncertainty of the {column.label}."
+    u = Column(name, f"u of {column.label}", column.unit, what, decimals=decimals, value=path + parts[1])
+    return replace(column, value=path + parts[0]), u
 
 
 #: Stands for the unit of the video's means: cd/m² or none.
 LIGHT = "light"
+_LOW, _HIGH = (f"{end} end of the 95 % interval of the CDP." for end in ("Lower", "Upper"))
 #: Over frame and contrast; taken from a `CalibratedCdp`.
 OF_CONTRAST = (
-    _column("cdp", "CDP", "", 4, "Contrast detection probability.", "result.cdp"),
-    _column("cdp_standard_uncertainty", "u of CDP", "", 4, "Standard uncertainty of the CDP.", "standard_uncertainty"),
-    _column("cdp_low", "CDP, low end of 95 %", "", 4, "Lower end of the 95 % interval of the CDP.", _end(0)),
-    _column("cdp_high", "CDP, high end of 95 %", "", 4, "Upper end of the 95 % interval of the CDP.", _end(1)),
-    _column("below", "share below", "", 4, "Share of pairs with a lower contrast.", "result.below"),
-    _column("above", "share above", "", 4, "Share of pairs with a higher contrast.", "result.above"),
-)
+    Column("cdp", "CDP", "", "Contrast detection probability.", decimals=4, value="result.cdp"),
+    Column("cdp_standard_uncertainty", "u of CDP", "", "Standard uncertainty of the CDP.", decimals=4,
+           value="standard_uncertainty"),
+    Column("cdp_low", "CDP, low end of 95 %", "", _LOW, decimals=4, value="confidence_interval.0"),
+    Column("cdp_high", "CDP, high end of 95 %", "", _HIGH, decimals=4, value="confidence_interval.1"),
+    Column("below", "share below", "", "Share of pairs with a lower contrast.", decimals=4, value="result.below"),
+    Column("above", "share above", "", "Share of pairs with a higher contrast.", decimals=4, value="result.above"),
+)  # fmt: skip
 #: Over frame; taken from a `PairResult`.
 OF_PAIR = (
-    *_with_u(
-        "measured_contrast", "measured contrast", "%", (2, 2), "Weber contrast of the regions' means.", "contrast"
-    ),
-    *_with_u("csnr", "CSNR", "", (2, 3), "Contrast signal-to-noise ratio.", "csnr"),
-)
+    *_with_u(Column("measured_contrast", "measured contrast", "%", "Weber contrast of the regions' means.", decimals=2,
+                    value="contrast"), 2),
+    *_with_u(Column("csnr", "CSNR", "", "Contrast signal-to-noise ratio.", decimals=2, value="csnr"), 3),
+)  # fmt: skip
 #: Over frame; taken from the `CalibratedCdp` of the reference contrast.
 OF_REFERENCE = (
-    _column(
-        "reference_contrast", "reference contrast", "%", 2, "Contrast the frame is compared with.", "result.contrast"
-    ),
-    _column("reference_cdp", "CDP of reference", "", 4, "CDP of the reference contrast.", "result.cdp"),
-    _column(
-        "reference_cdp_low", "CDP of reference, low end of 95 %", "", 4, "Lower end of its 95 % interval.", _end(0)
-    ),
-    _column(
-        "reference_cdp_high", "CDP of reference, high end of 95 %", "", 4, "Upper end of its 95 % interval.", _end(1)
-    ),
-)
+    Column("reference_contrast", "reference contrast", "%", "Contrast the frame is compared with.", decimals=2,
+           value="result.contrast"),
+    Column("reference_cdp", "CDP of reference", "", "CDP of the reference contrast.", decimals=4, value="result.cdp"),
+    Column("reference_cdp_low", "CDP of reference, low end of 95 %", "", "Lower end of its 95 % interval.", decimals=4,
+           value="confidence_interval.0"),
+    Column("reference_cdp_high", "CDP of reference, high end of 95 %", "", "Upper end of its 95 % interval.",
+           decimals=4, value="confidence_interval.1"),
+)  # fmt: skip
 OF_FRAME = (*OF_PAIR, *OF_REFERENCE)
 #: Over frame and region; taken from a `RegionResult`.
 OF_LIGHT = (
-    *_with_u("mean", "mean", LIGHT, (4, 5), "Mean of the region.", ("mean", "standard_uncertainty")),
-    *_with_u("snr", "spatial SNR", "", (2, 3), "Mean over standard deviation of the pixels of the frame.", "snr"),
-    _column(
-        "saturated",
-        "share saturated",
-        "",
-        4,
-        "Share of saturated pixels.",
-        lambda region: region.invalid_shares.get("saturated", 0.0),
-    ),
-)
+    *_with_u(Column("mean", "mean", LIGHT, "Mean of the region.", decimals=4), 5, ("mean", "standard_uncertainty")),
+    *_with_u(Column("snr", "spatial SNR", "", "Mean over standard deviation of the pixels of the frame.", decimals=2,
+                    value="snr"), 3),
+    Column("saturated", "share saturated", "", "Share of saturated pixels.", decimals=4,
+           value=lambda region: region.invalid_shares.get("saturated", 0.0)),
+)  # fmt: skip
 #: Over frame and region; taken from a `TrackedRoi`.
 OF_PLACE = (
-    _column("quality", "tracking quality", "", 3, "Quality of the tracking, 0 to 1.", lambda one: float(one.quality)),
-    _column("lost", "lost", "", 0, "Whether the region was lost: 1 or 0.", lambda one: bool(one.lost)),
-    _column("centre_x", "centre x", "pixel", 2, "Middle of the region, to the right.", lambda one: one.roi.centre[0]),
-    _column("centre_y", "centre y", "pixel", 2, "Middle of the region, down.", lambda one: one.roi.centre[1]),
-)
+    Column("quality", "tracking quality", "", "Quality of the tracking, 0 to 1.", decimals=3,
+           value=lambda one: float(one.quality)),
+    Column("lost", "lost", "", "Whether the region was lost: 1 or 0.", decimals=0, value=lambda one: bool(one.lost)),
+    Column("centre_x", "centre x", "pixel", "Middle of the region, to the right.", decimals=2, value="roi.centre.0"),
+    Column("centre_y", "centre y", "pixel", "Middle of the region, down.", decimals=2, value="roi.centre.1"),
+)  # fmt: skip
 OF_REGION = (*OF_LIGHT, *OF_PLACE)
 #: Over frame, region and corner; taken from a `TrackedRoi`.
 OF_CORNER = (
-    _column(
-        "corner_x",
-        "x",
-        "pixel",
-        2,
-        "Corners of the region, to the right.",
-        lambda one: [x for x, _ in one.roi.corners],
-    ),
-    _column("corner_y", "y", "pixel", 2, "Corners of the region, down.", lambda one: [y for _, y in one.roi.corners]),
-)
-TIME = _column("time_s", "time", "s", 3, "Time since the first frame.")
+    Column("corner_x", "x", "pixel", "Corners of the region, to the right.", decimals=2,
+           value=lambda one: [x for x, _ in one.roi.corners]),
+    Column("corner_y", "y", "pixel", "Corners of the region, down.", decimals=2,
+           value=lambda one: [y for _, y in one.roi.corners]),
+)  # fmt: skip
+TIME = Column("time_s", "time", "s", "Time since the first frame.", decimals=3)
 NOTE = Column("note", "note", meaning="Why a value is missing, or a warning about it.")
 FINDINGS = Column("findings", "findings", meaning="The notes with code, subject and values, as JSON.")
 

@@ -171,20 +171,11 @@ LOST = (
     Column("start_s", "from", "s", "Time of the first frame.", time=True),
     Column("duration_s", "for", "s", "Time until the region was there again.", time=True),
     # The region is in a separate column.
-    Column(
-        "reason",
-        "reason",
-        meaning="Why it was lost in the first of these frames.",
-        value=lambda one: "; ".join(map(reason_of, one.reasons)),
-    ),
-    Column(
-        "code",
-        "code",
-        meaning="Code of the reason.",
-        shown=False,
-        value=lambda one: " ".join(reason.code for reason in one.reasons),
-    ),
-)
+    Column("reason", "reason", "", "Why it was lost in the first of these frames.",
+           value=lambda one: "; ".join(map(reason_of, one.reasons))),
+    Column("code", "code", "", "Code of the reason.", shown=False,
+           value=lambda one: " ".join(reason.code for reason in one.reasons)),
+)  # fmt: skip
 
 
 class _Note(NamedTuple):

@@ -44,13 +44,12 @@ def video_page(dataset: Dataset, result: Result, figure: ReportFigure) -> Page:
     if "notes" in tables:
         sections.append(Section("Notes on frames", [tables["notes"]], collapsed=True))
     sections.append(Section("Provenance and settings", _provenance(dataset, result), collapsed=True))
-    return Page(
+    return Page.of(
+        result,
         "CDP of a video",
-        result.title,
         summary=_summary(dataset, result),
         cards=[*_measured(dataset), *(_card(row, tables["contrasts"]) for row in _chosen(tables["contrasts"]))],
         lead=(figure, tables["contrasts"]),
-        findings=result.findings,
         sections=sections,
     )
 

@@ -26,25 +26,18 @@ DETECTED_CDP = 0.9
 CONTRASTS = (
     Column("kind", "contrast", meaning="Whether it was given, measured in the first frame, or is the reference."),
     Column("contrast", "Weber contrast", "%", "Contrast to be detected; missing if frames differ in it.", digits=4),
-    Column(
-        "detected_share",
-        f"frames with CDP ≥ {DETECTED_CDP:g}",
-        "%",
-        "Share of all frames; one without a CDP counts as not detected.",
-        decimals=1,
-    ),
+    Column("detected_share", f"frames with CDP ≥ {DETECTED_CDP:g}", "%",
+           "Share of all frames; one without a CDP counts as not detected.", decimals=1),
     Column("n_detected", "detected", meaning="Number of these frames.", decimals=0, shown=False),
     Column("n_evaluated", "evaluated frames", meaning="Frames that have a CDP.", decimals=0),
     Column("mean_cdp", "mean CDP", meaning="Mean over the frames that have a CDP.", decimals=4),
     Column("lowest_cdp", "lowest CDP", meaning="Lowest of them.", decimals=4),
     Column("lowest_frame", "in frame", meaning="The first frame with the lowest CDP.", decimals=0),
-)
+)  # fmt: skip
 REGIONS = (
     Column("region", "region"),
     Column("mean", "mean", meaning="Mean over the frames in which the region was found."),
-    Column(
-        "snr", "spatial SNR", meaning="Mean over standard deviation of the pixels of a frame, over the same frames."
-    ),
+    Column("snr", "spatial SNR", "", "Mean over standard deviation of the pixels of a frame, over the same frames."),
     Column("mean_quality", "mean quality", meaning="Quality of the tracking, 0 to 1.", decimals=3),
     Column("lowest_quality", "lowest quality", meaning="Lowest quality in these frames.", decimals=3),
     Column("n_lost", "frames in which it was lost", meaning="Their number.", decimals=0),

@@ -18,7 +18,7 @@ from ....metrics import DetectionInterval, Epsilon
 from ....output import Destination, write_files
 from ....report.files import dataset_bytes, envelope_json
 from ....report.html import interactive, render_page
-from ....report.layout import SIMULATED, Block, Card, Facts, Page, Section
+from ....report.layout import Block, Card, Facts, Page, Section
 from ....report.sheets import result_workbook
 from ....report.text import percent, share_percent
 from .edges import FALSE_ALARM, EdgeKind
@@ -103,13 +103,11 @@ def map_page(found: ContrastMap, drawn: NDArray[np.uint8], source: MapSource, re
     meaning = _OWN_CONTRAST if own else _ASKED.format(asked=_asked_text(found).rstrip(","))
     weakest: list[Block] = [result.table("weakest")] if len(result.table("weakest")) else []
     return render_page(
-        Page(
+        Page.of(
+            result,
             "Contrast detection probability (CDP) at the edges of an image",
-            source.file,
-            banner=SIMULATED if source.simulated else "",
             cards=_cards(found),
             lead=[interactive(_figure(found, drawn, source), scroll_zoom=True)],
-            findings=result.findings,
             sections=[
                 Section("", [meaning, _HELP, *weakest]),
                 Section("All edges", [result.table("summary")]),
@@ -144,7 +142,8 @@ def _left_out(found: ContrastMap) -> Iterator[Card]:
     if n:
         lines = tuple(f"{count} {why}" for why, count in counts.items() if count)
         every = n + int(np.count_nonzero(high & found.of_kind(EdgeKind.SEEN, EdgeKind.LOST)))
-        yield Card("Left out", f"{n} of {every}", f"borders of {percent(found.settings.minimum_contrast)} or more", lines)
+        least = percent(found.settings.minimum_contrast)
+        yield Card("Left out", f"{n} of {every}", f"borders of {least} or more", lines)
 
 
 def _facts(found: ContrastMap, source: MapSource) -> Facts:

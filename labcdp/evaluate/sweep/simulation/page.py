@@ -10,7 +10,7 @@ from ....core.result import Result
 from ....core.table import Table
 from ....output import Destination, write_files
 from ....report.files import result_files
-from ....report.layout import SIMULATED, Block, Card, Facts, Page, Section, Verbatim
+from ....report.layout import Block, Card, Facts, Page, Section, Verbatim
 from ....report.plots import contrast_figures
 from ....report.text import cell_text, percent
 from .figures import along_figures, contrast_panels, file_name, picture, shown_picture, stage_figures
@@ -77,14 +77,12 @@ def _page(
     asked = result.configuration["contrast"]
     seed = [] if result.seed is None else [("Random seed", str(result.seed))]
     facts = Facts([("Chain", f"{chain.name}: {chain.description}"), *seed])
-    return Page(
+    return Page.of(
+        result,
         kind,
-        result.title,
         summary=(answer(detection, final, asked) if detection is not None else "") or chain.description,
-        banner=SIMULATED,
         cards=[] if detection is None else _cards(detection, final, asked),
         lead=lead,
-        findings=result.findings,
         sections=[*sections, Section("Chain and provenance", (facts, Verbatim(chain.to_toml())), collapsed=True)],
     )
 

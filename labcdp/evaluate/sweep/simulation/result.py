@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from math import inf, isfinite, isinf
@@ -13,7 +13,7 @@ from typing import Any
 from ....chain import Chain
 from ....chain.predict.chain import predict_chain
 from ....core.result import Finding, InputFile, Result, info, warning
-from ....core.table import Column, Table, uncertain
+from ....core.table import Column, Table, uncertain, with_interval
 from ....report.text import percent
 from ..maps.axes import LARGEST_SNR
 from .rows import SimulationEvaluation, final_stages
@@ -41,33 +41,20 @@ def _estimated(column: Column, *, expanded: bool = True) -> tuple[Column, ...]:
     return replace(value_column, expanded=""), replace(standard, unit=column.unit)
 
 
-def _of(part: str, name: str, end: int | None = None) -> Callable[[Any], Any]:
-    """Take a value of the CDP of a pair, or one of two; None where there is none."""
-
-    def value(row: Any) -> Any:
-        found = getattr(row, part)
-        if found is None:
-            return None
-        return getattr(found, name) if end is None else getattr(found, name)[end]
-
-    return value
-
-
 def _detection(part: str, suffix: str, label: str) -> tuple[Column, ...]:
     """Return the columns of a CDP of a pair, which may be missing."""
-    cdp, interval, shown = f"cdp{suffix}", "confidence_interval", not suffix
-    low, high = f"{cdp}_low", f"{cdp}_high"
-    lower, above = "Share of pairs with a lower contrast.", "Share of pairs with a higher contrast."
+    cdp, shown = f"cdp{suffix}", not suffix
+    probability = Column(cdp, label, meaning="Contrast detection probability.", value=f"{part}.cdp")
     nothing = "Share of pairs in which no pixel is above 0."
     return (
-        Column(cdp, label, meaning="Contrast detection probability.", low=low, high=high, value=_of(part, "cdp")),
-        _hidden(low, f"{label}, lower end", "Lower end of its 95 % interval.", value=_of(part, interval, 0)),
-        _hidden(high, f"{label}, upper end", "Upper end of its 95 % interval.", value=_of(part, interval, 1)),
-        _hidden(f"u_{cdp}", f"u of {label}", "Its standard uncertainty.", digits=2, value=_of(part, "standard_error")),
-        Column(f"below{suffix}", "below", meaning=lower, decimals=4, shown=shown, value=_of(part, "below")),
-        Column(f"above{suffix}", "above", meaning=above, decimals=4, shown=shown, value=_of(part, "above")),
-        _hidden(f"undefined{suffix}", "undefined", nothing, value=_of(part, "undefined")),
-    )
+        *with_interval(probability, f"{part}.confidence_interval"),
+        _hidden(f"u_{cdp}", f"u of {label}", "Its standard uncertainty.", digits=2, value=f"{part}.standard_error"),
+        Column(f"below{suffix}", "below", "", "Share of pairs with a lower contrast.", decimals=4, shown=shown,
+               value=f"{part}.below"),
+        Column(f"above{suffix}", "above", "", "Share of pairs with a higher contrast.", decimals=4, shown=shown,
+               value=f"{part}.above"),
+        _hidden(f"undefined{suffix}", "undefined", nothing, value=f"{part}.undefined"),
+    )  # fmt: skip
 
 
 def _hidden(name: str, label: str, meaning: str, unit: str = "", **more: Any) -> Column:
@@ -85,9 +72,9 @@ _CONTRAST = (
     Column("bright", "bright", meaning="Bright region of the pair."),
     Column("dark", "dark", meaning="Dark region of the pair."),
     Column("scene_contrast", "scene contrast", "%", _SCENE, value="true_contrast"),
-    _hidden("contrast", "contrast to detect", _ASKED, "%", value=_of("cdp", "contrast")),
-    _hidden("lowest_contrast", "lowest detected", _LOWEST, "%", value=_of("cdp", "interval", 0)),
-    _hidden("highest_contrast", "highest detected", _HIGHEST, "%", value=_of("cdp", "interval", 1)),
+    _hidden("contrast", "contrast to detect", _ASKED, "%", value="cdp.contrast"),
+    _hidden("lowest_contrast", "lowest detected", _LOWEST, "%", value="cdp.interval.0"),
+    _hidden("highest_contrast", "highest detected", _HIGHEST, "%", value="cdp.interval.1"),
     Column("measured_contrast", "measured contrast", "%", _MEASURED),
     _hidden("mean_contrast", "mean contrast", _OF_PIXELS, "%"),
 )
@@ -95,11 +82,9 @@ _RATIOS = (
     *_estimated(Column("csnr", "CSNR", meaning="Mean over standard deviation of the contrast.")),
     *_estimated(Column("cnr", "CNR", meaning="Difference of the mean luminances over the noise of the dark region.")),
     *_estimated(Column("d_prime", "d'", meaning="Difference of the mean luminances over the noise of both regions.")),
-    _hidden("n_bright", "pixels of bright", "Pixels of the bright region.", value=_of("cdp", "bright_size")),
-    _hidden("n_dark", "pixels of dark", "Pixels of the dark region.", value=_of("cdp", "dark_size")),
-    _hidden(
-        "n_pairs_neighbours", "pairs of neighbours", "Pairs of neighbouring pixels.", value=_of("neighbours", "pairs")
-    ),
+    _hidden("n_bright", "pixels of bright", "Pixels of the bright region.", value="cdp.bright_size"),
+    _hidden("n_dark", "pixels of dark", "Pixels of the dark region.", value="cdp.dark_size"),
+    _hidden("n_pairs_neighbours", "pairs of neighbours", "Pairs of neighbouring pixels.", value="neighbours.pairs"),
 )
 _OF_VALUES = "Mean over standard deviation of the values; ∞ without noise."
 _OF_LIGHT = "Mean over standard deviation of that luminance; black level and subtracted glare do not raise it."
@@ -119,16 +104,11 @@ _SIGNAL = (
     *_estimated(_SNR_20, expanded=False),
     Column("scene_cd_m2", "scene", "cd/m²", "Mean luminance of the scene in the region.", value="true_cd_m2"),
     Column("luminance_cd_m2", "luminance", "cd/m²", "Mean luminance that the values stand for."),
-    _hidden(
-        "luminance_std_cd_m2",
-        "std",
-        "Standard deviation of that luminance.",
-        "cd/m²",
-        value="luminance_standard_deviation_cd_m2",
-    ),
+    _hidden("luminance_std_cd_m2", "std", "Standard deviation of that luminance.", "cd/m²",
+            value="luminance_standard_deviation_cd_m2"),
     *_estimated(Column("luminance_snr", "spatial SNR of luminance", meaning=_OF_LIGHT)),
     Column("saturated_share", "saturated", "%", "Share of the region's pixels that are saturated.", decimals=2),
-)
+)  # fmt: skip
 _PREDICTED = (
     Column("cdp", "CDP", meaning="Contrast detection probability.", decimals=4),
     Column("below", "below", meaning="Share of pairs with a lower contrast.", decimals=4),

@@ -101,7 +101,9 @@ def contrast_name(row: Mapping[str, Any]) -> str:
         return "reference contrast of each frame"
     # What was measured has as many digits as a float.
     text = percent(row["contrast"]) if row["kind"] == "asked" else f"{100 * row['contrast']:.4g} %"
-    return f"contrast {text}" if row["kind"] == "asked" else f"{row['kind']} contrast {text}"
+    return {"reference": f"reference contrast {text}", "measured": f"contrast {text} as first measured"}.get(
+        row["kind"], f"contrast {text}"
+    )
 
 
 def _contrasts(dataset: Dataset) -> Table:

@@ -127,7 +127,7 @@ def _cards(found: ContrastMap) -> list[Card]:
     return [
         Card(
             "Detected edges", share_percent(found.detected_share), f"{seen} of {seen + lost} edges of objects",
-            (f"contrast of at least {least}", f"CDP of at least {asked.detected:g}"), state="good",
+            (f"contrast of at least {least}", f"CDP of at least {asked.detected:g}"), state="plain" if lost else "good",
         ),
         Card("Lost edges", str(lost), of_length, (f"CDP below {asked.detected:g}",), state="bad" if lost else "good"),
         *_left_out(found),

@@ -22,6 +22,12 @@ if TYPE_CHECKING:
 #: Dashes of the isolines, in rising order of their levels.
 _DASHES = ("dot", "solid", "dash")
 
+#: Decades of an axis below which plotly would write all of 1 to 9; it writes 1, 2 and 5.
+_FEW_DECADES = 2.5
+
+#: Below the figure, as a phone is too narrow for it beside.
+_LEGEND = {"orientation": "h", "x": 0}
+
 #: Ends of the axis of CDP.
 _CDP_ENDS = (-0.03, 1.05)
 
@@ -56,8 +62,7 @@ def _heat_maps(view: MapView) -> Figure:
         figure.update_layout(updatemenus=[menu])
     figure.update_xaxes(**_axis_settings(view.layout.x), showgrid=False)
     figure.update_yaxes(**_axis_settings(view.layout.y), showgrid=False)
-    # The legend below, as plotly's buttons are above.
-    figure.update_layout(height=520, legend={"orientation": "h", "x": 0, "y": -0.16}, plot_bgcolor=MISSING)
+    figure.update_layout(height=520, legend={**_LEGEND, "y": -0.16}, plot_bgcolor=MISSING)
     return figure
 
 
@@ -132,7 +137,7 @@ def _curves(view: MapView) -> Figure:
     figure.update_yaxes(title="CDP", range=_CDP_ENDS, row=1, col=1)
     if snr:
         figure.update_yaxes(title="SNR in dB (20 log<sub>10</sub>)", row=2, col=1)
-    figure.update_layout(height=560 if snr else 420, legend_traceorder="normal")
+    figure.update_layout(height=560 if snr else 420, legend={**_LEGEND, "y": -0.16, "traceorder": "normal"})
     return figure
 
 
@@ -172,8 +177,10 @@ def _axis_settings(axis: MapAxis) -> dict[str, Any]:
     kind = ("log" if axis.log else "linear") if axis.numeric else "category"
     settings: dict[str, Any] = {"title": _escaped(axis_label(axis)), "type": kind}
     if axis.numeric:
-        ends = _ends(axis)
-        settings |= {"tickformat": "~g", "range": (np.log10(ends) if axis.log else ends).tolist()}
+        ends = np.log10(_ends(axis)) if axis.log else _ends(axis)
+        settings |= {"tickformat": "~g", "range": ends.tolist()}
+        if axis.log and np.ptp(ends) < _FEW_DECADES:
+            settings["dtick"] = "D2"
     return settings
 
 

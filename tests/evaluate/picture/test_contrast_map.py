@@ -154,6 +154,15 @@ def test_errors_alike_for_neighbours_cancel_and_others_count():
     assert by_calibration == pytest.approx(one, rel=0.1)
 
 
+def test_contrasts_of_a_texture_are_not_called_noise():
+    """Clear against the noise of the pixels, and less than the texture of their regions."""
+    stones = np.random.default_rng(1).uniform(0.3, 1.7, (50, 60)).repeat(8, axis=0).repeat(8, axis=1)
+    found = contrast_map(_map(_halves(dark=100.0, bright=160.0, noise=0.5) * stones))
+    high = (found.edges.contrast > 0.1) & ~found.of_kind(EdgeKind.SMALL)
+    assert high.sum() > 100
+    assert set(found.edges.kind[high]) <= {EdgeKind.SEEN, EdgeKind.UNEVEN}
+
+
 def test_pixels_that_are_not_finite_are_left_out():
     image = _halves(noise=3.0)
     image[::7, ::11] = np.nan

@@ -177,10 +177,9 @@ def map_edges(
         What is known of the scene: the same regions in an image without what took contrast, the contrast of all its
         objects, or nothing.
     """
-    first, second = near.pairs.T
     known = scene if isinstance(scene, MapRegions) else regions
-    swapped = known.mean[second] > known.mean[first]
-    bright, dark = np.where(swapped, second, first), np.where(swapped, first, second)
+    swapped = np.greater(*known.mean[near.pairs.T[::-1]])
+    bright, dark = np.where(swapped, near.pairs.T[::-1], near.pairs.T)
     by_calibration = np.sqrt(sum((np.square(x[bright] - x[dark]) for x in errors), start=np.zeros(bright.size)))
     contrast, uncertainty, least = _contrasts(regions, bright, dark, by_calibration, noise.inflation)
     # Where there is no light on the whole, there is no contrast either.

@@ -50,7 +50,7 @@ _HELP = (
 _LEFT_OUT = {
     EdgeKind.UNEVEN: "of regions that are not uniform",
     EdgeKind.SATURATED: "of saturated regions",
-    EdgeKind.NOISE: "not told from noise",
+    EdgeKind.NOISE: "not distinguishable from noise",
     EdgeKind.SMALL: "too short",
 }
 

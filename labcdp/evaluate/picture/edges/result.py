@@ -25,7 +25,7 @@ KINDS = {
     EdgeKind.SEEN: ("detected", "contrast of an object, and a CDP of at least the limit"),
     EdgeKind.UNEVEN: ("not uniform", "more than noise, but the regions vary as much: texture, or several surfaces"),
     EdgeKind.FAINT: ("faint", "contrast below that of an object"),
-    EdgeKind.NOISE: ("noise", "not told from noise: no edge of an object"),
+    EdgeKind.NOISE: ("noise", "not distinguishable from noise: no edge of an object"),
     EdgeKind.SATURATED: ("saturated", f"a region has more than {SATURATED_SHARE:.0%} of its pixels saturated"),
     EdgeKind.BLACK: ("black", "a region has no light above the black level"),
     EdgeKind.SMALL: ("too small", "too short, or a region has too few pixels"),

@@ -149,9 +149,9 @@ class Judgement:
     ----------
     patch
         Patch to measure; may be repeated. Default: darkest, middle and brightest (grey ones, with colour filters); all
-        of a recorded session.
+        patches of a recorded session.
     tolerance
-        Largest deviation of the camera from the meter that conforms, for example 3%; default: U (95 %).
+        Largest conforming deviation of the camera from the meter, for example 3%; default: U (95 %).
     """
 
     patch: tuple[str, ...] = ()
@@ -169,8 +169,8 @@ def verify(
 ) -> None:
     """Check a calibration by measuring two or three patches again.
 
-    A patch conforms if its deviation and the uncertainty U of that are together within the tolerance, and does not if
-    the deviation exceeds the tolerance by more than U; in between it is undecided. Exit status: 0 conform, 3 not
+    A patch conforms if its deviation plus the uncertainty U of the deviation is within the tolerance, does not conform
+    if the deviation exceeds the tolerance by more than U, and is undecided otherwise. Exit status: 0 conform, 3 not
     conform, 4 undecided, 1 for an error. Writes verification.json, which labcdp history reads.
 
     Parameters

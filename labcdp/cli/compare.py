@@ -47,9 +47,9 @@ class QuestionOptions:
     epsilon
         For chains and pictures: relative tolerance of the contrast; default: 50%.
     roi
-        For pictures: region file, .json of labcdp rois, or .roi or .zip of ImageJ.
+        For pictures: region file, .json from labcdp rois, or .roi or .zip from ImageJ.
     changes
-        For chains: set a parameter in all, for example scene.contrast=30%; may be repeated.
+        For chains: set a parameter in all of them, for example scene.contrast=30%; may be repeated.
     """
 
     over: Axes = ()
@@ -103,8 +103,8 @@ def compare(
     """Compare chains, sessions, calibrations, characterisations, pictures or sweeps, side by side on one page.
 
     Chains are predicted without random numbers: CDP over the luminance, usable range and difference. Sessions are
-    evaluated with their own calibrations, pictures as by labcdp image. All others are compared by their results: values
-    with U, z and significance, in which the errors of one meter or calibration are not counted as independent.
+    evaluated with their own calibrations, pictures as in labcdp image. Everything else is compared by its results:
+    values with U, z and significance; shared errors of a meter or calibration are not counted as independent.
 
     Example: labcdp compare manta-g505 my-chain.toml --contrast 50%
 
@@ -132,7 +132,7 @@ def history(
     open_page: Open = False,
     as_json: Json = False,
 ) -> None:
-    """List changes of responsivity, dark signal and gain from calibration to calibration.
+    """List how responsivity, dark signal and gain change between calibrations.
 
     Each camera, lens, f-number and gain has its own table and plot.
 

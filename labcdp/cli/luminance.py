@@ -118,7 +118,7 @@ def luminance(
 ) -> None:
     """Convert frames to luminance in cd/m² with its uncertainty.
 
-    All frames must show the same still scene. Several exposures are merged into one map (HDR), with the weights of
+    All frames must show the same still scene. Several exposures are merged into one map (HDR), with weights for the
     least noise and without saturated pixels. Pixels that differ between the exposures are flagged.
 
     Parameters

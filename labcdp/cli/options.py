@@ -26,7 +26,7 @@ Json = Annotated[bool, As("Print the result as JSON.", ("--json",))]
 Force = Annotated[bool, As("Replace earlier results of the same command, or an existing output file; never an input.")]
 Open = Annotated[bool, As("Open the page in the browser.", ("--open",))]
 Output = Annotated[
-    Path | None, As("New folder for the results; default: NAME-COMMAND, by the session or input.", ("--output", "-o"))
+    Path | None, As("New folder for the results; default: NAME-COMMAND, named after the input.", ("--output", "-o"))
 ]
 Natural = Annotated[int, As(least=0)]
 Positive = Annotated[int, As(least=1)]
@@ -55,7 +55,7 @@ Contrasts = Annotated[
     ),
 ]
 Port = Annotated[int, As("Port of the page; default: any free port.", least=0, most=65535)]
-PageAddress = Annotated[str, As("Address of the page. The default can be reached from this computer and through ssh.")]
+PageAddress = Annotated[str, As("Address of the page; the default is reachable from this computer and through ssh.")]
 MeterPort = Annotated[
     str | None,
     As("Serial port of the meter, for example /dev/ttyUSB0; default: as configured, or the only one.", ("--meter",)),
@@ -155,7 +155,7 @@ class ClusterOptions:
     cluster : ADDRESS
         Address of a Dask scheduler whose workers evaluate, for example tls://192.0.2.7:8786.
     cluster_tls : CA CERTIFICATE KEY
-        PEM files for a scheduler at an address tls://: certificate of the authority, own certificate and key.
+        PEM files for a scheduler at a tls:// address: certificate of the authority, own certificate and key.
     workers
         Number of workers on this computer, for several videos and sweeps; default: one per core.
     """

@@ -203,7 +203,7 @@ def evaluate(
 ) -> None:
     """Compute luminance and contrast detection probability of a session's patches.
 
-    The exit status is 3 if a patch fails its limits_cd_m2 of the plan, 4 if one is undecided.
+    The exit status is 3 if a patch fails the limits_cd_m2 of the plan, 4 if one is undecided.
 
     Example: labcdp evaluate my-session --pair white:grey --contrast 50%,100%
 

@@ -131,7 +131,7 @@ def init(
     preset
         For a chain: preset to start from, see labcdp presets; default: manta-g505.
     sensor
-        For a chain: EMVA 1288 results for its sensor, of labcdp characterise (results.json or folder) or of a data
+        For a chain: EMVA 1288 results for its sensor, from labcdp characterise (results.json or folder) or from a data
         sheet (TOML with a table emva1288); the preset gives the rest.
     """
     path = output_file(context, file, force, option="FILE")

@@ -10,10 +10,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..core.result import Finding, unique
+from ..core.result import unique
 from ..core.table import Table
 from .layout import Block, Facts, Page, ReportFigure, Script, State, Verbatim
-from .text import capitalised, finding_text, is_number, printable, text_table
+from .text import finding_sentence, is_number, printable, text_table
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -40,14 +40,10 @@ def render_page(page: Page) -> str:
             page=page,
             version=version("labcdp"),
             scripts=any(isinstance(block, Script) for block in page.blocks),
-            severe=[(finding.severity, _sentence(finding)) for finding in severe],
-            notes=[_sentence(finding) for finding in unique(page.findings) if finding.severity == "info"],
+            severe=[(finding.severity, finding_sentence(finding)) for finding in severe],
+            notes=[finding_sentence(finding) for finding in unique(page.findings) if finding.severity == "info"],
         )
     )
-
-
-def _sentence(finding: Finding) -> str:
-    return capitalised(finding_text(finding))
 
 
 @cache

@@ -112,8 +112,8 @@ def shortened(text: str, n_characters: int) -> str:
 
 
 def capitalised(text: str) -> str:
-    """Begin a text with a capital."""
-    return text[:1].upper() + text[1:]
+    """Begin a text with a capital, unless it begins with the name of a file."""
+    return text[:1].upper() + text[1:] if text.partition(" ")[0].strip(",;:").replace("-", "").isalpha() else text
 
 
 def day(time: datetime) -> str:
@@ -251,6 +251,12 @@ def finding_text(finding: Finding) -> str:
     if isinstance(files, list):
         text += f" ({shortened(str(files[0]), _LONGEST_NAME) if len(files) == 1 else f'{len(files)} files'})"
     return printable(text)
+
+
+def finding_sentence(finding: Finding) -> str:
+    """Return a finding as a sentence that begins with a capital, or with the name of its subject."""
+    text, name = finding_text(finding), shortened(finding.subject, _LONGEST_NAME)
+    return text if name and text.startswith(name) else capitalised(text)
 
 
 def warning_texts(findings: Iterable[Finding]) -> tuple[str, ...]:

@@ -196,6 +196,13 @@ def test_warnings_of_the_checks_are_shown_and_names_are_escaped(space: Workspace
     assert "are saturated" in said
     assert "The camera parameters are guessed" in said
     assert "<i>" not in said + region_table(space.image, space.drawing, space.measured, None)
+    # A name keeps its small letter.
+    for text, shown in (
+        ("m.csv cannot be written", "m.csv cannot be written"),
+        ("the disk is full", "The disk is full"),
+    ):
+        space.say(text)
+        assert space.notice.text == shown
 
 
 def test_a_file_that_somebody_else_changed_is_replaced_only_when_confirmed(space: Workspace, tmp_path: Path) -> None:

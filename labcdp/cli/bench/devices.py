@@ -69,7 +69,7 @@ def snap(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Take one frame, for drawing the regions of the patches in it.
+    """Take one frame, to draw the regions of the patches in it.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ def meter(
     slow
         Use the SLOW response, for flickering light.
     peak
-        Measure the peak value instead of the present one.
+        Measure the peak value instead of the current one.
     transcript
         New file for the bytes exchanged with the meter.
     """

@@ -111,10 +111,10 @@ def bench(
     roi: Path = Path("bench.rois.json"),
     as_json: Json = False,
 ) -> None:
-    """Show camera and meter live in the browser: regions, luminance and CDP of what is seen now.
+    """Show camera and meter live in the browser: regions, luminance and CDP of the current image.
 
     The camera streams while the page is open and is released when it is closed. Exposure and gain are changed on the
-    page and read back; a lost camera is waited for. Ctrl-C ends the command.
+    page and read back; labcdp waits for a lost camera. Ctrl-C ends the command.
 
     Example: labcdp bench --simulated
 
@@ -125,7 +125,7 @@ def bench(
     calibration
         Calibration file, for values in cd/m².
     roi
-        Region file to start from and to save to; without it, the patches of the plan.
+        Region file to start from and save to; if it does not exist, start with the patches of the plan.
     """
     conversion = picture_conversion(calibration, None, None)
     configuration = None if plan is None else SessionConfiguration.load(plan)

@@ -48,7 +48,7 @@ def simulate_bench(
     address
         Loopback address of the camera; default: the first free one.
     response_s
-        Seconds that a reading of the meter takes.
+        Duration of a meter reading in seconds.
     seed
         Random seed of camera and meter noise; default: 0.
     faults

@@ -64,7 +64,7 @@ def image(
     rectangle : X0,Y0,X1,Y1
         Compute the nearest-neighbour CDP inside a rectangle, given by two corner pixels.
     pages
-        Write a page with figures for each picture, or the tables alone.
+        Write a page with figures for each picture, or only the tables.
     surface
         Also write a page with the luminance as an interactive surface, 6 MB per picture.
     """
@@ -145,9 +145,9 @@ class EdgeOptions:
     epsilon
         Relative tolerance of the contrast.
     minimum_contrast
-        Smallest contrast of an edge; edges of less contrast are ignored.
+        Smallest contrast of an edge; weaker edges are ignored.
     contrast
-        Contrast that the objects of the scene have, to be detected at all edges; default: that of each edge.
+        Contrast of the objects in the scene, to be detected at all edges; default: that of each edge.
     detected
         Smallest CDP of a detected edge, above 0 and up to 1.
     """
@@ -172,7 +172,7 @@ def image_map(
 
     The image is segmented into regions whose borders follow its edges. Each edge is coloured by the probability (CDP)
     that a pixel on one side and a pixel on the other show the contrast of the edge; warm colours are edges that are
-    lost. That contrast is the one in the image itself, which misses what a veil or blur took; --reference or --contrast
+    lost. This is the contrast in the image itself, without what a veil or blur has removed; --reference or --contrast
     give that of the scene. Edges whose contrast is within the noise are not drawn. Writes an interactive page, a
     picture, a spreadsheet with a row for each edge, NetCDF and JSON.
 
@@ -181,7 +181,7 @@ def image_map(
     Parameters
     ----------
     file : FILE
-        Image: PNG, JPEG, TIFF, OpenEXR, NPY, camera RAW, raw dump, or a luminance map of labcdp.
+        Image: PNG, JPEG, TIFF, OpenEXR, NPY, camera RAW, raw dump, or a luminance map written by labcdp.
     reference
         Image of the scene without veil or blur; its edges and their contrasts are to be detected.
     """

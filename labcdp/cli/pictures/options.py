@@ -55,8 +55,8 @@ class LightOptions:
     camera_spec
         Camera specification (TOML, see labcdp init camera), for estimated values in cd/m².
     encoding
-        Encoding of the pixel values; default: as the camera specification or the file states, else the usual one of the
-        file type.
+        Encoding of the pixel values; default: as stated by the camera specification or the file, else the usual one for
+        the file type.
     exposure
         Exposure time, for example 5ms; default: as stated by each file.
     gain_db
@@ -113,10 +113,10 @@ class PairOptions:
     Parameters
     ----------
     roi
-        Region file, of a video for its first frame: .json of labcdp rois, or .roi or .zip of ImageJ.
+        Region file (for a video: of its first frame): .json from labcdp rois, or .roi or .zip from ImageJ.
     contrast
         Contrasts to detect: 100%, a list such as 50%,100%, or a range START:STOP:COUNT[:log] such as 10%:200%:20. May
-        be repeated; default: the measured contrast of each pair, of a video in its first frame.
+        be repeated; default: the measured contrast of each pair (for a video: in its first frame).
     pair : BRIGHT:DARK
         Names of two regions, the brighter one first; may be repeated. Default: all pairs of up to 6 regions of a
         picture, the only pair of a video.
@@ -164,11 +164,11 @@ class VideoPairOptions(PairOptions):
     Parameters
     ----------
     method
-        Tracking method: follow, homography (flat targets that tilt) or fixed; other ones for some regions:
+        Tracking method: follow, homography (flat targets that tilt) or fixed; different ones for some regions:
         follow,wall=fixed.
     reference
         Reference contrast of each frame: a value such as 1000%, first (contrast of the first frame), or results.nc of
-        another video, for example of a calibrated camera.
+        another video, for example from a calibrated camera.
     reference_by
         Match frames of a reference video by number or time.
     """

@@ -94,8 +94,8 @@ def rois(
     """Draw regions in an image or video frame, on a page in the browser.
 
     The page shows DN and cd/m² under the pointer, the mean of each region, and the CDP of two regions. labcdp prints
-    the address of the page, also for a browser on another computer. Ctrl-C ends the command. Regions that are not
-    saved are kept next to the output, and the same command resumes with them.
+    the address of the page, also for a browser on another computer. Ctrl-C ends the command. Unsaved regions are kept
+    next to the output, and the same command resumes with them.
 
     Parameters
     ----------

@@ -45,7 +45,7 @@ def camera_card(bench: LiveBench) -> str:
     where = f" at {focus.region}" if focus.region else ""
     lines += [f"sharpness{where} {100 * focus.now / focus.best:.0f} % of the best"] if focus.best else []
     lines += [f"incomplete frames: {live.n_incomplete}"] if live.n_incomplete else []
-    rejected = f"rejected: {live.error}" if live.error else ""
+    rejected = "a setting was rejected: see the message" if live.error else ""
     changed = f"changed by the camera or another program: {', '.join(starmap(_change, live.changed))}"
     lines = [*(line for line in (rejected, changed if live.changed else "") if line), *lines][:3]
     rate = f"{live.rate_hz:.1f} fps" if live.rate_hz else "…"

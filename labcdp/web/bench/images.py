@@ -122,6 +122,8 @@ class LiveImages:
         self.newest: PageImage | None = None
         #: Why there is no cd/m^2 with a calibration.
         self.mismatch = ""
+        #: Kind of the frames for which that was said.
+        self._mismatched: tuple[object, ...] = ()
         self.paused = False
         self.focus = Focus()
         #: Place x, y in the image that the pointer is at; empty outside.
@@ -142,13 +144,16 @@ class LiveImages:
         self._bit_depth, self.black_dn = frame.bit_depth, frame.nominal_black_dn
         try:
             image = PageImage.of_frame("live", frame, self._conversion)
-            self.mismatch = ""
+            self.mismatch, self._mismatched = "", ()
             self.black_dn = self._conversion.options.black_level_dn or self.black_dn
         except CalibrationError as error:
             from ...evaluate.picture.conversion import picture_conversion
 
             image = PageImage.of_frame("live", frame, picture_conversion(None, None, None))
-            self.mismatch = f"The calibration does not apply: {error}"
+            kind = (frame.shape, frame.pixel_format, frame.gain_db, frame.readout)
+            if kind != self._mismatched:
+                # Names one frame: another text for each would not let a person read it.
+                self.mismatch, self._mismatched = f"The calibration does not apply: {error}", kind
         return image
 
     def listen(self, listener: Callable[[], None]) -> Callable[[], None]:

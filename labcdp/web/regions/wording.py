@@ -11,9 +11,10 @@ from ...metrics.uncertainty import limit_verdict
 from ...regions import Shape
 from ...report.text import (
     Z_95,
+    capitalised,
     cdp_decimals,
     cdp_interval,
-    finding_text,
+    finding_sentence,
     fixed,
     share_percent,
     shortened,
@@ -98,14 +99,13 @@ def warning_list(image: PageImage, drawing: Drawing, measured: Measured) -> str:
         numbers = measured.regions.get(roi, RegionNumbers())
         findings += numbers.findings
         if error := numbers.error:
-            errors.append(error if roi.name in error else f"{roi.name}: {error}")
+            errors.append(capitalised(error) if roi.name in error else f"{roi.name}: {error}")
     pair = measured.pair
     if pair is not None and pair.result is not None and pair.first in rois and pair.second in rois:
         # Those of a region are already shown above.
         known = {(one.code, one.subject) for one in findings}
         findings += [one for one in pair.result.findings if (one.code, one.subject) not in known]
-    lines = [*errors, *map(finding_text, unique((*findings, *image.findings)))]
-    return items(line[:1].upper() + line[1:] for line in lines)
+    return items([*errors, *map(finding_sentence, unique((*findings, *image.findings)))])
 
 
 def _cells(found: RegionNumbers | None) -> tuple[str, ...]:

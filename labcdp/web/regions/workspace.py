@@ -9,6 +9,7 @@ from typing import Any
 
 from ...core.errors import InputError
 from ...regions import Shape, new_shapes
+from ...report.text import capitalised
 from .drawing import Drawing
 from .files import DrawingFiles, Start
 from .measurements import Measured, Measurements, RunElsewhere
@@ -119,7 +120,7 @@ class Workspace:
         try:
             self._do(message)
         except InputError as error:
-            self._tell(Notice(_sentence(str(error)), "warning"))
+            self._tell(Notice(capitalised(str(error)), "warning"))
             return False
         return True
 
@@ -147,11 +148,11 @@ class Workspace:
 
     def warn(self, error: Exception) -> None:
         """Report an error."""
-        self._tell(Notice(_sentence(str(error)), "warning"))
+        self._tell(Notice(capitalised(str(error)), "warning"))
 
     def say(self, text: str) -> None:
         """Show a sentence."""
-        self._tell(Notice(_sentence(text)))
+        self._tell(Notice(capitalised(text)))
 
     def measure(self) -> None:
         """Start measuring the drawing, now or after the current step; called after each change."""
@@ -282,7 +283,3 @@ class Workspace:
         """Tell all tabs that something has changed."""
         for listener in tuple(self._listeners):
             listener()
-
-
-def _sentence(text: str) -> str:
-    return text[:1].upper() + text[1:] if text[:1].islower() and not text.startswith("/") else text

@@ -68,3 +68,10 @@ def test_triggers_and_regions_of_a_real_camera(camera):
     camera.configure(trigger=SOFTWARE_TRIGGER, region=Region(8, 4, 32, 16))
     assert [frame.shape for frame in camera.grab(2)] == [(16, 32)] * 2
     assert camera.configure(trigger=FREE_RUN).trigger == FREE_RUN
+
+
+@pytest.mark.parametrize("facts", [one for one in CAMERAS if one["name"] == "Blackfly S"], ids=lambda one: one["name"])
+def test_exposure_and_frame_rate_that_limit_each_other_are_set_at_once(camera):
+    for exposure_s, frame_rate_hz in ((0.1, 5.0), (0.002, 200.0)):
+        settings = camera.configure(exposure_s=exposure_s, frame_rate_hz=frame_rate_hz)
+        assert (settings.exposure_s, settings.frame_rate_hz) == pytest.approx((exposure_s, frame_rate_hz), rel=1e-3)

@@ -157,12 +157,8 @@ def test_the_thread_that_receives_has_priority_where_that_is_permitted(camera):
     assert os.getpriority(os.PRIO_PROCESS, 0) == own
 
 
-def test_a_gamma_that_is_switched_off_may_be_locked_and_a_test_pattern_is_switched_off(aravis):
+def test_what_changes_the_dn_and_cannot_be_switched_off_is_refused(aravis):
     gamma = {"register": 0x150, "unit": "", "steps": 100, "range": [0.25, 4], "value": 45, "access": "RO"}
-    switch = {"register": 0x178, "switch": True, "value": 1}
-    pattern = {"register": 0x17C, "choices": {"Off": 0, "GreyHorizontalRamp": 1}, "value": 1}
-    with opened(features=features(Gamma=gamma, GammaEnable=switch, TestPattern=pattern)) as camera:
-        assert [camera.feature(name) for name in ("Gamma", "GammaEnable", "TestPattern")] == [0.45, False, "Off"]
     with pytest.raises(CameraSettingError, match=r"Gamma is 0\.45"), opened(features=features(Gamma=gamma)):
         pass
 

@@ -1,7 +1,5 @@
 """The language of faults, and faults of the devices in this process, in simulated time: each second takes none."""
 
-import threading
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -12,8 +10,6 @@ from labcdp.drivers.camera import CameraError
 from labcdp.drivers.meter import MeterError
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
 from labcdp.drivers.simulated.commands import EXAMPLES, Command, parse_command, parse_schedule
-
-SHAPE = (400, 480)
 
 
 @pytest.mark.parametrize(
@@ -70,36 +66,6 @@ def test_any_text_is_understood_or_refused_in_one_line(text):
     assert len(refusal.splitlines()) <= 1
 
 
-@pytest.fixture
-def clock():
-    return SimulatedClock()
-
-
-@pytest.fixture
-def bench(small_configuration, clock):
-    return SimulatedBench(small_configuration, BenchDevices.standard(seed=3), SHAPE, clock)
-
-
-def test_light_drifts_for_camera_and_meter(bench, clock, small_configuration):
-    bench.point_meter("upper left")
-    region = next(p.region() for p in small_configuration.target.patches if p.name == "upper left")
-
-    def seen():
-        return region.select(camera.snap().dn).mean() - 64, meter.measure().luminance_cd_m2
-
-    with bench.in_process_camera() as camera, bench.in_process_meter() as meter:
-        camera.configure(exposure_s=0.0005)
-        before = seen()
-        bench.run_command("light -20% in 100 s")
-        clock.sleep(50)
-        # A frame and a reading take less than 1 s, which is 0.2 % of light; repeatability is 0.1 %.
-        halfway = seen()
-    assert halfway[0] / before[0] == pytest.approx(0.9, abs=0.005)
-    assert halfway[1] / before[1] == pytest.approx(0.9, abs=0.008)
-    clock.sleep(1000)
-    assert bench.light_rel == pytest.approx(0.8)
-
-
 NIGHT = """
 light -5% in 8 h
 temperature +8 C in 2 h
@@ -116,11 +82,15 @@ at 7.5 h meter remote
 """
 
 
-def test_a_night_passes_in_no_time(bench, clock):
+def test_a_night_passes_in_no_time(small_configuration):
     """8 h with a frame and a reading every two minutes; every frame is whole, or its fault is known."""
+    clock = SimulatedClock()
+    bench = SimulatedBench(small_configuration, BenchDevices.standard(seed=3), (400, 480), clock)
+    patch = next(p.region() for p in small_configuration.target.patches if p.name == "upper left")
     bench.schedule(NIGHT)
     refused, failures, frames, readings = [], [], [], []
     with bench.in_process_camera(patience_s=600) as camera, bench.in_process_meter() as meter:
+        camera.configure(exposure_s=0.0005)
         while clock.monotonic_s() < 8 * 3600:
             due_s = clock.monotonic_s() + 120
             try:
@@ -139,15 +109,8 @@ def test_a_night_passes_in_no_time(bench, clock):
     assert len(frames) + len(failures) - n_meter_failures == pytest.approx(239, abs=3)
     assert (len(gaps), gaps[0], gaps[2]) == (3, "it does not answer", "another program took control")
     assert refused
+    # Camera and meter see the same light.
+    light = [patch.select(frames[index].dn).mean() - 64 for index in (0, -1)]
+    assert light[1] / light[0] == pytest.approx(0.95, abs=0.005)
     assert readings[-1] / readings[0] == pytest.approx(0.95, abs=0.02)
     assert frames[-1].temperature_c == pytest.approx(43)
-
-
-def test_the_timers_of_the_schedule_end_with_the_bench(small_configuration):
-    def timers():
-        return [thread for thread in threading.enumerate() if isinstance(thread, threading.Timer)]
-
-    with SimulatedBench(small_configuration, BenchDevices.standard(), SHAPE) as bench:
-        bench.schedule("at 1 h meter drop\nat 2 h meter remote\nlight -5% in 3 h")
-        assert timers()
-    assert timers() == []

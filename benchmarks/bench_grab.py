@@ -1,11 +1,11 @@
 """Frames per second and processor time per frame, beside Debian's arv-camera-test on the same simulated camera.
 
 Run ``python benchmarks/bench_grab.py``. A simulated camera in a process of its own streams over GigE Vision on
-loopback, with priority where that is permitted; arv-camera-test and labcdp take turns receiving from it. The rate is
-compared where the camera sends as fast as it can, the processor time also at the 15 frames/s of a Manta. Processor
-time is that of the receiving process alone, its start left out. The last line grabs small frames and tells how many
-were lost, and whether memory, file descriptors and threads grew on the way. ``python benchmarks/bench_grab.py small``
-does that alone.
+loopback, with priority where that is permitted; arv-camera-test and labcdp take turns receiving from it, and each ratio
+is the median of those of the rounds. The rate is compared where the camera sends as fast as it can, the processor time
+also at the 15 frames/s of a Manta. Processor time is that of the receiving process alone, its start left out. The last
+line grabs small frames and tells how many were lost, and whether memory, file descriptors and threads grew on the way.
+``python benchmarks/bench_grab.py small`` does that alone.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from labcdp.drivers.simulated import SimulatedDevice, SimulatedGigECamera
 SERIAL, ADDRESS = "SIM-BENCH", "127.0.0.1"
 #: Seconds of a short and a long run, whose difference leaves out the start.
 SHORT_S, LONG_S = 2, 8
-ROUNDS = 3
+ROUNDS = 4
 N_SMALL_FRAMES = 20_000
 SMALL_RATE_HZ = 500.0
 #: Label, width, height, pixel format, frame rate asked for.
@@ -131,15 +131,18 @@ def rate_and_cost(receiver, pixel_format: str, frame_rate_hz: float) -> tuple[fl
 
 
 def compare(label: str, width: int, height: int, pixel_format: str, frame_rate_hz: float) -> None:
+    rounds = []
     with camera(width, height, frame_rate_hz):
-        rounds = [
-            [rate_and_cost(receiver, pixel_format, frame_rate_hz) for receiver in (theirs, ours)] for _ in range(ROUNDS)
-        ]
-    rates = [median(row[who][0] for row in rounds) for who in (0, 1)]
-    costs = [median(row[who][1] for row in rounds) for who in (0, 1)]
+        for number in range(ROUNDS):
+            # What else the computer does changes meanwhile: each is first as often as the other.
+            first, second = (theirs, ours) if number % 2 else (ours, theirs)
+            found = {one: rate_and_cost(one, pixel_format, frame_rate_hz) for one in (first, second)}
+            rounds.append((*found[theirs], *found[ours]))
+    rate, cost, own_rate, own_cost = (median(column) for column in zip(*rounds, strict=True))
+    faster, dearer = (median(row[2 + which] / row[which] for row in rounds) for which in (0, 1))
     print(
-        f"{label:38s}  {rates[0]:7.1f}/s  {rates[1]:7.1f}/s  {rates[1] / rates[0]:5.2f}   "
-        f"{costs[0]:6.2f} ms  {costs[1]:6.2f} ms  {costs[1] / costs[0]:5.2f}"
+        f"{label:38s}  {rate:7.1f}/s  {own_rate:7.1f}/s  {faster:5.2f}   "
+        f"{cost:6.2f} ms  {own_cost:6.2f} ms  {dearer:5.2f}"
     )
 
 

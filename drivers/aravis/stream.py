@@ -21,10 +21,8 @@ from .transport import find_neighbours, set_up_transport
 
 _log = logging.getLogger(__name__)
 
-#: Longest single wait: the latency for noticing a close from another thread, or silence.
-_SLICE_S = 0.05
-
-#: Silence after which a camera is checked, also during an exposure, and interval of the checks.
+#: Silence after which a camera is checked, also during an exposure, and interval of the checks; also the latency for
+#: noticing a close from another thread.
 _ASKED_AFTER_S = 0.15
 
 #: Time for other cameras to answer before each stream: those on a wire take a few milliseconds.
@@ -170,7 +168,8 @@ class FrameStream:
         began_s = time.monotonic()
         while True:
             waited_s = time.monotonic() - began_s
-            buffer = self._running().timeout_pop_buffer(int(max(0.0, min(self._wait_s - waited_s, _SLICE_S)) * 1e6))
+            wait_s = max(0.0, min(self._wait_s - waited_s, _ASKED_AFTER_S))
+            buffer = self._running().timeout_pop_buffer(int(wait_s * 1e6))
             if buffer is None and waited_s >= _ASKED_AFTER_S and self._link.silent_s >= _ASKED_AFTER_S:
                 buffer = self._ask_after()
             if buffer is not None and buffer.get_status() == aravis().BufferStatus.CLEARED:

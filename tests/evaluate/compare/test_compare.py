@@ -4,6 +4,7 @@ from copy import deepcopy
 from dataclasses import replace
 from math import hypot, inf, nan, sqrt
 
+import cv2
 import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
@@ -126,6 +127,16 @@ def test_chains_equal_the_sweep_of_each(chains):
     assert "compare-question-differs" in codes(
         labcdp.compare(chains[0], fainter, scene__luminance_cd_m2=[1.0]).comparison
     )
+
+
+@pytest.mark.parametrize("others", [{}, {"scene__contrast": [0.2, 0.5, 1.0]}])
+def test_curves_and_maps_are_drawn_and_said_to_be_simulated(chains, others, tmp_path):
+    found = labcdp.compare(*chains, scene__luminance_cd_m2=[1.0, 10.0, 100.0], **others).comparison
+    write_comparison(found, compare_result(found), tmp_path / "out")
+    drawn = cv2.imread(str(tmp_path / "out" / "figures" / "comparison.png"))[..., ::-1]
+    marked = np.all(drawn == (213, 94, 0), axis=-1)
+    assert marked[: drawn.shape[0] // 10, : drawn.shape[1] // 2].any()
+    assert "Simulated data, not a measurement" in (tmp_path / "out" / "report.html").read_text()
 
 
 @pytest.mark.parametrize(

@@ -163,6 +163,12 @@ def test_what_changes_the_dn_and_cannot_be_switched_off_is_refused(aravis):
         pass
 
 
+def test_a_camera_without_exposure_time_says_so(aravis):
+    missing = pytest.raises(CameraSettingError, match="the camera has none of ExposureTime, ExposureTimeAbs, Exp")
+    with opened(features=features("ExposureTimeAbs")) as camera, missing:
+        camera.snap()
+
+
 def test_a_camera_that_is_not_on_a_network_is_opened_by_serial_number(aravis):
     """Aravis' own fake camera, whose name for opening is not its serial number, as with USB3 Vision."""
     aravis.enable_interface("Fake")

@@ -15,6 +15,7 @@ from ..core.reading import CD_M2_PER_FL, Reading
 from ..core.result import Finding, info, warning
 from .findings import LeftOut
 from .setup import require_one_correction
+from .uncertainty import p_value_of_chi_squared
 
 #: p-value of the scatter below which the patch itself has changed.
 _CHANCE = 0.001
@@ -206,7 +207,9 @@ def _mean(readings: Sequence[Reading]) -> tuple[float, float, bool]:
     steady = True
     if n > 1:
         observed = float(np.var(values, ddof=1))
-        steady = _p_value_of_scatter(observed, variance + float(np.mean(np.square(digits))), n - 1) >= _CHANCE
+        # Exact readings that differ contradict each other.
+        expected = max(variance + float(np.mean(np.square(digits))), 1e-300)
+        steady = observed <= expected or p_value_of_chi_squared((n - 1) * observed / expected, n - 1) >= _CHANCE
         if not steady:
             variance = observed
     return float(values.mean()), hypot(sqrt(variance / n), float(np.mean(digits))), steady
@@ -218,13 +221,3 @@ def _contradicting(readings: Sequence[Reading]) -> int | None:
         return None
     sound = [i for i in range(len(readings)) if _mean([r for k, r in enumerate(readings) if k != i])[2]]
     return sound[0] if len(sound) == 1 else None
-
-
-def _p_value_of_scatter(observed_variance: float, expected_variance: float, dof: int) -> float:
-    from scipy.special import chdtrc
-
-    if observed_variance <= expected_variance:
-        return 1.0
-    if expected_variance == 0:
-        return 0.0
-    return float(chdtrc(dof, dof * observed_variance / expected_variance))

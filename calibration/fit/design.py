@@ -28,6 +28,8 @@ DARK, DRIFT = "dark and temperature", "drift"
 DRIFT_REL = 0.01
 #: Arrays of a design that signals have, too.
 _OF_SIGNALS = ("net_dn", "scale_per_s", "noise_variance_dn2", "dark_nonuniformity_dn")
+#: Arrays that have one value for each patch.
+_OF_PATCHES = ("reading_cd_m2", "reading_variance", "own_rel", "uneven_rel", "place")
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,21 +170,12 @@ class Design:
     def without(self, patch: int) -> Design:
         """Return the same without one patch."""
         kept, others = self.patch != patch, np.arange(len(self.patches)) != patch
-        return replace(
-            self,
-            patches=tuple(name for name, keep in zip(self.patches, others, strict=True) if keep),
-            patch=self.patch[kept] - (self.patch[kept] > patch),
-            exposure=self.exposure[kept],
-            gain=self.gain[kept],
-            **{name: getattr(self, name)[kept] for name in _OF_SIGNALS},
-            shared=tuple(replace(e, relative=e.relative[kept], dn=e.dn[kept]) for e in self.shared),
-            reading_cd_m2=self.reading_cd_m2[others],
-            reading_variance=self.reading_variance[others],
-            own_rel=self.own_rel[others],
-            uneven_rel=self.uneven_rel[others],
-            place=self.place[others],
-            read_at=tuple(time for time, keep in zip(self.read_at, others, strict=True) if keep),
-        )
+        changes: dict[str, Any] = {name: getattr(self, name)[kept] for name in ("exposure", "gain", *_OF_SIGNALS)}
+        changes |= {name: getattr(self, name)[others] for name in _OF_PATCHES}
+        for name in ("patches", "read_at"):
+            changes[name] = tuple(one for one, keep in zip(getattr(self, name), others, strict=True) if keep)
+        shared = tuple(replace(e, relative=e.relative[kept], dn=e.dn[kept]) for e in self.shared)
+        return replace(self, patch=self.patch[kept] - (self.patch[kept] > patch), shared=shared, **changes)
 
     def with_reading(self, patch: int, reading: PatchReading) -> Design:
         """Return the same with another reading of one patch."""

@@ -126,7 +126,7 @@ def vignetting_left(solution: Solution, vignetting: AnyVignetting | None) -> Fit
     uncertainty = value * sqrt(n * each / drop) if drop > 0 else 0.0
     times = drift_pattern(even)
     rather_a_drift = times is not None and ratio(even.shift(times)) >= worth_of_place(even)
-    sure = _p_value_of_ratio(drop / n / each, n, dof if scattered else inf) < _p_value_of(_LIMIT)
+    sure = _p_value_of_ratio(drop / n / each, n, dof if scattered else inf) < p_value_of_chi_squared(_LIMIT**2, 1)
     significant = sure and value > PLACE_TOLERANCE_REL and not rather_a_drift
     values = {"deviation_rel": value, "chance_rel": uncertainty}
     if vignetting is None:
@@ -215,18 +215,11 @@ def _relative(value: float, uncertainty: float) -> dict[str, FindingValue]:
     return {"deviation_rel": float(value), "expanded_rel": expanded_half_width(0.0, float(uncertainty))}
 
 
-def _p_value_of(standard_uncertainties: float) -> float:
-    """Probability of a normal deviation at least this large."""
-    from scipy.stats import norm
-
-    return 2 * float(norm.sf(standard_uncertainties))
-
-
 def _p_value_of_ratio(ratio: float, n: int, dof: float) -> float:
     """Probability of a mean square of n parameters at least this large, over one that is known or has a dof."""
-    from scipy.stats import chi2, f
+    from scipy.stats import f
 
-    return float(chi2.sf(ratio * n, n) if dof == inf else f.sf(ratio, n, dof))
+    return p_value_of_chi_squared(ratio * n, n) if dof == inf else float(f.sf(ratio, n, dof))
 
 
 def _critical_value(dof: float) -> float:

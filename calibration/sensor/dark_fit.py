@@ -13,6 +13,7 @@ from ...core.result import Finding, warning
 from ..frames.observations import DarkObservation
 from ..frames.rounding import ROUNDING_DN2, variance_before_rounding
 from ..frames.statistics import MAX_CLIPPED_SHARE
+from ..uncertainty import SMALL_P_VALUE, p_value_of_chi_squared
 
 #: Smallest temperature difference of dark frames for fitting the temperature dependence of the dark current.
 MIN_TEMPERATURE_SPAN_C = 3.0
@@ -22,8 +23,6 @@ _DOUBLING_LIMIT = 3.0
 #: Linear, dark current; J. Janesick, Photon Transfer, 2007), and a third of that growth is its standard uncertainty.
 TYPICAL_DOUBLING_C = 7.5
 DOUBLING_REL = 1 / 3
-#: p-value of chi^2 below which the dark frames are inconsistent.
-_SMALL_P_VALUE = 0.01
 #: Largest difference of mean dark signal by normal drift of the black level.
 DRIFT_DN = 0.5
 FloatArray = NDArray[np.float64]
@@ -128,10 +127,11 @@ def contradictions(
     n_parameters : int
         Of the fit.
     """
-    from scipy.special import chdtrc
-
-    p_value = chdtrc(t.size - n_parameters, float(np.sum((residuals / u) ** 2))) if t.size > n_parameters else 1.0
-    if p_value >= _SMALL_P_VALUE or np.abs(residuals).max() <= DRIFT_DN:
+    chi_squared = float(np.sum((residuals / u) ** 2))
+    if (
+        p_value_of_chi_squared(chi_squared, t.size - n_parameters) >= SMALL_P_VALUE
+        or np.abs(residuals).max() <= DRIFT_DN
+    ):
         return []
     # Exposure without which a line fits best; residuals are misleading at the ends of the range.
     left = [line(np.delete(grown_s, i), np.delete(y, i), np.delete(u, i)).chi_squared for i in range(t.size)]
@@ -183,19 +183,13 @@ def line(x: FloatArray, y: FloatArray, u: FloatArray) -> Line:
         Its covariance is widened by the Birge ratio squared if the points scatter more than u says. The slope of a
         constant is 0 with unknown uncertainty (nan).
     """
-    centre, scale = float(np.average(x, weights=1 / u**2)), float(np.ptp(x))
-    n = 2 if scale > 0 else 1
-    design = np.column_stack([np.ones_like(x), (x - centre) / (scale or 1.0)])[:, :n]
-    root = design / u[:, None]
-    covariance = np.linalg.inv(root.T @ root)
-    parameters = covariance @ (root.T @ (y / u))
-    chi_squared = float(np.sum(((y - design @ parameters) / u) ** 2))
-    covariance *= birge(chi_squared, x.size - n) ** 2
+    n = 2 if np.ptp(x) > 0 else 1
+    parameters, covariance = np.polyfit(x, y, n - 1, w=1 / u, cov="unscaled")
+    chi_squared = float(np.sum(((y - np.polyval(parameters, x)) / u) ** 2))
+    covariance = covariance[::-1, ::-1] * birge(chi_squared, x.size - n) ** 2
     if n == 1:
         return Line(float(parameters[0]), 0.0, np.diag([covariance[0, 0], np.nan]), chi_squared)
-    back = np.array([[1.0, -centre / scale], [0.0, 1 / scale]])
-    intercept, slope = back @ parameters
-    return Line(float(intercept), float(slope), back @ covariance @ back.T, chi_squared)
+    return Line(float(parameters[1]), float(parameters[0]), covariance, chi_squared)
 
 
 def birge(chi_squared: float, dof: int) -> float:

@@ -15,6 +15,7 @@ from ..core.reading import Reading
 from ..core.result import Finding, log_findings, unique
 from ..core.vignetting import AnyVignetting
 from .convert.patch import patch_luminance
+from .converter import VIGNETTING
 from .findings import FitTest, ResponsivityFit
 from .fit import tests as fit_tests
 from .fit.candidates import candidate_models
@@ -38,6 +39,9 @@ _log = logging.getLogger(__name__)
 
 #: Width of the prior of a glare that was found, over its size: it is as good as free.
 _FREE = 10.0
+#: Standard uncertainties of the vignetting beyond which deviations of the patches with their place are not explained by
+#: it, as in the tests of the model.
+_BEYOND = 3.0
 #: Ratio of the slopes of a response from which it is a tone curve, with the sensor's noise before it.
 _TONE_CURVE = 1.5
 
@@ -177,12 +181,15 @@ def _final(
     """Test the assumptions of the chosen model, and fit it with the glare and the scatter that the patches show."""
     settings = intake.settings
     of_place = fit_tests.vignetting_left(first, vignetting)
-    plain = solve(first.design.without_shared(DRIFT), first.candidate)
+    # What is beyond the stated uncertainty of the vignetting is scatter of the patches.
+    beyond = of_place.significant and of_place.value > _BEYOND * fit_tests.stated_vignetting_rel(first.design)
+    given = first.design.without_shared(VIGNETTING) if beyond else first.design
+    plain = solve(given.without_shared(DRIFT), first.candidate)
     of_glare = fit_tests.glare(plain, _slope(plain))
     glare_cd_m2 = fit_tests.possible_glare_cd_m2(of_glare)
-    design = first.design.with_glare(glare_cd_m2 * (_FREE if of_glare.significant else 1.0))
+    design = given.with_glare(glare_cd_m2 * (_FREE if of_glare.significant else 1.0))
     stated = solve(design, first.candidate)
-    final = with_scatter(design, first.candidate, by_place=of_place.significant)
+    final = with_scatter(design, first.candidate, by_place=beyond)
     gains = _gains(final, settings)
     tests = (
         of_glare,

@@ -15,6 +15,7 @@ from ..converter import VIGNETTING
 from ..findings import FitTest
 from ..sensor.dark import DarkModel
 from ..uncertainty import FALSE_ALARM, critical_value, expanded_half_width, p_value_of_chi_squared
+from .design import Design
 from .problem import Solution, solve
 from .scatter import shift_with_scatter, within_patches
 from .selection import by_place, drift_pattern, ratio, worth_of_place
@@ -136,6 +137,11 @@ def vignetting_left(solution: Solution, vignetting: AnyVignetting | None) -> Fit
     else:
         cause = "vignetting-changed"
     return _test(name, value, uncertainty, "", significant, cause, "no-vignetting-left", values)
+
+
+def stated_vignetting_rel(design: Design) -> float:
+    """Root mean square deviation between the patches by the stated uncertainty of an assumed vignetting; else 0."""
+    return sqrt(sum(float(np.var(one.relative)) for one in design.shared if one.source == VIGNETTING))
 
 
 def scatter(solution: Solution) -> FitTest:

@@ -11,7 +11,7 @@ from labcdp.calibration import contrast_uncertainty, fit, patch_luminance
 from labcdp.calibration.frames.nonuniformity import smooth_patterns
 from labcdp.core.vignetting import Cos4Vignetting, FlatField, RadialVignetting
 
-from ..conftest import EXPOSURES_S, SimulatedMeter, found
+from ..conftest import EXPOSURES_S, SimulatedMeter, codes, found
 
 SHAPE = (48, 64)
 UNEVEN_REL = 0.01
@@ -119,21 +119,29 @@ def test_coverage_with_a_flat_field_of_a_non_uniform_source(camera, setup, n):
     assert max(lost, alarms) <= 0.01 * n + 4 * sqrt(0.01 * n)
 
 
-@pytest.mark.parametrize(("fall", "n_patches"), [(0.1, 12), (0.25, 6)])
-def test_vignetting_that_is_not_taken_off_is_named_and_counts(camera, setup, fall, n_patches):
+@pytest.mark.parametrize(
+    ("fall", "n_patches", "vignetting"),
+    [(0.1, 12, None), (0.25, 6, None), (0.25, 12, Cos4Vignetting(1.0, 1e-6, None, 0.05))],
+)
+def test_vignetting_that_is_not_taken_off_is_named_and_counts(camera, setup, fall, n_patches, vignetting):
     rng, n = np.random.default_rng(4), 6
     half_diagonal = np.hypot(*SHAPE) / 2
     true_v = np.array([1 - fall * np.hypot(x - 32, y - 24) ** 2 / half_diagonal**2 for x, y in PLACES])
     inside, lost, named = [], 0, 0
     for _ in range(n):
         meter = SimulatedMeter(true_scale_error_rel=rng.uniform(-0.02, 0.02))
-        calibration = fit(*bench(camera, meter, rng, true_v, luminances=np.geomspace(1, 800, n_patches)), setup)
+        luminances = np.geomspace(1, 800, n_patches)
+        calibration = fit(*bench(camera, meter, rng, true_v, vignetting, luminances=luminances), setup)
         lost += bool(readings_left_out(calibration))
         # Six patches, of which one or two lie apart, cannot always tell a place from chance.
-        expected = {"vignetting-not-corrected"} if n_patches == 12 else {"vignetting-not-corrected", "patches-scatter"}
+        expected = {
+            "vignetting-not-corrected",
+            "vignetting-not-cos4",
+            *(() if n_patches == 12 else ("patches-scatter",)),
+        }
         named += bool(expected & {one.code for one in calibration.findings})
         assert calibration.responsivity.scatter_rel > 0.2 * np.std(true_v)
-        inside.append(covered(camera, calibration, rng, true_v))
+        inside.append(covered(camera, calibration, rng, true_v, vignetting))
     assert min(np.mean(inside, axis=0)) >= 0.95 - 3 * sqrt(0.95 * 0.05 / n)
     assert (lost, named) == (0, n)
 

@@ -114,16 +114,16 @@ def act(state, bench, fault, camera, meter, session):
                 begin(bench, fault)
     else:
         begin(bench, fault)
-    if state == "idle" and "second controller" in fault:
-        # While the other program has control, the camera is refused instead of waited for.
-        privilege = (bench.server.address, gvcp.CONTROL_CHANNEL_PRIVILEGE)
-        wait_until(lambda: (answer := gvcp.read_register(*privilege)) is not None and not answer.register)
-    elif state == "idle":
+    if state == "idle":
         time.sleep(0.2)
     elif state == "changing a setting":
         camera.configure(exposure_s=0.004)
     elif state == "reading the meter":
         session.add_reading(meter.measure(), patch)
+    if state in ("idle", "reading the meter") and "second controller" in fault:
+        # While the other program has control, the camera is refused instead of waited for.
+        privilege = (bench.server.address, gvcp.CONTROL_CHANNEL_PRIVILEGE)
+        wait_until(lambda: (answer := gvcp.read_register(*privilege)) is not None and not answer.register)
     if state != "closing":
         session.add_frame(a_frame(camera))
         session.add_reading(meter.measure(), patch)

@@ -69,11 +69,11 @@ class SimulatedLS:
         The model.
     errors : MeterErrorModel
         How it errs.
-    unit : {'cd/m2', 'fL'}
-        Position of the unit switch; the attribute may be changed at any time.
 
     Attributes
     ----------
+    unit : {'cd/m2', 'fL'}
+        Position of the unit switch.
     remote : bool
         Whether the meter is in remote mode; without, it is silent.
 
@@ -88,9 +88,8 @@ class SimulatedLS:
         luminance: Callable[[], float],
         data_sheet: LSDataSheet = LS110,
         errors: MeterErrorModel = MeterErrorModel(),
-        unit: Literal["cd/m2", "fL"] = "cd/m2",
     ) -> None:
-        self.unit = unit
+        self.unit: Literal["cd/m2", "fL"] = "cd/m2"
         self.remote = True
         self._luminance = luminance
         self._data_sheet = data_sheet

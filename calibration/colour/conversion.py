@@ -182,8 +182,7 @@ def colour_patch_luminance(
 def _colour(by_plane: NDArray[np.float64], noise: NDArray[np.float64]) -> NDArray[np.float64]:
     """Luminances by the planes without their noise, which is no colour of the light: wrong weights do not act on it.
 
-    Their deviations from a common luminance are shrunk by what noise alone makes of chi^2 (W. James and C. Stein, Proc.
-    4th Berkeley Symp. 1 (1961) 361, positive part).
+    The variance of their deviations from a common luminance is reduced by what noise alone makes of it.
     """
     noise = np.maximum(noise, 1e-12 * np.abs(by_plane))
     common = np.average(by_plane, weights=1 / noise**2)

@@ -71,8 +71,8 @@ class _Radial:
 class Cos4Vignetting(_Radial):
     """Natural light vignetting of a lens, cos^4 of the off-axis angle; 1 on the axis.
 
-    Real lenses differ from it: mechanical vignetting takes more light from the corners, and pupils that grow with the
-    angle less (M. Aggarwal, H. Hua and N. Ahuja, "On cosine-fourth and vignetting effects in real lenses", ICCV 2001).
+    Real lenses differ from it, by mechanical vignetting and by aberrations of the pupil (M. Aggarwal, H. Hua and N.
+    Ahuja, "On cosine-fourth and vignetting effects in real lenses", ICCV 2001, 472).
 
     Parameters
     ----------

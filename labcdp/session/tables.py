@@ -134,8 +134,9 @@ class CameraConfiguration(Table):
 #: focus breathing over the reading of a distance scale, and the play of an iris.
 REFOCUS_REL = 0.005
 #: Relative standard uncertainty of cos^4 vignetting in the corners of the image, unless the user states it or measures
-#: a flat field. Typical: curves of lenses that are stopped down differ there from cos^4 by up to a tenth (limits of 9 %
-#: are 5 %), those of lenses that are wide open by more (Edmund Optics, Imaging Resource Guide, section 3.2).
+#: a flat field. A judgement for lenses that are stopped down: limits of 9 %, which are 5 %. Wide open it is too small:
+#: good lenses then lose 30 to 40 % (D. B. Goldman and J.-H. Chen, "Vignette and exposure calibration and compensation",
+#: ICCV 2005).
 VIGNETTING_REL = 0.05
 
 

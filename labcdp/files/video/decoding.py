@@ -18,8 +18,9 @@ from .source import size_differs
 
 #: Codecs whose decoder marks frames that it patched up; of others its messages count.
 _MARKING = ("flv", "h261", "h263", "h264", "mjpeg", "mpeg1video", "mpeg2video", "mpeg4", "vc1", "wmv1", "wmv2", "wmv3")
-#: Decoders that give up at the first wrong bit, as each packet is a frame of its own: a broken one is a lost one.
-_STRICT = ("mjpeg",)
+#: What counts as an error: for decoders that give up at the first wrong bit, as each packet is a frame of its own and a
+#: broken one a lost one; and what no encoder does, which of MPEG-4 some encoders do.
+_STRICT = {"mjpeg": "crccheck+bitstream+buffer+explode", "h264": "crccheck+aggressive"}
 #: Frames that wait at least, as decoders reorder by more than they say at first.
 _HELD = 3
 #: Packets of which the place is known; no codec reorders by more.
@@ -63,12 +64,12 @@ def shown_frames(container: Any, shape: tuple[int, int] | None, frame_rate: floa
     stream = container.streams.video[0]
     context = stream.codec_context
     if context.codec.name in _STRICT:
-        context.options = {**context.options, "err_detect": "crccheck+bitstream+buffer+explode"}
-    elif context.codec.name in _MARKING:
-        context.thread_type = "AUTO"
-    else:
+        context.options = {**context.options, "err_detect": _STRICT[context.codec.name]}
+    if context.codec.name not in _MARKING:
         # A message of another thread may come too late for its frame, and waits for this thread, which may wait for it.
         context.thread_count = 1
+    elif context.codec.name != "mjpeg":
+        context.thread_type = "AUTO"
     # Frames that build on missing ones come too, with a mark.
     context.flags |= Flags.output_corrupt
     first = None

@@ -181,6 +181,11 @@ def test_times_are_those_of_the_container_and_frames_of_another_size_are_named(t
     for suffix in ("mkv", "mp4"):
         found = frames(mux_jpegs(tmp_path / f"vfr.{suffix}", [images[0]] * 6, times))
         assert [one.time_s for one in found] == pytest.approx([time / 1000 for time in times])
+    # PyAV does not know the kind of data that FFmpeg makes of EXIF.
+    exif = Image.Exif()
+    exif[271] = "Acme"
+    (found, _) = frames(mux_jpegs(tmp_path / "exif.mkv", [jpeg(bars(1)[0], exif=exif)] * 2, [0, 40]))
+    assert found.frame.shape == (120, 160)
     found = frames(mux_jpegs(tmp_path / "sizes.mkv", images, times))
     faults = {one.number: finding_text(one.fault) for one in found if one.fault}
     assert faults == dict.fromkeys((3, 4), "has 96 x 64 pixels, the video has 160 x 120")

@@ -142,8 +142,7 @@ def learn_pixels(frames: Sequence[Any], codec: Any, encoding: Encoding | None) -
     stored, found = _encoding(int(first.color_trc), grey and not codec.lossy, encoding)
     matrix = _MATRICES.get(int(first.colorspace))
     weights = matrix or (_BT601 if jpeg or first.height < _HD_ROWS else _BT709)
-    turn = first.side_data.get("DISPLAYMATRIX")
-    orientation = 1 if turn is None else orientation_of_matrix(bytes(turn))
+    orientation = _orientation(first)
     if orientation is None:
         found.append(warning("turn-ignored"))
     elif orientation > 1:
@@ -156,6 +155,20 @@ def learn_pixels(frames: Sequence[Any], codec: Any, encoding: Encoding | None) -
         found.append(info("srgb-colour-to-grey" if stored == "srgb" else "colour-to-grey"))
     pixels = Pixels(first.format.name, kind if coloured else "luma", bits, limited, weights, stored, orientation or 1)
     return pixels, found
+
+
+#: EXIF orientations by the display rotation in degrees, counter-clockwise.
+_OF_ROTATION = {0: 1, 90: 8, -90: 6, 180: 3, -180: 3}
+
+
+def _orientation(frame: Any) -> int | None:
+    """EXIF's number of how a frame lies in the file; None if that is no multiple of 90 degrees."""
+    try:
+        matrix = frame.side_data.get("DISPLAYMATRIX")
+    # PyAV reads nothing of what comes with a frame if it does not know all of it, such as EXIF: mirroring is lost.
+    except ValueError:
+        return _OF_ROTATION.get(frame.rotation)
+    return 1 if matrix is None else orientation_of_matrix(bytes(matrix))
 
 
 def _encoding(code: int, measured: bool, given: Encoding | None) -> tuple[Encoding, list[Finding]]:

@@ -79,7 +79,7 @@ def change_lines(data: bytes, rng: random.Random) -> bytes:
     if kind == 0:
         del lines[at]
     elif kind == 1:
-        lines[at:at] = [lines[at]] * rng.choice((1, 3, 3000))
+        lines[at:at] = [lines[at]] * min(rng.choice((1, 3, 3000)), 1 + MOST_BYTES // max(1, len(lines[at])))
     elif kind == 2:
         other = rng.randrange(len(lines))
         lines[at], lines[other] = lines[other], lines[at]

@@ -121,9 +121,11 @@ def difference(first: Uncertain, second: Uncertain) -> Difference:
 
 def _joined(a: ArrayLike, b: ArrayLike, correlation: NDArray[np.float64]) -> NDArray[np.float64]:
     a, b = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
+    # A file may state uncertainties of which the square is infinite.
+    with np.errstate(over="ignore", invalid="ignore"):
+        variance: NDArray[np.float64] = (a - b) ** 2 + 2 * (1 - correlation) * a * b
     # Rounding may leave less than 0 of two equal errors.
-    variance: NDArray[np.float64] = np.maximum((a - b) ** 2 + 2 * (1 - correlation) * a * b, 0.0)
-    return np.sqrt(variance)
+    return np.sqrt(np.maximum(variance, 0.0))
 
 
 #: Relative difference of coordinates that are equal but for rounding.

@@ -55,7 +55,7 @@ format = 1
 name = "A still camera and a chart"
 operator = "A. Müller"
 camera = { vendor = "Acme", model = "Still 1", pixel_pitch_m = 4e-6, spectral_sensitivity = "sensitivity.csv" }
-lens = { model = "Prime 50", serial = "7", focal_length_m = 0.05, f_number = 2.8 }
+lens = { model = "Prime 50", serial = "7", focal_length_m = 0.05, f_number = 2.8, vignetting_rel = 0 }
 meter = { model = "LS-110", serial = "73323007" }
 source = { spectrum = "LED-B3" }
 [target]

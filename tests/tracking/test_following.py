@@ -73,18 +73,17 @@ def test_light_that_falls_at_once_to_a_third_is_no_loss():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", CASES)
-def test_a_place_is_right_or_said_to_be_lost(name):
-    """The goals, over two scenes: 98 % of the frames right or lost, 95 % of those in sight found."""
+def test_over_all_disturbances_places_are_right_or_said_to_be_lost_and_most_are_found():
+    """The goals: 98 % right or lost, 95 % of those in sight found; of two things that are alike none can tell which."""
     tally = Tally()
-    for seed in range(2):
-        first, *frames = disturbed(CASES[name], seed)
+    for case in CASES.values():
+        first, *frames = disturbed(case, 0)
         tracker = make_tracker("follow", first.grey, first.rois)
         tally.start()
         for frame in frames:
             tally.add(frame, tracker.update(frame.grey))
     assert tally.off + tally.wrong <= 0.02 * tally.places
-    assert tally.near >= 0.95 * (tally.places - tally.off)
+    assert tally.near >= 0.95 * tally.places
 
 
 def test_the_homography_follows_a_target_that_tilts():

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from ..core.errors import InputError
 from ..core.luminance import LuminanceMap, Window
-from ..core.result import Finding, info, warning
+from ..core.result import Finding, warning
 from ..core.roi import Roi
 from . import CalibratedCdp, CdpResult, Distribution, Epsilon, Estimate, csnr, snr, weber_contrast
 from .contrast import TargetContrast
-from .correlated_cdp import cdp_of_regions
+from .correlated_cdp import cdp_of_regions, size_findings
 from .detection import PairError, joined_errors, variance_of_changes
 from .pairs import bright_and_dark, tally_pairs
 from .region import RegionPixels, RegionResult, evaluate_region, region_result, with_uncertainty
@@ -33,8 +33,6 @@ __all__ = [
 ]
 
 _Array = NDArray[np.float64]
-#: Pixels of a region from which intervals cover the truth also where its noise is correlated; see `cdp_correlated`.
-CORRELATION_PIXELS = 200
 #: A region with its bounding box in the image and its mask in the box.
 Placed = tuple[Roi, Window, NDArray[np.bool_]]
 
@@ -232,13 +230,6 @@ def _of_pixels(region: RegionResult) -> list[Finding]:
             for reason, share in region.invalid_shares.items()
         ),
     ]
-
-
-def size_findings(region: str, n_pixels: int) -> list[Finding]:
-    """Return a finding about a region in which correlated noise cannot be told from chance."""
-    if n_pixels >= CORRELATION_PIXELS:
-        return []
-    return [info("region-correlation-unknown", region, pixels=n_pixels, recommended=CORRELATION_PIXELS)]
 
 
 def _contrast(bright: RegionPixels, dark: RegionPixels, errors: Sequence[PairError]) -> tuple[Estimate, float]:

@@ -78,12 +78,10 @@ class RegionPixels(NoisyRegion):
 
     Parameters
     ----------
-    image, mask, distribution
+    image, mask, distribution, window
         As for `NoisyRegion`.
     roi : Roi
         The region.
-    window : (slice, slice)
-        Its bounding box in the whole image.
     luminance : LuminanceMap
         A map of the image, or of a part of it.
     part : (slice, slice)
@@ -91,7 +89,6 @@ class RegionPixels(NoisyRegion):
     """
 
     roi: Roi
-    window: Window
     luminance: LuminanceMap
     part: Window
 
@@ -122,7 +119,7 @@ class RegionPixels(NoisyRegion):
                 "region without them"
             )
         distribution = None if dn is None else _by_level(dn, image, mask)
-        return cls(image, mask, distribution or Distribution.from_array(values), roi, window, luminance, part)
+        return cls(image, mask, distribution or Distribution.from_array(values), window, roi, luminance, part)
 
     @property
     def placed(self) -> tuple[Roi, Window, NDArray[np.bool_]]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core.errors import InputError
-from ..core.result import html_table, number
+from ..core.result import Finding, html_table, number
 from .contrast import ContrastDefinition, Epsilon, TargetContrast
 
 
@@ -67,12 +67,15 @@ class CdpResult(DetectionResult):
         Pixels of the two regions; None if the weights are not counts.
     correlation_inflation : float
         Factor by which noise correlated from pixel to pixel raised the standard error; 1 if it was not estimated.
+    findings : tuple of Finding
+        From `cdp_correlated`: regions in which correlation cannot be told from chance, ``a`` or ``b``.
     """
 
     bright: Literal["a", "b"]
     bright_size: int | None
     dark_size: int | None
     correlation_inflation: float
+    findings: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from scipy.ndimage import gaussian_filter, gaussian_filter1d, uniform_filter
 from scipy.stats import norm
 
 from labcdp.core.errors import InputError
+from labcdp.core.result import info
 from labcdp.metrics import cdp_correlated, variance_inflation
 from labcdp.metrics.lags import inflation_by_lags, products_by_lag
 
@@ -66,6 +67,37 @@ def test_intervals_cover_the_truth_and_are_hardly_wider_than_they_must_be(filter
         assert 0.9 * scatter * (1 - 3 / sqrt(2 * repeats)) <= stated <= 1.25 * scatter * (1 + 3 / sqrt(2 * repeats))
     assert min(covered) >= 0.93 - 3 * sqrt(0.93 * 0.07 / repeats), covered
     assert np.mean(covered) >= 0.95 - 3 * sqrt(0.95 * 0.05 / repeats), covered
+
+
+@pytest.mark.parametrize(("side", "offset", "both"), [(20, 0.5, True), (40, 1.0, True), (20, 1.0, False)])
+def test_intervals_cover_the_truth_with_offsets_of_rows(side, offset, both):
+    """At a contrast of the maximum of the CDP and on its flanks; rows that both regions have, or each its own."""
+    rng, repeats, shape = np.random.default_rng(9), 150, (side, 2 * side)
+    masks = np.arange(2 * side) < side, np.arange(2 * side) >= side
+    left, right = (np.broadcast_to(mask, shape) for mask in masks)
+    covered = []
+    for _ in range(repeats):
+        offsets = rng.normal(0, offset, (side, 1 if both else 2)) @ (np.ones((1, 2 * side)) if both else masks)
+        image = np.where(left, 120, 100) + 5 * (rng.normal(size=shape) + offsets)
+        for contrast in (0.15, 0.2, 0.3):
+            low, high = 1 + contrast / 2, 1 + 1.5 * contrast
+            up_to = [
+                norm.cdf((ratio * 100 - 120) / (5 * np.hypot(1, offset) * np.hypot(ratio, 1))) for ratio in (low, high)
+            ]
+            ends = cdp_correlated(image, left, right, contrast).confidence_interval
+            covered.append(ends[0] <= up_to[1] - up_to[0] <= ends[1])
+    covered = np.reshape(covered, (repeats, 3)).mean(axis=0)
+    assert (covered >= 0.91 - 3 * sqrt(0.91 * 0.09 / repeats)).all(), covered
+    assert covered.mean() >= 0.95 - 3 * sqrt(0.95 * 0.05 / repeats), covered
+
+
+def test_regions_in_which_correlation_cannot_be_seen_are_stated():
+    image = np.random.default_rng(1).normal(100, 5, SHAPE)
+    small = np.zeros(SHAPE, bool)
+    small[3:9, 2:8] = True
+    found = cdp_correlated(image, RIGHT, small, 0.2).findings
+    assert found == (info("region-correlation-unknown", "b", pixels=36, recommended=200),)
+    assert cdp_correlated(image, LEFT, RIGHT, 0.2).findings == ()
 
 
 @pytest.mark.parametrize("sigma", [0.0, 0.7, 3.0])

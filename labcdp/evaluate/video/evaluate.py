@@ -17,7 +17,8 @@ from ...core.errors import InputError
 from ...core.result import Finding, InputFile, info, warning
 from ...files.video.open import open_video
 from ...files.video.source import VideoSource
-from ...metrics.pair import require_apart, size_findings
+from ...metrics.correlated_cdp import size_findings
+from ...metrics.pair import require_apart
 from ...output import Destination, open_results
 from ...report.text import finding_text
 from ..picture.conversion import Calibrated, PictureConversion, picture_conversion

@@ -2,6 +2,7 @@
 
 from typing import Literal
 
+from ..core.disk.files import shown
 from ..core.reading import MeterIdentity
 from .aravis.camera import AravisCamera
 from .aravis.library import CameraInfo, discover
@@ -67,6 +68,8 @@ def open_meter(
     MeterError
         If the port cannot be opened or no meter answers.
     """
+    if not isinstance(port, str) or model not in DRIVERS:
+        raise MeterError(f"port is {shown(port)}, model {shown(model)}: give a port, and one of {', '.join(DRIVERS)}")
     meter = DRIVERS[model](port, identity).open()
     meter.ask_if_simulated()
     return meter

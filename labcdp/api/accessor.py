@@ -15,7 +15,7 @@ from ..evaluate.sweep.maps.ranges import LEVELS, Isoline, UsableRange, isolines
 from ..output import write_file
 from ..report.files import dataset_bytes
 from ..report.files import read_dataset as read_netcdf
-from .arguments import PathArgument, as_path
+from .arguments import PathArgument, as_list, as_number, as_path, as_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -60,7 +60,9 @@ class LabcdpAccessor:
         InputError
             If the dataset is no map of a sweep, or the level is out of range.
         """
-        return analyse_map(self._dataset, level, expected)
+        return analyse_map(
+            self._dataset, as_number(level, "level"), as_list(expected, "expected", "a list of luminances")
+        )
 
     def usable_range(self, level: float = 0.9) -> xr.Dataset:
         """Find where CDP is high enough, along the luminance or else the first axis of numbers.
@@ -122,10 +124,10 @@ class LabcdpAccessor:
         InputError
             If the dataset has not two such axes, or no such variable.
         """
-        if x is None or y is None:
-            found = self.analysis()
-            x, y = x or found.x, y or found.y
-        return isolines(self._dataset, x, y, levels, variable)
+        given = [None if one is None else as_text(one, name) for name, one in (("x", x), ("y", y))]
+        found = self.analysis() if None in given else None
+        x, y = given[0] or (found and found.x), given[1] or (found and found.y)
+        return isolines(self._dataset, x, y, as_list(levels, "levels", "a list"), as_text(variable, "variable"))
 
     def dips(self, expected: Sequence[float] = ()) -> tuple[SnrDip, ...]:
         """Find where SNR or CDP falls although there is more light, as at the transitions of a merge."""

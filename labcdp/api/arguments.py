@@ -40,6 +40,45 @@ def as_path(value: PathArgument, what: str) -> Path:
     return Path(text)
 
 
+def as_number(value: Any, name: str) -> float:
+    """Return a number, a fraction; raises InputError for anything else."""
+    if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.integer | np.floating):
+        raise InputError(f"{name} is {shown(value)}: give a number, as a fraction")
+    return float(value)
+
+
+def as_text(value: Any, name: str) -> str:
+    """Return a name; raises InputError for anything else."""
+    if not isinstance(value, str):
+        raise InputError(f"{name} is {shown(value)}: give a name, as text")
+    return value
+
+
+def as_list(value: Any, name: str, what: str) -> list[Any]:
+    """Return what is in a list, tuple or array; raises InputError for anything else, text among it."""
+    if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable) or np.ndim(value) == 0:  # type: ignore[arg-type]
+        raise InputError(f"{name} is {shown(value)}: give {what}")
+    return list(value)
+
+
+def as_names(value: Any, name: str) -> list[str]:
+    """Return names of patches; raises InputError for anything else."""
+    found = as_list(value, name, "a list of names of patches")
+    return [as_text(one, name) for one in found]
+
+
+def as_pair_names(pairs: Any, what: str) -> list[tuple[str, str]]:
+    """Return pairs of names, of one pair or of several; raises InputError for anything else."""
+    listed = as_list(pairs, "pairs", f"pairs of names of {what}, the brighter one first")
+    found = []
+    for one in [listed] if len(listed) == 2 and all(isinstance(name, str) for name in listed) else listed:
+        names = one if isinstance(one, list | tuple) else ()
+        if len(names) != 2 or not all(isinstance(name, str) for name in names):
+            raise InputError(f"pairs has {shown(one)}: give two names of {what}, the brighter one first")
+        found.append((names[0], names[1]))
+    return found
+
+
 def as_rois(regions: Regions, size: tuple[int, int]) -> tuple[Roi, ...]:
     """Return regions that lie inside an image.
 
@@ -70,14 +109,8 @@ def drawn_on(regions: Regions) -> tuple[int, int] | None:
 
 def as_pairs(rois: tuple[Roi, ...], pairs: Pairs | None) -> tuple[tuple[str, str], ...]:
     """Return the pairs that are evaluated: those given, or all of up to six regions; raises InputError."""
-    given: list[tuple[str, str]] | None = None
-    if pairs is not None:
-        listed: list[Any] = [pairs] if len(pairs) == 2 and all(isinstance(one, str) for one in pairs) else [*pairs]
-        for one in listed:
-            if isinstance(one, str) or len(one) != 2 or not all(isinstance(name, str) for name in one):
-                raise InputError(f"pairs has {shown(one)}: give two names of regions, the brighter one first")
-        given = [(one[0], one[1]) for one in listed]
-    return ImageRequest((), 0.5, rois, None if given is None else tuple(given)).chosen_pairs
+    given = None if pairs is None else tuple(as_pair_names(pairs, "regions"))
+    return ImageRequest((), 0.5, rois, given).chosen_pairs
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
-import numpy as np
-
 from ..chain import Chain as _Chain
-from ..core.errors import InputError
-from .arguments import PathArgument, as_path
+from .arguments import PathArgument, as_number, as_path
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -73,12 +70,9 @@ class Chain(_Chain):
         from ..evaluate.sweep.run import run_sweep
         from . import accessor as accessor  # registers it
 
-        for name, value in (("contrast", contrast), ("epsilon", epsilon)):
-            if value is not None and (isinstance(value, bool) or not isinstance(value, int | float | np.number)):
-                raise InputError(f"{name} is {value!r}: give a number, as a fraction")
         over = tuple(Axis(name if "." in name else name.replace("__", "."), values) for name, values in axes.items())
-        asked = None if contrast is None else float(contrast)
-        wanted = Sweep(self, over, exact, stage, asked, float(epsilon), seed)
+        asked = None if contrast is None else as_number(contrast, "contrast")
+        wanted = Sweep(self, over, exact, stage, asked, as_number(epsilon, "epsilon"), seed)
         return run_sweep(wanted, None if folder is None else as_path(folder, "folder"), progress)
 
     def with_emva1288(self, path: PathArgument) -> Self:

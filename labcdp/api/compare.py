@@ -20,7 +20,7 @@ from ..evaluate.picture.result import PictureTask
 from ..evaluate.sweep.plan import Axis
 from ..report.files import envelope
 from ..report.text import finding_text, text_table
-from .arguments import PathArgument, as_contrasts, as_path
+from .arguments import PathArgument, as_contrasts, as_number, as_path
 from .picture import Stated, conversion_of, require_known
 from .session import CalibratedSession
 
@@ -71,7 +71,7 @@ def compare(
         return Comparison(compare_subjects(sources, None, progress, pictures))
     varied = tuple(Axis(name if "." in name else name.replace("__", "."), values) for name, values in options.items())
     asked = contrast is not None or epsilon != 0.5 or varied
-    question = Question(varied or (LUMINANCES,), None, contrast, float(epsilon)) if asked else None
+    question = Question(varied or (LUMINANCES,), None, contrast, as_number(epsilon, "epsilon")) if asked else None
     return Comparison(compare_subjects(sources, question, progress))
 
 

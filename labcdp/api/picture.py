@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from ..calibration import AnyCalibration, Calibration, ColourCalibration
+from ..core.disk.files import shown
 from ..core.errors import InputError
 from ..core.luminance import LuminanceMap
 from ..core.result import Finding, html_table, info, unique
@@ -22,7 +23,7 @@ from ..files.picture import Picture
 from ..files.read import read_picture
 from ..metrics import Epsilon
 from ..report.text import finding_text
-from .arguments import Contrasts, Pairs, PathArgument, Regions, as_contrasts, as_pairs, as_path, as_rois
+from .arguments import Contrasts, Pairs, PathArgument, Regions, as_contrasts, as_list, as_pairs, as_path, as_rois
 from .image_regions import ImageRegions
 from .variables import OF_CDP, cdp_values, columns, described, noted
 
@@ -198,7 +199,10 @@ class Image:
         import xarray as xr
 
         asked = as_contrasts(contrasts, epsilon)
-        found = evaluate_neighbours(self.luminance, asked.values, epsilon, rectangle)
+        corners = None if rectangle is None else as_list(rectangle, "rectangle", "x0, y0, x1, y1")
+        if corners is not None and len(corners) != 4:
+            raise InputError(f"rectangle is {shown(rectangle)}: give x0, y0, x1, y1")
+        found = evaluate_neighbours(self.luminance, asked.values, epsilon, None if corners is None else tuple(corners))
         measured = asked.values is None
         rows = [cdp_values(one.result, one.standard_uncertainty, one.confidence_interval) for one in found.results] or [
             {}

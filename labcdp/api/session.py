@@ -19,7 +19,7 @@ from ..evaluate.bench.session_result import session_input
 from ..report.text import warning_texts
 from ..session import ContrastConfiguration
 from ..session import Session as _Session
-from .arguments import Contrasts, PathArgument, as_contrasts, as_path
+from .arguments import Contrasts, Pairs, PathArgument, as_contrasts, as_names, as_pair_names, as_path
 from .session_result import SessionResult
 
 
@@ -77,8 +77,8 @@ class Session(_Session):
         calibration, _ = calibrate_recorded(
             [self, *others],
             uniform,
-            without=_names(without, "without"),
-            held_out=_names(hold_out, "hold_out"),
+            without=as_names(without, "without"),
+            held_out=as_names(hold_out, "hold_out"),
             bracket=response is not None,
         )
         return CalibratedSession(self, calibration, tuple(without))
@@ -89,7 +89,7 @@ class Session(_Session):
         contrasts: Contrasts | None = None,
         epsilon: float | None = None,
         *,
-        pairs: Sequence[tuple[str, str]] | None = None,
+        pairs: Pairs | None = None,
         without: Sequence[str] = (),
     ) -> SessionResult:
         """Evaluate luminance and CDP of the patches, as ``labcdp evaluate`` does.
@@ -123,24 +123,21 @@ class Session(_Session):
             inputs.append(InputFile.of("calibration", path))
         calibration = calibration_for(self, calibration)
         observed = observe_session(
-            self, _names(without, "without"), _silent, corrections_of(calibration), certificate_of(calibration, self)
+            self, as_names(without, "without"), _silent, corrections_of(calibration), certificate_of(calibration, self)
         )
         return SessionResult(evaluate_session(self, observed, calibration, asked), tuple(inputs))
 
     def _asked(
-        self, contrasts: Contrasts | None, epsilon: float | None, pairs: Sequence[tuple[str, str]] | None
+        self, contrasts: Contrasts | None, epsilon: float | None, pairs: Pairs | None
     ) -> list[ContrastConfiguration]:
         if pairs is not None and contrasts is None:
             raise InputError("pairs need contrasts: give contrasts, fractions (1.0 is 100 %)")
         values = as_contrasts(contrasts, 0.5 if epsilon is None else epsilon).values
         chosen = list(self.configuration.contrasts)
         if pairs is not None:
-            for pair in pairs:
-                if isinstance(pair, str) or len(pair) != 2 or not all(isinstance(name, str) for name in pair):
-                    raise InputError(f"pairs has {pair!r}: give two names of patches, the brighter one first")
             chosen = [
                 ContrastConfiguration.model_validate({"bright": bright, "dark": dark, "contrast": 1.0})
-                for bright, dark in pairs
+                for bright, dark in as_pair_names(pairs, "patches")
             ]
         if epsilon is not None:
             chosen = [one.model_copy(update={"epsilon": float(epsilon)}) for one in chosen]
@@ -184,7 +181,7 @@ class CalibratedSession:
         contrasts: Contrasts | None = None,
         epsilon: float | None = None,
         *,
-        pairs: Sequence[tuple[str, str]] | None = None,
+        pairs: Pairs | None = None,
     ) -> SessionResult:
         """Evaluate the session with its calibration; parameters as for `Session.evaluate`."""
         return self.session.evaluate(self.calibration, contrasts, epsilon, pairs=pairs, without=self.without)
@@ -211,12 +208,6 @@ class CalibratedSession:
         residuals = self.calibration.residuals
         rows = [(row.patch, f"{100 * row.residual_rel:+.2f} %") for row in residuals]
         return html_table(("patch", "camera from meter"), rows, repr(self)[1:-1])
-
-
-def _names(names: Sequence[str], what: str) -> list[str]:
-    if isinstance(names, str) or not all(isinstance(name, str) for name in names):
-        raise InputError(f"{what} is {names!r}: give a list of names of patches")
-    return list(names)
 
 
 def _silent(_done: int, _total: int) -> None:

@@ -31,6 +31,7 @@ from .arguments import (
     as_pairs,
     as_path,
     as_rois,
+    as_text,
     drawn_on,
 )
 from .picture import StatedOfVideo, conversion_of, require_known
@@ -152,7 +153,7 @@ class Video:
         """
         height, width = self.shape
         rois = as_rois(regions, (width, height))
-        methods_of(method, [roi.name for roi in rois])
+        methods_of(as_text(method, "method"), [roi.name for roi in rois])
         return TrackedRegions(
             self.path.name,
             self.evaluate,
@@ -190,7 +191,8 @@ class Video:
             Over frame and contrast; without the latter for a number.
         """
         asked = as_contrasts(contrasts, epsilon)
-        assert asked.values is not None
+        if asked.values is None:
+            raise InputError("contrasts is None: give a number, or a list, as fractions")
         settings = VideoSettings(asked.values, epsilon=epsilon, selection=_selection(start, stop, every))
         (dataset,) = self.evaluate([settings], progress)
         assert not isinstance(dataset, LabcdpError)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, Self
 
 from ..core.disk import parse_toml
+from ..core.disk.files import shown
 from ..core.disk.text import toml_text
 from ..core.errors import ConfigurationError, InputError
 from ..core.photometry import photon_radiance_per_cd_m2
@@ -207,6 +209,8 @@ class ChainParts:
         ConfigurationError
             If a part is not registered for chain files.
         """
+        if not isinstance(path, str | PathLike) or not fspath(path):
+            raise InputError(f"the chain file is {shown(path)}: give its path")
         path = Path(path)
         text = toml_text(document_of_parts(self, path.parent))
         write_file(path, text.encode(), force=force)

@@ -135,6 +135,11 @@ def given(files, chain):
         track=partial(video.track, rois),
         sweep=chain.sweep,
         evaluate=calibrated.evaluate,
+        neighbours=image.cdp_neighbours,
+        of_frames=video.cdp_neighbours,
+        calibrate=calibrated.session.calibrate,
+        save=chain.save,
+        map=chain.sweep(scene__contrast=[0.2, 0.3], exact=True).labcdp,
     )
 
 
@@ -146,6 +151,16 @@ REFUSED = [
     (lambda of: of.regions(SQUARES, [("a", "c")]), "there is no region 'c'"),
     (lambda of: of.regions(SQUARES, ["ab"]), "pairs has 'ab': give two names of regions"),
     (lambda of: of.regions({"a": (0, 0, 5, 5)}), "region 'a' is alone"),
+    (lambda of: of.regions(SQUARES, 3), "pairs is 3: give pairs of names of regions"),
+    (lambda of: of.neighbours(1.0, rectangle=(1, 2)), r"rectangle is \(1, 2\): give x0, y0, x1, y1"),
+    (lambda of: of.track(method=3), "method is 3: give a name"),
+    (lambda of: of.of_frames(None), "contrasts is None: give a number"),
+    (lambda of: of.calibrate(without=3), "without is 3: give a list of names of patches"),
+    (lambda of: labcdp.compare(3, 4, epsilon="10%"), "epsilon is '10%': give a number, as a fraction"),
+    (lambda of: of.map.usable_range("90%"), "level is '90%': give a number, as a fraction"),
+    (lambda of: of.map.isolines(x=[1]), r"x is \[1\]: give a name"),
+    (lambda of: of.save(3), "the chain file is 3: give its path"),
+    (lambda of: labcdp.drivers.open_meter(3), "port is 3, model 'LS-110': give a port"),
     (lambda of: of.cdp("10%"), "contrast is '10%': give a number"),
     (lambda of: of.cdp([[1.0]]), r"contrasts have the shape \(1, 1\)"),
     (lambda of: of.cdp([1.0, 1.0]), "a contrast is given twice"),
@@ -167,5 +182,5 @@ REFUSED = [
 
 @pytest.mark.parametrize(("ask", "message"), REFUSED)
 def test_wrong_arguments_are_refused_before_any_work(given, ask, message):
-    with pytest.raises(labcdp.InputError, match=message):
+    with pytest.raises(labcdp.LabcdpError, match=message):
         ask(given)

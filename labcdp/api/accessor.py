@@ -124,10 +124,11 @@ class LabcdpAccessor:
         InputError
             If the dataset has not two such axes, or no such variable.
         """
-        given = [None if one is None else as_text(one, name) for name, one in (("x", x), ("y", y))]
-        found = self.analysis() if None in given else None
-        x, y = given[0] or (found and found.x), given[1] or (found and found.y)
-        return isolines(self._dataset, x, y, as_list(levels, "levels", "a list"), as_text(variable, "variable"))
+        if x is None or y is None:
+            found = self.analysis()
+            x, y = x or found.x, y or found.y
+        axes, lines = (as_text(x, "x"), as_text(y, "y")), as_list(levels, "levels", "a list")
+        return isolines(self._dataset, *axes, lines, as_text(variable, "variable"))
 
     def dips(self, expected: Sequence[float] = ()) -> tuple[SnrDip, ...]:
         """Find where SNR or CDP falls although there is more light, as at the transitions of a merge."""

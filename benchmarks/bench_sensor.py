@@ -35,7 +35,9 @@ def expose(sensor: Sensor, electrons: float, threads: int | None) -> None:
 
 
 def draw(sensor: Sensor, electrons: float, threads: int | None) -> None:
-    mean_e = np.broadcast_to(np.float32(electrons), sensor.shape)
+    # Of the same means: a Poisson number of mean 0 needs no random numbers, and dark current is never 0.
+    dark_e = sensor.dark_current_at(30.0) * EXPOSURE_S
+    mean_e = np.broadcast_to(np.float32(electrons + dark_e), sensor.shape)
 
     def draw_rows(block: int, rows: slice) -> None:
         rng = block_generator(1, Stream.NOISE, 0, block)

@@ -108,7 +108,10 @@ class Distribution:
                     "leave such pixels out"
                 )
             return cls(values, counts)
-        lowest, highest = check_exact(flat, name)
+        # The range of short types is narrow enough to need no look at the pixels.
+        limits = np.iinfo(flat.dtype)
+        short = limits.min == 0 and limits.max < _SHORT_HISTOGRAM
+        lowest, highest = (limits.min, limits.max) if short else check_exact(flat, name)
         if lowest >= 0 and highest < max(_SHORT_HISTOGRAM, flat.size):
             histogram = np.bincount(flat.astype(np.intp, copy=False))
             levels = np.flatnonzero(histogram)

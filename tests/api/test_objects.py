@@ -3,7 +3,6 @@
 from functools import partial
 from types import SimpleNamespace
 
-import cv2
 import numpy as np
 import pytest
 import xarray as xr
@@ -46,19 +45,6 @@ def test_without_contrasts_the_measured_one_of_each_pair_or_of_the_first_frame_c
     assert dict(result["cdp"].sizes) == {"frame": 5, "pair": 1}
     assert float(result["contrast"][0]) == pytest.approx(float(result["measured_contrast"][0, 0]), rel=1e-12)
     np.testing.assert_array_equal(regions.cdp(float(result["contrast"][0]))["cdp"], result["cdp"])
-
-
-def test_picture_and_first_frame_have_the_same_cdp(video, rois, tmp_path):
-    _, pixels = cv2.VideoCapture(str(video)).read()
-    cv2.imwrite(str(tmp_path / "first.png"), pixels[:, :, 0])
-    image, moving = (of(path, encoding="linear") for of, path in ((labcdp.read_image, tmp_path / "first.png"),
-                                                                  (labcdp.open_video, video)))  # fmt: skip
-    still, frame = image.regions(rois).cdp([1.0, 2.0]), moving.track(rois, "fixed", stop=1).cdp([1.0, 2.0])
-    for name in ("cdp", "u_cdp", "below", "above", "measured_contrast", "u_measured_contrast"):
-        np.testing.assert_allclose(frame[name].isel(frame=0), still[name], rtol=1e-6)
-    still, frame = image.cdp_neighbours([0.05, 0.1]), moving.cdp_neighbours([0.05, 0.1], stop=1)
-    for name in ("cdp", "u_cdp"):
-        np.testing.assert_allclose(frame[name].isel(frame=0), still[name], rtol=1e-6)
 
 
 def test_variables_have_units_and_meaning_and_can_be_saved(picture, video, rois, tmp_path):

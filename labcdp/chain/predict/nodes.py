@@ -89,13 +89,14 @@ def lagrange_weights(nodes: FloatArray, at: NDArray[Any]) -> FloatArray:
     -------
     ndarray, shape (n, k)
     """
-    columns = np.broadcast_to(nodes, (at.size, nodes.shape[-1]))
-    weights = np.ones(columns.shape)
-    for j in range(columns.shape[1]):
-        for k in range(columns.shape[1]):
+    # A row for each node, so that all places of a node are contiguous.
+    rows: FloatArray = np.ascontiguousarray(nodes.T)
+    distance, weights = [at - row for row in rows], np.ones((len(rows), at.size))
+    for j, weight in enumerate(weights):
+        for k, row in enumerate(rows):
             if k != j:
-                weights[:, j] *= (at - columns[:, k]) / (columns[:, j] - columns[:, k])
-    return weights
+                weight *= distance[k] / (rows[j] - row)
+    return np.ascontiguousarray(weights.T)
 
 
 FloatArray = NDArray[np.float64]

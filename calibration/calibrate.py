@@ -6,7 +6,7 @@ import logging
 import platform
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import version
 
 import numpy as np
@@ -62,16 +62,15 @@ def fit(
     Dark frames fix d(t, T). All observations, patch by exposure by gain, are fitted at once by h(DN - d) = R f t V
     L with errors in both variables (`labcdp.calibration.fit.problem.solve`). The meter's scale error is not part of
     the fit (a consistently wrong unit of the meter cannot be detected). h is selected by leave-one-out errors, or
-    that of a bracket, which the patches then scale. With a tone curve all is fitted twice, at last with the noise
-    before it. A single bad reading is left out; the model's assumptions are checked.
+    that of a bracket, which the patches then scale. With a tone curve all is fitted twice, at last with its noise.
+    A single bad reading is left out; the model's assumptions are checked.
 
     Parameters
     ----------
     observations : sequence of PatchObservation
-        All patches at all exposures and gains, from `observe_patches`. The gain of the first is the calibration's own;
-        others get a factor.
+        From `observe_patches`. The gain of the first is the calibration's own; others get a factor.
     darks : sequence of DarkObservation
-        From `observe_dark`, for each gain, preferably including the shortest and longest exposure.
+        From `observe_dark`, for each gain, best with the shortest and longest exposure.
     readings : mapping of str to sequence of Reading
         The meter's readings by the name of the patch.
     setup : Setup
@@ -79,7 +78,7 @@ def fit(
     held_out : collection of str
         Patches held out of the fit for validation.
     defects, dark_library : DefectMap or None, DarkLibrary or None
-        Pixels left out of the observations, and dark pattern subtracted from them; stored for later frames.
+        Pixels left out, and dark pattern subtracted; stored for later frames.
     response : ResponseCurve or None
         Shape of the response, from a bracket of exposures (`response_from_bracket`); None to fit it to the patches.
 
@@ -91,12 +90,11 @@ def fit(
     InputError
         If a reading is a ratio in %.
     """
-    drift_dn = setup.black_level_drift_dn
-    tone = None if response is None else response.response
-    intake = take_in(observations, darks, readings, held_out, tone, drift_dn)
+    take = partial(take_in, observations, darks, readings, held_out, drift_dn=setup.black_level_drift_dn)
+    intake = take(tone=None if response is None else response.response)
     fitted, findings = _fitted(intake, readings, setup, response)
     if response is None and _is_tone_curve(fitted):
-        intake = take_in(observations, darks, readings, held_out, fitted.response, drift_dn)
+        intake = take(tone=fitted.response)
         fitted, findings = _fitted(intake, readings, setup, response)
     calibration = replace(fitted, defects=defects, dark_library=dark_library)
     groups = intake.groups

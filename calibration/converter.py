@@ -30,9 +30,8 @@ from .setup import LensIdentity, MeterScale
 EXPOSURE_TIME_REL = 5e-5
 #: Sources of common errors: flicker of the light, common to all patches of the same frames; glare of unknown size,
 #: where the fit found some; setting focus and aperture anew; vignetting that is assumed, or measured by a flat field.
-FLICKER, GLARE, REFOCUS, VIGNETTING, FLAT_FIELD = (
-    "lamp flicker", "glare", "focus and aperture", "vignetting", "flat field",
-)  # fmt: skip
+FLICKER, GLARE, REFOCUS = "lamp flicker", "glare", "focus and aperture"
+VIGNETTING, FLAT_FIELD = "vignetting", "flat field"
 
 #: Cached, as each frame of a part of the sensor asks for the same.
 _cropped_vignetting = lru_cache(maxsize=8)(cropped)
@@ -237,10 +236,8 @@ def common_errors(
         DN above dark at the pixels, V not removed.
     exposure_s : float
         Exposure time.
-    gain_db : float or None
-        Gain; None for the calibration's own.
-    temperature_c : float or None
-        Temperature of the frame; None for that of the dark frames.
+    gain_db, temperature_c : float or None
+        Gain and temperature of the frame; None for the calibration's own, and that of the dark frames.
 
     Returns
     -------

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.vignetting import AnyVignetting
 from ...session.tables import EXPOSURE_JITTER_S
 from ..converter import FLAT_FIELD, FLICKER, GLARE, exposure_time_rel, source_of_place
 from ..frames.nonuniformity import slow_rel, smooth_patterns, vignetting_errors
@@ -194,10 +195,8 @@ def build_design(
 
     Parameters
     ----------
-    groups : mapping of str to sequence of PatchObservation
-        Usable observations by patch.
-    readings : mapping of str to PatchReading
-        Of the same patches.
+    groups, readings : mapping of str to sequence of PatchObservation, to PatchReading
+        Usable observations by patch, and readings of the same patches.
     settings : sequence of GainSetting
         Dark signal and noise by gain; the factors are not used.
     exposure_jitter_s : float
@@ -215,24 +214,14 @@ def build_design(
     total = np.bincount(patch, weight)
     pixels = np.bincount(patch, weight * np.array([s.pixels_rel for s in signals])) / total
     slow = np.bincount(patch, weight * np.array([s.slow_rel for s in signals])) / total
-    ordered = [readings[name] for name in groups]
-    shape, vignetting = observations[0].state.image_shape, observations[0].vignetting
-    centres_px = [group[0].centre_px for group in groups.values()]
-    place, read_at = smooth_patterns(shape, centres_px), tuple(r.read_at for r in ordered)
-    # What a measured vignetting leaves may differ from patch to patch, or be a slope over the image: both count.
-    slow_field = slow_rel(vignetting)
-    of_field, of_place = slow_field / sqrt(place.shape[1]) * place.T, vignetting_errors(vignetting, shape, centres_px)
-    source = source_of_place(vignetting)
-    zero = np.zeros(len(observations))
+    ordered, vignetting = [readings[name] for name in groups], observations[0].vignetting
+    places = observations[0].state.image_shape, [group[0].centre_px for group in groups.values()]
+    place, read_at = smooth_patterns(*places), tuple(r.read_at for r in ordered)
     of_signals: dict[str, Any] = {name: np.array([getattr(s, name) for s in signals]) for name in _OF_SIGNALS}
     shared = [
         *_dark_errors(observations, gain, settings),
-        *(
-            SharedError("exposure time", np.where(times == t, exposure_time_rel(t, exposure_jitter_s), 0.0), zero)
-            for t in exposures_s
-        ),
-        *(SharedError(FLAT_FIELD, row[patch], zero) for row in of_field if row.any()),
-        *(SharedError(source, row[patch], zero, pattern=k) for k, row in enumerate(of_place)),
+        *_exposure_errors(times, exposure_jitter_s),
+        *_place_errors(vignetting, place, vignetting_errors(vignetting, *places), patch),
         *_frame_errors(observations, signals, settings[0].noise.flicker_dof or inf),
         *_drift(observations, [read_at[i] for i in patch]),
     ]
@@ -247,7 +236,7 @@ def build_design(
         reading_cd_m2=np.array([r.luminance_cd_m2 for r in ordered]),
         reading_variance=np.array([r.random_cd_m2**2 for r in ordered]),
         own_rel=pixels,
-        field_rel=slow_field,
+        field_rel=slow_rel(vignetting),
         uneven_rel=slow,
         place=place,
         read_at=read_at,
@@ -265,6 +254,21 @@ def _dark_errors(
             steps = tuple(float(v) for v in parameters)
             errors.append(SharedError(DARK, np.zeros(len(observations)), dark_dn, steps, setting.gain_db))
     return errors
+
+
+def _exposure_errors(times_s: Array, jitter_s: float) -> list[SharedError]:
+    rows = [np.where(times_s == t, exposure_time_rel(t, jitter_s), 0.0) for t in np.unique(times_s)]
+    return [SharedError("exposure time", row, np.zeros(times_s.size)) for row in rows]
+
+
+def _place_errors(
+    vignetting: AnyVignetting | None, place: Array, of_patterns: Array, patch: NDArray[np.intp]
+) -> list[SharedError]:
+    """Errors of the vignetting: what a flat field leaves may be a slope over the image, beside `Design.field_rel`."""
+    source, zero = source_of_place(vignetting), np.zeros(patch.size)
+    of_field = slow_rel(vignetting) / sqrt(place.shape[1]) * place.T
+    errors = [SharedError(FLAT_FIELD, row[patch], zero) for row in of_field if row.any()]
+    return errors + [SharedError(source, row[patch], zero, pattern=k) for k, row in enumerate(of_patterns)]
 
 
 def _frame_errors(

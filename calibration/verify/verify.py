@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import hypot, inf, sqrt
 
 import numpy as np
@@ -44,17 +45,16 @@ def verify(
     Parameters
     ----------
     calibration : Calibration or ColourCalibration
-        Calibration to verify.
+        The one to verify.
     observations, darks : mapping of str to sequence
-        New observations, with the calibration's vignetting, and dark frames, by plane (R, Gr, Gb, B; ``""`` for a
-        monochrome sensor).
+        New ones, with the calibration's vignetting, by plane (R, Gr, Gb, B; ``""`` for a monochrome sensor).
     readings : mapping of str to sequence of Reading
         New readings by the name of the patch, with the correction of the meter's certificate.
     meter : MeterScale
         The meter that took them, from `labcdp.calibration.setup.meter_scale`.
     tolerance_rel : float or None
-        Largest relative deviation that conforms; None for the U (95 %) of the calibration, see `own_tolerance_rel`. The
-        assumed vignetting is part of this tolerance, and not of the deviations, which show it.
+        Largest relative deviation that conforms; None for the U (95 %) of the calibration, see `own_tolerance_rel`,
+        with the assumed vignetting, which is no part of the deviations' U, as they show it.
 
     Raises
     ------
@@ -63,12 +63,7 @@ def verify(
     InputError
         If the tolerance is not above 0 and up to 1.
     """
-
-    def tolerance(of_place_rel: float) -> float:
-        return own_tolerance_rel(calibration, of_place_rel) if tolerance_rel is None else tolerance_rel
-
-    if tolerance_rel is not None:
-        require_tolerance(tolerance_rel)
+    tolerance = partial(_tolerance_rel, calibration, tolerance_rel)
     groups = by_patch(observations, [_name(plane) for plane in calibration.planes])
     seen, unusable, of_frames = _measured(calibration, groups)
     comparison, of_readings = _compared(calibration, groups, list(seen.values()), readings, meter)
@@ -94,6 +89,10 @@ def verify(
     )
     found = [*of_readings, *meter.findings(measured), *(f for row in seen.values() for f in row.findings), *of_frames]
     return replace(result, findings=(*findings_of(result), *dict.fromkeys(found)))
+
+
+def _tolerance_rel(calibration: AnyCalibration, stated_rel: float | None, of_place_rel: float) -> float:
+    return own_tolerance_rel(calibration, of_place_rel) if stated_rel is None else require_tolerance(stated_rel)
 
 
 def own_tolerance_rel(calibration: AnyCalibration, of_place_rel: float = 0.0) -> float:

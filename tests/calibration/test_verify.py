@@ -17,6 +17,7 @@ from labcdp.calibration.verify.result import conformance_probability, decide
 from labcdp.calibration.verify.verify import own_tolerance_rel, verify
 from labcdp.core.errors import CalibrationError, InputError
 from labcdp.core.reading import MeterIdentity
+from labcdp.core.vignetting import Cos4Vignetting
 from labcdp.session import MeterCertificate
 
 from .conftest import FEW_CD_M2, FEW_S, SimulatedMeter, bench, codes
@@ -159,6 +160,22 @@ def test_an_adjusted_meter_is_not_a_change_of_the_camera(calibration, measured):
     (one,) = histories({"c": calibration}, {"v": result})
     change, expanded = one.change_rel
     assert 0.01 < change < expanded
+
+
+def test_assumed_vignetting_is_part_of_the_tolerance_and_not_of_the_deviation(calibration, measured):
+    """5 % in the corners: a patch there has as good a deviation as one on the axis, and a wider tolerance."""
+    vignetting, (height, width) = Cos4Vignetting(1.0, 1e-6, None, 0.05), calibration.state.image_shape
+    observations, *others = measured()
+    own = replace(calibration, vignetting=vignetting)
+    results = []
+    for centre_px in ((width / 2, height / 2), (0.0, 0.0)):
+        seen = {"": [replace(o, vignetting=vignetting, centre_px=centre_px) for o in observations[""]]}
+        results.append(verify(own, seen, *others).patches)
+    for on_axis, in_corner in zip(*results, strict=True):
+        assert in_corner.expanded_rel == pytest.approx(on_axis.expanded_rel)
+        assert on_axis.tolerance_rel == own_tolerance_rel(own)
+        assert in_corner.tolerance_rel == pytest.approx(own_tolerance_rel(own, 0.05))
+        assert in_corner.tolerance_rel > 0.09
 
 
 def test_refusals(calibration, measured, camera):

@@ -126,12 +126,16 @@ def _of_results(path: Path, sensor: Sensor) -> tuple[dict[str, Any], dict[str, s
         values |= {name: int(made[name]) for name in ("bits", "width", "height")}
         if made.get("temperature_c") is not None:
             values["reference_temperature_c"] = float(made["temperature_c"])
+        stated = {name: values[name] for name in ("bits", "black_level_dn") if name in values}
+        converter = _with(sensor, stated, str(path))
         wells_e = {
             "the results": values.get("full_well_e", 0.0),
-            "the converter's end at 0 dB": _range_dn(sensor, values) / values["k_dn_per_e"],
+            "the converter's end at 0 dB": _range_dn(converter) / values["k_dn_per_e"],
             "the preset": sensor.full_well_e,
         }
         limited = made["saturation_limit"] != "full well"
+    except InputError:
+        raise
     except (KeyError, TypeError, ValueError, ArithmeticError) as error:
         raise InputError(f"{path} lacks a part of the results of labcdp characterise: run it again") from error
     if not values.get("dark_current_e_s"):
@@ -166,7 +170,7 @@ def _of_sheet(path: Path, sensor: Sensor) -> tuple[dict[str, Any], dict[str, str
         values.setdefault("full_well_e", 10 ** (stated.snr_max_db / 10))
     notes = {}
     if "k_dn_per_e" not in values and values.keys() & {"full_well_e", "bits", "black_level_dn"}:
-        values["k_dn_per_e"] = _range_dn(sensor, values) / values.get("full_well_e", sensor.full_well_e)
+        values["k_dn_per_e"] = _range_dn(typed) / values.get("full_well_e", sensor.full_well_e)
         notes["k_dn_per_e"] = "assumed: the converter ends at the full well"
     typed = _with(sensor, values, source)
     k, threshold_e = typed.k_dn_per_e, None
@@ -191,10 +195,9 @@ def _with(sensor: Sensor, values: dict[str, Any], source: str) -> Sensor:
         raise ConfigurationError(f"{source}: {error}") from error
 
 
-def _range_dn(sensor: Sensor, values: dict[str, Any]) -> float:
-    """Range of the converter above the black level, of the values or else of the sensor."""
-    bits, black_dn = (values.get(name, getattr(sensor, name)) for name in ("bits", "black_level_dn"))
-    return float(2**bits - 1 - black_dn)
+def _range_dn(sensor: Sensor) -> float:
+    """Range of the converter above the black level."""
+    return float(2**sensor.bits - 1 - sensor.black_level_dn)
 
 
 def _through(sensor: Sensor, wavelength_nm: float, eta: float, path: Path) -> list[list[float]]:

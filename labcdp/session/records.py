@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from typing import Annotated, Any, ClassVar, Literal, TypeVar, get_args
 
@@ -161,7 +161,9 @@ def record(entry: Entry) -> Record:
 
 def frame_record(entry: Entry) -> FrameRecord:
     """Make the record of a frame's line."""
-    return _checked(FrameRecord, entry, file=None if entry.file is None else asdict(entry.file), **_place(entry))
+    made = _checked(FrameRecord, entry, file=None if entry.file is None else asdict(entry.file), **_place(entry))
+    # The parts of the line itself, as a copy of each would take half as much memory again.
+    return replace(made, time=entry.time, metadata=entry.content["frame"], file=entry.file or made.file)
 
 
 def reading_record(entry: Entry) -> ReadingRecord:

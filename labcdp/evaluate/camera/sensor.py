@@ -126,7 +126,7 @@ def _of_results(path: Path, sensor: Sensor) -> tuple[dict[str, Any], dict[str, s
         values |= {name: int(made[name]) for name in ("bits", "width", "height")}
         if made.get("temperature_c") is not None:
             values["reference_temperature_c"] = float(made["temperature_c"])
-        stated = {name: values[name] for name in ("bits", "black_level_dn") if name in values}
+        stated: dict[str, Any] = {name: values[name] for name in ("bits", "black_level_dn") if name in values}
         converter = _with(sensor, stated, str(path))
         wells_e = {
             "the results": values.get("full_well_e", 0.0),

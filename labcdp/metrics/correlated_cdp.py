@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -44,6 +44,12 @@ class NoisyRegion:
     mask: NDArray[np.bool_]
     distribution: Distribution
     window: Window
+
+    @staticmethod
+    def in_mask(pixels: NDArray[Any], mask: NDArray[np.bool_], distribution: Distribution) -> NoisyRegion:
+        """Take the region of an image that a mask of its size marks."""
+        window = window_of(mask)
+        return NoisyRegion(pixels[window].astype(np.float64), mask[window], distribution, window)
 
     @cached_property
     def inflation(self) -> float:
@@ -117,14 +123,11 @@ def cdp_correlated(
     masks = [mask_array(mask_a, pixels.shape, "mask_a"), mask_array(mask_b, pixels.shape, "mask_b")]
     _require_apart(*masks)
     bright, dark, bright_name = bright_and_dark(pixels[masks[0]], pixels[masks[1]])
-    order = masks if bright_name == "a" else masks[::-1]
-    regions = [
-        NoisyRegion(pixels[window].astype(np.float64), mask[window], distribution, window)
-        for mask, distribution, window in zip(order, (bright, dark), map(window_of, order), strict=True)
-    ]
-    result = cdp_of_regions(regions[0], regions[1], bright_name, asked)
-    small = [size_findings(name, int(np.count_nonzero(mask))) for name, mask in zip(("a", "b"), masks, strict=True)]
-    return replace(result, findings=tuple(found for findings in small for found in findings))
+    upper, lower = masks if bright_name == "a" else masks[::-1]
+    regions = NoisyRegion.in_mask(pixels, upper, bright), NoisyRegion.in_mask(pixels, lower, dark)
+    result = cdp_of_regions(*regions, bright_name, asked)
+    counts = [int(np.count_nonzero(mask)) for mask in masks]
+    return replace(result, findings=(*size_findings("a", counts[0]), *size_findings("b", counts[1])))
 
 
 def size_findings(region: str, n_pixels: int) -> list[Finding]:

@@ -17,8 +17,6 @@ _LARGEST_INTEGER = 2**53
 
 #: Longest histogram counted by index, whatever the size of the region (that of a 16-bit image).
 _SHORT_HISTOGRAM = 2**16
-
-
 #: Number of steps that represent a normal distribution.
 _NORMAL_STEPS = 2**15
 
@@ -108,10 +106,10 @@ class Distribution:
                     "leave such pixels out"
                 )
             return cls(values, counts)
-        # The range of short types is narrow enough to need no look at the pixels.
-        limits = np.iinfo(flat.dtype)
-        short = limits.min == 0 and limits.max < _SHORT_HISTOGRAM
-        lowest, highest = (limits.min, limits.max) if short else check_exact(flat, name)
+        # Short types need no look at the pixels.
+        lowest, highest = np.iinfo(flat.dtype).min, np.iinfo(flat.dtype).max
+        if lowest < 0 or highest >= _SHORT_HISTOGRAM:
+            lowest, highest = check_exact(flat, name)
         if lowest >= 0 and highest < max(_SHORT_HISTOGRAM, flat.size):
             histogram = np.bincount(flat.astype(np.intp, copy=False))
             levels = np.flatnonzero(histogram)

@@ -72,8 +72,7 @@ class ExposureRows:
         return np.tensordot(below.reshape(below.shape[0], self.offset_shares.size, -1), self.offset_shares, (1, 0))
 
 
-# Quasi-Monte Carlo meets 2e-4 only from 2^14 to 2^16 Sobol points a rate on: at the 1700 rates of a map of 200 x 50
-# cells with three exposures these are 10^8 inversions, which take longer than the convolutions here.
+# Quasi-Monte Carlo meets 2e-4 from 2^14 to 2^16 points a rate on, 10^8 for a map: slower than the convolutions here.
 def merged_rows(
     method: Method, ladder: ExposureLadder, exposures: ExposureRows, edges: FloatArray, nodes: NDArray[np.intp]
 ) -> list[tuple[int, FloatArray]]:

@@ -14,7 +14,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-import tifffile
 
 from labcdp import Session
 from labcdp.cli.commands import all_commands
@@ -121,11 +120,12 @@ def reader(tmp_path_factory):
     for name in ("day1", "spring", "autumn", "my-drive"):
         shutil.copytree(folder / "my-session", folder / name)
     shutil.copy(folder / "calibration.json", folder / "camera.json")
-    shown = [session.load(one).dn for one in session.frames("light") if one.exposure_s == 0.008]
+    recorded = [one for one in session.frames("light") if one.exposure_s == 0.008]
+    shown = [session.load(one).dn for one in recorded]
     for name in ("night", "bench", "before", "after", "drive/1", "drive/2"):
         (folder / name).parent.mkdir(exist_ok=True)
         cv2.imwrite(str(folder / f"{name}.png"), shown[name in ("after", "drive/2")])
-    tifffile.imwrite(folder / "frame.tif", shown[0])
+    shutil.copy(session.path / recorded[0].file.name, folder / "frame.tif")
     (folder / "archive").mkdir()
     for name in ("drive.mp4", "archive/a.mp4", "archive/b.mp4", "checkerboard.avi"):
         code = "mp4v" if "mp4" in name else "MJPG"

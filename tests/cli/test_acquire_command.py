@@ -96,14 +96,18 @@ def test_what_was_refused_is_corrected_in_its_folder_and_done_in_two_runs(labcdp
 
 
 def test_readings_from_a_file_or_typed_by_hand(labcdp, running_bench, bench, tmp_path):
-    (tmp_path / "readings.csv").write_text("patch,luminance_cd_m2\nP12,256.0\nP12,256.1\n")
+    readings = [256.0, 256.1, 256.2, 256.3]
+    (tmp_path / "readings.csv").write_text("\n".join(["patch,luminance_cd_m2", *(f"P12,{one}" for one in readings)]))
     file = bench(meter=f'entry = "csv"\nfile = "readings.csv"\n{ANOTHER}')
     # A file needs no hand to point it, so only the cap is left.
     done = labcdp("acquire", file, "file", "--unattended")
     assert "file: 2 frames and 2 readings recorded" in done.stderr
     assert "Remaining manual step, cover the lens: dark frames" in done.stderr
     assert labcdp("acquire", file, "file", stdin="\n\n\n").returncode == 0
-    assert luminances(tmp_path / "file") == [256.0, 256.1]
+    assert luminances(tmp_path / "file") == readings[:2]
+    # What is taken again goes on with the next lines.
+    assert labcdp("acquire", file, "file", "--retake", "P12", stdin="\n\n\n").returncode == 0
+    assert luminances(tmp_path / "file") == readings[2:]
     # Uncover, point, two readings that disagree: repeat; two of which the first has a typing error; cover, keep the
     # frames although the simulated lens is still uncovered, uncover.
     hand = bench(meter=f'entry = "by hand"\n{ANOTHER}')

@@ -199,7 +199,9 @@ class LiveCamera:
                     self._features_asked |= is_feature and bool(self._live.features)
                 self._accepted[name] = value
             except CameraSettingError as rejected:
-                self._accepted.pop(name, None)
+                # One that was accepted before is not asked for again; another value stays.
+                if self._accepted.get(name) == value:
+                    del self._accepted[name]
                 errors.append(str(rejected))
         self._read_s = monotonic()
         self._publish(

@@ -34,18 +34,7 @@ class _Radial:
         return _squared_distance(shape, self.centre_px, 2 / hypot(*shape))
 
     def common_patterns(self, shape: tuple[int, int]) -> list[NDArray[np.float64]]:
-        """Relative errors of V for one standard uncertainty of each independent error.
-
-        Parameters
-        ----------
-        shape : (int, int)
-            Height and width in pixels.
-
-        Returns
-        -------
-        list of ndarray of float, shape (height, width)
-            Signed patterns; empty if V is taken as exact.
-        """
+        """Relative errors of V for one standard uncertainty of each independent error, at each pixel; none if exact."""
         return self._patterns(self.squared_radius(shape))
 
     def common_errors_at(self, shape: tuple[int, int], place_px: tuple[float, float]) -> list[float]:

@@ -91,14 +91,12 @@ def cdp_correlated(
     Returns
     -------
     CdpResult
-        As from `cdp` of the two regions, but with standard error and interval for the estimated correlation, the
-        factor of the standard error as `correlation_inflation`, and in `findings` regions of too few pixels for that.
+        As from `cdp`, with standard error and interval for the correlation, whose factor is `correlation_inflation`.
 
     Raises
     ------
     InputError
-        As `cdp`; and if the image is not of two dimensions, or a mask not boolean, of another shape or empty, or the
-        masks overlap.
+        As `cdp`; also for an image not of two dimensions, and masks that overlap, are empty or do not fit.
 
     Notes
     -----
@@ -116,7 +114,7 @@ def cdp_correlated(
     of few pixels, up to 2 times. With offsets of columns of 0.2 to 1 times the standard deviation of the pixels they
     covered it in 93 to 99 %, with such offsets of rows that both regions have in 91 to 94 % at a contrast near the
     maximum of the CDP and in all cases at others. In regions of less than 200 pixels, correlation cannot be told from
-    chance, which is a finding: of 6 x 6 pixels smoothed by 0.6 to 2 px they covered it in 81 to 94 %.
+    chance, which is in `findings`: of 6 x 6 pixels smoothed by 0.6 to 2 px they covered it in 81 to 94 %.
     """
     asked = TargetContrast(contrast, epsilon, definition)
     pixels = image_array(image)

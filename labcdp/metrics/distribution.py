@@ -145,9 +145,7 @@ class Distribution:
     @cached_property
     def cumulative(self) -> NDArray[np.float64]:
         """Weight of the first 0, 1, ... n values, shape (n + 1,)."""
-        sums = np.empty(self.values.size + 1)
-        sums[0] = 0
-        np.cumsum(self.weights, out=sums[1:])
+        sums = np.append(0.0, np.cumsum(self.weights))
         sums.flags.writeable = False
         return sums
 

@@ -285,8 +285,7 @@ def _variances(dense: _Dense) -> list[float]:
 
 def _bins(done: Sequence[Cumulative], edges: FloatArray, exposures: ExposureRows) -> list[tuple[int, FloatArray]]:
     """Probabilities of the bins in all parts of the distribution together, for each rate."""
-    lowest = min(one.places[0] for one in done)
-    highest = max(one.places[-1] for one in done)
+    lowest, highest = min(one.places[0] for one in done), max(one.places[-1] for one in done)
     first = max(int(np.searchsorted(edges, lowest, side="right")) - 1, 0)
     end = min(int(np.searchsorted(edges, highest, side="right")) + 1, edges.size)
     below: Any = 0.0

@@ -107,7 +107,6 @@ def cdp_correlated(
     correlated than the pixels: limiting the factors to that of the pixels prevents a slow change of the light across a
     region from being treated as noise. Rows and columns that both regions have may have noise in common: where p and q
     are correlated so, the upper end of twice their covariance is added to the variance.
-
     In simulations with two regions of 20 x 20 to 80 x 80 pixels, of independent noise, noise averaged over 3 x 3 pixels
     and noise smoothed by a Gaussian of 0.6 to 3 px, 95 % intervals covered the truth in 96 % of the cases, of any kind
     in 89 % or more, and the standard error was 0.9 to 1.3 times the true one; where the noise reaches far into a region

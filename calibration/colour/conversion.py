@@ -142,7 +142,7 @@ def colour_patch_luminance(
     luminance = float(np.array(converter.weights) @ by_plane)
     if luminance <= 0:
         raise CalibrationError(
-            f"patch {seen[0].patch!r} has {luminance:.3g} cd/m^2 by the combination of planes: its light is not of the "
+            f"patch {seen[0].patch!r} has {luminance:.3g} cd/m² by the combination of planes: its light is not of the "
             "kind the weights are for; calibrate with a patch of this colour"
         )
     shares = np.array(converter.weights) * by_plane / luminance

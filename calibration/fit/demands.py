@@ -38,7 +38,7 @@ def require_span(design: Design) -> None:
     low, high = design.reading_cd_m2.min(), design.reading_cd_m2.max()
     if high < REFUSED_SPAN * low:
         raise CalibrationError(
-            f"the patches all have about the same luminance ({low:.4g} to {high:.4g} cd/m^2), which cannot tell light "
+            f"the patches all have about the same luminance ({low:.4g} to {high:.4g} cd/m²), which cannot tell light "
             "from glare and dark signal: add patches, log spaced over the range you need"
         )
 
@@ -69,9 +69,9 @@ def require_monotone(solution: Solution) -> None:
             inverted = seen[k] - seen[i] > _INVERSION_LIMIT * hypot(by_camera[i], by_camera[k])
             if apart and inverted and reading[i] * seen[k] > _INVERSION * reading[k] * seen[i]:
                 raise CalibrationError(
-                    f"patch {design.patches[i]!r} reads {reading[i]:.4g} cd/m^2 and patch {design.patches[k]!r} "
-                    f"{reading[k]:.4g} cd/m^2, but the camera sees less light from the first (as {seen[i]:.4g} and "
-                    f"{seen[k]:.4g} cd/m^2): were regions or readings swapped? measure both again"
+                    f"patch {design.patches[i]!r} reads {reading[i]:.4g} cd/m² and patch {design.patches[k]!r} "
+                    f"{reading[k]:.4g} cd/m², but the camera sees less light from the first (as {seen[i]:.4g} and "
+                    f"{seen[k]:.4g} cd/m²): were regions or readings swapped? measure both again"
                 )
 
 

@@ -186,7 +186,7 @@ def _compared(
         read[patch], of_patch = combine_readings(patch, readings.get(patch, ()))
         findings += of_patch
         if read[patch].luminance_cd_m2 == 0:
-            text = f"patch {patch!r} reads 0 cd/m^2, below the meter's range: verify with a brighter patch"
+            text = f"patch {patch!r} reads 0 cd/m², below the meter's range: verify with a brighter patch"
             raise CalibrationError(text)
         # Meter and camera view a non-uniform patch at slightly different positions, as in the fit.
         kept, _, _ = usable(groups[patch][_name(brightest)], brightest.settings)

@@ -115,8 +115,8 @@ def _unit(meter: MinoltaLS) -> Finding:
         # A value out of range is not a fault of the meter; an empty battery is.
         return Finding.of_error("unit", error, "fault" if error.code in ("ER20", "ER30") else "notice")
     if shown.unit == "cd/m2":
-        return Finding("unit", "good", f"cd/m^2; it shows {shown.value:g}")
+        return Finding("unit", "good", f"cd/m²; it shows {shown.value:g}")
     if shown.unit == "fL":
-        cause = f"the meter is set to fL; it shows {shown.value:g} fL, which is {shown.luminance_cd_m2:g} cd/m^2"
-        return Finding("unit", "notice", cause, "set its unit switch to cd/m^2 if fL is not meant")
-    return Finding("unit", "notice", "the meter shows a ratio in %", "measure once, which shows cd/m^2 again")
+        cause = f"the meter is set to fL; it shows {shown.value:g} fL, which is {shown.luminance_cd_m2:g} cd/m²"
+        return Finding("unit", "notice", cause, "set its unit switch to cd/m² if fL is not meant")
+    return Finding("unit", "notice", "the meter shows a ratio in %", "measure once, which shows cd/m² again")

@@ -189,7 +189,7 @@ class MinoltaLS(Meter):
         reading = self._line.ask(command, parse)
         if reading.unit == "fL":
             _log.warning(
-                "%s: the meter is set to fL: %g fL is %g cd/m^2; set its unit switch to cd/m^2 if that is not meant",
+                "%s: the meter is set to fL: %g fL is %g cd/m²; set its unit switch to cd/m² if that is not meant",
                 self.port,
                 reading.value,
                 reading.luminance_cd_m2,
@@ -200,7 +200,7 @@ class MinoltaLS(Meter):
         measured = reading.unit != "%" and reading.correction == "preset"
         if measured and not low <= reading.luminance_cd_m2 <= high:
             _log.warning(
-                "%s: %g cd/m^2 is outside the range of the %s with %s response, %g to %g cd/m^2: do not rely on it",
+                "%s: %g cd/m² is outside the range of the %s with %s response, %g to %g cd/m²: do not rely on it",
                 self.port,
                 reading.luminance_cd_m2,
                 self.data_sheet.model,

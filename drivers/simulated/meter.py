@@ -131,7 +131,7 @@ class SimulatedLS:
     def _measure(self) -> str:
         luminance = float(self._luminance())
         if not (isfinite(luminance) and luminance >= 0):
-            raise InputError(f"the simulated meter is pointed at {luminance} cd/m^2: give a number of at least 0")
+            raise InputError(f"the simulated meter is pointed at {luminance} cd/m²: give a number of at least 0")
         noise = self._errors.repeatability_rel * self._rng.standard_normal()
         seen = max(0.0, luminance * (1 + self._errors.scale_rel) * (1 + noise))
         sheet = self._data_sheet

@@ -194,7 +194,7 @@ def check_meter_drift(
     if abs(change) <= max(largest_rel, _SIGNIFICANT * own_cd_m2 / was.mean_cd_m2):
         return []
     cause = (
-        f"patch {patch!r} went from {was.mean_cd_m2:.4g} to {now.mean_cd_m2:.4g} cd/m^2 ({change:+.1%}) while its "
+        f"patch {patch!r} went from {was.mean_cd_m2:.4g} to {now.mean_cd_m2:.4g} cd/m² ({change:+.1%}) while its "
         "frames were taken: wait until the light is steady"
     )
     return [CheckFinding("meter drift", cause, change, largest_rel)]

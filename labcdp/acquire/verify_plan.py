@@ -62,7 +62,7 @@ def verification_configuration(
             exposures_s |= set(calibration.exposures_s)
         elif not fitting[name]:
             raise InputError(
-                f"patch {name!r} has about {luminance[name]:.3g} cd/m^2, for which no calibrated exposure gives a good "
+                f"patch {name!r} has about {luminance[name]:.3g} cd/m², for which no calibrated exposure gives a good "
                 "signal: choose another patch"
             )
         else:

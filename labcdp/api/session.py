@@ -201,7 +201,7 @@ class CalibratedSession:
 
     def __repr__(self) -> str:
         low, high = self.calibration.range_cd_m2
-        return f"<labcdp.CalibratedSession {self.session.path.name}: {low:.3g} to {high:.3g} cd/m^2>"
+        return f"<labcdp.CalibratedSession {self.session.path.name}: {low:.3g} to {high:.3g} cd/m²>"
 
     def _repr_html_(self) -> str:
         """Table for notebooks."""

@@ -78,7 +78,7 @@ class Flag:
 
 
 Side: TypeAlias = Annotated[int, Whole("pixels", 1, LARGEST_SIDE)]
-Luminance: TypeAlias = Annotated[float, Number("cd/m^2", 0, HIGHEST_CD_M2)]
+Luminance: TypeAlias = Annotated[float, Number("cd/m²", 0, HIGHEST_CD_M2)]
 Fraction: TypeAlias = Annotated[float, Number("(a fraction)", 0, 1, above=True)]
 Bits: TypeAlias = Annotated[int, Whole("bits", 1, 16)]
 MergedBits: TypeAlias = Annotated[int, Whole("bits", 1, 48)]

@@ -54,7 +54,7 @@ class ExposureSettings(Parameters):
 Values = NDArray[Any]
 
 #: Quantities a signal can be of, with their units.
-UNITS = {"luminance": "cd/m^2", "illuminance": "lx", "digital number": "DN"}
+UNITS = {"luminance": "cd/m²", "illuminance": "lx", "digital number": "DN"}
 
 
 @dataclass(frozen=True, eq=False)

@@ -76,6 +76,8 @@ def what_is_left(command: str | None) -> str:
 
 #: Exit status of a program ended by Ctrl-C: 128 and the number of SIGINT.
 _INTERRUPTED = 130
+#: Characters of a file name in a message; paths may be long.
+_MOST_OF_NAME = 1000
 
 app = typer.Typer(
     cls=Commands,
@@ -154,7 +156,7 @@ def main() -> None:
         sys.exit(141)
     except OSError as error:
         if error.filename is not None:
-            name = os.fsdecode(error.filename)
+            name = shortened(os.fsdecode(error.filename), _MOST_OF_NAME)
             say(f"labcdp: {name} cannot be used ({reason(error)}): check name, folder and permissions")
             sys.exit(1)
         if error.errno not in _OUTPUT_ERRORS:

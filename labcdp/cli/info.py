@@ -65,7 +65,7 @@ def info(file: Path, *, source: str = "A", as_json: Json = False) -> None:
     ----------
     file
         A session, calibration, folder of results, results.json, picture, video, region file, bench plan, chain, camera
-        specification, map, spectral sensitivity or EMVA 1288 data set.
+        specification, NetCDF of results, spectral sensitivity or EMVA 1288 data set.
     source
         For a spectral sensitivity: light of the calibration, a name or a CSV file with its spectral power.
     """
@@ -97,7 +97,7 @@ def describe(path: Path, source: str) -> Description:
         ".toml": (_toml,),
         ".roi": (_regions,),
         ".zip": (_regions,),
-        ".nc": (_map_file,),
+        ".nc": (_netcdf,),
         ".txt": (_data_set,),
     }.get(path.suffix.lower(), (_picture, _video))
     errors = []
@@ -215,16 +215,22 @@ def _regions(path: Path) -> Description:
     return Description("region file", commands, {"regions": f"{len(names)}: {', '.join(names)}"})
 
 
-def _map_file(path: Path) -> Description:
+def _netcdf(path: Path) -> Description:
+    """Describe the map of a sweep, the results of a video, or the contrast map of an image."""
     dataset = read_dataset(path, "map")
+    properties = {
+        "title": str(dataset.attrs.get("title", "")),
+        "axes": ", ".join(f"{name} ({size})" for name, size in dataset.sizes.items()),
+        "variables": ", ".join(str(name) for name in dataset.data_vars),
+    }
+    if "frame" in dataset.sizes:
+        return Description("results of a video", ("video VIDEO --roi rois.json --reference {file}",), properties)
+    if "edge" in dataset.sizes:
+        return Description("contrast map of an image", (), properties)
     try:
         check_map(dataset)
     except InputError as error:
         raise InputError(f"{path} is no map of labcdp: {error}") from error
-    properties = {
-        "axes": ", ".join(f"{name} ({size})" for name, size in dataset.sizes.items()),
-        "variables": ", ".join(str(name) for name in dataset.data_vars),
-    }
     return Description("map of a sweep", ("compare {file} OTHER",), properties)
 
 

@@ -45,7 +45,7 @@ def live_line(live: Live) -> str:
             best = max(steady, key=lambda n: n.mean_dn)
             parts.append(f"drift {best.drift_rel:+.2%} ({best.patch})")
     if live.temperature_c is not None:
-        parts.append(f"{live.temperature_c:.1f} C")
+        parts.append(f"{live.temperature_c:.1f} °C")
     return ", ".join(parts)
 
 

@@ -94,7 +94,7 @@ def test_patches_of_unknown_or_too_high_luminance(example, calibration):
         (None, [], "no patch of the configuration is known to lie within the calibrated range"),
         (None, ["none"], "there is no patch 'none' to verify with: choose from P01"),
         (None, ["P01", "P01"], "patch 'P01' is given twice"),
-        (1e9, ["other"], r"patch 'other' has about 1e\+09 cd/m\^2, for which no calibrated exposure"),
+        (1e9, ["other"], r"patch 'other' has about 1e\+09 cd/m², for which no calibrated exposure"),
     ]:
         with pytest.raises(InputError, match=message):
             planned(nominal_cd_m2, *names)

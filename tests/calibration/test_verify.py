@@ -185,7 +185,7 @@ def test_refusals(calibration, measured, camera):
     for changed, message in (
         (({"": []}, darks, readings, meter), "there is no patch to verify the calibration with"),
         ((observations, darks, {"P0": readings["P0"]}, meter), "patch 'P1' has no meter reading"),
-        ((observations, darks, dark, meter), r"patch 'P0' reads 0 cd/m\^2, below the meter's range"),
+        ((observations, darks, dark, meter), r"patch 'P0' reads 0 cd/m², below the meter's range"),
         (measured(camera=other), r"black level of the calibration is 64, but .* has 32"),
     ):
         with pytest.raises(CalibrationError, match=message):

@@ -55,11 +55,11 @@ def in_order(*tables: str, **more: Any) -> dict[str, Any]:
 FRONT = ("scene", "windscreen", "optics", "exposure")
 REFUSED: list[tuple[dict[str, Any], str]] = [
     (in_order("scene", "optics", "windscreen", "exposure", "sensor"),
-     "windscreen takes luminance in cd/m^2, but what comes to it is illuminance in lx: put it elsewhere"),
+     "windscreen takes luminance in cd/m², but what comes to it is illuminance in lx: put it elsewhere"),
     (in_order("scene", "optics", "isp", "exposure", "sensor"),
      "isp takes digital number in DN, but what comes to it is illuminance in lx: put it elsewhere in the chain"),
     (in_order("scene", "windscreen", "exposure", "sensor"),
-     "the sensor takes illuminance in lx, but what comes to it is luminance in cd/m^2: add optics in front"),
+     "the sensor takes illuminance in lx, but what comes to it is luminance in cd/m²: add optics in front"),
     (in_order("hdr", "scene", "optics", "exposure", "sensor"), "hdr merges the exposures of a sensor: put it right be"),
     (in_order("scene", "optics", "exposure"), "there is no sensor to expose: add a sensor, or leave out what follows"),
     (in_order("scene", "optics", "sensor"), "exposure is missing: add a table [exposure] with exposure_s, in s"),
@@ -103,9 +103,9 @@ def test_parts_put_together_by_hand_are_checked_too() -> None:
     for change, message in (
         (
             {"before": (lens, ("windscreen", Windscreen(0.9)))},
-            "windscreen takes luminance in cd/m^2, but what comes to",
+            "windscreen takes luminance in cd/m², but what comes to",
         ),
-        ({"behind": (lens,)}, "optics takes luminance in cd/m^2, but what comes to it is digital number in DN"),
+        ({"behind": (lens,)}, "optics takes luminance in cd/m², but what comes to it is digital number in DN"),
         ({"sensors": (("a", sensor), ("a", sensor))}, "two signals would have the name 'hdr (a)': give each its own"),
         ({"scene": Flat(3, 2, 1.0)}, "sensor has width 8 and height 6, the scene 3 and 2: give them once"),
     ):

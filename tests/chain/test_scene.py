@@ -88,12 +88,12 @@ def test_pairs_of_patches_are_with_the_background_if_there_is_but_one_and_never_
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ([1.0, 2.0], r"non-empty 2-D map of luminance in cd/m\^2, got the shape \(2,\)"),
+        ([1.0, 2.0], r"non-empty 2-D map of luminance in cd/m², got the shape \(2,\)"),
         (np.empty((0, 3)), r"got the shape \(0, 3\)"),
-        ([[1.0, -2.0]], r"luminance from -2 to 1 cd/m\^2: give numbers from 0 to 1e\+12"),
-        ([[1.0, np.nan]], r"luminance from nan to nan cd/m\^2"),
-        ([[1.0, 1e39]], r"luminance from 1 to inf cd/m\^2"),  # too large for float32
-        ([[1.0, 2e12]], r"luminance from 1 to 2e\+12 cd/m\^2"),
+        ([[1.0, -2.0]], r"luminance from -2 to 1 cd/m²: give numbers from 0 to 1e\+12"),
+        ([[1.0, np.nan]], r"luminance from nan to nan cd/m²"),
+        ([[1.0, 1e39]], r"luminance from 1 to inf cd/m²"),  # too large for float32
+        ([[1.0, 2e12]], r"luminance from 1 to 2e\+12 cd/m²"),
     ],
 )
 def test_what_is_not_a_scene_is_refused(values: object, message: str) -> None:
@@ -170,7 +170,7 @@ def test_error_of_an_image_names_table_and_key(tmp_path: Path, old: str, new: st
     ("image", "message"),
     [
         (np.ones((5, 6, 3), np.uint8), r"which holds uint8 of shape \(5, 6, 3\): give a 2-D grey image$"),
-        (np.full((2, 2), 1e300), r"a scene has luminance from inf to inf cd/m\^2"),
+        (np.full((2, 2), 1e300), r"a scene has luminance from inf to inf cd/m²"),
     ],
 )
 def test_values_that_are_no_luminance_are_refused(tmp_path: Path, name: str, image: Any, message: str) -> None:

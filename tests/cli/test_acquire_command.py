@@ -105,7 +105,7 @@ def test_readings_from_a_file_or_typed_by_hand(labcdp, running_bench, bench, tmp
     assert "Remaining manual step, cover the lens: dark frames" in done.stderr
     assert labcdp("acquire", file, "file", stdin="\n\n\n").returncode == 0
     assert luminances(tmp_path / "file") == readings[:2]
-    # What is taken again goes on with the next lines.
+    # A patch that is measured again takes the next lines of the file.
     assert labcdp("acquire", file, "file", "--retake", "P12", stdin="\n\n\n").returncode == 0
     assert luminances(tmp_path / "file") == readings[2:]
     # Uncover, point, two readings that disagree: repeat; two of which the first has a typing error; cover, keep the

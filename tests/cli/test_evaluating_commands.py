@@ -82,6 +82,7 @@ def test_the_map_of_a_picture_asks_for_the_contrast_of_a_reference(labcdp, tmp_p
     assert detected[0] > 0.6 > 0.1 > detected[1]
     done = labcdp(*command, "-o", "other")
     assert "The weakest edges" in done.stdout
+    assert "contrast map of an image" in labcdp("info", "other/results.nc").stdout
     assert "info: no calibration or camera specification: using relative luminance" in done.stderr
 
 
@@ -181,6 +182,7 @@ def test_a_video_with_all_that_can_be_asked_for(labcdp, drive):
     assert len(list((folder / "drive").glob("frame-*.png"))) == 3
     made = {"results.nc", "results.json", "results.xlsx", "report.html", "annotated.mp4", "video.jsonl"}
     assert made <= written(folder)
+    assert f"--reference {folder / 'results.nc'}" in labcdp("info", folder / "results.nc").stderr
     assert results_of(labcdp(*command, "--json", "--force")) == values
     command = ("video", drive, "--roi", "rois.json", "--stop")
     done = labcdp(*command, "80ms", "--method", "fixed", "-o", "here")

@@ -42,6 +42,7 @@ REFUSED = (
     ("luminance c/calibration.json s -o a.npz --exposure 5ms", "it has 2ms, 8ms, 32ms"),
     ("compare a.png a.png", "give its regions with --roi"),
     ("twin dark", "no dark frames: cover the lens"),
+    (f"info {100_000 * 'a'}", "... cannot be used (File name too long)"),
     ("image-map a.png --region-size 9", "the size of the regions is 9 pixels"),
     ("video a.avi --roi three.json", "three.json holds 3 regions"),
     ("video a.avi --roi rois.json --neighbours", "--neighbours needs no regions"),

@@ -45,11 +45,11 @@ class StepChart(Sized):
                 f"luminances_cd_m2 is {shown(given)}: give a list of 1 to {self.width} luminances, one a stripe"
             )
         for luminance in given:
-            Number("cd/m^2", 0, HIGHEST_CD_M2).check("luminances_cd_m2", luminance)
+            Number("cd/m²", 0, HIGHEST_CD_M2).check("luminances_cd_m2", luminance)
         object.__setattr__(self, "luminances_cd_m2", tuple(float(luminance) for luminance in given))
 
     def luminance_map(self) -> FloatMap:
-        """Luminance in cd/m^2, shape (height, width)."""
+        """Luminance in cd/m², shape (height, width)."""
         stripes = np.array(self.luminances_cd_m2, np.float32)
         return np.broadcast_to(stripes[self._stripe_of_column()], self.shape).copy()
 
@@ -115,7 +115,7 @@ class Checkerboard(Sized):
             )
         if self.bright_cd_m2 > HIGHEST_CD_M2:
             raise InputError(
-                f"contrast is {self.contrast}: the bright squares would have {self.bright_cd_m2:g} cd/m^2, give at "
+                f"contrast is {self.contrast}: the bright squares would have {self.bright_cd_m2:g} cd/m², give at "
                 f"most {HIGHEST_CD_M2:g}"
             )
         if max(self.width, self.height) <= self.square_px:
@@ -126,11 +126,11 @@ class Checkerboard(Sized):
 
     @property
     def bright_cd_m2(self) -> float:
-        """Luminance of the bright squares in cd/m^2."""
+        """Luminance of the bright squares in cd/m²."""
         return self.luminance_cd_m2 * (1 + self.contrast)
 
     def luminance_map(self) -> FloatMap:
-        """Luminance of each sample in cd/m^2, shape (height * oversampling, width * oversampling)."""
+        """Luminance of each sample in cd/m², shape (height * oversampling, width * oversampling)."""
         dark, bright = np.float32(self.luminance_cd_m2), np.float32(self.bright_cd_m2)
         return np.where(self.is_bright(), bright, dark)
 

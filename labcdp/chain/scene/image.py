@@ -48,7 +48,7 @@ class ImageScene(Parameters):
     """
 
     path: Path = field(metadata={"path": True})
-    cd_m2_per_value: Annotated[float, Number("cd/m^2", 0, above=True)] = 1.0
+    cd_m2_per_value: Annotated[float, Number("cd/m²", 0, above=True)] = 1.0
     regions_xywh: Mapping[str, tuple[int, int, int, int]] = field(default_factory=dict)
     oversampling: Oversampling = 1
 
@@ -95,7 +95,7 @@ class ImageScene(Parameters):
         return height, width
 
     def luminance_map(self) -> FloatMap:
-        """Luminance of each sample in cd/m^2, read-only."""
+        """Luminance of each sample in cd/m², read-only."""
         return self._luminance
 
     def regions(self) -> Mapping[str, Mask]:

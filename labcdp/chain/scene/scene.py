@@ -37,11 +37,11 @@ def luminance_map(luminance_cd_m2: ArrayLike) -> FloatMap:
     with np.errstate(over="ignore"):
         scene = np.asarray(luminance_cd_m2, dtype=np.float32)
     if scene.ndim != 2 or scene.size == 0:
-        raise InputError(f"a scene is a non-empty 2-D map of luminance in cd/m^2, got the shape {scene.shape}")
+        raise InputError(f"a scene is a non-empty 2-D map of luminance in cd/m², got the shape {scene.shape}")
     # A NaN makes the minimum NaN, which is not >= 0.
     if not (scene.min() >= 0 and scene.max() <= HIGHEST_CD_M2):
         raise InputError(
-            f"a scene has luminance from {scene.min():g} to {scene.max():g} cd/m^2: give numbers from 0 to "
+            f"a scene has luminance from {scene.min():g} to {scene.max():g} cd/m²: give numbers from 0 to "
             f"{HIGHEST_CD_M2:g}"
         )
     return scene
@@ -151,7 +151,7 @@ class Scene(Protocol):
         """Height and width in pixels."""
 
     def luminance_map(self) -> FloatMap:
-        """Luminance in cd/m^2, shape (height, width)."""
+        """Luminance in cd/m², shape (height, width)."""
 
     def regions(self) -> Mapping[str, Mask]:
         """Regions to be evaluated by name, masks of shape (height, width); may be empty."""
@@ -186,7 +186,7 @@ class Flat(Sized):
     luminance_cd_m2: Luminance
 
     def luminance_map(self) -> FloatMap:
-        """Luminance in cd/m^2, shape (height, width)."""
+        """Luminance in cd/m², shape (height, width)."""
         return np.full(self.shape, self.luminance_cd_m2, np.float32)
 
     def regions(self) -> Mapping[str, Mask]:
@@ -230,7 +230,7 @@ class PatchScene(Sized):
             patch.check_inside(self.width, self.height)
 
     def luminance_map(self) -> FloatMap:
-        """Luminance in cd/m^2, shape (height, width)."""
+        """Luminance in cd/m², shape (height, width)."""
         return with_patches(np.full(self.shape, self.background_cd_m2, np.float32), self.patches)
 
     def regions(self) -> Mapping[str, Mask]:

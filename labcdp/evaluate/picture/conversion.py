@@ -144,7 +144,7 @@ class PictureConversion:
         assert picture.light is not None
         if self.unit == "cd/m^2" and not picture.light_is_cd_m2:
             raise InputError(
-                f"{picture.path} holds floats, and does not say that they are cd/m^2: calibration and camera "
+                f"{picture.path} holds floats, and does not say that they are cd/m²: calibration and camera "
                 "specification convert DN; leave them out for relative values"
             )
         invalid = np.where(np.isfinite(picture.light), 0, Invalid.DEFECT).astype(np.uint8)

@@ -41,9 +41,9 @@ def twin_chain_text(evaluation: TwinEvaluation) -> str:
     comments = {}
     for name, one in evaluation.parameters.quantities.items():
         key = "quantum_efficiency" if name.startswith("quantum") else name
-        uncertainty = f"+- {known(one):.2g} {one.unit}; " if known(one) > 0 else ""
+        uncertainty = f"u = {known(one):.2g} {one.unit}; " if known(one) > 0 else ""
         comments["sensor", key] = f"{uncertainty}{one.note}".rstrip("; ")
-    head = ["The twin of a camera, made by labcdp from a recorded session.", "Values +- standard uncertainty.", *notes]
+    head = ["The twin of a camera, made by labcdp from a recorded session.", "u is the standard uncertainty.", *notes]
     return commented_toml(head, twin_document(evaluation), comments)
 
 

@@ -102,7 +102,7 @@ def regions_of(
         reading, _ = combine_readings(patch.name, observed.readings.get(patch.name, []))
         if reading.luminance_cd_m2 == 0:
             raise CalibrationError(
-                f"patch {patch.name!r} reads 0 cd/m^2, below the meter's range: leave it out with --without "
+                f"patch {patch.name!r} reads 0 cd/m², below the meter's range: leave it out with --without "
                 f"{patch.name!r}"
             )
         roi = patch.region()

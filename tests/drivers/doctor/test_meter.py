@@ -32,7 +32,7 @@ def test_a_meter_in_order():
     found = checked(engine)
     assert [(one.topic, one.state, one.cause) for one in found[1:]] == [
         ("meter", "good", "it answers, and took PRESET, ABS, FAST and CONT (as LS-110)"),
-        ("unit", "good", "cd/m^2; it shows 83.02"),
+        ("unit", "good", "cd/m²; it shows 83.02"),
     ]
     # It changes nothing but modes, and does not measure: too dark a first reading can end remote mode.
     assert set(engine.heard) == {b"MDS", b"DSR"}
@@ -41,7 +41,7 @@ def test_a_meter_in_order():
 @pytest.mark.parametrize(
     ("shown", "state", "cause"),
     [
-        (b"OK00,CfPH 100.0", "notice", "the meter is set to fL; it shows 100 fL, which is 342.626 cd/m^2"),
+        (b"OK00,CfPH 100.0", "notice", "the meter is set to fL; it shows 100 fL, which is 342.626 cd/m²"),
         (b"OK00,C% H 100.0", "notice", "the meter shows a ratio in %"),
         (b"ER11", "unknown", "the meter holds no reading, which would tell its unit"),
         (b"ER30", "fault", "ER30"),

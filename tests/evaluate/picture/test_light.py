@@ -210,7 +210,7 @@ def test_floats_are_relative_unless_the_file_says_more(tmp_path, relative, speci
     seen = relative.luminance(picture)
     np.testing.assert_array_equal(seen.luminance_cd_m2, values)
     assert seen.invalid.tolist() == [[0, 0, Invalid.DEFECT, Invalid.DEFECT]]
-    with pytest.raises(InputError, match=r"a\.npy holds floats, and does not say that they are cd/m\^2"):
+    with pytest.raises(InputError, match=r"a\.npy holds floats, and does not say that they are cd/m²"):
         specified().luminance(picture)
 
 

@@ -17,7 +17,7 @@ def test_the_result_and_the_chain_are_those_of_the_twin(twin):
     assert "twin-describes-camera" in {one.code for one in result.findings}
     chain = twin_chain_text(twin)
     assert len(Chain.from_toml(chain, "chain.toml").scene.patches) == 16
-    assert "# +- 0.00" in next(line for line in chain.splitlines() if line.startswith("k_dn_per_e"))
+    assert "# u = 0.00" in next(line for line in chain.splitlines() if line.startswith("k_dn_per_e"))
 
 
 def measured(pair, value):

@@ -223,7 +223,7 @@ def _points(found: ContrastMap, source: MapSource, style: EdgeStyle) -> list[Sca
 
     marker: dict[str, Any] = {"size": 5, "line": {"width": 0.5, "color": "#222222"}}
     marker |= {"color": rounded(edges.cdp, 3), "coloraxis": "coloraxis"} if style.by_cdp else {"color": style.colour}
-    unit = "(relative)" if source.unit == "relative" else source.unit
+    unit = "(relative)" if source.unit == "relative" else "cd/m²"
     rows = [
         f"bright side %{{customdata[0]:.4~g}} {unit}",
         f"dark side %{{customdata[1]:.4~g}} {unit}",

@@ -151,6 +151,11 @@ def available(camera: Any, *names: str) -> str | None:
     return next((name for name in names if _is_there(device.get_feature(name))), None)
 
 
+def text_of(camera: Any, name: str) -> str:
+    """Return the text of a feature; empty if the camera does not have it."""
+    return device_text(camera.get_string, name) if available(camera, name) is not None else ""
+
+
 def writable(camera: Any, name: str) -> bool:
     """Whether the camera has a feature that is currently writable."""
     return available(camera, name) is not None and _allows(_node(camera, name), "W")

@@ -13,9 +13,9 @@ from ..camera import CameraBusyError, CameraError, CameraLostError, CameraNotFou
 from ..computer import shut_down, udp_socket_numbers
 from ..device import on_error
 from . import gvcp
-from .features import available
+from .features import text_of
 from .known_state import bring_to_known_state
-from .library import CameraInfo, aravis, camera_errors, device_text, gerror, is_of_transport
+from .library import CameraInfo, aravis, camera_errors, gerror, is_of_transport
 from .transport import find_neighbours, find_packet_size, warn_of_small_receive_buffer
 
 #: Time after an answer in which the camera is not checked again before use; a check takes 0.1 to 1 ms.
@@ -229,21 +229,18 @@ def _busy(info: CameraInfo) -> CameraBusyError:
 def _check_who(link: Link) -> None:
     info = link.info
     with link.using("it does not tell who it is") as camera:
-        if camera.is_gv_device() and not camera.get_device().is_controller():
-            raise _busy(info)
-        serial = device_text(camera.get_device_serial_number)
-        if serial != info.serial:
-            raise CameraNotFoundError(
-                f"the camera at {info.address} has serial number {serial}, not {info.serial}: two cameras "
-                "share the address; give each its own"
-            )
-        link.identity = CameraIdentity(info.vendor, info.model, info.serial, simulated=_says_simulated(camera))
-
-
-def _says_simulated(camera: Any) -> bool:
-    name = "DeviceManufacturerInfo"
-    text = device_text(camera.get_string, name) if available(camera, name) else ""
-    return "simulated" in text.lower() or device_text(camera.get_vendor_name) == "Aravis"
+        if camera.is_gv_device():
+            if not camera.get_device().is_controller():
+                raise _busy(info)
+            # As it was discovered: a GenICam description need not have it.
+            seen = gvcp.announce(info.address)
+            if seen is not None and seen.serial != info.serial:
+                raise CameraNotFoundError(
+                    f"the camera at {info.address} has serial number {seen.serial}, not {info.serial}: two cameras "
+                    "share the address; give each its own"
+                )
+        simulated = "simulated" in text_of(camera, "DeviceManufacturerInfo").lower() or info.vendor == "Aravis"
+        link.identity = CameraIdentity(info.vendor, info.model, info.serial, simulated=simulated)
 
 
 def _prepare(link: Link) -> None:

@@ -16,9 +16,8 @@ from ...core.errors import InputError
 from ...core.frame import Readout
 from ..camera import CameraSettingError
 from ..camera_settings import CameraSettings, Region, Trigger
-from .features import available, read_feature, require_range, writable, write_feature
+from .features import available, read_feature, require_range, text_of, writable, write_feature
 from .known_state import show_whole_sensor
-from .library import device_text
 from .link import Link
 from .trigger import change_trigger, read_trigger
 
@@ -76,7 +75,7 @@ def _frame_rate_hz(camera: Any) -> float | None:
 
 def _gain(camera: Any) -> str | None:
     """Name of the gain in dB, None if the camera has none."""
-    raw_in_db = device_text(camera.get_vendor_name).startswith(_RAW_GAIN_IN_DB)
+    raw_in_db = text_of(camera, "DeviceVendorName").startswith(_RAW_GAIN_IN_DB)
     return available(camera, _GAIN, *([_RAW_GAIN] if raw_in_db else []))
 
 

@@ -44,11 +44,11 @@ def change_trigger(camera: Any, trigger: Trigger) -> None:
 
 
 def read_trigger(camera: Any) -> Trigger:
-    """Return the trigger of a frame; raises errors of Aravis."""
-    if available(camera, _MODE) is None:
-        return FREE_RUN
-    _select(camera)
-    if read_feature(camera, _MODE) != "On":
+    """Return the trigger that is selected; raises errors of Aravis.
+
+    It is not selected anew: reading changes nothing. Where one is on, `change_trigger` has selected it.
+    """
+    if available(camera, _MODE) is None or read_feature(camera, _MODE) != "On":
         return FREE_RUN
     activation: Any = read_feature(camera, _ACTIVATION) if available(camera, _ACTIVATION) else "RisingEdge"
     return Trigger(str(read_feature(camera, _SOURCE)), activation)

@@ -1,5 +1,6 @@
 import os
 import subprocess
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from labcdp.drivers.aravis import stream
 from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.aravis.connection import Connection
 from labcdp.drivers.aravis.library import CameraInfo, choose, discover
+from labcdp.drivers.aravis.link import connect
 from labcdp.drivers.camera import CameraError, CameraNotFoundError, CameraSettingError
 from labcdp.drivers.camera_settings import FRAME_ALLOWANCE_S, CameraSettings
 from labcdp.drivers.computer import overload
@@ -31,6 +33,12 @@ def test_opens_by_serial_number_or_model_or_as_the_only_one(camera_on_loopback):
     two = [CameraInfo("V", "M", serial, f"10.0.0.{serial}", "GigEVision") for serial in ("1", "2")]
     with pytest.raises(CameraNotFoundError, match=r"more than one camera 'M' .*give a serial number"):
         choose(two, "M")
+
+
+def test_another_camera_at_the_same_address_is_refused(camera_on_loopback):
+    (info,) = discover()
+    with pytest.raises(CameraNotFoundError, match=r"has serial number SIM-1, not SIM-2: two cameras share the address"):
+        connect(replace(info, serial="SIM-2"))
 
 
 def test_frames_carry_pixels_and_all_metadata_in_each_format(camera):
@@ -96,6 +104,7 @@ def test_opening_resets_what_another_program_left(camera_on_loopback):
 
 #: Groups of features that a camera need not have.
 _OPTIONAL = [
+    ("DeviceVendorName", "DeviceModelName", "DeviceManufacturerInfo", "DeviceID"),
     ("SensorWidth", "SensorHeight"),
     ("OffsetX", "OffsetY", "ReverseX", "ReverseY"),
     ("AcquisitionFrameRateAbs", "ExposureAuto", "ExposureMode"),

@@ -14,6 +14,9 @@ from labcdp.drivers.camera import StreamStatistics
 from labcdp.drivers.camera_settings import CameraSettings
 from labcdp.drivers.doctor.camera import CameraFacts, camera_findings, check_camera
 from labcdp.drivers.network import Interface, interfaces
+from labcdp.drivers.simulated.gige_camera import SimulatedGigECamera
+
+from ..conftest import SMALL, Ramp, features
 
 MANTA = CameraFacts(
     address="192.168.7.20",
@@ -76,6 +79,7 @@ LEFT = {
     "ExposureAuto": "Continuous",
     "ReverseX": True,
     "TriggerMode": "On",
+    "TriggerSelector": "AcquisitionStart",
     "BinningHorizontal": 2,
     "Width": 20,
     "OffsetX": 4,
@@ -85,7 +89,13 @@ LEFT = {
 
 
 @pytest.mark.parametrize("stream", [False, True])
-def test_a_camera_is_left_as_it_was_found(camera_on_loopback, stream):
+def test_a_camera_is_left_as_it_was_found(aravis, stream):
+    triggers = {"register": 0x30C0, "choices": {"FrameStart": 0, "AcquisitionStart": 1}}
+    with SimulatedGigECamera(replace(SMALL, features=features(TriggerSelector=triggers)), Ramp()):
+        require_left_as_found(stream)
+
+
+def require_left_as_found(stream):
     (info,) = discover()
     with AravisCamera("127.0.0.1") as camera:
         for name, value in LEFT.items():

@@ -13,6 +13,7 @@ from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 
+import cv2
 import numpy as np
 import scipy
 
@@ -102,7 +103,8 @@ def main() -> None:
         "Date": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
         "labcdp": labcdp.__version__,
         "Python": platform.python_version(),
-        "NumPy, SciPy": f"{np.__version__}, {scipy.__version__}",
+        "NumPy, SciPy, OpenCV": f"{np.__version__}, {scipy.__version__}, {cv2.__version__}",
+        "Aravis' programs": devices.aravis_version(),
         "Machine": f"{platform.machine()}, {os.cpu_count()} processors, {platform.system()} {platform.release()}",
     }
     title = f"Validation of labcdp {labcdp.__version__}"

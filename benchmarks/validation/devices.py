@@ -40,6 +40,13 @@ def grabbing(frames: int = 500) -> Iterator[Check]:
     yield stated("frames per second", ratio, "times arv-camera-test", "higher is better")
 
 
+def aravis_version() -> str:
+    """Version of the installed programs, as the first of them states it."""
+    if shutil.which(_ARAVIS[0]) is None:
+        return "not installed"
+    return subprocess.run([_ARAVIS[0], "--version"], capture_output=True, text=True).stdout.strip()
+
+
 def _aravis_tools() -> Iterator[Check]:
     """Debian's programs against the simulated camera."""
     select = ["arv-tool-0.8", "-a", bench_grab.ADDRESS]

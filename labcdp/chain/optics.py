@@ -27,7 +27,7 @@ from .point_spread import (
 from .signal import Context, Signal
 
 FloatArray = NDArray[np.floating[Any]]
-Glare: TypeAlias = Annotated[float, Number("(a fraction; 1.0 is 100 %)", 0, 10)]
+Glare: TypeAlias = Annotated[float, Number("(a fraction; 1.0 is 100 %)", 0, 4)]
 
 
 @dataclass(frozen=True)
@@ -139,11 +139,11 @@ class Optics(Parameters):
 
     f_number: Annotated[float, Number("", 0.5, 128)]
     transmittance: Fraction
-    focal_length_m: Annotated[float | None, Number("m", 1e-4, 2)] = None
-    magnification: Annotated[float, Number("(image over object)", 0, 1e3)] = 0.0
+    focal_length_m: Annotated[float | None, Number("m", 1e-4, 1)] = None
+    magnification: Annotated[float, Number("(image over object)", 0, 100)] = 0.0
     diffraction_nm: Annotated[float | None, Number("nm", 100, 2000)] = None
     blur_sigma_m: Annotated[float, Number("m", 0, 1e-3)] = 0.0
-    defocus_disc_m: Annotated[float, Number("m", 0, 1e-2)] = 0.0
+    defocus_disc_m: Annotated[float, Number("m", 0, 1e-3)] = 0.0
     mtf: MtfTable = ()
 
     def __post_init__(self) -> None:

@@ -61,12 +61,13 @@ FloatArray = NDArray[np.floating[Any]]
 #: Variance of rounding to whole digital numbers, DN^2; EMVA 1288 Release 3.1, section 2.2.
 QUANTISATION_VARIANCE_DN2 = 1 / 12
 
-PixelPitch: TypeAlias = Annotated[float, Number("m", 0, 1e-3, above=True)]
-# float32 holds whole numbers up to 1.6e7.
-FullWell: TypeAlias = Annotated[float, Number("e-", 0, 1e7, above=True)]
-SystemGain: TypeAlias = Annotated[float, Number("DN/e-", 1e-6, 1e6)]
+# Ranges are those of real cameras with a margin, so that a value in another unit is outside.
+PixelPitch: TypeAlias = Annotated[float, Number("m", 1e-7, 2e-4)]
+# Wells are often stated in ke-; float32 holds whole numbers up to 1.6e7.
+FullWell: TypeAlias = Annotated[float, Number("e-", 25, 1e7)]
+SystemGain: TypeAlias = Annotated[float, Number("DN/e-", 1e-4, 1e4)]
 Doubling: TypeAlias = Annotated[float, Number("K", 1, 100)]
-_Noise: TypeAlias = Annotated[float, Number("e-", 0, 1e6)]
+_Noise: TypeAlias = Annotated[float, Number("e-", 0, 1e4)]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -44,7 +44,7 @@ class ExposureSettings(Parameters):
         if not times:
             raise InputError("exposure_s is empty: give one exposure time in s, or several")
         for time in times:
-            Number("s", 1e-9, 3600).check("exposure_s", time)
+            Number("s", 1e-7, 100).check("exposure_s", time)
         if len(set(times)) < len(times):
             raise InputError(f"exposure_s has the times {list(times)} s, of which two are equal: give each time once")
         super().__post_init__()

@@ -106,7 +106,7 @@ def compare(
     evaluated with their own calibrations, pictures as in labcdp image. Everything else is compared by its results:
     values with U, z and significance; shared errors of a meter or calibration are not counted as independent.
 
-    Example: labcdp compare manta-g505 my-chain.toml --contrast 50%
+    Example: labcdp compare manta-g505 my-chain.toml --set scene.contrast=50%
 
     Parameters
     ----------

@@ -28,6 +28,9 @@ SPEED_OF_LIGHT_M_S = 299792458.0
 #: First and last wavelength of the integrals, in nanometres: the range of the CIE tables of illuminants.
 WAVELENGTH_RANGE_NM = (380.0, 780.0)
 
+#: Shortest and longest wavelength of a quantum efficiency, so that those in um or m are refused.
+_SHORTEST_NM, _LONGEST_NM = 100, 3000
+
 #: One quantum efficiency for all wavelengths, or (wavelength_nm, value) pairs with rising wavelength.
 QuantumEfficiency = float | tuple[tuple[float, float], ...]
 
@@ -86,7 +89,8 @@ def as_quantum_efficiency(value: float | Sequence[tuple[float, float]]) -> Quant
     Raises
     ------
     InputError
-        If a value is not from 0 to 1, or the table has fewer than two pairs or wavelengths that do not rise.
+        If a value is not from 0 to 1, or the table has fewer than two pairs, or wavelengths that do not rise or are
+        outside 100 to 3000 nm.
     """
     try:
         table = np.asarray(value)
@@ -104,9 +108,11 @@ def as_quantum_efficiency(value: float | Sequence[tuple[float, float]]) -> Quant
             "value"
         )
     wavelengths, fractions = table.T
-    if not (np.isfinite(wavelengths).all() and (np.diff(wavelengths) > 0).all()):
-        found = shown(wavelengths.tolist())
-        raise InputError(f"quantum_efficiency has the wavelengths {found} nm: give them in rising order")
+    if not (
+        (wavelengths >= _SHORTEST_NM).all() and wavelengths[-1] <= _LONGEST_NM and (np.diff(wavelengths) > 0).all()
+    ):
+        found, limits = shown(wavelengths.tolist()), f"from {_SHORTEST_NM} to {_LONGEST_NM} nm"
+        raise InputError(f"quantum_efficiency has the wavelengths {found} nm: give them in rising order, {limits}")
     if not ((fractions >= 0) & (fractions <= 1)).all():
         raise InputError(f"quantum_efficiency has the values {shown(fractions.tolist())}: give fractions from 0 to 1")
     return tuple((float(wavelength), float(fraction)) for wavelength, fraction in table)

@@ -33,7 +33,7 @@ PARTS = (
 OTHERS = (
     (SENSOR, "quantum_efficiency", Number("", 0, 1, above=True)),
     (SENSOR, "black_level_dn", Number("", 0, 4095)),
-    (EXPOSURE, "exposure_s", Number("", 1e-9, 3600)),
+    (EXPOSURE, "exposure_s", Number("", 1e-7, 100)),
     (BOARD, "square_px", Number("", 1, 3)),
 )
 RULED = [(part, name, rule) for part in PARTS for name, rule, _ in _rules(type(part)) if isinstance(rule, Number)]
@@ -56,6 +56,30 @@ def test_a_number_is_taken_within_its_limits_only(part: Any, name: str, rule: Nu
     for value in outside:
         with pytest.raises(InputError, match=rf"^{name} is .*: give [^\n]*\Z"):
             replace(part, **{name: value})
+
+
+@pytest.mark.parametrize(
+    ("part", "name", "slip"),
+    [
+        (BOARD, "contrast", 100.0),  # percent
+        *[(OPTICS, "focal_length_m", millimetres) for millimetres in (1.8, 6, 50)],
+        *[(OPTICS, name, 5e-3) for name in ("blur_sigma_m", "defocus_disc_m")],  # mm
+        *[(OPTICS, "diffraction_nm", other) for other in (0.55, 550e-9)],
+        (OPTICS, "mtf", [(0, 1.0), (60_000, 0.5)]),  # per m
+        (Windscreen(0.9), "glare_fraction", 5.0),  # percent
+        *[(EXPOSURE, "exposure_s", microseconds) for microseconds in (500, 5000)],
+        *[(EXPOSURE, "gain_db", iso_speed) for iso_speed in (100, 400)],
+        (EXPOSURE, "temperature_c", 298.0),  # K
+        *[(SENSOR, "pixel_pitch_m", other) for other in (3.45, 3.45e-3, 3.45e-9)],
+        (SENSOR, "quantum_efficiency", 57),
+        *[(SENSOR, "quantum_efficiency", [(0.4 * nm, 0.3), (0.7 * nm, 0.3)]) for nm in (1, 1e-6)],
+        *[(SENSOR, "full_well_e", kilo) for kilo in (7, 10.7)],
+        (SENSOR, "prnu_rel", 0.7),  # percent
+    ],
+)
+def test_a_value_in_another_unit_is_refused(part: Any, name: str, slip: Any) -> None:
+    with pytest.raises(InputError, match=f"^{name} "):
+        replace(part, **{name: slip})
 
 
 @pytest.mark.parametrize(

@@ -127,7 +127,7 @@ def test_patterns_stay_while_noise_averages_out_and_neither_is_in_the_other(sens
     ("change", "message"),
     [
         ({"exposure_s": 0.0}, r"exposure_s is 0.0: give a number above 0 s"),
-        ({"gain_db": float("inf")}, r"gain_db is inf: give a number from -100 to 100 dB"),
+        ({"gain_db": float("inf")}, r"gain_db is inf: give a number from -60 to 60 dB"),
         ({"temperature_c": 900.0}, r"temperature_c is 900.0: give a number from -100 to 200 degC"),
         ({"seed": -1}, r"seed is -1: give a number of at least 0"),
         ({"exposure_index": 0.5}, r"exposure_index is 0.5: give a whole number"),
@@ -172,7 +172,7 @@ def test_light_reaches_the_pixels_with_its_shot_noise_once(
     sensor: Sensor, windscreen: Windscreen | None, passed: float, glare: float
 ) -> None:
     # Columns of 1 and 4 cd/m^2, 2.5 on average; so far behind the lens there is no fall-off.
-    chain = ImagingChain("monochromatic 555 nm", windscreen, Optics(2.0, 0.9, focal_length_m=2.0), sensor)
+    chain = ImagingChain("monochromatic 555 nm", windscreen, Optics(2.0, 0.9, focal_length_m=1.0), sensor)
     scene = np.broadcast_to(np.where(np.arange(sensor.width) % 2, 4.0, 1.0), sensor.shape)
     mean_e = passed * (scene + glare) * 0.9 * pi / 16 * PHOTONS * 9e-12 * 0.5
     np.testing.assert_allclose(chain.electron_rate(scene), mean_e, rtol=1e-6)

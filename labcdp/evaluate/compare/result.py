@@ -155,6 +155,7 @@ def _assumptions(found: Comparison) -> Iterator[Finding]:
             yield info("compare-exact")
         if found.question is not None:
             yield info("compare-on-axis")
+            yield from _scene_of_another_contrast(found)
     else:
         common = sorted({f"the same {name.split()[0]}" for row in found.rows for name in row.first.value.common
                          if name in row.other.value.common})  # fmt: skip
@@ -163,6 +164,17 @@ def _assumptions(found: Comparison) -> Iterator[Finding]:
         yield info("compare-independent")
     if found.unmatched:
         yield info("compare-unmatched", quantities=list(found.unmatched))
+
+
+def _scene_of_another_contrast(found: Comparison) -> Iterator[Finding]:
+    """Name scenes in which the contrast to detect is not: their CDP is high where a camera measures too low a contrast."""
+    question = found.question
+    if question is None or question.contrast is None or any(a.parameter == "scene.contrast" for a in question.axes):
+        return
+    for subject in found.subjects:
+        own = subject.settings["scene"].get("contrast")
+        if own is not None and abs(own / question.contrast - 1) > question.epsilon:
+            yield warning("compare-scene-contrast", subject.name, own=own, asked=question.contrast)
 
 
 def _interval(name: str, label: str, meaning: str, of: str) -> tuple[Column, ...]:

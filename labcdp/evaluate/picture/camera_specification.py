@@ -39,7 +39,7 @@ class CameraSpecification(Table):
     glare_fraction: NotNegative = Field(0.0, description="veiling over mean scene luminance, at least 0 (1.0 is 100 %)")
     spectrum: Text = Field(description="the light of the scene, for example D65")
     focal_length_m: Positive | None = Field(
-        None, ge=1e-4, le=2, description="a focal length from 1e-4 to 2 m; left out, the lens has no fall-off"
+        None, ge=1e-4, le=1, description="a focal length from 1e-4 to 1 m; left out, the lens has no fall-off"
     )
     magnification: NotNegative = Field(0.0, description="image over object size, at least 0")
     black_dn: NotNegative | None = Field(None, description="a black level of at least 0 DN")

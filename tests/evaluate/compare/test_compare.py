@@ -122,7 +122,9 @@ def test_chains_equal_the_sweep_of_each(chains):
     assert np.array_equal(again["difference"].values, dataset["difference"].values, equal_nan=True)
     (setting,) = found.to_dict()["tables"]["settings"]["rows"]
     assert list(setting.values()) == ["optics.f_number", "2.6", "3.7"]
-    assert "compare-question-differs" not in codes(found.comparison)
+    assert not {"compare-question-differs", "compare-scene-contrast"} & set(codes(found.comparison))
+    other = labcdp.compare(*chains, scene__luminance_cd_m2=[1.0], contrast=0.4).comparison
+    assert codes(other).count("compare-scene-contrast") == 2
     fainter = chains[1].with_(scene__contrast=0.3)
     assert "compare-question-differs" in codes(
         labcdp.compare(chains[0], fainter, scene__luminance_cd_m2=[1.0]).comparison

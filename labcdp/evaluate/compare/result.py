@@ -167,7 +167,7 @@ def _assumptions(found: Comparison) -> Iterator[Finding]:
 
 
 def _scene_of_another_contrast(found: Comparison) -> Iterator[Finding]:
-    """Name scenes in which the contrast to detect is not: their CDP is high where a camera measures too low a contrast."""
+    """Name scenes without the contrast to detect: CDP is high where a camera measures their contrast wrongly."""
     question = found.question
     if question is None or question.contrast is None or any(a.parameter == "scene.contrast" for a in question.axes):
         return

@@ -217,7 +217,7 @@ class Hdr(Parameters):
     bits: MergedBits = 20
 
     def __post_init__(self) -> None:
-        if self.method not in get_args(Method):
+        if not isinstance(self.method, str) or self.method not in get_args(Method):
             raise InputError(f"method is {shown(self.method)}: give one of {', '.join(get_args(Method))}")
         super().__post_init__()
 

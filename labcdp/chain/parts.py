@@ -81,6 +81,22 @@ def _require_takes(name: str, stage: Stage, quantity: str) -> None:
         )
 
 
+def _require(is_right: bool, key: str, value: object, what: str) -> None:
+    """Refuse a value of a wrong type before anything is made of it."""
+    if not is_right:
+        raise InputError(f"{key} is {shown(value)}: give {what}")
+
+
+def _named_parts(key: str, value: Any, kind: Any) -> tuple[tuple[str, Any], ...]:
+    """Return parts with their names as tuples, from any list of pairs."""
+    how = f"a list of pairs of a name and a {'sensor model' if kind is SensorModel else 'stage'}"
+    _require(isinstance(value, list | tuple), key, value, how)
+    for one in value:
+        is_pair = isinstance(one, list | tuple) and len(one) == 2
+        _require(is_pair and isinstance(one[0], str) and isinstance(one[1], kind), key, value, how)
+    return tuple((name, part) for name, part in value)
+
+
 @dataclass(frozen=True)
 class ChainParts:
     """What a chain consists of: the scene, the stages with their parameters, the settings of the exposures.
@@ -130,7 +146,21 @@ class ChainParts:
     folder: Path = field(default=Path(), compare=False)
 
     def __post_init__(self) -> None:
+        for key in ("name", "description", "spectrum", "source"):
+            _require(isinstance(getattr(self, key), str), key, getattr(self, key), "text")
+        _require(isinstance(self.folder, str | PathLike), "folder", self.folder, "a path")
+        object.__setattr__(self, "folder", Path(self.folder))
         photon_radiance_per_cd_m2(self.spectrum)
+        _require(isinstance(self.scene, Scene), "scene", self.scene, "a scene, such as labcdp.chain.Flat")
+        _require(
+            isinstance(self.settings, ExposureSettings | None),
+            "settings",
+            self.settings,
+            "labcdp.chain.ExposureSettings, or None without sensors",
+        )
+        _require(isinstance(self.hdr, Hdr | None), "hdr", self.hdr, "labcdp.chain.Hdr, or None")
+        for key, kind in (("before", Stage), ("sensors", SensorModel), ("behind", Stage)):
+            object.__setattr__(self, key, _named_parts(key, getattr(self, key), kind))
         require_consistent(self.scene, self.before, self.sensors, self.settings, self.hdr, self.behind)
         names = self.stage_names
         twice = sorted({name for name in names if names.count(name) > 1})

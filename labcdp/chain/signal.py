@@ -40,7 +40,7 @@ class ExposureSettings(Parameters):
     def __post_init__(self) -> None:
         given: Any = self.exposure_s
         given = given.tolist() if isinstance(given, np.ndarray) else given
-        times = tuple(given) if isinstance(given, Sequence) and not isinstance(given, str) else (given,)
+        times = tuple(given) if isinstance(given, Sequence) and not isinstance(given, str | bytes) else (given,)
         if not times:
             raise InputError("exposure_s is empty: give one exposure time in s, or several")
         for time in times:

@@ -1,6 +1,7 @@
 """A chain with any values changed: the same in a run, an exact prediction and a saved file, and exact as simulated."""
 
 import tomllib
+from contextlib import suppress
 from dataclasses import fields, replace
 from math import sqrt
 from pathlib import Path
@@ -157,6 +158,36 @@ def test_changed_values_are_the_same_everywhere(preset: str, data: st.DataObject
     # What no file has been read for.
     same_run(by_part, edited)
     np.testing.assert_equal(prediction(by_part), prediction(edited))
+
+
+WRONG = (None, "wrong", b"w", 1j, True, -3.5, object(), {"a": 1}, [None], [1, 2, "a"], (("a", 3),), np.zeros(3))
+
+
+def users(key: str, value: Any) -> Any:
+    """Return a part as its chain or scene takes it."""
+    return [("x", value)] if key in ("before", "sensors", "behind") else value
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_values_of_wrong_types_are_refused_by_name_or_are_the_same_everywhere(preset: str) -> None:
+    chain = Chain.from_toml(text_of(preset))
+    image = ImageScene("night.npy", regions_xywh={"left lamp": np.array([1, 2, 3, 4])})  # type: ignore[arg-type, dict-item]
+    of_patches = PatchScene(64, 64, 30.0, [Patch(4, 4, 9, 7, 20.0)])  # type: ignore[arg-type]
+    for owner in (chain, image, of_patches, *parts(chain).values()):
+        for field in fields(owner):
+            for value in (*WRONG, *(users(field.name, value) for value in WRONG)):
+                with suppress(InputError):
+                    made = replace(owner, **{field.name: value})
+                    assert not isinstance(made, Chain) or Chain.from_toml(made.to_toml()) == made
+
+
+def test_lists_are_taken_for_tuples() -> None:
+    chain = Chain.from_toml(FULL)
+    lists: Any = {key: [list(pair) for pair in getattr(chain, key)] for key in ("before", "sensors", "behind")}
+    assert replace(chain, **lists) == chain
+    image = ImageScene("night.npy", regions_xywh={"left lamp": np.array([1, 2, 3, 4])})  # type: ignore[arg-type, dict-item]
+    assert image == ImageScene(Path("night.npy"), regions_xywh={"left lamp": (1, 2, 3, 4)})
+    assert tomllib.loads(toml_text({"scene": {"left lamp": [1, 2]}})) == {"scene": {"left lamp": [1, 2]}}
 
 
 def scene(kind: str) -> Scene:

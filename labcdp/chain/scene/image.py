@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
+from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -54,11 +55,14 @@ class ImageScene(Parameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if not isinstance(self.path, str | PathLike):
+            raise InputError(f"path is {shown(self.path)}: give the path of a .npy, .tif or .tiff file")
         object.__setattr__(self, "path", Path(self.path))
-        if not isinstance(self.regions_xywh, Mapping):
+        named = self.regions_xywh
+        if not isinstance(named, Mapping) or not all(isinstance(name, str) for name in named):
             raise InputError(f"regions_xywh is {shown(self.regions_xywh)}: give a table of names and lists")
-        for name in self.regions_xywh:
-            self._rectangle(name)
+        regions = {name: self._checked(name, corners) for name, corners in self.regions_xywh.items()}
+        object.__setattr__(self, "regions_xywh", regions)
 
     @cached_property
     def _luminance(self) -> FloatMap:
@@ -77,16 +81,21 @@ class ImageScene(Parameters):
                 raise InputError(f"regions_xywh.{shortened(name)}: {error}") from error
         return scene
 
-    def _rectangle(self, name: str) -> Patch:
-        corners = self.regions_xywh[name]
-        if not isinstance(corners, Sequence) or isinstance(corners, str) or len(corners) != 4:
+    def _checked(self, name: str, corners: Any) -> tuple[int, int, int, int]:
+        corners = corners.tolist() if isinstance(corners, np.ndarray) else corners
+        if not isinstance(corners, list | tuple) or len(corners) != 4:
             raise InputError(
                 f"regions_xywh.{shortened(name)} is {shown(corners)}: give a list of x, y, width and height in pixels"
             )
         try:
-            return Patch(*corners, luminance_cd_m2=0.0)
+            Patch(*corners, luminance_cd_m2=0.0)
         except InputError as error:
             raise InputError(f"regions_xywh.{shortened(name)}: {error}") from error
+        x, y, width, height = map(int, corners)
+        return x, y, width, height
+
+    def _rectangle(self, name: str) -> Patch:
+        return Patch(*self.regions_xywh[name], luminance_cd_m2=0.0)
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -10,6 +10,7 @@ from typing import Annotated, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...core.disk.files import shown
 from ...core.errors import InputError
 from ..parameters import HIGHEST_CD_M2, Luminance, Parameters, Sized, Whole
 
@@ -226,6 +227,9 @@ class PatchScene(Sized):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if not isinstance(self.patches, list | tuple) or not all(isinstance(patch, Patch) for patch in self.patches):
+            raise InputError(f"patches is {shown(self.patches)}: give a list of labcdp.chain.Patch")
+        object.__setattr__(self, "patches", tuple(self.patches))
         for patch in self.patches:
             patch.check_inside(self.width, self.height)
 

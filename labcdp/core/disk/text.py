@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import date
@@ -32,6 +33,9 @@ def json_values(values: Any) -> Any:
     return values if isinstance(values, str | int | float | bool) or values is None else str(values)
 
 
+_BARE_KEY = re.compile("[A-Za-z0-9_-]+")
+
+
 def toml_text(document: Mapping[str, Any]) -> str:
     """Write nested tables of text, numbers, truth values, dates and lists as TOML.
 
@@ -41,7 +45,7 @@ def toml_text(document: Mapping[str, Any]) -> str:
     Parameters
     ----------
     document : mapping
-        The tables; every key is a bare TOML key (letters, digits, underscore, hyphen).
+        The tables.
 
     Raises
     ------
@@ -52,14 +56,18 @@ def toml_text(document: Mapping[str, Any]) -> str:
 
 
 def _table(document: Mapping[str, Any], path: str) -> list[str]:
-    lines = [f"{key} = {_value(value)}" for key, value in document.items() if not _is_table(value)]
+    lines = [f"{_key(key)} = {_value(value)}" for key, value in document.items() if not _is_table(value)]
     for key, value in document.items():
         if isinstance(value, Mapping):
-            lines += ["", f"[{path}{key}]", *_table(value, f"{path}{key}.")]
+            lines += ["", f"[{path}{_key(key)}]", *_table(value, f"{path}{_key(key)}.")]
         elif _is_table(value):
             for item in value:
-                lines += ["", f"[[{path}{key}]]", *_table(item, f"{path}{key}.")]
+                lines += ["", f"[[{path}{_key(key)}]]", *_table(item, f"{path}{_key(key)}.")]
     return lines
+
+
+def _key(key: str) -> str:
+    return key if _BARE_KEY.fullmatch(key) else _value(key)
 
 
 def _is_table(value: object) -> bool:

@@ -8,6 +8,7 @@ from math import hypot, inf, isfinite, sqrt
 
 import numpy as np
 
+from ..core.clock import exposure_text
 from ..core.errors import InputError
 from ..core.luminance import CommonError
 from .colour.model import AnyCalibration, ColourCalibration
@@ -26,7 +27,7 @@ SOURCES = (
     "meter f1'",
     "patch uniformity",
     "shot and read noise",
-    "uneven darkness",
+    "dark non-uniformity",
     "dark and temperature",
     "black level",
     FLICKER,
@@ -44,7 +45,14 @@ SOURCES = (
 #: Sources whose uncertainty is not evaluated by statistics.
 _TYPE_B = (*METER_SOURCES, "spectral mismatch", "exposure time", REFOCUS, VIGNETTING)
 #: Sources independent from plane to plane of a sensor with colour filters, so that their squares add.
-_OF_EACH_PLANE = ("shot and read noise", "uneven darkness", "dark and temperature", "black level", "gain", "linearity")
+_OF_EACH_PLANE = (
+    "shot and read noise",
+    "dark non-uniformity",
+    "dark and temperature",
+    "black level",
+    "gain",
+    "linearity",
+)
 #: Highest preferred signal, as a share of the saturation.
 _BEST_SHARE = 0.8
 _BASIS = {
@@ -180,8 +188,11 @@ def _of_plane(
     uneven_dn = plane.dark.nonuniformity_dn
     uneven = "slow change of the dark signal across the sensor" + ("" if uneven_dn > 0 else ": not significant")
     own = {
-        "shot and read noise": (sqrt(noise_dn2), f"photon transfer over the patches, for {over} at {exposure_s:g} s"),
-        "uneven darkness": (uneven_dn, uneven),
+        "shot and read noise": (
+            sqrt(noise_dn2),
+            f"photon transfer over the patches, for {over} at {exposure_text(exposure_s)}",
+        ),
+        "dark non-uniformity": (uneven_dn, uneven),
         "black level": (plane.dark.drift_dn / sqrt(n_frames), f"drift from frame to frame, for {n_frames} of them"),
         FLICKER: (
             plane.noise.flicker_rel / stretch / sqrt(n_frames),

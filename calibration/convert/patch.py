@@ -10,6 +10,7 @@ from math import hypot, inf, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.clock import exposure_text
 from ...core.errors import CalibrationError
 from ...core.luminance import CommonError
 from ...core.result import Finding, warning
@@ -110,7 +111,7 @@ def patch_luminance(calibration: Converter, observations: Sequence[PatchObservat
     if len(names) != 1:
         raise CalibrationError(f"observations are of patches {names}: give those of one patch at a time")
     for o in observations:
-        name = f"patch {o.patch!r} at {o.exposure_s:g} s"
+        name = f"patch {o.patch!r} at {exposure_text(o.exposure_s)}"
         calibration.require(o.state, name)
         if o.vignetting != calibration.vignetting:
             raise CalibrationError(

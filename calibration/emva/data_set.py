@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from os import PathLike
 from typing import Any
 
+from ...core.clock import exposure_text
 from ...core.errors import CalibrationError, InputError
 from ...core.frame import CameraIdentity
 from ...core.result import Finding, warning
@@ -153,7 +154,7 @@ def _nonuniformity(
         stacks["dark"], key=lambda pair: light_block is not None and pair[0].exposure_ns != light_block.exposure_ns
     )
     of_dark = spatial_variance(dark.image_dn, dark.temporal.scaled(1 / dark.n_frames))
-    note = f"{dark.n_frames} images at {dark_block.exposure_s:g} s"
+    note = f"{dark.n_frames} images at {exposure_text(dark_block.exposure_s)}"
     dsnu = dsnu_parts(of_dark, k, dark.temporal_variance_dn2, dark.spatial_variance_dn2, note)
     if light_block is None or light is None:
         return SpatialNonuniformity(**dsnu, spatial=SpatialImages.of(dark)), [warning("no-bright-stack")]

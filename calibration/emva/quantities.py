@@ -80,7 +80,7 @@ class DarkFit:
         if doubling_c is None:
             return None
         uncertainty = doubling_c**2 * sqrt(self.model.covariance[2][2])
-        span = f"{temperatures[0]:.1f} to {temperatures[-1]:.1f} degC"
+        span = f"{temperatures[0]:.1f} to {temperatures[-1]:.1f} °C"
         return Quantity(doubling_c, uncertainty, "K", f"from dark frames at {span}")
 
     @property

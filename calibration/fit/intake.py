@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
+from ...core.clock import exposure_text
 from ...core.dn import Response
 from ...core.errors import CalibrationError
 from ...core.reading import Reading
@@ -114,10 +115,10 @@ def require_one_camera(observations: Sequence[PatchObservation], darks: Sequence
     first = observations[0]
     gains_db = [o.state.gain_db for o in observations]
     for dark in darks:
-        name = f"the set of dark frames at {dark.exposure_s:g} s"
+        name = f"the set of dark frames at {exposure_text(dark.exposure_s)}"
         first.state.require(dark.state, "the light frames", name, list(dict.fromkeys(gains_db))[1:])
     for other in observations[1:]:
-        name = f"patch {other.patch!r} at {other.exposure_s:g} s"
+        name = f"patch {other.patch!r} at {exposure_text(other.exposure_s)}"
         first.state.require(other.state, "the first observation", name, gains_db)
         if other.vignetting != first.vignetting:
             raise CalibrationError(

@@ -8,6 +8,7 @@ from math import sqrt
 
 import numpy as np
 
+from ...core.clock import exposure_text
 from ...core.errors import CalibrationError
 from ...core.result import Finding, info
 from ..findings import ModelStep
@@ -187,7 +188,7 @@ def strongest_alternative(solution: Solution) -> tuple[str, float] | None:
     if solution.design.exposures_s.size > 1:
         for number, exposure_s in enumerate(solution.design.exposures_s):
             pattern = np.where(solution.design.exposure == number, solution.luminance, 0.0)
-            candidates.append((f"a wrong exposure time at {exposure_s:g} s", pattern))
+            candidates.append((f"a wrong exposure time at {exposure_text(exposure_s)}", pattern))
     times = drift_pattern(solution)
     if times is not None:
         candidates.append(("a drift", times))

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.clock import exposure_text
 from ...core.errors import CalibrationError
 from ...core.frame import PLANES, Frame
 from ...core.roi import Roi
@@ -103,8 +104,8 @@ def measure_frames(
         state.require(CameraState.of(frame), "the first frame", f"frame {frame.frame_id}")
         if frame.exposure_s != first.exposure_s:
             raise CalibrationError(
-                f"frame {frame.frame_id} has an exposure of {frame.exposure_s:g} s, the first frame "
-                f"{first.exposure_s:g} s: give frames of one exposure at a time"
+                f"frame {frame.frame_id} has an exposure of {exposure_text(frame.exposure_s)}, the first frame "
+                f"{exposure_text(first.exposure_s)}: give frames of one exposure at a time"
             )
         temperatures.append(frame.temperature_c)
         for window, one in zip(windows, sums, strict=True):
@@ -144,7 +145,7 @@ def _mean_temperature(temperatures: Sequence[float | None], exposure_s: float) -
         return None
     if max(known) - min(known) > TEMPERATURE_DRIFT_C:
         _log.warning(
-            "the camera's temperature went from %.1f to %.1f degC over the frames at %g s: let it warm up first",
+            "the camera's temperature went from %.1f to %.1f °C over the frames at %g s: let it warm up first",
             known[0],
             known[-1],
             exposure_s,

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.clock import exposure_text
 from ...core.errors import CalibrationError
 from ...core.frame import Frame
 from ...core.roi import Roi
@@ -188,6 +189,6 @@ def _require_enough(one: MeasuredFrames) -> None:
         raise CalibrationError(f"region {name!r} holds {s.n_pixels} pixels: make it at least {MIN_PIXELS}")
     if s.n_frames < MIN_FRAMES:
         raise CalibrationError(
-            f"region {name!r} was given {s.n_frames} frame at {one.exposure_s:g} s: take at least {MIN_FRAMES} of each "
-            "exposure, the noise comes from their difference"
+            f"region {name!r} was given {s.n_frames} frame at {exposure_text(one.exposure_s)}: take at least "
+            f"{MIN_FRAMES} of each exposure, the noise comes from their difference"
         )

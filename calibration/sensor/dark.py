@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.clock import exposure_text
 from ...core.errors import CalibrationError
 from ...core.result import Finding, warning
 from ..frames.observations import DarkObservation
@@ -246,4 +247,6 @@ def _require_one_state(darks: Sequence[DarkObservation]) -> None:
             "there are no dark frames: cover the lens and take at least 2 at each exposure, they fix the offset"
         )
     for dark in darks[1:]:
-        darks[0].state.require(dark.state, "the first dark frames", f"the set of dark frames at {dark.exposure_s:g} s")
+        darks[0].state.require(
+            dark.state, "the first dark frames", f"the set of dark frames at {exposure_text(dark.exposure_s)}"
+        )

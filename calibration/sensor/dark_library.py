@@ -11,6 +11,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.clock import exposure_text
 from ...core.disk.arrays import EqualByContent, StoredArray, content_sha256, read_only
 from ...core.errors import CalibrationError, InputError
 from ...core.result import Finding, FindingValue, info
@@ -209,7 +210,9 @@ def dark_library(darks: Sequence[MeasuredFrames], defects: DefectMap | None = No
             "a dark library needs at least 2 dark frames at an exposure: noise cannot be measured with fewer"
         )
     for d in darks[1:]:
-        darks[0].state.require(d.state, "the first dark frames", f"the set of dark frames at {d.exposure_s:g} s")
+        darks[0].state.require(
+            d.state, "the first dark frames", f"the set of dark frames at {exposure_text(d.exposure_s)}"
+        )
     model, _ = fit_dark([dark_observation(d) for d in repeated])
     time_s = np.array([d.exposure_s * model.growth(d.temperature_c) for d in darks])
     one_exposure = np.ptp([d.exposure_s for d in darks]) == 0

@@ -9,6 +9,7 @@ from math import hypot, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.clock import exposure_text
 from ...core.dn import Response
 from ...core.errors import CalibrationError
 from ...core.result import Finding, FindingValue, info
@@ -127,17 +128,20 @@ def _signals(
     by_exposure = {dark.exposure_s: dark for dark in darks}
     net, variance, clipped = [], [], []
     for light in lights:
-        lights[0].state.require(light.state, "the first light frames", f"the set at {light.exposure_s:g} s")
+        lights[0].state.require(light.state, "the first light frames", f"the set at {exposure_text(light.exposure_s)}")
         dark = by_exposure.get(light.exposure_s)
         if dark is None:
             raise CalibrationError(
-                f"there are no dark frames at {light.exposure_s:g} s, the exposure of light frames: take at least 2"
+                f"there are no dark frames at {exposure_text(light.exposure_s)}, the exposure of light frames: "
+                "take at least 2"
             )
-        light.state.require(dark.state, "the light frames", f"the set of dark frames at {dark.exposure_s:g} s")
+        light.state.require(
+            dark.state, "the light frames", f"the set of dark frames at {exposure_text(dark.exposure_s)}"
+        )
         if min(light.statistics.n_frames, dark.statistics.n_frames) < 2:
             raise CalibrationError(
-                f"there is a single frame at {light.exposure_s:g} s: take at least 2 light and 2 dark frames, so that "
-                "noise can be distinguished from pattern"
+                f"there is a single frame at {exposure_text(light.exposure_s)}: take at least 2 light and 2 dark "
+                "frames, so that noise can be distinguished from pattern"
             )
         above = light.statistics.image_dn.astype(float) - dark.statistics.image_dn
         net.append(response.linearise(above))

@@ -10,6 +10,7 @@ from math import hypot, inf, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.clock import exposure_text
 from ...core.errors import CalibrationError
 from ...core.reading import Reading
 from ...core.result import Finding, warning
@@ -278,7 +279,7 @@ def _dark(plane: Calibration, darks: Sequence[DarkObservation]) -> DarkModel:
     if not darks:
         raise CalibrationError(f"there are no dark frames{of_plane}: cover the lens and record some")
     for d in darks:
-        plane.require(d.state, f"the set of dark frames{of_plane} at {d.exposure_s:g} s")
+        plane.require(d.state, f"the set of dark frames{of_plane} at {exposure_text(d.exposure_s)}")
     return fit_dark(darks)[0]
 
 

@@ -21,8 +21,8 @@ from ..network import GIGABIT_MBIT_S, Interface, interface_to, network_finding, 
 N_FRAMES = 5
 _EXPOSURE_S = 0.01
 
-#: Device temperature above which a notice is given. A camera without heat sink at 22.5 degC reaches 50 degC inside
-#: (SMARTEK Vision, twentynine user manual 1.0.2, figure 4); 10 degC more is our choice. Data sheets allow different
+#: Device temperature above which a notice is given. A camera without heat sink at 22.5 °C reaches 50 °C inside
+#: (SMARTEK Vision, twentynine user manual 1.0.2, figure 4); 10 °C more is our choice. Data sheets allow different
 #: temperatures.
 WARM_C = 60.0
 
@@ -225,7 +225,7 @@ def _temperature(temperature_c: float | None) -> Finding | None:
     if temperature_c is None:
         return None
     warm = temperature_c > WARM_C
-    text = f"the camera is at {temperature_c:.1f} degC{', which adds dark current and noise' if warm else ''}"
+    text = f"the camera is at {temperature_c:.1f} °C{', which adds dark current and noise' if warm else ''}"
     remedy = "mount it on metal that carries the heat away, and compare with its data sheet"
     return Finding.judged("temperature", text, remedy if warm else None)
 

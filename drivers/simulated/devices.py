@@ -85,7 +85,7 @@ class _Camera(Table):
         description="a name of up to 31 letters",
     )
     serial: _Serial | None = Field(default=None, description="a serial number of up to 15 letters, in quotes")
-    temperature_c: Number = Field(default=35.0, ge=-40, le=125, description="a temperature of -40 to 125 degC")
+    temperature_c: Number = Field(default=35.0, ge=-40, le=125, description="a temperature of -40 to 125 °C")
     frame_rate_hz: Positive = Field(default=15.0, le=1000, description="a frame rate above 0 Hz, up to 1000 Hz")
     naming: Naming = Field(default="prosilica", description='"prosilica" for names as of a Manta, or "sfnc"')
 

@@ -8,6 +8,7 @@ from math import hypot, sqrt
 from typing import Literal
 
 from ..calibration.frames.statistics import MAX_CLIPPED_SHARE, MIN_NET_SIGNAL
+from ..core.clock import exposure_text
 from ..core.errors import InputError
 from ..core.reading import Reading, ReadingSeries
 from .live import PatchNumbers, measured_black_dn
@@ -78,12 +79,12 @@ def check_levels(numbers: Sequence[PatchNumbers]) -> list[CheckFinding]:
         if not clear:
             cause = (
                 f"patch {name!r} is saturated at every exposure, {least.saturated_share:.1%} of it even at "
-                f"{least.exposure_s:g} s: add a shorter exposure, or dim the light"
+                f"{exposure_text(least.exposure_s)}: add a shorter exposure, or dim the light"
             )
             findings.append(CheckFinding("saturation", cause, least.saturated_share, MAX_CLIPPED_SHARE))
         elif best.signal_dn < needed_dn:
             cause = (
-                f"patch {name!r} is {best.signal_dn:.1f} DN above black at {best.exposure_s:g} s, within "
+                f"patch {name!r} is {best.signal_dn:.1f} DN above black at {exposure_text(best.exposure_s)}, within "
                 f"{MIN_NET_SIGNAL:g} times its noise: add a longer exposure, or more light"
             )
             findings.append(CheckFinding("darkness", cause, best.signal_dn, needed_dn))
@@ -111,8 +112,8 @@ def check_darkness(dark: Sequence[PatchNumbers], light: Sequence[PatchNumbers]) 
         clear = n is brightest and signal_dn > MIN_NET_SIGNAL * (n.temporal_noise_dn or 0.0)
         if clear and seen and (share := (seen[0].mean_dn - black_dn) / signal_dn) > _LIT_SHARE:
             cause = (
-                f"in the dark frames at {n.exposure_s:g} s patch {n.patch!r} is {share:.0%} as bright as in the light "
-                "frames: cover the lens"
+                f"in the dark frames at {exposure_text(n.exposure_s)} patch {n.patch!r} is {share:.0%} as bright as in "
+                "the light frames: cover the lens"
             )
             return [CheckFinding("light in the dark", cause, share, _LIT_SHARE)]
     return []
@@ -161,8 +162,8 @@ def check_flicker(numbers: Sequence[PatchNumbers], largest_rel: float) -> list[C
         if flickering:
             value, worst = max(flickering, key=lambda pair: pair[0])
             cause = (
-                f"patch {worst.patch!r} flickers by {value:.1%} between frames of {exposure_s:g} s: lamp flicker? "
-                "choose an exposure that is a multiple of the mains period, or wait until the lamp is steady"
+                f"patch {worst.patch!r} flickers by {value:.1%} between frames of {exposure_text(exposure_s)}: lamp "
+                "flicker? choose an exposure that is a multiple of the mains period, or wait until the lamp is steady"
             )
             findings.append(CheckFinding("flicker", cause, value, largest_rel))
     return findings

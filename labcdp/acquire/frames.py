@@ -9,7 +9,7 @@ from contextlib import closing
 from dataclasses import asdict, replace
 from typing import Any
 
-from ..core.clock import Clock
+from ..core.clock import Clock, exposure_text
 from ..core.errors import SessionError
 from ..core.frame import Frame
 from ..core.roi import Roi
@@ -195,8 +195,8 @@ class FrameRecorder:
         applied = self.configure(exposure_s)
         if not same_exposure(applied.exposure_s, exposure_s):
             raise SessionError(
-                f"the camera applied {applied.exposure_s:g} s where the plan asks for {exposure_s:g} s: put an "
-                "exposure it can keep into plan.exposures_s"
+                f"the camera applied {exposure_text(applied.exposure_s)} where the plan asks for "
+                f"{exposure_text(exposure_s)}: put an exposure it can keep into plan.exposures_s"
             )
         writer.put_event("camera settings", {"role": role, "settings": asdict(applied)})
 

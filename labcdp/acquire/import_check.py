@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..core.clock import exposure_text
 from ..core.dn import pixel_format
 from ..core.errors import InputError
 from ..core.frame import CameraIdentity, Frame
@@ -81,7 +82,7 @@ def check_files(
         levels.setdefault(read.frame.exposure_s, {}).setdefault(file.role, []).append(float(read.frame.dn.mean()))
         report("checking", done, len(files))
     if first is None:
-        raise InputError("there is no picture to import: give --light and --dark")
+        raise InputError("there is no picture to import: give pictures of light and dark frames")
     _require_light_brighter(levels)
     return seen, first.frame, findings + _too_few(counts)
 
@@ -93,7 +94,7 @@ def _require_light_brighter(levels: Mapping[float, Mapping[Role, Sequence[float]
         exposure_s, of = max(both.items())
         raise InputError(
             f"the light pictures are darker than the dark ones (mean {max(of['light']):.4g} against "
-            f"{min(of['dark']):.4g} DN at {exposure_s:g} s): give them the other way round"
+            f"{min(of['dark']):.4g} DN at {exposure_text(exposure_s)}): give them the other way round"
         )
 
 
@@ -120,12 +121,12 @@ def _require_presentation(configuration: SessionConfiguration, files: Sequence[I
             continue
         if one_by_one and file.patch is None:
             raise InputError(
-                f"{file.path} shows which patch? The target's patches are shown one by one: give --light PATCH=FILE"
+                f"{file.path} shows which patch? The target's patches are shown one by one: give PATCH=FILE"
             )
         if not one_by_one and file.patch is not None:
             raise InputError(
                 f"{file.path} is given for patch {file.patch!r}, but the target's patches are shown together: give "
-                '--light FILE, or set target.presentation = "one by one"'
+                'the file alone, or set target.presentation = "one by one"'
             )
         if file.patch is not None and file.patch not in names:
             raise InputError(f"there is no patch {file.patch!r} for {file.path}: choose from {', '.join(names)}")

@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
-from ..core.clock import Clock, SystemClock
+from ..core.clock import Clock, SystemClock, exposure_text
 from ..core.roi import Roi
 from ..drivers.camera import Camera
 from ..drivers.camera_settings import FeatureValue
@@ -179,7 +179,7 @@ def _search(
     findings = [asdict(finding) for finding in found.findings]
     content = {"exposures_s": applied, "frames": len(looks), "shares": found.shares, "findings": findings}
     session.add_event(EXPOSURES, content)
-    note = f"Exposures found: {', '.join(f'{exposure_s:.3g}' for exposure_s in applied)} s"
+    note = f"Exposures found: {', '.join(map(exposure_text, applied))}"
     report(Progress("exposure search", len(looks), len(looks), note=note))
     for finding in found.findings:
         _log.warning("%s", finding)

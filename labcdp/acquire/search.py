@@ -8,6 +8,7 @@ from math import floor, log10, sqrt
 
 import numpy as np
 
+from ..core.clock import exposure_text
 from ..core.errors import DeviceError
 from ..core.frame import Frame
 from ..core.roi import Roi
@@ -177,7 +178,8 @@ def choose_exposures(rates: Sequence[PatchRate], range_s: tuple[float, float]) -
             ranges.append((max(min(low_s, high_s), shortest_s), high_s))
     if not ranges:
         raise DeviceError(
-            f"every patch is saturated at the shortest exposure, {shortest_s:g} s: stop the lens down, or dim the light"
+            f"every patch is saturated at the shortest exposure, {exposure_text(shortest_s)}: stop the lens "
+            "down, or dim the light"
         )
     chosen: list[float] = []
     for low_s, high_s in sorted(ranges, key=lambda r: r[1]):
@@ -278,8 +280,8 @@ def _too_bright(rate: PatchRate, shortest_s: float) -> CheckFinding:
     share = float("inf") if rate.share_per_s is None else rate.share_per_s * shortest_s * rate.high_ratio
     return CheckFinding(
         "saturation",
-        f"patch {rate.patch!r} is too bright even for the shortest exposure, {shortest_s:g} s: stop the lens down, or "
-        "dim the light",
+        f"patch {rate.patch!r} is too bright even for the shortest exposure, {exposure_text(shortest_s)}: stop the "
+        "lens down, or dim the light",
         min(share, 1.0),
         HIGHEST_SHARE,
     )
@@ -288,8 +290,8 @@ def _too_bright(rate: PatchRate, shortest_s: float) -> CheckFinding:
 def _too_dark(patch: str, share: float, longest_s: float) -> CheckFinding:
     return CheckFinding(
         "darkness",
-        f"patch {patch!r} reaches {share:.1%} of the camera's range at {longest_s:.3g} s, not {LOWEST_SHARE:.0%}: open "
-        "the lens, or add light",
+        f"patch {patch!r} reaches {share:.1%} of the camera's range at {exposure_text(longest_s)}, not "
+        f"{LOWEST_SHARE:.0%}: open the lens, or add light",
         share,
         LOWEST_SHARE,
     )

@@ -131,7 +131,7 @@ def _choice(
         usable = [name for name in usable if name in grey] or usable
     if not usable:
         raise InputError(
-            "no patch of the configuration is known to lie within the calibrated range: name two or three with --patch"
+            "no patch of the configuration is known to lie within the calibrated range: name two or three patches"
         )
     darkest, brightest = usable[0], usable[-1]
     middle = (log(luminance[darkest]) + log(luminance[brightest])) / 2

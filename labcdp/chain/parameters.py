@@ -83,9 +83,9 @@ Fraction: TypeAlias = Annotated[float, Number("(a fraction)", 0, 1, above=True)]
 Bits: TypeAlias = Annotated[int, Whole("bits", 1, 16)]
 MergedBits: TypeAlias = Annotated[int, Whole("bits", 1, 48)]
 Oversampling: TypeAlias = Annotated[int, Whole("samples", 1, 64)]
-ElectronRate: TypeAlias = Annotated[float, Number("e-/s", 0, 1e7)]
+ElectronRate: TypeAlias = Annotated[float, Number("e⁻/s", 0, 1e7)]
 
-TEMPERATURE, GAIN = Number("degC", -100, 200), Number("dB", -60, 60)
+TEMPERATURE, GAIN = Number("°C", -100, 200), Number("dB", -60, 60)
 Temperature: TypeAlias = Annotated[float, TEMPERATURE]
 
 #: Of seeds, and of what is counted from 0.

@@ -64,10 +64,10 @@ QUANTISATION_VARIANCE_DN2 = 1 / 12
 # Ranges are those of real cameras with a margin, so that a value in another unit is outside.
 PixelPitch: TypeAlias = Annotated[float, Number("m", 1e-7, 2e-4)]
 # Wells are often stated in ke-; float32 holds whole numbers up to 1.6e7.
-FullWell: TypeAlias = Annotated[float, Number("e-", 25, 1e7)]
-SystemGain: TypeAlias = Annotated[float, Number("DN/e-", 1e-4, 1e4)]
+FullWell: TypeAlias = Annotated[float, Number("e⁻", 25, 1e7)]
+SystemGain: TypeAlias = Annotated[float, Number("DN/e⁻", 1e-4, 1e4)]
 Doubling: TypeAlias = Annotated[float, Number("K", 1, 100)]
-_Noise: TypeAlias = Annotated[float, Number("e-", 0, 1e4)]
+_Noise: TypeAlias = Annotated[float, Number("e⁻", 0, 1e4)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,7 +137,7 @@ class Sensor(Sized):
         Number("DN", 0, 2**self.bits - 1).check("black_level_dn", self.black_level_dn)
         if self.dsnu_e_s > 0 and self.dark_current_e_s == 0:
             raise InputError(
-                f"dsnu_e_s is {self.dsnu_e_s} e-/s, but dark_current_e_s is 0: a dark current that varies has a "
+                f"dsnu_e_s is {self.dsnu_e_s} e⁻/s, but dark_current_e_s is 0: a dark current that varies has a "
                 "mean above 0"
             )
         object.__setattr__(self, "quantum_efficiency", as_quantum_efficiency(self.quantum_efficiency))
@@ -294,6 +294,6 @@ class Sensor(Sized):
             )
         if not (rate.min() >= 0 and rate.max() < np.inf):
             raise InputError(
-                f"electron_rate is from {rate.min():g} to {rate.max():g} e-/s: give finite numbers of at least 0"
+                f"electron_rate is from {rate.min():g} to {rate.max():g} e⁻/s: give finite numbers of at least 0"
             )
         return np.broadcast_to(rate, self.shape)

@@ -15,7 +15,7 @@ from types import FrameType
 import typer
 
 from ..core.disk.files import reason, shortened
-from ..core.errors import InputError, LabcdpError
+from ..core.errors import InputError, LabcdpError, short_words
 from .commands import Commands
 from .terminal import log_to_terminal, say
 
@@ -76,8 +76,6 @@ def what_is_left(command: str | None) -> str:
 
 #: Exit status of a program ended by Ctrl-C: 128 and the number of SIGINT.
 _INTERRUPTED = 130
-#: Characters of a file name in a message; paths may be long.
-_MOST_OF_NAME = 1000
 
 app = typer.Typer(
     cls=Commands,
@@ -156,7 +154,7 @@ def main() -> None:
         sys.exit(141)
     except OSError as error:
         if error.filename is not None:
-            name = shortened(os.fsdecode(error.filename), _MOST_OF_NAME)
+            name = short_words(os.fsdecode(error.filename))
             say(f"labcdp: {name} cannot be used ({reason(error)}): check name, folder and permissions")
             sys.exit(1)
         if error.errno not in _OUTPUT_ERRORS:

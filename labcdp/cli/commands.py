@@ -21,6 +21,8 @@ from typing import Annotated, Any, get_args, get_origin, get_type_hints
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from ..core.errors import printable, short_words
+
 
 @dataclass(frozen=True)
 class As:
@@ -197,6 +199,10 @@ def _command(name: str) -> Any:
     return typer.main.get_command(alone)
 
 
+#: Typer has its own copy of Click, of which this is not public.
+_UsageError: Any = typer.BadParameter.__base__
+
+
 class Commands(TyperGroup):
     """All commands. To list them, only the first sentences of their help are read."""
 
@@ -209,6 +215,14 @@ class Commands(TyperGroup):
         if cmd_name not in _GROUP_OF:
             return None
         return TyperCommand(cmd_name, help=_help(cmd_name), rich_help_panel=_GROUP_OF[cmd_name])
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command; what is said of its arguments is short."""
+        try:
+            return super().invoke(ctx)
+        except _UsageError as error:
+            error.message = short_words(printable(error.message))
+            raise
 
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
         """Give the command to be run."""

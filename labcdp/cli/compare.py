@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
@@ -22,10 +21,9 @@ from ..evaluate.compare.page import write_comparison
 from ..evaluate.compare.result import compare_result
 from ..evaluate.compare.subject import picture_task
 from ..evaluate.picture.result import PictureTask
-from .commands import As
-from .options import Axes, Changes, Force, Json, Open, Percent, Results, output_file
+from .options import Axes, Changes, Percent, Results
 from .pictures.options import PictureLightOptions
-from .terminal import print_result, progress_bar, say
+from .terminal import progress_bar, say
 
 #: Prefixes of labcdp's own file names, to recognise damaged files.
 _OUR_NAMES = ("calibration", "verification")
@@ -123,43 +121,24 @@ def compare(
     results.show(result, folder)
 
 
-def history(
-    context: typer.Context,
-    paths: tuple[Path, ...],
-    *,
-    output: Annotated[Path | None, As(names=("--output", "-o"))] = None,
-    force: Force = False,
-    open_page: Open = False,
-    as_json: Json = False,
-) -> None:
+def history(context: typer.Context, results: Results, paths: tuple[Path, ...]) -> None:
     """List how responsivity, dark signal and gain change between calibrations.
 
-    Each camera, lens, f-number and gain has its own table and plot.
+    Each camera, lens, f-number and gain has its own table and plot. Writes a page, a spreadsheet and pictures.
 
     Parameters
     ----------
     paths : FOLDER_OR_FILE...
         Calibration and verification files, or folders to search for them.
-    output
-        File to write: .html (plot and tables), .png or .xlsx; default: print only.
     """
-    if output is not None and output.suffix not in (".html", ".png", ".xlsx"):
-        raise InputError(f"--output is {output}: give a file that ends in .html, .png or .xlsx")
-    if open_page and (output is None or output.suffix != ".html"):
-        raise InputError("--open opens a page: give --output with a file that ends in .html")
-    if output is not None:
-        output_file(context, output, force)
-    calibrations, verifications = _read(paths)
-    found = histories(calibrations, verifications)
-    inputs = [InputFile.of("calibration", path) for path in calibrations]
-    result = history_result(found, [*inputs, *(InputFile.of("verification", path) for path in verifications)])
-    if output is not None:
-        write_history(found, result, output, force=force)
-    print_result(result, as_json)
-    if output is not None:
-        say(f"Written: {output}")
-        if open_page:
-            typer.launch(str(output))
+    with results.folder(context, paths[0]) as folder:
+        calibrations, verifications = _read(paths)
+        found = histories(calibrations, verifications)
+        inputs = [InputFile.of("calibration", path) for path in calibrations]
+        inputs += [InputFile.of("verification", path) for path in verifications]
+        result = history_result(found, inputs)
+        write_history(found, result, folder)
+    results.show(result, folder)
 
 
 def _read(paths: Sequence[Path]) -> tuple[dict[str, AnyCalibration], dict[str, Verification]]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from shlex import quote
 
@@ -11,6 +12,7 @@ from ..calibration import load_any
 from ..calibration.emva.index import load_index
 from ..calibration.record import load_verification
 from ..chain import Chain
+from ..core.clock import exposure_text
 from ..core.disk.documents import read_json, read_toml
 from ..core.errors import InputError, LabcdpError
 from ..core.frame import Frame
@@ -20,7 +22,7 @@ from ..drivers.simulated.devices import SimulatedBenchFile
 from ..evaluate.picture.camera_specification import CameraSpecification
 from ..evaluate.sweep.maps.axes import check_map
 from ..files.raw import PlaneClipping, planes_of
-from ..files.read import read_picture
+from ..files.read import picture_paths, read_picture
 from ..files.video.open import VIDEO_SUFFIXES, open_video
 from ..output import LIST_FILE
 from ..regions import load_regions, rois_of
@@ -28,31 +30,18 @@ from ..report.files import read_dataset
 from ..report.text import finding_text
 from ..session import Session, SessionConfiguration
 from ..session.journal import JOURNAL
+from ..session.tables import MeterCertificate
+from .info_csv import describe_csv
+from .info_results import (
+    Description,
+    describe_journal,
+    describe_list,
+    describe_page,
+    describe_result,
+    describe_workbook,
+)
 from .options import Json
-from .spectra import spectral_properties
 from .terminal import print_result
-
-
-@dataclass(frozen=True)
-class Description:
-    """What a file is.
-
-    Parameters
-    ----------
-    kind : str
-        Its kind.
-    commands : tuple of str
-        Commands that use it, with {file} for its path.
-    properties : dict of str
-        Its content, by name.
-    tables : tuple of Table
-        More of it.
-    """
-
-    kind: str
-    commands: tuple[str, ...]
-    properties: dict[str, str] = field(default_factory=dict)
-    tables: tuple[Table, ...] = ()
 
 
 def info(file: Path, *, source: str = "A", as_json: Json = False) -> None:
@@ -64,8 +53,8 @@ def info(file: Path, *, source: str = "A", as_json: Json = False) -> None:
     Parameters
     ----------
     file
-        A session, calibration, folder of results, results.json, picture, video, region file, bench plan, chain, camera
-        specification, NetCDF of results, spectral sensitivity or EMVA 1288 data set.
+        Anything that labcdp writes or reads: session, folder of results or a file in it, calibration, picture, video,
+        region file, bench plan, chain, camera specification, meter readings, spectral sensitivity, EMVA 1288 data set.
     source
         For a spectral sensitivity: light of the calibration, a name or a CSV file with its spectral power.
     """
@@ -75,7 +64,8 @@ def info(file: Path, *, source: str = "A", as_json: Json = False) -> None:
     properties = {"kind": found.kind, **found.properties}
     columns = (Column("property", "property"), Column("value", "value"))
     first = Table("properties", str(file), columns, {"property": [*properties], "value": [*properties.values()]})
-    following = (f"Next: labcdp {one.format(file=quote(str(file)))}" for one in found.commands)
+    names = {"file": quote(str(file)), "folder": quote(str(file.parent))}
+    following = (f"Next: labcdp {one.format(**names)}" for one in found.commands)
     print_result(Result("info", str(file), (first, *found.tables)), as_json, *following)
 
 
@@ -89,10 +79,11 @@ def describe(path: Path, source: str) -> Description:
     """
     if path.is_dir():
         return _folder(path)
-    if path.suffix.lower() == ".csv":
-        properties, table = spectral_properties(path, source)
-        return Description("spectral sensitivity", (), properties, (table,))
     readers: Sequence[Callable[[Path], Description]] = {
+        ".csv": (partial(describe_csv, source=source),),
+        ".html": (describe_page,),
+        ".jsonl": (_journal,),
+        ".xlsx": (describe_workbook,),
         ".json": (_document,),
         ".toml": (_toml,),
         ".roi": (_regions,),
@@ -114,14 +105,27 @@ def _folder(path: Path) -> Description:
     if (path / JOURNAL).is_file():
         return _session(path)
     if (path / LIST_FILE).is_file():
-        files = ", ".join(sorted(one.name for one in path.iterdir() if one.name != LIST_FILE))
-        return Description("folder of results", ("info {file}/results.json",), {"files": files})
+        names = sorted(one.name for one in path.iterdir() if one.name != LIST_FILE)
+        found = describe_list(path, "folder of results", names)
+        return replace(found, commands=tuple(one.replace("{folder}", "{file}") for one in found.commands))
     if any(one.suffix.lower() in VIDEO_SUFFIXES for one in path.iterdir()):
         return Description("folder of videos", ("video {file} --roi rois.json",))
     try:
         return _video(path)
     except LabcdpError:
-        raise InputError(f"{path} is no session, folder of results, image sequence or folder of videos") from None
+        try:
+            number = len(picture_paths([path]))
+        except LabcdpError:
+            raise InputError(f"{path} is no session, folder of results, pictures or videos") from None
+    return Description("folder of pictures", ("image {file} --roi rois.json",), {"pictures": str(number)})
+
+
+def _journal(path: Path) -> Description:
+    if path.name != JOURNAL:
+        return describe_journal(path)
+    found = _session(path.parent)
+    commands = tuple(one.replace("{file}", "{folder}") for one in found.commands)
+    return replace(found, kind="journal of a session", commands=commands)
 
 
 def _session(path: Path) -> Description:
@@ -145,7 +149,9 @@ def _document(path: Path) -> Description:
         raise InputError(f"{path} is no document of labcdp")
     match content.get("schema", content.get("format")):
         case "labcdp-result":
-            return _result(content)
+            return describe_result(path, content)
+        case "labcdp-files" if path.name == LIST_FILE:
+            return describe_list(path.parent, "list of the files of results")
         case "labcdp-calibration":
             return _calibration(path)
         case "labcdp-verification":
@@ -154,19 +160,6 @@ def _document(path: Path) -> Description:
         case "labcdp regions":
             return _regions(path)
     raise InputError(f"{path} is no document of labcdp: its key schema or format names no known kind")
-
-
-def _result(content: dict[str, object]) -> Description:
-    tables, inputs = content.get("tables"), content.get("inputs")
-    read = [str(one.get("path")) for one in inputs if isinstance(one, dict)] if isinstance(inputs, list) else []
-    properties = {
-        "command": str(content.get("kind")),
-        "title": str(content.get("title")),
-        "tables": ", ".join(tables) if isinstance(tables, dict) else "",
-        "inputs": ", ".join(read),
-    }
-    comparable = content.get("kind") in ("evaluate", "image", "characterise", "sweep", "calibrate")
-    return Description("results", ("compare {file} OTHER",) if comparable else (), properties)
 
 
 def _calibration(path: Path) -> Description:
@@ -201,6 +194,10 @@ def _toml(path: Path) -> Description:
         return Description("imaging chain", commands, properties)
     if "emva1288" in content:
         return Description("EMVA 1288 data sheet", ("init chain my.toml --sensor {file}",))
+    if "laboratory" in content:
+        certificate = MeterCertificate.load(path)
+        properties = {"number": certificate.number, "laboratory": certificate.laboratory}
+        return Description("certificate of a meter", ("calibrate SESSION --certificate {file}",), properties)
     if content and content.keys() <= {"seed", "camera", "sensor", "meter"}:
         camera = SimulatedBenchFile.load(path).devices(path)
         properties = {"camera": f"{camera.vendor} {camera.model}"}
@@ -247,7 +244,9 @@ def _picture(path: Path) -> Description:
         "size": "{1} x {0} pixels".format(*found.shape),
         "values": "floats" if frame is None else f"{frame.bit_depth} bits, {frame.pixel_format}",
         "encoding": found.encoding,
-        "exposure": f"{frame.exposure_s:.4g} s" if frame is not None and found.exposure_known else "not stated",
+        "exposure": f"{exposure_text(frame.exposure_s)}"
+        if frame is not None and found.exposure_known
+        else "not stated",
         "camera": str(frame.camera) if frame is not None and found.camera_stated else "not stated",
         **_notes(found.findings),
     }

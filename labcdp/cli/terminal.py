@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from ..core.clock import exposure_text
 from ..core.errors import printable
 from ..core.result import unique
 
@@ -30,7 +31,7 @@ _MOST_ROWS = 40
 
 def live_line(live: Live) -> str:
     """Sum up an exposure: the extremes of its patches, with their names."""
-    parts = [f"{live.role} {live.exposure_s:.3g} s"]
+    parts = [f"{live.role} {exposure_text(live.exposure_s)}"]
     if live.patches:
         dark, bright = _extremes(live, lambda n: n.mean_dn)
         noise = max((n.temporal_noise_dn or 0.0 for n in live.patches), default=0.0)

@@ -1,4 +1,4 @@
-"""Clock: where time comes from, so that a simulated night need not last one."""
+"""Clock: where time comes from, so that a simulated night need not last one; and times as text."""
 
 from __future__ import annotations
 
@@ -12,6 +12,14 @@ from math import isfinite
 from typing import Protocol
 
 from .errors import InputError
+
+
+def exposure_text(exposure_s: float) -> str:
+    """Write an exposure time in s, ms or µs, whichever is handy."""
+    for unit, seconds in (("s", 1.0), ("ms", 1e-3)):
+        if exposure_s >= seconds:
+            return f"{exposure_s / seconds:.4g} {unit}"
+    return f"{exposure_s * 1e6:.4g} µs"
 
 
 class Clock(Protocol):

@@ -156,8 +156,8 @@ def usable_cores() -> int:
     return len(os.sched_getaffinity(0))
 
 
-class Threads(Generic[_Task]):
-    """Threads of this process, with the interface of `Processes`.
+class _Workers(Generic[_Task]):
+    """What works through tasks on this computer.
 
     Parameters
     ----------
@@ -167,6 +167,10 @@ class Threads(Generic[_Task]):
 
     def __init__(self, n_workers: int | None = None) -> None:
         self._n_workers = n_workers or usable_cores()
+
+
+class Threads(_Workers[_Task]):
+    """Threads of this process, with the interface of `Processes`."""
 
     def run(
         self, function: Callable[..., _Value], tasks: Sequence[_Task], *arguments: Any
@@ -182,17 +186,11 @@ class Threads(Generic[_Task]):
             pool.shutdown(cancel_futures=True)
 
 
-class Processes(Generic[_Task]):
-    """Processes of this computer, each with one task at a time; they end with the iteration over their results.
-
-    Parameters
-    ----------
-    n_workers : int or None
-        How many; None for one a core.
-    """
+class Processes(_Workers[_Task]):
+    """Processes of this computer, each with one task at a time; they end with the iteration over their results."""
 
     def __init__(self, n_workers: int | None = None) -> None:
-        self._n_workers = n_workers or usable_cores()
+        super().__init__(n_workers)
         #: Number of each process that died, and what it was at.
         self.died: list[tuple[int | None, _Task]] = []
 

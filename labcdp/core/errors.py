@@ -1,5 +1,7 @@
 """The error tree: every message says what was wrong, with which value, and what to do."""
 
+import re
+
 
 def printable(text: str) -> str:
     r"""Return the text with all control characters, and what else has no picture, escaped: ``\\x1b`` for ESC."""
@@ -10,8 +12,15 @@ def _escaped(character: str) -> str:
     return character if character.isprintable() else character.encode("unicode_escape").decode()
 
 
+#: Characters of one word of a message, as of a path: what is left out of a longer one is its middle.
+_WORD = re.compile(r"(\S{60})\S{9,}(\S{32})")
 #: Characters of a message: what is left out of a longer one is its middle, as it ends with what to do.
 _MOST_CHARACTERS, _LAST = 2000, 300
+
+
+def short_words(text: str) -> str:
+    """Return the text with long words cut, such as paths and what a file or user gave."""
+    return _WORD.sub(r"\1...\2", text)
 
 
 class LabcdpError(Exception):
@@ -19,7 +28,7 @@ class LabcdpError(Exception):
 
     def __str__(self) -> str:
         """Return the message."""
-        text = super().__str__()
+        text = short_words(super().__str__())
         if len(text) > _MOST_CHARACTERS:
             text = f"{text[: _MOST_CHARACTERS - _LAST - 3]}...{text[-_LAST:]}"
         return printable(" ".join(text.splitlines()))

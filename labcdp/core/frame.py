@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.clock import exposure_text
 from .disk import quoted, record_of
 from .errors import InputError
 
@@ -215,7 +216,7 @@ class Frame:
 
     def __repr__(self) -> str:
         height, width = self.shape
-        settings = f"{self.pixel_format}, {self.exposure_s:g} s, {self.gain_db:g} dB"
+        settings = f"{self.pixel_format}, {exposure_text(self.exposure_s)}, {self.gain_db:g} dB"
         return f"<Frame {width} x {height} {settings}, {self.camera.model}>"
 
     @property

@@ -137,10 +137,10 @@ class RadialVignetting(_Radial):
     def __post_init__(self) -> None:
         covariance = np.array(self.covariance)
         if covariance.shape != (3, 3):
-            raise InputError(f"the covariance of the fall-off has the shape {covariance.shape}: give 3 x 3 numbers")
+            raise InputError(f"the covariance of the vignetting has the shape {covariance.shape}: give 3 x 3 numbers")
         values = [self.a2, self.a4, self.a6, self.slow_rel, *(self.centre_px or ()), *covariance.ravel()]
         if not (np.isfinite(values).all() and self.slow_rel >= 0):
-            raise InputError(f"the fall-off {self} has a value that is not finite, or a negative uncertainty")
+            raise InputError(f"the vignetting {self} has a value that is not finite, or a negative uncertainty")
 
     def relative_illuminance(self, shape: tuple[int, int]) -> NDArray[np.float64]:
         """V for an image of `shape` (height, width).
@@ -154,8 +154,8 @@ class RadialVignetting(_Radial):
         result: NDArray[np.float64] = self._at(r2)
         if result.min() <= 0:
             raise InputError(
-                f"the fall-off {self.a2:g} r^2 {self.a4:+g} r^4 {self.a6:+g} r^6 leaves no light at the edge: measure "
-                "it again over the whole image"
+                f"the vignetting {self.a2:g} r^2 {self.a4:+g} r^4 {self.a6:+g} r^6 leaves no light at the edge: "
+                "measure it again over the whole image"
             )
         return result
 

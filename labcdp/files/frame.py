@@ -83,7 +83,7 @@ def exposure_of(path: Path, stated_s: float | None, options: PictureOptions) -> 
     """
     exposure_s = stated_s or options.exposure_s
     if exposure_s is None:
-        raise InputError(f"{path} does not state its exposure time: give it with --exposure, in seconds")
+        raise InputError(f"{path} does not state its exposure time: give it")
     return exposure_s
 
 

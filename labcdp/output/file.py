@@ -233,9 +233,9 @@ def make_folder(folder: Path, end: ExitStack) -> None:
         made += [path for path in (folder, *folder.parents) if not path.exists()]
         folder.mkdir(parents=True, exist_ok=True)
     except FileExistsError as error:
-        raise InputError(f"{folder} is not a folder: give another --output") from error
+        raise InputError(f"{folder} is not a folder: give another folder") from error
     except NotADirectoryError as error:
-        raise InputError(f"{folder} lies in a file: give another --output") from error
+        raise InputError(f"{folder} lies in a file: give another folder") from error
     except OSError as error:
         raise cannot_be_written(folder, error) from error
 
@@ -247,12 +247,12 @@ def lock_folder(folder: Path, end: ExitStack) -> bool:
     try:
         descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     except OSError as error:
-        raise InputError(f"{folder} cannot be read ({error.strerror}): give another --output") from error
+        raise InputError(f"{folder} cannot be read ({error.strerror}): give another folder") from error
     end.callback(os.close, descriptor)
     try:
         return lock(descriptor)
     except BlockingIOError as error:
-        raise InputError(f"another labcdp writes to {folder}: wait until it ends, or give another --output") from error
+        raise InputError(f"another labcdp writes to {folder}: wait until it ends, or give another folder") from error
 
 
 def file_exists(path: Path, option: str = "") -> InputError:

@@ -83,7 +83,7 @@ def read_list(folder: Path) -> FileList | None:
         If there is one that cannot be read, is damaged, or was written by a newer version.
     """
     path = folder / LIST_FILE
-    remedy = "give another --output"
+    remedy = "give another folder"
     try:
         state = path.lstat()
     except FileNotFoundError:
@@ -92,7 +92,7 @@ def read_list(folder: Path) -> FileList | None:
         raise InputError(f"{path} cannot be read ({reason(error)}): {remedy}") from error
     if not stat.S_ISREG(state.st_mode) or state.st_size > _MOST_BYTES:
         raise InputError(f"{path} is not a file list of labcdp: {remedy}")
-    values = read_json(path, "another --output", _MOST_BYTES)
+    values = read_json(path, "another folder", _MOST_BYTES)
     if isinstance(values, dict):
         head = {key: values.pop(key, None) for key in _HEAD}
         if head["version"] not in (None, _HEAD["version"]):
@@ -105,7 +105,7 @@ def read_list(folder: Path) -> FileList | None:
 
 
 def check_file(
-    path: str | PathLike[str], *, force: bool = False, inputs: Iterable[Path] = (), option: str = "--output"
+    path: str | PathLike[str], *, force: bool = False, inputs: Iterable[Path] = (), option: str = ""
 ) -> Path:
     """Check that a file can be written, before the work whose result it will hold.
 

@@ -170,7 +170,7 @@ class ResultsFolder:
         try:
             return [one for one in self.folder.iterdir() if one.name != LIST_FILE]
         except OSError as error:
-            raise InputError(f"{self.folder} cannot be read ({error.strerror}): give another --output") from error
+            raise InputError(f"{self.folder} cannot be read ({error.strerror}): give another folder") from error
 
     def _checked(self, stale: list[Path]) -> FileList | None:
         """Read the list of the folder, and refuse what must not be written to."""
@@ -179,17 +179,17 @@ class ResultsFolder:
             foreign = [one for one in self._entries() if one not in stale]
             if foreign:
                 raise InputError(
-                    f"{folder} has files and no {LIST_FILE}: labcdp does not write there, give another --output"
+                    f"{folder} has files and no {LIST_FILE}: labcdp does not write there, give another folder"
                 )
             return None
         if before.command != self._command:
-            raise InputError(f"{folder} has results of labcdp {before.command}: give another --output")
+            raise InputError(f"{folder} has results of labcdp {before.command}: give another folder")
         if before.finished and not (self._force or self._resume):
-            raise InputError(f"{folder} already has results: give --force to replace them, or another --output")
+            raise InputError(f"{folder} already has results: give another folder, or force to replace them")
         listed = before.by_name
         for path in {folder, *((folder / name).parent for name in listed), *(folder / name for name in listed)}:
             if any(is_same_file(path, one) for one in self._inputs):
-                raise InputError(f"{path} is an input of this command: give another --output")
+                raise InputError(f"{path} is an input of this command: give another folder")
         for name, known in listed.items():
             if os.path.lexists(folder / name) and not any(one.is_unchanged(folder) for one in known):
                 raise _changed(folder / name)
@@ -228,7 +228,7 @@ class ResultsFolder:
     def _require_place(self, name: str, before: Mapping[str, list[StoredFile]]) -> None:
         target = self.folder / name
         if not is_inside(self.folder, name):
-            raise InputError(f"{target.parent} was not created by labcdp: move it away, or give another --output")
+            raise InputError(f"{target.parent} was not created by labcdp: move it away, or give another folder")
         if os.path.lexists(target):
             if name not in before:
                 raise _foreign(target)
@@ -289,8 +289,8 @@ def _is_staging(path: Path) -> bool:
 
 
 def _foreign(path: Path) -> InputError:
-    return InputError(f"{path} was not written by labcdp: move it away, or give another --output")
+    return InputError(f"{path} was not written by labcdp: move it away, or give another folder")
 
 
 def _changed(path: Path) -> InputError:
-    return InputError(f"{path} was changed since labcdp wrote it: move it away, or give another --output")
+    return InputError(f"{path} was changed since labcdp wrote it: move it away, or give another folder")

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 
+#: How pages of labcdp are recognised.
+GENERATOR = '<meta name="generator" content="labcdp">'
 #: Rows of a table that a page shows; the spreadsheet has all.
 _MOST_ROWS = 2000
 

@@ -13,6 +13,7 @@ from math import floor, isfinite, isinf, log10
 from string import Formatter
 from typing import Any
 
+from ..core.clock import exposure_text
 from ..core.errors import LabcdpError
 from ..core.result import Finding, unique
 from ..core.table import Z_95 as Z_95
@@ -72,17 +73,9 @@ def share_percent(share: float) -> str:
     return f"{fixed(100 * share, decimals(100 * rest, 2) if rest else 0)} %"
 
 
-def exposure(exposure_s: float) -> str:
-    """Write an exposure in a convenient unit."""
-    for unit, seconds in (("s", 1.0), ("ms", 1e-3)):
-        if exposure_s >= seconds:
-            return f"{exposure_s / seconds:.4g} {unit}"
-    return f"{exposure_s * 1e6:.4g} µs"
-
-
 def exposures(exposures_s: Iterable[float]) -> str:
     """Write several exposures, the shortest first."""
-    return ", ".join(exposure(value) for value in sorted(exposures_s))
+    return ", ".join(exposure_text(value) for value in sorted(exposures_s))
 
 
 def cdp_decimals(result: DetectionResult) -> int:
@@ -159,7 +152,7 @@ def cell_text(column: Column, row: Mapping[str, Any]) -> str:
     if not isfinite(value):
         return "∞" if isinf(value) and value > 0 else MISSING
     if column.time:
-        return exposure(value)
+        return exposure_text(value)
     factor = 100 if column.unit_in(row) == "%" else 1
     n = cell_decimals(column, row)
     text = fixed(factor * value, n)
@@ -218,7 +211,7 @@ class _Words(Formatter):
         if format_spec == "share":
             return share_percent(value)
         if format_spec == "time":
-            return exposure(value)
+            return exposure_text(value)
         if format_spec == "sentence":
             return shortened(value, _LONGEST_SENTENCE)
         number = _NUMBER.fullmatch(format_spec)

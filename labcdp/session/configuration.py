@@ -120,7 +120,7 @@ class PlanConfiguration(Table):
     interval_s: NotNegative = Field(0.0, description="a time of at least 0 s")
     # Before anything is recorded, at each start: at most so long, and shorter if the temperature is steady to so much.
     warm_up_s: NotNegative = Field(0.0, description="a time of at least 0 s")
-    stable_within_c: Positive | None = Field(None, description="a difference of temperature above 0 degC")
+    stable_within_c: Positive | None = Field(None, description="a difference of temperature above 0 °C")
     # After each start of the camera's stream.
     discard_frames: Whole = Field(0, description="a whole number of at least 0")
     drift_check: bool = Field(
@@ -153,14 +153,14 @@ class ConditionsConfiguration(Table):
     meter_distance_m: Positive | None = Field(None, description="a distance of meter and target above 0 m")
     measuring_field_deg: Positive | None = Field(None, description="the meter's measuring angle above 0 degrees")
     angle_deg: NotNegative | None = Field(None, description="the angle to the target's normal, at least 0 degrees")
-    temperature_c: Number | None = Field(None, description="the temperature of the room in degC")
+    temperature_c: Number | None = Field(None, description="the temperature of the room in °C")
 
 
 class GuessConfiguration(Table):
     """Camera parameters as one would guess them without a calibration, to show what the guess costs."""
 
     quantum_efficiency: Fraction = Field(description="a fraction above 0, up to 1")
-    k_dn_per_e: Positive = Field(description="a system gain above 0 DN/e-")
+    k_dn_per_e: Positive = Field(description="a system gain above 0 DN/e⁻")
     f_number: Positive = Field(description="an f-number above 0")
     transmittance: Fraction = Field(description="a fraction above 0, up to 1")
     pixel_pitch_m: Positive = Field(description="a distance of pixel centres above 0 m")

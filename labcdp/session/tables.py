@@ -244,9 +244,9 @@ class MeterConfiguration(Table):
     file: Text | None = Field(None, description="the path of a CSV file as text")
     serial: Text = Field(description="the serial number as text, in quotes")
     calibration_date: IsoDate | None = Field(None, description="an ISO date such as 2025-03-31")
-    scale_half_width_rel: Fraction | None = Field(None, description="a fraction above 0, up to 1, 0.02 for +-2 %")
+    scale_half_width_rel: Fraction | None = Field(None, description="a fraction above 0, up to 1, 0.02 for ±2 %")
     repeatability_rel: NotNegative | None = Field(None, description="a fraction of at least 0")
-    digits: Count | None = Field(None, description="a whole number of at least 1, 1 for +-1 digit")
+    digits: Count | None = Field(None, description="a whole number of at least 1, 1 for ±1 digit")
     f1_prime: Fraction | None = Field(None, description="the meter's f1' as a fraction above 0, 0.08 for 8 %")
     certificate: MeterCertificate | None = Field(None, description="a [meter.certificate] table")
 

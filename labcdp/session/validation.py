@@ -22,12 +22,12 @@ Model = TypeVar("Model", bound=BaseModel)
 #: Unit by the ending of a key; the longer ending wins.
 _UNITS = {
     "_cd_m2": "cd/m2",
-    "_c": "degC",
-    "_dn_per_e": "DN/e-",
+    "_c": "°C",
+    "_dn_per_e": "DN/e⁻",
     "_dn": "DN",
     "_db": "dB",
     "_e": "e-",
-    "_e_s": "e-/s",
+    "_e_s": "e⁻/s",
     "_m": "m",
     "_s": "s",
 }

@@ -21,7 +21,7 @@ FULL = replace(NUMBERS, exposure_s=1.0, mean_dn=4095.0, saturated_share=1.0)
         # Named with the best of its exposures.
         (
             [replace(NUMBERS, saturated_share=0.25), FULL, replace(NUMBERS, patch="P02")],
-            [("saturation", 0.25, 0.001, "'P01' is saturated at every exposure, 25.0% of it even at 0.01 s: add a")],
+            [("saturation", 0.25, 0.001, "'P01' is saturated at every exposure, 25.0% of it even at 10 ms: add a")],
         ),
         # Within three times the noise of a pixel.
         ([replace(NUMBERS, mean_dn=64 + 30.1), FULL], []),
@@ -41,7 +41,7 @@ def test_dark_frames_half_as_bright_as_the_light_ones_were_taken_without_the_cap
     # The darker patch says nothing: dark current may well be half of its signal.
     findings = check_darkness([replace(NUMBERS, mean_dn=dark_dn), replace(light[1], mean_dn=160.0)], light)
     assert len(findings) == found
-    assert all("at 0.01 s patch 'P01' is 50% as bright" in str(f) and not f.passing for f in findings)
+    assert all("at 10 ms patch 'P01' is 50% as bright" in str(f) and not f.passing for f in findings)
 
 
 @pytest.mark.parametrize(

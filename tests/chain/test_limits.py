@@ -85,7 +85,7 @@ def test_a_value_in_another_unit_is_refused(part: Any, name: str, slip: Any) -> 
 @pytest.mark.parametrize(
     ("part", "changes", "message"),
     [
-        (SENSOR, {"dsnu_e_s": 1.0, "dark_current_e_s": 0.0}, "dsnu_e_s is 1.0 e-/s, but dark_current_e_s is 0"),
+        (SENSOR, {"dsnu_e_s": 1.0, "dark_current_e_s": 0.0}, "dsnu_e_s is 1.0 e⁻/s, but dark_current_e_s is 0"),
         (EXPOSURE, {"exposure_s": []}, "exposure_s is empty: give one exposure time in s, or several"),
         (EXPOSURE, {"exposure_s": [1, 0.5, 1.0]}, "exposure_s has the times [1, 0.5, 1.0] s, of which two are equal"),
         (

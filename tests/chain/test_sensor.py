@@ -128,12 +128,12 @@ def test_patterns_stay_while_noise_averages_out_and_neither_is_in_the_other(sens
     [
         ({"exposure_s": 0.0}, r"exposure_s is 0.0: give a number above 0 s"),
         ({"gain_db": float("inf")}, r"gain_db is inf: give a number from -60 to 60 dB"),
-        ({"temperature_c": 900.0}, r"temperature_c is 900.0: give a number from -100 to 200 degC"),
+        ({"temperature_c": 900.0}, r"temperature_c is 900.0: give a number from -100 to 200 °C"),
         ({"seed": -1}, r"seed is -1: give a number of at least 0"),
         ({"exposure_index": 0.5}, r"exposure_index is 0.5: give a whole number"),
         ({"threads": 0}, r"threads is 0: give a number of at least 1"),
-        ({"electron_rate": -1.0}, r"electron_rate is from -1 to -1 e-/s: give finite numbers of at least 0"),
-        ({"electron_rate": float("nan")}, r"electron_rate is from nan to nan e-/s"),
+        ({"electron_rate": -1.0}, r"electron_rate is from -1 to -1 e⁻/s: give finite numbers of at least 0"),
+        ({"electron_rate": float("nan")}, r"electron_rate is from nan to nan e⁻/s"),
         ({"electron_rate": np.ones((2, 3))}, r"electron_rate has the shape \(2, 3\), the sensor has \(200, 300\)"),
     ],
 )

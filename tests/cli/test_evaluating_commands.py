@@ -214,6 +214,6 @@ def test_several_videos_one_of_them_broken(labcdp, tmp_path, drive):
     before = {path: path.read_bytes() for path in (tmp_path / "out").glob("archive.*")}
     done = labcdp(*command, "50%")
     assert done.returncode == 1
-    assert "drive holds the results of another evaluation: give another folder with --output" in done.stderr
+    assert "drive holds the results of another evaluation: give another folder" in done.stderr
     assert len(before) == 3
     assert {path: path.read_bytes() for path in (tmp_path / "out").glob("archive.*")} == before

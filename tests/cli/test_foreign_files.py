@@ -27,6 +27,7 @@ FOLDERS = {
     "sweep": ["small.toml", "--exact", "--over", "scene.contrast=0.2,0.5"],
     "reproduce": ["thesis", "--seeds", "5"],
     "compare": ["c", "c"],
+    "history": ["c"],
     "demo": [],
 }
 #: Commands that do not take long.
@@ -35,7 +36,6 @@ FAST = ("image", "image-map", "simulate", "sweep")
 FILES = {
     "luminance": (["c/calibration.json", "s"], ["--output"], ".tif"),
     "luminance --preview": (["c/calibration.json", "s", "--output", "new.npz"], ["--preview"], ".png"),
-    "history": (["c"], ["--output"], ".html"),
     "rois": (["a.png", "--roi", "rois.json", "--detect", "superpixels", "--no-page"], ["--output"], ".json"),
     "snap": ([], [], ".tif"),
     "init": (["bench"], [], ".toml"),
@@ -100,7 +100,7 @@ def test_a_folder_of_others_is_refused_before_any_work(command, work):
     for output in ("out", ".", "", "small.toml", "a.png"):
         for force in ([], ["--force"]):
             error = run(command, *FOLDERS[command], "--output", output, *force)
-            assert "give another --output" in error, (output, error)
+            assert "give another folder" in error, (output, error)
     # The default folder says input and command.
     assert f"{name}-{command} has files and no {LIST_FILE}" in run(command, *FOLDERS[command])
     assert contents(work) == before
@@ -115,7 +115,7 @@ def test_results_are_replaced_with_force_only_and_other_files_stay(command, work
     assert (work / "out/results.json").read_text() == printed
     first = contents(work / "out")
     before = put_foreign(work / "out")
-    assert "out already has results: give --force" in run(*command_line)
+    assert "out already has results: give another folder, or force" in run(*command_line)
     assert contents(work / "out") == before
     assert run(*command_line, "--force") == ""
     after = contents(work / "out")

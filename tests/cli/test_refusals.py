@@ -36,13 +36,13 @@ REFUSED = (
     ("verify c/calibration.json s --tolerance 0%", "tolerance_rel is 0.0"),
     ("verify c/calibration.json small.toml", "small.toml is a file: give the folder of a session"),
     ("verify c/calibration.json s --simulated", "options of devices cannot be used with a recorded session"),
-    ("history c/calibration.json -o history.png --open", "--open opens a page"),
     ("luminance c/calibration.json s -o a.jpg", "ends in .tif, .tiff, .exr, .npz"),
     ("luminance c/calibration.json s -o a.npz --frame 99", "no frame 99"),
     ("luminance c/calibration.json s -o a.npz --exposure 5ms", "it has 2ms, 8ms, 32ms"),
-    ("compare a.png a.png", "give its regions with --roi"),
+    (f"image {1000 * 'a/'}b.png --roi rois.json", "a/a/..."),
+    ("compare a.png a.png", "give its regions, or"),
     ("twin dark", "no dark frames: cover the lens"),
-    (f"info {100_000 * 'a'}", "... cannot be used (File name too long)"),
+    (f"info {100_000 * 'a'}", 60 * "a" + "..." + 32 * "a" + " cannot be used (File name too long)"),
     ("image-map a.png --region-size 9", "the size of the regions is 9 pixels"),
     ("video a.avi --roi three.json", "three.json holds 3 regions"),
     ("video a.avi --roi rois.json --neighbours", "--neighbours needs no regions"),
@@ -90,6 +90,14 @@ def test_a_mistake_is_one_line_and_costs_nothing(labcdp_in, folder, command, nam
     assert done.stdout == ""
     assert sorted(folder.rglob("*")) == before
     assert named in only_line(done)
+
+
+@pytest.mark.parametrize("line", ["{}", "init {} x", "image --{}"])
+def test_messages_about_arguments_are_short(labcdp_in, folder, line):
+    done = labcdp_in(folder, *line.format(1000 * "a").split())
+    assert done.returncode == 2
+    assert "a...a" in done.stderr
+    assert len(done.stderr) < 1000
 
 
 def test_a_full_device_behind_the_output(labcdp_path):

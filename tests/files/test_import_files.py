@@ -95,7 +95,7 @@ def test_a_filter_that_fades_is_seen_in_later_pictures_and_stays_in_the_history(
     planes = {row["plane"]: row for row in values["tables"]["planes"]["rows"]}
     assert planes["B"]["balance_rel"] == pytest.approx(-0.05, abs=2 * planes["B"]["expanded_balance_rel"])
     assert "B" in [one["subject"] for one in values["findings"] if one["code"] == "colour-balance-changed"]
-    tables = json.loads(labcdp("history", ".", "--json", "-o", "history.html").stdout)["tables"]
+    tables = json.loads(labcdp("history", ".", "--json").stdout)["tables"]
     blue = [row["responsivity"] for row in tables["history"]["rows"] if row["plane"] == "B"]
     assert min(blue) == pytest.approx(0.95 * blue[0], rel=0.01)
 
@@ -181,7 +181,7 @@ ONE_BY_ONE = {"target": {"presentation": "one by one"}}
         (another_picture(cfa="BG"), r"pixel format of .*other\.dng is BayerBG14, that of .* is BayerRG14"),
         (lambda *_: {"camera": {"serial": "4711"}}, r"a camera with serial '0815', the configuration says '4711'"),
         (lambda *_: {"lens": {"f_number": 4.0}}, r"was taken with f_number 2\.8, the configuration says 4: correct le"),
-        (of_patch(None, **ONE_BY_ONE), r"shows which patch\? .* give --light PATCH=FILE"),
+        (of_patch(None, **ONE_BY_ONE), r"shows which patch\? .* give PATCH=FILE"),
         (of_patch("mauve", **ONE_BY_ONE), r"there is no patch 'mauve' for .*: choose from white"),
         (of_patch("white"), r"is given for patch 'white', but the target's patches are shown together"),
         (other_readings(lambda lines: [*lines, "mauve;12,5;2026-03-01 12:00"]), r"has readings of patch 'mauve'"),
@@ -219,7 +219,7 @@ def test_images_of_other_programs_are_imported(folder, labcdp):
     for name in ("a", "b", "c", "dark"):
         cv2.imwrite(str(folder / f"{name}.png"), rng.integers(50, 70, (56, 312)).astype(np.uint16))
     arguments = ["import", "bench.toml", "s", "--readings", "readings.csv", "--dark", "dark.png", "--light", "?.png"]
-    assert "a.png does not state its exposure time: give it with --exposure, in seconds" in labcdp(*arguments).stderr
+    assert "a.png does not state its exposure time: give it" in labcdp(*arguments).stderr
     done = labcdp(*arguments, "--exposure", "0.01", "--exposure", "c.png=0.02")
     assert done.returncode == 0, done.stderr
     frames = Session.open(folder / "s").frames("light")

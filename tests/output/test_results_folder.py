@@ -97,7 +97,7 @@ def test_a_folder_holds_the_files_and_their_list_and_force_replaces_them(tmp_pat
     assert (listed["command"], listed["finished"]) == ("image", True)
     assert [one["name"] for one in listed["files"]] == sorted(files)
     (folder / "t/mine").write_bytes(b"mine")
-    with pytest.raises(InputError, match="already has results: give --force"):
+    with pytest.raises(InputError, match="already has results: give another folder, or force"):
         write(folder, {"x": b"2"})
     write(folder, {"x": b"2"}, force=True)
     assert set(contents(folder)) == {"x", "t/mine", LIST_FILE}

@@ -69,7 +69,7 @@ WRONG = [
     ('name = "upper right"', 'name = "upper left"', "target.patch has the name 'upper left' 2 times"),
     ('dark = "upper right"', 'dark = "lower"', "contrast[0].dark is 'lower'"),
     ('dark = "upper right"', 'dark = "upper left"', "contrast[0] has 'upper left' as bright and as dark"),
-    ("[plan]", GUESS.replace("k_dn_per_e = 1.0", "k_dn_per_e = -1.0") + "[plan]", "guess.k_dn_per_e is -1.0 DN/e-"),
+    ("[plan]", GUESS.replace("k_dn_per_e = 1.0", "k_dn_per_e = -1.0") + "[plan]", "guess.k_dn_per_e is -1.0 DN/e⁻"),
 ]
 
 

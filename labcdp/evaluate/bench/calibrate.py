@@ -165,9 +165,7 @@ def _require_all_used(calibration: AnyCalibration, sessions: Sequence[ObservedSe
                 unread = all(reading.value == 0 for reading in one.readings.get(name, ()))
                 what = "cannot be used" if unread else "cannot be used at any exposure"
                 remedy = "" if unread else "acquire it with other exposures, or "
-                raise CalibrationError(
-                    f"patch {name!r} {what} ({left_out_text(left_out)}): {remedy}leave it out with --without {name!r}"
-                )
+                raise CalibrationError(f"patch {name!r} {what} ({left_out_text(left_out)}): {remedy}leave it out")
 
 
 def _useless(name: str, calibration: AnyCalibration, observed: ObservedSession) -> bool:

@@ -10,14 +10,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 
 from ...calibration.verify.history import CameraHistory, HistoryPoint
-from ...core.errors import InputError
 from ...core.result import Finding, InputFile, Result, unique, warning
 from ...core.table import Column, Table, with_expanded
-from ...output import write_file
+from ...output import Destination
 from ...report.drawing import BLUE, GREEN, LABEL_SIZE, TITLE_SIZE, VERMILLION, finish, new_figure, reported
-from ...report.html import render_page
+from ...report.files import write_report
 from ...report.layout import Card, Page, ReportFigure, Section, State
-from ...report.sheets import result_workbook
 from ...report.text import cell_text, minute, printable
 from .quantities import RESPONSIVITY
 
@@ -229,38 +227,10 @@ def _draw(axes: Axes, one: CameraHistory, values: Sequence[_Value], place: float
         axes.plot([day], [value], mark, markersize=6, color=edge, markerfacecolor=face, zorder=4, label=name)
 
 
-def write_history(found: Sequence[CameraHistory], result: Result, path: Path, *, force: bool = False) -> None:
-    """Write histories to one file, whole or not at all.
-
-    Parameters
-    ----------
-    found : sequence of CameraHistory
-        At least one.
-    result : Result
-        Their tables.
-    path : Path
-        Ends in ``.html``, ``.png`` or ``.xlsx``.
-    force : bool
-        Whether an existing file is replaced.
-
-    Raises
-    ------
-    InputError
-        If a picture is wanted of several cameras or settings, or the file cannot be written.
-    """
-    cameras = by_camera(found)
-    if path.suffix == ".png":
-        if len(cameras) != 1:
-            names = "; ".join(history_title(one) for one in cameras)
-            raise InputError(
-                f"a picture shows one camera and setting, these are {len(cameras)} ({names}): give an .html"
-            )
-        data = history_figure(cameras[0]).png
-    elif path.suffix == ".xlsx":
-        data = result_workbook(result, max(point.measured for one in found for point in one.points))
-    else:
-        data = render_page(_page(cameras, result)).encode()
-    write_file(path, data, force=force)
+def write_history(found: Sequence[CameraHistory], result: Result, folder: Destination) -> list[Path]:
+    """Write histories as `write_report` does; at least one."""
+    newest = max(point.measured for one in found for point in one.points)
+    return write_report(result, _page(by_camera(found), result), folder, time=newest)
 
 
 def _page(cameras: Sequence[Camera], result: Result) -> Page:

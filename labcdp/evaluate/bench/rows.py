@@ -84,9 +84,7 @@ def patch_row(name: str, observed: ObservedSession, calibration: AnyCalibration)
     """Evaluate a patch; raises CalibrationError if it reads 0, or is saturated or black at every exposure."""
     measured, _ = combine_readings(name, observed.readings.get(name, []))
     if measured.luminance_cd_m2 == 0:
-        raise CalibrationError(
-            f"patch {name!r} reads 0 cd/m², below the meter's range: leave it out with --without {name!r}"
-        )
+        raise CalibrationError(f"patch {name!r} reads 0 cd/m², below the meter's range: leave it out")
     patch = next(p for p in observed.configuration.target.patches if p.name == name)
     return PatchRow(
         region=patch.region(),

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+from ...core.clock import exposure_text
 from ...core.result import Result
 from ...metrics import ContrastDistribution
 from ...output import Destination
@@ -14,7 +15,7 @@ from ...report.files import write_report
 from ...report.layout import SIMULATED, Card, Facts, Page, ReportFigure, Section, State, Verbatim
 from ...report.maps import luminance_picture, regions_picture
 from ...report.plots import ContrastPanel, contrast_figures
-from ...report.text import cell_text, day, exposure, percent, printable, share_percent, shortened
+from ...report.text import cell_text, day, percent, printable, share_percent, shortened
 from .calibration_page import calibration_figures, condition_blocks
 from .quantities import range_text
 from .rows import ContrastRow, Verdict
@@ -61,7 +62,7 @@ def _luminance_figure(evaluation: SessionEvaluation, scale: str) -> ReportFigure
 def _panel(row: ContrastRow, distribution: ContrastDistribution) -> ContrastPanel:
     numbers = dict.fromkeys((row.frame_number, row.dark_frame_number))
     frames = f"{'frames' if len(numbers) > 1 else 'frame'} {' and '.join(map(str, numbers))}"
-    title = f"{shortened(pair_name(row), 60)}, {exposure(row.exposure_s)}, {frames}"
+    title = f"{shortened(pair_name(row), 60)}, {exposure_text(row.exposure_s)}, {frames}"
     return ContrastPanel(title, distribution, row.cdp, row.measured_contrast)
 
 

@@ -36,6 +36,7 @@ from ...calibration.frames.nonuniformity import Estimate, spatial_variance
 from ...calibration.frames.observe import dark_observation
 from ...calibration.frames.statistics import MAX_CLIPPED_SHARE
 from ...calibration.setup import corrected
+from ...core.clock import exposure_text
 from ...core.errors import CalibrationError
 from ...core.reading import Reading
 from ...core.result import Finding, warning
@@ -220,7 +221,7 @@ def _nonuniformity(
     k = transfer.k
     shortest, longest = (darks[choose(darks)] for choose in (min, max))
     exposures_s, frames = list(darks), [level.statistics for level in darks.values()]
-    dsnu_e_s, note = None, f"at {shortest.exposure_s:g} s, the only exposure of the dark frames"
+    dsnu_e_s, note = None, f"at {exposure_text(shortest.exposure_s)}, the only exposure of the dark frames"
     variance = spatial_variance(frames[0].image_dn, frames[0].temporal.scaled(1 / frames[0].n_frames))
     if len(darks) > 1:
         variance, rates = dark_pattern_variances(frames, exposures_s)

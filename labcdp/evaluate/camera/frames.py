@@ -18,6 +18,7 @@ from ...calibration.frames.measure import MeasuredFrames, measure_frames, measur
 from ...calibration.frames.statistics import MAX_CLIPPED_SHARE
 from ...calibration.setup import MeterScale
 from ...calibration.uncertainty import expanded_rel
+from ...core.clock import exposure_text
 from ...core.errors import CalibrationError, InputError
 from ...core.photometry import photon_radiance_per_cd_m2
 from ...core.reading import Reading
@@ -95,7 +96,9 @@ def measure_session(session: Session, report: Callable[[int, int], None]) -> Ses
                 regions = seen if plane is None else [plane_region(patch) for patch in seen]
                 levels += measure_frames(reader.frames(session, group, plane), regions)
     for level in (*darks[1:], *levels):
-        darks[0].state.require(level.state, "the dark frames", f"the set of frames at {level.exposure_s:g} s")
+        darks[0].state.require(
+            level.state, "the dark frames", f"the set of frames at {exposure_text(level.exposure_s)}"
+        )
     return SessionFrames(darks[0].state, darks, levels, tuple(findings))
 
 

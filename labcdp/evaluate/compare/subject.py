@@ -150,9 +150,7 @@ def _file(text: str, path: Path) -> list[Subject]:
 def _picture(path: Path, asked: PictureTask | None) -> list[Subject]:
     """Evaluate a picture, as `labcdp image` does."""
     if asked is None:
-        raise InputError(
-            f"{path} is compared as a picture: give its regions with --roi, or {_HINT.removeprefix('give ')}"
-        )
+        raise InputError(f"{path} is compared as a picture: give its regions, or {_HINT.removeprefix('give ')}")
     evaluation, _ = asked.made(path, pages=False, surface=False)
     task = replace(asked, configuration={**asked.configuration, "exposure_s": evaluation.exposure_s})
     result = task.result([ReportedPicture(1, str(path), "", evaluation)])

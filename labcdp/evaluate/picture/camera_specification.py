@@ -33,24 +33,24 @@ class CameraSpecification(Table):
     )
     pixel_pitch_m: Positive = Field(le=1e-3, description="a distance of pixel centres above 0 m, up to 1e-3 m (1 mm)")
     f_number: Positive = Field(ge=0.5, le=128, description="an f-number from 0.5 to 128")
-    k_dn_per_e: Positive = Field(description="an overall system gain above 0 DN/e- at 0 dB")
+    k_dn_per_e: Positive = Field(description="an overall system gain above 0 DN/e⁻ at 0 dB")
     lens_transmittance: Fraction = Field(description="a fraction above 0, up to 1")
     windscreen_transmittance: Fraction = Field(1.0, description="a fraction above 0, up to 1")
     glare_fraction: NotNegative = Field(0.0, description="veiling over mean scene luminance, at least 0 (1.0 is 100 %)")
     spectrum: Text = Field(description="the light of the scene, for example D65")
     focal_length_m: Positive | None = Field(
-        None, ge=1e-4, le=1, description="a focal length from 1e-4 to 1 m; left out, the lens has no fall-off"
+        None, ge=1e-4, le=1, description="a focal length from 1e-4 to 1 m; left out, the lens has no vignetting"
     )
     magnification: NotNegative = Field(0.0, description="image over object size, at least 0")
     black_dn: NotNegative | None = Field(None, description="a black level of at least 0 DN")
     saturation_dn: Positive | None = Field(None, description="a saturation above 0 DN")
     read_noise_e: NotNegative = Field(0.0, description="a read noise of at least 0 e-")
     dark_current_e_s: NotNegative = Field(
-        0.0, description="a dark current of at least 0 e-/s at reference_temperature_c"
+        0.0, description="a dark current of at least 0 e⁻/s at reference_temperature_c"
     )
-    reference_temperature_c: Number = Field(25.0, ge=-100, le=200, description="a temperature from -100 to 200 degC")
+    reference_temperature_c: Number = Field(25.0, ge=-100, le=200, description="a temperature from -100 to 200 °C")
     doubling_temperature_c: Positive = Field(8.0, ge=1, le=100, description="a difference of 1 to 100 K")
-    temperature_c: Number = Field(25.0, ge=-100, le=200, description="a sensor temperature from -100 to 200 degC")
+    temperature_c: Number = Field(25.0, ge=-100, le=200, description="a sensor temperature from -100 to 200 °C")
     encoding: Literal["linear", "srgb"] | None = Field(None, description='"linear" or "srgb"')
 
     @field_validator("quantum_efficiency", mode="plain")

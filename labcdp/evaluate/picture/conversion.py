@@ -87,7 +87,7 @@ class PictureConversion:
             return self._of_floats(picture)
         frame = self.frame_of(picture)
         if self.unit == "cd/m^2" and not picture.exposure_known:
-            raise InputError(f"{picture.path} does not state its exposure time: give it with --exposure")
+            raise InputError(f"{picture.path} does not state its exposure time: give it")
         encoding: Encoding = "linear" if picture.coloured else picture.encoding
         try:
             return self._map(frame, encoding, WHOLE, picture.f_number)

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from ...core.clock import exposure_text
 from ...core.result import Result
 from ...core.table import Table
 from ...report.html import render_page
 from ...report.layout import Block, Card, Facts, Links, Page, ReportFigure, Section, input_facts
-from ...report.text import cell_text, exposure
+from ...report.text import cell_text
 from .tables import ReportedPicture
 
 #: Cards of a page; the table has all.
@@ -141,7 +142,7 @@ def _provenance(result: Result, conversion: str) -> Facts:
         [
             *input_facts(result),
             ("size", f"{row['width_px']} x {row['height_px']} pixels"),
-            ("exposure", "not known" if row["exposure_s"] is None else exposure(row["exposure_s"])),
+            ("exposure", "not known" if row["exposure_s"] is None else exposure_text(row["exposure_s"])),
             *([("camera", row["camera"])] if row["camera"] else []),
             ("unit", row["unit"]),
             ("conversion", conversion),

@@ -138,7 +138,7 @@ def _dark_current(dark: DarkModel, temperature_c: float, k: Quantity, findings: 
     value = max(rate_dn_s, 0.0) / k.value
     growth = rate_dn_s / dark.rate_dn_s if dark.rate_dn_s else 1.0
     uncertainty = hypot(growth * sqrt(dark.rate_variance_dn2_s2), value * known(k)) / k.value
-    note = "growth of the darkness over K" if rate_dn_s > 0 else "the darkness does not grow with the exposure"
+    note = "growth of the dark signal over K" if rate_dn_s > 0 else "the dark signal does not grow with the exposure"
     return Quantity(value, uncertainty, "e-/s", note)
 
 
@@ -163,7 +163,7 @@ def _efficiency(session: SessionConfiguration, area_m2: float, r: float, common_
     if value > 1:
         raise CalibrationError(
             f"quantum efficiency times transmittance would be {value:.3g}, more than 1: check the f-number "
-            f"(f/{session.lens.f_number:g}), the pixel pitch ({session.camera.pixel_pitch_m * 1e6:g} um) and the "
+            f"(f/{session.lens.f_number:g}), the pixel pitch ({session.camera.pixel_pitch_m * 1e6:g} µm) and the "
             f"spectrum ({session.source.spectrum}) of the session"
         )
     rel = hypot(common_rel, known(k) / k.value)
@@ -179,8 +179,8 @@ def _full_well(
     room_dn = frame.saturation_dn - dark.offset_dn
     if room_dn <= 0:
         raise CalibrationError(
-            f"the darkness of {dark.offset_dn:.4g} DN is not below saturation ({frame.saturation_dn:g} DN): check the "
-            "dark frames"
+            f"the dark signal of {dark.offset_dn:.4g} DN is not below saturation ({frame.saturation_dn:g} DN): check "
+            "the dark frames"
         )
     if frame.saturation_dn < last_dn:
         # A sensor counts as saturated some standard deviations below its full well.

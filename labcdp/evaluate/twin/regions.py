@@ -101,10 +101,7 @@ def regions_of(
             continue
         reading, _ = combine_readings(patch.name, observed.readings.get(patch.name, []))
         if reading.luminance_cd_m2 == 0:
-            raise CalibrationError(
-                f"patch {patch.name!r} reads 0 cd/m², below the meter's range: leave it out with --without "
-                f"{patch.name!r}"
-            )
+            raise CalibrationError(f"patch {patch.name!r} reads 0 cd/m², below the meter's range: leave it out")
         roi = patch.region()
         v = np.asarray(roi.select(vignetting), dtype=float)
         uneven_rel = _unevenness_rel(group, twin)

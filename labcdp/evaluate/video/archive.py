@@ -180,7 +180,7 @@ def require_same_archive(tasks: Sequence[ArchiveTask], folder: Path) -> None:
     """Refuse a folder with results of videos that are not among the tasks; raises InputError."""
     others = {path.parent.name for path in folder.glob(f"*/{LIST_FILE}")} - {task.folder.name for task in tasks}
     if others:
-        remedy = "give them too, or another --output"
+        remedy = "give them too, or another folder"
         raise InputError(f"{folder} has results of other videos, such as {min(others)}: {remedy}")
 
 

@@ -246,8 +246,7 @@ def require_same_evaluation(folders: Iterable[Path], settings: VideoSettings) ->
         recorded = recorded_head(folder / JOURNAL)
         if recorded is not None and any(recorded.get(name) != value for name, value in head.items()):
             raise InputError(
-                f"{folder} holds the results of another evaluation: give another folder with --output, or remove "
-                f"{folder.parent}"
+                f"{folder} holds the results of another evaluation: give another folder, or remove {folder.parent}"
             )
 
 
@@ -261,7 +260,7 @@ def opened_video(path: Path, conversion: PictureConversion) -> tuple[VideoSource
     """
     source = open_video(path, conversion.options)
     if conversion.unit == "cd/m^2" and conversion.options.exposure_s is None and not source.exposure_stated:
-        raise InputError(f"{path} does not state its exposure time: give it with --exposure")
+        raise InputError(f"{path} does not state its exposure time: give it")
     return source, replace(conversion, options=replace(conversion.options, encoding=source.encoding))
 
 

@@ -119,7 +119,7 @@ class VideoRun:
                 continue
             if self._methods and frame.frame is not None:
                 if unseen is not None:
-                    remedy = f"draw them in frame {frame.number}, the first whole one, and give --start {frame.number}"
+                    remedy = f"draw them in frame {frame.number}, the first whole one, and start there"
                     raise InputError(f"{self._why(unseen)}; {remedy}")
                 if tracker is None:
                     tracker = self._tracker(_tracked(frame.frame))

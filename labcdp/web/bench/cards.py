@@ -12,7 +12,8 @@ import numpy as np
 from bokeh.models import ColumnDataSource, Range1d, Span
 from bokeh.plotting import figure
 
-from ...report.text import exposure, significant
+from ...core.clock import exposure_text
+from ...report.text import significant
 from ..html import table, table_row, text
 from ..regions.wording import percent_with_interval
 from .desk import MeterReading
@@ -40,7 +41,7 @@ def camera_card(bench: LiveBench) -> str:
     if live.overdue:
         return _card("Camera", "no frames", "bad", "the next frame is overdue")
     exposure_s = live.settings.exposure_s if live.frame is None else live.frame.exposure_s
-    lines = [f"{exposure(exposure_s)}, gain {live.settings.gain_db:g} dB, {live.settings.pixel_format}"]
+    lines = [f"{exposure_text(exposure_s)}, gain {live.settings.gain_db:g} dB, {live.settings.pixel_format}"]
     focus = bench.images.focus
     where = f" at {focus.region}" if focus.region else ""
     lines += [f"sharpness{where} {100 * focus.now / focus.best:.0f} % of the best"] if focus.best else []
@@ -128,8 +129,9 @@ def settings_text(live: Live) -> str:
     low, high = live.exposure_range_s
     rate = "" if settings.frame_rate_hz is None else f", {settings.frame_rate_hz:.4g} frames/s set"
     return (
-        f"<p class='quiet'>In effect: {exposure(settings.exposure_s)} ({exposure(low)} to {exposure(high)} possible), "
-        f"{settings.gain_db:g} dB, {text(settings.pixel_format)}, {settings.width} x {settings.height} pixels{rate}; "
+        f"<p class='quiet'>In effect: {exposure_text(settings.exposure_s)} ({exposure_text(low)} to "
+        f"{exposure_text(high)} possible), {settings.gain_db:g} dB, {text(settings.pixel_format)}, "
+        f"{settings.width} x {settings.height} pixels{rate}; "
         f"{live.n_frames} frames received, {live.n_incomplete} incomplete.</p>"
     )
 

@@ -15,7 +15,6 @@ from labcdp.calibration.findings import FitTest, LeftOut, ModelStep
 from labcdp.calibration.verify.history import histories
 from labcdp.calibration.verify.verify import verify
 from labcdp.core.dn import Response
-from labcdp.core.errors import InputError
 from labcdp.core.frame import PLANES
 from labcdp.core.result import Finding, info, warning
 from labcdp.evaluate.bench.calibrate import calibrate_session
@@ -285,8 +284,8 @@ def test_history_by_time_with_weights_and_verdicts(evaluated, tmp_path):
     assert [(row["plane"], row["weight"]) for row in seen[:4]] == list(weights.items())
     assert {row["by"] for row in seen[4:]} == {"verification: undecided"}
     assert seen[4]["responsivity"] is seen[4]["expanded_r"] is None
-    write_history(planes, history_result(planes), tmp_path / "h.html")
-    page = (tmp_path / "h.html").read_text()
+    write_history(planes, history_result(planes), tmp_path / "h")
+    page = (tmp_path / "h/report.html").read_text()
     assert page.index("was calibrated") < page.index("changed</span>") < page.index("data:image/png")
-    with pytest.raises(InputError, match="a picture shows one camera and setting, these are 2"):
-        write_history([*planes, mono], history_result([*planes, mono]), tmp_path / "two.png")
+    write_history([*planes, mono], history_result([*planes, mono]), tmp_path / "two")
+    assert [one.name for one in sorted((tmp_path / "two/figures").iterdir())] == ["history-1.png", "history-2.png"]

@@ -35,9 +35,9 @@ _MOST_POINTS = 6000
 #: Width of the drawing on a usual screen, and margins, in pixels; it is no higher than the screen.
 _WIDTH, _BESIDE, _ABOVE, _HIGHEST = 1040, 90, 90, 600
 _OWN_CONTRAST = (
-    "Each edge is asked for the contrast that it has in this image. The map shows where noise and unevenness hide such "
+    "Each edge is asked for the contrast that it has in this image. The map shows where noise and texture hide such "
     "contrasts; it cannot show contrast that was lost before, as by a veil of glare or fog, or by blur. A reference "
-    "image of the scene, or the contrast of its objects, shows that, too (--reference, --contrast)."
+    "image of the scene, or the contrast of its objects, shows that, too."
 )
 _ASKED = "Each edge is asked for a contrast of the scene: {asked}. Contrast that a veil or blur took counts as lost."
 _HELP = (

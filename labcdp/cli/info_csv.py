@@ -1,12 +1,14 @@
-"""What command info says of a camera's spectral sensitivity."""
+"""What command info says of CSV files: meter readings, and the spectral sensitivity of a camera."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
+from ..core.disk import read_csv
 from ..core.errors import InputError
 from ..core.photometry import source_names, spectral_weights
+from ..core.reading import MeterIdentity
 from ..core.spectra import (
     COMMON_ILLUMINANTS,
     SpectralTable,
@@ -17,10 +19,28 @@ from ..core.spectra import (
     weighted_sum,
 )
 from ..core.table import Column, Table
+from ..drivers.csv_meter import CsvMeter
+from ..drivers.manual import MeterAccuracy
+from .info_results import Description
 
 
-def spectral_properties(path: Path, source: str) -> tuple[dict[str, str], Table]:
-    """Return f1' of a spectral sensitivity, and the mismatch factors of common lights (CIE 244); raises InputError."""
+def describe_csv(path: Path, source: str) -> Description:
+    """Describe readings of a luminance meter, or a spectral sensitivity; raises InputError for any other file."""
+    if "patch" in map(str.lower, read_csv(path, "meter readings or a spectral sensitivity").header):
+        return _readings(path)
+    properties, table = _spectral_properties(path, source)
+    return Description("spectral sensitivity", (), properties, (table,))
+
+
+def _readings(path: Path) -> Description:
+    unknown = MeterIdentity("unknown", "unknown")
+    with CsvMeter(path, unknown, MeterAccuracy(0.0, 0.0, 0)) as meter:
+        counts = {f"readings of {patch}": str(len(readings)) for patch, readings in meter.readings.items()}
+    return Description("meter readings", ("import PLAN SESSION --light FILES --readings {file}",), counts)
+
+
+def _spectral_properties(path: Path, source: str) -> tuple[dict[str, str], Table]:
+    """Return f1' of a spectral sensitivity, and the mismatch factors of common lights (CIE 244)."""
     file = read_spectral_file(path)
     weights = least_f1_prime(file.columns) if len(file.columns) > 1 else {}
     whole = weighted_sum(file.columns, weights) if weights else file.only

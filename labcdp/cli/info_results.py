@@ -1,0 +1,147 @@
+"""What command info says of files that labcdp wrote: results, workbooks, pages, journals and lists of files."""
+
+from __future__ import annotations
+
+import re
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from html import unescape
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+from ..core.disk import read_bytes, validated_as
+from ..core.disk.journal import recorded_head
+from ..core.errors import InputError
+from ..core.result import InputFile
+from ..core.table import Table
+from ..evaluate.sweep.run import JOURNAL as SWEEP_JOURNAL
+from ..evaluate.video.evaluate import JOURNAL as VIDEO_JOURNAL
+from ..output import LIST_FILE, read_list
+from ..report.html import GENERATOR
+
+#: Largest workbook and page, and what is read of their descriptions.
+_MOST_BYTES, _MOST_OF_HEAD = 2**31, 2**20
+#: Commands whose results.json can be compared.
+_COMPARABLE = ("evaluate", "image", "characterise", "sweep", "calibrate")
+
+
+@dataclass(frozen=True)
+class Description:
+    """What a file is.
+
+    Parameters
+    ----------
+    kind : str
+        Its kind.
+    commands : tuple of str
+        Commands that use it, with {file} for its path and {folder} for its folder.
+    properties : dict of str
+        Its content, by name.
+    tables : tuple of Table
+        More of it.
+    """
+
+    kind: str
+    commands: tuple[str, ...]
+    properties: dict[str, str] = field(default_factory=dict)
+    tables: tuple[Table, ...] = ()
+
+
+@dataclass(frozen=True)
+class _WrittenTable:
+    title: str
+    columns: list[dict[str, Any]]
+    rows: list[dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class _WrittenResult:
+    kind: str
+    title: str
+    tables: dict[str, _WrittenTable]
+    inputs: list[InputFile]
+
+
+def describe_result(path: Path, content: dict[str, object]) -> Description:
+    """Describe results as JSON; raises InputError if they are incomplete or damaged."""
+    try:
+        found = validated_as(_WrittenResult, content)
+        for name, table in found.tables.items():
+            names = {one.get("name") for one in table.columns}
+            if any(set(row) != names for row in table.rows):
+                raise InputError(f"table {name!r} has rows that do not fit its columns")
+    except InputError as error:
+        raise InputError(f"{path} is damaged ({error}): restore it from a copy, or evaluate again") from error
+    tables = (f"{name} ({len(table.rows)} rows)" for name, table in found.tables.items())
+    properties = {
+        "command": found.kind,
+        "title": found.title,
+        "tables": ", ".join(tables),
+        "inputs": ", ".join(one.path for one in found.inputs),
+    }
+    commands = ("compare {file} OTHER",) if found.kind in _COMPARABLE else ()
+    if found.kind == "characterise":
+        commands += ("init chain my.toml --sensor {file}",)
+    return Description("results", commands, properties)
+
+
+def describe_workbook(path: Path) -> Description:
+    """Describe a spreadsheet that labcdp wrote; raises InputError for any other."""
+    data = read_bytes(path, "a spreadsheet of labcdp", _MOST_BYTES)
+    try:
+        with zipfile.ZipFile(BytesIO(data)) as parts:
+            about, book = (_beginning(parts, name) for name in ("docProps/core.xml", "xl/workbook.xml"))
+    except (zipfile.BadZipFile, KeyError, OSError, NotImplementedError, RuntimeError, EOFError, ValueError) as error:
+        raise InputError(f"{path} is damaged or no spreadsheet: give one that labcdp wrote (.xlsx)") from error
+    if "<dc:creator>labcdp</dc:creator>" not in about:
+        raise InputError(f"{path} was not written by labcdp, which reads no spreadsheets: save readings as CSV")
+    title = re.search("<dc:title>([^<]*)</dc:title>", about)
+    sheets = re.findall('<sheet name="([^"]*)"', book)
+    properties = {"title": unescape(title[1]) if title else "", "sheets": ", ".join(map(unescape, sheets))}
+    return Description(
+        "spreadsheet of results", _beside(path), properties | {"use": "open it in a spreadsheet program"}
+    )
+
+
+def _beginning(parts: zipfile.ZipFile, name: str) -> str:
+    with parts.open(name) as part:
+        return part.read(_MOST_OF_HEAD).decode("utf-8", errors="replace")
+
+
+def describe_page(path: Path) -> Description:
+    """Describe a page that labcdp wrote; raises InputError for any other."""
+    text = read_bytes(path, "a page of labcdp", _MOST_BYTES)[:_MOST_OF_HEAD].decode("utf-8", errors="replace")
+    if GENERATOR not in text:
+        raise InputError(f"{path} is no page of results: give a file that labcdp wrote or reads")
+    title = re.search("<title>([^<]*)</title>", text)
+    properties = {"title": unescape(title[1]) if title else "", "use": "open it in a browser"}
+    return Description("page of results", _beside(path), properties)
+
+
+def describe_journal(path: Path) -> Description:
+    """Describe a journal with which an interrupted command resumes; raises InputError for any other file."""
+    kinds = {SWEEP_JOURNAL: "sweep", VIDEO_JOURNAL: "video"}
+    if path.name not in kinds or recorded_head(path) is None:
+        raise InputError(f"{path} is no journal of labcdp, or damaged: remove it to begin again")
+    properties = {"use": f"the same labcdp {kinds[path.name]} resumes with it if it was interrupted"}
+    return Description(f"journal of labcdp {kinds[path.name]}", _beside(path), properties)
+
+
+def describe_list(folder: Path, kind: str, names: Sequence[str] = ()) -> Description:
+    """Describe a folder of results by the list of its files; raises InputError if that is damaged."""
+    listed = read_list(folder)
+    if listed is None:
+        raise InputError(f"{folder} has no {LIST_FILE}: give a folder of results")
+    properties = {
+        "command": listed.command,
+        "state": "complete" if listed.finished else "interrupted: the same command resumes or replaces it",
+        "files": ", ".join(names or sorted({one.name for one in listed.files})),
+    }
+    return Description(kind, _beside(folder / LIST_FILE), properties)
+
+
+def _beside(path: Path) -> tuple[str, ...]:
+    """Commands for the results beside a file."""
+    return ("info {folder}/results.json",) if (path.parent / "results.json").is_file() else ()

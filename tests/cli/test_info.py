@@ -1,0 +1,59 @@
+"""labcdp info: every file that labcdp writes or reads is named, and damaged ones say so."""
+
+import json
+
+import pytest
+
+from labcdp.cli.app import app
+from labcdp.core.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def results(inputs, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("info")
+    app(["simulate", str(inputs / "small.toml"), "--exact", "--output", str(folder / "out")], standalone_mode=False)
+    (folder / "readings.csv").write_text("patch,luminance_cd_m2\nwhite,30.1\nwhite,30.2\n")
+    return folder
+
+
+def info(capsys, path):
+    capsys.readouterr()
+    app(["info", str(path), "--json"], standalone_mode=False)
+    rows = json.loads(capsys.readouterr().out)["tables"]["properties"]["rows"]
+    return {row["property"]: row["value"] for row in rows}
+
+
+def test_every_file_of_results_is_named(results, inputs, capsys):
+    kinds = {
+        "out": "folder of results",
+        "out/results.json": "results",
+        "out/results.xlsx": "spreadsheet of results",
+        "out/report.html": "page of results",
+        "out/labcdp-files.json": "list of the files of results",
+        "readings.csv": "meter readings",
+    }
+    assert {name: info(capsys, results / name)["kind"] for name in kinds} == kinds
+    assert info(capsys, inputs / "s/journal.jsonl")["kind"] == "journal of a session"
+    assert info(capsys, inputs / "c/certificate.html")["kind"] == "page of results"
+    assert info(capsys, results / "readings.csv")["readings of white"] == "2"
+
+
+@pytest.mark.parametrize("damage", [{"tables": None}, {"tables": {"a": {}}}, {"inputs": 3}, {"kind": []}])
+def test_incomplete_results_are_called_damaged(results, tmp_path, damage):
+    content = json.loads((results / "out/results.json").read_text())
+    (tmp_path / "results.json").write_text(json.dumps(content | damage))
+    with pytest.raises(InputError, match=r"results\.json is damaged"):
+        app(["info", str(tmp_path / "results.json")], standalone_mode=False)
+    name = next(iter(content["tables"]))
+    content["tables"][name]["rows"][0].popitem()
+    (tmp_path / "results.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match="rows that do not fit its columns"):
+        app(["info", str(tmp_path / "results.json")], standalone_mode=False)
+
+
+@pytest.mark.parametrize("name", ["a.xlsx", "a.html", "a.jsonl", "sweep.jsonl"])
+def test_files_of_others_are_refused(tmp_path, name):
+    for content in (b"", b"PK\x03\x04", b"<html></html>"):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(InputError, match=name):
+            app(["info", str(tmp_path / name)], standalone_mode=False)

@@ -46,24 +46,6 @@ def test_region_binning_mirror_and_black_level_reach_the_pixels_and_the_readout(
     np.testing.assert_array_equal(binned.dn, np.tile(np.arange(3, 19)[::-1] * 2 + 1 + 20, (8, 1)))
 
 
-@both_namings
-def test_what_the_camera_does_not_take_is_refused_and_nothing_changed(camera):
-    before = camera.configure(exposure_s=0.004, region=Region(2, 4, 32, 16), binning=(1, 2))
-    for settings, message in (
-        ({"region": Region(0, 0, 65, 48)}, r"width is 65: the camera takes 1 to 64"),
-        ({"region": Region(60, 0, 8, 8)}, r"x is 60: the camera takes 0 to 56"),
-        ({"region": Region(0, -1, 8, 8)}, r"y is -1: the camera takes 0 to 16"),
-        ({"binning": (9, 1)}, r"binning of columns is 9: the camera takes 1 to 4"),
-        ({"black_level": 300}, r"black_level is 300: the camera takes 0 to 255"),
-        ({"frame_rate_hz": 5000}, r"frame_rate_hz is 5000 Hz: the camera takes .* to 1000 Hz"),
-        ({"exposure": 0.01}, r"exposure is no setting: give pixel_format, binning"),
-        ({"trigger": Trigger("Line7")}, r"no trigger source 'Line7': choose one of Line1, Software"),
-    ):
-        with pytest.raises(CameraSettingError, match=r"SIM-1, simulated\): .*" + message):
-            camera.configure(**({"exposure_s": 0.008, "pixel_format": "Mono8"} | settings))
-        assert camera.settings == before, settings
-
-
 def test_settings_of_a_measurement_are_verified_by_reading_back(camera):
     camera.prepare(CameraSetup(binning=(2, 2), black_level=20, features={"Gain": 1.2, "ReverseX": True}))
     assert (camera.settings.binning, camera.settings.black_level, camera.settings.gain_db) == ((2, 2), 20, 1.2)

@@ -1,19 +1,12 @@
-import socket
-import struct
-import threading
-import time
 from dataclasses import replace
 from ipaddress import IPv4Interface
 
 import pytest
 
-from labcdp.drivers.aravis import gvcp
 from labcdp.drivers.aravis import transport as aravis_transport
 from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.aravis.transport import TransportPlan, plan_transport
-from labcdp.drivers.camera_settings import Trigger
 from labcdp.drivers.network import Interface
-from labcdp.drivers.simulated.genicam import feature
 from labcdp.drivers.simulated.gige_camera import SimulatedGigECamera
 
 from ..conftest import SMALL, Ramp, opened
@@ -79,34 +72,3 @@ def test_the_plan_is_carried_out_except_what_the_user_has_set(camera, bandwidth,
         camera.set_feature(name, value)
     camera.snap()
     assert {name: camera.feature(name) for name in chosen} == chosen
-
-
-#: Register of AcquisitionStart and AcquisitionStop.
-ACQUISITION = feature("AcquisitionStart")["register"]
-
-
-def test_a_pause_of_a_busy_sender_within_a_frame_is_waited_for(camera):
-    """The camera itself waits for an edge; what comes instead are packets of GigE Vision 2.0, 24."""
-    camera.set_feature("GevSCPSPacketSize", 1500)
-    camera.configure(pixel_format="Mono8", trigger=Trigger("Line1"))
-    pixels, n_data = bytes(range(256)) * 12, 1500 - 36
-    data = [pixels[at : at + n_data] for at in range(0, len(pixels), n_data)]
-    leader = struct.pack(">HHQIIIIIHH", 0, 1, 1, 0x01080001, 64, 48, 0, 0, 0, 0)
-    parts = [(1, leader), *((3, part) for part in data), (2, struct.pack(">HHI", 0, 1, 48))]
-
-    def send():
-        while not gvcp.read_register("127.0.0.1", ACQUISITION).register:
-            time.sleep(0.01)
-        port = gvcp.read_register("127.0.0.1", gvcp.STREAM_CHANNEL_PORT).register
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-            sender.bind(("127.0.0.1", 0))
-            for number, (kind, part) in enumerate(parts):
-                time.sleep(0.3 if number == 2 else 0)
-                sender.sendto(struct.pack(">HHI", 0, 1, kind << 24 | number) + part, ("127.0.0.1", port & 0xFFFF))
-
-    sender = threading.Thread(target=send)
-    sender.start()
-    try:
-        assert camera.snap(timeout_s=60).dn.tobytes() == pixels
-    finally:
-        sender.join()

@@ -172,7 +172,7 @@ def test_what_it_cannot_do_is_refused_and_changes_nothing(transport, settings):
     with transport.camera() as camera:
         before = camera.configure(exposure_s=0.003)
         with pytest.raises(CameraSettingError, match=r"takes .* to |no pixel format 'Y'.*choose|not in dB"):
-            camera.configure(**settings)
+            camera.configure(**({"exposure_s": 0.004} | settings))
         assert camera.settings == before
         shortest_s, longest_s = camera.exposure_range_s
         assert shortest_s < before.exposure_s < longest_s
@@ -231,22 +231,6 @@ def test_each_fault_has_its_error_and_leaves_a_camera_that_works(transport, faul
     camera.close()
     with transport.camera() as camera:
         assert camera.snap().shape == SHAPE
-
-
-@with_own_simulator
-def test_incomplete_frames_are_reported_and_taken_again(transport):
-    refused = []
-    with transport.camera() as camera:
-        frames = camera.grab(4, on_refused=refused.append)
-        whole = [next(frames)]
-        with with_fault(transport, "wrong size"), pytest.raises(IncompleteFrameError):
-            list(frames)
-        whole += camera.grab(3)
-    # After so many in a row there is no hope.
-    assert len(refused) == 19
-    assert refused[0].status == "SIZE_MISMATCH"
-    assert whole[0].frame_id < refused[0].frame_id < refused[-1].frame_id
-    assert {frame.shape for frame in whole} == {SHAPE}
 
 
 @with_own_simulator

@@ -46,6 +46,17 @@ def test_region_binning_mirror_and_black_level_reach_the_pixels_and_the_readout(
     np.testing.assert_array_equal(binned.dn, np.tile(np.arange(3, 19)[::-1] * 2 + 1 + 20, (8, 1)))
 
 
+def test_what_the_camera_does_not_take_is_refused_and_nothing_changed(camera):
+    before = camera.configure(exposure_s=0.004, region=Region(2, 4, 32, 16), binning=(1, 2))
+    for wrong in (
+        *({"region": region} for region in (Region(0, 0, 65, 48), Region(60, 0, 8, 8), Region(0, -1, 8, 8))),
+        *({"binning": (9, 1)}, {"frame_rate_hz": 5000}, {"trigger": Trigger("Line7")}, {"exposure": 0.01}),
+    ):
+        with pytest.raises(CameraSettingError):
+            camera.configure(**({"exposure_s": 0.008, "pixel_format": "Mono8"} | wrong))
+        assert camera.settings == before, wrong
+
+
 def test_settings_of_a_measurement_are_verified_by_reading_back(camera):
     camera.prepare(CameraSetup(binning=(2, 2), black_level=20, features={"Gain": 1.2, "ReverseX": True}))
     assert (camera.settings.binning, camera.settings.black_level, camera.settings.gain_db) == ((2, 2), 20, 1.2)

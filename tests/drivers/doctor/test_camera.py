@@ -27,65 +27,41 @@ MANTA = CameraFacts(
     statistics=StreamStatistics(completed=5),
     came=5,
 )
-_TOPICS = "controller, network, packet size, link speed, bandwidth, frame rate, temperature, frames"
-_COUNTED = StreamStatistics(completed=5, failed=2, underruns=1, resent=4, missing=90)
 #: 1 Gbit/s are 125 MB/s on the wire, of which 8996 of 9034 bytes are packets; 5 % are left for everything else.
 _SHARE = f"{0.95 * 125e6 * 8996 / 9034:.0f}"
 
 
 def test_a_camera_in_order():
-    found = camera_findings(MANTA)
-    assert {one.state for one in found} == {"good"}
-    assert ", ".join(one.topic for one in found) == _TOPICS
+    assert {one.state for one in camera_findings(MANTA)} == {"good"}
 
 
 @pytest.mark.parametrize(
-    ("facts", "topic", "state", "text"),
+    ("features", "topic", "state", "text"),
     [
-        ({"GevLinkSpeed": 100}, "link speed", "notice", "the camera's link runs at 100 Mbit/s"),
+        ({"GevLinkSpeed": 100}, "link speed", "notice", "100 Mbit/s"),
         # SFNC DeviceLinkSpeed counts bytes per second.
-        ({"GevLinkSpeed": "none", "DeviceLinkSpeed": 125_000_000}, "link speed", "good", "runs at 1000 Mbit/s"),
+        ({"GevLinkSpeed": None, "DeviceLinkSpeed": 125_000_000}, "link speed", "good", "1000 Mbit/s"),
         ({"StreamBytesPerSecond": 124_000_000}, "bandwidth", "good", "124.0 MB/s"),
-        ({"StreamBytesPerSecond": 125_000_000}, "bandwidth", "notice", "is 125.0 MB/s, and the .* carries 124.5 MB/s"),
-        (
-            {"StreamBytesPerSecond": 125_000_000},
-            "bandwidth",
-            "notice",
-            f"the camera's StreamBytesPerSecond to {_SHARE}",
-        ),
-        ({"StreamBytesPerSecond": "none", "DeviceLinkThroughputLimit": 200_000_000}, "bandwidth", "notice", _SHARE),
-        ({"address": "169.254.1.2"}, "network", "notice", "sudo ip addr add 169.254.0.10/16 dev eth1"),
-        (
-            {"refused": 2, "statistics": _COUNTED},
-            *(
-                "frames",
-                "notice",
-                r"5 of 5 frames came whole, 2 incomplete \(90 packets missing, 4 sent again, 1 under",
-            ),
-        ),
+        ({"StreamBytesPerSecond": 125_000_000}, "bandwidth", "notice", f"carries 124.5 MB/s.*{_SHARE}"),
+        ({"StreamBytesPerSecond": None, "DeviceLinkThroughputLimit": 200_000_000}, "bandwidth", "notice", _SHARE),
     ],
 )
-def test_each_finding_has_its_cause_and_remedy(facts, topic, state, text):
-    own = {name: value for name, value in facts.items() if name in ("address", "refused", "statistics")}
-    features = {**MANTA.features, **{name: value for name, value in facts.items() if name not in own}}
-    facts = replace(MANTA, features={name: value for name, value in features.items() if value != "none"}, **own)
-    (found,) = [one for one in camera_findings(facts) if one.topic == topic]
+def test_each_finding_has_its_cause_and_remedy(features, topic, state, text):
+    features = {name: value for name, value in (MANTA.features | features).items() if value is not None}
+    (found,) = [one for one in camera_findings(replace(MANTA, features=features)) if one.topic == topic]
     assert found.state == state
     assert re.search(text, str(found))
 
 
+def test_a_camera_of_another_network_and_frames_that_are_lost():
+    counted = StreamStatistics(completed=5, failed=2, underruns=1, resent=4, missing=90)
+    found = camera_findings(replace(MANTA, address="169.254.1.2", refused=2, statistics=counted))
+    assert {one.topic for one in found if one.state == "notice"} == {"network", "frames"}
+
+
 #: Settings of another program that opening changes.
-LEFT = {
-    "ExposureAuto": "Continuous",
-    "ReverseX": True,
-    "TriggerMode": "On",
-    "TriggerSelector": "AcquisitionStart",
-    "BinningHorizontal": 2,
-    "Width": 20,
-    "OffsetX": 4,
-    "PixelFormat": "Mono8",
-    "StreamBytesPerSecond": 50_000_000,
-}
+LEFT = {"ExposureAuto": "Continuous", "ReverseX": True, "TriggerMode": "On", "BinningHorizontal": 2, "Width": 20}
+LEFT |= {"TriggerSelector": "AcquisitionStart", "OffsetX": 4, "PixelFormat": "Mono8", "StreamBytesPerSecond": 50_000_000}
 
 
 @pytest.mark.parametrize("stream", [False, True])
@@ -103,7 +79,6 @@ def require_left_as_found(stream):
         before = camera.features()
     found = {one.topic: one for one in check_camera(info, interfaces(), stream=stream)}
     assert found["frames"].state == ("good" if stream else "unknown"), found
-    assert {"controller", "network", "temperature"} <= found.keys()
     link = connect(info, prepare=False)
     try:
         with link.using("it cannot be read") as opened:
@@ -116,5 +91,3 @@ def test_a_camera_that_another_program_controls(camera_on_loopback):
     camera_on_loopback.set_faults({"second controller": 0})
     found = check_camera(discover()[0], interfaces())
     assert (found[0].topic, found[0].state) == ("controller", "fault")
-    assert "another program" in found[0].cause
-    assert found[0].remedy

@@ -3,7 +3,6 @@
 import os
 import shutil
 import subprocess
-import time
 from dataclasses import replace
 from ipaddress import IPv4Interface
 
@@ -11,7 +10,6 @@ import pytest
 
 from labcdp.drivers import network
 from labcdp.drivers.camera import StreamStatistics
-from labcdp.drivers.device import Finding
 from labcdp.drivers.network import Interface, interface_findings, interface_to, interfaces, network_finding
 from labcdp.drivers.network import stream_causes as causes
 
@@ -59,11 +57,6 @@ def test_address_mtu_link_and_way_are_the_kernels(veth):
     assert interface_to("10.20.0.1", interfaces()).name == "lo"
     ip("link set vt1 down")
     assert not named("vt1")[0].is_up
-    # The kernel tells the other end some time later.
-    until_s = time.monotonic() + 60
-    while named("vt0")[0].has_link:
-        assert time.monotonic() < until_s
-        time.sleep(0.05)
 
 
 def eth(**values):
@@ -71,28 +64,24 @@ def eth(**values):
 
 
 @pytest.mark.parametrize(
-    ("values", "state", "text"),
+    ("values", "state"),
     [
-        ({}, "good", "10.0.0.1/24, packets of 9000 bytes, 1000 Mbit/s"),
+        ({}, "good"),
         # A radio link does not tell its speed.
-        ({"speed_mbit_s": None}, "good", "10.0.0.1/24, packets of 9000 bytes"),
-        ({"is_up": False}, "notice", "10.0.0.1/24 is switched off: sudo ip link set eth0 up"),
-        ({"has_link": False}, "notice", "10.0.0.1/24 has no link: check the cable"),
-        ({"speed_mbit_s": 100}, "notice", "10.0.0.1/24 runs at 100 Mbit/s: a GigE Vision camera needs 1000: use a"),
-        ({"mtu_bytes": 1500}, "notice", "10.0.0.1/24 takes packets of 1500 bytes; jumbo frames of 9000"),
+        ({"speed_mbit_s": None}, "good"),
+        *((values, "notice") for values in ({"is_up": False}, {"has_link": False}, {"speed_mbit_s": 100})),
+        ({"mtu_bytes": 1500}, "notice"),
     ],
 )
-def test_what_is_said_of_an_interface(values, state, text):
+def test_what_is_said_of_an_interface(values, state):
     (found,) = interface_findings([eth(**values)])
-    assert found.state == state
-    assert str(found).startswith(text)
+    assert (found.state, found.remedy is None) == (state, state == "good")
 
 
 def test_two_interfaces_in_one_network():
     *_, found = interface_findings([eth(), replace(eth(), name="eth1", address=IPv4Interface("10.0.0.9/24"))])
     assert (found.topic, found.state) == ("interface eth1", "notice")
-    assert found.cause.startswith("eth0 (10.0.0.1/24) and eth1 (10.0.0.9/24) are in one network")
-    assert found.remedy.endswith("for example sudo ip addr del 10.0.0.9/24 dev eth1")
+    assert "in one network" in found.cause
 
 
 @pytest.mark.parametrize(
@@ -116,40 +105,22 @@ def behind_a_card(monkeypatch, tmp_path):
     return tmp_path
 
 
-def test_packets_larger_than_the_interface_takes_are_suspected_first(behind_a_card):
-    assert causes(CAMERA, FRAME, 9000, root=behind_a_card)[0] == Finding(
-        "packet size",
-        "fault",
-        "the camera sends packets of 9000 bytes, but eth1 takes 1500",
-        "sudo ip link set eth1 mtu 9000, or set the camera's GevSCPSPacketSize to 1500",
-    )
-    assert [one.topic for one in causes(CAMERA, FRAME, 1500, root=behind_a_card)] == ["firewall"]
-
-
 def test_lost_packets_have_other_causes_than_none_at_all(behind_a_card):
+    assert [one.topic for one in causes(CAMERA, FRAME, 9000, root=behind_a_card)] == ["packet size", "firewall"]
+    assert [one.topic for one in causes(CAMERA, FRAME, 1500, root=behind_a_card)] == ["firewall"]
     counted = StreamStatistics(completed=5, failed=2, underruns=3, missing=7)
     found = causes(CAMERA, FRAME, 9000, granted_bytes=212_992, counted=counted, root=behind_a_card)
-    assert [(one.topic, one.state) for one in found] == [
-        ("receive buffer", "fault"),
-        ("packet size", "fault"),
-        ("packets", "notice"),
-        ("underruns", "notice"),
-    ]
-    assert str(found[0]).startswith("the receive buffer of 213 kB does not hold a frame of 10.1 MB: sudo sysctl -w net")
-    assert str(found[2]).startswith("7 packets are counted as missing: check cable and switch")
-    assert str(found[3]).startswith(
-        "3 packets found no free buffer, since the program was too slow to take them: lower"
-    )
+    assert [one.topic for one in found] == ["receive buffer", "packet size", "packets", "underruns"]
 
 
 @pytest.mark.parametrize(
     ("file", "text", "command"),
     [
         ("etc/ufw/ufw.conf", "LOGLEVEL=low\nENABLED=yes\n", "sudo ufw allow proto udp from 192.168.7.20"),
-        ("etc/ufw/ufw.conf", "#ENABLED=yes\nENABLED=no\n", "if there is a firewall, let UDP packets from 192.168.7.20"),
+        ("etc/ufw/ufw.conf", "#ENABLED=yes\nENABLED=no\n", "if there is a firewall"),
         ("run/firewalld.pid", "77", "sudo firewall-cmd --zone=trusted --add-source=192.168.7.20"),
         ("proc/net/ip_tables_names", "nat\nfilter\n", "sudo iptables -I INPUT -p udp -s 192.168.7.20 -j ACCEPT"),
-        ("proc/net/ip_tables_names", "nat\n", "if there is a firewall, let UDP packets from 192.168.7.20 through"),
+        ("proc/net/ip_tables_names", "nat\n", "if there is a firewall"),
     ],
 )
 def test_a_firewall_is_suspected_when_nothing_came(behind_a_card, file, text, command):
@@ -157,17 +128,3 @@ def test_a_firewall_is_suspected_when_nothing_came(behind_a_card, file, text, co
     (behind_a_card / file).write_text(text)
     (finding,) = causes(CAMERA, FRAME, root=behind_a_card)
     assert (finding.topic, finding.remedy[: len(command)]) == ("firewall", command)
-
-
-@pytest.mark.parametrize(
-    ("message", "cause", "remedy"),
-    [
-        ("/dev/x: in use: end\n the program", "/dev/x: in use", "end the program"),
-        ("no reason at all", "no reason at all", None),
-        # What another program said stands in brackets, and is no remedy.
-        ("cannot be opened [Device: not found]", "cannot be opened [Device: not found]", None),
-        ("cannot be opened [E: x]: look at [1]", "cannot be opened [E: x]", "look at [1]"),
-    ],
-)
-def test_an_error_becomes_cause_and_remedy(message, cause, remedy):
-    assert Finding.of_error("topic", RuntimeError(message)) == Finding("topic", "fault", cause, remedy)

@@ -18,44 +18,34 @@ METER = MeterIdentity("L 1003", "4711", "2026-01-15")
 ACCURACY = MeterAccuracy(scale_half_width_rel=0.03, repeatability_rel=0.005, digits=2)
 
 
-class Person:
-    """Types prepared answers and keeps the prompts."""
+def measured(*answers):
+    """What is measured where somebody types these answers, and no more."""
+    left = iter(answers)
 
-    def __init__(self, *answers):
-        self.answers = list(answers)
-        self.prompts = []
+    def answer(_prompt):
+        try:
+            return next(left)
+        except StopIteration:
+            raise EOFError from None
 
-    def __call__(self, prompt):
-        self.prompts.append(prompt)
-        if not self.answers:
-            raise EOFError
-        return self.answers.pop(0)
-
-
-def measured(person):
-    with ManualMeter(person, METER, ACCURACY) as meter:
+    with ManualMeter(answer, METER, ACCURACY) as meter:
         return meter.measure()
 
 
-def test_a_typed_number_is_a_reading_and_the_prompt_says_what_and_how_and_again_why():
-    before, person = datetime.now(UTC), Person("twelve", "-3", " 12,30 ")
-    reading = measured(person)
+def test_a_typed_number_is_a_reading():
+    before, reading = datetime.now(UTC), measured("twelve", "-3", " 12,30 ")
     assert (reading.value, reading.unit, reading.resolution) == (12.3, "cd/m2", 0.01)
     assert (reading.meter, reading.raw) == (METER, " 12,30 ")
     assert before <= reading.timestamp <= datetime.now(UTC)
     assert (reading.peak, reading.held, reading.correction) == (False, True, None)
     assert reading.standard_uncertainty_common_rel == pytest.approx(0.03 / sqrt(3))
     assert reading.standard_uncertainty_random_cd_m2 == pytest.approx(hypot(0.02 / sqrt(3), 0.005 * 12.3))
-    assert person.prompts[0] == "Luminance shown by L 1003, in cd/m2 or with its unit like 3.4 fL: "
-    assert person.prompts[1].startswith("'twelve' is not a number: write it like 12.3, 12,3 or 3.4 fL. Luminance")
-    assert person.prompts[2].startswith("-3 is negative: a luminance is at least 0. Luminance")
 
 
-def test_three_answers_that_are_no_luminance_end_in_an_error():
-    with pytest.raises(MeterError, match=r"no luminance was typed in 3 attempts, last: 'c' is not a number: write it"):
-        measured(Person("a", "b", "c", "12.3"))
-    with pytest.raises(MeterError, match="no reading of the luminance meter was typed: run the command in"):
-        measured(Person("a"))
+@pytest.mark.parametrize("answers", [("a", "b", "c", "12.3"), ("a",)])
+def test_three_answers_that_are_no_luminance_or_none_at_all_end_in_an_error(answers):
+    with pytest.raises(MeterError, match="typed"):
+        measured(*answers)
 
 
 @pytest.mark.parametrize(
@@ -80,18 +70,14 @@ def test_ways_to_write_a_luminance(text, value, unit, resolution):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", r"'' is not a number: write it like 12\.3, 12,3 or 3\.4 fL"),
-        ("1 2", "'1 2' is not a number"),
-        ("12.3 fL 4", "the unit 'fL 4' is not known"),
-        ("1.234,5", r"'1\.234,5' is not a number: write it with one decimal point or comma"),
-        ("1,234", r"'1,234' can mean 1\.234 or 1234: write one of these"),
-        ("12 lx", "the unit 'lx' is not known: give cd/m2 or fL$"),
+        *((text, "is not a number") for text in ("", "1 2", "1.234,5")),
+        *((text, "the unit .* is not known") for text in ("12.3 fL 4", "12 lx")),
+        ("1,234", r"can mean 1\.234 or 1234"),
     ],
 )
 def test_what_is_not_a_luminance_says_why(text, message):
-    with pytest.raises(InputError, match=message) as caught:
+    with pytest.raises(InputError, match=message):
         parse_written(text)
-    assert "\n" not in str(caught.value)
 
 
 @given(

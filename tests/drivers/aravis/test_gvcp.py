@@ -1,7 +1,7 @@
 import socket
 import struct
 import threading
-from contextlib import ExitStack
+from contextlib import contextmanager
 
 import pytest
 
@@ -11,48 +11,42 @@ from labcdp.drivers.aravis.gvcp import set_address
 from labcdp.drivers.camera import CameraNotFoundError
 
 
-@pytest.fixture
-def answering():
+@contextmanager
+def answering(reply, address="127.0.0.1"):
     """Let a function answer what is sent to the port of cameras: it takes a request and returns what to send back."""
-    with ExitStack() as stack:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as server:
+        server.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, b"lo\0")
+        server.bind((address, gvcp.GVCP_PORT))
 
-        def start(reply, address="127.0.0.1"):
-            server = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
-            server.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, b"lo\0")
-            server.bind((address, gvcp.GVCP_PORT))
+        def serve():
+            while (received := server.recvfrom(600))[0]:
+                server.sendto(reply(received[0]), received[1])
 
-            def serve():
-                while (received := server.recvfrom(600))[0]:
-                    server.sendto(reply(received[0]), received[1])
-
-            def end():
-                with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as last:
-                    last.sendto(b"", ("127.0.0.1", gvcp.GVCP_PORT))
-                thread.join()
-
-            thread = threading.Thread(target=serve)
-            thread.start()
-            stack.callback(end)
-
-        yield start
+        thread = threading.Thread(target=serve)
+        thread.start()
+        try:
+            yield
+        finally:
+            server.sendto(b"", ("127.0.0.1", gvcp.GVCP_PORT))
+            thread.join()
 
 
-def test_a_request_is_as_the_standard_has_it_and_repeated_if_it_is_lost(answering):
+def test_a_request_is_as_the_standard_has_it_and_repeated_if_it_is_lost():
     """READREG_CMD and READREG_ACK of GigE Vision 2.0, 16.5."""
-    seen = []
-    answering(lambda request: seen.append(request) or bytes.fromhex("0000 0081 0004 0003 0000002a" * (len(seen) > 2)))
-    assert gvcp.read_register("127.0.0.1", 0x0A00, timeout_s=0.5).register == 42
+    seen, answer = [], bytes.fromhex("0000 0081 0004 0003 0000002a")
+    with answering(lambda request: seen.append(request) or answer * (len(seen) > 2)):
+        assert gvcp.read_register("127.0.0.1", 0x0A00, timeout_s=0.5).register == 42
     assert seen == [bytes.fromhex(f"42 01 0080 0004 000{n} 00000a00") for n in (1, 2, 3)]
 
 
 @pytest.mark.parametrize("message", ["", "0000", "0000 0081 0004 00ff 00000002", "0000 0003 0004 0001 00000002"])
-def test_what_does_not_answer_the_request_is_ignored(answering, message):
-    answering(lambda request: bytes.fromhex(message))
-    assert gvcp.read_register("127.0.0.1", 0x0A00, timeout_s=0.05, tries=2) is None
+def test_what_does_not_answer_the_request_is_ignored(message):
+    with answering(lambda request: bytes.fromhex(message)):
+        assert gvcp.read_register("127.0.0.1", 0x0A00, timeout_s=0.05, tries=2) is None
 
 
 @pytest.fixture
-def camera_elsewhere(answering):
+def camera_elsewhere():
     """A camera of another network, which answers requests to everybody; gives what it was asked."""
     asked, identity = [], bytearray(0xF8)
     identity[0x0A:0x10] = bytes.fromhex("000f310221f0")
@@ -64,8 +58,8 @@ def camera_elsewhere(answering):
         body = identity if request[2:4] == b"\0\2" else b""
         return struct.pack(">HHHH", 0, int.from_bytes(request[2:4], "big") + 1, len(body), 1) + body
 
-    answering(reply, "")
-    return asked
+    with answering(reply, ""):
+        yield asked
 
 
 def test_a_camera_of_another_network_is_given_an_address(camera_elsewhere):
@@ -80,11 +74,11 @@ def test_a_camera_of_another_network_is_given_an_address(camera_elsewhere):
 @pytest.mark.parametrize(
     ("serial", "address", "message"),
     [
-        ("50-2", "127.9.9.9", r"no camera 50-2 answers at lo; found: 50-1 at 10\.9\.8\.7"),
-        ("50-1", "192.0.2.1", r"192\.0\.2\.1 is in no network of this computer"),
-        ("50-1", "127.0.0.1", r"127\.0\.0\.1 is an address of this computer"),
-        ("50-1", "127.255.255.255", r"is the network's or the broadcast address of 127\.0\.0\.0/8"),
-        ("50-1", "x", "the address is 'x': give an IPv4 address"),
+        ("50-2", "127.9.9.9", "no camera 50-2 answers"),
+        ("50-1", "192.0.2.1", "is in no network of this computer"),
+        ("50-1", "127.0.0.1", "is an address of this computer"),
+        ("50-1", "127.255.255.255", "the network's or the broadcast address"),
+        ("50-1", "x", "the address is 'x'"),
     ],
 )
 def test_an_address_that_no_camera_can_take_is_refused(camera_elsewhere, serial, address, message):

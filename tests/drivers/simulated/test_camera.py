@@ -20,21 +20,15 @@ def arv_tool(*words):
     return done.stdout
 
 
-@pytest.mark.parametrize(
-    ("naming", "present", "absent"),
-    [
-        ("prosilica", ["'ExposureTimeAbs' = 10000 us", "'StreamBytesPerSecond' = 124000000"], "'ExposureTime' "),
-        ("sfnc", ["'ExposureTime' = 10000 us", "'DeviceLinkThroughputLimitMode' = 'Off'"], "'ExposureTimeAbs'"),
-    ],
-)
-def test_arv_tool_reads_every_feature(aravis_tools, naming, present, absent):
+@pytest.mark.parametrize(("naming", "exposure"), [("prosilica", "ExposureTimeAbs"), ("sfnc", "ExposureTime")])
+def test_arv_tool_reads_every_feature(aravis_tools, naming, exposure):
     with SimulatedGigECamera(replace(SMALL, features=standard_features(naming)), Ramp()):
         values = arv_tool("values")
-    present += ["'BinningVerticalMode' = 'Average'", "'WidthMax' = 64", "'BlackLevel' = 7 DN", "'Gamma' = 1"]
-    present += ["'TriggerActivation' = 'RisingEdge'", "'GevSCPSPacketSize' = 9000", "'PayloadSize' = 6144"]
-    for text in (*present, "'GevTimestampTickFrequency' = 1000000000", "'DeviceTemperature' = 31.5 C"):
+    for text in (
+        *(f"'{exposure}' = 10000 us", "'BinningVerticalMode' = 'Average'", "'WidthMax' = 64", "'BlackLevel' = 7 DN"),
+        *("'GevSCPSPacketSize' = 9000", "'PayloadSize' = 6144", "'DeviceTemperature' = 31.5 C"),
+    ):
         assert text in values
-    assert absent not in values
 
 
 def test_arv_tool_and_arv_camera_test_see_and_stream_it_at_its_full_size(aravis_tools):

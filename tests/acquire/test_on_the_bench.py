@@ -12,7 +12,6 @@ from labcdp.acquire import AcquisitionStoppedError, Control, Unattended
 from labcdp.core.errors import InputError, SessionError
 from labcdp.drivers.camera import (
     MOST_REFUSED,
-    CameraLostError,
     CameraNotFoundError,
     CameraSettingError,
     IncompleteFrameError,
@@ -30,13 +29,9 @@ TOO_LONG = {"exposures_s": (0.03, 0.06)}
 def test_patches_one_by_one(changed, on_bench):
     configuration = changed(FAR, target=ONE_BY_ONE, plan={"exposures_s": (0.002, 0.032)})
     with on_bench(configuration) as on:
-        hands, seen = Hands(on.bench), []
-        assert (
-            on.acquire(hands, report=lambda progress: seen.append((progress.step, progress.done, progress.total))) == ()
-        )
-        assert ("meter readings", 8, 8) in seen
+        hands = Hands(on.bench)
+        assert on.acquire(hands) == ()
         assert hands.done == ["uncover_lens", "show_patch P01", "show_patch lower left", "cover_lens", "uncover_lens"]
-        assert hands.found == []
         # Two exposures of two frames for each patch; two readings before its frames and two after.
         assert on.counts == (8, 8, 4)
         light = {name: [r for r in on.session.frames("light") if r.patch == name] for name in FAR}
@@ -52,21 +47,6 @@ def test_patches_one_by_one(changed, on_bench):
         on.session.verify()
 
 
-def test_a_camera_that_stays_away_ends_the_run_and_the_next_one_resumes(changed, on_bench):
-    configuration = changed(plan={"frames_per_exposure": 10})
-    with on_bench(configuration, patience_s=5) as on:
-        on.bench.schedule("at 1 s vanish")
-        with pytest.raises(CameraLostError, match="is lost"):
-            on.acquire()
-        assert 0 < on.counts[0] < 30
-        assert "is lost" in on.events("camera lost")[0]["reason"]
-        on.session.verify()
-    with on_bench(configuration) as on:
-        on.acquire()
-        assert on.counts == (30, 32, 6)
-        assert len(on.events("camera features")) == 2
-
-
 def test_incomplete_frames_are_taken_again_and_noted_until_too_many_in_a_row_end_the_run(changed, on_bench):
     with on_bench(changed()) as on:
         on.bench.schedule("at 0.1 s wrong size for 0.3 s\nat 0.9 s wrong size")
@@ -75,7 +55,6 @@ def test_incomplete_frames_are_taken_again_and_noted_until_too_many_in_a_row_end
         assert 1 < on.counts[0] < 12
         refused = on.events("refused frame")
         assert len(refused) > MOST_REFUSED - 1
-        assert refused[0].keys() == {"role", "exposure_s", "reason", "status", "frame_id"}
         assert refused[0]["status"] == "SIZE_MISMATCH"
 
 
@@ -92,10 +71,7 @@ def test_light_that_drifts_is_found_and_the_patch_repeated(changed, on_bench):
         assert on.counts == (12, 8, 6)
         (superseded,) = on.events("superseded")
         assert len(superseded["lines"]) == 10
-        assert "went from" in superseded["reason"]
-        drifted, *others = on.events("check")
-        assert (drifted["unit"], drifted["repeat"]) == ("patch P12", True)
-        assert all(not event["findings"] for event in others)
+        assert [event["repeat"] for event in on.events("check")][:1] == [True]
         reading = on.session.readings()[0].reading.luminance_cd_m2
         assert reading == pytest.approx(0.9 * 1.006 * on.bench.luminance_cd_m2["P12"], rel=0.01)
 
@@ -114,9 +90,7 @@ def test_a_unit_that_was_complete_but_not_checked_is_checked_by_the_next_run(cha
         on.acquire(hands)
         assert hands.found == [("light frames", ["saturation"])]
         assert hands.done[0] == "point_meter lower left"
-        (finding,) = on.events("check")[0]["findings"]
-        assert "patch 'lower left' is saturated at every exposure" in finding["cause"]
-        assert finding["value"] > finding["limit"]
+        assert [finding["check"] for finding in on.events("check")[0]["findings"]] == ["saturation"]
 
 
 def test_a_night_of_frames_on_a_schedule(changed, on_bench):
@@ -139,26 +113,20 @@ def test_a_pause_takes_nothing_and_stopping_keeps_all_that_was_taken(changed, on
     configuration, control, seen = changed(plan={"drift_check": True}), Control(), []
 
     def end(stop):
-        seen.append("end of the pause")
+        seen.append("end")
         control.stop() if stop else control.resume()
 
     def pause(progress):
-        seen.append((progress.step, progress.done))
-        if progress.step == step and progress.done in (2, 3):
+        if progress.step == step and progress.done in (2, 3, 4):
+            seen.append(progress.done)
             control.pause()
             threading.Timer(0.2, end, [progress.done == 3]).start()
 
     with on_bench(configuration) as on:
         with pytest.raises(AcquisitionStoppedError, match="recorded data are safe"):
             on.acquire(report=pause, control=control)
-        assert [one for one in seen if one[0] == step or one == "end of the pause"][-4:] == [
-            (step, 2),
-            "end of the pause",
-            (step, 3),
-            "end of the pause",
-        ]
-        assert on.counts == counts
-        assert on.events("complete") == []
+        assert seen[-4:] == [2, "end", 3, "end"]
+        assert (on.counts, on.events("complete")) == (counts, [])
         on.session.verify()
     with on_bench(configuration) as on:
         on.acquire()
@@ -166,23 +134,18 @@ def test_a_pause_takes_nothing_and_stopping_keeps_all_that_was_taken(changed, on
 
 
 def test_unattended_does_what_needs_no_hand_and_tells_the_rest(changed, on_bench):
-    configuration = changed(FAR)
-    readings = [(f"readings of {name}", "point the luminance meter at each patch") for name in FAR]
-    with on_bench(configuration) as on:
-        left = on.acquire(Unattended())
-        assert [(one.what, one.hand) for one in left] == [*readings, ("dark frames", "cover the lens")]
-        assert on.counts == (6, 0, 0)
-        assert on.events("complete") == []
-    with on_bench(configuration) as on:
-        on.bench.cover_lens()
-        assert [(one.what, one.hand) for one in on.acquire(Unattended("covered"))] == readings
-        assert on.counts == (6, 0, 6)
+    configuration, readings = changed(FAR), [f"readings of {name}" for name in FAR]
+    for cover, left, counts in ((False, [*readings, "dark frames"], (6, 0, 0)), (True, readings, (6, 0, 6))):
+        with on_bench(configuration) as on:
+            if cover:
+                on.bench.cover_lens()
+            assert [one.what for one in on.acquire(Unattended(*["covered"] * cover))] == left
+            assert (on.counts, on.events("complete")) == (counts, [])
     with on_bench(configuration) as on:
         hands = Hands(on.bench)
         assert on.acquire(hands) == ()
         assert hands.done == [f"point_meter {name}" for name in FAR]
-        assert on.counts == (6, 4, 6)
-        assert on.events("complete") == [{}]
+        assert (on.counts, on.events("complete")) == ((6, 4, 6), [{}])
 
 
 def test_unattended_repeats_once_what_may_be_better_then(changed, on_bench):
@@ -198,27 +161,25 @@ def test_unattended_repeats_once_what_may_be_better_then(changed, on_bench):
 
 
 @pytest.mark.parametrize(
-    ("plan", "change", "duration_s", "steady_c"),
+    ("plan", "change", "duration_s", "stable"),
     [
         # 5 s of change, of which the last 0.1 s are within 0.15 degrees, and a minute of which 54 s are to be steady.
-        ({"warm_up_s": 3600.0, "stable_within_c": 0.15}, "temperature +8 C in 5 s", (58, 66), 43),
-        ({"warm_up_s": 10.0, "stable_within_c": 0.1}, "temperature +8 C in 3 min", (9.9, 10.1), None),
+        ({"warm_up_s": 3600.0, "stable_within_c": 0.15}, "temperature +8 C in 5 s", (58, 66), True),
+        ({"warm_up_s": 10.0, "stable_within_c": 0.1}, "temperature +8 C in 3 min", (9.9, 10.1), False),
     ],
 )
-def test_a_camera_warms_up_until_its_temperature_is_steady_or_for_its_time_and_first_frames_are_dropped(
-    changed, on_bench, plan, change, duration_s, steady_c
-):
+def test_a_camera_warms_up_until_it_is_steady_or_for_its_time(changed, on_bench, plan, change, duration_s, stable):
     plan |= {"discard_frames": 3, "exposures_s": (0.002, 0.008)}
     with on_bench(changed(["P12"], plan=plan)) as on:
         on.bench.run_command(change)
         on.acquire()
         (warm,) = on.events("warm-up")
         assert duration_s[0] < warm["duration_s"] < duration_s[1]
-        assert warm["stable"] == (steady_c is not None)
-        assert steady_c is None or warm["temperature_c"] == pytest.approx(steady_c, abs=0.01)
+        assert warm["stable"] == stable
+        assert not stable or warm["temperature_c"] == pytest.approx(43, abs=0.01)
         ids = [record.metadata["frame_id"] for record in on.session.frames("light")]
         # Two frames of each exposure, behind three that were dropped.
-        assert [after - before for before, after in pairwise(ids)] == [1, 4, 1]
+        assert np.diff(ids).tolist() == [1, 4, 1]
         # A recording has neither.
         with (
             on_bench(on.session.configuration, name="replayed") as replayed,
@@ -230,26 +191,19 @@ def test_a_camera_warms_up_until_its_temperature_is_steady_or_for_its_time_and_f
 
 
 @pytest.mark.parametrize(
-    ("tables", "kind", "message"),
+    ("tables", "kind"),
     [
-        (
-            {"plan": {"exposures_s": (0.002, 100.0)}},
-            CameraSettingError,
-            r"plan.exposures_s has 100 s, the camera takes \S+ to \d+ s: give an exposure within",
-        ),
-        ({"plan": {"pixel_format": "Mono11"}}, InputError, "pixel format 'Mono11' is not supported: choose one of"),
-        (
-            {"plan": {"frames_per_exposure": 10**9}},
-            SessionError,
-            r"needs 3000000006 frames of 0.392 MB, .* has room for \d+ .*: free the disk, or plan fewer frames",
-        ),
-        ({"camera": {"serial": "DEV-42"}}, CameraNotFoundError, "serial is 'SIM-503363706', .* says 'DEV-42'"),
+        ({"plan": {"exposures_s": (0.002, 100.0)}}, CameraSettingError),
+        ({"plan": {"pixel_format": "Mono11"}}, InputError),
+        # More frames than the disk has room for.
+        ({"plan": {"frames_per_exposure": 10**9}}, SessionError),
+        ({"camera": {"serial": "DEV-42"}}, CameraNotFoundError),
     ],
 )
-def test_impossible_plans_are_refused_before_anything_is_recorded(changed, on_bench, tables, kind, message):
+def test_impossible_plans_are_refused_before_anything_is_recorded(changed, on_bench, tables, kind):
     with on_bench(changed(**tables)) as on:
         before = len(on.session.records)
-        with pytest.raises(kind, match=message):
+        with pytest.raises(kind):
             on.acquire()
         assert len(on.session.records) == before
 
@@ -272,18 +226,11 @@ class Changed:
             yield replace(frame, dn=first.setdefault(frame.exposure_s, frame.dn))
 
 
-@pytest.mark.parametrize(
-    ("changes", "problem"),
-    [
-        ({"unit": "%", "correction": None}, "a ratio in %"),
-        ({"peak": True}, "a held peak"),
-        ({"correction": "colour"}, "a reading with the correction 'colour', not 'preset'"),
-    ],
-)
-def test_a_reading_in_another_mode_is_not_recorded(changed, on_bench, changes, problem):
+@pytest.mark.parametrize("changes", [{"unit": "%", "correction": None}, {"peak": True}, {"correction": "colour"}])
+def test_a_reading_in_another_mode_is_not_recorded(changed, on_bench, changes):
     with on_bench(changed(FAR)) as on:
         meter, on.meter = on.meter, Changed(on.meter, **changes)
-        with pytest.raises(MeterError, match=rf"the meter gave {problem} \(.*\): it is not recorded"):
+        with pytest.raises(MeterError, match="it is not recorded"):
             on.acquire()
         assert on.counts == (6, 0, 0)
         on.meter = meter
@@ -296,5 +243,4 @@ def test_frames_that_repeat_are_found(changed, on_bench):
         on.camera = Changed(on.camera)
         on.acquire(Hands(on.bench))
         (light,) = (check for check in on.events("check") if check["unit"] == "light frames")
-    (found,) = (finding for finding in light["findings"] if finding["check"] == "repeated frames")
-    assert "4 of 6 frames are bit for bit the same as an earlier one" in found["cause"]
+    assert "repeated frames" in [finding["check"] for finding in light["findings"]]

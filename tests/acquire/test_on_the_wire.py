@@ -51,13 +51,9 @@ def test_a_run_records_the_plan_with_the_black_level_in_dn_of_the_pixel_format(
         on.acquire(report=seen.append)
         assert on.counts == (6, 32, 6)
         assert remaining(on.session).complete
-        assert not on.bench.covered
-        ends = [("light frames", 6, 6), ("meter readings", 32, 32), ("dark frames", 6, 6)]
-        assert [(p.step, p.done, p.total) for p in seen if p.done == p.total] == ends
         dark, light = (max(on.session.load(r).dn.max() for r in on.session.frames(role)) for role in ("dark", "light"))
         assert 20 * dark < full_dn
         assert light >= 0.99 * full_dn
-        on.session.verify()
         assert on.camera.settings.black_level == 64
         # By the darkest patch of 3600 pixels; the 8-bit converter cuts what it cannot show.
         for numbers in [p.live for p in seen if p.live is not None and p.live.role == "dark"][-1].patches:
@@ -72,15 +68,17 @@ def test_a_camera_unplugged_in_the_middle_costs_nothing(changed, on_the_wire):
             if (progress.step, progress.done) == ("light frames", 3):
                 on.server.close()
 
-        with pytest.raises(CameraLostError, match=r"stopped answering .*check power and cable, then open it again"):
+        with pytest.raises(CameraLostError, match="stopped answering"):
             on.acquire(report=unplug)
         on.session.verify()
+        assert len(on.events("camera lost")) == 1
         # The fourth, of the same exposure, may have been on its way.
         assert on.counts in ((3, 0, 0), (4, 0, 0))
     with on_the_wire(changed()) as on:
         on.acquire()
         on.session.verify()
         assert on.counts == (6, 32, 6)
+        assert len(on.events("camera features")) == 2
 
 
 def test_settings_of_the_configuration_reach_the_camera_and_are_read_back(changed, on_the_wire):

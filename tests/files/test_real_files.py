@@ -62,18 +62,12 @@ def test_where_real_sensors_clip(name, saturation_dn):
 
 
 @pytest.mark.parametrize("name", names("pictures", "minisblack-10.tif", "-12.tif", "-14.tif", "-16.tif"))
-def test_packed_bits_agree_with_8_bits_of_the_same_flower(name):
-    picture, eight = read_picture(material(name)), read_picture(material("pictures/flower-minisblack-08.tif"))
-    if "rgb" in name:
-        eight = read_picture(material("pictures/flower-rgb-contig-16.tif"))
-    bits = int(name[-6:-4])
-    if "rgb" in name:
-        difference = np.abs(picture.frame.dn.astype(float) - eight.frame.dn)
-        assert difference.max() <= 65535 / (2**bits - 1) + 1
-    else:
-        assert picture.frame.bit_depth == bits
-        # The program that made them cut off bits.
-        assert np.abs(picture.frame.dn / (2**bits - 1) * 255 - eight.frame.dn).max() <= 1
+def test_packed_bits_agree_with_whole_bytes_of_the_same_flower(name):
+    same = "flower-rgb-contig-16.tif" if "rgb" in name else "flower-minisblack-08.tif"
+    one, other = (read_picture(material(path)).frame for path in (name, f"pictures/{same}"))
+    # The program that made them cut off bits.
+    step = max(1 / (2 ** int(name[-6:-4]) - 1), 1 / other.saturation_dn) * 1.01
+    assert np.abs(one.dn / one.saturation_dn - other.dn / other.saturation_dn).max() <= step
 
 
 # Carrots.exr has chromaticities of its own.
@@ -88,11 +82,6 @@ def test_luminance_of_openexr(name):
     with np.errstate(invalid="ignore"):
         expected = channels["Y"] if "Y" in channels else sum(weights[c] * channels[c] for c in "RGB")
     np.testing.assert_allclose(light, expected, rtol=1e-3, atol=1e-4)
-
-
-def test_a_scene_in_xyz_has_the_luminance_of_the_same_in_rgb():
-    xyz, rgb = (read_picture(material(f"pictures/{name}.exr")).light for name in ("XYZ", "Rec709"))
-    np.testing.assert_allclose(xyz, rgb, rtol=0.01, atol=0.002)
 
 
 @pytest.mark.parametrize("name", names("pictures", ".jpg"))

@@ -1,12 +1,9 @@
 """Videos as frames: every pixel, number and time against what was written."""
 
 import io
-import os
 
-import cv2
 import numpy as np
 import pytest
-from av import logging as av_logging
 from PIL import Image
 
 from labcdp.core.errors import InputError
@@ -15,7 +12,6 @@ from labcdp.files import PictureOptions, read_picture
 from labcdp.files.stored_image import luminance_dn
 from labcdp.files.video.open import left_out, open_video, video_paths
 from labcdp.files.video.selection import Chooser, Position, Selection
-from labcdp.report.text import finding_text
 
 from .video_files import N, bars, frames, moving, mux_jpegs, write
 
@@ -58,12 +54,10 @@ def test_lossless_grey_is_read_as_it_was_written_and_as_pictures_of_it_are(tmp_p
     np.testing.assert_array_equal([one.frame.dn for one in found], written)
     assert {one.frame.bit_depth for one in found} == {bits}
     assert (source.shape, source.frame_count, source.frame_rate) == ((48, 64), N, 25.0)
-    assert (source.encoding, codes(path)) == ("linear", ["video-encoding"])
-    (tmp_path / "folder").mkdir()
-    Image.fromarray(written[0]).save(tmp_path / "folder" / "a.png")
-    np.testing.assert_array_equal(read(tmp_path / "folder", bit_depth=bits)[0], written[0])
+    assert source.encoding == "linear"
+    Image.fromarray(written[0]).save(tmp_path / "a.png")
     conversion = picture_conversion(None, None, source.encoding)
-    picture = conversion.luminance(read_picture(tmp_path / "folder" / "a.png", PictureOptions(bit_depth=bits)))
+    picture = conversion.luminance(read_picture(tmp_path / "a.png", PictureOptions(bit_depth=bits)))
     np.testing.assert_array_equal(conversion.convert(found[0].frame).luminance_cd_m2, picture.luminance_cd_m2)
     np.testing.assert_allclose(picture.luminance_cd_m2, written[0] / 2.0**bits, atol=2.0**-bits)
 
@@ -129,7 +123,6 @@ def test_red_green_and_blue_keep_their_bits(tmp_path, codec, suffix, kind, bits)
 def test_the_transfer_is_the_one_that_is_stated(tmp_path, color_trc, encoding):
     path = write(tmp_path / "a.mp4", "libx264", "yuv420p", moving(3), color_trc=color_trc)
     assert open_video(path).encoding == encoding
-    assert {"video-encoding", "video-limited-range"} <= set(codes(path))
     assert ("video-transfer-unknown" in codes(path)) == (color_trc == 16)
     assert open_video(path, PictureOptions(encoding="linear")).encoding == "linear"
 
@@ -181,32 +174,26 @@ def test_times_are_those_of_the_container_and_frames_of_another_size_are_named(t
     for suffix in ("mkv", "mp4"):
         found = frames(mux_jpegs(tmp_path / f"vfr.{suffix}", [images[0]] * 6, times))
         assert [one.time_s for one in found] == pytest.approx([time / 1000 for time in times])
-    # PyAV does not know the kind of data that FFmpeg makes of EXIF.
-    exif = Image.Exif()
-    exif[271] = "Acme"
-    (found, _) = frames(mux_jpegs(tmp_path / "exif.mkv", [jpeg(bars(1)[0], exif=exif)] * 2, [0, 40]))
-    assert found.frame.shape == (120, 160)
     found = frames(mux_jpegs(tmp_path / "sizes.mkv", images, times))
-    faults = {one.number: finding_text(one.fault) for one in found if one.fault}
-    assert faults == dict.fromkeys((3, 4), "has 96 x 64 pixels, the video has 160 x 120")
+    assert [one.fault and one.fault.code for one in found] == [None] * 3 + ["frame-size-differs"] * 2 + [None]
 
 
 # What is refused
 
 
 @pytest.mark.parametrize(
-    ("name", "data", "text"),
+    ("name", "data"),
     [
-        ("empty.mp4", b"", r"empty\.mp4 is empty"),
-        ("list.m3u8", b"#EXTM3U\n#EXTINF:1,\n/etc/hostname\n#EXT-X-ENDLIST\n", r"list\.m3u8 is no video"),
-        ("list.txt", b"ffconcat version 1.0\nfile /etc/hostname\n", r"list\.txt is no video"),
+        ("empty.mp4", b""),
+        # Lists name other files.
+        ("list.m3u8", b"#EXTM3U\n#EXTINF:1,\n/etc/hostname\n#EXT-X-ENDLIST\n"),
+        ("list.txt", b"ffconcat version 1.0\nfile /etc/hostname\n"),
     ],
 )
-def test_what_is_not_a_video_is_refused_in_one_line(tmp_path, name, data, text):
+def test_what_is_not_a_video_is_refused(tmp_path, name, data):
     (tmp_path / name).write_bytes(data)
-    with pytest.raises(InputError, match=text) as error:
+    with pytest.raises(InputError, match=r"is empty|is no video"):
         open_video(tmp_path / name)
-    assert "\n" not in str(error.value)
 
 
 def test_interlaced_and_too_large_frames_are_refused(tmp_path):
@@ -215,12 +202,6 @@ def test_interlaced_and_too_large_frames_are_refused(tmp_path):
         open_video(path)
     with pytest.raises(InputError, match=r"frames of 320 x 240 pixels, more than 0\.01 megapixels"):
         open_video(path, PictureOptions(max_pixels=10_000))
-
-
-def test_a_video_leaves_other_libraries_as_they_are(tmp_path):
-    before = cv2.utils.logging.getLogLevel(), dict(os.environ), av_logging.get_level()
-    read(write(tmp_path / "a.mkv", "ffv1", "gray", bars(2)))
-    assert (cv2.utils.logging.getLogLevel(), dict(os.environ), av_logging.get_level()) == before
 
 
 # Which frames and files
@@ -237,35 +218,15 @@ def test_a_video_leaves_other_libraries_as_they_are(tmp_path):
     ],
 )
 def test_selections_in_frames_and_seconds(start, stop, every, numbers):
-    start, stop, every = (one and Position.parse(one, "--option") for one in (start, stop, every))
-    selection = Selection(start, stop, every)
+    selection = Selection(*(one and Position.parse(one, "--option") for one in (start, stop, every)))
     chooser = Chooser(selection)
     times = [(n, 0.04 * n) for n in range(12)]
-    found = [n for n, time in times if not selection.ended(n, time) and chooser.takes(n, time)]
-    assert found == numbers
-    assert selection.expected(12, 25.0) in (len(numbers), len(numbers) + 1)
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: Selection(every=Position(frames=0)), "every is 0"),
-        (lambda: Selection(Position(frames=5), Position(frames=5)), "stop 5 is not behind start 5"),
-        (lambda: Position.parse("2.5", "--start"), r"--start is '2\.5': give a number of frames, for example 250"),
-    ],
-)
-def test_positions_that_make_no_sense_are_refused(make, message):
-    with pytest.raises(InputError, match=message):
-        make()
+    assert [n for n, time in times if not selection.ended(n, time) and chooser.takes(n, time)] == numbers
 
 
 def test_video_files_of_a_folder(tmp_path):
-    images = tmp_path / "images"
-    images.mkdir()
-    for name in ("b.avi", "a.mp4", "readme.txt"):
+    (tmp_path / "images").mkdir()
+    for name in ("b.avi", "a.mp4", "readme.txt", "images/0.png"):
         (tmp_path / name).write_bytes(b"x")
     assert video_paths([tmp_path]) == [tmp_path / "a.mp4", tmp_path / "b.avi"]
-    assert video_paths([images, tmp_path / "b.avi"]) == [images, tmp_path / "b.avi"]
-    assert left_out(tmp_path) == []
-    Image.fromarray(np.zeros((4, 4), np.uint8)).save(images / "0.png")
-    assert left_out(tmp_path) == [images]
+    assert left_out(tmp_path) == [tmp_path / "images"]

@@ -52,23 +52,23 @@ def test_a_changed_byte_is_noticed(sound, data):
 @pytest.mark.parametrize(
     ("name", "change", "message"),
     [
-        *((name, None, "is missing: restore it from a copy of the session") for name in FILES),
-        (FRAME, lambda data: data[:100], "is truncated: 100 of {size} bytes are left; restore it from a copy"),
-        (FRAME, lambda data: data + b"\0", "was altered: it has {more} bytes, {size} were recorded; restore it"),
-        (FRAME, lambda data: data[:-1] + b"?", "was altered: its SHA-256 is not the recorded one; restore it"),
+        *((name, None, "is missing") for name in FILES),
+        (FRAME, lambda data: data[:100], "is truncated"),
+        (FRAME, lambda data: data + b"\0", "was altered"),
+        (FRAME, lambda data: data[:-1] + b"?", "was altered"),
     ],
 )
 def test_a_missing_or_damaged_file_is_named_and_its_frame_not_loaded_but_the_others_are(
-    sound, damaged, make_frame, name, change, message
+    damaged, make_frame, name, change, message
 ):
     session, file = Session.open(damaged), damaged / name
-    (data := file.read_bytes()) and file.unlink()
+    data = file.read_bytes()
+    file.unlink()
     if change:
         file.write_bytes(change(data))
-    expected = re.escape(f"{file} {message.format(size=len(data), more=len(data) + 1)}")
     first, second = session.frames()
     for read in (session.verify, *((lambda: session.load(first),) if name == FRAME else ())):
-        with pytest.raises(SessionError, match=expected):
+        with pytest.raises(SessionError, match=f"{re.escape(str(file))} {message}"):
             read()
     if name == FRAME:
         np.testing.assert_array_equal(session.load(second).dn, make_frame(2, shape=(3, 5)).dn)
@@ -106,11 +106,3 @@ def test_sessions_of_format_1_are_read_and_resumed(tmp_path, new_reading):
     (path / "journal.jsonl").write_bytes(b"".join([*lines[:2], lines[2].replace(b"e", b"f", 1), *lines[3:]]))
     with pytest.raises(SessionError, match="line 3 was altered"):
         Session.open(path)
-
-
-def test_a_newer_format_is_refused(tmp_path, configuration, monkeypatch):
-    monkeypatch.setattr("labcdp.session.folder.FORMAT", 3)
-    Session.create(tmp_path / "session", configuration).close()
-    monkeypatch.undo()
-    with pytest.raises(SessionError, match=r"session has format 3, this labcdp knows up to 2: update labcdp"):
-        Session.open(tmp_path / "session")

@@ -68,14 +68,7 @@ def test_no_space_for_a_frame_or_for_a_line_of_the_journal(path, make_frame):
     assert names == ["0001_light_5ms.tif", "0002_light_5ms.tif", "0003_light_5ms.tif"]
 
 
-def test_a_folder_without_the_right_to_read(path):
-    path.chmod(0o000)
-    for writable in (False, True):
-        with refused(f"{path} cannot be read {DENIED} read"):
-            Session.open(path, writable=writable)
-
-
-def test_a_folder_without_the_right_to_write_or_that_loses_it_on_the_way(path, configuration, make_frame):
+def test_a_folder_without_the_right_to_read_or_to_write_or_that_loses_it_on_the_way(path, configuration, make_frame):
     with Session.open(path, writable=True) as session:
         for name in ("frames", "journal.jsonl", ""):
             (path / name).chmod(0o555)
@@ -86,3 +79,6 @@ def test_a_folder_without_the_right_to_write_or_that_loses_it_on_the_way(path, c
     with refused(f"{path}/inside cannot be written {DENIED} written"):
         Session.create(path / "inside", configuration)
     Session.open(path).verify()
+    path.chmod(0o000)
+    with refused(f"{path} cannot be read {DENIED} read"):
+        Session.open(path)

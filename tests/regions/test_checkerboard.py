@@ -7,7 +7,7 @@ from labcdp.chain import Checkerboard
 from labcdp.core.errors import InputError
 from labcdp.regions import detect_checkerboard, rois_of
 
-from .scenes import SHAPE, board, on_target, picture, seen_from
+from .scenes import board, on_target, picture, seen_from
 
 
 def square_of(shape, matrix):
@@ -15,41 +15,6 @@ def square_of(shape, matrix):
     u, v = np.floor(on_target(matrix, *np.array(shape.corners).T)).astype(int)
     assert (np.ptp(u), np.ptp(v)) == (0, 0)
     return int(v[0]), int(u[0])
-
-
-def is_whole(row, column, matrix):
-    """Whether the picture shows all corners of a square."""
-    u, v = np.array([column, column + 1, column + 1, column]), np.array([row, row, row + 1, row + 1])
-    x, y, w = matrix @ np.stack([u, v, np.ones(4)])
-    return ((x / w >= 0) & (x / w <= SHAPE[1]) & (y / w >= 0) & (y / w <= SHAPE[0])).all()
-
-
-VIEWS = {
-    "upright, noisy": ((6, 8, 28), {}, {"noise": 25.0}),
-    "turned, uneven": ((6, 8, 28), {"turn_deg": 33}, {"uneven": 0.8}),
-    "around it as dark as a square": ((5, 7, 32, 50.0), {"turn_deg": 8}, {}),
-    "around it as light as a square": ((5, 7, 32, 200.0), {"turn_deg": 8}, {}),
-    "cropped": ((9, 12, 40), {"turn_deg": 12, "shift": (60, -40)}, {}),
-}
-#: In light that falls to a fifth, a square at the dark end may be left out; of a cropped board, a row or column of
-#: which but one or two squares are whole may be taken for surroundings.
-MISSED = {"turned, uneven": 1, "cropped": 3}
-
-
-@pytest.mark.parametrize("view", VIEWS)
-def test_all_squares_are_found_and_named_by_place_and_tone(view):
-    (rows, columns, side_px, *around), how, light = VIEWS[view]
-    rng = np.random.default_rng(1)
-    matrix = seen_from(rng, rows, columns, side_px, **how)
-    shapes = detect_checkerboard(picture(matrix, board(rows, columns, *around), rng, **light))
-    squares = {shape.name: square_of(shape, matrix) for shape in shapes}
-    first_row, first_column = (min(place[axis] for place in squares.values()) for axis in (0, 1))
-    for name, (row, column) in squares.items():
-        tone = "light" if (row + column) % 2 == 0 else "dark"
-        assert name == f"r{row - first_row + 1}c{column - first_column + 1}-{tone}"
-    assert set(squares.values()) <= set(np.ndindex(rows, columns))
-    whole = {place for place in np.ndindex(rows, columns) if is_whole(*place, matrix)}
-    assert len(whole - set(squares.values())) <= MISSED.get(view, 0)
 
 
 def random_board(seed):
@@ -69,12 +34,16 @@ def random_board(seed):
 
 # Of 240 such boards 222 are found, the others have contrasts below 21 % in light that changes more, or squares of 10
 # pixels. In 34 and 178 OpenCV puts a corner 14 and 3.5 pixels from its place.
-@pytest.mark.parametrize("seed", [2, 17, 34, 178])
-def test_no_square_of_a_random_board_is_another_one(seed):
+@pytest.mark.parametrize("seed", [1, 2, 3, 4, 17, 34, 178])
+def test_squares_of_a_random_board_are_found_and_named_by_place_and_tone(seed):
     image, matrix, rows, columns = random_board(seed)
-    shapes = detect_checkerboard(image)
-    assert {square_of(shape, matrix) for shape in shapes} <= set(np.ndindex(rows, columns))
-    assert len(shapes) >= 0.75 * rows * columns
+    squares = {shape.name: square_of(shape, matrix) for shape in detect_checkerboard(image)}
+    assert set(squares.values()) <= set(np.ndindex(rows, columns))
+    assert len(squares) >= 0.75 * rows * columns
+    first_row, first_column = (min(place[axis] for place in squares.values()) for axis in (0, 1))
+    for name, (row, column) in squares.items():
+        tone = "light" if (row + column) % 2 == 0 else "dark"
+        assert name == f"r{row - first_row + 1}c{column - first_column + 1}-{tone}"
 
 
 def test_corners_are_where_they_are():

@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter, label
 
 from labcdp.regions import require_simple
 from labcdp.regions.proposals import propose_regions
-from labcdp.regions.superpixels import inner, neighbours, superpixel_labels
+from labcdp.regions.superpixels import neighbours, superpixel_labels
 
 
 def astray(labels, inside):
@@ -70,18 +70,6 @@ def test_neighbours_are_those_of_a_walk_over_all_pixels(seed, n):
         distances = np.linalg.norm(own - own.mean(axis=0), axis=1)
         assert tuple(middle) in places[pair]
         assert np.linalg.norm(middle - own.mean(axis=0)) == pytest.approx(distances.min(), abs=1e-6)
-
-
-@pytest.mark.parametrize(("contrast", "crossed"), [(10, 1.5), (100, 2.5)])
-def test_a_strong_edge_that_the_lens_has_blurred_makes_no_strips(contrast, crossed):
-    inside = np.zeros((300, 400), dtype=bool)
-    inside[80:220, 120:280] = True
-    image = gaussian_filter(np.where(inside, 1.0 + contrast, 1.0), 1.2)
-    labels = superpixel_labels(image + 0.02 * np.random.default_rng(0).normal(size=image.shape), 36)
-    deep = np.bincount(labels[inner(labels, 3)], minlength=labels.max() + 1) / np.bincount(labels.ravel())
-    assert deep.min() > 0.2
-    # The outline is 600 pixels long; half the logarithm is reached outside of it.
-    assert astray(labels, inside) / 600 < crossed
 
 
 def proposed(image, size):

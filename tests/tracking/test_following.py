@@ -12,7 +12,6 @@ from tracking_disturbances import frames_of as disturbed
 
 from labcdp.metrics import cdp
 from labcdp.tracking import make_tracker
-from labcdp.tracking.following import Companions
 from tests.files.video_files import frames as decoded
 
 from .simulated import Cover, Moment, SimulatedVideo, pose, shift
@@ -143,12 +142,3 @@ def test_regions_are_followed_in_a_coded_video(kind, suffix, speed, tmp_path):
     video = [one.grey for one in decoded(name)]
     for found, frame in zip(follow(video, truth[0].rois), truth[1:], strict=True):
         assert near(found, frame.rois, 0.5)
-
-
-def test_a_region_that_jumps_against_its_companion_is_named():
-    companions, still = Companions(), {0: (0.0, 0.0), 1: (0.0, 0.0)}
-    for _ in range(3):
-        assert companions.jumped({0: (3.0, 1.0), 1: (3.2, 1.0)}, still) == set()
-    # Both jump alike, then only the second one.
-    assert companions.jumped({0: (40.0, 0.0), 1: (40.5, 0.0)}, still) == set()
-    assert companions.jumped({0: (3.0, 1.0), 1: (25.0, 1.0)}, still) == {1}

@@ -59,17 +59,6 @@ def test_each_region_may_have_a_method_of_its_own(video):
             methods_of(method, "ab")
 
 
-def test_frames_of_another_size_or_type_are_refused():
-    grey = scene()
-    tracker = make_tracker("follow", grey, [Roi.rectangle("sign", 40, 40, 30, 30)])
-    for frame, message in (
-        (grey[:, :80], r"a frame has 80 x 120 pixels, the first one had 160 x 120: start again"),
-        (grey.astype(np.uint16), r"type uint16: give a grey image of two dimensions and type uint8"),
-    ):
-        with pytest.raises(InputError, match=message):
-            tracker.update(frame)
-
-
 def test_a_region_without_structure_around_it_is_refused():
     constant = np.full((120, 160), 90, np.uint8)
     only_a_line = constant + np.where(np.arange(160) < 80, 0, 60).astype(np.uint8)

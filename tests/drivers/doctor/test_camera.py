@@ -61,7 +61,12 @@ def test_a_camera_of_another_network_and_frames_that_are_lost():
 
 #: Settings of another program that opening changes.
 LEFT = {"ExposureAuto": "Continuous", "ReverseX": True, "TriggerMode": "On", "BinningHorizontal": 2, "Width": 20}
-LEFT |= {"TriggerSelector": "AcquisitionStart", "OffsetX": 4, "PixelFormat": "Mono8", "StreamBytesPerSecond": 50_000_000}
+LEFT |= {
+    "TriggerSelector": "AcquisitionStart",
+    "OffsetX": 4,
+    "PixelFormat": "Mono8",
+    "StreamBytesPerSecond": 50_000_000,
+}
 
 
 @pytest.mark.parametrize("stream", [False, True])

@@ -131,6 +131,13 @@ def read_register(address: str, register: int, timeout_s: float = 0.25, tries: i
     return ask(address, READ_REGISTER, struct.pack(">I", register), timeout_s, tries)
 
 
+def is_controlled(address: str, tries: int = PATIENT_TRIES) -> bool | None:
+    """Whether a program controls the camera; None if it does not answer. Parameters as `read_register`."""
+    answer = read_register(address, CONTROL_CHANNEL_PRIVILEGE, tries=tries)
+    # Under exclusive access it refuses to tell.
+    return None if answer is None else bool(answer.register) or answer.status != 0
+
+
 def announce(address: str, timeout_s: float = 0.25, tries: int = 3) -> CameraInfo | None:
     """Query one address for a camera; None if none answers. Parameters as `read_register`."""
     answer = ask(address, _DISCOVERY, b"", timeout_s, tries)

@@ -208,14 +208,13 @@ def connect(info: CameraInfo, *, prepare: bool = True) -> Link:
 
 def _require_free(info: CameraInfo) -> None:
     """Refuse a camera that is absent or controlled before Aravis tries for seconds to take control of it."""
-    answer = gvcp.read_register(info.address, gvcp.CONTROL_CHANNEL_PRIVILEGE)
-    if answer is None:
+    controlled = gvcp.is_controlled(info.address)
+    if controlled is None:
         raise CameraNotFoundError(
             f"camera {info.serial} does not answer at {info.address}: check power and cable, and that this computer "
-            "has an address of its network"
+            "has an address of its network (labcdp doctor names the command)"
         )
-    # Under exclusive access it refuses to tell.
-    if answer.register or answer.status != 0:
+    if controlled:
         raise _busy(info)
 
 

@@ -17,7 +17,7 @@ from .frames import BufferPool, FrameCheck, arrival, pool_size, refusal
 from .library import aravis, received_bytes
 from .link import Link
 from .settings import layout_of, temperature_c
-from .transport import find_neighbours, set_up_transport
+from .transport import ask_neighbours, find_neighbours, set_up_transport
 
 _log = logging.getLogger(__name__)
 
@@ -106,9 +106,11 @@ class FrameStream:
         self._packet_bytes = None
         if is_gige:
             link, chosen = self._link, self._chosen
-            # Those that were plugged in since.
-            link.neighbours |= find_neighbours(link.info.address, _LOOK_S)
-            set_up_transport(camera, link.info.address, settings.frame_rate_hz, chosen, link.neighbours)
+            # With those that were plugged in since.
+            neighbours = ask_neighbours(link.neighbours | find_neighbours(link.info.address, _LOOK_S))
+            link.neighbours = frozenset(neighbours)
+            n_sharing = 1 + sum(neighbours.values())
+            set_up_transport(camera, link.info.address, settings.frame_rate_hz, chosen, n_sharing)
             self._packet_bytes = camera.gv_get_packet_size()
         self._payload_bytes = camera.get_payload()
         self._check.require_payload(self._payload_bytes)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from collections.abc import Collection
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +22,9 @@ _ETHERNET_BYTES = 38
 #: Share of a link reserved for other traffic than the stream. With packets of 1500 bytes on a gigabit link the stream
 #: then gets 116 MB/s, about what an Allied Vision Manta has after switching on (115 MB/s).
 _RESERVED = 0.05
+
+#: Tries of 0.25 s to ask another camera whether it is in use.
+_TRIES = 4
 
 #: Where the bandwidth of a camera cannot be set, packet delays stretch a frame over this share of its period.
 _STRETCH = 0.5
@@ -101,7 +104,7 @@ def plan_transport(
 
 
 def set_up_transport(
-    camera: Any, address: str, frame_rate_hz: float | None, chosen: frozenset[str], neighbours: Collection[str]
+    camera: Any, address: str, frame_rate_hz: float | None, chosen: frozenset[str], n_sharing: int
 ) -> None:
     """Set a GigE Vision camera's transport as planned; raises errors of Aravis.
 
@@ -115,13 +118,12 @@ def set_up_transport(
         Its frame rate, if known.
     chosen : frozenset of str
         Features set by the user, which are not changed.
-    neighbours : collection of str
-        Addresses of the other cameras behind the same interface; the link is shared with those that are in use.
+    n_sharing : int
+        As for `plan_transport`.
     """
     interface = interface_to(address, interfaces())
     bandwidth = available(camera, "StreamBytesPerSecond", "DeviceLinkThroughputLimit")
     bounds = None if bandwidth is None else tuple(camera.get_integer_bounds(bandwidth))
-    n_sharing = 1 + sum(map(_is_controlled, neighbours))
     packet_bytes, payload_bytes = camera.gv_get_packet_size(), camera.get_payload()
     plan = plan_transport(packet_bytes, payload_bytes, frame_rate_hz, interface, bounds, n_sharing)
     if plan.packet_size_bytes is not None and "GevSCPSPacketSize" not in chosen:
@@ -148,9 +150,11 @@ def find_neighbours(address: str, timeout_s: float) -> frozenset[str]:
     return frozenset()
 
 
-def _is_controlled(address: str) -> bool:
-    answer = gvcp.read_register(address, gvcp.CONTROL_CHANNEL_PRIVILEGE, tries=1)
-    return answer is not None and bool(answer.register)
+def ask_neighbours(addresses: Iterable[str]) -> dict[str, bool]:
+    """Return which cameras are controlled by a program; one that does not answer any more is left out."""
+    # One that streams, or a busy computer, may answer late.
+    asked = {address: gvcp.is_controlled(address, _TRIES) for address in addresses}
+    return {address: controlled for address, controlled in asked.items() if controlled is not None}
 
 
 def find_packet_size(camera: Any, address: str) -> None:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 
+from ..aravis import gvcp
 from ..aravis.camera import AravisCamera
 from ..aravis.connection import restore_snapshot, take_snapshot
 from ..aravis.features import available, read_feature, readable_features, writable, write_feature
@@ -94,7 +95,7 @@ def check_camera(info: CameraInfo, known: Sequence[Interface], *, stream: bool =
         nothing is written to the camera.
     """
     address = info.address if info.protocol == "GigEVision" else ""
-    interface = interface_to(address, known)
+    interface = _way_to(info, known) if address else None
     try:
         with closing(connect(info, prepare=False)) as link:
             with link.using("it cannot be read") as camera:
@@ -111,6 +112,18 @@ def check_camera(info: CameraInfo, known: Sequence[Interface], *, stream: bool =
         topic = "controller" if isinstance(error, CameraBusyError) else "camera"
         return [Finding.of_error(topic, error), *_network(address, interface)]
     return camera_findings(replace(facts, address=address, interface=interface))
+
+
+def _way_to(info: CameraInfo, known: Sequence[Interface]) -> Interface | None:
+    """Return the interface that leads to a camera; if it is in no network of this computer, that where it answers."""
+    route = interface_to(info.address, known)
+    if route is not None and network_finding(info.address, route) is None:
+        return route
+    for one in known:
+        with suppress(OSError):
+            if not one.is_loopback and any(seen.serial == info.serial for seen in gvcp.announce_all(one.name)):
+                return one
+    return route
 
 
 def _trigger_modes(link: Link) -> dict[str, FeatureValue]:

@@ -1,6 +1,7 @@
 import socket
 import struct
 import threading
+import time
 from contextlib import contextmanager
 
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from labcdp.core.errors import InputError
 from labcdp.drivers.aravis import gvcp
 from labcdp.drivers.aravis.gvcp import set_address
+from labcdp.drivers.aravis.transport import ask_neighbours
 from labcdp.drivers.camera import CameraNotFoundError
 
 
@@ -43,6 +45,20 @@ def test_a_request_is_as_the_standard_has_it_and_repeated_if_it_is_lost():
 def test_what_does_not_answer_the_request_is_ignored(message):
     with answering(lambda request: bytes.fromhex(message)):
         assert gvcp.read_register("127.0.0.1", 0x0A00, timeout_s=0.05, tries=2) is None
+
+
+@pytest.mark.parametrize(
+    ("answer", "late_s", "controlled"),
+    # In use by a program, free, and in exclusive use, which lets no other program read registers.
+    [
+        ("0000 0081 0004 0001 00000002", 0.3, True),
+        ("0000 0081 0004 0001 00000000", 0.0, False),
+        ("8006 0081 0000 0001", 0.0, True),
+    ],
+)
+def test_a_camera_in_use_is_noticed_also_if_it_answers_late(answer, late_s, controlled):
+    with answering(lambda request: time.sleep(late_s) or bytes.fromhex(answer)):
+        assert ask_neighbours(["127.0.0.1", "127.0.0.2"]) == {"127.0.0.1": controlled}
 
 
 @pytest.fixture

@@ -4,14 +4,13 @@ from dataclasses import astuple, replace
 import numpy as np
 import pytest
 
-from labcdp.core.errors import CalibrationError, InputError, SessionError
+from labcdp.core.errors import CalibrationError, InputError
 from labcdp.evaluate.bench.calibrate import calibrate_session
 from labcdp.evaluate.bench.observe import observe_session
 from labcdp.evaluate.bench.session import evaluate_session
 from labcdp.evaluate.bench.session_result import session_result
 from labcdp.evaluate.bench.verification import verify_session
 from labcdp.session import ContrastConfiguration, Session
-from labcdp.session.tables import SpectraConfiguration
 
 from .synthetic import again
 
@@ -79,7 +78,6 @@ def test_patches_shown_one_by_one_give_what_they_give_in_one_image(recorded, eva
     with Session.open(again(tmp_path / "s", recorded, alone, target=target)) as session:
         observed = observe_session(session)
         result = evaluate_session(session, observed, calibrate_session(observed))
-        assert {*observe_session(session, ["P01"]).patches} == {*observed.patches} - {"P01"}
         by_number = {record.number: record for record in session.frames("light")}
     assert [astuple(row) for row in result.patches] == [astuple(row) for row in evaluation.patches]
     for row, expected in zip(result.contrasts, evaluation.contrasts, strict=True):
@@ -97,19 +95,10 @@ def other(observed, **changes):
     return replace(observed, configuration=observed.configuration.model_copy(update=changes))
 
 
-def test_another_light_is_warned_about(recorded, observed, evaluation):
-    """Also one that was measured, of the same name."""
-    source, curve = observed.configuration.source, {"file": "a", "sha256": "0", "wavelength_nm": (380.0, 780.0)}
-    lamp = SpectraConfiguration(**curve, columns={"lamp": (1.0, 2.0)})
-    for changes in ({"spectrum": "A"}, {"spectrum_file": lamp}):
-        other_light = other(observed, source=source.model_copy(update=changes))
-        found = evaluate_session(recorded, other_light, evaluation.calibration).findings[0]
-        assert (found.code, found.severity) == ("light-differs", "warning")
-
-
-def test_another_lens_or_black_level_pairs_turned_round_and_missing_frames_are_refused(
-    recorded, observed, evaluation, tmp_path
-):
+def test_another_light_lens_or_black_level_is_not_evaluated_without_a_word(recorded, observed, evaluation, tmp_path):
+    another_light = other(observed, source=observed.configuration.source.model_copy(update={"spectrum": "A"}))
+    found = evaluate_session(recorded, another_light, evaluation.calibration).findings[0]
+    assert (found.code, found.severity) == ("light-differs", "warning")
     lens = observed.configuration.lens.model_copy(update={"f_number": 4.0})
     with pytest.raises(CalibrationError, match=r"for the lens .*f/2\.6\), the frame was taken with .*f/4\)"):
         evaluate_session(recorded, other(observed, lens=lens), evaluation.calibration)
@@ -119,10 +108,6 @@ def test_another_lens_or_black_level_pairs_turned_round_and_missing_frames_are_r
     pair = ContrastConfiguration(bright="lower right", dark="upper left", contrast=10.0)
     with pytest.raises(InputError, match="patch 'lower right' is darker than 'upper left'"):
         evaluate_session(recorded, observed, evaluation.calibration, [pair])
-    shutil.copytree(recorded.path, tmp_path / "copy")
-    min((tmp_path / "copy" / "frames").iterdir()).unlink()
-    with Session.open(tmp_path / "copy") as session, pytest.raises(SessionError, match=r"0001_light_2ms\.tif"):
-        observe_session(session)
 
 
 def test_a_saturated_patch_is_named_and_can_be_left_out(recorded, observed):
@@ -131,8 +116,5 @@ def test_a_saturated_patch_is_named_and_can_be_left_out(recorded, observed):
     plane = replace(plane, patches={**plane.patches, "upper left": full})
     with pytest.raises(CalibrationError, match=r"'upper left' cannot be used at any .*saturated.*leave it out$"):
         calibrate_session(replace(observed, planes={None: plane}))
-    observed = observe_session(recorded, ["upper left"])
-    calibration = calibrate_session(observed)
-    assert "upper left" not in {row.patch for row in calibration.residuals}
-    with pytest.raises(InputError, match=r"no patch 'upper left' for the contrast.*may have been left out"):
-        evaluate_session(recorded, observed, calibration)
+    without = calibrate_session(observe_session(recorded, ["upper left"]))
+    assert "upper left" not in {row.patch for row in without.residuals}

@@ -92,9 +92,6 @@ def test_the_curve_is_that_of_the_camera(curve, calibration):
     assert (np.abs(ratio - 1) < 3 * np.sqrt((errors**2).sum(axis=0)) + 0.01).all()
     assert calibration.response.kind == "table"
     assert calibration.noise.tone == calibration.response
-    # It comes first on the ladder, with a reason.
-    first = calibration.ladder[0]
-    assert (first.kind, first.n_parameters, first.chosen, first.reason.code) == ("table", 1, True, "model-bracket")
 
 
 def test_patches_and_pixels_of_another_scene_are_right_with_their_noise(session, observed, calibration):
@@ -127,11 +124,8 @@ def test_the_flat_field_is_linearised_by_the_curve(uniform, calibration):
     assert by_bracket == pytest.approx(truth, abs=0.01)
 
 
-def test_a_curve_of_another_camera_or_too_few_exposures_are_refused(curve, observed, tmp_path):
+def test_a_curve_that_contradicts_the_patches_is_refused(curve, observed):
     n = np.array(curve.response.net_dn[1:])
     other = Response("table", (0.0, *n.tolist()), (0.0, *(n[0] * (n / n[0]) ** 1.02).tolist()))
     with pytest.raises(CalibrationError, match="the response of the bracket contradicts the patches: check"):
         calibrate_session(observed, response=replace(curve, response=other, residual_rel=1e-4))
-    refused = pytest.raises(CalibrationError, match=r"\(2 ms, 4 ms\): the response by a bracket needs 3 or more")
-    with Session.open(bench_of(tmp_path / "session", exposures_s=(0.002, 0.004), n=2)) as session, refused:
-        response_of_session(session, observed)

@@ -1,7 +1,6 @@
 """The same pixels have the same numbers and uncertainties as a picture, as a video and in a session."""
 
 import shutil
-from math import hypot, sqrt
 
 import cv2
 import numpy as np
@@ -89,22 +88,3 @@ def test_a_session_a_picture_and_a_video_with_one_calibration_agree(recorded, ev
         folder.mkdir()
         shutil.copy(file, folder / "frame.tif")
         assert_same_as_video(picture_of(file, rois, calibration=calibration), folder, rois, calibration=calibration)
-
-
-def test_versions_of_more_bits_differ_by_their_quantisation(tmp_path):
-    """Noise of 6 DN of 8 bits dithers the rounding, which adds 1/12 DN² to the variance, and nothing to the mean."""
-    noise = np.random.default_rng(4).normal(size=(80, 120))
-    light, pairs = np.where(np.arange(120) < 50, 150.2, 60.7) + 6 * noise, {}
-    for bits in (8, 12, 16):
-        pixels = np.rint(light * 2 ** (bits - 8)).astype(np.uint8 if bits == 8 else np.uint16)
-        np.save(path := tmp_path / f"{bits}.npy", pixels)
-        pairs[2.0 ** (8 - bits)] = picture_of(path, (BRIGHT, DARK), encoding="linear")
-    _, finest = pairs.popitem()
-    for step, pair in pairs.items():
-        # A rounded mean scatters by sqrt(1/12 / n) of a step; a CDP is that of values shifted by up to half a step.
-        scatter = step * sqrt(1 / 12 / 720) * hypot(1, 150.2 / 60.7) / 60.7
-        assert pair.contrast.value == pytest.approx(finest.contrast.value, abs=4 * scatter)
-        assert pair.a.snr.value == pytest.approx(finest.a.snr.value, rel=0.02 * step + 1e-4)
-        for one, fine in zip(pair.results, finest.results, strict=True):
-            assert one.result.cdp == pytest.approx(fine.result.cdp, abs=0.05 * step)
-            assert one.standard_uncertainty == pytest.approx(fine.standard_uncertainty, rel=0.1 * step, abs=1e-4)

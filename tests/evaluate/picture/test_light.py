@@ -1,4 +1,4 @@
-"""Pictures to luminance: by a calibration, by guessed parameters against the simulated chain, and relative."""
+"""Pictures to luminance: by a calibration, by guessed parameters against the simulated chain, and RELATIVE."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from PIL import Image
 from labcdp.chain import Optics, Sensor, Windscreen
 from labcdp.core.errors import CalibrationError, InputError
 from labcdp.core.luminance import CommonError, Invalid, LuminanceMap
-from labcdp.core.result import info, warning
+from labcdp.core.result import warning
 from labcdp.evaluate.bench.calibrate import calibrate_session
 from labcdp.evaluate.picture.camera_specification import CameraSpecification
 from labcdp.evaluate.picture.conversion import picture_conversion
@@ -26,6 +26,7 @@ from labcdp.files.luminance_file import save_luminance
 
 from ..sweep.chains import small
 
+RELATIVE = picture_conversion(None, None, None)
 NOW = datetime(2026, 1, 1, tzinfo=UTC)
 #: A windscreen, a lens with fall-off and a warm sensor.
 CHAIN = {
@@ -63,11 +64,6 @@ def specified(tmp_path):
         return picture_conversion(None, path, encoding)
 
     return make
-
-
-@pytest.fixture
-def relative():
-    return picture_conversion(None, None, None)
 
 
 def written(path, dn):
@@ -150,8 +146,6 @@ def test_what_a_file_says_counts_more_than_the_specification(tmp_path, specified
     stated, silent = (conversion.luminance(picture).luminance_cd_m2[0, 0] for picture in pictures)
     # Twice the exposure, f/4 for f/2, and the same gain: ISO 200 is 6 dB.
     assert stated / silent == pytest.approx(4 / 2, rel=0.003)
-    assert warning("f-number-differs", stated=4.0, specified=2.0) in conversion.findings(pictures[0])
-    assert info("exposure-assumed", exposure_s=0.004) in conversion.findings(pictures[1])
 
 
 @pytest.mark.parametrize("colours", [False, True])
@@ -167,59 +161,54 @@ def test_srgb_is_undone(tmp_path, truth, specified, colours):
     assert conversion.luminance(picture).luminance_cd_m2.mean() == pytest.approx(scene.mean(), rel=3e-3)
     assert warning("srgb-assumed") in conversion.findings(picture)
     frame = frame_of_pixels(np.full((2, 2), 128, np.uint8), PictureOptions(), NOW)
-    linear, srgb = (picture_conversion(None, None, one).convert(frame).luminance_cd_m2 for one in ("linear", "srgb"))
-    assert linear[0, 0] == 128 / 256
-    assert srgb[0, 0] == pytest.approx(((128 / 255 + 0.055) / 1.055) ** 2.4, rel=1e-6)
+    seen = picture_conversion(None, None, "srgb").convert(frame).luminance_cd_m2
+    assert seen[0, 0] == pytest.approx(((128 / 255 + 0.055) / 1.055) ** 2.4, rel=1e-6)
 
 
 # Relative
 
 
-def test_contrasts_hold_without_any_parameter(tmp_path, relative):
+def test_contrasts_hold_without_any_parameter(tmp_path):
     dn = np.array([[1000, 2000, 500]], dtype=np.uint16)
     picture = read_picture(written(tmp_path / "a.png", dn), PictureOptions(bit_depth=12))
-    seen = relative.luminance(picture)
+    seen = RELATIVE.luminance(picture)
     assert (seen.luminance_cd_m2 == dn / 4096).all()
     np.testing.assert_allclose(seen.random_rel, 1 / np.sqrt(12) / dn, rtol=1e-5)
-    assert relative.unit_of(picture) == "relative"
-    assert seen.common == ()
-    assert relative.findings(picture) == (info("relative-luminance"),)
+    assert (RELATIVE.unit_of(picture), seen.common) == ("relative", ())
 
 
-def test_green_pixels_stand_for_a_bayer_pattern(tmp_path, relative):
+def test_green_pixels_stand_for_a_bayer_pattern(tmp_path):
     tifffile.imwrite(tmp_path / "a.tif", np.arange(30, dtype=np.uint16).reshape(5, 6), photometric="minisblack")
     for pattern, green in {"RG": (1, 6), "BG": (1, 6), "GR": (0, 7), "GB": (0, 7)}.items():
         picture = read_picture(tmp_path / "a.tif", PictureOptions(pixel_format=f"Bayer{pattern}12"))
-        seen = relative.luminance(picture)
-        assert seen.step == 2
-        assert seen.shape == (2, 3)
+        seen = RELATIVE.luminance(picture)
+        assert (seen.step, seen.shape) == (2, (2, 3))
         assert seen.luminance_cd_m2[0, 0] == sum(green) / 2 / 4096
         assert seen.luminance_cd_m2[1, 2] == (sum(green) / 2 + 16) / 4096
         # Two pixels have less noise than one.
         assert seen.random_rel[1, 2] * seen.luminance_cd_m2[1, 2] * 4096 == pytest.approx(np.sqrt(1 / 24), rel=1e-4)
-        assert info("green-pixels-only") in relative.findings(picture)
 
 
 # Floats
 
 
-def test_floats_are_relative_unless_the_file_says_more(tmp_path, relative, specified):
+def test_floats_are_relative_unless_the_file_says_more(tmp_path, specified):
     values = np.array([[1.0, 2.5, np.nan, np.inf]], dtype=np.float32)
     np.save(tmp_path / "a.npy", values)
     picture = read_picture(tmp_path / "a.npy")
-    seen = relative.luminance(picture)
+    seen = RELATIVE.luminance(picture)
     np.testing.assert_array_equal(seen.luminance_cd_m2, values)
     assert seen.invalid.tolist() == [[0, 0, Invalid.DEFECT, Invalid.DEFECT]]
     with pytest.raises(InputError, match=r"a\.npy holds floats, and does not say that they are cd/m²"):
         specified().luminance(picture)
 
 
-def test_luminance_that_was_saved_needs_no_conversion(tmp_path, relative, specified):
+def test_luminance_that_was_saved_needs_no_conversion(tmp_path, specified):
     values = np.full((4, 5), 7.0, np.float32)
     saved = LuminanceMap(values, values / 100, (CommonError("fit", 0.02),), np.ones((4, 5), np.uint8))
     save_luminance(saved, tmp_path / "a.npz", {})
     picture = read_picture(tmp_path / "a.npz")
-    for conversion, codes in ((relative, ["luminance-file"]), (specified(), ["luminance-file", "conversion-ignored"])):
+    for conversion, codes in ((RELATIVE, ["luminance-file"]), (specified(), ["luminance-file", "conversion-ignored"])):
         seen = conversion.luminance(picture)
         assert np.array_equal(seen.luminance_cd_m2, values)
         assert (seen.common[0].relative, seen.invalid.all()) == (0.02, True)
@@ -247,8 +236,7 @@ def test_a_calibrated_camera_measures_in_any_grey_file_as_in_its_frames(tmp_path
         seen = calibrated.luminance(picture)
         np.testing.assert_array_equal(seen.luminance_cd_m2, expected.luminance_cd_m2)
         np.testing.assert_array_equal(seen.invalid, expected.invalid)
-        codes = [(one.code, one.severity) for one in calibrated.findings(picture)]
-        assert codes == [("camera-assumed", "warning"), ("exposure-assumed", "info")]
+        assert {one.code for one in calibrated.findings(picture)} == {"camera-assumed", "exposure-assumed"}
 
 
 def test_pictures_the_calibration_is_not_for_are_refused(tmp_path, recorded, calibrated):

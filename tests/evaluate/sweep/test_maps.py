@@ -1,7 +1,5 @@
 """Maps of CDP: isolines, usable ranges and dips against closed forms and brute force."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -10,7 +8,6 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 
 from labcdp.core.errors import InputError
-from labcdp.evaluate.sweep.maps.axes import map_axis, map_layout
 from labcdp.evaluate.sweep.maps.dips import find_dips
 from labcdp.evaluate.sweep.maps.map import analyse_map
 from labcdp.evaluate.sweep.maps.ranges import isolines, usable_ranges, widest_range
@@ -36,12 +33,6 @@ def plane() -> xr.Dataset:
     return dataset
 
 
-def test_the_luminance_is_across_and_an_axis_of_one_value_is_none() -> None:
-    dataset = plane().expand_dims({"exposure.method": ["short", "long"], "optics.f_number": [2.0]})
-    layout = map_layout(dataset)
-    assert (layout.x.name, layout.y and layout.y.name, layout.others) == (LUMINANCE, CONTRAST, ("exposure.method",))
-
-
 def test_isolines_of_a_plane_are_its_straight_lines() -> None:
     lines = isolines(plane(), LUMINANCE, CONTRAST, (0.5, 0.75))
     assert [(line.level, line.closed) for line in lines] == [(0.5, False), (0.75, False)]
@@ -49,15 +40,6 @@ def test_isolines_of_a_plane_are_its_straight_lines() -> None:
         product = 10 ** ((line.level - 0.5) / 0.2)
         np.testing.assert_allclose(np.multiply(line.x, line.y), product, rtol=1e-12)
         assert max(line.x) == pytest.approx(min(1e3, product / 0.01), rel=1e-12)
-
-
-def test_an_isoline_around_a_summit_is_closed() -> None:
-    a = np.linspace(-1, 1, 21)
-    dataset = xr.Dataset({"cdp": (("a", "b"), 1 - np.add.outer(a**2, a**2))}, coords={"a": a, "b": a})
-    (line,) = isolines(dataset, "b", "a", (0.75,))
-    assert line.closed
-    # The chord of a parabola over a step h deviates by at most h^2 / 4, of a slope of 1 at this circle.
-    np.testing.assert_allclose(np.hypot(line.x, line.y), 0.5, atol=0.1**2 / 4)
 
 
 def test_usable_range_of_a_plane_in_closed_form() -> None:
@@ -75,16 +57,6 @@ def test_usable_range_of_a_plane_in_closed_form() -> None:
     assert widest.at == {CONTRAST: 1.0}
 
 
-def test_usable_range_is_split_by_a_dip_and_open_next_to_a_missing_value() -> None:
-    cdp = [0.85, 1.0, 1.0, 0.8, 1.0, np.nan, 1.0]
-    (one,) = usable_ranges(curve(np.arange(1.0, 8.0), cdp=cdp), LUMINANCE, 0.9)
-    ends = [(i.low, i.high, *(end.is_open for end in i.ends)) for i in one.intervals]
-    expected = [(4 / 3, 3.5, False, False), (4.5, 5.0, False, True), (7.0, 7.0, True, True)]
-    assert [end[2:] for end in ends] == [end[2:] for end in expected]
-    np.testing.assert_allclose([end[:2] for end in ends], [end[:2] for end in expected], rtol=1e-12)
-    assert one.widest == one.intervals[0]
-
-
 @given(st.lists(st.floats(0, 1), min_size=2, max_size=12), st.floats(0.01, 1))
 def test_usable_range_holds_exactly_the_points_that_are_high_enough(cdp: list[float], level: float) -> None:
     luminance = np.arange(1.0, len(cdp) + 1)
@@ -98,25 +70,6 @@ def test_usable_range_holds_exactly_the_points_that_are_high_enough(cdp: list[fl
         assert end.bracket[0] <= end.place <= end.bracket[1]
         found = level if end.resolved else max(low, high)
         assert np.interp(end.place, luminance, cdp) == pytest.approx(found, abs=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("name", "unit", "values", "log", "whole", "ratios"),
-    [
-        (LUMINANCE, "cd/m^2", [1.0, 2.0, 5.0, 10.0, 20.0, 50.0], True, False, True),
-        (CONTRAST, "1", [0.01, 0.1, 1.0], True, False, True),
-        (CONTRAST, "1", [0.0, 1.0, 10.0, 100.0], False, False, False),
-        ("sensor.bits", "1", [8.0, 10.0, 12.0], False, True, False),
-        ("sensor.temperature_c", "degC", [10.0, 20.0, 40.0, 80.0], True, False, False),
-    ],
-)
-def test_scale_of_an_axis_what_lies_between_its_values_and_what_their_ratio_tells(
-    name: str, unit: str, values: list[float], log: bool, whole: bool, ratios: bool
-) -> None:
-    dataset = xr.Dataset({"cdp": (name, np.zeros(len(values)))}, coords={name: values})
-    dataset[name].attrs["unit"] = unit
-    axis = map_axis(dataset, name)
-    assert (axis.log, axis.is_whole, axis.of_ratios) == (log, whole, ratios)
 
 
 def sawtooth(luminance: NDArray[np.float64], place: float, ratio: float) -> NDArray[np.float64]:
@@ -161,15 +114,10 @@ def test_noise_of_a_simulated_sweep_makes_no_dip_and_hides_none(stated: bool, fa
         assert [dip.expected for dip in find_dips(dataset, LUMINANCE, expected=expected)] == expected
 
 
-@pytest.mark.parametrize(
-    ("damaged", "message"),
-    [
-        (lambda one: one.rename(cdp="csnr"), r"has no variable cdp, only \['csnr'\]: give a map"),
-        (lambda one: xr.Dataset({"cdp": 0.5}), "has no axis: vary at least one parameter"),
-        (lambda one: one.drop_vars(CONTRAST), r"axis scene\.contrast of the map has no coordinates: give its values"),
-        (lambda one: one.assign_coords({CONTRAST: [0.1] * 9}), r"axis scene\.contrast are not finite or not distinct"),
-    ],
-)
-def test_faults_of_a_map_are_named(damaged: Any, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        analyse_map(damaged(plane()))
+def test_faults_of_a_map_are_named() -> None:
+    for damaged, message in (
+        (plane().rename(cdp="csnr"), r"has no variable cdp, only \['csnr'\]: give a map"),
+        (plane().assign_coords({CONTRAST: [0.1] * 9}), r"axis scene\.contrast are not finite or not distinct"),
+    ):
+        with pytest.raises(InputError, match=message):
+            analyse_map(damaged)

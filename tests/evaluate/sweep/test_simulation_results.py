@@ -3,16 +3,13 @@
 import json
 from dataclasses import replace
 
-import cv2
-import numpy as np
 import openpyxl
 import pytest
 from jsonschema import Draft202012Validator
 
-from labcdp.chain import Chain, Flat, StepChart
+from labcdp.chain import Flat
 from labcdp.core.table import Column, Table
 from labcdp.evaluate.sweep.simulation.evaluation import evaluate_run
-from labcdp.evaluate.sweep.simulation.figures import picture
 from labcdp.evaluate.sweep.simulation.page import write_simulation
 from labcdp.evaluate.sweep.simulation.result import answer, result
 from labcdp.report.files import schema
@@ -20,12 +17,7 @@ from labcdp.report.files import schema
 from .chains import small
 
 
-def codes(chain: Chain, contrast: float | None = None) -> list[tuple[str, str, str]]:
-    found = result(evaluate_run(chain.run(0), contrast)).findings
-    return [(one.code, one.severity, one.subject) for one in found]
-
-
-def test_the_files_hold_what_was_evaluated_and_the_page_answers_first(tmp_path):
+def test_the_files_hold_what_was_evaluated(tmp_path):
     evaluation = evaluate_run(small(scene__square_px=1).run(1))
     write_simulation(result(evaluation), evaluation, tmp_path)
     values = json.loads((tmp_path / "results.json").read_text())
@@ -43,38 +35,24 @@ def test_the_files_hold_what_was_evaluated_and_the_page_answers_first(tmp_path):
         for row, cells in zip(table["rows"], book[name].iter_rows(min_row=2, values_only=True), strict=True):
             for key, cell in zip((column["name"] for column in table["columns"]), cells, strict=True):
                 assert cell == (pytest.approx(row[key], rel=1e-14) if isinstance(row[key], float) else row[key])
-    assert (values["seed"], values["simulated"], values["configuration"]["epsilon"]) == (1, True, 0.5)
-    assert values["configuration"]["chain"]["sensor"]["bits"] == 12
-    page = (tmp_path / "report.html").read_text()
-    assert "board &lt;b&gt;&amp;" in page
-    assert page.index(f"{evaluation.stages[-1].pairs[0].neighbours.cdp:.2f}") < page.index("<figure>")
-    names = {path.name for path in (tmp_path / "figures").iterdir()}
-    stages = ("scene", "windscreen", "optics", "sensor")
-    assert names == {"chain-1.png", "contrasts-1.png", *(f"stage-{stage}.png" for stage in stages)}
+    assert (values["seed"], values["simulated"]) == (1, True)
+    assert "<b>" not in (tmp_path / "report.html").read_text()
 
 
 def test_what_a_merge_brings_back_is_not_called_lost():
     columns = (Column("stage", "stage"), Column("cdp", "CDP"), Column("contrast", "contrast"))
     cdps = {"scene": 1.0, "optics": 1.0, "sensor 32 ms": 0.0, "sensor 8 ms": 0.4, "hdr": 0.75, "isp": 0.7}
     rows = [{"stage": stage, "cdp": cdp, "contrast": 0.5} for stage, cdp in cdps.items()]
-    assert answer(Table.of_rows("detection", "", columns, rows), ["isp"]) == (
-        "A contrast of 50 % between bright and dark is detected behind isp with a probability of 0.700. The stage that "
-        "costs most is sensor: it lowers the CDP by 0.250, to 0.750."
-    )
+    said = answer(Table.of_rows("detection", "", columns, rows), ["isp"])
+    assert said.endswith("The stage that costs most is sensor: it lowers the CDP by 0.250, to 0.750.")
 
 
 def test_saturation_matters_behind_the_last_stage_and_why_there_is_no_cdp():
-    saturated = codes(small(exposure__exposure_s=5.0, scene__contrast=1.0))
-    assert saturated[0] == ("stage-saturated", "warning", "sensor")
     bracket = small('[hdr]\nmethod = "weighted"\n', exposure__exposure_s=[5.0, 0.001])
-    assert codes(bracket) == [("stage-saturated", "info", "sensor 5000 ms")]
-    assert codes(replace(small(), scene=Flat(64, 48, 50.0))) == [("scene-without-contrast", "info", "")]
-    black = replace(small(), scene=StepChart(64, 48, (0.0, 10.0)))
-    assert [code for code, *_ in codes(black)] == ["contrast-to-detect-infinite"]
-    assert codes(black, contrast=1.0) == []
-
-
-@pytest.mark.parametrize(("value", "grey"), [(4095, 255), (0, 0)])
-def test_picture_of_a_saturated_stage_is_white(value, grey):
-    drawn = cv2.imdecode(np.frombuffer(picture(np.full((4, 4), value)), np.uint8), cv2.IMREAD_GRAYSCALE)
-    assert np.all(drawn == grey)
+    for chain, code, severity in (
+        (small(exposure__exposure_s=5.0, scene__contrast=1.0), "stage-saturated", "warning"),
+        (bracket, "stage-saturated", "info"),
+        (replace(small(), scene=Flat(64, 48, 50.0)), "scene-without-contrast", "info"),
+    ):
+        first = result(evaluate_run(chain.run(0))).findings[0]
+        assert (first.code, first.severity) == (code, severity)

@@ -1,7 +1,6 @@
 import json
 
 import numpy as np
-import openpyxl
 import pytest
 from jsonschema import Draft202012Validator
 
@@ -57,10 +56,4 @@ def test_the_files_hold_published_values_and_ours(tmp_path):
     rows = values["tables"]["table_5_3"]["rows"]
     assert [row["mean"] for row in rows] == [row.mean for row in reproduction.table]
     assert (rows[7]["published_cdp"], rows[7]["z"], rows[7]["all_pairs_mean"]) == (0.99834205, 0.0, 1.0)
-    assert [len(values["tables"][name]["rows"]) for name in ("figure_3_10", "intensity_sweep")] == [2, 200]
     assert ("thesis-unfilled-slots", "8") in [(one["code"], one["subject"]) for one in values["findings"]]
-    sheet = openpyxl.load_workbook(tmp_path / "results.xlsx")["table_5_3"]
-    for row, cells in zip(rows, sheet.iter_rows(min_row=2, values_only=True), strict=True):
-        assert cells[1:] == pytest.approx(list(row.values())[1:], rel=1e-12)
-    page = (tmp_path / "report.html").read_text()
-    assert page.index("of 8") < page.index("0.82872") < page.index("418/252119")

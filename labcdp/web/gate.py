@@ -17,6 +17,11 @@ if TYPE_CHECKING:
 TOKEN = "token"  # noqa: S105 - its name
 #: Host names of the loopback interface.
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
+#: What the page may load, and who may show it. Bokeh makes functions of text, and modules of blobs.
+_POLICY = (
+    "default-src 'self' 'unsafe-inline' 'unsafe-eval' blob: data:; connect-src 'self' ws: wss:; "
+    "frame-ancestors 'none'; base-uri 'self'; object-src 'none'"
+)
 
 
 @dataclass(frozen=True)
@@ -116,12 +121,12 @@ def guard(application: Application, gate: Gate) -> None:
             self.redirect("/", status=303)
 
     class Headers(OutputTransform):
-        """Let no other page show this one in a frame, and no browser guess the type of a file."""
+        """Let no other page show this one in a frame, load nothing from elsewhere, and guess no type of a file."""
 
         def transform_first_chunk(
             self, status_code: int, headers: HTTPHeaders, chunk: bytes, finishing: bool
         ) -> tuple[int, HTTPHeaders, bytes]:
-            headers["Content-Security-Policy"] = "frame-ancestors 'none'; base-uri 'self'; object-src 'none'"
+            headers["Content-Security-Policy"] = _POLICY
             headers["X-Frame-Options"] = "DENY"
             headers["X-Content-Type-Options"] = "nosniff"
             headers["Referrer-Policy"] = "no-referrer"

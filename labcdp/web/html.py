@@ -8,6 +8,7 @@ from importlib.resources import files
 from typing import Any
 
 import panel as pn
+from bokeh.plotting import figure
 
 from ..report.text import printable
 
@@ -27,11 +28,6 @@ def table_row(head: str, cells: Sequence[Cell], attributes: str = "") -> str:
         f"<td class='{kind}'>{text(words)}</td>" if kind else f"<td>{text(words)}</td>" for words, kind in pairs
     )
     return f"<tr{attributes}><th scope='row'>{head}</th>{body}</tr>"
-
-
-def region_row(name: str, head: str, cells: Sequence[Cell], chosen: bool) -> str:
-    """Return a row that selects a region when it is clicked."""
-    return table_row(head, cells, f"{' class=chosen' if chosen else ''} data-region='{text(name)}'")
 
 
 def table(heads: Iterable[str], rows: Iterable[str], kind: str = "") -> str:
@@ -71,6 +67,14 @@ def column(*items: Any) -> Any:
     """Return the content of a tab, which scrolls where the screen is low."""
     width = f"{_FREE} :host {{ max-width: {SIDE_PX}px; }} {_NARROW} {{ :host {{ max-width: 100vw; }} }}"
     return pn.Column(*items, sizing_mode="stretch_both", scroll="y", margin=0, stylesheets=[width])
+
+
+def small_plot(height: int, **options: Any) -> Any:
+    """Return an empty plot of the width of a tab."""
+    plot = figure(sizing_mode="stretch_width", height=height, toolbar_location=None, tools="", **options)
+    # So close together that they would look like a bar.
+    plot.yaxis.minor_tick_line_color = None
+    return plot
 
 
 def beside(picture: Any, side: Sequence[Any], *above: Any) -> Any:

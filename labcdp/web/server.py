@@ -183,9 +183,12 @@ class Server:
 
     def _tab(self) -> Any:
         import panel as pn
+        from panel.io.resources import LOCAL_DIST
 
         assert self._site is not None, "the server runs"
         document = pn.state.curdoc
+        # Else style sheets come from the network if the tab is made anew for a browser that was slow to connect.
+        document.template_variables["dist_url"] = LOCAL_DIST
         layout, script = self._site.tab(document)
         document.config.notify_connection_status = False  # shown by the page itself
         document.js_on_event("document_ready", script)

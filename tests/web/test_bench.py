@@ -1,5 +1,6 @@
 """The live bench without a browser: camera thread, exposure, verdict, meter, and frames of all kinds."""
 
+import json
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -222,6 +223,23 @@ def test_a_meter_that_is_unplugged_is_noticed_and_in_a_series_waited_for(bench: 
         for act, lost in ((lambda: None, False), (pty.unplug, True), (pty.plug_in, False)):
             act()
             assert desk.lost == lost
+
+
+@pytest.mark.filterwarnings("ignore:.*will be removed in version 2.0:PendingDeprecationWarning")
+def test_many_messages_are_answered_with_one_refresh(tmp_path: Any) -> None:
+    from bokeh.document import Document
+
+    page = Page(workspace(tmp_path), Document())
+    link = page.picture.link
+    for n in range(100):
+        link.view = [0.0, 0.0, 8.0 + n, 8.0, 4, 4]
+        link.sent = json.dumps({"do": "select", "name": None, "serial": n})
+    waiting, told = list(page.document.session_callbacks), link.told
+    assert len(waiting) == 2
+    for one in waiting:
+        one.callback()
+    assert link.told == told + 1
+    assert json.loads(link.answers) == {str(n): True for n in range(100)}
 
 
 @pytest.mark.filterwarnings("ignore:.*will be removed in version 2.0:PendingDeprecationWarning")

@@ -164,6 +164,19 @@ def test_a_file_that_somebody_else_changed_is_replaced_only_when_confirmed(space
     assert space.last_words() == [f"Saved: {path}", f"Saved: {tmp_path / 'mine.json'}"]
 
 
+def test_regions_of_a_file_are_loaded_and_may_be_saved_there_again(space: Workspace, tmp_path: Path) -> None:
+    save_regions(tmp_path / "other.zip", (A, B), SIZE)
+    space.do(dict(BOX))
+    before = space.drawing
+    assert space.do({"do": "load", "name": "other.zip"})
+    assert [shape.name for shape in space.drawing.shapes] == [A.name, B.name]
+    assert not space.unsaved
+    assert not space.do({"do": "load", "name": "missing.json"})
+    assert space.do({"do": "save", "name": "other.zip"})
+    space.do({"do": "undo"})
+    assert space.drawing == before
+
+
 def test_other_files_are_written_next_to_the_output_and_nowhere_else(space: Workspace, tmp_path: Path) -> None:
     (tmp_path / "there.json").write_text("mine")
     space.do(dict(BOX))

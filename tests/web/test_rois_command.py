@@ -14,6 +14,8 @@ from urllib.parse import urlsplit
 import cv2
 import numpy as np
 import pytest
+from bokeh.client import pull_session
+from bokeh.models import ImportedStyleSheet
 from jsonschema import Draft202012Validator
 
 from labcdp.cli.app import app
@@ -103,6 +105,16 @@ def test_page_and_websocket_open_with_the_token_from_their_own_origin_only(serve
         ({"Cookie": cookie, "Host": "localhost:8080", "Origin": "http://localhost:8080"}, 101),
     ):
         assert websocket_status(served.port, session[1], **headers) == status, headers
+
+
+def test_a_tab_that_is_made_anew_for_a_slow_browser_loads_nothing_from_elsewhere(served: Served) -> None:
+    parts = urlsplit(served.url)
+    # Without the page that comes before: its session was given up meanwhile.
+    session = pull_session(url=f"http://{parts.netloc}/", arguments={"token": parts.query.partition("=")[2]})
+    urls = {str(one.url) for one in session.document.models if isinstance(one, ImportedStyleSheet)}
+    session.close()
+    assert urls
+    assert not [url for url in urls if "//" in url]
 
 
 def test_a_second_process_for_one_port_or_file_is_refused_until_the_first_has_ended(serve, picture, tmp_path):

@@ -343,15 +343,15 @@ link.properties.state.change.connect(() => {
     fit()
   redraw()
 })
-link.properties.answer.change.connect(() => {
-  const answer = JSON.parse(link.answer)
-  if (waiting?.serial != answer.serial)
+link.properties.answers.change.connect(() => {
+  const done = JSON.parse(link.answers)[waiting?.serial]
+  if (done == null)
     return
   const {draws} = waiting
   waiting = null
-  if (answer.done && draws == "polygon")
+  if (done && draws == "polygon")
     corners = []
-  if (answer.done && draws != null)
+  if (done && draws != null)
     set_mode("select")
   redraw()
 })

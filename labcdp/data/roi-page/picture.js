@@ -62,9 +62,12 @@ function look(new_place, fitted = false) {
   const scale = Math.min(Math.max(new_place.scale, 1 / LARGEST_PIXEL), 2 * fit_scale())
   const cx = Math.min(Math.max(new_place.cx, 0), state.width)
   const cy = Math.min(Math.max(new_place.cy, 0), state.height)
+  const before = place?.scale
   place = {cx, cy, scale, fitted}
   figure.x_range.setv({start: cx - scale * width / 2, end: cx + scale * width / 2})
   figure.y_range.setv({start: cy + scale * height / 2, end: cy - scale * height / 2})
+  if (scale != before)
+    name_shapes()
   ask_for_pixels()
 }
 
@@ -141,10 +144,32 @@ function dragged(shape, what, at, to) {
   return [[0, 0], [across[0], 0], across, [0, across[1]]].map(([u, v]) => back(u, v))
 }
 
+// Names at the upper left corners; one that would cover another appears when the picture is enlarged.
+const pen = document.createElement("canvas").getContext("2d")
+pen.font = "12px helvetica"
+function name_shapes() {
+  const rows = {x: [], y: [], text: [], colour: []}
+  const taken = []
+  const rank = (shape) => shape.name == state.selected ? 0 : shape.paired ? 1 : 2
+  for (const shape of state.shapes.filter((one) => one.label != "").sort((a, b) => rank(a) - rank(b))) {
+    const x = Math.min(...shape.handles.map((corner) => corner[0]))
+    const y = Math.min(...shape.handles.map((corner) => corner[1]))
+    const [left, top] = [x / place.scale, y / place.scale]
+    const box = {left, right: left + pen.measureText(shape.label).width + 8, top, bottom: top + 20}
+    if (taken.some((one) => one.left < box.right && box.left < one.right && one.top < box.bottom && box.top < one.bottom))
+      continue
+    taken.push(box)
+    rows.x.push(x)
+    rows.y.push(y)
+    rows.text.push(shape.label)
+    rows.colour.push(shape.label_colour)
+  }
+  labels.data = rows
+}
+
 function redraw() {
   const chosen = selected()
   const rows = {xs: [], ys: [], colour: [], dash: [], width: [], casing: [], fill: []}
-  const names = {x: [], y: [], text: [], colour: []}
   for (const shape of state.shapes) {
     const changing = gesture?.shape === shape || waiting?.shape === shape.name
     shape.outlines.forEach((outline, at) => {
@@ -157,17 +182,8 @@ function redraw() {
       rows.casing.push(width + 2.5)
       rows.fill.push(changing ? 0 : shape === chosen ? 0.25 : shape.proposal ? 0.05 : 0.12)
     })
-    if (shape.label != "") {
-      const xs = shape.handles.map((corner) => corner[0])
-      const ys = shape.handles.map((corner) => corner[1])
-      names.x.push(Math.min(...xs))
-      names.y.push(Math.min(...ys))
-      names.text.push(shape.label)
-      names.colour.push(shape.label_colour)
-    }
   }
   shapes.data = rows
-  labels.data = names
   let preview = null
   if (gesture?.preview != null)
     preview = {line: gesture.preview, dots: []}
@@ -179,6 +195,8 @@ function redraw() {
   sessionStorage.setItem(DRAFT, JSON.stringify(corners))
   const shown = drafting() ? corners : chosen != null && preview == null ? chosen.handles : []
   handles.data = {x: shown.map((c) => c[0]), y: shown.map((c) => c[1])}
+  if (place != null)
+    name_shapes()
 }
 
 function give_up() {

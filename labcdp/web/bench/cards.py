@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 from bokeh.models import ColumnDataSource, Range1d, Span
-from bokeh.plotting import figure
 
 from ...core.clock import exposure_text
 from ...report.text import significant
-from ..html import table, table_row, text
+from ..html import small_plot, table, table_row, text
 from ..regions.wording import percent_with_interval
 from .desk import MeterReading
 from .live import Live
@@ -31,7 +30,7 @@ def camera_card(bench: LiveBench) -> str:
     """Write the card of the camera: frames per second, exposure, and what is wrong."""
     live = bench.camera.live
     if live.error and not live.streaming:
-        return _card("Camera", "no frames", "bad", "trying again every second", live.error)
+        return _card("Camera", "no frames", "bad", "trying again every second: see the message")
     if live.settings is None:
         return _card("Camera", "…", "open", "opening")
     if bench.images.paused:
@@ -211,7 +210,7 @@ class Plots:
         return True
 
     def _trace_figure(self) -> Any:
-        plot = _figure(120, y_range=Range1d(-0.02, 1.02), x_range=Range1d(-TRACE_S, 0))
+        plot = small_plot(120, y_range=Range1d(-0.02, 1.02), x_range=Range1d(-TRACE_S, 0))
         plot.yaxis.axis_label, plot.xaxis.axis_label = "CDP", "time in s"
         plot.varea("t", "low", "high", source=self._trace, fill_alpha=0.3, fill_color=_BLUE)
         plot.line("t", "cdp", source=self._trace, line_color=_BLUE, line_width=2)
@@ -219,7 +218,7 @@ class Plots:
         return plot
 
     def _curve_figure(self) -> Any:
-        plot = _figure(120, y_range=Range1d(-0.02, 1.02), x_range=self._contrasts, x_axis_type="log")
+        plot = small_plot(120, y_range=Range1d(-0.02, 1.02), x_range=self._contrasts, x_axis_type="log")
         plot.yaxis.axis_label, plot.xaxis.axis_label = "CDP", "contrast to detect in % (line: measured)"
         plot.line("contrast", "cdp", source=self._curve, line_color=_BLUE, line_width=2)
         for mark in (self._measured, Span(location=LIMIT, dimension="width", line_dash="dotted")):
@@ -227,7 +226,7 @@ class Plots:
         return plot
 
     def _histogram_figure(self) -> Any:
-        plot = _figure(110, x_range=self._dn, y_axis_type="log")
+        plot = small_plot(110, x_range=self._dn, y_axis_type="log")
         plot.y_range.start = 0.5
         plot.yaxis.ticker.desired_num_ticks = 3
         plot.xaxis.axis_label, plot.yaxis.axis_label = "DN (lines: black level, saturation)", "pixels"
@@ -235,13 +234,6 @@ class Plots:
             plot.add_layout(mark)
         plot.step("dn", "n", source=self._histogram, mode="after", line_color="#555555")
         return plot
-
-
-def _figure(height: int, **options: Any) -> Any:
-    plot = figure(sizing_mode="stretch_width", height=height, toolbar_location=None, tools="", **options)
-    # So close together that they would look like a bar.
-    plot.yaxis.minor_tick_line_color = None
-    return plot
 
 
 def _histogram(values: Any, highest: float) -> dict[str, Any]:

@@ -58,7 +58,6 @@ class BenchPage:
         options = {"value": 100 * bench.target.epsilon, "start": 0.1, "width": 130}
         self._epsilon = field("FloatInput", "Tolerance ε (%)", self._aim_epsilon, **options)
         self._shown: tuple[CameraSettings | None, str] = (None, "")
-        self._document, self._image_waits = document, False
         #: What only the controlling page may use.
         self._controls: list[Any] = []
         self._controlled = True
@@ -115,14 +114,8 @@ class BenchPage:
         if self._plots.update(bench):
             self._camera.update(bench.camera.live, settings_text(bench.camera.live))
 
-    def _image_came(self) -> None:
-        if not self._image_waits:
-            self._image_waits = True
-            self._document.add_next_tick_callback(self._show_newest)
-
     def _show_newest(self) -> None:
         """Show the newest image, when it comes or when the browser has drawn the one before."""
-        self._image_waits = False
         self._picture.renew(self.bench.images.newest)
 
     def _point(self, place: list[int]) -> None:
@@ -131,7 +124,11 @@ class BenchPage:
 
     def _connect(self) -> None:
         self._page.on_enter(self._typed, self._enter)
-        for end in (self.bench.camera.look(), self.bench.images.listen(self._image_came), self._leave):
+        for end in (
+            self.bench.camera.look(),
+            self.bench.images.listen(lambda: self._page.soon(self._show_newest, 0)),
+            self._leave,
+        ):
             self._page.at_end(end)
         link = self._picture.link
         link.on_change("tab", lambda _attr, _old, _new: self._arrive())

@@ -111,6 +111,8 @@ class Picture:
         """
         self._live = True
         self.figure.axis.visible = False
+        # What it has is the first image, which would be seen beside a smaller one.
+        self.figure.renderers[0].visible = False
         self.figure.min_border_left = self.figure.min_border_bottom = 4
         self._colour_ends()
 

@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 import panel as pn
 from bokeh.models import ColumnDataSource, CustomJS, Range1d
-from bokeh.plotting import figure
 
 from ...core.errors import InputError, LabcdpError
-from ..html import beside, column, row
+from ..html import beside, column, row, small_plot
 from .display import LARGEST_RATIO, SCALES, DisplayScale, ScaleName
 from .map_data import EXPORTS, export_map, isolines, profile
 from .page import Page
@@ -88,15 +87,14 @@ class MapTab:
         if live and monotonic() - self._refreshed_s < _EVERY_S:
             return
         self._refreshed_s, self._refreshed_for = monotonic(), workspace.image
-        self._table.object = statistics_table(
-            workspace.image, workspace.drawing.shapes, workspace.measured, workspace.selected
-        )
+        drawing, measured = workspace.drawing, workspace.measured
+        self._table.object = statistics_table(workspace.image, drawing, measured, workspace.selected)
         if live and (self._levels or self._ends):
             self._draw()
 
     def _connect(self) -> None:
         page = self._page
-        later = page.later
+        later = page.soon
         self._shown.param.watch(lambda event: later(partial(self._show, event.new)), "value")
         for widget in (self._kind, self._low, self._high):
             widget.param.watch(lambda _event: later(self._rescale), "value")
@@ -206,8 +204,7 @@ class MapTab:
     def _new_plot(self) -> Any:
         # Ranges of its own: an empty plot cannot find any.
         ranges = {"x_range": Range1d(0, 1), "y_range": Range1d(0, 1)}
-        options = {"toolbar_location": None, "tools": "", "visible": False}
-        plot = figure(sizing_mode="stretch_width", height=150, **ranges, **options)
+        plot = small_plot(150, visible=False, **ranges)
         plot.xaxis.axis_label, plot.yaxis.axis_label = "pixels along the line", self._workspace.image.unit_text
         plot.varea("d", "low", "high", source=self._profile, fill_alpha=0.3, fill_color="#0072b2")
         plot.line("d", "l", source=self._profile, line_color="#0072b2")

@@ -35,8 +35,8 @@ class Link(DataModel):  # type: ignore[misc]
 
     Parameters
     ----------
-    state, answer : str
-        From labcdp: the drawing, and whether the last message was applied; JSON.
+    state, answers : str
+        From labcdp: the drawing, and by serial number whether the last messages were applied; JSON.
     ask : str
         From a button: ``fit``, ``in`` or ``out``, and a counter that makes each message different.
     sent : str
@@ -56,7 +56,7 @@ class Link(DataModel):  # type: ignore[misc]
     """
 
     state = String(default="{}")
-    answer = String(default="{}")
+    answers = String(default="{}")
     ask = String(default="")
     sent = String(default="")
     view = List(Float)
@@ -86,6 +86,7 @@ def state_of(drawing: Drawing, selected: str | None) -> dict[str, Any]:
                 "angle": getattr(shape, "angle_deg", 0.0),
                 "label": "" if proposal and shape.name != selected else shape.name,
                 "label_colour": colours[0] if len(set(colours)) == 1 else OTHER_COLOUR,
+                "paired": any(roi.name in drawing.pair for roi in rois),
                 "proposal": proposal,
             }
         )

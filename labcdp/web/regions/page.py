@@ -45,9 +45,12 @@ class Page:
         self.after_update: list[Callable[[], None]] = []
         self.picture = Picture(workspace.image)
         self._updating = False
-        #: Whether a refresh is scheduled, and whether one waits for the browser.
-        self._waits, self._late = False, False
+        #: What is done soon, and whether a refresh waits for the browser.
+        self._due: set[Callable[[], None]] = set()
+        self._late = False
         self._asked = count(1)
+        #: By serial number, whether messages since the last refresh were applied.
+        self._answers: dict[str, bool] = {}
         css, scrolled = style(), {"overflow-x": "auto", "min-width": "0"}
 
         def text(name: str, content: str = "") -> Any:
@@ -75,7 +78,7 @@ class Page:
 
     def head(self) -> tuple[Any, ...]:
         """Return what is above the tabs: theme, value under the pointer, and messages."""
-        return self.picture.theme, self._readout, self._notice
+        return pn.Row(self.picture.theme, self._readout, margin=0, sizing_mode="stretch_width"), self._notice
 
     def side(self) -> Any:
         """Return tools, tables and files beside the picture."""
@@ -92,9 +95,9 @@ class Page:
             row(self._first, self._second, sizing_mode="stretch_width"),
             self._pair,
             self._warnings,
-            text("h", "<h2>Save</h2>"),
-            row(self._file, pn.Column(pn.Spacer(height=14), button["Save"], margin=0)),
-            button["Replace"],
+            text("h", "<h2>File</h2>"),
+            self._file,
+            row(*(button[name] for name in ("Save", "Load", "Replace")), margin=(0, 3)),
             text("h", "<h2>More</h2>"),
             row(self._method, self._size),
             row(*(button[name] for name in ("Propose", "Accept", "Accept all", "Discard")), margin=(0, 3)),
@@ -108,30 +111,37 @@ class Page:
         """Schedule a refresh, once the browser has handled those before; call it in the server's loop."""
         link = self.picture.link
         self._late = link.told - link.heard > _MOST_UNHEARD
-        if not (self._waits or self._late):
-            self._waits = True
-            self.document.add_timeout_callback(self.update, _SOON_MS)
+        if not self._late:
+            self.soon(self.update)
+
+    def soon(self, action: Callable[[], None], after_ms: int = _SOON_MS) -> None:
+        """Do something a little later, once, however often it is asked for: many messages must not delay the images.
+
+        What changes models of Bokeh is done so, as callbacks of widgets do not have the document to themselves.
+        """
+        if action not in self._due:
+            self._due.add(action)
+            self.document.add_timeout_callback(partial(self._do_now, action), after_ms)
+
+    def _do_now(self, action: Callable[[], None]) -> None:
+        self._due.discard(action)
+        action()
 
     def at_end(self, end: Callable[[], None]) -> None:
         """Call `end` when the tab is closed."""
         self.document.on_session_destroyed(lambda _session: end())
 
-    def later(self, action: Callable[[], None]) -> None:
-        """Do what changes models of Bokeh; callbacks of widgets do not have the document to themselves."""
-        self.document.add_next_tick_callback(action)
-
     def update(self) -> None:
         """Refresh the tab from the workspace, in one message to the browser."""
-        self._waits = False
+        link = self.picture.link
         with pn.io.hold(self.document):
             self._update()
             for follow in self.after_update:
                 follow()
-            self.picture.link.told += 1
-
-    def _heard(self) -> None:
-        if self._late:
-            self.changed()
+            link.told += 1
+            # With what is refreshed: a person who sees why a shape is refused can go on with it.
+            if self._answers:
+                link.answers, self._answers = json.dumps(self._answers), {}
 
     def _update(self) -> None:
         workspace = self.workspace
@@ -177,6 +187,7 @@ class Page:
             "Redo": "Ctrl + Y",
             "Delete": "Delete the selected region (Del)",
             "Save": "Ctrl + S",
+            "Load": "Replace the regions by those of the file",
             "Replace": "Replace the file that another program changed",
             "Accept": "Accept the selected proposal (Enter)",
             "Accept all": "Accept all proposals",
@@ -186,52 +197,45 @@ class Page:
         buttons["Save"].button_type = "primary"
         tip = "Find regions; they count once you accept them"
         buttons["Propose"] = self.button("Propose", self._propose, description=tip)
-        views = {
-            "Fit": "Show the whole picture (F)",
-            "+": "Zoom in (+, or the wheel)",
-            "-": "Zoom out (-, or the wheel)",
-        }
-        for (name, tip), what in zip(views.items(), ("fit", "in", "out"), strict=True):
-            button = buttons[name] = pn.widgets.Button(name=name, description=tip, margin=(3, 4))
-            button.on_click(lambda _event, what=what: self._ask(what))
+        views = ("Fit", "fit", "Show the whole picture (F)"), ("+", "in", "Zoom in (+)"), ("-", "out", "Zoom out (-)")
+        for name, what, tip in views:
+            buttons[name] = pn.widgets.Button(name=name, description=tip, margin=(3, 4))
+            buttons[name].on_click(lambda _event, what=what: self._ask(what))
         return buttons
 
-    def _press(self, name: str) -> None:
-        """Do what a button says: to the selected region, if it is about one, or with the name of the file."""
+    def _press(self, name: str) -> bool:
+        """Do what a button says: to the selected region, or with the file that is named."""
         file = self._file.value_input or self._file.value
-        self.do({"do": name.lower(), "name": file if name == "Save" else self.workspace.selected})
+        return self.do({"do": name.lower(), "name": file if name in ("Save", "Load") else self.workspace.selected})
 
     def _connect(self) -> None:
         link, workspace = self.picture.link, self.workspace
         link.on_change("sent", lambda _attr, _old, new: self._received(new))
-        link.on_change("heard", lambda _attr, _old, _new: self._heard())
-        link.on_change("view", lambda _attr, _old, new: self._look(new))
-        link.on_change("pointer", lambda _attr, _old, new: self._point(new))
+        link.on_change("heard", lambda _attr, _old, _new: self._late and self.changed())
+        link.on_change("view", lambda _attr, _old, _new: self.soon(self._look))
+        link.on_change("pointer", lambda _attr, _old, _new: self.soon(self._point))
         self._method.param.watch(lambda event: self._size.param.update(visible=event.new == "superpixels"), "value")
-        self._point([])
+        self._point()
         self.at_end(workspace.listen(self.changed))
 
     def _received(self, text: str) -> None:
-        """Apply a mouse or key message and answer; the page shows a preview until then."""
+        """Apply a mouse or key message, to be answered with the next refresh; the page shows a preview until then."""
         try:
             message = parse_message(text)
         except LabcdpError as error:
             self.workspace.warn(error)
             return
-        if message["do"] == "save":
-            message["name"] = self._file.value_input or self._file.value
-        done = self.do(message)
-        # In one message: a person who sees why a shape is refused can go on with it.
-        with pn.io.hold(self.document):
-            self.update()
-            self.picture.link.answer = json.dumps({"serial": message.get("serial"), "done": done})
+        done = self._press("Save") if message["do"] == "save" else self.do(message)
+        self._answers[str(message.get("serial"))] = done
+        self.changed()
 
-    def _look(self, view: list[float]) -> None:
-        if len(view) == 6:
+    def _look(self) -> None:
+        if len(view := self.picture.link.view) == 6:
             left, top, right, bottom, width, height = view
             self.picture.show_part((left, top, right, bottom), (int(width), int(height)))
 
-    def _point(self, pointer: list[int]) -> None:
+    def _point(self) -> None:
+        pointer = self.picture.link.pointer
         text = self.workspace.image.readout(*pointer) if len(pointer) == 2 else ""
         self._readout.object = f"<div class='readout'>{html.text(text)}</div>"
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from math import isfinite, nan
 
 from ...core.result import Finding, unique
@@ -21,7 +22,7 @@ from ...report.text import (
     significant,
     with_half_width,
 )
-from ..html import Cell, items, region_row, table, table_row, text
+from ..html import Cell, items, table, table_row, text
 from .drawing import Drawing
 from .measurements import MOST_MEASURED, Measured, RegionNumbers
 from .page_image import PageImage
@@ -46,15 +47,7 @@ def region_table(image: PageImage, drawing: Drawing, measured: Measured, selecte
     """Table of the regions, with DN and luminance."""
     if not drawing.shapes:
         return "<p class='quiet'>No region yet. Choose Polygon or Rectangle and draw on the picture.</p>"
-    rows = []
-    for shape in drawing.shapes:
-        for roi in shape.rois():
-            head = (
-                f"<span class='swatch' style='background:{colour(drawing, roi.name)}'></span>"
-                f"<span title='{text(roi.name)}'>{text(shortened(roi.name, _LONGEST_NAME))}</span>"
-            )
-            cells = _cells(measured.regions.get(roi))
-            rows.append(region_row(roi.name, head, cells, shape.name == selected))
+    rows = _region_rows(drawing, measured, selected, lambda _shape, found: _cells(found))
     value = "DN" if image.is_dn else "value"
     heads = ("Region", "pixels", f"mean {value}", f"std {value}", f"mean {image.unit_text}")
     note = ""
@@ -86,7 +79,7 @@ def pair_table(drawing: Drawing, measured: Measured) -> str:
     bright = text(pair.bright_region.roi.name)
     head = "Contrast asked (measured)" if of_measured else "Contrast asked"
     if not rows:
-        return f"<p>{'; '.join(facts)}. Give --contrast for a CDP.</p>"
+        return f"<p>{'; '.join(facts)}. Without a contrast to detect there is no CDP.</p>"
     return f"{table((head, 'CDP', '95 % interval'), rows)}<p>{'; '.join(facts)}. The brighter region is {bright}.</p>"
 
 
@@ -138,28 +131,46 @@ def percent_with_interval(value: float, standard_error: float) -> str:
 _HEADS = ("Region", "mean", "lowest", "highest", "SNR", "saturated", "limits")
 
 
-def statistics_table(image: PageImage, shapes: Sequence[Shape], measured: Measured, selected: str | None) -> str:
+def statistics_table(image: PageImage, drawing: Drawing, measured: Measured, selected: str | None) -> str:
     """Write the luminance of each region: mean, range, SNR, saturated share, and whether it is within its limits."""
-    rows = []
-    for shape in shapes:
-        for roi in shape.rois():
-            head, found = text(shortened(roi.name, 20)), measured.regions.get(roi)
-            cells: list[Cell] = [(found.error if found else "") or "…", *[""] * 5]
-            if found is not None and found.light is not None:
-                expanded = nan if found.result is None else Z_95 * found.result.standard_uncertainty
-                limits, light = shape.limits_cd_m2, found.light
-                judged = limits is not None and image.unit == "cd/m^2"
-                verdict = limit_verdict(light, expanded, limits) if limits is not None and judged else ""
-                cells = [
-                    significant(light),
-                    significant(found.lowest or 0.0),
-                    significant(found.highest or 0.0),
-                    f"{light / found.light_std:.3g}" if found.light_std else "",
-                    share_percent(found.saturated),
-                    ("" if limits is None else f"{limits[0]:g} to {limits[1]:g} {verdict}", verdict),
-                ]
-            rows.append(region_row(roi.name, head, cells, shape.name == selected))
-    if not rows:
+    if not drawing.shapes:
         return "<p class='quiet'>Draw regions to see their luminance, and give them limits to pass or fail.</p>"
+    rows = _region_rows(drawing, measured, selected, partial(_statistics, image.unit == "cd/m^2"))
     unit = f"{image.unit_text}; a verdict needs all of ± U (95 %) on one side of the limits."
     return f"{table(_HEADS, rows, 'dense')}<p class='quiet'>{text(unit)}</p>"
+
+
+def _statistics(calibrated: bool, shape: Shape, found: RegionNumbers | None) -> Sequence[Cell]:
+    """Cells of a region: luminance, and whether it is within the limits of its shape."""
+    if found is None or found.light is None:
+        return [(found.error if found else "") or "…", *[""] * 5]
+    expanded = nan if found.result is None else Z_95 * found.result.standard_uncertainty
+    limits, light = shape.limits_cd_m2, found.light
+    verdict = limit_verdict(light, expanded, limits) if limits is not None and calibrated else ""
+    return [
+        significant(light),
+        significant(found.lowest or 0.0),
+        significant(found.highest or 0.0),
+        f"{light / found.light_std:.3g}" if found.light_std else "",
+        share_percent(found.saturated),
+        ("" if limits is None else f"{limits[0]:g} to {limits[1]:g} {verdict}", verdict),
+    ]
+
+
+def _region_rows(
+    drawing: Drawing,
+    measured: Measured,
+    selected: str | None,
+    cells: Callable[[Shape, RegionNumbers | None], Sequence[Cell]],
+) -> list[str]:
+    """Rows that select a region when they are clicked, with its colour in the picture."""
+    rows = []
+    for shape in drawing.shapes:
+        for roi in shape.rois():
+            head = (
+                f"<span class='swatch' style='background:{colour(drawing, roi.name)}'></span>"
+                f"<span title='{text(roi.name)}'>{text(shortened(roi.name, _LONGEST_NAME))}</span>"
+            )
+            selects = f"{' class=chosen' if shape.name == selected else ''} data-region='{text(roi.name)}'"
+            rows.append(table_row(head, cells(shape, measured.regions.get(roi)), selects))
+    return rows

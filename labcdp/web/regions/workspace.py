@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ...core.errors import InputError
-from ...regions import Shape, new_shapes
+from ...regions import Shape, load_regions, new_shapes
 from ...report.text import capitalised
 from .drawing import Drawing
 from .files import DrawingFiles, Start
@@ -110,7 +110,7 @@ class Workspace:
         ----------
         message : dict
             As for `messages.change`, or ``undo``, ``redo``, ``select`` (name or None), ``save`` (file name or None),
-            ``replace`` (the conflicting file), ``accept all``, ``discard``, ``pair`` (names).
+            ``load`` (file name), ``replace`` (the file in the way), ``accept all``, ``discard``, ``pair`` (names).
 
         Returns
         -------
@@ -196,6 +196,8 @@ class Workspace:
             if self.in_the_way is None:
                 raise InputError("there is no file to replace: save the drawing")
             self._save(self.in_the_way[0].name, replace=True)
+        elif what == "load":
+            self._load(self.files.other(str(message.get("name"))))
         elif what in ("undo", "redo"):
             self.history = history.undone() if what == "undo" else history.redone()
             self._after_change(self.selected, Notice(f"{what.capitalize()}: done"))
@@ -246,6 +248,11 @@ class Workspace:
         n = len(self.drawing.shapes)
         self._keep()
         self._tell(Notice(f"Saved: {n} region{'s' if n > 1 else ''} in {path}", "done"))
+
+    def _load(self, path: Path) -> None:
+        stored, shapes = self.files.fingerprint(path), load_regions(path, self.files.size)
+        self._stored[path], self._read = stored, shapes
+        self._change(Drawing.of(self.files.size, shapes), None, Notice(f"Loaded: {path}; Undo brings back the others"))
 
     def _change(self, drawing: Drawing, selected: str | None, notice: Notice) -> None:
         self.history = self.history.changed(drawing)

@@ -16,7 +16,6 @@ from labcdp.core.clock import SimulatedClock, SystemClock
 from labcdp.drivers.aravis import gvcp
 from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.camera import (
-    CameraBusyError,
     CameraError,
     CameraLostError,
     CameraSettingError,
@@ -224,9 +223,3 @@ def test_each_fault_has_its_error_and_leaves_a_camera_that_works(transport, faul
     camera.close()
     with transport.camera() as camera:
         assert camera.snap().shape == SHAPE
-
-
-@with_own_simulator
-def test_a_camera_of_another_program_is_busy(transport):
-    with with_fault(transport, "second controller"), pytest.raises(CameraBusyError, match="another program"):
-        transport.camera().open()

@@ -118,17 +118,3 @@ def test_the_time_waited_is_the_recorded_span_over_the_speed(recorded, speed):
     assert times == pytest.approx([0, 0.25 / speed, 0.25 / speed], rel=1e-12)
     # Of those at 12.5 s and -3580 s the first is later by 3599.5 s than the one before.
     assert clock.monotonic_s() == pytest.approx((0.25 + 3599.5) / speed, rel=1e-12)
-
-
-def test_time_that_passed_already_is_not_waited_for_again_nor_made_up_for(recorded):
-    clock = SimulatedClock()
-    with ReplayCamera(recorded, 1, clock) as camera, ReplayMeter(recorded, 1, clock) as meter:
-        list(camera.grab(2))
-        meter.measure()
-        clock.sleep(30)
-        meter.measure()
-        meter.measure()
-        camera.configure(exposure_s=0.02)
-        # The meter's time is more than the 12.25 s between these two frames.
-        camera.snap()
-        assert clock.monotonic_s() == 0.25 + 30 + 58

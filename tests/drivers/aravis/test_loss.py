@@ -2,13 +2,12 @@
 
 import logging
 import threading
-import time
 from dataclasses import replace
 
 import pytest
 
 from labcdp.drivers.aravis.camera import AravisCamera
-from labcdp.drivers.camera import CameraLostError, CameraSettingError
+from labcdp.drivers.camera import CameraSettingError
 from labcdp.drivers.camera_settings import Region
 
 from ..conftest import SMALL, features
@@ -29,18 +28,6 @@ def recover_when_missed(camera_on_loopback):
     yield
     logger.removeHandler(watch)
     timer.join()
-
-
-def test_a_loss_during_a_grab_is_noticed_long_before_a_frame_is_due(camera_on_loopback):
-    with AravisCamera("127.0.0.1") as camera:
-        frames = camera.grab(1000, timeout_s=600)
-        next(frames)
-        camera_on_loopback.set_faults({"freeze": 0})
-        began_s = time.monotonic()
-        with pytest.raises(CameraLostError, match=r"stopped answering \(no frame came\)"):
-            list(frames)
-        # Within 3 s on a free machine.
-        assert time.monotonic() - began_s < 60
 
 
 def test_settings_of_another_program_are_restored_after_a_power_cut(camera_on_loopback, recover_when_missed):

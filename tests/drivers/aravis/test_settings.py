@@ -5,7 +5,7 @@ import pytest
 
 from labcdp.core.frame import Readout
 from labcdp.drivers.camera import CameraSettingError, FrameTimeoutError
-from labcdp.drivers.camera_settings import FREE_RUN, SOFTWARE_TRIGGER, CameraSetup, Region, Trigger
+from labcdp.drivers.camera_settings import FREE_RUN, SOFTWARE_TRIGGER, Region, Trigger
 
 both_namings = pytest.mark.parametrize("camera", ["prosilica", "sfnc"], indirect=True)
 
@@ -55,14 +55,6 @@ def test_what_the_camera_does_not_take_is_refused_and_nothing_changed(camera):
         with pytest.raises(CameraSettingError):
             camera.configure(**({"exposure_s": 0.008, "pixel_format": "Mono8"} | wrong))
         assert camera.settings == before, wrong
-
-
-def test_settings_of_a_measurement_are_verified_by_reading_back(camera):
-    camera.prepare(CameraSetup(binning=(2, 2), black_level=20, features={"Gain": 1.2, "ReverseX": True}))
-    assert (camera.settings.binning, camera.settings.black_level, camera.settings.gain_db) == ((2, 2), 20, 1.2)
-    # Its register keeps tenths of a decibel.
-    with pytest.raises(CameraSettingError, match=r"keeps Gain at 0\.1, not 0\.14: give a value that it keeps"):
-        camera.prepare(CameraSetup(features={"Gain": 0.14}))
 
 
 def test_a_software_trigger_is_sent_for_each_frame_and_silence_of_a_line_is_named(camera):

@@ -1,7 +1,6 @@
 """The computer: limits, capabilities, ports, packages and permissions, from a tree of files and from this computer."""
 
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -9,7 +8,6 @@ from types import SimpleNamespace
 
 import pytest
 
-from labcdp.drivers.aravis.library import aravis
 from labcdp.drivers.doctor import computer
 from labcdp.drivers.doctor.meter import serial_port_finding
 
@@ -56,19 +54,6 @@ def test_the_program_that_has_a_port_is_named():
         name = Path(f"/proc/{process.pid}/comm").read_text().strip()
         process.kill()
     assert f"taken by {name} (process {process.pid}) on 127.0.0.2" in found.cause
-
-
-@pytest.mark.skipif(shutil.which("dpkg-query") is None, reason="this is not a Debian system")
-def test_packages_that_are_missing_are_named(tmp_path, monkeypatch):
-    aravis.cache_clear()
-    monkeypatch.setitem(sys.modules, "gi", None)  # as if PyGObject were not there
-    about = "Architecture: amd64\nMaintainer: x\nDescription: x\n"
-    entry = f"Package: {{}}\nStatus: install {{}}\nVersion: 3.42\n{about}\n".format
-    installed = entry("python3-gi", "ok installed") + entry("gir1.2-aravis-0.8", "ok config-files")
-    write(tmp_path, "var/lib/dpkg/status", installed)
-    (tmp_path / "var/lib/dpkg/updates").mkdir()
-    found = computer.aravis_finding(tmp_path)
-    assert (found.state, found.remedy) == ("fault", "sudo apt-get install gir1.2-aravis-0.8 libaravis-0.8-0")
 
 
 @pytest.mark.parametrize(

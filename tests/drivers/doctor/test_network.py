@@ -111,20 +111,3 @@ def test_lost_packets_have_other_causes_than_none_at_all(behind_a_card):
     counted = StreamStatistics(completed=5, failed=2, underruns=3, missing=7)
     found = causes(CAMERA, FRAME, 9000, granted_bytes=212_992, counted=counted, root=behind_a_card)
     assert [one.topic for one in found] == ["receive buffer", "packet size", "packets", "underruns"]
-
-
-@pytest.mark.parametrize(
-    ("file", "text", "command"),
-    [
-        ("etc/ufw/ufw.conf", "LOGLEVEL=low\nENABLED=yes\n", "sudo ufw allow proto udp from 192.168.7.20"),
-        ("etc/ufw/ufw.conf", "#ENABLED=yes\nENABLED=no\n", "if there is a firewall"),
-        ("run/firewalld.pid", "77", "sudo firewall-cmd --zone=trusted --add-source=192.168.7.20"),
-        ("proc/net/ip_tables_names", "nat\nfilter\n", "sudo iptables -I INPUT -p udp -s 192.168.7.20 -j ACCEPT"),
-        ("proc/net/ip_tables_names", "nat\n", "if there is a firewall"),
-    ],
-)
-def test_a_firewall_is_suspected_when_nothing_came(behind_a_card, file, text, command):
-    (behind_a_card / file).parent.mkdir(parents=True)
-    (behind_a_card / file).write_text(text)
-    (finding,) = causes(CAMERA, FRAME, root=behind_a_card)
-    assert (finding.topic, finding.remedy[: len(command)]) == ("firewall", command)

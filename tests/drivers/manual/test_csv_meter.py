@@ -53,15 +53,11 @@ def test_ways_to_write_the_file(meter_of, text):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", r"readings\.csv is empty"),
-        ("name,luminance_cd_m2\nleft,1\n", r"line 1: there is no column patch"),
         ("patch,value\nleft,1\n", r"line 1: the columns are patch, value: give one of luminance_cd_m2"),
-        ("patch,patch,luminance_cd_m2\na,b,1\n", r"line 1: the column patch is there twice"),
         ("patch,luminance_cd_m2\na,1\nb\n", r"line 3: it has 1 cells, the header has 2"),
         ("patch;luminance_cd_m2\na;12,3\nb;1.234\n", r"line 3: '1.234' has another decimal mark than"),
         ("patch,luminance_cd_m2\na,12,3\n", r"line 2: it has 3 cells, .*a number with a decimal comma"),
         ("patch,luminance_cd_m2\n\na,bright\n", r"line 3: 'bright' is not a number"),
-        ("patch,luminance_cd_m2\n ,1\n", r"line 2: the patch has no name"),
         ("patch,luminance\na,1\n", r"line 2: the luminance '1' has no unit"),
         ("patch,luminance_cd_m2,time\na,1,noon\n", r"line 2: the time 'noon' is not known"),
         ('patch,luminance_cd_m2\na,"1\n', r"line 2: unexpected end of data"),

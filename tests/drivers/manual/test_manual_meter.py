@@ -51,11 +51,7 @@ def test_three_answers_that_are_no_luminance_or_none_at_all_end_in_an_error(answ
 @pytest.mark.parametrize(
     ("text", "value", "unit", "resolution"),
     [
-        ("12.3cd/m^2", 12.3, "cd/m2", 0.1),
         ("12.3 cd/m²", 12.3, "cd/m2", 0.1),
-        ("0,123", 0.123, None, 0.001),
-        ("1234,567", 1234.567, None, 0.001),
-        ("1.5e3", 1500, None, 100),
         ("1,5E+03 cd/m2", 1500, "cd/m2", 100),
         ("+7", 7, None, 1),
         (".5", 0.5, None, 0.1),

@@ -27,20 +27,6 @@ def test_four_digits_in_six_characters_are_held(value, text):
     assert ask(meter(value), "MES", "DSR") == [f"OK00,CcPH{text}"] * 2
 
 
-@pytest.mark.parametrize(
-    ("modes", "reply"),
-    [
-        (["08"], "OK00,PcPH 83.02"),
-        (["08", "09"], "OK00,CcPH 83.02"),
-        (["02"], "ER11"),
-        (["05", "04"], "OK00,CcPH 83.02"),
-        (["07", "08", "01"], "OK00,PcKH 83.02"),
-    ],
-)
-def test_modes_show_in_the_flags(modes, reply):
-    assert ask(meter(), *(f"MDS,{mode}" for mode in modes), "MES") == [*["OK00"] * len(modes), reply]
-
-
 @pytest.mark.parametrize("command", [b"", b"MES", b"mes\r\n", b"MES,\r\n", b"MDS\r\n", b"MDS,4\r\n", b"MDS,10\r\n"])
 def test_unknown_commands_and_bad_parameters(command):
     assert meter().answer(command) == b"ER00\r\n"

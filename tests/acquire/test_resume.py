@@ -1,0 +1,79 @@
+"""An acquisition that ends after any record, with whatever a kill leaves, is resumed and has the same data.
+
+That a session itself survives a kill at every call of the system is shown by its own tests.
+"""
+
+import shutil
+from dataclasses import replace
+
+import pytest
+import xarray
+
+import labcdp
+from labcdp.acquire import acquire, remaining
+from labcdp.core.clock import SimulatedClock
+from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
+from labcdp.drivers.simulated.in_process import InProcessCamera
+from labcdp.drivers.simulated.meter import MeterErrorModel
+from labcdp.session import Session
+
+from .conftest import SHAPE
+
+
+class Continued:
+    """The exposures of a target after the first `n`: a frame has the same noise in whichever run it is taken."""
+
+    def __init__(self, source, n):
+        self._source, self._n, self.state = source, n, source.state
+
+    def expose(self, exposure_s, gain_db, index):
+        return self._source.expose(exposure_s, gain_db, index + self._n)
+
+
+@pytest.fixture(scope="module")
+def bench(small_configuration):
+    devices = replace(BenchDevices.standard(), meter=MeterErrorModel(scale_rel=0.006))
+    with SimulatedBench(small_configuration, devices, SHAPE, clock=SimulatedClock()) as bench:
+        yield bench
+
+
+def resumed(path, bench):
+    """The session, complete."""
+    with Session.open(path, writable=True) as session:
+        source = Continued(bench._source, len(session.frames()))
+        with InProcessCamera(bench.device, source, SimulatedClock()) as camera, bench.in_process_meter(0) as meter:
+            acquire(session, camera, meter, bench)
+        assert remaining(session).complete
+        session.verify()
+    return Session.open(path)
+
+
+def content(session):
+    """Every frame and reading of a session, in order."""
+    frames = [(r.role, r.exposure_s, session.load(r).dn.tobytes()) for r in session.frames()]
+    return frames, [(r.patch, r.reading.raw) for r in session.readings()]
+
+
+def results(session):
+    return labcdp.Session.open(session.path).calibrate().evaluate().to_dataset().drop_attrs()
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(tmp_path_factory, small_configuration, bench):
+    path = tmp_path_factory.mktemp("uninterrupted") / "session"
+    Session.create(path, small_configuration).close()
+    return resumed(path, bench)
+
+
+@pytest.mark.parametrize("step", [pytest.param(1, marks=pytest.mark.long), 7])
+def test_an_acquisition_that_ends_after_any_record_is_resumed_with_the_same_data(tmp_path, uninterrupted, bench, step):
+    lines = (uninterrupted.path / "journal.jsonl").read_bytes().splitlines(keepends=True)
+    assert len(lines) > 44
+    for n in range(2, len(lines), step):
+        # Half of the next line is there, and files of frames that are not in the journal.
+        path = shutil.copytree(uninterrupted.path, tmp_path / str(n))
+        (path / "journal.jsonl").write_bytes(b"".join(lines[:n]) + lines[n][: len(lines[n]) // 2])
+        session = resumed(path, bench)
+        assert (path / "journal.jsonl").read_bytes().startswith(b"".join(lines[:n]))
+        assert content(session) == content(uninterrupted)
+    xarray.testing.assert_allclose(results(session), results(uninterrupted), rtol=1e-6, atol=1e-7)

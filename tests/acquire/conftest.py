@@ -59,9 +59,8 @@ def on_bench(tmp_path):
     """Open a session on a simulated bench in simulated time; opening it again resumes it."""
 
     @contextmanager
-    def opened(configuration, patience_s=0.0, name="session"):
-        clock = SimulatedClock()
-        path = tmp_path / name
+    def opened(configuration, patience_s=0.0):
+        clock, path = SimulatedClock(), tmp_path / "session"
         session = Session.open(path, True, clock) if path.exists() else Session.create(path, configuration, clock=clock)
         with (
             session,

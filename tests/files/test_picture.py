@@ -139,16 +139,6 @@ def test_alpha_is_left_out_and_named(tmp_path):
         assert finding in picture.findings
 
 
-def test_palettes_are_resolved(tmp_path):
-    colours = Image.fromarray(np.array([[[255, 0, 0], [0, 255, 0]], [[9, 9, 9], [255, 255, 255]]], dtype=np.uint8))
-    colours.save(tmp_path / "full.png")
-    for name in ("a.png", "a.tif"):
-        colours.quantize(4).save(tmp_path / name)
-        picture, full = read_picture(tmp_path / name), read_picture(tmp_path / "full.png")
-        assert info("palette-resolved") in picture.findings
-        assert np.array_equal(picture.frame.dn, full.frame.dn)
-
-
 def test_exr_colours_follow_their_chromaticities(tmp_path):
     ones = np.ones((2, 3), np.float32)
     # Primaries and white of ITU-R BT.709 and BT.2020.

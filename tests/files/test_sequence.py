@@ -9,7 +9,6 @@ from labcdp.core.result import info
 from labcdp.files.video.open import open_video
 from labcdp.files.video.selection import Position, Selection
 from labcdp.report.text import finding_text
-from labcdp.session import example_session
 
 from .video_files import frames
 
@@ -67,9 +66,3 @@ def test_pages_of_a_tiff_are_frames(tmp_path):
     found = [one.frame for one in frames(tmp_path / "stack.tif")]
     np.testing.assert_array_equal([one.dn for one in found], stack)
     assert {one.bit_depth for one in found} == {12}
-
-
-def test_a_recorded_session_is_a_video():
-    source, found = open_video(example_session()), frames(example_session())
-    assert [one.frame.shape for one in found] == [source.shape] * source.frame_count
-    assert 0.0 == found[0].time_s < found[1].time_s

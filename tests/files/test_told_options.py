@@ -10,10 +10,6 @@ from PIL import Image
 
 from labcdp.cli.pictures.options import PictureLightOptions
 from labcdp.files import PictureOptions, read_picture
-from labcdp.files.video.open import open_video
-from labcdp.files.video.selection import Selection
-from labcdp.files.video.source import frames_of
-from labcdp.session import example_session
 from labcdp.session.frames import frame_to_tiff
 
 from .conftest import write_dng
@@ -51,14 +47,6 @@ def test_a_typed_exposure_and_gain_count_before_those_of_the_file(tmp_path):
         picture = read_picture(path, given(exposure=0.005, gain_db=12.0))
         assert (picture.frame.exposure_s, picture.frame.gain_db) == (0.005, 12.0)
         assert codes(picture) == ["exposure-replaced", "gain-replaced"]
-
-
-def test_a_typed_exposure_counts_before_that_of_a_session():
-    session = example_session()
-    assert open_video(session).findings == open_video(session, PictureOptions(exposure_s=1.0)).findings
-    source = open_video(session, given(exposure=5.0, bit_depth=4))
-    assert next(iter(frames_of(source, Selection()))).frame.exposure_s == 5.0
-    assert {"exposure-replaced", "session-bit-depth"} <= set(codes(source))
 
 
 @pytest.mark.parametrize(

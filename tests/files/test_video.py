@@ -10,7 +10,7 @@ from labcdp.core.errors import InputError
 from labcdp.evaluate.picture.conversion import picture_conversion
 from labcdp.files import PictureOptions, read_picture
 from labcdp.files.stored_image import luminance_dn
-from labcdp.files.video.open import left_out, open_video, video_paths
+from labcdp.files.video.open import open_video
 from labcdp.files.video.selection import Chooser, Position, Selection
 
 from .video_files import N, bars, frames, moving, mux_jpegs, write
@@ -222,11 +222,3 @@ def test_selections_in_frames_and_seconds(start, stop, every, numbers):
     chooser = Chooser(selection)
     times = [(n, 0.04 * n) for n in range(12)]
     assert [n for n, time in times if not selection.ended(n, time) and chooser.takes(n, time)] == numbers
-
-
-def test_video_files_of_a_folder(tmp_path):
-    (tmp_path / "images").mkdir()
-    for name in ("b.avi", "a.mp4", "readme.txt", "images/0.png"):
-        (tmp_path / name).write_bytes(b"x")
-    assert video_paths([tmp_path]) == [tmp_path / "a.mp4", tmp_path / "b.avi"]
-    assert left_out(tmp_path) == [tmp_path / "images"]

@@ -142,18 +142,6 @@ def test_unattended_does_what_needs_no_hand_and_tells_the_rest(changed, on_bench
         assert (on.counts, on.events("complete")) == ((6, 4, 6), [{}])
 
 
-def test_unattended_repeats_once_what_may_be_better_then(changed, on_bench):
-    with on_bench(changed(["P12", "lower left"])) as on:
-        # Between the first two frames, and between the first two of the repeat.
-        on.bench.schedule("at 0.1 s light -10% in 0 s\nat 0.5 s light -10% in 0 s")
-        on.acquire(Unattended())
-        flickered, still = on.events("check")
-        assert [finding["check"] for finding in flickered["findings"]] == ["flicker"]
-        assert [flickered["repeat"], still["repeat"]] == [True, False]
-        assert on.counts == (6, 0, 0)
-        assert len(on.events("superseded")) == 1
-
-
 @pytest.mark.parametrize(
     ("plan", "change", "duration_s", "stable"),
     [

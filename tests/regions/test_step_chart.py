@@ -51,20 +51,11 @@ def test_the_recorded_target_is_found_in_each_exposure():
                 assert roi.bounds == pytest.approx(patch.bounds, abs=9)
 
 
-def scattered(rng):
-    image = np.full((300, 400), 20.0)
-    for level in range(12):
-        x, y = rng.integers(0, 350), rng.integers(0, 250)
-        image[y : y + rng.integers(20, 60), x : x + rng.integers(20, 60)] = 40 + 15 * level
-    return image
-
-
 OTHERS = {
     "flat": np.zeros((300, 400)),
     "noise": np.random.default_rng(6).normal(100, 20, (300, 400)),
     "ramp": np.tile(np.linspace(10, 200, 400), (300, 1)),
     "checkerboard": Checkerboard(400, 300, 20.0, 1.0, 50).luminance_map(),
-    "scattered": scattered(np.random.default_rng(7)),
 }
 
 

@@ -110,14 +110,6 @@ def test_a_loss_is_noticed_and_the_target_found_again(event, method):
     assert near(results[-1], frames[-1].rois, 0.5)
 
 
-def test_a_region_that_leaves_the_image_is_lost_and_stays_where_it_was():
-    frames = frames_of(lambda t: Moment(pose(130 + 12 * t, 80)), 12)
-    results = follow([frame.grey for frame in frames], frames[0].rois)
-    for found, frame in zip(results, frames[1:], strict=True):
-        assert [one.lost for one in found] == [true.bounds[2] > SIZE[0] for true in frame.rois]
-    assert all(one.lost and one.roi.bounds[2] <= SIZE[0] for one in results[-1])
-
-
 @pytest.mark.parametrize("cover", [Cover(86, 60, 3, 40, 0.9), Cover(86, 60, 6, 40, 0.9), Cover(85, 60, 18, 40, 0.1)])
 def test_a_region_of_which_a_strip_is_covered_is_not_measured(cover):
     """A tenth, a fifth and more of its 28 columns, which leaves the edges around it to be seen."""

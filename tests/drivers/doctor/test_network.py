@@ -8,10 +8,7 @@ from ipaddress import IPv4Interface
 
 import pytest
 
-from labcdp.drivers import network
-from labcdp.drivers.camera import StreamStatistics
 from labcdp.drivers.network import Interface, interface_findings, interface_to, interfaces, network_finding
-from labcdp.drivers.network import stream_causes as causes
 
 needs_own_network = pytest.mark.skipif(
     os.geteuid() != 0 or shutil.which("ip") is None, reason="making network interfaces needs root and ip"
@@ -90,24 +87,3 @@ def test_two_interfaces_in_one_network():
 def test_the_address_to_add_is_in_the_cameras_network(camera, own):
     finding = network_finding(camera, eth())
     assert (finding.remedy.split(",")[0] if finding else None) == (own and f"sudo ip addr add {own} dev eth0")
-
-
-#: A 16-bit frame of a Manta G-505.
-FRAME = 2452 * 2056 * 2
-CAMERA = "192.168.7.20"
-
-
-@pytest.fixture
-def behind_a_card(monkeypatch, tmp_path):
-    """The camera is behind a network card of a computer with these files."""
-    card = Interface("eth1", IPv4Interface("192.168.7.1/24"), mtu_bytes=1500)
-    monkeypatch.setattr(network, "interface_to", lambda _address, _known: card)
-    return tmp_path
-
-
-def test_lost_packets_have_other_causes_than_none_at_all(behind_a_card):
-    assert [one.topic for one in causes(CAMERA, FRAME, 9000, root=behind_a_card)] == ["packet size", "firewall"]
-    assert [one.topic for one in causes(CAMERA, FRAME, 1500, root=behind_a_card)] == ["firewall"]
-    counted = StreamStatistics(completed=5, failed=2, underruns=3, missing=7)
-    found = causes(CAMERA, FRAME, 9000, granted_bytes=212_992, counted=counted, root=behind_a_card)
-    assert [one.topic for one in found] == ["receive buffer", "packet size", "packets", "underruns"]

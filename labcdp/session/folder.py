@@ -104,6 +104,12 @@ def unrecorded(folder: Path, entries: Sequence[Entry]) -> list[str]:
     return sorted({path.relative_to(folder).as_posix() for path in found} - known)
 
 
+def given_up(entries: Sequence[Entry]) -> frozenset[int]:
+    """Lines of the frames whose damaged files were superseded."""
+    events = [entry.content for entry in entries if entry.kind == SUPERSEDED]
+    return frozenset(line for content in events if content.get("damaged") for line in content["lines"])
+
+
 def problems(folder: Path, entries: Sequence[Entry]) -> list[str]:
     """Check a session's journal on the disk and every file in it.
 
@@ -131,14 +137,9 @@ def problems(folder: Path, entries: Sequence[Entry]) -> list[str]:
             found.append(f"{folder / JOURNAL} was replaced since it was opened: open the session again")
     except SessionError as error:
         found.append(str(error))
-    replaced = {
-        line
-        for entry in entries
-        if entry.kind == SUPERSEDED and entry.content.get("damaged")
-        for line in entry.content["lines"]
-    }
+    lost = given_up(entries)
     for entry in entries:
-        if entry.file is not None and entry.sequence not in replaced:
+        if entry.file is not None and entry.sequence not in lost:
             try:
                 read_checked(folder, entry.file)
             except SessionError as error:

@@ -15,7 +15,7 @@ from ..core.errors import InputError, SessionError
 from ..core.frame import Frame
 from ..core.reading import Reading
 from .configuration import SessionConfiguration
-from .folder import create_folder, problems, read_configuration, remove_session, require_session, unrecorded
+from .folder import create_folder, given_up, problems, read_configuration, remove_session, require_session, unrecorded
 from .frames import FrameFolder, frame_from_tiff, read_checked
 from .journal import CLOCK, JOURNAL, Entry, Journal, read_journal
 from .records import (
@@ -165,9 +165,9 @@ class Session:
         return frame_from_tiff(read_checked(self.path, frame.file), str(self.path / frame.file.name))
 
     def damaged(self) -> list[tuple[FrameRecord, str]]:
-        """List the frames that count whose files are missing or altered, each with its fault."""
-        found = []
-        for frame in self.frames():
+        """List the frames whose files are missing or altered, each with its fault; those too that were taken again."""
+        found, lost = [], given_up(self._entries)
+        for frame in (r for r in self.records if isinstance(r, FrameRecord) and r.sequence not in lost):
             try:
                 read_checked(self.path, frame.file)
             except SessionError as error:
@@ -239,7 +239,6 @@ class Session:
         """Let frames and readings no longer count, because they are taken again; they stay on the disk.
 
         The files of `damaged` ones are not checked any more.
-
         """
         lines = [record.sequence for record in records]
         content = {"lines": lines, "reason": reason} | ({"damaged": True} if damaged else {})

@@ -169,8 +169,11 @@ def test_live_numbers_and_keys_on_a_terminal_which_is_left_as_it_was(labcdp_path
 
 def test_missing_and_damaged_frames_are_recorded_again_by_the_command_that_is_offered(labcdp, bench, tmp_path):
     assert labcdp("acquire", bench(), "my session", *SIMULATED).returncode == 0
-    lost, damaged = (tmp_path / "my session" / "frames" / name for name in ("0001_light_2ms.tif", "0004_dark_2ms.tif"))
-    lost.unlink()
+    with Session.open(tmp_path / "my session", writable=True) as session:
+        session.supersede(session.frames()[1:2], "to be taken again")
+    *lost, _, damaged = sorted((tmp_path / "my session" / "frames").iterdir())
+    for path in lost:
+        path.unlink()
     damaged.write_bytes(damaged.read_bytes()[:-7] + b"garbage")
     offered = only_line(labcdp("calibrate", "my session")).partition("record it again: labcdp ")[2]
     assert offered == "acquire 'my session/session.toml' 'my session' --replace-damaged"
@@ -180,5 +183,5 @@ def test_missing_and_damaged_frames_are_recorded_again_by_the_command_that_is_of
         session.verify()
         frames = session.frames()
         roles = [(frame.role, frame.number) for frame in frames]
-        assert roles == [("light", 2), ("dark", 3), ("light", 5), ("dark", 6)]
+        assert roles == [("dark", 3), ("light", 5), ("light", 6), ("dark", 7)]
         assert len({session.load(frame).dn.tobytes() for frame in frames}) == 4

@@ -136,12 +136,12 @@ def record(
 
 def _give_up_damaged(session: Session) -> None:
     """Let frames whose files are missing or damaged no longer count."""
-    damaged = session.damaged()
+    damaged, before = session.damaged(), len(session.frames())
     if not damaged:
         say("No frame is missing or damaged")
         return
     session.supersede([frame for frame, _ in damaged], damaged[0][1], damaged=True)
-    say(f"Recording {len(damaged)} missing or damaged frames again")
+    say(f"Recording {before - len(session.frames())} missing or damaged frames again")
 
 
 def _clock(path: Path, simulated: bool) -> Clock:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 from ..core.errors import InputError
 from ..core.frame import Frame
 from ..core.luminance import WHOLE, LuminanceMap, Window
-from ..core.result import Finding
+from ..core.result import Finding, html_table, number
 from ..core.spectra import Source, SpectralTable
 from .convert.conversion import to_luminance
 from .converter import Converter
@@ -114,6 +114,13 @@ class Calibration(Converter):
         if not self.residuals:
             raise InputError("a calibration has at least one row in residuals")
 
+    def __repr__(self) -> str:
+        return f"<Calibration of {self.state.camera}>"
+
+    def _repr_html_(self) -> str:
+        """Table for notebooks."""
+        return calibration_table(self)
+
     @property
     def planes(self) -> tuple[Calibration, ...]:
         """Itself, as the one plane of a monochrome sensor."""
@@ -139,6 +146,18 @@ class Calibration(Converter):
             residuals=tuple(_moved(row, corner) for row in self.residuals),
             held_out=tuple(_moved(row, corner) for row in self.held_out),
         )
+
+
+def calibration_table(calibration: Any) -> str:
+    """Return what a calibration is of, and its range, as an HTML table for notebooks."""
+    low, high = (number(one) for one in calibration.range_cd_m2)
+    lens, measured = calibration.lens, calibration.provenance.measured
+    rows = [
+        ("lens", f"{lens.model} at f/{lens.f_number:g}"),
+        ("calibrated range", f"{low} to {high} cd/m²"),
+        ("measured", f"{measured:%Y-%m-%d %H:%M}"),
+    ]
+    return html_table(("calibration of", str(calibration.state.camera)), rows)
 
 
 def _moved(row: PatchResidual, corner: tuple[int, int]) -> PatchResidual:

@@ -17,7 +17,7 @@ from ...core.spectra import Source, SpectralTable
 from ..findings import LeftOut
 from ..frames.measure import split
 from ..frames.observations import CameraState
-from ..model import Calibration, PatchResidual
+from ..model import Calibration, PatchResidual, calibration_table
 from ..setup import LensIdentity, MeterScale, Provenance
 from ..uncertainty import student_factor
 from .conversion import ColourConverter, errors_of_plane, joined, mismatch_errors
@@ -195,6 +195,13 @@ class ColourCalibration(ColourConverter):
     sensitivity: SpectralTable | None
     f1_prime: float | None
     findings: tuple[Finding, ...]
+
+    def __repr__(self) -> str:
+        return f"<ColourCalibration of {self.state.camera}>"
+
+    def _repr_html_(self) -> str:
+        """Table for notebooks."""
+        return calibration_table(self)
 
     @property
     def state(self) -> CameraState:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..core.luminance import LuminanceMap
-from ..core.result import Finding, html_table
-from ..core.roi import Roi
+from ..core.result import Finding
+from ..core.roi import Roi, regions_table
 from ..metrics import Epsilon
 from ..metrics.pair import PairResult, RegionResult, evaluate_pair
 from .arguments import Contrasts, as_contrasts
@@ -104,8 +104,7 @@ class ImageRegions:
 
     def _repr_html_(self) -> str:
         """Table for notebooks."""
-        rows = [(roi.name, f"{roi.area:.0f}", ", ".join(f"{edge:.4g}" for edge in roi.bounds)) for roi in self.rois]
-        return html_table(("region", "area in pixels", "left, top, right, bottom"), rows, self.name)
+        return regions_table(self.rois, self.name)
 
 
 def _of_pair(pair: PairResult) -> dict[str, float]:

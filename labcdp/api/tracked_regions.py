@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from ..core.errors import InputError, LabcdpError
 from ..core.result import Finding, error, unique
-from ..core.roi import Roi
+from ..core.roi import Roi, regions_table
 from ..evaluate.video.dataset import restored
 from ..evaluate.video.settings import Progress, VideoSettings
 from ..files.video.selection import Selection
@@ -118,6 +118,10 @@ class TrackedRegions:
         return (
             f"<labcdp.TrackedRegions of {self.name}: {len(self.rois)} regions, {len(self.pairs)} pairs, {self.method}>"
         )
+
+    def _repr_html_(self) -> str:
+        """Table for notebooks."""
+        return regions_table(self.rois, self.name)
 
     def _of(self, pair: tuple[str, str], common: VideoSettings, reference: Any) -> VideoSettings:
         """Return what is asked of a pair."""

@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import ConfigurationError, InputError
+from ..core.result import html_table
 from .imaging import ImagingChain
 from .optics import Optics, Windscreen
 from .parameters import COUNT, THREADS
 from .parts import ChainParts
 from .scene.scene import luminance_map
 from .sensor import Sensor
-from .signal import Context, SensorModel, Signal, digital_signal
+from .signal import SIGNAL_HEADS, Context, SensorModel, Signal, digital_signal
 
 
 @dataclass(frozen=True)
@@ -161,6 +162,11 @@ class ChainRun(Mapping[str, Signal]):
 
     def __len__(self) -> int:
         return len(self.stages)
+
+    def _repr_html_(self) -> str:
+        """Table for notebooks."""
+        rows = [(name, *signal.summary) for name, signal in self.items()]
+        return html_table(("stage", *SIGNAL_HEADS), rows, f"{self.chain.name or self.chain.source}, seed {self.seed}")
 
     def __repr__(self) -> str:
         return f"<ChainRun of {self.chain.name or self.chain.source!r}, seed {self.seed}: {' > '.join(self.stages)}>"

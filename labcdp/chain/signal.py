@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import InputError
+from ..core.result import html_table, number
 from .parameters import GAIN, Number, Parameters, Temperature
 
 
@@ -53,6 +54,8 @@ class ExposureSettings(Parameters):
 
 Values = NDArray[Any]
 
+#: Heads of a table of signals.
+SIGNAL_HEADS = ("quantity", "size", "lowest", "mean", "highest")
 #: Quantities a signal can be of, with their units.
 UNITS = {"luminance": "cd/m²", "illuminance": "lx", "digital number": "DN"}
 
@@ -87,6 +90,17 @@ class Signal:
 
     def __repr__(self) -> str:
         return f"<Signal {self.quantity} in {self.unit}, shape {self.values.shape}>"
+
+    def _repr_html_(self) -> str:
+        """Table for notebooks."""
+        return html_table(SIGNAL_HEADS, [self.summary])
+
+    @property
+    def summary(self) -> tuple[str, ...]:
+        """Quantity, size, and lowest, mean and highest value, as texts under `SIGNAL_HEADS`."""
+        size = " x ".join(map(str, reversed(self.values.shape)))
+        values = (f"{number(float(of(self.values)))} {self.unit}" for of in (np.min, np.mean, np.max))
+        return (self.quantity, size, *values)
 
     @property
     def unit(self) -> str:

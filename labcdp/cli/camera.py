@@ -39,7 +39,7 @@ from ..session import MeterCertificate, Session, SessionConfiguration
 from .bench.acquire import record
 from .bench.options import DeviceOptions
 from .commands import As
-from .options import Certificate, Percent, Results, Without
+from .options import Certificate, Contrast, Percent, Results, Without
 from .terminal import progress_bar, progress_bars, say
 from .values import fraction_of_percent
 
@@ -87,7 +87,7 @@ def twin(
     *,
     calibration: Path | None = None,
     without: Without = (),
-    contrast: Percent | None = None,
+    contrast: Contrast = None,
     epsilon: Percent = 0.5,
 ) -> None:
     """Estimate a simulated twin of a session's camera and compare its CDP with the measured CDP.
@@ -103,7 +103,7 @@ def twin(
     calibration
         Calibration file of this camera; default: calibrate with this session.
     contrast
-        Contrast to detect in all pairs, for example 100%; default: contrast of each pair by the meter.
+        One contrast to detect in all pairs, for example 100%; default: contrast of each pair by the meter.
     epsilon
         Relative tolerance of the contrast.
     """

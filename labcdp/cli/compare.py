@@ -21,7 +21,7 @@ from ..evaluate.compare.page import write_comparison
 from ..evaluate.compare.result import compare_result
 from ..evaluate.compare.subject import picture_task
 from ..evaluate.picture.result import PictureTask
-from .options import Axes, Changes, Percent, Results
+from .options import Axes, Changes, Contrast, Percent, Results
 from .pictures.options import PictureLightOptions
 from .terminal import progress_bar, say
 
@@ -40,7 +40,7 @@ class QuestionOptions:
         For chains: parameter and its values, as for labcdp sweep; may be repeated; default:
         scene.luminance_cd_m2=0.001:100000:121:log.
     contrast
-        For chains and pictures: contrast to detect, for example 100%; default: contrast of each scene, measured
+        For chains and pictures: one contrast to detect, for example 100%; default: contrast of each scene, measured
         contrast of each pair.
     epsilon
         For chains and pictures: relative tolerance of the contrast; default: 50%.
@@ -51,7 +51,7 @@ class QuestionOptions:
     """
 
     over: Axes = ()
-    contrast: Percent | None = None
+    contrast: Contrast = None
     epsilon: Percent | None = None
     roi: Path | None = None
     changes: Changes = ()

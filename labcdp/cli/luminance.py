@@ -69,7 +69,7 @@ class ChosenFrames:
     """
 
     frame: tuple[int, ...] = ()
-    exposure: Annotated[tuple[float, ...], As(parse=_each_in_s, many=True)] = ()
+    exposure: Annotated[tuple[float, ...], As(names=("--only-exposure",), parse=_each_in_s, many=True)] = ()
     patch: str | None = None
 
     def wanted(self, exposure_s: float) -> bool:
@@ -148,7 +148,7 @@ def luminance(
     }
     paths, picture = [written.output], b""
     if written.preview is not None:
-        title = "Luminance, " + ", ".join(f"{1e3 * t:g} ms" for t in sorted(set(result.exposures_s)))
+        title = f"Luminance, {exposures(set(result.exposures_s))}"
         picture = luminance_picture(result.map, title, loaded.state.camera.simulated, loaded.range_cd_m2)
     save_luminance(result.map, written.output, about, force=written.force)
     if written.preview is not None:

@@ -13,7 +13,7 @@ from ..core.cluster import TlsFiles, Workers
 from ..evaluate.sweep.plan import Axis, parse_axis
 from .commands import As
 from .terminal import print_result
-from .values import fraction_of_percent, parse_changes, parse_contrasts, parse_seconds, parse_tolerance
+from .values import fraction_of_percent, parse_changes, parse_contrast, parse_contrasts, parse_seconds, parse_tolerance
 
 if TYPE_CHECKING:
     from ..core.result import Result
@@ -54,6 +54,8 @@ Contrasts = Annotated[
         many=True,
     ),
 ]
+#: A contrast, where one is the condition of all that a command computes; None for the default.
+Contrast = Annotated[float | None, As(parse=parse_contrast, many=True)]
 Port = Annotated[int, As("Port of the page; default: any free port.", least=0, most=65535)]
 PageAddress = Annotated[str, As("Address of the page; the default is reachable from this computer and through ssh.")]
 MeterPort = Annotated[

@@ -26,7 +26,7 @@ from ..evaluate.sweep.simulation.result import result as simulation_result
 from ..evaluate.sweep.thesis import reproduce_thesis
 from ..evaluate.sweep.thesis_report import thesis_result, write_thesis
 from .commands import As
-from .options import Axes, Changes, ClusterOptions, Json, Percent, Results, Seed
+from .options import Axes, Changes, ClusterOptions, Contrast, Json, Percent, Results, Seed
 from .terminal import print_result, progress_bar
 
 ChainName = Annotated[str, As("Name of a preset (see labcdp presets), or chain file.")]
@@ -42,7 +42,7 @@ class ChainOptions:
         Compute the distribution of DN instead of simulating: on the optical axis, for one pair of regions and an EMVA
         1288 sensor.
     contrast
-        Contrast to detect, for example 100%; default: that of the scene.
+        One contrast to detect, for example 100%; default: that of the scene.
     epsilon
         Relative tolerance of the contrast.
     changes
@@ -50,7 +50,7 @@ class ChainOptions:
     """
 
     exact: bool = False
-    contrast: Percent | None = None
+    contrast: Contrast = None
     epsilon: Percent = 0.5
     changes: Changes = ()
     seed: Seed = 0

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..core.clock import exposure_text
 from .disk import quoted, record_of
 from .errors import InputError
+from .result import html_table
 
 #: Colour filter patterns of the GenICam Bayer pixel formats, named by the first two pixels.
 COLOUR_FILTERS = ("RG", "GB", "GR", "BG")
@@ -218,6 +219,10 @@ class Frame:
         height, width = self.shape
         settings = f"{self.pixel_format}, {exposure_text(self.exposure_s)}, {self.gain_db:g} dB"
         return f"<Frame {width} x {height} {settings}, {self.camera.model}>"
+
+    def _repr_html_(self) -> str:
+        """Table for notebooks."""
+        return html_table((str(self.camera), ""), [("frame", repr(self)[7:-1]), ("taken", str(self.timestamp))])
 
     @property
     def shape(self) -> tuple[int, int]:

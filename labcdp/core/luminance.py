@@ -14,6 +14,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from .errors import InputError
 from .frame import Frame
+from .result import html_table, number
 from .roi import Roi
 
 #: Standard deviations of its noise a pixel may lie beyond the calibrated range.
@@ -151,6 +152,12 @@ class LuminanceMap:
     def __repr__(self) -> str:
         height, width = self.shape
         return f"<LuminanceMap of {width} x {height} pixels>"
+
+    def _repr_html_(self) -> str:
+        """Table for notebooks."""
+        known = self.luminance_cd_m2[np.isfinite(self.luminance_cd_m2)]
+        levels = [f"{number(v)} cd/m²" for v in np.percentile(known, (0, 50, 100))] if known.size else 3 * ["-"]
+        return html_table(("map", "lowest", "median", "highest"), [(repr(self)[17:-1], *levels)])
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
         """Return the luminance."""

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Literal
 
 from .disk import quoted, record_of
 from .errors import InputError
+from .result import html_table, number
 
 #: 1 foot-lambert = (1 / pi) cd / ft^2, with 1 ft = 0.3048 m (exact by definition of the foot).
 CD_M2_PER_FL = 3.4262590996353905
@@ -94,6 +95,11 @@ class Reading:
             raise InputError(f"unit is {quoted(self.unit)}: give 'cd/m2', 'fL' or '%'")
         if self.timestamp.tzinfo is None:
             raise InputError("timestamp has no time zone: give an aware datetime")
+
+    def _repr_html_(self) -> str:
+        """Table for notebooks."""
+        row = (f"{self.value:g} {self.unit}", f"{self.meter.model} {self.meter.serial}", str(self.timestamp))
+        return html_table(("reading", "meter", "taken"), [row])
 
     @property
     def cd_m2_per_unit(self) -> float:
@@ -184,6 +190,11 @@ class ReadingSeries:
                     f"{first.correction!r} and {reading.correction!r}: leave the meter's correction alone and measure "
                     "again"
                 )
+
+    def _repr_html_(self) -> str:
+        """Table for notebooks."""
+        row = (str(len(self.readings)), f"{number(self.mean_cd_m2)} cd/m²", f"{100 * self.scatter_rel:.2g} %")
+        return html_table(("readings", "mean", "scatter"), [row])
 
     @property
     def mean_cd_m2(self) -> float:

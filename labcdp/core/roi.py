@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from math import ceil, floor, isfinite
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InputError
+from .result import html_table
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,10 @@ class Roi:
         if not (width > 0 and height > 0):
             raise InputError(f"region {name!r} is {width} x {height} pixels: give a width and height above 0")
         return cls(name, ((x, y), (x + width, y), (x + width, y + height), (x, y + height)))
+
+    def _repr_html_(self) -> str:
+        """Table for notebooks."""
+        return regions_table([self])
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
@@ -142,3 +148,9 @@ class Roi:
         mask = self.mask(shape)
         values: NDArray[Any] = window.ravel() if mask.all() else window[mask]
         return values
+
+
+def regions_table(rois: Iterable[Roi], caption: str = "") -> str:
+    """Return regions as an HTML table for notebooks."""
+    rows = [(roi.name, f"{roi.area:.0f}", ", ".join(f"{edge:.4g}" for edge in roi.bounds)) for roi in rois]
+    return html_table(("region", "area in pixels", "left, top, right, bottom"), rows, caption)

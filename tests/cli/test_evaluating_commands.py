@@ -101,7 +101,7 @@ def test_luminance_of_a_session_and_of_frames_that_labcdp_did_not_record(labcdp,
     assert 380 < np.quantile(values, 0.99) < 450
     assert (page["unit"], page["calibration"]["camera"][:13]) == ("cd/m^2", "Allied Vision")
     assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
-    done = luminance(example, "-o", "b.exr", "--exposure", "8ms")
+    done = luminance(example, "-o", "b.exr", "--only-exposure", "8ms")
     assert "Luminance of 2 frames at 8 ms" in done.stdout
     assert "add a shorter exposure" in done.stderr
     one = results_of(luminance(example, "-o", "one.npz", "--frame", 3, "--json"))

@@ -199,7 +199,7 @@ def test_images_of_other_programs_are_imported(folder, labcdp):
         cv2.imwrite(str(folder / f"{name}.png"), rng.integers(50, 70, (56, 312)).astype(np.uint16))
     arguments = ["import", "bench.toml", "s", "--readings", "readings.csv", "--dark", "dark.png", "--light", "?.png"]
     assert "a.png does not state its exposure time: give it" in labcdp(*arguments).stderr
-    done = labcdp(*arguments, "--exposure", "0.01", "--exposure", "c.png=0.02")
+    done = labcdp(*arguments, "--exposure", "10ms", "--exposure", "c.png=20ms")
     assert done.returncode == 0, done.stderr
     frames = Session.open(folder / "s").frames("light")
     found = [(r.exposure_s, r.pixel_format, r.camera.model) for r in frames]

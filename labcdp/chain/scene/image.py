@@ -87,12 +87,12 @@ class ImageScene(Parameters):
             raise InputError(
                 f"regions_xywh.{shortened(name)} is {shown(corners)}: give a list of x, y, width and height in pixels"
             )
+        x, y, width, height = corners
         try:
-            Patch(*corners, luminance_cd_m2=0.0)
+            Patch(x, y, width, height, 0.0)
         except InputError as error:
             raise InputError(f"regions_xywh.{shortened(name)}: {error}") from error
-        x, y, width, height = map(int, corners)
-        return x, y, width, height
+        return int(x), int(y), int(width), int(height)
 
     def _rectangle(self, name: str) -> Patch:
         return Patch(*self.regions_xywh[name], luminance_cd_m2=0.0)

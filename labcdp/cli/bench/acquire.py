@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from itertools import groupby
-from math import inf
 from pathlib import Path
 from shlex import quote
 
@@ -26,6 +25,7 @@ from ...session import FrameRecord, ReadingRecord, Role, Session, SessionConfigu
 from ...web.bench.recording import with_regions
 from ..options import Json
 from ..terminal import print_result, progress_bars, say
+from ..values import parse_seconds
 from .connected import connected
 from .operators import Console, Keys
 from .options import Again, DeviceOptions, Person, Replay
@@ -201,7 +201,7 @@ def import_files(
     readings
         CSV file of the meter readings: columns patch, luminance_cd_m2 or luminance_fL, and optionally time.
     exposure
-        Exposure in seconds of pictures that do not state it; FILE=SECONDS for one picture. May be repeated.
+        Exposure time of pictures that do not state it, for example 5ms; FILE=5ms for one picture. May be repeated.
     """
     wanted = SessionConfiguration.load(configuration)
     exposures_s = _exposures_s(exposure)
@@ -255,12 +255,7 @@ def _exposures_s(texts: Sequence[str]) -> dict[str, float]:
     exposures_s: dict[str, float] = {}
     for text in texts:
         name, _, number = text.rpartition("=")
-        try:
-            seconds = float(number)
-        except ValueError:
-            seconds = 0.0
-        if not 0 < seconds < inf:
-            raise InputError(f"--exposure is {text!r}: give seconds above 0, or FILE=SECONDS")
+        seconds = parse_seconds(number, "--exposure")
         key = str(Path(name)) if name else ""
         if key in exposures_s:
             raise InputError(f"--exposure {name or 'without a file'} is given twice: give it once")

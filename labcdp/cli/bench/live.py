@@ -11,7 +11,6 @@ from typing import Annotated, Any
 import typer
 
 from ...acquire.plan import prepare_camera
-from ...core.errors import InputError
 from ...core.result import Quantity, Result, quantity_table
 from ...core.table import Column, Table
 from ...drivers.aravis.camera import AravisCamera
@@ -30,9 +29,8 @@ from ...web.regions.files import DrawingFiles, Start, locked
 from ...web.regions.workspace import Workspace
 from ...web.server import Address, Server, Site
 from ..commands import As
-from ..options import Json, MeterModel, PageOptions, Percent, output_file
+from ..options import Contrast, Json, MeterModel, PageOptions, Percent, output_file
 from ..terminal import print_result, say_where
-from ..values import parse_contrasts
 from .connected import note_bench, serial_meter, simulated_bench_file, simulated_devices
 from .options import BenchDevices, DeviceOptions
 
@@ -70,13 +68,6 @@ class LiveDevices(BenchDevices):
             yield camera, BenchOfPage(meter, plan)
 
 
-def _one_contrast(text: str, name: str) -> float:
-    contrasts = parse_contrasts([text], name)
-    if len(contrasts) != 1:
-        raise InputError(f"{name} of the live bench is one contrast: give for example 100%")
-    return contrasts[0]
-
-
 @dataclass(frozen=True)
 class Detection:
     """Options for what is to be detected.
@@ -84,12 +75,12 @@ class Detection:
     Parameters
     ----------
     contrast
-        Contrast to detect, for example 100%; default: as measured.
+        One contrast to detect, for example 100%; default: as measured.
     epsilon
         Relative tolerance of the contrast.
     """
 
-    contrast: Annotated[float | None, As(parse=_one_contrast)] = None
+    contrast: Contrast = None
     epsilon: Percent = 0.5
 
 

@@ -22,7 +22,7 @@ from ...files.read import picture_paths, read_picture
 from ...output import ResultsFolder
 from ...regions import load_regions, rois_of
 from ..commands import As
-from ..options import Percent, Results
+from ..options import Contrast, Percent, Results
 from ..terminal import print_result, progress_bars
 from ..values import parse_pair
 from .batch import Failure, each_once, end_batch, worked_through
@@ -147,7 +147,7 @@ class EdgeOptions:
     minimum_contrast
         Smallest contrast of an edge; weaker edges are ignored.
     contrast
-        Contrast of the objects in the scene, to be detected at all edges; default: that of each edge.
+        One contrast of the objects in the scene, to be detected at all edges; default: that of each edge.
     detected
         Smallest CDP of a detected edge, above 0 and up to 1.
     """
@@ -155,7 +155,7 @@ class EdgeOptions:
     region_size: int = 40
     epsilon: Percent = 0.5
     minimum_contrast: Percent = 0.1
-    contrast: Percent | None = None
+    contrast: Contrast = None
     detected: float = 0.9
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...chain import Chain
+from ...core.disk import shortened
 from ...core.errors import InputError, PredictionError
 from ..picture.result import PictureTask
 from ..sweep.maps.map import MapAnalysis, analyse_map
@@ -108,7 +109,9 @@ class Comparison:
         """Settings in which the subjects differ, as text of each."""
         flat = [dict(_flat(subject.settings)) for subject in self.subjects]
         rows = {name: [one.get(name, "") for one in flat] for one in flat for name in one}
-        return {name: texts for name, texts in rows.items() if len(set(texts)) > 1}
+        return {
+            name: [shortened(one, _LONGEST) for one in texts] for name, texts in rows.items() if len(set(texts)) > 1
+        }
 
 
 def compare_subjects(
@@ -211,6 +214,18 @@ def _flat(values: Any, name: str = "") -> Iterator[tuple[str, str]]:
     if isinstance(values, Mapping):
         for key, value in values.items():
             yield from _flat(value, f"{name}.{key}" if name else str(key))
+    elif isinstance(values, list | tuple) and any(isinstance(one, Mapping) for one in values):
+        for number, value in enumerate(values, start=1):
+            yield from _flat(value, f"{name} {number}")
     elif values is not None and name not in ("name", "description"):
-        text = str(values)
-        yield name, text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
+        yield name, _text(values)
+
+
+def _text(value: Any) -> str:
+    """Write a setting: lists as "1, 2", lists of lists as "1, 2; 3, 4"."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list | tuple):
+        between = "; " if any(isinstance(one, list | tuple) for one in value) else ", "
+        return between.join(map(_text, value))
+    return str(value)

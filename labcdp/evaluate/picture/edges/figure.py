@@ -19,8 +19,8 @@ from .map import ContrastMap
 if TYPE_CHECKING:
     from matplotlib.colors import LinearSegmentedColormap
 
-#: CDP and its colour: lost is warm, detected is cold, distinguishable for colour-blind readers too.
-COLOURS = ((0.0, "#D55E00"), (0.5, "#F0A030"), (0.8, "#F7E96B"), (0.9, "#7FC8F0"), (1.0, "#0072B2"))
+#: Colours of a CDP of 0 and of 1: lost is warm, detected is cold, distinguishable for colour-blind readers too.
+_LOST, _DETECTED = "#D55E00", "#0072B2"
 
 #: Longest side of the drawn overlay, and how many times larger than it is a small image is drawn at the most.
 _LONGEST_SIDE, _MOST_ZOOM = 1600, 4
@@ -73,16 +73,22 @@ STYLES = (
     EdgeStyle((EdgeKind.FAINT,), "contrast below {least}", "#FFFFFF", opacity=0.4),
     EdgeStyle((EdgeKind.UNEVEN,), "a region is not uniform", "#44DD88", dotted=True),
     EdgeStyle((EdgeKind.BLACK, EdgeKind.SATURATED), "saturated or black", "#F781BF", dotted=True),
-    EdgeStyle((EdgeKind.SEEN,), "detected, CDP {detected} or more", COLOURS[-1][1], by_cdp=True),
-    EdgeStyle((EdgeKind.LOST,), "lost, CDP below {detected}", COLOURS[0][1], by_cdp=True),
+    EdgeStyle((EdgeKind.SEEN,), "detected, CDP {detected} or more", _DETECTED, by_cdp=True),
+    EdgeStyle((EdgeKind.LOST,), "lost, CDP below {detected}", _LOST, by_cdp=True),
 )
 
 
-def colour_map() -> LinearSegmentedColormap:
+def colours(detected: float) -> list[tuple[float, str]]:
+    """Return CDPs from 0 to 1 with their colours, warm up to the smallest CDP that counts as detected."""
+    limit = min(detected, 0.999)
+    return [(0.0, _LOST), (0.6 * limit, "#F0A030"), (limit, "#F7E96B"), (limit, "#7FC8F0"), (1.0, _DETECTED)]
+
+
+def colour_map(detected: float) -> LinearSegmentedColormap:
     """Colours of a CDP of 0 to 1."""
     from matplotlib.colors import LinearSegmentedColormap
 
-    return LinearSegmentedColormap.from_list("cdp", list(COLOURS))
+    return LinearSegmentedColormap.from_list("cdp", colours(detected), N=1000)
 
 
 def overlay(found: ContrastMap) -> NDArray[np.uint8]:
@@ -113,7 +119,7 @@ def overlay_figure(found: ContrastMap, drawn: NDArray[np.uint8], title: str, sim
     # Fine lines need more pixels than a page has.
     figure.figure.set_dpi(1.5 * DPI)
     figure.axes.imshow(drawn, extent=figure.extent, interpolation="antialiased")
-    scale = ScalarMappable(Normalize(0, 1), colour_map())
+    scale = ScalarMappable(Normalize(0, 1), colour_map(found.settings.detected))
     figure.add_scale(scale, f"CDP of edges with a contrast of at least {percent(found.settings.minimum_contrast)}")
     figure.bar.axhline(found.settings.detected, color="black", linewidth=1.5)
     figure.bar.set_yticks(sorted({0.0, 0.2, 0.4, 0.6, 0.8, 1.0, found.settings.detected}))
@@ -152,9 +158,10 @@ def _paint(rgb: NDArray[np.uint8], found: ContrastMap, scale: float, style: Edge
     if style.by_cdp:
         # The lowest CDP of a drawn pixel is painted last.
         sides = sides[np.argsort(-found.edges.cdp[near.sides_pair[sides]], kind="stable")]
-        colours = np.round(255 * colour_map()(found.edges.cdp[near.sides_pair[sides]])[:, :3])
+        cdp = found.edges.cdp[near.sides_pair[sides]]
+        painted = np.round(255 * colour_map(found.settings.detected)(cdp)[:, :3])
     else:
-        colours = np.broadcast_to(np.round(255 * np.array(to_rgb(style.colour))), (sides.size, 3))
+        painted = np.broadcast_to(np.round(255 * np.array(to_rgb(style.colour))), (sides.size, 3))
     wide = range(-1 if style.by_cdp else 0, 1)
     for x, y in _along(near.sides_px[sides], scale):
         shown = (x + y) % _PERIOD < _DOT if style.dotted else np.full(x.size, True)
@@ -162,7 +169,7 @@ def _paint(rgb: NDArray[np.uint8], found: ContrastMap, scale: float, style: Edge
             for dx in wide:
                 rows, columns = np.maximum(y[shown] + dy, 0), np.maximum(x[shown] + dx, 0)
                 below = rgb[rows, columns]
-                rgb[rows, columns] = np.round(style.opacity * colours[shown] + (1 - style.opacity) * below)
+                rgb[rows, columns] = np.round(style.opacity * painted[shown] + (1 - style.opacity) * below)
 
 
 def _along(places: NDArray[np.float32], scale: float) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp]]]:

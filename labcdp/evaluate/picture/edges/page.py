@@ -22,7 +22,7 @@ from ....report.layout import Block, Card, Facts, Page, Section
 from ....report.sheets import result_workbook
 from ....report.text import percent, share_percent
 from .edges import FALSE_ALARM, EdgeKind
-from .figure import COLOURS, STYLES, EdgeStyle, overlay, overlay_figure
+from .figure import STYLES, EdgeStyle, colours, overlay, overlay_figure
 from .map import ContrastMap
 from .result import MapSource, contrast_map_dataset, edge_table
 
@@ -198,6 +198,7 @@ def _figure(found: ContrastMap, drawn: NDArray[np.uint8], source: MapSource) -> 
     figure.update_yaxes(
         title="y in pixels", range=[height, 0], showgrid=False, zeroline=False, scaleanchor="x", constrain="domain"
     )
+    scale = [list(pair) for pair in colours(found.settings.detected)]
     legend = {"orientation": "h", "x": 0, "y": 1.0, "yanchor": "bottom", "bgcolor": "#c8c8c8", "itemsizing": "constant"}
     figure.update_layout(
         margin={"t": 50, "r": 20},
@@ -205,7 +206,7 @@ def _figure(found: ContrastMap, drawn: NDArray[np.uint8], source: MapSource) -> 
         hovermode="closest",
         dragmode="pan",
         legend=legend,
-        coloraxis={"colorscale": [list(pair) for pair in COLOURS], "cmin": 0, "cmax": 1, "colorbar": {"title": "CDP"}},
+        coloraxis={"colorscale": scale, "cmin": 0, "cmax": 1, "colorbar": {"title": "CDP"}},
     )
     return figure
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ....report.text import printable
+from ....report.text import percent, printable
 from .axes import At, MapAxis
 from .ranges import UsableInterval
 
@@ -123,7 +123,7 @@ def conditions(dataset: Dataset) -> str:
     contrast, epsilon = (_number(attributes.get(name)) for name in ("contrast", "epsilon"))
     parts = [
         f"contrast {plain(100 * contrast, 4)} %" if isfinite(contrast) else "",
-        f"tolerance ε {epsilon:g}" if isfinite(epsilon) else "",
+        f"tolerance ε {percent(epsilon)}" if isfinite(epsilon) else "",
         *(printable(str(attributes.get(name, ""))) for name in ("method", "position")),
     ]
     return ", ".join(part for part in parts if part)

@@ -123,7 +123,7 @@ _PREDICTED = (
 _TITLE = "Contrast detection probability"
 _NOTE = (
     "CDP is the share of all pairs of a bright and a dark pixel whose Weber contrast lies within the tolerance ε = "
-    "{:g} around the contrast to detect"
+    "{} around the contrast to detect"
 )
 
 
@@ -141,7 +141,7 @@ def result(evaluation: SimulationEvaluation, inputs: Sequence[InputFile] = ()) -
     pairs = [pair for stage in evaluation.stages for pair in stage.pairs]
     regions = [region for stage in evaluation.stages for region in stage.regions]
     neighbours: tuple[Column, ...] = ()
-    note = _NOTE.format(evaluation.epsilon)
+    note = _NOTE.format(percent(evaluation.epsilon))
     if any(pair.neighbours for pair in pairs):
         neighbours = _detection("neighbours", "_neighbours", "CDP, nearest-neighbour")
         note += "; nearest-neighbour: of each pixel and its right and its lower neighbour"
@@ -187,7 +187,7 @@ def predicted_result(
         {"stage": stage, **{column.name: float(getattr(one, column.name)[0]) for column in _PREDICTED}}
         for stage, one in found.items()
     ]
-    note = f"{_NOTE.format(epsilon)}; from the distributions of the values, without random numbers."
+    note = f"{_NOTE.format(percent(epsilon))}; from the distributions of the values, without random numbers."
     lens = any(getattr(part, "focal_length_m", None) for _, part in chain.before)
     return Result(
         "simulate",

@@ -81,7 +81,7 @@ def describe_result(path: Path, content: dict[str, object]) -> Description:
         "tables": ", ".join(tables),
         "inputs": ", ".join(one.path for one in found.inputs),
     }
-    commands = ("compare {file} OTHER",) if found.kind in _COMPARABLE else ()
+    commands: tuple[str, ...] = ("compare {file} OTHER",) if found.kind in _COMPARABLE else ()
     if found.kind == "characterise":
         commands += ("init chain my.toml --sensor {file}",)
     return Description("results", commands, properties)

@@ -79,7 +79,7 @@ def describe(path: Path, source: str) -> Description:
     """
     if path.is_dir():
         return _folder(path)
-    readers: Sequence[Callable[[Path], Description]] = {
+    readers: dict[str, tuple[Callable[[Path], Description], ...]] = {
         ".csv": (partial(describe_csv, source=source),),
         ".html": (describe_page,),
         ".jsonl": (_journal,),
@@ -90,9 +90,9 @@ def describe(path: Path, source: str) -> Description:
         ".zip": (_regions,),
         ".nc": (_netcdf,),
         ".txt": (_data_set,),
-    }.get(path.suffix.lower(), (_picture, _video))
+    }
     errors = []
-    for read in readers:
+    for read in readers.get(path.suffix.lower(), (_picture, _video)):
         try:
             return read(path)
         except LabcdpError as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from ..core.cluster import TlsFiles, Workers
+from ..core.errors import InputError
 from ..evaluate.sweep.plan import Axis, parse_axis
 from .commands import As
 from .terminal import print_result
@@ -135,7 +137,11 @@ def default_folder(source: str | Path, command: str) -> Path:
 def output_file(context: typer.Context, path: Path, force: bool, option: str = "--output") -> Path:
     """Check, before any work, that a file can be written and is no input of the command; see `check_file`."""
     from ..output import check_file
+    from ..session.journal import JOURNAL
 
+    # The files of a session are a record, which no option replaces.
+    if os.path.lexists(path) and any((folder / JOURNAL).is_file() for folder in path.absolute().parents[:2]):
+        raise InputError(f"{option} {path} is part of a recorded session: give another name")
     return check_file(path, force=force, inputs=_inputs(context, option), option=option)
 
 

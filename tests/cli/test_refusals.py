@@ -40,6 +40,7 @@ REFUSED = (
     ("luminance c/calibration.json s -o a.npz --frame 99", "no frame 99"),
     ("luminance c/calibration.json s -o a.npz --only-exposure 5ms", "it has 2ms, 8ms, 32ms"),
     (f"image {1000 * 'a/'}b.png --roi rois.json", "a/a/..."),
+    ("init bench s/session.toml --force", "is part of a recorded session"),
     ("compare a.png a.png", "give its regions, or"),
     ("twin dark", "no dark frames: cover the lens"),
     (f"info {100_000 * 'a'}", 60 * "a" + "..." + 32 * "a" + " cannot be used (File name too long)"),

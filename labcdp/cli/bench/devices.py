@@ -7,6 +7,7 @@ from typing import Annotated
 
 import cv2
 import numpy as np
+import typer
 
 from ...core.errors import InputError
 from ...core.frame import Frame
@@ -20,10 +21,10 @@ from ...drivers.camera import CameraError
 from ...drivers.meter import measure_series
 from ...drivers.minolta_ls.meter import DRIVERS, find_meter_ports
 from ...drivers.minolta_ls.protocol import MeterMode
-from ...output import check_file, write_file
+from ...output import write_file
 from ...session.frames import frame_to_tiff
 from ..commands import As
-from ..options import Force, Json, MeterModel, MeterPort, Seconds
+from ..options import Force, Json, MeterModel, MeterPort, Seconds, output_file
 from ..terminal import print_result, say
 
 
@@ -61,6 +62,7 @@ def devices(*, set_address: str | None = None, as_json: Json = False) -> None:
 
 
 def snap(
+    context: typer.Context,
     file: Path,
     *,
     camera: str | None = None,
@@ -86,7 +88,7 @@ def snap(
     if picture == file:
         raise InputError(f"{file} is the name of the picture to look at: give a name that ends with .tif")
     for path in (file, picture):
-        check_file(path, force=force, option="file")
+        output_file(context, path, force, option="FILE")
     with AravisCamera(camera) as opened:
         opened.configure(exposure_s=exposure, pixel_format=pixel_format)
         frame = opened.snap()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import sys
 from collections import Counter
 from collections.abc import Callable
@@ -17,7 +18,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from ...core.errors import LabcdpError
+from ...core.errors import InputError, LabcdpError
 from ...core.result import Result
 from ...core.table import Column, Table
 from ...drivers.aravis.library import CameraInfo, choose, discover
@@ -68,6 +69,8 @@ def doctor(
         New .zip file for a problem report: findings, GenICam description and features, bytes of the meter.
     """
     require_apart(("--camera", camera is not None, "--stream-test", stream_test is not None))
+    if report is not None and os.path.lexists(report):
+        raise InputError(f"--report {report} exists: give another name")
     if report is not None:
         check_file(report, option="--report")
     computer = _attempt(host_findings)

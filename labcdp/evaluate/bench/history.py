@@ -239,7 +239,8 @@ def _page(cameras: Sequence[Camera], result: Result) -> Page:
     files = Section("Files", (history.only("measured", "by", "file").all_shown(),), collapsed=True)
     if one:
         brief = history.only("measured", "by", "plane", "responsivity", "expanded_r", "expanded_fit_rel")
-        summary = f"{history_title(cameras[0])}: {changes['first'][0]} to {changes['last'][0]}."
+        times = dict.fromkeys((changes["first"][0], changes["last"][0]))
+        summary = f"{history_title(cameras[0])}: {' to '.join(times)}."
         sections = [Section("Calibrations and verifications", (history,)), files]
         return Page.of(result, "History of calibrations", summary, cards, (history_figure(cameras[0]), brief), sections)
     numbers = np.array(history["number"])

@@ -102,7 +102,7 @@ def _picture(evaluation: ImageEvaluation, luminance: LuminanceMap) -> ReportFigu
     return ReportFigure(
         "picture.png",
         png(figure.figure),
-        f"The picture as {luminance_label(evaluation.unit)}, dark parts brightened, with its regions.{scale}",
+        f"The picture as {luminance_label(evaluation.unit)}, dark parts brightened{', with its regions' if evaluation.regions else ''}.{scale}",
         f"Grey picture with {len(regions)} regions: {', '.join(roi.name for roi in regions) or 'none'}.",
     )
 

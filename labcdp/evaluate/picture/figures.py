@@ -99,10 +99,11 @@ def _picture(evaluation: ImageEvaluation, luminance: LuminanceMap) -> ReportFigu
     figure.add_scale(shown, luminance_label(evaluation.unit), extend="max")
     figure.draw_regions()
     scale = f" Each drawn pixel is the mean of {side} x {side} of the picture's." if side > 1 else ""
+    with_regions = ", with its regions" if evaluation.regions else ""
     return ReportFigure(
         "picture.png",
         png(figure.figure),
-        f"The picture as {luminance_label(evaluation.unit)}, dark parts brightened{', with its regions' if evaluation.regions else ''}.{scale}",
+        f"The picture as {luminance_label(evaluation.unit)}, dark parts brightened{with_regions}.{scale}",
         f"Grey picture with {len(regions)} regions: {', '.join(roi.name for roi in regions) or 'none'}.",
     )
 

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from math import inf
 
 import openpyxl
 import pytest
@@ -11,7 +12,7 @@ from labcdp.chain import Flat
 from labcdp.core.table import Column, Table
 from labcdp.evaluate.sweep.simulation.evaluation import evaluate_run
 from labcdp.evaluate.sweep.simulation.page import write_simulation
-from labcdp.evaluate.sweep.simulation.result import answer, result
+from labcdp.evaluate.sweep.simulation.result import answer, predicted_result, result
 from labcdp.report.files import schema
 
 from .chains import small
@@ -56,3 +57,7 @@ def test_saturation_matters_behind_the_last_stage_and_why_there_is_no_cdp():
     ):
         first = result(evaluate_run(chain.run(0))).findings[0]
         assert (first.code, first.severity) == (code, severity)
+    predicted = predicted_result(small(scene__luminance_cd_m2=1e6, sensor__full_well_e=1e6))
+    assert [(one.code, one.severity) for one in predicted.findings] == [("stage-saturated", "warning")]
+    (row,) = predicted.table("detection").rows()
+    assert (row["cdp"], row["snr_dark"], row["snr_bright"]) == (0.0, inf, inf)

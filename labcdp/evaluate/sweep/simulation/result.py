@@ -15,7 +15,7 @@ from ....chain.predict.chain import predict_chain
 from ....core.result import Finding, InputFile, Result, info, warning
 from ....core.table import Column, Table, uncertain, with_interval
 from ....report.text import percent
-from ..maps.axes import LARGEST_SNR
+from ..maps.axes import LARGEST_SNR, SNR_VARIABLES
 from .rows import SimulationEvaluation, final_stages
 
 #: Share of saturated pixels of a region from which on its luminance is too low by more than rounding.
@@ -184,8 +184,18 @@ def predicted_result(
     stages = chain.stage_names[len(chain.before) + 1 :] or chain.stage_names[-1:]
     found = {stage: predict_chain(chain, stage=stage, contrast=contrast, epsilon=epsilon) for stage in stages}
     rows = [
-        {"stage": stage, **{column.name: float(getattr(one, column.name)[0]) for column in _PREDICTED}}
+        {
+            "stage": stage,
+            **{column.name: _finite_snr(column.name, getattr(one, column.name)[0]) for column in _PREDICTED},
+        }
         for stage, one in found.items()
+    ]
+    full = [
+        finding
+        for row in rows
+        for finding in _saturated(
+            row["stage"], stages[-1:], {"dark": row["saturated_share_dark"], "bright": row["saturated_share"]}
+        )
     ]
     note = f"{_NOTE.format(percent(epsilon))}; from the distributions of the values, without random numbers."
     lens = any(getattr(part, "focal_length_m", None) for _, part in chain.before)
@@ -193,7 +203,7 @@ def predicted_result(
         "simulate",
         chain.name or "chain",
         (Table.of_rows("detection", _TITLE, (_STAGE, *_PREDICTED), rows, note),),
-        (info("map-on-axis"),) if lens else (),
+        (*full, *([info("map-on-axis")] if lens else [])),
         tuple(inputs),
         {"chain": chain.document, "contrast": contrast, "epsilon": epsilon, "method": "exact"},
         simulated=True,
@@ -239,15 +249,24 @@ def _printed(unit: str) -> str:
     return unit.replace("^2", "²")
 
 
+def _finite_snr(name: str, value: float) -> float:
+    """Return a ratio that only rounding limits as infinite; other values as they are."""
+    return inf if name in SNR_VARIABLES and value > LARGEST_SNR else float(value)
+
+
+def _saturated(stage: str, final: Sequence[str], shares: Mapping[str, float]) -> Iterator[Finding]:
+    """Name the regions that are saturated behind a stage, by their shares of saturated pixels."""
+    full = [region for region, share in shares.items() if share > _SATURATED_SHARE]
+    if full:
+        # A long exposure of several may saturate; what the chain hands on should not.
+        finding = warning if stage in final else info
+        yield finding("stage-saturated", stage, regions=full, saturated_share=max(shares.values()))
+
+
 def _findings(evaluation: SimulationEvaluation) -> Iterator[Finding]:
     final = final_stages(evaluation.run.chain)
     for stage in evaluation.stages:
-        full = [row for row in stage.regions if row.saturated_share > _SATURATED_SHARE]
-        if full:
-            # A long exposure of several may saturate; what the chain hands on should not.
-            finding = warning if stage.name in final else info
-            share = max(row.saturated_share for row in full)
-            yield finding("stage-saturated", stage.name, regions=[row.region for row in full], saturated_share=share)
+        yield from _saturated(stage.name, final, {row.region: row.saturated_share for row in stage.regions})
     if not any(stage.pairs for stage in evaluation.stages):
         yield info("scene-without-contrast")
     for stage in evaluation.stages:

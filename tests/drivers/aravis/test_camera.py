@@ -1,3 +1,4 @@
+import os
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,8 @@ from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.aravis.library import CameraInfo, choose, discover
 from labcdp.drivers.aravis.link import connect
 from labcdp.drivers.camera import CameraError, CameraNotFoundError, CameraSettingError
+from labcdp.drivers.camera_settings import FRAME_ALLOWANCE_S, CameraSettings
+from labcdp.drivers.computer import overload
 from labcdp.drivers.simulated.gige_camera import SimulatedGigECamera
 
 from ..conftest import SMALL, Ramp, features, opened
@@ -122,3 +125,10 @@ def test_a_camera_that_is_not_on_a_network_is_opened_by_serial_number(aravis):
             assert camera.snap().shape == (camera.settings.height, camera.settings.width)
     finally:
         aravis.disable_interface("Fake")
+
+
+def test_a_busy_computer_gets_more_time(monkeypatch):
+    settings = CameraSettings(2.0, 0.0, "Mono12", 64, 48, frame_rate_hz=0.5)
+    for load, factor in ((0.1, 1), (5.0 * os.cpu_count(), 5)):
+        monkeypatch.setattr("os.getloadavg", lambda load=load: (load, 0.0, 0.0))
+        assert settings.longest_wait_s(None, overload()) == 2.0 + 2.0 + factor * FRAME_ALLOWANCE_S

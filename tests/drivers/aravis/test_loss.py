@@ -61,3 +61,16 @@ def test_a_camera_that_comes_back_with_another_setting_is_refused(camera_on_loop
         camera_on_loopback.set_faults({"vanish": 0})
         with pytest.raises(CameraSettingError, match=r"has other settings than before.*BlackLevel = 7.0, not 50.0"):
             list(frames)
+
+
+def test_a_short_silence_is_bridged(camera_on_loopback):
+    """1.2 s without an answer: Aravis' own requests are repeated for 2.5 s and succeed."""
+    with AravisCamera("127.0.0.1") as camera:
+        frames = camera.grab(30)
+        next(frames)
+        recovery = threading.Timer(1.2, camera_on_loopback.set_faults, [{}])
+        camera_on_loopback.set_faults({"freeze": 0})
+        recovery.start()
+        assert len(list(frames)) == 29
+        recovery.join()
+        assert camera.gaps == ()

@@ -4,8 +4,12 @@ from ipaddress import IPv4Interface
 import pytest
 
 from labcdp.drivers.aravis import transport as aravis_transport
+from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.aravis.transport import TransportPlan, plan_transport
 from labcdp.drivers.network import Interface
+from labcdp.drivers.simulated.gige_camera import SimulatedGigECamera
+
+from ..conftest import SMALL, Ramp, opened
 
 _GIGABIT = Interface("eth0", IPv4Interface("169.254.0.10/16"), mtu_bytes=1500, speed_mbit_s=1000)
 _JUMBO = replace(_GIGABIT, mtu_bytes=9000)
@@ -25,6 +29,21 @@ _JUMBO = replace(_GIGABIT, mtu_bytes=9000)
 )
 def test_the_link_gives_a_manta_its_bandwidth(interface, plan):
     assert plan_transport(9000, 2452 * 2056, 15.0, interface, (1_000_000, 124_000_000)) == plan
+
+
+def test_two_cameras_share_their_interface(aravis, monkeypatch):
+    monkeypatch.setattr(aravis_transport, "interface_to", lambda _address, _known: replace(_GIGABIT, name="lo"))
+    with opened() as first:
+        first.snap()
+        alone = first.feature("StreamBytesPerSecond")
+        other = SimulatedGigECamera(replace(SMALL, serial="SIM-2"), Ramp(), "127.0.0.2")
+        with other, AravisCamera("SIM-2") as second:  # plugged in later
+            first.snap()
+            second.snap()
+            shares = [camera.feature("StreamBytesPerSecond") for camera in (first, second)]
+        first.snap()
+        assert first.feature("StreamBytesPerSecond") == alone
+    assert shares == [alone // 2] * 2
 
 
 @pytest.mark.parametrize(

@@ -163,16 +163,6 @@ def test_what_does_not_belong_together_is_refused_and_nothing_is_written(folder,
     assert not (folder / "session").exists()
 
 
-@pytest.mark.parametrize("more", ["mauve;12,5;2026-03-01 12:00", None])
-def test_readings_of_other_patches_or_none_of_one_are_refused(folder, imported, more):
-    path = folder / "readings.csv"
-    lines = path.read_text(encoding="utf-8").splitlines()
-    path.write_text("\n".join([*lines, more] if more else [x for x in lines if "white" not in x]), encoding="utf-8")
-    with pytest.raises(InputError, match=r"has readings of patch 'mauve'|has no reading of patch 'white'"):
-        imported()
-    assert not (folder / "session").exists()
-
-
 def test_readings_have_the_digits_and_accuracy_of_the_meter_in_any_unit(imported, still_camera, folder, files):
     """LS-110: +-1 digit, with 2 % and 0.2 %; a list in which some number has two decimals was not rounded."""
     luminances = still_camera.luminance_cd_m2

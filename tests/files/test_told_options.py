@@ -2,7 +2,6 @@
 
 from dataclasses import fields
 
-import cv2
 import numpy as np
 import pytest
 import tifffile
@@ -47,19 +46,3 @@ def test_a_typed_exposure_and_gain_count_before_those_of_the_file(tmp_path):
         picture = read_picture(path, given(exposure=0.005, gain_db=12.0))
         assert (picture.frame.exposure_s, picture.frame.gain_db) == (0.005, 12.0)
         assert codes(picture) == ["exposure-replaced", "gain-replaced"]
-
-
-@pytest.mark.parametrize(
-    ("changes", "code"),
-    [
-        ({"bit_depth": 4}, "bit-depth-ignored"),
-        ({"size": (10, 9), "pixel_format": "Mono8"}, "size-ignored"),
-        ({"pixel_format": "Mono12Packed"}, "pixel-format-ignored"),
-    ],
-)
-def test_options_that_cannot_count_are_named(tmp_path, changes, code):
-    cv2.imwrite(str(tmp_path / "a.png"), GREY)
-    assert codes(read_picture(tmp_path / "a.png", given(**changes))) == [code]
-    # Nothing of DN counts for floats.
-    np.save(tmp_path / "a.npy", GREY.astype(np.float32))
-    assert codes(read_picture(tmp_path / "a.npy", given(exposure=0.005))) == ["option-needs-dn"]

@@ -5,11 +5,12 @@ import pytest
 
 from labcdp.chain import Checkerboard
 from labcdp.core.errors import InputError
-from labcdp.regions import detect_step_chart, rois_of
+from labcdp.regions import detect_checkerboard, detect_step_chart, rois_of
 from labcdp.session import Session, example_session
 
 from .scenes import on_target, picture, seen_from, steps
 
+RNG = np.random.default_rng(7)
 SHUFFLED = np.random.default_rng(1).permutation(200 * 1.3 ** -np.arange(12.0)).reshape(3, 4)
 FINE = 200 * 1.1 ** -np.arange(7.0)[None]
 #: Its third patch is as light as what is around, and is found by its place.
@@ -51,15 +52,23 @@ def test_the_recorded_target_is_found_in_each_exposure():
                 assert roi.bounds == pytest.approx(patch.bounds, abs=9)
 
 
-OTHERS = {
+STRIPES = picture(seen_from(RNG, 6, 8, 30, turn_deg=3), lambda u, v: np.where(np.floor(u) % 2 == 0, 200.0, 50.0), RNG)
+NEITHER = {
     "flat": np.zeros((300, 400)),
     "noise": np.random.default_rng(6).normal(100, 20, (300, 400)),
     "ramp": np.tile(np.linspace(10, 200, 400), (300, 1)),
-    "checkerboard": Checkerboard(400, 300, 20.0, 1.0, 50).luminance_map(),
+    "squares of a pixel": Checkerboard(400, 300, 20.0, 1.0, 1).luminance_map(),
 }
 
 
-@pytest.mark.parametrize("what", OTHERS)
-def test_an_image_without_a_chart(what):
-    with pytest.raises(InputError, match=r"no step chart was found in the image of 400 x 300 pixels: show at least 3"):
-        detect_step_chart(OTHERS[what])
+@pytest.mark.parametrize(
+    ("detect", "image"),
+    [
+        *((detect, image) for detect in (detect_checkerboard, detect_step_chart) for image in NEITHER.values()),
+        (detect_checkerboard, STRIPES),
+        (detect_step_chart, Checkerboard(400, 300, 20.0, 1.0, 50).luminance_map()),
+    ],
+)
+def test_nothing_is_found_in_images_without_a_board_or_chart(detect, image):
+    with pytest.raises(InputError, match=r"was found in the image of 400 x 300 pixels"):
+        detect(image)

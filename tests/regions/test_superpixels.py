@@ -107,10 +107,3 @@ def test_patches_are_proposed_whole_and_inside_their_outlines():
 def test_every_proposal_is_a_simple_polygon_inside_the_image(seed, size, noise):
     rng = np.random.default_rng(seed)
     proposed(gaussian_filter(rng.normal(size=(70, 90)), 6) * 600 + 100 + noise * rng.normal(size=(70, 90)), size)
-
-
-def test_light_that_changes_slowly_is_not_joined_from_end_to_end():
-    image = np.linspace(100, 200, 300) * np.ones((80, 1))
-    rois = proposed(image, 20)
-    assert len(rois) > 5
-    assert max(np.ptp(roi.select(image)) for roi in rois) < 40

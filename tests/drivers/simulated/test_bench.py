@@ -4,16 +4,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-import labcdp
 from labcdp.calibration.frames.measure import split
 from labcdp.chain import Chain
 from labcdp.core.vignetting import Cos4Vignetting
 from labcdp.drivers.aravis.camera import AravisCamera
-from labcdp.drivers.camera import CameraError
 from labcdp.drivers.camera_settings import FREE_RUN, SOFTWARE_TRIGGER
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
-from labcdp.drivers.simulated.control import free_loopback_address
 from labcdp.drivers.simulated.devices import SimulatedBenchFile
 from labcdp.session import SessionConfiguration, example_configuration
 
@@ -114,21 +111,3 @@ def test_a_colour_camera_sends_the_target_behind_its_filters(aravis, small_confi
     assert red > 1.3
     assert blue < 0.8
     assert other_green == pytest.approx(1, rel=0.03)
-
-
-def test_two_cameras_and_two_meters_work_at_once_until_no_address_is_free(aravis, small_configuration):
-    devices = BenchDevices.standard(seed=3)
-    one, other = (SimulatedBench(small_configuration, devices.specimen(n), SHAPE) for n in (0, 1))
-    with one.gige_camera(free_loopback_address()) as first, one.pty_meter(0) as first_pty:
-        with other.gige_camera(free_loopback_address()) as second, other.pty_meter(0) as second_pty:
-            with pytest.raises(CameraError, match="ip addr add"):
-                free_loopback_address()
-            one.point_meter("upper left"), other.point_meter("P01")
-            with AravisCamera(first.address) as here, AravisCamera(second.address) as there:
-                assert here.identity.serial != there.identity.serial
-                assert all(np.any(a.dn != b.dn) for a, b in zip(here.grab(5), there.grab(5), strict=True))
-            for bench, pty in ((one, first_pty), (other, second_pty)):
-                with labcdp.drivers.open_meter(pty.port) as meter:
-                    true_cd_m2 = bench.luminance_cd_m2[bench.pointed_at]
-                    assert meter.measure().luminance_cd_m2 == pytest.approx(1.006 * true_cd_m2, rel=0.02)
-        assert free_loopback_address() == second.address

@@ -1,6 +1,5 @@
 """Whole acquisitions on the simulated bench, in simulated time, and what they refuse and find in their data."""
 
-import threading
 from dataclasses import replace
 from datetime import datetime, timedelta
 from itertools import pairwise
@@ -8,7 +7,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from labcdp.acquire import AcquisitionStoppedError, Control, Unattended
 from labcdp.core.errors import InputError, SessionError
 from labcdp.drivers.camera import MOST_REFUSED, CameraNotFoundError, CameraSettingError, IncompleteFrameError
 from labcdp.drivers.meter import MeterError
@@ -99,47 +97,6 @@ def test_a_night_of_frames_on_a_schedule(changed, on_bench):
         assert 1 <= (np.abs(steps - 600) > 1).sum() <= 2
         assert times[-1] - times[0] > timedelta(hours=8)
         assert len(on.events("camera lost and back")) == 1
-
-
-@pytest.mark.parametrize(("step", "counts"), [("light frames", (3, 2, 0)), ("meter readings", (6, 3, 0))])
-def test_a_pause_takes_nothing_and_stopping_keeps_all_that_was_taken(changed, on_bench, step, counts):
-    # The first patch is read before the frames, too.
-    configuration, control, seen = changed(plan={"drift_check": True}), Control(), []
-
-    def end(stop):
-        seen.append("end")
-        control.stop() if stop else control.resume()
-
-    def pause(progress):
-        if progress.step == step and progress.done in (2, 3, 4):
-            seen.append(progress.done)
-            control.pause()
-            threading.Timer(0.2, end, [progress.done == 3]).start()
-
-    with on_bench(configuration) as on:
-        with pytest.raises(AcquisitionStoppedError, match="recorded data are safe"):
-            on.acquire(report=pause, control=control)
-        assert seen[-4:] == [2, "end", 3, "end"]
-        assert (on.counts, on.events("complete")) == (counts, [])
-        on.session.verify()
-    with on_bench(configuration) as on:
-        on.acquire()
-        assert on.counts == (6, 34, 6)
-
-
-def test_unattended_does_what_needs_no_hand_and_tells_the_rest(changed, on_bench):
-    configuration, readings = changed(FAR), [f"readings of {name}" for name in FAR]
-    for cover, left, counts in ((False, [*readings, "dark frames"], (6, 0, 0)), (True, readings, (6, 0, 6))):
-        with on_bench(configuration) as on:
-            if cover:
-                on.bench.cover_lens()
-            assert [one.what for one in on.acquire(Unattended(*["covered"] * cover))] == left
-            assert (on.counts, on.events("complete")) == (counts, [])
-    with on_bench(configuration) as on:
-        hands = Hands(on.bench)
-        assert on.acquire(hands) == ()
-        assert hands.done == [f"point_meter {name}" for name in FAR]
-        assert (on.counts, on.events("complete")) == ((6, 4, 6), [{}])
 
 
 @pytest.mark.parametrize(

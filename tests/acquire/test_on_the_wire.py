@@ -6,13 +6,12 @@ from dataclasses import astuple
 
 import pytest
 
-from labcdp.acquire import Unattended, acquire, remaining
+from labcdp.acquire import Unattended, remaining
 from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.camera import CameraLostError, CameraSettingError
 from labcdp.drivers.camera_settings import Trigger
 from labcdp.drivers.meter import MeterReportedError
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
-from labcdp.drivers.replay import ReplayCamera, ReplayMeter
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
 from labcdp.drivers.simulated.port import Fault
 from labcdp.session import Session
@@ -124,19 +123,3 @@ def test_troubles_of_the_meter_are_in_the_journal(changed, on_the_wire):
         assert on.counts == (6, 6, 0)
         on.acquire()
         assert on.counts == (6, 32, 6)
-
-
-def test_recorded_devices_repeat_a_session(example, tmp_path, on_bench, small_configuration):
-    """Acquisition from the replayed example gives the same pixels and readings, and uses all of them."""
-    with on_bench(small_configuration) as on, ReplayCamera(example) as on.camera, ReplayMeter(example) as on.meter:
-        on.acquire()
-        assert not on.camera.unused
-        assert not on.meter.unused
-        for new, old in zip(on.session.frames(), example.frames(), strict=True):
-            assert on.session.load(new).metadata() == example.load(old).metadata()
-            assert (on.session.load(new).dn == example.load(old).dn).all()
-        assert [r.reading for r in on.session.readings()] == [r.reading for r in example.readings()]
-        # A complete session asks nothing of operator and devices.
-        n_records = len(on.session.records)
-        acquire(on.session, on.camera, on.meter, None)
-        assert len(on.session.records) == n_records

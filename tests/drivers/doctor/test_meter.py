@@ -1,6 +1,5 @@
 """The meter's check on a pseudo-terminal: what it says of a good meter, and of each way not to work."""
 
-import pytest
 import serial
 
 from labcdp.drivers.doctor.meter import check_meter
@@ -32,22 +31,6 @@ def test_a_meter_in_order():
     assert {one.state for one in checked(engine)} == {"good"}
     # It changes nothing but modes, and does not measure: too dark a first reading can end remote mode.
     assert set(engine.heard) == {b"MDS", b"DSR"}
-
-
-@pytest.mark.parametrize(
-    ("shown", "state", "cause"),
-    [
-        (b"OK00,CfPH 100.0", "notice", "it shows 100 fL, which is 342.626 cd/m²"),
-        (b"OK00,C% H 100.0", "notice", "the meter shows a ratio in %"),
-        (b"ER11", "unknown", "the meter holds no reading"),
-        (b"ER30", "fault", "ER30"),
-    ],
-)
-def test_what_the_display_says(shown, state, cause):
-    found = checked(Scripted(shown + b"\r\n"))[-1]
-    assert (found.topic, found.state) == ("unit", state)
-    assert cause in found.cause
-    assert found.remedy
 
 
 def test_a_meter_that_does_not_answer_and_a_port_that_another_program_uses():

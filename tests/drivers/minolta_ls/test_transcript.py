@@ -1,7 +1,6 @@
 """The wire transcript: every byte between driver and meter, as JSON lines."""
 
 import json
-import logging
 from contextlib import contextmanager
 
 import pytest
@@ -57,13 +56,3 @@ def test_a_transcript_continues_when_its_meter_is_opened_again_but_overwrites_no
             MinoltaLS110(port.port, timeout_s=TIMEOUT_S, transcript=path).open()
         serial.Serial(port.port, exclusive=True).close()
     assert path.read_text() == text
-
-
-def test_a_full_disk_ends_the_transcript_and_not_the_readings(caplog):
-    with PtyMeter(SimulatedLS(lambda: 83.02), response_time_s=0) as port:
-        meter = MinoltaLS110(port.port, timeout_s=TIMEOUT_S, transcript="/dev/full")
-        # The device exists before the driver does, as no transcript may.
-        meter._line._transcript._started_s = 0.0
-        with meter, caplog.at_level(logging.WARNING):
-            assert meter.measure().value == 83.02
-    assert caplog.text.count("/dev/full cannot be written (No space left on device): the transcript ends here") == 1

@@ -8,13 +8,11 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-import tifffile
 from jsonschema import Draft202012Validator
 
 from labcdp.acquire.import_files import import_session
-from labcdp.calibration import save
 from labcdp.calibration.colour.conversion import colour_patch_luminance
-from labcdp.core.errors import InputError, SessionError
+from labcdp.core.errors import InputError
 from labcdp.core.frame import CameraIdentity
 from labcdp.core.result import info, warning
 from labcdp.evaluate.bench.calibrate import calibrate_session
@@ -22,7 +20,7 @@ from labcdp.evaluate.bench.observe import observe_session
 from labcdp.report.files import schema
 from labcdp.session import EventRecord, Session, SessionConfiguration
 
-from .conftest import BLACK_DN, PLACES, WHITE_LEVEL_DN, picture_files, write_dng, write_frame
+from .conftest import BLACK_DN, WHITE_LEVEL_DN, picture_files, write_dng
 
 
 @pytest.fixture
@@ -72,28 +70,6 @@ def test_a_still_camera_becomes_a_luminance_meter(still_camera, labcdp):
     assert np.std(pixels) / pixels.mean() == pytest.approx(random_rel, rel=0.25)
 
 
-def test_a_filter_that_fades_is_seen_in_later_pictures(folder, files, imported, labcdp):
-    imported()
-    with Session.open(folder / "session") as session:
-        save(calibrate_session(observe_session(session)), folder / "calibration.json")
-    rng, (row, column) = np.random.default_rng(3), PLACES["B"]
-    for file in files:
-        dn = tifffile.imread(file.path).astype(float)
-        if file.role == "light":
-            dn[row::2, column::2] += (0.95 - 1) * (dn[row::2, column::2] - BLACK_DN["B"])
-        # Rounding again would be seen in the noise of dark pixels.
-        write_frame(file.path, dn + rng.uniform(-0.4, 0.4, dn.shape))
-    readings = (folder / "readings.csv").read_text(encoding="utf-8").replace("2026-03", "2026-09")
-    (folder / "readings.csv").write_text(readings, encoding="utf-8")
-    imported(to="later")
-    done = labcdp("verify", "calibration.json", "later", "--patch", "white", "--patch", "grey", "--patch", "black",
-                  "--output", "faded", "--json")  # fmt: skip
-    values = json.loads(done.stdout)
-    planes = {row["plane"]: row for row in values["tables"]["planes"]["rows"]}
-    assert planes["B"]["balance_rel"] == pytest.approx(-0.05, abs=2 * planes["B"]["expanded_balance_rel"])
-    assert "B" in [one["subject"] for one in values["findings"] if one["code"] == "colour-balance-changed"]
-
-
 def test_what_is_imported_in_parts_and_again_is_there_once(folder, imported, files):
     first = imported([f for f in files if f.role == "light"])
     assert (first.frames, first.findings) == (6, (warning("no-dark-pictures"),))
@@ -109,24 +85,6 @@ def test_what_is_imported_in_parts_and_again_is_there_once(folder, imported, fil
     sources = [file for event in events for file in event.content["files"]]
     assert [file["number"] for file in sources] == list(range(1, 13))
     assert sources[0]["sha256"] == hashlib.sha256((folder / "light" / "100_1.dng").read_bytes()).hexdigest()
-
-
-def test_an_import_that_was_interrupted_is_resumed(folder, imported, monkeypatch):
-    written, calls = Session.add_frames, []
-
-    def fails_after_one_batch(self, frames):
-        calls.append(len(frames))
-        if len(calls) > 1:
-            raise SessionError("disk full")
-        return written(self, frames)
-
-    monkeypatch.setattr(Session, "add_frames", fails_after_one_batch)
-    with pytest.raises(SessionError, match="disk full"):
-        imported()
-    monkeypatch.undo()
-    done = imported()
-    assert (done.known_frames, done.frames, done.readings) == (calls[0], 12 - calls[0], 39)
-    Session.open(folder / "session").verify()
 
 
 def test_what_is_given_twice_counts_once_and_what_is_alone_is_warned_about(imported, files, folder):

@@ -28,7 +28,9 @@ _static = HERE.parent / "build" / "docs-static"
 _static.mkdir(parents=True, exist_ok=True)
 for _script in ("bokeh.min.js", "bokeh-widgets.min.js"):
     shutil.copy(Path(bokeh.__file__).parent / "server" / "static" / "js" / _script, _static)
-html_static_path = [str(_static)]
+html_static_path = [str(_static), "static"]
+html_css_files = ["labcdp.css"]
+html_show_copyright = False
 
 default_role = "code"
 napoleon_google_docstring = False

@@ -30,6 +30,8 @@ PAGES = sorted(
     for path in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").rglob("*.md"))
     if "generated" not in path.parts
 )
+#: Stands for the examples that the help of commands gives.
+HELP = "help"
 #: Commands that serve a page until Ctrl-C.
 SERVE = ("bench", "rois", "view")
 #: Exit statuses that are answers: undecided, and a fault of the computer that tests run on.
@@ -59,16 +61,37 @@ def blocks(page, language):
 
 
 def commands(page):
+    if page == HELP:
+        return [line for command in all_commands().values() for line in re.findall("^Example: (.*)", command.help, re.M)]
     return [line for block in blocks(page, "sh") for line in block.splitlines() if line.startswith("labcdp ")]
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if commands(page)], ids=str)
+@pytest.mark.parametrize("page", [page for page in (*PAGES, HELP) if commands(page)], ids=str)
 def test_every_command_and_option_is_known(page):
     known = all_commands()
     for line in commands(page):
         _, name, *arguments = shlex.split(line, comments=True)
         # Raises a usage error for an unknown option or a missing argument; nothing runs.
         known[name].make_context(name, arguments)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=str)
+def test_commands_in_sentences_are_known_with_their_options(page):
+    known = all_commands()
+    text = " ".join((ROOT / page).read_text(encoding="utf-8").split())
+    for name, rest in re.findall(r"`labcdp ([a-z][a-z-]*)([^`]*)`", text):
+        options = {one for option in known[name].params for one in (*option.opts, *option.secondary_opts)}
+        assert set(re.findall(r"(?<= )--[a-z-]+", rest)) <= options, name
+
+
+def outputs():
+    """What the reference says each command writes into its folder."""
+    rows = re.findall(r"^\| `([a-z-]+)` \| (.*?) \| .*\|$", (ROOT / "docs/reference/results.md").read_text(), re.M)
+    return {name: re.findall(r"`([a-z-]+\.[a-z]+)`", text) for name, text in rows if name in all_commands()}
+
+
+def test_what_each_command_writes_is_documented():
+    assert list(outputs()) == list(all_commands())
 
 
 @pytest.mark.parametrize("page", PAGES, ids=str)
@@ -169,6 +192,8 @@ def run(folder, line):
         said = {"input": "\n" * 99 + "quit\n", "capture_output": True, "text": True, "timeout": 600}
         done = subprocess.run(["bash", "-c", line], cwd=folder, check=False, **said)
         assert done.returncode in VERDICTS.get(words[1], (0,)), f"{line}\n{done.stdout}{done.stderr}"
+        for results in folder.glob(f"*-{words[1]}"):
+            assert {*outputs()[words[1]]} <= {one.name for one in results.iterdir()}, line
         return
     with subprocess.Popen(words, cwd=folder, stderr=subprocess.PIPE, text=True) as process:
         said = ""
@@ -181,9 +206,9 @@ def run(folder, line):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("page", [str(page) for page in PAGES if commands(page)])
-def test_commands_run_as_written(folder, request, page):
-    text = (ROOT / page).read_text(encoding="utf-8")
+@pytest.mark.parametrize("page", [HELP, *(str(page) for page in PAGES if commands(page) or blocks(page, "python"))])
+def test_commands_and_programs_run_as_written(folder, request, page):
+    text = "" if page == HELP else (ROOT / page).read_text(encoding="utf-8")
     for name, content in re.findall(r"Save this as `([^`]+)`.*?^```toml\n(.*?)^```$", text, re.DOTALL | re.MULTILINE):
         (folder / name).write_text(content)
     lines = [line for line in commands(page) if NOT_RUN not in line]
@@ -193,10 +218,10 @@ def test_commands_run_as_written(folder, request, page):
     subprocess.run(["bash", "-ec", BEFORE.get(page, "")], cwd=folder, check=True)
     for pattern, stand_in in STAND_INS:
         lines = [re.sub(pattern, stand_in, line) for line in lines]
-    program = "\n".join(blocks(page, "python"))
+    program = "" if page == HELP else "\n".join(blocks(page, "python"))
     if REAL.search("\n".join([*lines, program])):
         names = request.getfixturevalue("devices")
         *lines, program = (REAL.sub(lambda found: names[found[0]], one) for one in (*lines, program))
     for line in lines:
         run(folder, line)
-    subprocess.run([sys.executable, "-c", program], cwd=folder, check=True)
+    subprocess.run([sys.executable, "-W", "error", "-c", program], cwd=folder, check=True)

@@ -3,6 +3,7 @@
 import importlib
 import inspect
 import json
+import re
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -18,10 +19,25 @@ MODULES = {
     "labcdp.chain": "The imaging chain",
     "labcdp.calibration": "Calibration",
     "labcdp.drivers": "Cameras and meters",
+    "labcdp.drivers.camera": "What a camera is",
+    "labcdp.drivers.camera_settings": "Settings of a camera",
+    "labcdp.drivers.meter": "What a meter is",
+    "labcdp.drivers.manual": "Meters read by hand",
+    "labcdp.acquire": "Acquisition",
+    "labcdp.session": "Sessions",
     "labcdp.files": "Pictures",
     "labcdp.regions": "Regions",
+    "labcdp.tracking": "Regions that follow their objects",
+    "labcdp.evaluate.picture.edges.map": "Maps of edges",
+    "labcdp.evaluate.picture.edges.edges": "Edges",
+    "labcdp.evaluate.sweep.thesis": "The 2018 thesis",
+    "labcdp.core.frame": "Frames",
+    "labcdp.core.reading": "Readings",
     "labcdp.core.errors": "Errors",
 }
+
+#: Classes, functions, and constants with a comment of their own, of a module that does not list its public names.
+PUBLIC = r"^(?:class |def |#: .*\n(?=[A-Z]))([A-Za-z]\w*)"
 
 
 def _escaped(text: str) -> str:
@@ -67,9 +83,7 @@ def _directive(module: str, name: str, thing: object) -> str:
 def api_page(module: str, title: str, elsewhere: dict[int, str]) -> str:
     """Return the public names of a package with their docstrings; each object stands where it is first named."""
     loaded = importlib.import_module(module)
-    names = getattr(loaded, "__all__", None) or [
-        name for name, thing in vars(loaded).items() if inspect.isclass(thing) and thing.__module__ == module
-    ]
+    names = getattr(loaded, "__all__", None) or re.findall(PUBLIC, inspect.getsource(loaded), re.MULTILINE)
     head = f"{title}: ``{module}``"
     lines = [head, "=" * len(head), "", f".. automodule:: {module}", "   :no-members:", ""]
     for name in names:

@@ -205,7 +205,7 @@ def evaluate(
 
     The exit status is 3 if a patch fails the limits_cd_m2 of the plan, 4 if one is undecided.
 
-    Example: labcdp evaluate my-session --pair white:grey --contrast 50%,100%
+    Example: labcdp evaluate my-session --pair P04:P03 --contrast 50%,100%
 
     Parameters
     ----------

@@ -176,7 +176,7 @@ def image_map(
     give that of the scene. Edges whose contrast is within the noise are not drawn. Writes an interactive page, a
     picture, a spreadsheet with a row for each edge, NetCDF and JSON.
 
-    Example: labcdp image-map night.png --calibration camera.json --region-size 30 --minimum-contrast 20%
+    Example: labcdp image-map night.png --calibration camera.json --exposure 8ms --region-size 30 --minimum-contrast 20%
 
     Parameters
     ----------

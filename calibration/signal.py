@@ -196,7 +196,7 @@ def left_out_text(left_out: Sequence[LeftOut]) -> str:
     # A patch without data is implied by its exposures.
     for one in [one for one in left_out if one.reason != "not usable at any exposure"]:
         times = groups.setdefault((one.patch, one.reason), [])
-        times += [] if one.exposure_s is None else [f"{exposure_text(one.exposure_s)}"]
+        times += [] if one.exposure_s is None else [exposure_text(one.exposure_s)]
     return "; ".join(
         f"patch {patch!r}: {reason}{' at ' if times else ''}{', '.join(times)}"
         for (patch, reason), times in groups.items()

@@ -178,8 +178,8 @@ class ReplayCamera(_Replay, Camera):
         ]
         if not fitting:
             raise CameraSettingError(
-                f"nothing was recorded with {exposure_text(exposure_s)}, {gain_db:g} dB, {pixel_format}: this session "
-                f"has {'; '.join(map(_text, recorded))}"
+                f"nothing was recorded with {exposure_text(exposure_s, 6)}, {gain_db:g} dB, {pixel_format}: this "
+                f"session has {'; '.join(map(_text, recorded))}"
             )
         self._chosen = min(fitting, key=lambda s: (abs(s.exposure_s - exposure_s), abs(s.gain_db - gain_db)))
         return self.settings
@@ -226,7 +226,7 @@ def _settings(frame: FrameRecord) -> CameraSettings:
 
 def _text(settings: CameraSettings) -> str:
     return (
-        f"{exposure_text(settings.exposure_s)}, {settings.gain_db:g} dB, {settings.pixel_format}, "
+        f"{exposure_text(settings.exposure_s, 6)}, {settings.gain_db:g} dB, {settings.pixel_format}, "
         f"{settings.width} x {settings.height} pixels"
     )
 

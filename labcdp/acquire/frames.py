@@ -195,8 +195,8 @@ class FrameRecorder:
         applied = self.configure(exposure_s)
         if not same_exposure(applied.exposure_s, exposure_s):
             raise SessionError(
-                f"the camera applied {exposure_text(applied.exposure_s)} where the plan asks for "
-                f"{exposure_text(exposure_s)}: put an exposure it can keep into plan.exposures_s"
+                f"the camera applied {exposure_text(applied.exposure_s, 6)} where the plan asks for "
+                f"{exposure_text(exposure_s, 6)}: put an exposure it can keep into plan.exposures_s"
             )
         writer.put_event("camera settings", {"role": role, "settings": asdict(applied)})
 

@@ -14,12 +14,12 @@ from typing import Protocol
 from .errors import InputError
 
 
-def exposure_text(exposure_s: float) -> str:
-    """Write an exposure time in s, ms or µs, whichever is handy."""
+def exposure_text(exposure_s: float, digits: int = 4) -> str:
+    """Write an exposure time in s, ms or µs, whichever is handy, with up to a number of significant digits."""
     for unit, seconds in (("s", 1.0), ("ms", 1e-3)):
         if exposure_s >= seconds:
-            return f"{exposure_s / seconds:.4g} {unit}"
-    return f"{exposure_s * 1e6:.4g} µs"
+            return f"{exposure_s / seconds:.{digits}g} {unit}"
+    return f"{exposure_s * 1e6:.{digits}g} µs"
 
 
 class Clock(Protocol):

@@ -149,7 +149,7 @@ def test_live_numbers_and_keys_on_a_terminal_which_is_left_as_it_was(labcdp_path
     try:
         with subprocess.Popen(command, preexec_fn=own_terminal, **streams) as process:
             wait_for("Keys: p pauses or resumes, q ends")
-            wait_for(r"light 0\.002 s, mean \d+\.\d")
+            wait_for(r"light 2 ms, mean \d+\.\d")
             wait_for(r"patch +mean DN +saturated +noise DN +drift")
             wait_for(r"P12 +\d+\.\d +0\.00% +\d+\.\d\d +[+-]\d\.\d\d%")
             os.write(keyboard, b"p")

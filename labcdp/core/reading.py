@@ -98,8 +98,8 @@ class Reading:
 
     def _repr_html_(self) -> str:
         """Table for notebooks."""
-        row = (f"{self.value:g} {self.unit}", f"{self.meter.model} {self.meter.serial}", str(self.timestamp))
-        return html_table(("reading", "meter", "taken"), [row])
+        meter, unit = f"{self.meter.model} {self.meter.serial}", self.unit.replace("m2", "m²")
+        return html_table(("reading", "meter", "taken"), [(f"{self.value:g} {unit}", meter, str(self.timestamp))])
 
     @property
     def cd_m2_per_unit(self) -> float:

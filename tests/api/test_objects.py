@@ -105,6 +105,12 @@ def test_objects_show_themselves(picture, video, rois, chain):
     assert "[sensor]" in chain._repr_html_()
     assert repr(run) == "<ChainRun of 'manta-g505', seed 3: scene > optics > sensor>"
     assert repr(run["optics"]) == "<Signal illuminance in lx, shape (30, 40)>"
+    session = calibrated.session
+    frame, reading = session.load(session.frames()[0]), session.readings()[0].reading
+    maps = calibrated.calibration.to_luminance(frame)
+    tracked = opened.track(rois)
+    for object_ in (run, run["optics"], tracked, tracked.rois[0], frame, reading, maps, calibrated.calibration):
+        assert object_._repr_html_().startswith("<table>")
 
 
 SQUARES = {"a": (0, 0, 5, 5), "b": (9, 0, 5, 5)}

@@ -54,8 +54,8 @@ def verify(
     meter : MeterScale
         The meter that took them, from `labcdp.calibration.setup.meter_scale`.
     tolerance_rel : float or None
-        Largest relative deviation that conforms; None for the U (95 %) of the calibration, see `own_tolerance_rel`,
-        with the assumed vignetting, which is no part of the deviations' U, as they show it.
+        Largest relative deviation that conforms; None for the calibration's U (95 %) with the assumed vignetting, see
+        `own_tolerance_rel`; deviations show that vignetting, so it is no part of their U.
 
     Raises
     ------
@@ -244,8 +244,7 @@ def _of_planes(
 def _own_rel(plane: Calibration, own: Sequence[PatchLuminance]) -> float:
     """Relative standard uncertainty of a plane's mean over patches, by what differs from plane to plane."""
     noise = sum(own_rel(plane, one) ** 2 for one in own) / len(own) ** 2
-    scatter = plane.responsivity.scatter_rel**2 / len(own)
-    return sqrt(noise + scatter + max(one.fit_rel for one in own) ** 2)
+    return sqrt(noise + plane.responsivity.scatter_rel**2 / len(own) + max(one.fit_rel for one in own) ** 2)
 
 
 def _name(plane: Calibration) -> str:
@@ -267,19 +266,19 @@ def _measured(
         except CalibrationError as error:
             errors[name] = error
             findings.append(warning("patch-not-verified", name, reason=str(error)))
-            of_planes = ((plane, group.get(_name(plane), ())) for plane in calibration.planes)
-            findings += [one for plane, own in of_planes for one in temperature_findings(own, plane.settings)]
+            for plane in calibration.planes:
+                findings += temperature_findings(group.get(_name(plane), ()), plane.settings)
     if not seen:
         raise next(iter(errors.values()))
     return seen, tuple(errors), findings
 
 
 def _dark(plane: Calibration, darks: Sequence[DarkObservation]) -> DarkModel:
-    of_plane = f" of plane {plane.state.plane}" if plane.state.plane else ""
+    of = f"dark frames{_name(plane) and f' of plane {_name(plane)}'}"
     if not darks:
-        raise CalibrationError(f"there are no dark frames{of_plane}: cover the lens and record some")
+        raise CalibrationError(f"there are no {of}: cover the lens and record some")
     for d in darks:
-        plane.require(d.state, f"the set of dark frames{of_plane} at {exposure_text(d.exposure_s)}")
+        plane.require(d.state, f"the set of {of} at {exposure_text(d.exposure_s)}")
     return fit_dark(darks)[0]
 
 

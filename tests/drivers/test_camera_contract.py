@@ -7,12 +7,14 @@ this process has a virtual clock, so its seconds take none.
 import subprocess
 import threading
 import time
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
 
-from labcdp.core.clock import SimulatedClock, SystemClock
+from labcdp.core.clock import Clock, SimulatedClock, SystemClock
 from labcdp.drivers.aravis import gvcp
 from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.camera import (
@@ -28,101 +30,86 @@ ADDRESS = "127.0.0.1"
 SHAPE = (400, 480)
 
 
-class InProcess:
+@dataclass
+class Transport:
+    """How a camera is opened, with a patience in seconds, and how it comes to a fault or recovers from one."""
+
+    camera: Callable
+    run: Callable
+    clock: Clock = field(default_factory=SystemClock)
+    gain_db: float = 6.0
+
+
+def wired(patience_s=0.0):
+    return AravisCamera(ADDRESS, patience_s=patience_s)
+
+
+@contextmanager
+def in_process(configuration):
     """The simulated bench's camera without a network."""
-
-    gain_db = 6.0
-
-    def __init__(self, configuration):
-        self.clock = SimulatedClock()
-        self._bench = SimulatedBench(configuration, BenchDevices.standard(seed=3), SHAPE, self.clock)
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *exc):
-        self._bench.close()
-
-    def camera(self, patience_s=0.0):
-        return self._bench.in_process_camera(patience_s)
-
-    def run_fault(self, fault):
-        self._bench.run_command(fault)
-
-    def recover(self):
-        self._bench.run_command("recover")
+    clock = SimulatedClock()
+    with SimulatedBench(configuration, BenchDevices.standard(seed=3), SHAPE, clock) as bench:
+        yield Transport(bench.in_process_camera, bench.run_command, clock)
 
 
-class Wire(InProcess):
+@contextmanager
+def on_the_wire(configuration):
     """The same camera over GigE Vision on loopback."""
-
-    def __init__(self, configuration):
-        self.clock = SystemClock()
-        self._bench = SimulatedBench(configuration, BenchDevices.standard(seed=3), SHAPE)
-
-    def __enter__(self):
-        self._served = self._bench.gige_camera(ADDRESS).open()
-        return self
-
-    def __exit__(self, *exc):
-        super().__exit__()
-        self._served.close()
-
-    def camera(self, patience_s=0.0):
-        return AravisCamera(ADDRESS, patience_s=patience_s)
+    with SimulatedBench(configuration, BenchDevices.standard(seed=3), SHAPE) as bench, bench.gige_camera(ADDRESS):
+        yield Transport(wired, bench.run_command)
 
 
-class Foreign(Wire):
+@contextmanager
+def of_aravis(_configuration):
     """Aravis' simulator, which can only be switched off and on; its gain counts in steps of its own."""
+    processes, timers = [], []
 
-    gain_db = 0.0
-
-    def __init__(self, configuration):
-        self.clock, self._timers = SystemClock(), []
-
-    def __enter__(self):
-        self._process = subprocess.Popen(["arv-fake-gv-camera-0.8", "-i", ADDRESS])
+    def switch_on():
+        processes.append(subprocess.Popen(["arv-fake-gv-camera-0.8", "-i", ADDRESS]))
         until_s = time.monotonic() + 60
         while gvcp.announce(ADDRESS) is None:
             assert time.monotonic() < until_s
-        return self
 
-    def __exit__(self, *exc):
-        for timer in self._timers:
-            timer.join()
-        self._process.kill()
-        self._process.wait()
+    def switch_off():
+        processes[-1].kill()
+        processes[-1].wait()
 
-    def run_fault(self, fault):
-        what, _, seconds = fault.partition(" for ")
-        assert what == "vanish"
-        self._process.kill()
-        self._process.wait()
-        if seconds:
-            self._timers.append(threading.Timer(float(seconds.removesuffix(" s")), self.__enter__))
-            self._timers[-1].start()
+    def run(fault):
+        if fault == "recover":
+            switch_on()
+            return
+        switch_off()
+        if seconds := fault.removeprefix("vanish").removeprefix(" for ").removesuffix(" s"):
+            timers.append(threading.Timer(float(seconds), switch_on))
+            timers[-1].start()
 
-    def recover(self):
-        self.__enter__()
+    switch_on()
+    yield Transport(wired, run, gain_db=0.0)
+    for timer in timers:
+        timer.join()
+    switch_off()
 
 
-@pytest.fixture(scope="module", params=[Wire, InProcess, Foreign], ids=["wire", "in process", "of Aravis"])
+@pytest.fixture(scope="module", params=[on_the_wire, in_process, of_aravis], ids=["wire", "in process", "of Aravis"])
 def transport(request, aravis_tools, small_configuration):
     with request.param(small_configuration) as transport:
         yield transport
 
 
 #: Aravis' simulator has no faults.
-with_own_simulator = pytest.mark.parametrize("transport", [Wire, InProcess], ids=["wire", "in process"], indirect=True)
+with_own_simulator = pytest.mark.parametrize(
+    "transport", [on_the_wire, in_process], ids=["wire", "in process"], indirect=True
+)
 
 
 @contextmanager
 def with_fault(transport, fault):
     """Have a fault in the context, and none afterwards."""
-    with ExitStack() as stack:
-        stack.callback(transport.recover)
-        transport.run_fault(fault)
+    transport.run(fault)
+    try:
         yield
+    finally:
+        transport.run("recover")
 
 
 def test_a_camera_is_used_while_it_is_open(transport):
@@ -188,7 +175,7 @@ def test_patience_bridges_a_loss_of_power_with_all_settings_and_notes_the_gap(tr
         before = camera.configure(exposure_s=0.005, gain_db=transport.gain_db)
         frames = camera.grab(8)
         taken = [next(frames) for _ in range(2)]
-        transport.run_fault("vanish for 1 s")
+        transport.run("vanish for 1 s")
         taken += frames
         (gap,) = camera.gaps
         assert camera.settings == before

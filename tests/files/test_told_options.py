@@ -8,7 +8,9 @@ import tifffile
 from PIL import Image
 
 from labcdp.cli.pictures.options import PictureLightOptions
-from labcdp.files import PictureOptions, read_picture
+from labcdp.core.dn import pixel_format
+from labcdp.core.errors import InputError
+from labcdp.files import PictureOptions, read_image, read_picture
 from labcdp.session.frames import frame_to_tiff
 
 from .conftest import write_dng
@@ -46,3 +48,18 @@ def test_a_typed_exposure_and_gain_count_before_those_of_the_file(tmp_path):
         picture = read_picture(path, given(exposure=0.005, gain_db=12.0))
         assert (picture.frame.exposure_s, picture.frame.gain_db) == (0.005, 12.0)
         assert codes(picture) == ["exposure-replaced", "gain-replaced"]
+
+
+@pytest.mark.parametrize(
+    "pixels",
+    [
+        np.eye(4, dtype=np.uint8)[..., None] * np.uint8([1, 2, 3]),
+        np.zeros((4, 4), dtype=np.float32),
+        np.full((4, 4), 4096, dtype=np.uint16),
+    ],
+    ids=["coloured", "floats", "beyond 12 bits"],
+)
+def test_other_images_are_refused_for_a_session(tmp_path, pixels):
+    tifffile.imwrite(tmp_path / "a.tif", pixels, photometric="rgb" if pixels.ndim == 3 else "minisblack")
+    with pytest.raises(InputError):
+        read_image(tmp_path / "a.tif", pixel_format("BayerGB12"), PictureOptions(exposure_s=0.01))

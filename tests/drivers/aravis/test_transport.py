@@ -5,30 +5,12 @@ import pytest
 
 from labcdp.drivers.aravis import transport as aravis_transport
 from labcdp.drivers.aravis.camera import AravisCamera
-from labcdp.drivers.aravis.transport import TransportPlan, plan_transport
 from labcdp.drivers.network import Interface
 from labcdp.drivers.simulated.gige_camera import SimulatedGigECamera
 
 from ..conftest import SMALL, Ramp, opened
 
 _GIGABIT = Interface("eth0", IPv4Interface("169.254.0.10/16"), mtu_bytes=1500, speed_mbit_s=1000)
-_JUMBO = replace(_GIGABIT, mtu_bytes=9000)
-
-
-@pytest.mark.parametrize(
-    ("interface", "plan"),
-    [
-        # By hand: 125 MB/s x 1500 / 1538 x 0.95; Allied Vision's default is 115 MB/s.
-        (_GIGABIT, TransportPlan(1500, 115_815_994, 0)),
-        # Jumbo frames carry more, up to the camera's limit.
-        (_JUMBO, TransportPlan(None, 118_250_719, 0)),
-        (replace(_JUMBO, speed_mbit_s=10_000), TransportPlan(None, 124_000_000, 0)),
-        (replace(_JUMBO, is_loopback=True), TransportPlan()),
-        (None, TransportPlan()),
-    ],
-)
-def test_the_link_gives_a_manta_its_bandwidth(interface, plan):
-    assert plan_transport(9000, 2452 * 2056, 15.0, interface, (1_000_000, 124_000_000)) == plan
 
 
 def test_two_cameras_share_their_interface(aravis, monkeypatch):

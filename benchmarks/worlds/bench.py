@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import tempfile
 import zlib
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -77,8 +78,10 @@ def _measured(world: World, rng: np.random.Generator, folder: Path) -> Outcome:
     scales = scale_errors(world, rng)
     target = calibration_target(world, rng)
     shown = read_patches(world, target.luminance_cd_m2, scales, rng, LIGHT_S, READ_S)
-    with recorder.record("calibration", target, shown, frames=FRAMES) as session:
-        flat = _flat_field(recorder, rng) if world.correction == "flat" else None
+    with (
+        recorder.record("calibration", target, shown, frames=FRAMES) as session,
+        _flat_field(recorder, rng) if world.correction == "flat" else nullcontext() as flat,
+    ):
         calibration = session.calibrate(
             flat_field=flat,
             nonuniformity_rel=world.unevenness_rel,

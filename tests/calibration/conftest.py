@@ -1,22 +1,20 @@
 """A bench on arrays: a linear camera with noise, and a meter with scale error, repeatability and digits."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from math import floor, log10, sqrt
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from labcdp.calibration import Calibration, CameraState, DarkObservation, LensIdentity, PatchObservation, Setup, fit
+from labcdp.calibration import CameraState, DarkObservation, LensIdentity, PatchObservation, Setup, fit
 from labcdp.calibration.findings import FitError
 from labcdp.calibration.frames.measure import measure_whole
 from labcdp.calibration.frames.nonuniformity import Nonuniformity
-from labcdp.core.frame import CameraIdentity, Frame
+from labcdp.calibration.sensor.dark_library import DarkLibrary
+from labcdp.core.frame import PLANES, CameraIdentity, Frame
 from labcdp.core.reading import MeterIdentity, Reading
+from labcdp.core.vignetting import FlatField, middle_of
 
 CAMERA = CameraIdentity("Allied Vision", "Manta G-505C", "503363706")
 METER = MeterIdentity("LS-110", "73323007")
@@ -36,22 +34,15 @@ class SimulatedCamera:
     dark_rate_dn_s: float = 40.0
     state: CameraState = STATE
 
-    def mean_dn(self, luminance_cd_m2: float, exposure_s: float) -> float:
+    def mean_dn(self, luminance_cd_m2, exposure_s):
         light = self.responsivity_dn_s_cd_m2 * luminance_cd_m2
         return self.dark_offset_dn + (self.dark_rate_dn_s + light) * exposure_s
 
-    def pixel_variance_dn2(self, luminance_cd_m2: float, exposure_s: float) -> float:
+    def pixel_variance_dn2(self, luminance_cd_m2, exposure_s):
         net = self.responsivity_dn_s_cd_m2 * luminance_cd_m2 * exposure_s
         return self.k_dn_per_e * net + self.dark_noise_dn**2
 
-    def observe(
-        self,
-        patch: str,
-        luminance_cd_m2: float,
-        exposure_s: float,
-        rng: np.random.Generator | None,
-        size: tuple[int, int] = (400, 4),
-    ) -> PatchObservation:
+    def observe(self, patch, luminance_cd_m2, exposure_s, rng, size=(400, 4)):
         """One patch; without a generator, free of noise. `size` is pixels and frames."""
         n_pixels, n_frames = size
         mean, variance = self.mean_dn(luminance_cd_m2, exposure_s), self.pixel_variance_dn2(luminance_cd_m2, exposure_s)
@@ -72,9 +63,7 @@ class SimulatedCamera:
             vignetting=None,
         )
 
-    def dark(
-        self, exposure_s: float, rng: np.random.Generator | None, size: tuple[int, int] = (3072, 4)
-    ) -> DarkObservation:
+    def dark(self, exposure_s, rng, size=(3072, 4)):
         n_pixels, n_frames = size
         variance = self.dark_noise_dn**2 / (n_pixels * n_frames)
         return DarkObservation(
@@ -91,19 +80,6 @@ class SimulatedCamera:
 
 
 @dataclass(frozen=True)
-class BentCamera(SimulatedCamera):
-    """A camera whose signal falls behind: h(n) = n (1 + q n / 4000 DN) for a true q."""
-
-    bend: float = 0.02
-
-    def mean_dn(self, luminance_cd_m2: float, exposure_s: float) -> float:
-        linear = self.responsivity_dn_s_cd_m2 * luminance_cd_m2 * exposure_s
-        q = self.bend / 4000
-        net = (sqrt(1 + 4 * q * linear) - 1) / (2 * q)
-        return self.dark_offset_dn + self.dark_rate_dn_s * exposure_s + net
-
-
-@dataclass(frozen=True)
 class SimulatedMeter:
     """A meter with four digits and no more than two decimals, like the LS-110."""
 
@@ -112,25 +88,35 @@ class SimulatedMeter:
     true_scale_error_rel: float = 0.0
     identity: MeterIdentity = field(default=METER)
 
-    def read(self, luminance_cd_m2: float, rng: np.random.Generator | None, second: int = 0) -> Reading:
+    def read(self, luminance_cd_m2, rng, second=0):
         shown = luminance_cd_m2 * (1 + self.true_scale_error_rel)
         shown *= 1 + (rng.normal(0, self.repeatability_rel) if rng else 0.0)
         resolution = max(10.0 ** (floor(log10(shown)) - 3), 0.01) if shown > 0 else 0.01
-        value = round(shown / resolution) * resolution
-        return make_reading(
-            value,
-            resolution=resolution,
-            scale_half_width_rel=self.scale_half_width_rel,
-            digits_half_width=resolution / 2,
-            repeatability_rel=self.repeatability_rel,
-            meter=self.identity,
-            timestamp=START + timedelta(seconds=second),
+        meter = {"meter": self.identity, "resolution": resolution, "digits_half_width": resolution / 2}
+        errors = {"scale_half_width_rel": self.scale_half_width_rel, "repeatability_rel": self.repeatability_rel}
+        at = START + timedelta(seconds=second)
+        return make_reading(round(shown / resolution) * resolution, timestamp=at, **meter, **errors)
+
+
+#: Of the planes of a camera with colour filters.
+RESPONSIVITIES = dict(zip(PLANES, (700.0, 1200.0, 1180.0, 800.0), strict=True))
+
+
+def colour_bench(seen, names, rng, changes=(), dark_dn=(), exposures_s=(0.001, 0.008, 0.064)):
+    """Observations and dark frames of planes; `seen` gives what a plane sees of a patch, in cd/m^2 of a grey one."""
+    observations, darks = {}, {}
+    for plane, responsivity in RESPONSIVITIES.items():
+        one = SimulatedCamera(
+            responsivity_dn_s_cd_m2=responsivity * dict(changes).get(plane, 1.0),
+            dark_offset_dn=64.0 + dict(dark_dn).get(plane, 0.0),
+            state=replace(STATE, plane=plane),
         )
+        observations[plane] = [one.observe(name, seen(plane, name), t, rng) for name in names for t in exposures_s]
+        darks[plane] = [one.dark(t, rng) for t in exposures_s]
+    return observations, darks
 
 
-def make_frame(
-    mean_dn: NDArray[np.float64], exposure_s: float = 0.01, frame_id: int = 0, bit_depth: int = 12, **changes: object
-) -> Frame:
+def make_frame(mean_dn, exposure_s=0.01, frame_id=0, bit_depth=12, **changes):
     full = 2**bit_depth - 1
     frame = Frame(
         dn=np.clip(np.rint(mean_dn), 0, full).astype(np.uint16),
@@ -147,12 +133,24 @@ def make_frame(
         frame_id=frame_id,
         camera=CAMERA,
     )
-    return replace(frame, **changes)  # type: ignore[arg-type]
+    return replace(frame, **changes)
 
 
-def make_reading(value: float, **changes: object) -> Reading:
+def make_reading(value, **changes):
     reading = Reading(value, "cd/m2", 0.01, 0.02, 0.01, 0.002, False, "preset", False, METER, START, f"{value:6.2f}")
-    return replace(reading, **changes)  # type: ignore[arg-type]
+    return replace(reading, **changes)
+
+
+def flat_field(shape=STATE.image_shape, seed=1):
+    """One of a pattern without smoothness."""
+    relative = np.random.default_rng(seed).normal(1, 0.02, shape)
+    return FlatField(relative / relative[middle_of(shape)].mean(), 0.001, 0.002, 10)
+
+
+def large_dark_library():
+    """A pattern of 20 DN and of 20 DN/s."""
+    offset, rate = np.random.default_rng(4).normal(0, 20, (2, *STATE.image_shape)).astype(np.float32)
+    return DarkLibrary(offset, rate, ((0.01, 0.0), (0.0, 0.01)), ((400.0, 0.0), (0.0, 400.0)), 30.0, 8.0, 16)
 
 
 def expose(luminance_cd_m2, exposure_s, rng, pattern_dn=0.0, v=1.0, frame_id=0):
@@ -168,12 +166,12 @@ def statistics(luminance_cd_m2, exposure_s, n, rng, **changes):
 
 
 @pytest.fixture(scope="session")
-def setup() -> Setup:
+def setup():
     return Setup(LensIdentity("Kowa LM6NCL", "", 0.006, 2.6), "LED-B4", "0" * 64)
 
 
 @pytest.fixture(scope="session")
-def camera() -> SimulatedCamera:
+def camera():
     return SimulatedCamera()
 
 
@@ -183,14 +181,7 @@ LUMINANCES, EXPOSURES_S = tuple(float(v) for v in np.geomspace(0.5, 2000, 12)), 
 FEW_CD_M2, FEW_S = (0.5, 1.0, 2.5, 6.0, 15.0, 40.0, 100.0, 250.0), (0.002, 0.01, 0.1)
 
 
-def bench(
-    camera: SimulatedCamera,
-    read: Callable[[float], Reading] = make_reading,
-    rng: np.random.Generator | None = None,
-    luminances: Sequence[float] = LUMINANCES,
-    exposures_s: Sequence[float] = EXPOSURES_S,
-    n_readings: int = 1,
-) -> tuple[list[PatchObservation], list[DarkObservation], dict[str, list[Reading]]]:
+def bench(camera, read=make_reading, rng=None, luminances=LUMINANCES, exposures_s=EXPOSURES_S, n_readings=1):
     """Observations, dark frames and readings of patches P0, P1, ...; without a generator free of noise."""
     observations = [camera.observe(f"P{i}", v, t, rng) for i, v in enumerate(luminances) for t in exposures_s]
     darks = [camera.dark(t, rng) for t in exposures_s]
@@ -217,7 +208,7 @@ def row(rows, source):
 
 
 @pytest.fixture(scope="session")
-def calibrated(camera, setup) -> Calibration:
+def calibrated(camera, setup):
     """A calibration by data free of noise."""
     return fit(*bench(camera), setup)
 

@@ -7,10 +7,9 @@ from labcdp.core.errors import CalibrationError
 from labcdp.core.frame import CameraIdentity
 from labcdp.core.luminance import Invalid
 
-from .conftest import expose, make_frame
+from .conftest import CAMERA, expose, make_frame
 
 SHAPE = (48, 64)
-OTHER, SIMULATED = CameraIdentity("A", "B", "1"), CameraIdentity("Allied Vision", "Manta G-505C", "503363706", True)
 
 
 def test_noise_does_not_push_the_end_patches_out_of_range(calibrated):
@@ -22,20 +21,19 @@ def test_noise_does_not_push_the_end_patches_out_of_range(calibrated):
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    "change",
     [
-        ({"camera": OTHER}, r"Allied Vision Manta G-505C \(503363706\), but frame 0 has A B \(1\): use the same, or"),
-        ({"camera": SIMULATED}, r"but frame 0 has Allied Vision Manta G-505C \(503363706, simulated\)"),
-        ({"gain_db": 6.0}, "gain of the calibration is 0 dB, but frame 0 has 6 dB"),
-        ({"pixel_format": "Mono12Packed"}, "pixel format of the calibration is Mono12, but frame 0 has Mono12Packed"),
-        ({"bit_depth": 14}, "bit depth of the calibration is 12, but frame 0 has 14"),
-        ({"saturation_dn": 4000.0}, "saturation of the calibration is 4095 DN, but frame 0 has 4000 DN"),
-        ({"dn": np.zeros((24, 32), np.uint16)}, "size of the calibration is 64 x 48 pixels, but frame 0 has 32 x 24"),
-        ({"colour_filter": "RG"}, r"the frame has a colour filter \(RG\)"),
+        *({"camera": one} for one in (CameraIdentity("A", "B", "1"), replace(CAMERA, simulated=True))),
+        {"gain_db": 6.0},
+        {"pixel_format": "Mono12Packed"},
+        {"bit_depth": 14},
+        {"saturation_dn": 4000.0},
+        {"dn": np.zeros((24, 32), np.uint16)},
+        {"colour_filter": "RG"},
     ],
-)  # fmt: skip
-def test_other_frames_are_refused(calibrated, change, message):
-    with pytest.raises(CalibrationError, match=message):
+)
+def test_other_frames_are_refused(calibrated, change):
+    with pytest.raises(CalibrationError, match=r"of the calibration is .*, but frame 0 has|has a colour filter \(RG\)"):
         calibrated.to_luminance(replace(make_frame(np.full(SHAPE, 500.0)), **change))
 
 

@@ -5,9 +5,8 @@ import pytest
 
 from labcdp.calibration import contrast_uncertainty, fit, patch_luminance
 from labcdp.core.errors import CalibrationError
-from labcdp.core.result import info
 
-from .conftest import EXPOSURES_S, bench
+from .conftest import EXPOSURES_S, bench, codes
 
 
 def seen(camera, luminance, rng=None):
@@ -48,13 +47,12 @@ def test_saturated_exposure_is_left_out_and_named(calibrated, camera):
     patch = patch_luminance(calibrated, seen(camera, 300.0))
     assert patch.luminance_cd_m2 == pytest.approx(300.0)
     assert patch.exposures_s == (0.001, 0.008)
-    assert patch.findings == (info("exposure-saturated", "wall", exposures_s=[0.064]),)
+    assert codes(patch) == {"exposure-saturated"}
 
 
 def test_luminance_outside_the_range_is_reported_and_saturation_throughout_is_refused(calibrated, camera):
     for luminance in (0.3, 2500.0):
-        last = patch_luminance(calibrated, seen(camera, luminance)).findings[-1]
-        assert (last.code, last.values["highest_cd_m2"]) == ("luminance-outside-range", pytest.approx(2000))
+        assert "luminance-outside-range" in codes(patch_luminance(calibrated, seen(camera, luminance)))
     with pytest.raises(CalibrationError, match=r"no exposure gives .* \(patch 'wall': saturated at 1 ms"):
         patch_luminance(calibrated, seen(camera, 9000.0))
 
@@ -65,6 +63,4 @@ def test_luminance_outside_the_range_is_reported_and_saturation_throughout_is_re
 def test_a_signal_above_the_calibrated_ones_is_confirmed_by_lower_ones(calibrated, camera, exposures_s, bend, warned):
     seen = [camera.observe("wall", 390.0, t, None) for t in exposures_s]
     bent = [replace(o, signal_dn=o.signal_dn * (bend if o.exposure_s == 0.008 else 1.0)) for o in seen]
-    found = [one for one in patch_luminance(calibrated, bent).findings if one.code == "signal-outside-range"]
-    assert bool(found) == warned
-    assert all(one.values["net_dn"] == pytest.approx(3744, rel=0.04) for one in found)
+    assert ("signal-outside-range" in codes(patch_luminance(calibrated, bent))) == warned

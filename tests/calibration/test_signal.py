@@ -22,6 +22,14 @@ def test_rounding_does_not_average_down(camera):
     assert net_signal(still, settings).noise_variance_dn2 == pytest.approx(1 / 12)
 
 
+def test_flicker_and_drift_average_over_the_frames_only(camera):
+    settings = [
+        replace(SETTINGS[0], dark=replace(DARK, drift_dn=0.5), noise=TemporalNoise(0.25, 1.5, flicker_rel=0.01))
+    ]
+    signal = net_signal(camera.observe("grey", 10.0, 0.01, None), settings)
+    assert signal.frames_variance_dn2 == pytest.approx((0.01 * 120 / 2) ** 2 + (0.5 / 2) ** 2)
+
+
 def test_fixed_pattern_averages_over_pixels_and_slow_changes_do_not(camera):
     exact = camera.observe("grey", 10.0, 0.01, None)
     noise_of_mean_frame = exact.temporal_variance_dn2 / 4

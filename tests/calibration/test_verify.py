@@ -1,6 +1,5 @@
 """Verification: the decision rule against its closed form, and what changed is named without blame."""
 
-import json
 from dataclasses import replace
 from datetime import date
 from math import hypot, sqrt
@@ -10,49 +9,39 @@ import pytest
 from scipy.stats import norm
 
 from labcdp.calibration import fit
-from labcdp.calibration.record import load_verification, save_verification
 from labcdp.calibration.setup import meter_scale
 from labcdp.calibration.verify.history import histories
 from labcdp.calibration.verify.result import conformance_probability, decide
 from labcdp.calibration.verify.verify import own_tolerance_rel, verify
-from labcdp.core.errors import CalibrationError, InputError
+from labcdp.core.errors import CalibrationError
 from labcdp.core.reading import MeterIdentity
 from labcdp.core.vignetting import Cos4Vignetting
 from labcdp.session import MeterCertificate
 
-from .conftest import FEW_CD_M2, FEW_S, SimulatedMeter, bench, codes
+from .conftest import FEW_CD_M2, FEW_S, SimulatedCamera, SimulatedMeter, bench, codes
 
 AGAIN = (0.5, 15.0, 250.0)
 CERTIFICATE = MeterCertificate(
     number="1", laboratory="PTB", date=date(2018, 1, 1), expanded_uncertainty_rel=0.008, degrees_of_freedom=20
 )
-METER = SimulatedMeter(true_scale_error_rel=0.008)
+CAMERA, METER = SimulatedCamera(), SimulatedMeter(true_scale_error_rel=0.008)
 
 
-@pytest.fixture(scope="module")
-def calibrate(camera, setup):
-    def calibrated(seed):
-        rng = np.random.default_rng(seed)
-        return fit(*bench(camera, lambda v: METER.read(v, rng), rng, FEW_CD_M2, FEW_S, 3), setup)
-
-    return calibrated
-
-
-@pytest.fixture(scope="module")
-def calibration(calibrate):
-    return calibrate(3)
-
-
-@pytest.fixture(scope="module")
-def measured(camera):
+def measured(seed=4, camera=CAMERA, meter=METER, luminances=AGAIN):
     """Measure patches again, by a camera and a meter that may have changed."""
+    rng = np.random.default_rng(seed)
+    observations, darks, readings = bench(camera, lambda v: meter.read(v, rng), rng, luminances, FEW_S, 3)
+    return {"": observations}, {"": darks}, readings, meter_scale(readings)
 
-    def measure(seed=4, camera=camera, meter=METER, luminances=AGAIN):
-        rng = np.random.default_rng(seed)
-        observations, darks, readings = bench(camera, lambda v: meter.read(v, rng), rng, luminances, FEW_S, 3)
-        return {"": observations}, {"": darks}, readings, meter_scale(readings)
 
-    return measure
+def calibrate(setup, seed=3):
+    observations, darks, readings, _ = measured(seed, luminances=FEW_CD_M2)
+    return fit(observations[""], darks[""], readings, setup)
+
+
+@pytest.fixture(scope="module")
+def calibration(setup):
+    return calibrate(setup)
 
 
 @pytest.mark.parametrize("true_rel", [0.0, 0.018, 0.02, 0.022, 0.03])
@@ -75,19 +64,16 @@ def test_conformance_probability_is_that_of_jcgm_106(d, u):
     assert conformance_probability(d, 0.0, 0.02) == (abs(d) <= 0.02)
 
 
-def test_nothing_changed_conforms(calibration, measured):
+def test_nothing_changed_conforms(calibration):
     result = verify(calibration, *measured())
     assert result.verdict == "conform"
-    assert [row.patch for row in result.patches] == ["P0", "P1", "P2"]
     assert abs(result.mean_rel) < result.mean_expanded_rel < 0.01
-    assert result.tolerance_rel == own_tolerance_rel(calibration)
-    assert result.findings[0].code == "verification-conform"
     assert {"verified-with-same-meter", "dark-level-kept"} <= codes(result)
 
 
-def test_deviations_scatter_as_stated_and_a_sound_camera_is_not_refused(calibrate, measured):
+def test_deviations_scatter_as_stated_and_a_sound_camera_is_not_refused(setup):
     n = 20
-    results = [verify(calibrate(100 + seed), *measured(500 + seed), 0.04) for seed in range(n)]
+    results = [verify(calibrate(setup, 100 + seed), *measured(500 + seed), 0.04) for seed in range(n)]
     assert all(r.verdict == "conform" for r in results)
     inside = np.array([abs(row.deviation_rel) <= row.expanded_rel for r in results for row in r.patches])
     # The patches of one calibration share its fit: n independent cases at least.
@@ -95,30 +81,31 @@ def test_deviations_scatter_as_stated_and_a_sound_camera_is_not_refused(calibrat
 
 
 @pytest.mark.parametrize(("change", "verdict"), [(0.005, "conform"), (0.03, "undecided"), (0.06, "not conform")])
-def test_a_common_change_is_decided_by_the_tolerance(calibration, measured, camera, change, verdict):
+def test_a_common_change_is_decided_by_the_tolerance(calibration, camera, change, verdict):
     changed = replace(camera, responsivity_dn_s_cd_m2=1200 * (1 + change))
     result = verify(calibration, *measured(camera=changed), 0.03)
     assert result.verdict == verdict
     assert result.mean_rel == pytest.approx(change, abs=2 * result.mean_expanded_rel)
     assert codes(result) & {"deviation-common", "deviation-single"} == {"deviation-common"}
     (plane,) = result.planes
-    assert (plane.plane, plane.balance_rel, plane.drift.relative) == (None, None, result.mean_rel)
     assert plane.drift.responsivity_dn_s_cd_m2 == pytest.approx((1 + change) * 1200 / 1.008, rel=0.01)
 
 
-def test_a_loss_within_a_large_uncertainty_is_undecided_and_named(calibration, measured):
-    """A dim patch that lost 20 % where the uncertainty is 100 % neither conforms nor not."""
+@pytest.mark.parametrize(
+    ("patch", "change", "verdict"), [("P0", {"repeatability_rel": 0.9}, "undecided"), ("P1", {}, "not conform")]
+)
+def test_a_patch_that_changed_alone_is_named(calibration, patch, change, verdict):
+    """Also one that lost a fifth where the uncertainty is 100 %, which neither conforms nor not."""
     observations, darks, readings, meter = measured()
-    readings["P0"] = [replace(r, value=1.25 * r.value, repeatability_rel=0.9) for r in readings["P0"]]
+    readings[patch] = [replace(r, value=1.25 * r.value, **change) for r in readings[patch]]
     result = verify(calibration, observations, darks, readings, meter)
-    dim = result.patches[0]
-    assert (result.verdict, dim.verdict) == ("undecided", "undecided")
-    assert dim.deviation_rel == pytest.approx(-0.2, abs=0.02)
-    assert result.findings[0].code == "verification-undecided-uncertainty"
-    assert result.findings[0].values["patches"] == ["P0"]
+    (changed,) = [row for row in result.patches if row.patch == patch]
+    assert (result.verdict, changed.verdict) == (verdict, verdict)
+    assert changed.deviation_rel == pytest.approx(-0.2, abs=0.02)
+    assert result.findings[0].values["patches"] == [patch]
 
 
-def test_a_dark_level_that_has_moved(calibration, measured, camera):
+def test_a_dark_level_that_has_moved(calibration, camera):
     result = verify(calibration, *measured(camera=replace(camera, dark_offset_dn=70.0)))
     assert result.verdict == "not conform"
     (moved,) = [one for one in result.findings if one.code == "dark-level-moved"]
@@ -129,15 +116,7 @@ def test_a_dark_level_that_has_moved(calibration, measured, camera):
     assert (bright.verdict, bright.findings[0].code) == ("not conform", "verification-not-conform-dark")
 
 
-def test_a_patch_that_changed_alone_is_named(calibration, measured):
-    observations, darks, readings, meter = measured()
-    readings["P1"] = [replace(reading, value=reading.value * 1.1) for reading in readings["P1"]]
-    result = verify(calibration, observations, darks, readings, meter)
-    assert result.findings[0].values["patches"] == ["P1"]
-    assert [one.subject for one in result.findings if one.code == "deviation-single"] == ["P1"]
-
-
-def test_another_meter_or_certificate_brings_its_own_scale(calibration, measured):
+def test_another_meter_or_certificate_brings_its_own_scale(calibration):
     other = SimulatedMeter(scale_half_width_rel=0.03, identity=MeterIdentity("LS-100", "1"))
     mine, theirs = verify(calibration, *measured()), verify(calibration, *measured(meter=other))
     again = verify(calibration, *measured()[:3], replace(mine.meter, certificate=CERTIFICATE))
@@ -147,11 +126,10 @@ def test_another_meter_or_certificate_brings_its_own_scale(calibration, measured
             expected = hypot(before.standard_uncertainty_rel, 0.02 / sqrt(3), own)
             assert row.standard_uncertainty_rel == pytest.approx(expected, rel=0.01)
     assert "verified-with-other-meter" in codes(theirs)
-    (named,) = [one for one in again.findings if one.code == "meter-recalibrated"]
-    assert named.values == {"now": "certificate 1 of 2018-01-01", "then": "date not known"}
+    assert "meter-recalibrated" in codes(again)
 
 
-def test_an_adjusted_meter_is_not_a_change_of_the_camera(calibration, measured):
+def test_an_adjusted_meter_is_not_a_change_of_the_camera(calibration):
     """A meter adjusted by 1.5 %, within both accuracies: not "not conform", and in a history not "changed"."""
     adjusted = SimulatedMeter(true_scale_error_rel=-0.007, identity=MeterIdentity("LS-110", "73323007", "2018-02-01"))
     result = verify(calibration, *measured(meter=adjusted))
@@ -162,7 +140,7 @@ def test_an_adjusted_meter_is_not_a_change_of_the_camera(calibration, measured):
     assert 0.01 < change < expanded
 
 
-def test_assumed_vignetting_is_part_of_the_tolerance_and_not_of_the_deviation(calibration, measured):
+def test_assumed_vignetting_is_part_of_the_tolerance_and_not_of_the_deviation(calibration):
     """5 % in the corners: a patch there has as good a deviation as one on the axis, and a wider tolerance."""
     vignetting, (height, width) = Cos4Vignetting(1.0, 1e-6, None, 0.05), calibration.state.image_shape
     observations, *others = measured()
@@ -178,36 +156,19 @@ def test_assumed_vignetting_is_part_of_the_tolerance_and_not_of_the_deviation(ca
         assert in_corner.tolerance_rel > 0.09
 
 
-def test_refusals(calibration, measured, camera):
+def test_what_cannot_be_compared_is_refused(calibration, camera):
     observations, darks, readings, meter = measured()
-    dark = readings | {"P0": [replace(reading, value=0.0) for reading in readings["P0"]]}
     other = replace(camera, state=replace(camera.state, black_level_dn=32.0))
     for changed, message in (
         (({"": []}, darks, readings, meter), "there is no patch to verify the calibration with"),
         ((observations, darks, {"P0": readings["P0"]}, meter), "patch 'P1' has no meter reading"),
-        ((observations, darks, dark, meter), r"patch 'P0' reads 0 cd/m², below the meter's range"),
         (measured(camera=other), r"black level of the calibration is 64, but .* has 32"),
     ):
         with pytest.raises(CalibrationError, match=message):
             verify(calibration, *changed)
-    with pytest.raises(InputError, match=r"tolerance_rel is 0\.0: give a fraction"):
-        verify(calibration, observations, darks, readings, meter, 0.0)
 
 
-def test_files(calibration, measured, tmp_path):
-    observations, darks, readings, meter = measured()
-    result = verify(calibration, observations, darks, readings, replace(meter, certificate=CERTIFICATE))
-    path = tmp_path / "verification.json"
-    save_verification(result, path)
-    assert load_verification(path) == result
-    document = json.loads(path.read_text())
-    document["verification"]["meter"]["gain"] = 1
-    path.write_text(json.dumps(document))
-    with pytest.raises(InputError, match=r"key meter\.gain: "):
-        load_verification(path)
-
-
-def test_history_sorts_by_camera_and_time(calibration, measured, camera):
+def test_history_sorts_by_camera_and_time(calibration, camera):
     later = replace(
         calibration,
         provenance=replace(calibration.provenance, measured=calibration.provenance.measured.replace(year=2019)),
@@ -217,10 +178,7 @@ def test_history_sorts_by_camera_and_time(calibration, measured, camera):
     result = verify(calibration, *measured())
     found = histories({"later": later, "first": calibration, "other": other}, {"v": result})
     assert [[point.source for point in one.points] for one in found] == [["first", "v", "later"], ["other"]]
-    assert found[1].change_rel is None
     change, half_width = found[0].change_rel
     assert change == pytest.approx(1230.0 / calibration.responsivity.responsivity_dn_s_cd_m2 - 1)
     # One meter: its scale cancels.
     assert half_width == pytest.approx(1.96 * sqrt(2) * calibration.responsivity.random_rel, rel=1e-3)
-    assert found[0].points[1].verdict == "conform"
-    assert found[0].points[1].k_dn_per_e is None

@@ -6,31 +6,25 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 from worlds.bench import FRAMES, QUANTITIES, calibrate_once
-from worlds.camera import (
-    curved,
-    expected_dn,
-    expected_noise_dn,
-    expose,
-    make_device,
-    straightened,
-)
+from worlds.camera import expected_dn, expected_noise_dn, expose, make_device
 from worlds.meter import read_patches, scale_errors
 from worlds.recorder import LIGHT_S, READ_S, Recorder
 from worlds.table import LOWEST, NAMED, binomial_error, summarise
-from worlds.target import Target, calibration_target
-from worlds.truth import PIXELS, cdp, true_pixels
+from worlds.target import calibration_target
+from worlds.truth import PIXELS, cdp
 from worlds.world import HEIGHT, WIDTH, WORLDS, World
 
 from labcdp.calibration.convert.bracket import bracket_luminance
 
-#: Worlds in which labcdp's intervals hold, or a finding names the effect, with the number of calibrations;
-#: `benchmarks/worlds` has 400.
-FEW = ("ideal", "gamma 2.2", "one wrong reading of one, 20 %")
-MORE = ("patch scatter 1 %", "lamp flicker 1 %", "patch scatter 0.3 %", "lamp drift 1 %", "refocusing 0.5 %")
-HOLDING = (
-    *((name, 5) for name in FEW),
-    *(pytest.param(name, 40, marks=pytest.mark.long) for name in (*FEW, *MORE, "glare 0.5 %", "meter scale 2 %")),
-)
+#: Worlds in which labcdp's intervals hold, or a finding names the effect; `benchmarks/worlds` has 400 of each.
+HOLDING = ("ideal", "gamma 2.2", "cubic response 1 %", "vignetting, flat field", "vignetting, no correction")
+HOLDING += ("one wrong reading of one, 20 %", "patch scatter 1 %, 8 patches, 4 exposures", "lamp flicker 1 %")
+HOLDING += ("DSNU 5 e-", "lamp drift 3 %", "black-level drift 0.1 DN", "dark current 2000 e-/s, 1 ms to 1 s")
+HOLDING += ("Bayer, coloured patches",)
+#: Effects that a finding names mostly.
+SEEN = ("one wrong reading of one, 20 %", "vignetting, no correction", "lamp drift 3 %")
+MORE = ("patch scatter 0.3 %", "lamp drift 1 %", "refocusing 0.5 %", "glare 0.5 %", "meter scale 2 %")
+RUNS = [(name, 6) for name in HOLDING] + [pytest.param(name, 40, marks=pytest.mark.long) for name in HOLDING + MORE]
 
 
 @pytest.fixture
@@ -48,12 +42,6 @@ def test_mean_and_variance_of_frames_follow_photon_transfer(rng):
     assert frames.var(axis=0, ddof=1).mean() == pytest.approx(noise_dn**2, rel=4 * sqrt(2 / (200 * 4)))
 
 
-@pytest.mark.parametrize("world", [World(cubic=0.01), World(gamma=2.2)], ids=["cubic", "gamma"])
-def test_the_response_is_inverted_exactly(world, rng):
-    linear_dn = rng.uniform(world.black_dn, 4000, 1000)
-    np.testing.assert_allclose(straightened(curved(linear_dn, world), world), linear_dn, rtol=1e-12)
-
-
 def test_true_cdp_equals_all_pairs_and_the_closed_form(rng):
     bright, dark = rng.normal(1.3, 0.2, 300), rng.normal(0.5, 0.3, 400)
     pairs = bright[:, None] / dark[None, :] - 1
@@ -65,18 +53,7 @@ def test_true_cdp_equals_all_pairs_and_the_closed_form(rng):
     assert cdp(bright, dark, 0.3, 0.5) == pytest.approx(low - high, abs=4 * 0.5 * sqrt(2 / PIXELS))
 
 
-def test_true_pixels_have_the_true_mean_and_the_noise_of_photon_transfer(rng):
-    world = World(prnu_rel=0.01, dsnu_e=2.0, column_dn=0.3, row_dn=0.4)
-    device = make_device(world, rng)
-    target = Target({"P": (60, 44, 8, 8)}, {"P": 50.0}, {"P": {}}, np.zeros((HEIGHT, WIDTH)))
-    pixels = true_pixels(device, target, "P", 0.01, rng, weights={"": 1.0})
-    per_cd_m2 = 0.4 * device.responsivity_e_s_cd_m2 * 0.01
-    variance = expected_noise_dn(device, 50.0, 0.01) ** 2 + 0.8**2 + 0.3**2 + (0.01 * 50 * per_cd_m2) ** 2
-    assert pixels.mean() == pytest.approx(50.0, abs=4 * sqrt(variance / PIXELS) / per_cd_m2, rel=0)
-    assert pixels.var() == pytest.approx(variance / per_cd_m2**2, rel=4 * sqrt(2 / PIXELS))
-
-
-@pytest.mark.parametrize(("name", "n"), HOLDING)
+@pytest.mark.parametrize(("name", "n"), RUNS)
 def test_stated_intervals_hold_or_a_finding_names_the_effect(name, n):
     """At least 93 %, within 3 sigma / sqrt(N) of a share; else 90 % of the failures are named."""
     world = next(world for world in WORLDS if world.name == name)
@@ -84,12 +61,11 @@ def test_stated_intervals_hold_or_a_finding_names_the_effect(name, n):
     assert summary.reasons == {}
     holds = {q: summary.coverage[q] >= LOWEST - 3 * binomial_error(LOWEST, n) for q in QUANTITIES}
     assert all(holds.values()) or summary.named_where_wrong >= NAMED, summary
-    if "wrong reading" in name:
-        assert summary.named == 1
-
-
-def test_a_calibration_is_the_same_for_the_same_number():
-    assert calibrate_once(WORLDS[0], 5) == calibrate_once(WORLDS[0], 5) != calibrate_once(WORLDS[0], 6)
+    if name in SEEN:
+        assert summary.named > 0.5
+    if "wrong reading" not in name and "coloured" not in name:
+        # No good reading is lost, but for one in a hundred calibrations.
+        assert summary.findings.get("patch-contradicts", 0.0) <= 0.01 + 3 * binomial_error(0.01, n)
 
 
 def test_nothing_moves_in_a_still_scene_of_a_camera_with_a_tone_curve(rng, tmp_path):

@@ -1,58 +1,46 @@
 """Runs of chains and of the presets: signals behind each stage, their inverse, and published values."""
 
-from collections.abc import Mapping
-from operator import attrgetter
-from typing import Any
-
 import numpy as np
 import pytest
 
-from labcdp.chain import Chain, Context, Sensor, ThesisWindscreen, preset_names, preset_text
-from labcdp.core.errors import InputError
+from labcdp.chain import Chain, Context, ThesisWindscreen, preset_names
 
 # Rows of more than one block of random numbers.
-DOCUMENT: dict[str, Any] = Chain.load("manta-g505").document
+DOCUMENT = Chain.load("manta-g505").document
 DOCUMENT["scene"] |= {"width": 40, "height": 150, "square_px": 7}
 DOCUMENT["windscreen"] = {"transmittance": 0.9, "glare_fraction": 0.2, "glare_subtracted": True}
 DOCUMENT = {key: DOCUMENT[key] for key in ("scene", "windscreen", "optics", "exposure", "sensor")}
 SENSOR = DOCUMENT["sensor"]
-HDR_AND_ISP: dict[str, Any] = {"hdr": {"method": "normal", "bits": 20}, "isp": {"isp_bits": 20, "bits": 8}}
+HDR_AND_ISP = {"hdr": {"method": "normal", "bits": 20}, "isp": {"isp_bits": 20, "bits": 8}}
 BRACKET = {"exposure": {"exposure_s": [0.003, 0.0155]}}
 TWO_SENSORS = {"sensor": [SENSOR | {"name": "left"}, SENSOR | {"name": "right", "pixel_pitch_m": 6e-6}]}
 
 
-def chain_of(*changes: Mapping[str, Any]) -> Chain:
+def chain_of(*changes):
     document = dict(DOCUMENT)
     for change in changes:
         document |= change
     return Chain.from_document(document, "test")
 
 
-def test_a_run_has_the_signal_behind_each_stage_in_order() -> None:
-    front = ["scene", "windscreen", "optics"]
-    merged = ["sensor 3 ms", "sensor 15.5 ms", "hdr"]
+def test_a_run_has_the_signal_behind_each_stage_in_order():
+    front, merged = ["scene", "windscreen", "optics"], ["sensor 3 ms", "sensor 15.5 ms", "hdr"]
+    both = [f"{name} ({sensor})" for sensor in ("left", "right") for name in merged]
     for chain, names in (
-        (Chain.from_document({"scene": DOCUMENT["scene"]}), ["scene"]),
         (chain_of(BRACKET, HDR_AND_ISP), [*front, *merged, "isp"]),
-        (
-            chain_of(BRACKET, TWO_SENSORS, {"hdr": {"method": "linear"}}),
-            [*front, *(f"{name} ({sensor})" for sensor in ("left", "right") for name in merged)],
-        ),
+        (chain_of(BRACKET, TWO_SENSORS, {"hdr": {"method": "linear"}}), [*front, *both]),
     ):
         run = chain.run()
         assert list(run) == list(chain.stage_names) == names
-        with pytest.raises(InputError, match=r"^stage is 'x': give one of scene"):
-            run["x"]
-        assert ("x" in run, run.get("x"), len(run)) == (False, None, len(names))
         assert {run[name].values.shape for name in run} == {chain.scene.shape}
 
 
-def test_same_seed_same_values_on_any_number_of_threads() -> None:
+def test_same_seed_same_values_on_any_number_of_threads():
     one, two = (chain_of(BRACKET, HDR_AND_ISP).run(3, threads=threads) for threads in (1, 2))
     assert all((one[name].values == two[name].values).all() for name in one)
 
 
-def test_each_sensor_sees_the_image_for_its_own_pixels() -> None:
+def test_each_sensor_sees_the_image_for_its_own_pixels():
     run = chain_of(TWO_SENSORS).run()
     for table in TWO_SENSORS["sensor"]:
         alone = chain_of({"sensor": table}).run()["sensor"]
@@ -60,17 +48,16 @@ def test_each_sensor_sees_the_image_for_its_own_pixels() -> None:
         np.testing.assert_array_equal(run[f"sensor ({table['name']})"].luminance_cd_m2, alone.luminance_cd_m2)
 
 
-def test_signals_know_which_pixels_are_saturated() -> None:
+def test_signals_know_which_pixels_are_saturated():
     run = chain_of({"exposure": {"exposure_s": [0.002, 0.2]}}, HDR_AND_ISP).run()
     bright = run.chain.scene.regions()["bright"]
     assert run["sensor 200 ms"].saturated[bright].mean() > 0.9
     for name in ("sensor 2 ms", "hdr", "isp"):
         assert not run[name].saturated.any()
-    assert run["optics"].saturated is None
 
 
 @pytest.mark.parametrize("preset", preset_names())
-def test_a_preset_is_as_its_file_and_without_noise_gives_back_the_scene(preset: str) -> None:
+def test_a_preset_is_as_its_file_and_without_noise_gives_back_the_scene(preset):
     assert Chain.from_toml(Chain.load(preset).to_toml()) == Chain.load(preset)
     # Odd sizes have a pixel on the axis.
     chain = Chain.load(preset).with_(**{"scene.width": 31, "scene.height": 21, "scene.square_px": 3})
@@ -100,7 +87,7 @@ def test_a_preset_is_as_its_file_and_without_noise_gives_back_the_scene(preset: 
     assert run["optics"].luminance_cd_m2[10, 15] == pytest.approx(front.luminance_cd_m2[0, middle], rel=1e-5)
 
 
-def test_camera_takes_windscreen_optics_and_sensor_of_the_chain() -> None:
+def test_camera_takes_windscreen_optics_and_sensor_of_the_chain():
     chain = chain_of()
     camera = chain.camera()
     scene = chain.scene.luminance_map()
@@ -108,43 +95,9 @@ def test_camera_takes_windscreen_optics_and_sensor_of_the_chain() -> None:
     np.testing.assert_array_equal(dn, chain.run(5)["sensor"].values)
 
 
-@pytest.mark.parametrize("name", [one for one in preset_names() if "the converter ends just" in preset_text(one)])
-def test_converter_ends_before_the_full_well_where_the_preset_says_so(name: str) -> None:
-    for _, sensor in Chain.load(name).sensors:
-        assert isinstance(sensor, Sensor)
-        assert sensor.saturation_dn() == 2**sensor.bits - 1
-
-
-def test_merge_takes_no_full_pixel_for_the_scene() -> None:
+def test_merge_takes_no_full_pixel_for_the_scene():
     """Where pixels are full below the converter's end, read noise must not make a full pixel count."""
     size = {"scene.width": 60, "scene.height": 40, "scene.square_px": 5}
     full = {"sensor.full_well_e": 8000.0, "sensor.k_dn_per_e": 0.3, "scene.luminance_cd_m2": 1e9}
     merged = list(Chain.load("split-pixel").with_(**size, **full).run(seed=2).values())[-1]
     assert merged.saturated.all()
-
-
-PUBLISHED = {
-    "thesis-2018": (  # its tables 5.1 and 5.2
-        {"pixel_pitch_m": 2e-6, "quantum_efficiency": 0.7, "full_well_e": 15_000, "k_dn_per_e": 0.25, "bits": 12},
-        {"scene.shape": (420, 301), "settings.exposure_s": (0.003, 0.007, 0.015), "hdr.method": "normal"},
-    ),
-    "thesis-second-sensor": ({"pixel_pitch_m": 3e-6, "quantum_efficiency": 0.8}, {"hdr.method": "linear"}),
-    "manta-g505": ({"pixel_pitch_m": 3.45e-6, "shape": (2056, 2452), "bits": 12}, {}),  # the camera's data sheet
-}
-
-
-@pytest.mark.parametrize("name", PUBLISHED)
-def test_preset_has_the_published_values(name: str) -> None:
-    chain, (of_sensor, of_chain) = Chain.load(name), PUBLISHED[name]
-    assert {key: getattr(chain.sensors[0][1], key) for key in of_sensor} == of_sensor
-    assert {key: attrgetter(key)(chain) for key in of_chain} == of_chain
-
-
-def test_thesis_preset_becomes_correct_physics_as_its_comment_says() -> None:
-    text = preset_text("thesis-2018").replace('spectrum = "thesis-2018"', 'spectrum = "D65"')
-    tables = text.replace('type = "thesis-2018"', "").split("[sensor]")
-    sensor = preset_text("manta-g505").split("[sensor]")[1]
-    lines = [line for line in sensor.splitlines() if not line.startswith(("width", "height"))]
-    chain = Chain.from_toml(tables[0] + "[sensor]\n" + "\n".join(lines), "completed")
-    assert isinstance(chain.sensors[0][1], Sensor)
-    assert chain.sensors[0][1].shape == (420, 301)

@@ -2,93 +2,61 @@
 
 import tomllib
 from contextlib import suppress
+from copy import deepcopy
 from dataclasses import fields, replace
 from math import sqrt
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labcdp.chain import Chain, Checkerboard, ImageScene, Patch, PatchScene, Scene, StepChart, ToneCurve, preset_text
+from labcdp.chain import Chain, Checkerboard, ImageScene, Patch, PatchScene, StepChart, ToneCurve, preset_text
 from labcdp.chain.predict.chain import predict_chain
 from labcdp.core.disk.text import toml_text
-from labcdp.core.errors import ConfigurationError, InputError
-from labcdp.evaluate.sweep.plan import Axis, Sweep
-from labcdp.evaluate.sweep.run import run_sweep
+from labcdp.core.errors import InputError
 from labcdp.evaluate.sweep.simulation.evaluation import evaluate_run
 
+OPTICS = {"f_number": 2.0, "transmittance": 0.8, "focal_length_m": 0.006, "magnification": 0.01}
+OPTICS |= {"diffraction_nm": 550.0, "blur_sigma_m": 1e-6, "defocus_disc_m": 3e-6}
+OPTICS |= {"mtf": [[0, 1.0], [50, 0.8], [200, 0.2], [300, 0.0]]}
+SENSOR = {"pixel_pitch_m": 3e-6, "quantum_efficiency": 0.5, "full_well_e": 1000, "k_dn_per_e": 0.5, "read_noise_e": 2}
+SENSOR |= {"dark_current_e_s": 30, "bits": 9, "black_level_dn": 20, "prnu_rel": 0.05, "dsnu_e": 1.0, "dsnu_e_s": 20.0}
+SENSOR |= {"column_dsnu_e": 0.5, "row_dsnu_e": 0.4}
+BOARD = {"type": "checkerboard", "luminance_cd_m2": 50.0, "contrast": 0.5, "square_px": 3, "width": 12, "height": 10}
 #: Every kind of stage that can be predicted.
-FULL = """
-name = "full"
-spectrum = "A"
-[scene]
-type = "checkerboard"
-width = 12
-height = 10
-luminance_cd_m2 = 50.0
-contrast = 0.5
-square_px = 3
-[windscreen]
-transmittance = 0.9
-glare_fraction = 0.1
-[optics]
-f_number = 2.0
-transmittance = 0.8
-focal_length_m = 0.006
-magnification = 0.01
-diffraction_nm = 550.0
-blur_sigma_m = 1e-6
-defocus_disc_m = 3e-6
-mtf = [[0, 1.0], [50, 0.8], [200, 0.2], [300, 0.0]]
-[exposure]
-exposure_s = [0.004, 0.001]
-gain_db = 1.0
-temperature_c = 40.0
-[sensor]
-pixel_pitch_m = 3e-6
-quantum_efficiency = 0.5
-full_well_e = 1000
-k_dn_per_e = 0.5
-read_noise_e = 2
-dark_current_e_s = 30
-bits = 9
-black_level_dn = 20
-prnu_rel = 0.01
-dsnu_e = 1.0
-dsnu_e_s = 3.0
-column_dsnu_e = 0.5
-row_dsnu_e = 0.4
-[hdr]
-method = "weighted"
-bits = 18
-[isp]
-isp_bits = 18
-bits = 9
-"""
+FULL = {
+    "spectrum": "A",
+    "scene": BOARD,
+    "windscreen": {"transmittance": 0.9, "glare_fraction": 0.1},
+    "optics": OPTICS,
+    "exposure": {"exposure_s": [0.004, 0.001], "gain_db": 1.0, "temperature_c": 40.0},
+    "sensor": SENSOR,
+    "hdr": {"method": "weighted", "bits": 18},
+    "isp": {"isp_bits": 18, "bits": 9},
+}
 SIZE = {"width": 12, "height": 10}
 #: All kinds of scenes' cameras, sensors and merges are among them.
 PRESETS = ["full", "manta-g505", "thesis-2018", "thesis-second-sensor"]
 
 
-def text_of(name: str) -> str:
+def text_of(name):
     """Chain file of a preset at a small size."""
-    document = tomllib.loads(FULL if name == "full" else preset_text(name))
+    document = deepcopy(FULL) if name == "full" else tomllib.loads(preset_text(name))
     for table in (document["scene"], document["sensor"]):
         table |= {key: SIZE[key] for key in SIZE if key in table}
     document["scene"] |= {"square_px": 3}
     return toml_text(document)
 
 
-def parts(chain: Chain) -> dict[str, Any]:
+def parts(chain):
     found = {"scene": chain.scene, "exposure": chain.settings, "hdr": chain.hdr}
     found |= dict(chain.before) | {"sensor": chain.sensors[0][1]} | dict(chain.behind)
     return {name: part for name, part in found.items() if part is not None}
 
 
-def with_parts(chain: Chain, new: dict[str, Any]) -> Chain:
+def with_parts(chain, new):
     """Return the chain with other parts, as a user would by `dataclasses.replace`."""
     groups = {
         group: tuple((name, new[name]) for name, _ in getattr(chain, group))
@@ -97,7 +65,7 @@ def with_parts(chain: Chain, new: dict[str, Any]) -> Chain:
     return replace(chain, scene=new["scene"], settings=new["exposure"], hdr=new.get("hdr"), **groups)
 
 
-def other(value: Any, factor: float) -> Any:
+def other(value, factor):
     if isinstance(value, tuple):
         return [factor * item for item in value] if len(value) > 1 else factor * value[0]
     if isinstance(value, bool):
@@ -108,7 +76,7 @@ def other(value: Any, factor: float) -> Any:
 
 
 @st.composite
-def edits(draw: st.DrawFn, chain: Chain, lowest: float = 0.7) -> dict[str, dict[str, Any]]:
+def edits(draw, chain, lowest=0.7):
     """Other values for any of the numbers of a chain, by table and key; at least one."""
     numbers = [
         (name, field.name)
@@ -116,13 +84,13 @@ def edits(draw: st.DrawFn, chain: Chain, lowest: float = 0.7) -> dict[str, dict[
         for field in fields(part)
         if field.name == "exposure_s" or (isinstance(getattr(part, field.name), int | float) and field.name not in SIZE)
     ]
-    found: dict[str, dict[str, Any]] = {}
+    found = {}
     for name, key in draw(st.lists(st.sampled_from(numbers), min_size=1, unique=True)):
         found.setdefault(name, {})[key] = other(getattr(parts(chain)[name], key), draw(st.floats(lowest, 0.97)))
     return found
 
 
-def same_run(one: Chain, two: Chain) -> None:
+def same_run(one, two):
     runs = one.run(seed=3, threads=1), two.run(seed=3, threads=1)
     assert list(runs[0]) == list(runs[1])
     for stage in runs[0]:
@@ -130,7 +98,7 @@ def same_run(one: Chain, two: Chain) -> None:
         np.testing.assert_array_equal(runs[0][stage].luminance_cd_m2, runs[1][stage].luminance_cd_m2)
 
 
-def prediction(chain: Chain) -> dict[str, Any] | str:
+def prediction(chain):
     """Return what is predicted, or why it cannot be."""
     try:
         return vars(predict_chain(chain))
@@ -141,7 +109,7 @@ def prediction(chain: Chain) -> dict[str, Any] | str:
 @pytest.mark.parametrize("preset", PRESETS)
 @settings(max_examples=6)
 @given(data=st.data())
-def test_changed_values_are_the_same_everywhere(preset: str, data: st.DataObject) -> None:
+def test_changed_values_are_the_same_everywhere(preset, data):
     chain = Chain.from_toml(text_of(preset))
     changes = data.draw(edits(chain))
     document = tomllib.loads(text_of(preset))
@@ -163,16 +131,16 @@ def test_changed_values_are_the_same_everywhere(preset: str, data: st.DataObject
 WRONG = (None, "wrong", b"w", 1j, True, -3.5, object(), {"a": 1}, [None], [1, 2, "a"], (("a", 3),), np.zeros(3))
 
 
-def users(key: str, value: Any) -> Any:
+def users(key, value):
     """Return a part as its chain or scene takes it."""
     return [("x", value)] if key in ("before", "sensors", "behind") else value
 
 
 @pytest.mark.parametrize("preset", PRESETS)
-def test_values_of_wrong_types_are_refused_by_name_or_are_the_same_everywhere(preset: str) -> None:
+def test_values_of_wrong_types_are_refused_by_name_or_are_the_same_everywhere(preset):
     chain = Chain.from_toml(text_of(preset))
-    image = ImageScene("night.npy", regions_xywh={"left lamp": np.array([1, 2, 3, 4])})  # type: ignore[arg-type, dict-item]
-    of_patches = PatchScene(64, 64, 30.0, [Patch(4, 4, 9, 7, 20.0)])  # type: ignore[arg-type]
+    image = ImageScene("night.npy", regions_xywh={"left lamp": np.array([1, 2, 3, 4])})
+    of_patches = PatchScene(64, 64, 30.0, [Patch(4, 4, 9, 7, 20.0)])
     for owner in (chain, image, of_patches, *parts(chain).values()):
         for field in fields(owner):
             for value in (*WRONG, *(users(field.name, value) for value in WRONG)):
@@ -181,16 +149,16 @@ def test_values_of_wrong_types_are_refused_by_name_or_are_the_same_everywhere(pr
                     assert not isinstance(made, Chain) or Chain.from_toml(made.to_toml()) == made
 
 
-def test_lists_are_taken_for_tuples() -> None:
-    chain = Chain.from_toml(FULL)
-    lists: Any = {key: [list(pair) for pair in getattr(chain, key)] for key in ("before", "sensors", "behind")}
+def test_lists_are_taken_for_tuples():
+    chain = Chain.from_document(FULL)
+    lists = {key: [list(pair) for pair in getattr(chain, key)] for key in ("before", "sensors", "behind")}
     assert replace(chain, **lists) == chain
-    image = ImageScene("night.npy", regions_xywh={"left lamp": np.array([1, 2, 3, 4])})  # type: ignore[arg-type, dict-item]
+    image = ImageScene("night.npy", regions_xywh={"left lamp": np.array([1, 2, 3, 4])})
     assert image == ImageScene(Path("night.npy"), regions_xywh={"left lamp": (1, 2, 3, 4)})
     assert tomllib.loads(toml_text({"scene": {"left lamp": [1, 2]}})) == {"scene": {"left lamp": [1, 2]}}
 
 
-def scene(kind: str) -> Scene:
+def scene(kind):
     patches = (Patch(4, 4, 9, 7, 20.0), Patch(30, 30, 12, 12, 26.0))
     return {
         "pixels": Checkerboard(64, 64, 20.0, 0.6, 1),
@@ -206,16 +174,16 @@ SPREADS = {"diffraction_nm": 550.0, "blur_sigma_m": 1.2e-6, "defocus_disc_m": 7e
 
 
 @st.composite
-def cameras(draw: st.DrawFn) -> Chain:
+def cameras(draw):
     """A chain with any scene, point spread, exposures, merge and values."""
-    full = Chain.from_toml(FULL)
+    full = Chain.from_document(FULL)
     new = parts(full) | {"scene": scene(draw(st.sampled_from(["pixels", "squares", "fractions", "steps", "patches"])))}
     # Patterns of rows and columns make the pixels' mean uncertain, which the standard error does not know.
     new["sensor"] = replace(new["sensor"], width=64, height=64, row_dsnu_e=0.0, column_dsnu_e=0.0)
     spread = {key: SPREADS[key] for key in draw(st.lists(st.sampled_from(sorted(SPREADS)), unique=True))}
     new["optics"] = replace(new["optics"], **(SHARP | spread))
     new["windscreen"] = replace(new["windscreen"], glare_fraction=0.5, glare_subtracted=draw(st.booleans()))
-    times: Any = draw(st.sampled_from([0.016, 0.3, (0.016, 0.002), (0.3, 0.002), (0.016, 0.004, 0.0005)]))
+    times = draw(st.sampled_from([0.016, 0.3, (0.016, 0.002), (0.3, 0.002), (0.016, 0.004, 0.0005)]))
     new["exposure"] = replace(new["exposure"], exposure_s=times)
     method = draw(st.sampled_from(["normal", "linear", "weighted"] + [None] * isinstance(times, float)))
     new["hdr"] = None if method is None else replace(new["hdr"], method=method)
@@ -229,7 +197,7 @@ def cameras(draw: st.DrawFn) -> Chain:
 
 @settings(max_examples=40)
 @given(chain=cameras(), seed=st.integers(0, 2**31))
-def test_exact_and_simulated_agree(chain: Chain, seed: int) -> None:
+def test_exact_and_simulated_agree(chain, seed):
     """Within five standard errors, and what the classes of mixed pixels and the fall-off to the corners may differ."""
     stage = evaluate_run(chain.run(seed=seed, threads=1)).stages[-1]
     pair, rows = stage.pairs[0], {row.region: row for row in stage.regions}
@@ -252,45 +220,28 @@ def test_exact_and_simulated_agree(chain: Chain, seed: int) -> None:
 
 
 @pytest.mark.parametrize("name", ["scene__width", "sensor.width"])
-def test_size_is_that_of_scene_and_sensor(name: str) -> None:
+def test_size_is_that_of_scene_and_sensor(name):
     chain = Chain.from_toml(text_of("full")).with_(**{name: 20, "scene.height": 14})
     assert chain.scene.shape == chain.sensors[0][1].shape == (14, 20)
     assert Chain.from_toml(chain.to_toml()) == chain
-    with pytest.raises(ConfigurationError, match=r"^width is 20 and 21: scene and sensor have one size$"):
-        chain.with_(scene__width=20, sensor__width=21)
 
 
-def test_paths_are_saved_relative_to_the_new_file_which_replaces_no_other_unasked(tmp_path: Path) -> None:
+def test_paths_are_saved_relative_to_the_new_file_which_replaces_no_other_unasked(tmp_path):
     np.save(tmp_path / "scene.npy", np.full((10, 12), 5.0))
-    document = tomllib.loads(FULL) | {"scene": {"type": "image", "path": "scene.npy"}}
+    document = FULL | {"scene": {"type": "image", "path": "scene.npy"}}
     chain = Chain.from_document(document, "image", tmp_path)
     (tmp_path / "below").mkdir()
     for path in (tmp_path / "saved.toml", tmp_path / "below" / "saved.toml"):
         chain.save(path)
-        loaded = Chain.load(path)
-        assert isinstance(loaded.scene, ImageScene)
-        assert loaded.scene.path.samefile(tmp_path / "scene.npy")
+        assert Chain.load(path).scene.path.samefile(tmp_path / "scene.npy")
     text = (tmp_path / "saved.toml").read_text()
-    assert 'path = "scene.npy"' in text
     with pytest.raises(InputError, match="exists: give another name, or force=True"):
         Chain.load("manta-g505").save(tmp_path / "saved.toml")
     assert (tmp_path / "saved.toml").read_text() == text
-    Chain.load("manta-g505").save(tmp_path / "saved.toml", force=True)
-    assert Chain.load(tmp_path / "saved.toml") == Chain.load("manta-g505")
-
-
-def test_journal_of_a_changed_chain_is_not_that_of_the_original(tmp_path: Path) -> None:
-    chain = Chain.from_toml(FULL)
-    axes = (Axis("exposure.gain_db", (0.0, 3.0)),)
-    run_sweep(Sweep(chain, axes, exact=True), tmp_path)
-    with pytest.raises(InputError):
-        run_sweep(Sweep(replace(chain, spectrum="D65"), axes, exact=True), tmp_path)
 
 
 @pytest.mark.parametrize("number", [np.float64(0.3), np.float32(0.25), np.int64(2)])
-def test_numpy_numbers_are_saved_as_numbers(number: Any) -> None:
-    for chain in (
-        Chain.from_toml(FULL).with_(scene__contrast=number),
-        replace(Chain.from_toml(FULL), scene=Checkerboard(12, 10, 50.0, number, 3)),
-    ):
-        assert Chain.from_toml(chain.to_toml()).scene.contrast == number
+def test_numpy_numbers_are_saved_as_numbers(number):
+    chain = Chain.from_document(FULL)
+    for changed in (chain.with_(scene__contrast=number), replace(chain, scene=Checkerboard(12, 10, 50.0, number, 3))):
+        assert Chain.from_toml(changed.to_toml()).scene.contrast == number

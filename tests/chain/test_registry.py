@@ -1,22 +1,20 @@
 import re
 import sys
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from labcdp.chain import Chain, register, registry
 from labcdp.chain.parameters import Sized
-from labcdp.core.errors import ConfigurationError, InputError
+from labcdp.core.errors import ConfigurationError
 
 DOCS = Path(__file__).parents[2] / "docs"
 
 
 @pytest.fixture(autouse=True)
-def own_registry(monkeypatch: pytest.MonkeyPatch) -> None:
+def own_registry(monkeypatch):
     """What a test registers is gone after it."""
     monkeypatch.setattr(registry, "_CLASSES", {table: dict(types) for table, types in registry._CLASSES.items()})
 
@@ -25,10 +23,10 @@ def own_registry(monkeypatch: pytest.MonkeyPatch) -> None:
 class Ramp(Sized):
     """Scene that rises from left to right."""
 
-    def luminance_map(self) -> np.ndarray:
+    def luminance_map(self):
         return np.broadcast_to(np.arange(1, self.width + 1, dtype=np.float32), self.shape)
 
-    def regions(self) -> Mapping[str, np.ndarray]:
+    def regions(self):
         return {}
 
     levels = pairs = lambda self: ()
@@ -48,8 +46,8 @@ dn_per_lx_s = 1e4
 """
 
 
-def test_programs_of_the_documentation_make_a_chain_with_a_scene_of_ones_own() -> None:
-    names: dict[str, Any] = {"__name__": "docs_chain"}
+def test_programs_of_the_documentation_make_a_chain_with_a_scene_of_ones_own():
+    names = {"__name__": "docs_chain"}
     for page in ("howto/choose-a-sensor.md", "howto/own-stage.md"):
         for block in blocks(page, "python"):
             exec(compile(block, page, "exec"), names)
@@ -61,27 +59,6 @@ def test_programs_of_the_documentation_make_a_chain_with_a_scene_of_ones_own() -
     ramp = np.tile(np.arange(1.0, 5.0), (3, 1))
     np.testing.assert_allclose(run["haze"].values, 0.5 * ramp + 0.5 * 3)
     np.testing.assert_allclose(run["sensor"].luminance_cd_m2, ramp, atol=1e-3)
-
-
-@dataclass(frozen=True)
-class Nothing:
-    width: int = 1
-
-
-@pytest.mark.parametrize(
-    ("table", "text", "kind"),
-    [
-        ("nothing", FLAT + "[nothing]\n", "stage"),
-        ("sensor", FLAT + EXPOSED.split("pixel_pitch")[0].replace("perfect", "nothing"), "sensor model"),
-        ("scene", '[scene]\ntype = "nothing"\n', "scene"),
-    ],
-)
-def test_class_that_is_not_a_such_part_is_refused(table: str, text: str, kind: str) -> None:
-    register(table, Nothing, "nothing")
-    with pytest.raises(ConfigurationError, match=f"{table} is registered as Nothing, which is no {kind}"):
-        Chain.from_toml(text, "own.toml")
-    with pytest.raises(InputError, match=f"^the type 'nothing' of {table} is Nothing already: give another name$"):
-        register(table, Ramp, "nothing")
 
 
 MODULE = """
@@ -102,46 +79,35 @@ register("windscreen", Filter, "filter")
 """
 
 
-def install(folder: Path, monkeypatch: pytest.MonkeyPatch, module: str, text: str) -> None:
+def install(folder, monkeypatch, module, text):
     """Lay a package with an entry point beside the installed ones."""
-    (folder / f"{module}.py").write_text(text, encoding="utf-8")
+    (folder / f"{module}.py").write_text(text)
     info = folder / f"{module}-1.0.dist-info"
     info.mkdir()
-    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {module}\nVersion: 1.0\n", encoding="utf-8")
-    (info / "entry_points.txt").write_text(f"[labcdp.chain]\nfilter = {module}\n", encoding="utf-8")
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {module}\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(f"[labcdp.chain]\nfilter = {module}\n")
     monkeypatch.syspath_prepend(folder)
     monkeypatch.setitem(sys.modules, module, None)
     monkeypatch.delitem(sys.modules, module)
 
 
-def blocks(page: str, language: str) -> list[str]:
+def blocks(page, language):
     text = (DOCS / page).read_text(encoding="utf-8")
     return re.findall(rf"^```{language}\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
 
 
-def test_chain_file_of_the_documentation_runs() -> None:
+def test_chain_file_of_the_documentation_runs():
     run = Chain.from_toml(blocks("reference/chain-files.md", "toml")[0], "example.toml").run()
     assert list(run)[-2:] == ["hdr", "isp"]
 
 
-def test_documentation_names_every_table_and_type() -> None:
-    text = (DOCS / "reference/chain-files.md").read_text(encoding="utf-8")
-    for table, types in registry._CLASSES.items():
-        assert f"| `{table}` |" in text
-        assert all(f"`{type_name}`" in text for type_name in types)
-
-
-def test_installed_package_makes_its_parts_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_installed_package_makes_its_parts_known(tmp_path, monkeypatch):
     install(tmp_path, monkeypatch, "some_filter", MODULE)
     for table in ("[filter]\n", '[windscreen]\ntype = "filter"\n'):
         assert len(Chain.from_toml(FLAT + table, "own.toml").run()) == 2
 
 
-def test_package_that_cannot_be_imported_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_package_that_cannot_be_imported_is_named(tmp_path, monkeypatch):
     install(tmp_path, monkeypatch, "broken_filter", "import not_there_at_all\n")
-    message = (
-        r"^own.toml: filter is not known, and the entry point 'broken_filter' of labcdp\.chain cannot be loaded "
-        r"\(No module named 'not_there_at_all'\): repair or remove its package$"
-    )
-    with pytest.raises(ConfigurationError, match=message):
+    with pytest.raises(ConfigurationError, match=r"entry point 'broken_filter'.*No module named 'not_there_at_all'"):
         Chain.from_toml(FLAT + "[filter]\n", "own.toml")

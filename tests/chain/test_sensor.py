@@ -1,42 +1,40 @@
 """A sensor after EMVA 1288: counting statistics, noise, fixed pattern, clipping; and the camera around it."""
 
 from dataclasses import replace
-from datetime import UTC, datetime
-from math import pi, sqrt
-from typing import Any
+from math import inf, nan, pi, sqrt
 
 import numpy as np
 import pytest
 
-from labcdp import Frame
-from labcdp.chain import Chain, ImagingChain, Optics, Sensor, Windscreen
-from labcdp.core.errors import CalibrationError, InputError
-from labcdp.core.frame import CameraIdentity
+from labcdp.chain import Chain, ImagingChain, Optics, Windscreen
+from labcdp.core.errors import InputError
+
+from ..calibration.conftest import make_frame
 
 N = 300 * 200
 #: Photons s^-1 m^-2 of 555 nm for 1 lux.
 PHOTONS = 555e-9 / (6.62607015e-34 * 299792458) / 683
 
 
-def expose(sensor: Sensor, mean_e: Any, index: int = 0, **options: Any) -> np.ndarray:
+def expose(sensor, mean_e, index=0, **options):
     """An exposure of one second, as float."""
     settings = {"temperature_c": 25.0, "seed": 0, "exposure_index": index} | options
-    return sensor.expose(mean_e, 1.0, **settings).astype(float)  # type: ignore[arg-type]
+    return sensor.expose(mean_e, 1.0, **settings).astype(float)
 
 
 @pytest.mark.parametrize("mean_e", [3.0, 5000.0])
-def test_variance_equals_mean_in_electrons(sensor: Sensor, mean_e: float) -> None:
+def test_variance_equals_mean_in_electrons(sensor, mean_e):
     # Half of the electrons are photo-electrons, half dark ones: drawing them twice would show.
     electrons = expose(replace(sensor, dark_current_e_s=mean_e / 2), mean_e / 2)
     assert electrons.mean() == pytest.approx(mean_e, abs=5 * sqrt(mean_e / N))
     assert electrons.var() / electrons.mean() == pytest.approx(1, abs=5 * sqrt((2 + 1 / mean_e) / N))
 
 
-def test_photon_transfer_slope_is_k(sensor: Sensor) -> None:
+def test_photon_transfer_slope_is_k(sensor):
     k = 0.3
     device = replace(sensor, k_dn_per_e=k, read_noise_e=8.0, black_level_dn=50.0, prnu_rel=0.01, dsnu_e=3.0, bits=12)
 
-    def mean_and_variance(mean_e: float) -> tuple[float, float]:
+    def mean_and_variance(mean_e):
         one, other = expose(device, mean_e, 0), expose(device, mean_e, 1)
         return (one + other).mean() / 2, (one - other).var() / 2
 
@@ -49,7 +47,7 @@ def test_photon_transfer_slope_is_k(sensor: Sensor) -> None:
 
 
 @pytest.mark.parametrize("black_level_dn", [100.0, 100.3, 100.5])
-def test_rounding_has_no_bias_and_adds_a_twelfth_to_the_variance(sensor: Sensor, black_level_dn: float) -> None:
+def test_rounding_has_no_bias_and_adds_a_twelfth_to_the_variance(sensor, black_level_dn):
     device = replace(sensor, read_noise_e=1.0, black_level_dn=black_level_dn)
     dn = expose(device, 0.0)
     assert dn.mean() == pytest.approx(black_level_dn, abs=5 * sqrt(13 / 12 / N))
@@ -57,18 +55,18 @@ def test_rounding_has_no_bias_and_adds_a_twelfth_to_the_variance(sensor: Sensor,
     assert device.dark_noise_dn() ** 2 == pytest.approx(13 / 12, rel=1e-12)
 
 
-def test_dark_current_doubles(sensor: Sensor) -> None:
+def test_dark_current_doubles(sensor):
     device = replace(sensor, dark_current_e_s=40.0, reference_temperature_c=25.0, doubling_temperature_c=7.0)
     assert [device.dark_current_at(one) for one in (25.0, 39.0, 18.0)] == pytest.approx([40, 160, 20])
     assert expose(device, 0.0, temperature_c=39.0).mean() == pytest.approx(160, abs=5 * sqrt(160 / N))
 
 
-def test_gain_is_20_log_10_of_the_amplitude(sensor: Sensor) -> None:
+def test_gain_is_20_log_10_of_the_amplitude(sensor):
     dn = expose(sensor, 1000.0, gain_db=20.0)
     assert dn.mean() == pytest.approx(10_000, abs=5 * 10 * sqrt(1000 / N))
 
 
-def test_full_well_is_clipped_before_read_noise_and_lies_above_saturation(sensor: Sensor) -> None:
+def test_full_well_is_clipped_before_read_noise_and_lies_above_saturation(sensor):
     device = replace(sensor, full_well_e=1000.0, read_noise_e=10.0, black_level_dn=100.0)
     dn, sigma = expose(device, 5000.0), sqrt(100 + 1 / 12)
     assert dn.mean() == pytest.approx(1100, abs=5 * sigma / sqrt(N))
@@ -80,12 +78,12 @@ def test_full_well_is_clipped_before_read_noise_and_lies_above_saturation(sensor
     assert (expose(sensor, 1e30) == sensor.full_well_e).all()
 
 
-def test_noise_below_zero_is_clipped(sensor: Sensor) -> None:
+def test_noise_below_zero_is_clipped(sensor):
     dn = expose(replace(sensor, read_noise_e=10.0), 0.0)
     assert np.mean(dn == 0) == pytest.approx(0.5199, abs=5 * 0.5 / sqrt(N))  # P(noise < 0.5 DN)
 
 
-def test_seed_and_index_fix_the_noise_of_each_block_and_none_is_used_twice(sensor: Sensor) -> None:
+def test_seed_and_index_fix_the_noise_of_each_block_and_none_is_used_twice(sensor):
     device = replace(sensor, read_noise_e=5.0, prnu_rel=0.01)
     first = expose(device, 100.0)
     np.testing.assert_array_equal(first[:128], expose(replace(device, height=128), 100.0))
@@ -105,16 +103,14 @@ def test_seed_and_index_fix_the_noise_of_each_block_and_none_is_used_twice(senso
         ({"dark_current_e_s": 10.0, "dsnu_e_s": 5.0}, lambda one: one.dark_current, 1.0, 0.5, N / (1 + 6 / 4 / 2)),
     ],
 )
-def test_patterns_have_their_mean_and_the_stated_spread(
-    sensor: Sensor, changes: dict[str, Any], of: Any, mean: float, spread: float, count: float
-) -> None:
+def test_patterns_have_their_mean_and_the_stated_spread(sensor, changes, of, mean, spread, count):
     values = of(replace(sensor, **changes).fixed_pattern)
     assert values.mean(dtype=float) == pytest.approx(mean, abs=5 * spread / sqrt(count))
     assert values.std(dtype=float) == pytest.approx(spread, abs=5 * spread / sqrt(2 * count))
     assert mean == 0 or values.min() >= 0
 
 
-def test_patterns_stay_while_noise_averages_out_and_neither_is_in_the_other(sensor: Sensor) -> None:
+def test_patterns_stay_while_noise_averages_out_and_neither_is_in_the_other(sensor):
     device, count, mean_e = replace(sensor, prnu_rel=0.05, device_seed=7), 8, 10_000
     mean = np.mean([expose(device, mean_e, index) for index in range(count)], axis=0)
     noise_e, pattern = sqrt(mean_e / count), device.fixed_pattern.photo_response
@@ -124,53 +120,28 @@ def test_patterns_stay_while_noise_averages_out_and_neither_is_in_the_other(sens
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"exposure_s": 0.0}, r"exposure_s is 0.0: give a number above 0 s"),
-        ({"gain_db": float("inf")}, r"gain_db is inf: give a number from -60 to 60 dB"),
-        ({"temperature_c": 900.0}, r"temperature_c is 900.0: give a number from -100 to 200 °C"),
-        ({"seed": -1}, r"seed is -1: give a number of at least 0"),
-        ({"exposure_index": 0.5}, r"exposure_index is 0.5: give a whole number"),
-        ({"threads": 0}, r"threads is 0: give a number of at least 1"),
-        ({"electron_rate": -1.0}, r"electron_rate is from -1 to -1 e⁻/s: give finite numbers of at least 0"),
-        ({"electron_rate": float("nan")}, r"electron_rate is from nan to nan e⁻/s"),
-        ({"electron_rate": np.ones((2, 3))}, r"electron_rate has the shape \(2, 3\), the sensor has \(200, 300\)"),
-    ],
+    "change", [{"exposure_s": 0.0}, {"gain_db": inf}, {"seed": -1}, {"electron_rate": nan}, {"electron_rate": -1.0}]
 )
-def test_exposure_out_of_range_is_refused(sensor: Sensor, change: dict[str, float], message: str) -> None:
+def test_exposure_out_of_range_is_refused(sensor, change):
     values = {"electron_rate": 1.0, "exposure_s": 1.0, "temperature_c": 25.0, "seed": 0, "exposure_index": 0}
-    with pytest.raises(InputError, match=message):
-        sensor.expose(**(values | change))  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=rf"^{next(iter(change))} (is|has) "):
+        sensor.expose(**(values | change))
 
 
 TEMPERATURE_C = 35.0
-IDENTITY = CameraIdentity("test", "test", "1", simulated=True)
 
 
 @pytest.fixture
-def chain() -> ImagingChain:
+def chain():
     """The bench's camera with a smaller sensor, without fixed pattern."""
     camera = Chain.load("manta-g505").camera()
     return replace(camera, sensor=replace(camera.sensor, width=320, height=240, dsnu_e=0.0, dsnu_e_s=0.0, prnu_rel=0.0))
 
 
-def take(chain: ImagingChain, scene: Any, exposure_s: float, gain_db: float = 0.0, **more: Any) -> Frame:
-    sensor = chain.sensor
-    rate = chain.electron_rate(np.broadcast_to(np.float32(scene), sensor.shape))
-    dn = sensor.expose(rate, exposure_s, gain_db, temperature_c=TEMPERATURE_C, seed=4, exposure_index=0)
-    fields = {"pixel_format": "Mono12", "colour_filter": None, "timestamp": datetime(2024, 5, 1, tzinfo=UTC)}
-    of_sensor = {"saturation_dn": sensor.saturation_dn(gain_db), "black_level_dn": sensor.black_level_dn}
-    settings = {"exposure_s": exposure_s, "gain_db": gain_db, "bit_depth": sensor.bits, "temperature_c": TEMPERATURE_C}
-    fields |= {"dn": dn, "camera_timestamp_ns": 0, "frame_id": 0, "camera": IDENTITY}
-    return Frame(**(fields | of_sensor | settings | more))
-
-
 @pytest.mark.parametrize(
     ("windscreen", "passed", "glare"), [(None, 1.0, 0.0), (Windscreen(0.8, glare_fraction=0.5), 0.8, 1.25)]
 )
-def test_light_reaches_the_pixels_with_its_shot_noise_once(
-    sensor: Sensor, windscreen: Windscreen | None, passed: float, glare: float
-) -> None:
+def test_light_reaches_the_pixels_with_its_shot_noise_once(sensor, windscreen, passed, glare):
     # Columns of 1 and 4 cd/m^2, 2.5 on average; so far behind the lens there is no fall-off.
     chain = ImagingChain("monochromatic 555 nm", windscreen, Optics(2.0, 0.9, focal_length_m=1.0), sensor)
     scene = np.broadcast_to(np.where(np.arange(sensor.width) % 2, 4.0, 1.0), sensor.shape)
@@ -183,14 +154,13 @@ def test_light_reaches_the_pixels_with_its_shot_noise_once(
 
 
 @pytest.mark.parametrize(("exposure_s", "gain_db"), [(1e-3, 0.0), (0.5e-3, 6.0)])
-def test_conversion_gives_back_the_luminance_and_states_its_noise(
-    chain: ImagingChain, exposure_s: float, gain_db: float
-) -> None:
+def test_conversion_gives_back_the_luminance_and_states_its_noise(chain, exposure_s, gain_db):
     chain = replace(chain, windscreen=Windscreen(0.9))
     scene = np.geomspace(40, 300, 320 * 240).reshape(240, 320)
-    result = chain.conversion(gain_db, temperature_c=TEMPERATURE_C).to_luminance(
-        take(chain, scene, exposure_s, gain_db)
-    )
+    at = {"gain_db": gain_db, "temperature_c": TEMPERATURE_C}
+    dn = chain.sensor.expose(chain.electron_rate(scene), exposure_s, seed=4, exposure_index=0, **at)
+    levels = {"saturation_dn": chain.sensor.saturation_dn(gain_db), "black_level_dn": chain.sensor.black_level_dn}
+    result = chain.conversion(**at).to_luminance(make_frame(dn, exposure_s, **levels, **at))
     assert result.valid.all()
     stated = (result.random_rel * result.luminance_cd_m2) ** 2
     squares = (result.luminance_cd_m2 - scene) ** 2
@@ -199,20 +169,7 @@ def test_conversion_gives_back_the_luminance_and_states_its_noise(
     assert squares.mean() == pytest.approx(stated.mean(), abs=5 * squares.std() / sqrt(squares.size))
 
 
-def test_conversion_is_for_one_gain_a_monochrome_sensor_and_leaves_the_glare(chain: ImagingChain) -> None:
-    conversion = chain.conversion(temperature_c=TEMPERATURE_C)
-    for more, message in (
-        ({"gain_db": 6.0}, "the conversion is for a gain of 0 dB, the frame was taken with 6 dB"),
-        ({"colour_filter": "RG"}, r"the frame has a colour filter \(RG\)"),
-    ):
-        with pytest.raises(CalibrationError, match=message):
-            conversion.to_luminance(take(chain, 1.0, 1e-3, **more))
-    assert replace(chain, windscreen=Windscreen(1.0, 0.2)).conversion(temperature_c=TEMPERATURE_C) == conversion
-    with pytest.raises(InputError, match=r"glare_fraction of 0.2 is to be subtracted, and glare depends on the scene"):
-        replace(chain, windscreen=Windscreen(0.96, 0.2, glare_subtracted=True)).conversion(temperature_c=25.0)
-
-
-def test_saturation_luminance_and_dark_current_together_reach_saturation(chain: ImagingChain) -> None:
+def test_saturation_luminance_and_dark_current_together_reach_saturation(chain):
     exposure_s, temperature_c = 5.0, 65.0
     luminance = chain.saturation_luminance_cd_m2(exposure_s, temperature_c=temperature_c)
     rate = chain.electron_rate(np.full(chain.sensor.shape, luminance))[120, 160]

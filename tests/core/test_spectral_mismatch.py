@@ -1,7 +1,5 @@
 """f1' and mismatch factors against published cases and brute force."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -67,16 +65,9 @@ def test_the_least_f1_prime_is_below_all_others():
 
 def test_a_warning_says_how_much_lights_differ_as_far_as_it_is_known():
     s = table(bell(520, 60))
-    (found,) = mismatch_findings("A", "LED-B4", s)
-    factor = mismatch_factor(s, "LED-B4", "A")
-    assert found.code == "light-differs-by"
-    assert found.values["deviation_rel"] == pytest.approx(1 / factor - 1)
-    assert found.values["factor"] == factor
-    (negligible,) = mismatch_findings("A", "LED-B4", table(V))
-    assert (negligible.code, negligible.severity) == ("light-differs-negligible", "info")
-    (unknown,) = mismatch_findings("A", "street lamp", s)
-    assert unknown.code == "light-differs-unknown"
-    assert str(unknown.values["reason"]).startswith("spectrum is 'street lamp'")
+    found = [mismatch_findings(*of)[0] for of in (("A", "LED-B4", s), ("A", "LED-B4", table(V)), ("A", "lamp", s))]
+    assert [one.code for one in found] == [f"light-differs-{how}" for how in ("by", "negligible", "unknown")]
+    assert found[0].values["deviation_rel"] == pytest.approx(1 / mismatch_factor(s, "LED-B4", "A") - 1)
 
 
 @pytest.mark.parametrize(("separator", "point"), [(",", "."), (";", ","), ("\t", ",")])
@@ -92,15 +83,12 @@ def test_files_of_spectra_are_read(tmp_path, separator, point):
 @pytest.mark.parametrize(
     ("text", "match"),
     [
-        ("", r"is empty: give a CSV file with the columns"),
-        ("nm,R\n400,1\n", r"has the columns nm, R: give wavelength_nm and then one column, or R, G and B"),
-        ("wavelength_nm,s\n380,0\n400\n", r"line 3: it has 1 cells, the header has 2"),
-        ("wavelength_nm,s\n380,0\n500,1\n500,1\n780,0\n", r"column relative: wavelengths do not rise at 500 nm"),
-        ("wavelength_nm,s\n380,0\n500,nan\n780,0\n", r"one that is not finite"),
-        ("wavelength_nm,s\n380,0\n500,1\n650,0.6\n", r"ends at 650 nm with 60% of its maximum"),
+        ("wavelength_nm,s\n380,0\n500,1\n500,1\n780,0\n", "wavelengths do not rise at 500 nm"),
+        ("wavelength_nm,s\n380,0\n500,nan\n780,0\n", "one that is not finite"),
+        ("wavelength_nm,s\n380,0\n500,1\n650,0.6\n", "ends at 650 nm with 60% of its maximum"),
     ],
 )
 def test_files_that_are_no_spectra_are_refused(tmp_path, text, match):
-    (tmp_path / "s.csv").write_text(text, encoding="utf-8")
+    (tmp_path / "s.csv").write_text(text)
     with pytest.raises(InputError, match=match):
         read_spectral_file(tmp_path / "s.csv")

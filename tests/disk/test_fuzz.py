@@ -1,7 +1,6 @@
 """Damaged files of every kind: none ends in a traceback, a crash, a hang, too much memory or a wrong number."""
 
 import os
-import subprocess
 import sys
 from pathlib import Path
 
@@ -41,11 +40,3 @@ def test_damaged_files_and_what_is_none_are_refused_in_one_line_or_read_as_what_
         assert isinstance(caught.value, LabcdpError), name
         assert str(caught.value).isprintable()
         os.rmdir(path) if path.is_dir() else path.unlink()
-
-
-@pytest.mark.long
-def test_many_damaged_files_in_a_process_with_limits():
-    command = [sys.executable, ROOT / "tools" / "fuzz", "--inputs", "1000", "--seed", "1"]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]
-    assert "1000 inputs" in done.stdout

@@ -1,7 +1,6 @@
 """A journal gives back what was recorded, or less of it; never anything else."""
 
 import json
-from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -14,7 +13,7 @@ HEAD = {"format": 1, "settings": "good"}
 ROWS = [{"frame": 3, "cdp": [0.1 + 0.2, float("nan"), float("inf")], "note": "ä\tb"}, {"frame": 4}]
 
 
-def written(path: Path, head=HEAD, rows=ROWS) -> bytes:
+def written(path, head=HEAD, rows=ROWS):
     journal = LineJournal.open(path, head, "evaluation")
     for row in rows:
         journal.add(row)
@@ -22,7 +21,7 @@ def written(path: Path, head=HEAD, rows=ROWS) -> bytes:
     return path.read_bytes()
 
 
-def read(path: Path, head=HEAD) -> list[str]:
+def read(path, head=HEAD):
     journal = LineJournal.open(path, head, "evaluation")
     rows = [json.dumps(row) for row in journal.rows()]
     assert len(journal) == len(rows)

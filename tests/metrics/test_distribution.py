@@ -38,25 +38,16 @@ def test_converting_the_distinct_values_equals_converting_each_pixel():
     assert converted == cdp_range(*((dn - 64) / 17.3 for dn in regions), [0.2])
 
 
-REFUSED = [
-    ([], "pixels holds no pixel: give at least one"),
-    ([-np.inf, 1.0], "pixels holds 1 values that are not finite: leave such pixels out"),
-    ([True, False], "pixels has type bool: give integers or floats of at most 64"),
-    (np.array([1], np.longdouble), "pixels has type float128: give integers or floats"),
-    ([[1], [1, 2]], "pixels is not an array: "),
-    (np.ma.masked_equal([1, 2], 2), "pixels is a masked array: give its valid"),
-    ([0, 2**53 + 1], r"pixels spans 0 to 9007199254740993: give integers up to 2\^53"),
-]
+LONG, MASKED = np.array([1], np.longdouble), np.ma.masked_equal([1, 2], 2)
 
 
-@pytest.mark.parametrize(("pixels", "message"), REFUSED)
-def test_what_makes_no_distribution_is_refused(pixels, message):
-    with pytest.raises(InputError, match=message):
+@pytest.mark.parametrize("pixels", [[], [-np.inf, 1.0], [True, False], LONG, [[1], [1, 2]], MASKED, [0, 2**53 + 1]])
+def test_what_makes_no_distribution_is_refused(pixels):
+    with pytest.raises(InputError, match=r"^pixels "):
         Distribution.from_array(pixels)
-    for values, weights, other in (
-        ([1, 2], [1], r"values have shape \(2,\), weights \(1,\): give two lists"),
-        ([1, 1], [1, 1], "values are not finite or not rising: sort them and join equal ones"),
-        ([1, 2], [1, -1], "weights are not finite, negative or all 0: give how often each value"),
-    ):
-        with pytest.raises(InputError, match=other):
-            Distribution(values, weights)
+
+
+@pytest.mark.parametrize(("values", "weights"), [([1, 2], [1]), ([1, 1], [1, 1]), ([1, 2], [1, -1])])
+def test_values_that_do_not_rise_and_weights_that_do_not_fit_are_refused(values, weights):
+    with pytest.raises(InputError, match=r"^(values|weights) "):
+        Distribution(values, weights)

@@ -1,4 +1,4 @@
-from math import inf, log10, sqrt
+from math import inf, log10, nan, sqrt
 
 import numpy as np
 import pytest
@@ -60,17 +60,14 @@ def test_the_standard_error_is_the_scatter_of_repeated_measurements(metric):
     assert stated == pytest.approx(scatter, rel=0.12)
 
 
-NAN = float("nan")
-
-
 @pytest.mark.parametrize(
     ("metric", "regions", "expected"),
     [
-        *[("snr", [one], value) for one, value in (([7, 7], inf), ([0, 0], NAN), ([7], NAN))],
-        *[("snr in dB", [one], value) for one, value in (([7, 7], inf), ([-1, 1], -inf), ([-5, -4], NAN))],
-        *[("csnr", two, value) for two, value in (([[7, 7], [5]], inf), ([[5, 5], [5]], NAN), ([[7, 9], [5, 0]], NAN))],
-        *[("cnr", two, value) for two, value in (([[7, 9], [5, 5]], inf), ([[5, 5]] * 2, NAN), ([[7, 9], [5]], NAN))],
-        *[("d'", two, value) for two, value in (([[7, 7], [5, 5]], inf), ([[0, 0]] * 2, NAN), ([[7, 9]] * 2, 0))],
+        *(("snr", [one], value) for one, value in (([7, 7], inf), ([0, 0], nan), ([7], nan))),
+        *(("snr in dB", [one], value) for one, value in (([-1, 1], -inf), ([-5, -4], nan))),
+        *(("csnr", two, value) for two, value in (([[7, 7], [5]], inf), ([[5, 5], [5]], nan), ([[7, 9], [5, 0]], nan))),
+        *(("cnr", two, value) for two, value in (([[7, 9], [5, 5]], inf), ([[7, 9], [5]], nan))),
+        *(("d'", two, value) for two, value in (([[7, 7], [5, 5]], inf), ([[7, 9]] * 2, 0))),
     ],
 )
 def test_without_scatter_or_light_the_values_say_so(metric, regions, expected):

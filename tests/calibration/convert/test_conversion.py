@@ -1,16 +1,13 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from labcdp.calibration import GainSetting, LensIdentity
-from labcdp.calibration.convert.conversion import require_lens, to_luminance
+from labcdp.calibration import GainSetting
+from labcdp.calibration.convert.conversion import to_luminance
 from labcdp.calibration.findings import FitError
 from labcdp.calibration.sensor.dark import DarkModel
 from labcdp.calibration.sensor.dark_library import DarkLibrary
 from labcdp.calibration.sensor.noise import TemporalNoise
 from labcdp.core.dn import Response
-from labcdp.core.errors import CalibrationError
 from labcdp.core.vignetting import RadialVignetting
 
 from ..conftest import make_frame
@@ -40,34 +37,29 @@ def brute_force(calibration, frame, v, pattern=0.0, h=lambda n: n, slope=lambda 
 
 
 @pytest.mark.parametrize("vignetting", [None, FALL_OFF])
-@pytest.mark.parametrize("range_cd_m2", [(2.0, 300.0), (50.0, 51.0), (1e-6, 1e9)])
+@pytest.mark.parametrize("range_cd_m2", [(2.0, 300.0), (50.0, 51.0)])
 def test_luminance_noise_and_flags_are_those_of_the_definition(make_calibration, range_cd_m2, vignetting):
     """Vignetting is taken off before the range is judged."""
     calibration, frame = make_calibration(range_cd_m2=range_cd_m2, vignetting=vignetting), every_dn()
     seen = to_luminance(calibration, frame)
     v = 1.0 if vignetting is None else vignetting.relative_illuminance(SHAPE)
     luminance, random_rel, flags = brute_force(calibration, frame, v)
-    np.testing.assert_allclose(seen.luminance_cd_m2, luminance, rtol=1e-6)
-    np.testing.assert_allclose(seen.random_rel, random_rel, rtol=1e-6)
+    np.testing.assert_allclose([seen.luminance_cd_m2, seen.random_rel], [luminance, random_rel], rtol=1e-6)
     assert (seen.invalid == flags).all()
-    assert seen.luminance_cd_m2.dtype == np.float32
 
 
 def test_a_quadratic_response_is_linearised_and_not_continued(make_calibration):
     response = Response("quadratic", (0.0, 4000.0), (0.0, 4800.0))
     calibration = make_calibration(response=response, range_net_dn=(5.0, 3000.0), range_cd_m2=(1e-6, 1e9))
-    frame = every_dn()
+    frame, bend = every_dn(), 0.2 / 4000
     seen = to_luminance(calibration, frame)
-    bend = 0.2 / 4000
-    luminance, random_rel, flags = brute_force(
-        calibration,
-        frame,
-        1.0,
-        h=lambda n: np.where(n < 0, n, np.where(n > 4000, 4800 + 1.4 * (n - 4000), n * (1 + bend * n))),
-        slope=lambda n: np.clip(1 + 2 * bend * n, 1, 1.4),
-    )
-    np.testing.assert_allclose(seen.luminance_cd_m2, luminance, rtol=1e-6)
-    np.testing.assert_allclose(seen.random_rel, random_rel, rtol=1e-6)
+
+    def h(n):
+        return np.where(n < 0, n, np.where(n > 4000, 4800 + 1.4 * (n - 4000), n * (1 + bend * n)))
+
+    slope = lambda n: np.clip(1 + 2 * bend * n, 1, 1.4)  # noqa: E731
+    luminance, random_rel, flags = brute_force(calibration, frame, 1.0, h=h, slope=slope)
+    np.testing.assert_allclose([seen.luminance_cd_m2, seen.random_rel], [luminance, random_rel], rtol=1e-6)
     net = frame.dn - OFFSET - RATE * 0.008
     beyond = net - 3 * np.sqrt(K * np.maximum(net, 0) + S**2) > 3000
     assert (seen.invalid == flags | np.where(beyond, 4, 0)).all()
@@ -92,22 +84,19 @@ def test_another_gain_has_its_own_dark_noise_and_factor(make_calibration):
     assert seen.random_rel == pytest.approx(np.sqrt(0.5 * net + 9) / net, rel=1e-6)
 
 
-def test_a_frame_warmer_than_the_dark_frames_is_logged(make_calibration, caplog):
+def test_a_warmer_frame_has_more_dark_signal_and_its_error(make_calibration):
     covariance = ((0.04, 0, 0), (0, 0, 0), (0, 0, (1 / 22.5) ** 2))
     dark = DarkModel(64.0, 4000.0, covariance, 1.5, 0.0, (0.001, 0.064), (23.0, 23.0), 23.0)
     calibration = make_calibration(
         dark=dark, fit_errors=(FitError("dark and temperature", (1.0, 4095.0), (0.0, 0.0), (), (0, 0, 1 / 22.5), 0.0),)
     )
-    for temperature_c, times in ((24.0, 1.0), (30.5, 2.0)):
-        caplog.clear()
+    for temperature_c in (24.0, 30.5):
         seen = to_luminance(calibration, make_frame(np.full(SHAPE, 1000), 0.008, temperature_c=temperature_c))
         growth = 2 ** ((temperature_c - 23) / 7.5)
         net = 1000 - 64 - 4000 * 0.008 * growth
         assert seen.luminance_cd_m2 == pytest.approx(net / (R * 0.008), rel=1e-6)
         by_growth_dn = 4000 * 0.008 * growth * np.log(2) * (temperature_c - 23) / 22.5
         assert seen.common[2].relative == pytest.approx(-by_growth_dn / net, rel=1e-5)
-        assert (len(caplog.messages) == 1) == (times == 2)
-    assert caplog.messages[0].startswith("temperature-not-covered (frame 0) exposure_s=0.008, temperature_c=30.5")
 
 
 def test_common_errors_are_those_of_the_calibration_and_of_the_vignetting(make_calibration):
@@ -115,7 +104,6 @@ def test_common_errors_are_those_of_the_calibration_and_of_the_vignetting(make_c
     plain, curved = (to_luminance(make_calibration(vignetting=v), frame) for v in (None, FALL_OFF))
     sources = [e.source for e in plain.common]
     assert sources == ["meter scale", "exposure time", "fit", "dark and temperature"]
-    assert [e.rectangular for e in plain.common] == [True, False, False, False]
     assert [e.source for e in curved.common] == [*sources, "flat field", "flat field"]
     net = frame.dn - OFFSET - RATE * 0.008
     np.testing.assert_allclose(plain.common[3].relative, -0.2 / net, rtol=1e-5)
@@ -144,14 +132,3 @@ def test_the_dark_pattern_is_taken_off(make_calibration, vignetting):
     bright = net > 500
     expected = np.sqrt(K * np.maximum(net, 0) + S**2 + 0.01**2) / (net - pattern)
     np.testing.assert_allclose(seen.random_rel[bright], expected[bright], rtol=1e-4)
-
-
-def test_another_lens_is_refused(make_calibration):
-    lens = make_calibration().lens
-    require_lens(lens, lens)
-    with pytest.raises(
-        CalibrationError, match=r"for the lens Kowa LM6NCL .*f/2\.6\), the frame was taken with .*f/4\)"
-    ):
-        require_lens(lens, replace(lens, f_number=4.0))
-    with pytest.raises(CalibrationError, match="calibrate with this lens"):
-        require_lens(lens, LensIdentity("Other", "1", 0.006, 2.6))

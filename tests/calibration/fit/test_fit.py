@@ -1,6 +1,5 @@
 """The fit: exact data, checks of the model's assumptions, bad readings, gains, what is left out and refused."""
 
-import re
 from dataclasses import replace
 from math import sqrt
 
@@ -9,12 +8,10 @@ import pytest
 
 from labcdp.calibration import fit, patch_luminance
 from labcdp.calibration.converter import EXPOSURE_TIME_REL
-from labcdp.core.dn import Response
 from labcdp.core.errors import LabcdpError
 from labcdp.core.reading import CD_M2_PER_FL, MeterIdentity
-from labcdp.core.result import info, warning
 
-from ..conftest import EXPOSURES_S, LUMINANCES, BentCamera, bench, codes, found, make_reading
+from ..conftest import LUMINANCES, bench, codes, found, make_reading
 
 
 def exact(value):
@@ -27,22 +24,16 @@ def noisy(rng):
     return lambda value: make_reading(value * (1 + rng.normal(0, 0.002)))
 
 
-BENT = BentCamera()
-
-
 def test_exact_data_give_the_exact_responsivity(camera, setup):
     calibration = fit(*bench(camera, exact), setup)
     assert calibration.responsivity.responsivity_dn_s_cd_m2 == pytest.approx(1200, rel=1e-9)
     assert calibration.responsivity.chi_squared == pytest.approx(0, abs=1e-9)
     # 36 observations, of which 5 patches saturate at 8 of their exposures, less one parameter.
     assert calibration.responsivity.degrees_of_freedom == 27
-    assert (calibration.response, calibration.responsivity.scatter_rel) == (Response(), 0.0)
     assert calibration.range_net_dn == (pytest.approx(0.6), pytest.approx(3.54e3, rel=0.01))
-    assert calibration.responsivity.intercept_dn_s == pytest.approx(0, abs=1e-6)
     assert calibration.noise.k_dn_per_e == pytest.approx(0.25)
     assert calibration.range_cd_m2 == (pytest.approx(0.5), pytest.approx(2000))
     assert max(abs(row.residual_rel) for row in calibration.residuals) < 1e-9
-    assert [row.patch for row in calibration.residuals] == [f"P{i}" for i in range(12)]
 
 
 @pytest.mark.parametrize(
@@ -67,8 +58,7 @@ def test_glare_that_the_patches_do_not_show_is_bounded(camera, setup):
         observations = bench(camera, exact, luminances=[v + share * u for v in LUMINANCES])[0]
         calibration = fit(observations, darks, readings, setup)
         assert calibration.responsivity.glare_cd_m2 == pytest.approx(counted * u, rel=0.05)
-        (named,) = [one for one in calibration.findings if one.code.startswith("intercept")]
-        assert named.code == "intercept-not-excluded"
+        (named,) = [one for one in calibration.findings if one.code == "intercept-not-excluded"]
         assert named.values["glare_cd_m2"] == pytest.approx((share + 1.96) * u, rel=0.05)
 
 
@@ -93,7 +83,6 @@ def test_dark_error_is_shared_by_the_patches(camera, setup):
     covariance += EXPOSURE_TIME_REL**2 * np.outer(signal, signal)
     expected = 1 / np.sqrt(signal @ np.linalg.solve(covariance, signal))
     assert calibration.responsivity.random_rel == pytest.approx(expected, rel=1e-6)
-    assert expected > 0.1 / signal.max() / 2
 
 
 def test_a_wrong_exposure_time_is_reported(camera, setup):
@@ -105,99 +94,50 @@ def test_a_wrong_exposure_time_is_reported(camera, setup):
     reciprocity = found(calibration, "exposure reciprocity")
     assert (reciprocity.significant, reciprocity.value) == (True, pytest.approx(0.05, rel=0.05))
     assert reciprocity.finding in calibration.findings
-    assert reciprocity.finding.values["exposure_s"] == 0.001
-    assert "exposures-scatter" in codes(calibration)
-    assert calibration.response.kind == "linear"
     # Whichever exposure is right, the truth is within the stated uncertainty.
     r = calibration.responsivity
     assert r.responsivity_dn_s_cd_m2 == pytest.approx(1200, rel=0.05 + 2 * r.random_rel)
 
 
-#: Changes of observations, dark frames and readings; what is found.
-LEFT_OUT = [
-    (lambda o, d, r: (o, d, r), info("exposure-saturated", "P11", exposures_s=[0.008, 0.064])),
-    (
-        lambda o, d, r: ([replace(o[0], black_share=0.5), *o[1:]], d, r),
-        info("exposure-clipped", "P0", exposures_s=[0.001]),
-    ),
-    (
-        lambda o, d, r: ([*(replace(one, signal_dn=64.0) for one in o[:3]), *o[3:]], d, r),
-        info("exposure-not-above-dark", "P0", exposures_s=list(EXPOSURES_S)),
-    ),
-    (
-        lambda o, d, r: ([*o[:-3], *(replace(one, saturated_share=0.5) for one in o[-3:])], d, r),
-        warning("patch-not-usable", "P11"),
-    ),
-    (lambda o, d, r: (o, d, r | {"P0": [exact(0.0)]}), warning("patch-reads-zero", "P0")),
-    (lambda o, d, r: (o[:15], d, {k: r[k] for k in list(r)[:5]}), warning("few-patches", count=5, advised=6)),
-    (
-        lambda o, d, r: ([one for one in o if one.exposure_s == 0.001], d, r),
-        warning("few-exposures", exposures_s=[0.001], advised=3),
-    ),
-    (
-        lambda o, d, r: (o, d[:2], r),
-        warning("dark-extrapolated", dark_exposures_s=[0.001, 0.008], light_exposures_s=[0.001, 0.064]),
-    ),
-    (
-        lambda o, d, r: (
-            [replace(one, temperature_c=40.0) for one in o],
-            [replace(one, temperature_c=25.0) for one in d],
-            r,
-        ),
-        warning("temperature-not-covered", exposure_s=0.064, temperature_c=40.0, lowest_c=25.0, highest_c=25.0),
-    ),
-]
+def all_with(ones, **changes):
+    return [replace(one, **changes) for one in ones]
 
 
-@pytest.mark.parametrize(("change", "expected"), LEFT_OUT, ids=[one.code for _, one in LEFT_OUT])
-def test_what_is_left_out_or_could_be_better_is_named(camera, setup, change, expected):
-    calibration = fit(*change(*bench(camera, exact)), setup)
-    assert expected in calibration.findings
-    if expected.code in ("patch-not-usable", "patch-reads-zero"):
-        assert expected.subject not in [row.patch for row in calibration.residuals]
+#: What is found when observations, dark frames and readings are changed so.
+LEFT_OUT = {
+    "exposure-saturated": lambda o, d, r: (o, d, r),
+    "exposure-clipped": lambda o, d, r: ([replace(o[0], black_share=0.5), *o[1:]], d, r),
+    "exposure-not-above-dark": lambda o, d, r: (all_with(o[:3], signal_dn=64.0) + o[3:], d, r),
+    "patch-not-usable": lambda o, d, r: (o[:-3] + all_with(o[-3:], saturated_share=0.5), d, r),
+    "patch-reads-zero": lambda o, d, r: (o, d, r | {"P0": [exact(0.0)]}),
+    "few-patches": lambda o, d, r: (o[:15], d, {f"P{i}": r[f"P{i}"] for i in range(5)}),
+    "dark-extrapolated": lambda o, d, r: (o, d[:2], r),
+    "temperature-not-covered": lambda o, d, r: (all_with(o, temperature_c=30.0), all_with(d, temperature_c=25.0), r),
+}
 
 
-def with_gain(states, gain_db):
-    return [replace(one, state=replace(one.state, gain_db=gain_db)) for one in states]
+@pytest.mark.parametrize("code", LEFT_OUT)
+def test_what_is_left_out_or_could_be_better_is_named_and_makes_no_wrong_number(camera, setup, code):
+    calibration = fit(*LEFT_OUT[code](*bench(camera, exact)), setup)
+    assert code in codes(calibration)
+    assert calibration.responsivity.responsivity_dn_s_cd_m2 == pytest.approx(1200, rel=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda o, d, r, _: (o, d, {name: r[name] for name in r if name != "P4"}), "patch 'P4' has no meter reading"),
-        (lambda o, d, r, new: (o, d, r | {"P99": [new(1.0)]}), "there are readings of patch 'P99', but no frames"),
-        (lambda o, d, r, new: (o, d, r | {"P1": [new(50.0, peak=True)]}), "is a held peak: set the meter to CONT"),
-        (
-            lambda o, d, r, new: (o, d, r | {"P1": [new(1.0, meter=MeterIdentity("LS-100", "1"))]}),
-            "calibrate with one meter",
-        ),
-        (lambda o, d, r, _: (o, with_gain(d, 6.0), r), "gain of the light frames is 0 dB, but the set of dark frames"),
-        (
-            lambda o, d, r, _: ([one for one in o if one.patch in ("P0", "P1")], d, {"P0": r["P0"], "P1": r["P1"]}),
-            "2 of 2 patches are usable, a calibration needs at least 3",
-        ),
-        (lambda o, d, r, _: (o, [replace(one, mean_dn=5000.0) for one in d], r), "0 of 12 patches are usable"),
-        (lambda o, d, r, _: (o, d, r | {"P4": r["P7"], "P7": r["P4"]}), "camera sees less light from the first"),
-    ],
-)
-def test_what_does_not_belong_together_is_refused(camera, setup, change, message):
-    with pytest.raises(LabcdpError, match=re.escape(message)):
-        fit(*change(*bench(camera, exact), make_reading), setup)
+REFUSED = {
+    "patch 'P4' has no meter reading": lambda o, d, r: (o, d, {name: r[name] for name in r if name != "P4"}),
+    "readings of patch 'P99', but no frames": lambda o, d, r: (o, d, r | {"P99": [make_reading(1.0)]}),
+    "is a held peak": lambda o, d, r: (o, d, r | {"P1": [make_reading(50.0, peak=True)]}),
+    "with one meter": lambda o, d, r: (o, d, r | {"P1": [make_reading(1.0, meter=MeterIdentity("LS-100", "1"))]}),
+    "set of dark frames": lambda o, d, r: (o, all_with(d, state=replace(d[0].state, gain_db=6.0)), r),
+    "0 of 12 patches are usable": lambda o, d, r: (o, all_with(d, mean_dn=5000.0), r),
+    "sees less light from the first": lambda o, d, r: (o, d, r | {"P4": r["P7"], "P7": r["P4"]}),
+}
 
 
-def test_a_bent_camera_is_straightened(setup):
-    rng, z = np.random.default_rng(2), []
-    for _ in range(20):
-        calibration = fit(*bench(BENT, noisy(rng), rng), setup)
-        assert calibration.response.kind == "quadratic"
-        top = calibration.response.net_dn[1]
-        assert calibration.response.linear_dn[1] / top - 1 == pytest.approx(0.02 * top / 4000, rel=0.15)
-        r = calibration.responsivity
-        z.append((r.responsivity_dn_s_cd_m2 / 1200 - 1) / r.random_rel)
-        seen = [BENT.observe("wall", 150.0, t, rng) for t in EXPOSURES_S]
-        assert patch_luminance(calibration, seen).luminance_cd_m2 == pytest.approx(150.0, rel=0.005)
-    assert np.mean(np.square(z)) == pytest.approx(1.0, abs=4 * np.sqrt(2 / 20))
-    assert next(step.reason.code for step in calibration.ladder if step.chosen) == "model-better"
+@pytest.mark.parametrize("message", REFUSED)
+def test_what_does_not_belong_together_is_refused(camera, setup, message):
+    with pytest.raises(LabcdpError, match=message):
+        fit(*REFUSED[message](*bench(camera, exact)), setup)
 
 
 def test_a_kinked_camera_is_straightened(camera, setup):
@@ -224,25 +164,18 @@ def test_a_bad_reading_is_named_and_left_out(camera, setup, factor, index, why):
     right = fit(observations, darks, readings, setup)
     wrong = readings | {f"P{index}": [make_reading(LUMINANCES[index] * factor)]}
     calibration = fit(observations, darks, wrong, setup)
-    (row,) = [row for row in calibration.left_out if row.exposure_s is None]
-    assert (row.patch, row.reading) == (f"P{index}", None)
-    assert row.reason == "contradicts the other patches"
-    assert [one.subject for one in calibration.findings if one.code == f"patch-contradicts{why}"] == [row.patch]
-    assert f"P{index}" not in [row.patch for row in calibration.residuals]
+    assert [row.patch for row in calibration.left_out if row.exposure_s is None] == [f"P{index}"]
+    assert [one.subject for one in calibration.findings if one.code == f"patch-contradicts{why}"] == [f"P{index}"]
     error = calibration.responsivity.responsivity_dn_s_cd_m2 / right.responsivity.responsivity_dn_s_cd_m2 - 1
     assert abs(error) < 2 * right.responsivity.random_rel
 
 
-@pytest.mark.parametrize(("bend", "factor"), [(1e-9, 10), (0.5, 0.8)])
-def test_of_two_readings_the_camera_says_which_is_wrong(setup, bend, factor):
-    """Of a camera with a curved response too: no straight line fits the other patches."""
-    observations, darks, readings = bench(replace(BENT, bend=bend))
+def test_of_two_readings_the_camera_says_which_is_wrong(camera, setup):
+    observations, darks, readings = bench(camera)
     (right,) = readings["P5"]
-    readings["P5"] = [make_reading(LUMINANCES[5] * factor), replace(right, timestamp=right.timestamp.replace(second=5))]
+    readings["P5"] = [make_reading(10 * LUMINANCES[5]), replace(right, timestamp=right.timestamp.replace(second=5))]
     calibration = fit(observations, darks, readings, setup)
-    (row,) = [row for row in calibration.left_out if row.exposure_s is None]
-    assert (row.patch, row.reading) == ("P5", 1)
-    assert calibration.residuals[5].n_readings == 1
+    assert [(row.patch, row.reading) for row in calibration.left_out if row.exposure_s is None] == [("P5", 1)]
     assert calibration.residuals[5].reading_cd_m2 == pytest.approx(LUMINANCES[5])
 
 
@@ -250,22 +183,14 @@ def test_held_out_patches_are_not_shown_to_the_fit(camera, setup):
     observations, darks, readings = bench(camera, exact)
     wrong = readings | {"P4": [make_reading(LUMINANCES[4] * 1.02)]}
     calibration = fit(observations, darks, wrong, setup, held_out=["P4", "P9"])
-    assert [row.patch for row in calibration.held_out] == ["P4", "P9"]
-    assert "P4" not in [row.patch for row in calibration.residuals]
     assert calibration.responsivity.responsivity_dn_s_cd_m2 == pytest.approx(1200, rel=1e-6)
     assert calibration.held_out[0].residual_rel == pytest.approx(1 / 1.02 - 1, rel=1e-3)
-    assert calibration.held_out[0].leave_one_out_rel == calibration.held_out[0].residual_rel
     assert calibration.held_out[1].residual_rel == pytest.approx(0, abs=1e-6)
 
 
-def at_gain(camera, gain_db, true_factor):
-    return replace(
-        camera,
-        responsivity_dn_s_cd_m2=1200 * true_factor,
-        dark_offset_dn=64 * true_factor,
-        k_dn_per_e=0.25 * true_factor,
-        state=replace(camera.state, gain_db=gain_db),
-    )
+def at_gain(camera, gain_db, factor):
+    scaled = {"responsivity_dn_s_cd_m2": 1200 * factor, "dark_offset_dn": 64 * factor, "k_dn_per_e": 0.25 * factor}
+    return replace(camera, state=replace(camera.state, gain_db=gain_db), **scaled)
 
 
 def test_gains_are_fitted_together(camera, setup):
@@ -291,5 +216,4 @@ def test_a_gain_that_is_not_what_it_says_is_reported(camera, setup):
     more = bench(at_gain(camera, 6.0, 1.9))
     calibration = fit([*observations, *more[0]], [*darks, *more[1]], readings, setup)
     assert calibration.gains[0].factor == pytest.approx(1.9, rel=1e-6)
-    (named,) = [one for one in calibration.findings if one.code == "gain-deviates"]
-    assert named.values["deviation_rel"] == pytest.approx(-0.0477, abs=1e-4)
+    assert "gain-deviates" in codes(calibration)

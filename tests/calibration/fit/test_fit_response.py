@@ -7,7 +7,7 @@ import pytest
 
 from labcdp.calibration import fit
 from labcdp.calibration.sensor.dark import fit_dark
-from labcdp.calibration.sensor.noise import GainSetting, TemporalNoise, fit_noise
+from labcdp.calibration.sensor.noise import GainSetting, TemporalNoise
 from labcdp.calibration.sensor.response import ResponseCurve
 from labcdp.calibration.signal import net_signal
 from labcdp.core.dn import Response
@@ -35,8 +35,6 @@ def data(camera):
 def test_the_patches_scale_it(data, setup, camera):
     """A straight table gives what the linear fit gives, within the errors it is said to have."""
     given, linear = fit(*data, setup, response=curve()), fit(*data, setup)
-    assert [(step.kind, step.chosen) for step in given.ladder][:2] == [("table", True), ("linear", False)]
-    assert given.range_net_dn == (8.0, 4000.0)
     r = given.responsivity
     assert r.responsivity_dn_s_cd_m2 == pytest.approx(linear.responsivity.responsivity_dn_s_cd_m2, rel=0.003)
     assert r.responsivity_dn_s_cd_m2 == pytest.approx(camera.responsivity_dn_s_cd_m2, rel=5 * r.random_rel)
@@ -55,27 +53,6 @@ def test_signals_outside_the_curve_are_left_out(data, setup):
     left = [row for row in calibration.left_out if row.reason == "outside the response of the bracket"]
     assert left
     assert not any(42 < signals[row.patch, row.exposure_s] < 1950 for row in left)
-
-
-def test_noise_is_that_of_the_light_before_the_curve(camera):
-    """Observations through n = sqrt(400 h): K and read noise of h come back, and the noise of n."""
-    knots = np.geomspace(20, 2000, 3000)
-    tone = Response("table", (0.0, *knots.tolist()), (0.0, *(knots**2 / 400).tolist()))
-    dark = camera.dark(0.008, None)
-    model, _ = fit_dark([dark])
-    seen = []
-    for k, h in enumerate(np.geomspace(20, 3000, 8)):
-        n = np.sqrt(400 * h)
-        variance = (0.25 * h + 4.0) / (2 * n / 400) ** 2 + 1 / 12
-        o = camera.observe(f"{k}", 1.0, 0.008, None)
-        seen.append(replace(o, signal_dn=model.mean_dn(0.008) + n, temporal_variance_dn2=variance, saturated_share=0.0))
-    noise, findings = fit_noise(seen, model, tone)
-    assert not findings
-    assert noise.k_dn_per_e == pytest.approx(0.25, rel=0.01)
-    assert noise.dark_noise_dn == pytest.approx(2.0, rel=0.02)
-    assert [noise.variance_dn2(float(np.sqrt(400 * h))) for h in (50.0, 800.0)] == pytest.approx(
-        [(0.25 * h + 4) / (np.sqrt(400 * h) / 200) ** 2 + 1 / 12 for h in (50.0, 800.0)], rel=0.03
-    )
 
 
 def test_the_mean_over_noisy_pixels_is_that_of_the_light(camera):

@@ -60,7 +60,6 @@ def test_drawn_maps_are_those_described():
     assert StepChart(8, 1, (1.0, 4.0, 4.0, 2.0)).pairs() == (("step 1", "step 2"), ("step 4", "step 3"))
     background = np.arange(6, dtype=np.float32).reshape(2, 3)
     np.testing.assert_array_equal(with_patches(background, [Patch(0, 0, 1, 1, 9.0)]), [[9, 1, 2], [3, 4, 5]])
-    assert background[0, 0] == 0
 
 
 def test_pairs_of_patches_are_with_the_background_if_there_is_but_one_and_never_hidden():

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from labcdp.core.disk import parse_json, quoted, read_bytes, read_csv, read_json, read_toml
+from labcdp.core.disk import parse_json, read_bytes, read_csv, read_json, read_toml
 from labcdp.core.disk.tiff import read_in_child
 from labcdp.core.errors import InputError
 
@@ -68,13 +68,6 @@ def test_text_that_is_refused(tmp_path, read, text, message):
     with pytest.raises(InputError, match=message) as caught:
         READERS[read](path)
     assert len(str(caught.value)) < 250 + len(str(path))
-
-
-@given(st.text() | st.binary() | st.lists(st.text()) | st.integers() | st.floats() | VALUES)
-def test_messages_quote_little_and_printable(value):
-    assert quoted(value).isprintable()
-    assert len(quoted(value)) <= 100
-    assert str(InputError(f"the file says {value}")).isprintable()
 
 
 #: What a library may do with a damaged file.

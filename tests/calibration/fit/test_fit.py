@@ -1,6 +1,7 @@
 """The fit: exact data, checks of the model's assumptions, bad readings, gains, what is left out and refused."""
 
 from dataclasses import replace
+from datetime import timedelta
 from math import sqrt
 
 import numpy as np
@@ -11,7 +12,7 @@ from labcdp.calibration.converter import EXPOSURE_TIME_REL
 from labcdp.core.errors import LabcdpError
 from labcdp.core.reading import CD_M2_PER_FL, MeterIdentity
 
-from ..conftest import LUMINANCES, bench, codes, found, make_reading
+from ..conftest import LUMINANCES, START, bench, codes, found, make_reading
 
 
 def exact(value):
@@ -99,6 +100,18 @@ def test_a_wrong_exposure_time_is_reported(camera, setup):
     assert r.responsivity_dn_s_cd_m2 == pytest.approx(1200, rel=0.05 + 2 * r.random_rel)
 
 
+def test_a_drift_of_the_light_of_the_readings_is_found(camera, setup):
+    """Five per cent an hour, patches read every 5 minutes in an order that is not that of their luminances."""
+    observations, darks, readings = bench(camera, exact)
+    for i, (one,) in enumerate(readings.values()):
+        k = 5 * i % 12
+        readings[f"P{i}"] = [
+            replace(one, value=one.value * (1 + 0.05 * k / 12), timestamp=START + timedelta(hours=k / 12))
+        ]
+    drift = found(fit(observations, darks, readings, setup), "drift")
+    assert (drift.significant, drift.value) == (True, pytest.approx(-0.05, rel=0.05))
+
+
 def all_with(ones, **changes):
     return [replace(one, **changes) for one in ones]
 
@@ -110,7 +123,6 @@ LEFT_OUT = {
     "exposure-not-above-dark": lambda o, d, r: (all_with(o[:3], signal_dn=64.0) + o[3:], d, r),
     "patch-not-usable": lambda o, d, r: (o[:-3] + all_with(o[-3:], saturated_share=0.5), d, r),
     "patch-reads-zero": lambda o, d, r: (o, d, r | {"P0": [exact(0.0)]}),
-    "few-patches": lambda o, d, r: (o[:15], d, {f"P{i}": r[f"P{i}"] for i in range(5)}),
     "dark-extrapolated": lambda o, d, r: (o, d[:2], r),
     "temperature-not-covered": lambda o, d, r: (all_with(o, temperature_c=30.0), all_with(d, temperature_c=25.0), r),
 }

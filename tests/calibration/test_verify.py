@@ -108,8 +108,9 @@ def test_a_patch_that_changed_alone_is_named(calibration, patch, change, verdict
 def test_a_dark_level_that_has_moved(calibration, camera):
     result = verify(calibration, *measured(camera=replace(camera, dark_offset_dn=70.0)))
     assert result.verdict == "not conform"
-    (moved,) = [one for one in result.findings if one.code == "dark-level-moved"]
-    assert moved.values["difference_dn"] == pytest.approx(6, abs=0.1)
+    assert [one.difference_dn for one in result.darks] == pytest.approx([6] * 3, abs=0.1)
+    # 6 DN of the 60 DN of the lowest calibrated luminance at the longest exposure.
+    assert [one.effect_rel for one in result.darks] == pytest.approx([0.1] * 3, rel=0.05)
     # Bright patches alone do not show it, the dark frames do.
     bright = verify(calibration, *measured(camera=replace(camera, dark_offset_dn=90.0), luminances=[250.0]))
     assert bright.patches[0].verdict == "conform"

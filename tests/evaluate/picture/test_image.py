@@ -4,7 +4,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from labcdp.core.errors import InputError
 from labcdp.core.luminance import CommonError, LuminanceMap, PixelErrors
 from labcdp.core.result import Finding, info
 from labcdp.core.roi import Roi
@@ -75,16 +74,6 @@ def test_a_measured_contrast_that_is_not_defined_has_no_cdp():
     dark = _evaluate(ImageRequest(None, 0.5, (BRIGHT, DARK)), half)
     assert dark.pairs[0].result.results == ()
     assert dark.findings[0] == Finding("contrast-undefined", subject="bright / dark")
-
-
-def test_requests_that_ask_nothing_are_refused():
-    many = tuple(Roi.rectangle(f"r{n}", 10 * n, 0, 5, 5) for n in range(7))
-    for rois, message in (
-        ((DARK,), "region 'dark' is alone: a contrast needs two regions"),
-        (many, "7 regions make 21 pairs: choose pairs among r0, r1, r2, r3, r4, r5, r6"),
-    ):
-        with pytest.raises(InputError, match=message):
-            ImageRequest((1.0,), 0.5, rois)
 
 
 def test_a_shared_factor_cancels_between_neighbours_and_an_offset_does_not():

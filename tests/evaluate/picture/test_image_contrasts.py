@@ -4,9 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labcdp.cli.pictures.batch import worked_through
 from labcdp.cli.values import parse_contrasts, parse_pair
-from labcdp.core.errors import CalibrationError, InputError
+from labcdp.core.errors import InputError
 
 
 @given(st.decimals("0.01", "9999", places=2), st.integers(1, 200), st.integers(1, 50), st.integers(1, 60))
@@ -32,18 +31,3 @@ def test_pairs_are_two_names_that_may_hold_colons():
     for text, message in (("a", "by a colon"), ("a:x", "no 'x'"), ("a:a", "two different")):
         with pytest.raises(InputError, match=message):
             parse_pair(text, ["a", "b"])
-
-
-def test_a_batch_continues_after_failures_and_ends_with_ctrl_c():
-    def work(error):
-        if error is not None:
-            raise error
-        return 10
-
-    asked = [None, CalibrationError("of another camera"), PermissionError(13, "Permission denied"), MemoryError(), None]
-    first, *failures, last = (found for _, found in worked_through(asked, work, 1))
-    assert (first, last) == (10, 10)
-    for failure, words in zip(failures, ("of another camera", "it cannot be read", "not enough memory"), strict=True):
-        assert words in failure.reason
-    with pytest.raises(KeyboardInterrupt):
-        list(worked_through([KeyboardInterrupt()], work, 1))

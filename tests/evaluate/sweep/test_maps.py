@@ -43,10 +43,10 @@ def test_isolines_of_a_plane_are_its_straight_lines() -> None:
 
 
 def test_usable_range_of_a_plane_in_closed_form() -> None:
-    ranges = usable_ranges(plane(), LUMINANCE, 0.8)
+    ranges = usable_ranges(plane(), LUMINANCE, 0.77)
     assert len(ranges) == 9
     for one in ranges:
-        low = 10**1.5 / one.at[CONTRAST]  # type: ignore[operator]
+        low = 10**1.35 / one.at[CONTRAST]  # type: ignore[operator]
         assert len(one.intervals) == (low <= 1e3)
         for interval in one.intervals:
             ends = interval.low, interval.decades, interval.range_db

@@ -23,17 +23,13 @@ def test_one_verdict_follows_from_pairs_and_signals(twin):
 
 def test_pairs_with_which_nearly_any_cdp_would_agree_are_undecided_and_counted_apart(twin):
     """80 % of 0 to 1: with 1.96 standard uncertainties, from 0.204 on in the middle and from 0.408 on at an end."""
-    cases = {
+    for judgement, rows in {
         "undecided": [(1.0, 1.22, 1.0), (1.0, 1.22, 0.0), (0.5, 0.21, 0.5), (0.0, 0.41, 1.0)],
         "agree": [(0.5, 0.19, 0.5), (1.0, 0.4, 1.0)],
         "differ": [(1.0, 0.4, 0.1)],
-    }
-    pairs, expected = [], []
-    for judgement, rows in cases.items():
+    }.items():
         for predicted, u, value in rows:
-            changed = replace(twin.pairs[0], predicted=predicted, u_predicted=u, u_pixels=1e-3)
-            pairs.append(measured(changed, value))
-            expected.append(judgement)
-    assert twin_result(replace(twin, pairs=tuple(pairs))).table("pairs")["judgement"] == expected
+            pair = replace(twin.pairs[0], predicted=predicted, u_predicted=u, u_pixels=1e-3)
+            assert measured(pair, value).judgement == judgement
     vacuous = tuple(replace(pair, u_predicted=2.4) for pair in twin.pairs)
     assert verdict(replace(twin, pairs=vacuous)).code == "twin-undecided"

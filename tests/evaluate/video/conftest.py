@@ -1,5 +1,3 @@
-import os
-
 import cv2
 import pytest
 
@@ -7,12 +5,6 @@ from labcdp.evaluate.video.evaluate import evaluate_video
 from labcdp.evaluate.video.settings import VideoSettings
 
 from .videos import MOVING, STILL, driving
-
-
-@pytest.fixture(autouse=True)
-def _quiet() -> None:
-    os.environ["OPENCV_FFMPEG_LOGLEVEL"] = "-8"
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 
 
 @pytest.fixture(scope="session")

@@ -43,18 +43,15 @@ def test_a_region_that_cannot_be_followed_costs_only_its_own_pairs(tmp_path: Pat
     bright, middle = Roi.rectangle("bright", 30, 30, 20, 20), Roi.rectangle("middle", 73, 33, 14, 14)
     plain, across = Roi.rectangle("plain", 500, 100, 20, 20), Roi.rectangle("across", 45, 30, 20, 20)
     path = write(tmp_path / "a.mkv", frames)
-    pairs = [(bright, plain), (bright, middle), (across, bright), (middle, plain)]
+    pairs = [(bright, plain), (bright, middle), (across, bright)]
     parts = [Part(VideoSettings((1.0,), pair), tmp_path / str(n)) for n, pair in enumerate(pairs)]
     for _ in range(2):
-        with evaluated_parts(path, parts) as (first, good, apart, last):
+        with evaluated_parts(path, parts) as (none, good, apart):
             assert np.isfinite(good().dataset()["cdp"]).all()
-            for none in (first, last):
-                with pytest.raises(InputError, match="region 'plain' cannot be followed"):
-                    none()
+            with pytest.raises(InputError, match="region 'plain' cannot be followed"):
+                none()
             with pytest.raises(InputError, match="'across' and 'bright' have 100 pixels in common"):
                 apart()
-    with pytest.raises(InputError, match="region 'plain' cannot be followed"), evaluated_parts(path, parts[:1]):
-        pass
     regions = labcdp.open_video(path).track([bright, middle, plain], pairs=[("bright", "plain"), ("bright", "middle")])
     result = regions.cdp([1.0])
     assert result["pair"].values.tolist() == ["bright / middle"]

@@ -17,28 +17,15 @@ from labcdp.regions import RectangleShape, save_regions
 from labcdp.report.files import schema
 from labcdp.session import example_session
 
+from ..evaluate.sweep.chains import small
+from ..evaluate.video.videos import write
+
 #: Bars of work done before a mistake could be seen, and what a person was asked, may stand before its line.
 _PROGRESS = re.compile(r"\d+/\d+ +\d:\d\d:\d\d|then press Enter|^Resuming |^labcdp: simulated")
 #: A bench whose frames are small.
 SMALL_BENCH = Path(__file__).with_name("small-bench.toml")
 #: Options of what runs on it in no time.
 SIMULATED = ("--simulated-bench", SMALL_BENCH, "--virtual-clock")
-#: Checkerboard of 24 x 16 pixels.
-_CHAIN = """
-name = "small"
-scene = {type = "checkerboard", width = 24, height = 16, luminance_cd_m2 = 50.0, contrast = 0.5, square_px = 4}
-optics = {f_number = 2.0, transmittance = 0.9}
-exposure = {exposure_s = 0.005}
-[sensor]
-pixel_pitch_m = 4e-6
-quantum_efficiency = 0.6
-full_well_e = 10000
-k_dn_per_e = 0.3
-read_noise_e = 4.0
-dark_current_e_s = 5.0
-bits = 12
-black_level_dn = 32.0
-"""
 
 
 @pytest.fixture
@@ -55,11 +42,8 @@ def inputs(tmp_path_factory):
     picture = np.clip(rng.normal(60, 3, (48, 64)) + 100 * (np.arange(64) > 32), 0, 255).astype(np.uint8)
     cv2.imwrite(str(folder / "a.png"), picture)
     save_regions(folder / "rois.json", [RectangleShape("dark", 4, 4, 12, 12), RectangleShape("bright", 44, 4, 12, 12)])
-    writer = cv2.VideoWriter(str(folder / "a.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 25, (64, 48))
-    for _ in range(3):
-        writer.write(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR))
-    writer.release()
-    (folder / "small.toml").write_text(_CHAIN)
+    write(folder / "a.avi", [picture] * 3, "MJPG")
+    small(scene__width=24, scene__height=16, scene__square_px=4, scene__contrast=0.5).save(folder / "small.toml")
     shutil.copytree(example_session(), folder / "s")
     app(["calibrate", str(folder / "s"), "--output", str(folder / "c")], standalone_mode=False)
     # As if it was made from another session: its own one verifies nothing.

@@ -33,11 +33,6 @@ def test_a_rehearsal_on_a_bench_of_ones_own(labcdp, tmp_path):
     command = ("acquire", "plan.toml", "own", "--simulated-bench", "own.toml", "--virtual-clock")
     done = labcdp(*command, "--rehearse", "--roi", "regions.json", stdin="\n" * 4)
     assert done.returncode == 0, done.stderr
-    for question in ("Uncover the lens and light the target", "centre of patch P12", "Cover the lens"):
-        assert f"{question}, then press Enter." in done.stderr
-
-    def taken(session):
-        return [r.sequence for r in (*session.frames("light"), *session.readings())]
 
     with Session.open(tmp_path / "own") as session:
         (devices,) = [r.content for r in session.records if isinstance(r, EventRecord) and r.kind == "devices"]
@@ -51,17 +46,6 @@ def test_a_rehearsal_on_a_bench_of_ones_own(labcdp, tmp_path):
         assert abs(dark.mean() - 32) < 0.1
         # One operator did it all: the lens was open for one, and covered for the other.
         assert light.mean() > dark.mean() + 1
-        before = taken(session)
 
-    # Another bench would be another camera; the parts that were named are taken again, and no others.
-    again = ("acquire", "own/session.toml", "own", "--virtual-clock", "--retake", "P12")
-    assert "was begun with another simulated bench" in only_line(labcdp(*again, "--simulated"))
-    own = (*again, "--simulated-bench", "own.toml")
-    assert "there is no 'P1' to take again: give one of" in only_line(labcdp(*own, "--retake", "P1"))
-    assert labcdp(*own).returncode == 0
-    with Session.open(tmp_path / "own") as session:
-        session.verify()
-        after = taken(session)
-    assert after[:2] == before[:2]
-    assert len(after) == len(before)
-    assert min(after[2:]) > max(before)
+    again = ("acquire", "own/session.toml", "own", "--virtual-clock", "--retake", "P12", "--simulated")
+    assert "was begun with another simulated bench" in only_line(labcdp(*again))

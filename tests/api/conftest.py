@@ -4,6 +4,8 @@ import pytest
 
 from labcdp.regions import RectangleShape, save_regions
 
+from ..evaluate.video.videos import write
+
 REGIONS = [RectangleShape("sign", 22, 42, 26, 26), RectangleShape("ground", 22, 82, 26, 26)]
 SIZE = (160, 120)
 
@@ -21,12 +23,8 @@ def files(tmp_path_factory):
     """Folder with a picture, a video, and files of two and of three regions."""
     folder = tmp_path_factory.mktemp("files")
     cv2.imwrite(str(folder / "night.png"), frame(np.random.default_rng(4)))
-    codec, flags = cv2.VideoWriter.fourcc(*"MJPG"), [cv2.VIDEOWRITER_PROP_IS_COLOR, 0]
-    writer = cv2.VideoWriter(str(folder / "drive.avi"), cv2.CAP_FFMPEG, codec, 25, SIZE, flags)
     rng = np.random.default_rng(5)
-    for number in range(5):
-        writer.write(frame(rng, number))
-    writer.release()
+    write(folder / "drive.avi", [frame(rng, number) for number in range(5)], "MJPG")
     save_regions(folder / "rois.json", REGIONS, SIZE)
     save_regions(folder / "three.json", [*REGIONS, RectangleShape("sky", 100, 5, 30, 20)], SIZE)
     return folder

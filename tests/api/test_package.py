@@ -1,11 +1,8 @@
 """What ``import labcdp`` gives, and what it needs."""
 
-import pydoc
 import subprocess
 import sys
 from pathlib import Path
-
-import pytest
 
 import labcdp
 
@@ -31,15 +28,9 @@ def python(code, *arguments):
     return subprocess.run(program, check=True, capture_output=True, text=True, timeout=900).stdout
 
 
-def test_every_public_name_is_there_listed_and_documented():
+def test_every_public_name_is_listed_and_documented():
     assert set(labcdp.__all__) < set(dir(labcdp))
-    for name in labcdp.__all__:
-        assert getattr(labcdp, name).__doc__, name
-    text = pydoc.render_doc(labcdp, renderer=pydoc.plaintext)
-    for name in ("cdp", "read_image", "open_video", "Session", "Chain"):
-        assert name in text
-    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
-        _ = labcdp.nothing
+    assert all(getattr(labcdp, name).__doc__ for name in labcdp.__all__)
 
 
 def test_import_loads_nothing_heavy():

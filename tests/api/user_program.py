@@ -48,8 +48,7 @@ def pictures(path: Path, regions: Path) -> xr.Dataset:
     assert image.regions(rois).cdp().sizes["pair"] == 1
     assert image.regions({"a": (22, 42, 26, 26), "b": (22, 82, 26, 26)}, ("a", "b")).cdp(1.0).sizes["pair"] == 1
     assert len(labcdp.regions.load_regions(regions)) == 2
-    picture = labcdp.files.read_picture(path)
-    frame: labcdp.Frame | None = picture.frame
+    frame: labcdp.Frame | None = labcdp.files.read_picture(path).frame
     assert frame is not None
     return image.regions(regions).cdp([1, 10], epsilon=0.5)
 

@@ -155,6 +155,11 @@ def test_inputs_other_results_and_what_appears_during_the_work_are_not_replaced(
         results.add({"x": b"1", "y": b"2"})
         (tmp_path / "new/x").write_bytes(b"mine")
     assert contents(tmp_path / "new") == {"x": b"mine"}
+    altered = pytest.raises(InputError, match="was changed since labcdp wrote it")
+    with altered, ResultsFolder(folder, "image", force=True) as results:
+        results.add({name: b"2"})
+        (folder / name).write_bytes(b"mine")
+    assert contents(folder)[name] == b"mine"
 
 
 def test_resume_after_kill_needs_no_force(tmp_path):

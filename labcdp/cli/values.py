@@ -8,6 +8,7 @@ from fractions import Fraction
 from math import isfinite, nan
 from typing import Any
 
+from ..core.disk.files import shown
 from ..core.errors import InputError
 
 #: Contrasts outside these limits, in percent, are refused as mistakes: luminance spans some 14 decades.
@@ -30,7 +31,7 @@ def fraction_of_percent(text: str, name: str) -> float:
             raise ValueError
         return fraction
     except ValueError:
-        raise InputError(f"{name} is {text!r}: give a number with a percent sign, for example 50%") from None
+        raise InputError(f"{name} is {shown(text)}: give a number with a percent sign, for example 50%") from None
 
 
 def parse_contrasts(texts: Sequence[str], name: str = "--contrast") -> tuple[float, ...]:
@@ -67,7 +68,7 @@ def parse_contrast(texts: Sequence[str], name: str = "--contrast") -> float | No
     found = parse_contrasts(texts, name)
     if len(found) > 1:
         raise InputError(
-            f"{name} is {', '.join(texts)!r}: this command takes one contrast, for example 100%; run it for each"
+            f"{name} is {shown(', '.join(texts))}: this command takes one contrast, for example 100%; run it for each"
         )
     return found[0] if found else None
 
@@ -85,11 +86,11 @@ def parse_pair(text: str, names: Sequence[str], name: str = "--pair") -> tuple[s
         if bright != dark and bright in names and dark in names:
             return bright, dark
     if not splits:
-        raise InputError(f"{name} is {text!r}: give two names separated by a colon, for example bright:dark")
+        raise InputError(f"{name} is {shown(text)}: give two names separated by a colon, for example bright:dark")
     missing = next((one for one in splits[0] if one not in names), None)
     if missing is None:
-        raise InputError(f"{name} is {text!r}: give two different names")
-    raise InputError(f"{name} is {text!r}, but there is no {missing!r}: choose from {', '.join(names)}")
+        raise InputError(f"{name} is {shown(text)}: give two different names")
+    raise InputError(f"{name} is {shown(text)}, but there is no {missing!r}: choose from {', '.join(names)}")
 
 
 def parse_seconds(text: str, name: str) -> float:
@@ -109,14 +110,14 @@ def parse_seconds(text: str, name: str) -> float:
             if isfinite(value) and value > 0:
                 return value
             break
-    raise InputError(f"{name} is {text!r}: give a number above 0 with s, ms or us, for example 5ms")
+    raise InputError(f"{name} is {shown(text)}: give a number above 0 with s, ms or us, for example 5ms")
 
 
 def parse_tolerance(text: str, name: str = "--epsilon") -> float:
     """Turn ``50%`` into 0.5; raises InputError unless it is above 0 % and up to 100 %."""
     tolerance = fraction_of_percent(text, name)
     if not 0 < tolerance <= 1:
-        raise InputError(f"{name} is {text!r}: give a percentage above 0%, up to 100%")
+        raise InputError(f"{name} is {shown(text)}: give a percentage above 0%, up to 100%")
     return tolerance
 
 
@@ -126,7 +127,7 @@ def _range(text: str, name: str) -> list[float]:
     if not (len(parts) == 3 or logarithmic):
         raise _refusal(text, name)
     if parts[2].strip().endswith("%"):
-        raise InputError(f"{name} is {text!r}: the third part is the number of contrasts, for example 10%:200%:20")
+        raise InputError(f"{name} is {shown(text)}: the third part is the number of contrasts, for example 10%:200%:20")
     start, stop = (_fraction(part, text, name) for part in parts[:2])
     try:
         count = int(parts[2])
@@ -134,7 +135,7 @@ def _range(text: str, name: str) -> list[float]:
         raise _refusal(text, name) from None
     if not (2 <= count <= _MOST_CONTRASTS and start < stop):
         raise InputError(
-            f"{name} is {text!r}: give a smaller start, a larger stop, and a count of 2 to {_MOST_CONTRASTS}"
+            f"{name} is {shown(text)}: give a smaller start, a larger stop, and a count of 2 to {_MOST_CONTRASTS}"
         )
     if logarithmic:
         ratio = float(stop / start)
@@ -152,15 +153,16 @@ def _fraction(part: str, text: str, name: str) -> Fraction:
     except InvalidOperation:
         raise _refusal(text, name) from None
     if not (percent.is_finite() and percent > 0):
-        raise InputError(f"{name} is {text!r}: give contrasts above 0%")
+        raise InputError(f"{name} is {shown(text)}: give contrasts above 0%")
     if not _LEAST_PERCENT <= percent <= _MOST_PERCENT:
-        raise InputError(f"{name} is {text!r}: give contrasts from {_LEAST_PERCENT:f}% to {_MOST_PERCENT:f}%")
+        raise InputError(f"{name} is {shown(text)}: give contrasts from {_LEAST_PERCENT:f}% to {_MOST_PERCENT:f}%")
     return Fraction(percent) / 100
 
 
 def _refusal(text: str, name: str) -> InputError:
     return InputError(
-        f"{name} is {text!r}: give a percentage such as 1000%, a list such as 50%,100%, or a range such as 10%:200%:20"
+        f"{name} is {shown(text)}: give a percentage such as 1000%, a list such as 50%,100%, or a range such as "
+        "10%:200%:20"
     )
 
 
@@ -171,7 +173,7 @@ def parse_changes(changes: Sequence[str], name: str = "--set") -> dict[str, Any]
     values: dict[str, Any] = {}
     for text in changes:
         if "=" not in text:
-            raise InputError(f"{name} is {text!r}: give NAME=VALUE, for example exposure.exposure_s=0.01")
+            raise InputError(f"{name} is {shown(text)}: give NAME=VALUE, for example exposure.exposure_s=0.01")
         axis = parse_axis(text)
         values[axis.parameter] = axis.values[0] if len(axis.values) == 1 else list(axis.values)
     return values

@@ -17,6 +17,7 @@ from ...acquire.control import holds_something, no_bare_session
 from ...acquire.import_check import ImportFile
 from ...acquire.import_files import import_session
 from ...core.clock import Clock, SimulatedClock, SystemClock
+from ...core.disk.files import shown
 from ...core.errors import InputError, SessionError
 from ...core.result import InputFile, Quantity, Result, quantity_table
 from ...core.table import Column, Table
@@ -232,7 +233,7 @@ def _of_patch(text: str) -> tuple[str, str]:
     if not found or Path(text).exists():
         return "", text
     if not (patch and name):
-        raise InputError(f"--light is {text!r}: give FILE, or PATCH=FILE")
+        raise InputError(f"--light is {shown(text)}: give FILE, or PATCH=FILE")
     return patch, name
 
 

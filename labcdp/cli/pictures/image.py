@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from ...core.disk.files import shown
 from ...core.errors import InputError
 from ...evaluate.picture.edges.edges import ContrastMapSettings
 from ...evaluate.picture.edges.map import contrast_map
@@ -34,7 +35,7 @@ def _rectangle(text: str, name: str) -> tuple[int, int, int, int]:
         x0, y0, x1, y1 = (int(part) for part in text.split(","))
     except ValueError:
         raise InputError(
-            f"{name} is {text!r}: give two corner pixels x0,y0,x1,y1 as whole numbers, for example 100,50,299,149"
+            f"{name} is {shown(text)}: give two corner pixels x0,y0,x1,y1 as whole numbers, for example 100,50,299,149"
         ) from None
     return x0, y0, x1, y1
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from ...core.disk.files import shown
 from ...core.errors import InputError
 from ...core.result import InputFile
 from ...core.roi import Roi
@@ -23,7 +24,7 @@ def _size(text: str, name: str) -> tuple[int, int]:
     try:
         width, height = (int(part) for part in text.lower().split("x"))
     except ValueError:
-        raise InputError(f"{name} is {text!r}: give width and height in pixels, for example 2464x2056") from None
+        raise InputError(f"{name} is {shown(text)}: give width and height in pixels, for example 2464x2056") from None
     return width, height
 
 
@@ -34,10 +35,12 @@ def _reference(text: str, name: str) -> Reference:
     if text.endswith("%"):
         contrast = fraction_of_percent(text, name)
         if not contrast > 0:
-            raise InputError(f"{name} is {text!r}: give a contrast above 0%")
+            raise InputError(f"{name} is {shown(text)}: give a contrast above 0%")
         return contrast
     if not Path(text).is_file():
-        raise InputError(f"{name} is {text!r}: give a contrast such as 1000%, first, or results.nc of another video")
+        raise InputError(
+            f"{name} is {shown(text)}: give a contrast such as 1000%, first, or results.nc of another video"
+        )
     return Path(text)
 
 

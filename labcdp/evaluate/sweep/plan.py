@@ -84,12 +84,12 @@ def parse_axis(text: str) -> Axis:
     """
     parameter, equals, given = (part.strip() for part in text.partition("="))
     if not (parameter and equals and given):
-        raise InputError(f"{text!r} is no axis: {_HOW}")
+        raise InputError(f"{shown(text)} is no axis: {_HOW}")
     if ":" in given:
         return Axis(parameter, _spaced(parameter, given))
     items = [item.strip() for item in given.split(",")]
     if "" in items:
-        raise InputError(f"{text!r} has an empty value: {_HOW}")
+        raise InputError(f"{shown(text)} has an empty value: {_HOW}")
     return Axis(parameter, tuple(parse_value(item) for item in items))
 
 

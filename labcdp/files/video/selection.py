@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass, field
 from typing import Any
 
+from ...core.disk.files import shown
 from ...core.errors import InputError
 
 #: Times closer than this are equal: containers count in ticks of 10 us or longer.
@@ -58,8 +59,8 @@ class Position:
         found = _POSITION.fullmatch(text)
         if not found or (found[2] is None and "." in found[1]):
             raise InputError(
-                f"{name} is {text!r}: give a number of frames, for example 250, or a time, for example 10s, 500ms or "
-                "1:30"
+                f"{name} is {shown(text)}: give a number of frames, for example 250, or a time, for example 10s, "
+                "500ms or 1:30"
             )
         if found[2] is None:
             return cls(frames=int(found[1]))

@@ -102,7 +102,7 @@ def compare(
 
     Chains are predicted without random numbers: CDP over the luminance, usable range and difference. Sessions are
     evaluated with their own calibrations, pictures as in labcdp image. Everything else is compared by its results:
-    values with U, z and significance; shared errors of a meter or calibration are not counted as independent.
+    values with U, z and significance; common errors of a meter or calibration are not counted as independent.
 
     Example: labcdp compare manta-g505 my-chain.toml --set scene.contrast=50%
 

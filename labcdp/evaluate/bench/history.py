@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 #: A camera with a lens and a setting: its planes, or the one history of a monochrome sensor.
 Camera: TypeAlias = tuple[CameraHistory, ...]
-#: A value with its half widths of 95 %, without and with what points share; None where it is not known.
+#: A value with its expanded uncertainties, without and with what points share; None where it is not known.
 _Value: TypeAlias = "tuple[float, float, float] | None"
 #: Colour of a plane, and shape of its marks.
 _STYLES = {"R": (VERMILLION, "^"), "Gr": (GREEN, "o"), "Gb": (GREEN, "s"), "B": (BLUE, "v")}

@@ -139,10 +139,11 @@ def output_file(context: typer.Context, path: Path, force: bool, option: str = "
     from ..output import check_file
     from ..session.journal import JOURNAL
 
+    check_file(path, force=force, inputs=_inputs(context, option), option=option)
     # The files of a session are a record, which no option replaces.
     if os.path.lexists(path) and any((folder / JOURNAL).is_file() for folder in path.absolute().parents[:2]):
         raise InputError(f"{option} {path} is part of a recorded session: give another name")
-    return check_file(path, force=force, inputs=_inputs(context, option), option=option)
+    return path
 
 
 def _inputs(context: typer.Context, option: str) -> Iterator[Path]:

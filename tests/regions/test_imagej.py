@@ -87,14 +87,6 @@ def test_rotated_regions_lie_along_their_line():
     assert (shape.x + shape.width / 2, shape.y + shape.height / 2) == pytest.approx((40, 45))
 
 
-def test_a_region_that_cannot_be_read_is_left_out_and_named(tmp_path, caplog):
-    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
-        archive.writestr("line.roi", imagej(3, (0, 0, 9, 9)))
-        archive.writestr("grey.roi", imagej(1, (20, 10, 24, 15), name="grey"))
-    assert load_regions(tmp_path / "a.zip") == (RectangleShape("grey", 10, 20, 5, 4),)
-    assert "'line' is of the kind line, which has no area" in caplog.text
-
-
 TRIANGLE = imagej(0, (0, 0, 9, 9), corners=[(0, 0), (9, 0), (9, 9)])
 
 
@@ -105,11 +97,10 @@ TRIANGLE = imagej(0, (0, 0, 9, 9), corners=[(0, 0), (9, 0), (9, 9)])
         (imagej(1, (0, 5, 9, 5)), r"region 'a': width is 0"),
         (TRIANGLE[:70], r"'a' is damaged"),
         (imagej(7, (0, 0, 9, 9), floats=(nan,) * 4, more=(5, 0, 0)), r"region 'a': x is nan"),
-        ({"a.txt": b"x"}, r"it holds no \.roi file"),
         ({"a.roi": b"Iout" + bytes(5 * 2**20)}, r"'a\.roi' unpacks to more than 4 MiB"),
         ({f"{n}.roi": TRIANGLE + bytes(2**22 - 999) for n in range(17)}, r"or all to more than 64 MiB"),
     ],
-    ids=["arrow", "empty", "cut", "nan", "no region", "bomb", "bomb of many"],
+    ids=["arrow", "empty", "cut", "nan", "bomb", "bomb of many"],
 )
 def test_a_file_without_a_region_is_refused_by_kind_and_name(tmp_path, content, message):
     path = tmp_path / "a.roi"

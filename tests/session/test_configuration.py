@@ -47,19 +47,15 @@ CERTIFICATE = METER + (
 WRONG = [
     # (what to replace, by what, what the message names after "bench.toml: ")
     (EXPOSURES, "exposures_s = [0.005, -0.01]", "plan.exposures_s[1] is -0.01 s"),
-    (EXPOSURES, 'exposures_s = ["5 ms"]', "plan.exposures_s[0] is '5 ms'"),
     (EXPOSURES, "exposures_s = [0.1, 0.1005]", "plan.exposures_s has 0.1 s and 0.1005 s, which a camera may round to"),
     (EXPOSURES, EXPOSURES + "\n'a b' = 1", 'plan."a b" is not a known key'),
     (PITCH, PITCH + "saturation_dn = 40\nblack_level = 64\n", "camera.saturation_dn is 40 DN, camera.black_level 64"),
-    ('"503363706"', "503363706", "camera.serial is 503363706"),
     (METER, METER + 'entry = "csv"\n', "meter lacks file"),
     (METER, METER + 'entry = "by hand"\nrepeatability_rel = 0.01\n', "meter lacks scale_half_width_rel"),
-    (METER, METER + "digits = 1\n", 'meter has digits, which belongs to entry = "by hand" or "csv"'),
     (METER, CERTIFICATE.replace("2027", "2025"), "meter.certificate has due_date 2025-04-01"),
     (METER, CERTIFICATE.replace("2026", "2024"), "meter has calibration_date 2025-03-31, later than its certificate"),
     ("roi = [2, 3, 4, 5]", "", "target.patch[0] (upper left) has neither roi nor corners"),
     ('name = "upper right"', 'name = "upper left"', "target.patch has the name 'upper left' 2 times"),
-    ('dark = "upper right"', 'dark = "lower"', "contrast[0].dark is 'lower'"),
     ('dark = "upper right"', 'dark = "upper left"', "contrast[0] has 'upper left' as bright and as dark"),
     ("[plan]", GUESS.replace("k_dn_per_e = 1.0", "k_dn_per_e = -1.0") + "[plan]", "guess.k_dn_per_e is -1.0 DN/e⁻"),
 ]

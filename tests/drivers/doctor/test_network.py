@@ -3,7 +3,6 @@
 import os
 import shutil
 import subprocess
-from dataclasses import replace
 from ipaddress import IPv4Interface
 
 import pytest
@@ -73,12 +72,6 @@ def eth(**values):
 def test_what_is_said_of_an_interface(values, state):
     (found,) = interface_findings([eth(**values)])
     assert (found.state, found.remedy is None) == (state, state == "good")
-
-
-def test_two_interfaces_in_one_network():
-    *_, found = interface_findings([eth(), replace(eth(), name="eth1", address=IPv4Interface("10.0.0.9/24"))])
-    assert (found.topic, found.state) == ("interface eth1", "notice")
-    assert "in one network" in found.cause
 
 
 @pytest.mark.parametrize(

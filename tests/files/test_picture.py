@@ -18,7 +18,6 @@ from labcdp.core.frame import CameraIdentity
 from labcdp.core.result import info, warning
 from labcdp.files import PictureOptions, read_picture
 from labcdp.files.exr import luminance_weights
-from labcdp.files.read import picture_paths
 
 from .png_bytes import png
 
@@ -227,10 +226,3 @@ def test_pictures_are_turned_upright_as_pillow_does(tmp_path, orientation, suffi
     with Image.open(tmp_path / "truth.png") as image:
         np.testing.assert_array_equal(picture.frame.dn, np.asarray(ImageOps.exif_transpose(image)))
     assert (info("turned", orientation=orientation) in picture.findings) == (orientation > 1)
-
-
-def test_folders_are_read_in_natural_order(tmp_path):
-    for name in ("img10.png", "img2.png", "IMG1.PNG", "notes.txt", ".hidden.png"):
-        (tmp_path / name).write_bytes(b"")
-    found = picture_paths([tmp_path / "notes.txt", tmp_path, tmp_path / "img2.png"])
-    assert [path.name for path in found] == ["notes.txt", "IMG1.PNG", "img2.png", "img10.png"]

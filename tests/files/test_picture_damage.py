@@ -54,7 +54,6 @@ def with_opencv(values):
 WRITERS = {
     "grey.png": with_opencv(DN),
     "grey.jpg": with_opencv(GREY),
-    "progressive.jpg": lambda path: Image.fromarray(COLOURS).save(path, progressive=True),
     "plain.tif": tiff(DN),
     "deflate.tif": tiff(DN, compression="zlib", predictor=2),
     "tiles.tif": tiff(COLOURS, photometric="rgb", tile=(16, 16)),

@@ -41,8 +41,6 @@ def test_facts_of_the_picture_come_from_its_tags(tmp_path):
     picture = read_picture((tmp_path / "a.dng").rename(tmp_path / "a.tif"))
     assert np.array_equal(picture.frame.dn, DN)
     assert (picture.frame.exposure_s, picture.f_number, picture.exposure_stated) == (1 / 125, 2.8, True)
-    picture = read_picture(write_dng(tmp_path / "b.dng", DN, exposure=None))
-    assert (picture.exposure_stated, picture.exposure_known) == (False, False)
 
 
 def test_six_by_six_patterns_are_refused(tmp_path):

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from labcdp.core.errors import InputError
 from labcdp.core.roi import Roi
-from labcdp.regions import EllipseShape, GridShape, RectangleShape, inset, new_shapes
+from labcdp.regions import EllipseShape, RectangleShape, inset
 
 
 def pixels(roi, shape):
@@ -74,15 +74,3 @@ def test_what_is_left_keeps_the_margin_from_all_edges(radii, margin):
     for corner in left.corners:
         along = np.clip(((corner - a) * (b - a)).sum(1) / ((b - a) ** 2).sum(1), 0, 1)[:, None]
         assert np.hypot(*(a + along * (b - a) - corner).T).min() >= margin - 1e-6
-
-
-def test_regions_coincide_from_nine_tenths_of_their_joint_area_on():
-    known = RectangleShape("a", 10, 10, 40, 40), RectangleShape("b", 60, 10, 40, 40)
-    # Common to squares of side 40, one of them moved by d: (40 - d) / (40 + d); 0.905 for 2, 0.860 for 3.
-    for shift_px, new in ((0, False), (2, False), (3, True), (-40, True)):
-        found = RectangleShape("found", 10 + shift_px, 10, 40, 40)
-        assert new_shapes((found,), known[:1]) == ((found,) if new else ())
-    # A shape is there if all its regions are.
-    grid = GridShape("g", 10, 10, 90, 40, 1, 2, gap=10)
-    assert new_shapes((grid,), known) == new_shapes(known, (grid,)) == ()
-    assert new_shapes((grid,), known[:1]) == (grid,)

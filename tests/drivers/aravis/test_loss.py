@@ -1,6 +1,5 @@
 """What becomes of a camera that is lost, taken, or sends what it should not."""
 
-import logging
 import threading
 from dataclasses import replace
 
@@ -14,23 +13,21 @@ from ..conftest import SMALL, features
 
 
 @pytest.fixture
-def recover_when_missed(camera_on_loopback):
-    """End the camera's trouble a little after the driver has begun to wait for it."""
-    timer, logger = threading.Timer(0.3, camera_on_loopback.set_faults, [{}]), logging.getLogger("labcdp")
+def trouble(camera_on_loopback):
+    """Begin a trouble that lasts some seconds."""
+    timers = []
 
-    class Watch(logging.Handler):
-        def emit(self, record):
-            if "waiting up to" in record.getMessage():
-                timer.start()
+    def begin(fault, duration_s):
+        camera_on_loopback.set_faults({fault: 0})
+        timers.append(threading.Timer(duration_s, camera_on_loopback.set_faults, [{}]))
+        timers[-1].start()
 
-    watch = Watch()
-    logger.addHandler(watch)
-    yield
-    logger.removeHandler(watch)
-    timer.join()
+    yield begin
+    for timer in timers:
+        timer.join()
 
 
-def test_settings_of_another_program_are_restored_after_a_power_cut(camera_on_loopback, recover_when_missed):
+def test_settings_of_another_program_are_restored_after_a_power_cut(camera_on_loopback, trouble):
     """A camera keeps settings until it is switched off, and a program that reads them relies on them."""
     with AravisCamera("127.0.0.1") as earlier:
         earlier.configure(pixel_format="Mono8", gain_db=6.0, black_level=50)
@@ -40,7 +37,7 @@ def test_settings_of_another_program_are_restored_after_a_power_cut(camera_on_lo
         everything = camera.features()
         frames = camera.grab(6)
         taken = [next(frames)]
-        camera_on_loopback.set_faults({"vanish": 0})
+        trouble("vanish", 1.0)
         taken.extend(frames)
         assert len(camera.gaps) == 1
         assert camera.settings == replace(before, exposure_s=0.003)
@@ -49,7 +46,7 @@ def test_settings_of_another_program_are_restored_after_a_power_cut(camera_on_lo
     assert {(one.shape, one.pixel_format, one.gain_db, one.bit_depth) for one in taken} == {((12, 16), "Mono8", 6.0, 8)}
 
 
-def test_a_camera_that_comes_back_with_another_setting_is_refused(camera_on_loopback, recover_when_missed):
+def test_a_camera_that_comes_back_with_another_setting_is_refused(camera_on_loopback, trouble):
     with AravisCamera("127.0.0.1") as earlier:
         earlier.configure(black_level=50)
     with AravisCamera("127.0.0.1", patience_s=60) as camera:
@@ -58,19 +55,16 @@ def test_a_camera_that_comes_back_with_another_setting_is_refused(camera_on_loop
         # A replaced or reset device: what it had is out of its range now.
         other = {"register": "BLACK_LEVEL", "unit": "DN", "steps": 1, "range": [8, 9]}
         camera_on_loopback.device = replace(SMALL, features=features(BlackLevel=other))
-        camera_on_loopback.set_faults({"vanish": 0})
+        trouble("vanish", 1.0)
         with pytest.raises(CameraSettingError, match=r"has other settings than before.*BlackLevel = 7.0, not 50.0"):
             list(frames)
 
 
-def test_a_short_silence_is_bridged(camera_on_loopback):
+def test_a_short_silence_is_bridged(camera_on_loopback, trouble):
     """1.2 s without an answer: Aravis' own requests are repeated for 2.5 s and succeed."""
     with AravisCamera("127.0.0.1") as camera:
         frames = camera.grab(30)
         next(frames)
-        recovery = threading.Timer(1.2, camera_on_loopback.set_faults, [{}])
-        camera_on_loopback.set_faults({"freeze": 0})
-        recovery.start()
+        trouble("freeze", 1.2)
         assert len(list(frames)) == 29
-        recovery.join()
         assert camera.gaps == ()

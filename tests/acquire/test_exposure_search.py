@@ -64,7 +64,6 @@ def test_each_patch_of_the_bench_lies_between_black_and_saturation(changed, on_b
         assert (event["exposures_s"], event["findings"]) == (list(exposures_s), [])
         # 0.5 to 412 cd/m^2 are a factor 824: five exposures at a factor 4.1 are needed, and 1 s is long enough.
         assert len(exposures_s) <= 5
-        assert event["frames"] <= 12
         frames = [on.session.load(record) for record in on.session.frames("light")]
         for patch in on.session.configuration.target.patches:
             values = [patch.region().select(frame.dn) for frame in frames]

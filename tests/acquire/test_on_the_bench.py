@@ -1,5 +1,6 @@
 """Whole acquisitions on the simulated bench, in simulated time, and what they refuse and find in their data."""
 
+import threading
 from dataclasses import replace
 from datetime import datetime, timedelta
 from itertools import pairwise
@@ -7,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from labcdp.acquire import AcquisitionStoppedError, Control
 from labcdp.core.errors import InputError, SessionError
 from labcdp.drivers.camera import MOST_REFUSED, CameraNotFoundError, CameraSettingError, IncompleteFrameError
 from labcdp.drivers.meter import MeterError
@@ -97,6 +99,19 @@ def test_a_night_of_frames_on_a_schedule(changed, on_bench):
         assert 1 <= (np.abs(steps - 600) > 1).sum() <= 2
         assert times[-1] - times[0] > timedelta(hours=8)
         assert len(on.events("camera lost and back")) == 1
+
+
+def test_a_pause_takes_nothing_and_a_stop_keeps_what_was_taken(changed, on_bench):
+    control = Control()
+
+    def stop_in_a_pause(progress):
+        if (progress.step, progress.done) == ("light frames", 3):
+            control.pause()
+            threading.Timer(0.5, control.stop).start()
+
+    with on_bench(changed()) as on, pytest.raises(AcquisitionStoppedError):
+        on.acquire(report=stop_in_a_pause, control=control)
+    assert on.counts == (3, 0, 0)
 
 
 @pytest.mark.parametrize(

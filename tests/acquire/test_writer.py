@@ -89,4 +89,3 @@ def test_an_error_of_the_disk_comes_out_at_the_next_frame_or_at_the_end(example,
 
     with pytest.raises(SessionError, match=r"is not open for writing"):
         write()
-    assert not any(thread.name == "labcdp frame writer" for thread in threading.enumerate())

@@ -8,7 +8,6 @@ from PIL import Image
 from labcdp.core.result import info
 from labcdp.files.video.open import open_video
 from labcdp.files.video.selection import Position, Selection
-from labcdp.report.text import finding_text
 
 from .video_files import frames
 
@@ -38,7 +37,6 @@ def test_a_sequence_keeps_16_bits_and_reports_what_does_not_fit(tmp_path):
     *whole, small, broken = frames(tmp_path)
     assert [int(one.frame.dn[0, 0]) for one in whole] == [1, 1001, 2001, 3001]
     assert (small.fault.code, broken.fault.code) == ("frame-size-differs", "frame-broken")
-    assert "truncated" in finding_text(broken.fault)
 
 
 @pytest.mark.parametrize(("bright", "bits"), [(0, 12), (3, 16), (11, 12)])

@@ -13,7 +13,6 @@ from labcdp.drivers.camera_settings import CameraSettings
 @pytest.mark.parametrize(
     ("ids", "left_out"),
     [
-        ([10, 10], [0, None]),
         ([5000, 3, 5002, 4, 5004], [0, None, 0, None, 0]),
         ([7, 0, 9], [0, None, 0]),
         # Extended ids have 64 bits.

@@ -5,7 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from labcdp.drivers.minolta_ls.meter import MinoltaLS110
 from labcdp.drivers.simulated.meter import MeterErrorModel, SimulatedLS
+from labcdp.drivers.simulated.pty import PtyMeter
 
 
 def ask(engine, *commands):
@@ -47,3 +49,17 @@ def test_repeatability_is_normal_of_the_size_given_and_depends_on_the_seed_alone
     assert abs(values.mean() - 1) < 4 * sigma_rel / np.sqrt(n)
     assert abs(values.std(ddof=1) - sigma_rel) < 4 * sigma_rel / np.sqrt(2 * n)
     assert series(1) == series(1) != series(2)
+
+
+class Real(SimulatedLS):
+    """The manual knows no such command."""
+
+    def answer(self, command):
+        return super().answer(command.replace(b"SIM", b"???"))
+
+
+@pytest.mark.parametrize(("kind", "simulated"), [(SimulatedLS, True), (Real, False)])
+def test_a_simulated_meter_says_so_and_a_real_one_behind_a_pseudo_terminal_does_not(kind, simulated):
+    with PtyMeter(kind(lambda: 83.02), response_time_s=0) as served, MinoltaLS110(served.port) as driver:
+        assert driver.ask_if_simulated() is simulated
+        assert driver.measure().meter.simulated is simulated

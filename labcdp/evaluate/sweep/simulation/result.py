@@ -183,7 +183,7 @@ def predicted_result(
     """
     stages = chain.stage_names[len(chain.before) + 1 :] or chain.stage_names[-1:]
     found = {stage: predict_chain(chain, stage=stage, contrast=contrast, epsilon=epsilon) for stage in stages}
-    rows = [
+    rows: list[dict[str, Any]] = [
         {
             "stage": stage,
             **{column.name: _finite_snr(column.name, getattr(one, column.name)[0]) for column in _PREDICTED},

@@ -211,7 +211,7 @@ class Page:
     def _connect(self) -> None:
         link, workspace = self.picture.link, self.workspace
         link.on_change("sent", lambda _attr, _old, new: self._received(new))
-        link.on_change("heard", lambda _attr, _old, _new: self._late and self.changed())
+        link.on_change("heard", lambda _attr, _old, _new: self.changed() if self._late else None)
         link.on_change("view", lambda _attr, _old, _new: self.soon(self._look))
         link.on_change("pointer", lambda _attr, _old, _new: self.soon(self._point))
         self._method.param.watch(lambda event: self._size.param.update(visible=event.new == "superpixels"), "value")

@@ -82,13 +82,3 @@ def test_a_quantile_is_the_smallest_contrast_the_share_reaches(all_contrasts, a,
         assert np.isnan(found)
     else:
         assert found == pytest.approx(float(ordered[max(place, 1) - 1]), rel=1e-11, abs=1e-11)
-
-
-@pytest.mark.parametrize(
-    ("of", "value"),
-    [(contrast_distribution, bins) for bins in ([0.2, 0.1], [0, np.inf], 0, [-1.5, 0])]
-    + [(contrast_quantile, probability) for probability in (1.1, np.nan)],
-)
-def test_unusable_edges_and_probabilities_are_refused(of, value):
-    with pytest.raises(InputError, match=r"^(bins|probability) "):
-        of([2], [1], value)

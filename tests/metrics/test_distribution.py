@@ -45,9 +45,3 @@ LONG, MASKED = np.array([1], np.longdouble), np.ma.masked_equal([1, 2], 2)
 def test_what_makes_no_distribution_is_refused(pixels):
     with pytest.raises(InputError, match=r"^pixels "):
         Distribution.from_array(pixels)
-
-
-@pytest.mark.parametrize(("values", "weights"), [([1, 2], [1]), ([1, 1], [1, 1]), ([1, 2], [1, -1])])
-def test_values_that_do_not_rise_and_weights_that_do_not_fit_are_refused(values, weights):
-    with pytest.raises(InputError, match=r"^(values|weights) "):
-        Distribution(values, weights)

@@ -7,7 +7,7 @@ import pytest
 
 from labcdp.calibration import fit
 from labcdp.calibration.sensor.dark import fit_dark
-from labcdp.calibration.sensor.noise import GainSetting, TemporalNoise
+from labcdp.calibration.sensor.noise import GainSetting, TemporalNoise, fit_noise
 from labcdp.calibration.sensor.response import ResponseCurve
 from labcdp.calibration.signal import net_signal
 from labcdp.core.dn import Response
@@ -55,17 +55,35 @@ def test_signals_outside_the_curve_are_left_out(data, setup):
     assert not any(42 < signals[row.patch, row.exposure_s] < 1950 for row in left)
 
 
+def square_root(lowest, highest):
+    """n = sqrt(400 h) as a table."""
+    knots = np.geomspace(lowest, highest, 3000)
+    return Response("table", (0.0, *knots.tolist()), (0.0, *(knots**2 / 400).tolist()))
+
+
+def test_noise_is_that_of_the_light_before_the_curve(camera):
+    """K and read noise of h come back, and the noise of n."""
+    model, _ = fit_dark([camera.dark(0.008, None)])
+    light = np.geomspace(20, 3000, 8)
+    n = np.sqrt(400 * light)
+    variance, one = (0.25 * light + 4.0) / (n / 200) ** 2 + 1 / 12, camera.observe("P", 1.0, 0.008, None)
+    seen = [
+        replace(one, signal_dn=model.mean_dn(0.008) + x, temporal_variance_dn2=v)
+        for x, v in zip(n, variance, strict=True)
+    ]
+    noise, _ = fit_noise(seen, model, square_root(20, 2000))
+    assert (noise.k_dn_per_e, noise.dark_noise_dn) == pytest.approx((0.25, 2.0), rel=0.02)
+    assert [noise.variance_dn2(x) for x in n[2:7]] == pytest.approx(variance[2:7], rel=0.03)
+
+
 def test_the_mean_over_noisy_pixels_is_that_of_the_light(camera):
     """Brute force: noisy light through a square root, averaged in DN, and back."""
-    knots = np.geomspace(10, 4000, 600)
-    tone = Response("table", (0.0, *knots.tolist()), (0.0, *(knots**2 / 400).tolist()))
+    tone = square_root(10, 4000)
     model, _ = fit_dark([camera.dark(0.008, None)])
     settings = (GainSetting(0.0, 1.0, 0.0, model, TemporalNoise(0.25, 2.0, tone)),)
     light = 40 + 6 * np.random.default_rng(3).normal(size=2_000_000)
     n = np.sqrt(400 * light)
     o = camera.observe("grey", 1.0, 0.008, None)
     o = replace(o, signal_dn=model.mean_dn(0.008) + n.mean(), temporal_variance_dn2=n.var() + 1 / 12)
-    plain = float(tone.linearise(n.mean()))
-    linearised = float(tone.linearise(net_signal(o, settings).net_dn))
-    assert plain == pytest.approx(40 - 0.225, abs=0.03)
-    assert linearised == pytest.approx(light.mean(), abs=0.03)
+    assert float(tone.linearise(n.mean())) == pytest.approx(40 - 0.225, abs=0.03)
+    assert float(tone.linearise(net_signal(o, settings).net_dn)) == pytest.approx(light.mean(), abs=0.03)

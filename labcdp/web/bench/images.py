@@ -179,7 +179,8 @@ class LiveImages:
                 self._told, measured_s = False, began_s
                 image = self.newest if self.newest is not measured else None
                 measured = self.newest
-                if image is not None and frame is not None:
+                # A recording covers the lens: noise alone looks sharp.
+                if image is not None and frame is not None and not live.lent:
                     self.focus = self.focus.after(frame, self._focused(workspace))
                 self._call(partial(self._hand_on, measure, image))
             sleep(max(0.0, 1 / _MOST_HZ - (monotonic() - began_s)))

@@ -157,7 +157,7 @@ class Recording:
     def remaining_s(self) -> float | None:
         """Time that the current step still needs at its pace so far; None if that is not known."""
         progress, (_, since_s, before) = self.progress, self._since
-        if progress is None or progress.done <= before:
+        if progress is None or not before < progress.done < progress.total:
             return None
         return (progress.total - progress.done) * (monotonic() - since_s) / (progress.done - before)
 

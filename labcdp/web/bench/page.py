@@ -183,7 +183,7 @@ class BenchPage:
             self._typed.value = ""
 
     def _aim_contrast(self, text: str) -> None:
-        words = text.replace("%", "").strip()
+        words = text.replace("%", "").replace(",", ".").strip()
         try:
             contrast = float(words) / 100 if words else None
         except ValueError:

@@ -176,10 +176,8 @@ class Page:
         state = "<span class='state unsaved'>not saved</span>" if workspace.unsaved else ""
         if not workspace.unsaved and workspace.written:
             state = "<span class='state'>saved</span>"
-        return (
-            f"<p class='kind'>labcdp: regions of an image</p><h1>{html.text(image.name)}</h1>"
-            f"<p class='quiet'>{width} x {height} pixels {'· ' + state if state else ''}</p>"
-        )
+        size = f"{width} x {height} pixels {'· ' + state if state else ''}"
+        return f"<h1>{html.text(image.name)}</h1><p class='quiet'>{size}</p>"
 
     def _new_buttons(self) -> dict[str, Any]:
         tips = {
@@ -286,6 +284,8 @@ class Page:
 
         def acting(value: Any) -> None:
             if self.may_change():
+                # What was said of an earlier input.
+                self.workspace.say("")
                 action(value)
 
         return acting

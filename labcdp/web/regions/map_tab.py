@@ -157,9 +157,12 @@ class MapTab:
         picture.isolines.data = {"xs": [one.x for one in found], "ys": [one.y for one in found]}
         # Noise makes many lines of a level: the longest has the label.
         longest = {one.level: one for one in sorted(found, key=lambda one: len(one.x))}.values()
-        middle = [(one.x[len(one.x) // 2], one.y[len(one.y) // 2], f"{one.level:g}") for one in longest]
-        picture.isoline_labels.data = dict(zip("xy", ([row[at] for row in middle] for at in (0, 1)), strict=True)) | {
-            "text": [row[2] for row in middle]
+        # At different places, as the lines about an object lie on each other.
+        places = [(one, len(one.x) * (at + 1) // (len(longest) + 1)) for at, one in enumerate(longest)]
+        picture.isoline_labels.data = {
+            "x": [one.x[place] for one, place in places],
+            "y": [one.y[place] for one, place in places],
+            "text": [f"{one.level:g}" for one, _ in places],
         }
         ends = self._ends
         picture.profile_line.data = {"x": list(ends[::2]), "y": list(ends[1::2])}

@@ -14,11 +14,13 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final, Self
 
-from ...core.errors import DeviceError, InputError
+from ...core.errors import DeviceError
 from .port import CRLF, FaultyMeter, MeterEngine
 
 #: Interval at which an idle port is prepared for the next program.
 _IDLE_S: Final = 0.2
+#: A command interrupted for longer than this is processed as it is, without CR LF (the manual).
+_CHARACTER_TIMEOUT_S: Final = 5.0
 
 
 class PtyMeter(FaultyMeter):
@@ -34,8 +36,6 @@ class PtyMeter(FaultyMeter):
         The meter; called from the serving thread only, which an exception ends.
     response_time_s : float
         Time a MES takes; the default is that of the FAST response.
-    character_timeout_s : float
-        A command interrupted for longer than this is processed as it is, without CR LF (5 s in the manual).
 
     Raises
     ------
@@ -49,11 +49,8 @@ class PtyMeter(FaultyMeter):
     83.02
     """
 
-    def __init__(self, engine: MeterEngine, *, response_time_s: float = 0.8, character_timeout_s: float = 5.0) -> None:
+    def __init__(self, engine: MeterEngine, *, response_time_s: float = 0.8) -> None:
         super().__init__(engine, response_time_s)
-        if not character_timeout_s >= 0:
-            raise InputError(f"character_timeout_s is {character_timeout_s}: give a number of seconds of at least 0")
-        self._character_timeout_s = character_timeout_s
         self._folder: Path | None = None
         self._plugged = False
         self._plugging = threading.Lock()
@@ -109,7 +106,7 @@ class PtyMeter(FaultyMeter):
     def _serve(self) -> None:
         """Answer commands until told to stop."""
         received = b""
-        while (chunk := self._receive(self._character_timeout_s if received else _IDLE_S)) is not None:
+        while (chunk := self._receive(_CHARACTER_TIMEOUT_S if received else _IDLE_S)) is not None:
             received += chunk
             while CRLF in received:
                 command, _, received = received.partition(CRLF)

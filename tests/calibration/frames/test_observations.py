@@ -25,6 +25,7 @@ def test_vignetting_is_removed_from_the_light_and_not_from_the_dark():
     cut = v[4:20, 8:24]
     assert seen.mean_inverse_v == pytest.approx(np.mean(1 / cut))
     assert seen.net_dn(64.0) == pytest.approx(3000, abs=0.5)
+    assert seen.net_dn_at_pixel(64.0) == pytest.approx(3000 * cut.mean(), rel=0.01)
 
 
 def test_a_gradient_is_found_and_kept_apart_from_the_pixels():

@@ -10,6 +10,8 @@ import tomllib
 import venv
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).parents[1]
@@ -79,9 +81,12 @@ def test_sdist_and_wheel_can_be_published(distributions):
 
 
 @pytest.mark.long
-def test_the_wheel_evaluates_and_simulates_without_aravis(installed):
+def test_the_wheel_evaluates_and_simulates_without_aravis(installed, tmp_path):
     assert installed("--version").stdout == f"labcdp {PYPROJECT['project']['version']}\n"
     result = json.loads(installed("evaluate", "--recalibrate", "--json", "--output", "results").stdout)
     assert len(result["tables"]["contrasts"]["rows"]) == 4
+    cv2.imwrite(str(tmp_path / "board.png"), (np.indices((40, 40)).sum(axis=0) % 2 * 100 + 100).astype(np.uint8))
+    result = json.loads(installed("image", "board.png", "--neighbours", "--contrast", "100%", "--json").stdout)
+    assert result["tables"]["cdp"]["rows"][0]["cdp"] == 1
     installed("simulate", "manta-g505", "--exact")
     assert "Aravis" in installed("snap", "first.tif", status=1).stderr

@@ -43,13 +43,6 @@ def test_variables_have_units_and_meaning_and_can_be_saved(picture, video, rois,
             one.labcdp.save(tmp_path / name)
 
 
-def test_simulated_sweep_takes_lists_and_is_repeatable(chain):
-    first = chain.sweep(scene__contrast=[0.2, 0.5], exposure__gain_db=(0, 6), seed=3)
-    assert dict(first.sizes) == {"scene.contrast": 2, "exposure.gain_db": 2}
-    assert first.equals(chain.sweep(**{"scene.contrast": [0.2, 0.5], "exposure.gain_db": (0, 6)}, seed=3))
-    assert not first.equals(chain.sweep(scene__contrast=[0.2, 0.5], exposure__gain_db=(0, 6), seed=4))
-
-
 def test_accessor_finds_usable_range_and_isolines(chain):
     luminances = np.geomspace(0.1, 1e4, 60)
     result = chain.sweep(scene__luminance_cd_m2=luminances, scene__contrast=[0.02, 0.3, 1.0], exact=True)

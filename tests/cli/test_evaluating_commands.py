@@ -20,11 +20,6 @@ from ..evaluate.video.videos import driving, write
 from .conftest import results_of, rows_of
 
 
-def test_a_preset_is_the_same_as_a_file(labcdp, tmp_path):
-    assert labcdp("init", "chain", "my.toml", "--preset", "manta-g505").returncode == 0
-    assert Chain.load(tmp_path / "my.toml") == Chain.load("manta-g505")
-
-
 def test_simulate_and_sweep_write_what_they_print(labcdp, inputs, tmp_path):
     shutil.copy(inputs / "small.toml", tmp_path)
     options = ("--seed", "3", "--contrast", "50%", "--epsilon", "40%", "--set", "exposure.exposure_s=0.001")
@@ -133,5 +128,4 @@ def test_several_videos_one_of_them_broken(labcdp, tmp_path, drive):
     done = labcdp(*command, "100%", "--workers", 1, "--json")
     values = results_of(done, status=1)
     assert [one["n_frames"] for one in values["tables"]["videos"]["rows"]] == [2, 2, None]
-    assert "third.avi is no video that FFmpeg reads" in values["findings"][0]["text"]
     assert f"drive.avi is the same video as {drive} and is evaluated once" in " ".join(done.stderr.split())

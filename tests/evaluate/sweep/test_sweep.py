@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from labcdp.chain import Chain, ImageScene
 from labcdp.chain.predict.chain import predict_chain
-from labcdp.core.errors import ConfigurationError, InputError
+from labcdp.core.errors import InputError
 from labcdp.evaluate.sweep.plan import Axis, Sweep, parse_axis
 from labcdp.evaluate.sweep.run import JOURNAL as FILE_NAME
 from labcdp.evaluate.sweep.run import run_sweep
@@ -107,11 +107,6 @@ def test_another_image_is_another_sweep(chain, tmp_path):
     sweep(20.0)
     with pytest.raises(InputError, match=r"holds the results of another sweep \(another image\)"):
         sweep(40.0)
-
-
-def test_every_value_is_checked_before_the_first_cell(chain):
-    with pytest.raises(ConfigurationError, match=r"sensor\.bits is 20: give a number from 1 to 16 bits"):
-        Sweep(chain, (Axis("sensor.bits", (10, 20)),), exact=True)
 
 
 @given(

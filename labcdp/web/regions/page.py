@@ -115,10 +115,7 @@ class Page:
             self.soon(self.update)
 
     def soon(self, action: Callable[[], None], after_ms: int = _SOON_MS) -> None:
-        """Do something a little later, once, however often it is asked for: many messages must not delay the images.
-
-        What changes models of Bokeh is done so, as callbacks of widgets do not have the document to themselves.
-        """
+        """Do something a little later, once, however often it is asked for; models of Bokeh are changed in this way."""
         if action not in self._due:
             self._due.add(action)
             self.document.add_timeout_callback(partial(self._do_now, action), after_ms)
@@ -142,6 +139,10 @@ class Page:
             # With what is refreshed: a person who sees why a shape is refused can go on with it.
             if self._answers:
                 link.answers, self._answers = json.dumps(self._answers), {}
+
+    def _heard(self) -> None:
+        if self._late:
+            self.changed()
 
     def _update(self) -> None:
         workspace = self.workspace

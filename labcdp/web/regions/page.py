@@ -285,8 +285,7 @@ class Page:
 
         def acting(value: Any) -> None:
             if self.may_change():
-                # What was said of an earlier input.
-                self.workspace.say("")
+                self.workspace.say("")  # no longer what was said of an earlier input
                 action(value)
 
         return acting

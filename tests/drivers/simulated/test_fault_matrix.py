@@ -99,6 +99,8 @@ def act(state, bench, fault, camera, meter, session):
             session.add_frame(frame)
             if number == 1:
                 begin(bench, fault)
+        if fault.startswith("wrong size"):
+            bench.run_command("recover")  # a stream that a busy computer opens too early would be refused
     else:
         begin(bench, fault)
     if state == "idle":

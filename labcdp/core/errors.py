@@ -14,13 +14,23 @@ def _escaped(character: str) -> str:
 
 #: Characters of one word of a message, as of a path: what is left out of a longer one is its middle.
 _WORD = re.compile(r"(\S{60})\S{9,}(\S{32})")
+#: What is quoted, in which there may be spaces; no apostrophe.
+_QUOTE = re.compile(r"""(?<!\w)(['"])(.*?)\1(?!\w)""")
 #: Characters of a message: what is left out of a longer one is its middle, as it ends with what to do.
 _MOST_CHARACTERS, _LAST = 2000, 300
 
 
 def short_words(text: str) -> str:
-    """Return the text with long words cut, such as paths and what a file or user gave."""
-    return _WORD.sub(r"\1...\2", text)
+    """Return the text with long words and quotes cut, such as paths and what a file or user gave, and itself."""
+    text = _WORD.sub(r"\1...\2", text)
+    if len(text) > _MOST_CHARACTERS:
+        text = f"{text[: _MOST_CHARACTERS - _LAST - 3]}...{text[-_LAST:]}"
+    return _QUOTE.sub(_short_quote, text)
+
+
+def _short_quote(found: re.Match[str]) -> str:
+    mark, quoted = found.groups()
+    return found[0] if len(quoted) <= 100 else f"{mark}{quoted[:60]}...{quoted[-32:]}{mark}"
 
 
 class LabcdpError(Exception):
@@ -28,10 +38,7 @@ class LabcdpError(Exception):
 
     def __str__(self) -> str:
         """Return the message."""
-        text = short_words(super().__str__())
-        if len(text) > _MOST_CHARACTERS:
-            text = f"{text[: _MOST_CHARACTERS - _LAST - 3]}...{text[-_LAST:]}"
-        return printable(" ".join(text.splitlines()))
+        return printable(" ".join(short_words(super().__str__()).splitlines()))
 
 
 class InputError(LabcdpError, ValueError):

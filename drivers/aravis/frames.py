@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
+import mmap
 from datetime import UTC, datetime
-from mmap import mmap
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,26 +32,26 @@ def pool_size(payload_bytes: int, frame_rate_hz: float | None, n_frames: int) ->
     return max(_FEWEST, min(wanted, _MOST, _POOL_BYTES // max(1, payload_bytes)))
 
 
+class _Slot(NamedTuple):
+    """An Aravis buffer, its memory, and how NumPy sees that."""
+
+    buffer: Any
+    pages: mmap.mmap
+    interface: dict[str, Any]
+
+
 class Loan:
     """The bytes of one received frame as base of a NumPy array; returned to the pool with the last view."""
 
-    __slots__ = ("__array_interface__", "_buffer", "_memory", "_pool")
+    __slots__ = ("__array_interface__", "_pool", "_slot")
 
-    def __init__(
-        self, pool: BufferPool, buffer: Any, memory: NDArray[np.uint8], typestr: str, shape: tuple[int, ...]
-    ) -> None:
+    def __init__(self, pool: BufferPool, slot: _Slot) -> None:
         self._pool = pool
-        self._buffer = buffer
-        self._memory = memory
-        self.__array_interface__ = {
-            "version": 3,
-            "typestr": typestr,
-            "shape": shape,
-            "data": (memory.ctypes.data, True),
-        }
+        self._slot = slot
+        self.__array_interface__ = slot.interface
 
     def __del__(self) -> None:
-        self._pool.give_back(self._buffer, self._memory)
+        self._pool.give_back(self._slot)
 
 
 class BufferPool:
@@ -67,60 +68,57 @@ class BufferPool:
         Number of buffers in the stream.
     payload_bytes : int
         Size of each.
+    typestr : str
+        Type of an element, as in NumPy's array interface.
+    shape : tuple of int
+        Shape of the arrays.
     """
 
-    def __init__(self, stream: Any, n_buffers: int, payload_bytes: int) -> None:
+    def __init__(self, stream: Any, n_buffers: int, payload_bytes: int, typestr: str, shape: tuple[int, ...]) -> None:
         self._arv = aravis()
         self._stream = stream
         self._n_buffers = n_buffers
         self._payload_bytes = payload_bytes
-        # Memory of the buffers in the stream, by the address of the Aravis buffer.
-        self._memory: dict[int, tuple[Any, NDArray[np.uint8]]] = {}
-        # Aravis' thread writes to it until the stream is destroyed, in whatever thread.
-        stream.labcdp_memory = self._memory
+        self._layout = {"version": 3, "typestr": typestr, "shape": shape}
+        # Those in the stream, by the address of the Aravis buffer.
+        self._inside: dict[int, _Slot] = {}
+        # Aravis' thread writes to them until the stream is destroyed, in whatever thread.
+        stream.labcdp_memory = self._inside
         for _ in range(n_buffers):
             self._add()
 
     def _add(self) -> None:
         # Not of the heap, which would keep the memory of former streams in pieces.
-        memory = np.frombuffer(mmap(-1, self._payload_bytes), dtype=np.uint8)
+        pages = mmap.mmap(-1, self._payload_bytes, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+        with contextlib.suppress(OSError):  # not every kernel has them; packets are copied a fifth faster with them
+            pages.madvise(mmap.MADV_HUGEPAGE)
+        memory = np.frombuffer(pages, dtype=np.uint8)
         # Touch all pages now: page faults would delay Aravis' thread while it receives packets.
         memory[::_PAGE_BYTES] = 0
-        self._push(self._stream, self._arv.Buffer.new(memory.nbytes, memory.ctypes.data), memory)
+        address = memory.ctypes.data
+        buffer = self._arv.Buffer.new(self._payload_bytes, address)
+        self._push(self._stream, _Slot(buffer, pages, self._layout | {"data": (address, True)}))
 
-    def _push(self, stream: Any, buffer: Any, memory: NDArray[np.uint8]) -> None:
-        self._memory[hash(buffer)] = (buffer, memory)
-        stream.push_buffer(buffer)
+    def _push(self, stream: Any, slot: _Slot) -> None:
+        self._inside[hash(slot.buffer)] = slot
+        stream.push_buffer(slot.buffer)
 
-    def lend(self, buffer: Any, typestr: str, shape: tuple[int, ...]) -> NDArray[Any]:
-        """Return a received buffer's data as a read-only array without copying them.
-
-        Parameters
-        ----------
-        buffer : Aravis.Buffer
-            Buffer popped from the stream.
-        typestr : str
-            Type of an element, as in NumPy's array interface.
-        shape : tuple of int
-            Shape of the array.
-        """
-        _, memory = self._memory.pop(hash(buffer))
-        stream = self._stream
-        # One more is being filled and is in neither queue.
-        if stream is not None and sum(stream.get_n_buffers()) < self._n_buffers // 2:
+    def lend(self, buffer: Any) -> NDArray[Any]:
+        """Return the data of a buffer popped from the stream as a read-only array without copying them."""
+        slot = self._inside.pop(hash(buffer))
+        if self._stream is not None and len(self._inside) < self._n_buffers // 2:
             self._add()
-        return np.asarray(Loan(self, buffer, memory, typestr, shape))
+        return np.asarray(Loan(self, slot))
 
     def take_back(self, buffer: Any) -> None:
         """Return an unused buffer to the stream."""
-        _, memory = self._memory.pop(hash(buffer))
-        self.give_back(buffer, memory)
+        self.give_back(self._inside.pop(hash(buffer)))
 
-    def give_back(self, buffer: Any, memory: NDArray[np.uint8]) -> None:
+    def give_back(self, slot: _Slot) -> None:
         """Return a buffer to the stream if it still exists and needs one; thread-safe."""
         stream = self._stream
-        if stream is not None and sum(stream.get_n_buffers()) < self._n_buffers:
-            self._push(stream, buffer, memory)
+        if stream is not None and len(self._inside) < self._n_buffers:
+            self._push(stream, slot)
 
     def close(self) -> None:
         """Stop supplying the stream and release it; lent buffers stay valid."""

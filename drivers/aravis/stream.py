@@ -84,6 +84,7 @@ class FrameStream:
         self._n_frames = n_frames
         self._on_refused = on_refused
         self._layout = layout_of(settings)
+        self._cleared = aravis().BufferStatus.CLEARED
         self._wait_s = wait_s
         self._stream: Any = None
         self._pool: BufferPool | None = None
@@ -116,15 +117,19 @@ class FrameStream:
         self._check.require_payload(self._payload_bytes)
         self._stream = camera.create_stream(None, None)
         n_buffers = pool_size(self._payload_bytes, settings.frame_rate_hz, self._n_frames)
-        self._pool = BufferPool(self._stream, n_buffers, self._payload_bytes)
+        typestr, shape = self._layout.typestr, (settings.height, settings.width)
+        if typestr is None:
+            typestr, shape = "|u1", (self._payload_bytes,)
+        self._pool = BufferPool(self._stream, n_buffers, self._payload_bytes, typestr, shape)
         if is_gige:
             self._stream.set_property("frame-retention", _FRAME_RETENTION_US)
             self._link.stream_port = self._stream.get_port()
             # Aravis would do so only at the first packet, too late for the first frame.
             granted = enlarge_receive_buffer(self._stream.get_port(), self._payload_bytes)
             self._granted_bytes = None if has_packet_sockets() else granted
-            # Packets that are not fetched in time are lost.
-            raise_priority("arv_gv_stream")
+            if self._granted_bytes is not None:
+                # Packets that are not fetched in time are lost; a packet socket keeps them for longer.
+                raise_priority("arv_gv_stream")
         camera.set_acquisition_mode(aravis().AcquisitionMode.CONTINUOUS)
         camera.start_acquisition()
 
@@ -174,7 +179,7 @@ class FrameStream:
             buffer = self._running().timeout_pop_buffer(int(wait_s * 1e6))
             if buffer is None and waited_s >= _ASKED_AFTER_S and self._link.silent_s >= _ASKED_AFTER_S:
                 buffer = self._ask_after()
-            if buffer is not None and buffer.get_status() == aravis().BufferStatus.CLEARED:
+            if buffer is not None and buffer.get_status() == self._cleared:
                 # Without any packet it is not a frame: on a busy computer Aravis may return such a buffer.
                 self._lender().take_back(buffer)
                 buffer = None
@@ -261,11 +266,9 @@ class FrameStream:
         settings = self._settings
         layout = self._layout
         frame_id, camera_timestamp_ns, timestamp = buffer.get_frame_id(), buffer.get_timestamp(), arrival(buffer)
-        shape = (settings.height, settings.width)
-        if layout.typestr is not None:
-            dn = self._lender().lend(buffer, layout.typestr, shape)
-        else:
-            dn = layout.unpack(self._lender().lend(buffer, "|u1", (self._payload_bytes,)), shape)
+        dn = self._lender().lend(buffer)
+        if layout.typestr is None:
+            dn = layout.unpack(dn, (settings.height, settings.width))
         return Frame(
             dn=dn,
             exposure_s=settings.exposure_s,

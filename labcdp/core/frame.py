@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime
@@ -14,6 +15,8 @@ from ..core.clock import exposure_text
 from .disk import quoted, record_of
 from .errors import InputError
 from .result import html_table
+
+_DN_TYPES = (np.dtype(np.uint8), np.dtype(np.uint16))
 
 #: Colour filter patterns of the GenICam Bayer pixel formats, named by the first two pixels.
 COLOUR_FILTERS = ("RG", "GB", "GR", "BG")
@@ -184,13 +187,13 @@ class Frame:
 
     def __post_init__(self) -> None:
         dn = np.asarray(self.dn)
-        if dn.ndim != 2 or dn.size == 0 or dn.dtype not in (np.uint8, np.uint16):
+        if dn.ndim != 2 or dn.size == 0 or dn.dtype not in _DN_TYPES:
             raise InputError(f"a frame is a non-empty 2-D array of uint8 or uint16, got {dn.dtype} of shape {dn.shape}")
         if not 1 <= self.bit_depth <= 16:
             raise InputError(f"bit_depth is {self.bit_depth}: give 1 to 16 bits")
-        if not (np.isfinite(self.exposure_s) and self.exposure_s > 0):
+        if not (math.isfinite(self.exposure_s) and self.exposure_s > 0):
             raise InputError(f"exposure_s is {self.exposure_s}: give a positive number of seconds")
-        if not np.isfinite(self.gain_db):
+        if not math.isfinite(self.gain_db):
             raise InputError(f"gain_db is {self.gain_db}: give a finite number of decibels")
         largest_dn = 2**self.bit_depth - 1
         if not 0 < self.saturation_dn <= largest_dn:

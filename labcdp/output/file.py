@@ -9,6 +9,7 @@ import re
 import secrets
 import stat
 from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from os import PathLike
@@ -120,16 +121,17 @@ def write_several(
     partials: list[Path] = []
     named: list[Path] = []
     try:
-        for name, parts in files:
-            partials.append(temporary_name(folder / name))
-            digest, size = hashlib.sha256(), 0
-            with open(partials[-1], "xb", buffering=0) as file:
-                for data in parts:
-                    write_all(file.fileno(), data)
-                    digest.update(data)
-                    size += memoryview(data).nbytes
-                os.fsync(file.fileno())
-            written.append(StoredFile(name, digest.hexdigest(), size))
+        # Hashed while the disk is waited for: the hash of a frame may take longer than the disk.
+        with ThreadPoolExecutor(1) as hashing:
+            for name, parts in files:
+                partials.append(temporary_name(folder / name))
+                digest = hashing.submit(_sha256, parts)
+                with open(partials[-1], "xb", buffering=0) as file:
+                    for data in parts:
+                        write_all(file.fileno(), data)
+                    os.fsync(file.fileno())
+                size = sum(memoryview(data).nbytes for data in parts)
+                written.append(StoredFile(name, digest.result(), size))
         for partial, stored in zip(partials, written, strict=True):
             put_in_place(partial, folder / stored.name, force=force)
             named.append(folder / stored.name)
@@ -141,6 +143,13 @@ def write_several(
     for parent in dict.fromkeys(path.parent for path in named):
         fsync_folder(parent)
     return written
+
+
+def _sha256(parts: Sequence[Buffer]) -> str:
+    digest = hashlib.sha256()
+    for data in parts:
+        digest.update(data)
+    return digest.hexdigest()
 
 
 def put_in_place(part: Path, path: Path, *, force: bool = False) -> None:

@@ -117,10 +117,9 @@ class FrameStream:
         self._check.require_payload(self._payload_bytes)
         self._stream = camera.create_stream(None, None)
         n_buffers = pool_size(self._payload_bytes, settings.frame_rate_hz, self._n_frames)
-        typestr, shape = self._layout.typestr, (settings.height, settings.width)
-        if typestr is None:
-            typestr, shape = "|u1", (self._payload_bytes,)
-        self._pool = BufferPool(self._stream, n_buffers, self._payload_bytes, typestr, shape)
+        typestr = self._layout.typestr
+        shape = (self._payload_bytes,) if typestr is None else (settings.height, settings.width)
+        self._pool = BufferPool(self._stream, n_buffers, self._payload_bytes, typestr or "|u1", shape)
         if is_gige:
             self._stream.set_property("frame-retention", _FRAME_RETENTION_US)
             self._link.stream_port = self._stream.get_port()

@@ -197,13 +197,16 @@ class _Merge:
         sound = np.stack([_usable(one) for one in maps])
         exposure_s = np.array([one.frame.exposure_s for one in self.exposures], np.float32)[:, None, None]
         expected = _mean(luminance, sound * exposure_s)
-        usable = sound & self._each(lambda one: self._unsaturated(one, expected, window))
+        spread = self._each(lambda one: one.variance_at(expected))
+        limit = self._each(lambda one: self.conversion.to_luminance(one.full, window).luminance_cd_m2)
+        # Pixels that the expected luminance does not saturate, noise considered.
+        usable = sound & (expected + _SATURATION_MARGIN * np.sqrt(spread) < limit)
         # Where no exposure is left, the shortest unsaturated one is used; where there is none, the shortest.
         nothing = ~usable.any(axis=0)
         shortest = sound.argmax(axis=0)[None]
         np.put_along_axis(usable, shortest, np.take_along_axis(usable | (sound & nothing), shortest, axis=0), axis=0)
         nothing = ~usable.any(axis=0)
-        weights = np.where(usable, 1 / self._each(lambda one: one.variance_at(expected)), np.float32(0))
+        weights = np.where(usable, 1 / spread, np.float32(0))
         weights[0][nothing] = 1
         weights /= weights.sum(axis=0)
         mean = _mean(luminance, weights)
@@ -231,12 +234,6 @@ class _Merge:
         for number, one in enumerate(self.exposures):
             values.append(compute(one) if one.first == number else values[one.first])
         return np.stack(values)
-
-    def _unsaturated(self, one: _Exposure, expected: _Array, window: Window) -> NDArray[np.bool_]:
-        """Pixels that the expected luminance does not saturate, noise considered."""
-        limit = self.conversion.to_luminance(one.full, window).luminance_cd_m2
-        unsaturated: NDArray[np.bool_] = expected + _SATURATION_MARGIN * np.sqrt(one.variance_at(expected)) < limit
-        return unsaturated
 
     def _inconsistent(self, luminance: _Array, usable: NDArray[np.bool_], mean: _Array) -> NDArray[np.bool_]:
         from scipy.special import chdtri

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
 import sys
 from collections import Counter
 from collections.abc import Callable
@@ -18,7 +17,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from ...core.errors import InputError, LabcdpError
+from ...core.errors import LabcdpError
 from ...core.result import Result
 from ...core.table import Column, Table
 from ...drivers.aravis.library import CameraInfo, choose, discover
@@ -30,9 +29,9 @@ from ...drivers.doctor.computer import host_findings, no_camera_finding
 from ...drivers.doctor.meter import check_meter
 from ...drivers.doctor.report import camera_files, meter_files
 from ...drivers.network import interfaces
-from ...output import check_file, write_file
+from ...output import write_file
 from ...report.files import envelope_json
-from ..options import Json, MeterModel
+from ..options import Force, Json, MeterModel, output_file
 from ..terminal import print_result, say
 from .options import require_apart
 
@@ -44,12 +43,14 @@ _log = logging.getLogger(__name__)
 
 
 def doctor(
+    context: typer.Context,
     *,
     camera: str | None = None,
     meter: str | None = None,
     meter_model: MeterModel = "LS-110",
     stream_test: str | None = None,
     report: Path | None = None,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Check this computer, the cameras and the meter; list faults and the commands that fix them.
@@ -66,13 +67,11 @@ def doctor(
     stream_test : SERIAL
         Also take some frames with this camera; its settings are restored afterwards.
     report
-        New .zip file for a problem report: findings, GenICam description and features, bytes of the meter.
+        .zip file for a problem report: findings, GenICam description and features, bytes of the meter.
     """
     require_apart(("--camera", camera is not None, "--stream-test", stream_test is not None))
-    if report is not None and os.path.lexists(report):
-        raise InputError(f"--report {report} exists: give another name")
     if report is not None:
-        check_file(report, option="--report")
+        output_file(context, report, force, option="--report")
     computer = _attempt(host_findings)
     groups = [("This computer", computer), *_cameras(stream_test or camera, stream_test is not None)]
     if meter is not None:
@@ -84,7 +83,7 @@ def doctor(
     else:
         _print(groups, counts)
     if report is not None:
-        write_file(report, _report(result, stream_test or camera, meter, meter_model))
+        write_file(report, _report(result, stream_test or camera, meter, meter_model), force=force)
         say(f"Written: {report}")
     if counts["fault"]:
         raise typer.Exit(1)

@@ -1,11 +1,15 @@
 """What a tired person types: each gets one line that names it, exit status 1, and leaves nothing behind."""
 
+import errno
 import shlex
 import shutil
 import subprocess
+from unittest.mock import Mock
 
 import pytest
 
+from labcdp.cli.app import main
+from labcdp.cli.bench import devices
 from labcdp.regions import RectangleShape, load_regions, save_regions
 from labcdp.session import Session, SessionConfiguration
 
@@ -82,6 +86,17 @@ def test_messages_about_arguments_are_short(labcdp_in, folder, line):
     assert done.returncode == 2
     assert "a...a" in done.stderr
     assert len(done.stderr) < 1000
+
+
+@pytest.mark.parametrize("error", [OSError(errno.EIO, "Input/output error"), OSError(errno.ENODEV, "x"), OSError("y")])
+def test_an_error_of_the_system_without_a_file_is_not_one_of_the_output(monkeypatch, capsys, error):
+    monkeypatch.setattr(devices, "discover", Mock(side_effect=error))
+    monkeypatch.setattr("sys.argv", ["labcdp", "devices"])
+    with pytest.raises(SystemExit, match="1"):
+        main()
+    reason = error.strerror or error
+    said = f"labcdp: the system refuses ({reason}): check network, devices and limits, then repeat\n"
+    assert capsys.readouterr().err == said
 
 
 def test_a_full_device_behind_the_output(labcdp_path):

@@ -223,10 +223,9 @@ class MeterLine:
             reply = self._read_line(give_up_s)
         except serial.SerialTimeoutException as error:
             self._n_due -= 1
-            raise MeterTimeoutError(
-                f"{self._port}: the meter does not take {command}, it holds its RTS line low: check that it has power "
-                "and the cable carries RTS and CTS, or open it without rtscts"
-            ) from error
+            held = "the meter holds its RTS line low: check power, and RTS and CTS of the cable, or leave rtscts out"
+            problem = held if self._place.rtscts else "the port takes nothing more: check the adapter"
+            raise MeterTimeoutError(f"{self._port}: {command} cannot be sent, {problem}") from error
         except (OSError, termios.error) as error:
             self._disconnect()
             raise MeterLostError(

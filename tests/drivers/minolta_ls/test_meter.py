@@ -1,6 +1,7 @@
 """The LS-100/LS-110 driver: what goes over the wire, what goes wrong there, and how it recovers."""
 
 import os
+import termios
 import threading
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
@@ -18,6 +19,7 @@ from labcdp.drivers.meter import (
     MeterTimeoutError,
 )
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
+from labcdp.drivers.minolta_ls.port import NamedPort
 from labcdp.drivers.minolta_ls.protocol import ERROR_CODES, MeterMode
 from labcdp.drivers.simulated.meter import SimulatedLS
 from labcdp.drivers.simulated.port import Fault, InProcessPort
@@ -88,6 +90,26 @@ def test_ports_that_cannot_be_used_say_why():
         pytest.raises(MeterNotFoundError, match="another program uses it"),
     ):
         MinoltaLS110(port.port, timeout_s=TIMEOUT_S).open()
+
+
+@pytest.mark.parametrize(
+    ("rtscts", "problem"),
+    [(True, "its RTS line low: check power, and RTS and CTS of the cable"), (False, "the adapter")],
+)
+def test_a_port_that_takes_nothing_is_explained_by_its_handshake(rtscts, problem):
+    with (
+        PtyMeter(Engine(), response_time_s=0) as served,
+        MinoltaLS110(NamedPort(served.port, rtscts), timeout_s=TIMEOUT_S) as meter,
+        open(served.port, "rb", 0) as port,
+    ):
+        assert bool(termios.tcgetattr(port)[2] & termios.CRTSCTS) == rtscts
+        termios.tcflow(port, termios.TCOOFF)
+        for _ in range(2):
+            with pytest.raises(MeterTimeoutError, match=f"MES cannot be sent, .*{problem}"):
+                meter.measure()
+        termios.tcflow(port, termios.TCOON)
+        # Nothing that was held back has come through.
+        assert meter.measure().value == 1.0
 
 
 # When it goes wrong

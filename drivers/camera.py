@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import datetime
@@ -13,6 +14,8 @@ from .camera_settings import CameraSettings, CameraSetup, FeatureDescription, Fe
 from .camera_settings import Region as Region
 from .camera_settings import Trigger as Trigger
 from .device import Device
+
+_log = logging.getLogger(__name__)
 
 
 class CameraError(DeviceError):
@@ -115,6 +118,12 @@ class Gap:
 
 Refused = Callable[[IncompleteFrameError], None]
 
+
+def take_again(error: IncompleteFrameError) -> None:
+    """Log an incomplete frame, which is repeated: a `Refused`."""
+    _log.warning("%s; taking it again", error)
+
+
 #: Number of consecutive incomplete frames after which a grab fails.
 MOST_REFUSED = 20
 
@@ -194,9 +203,9 @@ class Camera(Device, Protocol):
             If the camera has no such setting, rejects a value, or keeps another one.
         """
 
-    def snap(self, timeout_s: float | None = None) -> Frame:
+    def snap(self, timeout_s: float | None = None, on_refused: Refused | None = None) -> Frame:
         """Take one frame; see `grab`."""
-        (frame,) = self.grab(1, timeout_s)
+        (frame,) = self.grab(1, timeout_s, on_refused)
         return frame
 
     def grab(self, n: int, timeout_s: float | None = None, on_refused: Refused | None = None) -> Iterator[Frame]:

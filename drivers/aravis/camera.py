@@ -16,7 +16,6 @@ from ...core.errors import InputError
 from ...core.frame import CameraIdentity, Frame
 from ..camera import Camera, CameraError, CameraLostError, CameraSettingError, Gap, Refused, StreamStatistics
 from ..camera_settings import CameraSettings, CameraSetup, FeatureDescription, FeatureValue
-from ..computer import overload
 from .connection import Connection, require_kept, take_snapshot
 from .features import described_features, read_feature, readable_features, write_feature
 from .known_state import not_understood
@@ -216,8 +215,8 @@ class AravisCamera(Camera):
         n : int
             Number of frames.
         timeout_s : float or None
-            Longest wait for a frame beyond the exposure time; None for the frame period plus 10 s. A camera that stops
-            answering is always noticed within 3 s.
+            Longest wait for a frame beyond the exposure time; None for the frame period plus 10 s, longer on a busy
+            computer. A camera that stops answering is always noticed within 3 s.
         on_refused : callable or None
             Called for each incomplete frame, which is then repeated, up to 20 consecutive times; None raises the error
             instead.
@@ -271,8 +270,7 @@ class AravisCamera(Camera):
                 "it; configure the region, or open it again"
             )
         self._size = size
-        wait_s = settings.longest_wait_s(timeout_s, overload())
-        frame_stream = FrameStream(link, settings, self._connection.changed, n, wait_s, on_refused)
+        frame_stream = FrameStream(link, settings, self._connection.changed, n, timeout_s, on_refused)
         self._frame_stream = frame_stream
         try:
             with frame_stream:

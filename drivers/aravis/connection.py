@@ -279,12 +279,12 @@ class _NotRestoredError(CameraSettingError):
 
 
 def _found(selector: str | None) -> CameraInfo:
-    """Find the camera: by address within milliseconds, else by Aravis' search of about a second."""
+    """Find the camera: at its address, mostly within milliseconds, else by Aravis' search of about a second."""
     try:
         address = str(IPv4Address(selector or ""))
     except AddressValueError:
         return choose(discover(), selector)
-    seen = gvcp.announce(address)
+    seen = gvcp.announce(address, tries=gvcp.PATIENT_TRIES)
     return choose(discover(), selector) if seen is None else replace(seen, address=address)
 
 

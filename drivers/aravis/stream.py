@@ -10,7 +10,7 @@ from typing import Any, NoReturn, Self
 from ...core.frame import Frame
 from ..camera import MOST_REFUSED, CameraError, FrameTimeoutError, Refused, StreamStatistics
 from ..camera_settings import CameraSettings
-from ..computer import enlarge_receive_buffer, has_packet_sockets, raise_priority
+from ..computer import enlarge_receive_buffer, has_packet_sockets, overload, raise_priority
 from ..device import on_error
 from ..network import stream_causes
 from .frames import BufferPool, FrameCheck, arrival, pool_size, refusal
@@ -63,8 +63,8 @@ class FrameStream:
         GenICam features set by the user, which must not be changed.
     n_frames : int
         How many are wanted.
-    wait_s : float
-        Longest wait for a frame.
+    timeout_s : float or None
+        As of `CameraSettings.longest_wait_s`.
     on_refused : callable or None
         Called for incomplete frames; None raises them.
     """
@@ -75,7 +75,7 @@ class FrameStream:
         settings: CameraSettings,
         chosen: frozenset[str],
         n_frames: int,
-        wait_s: float,
+        timeout_s: float | None,
         on_refused: Refused | None,
     ) -> None:
         self._link = link
@@ -85,7 +85,8 @@ class FrameStream:
         self._on_refused = on_refused
         self._layout = layout_of(settings)
         self._cleared = aravis().BufferStatus.CLEARED
-        self._wait_s = wait_s
+        self._timeout_s = timeout_s
+        self._wait_s = settings.longest_wait_s(timeout_s, overload())
         self._stream: Any = None
         self._pool: BufferPool | None = None
         self._counted = StreamStatistics()
@@ -186,7 +187,10 @@ class FrameStream:
                 self._link.seen_alive()
                 return buffer
             if waited_s >= self._wait_s:
-                self._explain_silence()
+                # The computer may have become busy since.
+                self._wait_s = self._settings.longest_wait_s(self._timeout_s, overload())
+                if waited_s >= self._wait_s:
+                    self._explain_silence()
 
     def _running(self) -> Any:
         stream = self._stream

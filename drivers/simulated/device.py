@@ -196,6 +196,9 @@ _GAIN_STEPS_PER_DB: Final = feature("Gain")["steps"]
 #: Frames rendered ahead: one to send while the next is made.
 _AHEAD: Final = 2
 
+#: Exposure of the frame that is rendered before the camera answers.
+_FIRST_EXPOSURE_S: Final = 0.01
+
 #: A frame as bytes, with the state of the source that it shows; None if the state changed while it was rendered.
 _Rendered = tuple[Hashable, NDArray[np.uint8] | None]
 
@@ -235,7 +238,8 @@ class FrameRenderer:
         self._n_begun = 0
 
     def open(self) -> None:
-        """Start the rendering thread."""
+        """Start rendering, once what is compiled or calculated for the first frame is there: it may take long."""
+        self._source.expose(_FIRST_EXPOSURE_S, 0.0, 0)
         self._executor = ThreadPoolExecutor(1, "simulated camera")
 
     def close(self) -> None:

@@ -20,7 +20,7 @@ from typing import Any, Final, Self
 from ..aravis.gvcp import GVCP_PORT, STREAM_CHANNEL_PORT
 from ..aravis.library import aravis
 from ..camera import CameraError
-from ..device import Device
+from ..device import Device, on_error
 from .commands import CameraFaults
 from .control import ControlPort, SecondController, check_free
 from .device import TEMPERATURE_STEPS_PER_C, FrameRenderer, FrameSource, Registers, SimulatedDevice, Wanted
@@ -111,9 +111,10 @@ class SimulatedGigECamera(Device):
         """
         if not self._started:
             faults, self._faults = self._faults, {}
-            if "vanish" not in faults:
-                self._switch_on()
             self._renderer.open()
+            if "vanish" not in faults:
+                with on_error(self._renderer.close):
+                    self._switch_on()
             self._started = True
             self.set_faults(faults)
         return self

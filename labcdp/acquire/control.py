@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import threading
 from collections.abc import Callable, Generator, Iterator
 from contextlib import closing, contextmanager
@@ -15,7 +14,7 @@ from ..core.clock import Clock
 from ..core.errors import LabcdpError
 from ..core.frame import Frame
 from ..core.reading import Reading
-from ..drivers.camera import Camera, IncompleteFrameError, Refused
+from ..drivers.camera import Camera, IncompleteFrameError, Refused, take_again
 from ..session import EventRecord, Session
 from ..session.records import SIMULATED_BENCH
 from .live import Live
@@ -98,8 +97,6 @@ class Control:
             raise AcquisitionStoppedError("the acquisition was stopped; recorded data are safe")
 
 
-_log = logging.getLogger(__name__)
-
 #: Interval at which pause and stop are polled while waiting for the next frame of a schedule.
 _NAP_S = 0.5
 
@@ -118,7 +115,7 @@ def noted(note: Callable[[str, dict[str, Any]], object], content: dict[str, Any]
     def refuse(error: IncompleteFrameError) -> None:
         found = {"reason": str(error), "status": error.status, "frame_id": error.frame_id}
         note("refused frame", content | found)
-        _log.warning("%s; taking it again", error)
+        take_again(error)
 
     return refuse
 

@@ -16,7 +16,7 @@ from labcdp.drivers.simulated.genicam import Address
 from labcdp.drivers.simulated.gige_camera import SimulatedDevice, SimulatedGigECamera
 from labcdp.session import SessionConfiguration, example_session
 
-from .conftest import results_of, rows_of
+from .conftest import SMALL_BENCH, results_of, rows_of
 
 
 def checks_of(done):
@@ -87,6 +87,28 @@ def odd_camera(aravis):
         served._registers.write(Address.MODEL, int.from_bytes(b"\xff\x1b[3", "big"))
         served._registers.write(Address.MODEL + 4, int.from_bytes(b"1m\x07\0", "big"))
         yield served
+
+
+def test_snap_takes_a_frame_again_that_does_not_come_whole(start, running_bench):
+    bench = running_bench[0]
+
+    def say(line):
+        print(line, file=bench.stdin, flush=True)
+        assert bench.stderr.readline().startswith("Lens open")
+
+    say("lose 50%")
+    snap = start("snap", "again.tif", "--exposure", "500ms", pipes=True)
+    assert "is incomplete" in next(line for line in snap.stderr if line.endswith("taking it again\n"))
+    say("recover")
+    assert snap.wait() == 0
+
+
+def test_a_second_bench_has_a_camera_of_its_own(labcdp, start, running_bench):
+    plan = example_session() / "session.toml"
+    other = start("simulate-bench", plan, "--simulated-bench", SMALL_BENCH, pipes=True)
+    assert "127.0.0.2" in next(line for line in other.stdout if "camera" in line)
+    found = rows_of(labcdp("devices", "--json"), "cameras")
+    assert len({row["serial"] for row in found}) == len({row["address"] for row in found}) == 2
 
 
 def test_names_of_any_bytes_end_no_command_and_reach_no_terminal(labcdp, running_bench, odd_camera):

@@ -12,7 +12,7 @@ from ...core.clock import Clock
 from ...core.disk import read_text
 from ...core.errors import InputError
 from ...drivers.aravis.camera import AravisCamera
-from ...drivers.camera import Camera, CameraError, IncompleteFrameError
+from ...drivers.camera import Camera, CameraError, take_again
 from ...drivers.csv_meter import CsvMeter
 from ...drivers.manual import ManualMeter, stated_accuracy
 from ...drivers.meter import Meter
@@ -196,21 +196,18 @@ def simulated_devices(
             try:
                 camera, transport = _gige_camera(bench, stack, options.patience), "GigE Vision on loopback"
             except CameraError as error:
-                say(f"The camera is simulated in this process, not over GigE Vision: {error}")
+                say(f"The camera is simulated in this process, where [camera] of the plan sets nothing: {error}")
         if camera is None:
             camera = stack.enter_context(bench.in_process_camera(patience_s=options.patience))
         yield Devices(camera, meter, bench, transport)
 
 
 def _gige_camera(bench: SimulatedBench, stack: ExitStack, patience_s: float) -> Camera:
-    """Open the simulated GigE Vision camera, which `stack` closes, and take a frame; two may not be incomplete."""
+    """Open the simulated GigE Vision camera, which `stack` closes, and take a frame: not every loopback lets it in."""
     with ExitStack() as trial:
         server = trial.enter_context(bench.gige_camera(free_loopback_address()))
         camera = trial.enter_context(AravisCamera(server.address, patience_s=patience_s))
-        try:
-            camera.snap()
-        except IncompleteFrameError:
-            camera.snap()
+        camera.snap(on_refused=take_again)
         stack.push(trial.pop_all())
     return camera
 

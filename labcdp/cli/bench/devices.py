@@ -17,7 +17,7 @@ from ...core.table import Column, Table, uncertain
 from ...drivers.aravis.camera import AravisCamera
 from ...drivers.aravis.gvcp import set_address as change_address
 from ...drivers.aravis.library import discover
-from ...drivers.camera import CameraError
+from ...drivers.camera import CameraError, take_again
 from ...drivers.meter import measure_series
 from ...drivers.minolta_ls.meter import DRIVERS, find_meter_ports
 from ...drivers.minolta_ls.protocol import MeterMode
@@ -26,6 +26,7 @@ from ...session.frames import frame_to_tiff
 from ..commands import As
 from ..options import Force, Json, MeterModel, MeterPort, Seconds, output_file
 from ..terminal import print_result, say
+from .options import DeviceOptions
 
 
 def devices(*, set_address: str | None = None, as_json: Json = False) -> None:
@@ -89,9 +90,9 @@ def snap(
         raise InputError(f"{file} is the name of the picture to look at: give a name that ends with .tif")
     for path in (file, picture):
         output_file(context, path, force, option="FILE")
-    with AravisCamera(camera) as opened:
+    with AravisCamera(camera, patience_s=DeviceOptions.patience) as opened:
         opened.configure(exposure_s=exposure, pixel_format=pixel_format)
-        frame = opened.snap()
+        frame = opened.snap(on_refused=take_again)
     write_file(file, frame_to_tiff(frame, False), force=force)
     write_file(picture, _picture(frame), force=force)
     height, width = frame.shape

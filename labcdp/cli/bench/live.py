@@ -14,7 +14,7 @@ from ...acquire.plan import prepare_camera
 from ...core.result import Quantity, Result, quantity_table
 from ...core.table import Column, Table
 from ...drivers.aravis.camera import AravisCamera
-from ...drivers.camera import Camera
+from ...drivers.camera import Camera, take_again
 from ...drivers.simulated.bench import SimulatedBench
 from ...evaluate.picture.conversion import PictureConversion, picture_conversion
 from ...regions import PolygonShape, RectangleShape
@@ -174,7 +174,7 @@ def _bench(
     stated = (lambda frame: frame) if plan is None else plan.camera.stated
     prepare(camera)
     camera.configure(**settings)
-    frame = stated(camera.snap())
+    frame = stated(camera.snap(on_refused=take_again))
     camera.close()
     live = LiveBench(LiveCamera(camera, settings, prepare, stated), conversion, devices, server, target)
     files = DrawingFiles(roi, (frame.dn.shape[1], frame.dn.shape[0]))

@@ -1,16 +1,18 @@
 import os
 from dataclasses import replace
+from itertools import chain, repeat
 
 import numpy as np
 import pytest
 
 from labcdp.core.frame import CameraIdentity
+from labcdp.drivers import camera_settings
 from labcdp.drivers.aravis import stream
 from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.aravis.library import CameraInfo, choose, discover
 from labcdp.drivers.aravis.link import connect
-from labcdp.drivers.camera import CameraError, CameraNotFoundError, CameraSettingError
-from labcdp.drivers.camera_settings import FRAME_ALLOWANCE_S, CameraSettings
+from labcdp.drivers.camera import CameraError, CameraNotFoundError, CameraSettingError, FrameTimeoutError
+from labcdp.drivers.camera_settings import FRAME_ALLOWANCE_S, CameraSettings, Trigger
 from labcdp.drivers.computer import overload
 from labcdp.drivers.simulated.gige_camera import SimulatedGigECamera
 
@@ -125,6 +127,15 @@ def test_a_camera_that_is_not_on_a_network_is_opened_by_serial_number(aravis):
             assert camera.snap().shape == (camera.settings.height, camera.settings.width)
     finally:
         aravis.disable_interface("Fake")
+
+
+def test_a_computer_that_becomes_busy_while_a_frame_is_waited_for_gets_more_time(camera, monkeypatch):
+    loads = chain([0.0], repeat(5.0 * os.cpu_count()))
+    monkeypatch.setattr("os.getloadavg", lambda: (next(loads), 0.0, 0.0))
+    monkeypatch.setattr(camera_settings, "FRAME_ALLOWANCE_S", 0.1)
+    camera.configure(trigger=Trigger("Line1"), exposure_s=0.001)
+    with pytest.raises(FrameTimeoutError, match=r"within 0\.5 s"):
+        camera.snap()
 
 
 def test_a_busy_computer_gets_more_time(monkeypatch):

@@ -7,6 +7,8 @@ from ipaddress import IPv4Interface
 
 import pytest
 
+from labcdp.drivers.aravis import gvcp
+from labcdp.drivers.doctor.camera import check_camera
 from labcdp.drivers.network import Interface, interface_findings, interface_to, interfaces, network_finding
 
 needs_own_network = pytest.mark.skipif(
@@ -53,6 +55,38 @@ def test_address_mtu_link_and_way_are_the_kernels(veth):
     assert interface_to("10.20.0.1", interfaces()).name == "lo"
     ip("link set vt1 down")
     assert not named("vt1")[0].is_up
+
+
+@pytest.fixture
+def camera_of_another_network(aravis_tools):
+    """Aravis' own simulator behind vt0, in a network of which this computer has no address."""
+    with subprocess.Popen(["unshare", "--net", "sh", "-c", "echo; exec sleep 1h"], stdout=subprocess.PIPE) as elsewhere:
+        elsewhere.stdout.readline()
+        there = ["nsenter", f"--net=/proc/{elsewhere.pid}/ns/net"]
+        ip("link add vt0 type veth peer name vt1")
+        ip(f"link set vt1 netns {elsewhere.pid}")
+        for words in ("addr add 10.77.0.5/24 dev vt1", "link set vt1 up", "route add default dev vt1"):
+            subprocess.run([*there, "ip", *words.split()], check=True)
+        ip("link set vt0 up")
+        ip("addr add 10.20.0.1/16 dev vt0")
+        with subprocess.Popen([*there, "arv-fake-gv-camera-0.8", "-i", "vt1"]) as camera:
+            while not (found := gvcp.announce_all("vt0")):
+                assert camera.poll() is None
+            yield found[0]
+            camera.kill()
+        ip("link del vt0")
+        elsewhere.kill()
+
+
+@needs_own_network
+def test_the_remedy_for_a_camera_of_another_network_is_one(camera_of_another_network):
+    unreachable, network = check_camera(camera_of_another_network, interfaces())
+    assert (unreachable.state, network.state) == ("fault", "notice")
+    command = network.remedy.split(",")[0]
+    assert command == "sudo ip addr add 10.77.0.10/24 dev vt0"
+    ip(command.removeprefix("sudo ip "))
+    found = {one.topic: one.state for one in check_camera(camera_of_another_network, interfaces())}
+    assert (found["controller"], found["network"]) == ("good", "good")
 
 
 def eth(**values):

@@ -254,13 +254,13 @@ def packet_size_finding(packet_bytes: int | None, interface: Interface | None) -
 
 
 def _missing(n_packets: int) -> Finding | None:
-    cause = f"{n_packets} packets are counted as missing"
+    cause = "packets are missing"
     remedy = "check cable and switch, lower the frame rate or the camera's bandwidth, or raise the packet delay"
     return Finding("packets", "notice", cause, remedy) if n_packets else None
 
 
 def _underruns(n_packets: int) -> Finding | None:
-    cause = f"{n_packets} packets found no free buffer, since the program was too slow to take them"
+    cause = "packets found no free buffer, since the program was too slow to take them"
     remedy = "lower the frame rate, or do less between two frames"
     return Finding("underruns", "notice", cause, remedy) if n_packets else None
 

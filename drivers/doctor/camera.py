@@ -163,7 +163,9 @@ def _streamed(info: CameraInfo, facts: CameraFacts) -> CameraFacts:
             problem = error
         features, statistics = camera.features(), camera.statistics
         facts = replace(facts, settings=camera.settings, features=features, statistics=statistics)
-        return replace(facts, came=came, refused=len(refused), problem=problem)
+        # The last of too many is raised instead of reported.
+        n_refused = len(refused) + isinstance(problem, IncompleteFrameError)
+        return replace(facts, came=came, refused=n_refused, problem=problem)
 
 
 def camera_findings(facts: CameraFacts) -> list[Finding]:

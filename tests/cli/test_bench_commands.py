@@ -133,7 +133,9 @@ def test_a_session_between_two_programs_and_what_is_typed_at_the_bench(labcdp, s
 
     plan = example_session() / "session.toml"
     acquisition, asked = start("acquire", plan, "two", "--meter", meter["address"], pipes=True), 0
+    is_marked = False
     for line in acquisition.stderr:
+        is_marked |= line == "Simulated data, not a measurement\n"
         if "then press Enter" not in line:
             continue
         patch = re.search("patch (.*), then", line)
@@ -142,6 +144,7 @@ def test_a_session_between_two_programs_and_what_is_typed_at_the_bench(labcdp, s
         acquisition.stdin.write("\n")
         acquisition.stdin.flush()
         asked += 1
+    assert is_marked
     assert acquisition.wait() == 0
     assert asked == 3 + len(SessionConfiguration.load(plan).target.patches)
     # What the simulated chain is made of, read with a meter that shows 0.6 % too much.

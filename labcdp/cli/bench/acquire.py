@@ -22,7 +22,7 @@ from ...core.errors import InputError, SessionError
 from ...core.result import InputFile, Quantity, Result, quantity_table
 from ...core.table import Column, Table
 from ...regions import load_regions
-from ...session import FrameRecord, ReadingRecord, Role, Session, SessionConfiguration
+from ...session import EventRecord, FrameRecord, ReadingRecord, Role, Session, SessionConfiguration
 from ...web.bench.recording import with_regions
 from ..options import Json
 from ..terminal import print_result, progress_bars, say
@@ -64,12 +64,12 @@ def acquire(
         wanted = with_regions(wanted, load_regions(roi))
     if replay.replay is None:
         devices.check(wanted.meter)
-    left, frames, readings = record(session, configuration, wanted, devices, replay, operator, again)
+    left, frames, readings, simulated = record(session, configuration, wanted, devices, replay, operator, again)
     recorded = quantity_table("recorded", "Recorded", [Quantity("frames", frames), Quantity("readings", readings)])
     columns = (Column("hand", "step"), Column("what", "what", "", "What remains to be recorded in this step."))
     steps = Table.of_items("left", "Remaining manual steps", columns, left)
     inputs = (replace(InputFile.of("session", session / "journal.jsonl"), path=str(session)),)
-    tables, simulated = (recorded.as_detail(), steps.as_detail()), bool(devices.simulating)
+    tables = recorded.as_detail(), steps.as_detail()
     following = [f"{session}: {frames} frames and {readings} readings recorded"]
     for hand, of_hand in groupby(left, key=lambda thing: thing.hand):
         following.append(f"Remaining manual step, {hand}: {', '.join(thing.what for thing in of_hand)}")
@@ -86,7 +86,7 @@ def record(
     replay: Replay = Replay(),
     unattended_operator: Unattended | None = None,
     again: Again = Again(),
-) -> tuple[tuple[Left, ...], int, int]:
+) -> tuple[tuple[Left, ...], int, int, bool]:
     """Record what is missing from a session; end the program with status 130 if the user stops it.
 
     Parameters
@@ -108,8 +108,8 @@ def record(
 
     Returns
     -------
-    tuple of Left, int, int
-        Remaining manual steps, and the numbers of frames and readings.
+    tuple of Left, int, int, bool
+        Remaining manual steps, the numbers of frames and readings, and whether a device was simulated.
     """
     clock = _clock(path, devices.virtual_clock)
     # A replay does not wait for the pace of the plan.
@@ -129,10 +129,16 @@ def record(
                 ):
                     forget(opened, again.retake)
                     left = run(opened, there.camera, there.meter, there.operator, bars.acquisition, pace, control)
-            return left, len(opened.frames()), len(opened.readings())
+            return left, len(opened.frames()), len(opened.readings()), _is_simulated(opened)
     except AcquisitionStoppedError:
         # The message is that of Ctrl-C.
         raise typer.Exit(_INTERRUPTED) from None
+
+
+def _is_simulated(session: Session) -> bool:
+    """Whether a device says that it is simulated."""
+    used = [r.content for r in session.records if isinstance(r, EventRecord) and r.kind == "devices"]
+    return any(device.get("simulated", False) for devices in used for device in devices.values())
 
 
 def _give_up_damaged(session: Session) -> None:

@@ -21,6 +21,7 @@ from ...drivers.minolta_ls.port import NamedPort, Port
 from ...drivers.minolta_ls.protocol import MeterMode
 from ...drivers.replay import ReplayCamera, ReplayMeter
 from ...drivers.simulated.bench import SimulatedBench
+from ...drivers.simulated.commands import parse_schedule
 from ...drivers.simulated.control import free_loopback_address
 from ...drivers.simulated.devices import SimulatedBenchFile
 from ...session import EventRecord, MeterConfiguration, Session, SessionConfiguration
@@ -156,6 +157,7 @@ def _refuse_other_replay(session: Session, recorded: Session) -> None:
 @contextmanager
 def _simulated(session: Session, options: DeviceOptions, clock: Clock, console: Console) -> Iterator[Devices]:
     faults = "" if options.faults is None else read_text(options.faults, "a schedule of faults", 2**20)
+    parse_schedule(faults, str(options.faults))
     described = simulated_bench_file(options.simulated_bench)
     devices = described.devices(options.simulated_bench)
     with (

@@ -7,7 +7,6 @@ docstrings, in which a name may be followed by what the help shows for its value
 
 from __future__ import annotations
 
-import ast
 import inspect
 import re
 from collections.abc import Callable
@@ -241,8 +240,9 @@ def _function(name: str) -> str:
 def _help(name: str) -> str:
     """Help of a command whose module is not imported for it."""
     source = Path(__file__).parent.joinpath(*_module(name).split(".")).with_suffix(".py").read_text(encoding="utf-8")
-    functions = (one for one in ast.parse(source).body if isinstance(one, ast.FunctionDef))
-    return _paragraphs(next(ast.get_docstring(one) for one in functions if one.name == _function(name)))
+    # Parsing all modules would take a quarter of the time of the list of commands.
+    found = re.search(rf'^def {_function(name)}\(.*?"""(.*?)"""', source, re.DOTALL | re.MULTILINE)
+    return _paragraphs(found and found[1])
 
 
 def _paragraphs(text: str | None) -> str:

@@ -21,8 +21,9 @@ from ..evaluate.compare.page import write_comparison
 from ..evaluate.compare.result import compare_result
 from ..evaluate.compare.subject import picture_task
 from ..evaluate.picture.result import PictureTask
-from .options import Axes, Changes, Contrast, Percent, Results
+from .options import Changes, Contrast, Percent, Results
 from .pictures.options import PictureLightOptions
+from .simulation import Axes
 from .terminal import progress_bar, say
 
 #: Prefixes of labcdp's own file names, to recognise damaged files.

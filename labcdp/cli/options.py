@@ -12,7 +12,6 @@ import typer
 
 from ..core.cluster import TlsFiles, Workers
 from ..core.errors import InputError
-from ..evaluate.sweep.plan import Axis, parse_axis
 from .commands import As
 from .terminal import print_result
 from .values import fraction_of_percent, parse_changes, parse_contrast, parse_contrasts, parse_seconds, parse_tolerance
@@ -40,8 +39,7 @@ Tolerance = Annotated[
     As("Relative tolerance of the contrast.", parse=parse_tolerance, show=lambda value: f"{100 * value:g}%"),
 ]
 Seconds = Annotated[float, As(parse=parse_seconds, show=lambda value: f"{1e3 * value:g}ms")]
-#: Parameters of a chain and their values; changed parameters, by name.
-Axes = Annotated[tuple[Axis, ...], As(parse=lambda texts, _: tuple(map(parse_axis, texts)), many=True)]
+#: Changed parameters of a chain, by name.
 Changes = Annotated[
     tuple[tuple[str, Any], ...],
     As(names=("--set",), parse=lambda texts, name: tuple(parse_changes(texts, name).items()), many=True),

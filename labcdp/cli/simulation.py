@@ -17,7 +17,7 @@ from ..core.table import Column, Table
 from ..evaluate.sweep.maps.map import analyse_map
 from ..evaluate.sweep.maps.page import write_map
 from ..evaluate.sweep.maps.result import result as sweep_result
-from ..evaluate.sweep.plan import Sweep
+from ..evaluate.sweep.plan import Axis, Sweep, parse_axis
 from ..evaluate.sweep.run import run_sweep
 from ..evaluate.sweep.simulation.evaluation import evaluate_run
 from ..evaluate.sweep.simulation.page import write_prediction, write_simulation
@@ -26,10 +26,12 @@ from ..evaluate.sweep.simulation.result import result as simulation_result
 from ..evaluate.sweep.thesis import reproduce_thesis
 from ..evaluate.sweep.thesis_report import thesis_result, write_thesis
 from .commands import As
-from .options import Axes, Changes, ClusterOptions, Contrast, Json, Percent, Results, Seed
+from .options import Changes, ClusterOptions, Contrast, Json, Percent, Results, Seed
 from .terminal import print_result, progress_bar
 
 ChainName = Annotated[str, As("Name of a preset (see labcdp presets), or chain file.")]
+#: Parameters of a chain and their values.
+Axes = Annotated[tuple[Axis, ...], As(parse=lambda texts, _: tuple(map(parse_axis, texts)), many=True)]
 
 
 @dataclass(frozen=True)

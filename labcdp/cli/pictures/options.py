@@ -12,12 +12,11 @@ from ...core.errors import InputError
 from ...core.result import InputFile
 from ...core.roi import Roi
 from ...evaluate.picture.conversion import PictureConversion, picture_conversion
-from ...evaluate.video.settings import Reference
 from ...files.video.selection import Position, Selection
 from ...regions import load_regions, rois_of
 from ..commands import As
 from ..options import Contrasts, Seconds, Tolerance
-from ..values import fraction_of_percent, parse_pair
+from ..values import parse_pair
 
 
 def _size(text: str, name: str) -> tuple[int, int]:
@@ -26,22 +25,6 @@ def _size(text: str, name: str) -> tuple[int, int]:
     except ValueError:
         raise InputError(f"{name} is {shown(text)}: give width and height in pixels, for example 2464x2056") from None
     return width, height
-
-
-def _reference(text: str, name: str) -> Reference:
-    """Return a reference contrast, or where it is; raises InputError."""
-    if text == "first":
-        return "first"
-    if text.endswith("%"):
-        contrast = fraction_of_percent(text, name)
-        if not contrast > 0:
-            raise InputError(f"{name} is {shown(text)}: give a contrast above 0%")
-        return contrast
-    if not Path(text).is_file():
-        raise InputError(
-            f"{name} is {shown(text)}: give a contrast such as 1000%, first, or results.nc of another video"
-        )
-    return Path(text)
 
 
 Place = Annotated[Position, As(parse=Position.parse, show=lambda position: f"{position.frames}")]
@@ -158,27 +141,6 @@ class FrameOptions:
     def selection(self) -> Selection:
         """Return which frames are meant; raises InputError."""
         return Selection(self.start, self.stop, self.every)
-
-
-@dataclass(frozen=True)
-class VideoPairOptions(PairOptions):
-    """Options of regions in videos: how they are followed, and what contrast frames are compared with.
-
-    Parameters
-    ----------
-    method
-        Tracking method: follow, homography (flat targets that tilt) or fixed; different ones for some regions:
-        follow,wall=fixed.
-    reference
-        Reference contrast of each frame: a value such as 1000%, first (contrast of the first frame), or results.nc of
-        another video, for example from a calibrated camera.
-    reference_by
-        Match frames of a reference video by number or time.
-    """
-
-    method: str = "follow"
-    reference: Annotated[float | Path | Literal["first"] | None, As(parse=_reference)] = None
-    reference_by: Literal["number", "time"] = "number"
 
 
 @dataclass(frozen=True)

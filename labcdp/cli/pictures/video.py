@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import typer
 
-from ...core.errors import LabcdpError
+from ...core.disk.files import shown
+from ...core.errors import InputError, LabcdpError
 from ...core.result import Result
 from ...evaluate.video.annotated import AnnotatedVideo, FrameImages
 from ...evaluate.video.archive import archive_tasks, evaluate_archive, require_same_archive
@@ -19,16 +20,55 @@ from ...evaluate.video.archive_page import archive_result, write_archive
 from ...evaluate.video.dataset import VideoRows
 from ...evaluate.video.evaluate import Part, evaluated_parts, require_same_evaluation
 from ...evaluate.video.page import write_video
-from ...evaluate.video.settings import Observer, VideoSettings, make_reference, video_configuration
+from ...evaluate.video.settings import Observer, Reference, VideoSettings, make_reference, video_configuration
 from ...files.video.open import left_out, video_paths
 from ...output import ResultsFolder
 from ...regions import image_size_of
 from ...report.files import envelope
 from ...tracking import method_among
+from ..commands import As
 from ..options import ClusterOptions, Results
 from ..terminal import progress_bars, say
+from ..values import fraction_of_percent
 from .batch import each_once
-from .options import FrameOptions, LightOptions, MadeOptions, VideoPairOptions, rois_and_pairs
+from .options import FrameOptions, LightOptions, MadeOptions, PairOptions, rois_and_pairs
+
+
+def _reference(text: str, name: str) -> Reference:
+    """Return a reference contrast, or where it is; raises InputError."""
+    if text == "first":
+        return "first"
+    if text.endswith("%"):
+        contrast = fraction_of_percent(text, name)
+        if not contrast > 0:
+            raise InputError(f"{name} is {shown(text)}: give a contrast above 0%")
+        return contrast
+    if not Path(text).is_file():
+        raise InputError(
+            f"{name} is {shown(text)}: give a contrast such as 1000%, first, or results.nc of another video"
+        )
+    return Path(text)
+
+
+@dataclass(frozen=True)
+class VideoPairOptions(PairOptions):
+    """Options of regions in videos: how they are followed, and what contrast frames are compared with.
+
+    Parameters
+    ----------
+    method
+        Tracking method: follow, homography (flat targets that tilt) or fixed; different ones for some regions:
+        follow,wall=fixed.
+    reference
+        Reference contrast of each frame: a value such as 1000%, first (contrast of the first frame), or results.nc of
+        another video, for example from a calibrated camera.
+    reference_by
+        Match frames of a reference video by number or time.
+    """
+
+    method: str = "follow"
+    reference: Annotated[float | Path | Literal["first"] | None, As(parse=_reference)] = None
+    reference_by: Literal["number", "time"] = "number"
 
 
 def video(

@@ -41,7 +41,7 @@ def exposure_findings(points: Sequence[SeriesPoint]) -> Iterator[Finding]:
     """Find exposures of an index that are not in nanoseconds."""
     shortest, longest = min(p.exposure_s for p in points), max(p.exposure_s for p in points)
     if 0 < shortest < _SHORTEST_S or longest < _LONGEST_SHORT_S or longest > _LONGEST_S:
-        yield warning("exposures-not-in-ns", shortest_ns=shortest * 1e9, longest_ns=longest * 1e9)
+        yield warning("exposures-not-in-ns", range_ns=[shortest * 1e9, longest * 1e9])
     elif longest < _RARELY_SHORT_S:
         yield warning("exposures-perhaps-in-us", longest_s=longest)
 

@@ -138,8 +138,7 @@ class DarkModel:
                 subject,
                 exposure_s=exposure_s,
                 temperature_c=temperature_c,
-                lowest_c=low,
-                highest_c=high,
+                range_c=[low, high],
             )
         ]
 

@@ -35,7 +35,8 @@ def live_line(live: Live) -> str:
     if live.patches:
         dark, bright = _extremes(live, lambda n: n.mean_dn)
         noise = max((n.temporal_noise_dn or 0.0 for n in live.patches), default=0.0)
-        parts.append(f"mean {dark.mean_dn:.1f} ({dark.patch}) to {bright.mean_dn:.1f} DN ({bright.patch})")
+        low, high = f"{dark.mean_dn:.1f}", f"{bright.mean_dn:.1f}"
+        parts.append(f"mean {low} DN" if low == high else f"mean {low} ({dark.patch}) to {high} DN ({bright.patch})")
         _, saturated = _extremes(live, lambda n: n.saturated_share)
         where = f" ({saturated.patch})" if saturated.saturated_share else ""
         parts.append(f"saturated {saturated.saturated_share:.2%}{where}")

@@ -93,6 +93,11 @@ def cdp_interval(result: DetectionResult) -> str:
     return f"{fixed(low, n)} to {fixed(high, n)}" if isfinite(low) and isfinite(high) else UNKNOWN
 
 
+def span(*texts: str) -> str:
+    """Write "a to b", or one of them if they read the same."""
+    return " to ".join(dict.fromkeys(texts))
+
+
 def printable(text: str) -> str:
     """Replace characters that cannot be shown."""
     return _UNPRINTABLE.sub("\N{REPLACEMENT CHARACTER}", text)
@@ -203,6 +208,8 @@ class _Words(Formatter):
 
     def format_field(self, value: Any, format_spec: str) -> str:
         if isinstance(value, list):
+            if format_spec.startswith("to "):
+                return span(*(self.format_field(one, format_spec[3:]) for one in value))
             return ", ".join(self.format_field(one, format_spec) for one in value)
         if value is None:
             return "unknown"
@@ -221,7 +228,9 @@ class _Words(Formatter):
             return f"{sign if value > 0 else ''}{text}{' %' if kind == 'percent' else ''}"
         if isinstance(value, str):
             return shortened(value, _LONGEST_NAME)
-        return str(super().format_field(value, format_spec))
+        # With z, a value that rounds to 0 has no minus.
+        zero = isinstance(value, float) and format_spec[-1:] in ("f", "%")
+        return str(super().format_field(value, re.sub(r"^\+?", r"\g<0>z", format_spec) if zero else format_spec))
 
 
 def finding_text(finding: Finding) -> str:
@@ -232,7 +241,8 @@ def finding_text(finding: Finding) -> str:
     ``{x:percent}`` (a fraction, unrounded), ``{x:percent2}`` (with two significant digits), ``{x:share}`` (a fraction,
     with two digits of it or of its complement), ``{x:time}`` (seconds), ``{x:digits3}`` (three significant digits),
     ``{x:+percent2}`` and ``{x:+digits3}`` (with a sign), ``{x:sentence}`` (a message of labcdp's own, which may be
-    long), or as in Python. A finding's value ``files``, the input files it refers to, is put after the text.
+    long), or as in Python; a list of two ends as ``{x:to .1f}``. A finding's value ``files``, the input files it
+    refers to, is put after the text.
     """
     template = templates().get(finding.code)
     if template is None:

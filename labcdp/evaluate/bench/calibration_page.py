@@ -18,7 +18,7 @@ from ...report.drawing import BLUE, ORANGE, finish, logarithmic, placed_figure, 
 from ...report.html import render_page
 from ...report.layout import Block, Card, Facts, Page, ReportFigure, Section
 from ...report.sheets import result_workbook
-from ...report.text import cell_text, day, fixed, listed, printable, shortened, significant, with_half_width
+from ...report.text import cell_text, day, fixed, listed, printable, shortened, significant, span, with_half_width
 from .calibration_result import PATCH_PIXELS
 from .quantities import range_text, responsivity
 
@@ -184,7 +184,7 @@ def _summary(calibration: AnyCalibration) -> str:
     if isinstance(calibration, Calibration):
         gains += [gain.gain_db for gain in calibration.gains]
     lens, camera, exposures = calibration.lens, calibration.state.camera, calibration.exposures_s
-    times = " to ".join(dict.fromkeys(exposure_text(t) for t in (exposures[0], exposures[-1])))
+    times = span(exposure_text(exposures[0]), exposure_text(exposures[-1]))
     return printable(
         f"{camera.model} with the lens {lens.model} at f/{lens.f_number:g}, at exposures of {times} and a gain of "
         f"{listed([f'{gain:g}' for gain in sorted(gains)])} dB, in {calibration.source_spectrum} light; measured on "

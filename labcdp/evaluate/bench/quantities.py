@@ -12,7 +12,7 @@ from ...calibration.uncertainty import expanded_rel
 from ...core.reading import MeterIdentity
 from ...core.result import Quantity
 from ...core.vignetting import Cos4Vignetting, RadialVignetting
-from ...report.text import exposures, fixed, minute, significant
+from ...report.text import exposures, fixed, minute, significant, span
 from ...session import LensConfiguration
 
 #: Unit of a responsivity.
@@ -172,7 +172,7 @@ def _vignetting(calibration: Calibration) -> str:
             f"1 {_signed(vignetting.a2)} r² {_signed(vignetting.a4)} r⁴ {_signed(vignetting.a6)} r⁶, with r = 1 in the "
             f"corners; down to {lowest} %, {slow}"
         )
-    return f"flat field of every pixel from {vignetting.n_frames} frames, {lowest} to {highest} %, {slow}"
+    return f"flat field of every pixel from {vignetting.n_frames} frames, {span(lowest, highest)} %, {slow}"
 
 
 def _signed(value: float) -> str:

@@ -15,7 +15,7 @@ from ...report.files import write_report
 from ...report.layout import SIMULATED, Card, Facts, Page, ReportFigure, Section, State, Verbatim
 from ...report.maps import luminance_picture, regions_picture
 from ...report.plots import ContrastPanel, contrast_figures
-from ...report.text import cell_text, day, percent, printable, share_percent, shortened
+from ...report.text import cell_text, day, percent, printable, share_percent, shortened, span
 from .calibration_page import calibration_figures, condition_blocks
 from .quantities import range_text
 from .rows import ContrastRow, Verdict
@@ -102,7 +102,7 @@ def _cards(evaluation: SessionEvaluation, result: Result) -> Iterator[Card]:
 def _summary(evaluation: SessionEvaluation) -> str:
     configuration, camera = evaluation.observed.configuration, evaluation.calibration.state.camera
     meter = next(iter(evaluation.observed.readings.values()))[0].meter
-    days = " to ".join(dict.fromkeys(day(time) for time in recorded(evaluation.observed)))
+    days = span(*map(day, recorded(evaluation.observed)))
     n = len(evaluation.patches)
     return (
         f"{n} {'patch' if n == 1 else 'patches'} of {configuration.target.name}, {days}, {configuration.operator}; "

@@ -8,7 +8,7 @@ from datetime import datetime
 from ...calibration import AnyCalibration
 from ...core.result import Finding, InputFile, Result, info, unique
 from ...core.table import Column, Table, uncertain, with_interval
-from ...report.text import day, exposures, minute
+from ...report.text import day, exposures, minute, span
 from ...session import Session
 from .calibration_result import calibration_tables, summarised
 from .observe import ObservedSession
@@ -180,7 +180,7 @@ def provenance_table(observed: ObservedSession, calibration: AnyCalibration, sim
         ("operator", configuration.operator),
         ("notes", configuration.notes),
         ("target", configuration.target.name),
-        ("meter readings", f"{minute(first)} to {minute(last)}"),
+        ("meter readings", span(minute(first), minute(last))),
         ("camera", str(state.camera)),
         (
             "camera settings",

@@ -205,7 +205,8 @@ def _sections(found: Characterisation, result: Result, size: str, figures: Seque
 
 def _cards(result: Result) -> Iterator[Card]:
     table = result.table("characterisation")
-    rows = {row["key"]: row for row in table.rows()}
+    # The unit on the card already says that it is in dB.
+    rows = {row["key"]: {**row, "quantity": row["quantity"].removesuffix(" in dB")} for row in table.rows()}
     for key, beside in _CARDS:
         if key in rows:
             value, plus_minus, expanded = cell_text(table.column("value"), rows[key]).partition(" ± ")
@@ -215,4 +216,9 @@ def _cards(result: Result) -> Iterator[Card]:
                 lines.append(f"{other['quantity']} {cell_text(table.column('value'), other)} {other['unit']}")
             unit = rows[key]["unit"]
             detail = f"{plus_minus.strip()} {expanded} {unit}, U (95 %)" if expanded else ""
-            yield Card(capitalised(rows[key]["quantity"]), f"{value} {unit}".strip(), detail, tuple(lines))
+            yield Card(
+                capitalised(rows[key]["quantity"]),
+                f"{value} {unit}".strip(),
+                detail,
+                tuple(lines),
+            )

@@ -82,8 +82,8 @@ def _of_responsivities(found: Comparison, grid: Grid) -> Iterator[Finding]:
     for subject, one in zip(found.subjects[1:], grid.differences, strict=True):
         share = float(np.mean(one.significant))
         code = "compare-responsivity-differs" if share else "compare-responsivity-agrees"
-        ends = {"lowest": float(one.value.min()), "highest": float(one.value.max())}
-        yield info(code, subject.name, first=found.subjects[0].name, share=share, **ends)
+        ends = [float(one.value.min()), float(one.value.max())]
+        yield info(code, subject.name, first=found.subjects[0].name, share=share, ends=ends)
 
 
 def _of_maps(found: Comparison) -> Iterator[Finding]:
@@ -102,7 +102,7 @@ def _of_maps(found: Comparison) -> Iterator[Finding]:
     if len(found.subjects) > _FEW:
         return
     for subject, one in zip(found.subjects[1:], grid.differences, strict=True):
-        below, above = (max(float(np.nanmax(sign * one.value)), 0.0) for sign in (-1, 1))
+        below, above = (max(0.0, float(np.nanmax(sign * one.value))) for sign in (-1, 1))
         yield info("compare-maps-differ", subject.name, first=found.subjects[0].name, below=below, above=above)
         if np.isfinite(one.z).any() and np.any(one.low < one.high):
             share = float(np.mean(one.significant))

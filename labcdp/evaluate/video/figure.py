@@ -79,7 +79,7 @@ def video_figure(dataset: Dataset, result: Result) -> bytes:
     panels += [_contrast(dataset)] if "measured_contrast" in dataset else []
     panels += [_quality(dataset)] if "quality" in dataset else []
     heights = [panel.height_in for panel in panels]
-    figure = new_figure(7.0, 1.0 + sum(heights))
+    figure = new_figure(6.0, 0.8 + sum(heights))
     axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0].tolist()
     figure.suptitle(shortened(result.title, 80), fontsize=TITLE_SIZE, parse_math=False)
     x, x_label = times_s(dataset), "time in s"
@@ -129,7 +129,7 @@ def _cdp(dataset: Dataset, rows: list[dict[str, Any]]) -> _Panel:
     for place in drawn_contrasts(dataset):
         y, low, high = (dataset[name].isel(contrast=place).values for name in ("cdp", "cdp_low", "cdp_high"))
         curves.append(_Curve(contrast_name(rows[place]), next(colours), y, low, high))
-    return _Panel(3.2, "CDP", (-0.03, 1.03), curves)
+    return _Panel(2.4, "CDP", (-0.03, 1.03), curves)
 
 
 def _contrast(dataset: Dataset) -> _Panel:
@@ -139,13 +139,13 @@ def _contrast(dataset: Dataset) -> _Panel:
     if "reference_contrast" in dataset and np.isfinite(dataset["reference_contrast"].values).any():
         y = 100 * dataset["reference_contrast"].values
         curves.append(_Curve("reference", BLUE, y, y, y, "--"))
-    return _Panel(2.0, "contrast in %", None, curves)
+    return _Panel(1.4, "contrast in %", None, curves)
 
 
 def _quality(dataset: Dataset) -> _Panel:
     named = zip(dataset["region"].values, _REGION_COLOURS, dataset["quality"].values.T, strict=False)
     curves = [_Curve(shortened(str(name), 28), colour, y, y, y) for name, colour, y in named]
-    return _Panel(1.6, "tracking\nquality", (-0.05, 1.05), curves)
+    return _Panel(1.2, "tracking\nquality", (-0.05, 1.05), curves)
 
 
 def _draw(axes: Axes, x: NDArray[np.float64], curve: _Curve) -> None:

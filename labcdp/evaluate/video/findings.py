@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ...core.result import Finding, FindingValue, info, warning
 from ...core.table import Column, Table
-from ...report.text import finding_text
+from ...report.text import finding_text, span
 from .dataset import blocks_of, findings_of, restored
 
 if TYPE_CHECKING:
@@ -130,7 +130,7 @@ class VideoFindings:
             found.append(make("frames-region-invalid", region, reason=reason.replace("_", " "), **values))
         for region, stretches in self._saturated.items():
             code, more_of_them = "frames-region-saturated", len(stretches) - _MOST_STRETCHES
-            frames = [str(one.first) if one.first == one.last else f"{one.first} to {one.last}" for one in stretches]
+            frames = [span(str(one.first), str(one.last)) for one in stretches]
             about: dict[str, FindingValue] = {"limit": TOO_SATURATED, "count": sum(one.count for one in stretches)}
             about |= {"n_frames": self._n, "frames": frames[:_MOST_STRETCHES]}
             if more_of_them > 0:

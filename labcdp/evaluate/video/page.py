@@ -18,7 +18,7 @@ from ...report.files import envelope_json, write_blocks
 from ...report.html import render_page
 from ...report.layout import Block, Card, Facts, Page, ReportFigure, Section, Verbatim, input_facts
 from ...report.sheets import MOST_COLUMNS, write_result
-from ...report.text import cell_text, fixed, percent, printable, significant
+from ...report.text import cell_text, fixed, percent, printable, significant, span
 from .dataset import LIGHT, NOTE, OF_CONTRAST, OF_CORNER, OF_FRAME, OF_REGION, TIME, VideoRows, blocks_of, check_video
 from .figure import drawn_contrasts, frames_of_a_point, video_figure
 from .result import DETECTED_CDP, contrast_name, is_neighbours, unit_of, video_result
@@ -91,7 +91,7 @@ def _measured(dataset: Dataset) -> Iterator[Card]:
     found = found[np.isfinite(found)]
     if found.size:
         low, middle, high = (f"{significant(100 * one)} %" for one in np.quantile(found, (0, 0.5, 1)))
-        yield Card("Measured contrast", middle, "median of the frames", (f"{low} to {high}",))
+        yield Card("Measured contrast", middle, "median of the frames", (span(low, high),))
 
 
 def _card(row: Mapping[str, Any], contrasts: Table) -> Card:
@@ -112,7 +112,9 @@ def _card(row: Mapping[str, Any], contrasts: Table) -> Card:
 
 def _summary(dataset: Dataset, result: Result) -> str:
     values = {row["quantity"]: row["value"] for row in result.table("summary").rows()}
-    frames = f"{values['evaluated frames']} frames, number {values['first frame']} to {values['last frame']}"
+    frames = (
+        f"{values['evaluated frames']} frames, number {span(str(values['first frame']), str(values['last frame']))}"
+    )
     tolerance = dataset.attrs.get("epsilon", "")
     within = f" Detected: within {percent(tolerance)} of the contrast." if isinstance(tolerance, float) else ""
     if is_neighbours(dataset):
@@ -124,13 +126,14 @@ def _summary(dataset: Dataset, result: Result) -> str:
 
 
 def _provenance(dataset: Dataset, result: Result) -> list[Block]:
-    versions = ("evaluated with", str(dataset.attrs.get("versions", "")))
+    versions = json.loads(dataset.attrs.get("versions", "{}"))
+    packages = ("evaluated with", ", ".join(f"{name} {version}" for name, version in versions.items()))
     settings = "\n".join(
         f"{name}: {value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)}"
         for name, value in result.configuration.items()
         if value is not None
     )
-    return [Facts([*input_facts(result), versions]), Verbatim(settings)]
+    return [Facts([*input_facts(result), packages]), Verbatim(settings)]
 
 
 def write_video(results: Dataset | VideoRows, folder: Destination) -> Result:

@@ -110,7 +110,8 @@ class BenchPage:
         self._follow_bits()
         said = (bench.question or bench.busy, bench.images.mismatch, bench.camera.live.error)
         words = "<br>".join(text(one) for one in dict.fromkeys(said) if one)
-        self._notice.object = f"<div class='notice' role='status'>{words}</div>" if words else ""
+        how = "class='notice warning' role='alert'" if bench.question else "class='notice' role='status'"
+        self._notice.object = f"<div {how}>{words}</div>" if words else ""
         if self._plots.update(bench):
             self._camera.update(bench.camera.live, settings_text(bench.camera.live))
 

@@ -215,9 +215,9 @@ class RecordTab:
             )
         parts = []
         question = recording.operator.question if bench.busy else None
-        if question is not None:
-            asked = f"<b>{text(question.text)}</b>{items(question.findings)}"
-            parts.append(f"<div class='notice warning' role='alert'>{asked}</div>")
+        if question is not None and question.findings:
+            # The question itself is above all tabs.
+            parts.append(f"<div class='notice warning' role='alert'>{items(question.findings)}</div>")
         progress = recording.progress
         if progress is not None:
             left = _left(recording.remaining_s) if bench.busy else ""

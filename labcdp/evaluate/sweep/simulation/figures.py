@@ -22,7 +22,7 @@ from ....report.drawing import (
 )
 from ....report.layout import ReportFigure
 from ....report.plots import ContrastPanel, stage_figure
-from ....report.text import printable, shortened
+from ....report.text import printable, shortened, span
 from ..maps.axes import LARGEST_SNR
 from .rows import PairRow, SimulationEvaluation, StageRow, final_stages
 
@@ -92,7 +92,7 @@ def shown_picture(name: str, values: NDArray[Any]) -> ReportFigure:
     return ReportFigure(
         f"{file_name(name)}.png",
         picture(values if side == 1 else block_mean(values, side)),
-        f"{printable(name)}: {low:.4g} to {high:.4g}{reduced}",
+        f"{printable(name)}: {span(f'{low:.4g}', f'{high:.4g}')}{reduced}",
         f"Grey picture behind {printable(name)}.",
     )
 

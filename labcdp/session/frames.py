@@ -56,7 +56,7 @@ def _again(folder: Path, stored: StoredFile) -> str:
     if not stored.name.startswith(f"{FRAMES}/"):
         return remedy
     command = f"labcdp acquire {quote(str(folder / 'session.toml'))} {quote(str(folder))} --replace-damaged"
-    return f"{remedy}, or record it again: {command}"
+    return f"{remedy}, or record it again, with the options of its devices: {command}"
 
 
 @contextmanager

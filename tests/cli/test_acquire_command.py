@@ -159,7 +159,7 @@ def test_missing_and_damaged_frames_are_recorded_again_by_the_command_that_is_of
     for path in lost:
         path.unlink()
     damaged.write_bytes(damaged.read_bytes()[:-7] + b"garbage")
-    offered = only_line(labcdp("calibrate", "my session")).partition("record it again: labcdp ")[2]
+    offered = only_line(labcdp("calibrate", "my session")).partition("with the options of its devices: labcdp ")[2]
     assert offered == "acquire 'my session/session.toml' 'my session' --replace-damaged"
     done = labcdp(*shlex.split(offered), *SIMULATED)
     assert done.returncode == 0, done.stderr

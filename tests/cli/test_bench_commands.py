@@ -89,17 +89,17 @@ def odd_camera(aravis):
         yield served
 
 
+def say(line, bench):
+    """Type a line at a running bench; returns what it answers."""
+    print(line, file=bench.stdin, flush=True)
+    return bench.stderr.readline().strip()
+
+
 def test_snap_takes_a_frame_again_that_does_not_come_whole(start, running_bench):
-    bench = running_bench[0]
-
-    def say(line):
-        print(line, file=bench.stdin, flush=True)
-        assert bench.stderr.readline().startswith("Lens open")
-
-    say("lose 50%")
+    assert say("lose 50%", running_bench[0]).startswith("Lens open")
     snap = start("snap", "again.tif", "--exposure", "500ms", pipes=True)
     assert "is incomplete" in next(line for line in snap.stderr if line.endswith("taking it again\n"))
-    say("recover")
+    say("recover", running_bench[0])
     assert snap.wait() == 0
 
 
@@ -125,12 +125,6 @@ def test_names_of_any_bytes_end_no_command_and_reach_no_terminal(labcdp, running
 def test_a_session_between_two_programs_and_what_is_typed_at_the_bench(labcdp, start, running_bench):
     """The bench in one process, the person's acquisition in another, with nothing but the protocols between."""
     bench, _, meter = running_bench
-
-    def say(line):
-        bench.stdin.write(line + "\n")
-        bench.stdin.flush()
-        return bench.stderr.readline().strip()
-
     plan = example_session() / "session.toml"
     acquisition, asked = start("acquire", plan, "two", "--meter", meter["address"], pipes=True), 0
     is_marked = False
@@ -140,7 +134,7 @@ def test_a_session_between_two_programs_and_what_is_typed_at_the_bench(labcdp, s
             continue
         patch = re.search("patch (.*), then", line)
         act = "cover" if "Cover the lens" in line else "uncover" if "Uncover" in line else f"point {patch[1]}"
-        assert "meter points at" in say(act)
+        assert "meter points at" in say(act, bench)
         acquisition.stdin.write("\n")
         acquisition.stdin.flush()
         asked += 1
@@ -153,9 +147,9 @@ def test_a_session_between_two_programs_and_what_is_typed_at_the_bench(labcdp, s
     fitted = next(row["value"] for row in rows if row["quantity"] == "responsivity R")
     assert fitted == pytest.approx(true / 1.006, rel=0.002)
 
-    assert "light 90.0%, camera at 35.0 degrees" in say("light -10%")
-    assert say("lose 5").startswith("'lose 5' is not a known fault: write for example 'lose 5% for 20 s'")
-    say("meter ER30")
+    assert "light 90.0%, camera at 35.0 degrees" in say("light -10%", bench)
+    assert say("lose 5", bench).startswith("'lose 5' is not a known fault: write for example 'lose 5% for 20 s'")
+    say("meter ER30", bench)
     with serial.Serial(meter["address"], 4800, bytesize=7, parity="E", stopbits=2, timeout=300) as port:
         port.write(b"MES\r\n")
         assert port.readline() == b"ER30\r\n"

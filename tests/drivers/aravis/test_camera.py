@@ -12,8 +12,7 @@ from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.aravis.library import CameraInfo, choose, discover
 from labcdp.drivers.aravis.link import connect
 from labcdp.drivers.camera import CameraError, CameraNotFoundError, CameraSettingError, FrameTimeoutError
-from labcdp.drivers.camera_settings import FRAME_ALLOWANCE_S, CameraSettings, Trigger
-from labcdp.drivers.computer import overload
+from labcdp.drivers.camera_settings import Trigger
 from labcdp.drivers.simulated.gige_camera import SimulatedGigECamera
 
 from ..conftest import SMALL, Ramp, features, opened
@@ -133,13 +132,7 @@ def test_a_computer_that_becomes_busy_while_a_frame_is_waited_for_gets_more_time
     loads = chain([0.0], repeat(5.0 * os.cpu_count()))
     monkeypatch.setattr("os.getloadavg", lambda: (next(loads), 0.0, 0.0))
     monkeypatch.setattr(camera_settings, "FRAME_ALLOWANCE_S", 0.1)
-    camera.configure(trigger=Trigger("Line1"), exposure_s=0.001)
-    with pytest.raises(FrameTimeoutError, match=r"within 0\.5 s"):
+    camera.configure(trigger=Trigger("Line1"), exposure_s=0.2)
+    # Exposure, and as many times 0.1 s as processes wait for each processor.
+    with pytest.raises(FrameTimeoutError, match=r"within 0\.7 s"):
         camera.snap()
-
-
-def test_a_busy_computer_gets_more_time(monkeypatch):
-    settings = CameraSettings(2.0, 0.0, "Mono12", 64, 48, frame_rate_hz=0.5)
-    for load, factor in ((0.1, 1), (5.0 * os.cpu_count(), 5)):
-        monkeypatch.setattr("os.getloadavg", lambda load=load: (load, 0.0, 0.0))
-        assert settings.longest_wait_s(None, overload()) == 2.0 + 2.0 + factor * FRAME_ALLOWANCE_S

@@ -60,7 +60,7 @@ def test_address_mtu_link_and_way_are_the_kernels(veth):
 @pytest.fixture
 def camera_of_another_network(aravis_tools):
     """Aravis' own simulator behind vt0, in a network of which this computer has no address."""
-    with subprocess.Popen(["unshare", "--net", "sh", "-c", "echo; exec sleep 1h"], stdout=subprocess.PIPE) as elsewhere:
+    with subprocess.Popen(["unshare", "--net", "sh", "-c", "echo; exec sleep 5m"], stdout=subprocess.PIPE) as elsewhere:
         elsewhere.stdout.readline()
         there = ["nsenter", f"--net=/proc/{elsewhere.pid}/ns/net"]
         ip("link add vt0 type veth peer name vt1")

@@ -89,8 +89,12 @@ class NamedPort:
 
     def connect(self, slice_s: float, write_timeout_s: float) -> serial.Serial:
         """Open it, exclusively among pyserial programs; a `read` takes at most `slice_s`."""
+        settings: dict[str, Any] = SETTINGS
+        if self.may_be_simulated:
+            # A pseudo-terminal has no parity, and as that of socat refuses it from the second program on.
+            settings = {"baudrate": SETTINGS["baudrate"]}
         return serial.Serial(
-            self.name, **SETTINGS, rtscts=self.rtscts, timeout=slice_s, write_timeout=write_timeout_s, exclusive=True
+            self.name, **settings, rtscts=self.rtscts, timeout=slice_s, write_timeout=write_timeout_s, exclusive=True
         )
 
 

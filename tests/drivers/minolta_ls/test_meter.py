@@ -111,6 +111,12 @@ def test_a_port_that_takes_nothing_is_explained_by_its_handshake(rtscts, problem
         assert meter.measure().value == 1.0
 
 
+def test_a_pseudo_terminal_as_of_socat_serves_one_program_after_another():
+    _, slave = os.openpty()
+    for _ in range(3):
+        NamedPort(os.ttyname(slave)).connect(0.1, 0.1).close()
+
+
 # When it goes wrong
 
 

@@ -16,6 +16,7 @@ from ..core.errors import InputError
 from ..core.roi import Roi
 from ..evaluate.picture.image import ImageRequest
 from ..metrics import Epsilon
+from ..metrics.contrast import TargetContrasts
 from ..metrics.result import asked_contrasts
 from ..regions import EllipseShape, GridShape, PolygonShape, RectangleShape, Shape, image_size_of, load_regions, rois_of
 
@@ -127,6 +128,11 @@ class Asked:
 
     values: tuple[float, ...] | None
     scalar: bool
+
+    @property
+    def one_or_all(self) -> TargetContrasts:
+        """The values, those of one number as that."""
+        return self.values[0] if self.scalar and self.values else self.values
 
 
 def as_contrasts(contrasts: Contrasts | None, epsilon: Epsilon) -> Asked:

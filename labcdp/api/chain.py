@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
 from ..chain import Chain as _Chain
-from .arguments import PathArgument, as_number, as_path
+from .arguments import Contrasts, PathArgument, as_contrasts, as_number, as_path
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -27,7 +27,7 @@ class Chain(_Chain):
         *,
         exact: bool = False,
         stage: str | None = None,
-        contrast: float | None = None,
+        contrast: Contrasts | None = None,
         epsilon: float = 0.5,
         seed: int = 0,
         folder: PathArgument | None = None,
@@ -42,8 +42,8 @@ class Chain(_Chain):
             Predict without random numbers, on the optical axis, behind an EMVA 1288 sensor, instead of simulating.
         stage : str or None
             Stage that is evaluated, for example ``sensor`` or ``hdr``; None for the last.
-        contrast : float or None
-            Weber contrast to be detected, a fraction; None for that of the scene.
+        contrast : float, array_like of float, or None
+            Weber contrast to be detected, a fraction, or several; None for that of the scene.
         epsilon : float
             Its relative tolerance.
         seed : int
@@ -58,8 +58,8 @@ class Chain(_Chain):
         Returns
         -------
         xarray.Dataset
-            With a dimension for each parameter, ``scene.luminance_cd_m2``. Its accessor ``labcdp`` finds usable
-            ranges and isolines, and draws the map.
+            With a dimension for each parameter, ``scene.luminance_cd_m2``, and ``contrast`` for a list of contrasts.
+            Its accessor ``labcdp`` finds usable ranges and isolines, and draws the map.
 
         Raises
         ------
@@ -71,7 +71,7 @@ class Chain(_Chain):
         from . import accessor as accessor  # registers it
 
         over = tuple(Axis(name if "." in name else name.replace("__", "."), values) for name, values in axes.items())
-        asked = None if contrast is None else as_number(contrast, "contrast")
+        asked = as_contrasts(contrast, epsilon).one_or_all
         wanted = Sweep(self, over, exact, stage, asked, as_number(epsilon, "epsilon"), seed)
         return run_sweep(wanted, None if folder is None else as_path(folder, "folder"), progress)
 

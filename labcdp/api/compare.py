@@ -20,7 +20,7 @@ from ..evaluate.picture.result import PictureTask
 from ..evaluate.sweep.plan import Axis
 from ..report.files import envelope
 from ..report.text import finding_text, text_table
-from .arguments import PathArgument, as_contrasts, as_number, as_path
+from .arguments import Contrasts, PathArgument, as_contrasts, as_number, as_path
 from .picture import Stated, conversion_of, require_known
 from .session import CalibratedSession
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 def compare(
     *subjects: Any,
-    contrast: float | None = None,
+    contrast: Contrasts | None = None,
     epsilon: float = 0.5,
     progress: Callable[[int, int], None] | None = None,
     regions: PathArgument | None = None,
@@ -43,8 +43,8 @@ def compare(
     *subjects : path, Chain, Dataset, Session, SessionResult, CalibratedSession or Calibration
         At least two of one kind; each is compared with the first. A path is a preset, or a file or folder that
         ``labcdp compare`` takes; of a picture, with its regions.
-    contrast : float or None
-        For chains and pictures: Weber contrast to be detected, a fraction; None for that of each scene, or the
+    contrast : float, array_like of float, or None
+        For chains and pictures: Weber contrasts to be detected, fractions; None for that of each scene, or the
         measured one of each pair.
     epsilon : float
         For chains and pictures: its relative tolerance.
@@ -71,13 +71,15 @@ def compare(
         return Comparison(compare_subjects(sources, None, progress, pictures))
     varied = tuple(Axis(name if "." in name else name.replace("__", "."), values) for name, values in options.items())
     asked = contrast is not None or epsilon != 0.5 or varied
-    question = Question(varied or (LUMINANCES,), None, contrast, as_number(epsilon, "epsilon")) if asked else None
+    epsilon = as_number(epsilon, "epsilon")
+    one_or_all = as_contrasts(contrast, epsilon).one_or_all
+    question = Question(varied or (LUMINANCES,), None, one_or_all, epsilon) if asked else None
     return Comparison(compare_subjects(sources, question, progress))
 
 
 def _of_pictures(
     regions: PathArgument,
-    contrast: float | None,
+    contrast: Contrasts | None,
     epsilon: float,
     calibration: PathArgument | AnyCalibration | None = None,
     camera_spec: PathArgument | None = None,

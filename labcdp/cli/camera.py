@@ -34,12 +34,13 @@ from ..evaluate.twin.estimate import require_monochrome
 from ..evaluate.twin.evaluate import TwinEvaluation, twin_session
 from ..evaluate.twin.page import write_twin
 from ..evaluate.twin.result import twin_result
+from ..metrics.contrast import TargetContrasts
 from ..report.files import envelope_json
 from ..session import MeterCertificate, Session, SessionConfiguration
 from .bench.acquire import record
 from .bench.options import DeviceOptions
 from .commands import As
-from .options import Certificate, Contrast, Percent, Results, Without
+from .options import Certificate, Contrasts, Percent, Results, Without, one_or_all
 from .terminal import progress_bar, progress_bars, say
 from .values import fraction_of_percent
 
@@ -87,7 +88,7 @@ def twin(
     *,
     calibration: Path | None = None,
     without: Without = (),
-    contrast: Contrast = None,
+    contrast: Contrasts = None,
     epsilon: Percent = 0.5,
 ) -> None:
     """Estimate a simulated twin of a session's camera and compare its CDP with the measured CDP.
@@ -103,7 +104,8 @@ def twin(
     calibration
         Calibration file of this camera; default: calibrate with this session.
     contrast
-        One contrast to detect in all pairs, for example 100%; default: contrast of each pair by the meter.
+        Contrasts to detect in all pairs: 100%, a list such as 50%,100%, or a range START:STOP:COUNT[:log] such as
+        10%:200%:20. May be repeated; default: contrast of each pair by the meter.
     epsilon
         Relative tolerance of the contrast.
     """
@@ -111,8 +113,9 @@ def twin(
     opened = Session.open(session)
     require_monochrome(opened)
     with results.folder(context, session) as folder:
-        evaluation = _twin(opened, calibration, without, contrast, epsilon)
-        options = {"contrast": contrast, "epsilon": epsilon, "without": without}
+        asked = one_or_all(contrast)
+        evaluation = _twin(opened, calibration, without, asked, epsilon)
+        options = {"contrast": asked, "epsilon": epsilon, "without": without}
         result = twin_result(evaluation, [session_input(opened), *inputs], options)
         write_twin(evaluation, result, folder)
     results.show(result, folder)
@@ -120,7 +123,7 @@ def twin(
 
 
 def _twin(
-    session: Session, calibration: Path | None, without: Sequence[str], contrast: float | None, epsilon: float
+    session: Session, calibration: Path | None, without: Sequence[str], contrast: TargetContrasts, epsilon: float
 ) -> TwinEvaluation:
     loaded = None if calibration is None else calibration_for(session, load(calibration))
     corrections = None if loaded is None else corrections_of(loaded)

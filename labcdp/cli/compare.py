@@ -21,7 +21,7 @@ from ..evaluate.compare.page import write_comparison
 from ..evaluate.compare.result import compare_result
 from ..evaluate.compare.subject import picture_task
 from ..evaluate.picture.result import PictureTask
-from .options import Changes, Contrast, Percent, Results
+from .options import Changes, Contrasts, Percent, Results, one_or_all
 from .pictures.options import PictureLightOptions
 from .simulation import Axes
 from .terminal import progress_bar, say
@@ -41,8 +41,8 @@ class QuestionOptions:
         For chains: parameter and its values, as for labcdp sweep; may be repeated; default:
         scene.luminance_cd_m2=0.001:100000:121:log.
     contrast
-        For chains and pictures: one contrast to detect, for example 100%; default: contrast of each scene, measured
-        contrast of each pair.
+        For chains and pictures: contrasts to detect: 100%, a list such as 50%,100%, or a range START:STOP:COUNT[:log]
+        such as 10%:200%:20. May be repeated; default: contrast of each scene, measured contrast of each pair.
     epsilon
         For chains and pictures: relative tolerance of the contrast; default: 50%.
     roi
@@ -52,7 +52,7 @@ class QuestionOptions:
     """
 
     over: Axes = ()
-    contrast: Contrast = None
+    contrast: Contrasts = None
     epsilon: Percent | None = None
     roi: Path | None = None
     changes: Changes = ()
@@ -64,7 +64,7 @@ class QuestionOptions:
         return Question(
             self.over or (LUMINANCES,),
             dict(self.changes),
-            self.contrast,
+            one_or_all(self.contrast),
             0.5 if self.epsilon is None else self.epsilon,
         )
 
@@ -87,7 +87,7 @@ class QuestionOptions:
             self.roi,
             light.conversion(),
             tuple(light.inputs({"regions": self.roi})),
-            None if self.contrast is None else (self.contrast,),
+            self.contrast,
             0.5 if self.epsilon is None else self.epsilon,
         )
 

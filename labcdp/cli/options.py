@@ -14,10 +14,11 @@ from ..core.cluster import TlsFiles, Workers
 from ..core.errors import InputError
 from .commands import As
 from .terminal import print_result
-from .values import fraction_of_percent, parse_changes, parse_contrast, parse_contrasts, parse_seconds, parse_tolerance
+from .values import fraction_of_percent, parse_changes, parse_contrasts, parse_seconds, parse_tolerance
 
 if TYPE_CHECKING:
     from ..core.result import Result
+    from ..metrics.contrast import TargetContrasts
     from ..output import ResultsFolder
 
 #: Parameters of commands that name what is written.
@@ -54,8 +55,6 @@ Contrasts = Annotated[
         many=True,
     ),
 ]
-#: A contrast, where one is the condition of all that a command computes; None for the default.
-Contrast = Annotated[float | None, As(parse=parse_contrast, many=True)]
 Port = Annotated[int, As("Port of the page; default: any free port.", least=0, most=65535)]
 PageAddress = Annotated[str, As("Address of the page; the default is reachable from this computer and through ssh.")]
 MeterPort = Annotated[
@@ -74,6 +73,11 @@ SimulatedBenchPath = Annotated[
     As("Use the simulated bench that this file describes, see labcdp init simulated-bench; default: a Manta G-505B."),
 ]
 Without = Annotated[tuple[str, ...], As("Patch to leave out; may be repeated.")]
+
+
+def one_or_all(contrasts: tuple[float, ...] | None) -> TargetContrasts:
+    """Return the contrasts of an option, a single one as a number: results then have no dimension for it."""
+    return contrasts[0] if contrasts is not None and len(contrasts) == 1 else contrasts
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from ..evaluate.sweep.simulation.result import result as simulation_result
 from ..evaluate.sweep.thesis import reproduce_thesis
 from ..evaluate.sweep.thesis_report import thesis_result, write_thesis
 from .commands import As
-from .options import Changes, ClusterOptions, Contrast, Json, Percent, Results, Seed
+from .options import Changes, ClusterOptions, Contrasts, Json, Percent, Results, Seed, one_or_all
 from .terminal import print_result, progress_bar
 
 ChainName = Annotated[str, As("Name of a preset (see labcdp presets), or chain file.")]
@@ -44,7 +44,8 @@ class ChainOptions:
         Compute the distribution of DN instead of simulating: on the optical axis, for one pair of regions and an EMVA
         1288 sensor.
     contrast
-        One contrast to detect, for example 100%; default: that of the scene.
+        Contrasts to detect: 100%, a list such as 50%,100%, or a range START:STOP:COUNT[:log] such as 10%:200%:20. May
+        be repeated; default: that of the scene.
     epsilon
         Relative tolerance of the contrast.
     changes
@@ -52,7 +53,7 @@ class ChainOptions:
     """
 
     exact: bool = False
-    contrast: Contrast = None
+    contrast: Contrasts = None
     epsilon: Percent = 0.5
     changes: Changes = ()
     seed: Seed = 0
@@ -80,7 +81,7 @@ def presets(name: str | None = None, *, as_json: Json = False) -> None:
 
 def simulate(context: typer.Context, options: ChainOptions, results: Results, chain: ChainName) -> None:
     """Simulate an imaging chain; compute signal, contrast and CDP after each stage."""
-    loaded, asked = Chain.load(chain).with_(**dict(options.changes)), (options.contrast, options.epsilon)
+    loaded, asked = Chain.load(chain).with_(**dict(options.changes)), (one_or_all(options.contrast), options.epsilon)
     with results.folder(context, chain) as folder:
         if options.exact:
             found = predicted_result(loaded, *asked, _inputs(chain, loaded))
@@ -115,7 +116,7 @@ def sweep(
         Stage to evaluate, for example sensor or hdr; default: the last.
     """
     loaded = Chain.load(chain).with_(**dict(options.changes))
-    wanted = Sweep(loaded, over, options.exact, stage, options.contrast, options.epsilon, options.seed)
+    wanted = Sweep(loaded, over, options.exact, stage, one_or_all(options.contrast), options.epsilon, options.seed)
     with results.folder(context, chain) as folder:
         with progress_bar("Cells") as report:
             dataset = run_sweep(wanted, folder, report, where.chosen())

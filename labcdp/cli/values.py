@@ -63,16 +63,6 @@ def parse_contrasts(texts: Sequence[str], name: str = "--contrast") -> tuple[flo
     return tuple(sorted(found))
 
 
-def parse_contrast(texts: Sequence[str], name: str = "--contrast") -> float | None:
-    """Turn ``100%`` into 1.0, and no text into None; raises InputError for several, and as `parse_contrasts`."""
-    found = parse_contrasts(texts, name)
-    if len(found) > 1:
-        raise InputError(
-            f"{name} is {shown(', '.join(texts))}: this command takes one contrast, for example 100%; run it for each"
-        )
-    return found[0] if found else None
-
-
 def parse_pair(text: str, names: Sequence[str], name: str = "--pair") -> tuple[str, str]:
     """Split ``BRIGHT:DARK`` into two of the names, which may hold colons themselves.
 

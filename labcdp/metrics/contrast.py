@@ -16,6 +16,14 @@ from ..core.errors import InputError
 from .distribution import Region, numeric_array
 from .pairs import bright_and_dark
 
+#: Contrasts to be detected, fractions: one, or several; None for the one that a pair has.
+TargetContrasts: TypeAlias = float | tuple[float, ...] | None
+
+
+def each_contrast(contrasts: TargetContrasts) -> tuple[float | None, ...]:
+    """Return contrasts to be detected as a tuple, that of None as (None,)."""
+    return contrasts if isinstance(contrasts, tuple) else (contrasts,)
+
 
 def weber_contrast(bright: ArrayLike, dark: ArrayLike) -> NDArray[np.float64]:
     """Weber contrast K = bright / dark - 1, a fraction (1.0 is 100 %).

@@ -22,15 +22,15 @@ from .conftest import results_of, rows_of
 
 def test_simulate_and_sweep_write_what_they_print(labcdp, inputs, tmp_path):
     shutil.copy(inputs / "small.toml", tmp_path)
-    options = ("--seed", "3", "--contrast", "50%", "--epsilon", "40%", "--set", "exposure.exposure_s=0.001")
+    options = ("--seed", "3", "--contrast", "50%,100%", "--epsilon", "40%", "--set", "exposure.exposure_s=0.001")
     done = labcdp("simulate", "small.toml", *options, "--set", "scene.contrast=20%", "--json")
     rows, folder = rows_of(done, "detection"), tmp_path / "small-simulate"
-    assert [rows[-1]["lowest_contrast"], rows[-1]["highest_contrast"]] == [0.3, 0.7]
+    assert [(row["lowest_contrast"], row["highest_contrast"]) for row in rows[-2:]] == [(0.3, 0.7), (0.6, 1.4)]
     assert rows[0]["scene_contrast"] == 0.2
     changed = Chain.load(tmp_path / "small.toml").with_(exposure__exposure_s=0.001, scene__contrast=0.2)
     assert Chain.load(folder / "chain.toml") == changed
     over = ("--over", "scene.luminance_cd_m2=1:100:4:log", "--over", "scene.contrast=20%,100%")
-    values = results_of(labcdp("sweep", "small.toml", *over, "--json"))
+    values = results_of(labcdp("sweep", "small.toml", *over, "--contrast", "20%,50%", "--json"))
     with xarray.open_dataset(tmp_path / "small-sweep" / "map.nc") as cells:
         assert [row["cdp"] for row in values["tables"]["map"]["rows"]] == cells["cdp"].values.ravel().tolist()
 
@@ -87,10 +87,11 @@ def test_pictures_are_compared_as_their_results_are(labcdp, inputs, tmp_path):
 def test_a_twin_with_a_calibration_from_a_file_whose_chain_simulates(labcdp, inputs, tmp_path):
     # Fewer patches than the session has, which are quicker.
     few = [text for i in range(1, 13) if i not in (1, 5) for text in ("--without", f"P{i:02}")]
-    asked = ("--contrast", "200%", "--epsilon", "30%", "--calibration", inputs / "c/calibration.json")
+    asked = ("--contrast", "100%,200%", "--epsilon", "30%", "--calibration", inputs / "c/calibration.json")
     done = labcdp("twin", example_session(), "-o", "out", *asked, *few)
     assert done.returncode == 0, done.stderr
     values = json.loads((tmp_path / "out/results.json").read_text())
+    assert {row["target_contrast"] for row in values["tables"]["pairs"]["rows"]} >= {1.0, 2.0}
     facts = {row["item"]: row["value"] for row in values["tables"]["provenance"]["rows"]}
     assert facts["SHA-256 of those of the calibration"] == "0" * 64 != facts["SHA-256 of frames and readings"]
     rows = rows_of(labcdp("simulate", "out/chain.toml", "-o", "simulated", "--json"), "signal")

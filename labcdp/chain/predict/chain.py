@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ...core.errors import InputError, PredictionError
 from ..chain import Chain
@@ -28,7 +28,7 @@ def predict_chain(
     scenes: Mapping[str, Sequence[Any]] | None = None,
     *,
     stage: str | None = None,
-    contrast: float | None = None,
+    contrast: ArrayLike | None = None,
     epsilon: float = 0.5,
 ) -> ExactPrediction:
     """Predict CDP and its relatives behind one stage, on the optical axis.
@@ -43,15 +43,16 @@ def predict_chain(
         it is, one cell.
     stage : str or None
         A stage at or behind the sensor, None for the last.
-    contrast : float or None
-        Weber contrast to be detected, a fraction; None for that of each cell's scene.
+    contrast : array_like of float, or None
+        Weber contrast to be detected, a fraction, that of each cell, or several of one cell; None for that of each
+        cell's scene.
     epsilon : float
         Its tolerance.
 
     Returns
     -------
     ExactPrediction
-        Arrays of shape (n,).
+        Arrays of shape (n,), n the number of cells or contrasts.
 
     Raises
     ------
@@ -71,7 +72,7 @@ def predict_chain(
     else:
         dark, bright = (front.values[:, index] * per_lx_s for index in pair)
         rates = PatchRates(dark, bright, veil_e_s)
-    asked = _own_contrast(*(levels[:, index] for index in pair)) if contrast is None else np.full(len(levels), contrast)
+    asked = _own_contrast(*(levels[:, index] for index in pair)) if contrast is None else contrast
     return predict(camera, rates, asked, epsilon)
 
 

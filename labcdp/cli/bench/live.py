@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,6 +11,8 @@ from typing import Annotated, Any
 import typer
 
 from ...acquire.plan import prepare_camera
+from ...core.disk.files import shown
+from ...core.errors import InputError
 from ...core.result import Quantity, Result, quantity_table
 from ...core.table import Column, Table
 from ...drivers.aravis.camera import AravisCamera
@@ -29,8 +31,9 @@ from ...web.regions.files import DrawingFiles, Start, locked
 from ...web.regions.workspace import Workspace
 from ...web.server import Address, Server, Site
 from ..commands import As
-from ..options import Contrast, Json, MeterModel, PageOptions, Percent, output_file
+from ..options import Json, MeterModel, PageOptions, Percent, output_file
 from ..terminal import print_result, say_where
+from ..values import parse_contrasts
 from .connected import note_bench, serial_meter, simulated_bench_file, simulated_devices
 from .options import BenchDevices, DeviceOptions
 
@@ -68,6 +71,14 @@ class LiveDevices(BenchDevices):
             yield camera, BenchOfPage(meter, plan)
 
 
+def _only_contrast(texts: Sequence[str], name: str) -> float | None:
+    """Turn ``100%`` into 1.0, and no text into None; raises InputError for several."""
+    found = parse_contrasts(texts, name)
+    if len(found) > 1:
+        raise InputError(f"{name} is {shown(', '.join(texts))}: give one contrast, and change it on the page")
+    return found[0] if found else None
+
+
 @dataclass(frozen=True)
 class Detection:
     """Options for what is to be detected.
@@ -75,12 +86,12 @@ class Detection:
     Parameters
     ----------
     contrast
-        One contrast to detect, for example 100%; default: as measured.
+        One contrast to detect, for example 100%, which the page can change; default: as measured.
     epsilon
         Relative tolerance of the contrast.
     """
 
-    contrast: Contrast = None
+    contrast: Annotated[float | None, As(parse=_only_contrast, many=True)] = None
     epsilon: Percent = 0.5
 
 

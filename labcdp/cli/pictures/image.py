@@ -23,7 +23,7 @@ from ...files.read import picture_paths, read_picture
 from ...output import ResultsFolder
 from ...regions import load_regions, rois_of
 from ..commands import As
-from ..options import Contrast, Percent, Results
+from ..options import Contrasts, Percent, Results, one_or_all
 from ..terminal import print_result, progress_bars
 from ..values import parse_pair
 from .batch import Failure, each_once, end_batch, worked_through
@@ -148,7 +148,8 @@ class EdgeOptions:
     minimum_contrast
         Smallest contrast of an edge; weaker edges are ignored.
     contrast
-        One contrast of the objects in the scene, to be detected at all edges; default: that of each edge.
+        Contrasts to detect at all edges: 100%, a list such as 50%,100%, or a range START:STOP:COUNT[:log] such as
+        10%:200%:20. May be repeated; default: that of each edge.
     detected
         Smallest CDP of a detected edge, above 0 and up to 1.
     """
@@ -156,7 +157,7 @@ class EdgeOptions:
     region_size: int = 40
     epsilon: Percent = 0.5
     minimum_contrast: Percent = 0.1
-    contrast: Contrast = None
+    contrast: Contrasts = None
     detected: float = 0.9
 
 
@@ -187,7 +188,7 @@ def image_map(
         Image of the scene without veil or blur; its edges and their contrasts are to be detected.
     """
     settings = ContrastMapSettings(
-        edges.region_size, edges.epsilon, edges.minimum_contrast, edges.detected, edges.contrast
+        edges.region_size, edges.epsilon, edges.minimum_contrast, edges.detected, one_or_all(edges.contrast)
     )
     conversion = light.conversion()
     inputs = light.inputs({"reference": reference})

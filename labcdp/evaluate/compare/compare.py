@@ -11,6 +11,7 @@ import numpy as np
 from ...chain import Chain
 from ...core.disk import shortened
 from ...core.errors import InputError, PredictionError
+from ...metrics.contrast import TargetContrasts
 from ..picture.result import PictureTask
 from ..sweep.maps.map import MapAnalysis, analyse_map
 from ..sweep.plan import Axis, Sweep
@@ -40,15 +41,15 @@ class Question:
         Parameters that are varied.
     changes : mapping
         Parameters that are set in all chains.
-    contrast : float or None
-        Weber contrast to be detected, a fraction; None for that of each scene.
+    contrast : float, tuple of float or None
+        Weber contrasts to be detected, fractions; None for that of each scene.
     epsilon : float
         Its relative tolerance.
     """
 
     axes: tuple[Axis, ...] = (LUMINANCES,)
     changes: Mapping[str, Any] | None = None
-    contrast: float | None = None
+    contrast: TargetContrasts = None
     epsilon: float = 0.5
 
 
@@ -177,7 +178,8 @@ def _refined(sweep: Sweep, found: Dataset) -> MapAnalysis:
 
     analysis, (axis, *others) = analyse_map(found), sweep.axes
     for _ in range(0 if others or axis.parameter != LUMINANCES.parameter else _REFINEMENTS):
-        brackets = {end.bracket for one in analysis.usable_ranges[0].intervals for end in one.ends}
+        intervals = [interval for one in analysis.usable_ranges for interval in one.intervals]
+        brackets = {end.bracket for one in intervals for end in one.ends}
         inner = [
             (np.geomspace if low > 0 else np.linspace)(low, high, _POINTS + 2)[1:-1]
             for low, high in sorted(brackets)

@@ -162,7 +162,7 @@ class Grid:
     def spanned(self) -> int:
         """Number of axes a figure spans: 2 for maps, 1 for curves."""
         *_, y, _x = (None, *self.axes)
-        return 2 if y is not None and y.numeric and y.values.size > 1 else 1
+        return 2 if y is not None and y.drawn_up and y.values.size > 1 else 1
 
 
 def map_grid(subjects: Sequence[Subject], maps: Sequence[Dataset]) -> Grid:

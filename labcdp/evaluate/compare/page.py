@@ -19,6 +19,7 @@ from ...report.layout import Block, Card, Facts, Page, ReportFigure, Section, St
 from ...report.text import capitalised, finding_text, printable
 from ..sweep.maps.axes import MapAxis
 from ..sweep.maps.labels import at_text, axis_label, axis_unit, ends_text, shown
+from ..sweep.maps.map import MapAnalysis
 from ..sweep.maps.static import set_scale
 from ..sweep.maps.view import COLOURS, MISSING, SCALE, cell_edges
 from .compare import Comparison
@@ -202,7 +203,9 @@ def _cards(found: Comparison) -> Iterator[Card]:
                 continue
             detail = f"{axis_unit(axis)}, {{}}range with CDP ≥ {analysis.level:g}"
             if len(analysis.usable_ranges) > 1:
-                yield Card(subject.name, ends_text(axis, one.widest), detail.format("widest "))
+                yield Card(
+                    subject.name, ends_text(axis, one.widest), detail.format("widest "), _each(found.grid, analysis)
+                )
                 continue
             lowest, highest = one.intervals[0], one.intervals[-1]
             gap = "" if lowest is highest else ", with gaps" if len(one.intervals) > 2 else ", with a gap"
@@ -219,3 +222,14 @@ def _cards(found: Comparison) -> Iterator[Card]:
     most = max(known, key=lambda row: abs(float(row.difference.z)), default=None)
     if most is not None and most.difference.z:
         yield Card("Most significant", f"z = {float(most.difference.z):.1f}", most.first.quantity, (most.name,))
+
+
+def _each(grid: Grid, analysis: MapAnalysis) -> tuple[str, ...]:
+    """Return the usable range at each of a few values of the other parameters."""
+    ranges, axes = analysis.usable_ranges, {axis.name: axis for axis in grid.axes}
+    texts = (ends_text(grid.axes[-1], one.widest) if one.widest else "none" for one in ranges)
+    return tuple(
+        f"{at_text(one.at, axes)}: {text}"
+        for one, text in zip(ranges, texts, strict=True)
+        if len(ranges) <= _MOST_CARDS
+    )

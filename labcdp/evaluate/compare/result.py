@@ -13,9 +13,10 @@ import numpy as np
 
 from ...core.result import Finding, Result, info, warning
 from ...core.table import Column, Table
+from ...metrics.contrast import each_contrast
 from ...report.text import cell_text
-from ..sweep.maps.axes import MapAxis
-from ..sweep.maps.labels import axis_name, axis_unit, ends_text, plain
+from ..sweep.maps.axes import TO_DETECT, MapAxis
+from ..sweep.maps.labels import at_text, axis_name, axis_unit, ends_text, plain
 from ..sweep.maps.map import MapAnalysis
 from ..sweep.maps.ranges import End
 from ..sweep.maps.result import ranges_table
@@ -91,12 +92,15 @@ def _of_maps(found: Comparison) -> Iterator[Finding]:
     assert grid is not None
     axis, analyses = grid.axes[-1], found.analyses
     if any(one.widest for one in analyses):
-        dark = axis.is_luminance and len(grid.axes) == 1
+        others = {one.name for one in grid.axes[:-1]}
+        dark = axis.is_luminance and others <= {TO_DETECT}
         refined = found.question is not None and dark
         values = {"level": analyses[0].level, "how": "" if refined else " (between grid points)"}
-        if dark:
-            texts = list(_lows(found, axis, _REFINED if refined else _INTERPOLATED))
-            yield info("compare-darkest", lows=texts, **values)
+        if dark and len(analyses[0].usable_ranges) <= _FEW:
+            named = {one.name: one for one in grid.axes}
+            for place, usable in enumerate(analyses[0].usable_ranges):
+                texts = list(_lows(found, axis, place, _REFINED if refined else _INTERPOLATED))
+                yield info("compare-darkest", at_text(usable.at, named), lows=texts, **values)
         else:
             yield info("compare-ranges", axis=axis_name(axis), ranges=list(_spans(found, axis)), **values)
     if len(found.subjects) > _FEW:
@@ -109,9 +113,9 @@ def _of_maps(found: Comparison) -> Iterator[Finding]:
             yield info("compare-maps-significant", subject.name, first=found.subjects[0].name, share=share)
 
 
-def _lows(found: Comparison, axis: MapAxis, n_digits: int) -> Iterator[str]:
+def _lows(found: Comparison, axis: MapAxis, place: int, n_digits: int) -> Iterator[str]:
     """Yield down to which luminance each is usable, the darkest first; of two the ratio, too, if both are known."""
-    all_intervals = [(subject.name, one.usable_ranges[0].intervals) for subject, one in _pairs(found)]
+    all_intervals = [(subject.name, one.usable_ranges[place].intervals) for subject, one in _pairs(found)]
     usable = sorted(((name, own) for name, own in all_intervals if own), key=lambda pair: pair[1][0].low)
     unit, ends = f" {axis_unit(axis)}", [own[0].ends[0] for _, own in usable]
     for number, (name, own) in enumerate(usable):
@@ -169,12 +173,14 @@ def _assumptions(found: Comparison) -> Iterator[Finding]:
 def _scene_of_another_contrast(found: Comparison) -> Iterator[Finding]:
     """Name scenes without the contrast to detect: CDP is high where a camera measures their contrast wrongly."""
     question = found.question
-    if question is None or question.contrast is None or any(a.parameter == "scene.contrast" for a in question.axes):
+    if question is None or any(a.parameter == "scene.contrast" for a in question.axes):
         return
     for subject in found.subjects:
         own = subject.settings["scene"].get("contrast")
-        if own is not None and abs(own / question.contrast - 1) > question.epsilon:
-            yield warning("compare-scene-contrast", subject.name, own=own, asked=question.contrast)
+        asked = [one for one in each_contrast(question.contrast) if one and own is not None]
+        others = [one for one in asked if abs(own / one - 1) > question.epsilon]
+        if others:
+            yield warning("compare-scene-contrast", subject.name, own=own, asked=others if asked[1:] else others[0])
 
 
 def _interval(name: str, label: str, meaning: str, of: str) -> tuple[Column, ...]:

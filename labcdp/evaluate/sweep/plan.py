@@ -16,6 +16,8 @@ from ...core.disk.files import shown
 from ...core.disk.text import results_json
 from ...core.errors import InputError
 from ...core.result import Finding, info
+from ...metrics.contrast import TargetContrasts
+from .maps.axes import TO_DETECT
 
 Value = float | int | str
 
@@ -148,8 +150,9 @@ class Sweep:
         Whether to predict without random numbers instead of simulating.
     stage : str or None
         Stage that is evaluated, None for the last.
-    contrast : float or None
-        Weber contrast to be detected, a fraction; None for that of each cell's scene.
+    contrast : float, tuple of float or None
+        Weber contrast to be detected, a fraction; of several, the result has a last dimension; None for that of each
+        cell's scene.
     epsilon : float
         Its tolerance.
     seed : int
@@ -165,7 +168,7 @@ class Sweep:
     axes: tuple[Axis, ...]
     exact: bool
     stage: str | None = None
-    contrast: float | None = None
+    contrast: TargetContrasts = None
     epsilon: float = 0.5
     seed: int = 0
 
@@ -190,8 +193,13 @@ class Sweep:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Number of values of each axis."""
-        return tuple(len(axis.values) for axis in self.axes)
+        """Number of values of each dimension."""
+        return tuple(len(axis.values) for axis in self.dimensions)
+
+    @property
+    def dimensions(self) -> tuple[Axis, ...]:
+        """The axes, and behind them several contrasts to be detected."""
+        return (*self.axes, Axis(TO_DETECT, self.contrast)) if isinstance(self.contrast, tuple) else self.axes
 
     def findings(self) -> tuple[Finding, ...]:
         """Return what a user of the map should know."""
@@ -208,7 +216,7 @@ class Sweep:
             "axes": {axis.parameter: list(axis.values) for axis in self.axes},
             "exact": self.exact,
             "stage": self.stage,
-            "contrast": self.contrast,
+            "contrast": list(self.contrast) if isinstance(self.contrast, tuple) else self.contrast,
             "epsilon": self.epsilon,
             "seed": self.seed,
             "labcdp": version("labcdp"),

@@ -19,7 +19,9 @@ from ...core.disk import validated_as
 from ...core.disk.journal import LineJournal
 from ...core.errors import InputError
 from ...metrics import Estimate
+from ...metrics.contrast import each_contrast
 from ...output import Destination, open_results
+from .maps.axes import TO_DETECT
 from .plan import Axis, Sweep, of_scene
 from .simulation.evaluation import evaluate_pair
 from .simulation.rows import PairRow, RegionRow
@@ -42,6 +44,9 @@ VARIABLES = {
     "saturated_share": ("1", "saturated share of the bright region"),
 }
 
+#: Those that depend on the contrast to be detected.
+_OF_CONTRAST = ("cdp", "standard_error", "below", "above")
+
 _UNITS = {"_cd_m2": "cd/m^2", "_s": "s", "_c": "degC", "_m": "m", "_db": "dB", "_e": "e-", "_e_s": "e-/s", "_dn": "DN"}
 
 
@@ -49,19 +54,21 @@ def labelled(sweep: Sweep, values: NDArray[np.float64]) -> Dataset:
     """Label the values of all cells, shape (cells, variables)."""
     from xarray import Dataset
 
-    names = [axis.parameter for axis in sweep.axes]
-    variables = {
-        name: (names, values[:, column].reshape(sweep.shape), {"unit": unit, "long_name": long_name})
-        for column, (name, (unit, long_name)) in enumerate(VARIABLES.items())
-    }
+    names = [axis.parameter for axis in sweep.dimensions]
+    several = names[-1] == TO_DETECT
+    variables = {}
+    for (name, (unit, long_name)), column in zip(VARIABLES.items(), values.T, strict=True):
+        cells, described = column.reshape(sweep.shape), {"unit": unit, "long_name": long_name}
+        alike = several and name not in _OF_CONTRAST
+        variables[name] = (names[:-1], cells[..., 0], described) if alike else (names, cells, described)
     coordinates = {
         axis.parameter: ([axis.parameter], np.array(axis.values), {"unit": _unit(axis), "long_name": _words(axis)})
-        for axis in sweep.axes
+        for axis in sweep.dimensions
     }
-    asked = float("nan") if sweep.contrast is None else sweep.contrast
+    asked = {} if several else {"contrast": _scene_contrast(sweep) if sweep.contrast is None else sweep.contrast}
     attributes: Mapping[str, Any] = {
         "title": f"{sweep.chain.name or 'chain'}: CDP behind {sweep.stage}",
-        "contrast": _scene_contrast(sweep) if sweep.contrast is None else asked,
+        **asked,
         "epsilon": sweep.epsilon,
         "method": "exact" if sweep.exact else "simulated",
         "stage": sweep.stage,
@@ -88,6 +95,8 @@ def _unit(axis: Axis) -> str:
 
 
 def _words(axis: Axis) -> str:
+    if axis.parameter == TO_DETECT:
+        return "contrast to detect"
     table, _, key = axis.parameter.partition(".")
     for ending in sorted(_UNITS, key=len, reverse=True):
         if key.endswith(ending):
@@ -141,7 +150,7 @@ def run_sweep(
     Returns
     -------
     xarray.Dataset
-        The variables of `VARIABLES` over the axes.
+        The variables of `VARIABLES` over the axes, CDP also over several contrasts to be detected.
 
     Raises
     ------
@@ -188,13 +197,14 @@ def _recorded(journal: LineJournal, n_cells: int) -> Iterator[tuple[int, NDArray
 
 
 def _blocks(sweep: Sweep, done: NDArray[np.bool_]) -> list[range]:
-    """Return the cells that are left in blocks: single cells to simulate, runs of one chain to predict."""
+    """Return the cells that are left in blocks: all contrasts of an image to simulate, runs of one chain to predict."""
     if not sweep.exact:
-        return [range(index, index + 1) for index in np.flatnonzero(~done).tolist()]
-    # Axes of the scene at the end of the list need no new chain, so their cells are predicted together.
+        n = len(each_contrast(sweep.contrast))
+        return [range(first, first + n) for first in range(0, done.size, n) if not done[first]]
+    # Contrasts and axes of the scene at the end of the list need no new chain, so their cells are predicted together.
     trailing = 1
-    for axis in reversed(sweep.axes):
-        if not of_scene(sweep.chain, axis.parameter):
+    for axis in reversed(sweep.dimensions):
+        if axis.parameter != TO_DETECT and not of_scene(sweep.chain, axis.parameter):
             break
         trailing *= len(axis.values)
     blocks = []
@@ -207,19 +217,22 @@ def _blocks(sweep: Sweep, done: NDArray[np.bool_]) -> list[range]:
 
 
 def _setting(sweep: Sweep, cell: int) -> dict[str, Any]:
-    """Parameters of a cell; the last axis is the fastest."""
+    """Parameters of a cell; the last dimension is the fastest."""
     places = np.unravel_index(cell, sweep.shape)
-    return {axis.parameter: axis.values[place] for axis, place in zip(sweep.axes, places, strict=True)}
+    return {axis.parameter: axis.values[place] for axis, place in zip(sweep.dimensions, places, strict=True)}
 
 
 def _predicted(block: range, sweep: Sweep) -> NDArray[np.float64]:
     settings = [_setting(sweep, cell) for cell in block]
+    asked = [cell.pop(TO_DETECT, sweep.contrast) for cell in settings]
     in_scene = [name for name in settings[0] if of_scene(sweep.chain, name)]
     # A block has one value of each parameter outside the scene; see `_blocks`.
     outside = {name: value for name, value in settings[0].items() if name not in in_scene}
     inside = {name.partition(".")[2]: [cell[name] for cell in settings] for name in in_scene}
     chain = sweep.chain.with_(**outside) if outside else sweep.chain
-    found = predict_chain(chain, inside, stage=sweep.stage, contrast=sweep.contrast, epsilon=sweep.epsilon)
+    found = predict_chain(
+        chain, inside, stage=sweep.stage, contrast=None if sweep.contrast is None else asked, epsilon=sweep.epsilon
+    )
     values = {name: getattr(found, name, np.full(len(block), nan)) for name in VARIABLES}
     values["snr_bright"] = np.where(found.saturated_share < _CLIPPED, found.snr_bright, nan)
     values["snr_dark"] = np.where(found.saturated_share_dark < _CLIPPED, found.snr_dark, nan)
@@ -227,12 +240,14 @@ def _predicted(block: range, sweep: Sweep) -> NDArray[np.float64]:
 
 
 def _simulated(block: range, sweep: Sweep) -> NDArray[np.float64]:
-    (cell,) = block
-    # A seed of its own for each cell, whichever cells are left and in whatever order they finish.
-    seed = int(np.random.SeedSequence(sweep.seed, spawn_key=(cell,)).generate_state(1)[0])
+    # A seed of its own for each image, whichever are left and in whatever order they finish.
+    seed = int(np.random.SeedSequence(sweep.seed, spawn_key=(block.start // len(block),)).generate_state(1)[0])
     assert sweep.stage is not None
-    run = sweep.chain.with_(**_setting(sweep, cell)).run(seed, threads=1)
-    return _row(*evaluate_pair(run, sweep.stage, sweep.contrast, sweep.epsilon))[None]
+    setting = _setting(sweep, block.start)
+    setting.pop(TO_DETECT, None)
+    run = sweep.chain.with_(**setting).run(seed, threads=1)
+    pairs, *regions = evaluate_pair(run, sweep.stage, sweep.contrast, sweep.epsilon)
+    return np.stack([_row(pair, *regions) for pair in pairs])
 
 
 def _row(pair: PairRow, dark: RegionRow, bright: RegionRow) -> NDArray[np.float64]:

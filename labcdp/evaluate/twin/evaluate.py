@@ -11,7 +11,7 @@ from ...calibration import AnyCalibration, Calibration
 from ...calibration.emva.result import Characterisation
 from ...core.errors import CalibrationError
 from ...core.result import Finding, info, warning
-from ...metrics.contrast import TargetContrast
+from ...metrics.contrast import TargetContrast, TargetContrasts, each_contrast
 from ...report.text import finding_text
 from ...session import Session
 from ..bench.observe import ObservedSession
@@ -50,6 +50,8 @@ class TwinEvaluation:
         Each patch's signal in the longest exposure that does not saturate it.
     findings : tuple of Finding
         Findings on comparisons not made, limits of the twin, and the calibration.
+    contrasts : tuple of float
+        Several contrasts to be detected that all pairs were compared at; empty for one, or that of each pair.
     """
 
     observed: ObservedSession
@@ -59,6 +61,13 @@ class TwinEvaluation:
     pairs: tuple[TwinPair, ...]
     patches: tuple[TwinPatch, ...]
     findings: tuple[Finding, ...]
+    contrasts: tuple[float, ...] = ()
+
+    def by_contrast(self) -> list[list[TwinPair]]:
+        """Return the pairs at each of several contrasts, and all others."""
+        groups = [[pair for pair in self.pairs if pair.asked.contrast == one] for one in self.contrasts]
+        rest = [pair for pair in self.pairs if pair.asked.contrast not in self.contrasts]
+        return [*groups, rest] if rest else groups
 
     def count(self, judgement: Judgement) -> int:
         """Return the number of pairs of a judgement."""
@@ -70,7 +79,7 @@ def twin_session(
     observed: ObservedSession,
     calibration: AnyCalibration,
     characterisation: Characterisation,
-    contrast: float | None = None,
+    contrast: TargetContrasts = None,
     epsilon: float = 0.5,
     report: Callable[[int, int], None] = lambda _done, _total: None,
 ) -> TwinEvaluation:
@@ -82,9 +91,9 @@ def twin_session(
         To read frames from, and what `observe_session` returned for it.
     calibration, characterisation : Calibration, Characterisation
         Of this camera and its settings.
-    contrast, epsilon : float or None, float
-        Weber contrast to be detected between all pairs of patches from `LEAST_CONTRAST` by the meter on, a fraction,
-        with its tolerance; None for each pair's own. Pairs of the configuration are compared at theirs as well.
+    contrast, epsilon : float, tuple of float or None; float
+        Weber contrasts to be detected between all pairs of patches from `LEAST_CONTRAST` by the meter on, fractions,
+        with their tolerance; None for each pair's own. Pairs of the configuration are compared at theirs as well.
     report : callable
         Called with the number of exposures done, and of all.
 
@@ -123,6 +132,7 @@ def twin_session(
         pairs=tuple(compared[pair] for pair in asked if pair in compared),
         patches=tuple(twin_patch(twin.at(o.exposure_s), regions[n], o, response) for n, o in longest.items()),
         findings=(*_left_out(left_out), *found, *corrected, *twin.findings, *own),
+        contrasts=contrast if isinstance(contrast, tuple) else (),
     )
 
 
@@ -171,10 +181,11 @@ def _of_corrections(twin: TwinParameters, exposures_s: Collection[float]) -> Ite
 
 
 def _asked(
-    observed: ObservedSession, regions: dict[str, TwinRegion], contrast: float | None, epsilon: float
+    observed: ObservedSession, regions: dict[str, TwinRegion], contrast: TargetContrasts, epsilon: float
 ) -> tuple[list[PairAsked], list[_LeftOut]]:
     """Pairs to compare, those of the configuration first, and pairs of too little contrast."""
-    TargetContrast(LEAST_CONTRAST if contrast is None else contrast, epsilon, "weber")
+    for one in each_contrast(contrast):
+        TargetContrast(LEAST_CONTRAST if one is None else one, epsilon, "weber")
     asked: list[PairAsked] = []
     left_out: list[_LeftOut] = []
     for pair in observed.configuration.contrasts:
@@ -191,7 +202,8 @@ def _asked(
         if own < LEAST_CONTRAST:
             left_out.append(("pairs-alike", bright, dark))
         else:
-            asked.append(PairAsked(bright, dark, round(own, 4) if contrast is None else contrast, epsilon, own))
+            for one in each_contrast(contrast):
+                asked.append(PairAsked(bright, dark, round(own, 4) if one is None else one, epsilon, own))
     return list(dict.fromkeys(asked)), left_out
 
 

@@ -15,7 +15,7 @@ from ...output import Destination
 from ...report.drawing import BLUE, VERMILLION, finish, new_figure, reported
 from ...report.files import write_report
 from ...report.layout import Card, Facts, Page, ReportFigure, Section, State, Verbatim
-from ...report.text import Z_95, finding_text
+from ...report.text import Z_95, finding_text, percent
 from ..bench.observe import ObservedSession
 from ..camera.sensor import commented_toml
 from .evaluate import TwinEvaluation
@@ -142,6 +142,8 @@ _VERDICTS: dict[str, tuple[str, State]] = {
     "twin-signals-differ": ("differ", "bad"),
     "twin-undecided": ("undecided", "open"),
 }
+#: Most cards of contrasts to be detected.
+_MOST_CARDS = 4
 #: Columns of pairs that fit on a page.
 _PAIR = (
     "pair", "target_contrast", "measured_cdp", "measured_cdp_low", "measured_cdp_high", "predicted_cdp",
@@ -178,7 +180,12 @@ def _cards(evaluation: TwinEvaluation) -> Iterator[Card]:
     of = f"{evaluation.count('agree')} of {len(evaluation.pairs)}"
     yield Card("Pairs that agree", of, "within the joint 95 % interval", lines, state=state)
     worst = max(evaluation.pairs, key=lambda pair: abs(pair.z))
-    yield Card("Largest deviation", f"z = {worst.z:.1f}", f"measured minus predicted CDP of {pair_name(worst)}")
+    detail, at = f"measured minus predicted CDP of {pair_name(worst)}", percent(worst.asked.contrast)
+    yield Card("Largest deviation", f"z = {worst.z:.1f}", detail, (f"contrast to detect {at}",))
+    groups = evaluation.by_contrast() if len(evaluation.contrasts) <= _MOST_CARDS else []
+    for one, pairs in zip(evaluation.contrasts, groups, strict=False):
+        agree, differ = (sum(pair.judgement == name for pair in pairs) for name in ("agree", "differ"))
+        yield Card(f"Pairs at {percent(one)}", f"{agree} of {len(pairs)}", "agree", (f"{differ} differ",))
 
 
 def _sections(result: Result, chain: str) -> Iterator[Section]:

@@ -147,12 +147,20 @@ def verdict(evaluation: TwinEvaluation) -> Finding:
     differing = evaluation.count("differ")
     n = differing + evaluation.count("agree")
     counts: dict[str, float] = {"decided": n, "differing": differing, "by_chance": _EXPECTED * n}
-    chance = sum(comb(n, k) * _EXPECTED**k * (1 - _EXPECTED) ** (n - k) for k in range(differing, n + 1))
-    if differing and chance < _CHANCE:
+    # The CDPs of a pair at several contrasts are of the same pixels: each contrast is judged on its own.
+    groups = evaluation.by_contrast()
+    if any(_chance(pairs) < _CHANCE / len(groups) for pairs in groups):
         return warning("twin-differs", **counts)
     if any(signal_findings(evaluation)):
         return warning("twin-signals-differ", **counts)
     return info("twin-describes-camera", **counts) if n else warning("twin-undecided", **counts)
+
+
+def _chance(pairs: Sequence[TwinPair]) -> float:
+    """Probability that by chance at least as many pairs differ."""
+    differing = sum(pair.judgement == "differ" for pair in pairs)
+    n = sum(pair.judgement != "undecided" for pair in pairs)
+    return sum(comb(n, k) * _EXPECTED**k * (1 - _EXPECTED) ** (n - k) for k in range(differing, n + 1))
 
 
 def signal_findings(evaluation: TwinEvaluation) -> Iterator[Finding]:

@@ -2,6 +2,7 @@
 
 from copy import deepcopy
 from dataclasses import replace
+from itertools import product
 from math import hypot, inf, nan, sqrt
 from types import SimpleNamespace
 
@@ -90,17 +91,22 @@ def test_common_errors_cancel_by_the_law_of_propagation(first, second, z):
 
 
 def test_chains_equal_the_sweep_of_each(chains):
-    found = labcdp.compare(*chains, scene__luminance_cd_m2=LUMINANCES, contrast=1.0, epsilon=0.6)
+    contrasts = (0.8, 1.0)
+    found = labcdp.compare(*chains, scene__luminance_cd_m2=LUMINANCES, contrast=contrasts, epsilon=0.6)
     dataset = found.to_dataset()
-    sweeps = [one.sweep(exact=True, scene__luminance_cd_m2=LUMINANCES, contrast=1.0, epsilon=0.6) for one in chains]
+    sweeps = [
+        one.sweep(exact=True, scene__luminance_cd_m2=LUMINANCES, contrast=contrasts, epsilon=0.6) for one in chains
+    ]
     for values, sweep in zip(dataset["value"].values, sweeps, strict=True):
-        assert np.array_equal(values, sweep["cdp"].values)
-    expected = sweeps[1]["cdp"].values - sweeps[0]["cdp"].values
+        assert np.array_equal(values, sweep["cdp"].values.T)
+    expected = (sweeps[1]["cdp"].values - sweeps[0]["cdp"].values).T
     assert dataset["difference"].values[1] == pytest.approx(expected, abs=1e-12)
-    for chain, row in zip(chains, found.to_dict()["tables"]["usable_ranges"]["rows"], strict=True):
+    rows = found.to_dict()["tables"]["usable_ranges"]["rows"]
+    for (chain, contrast), row in zip(product(chains, contrasts), rows, strict=True):
+        assert row["contrast"] == contrast
 
-        def excess(luminance, chain=chain):
-            one = chain.sweep(exact=True, scene__luminance_cd_m2=[luminance], contrast=1.0, epsilon=0.6)
+        def excess(luminance, chain=chain, contrast=contrast):
+            one = chain.sweep(exact=True, scene__luminance_cd_m2=[luminance], contrast=contrast, epsilon=0.6)
             return one["cdp"].item() - 0.9
 
         for end in ("low", "high"):
@@ -108,8 +114,8 @@ def test_chains_equal_the_sweep_of_each(chains):
                 assert row[end] == pytest.approx(brentq(excess, 0.99 * row[end], 1.01 * row[end], rtol=1e-5), rel=1e-4)
     (setting,) = found.to_dict()["tables"]["settings"]["rows"]
     assert list(setting.values()) == ["optics.f_number", "2.6", "3.7"]
-    other = compare_result(labcdp.compare(*chains, scene__luminance_cd_m2=[1.0], contrast=0.4).comparison)
-    assert [one.code for one in other.findings].count("compare-scene-contrast") == 2
+    other = compare_result(labcdp.compare(*chains, scene__luminance_cd_m2=[1.0], contrast=[0.4, 1.0]).comparison)
+    assert [one.values["asked"] for one in other.findings if one.code == "compare-scene-contrast"] == [[0.4], [0.4]]
 
 
 @pytest.mark.parametrize(

@@ -169,6 +169,23 @@ def test_pixels_that_are_not_finite_are_left_out():
     assert np.isfinite(found.regions.mean).all()
 
 
+def test_several_contrasts_are_asked_of_the_same_edges(tmp_path):
+    image, asked = _map(_halves(noise=3.0)), (0.3, 0.5)
+    found = contrast_map(image, ContrastMapSettings(30, contrast=asked))
+    maps = [contrast_map(image, ContrastMapSettings(30, contrast=one)) for one in asked]
+    source = MapSource("a.png", "0" * 64, "cd/m²", "c", False)
+    result = map_result(found, source)
+    write_contrast_map(found, source, result, tmp_path)
+    assert [*result.table("contrasts")["contrast"]] == [*asked]
+    assert [*result.table("contrasts")["detected_share"]] == [one.detected_share for one in maps]
+    with xr.open_dataset(tmp_path / "results.nc") as read:
+        for one in maps:
+            own = read.sel(contrast_to_detect=one.contrast)
+            assert np.array_equal(own["cdp"], one.edges.cdp, equal_nan=True)
+            assert np.array_equal(own["kind"], one.edges.kind)
+    assert (tmp_path / "contrast-map-2.png").exists()
+
+
 def test_the_files_hold_the_edges_and_escape_names(tmp_path):
     levels = np.repeat([100.0, 200, 260], (130, 120, 90))
     image = levels + np.where(levels < 250, 4.0, 25.0) * np.random.default_rng(0).normal(size=(300, 340))

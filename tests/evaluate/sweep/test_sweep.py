@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -30,17 +31,19 @@ TEMPERATURE = Axis("exposure.temperature_c", (20.0, 60.0))
 
 
 def test_simulated_cell_is_the_run_of_its_chain(chain):
-    sweep = Sweep(chain, (LUMINANCE, TEMPERATURE), exact=False, stage="hdr", seed=5)
+    sweep = Sweep(chain, (LUMINANCE, TEMPERATURE), exact=False, stage="hdr", seed=5, contrast=(0.3, 0.7))
     result = run_sweep(sweep)
-    assert result["cdp"].dims == ("scene.luminance_cd_m2", "exposure.temperature_c")
+    assert result["cdp"].dims == (*result["snr_dark"].dims, "contrast")
+    assert result["snr_dark"].dims == ("scene.luminance_cd_m2", "exposure.temperature_c")
     assert result["scene.luminance_cd_m2"].attrs == {"unit": "cd/m^2", "long_name": "scene luminance"}
     assert Chain.from_toml(result.attrs["chain"], "again").scene == chain.scene
     seed = int(np.random.SeedSequence(5, spawn_key=(3,)).generate_state(1)[0])
     run = chain.with_(**{"scene.luminance_cd_m2": 20.0, "exposure.temperature_c": 60.0}).run(seed)
-    pair, dark, bright = evaluate_pair(run, "hdr")
     cell = result.sel({"scene.luminance_cd_m2": 20.0, "exposure.temperature_c": 60.0})
-    assert float(cell["cdp"]) == pair.cdp.cdp
-    assert float(cell["standard_error"]) == pair.cdp.standard_error
+    for contrast in (0.3, 0.7):
+        (pair,), dark, bright = evaluate_pair(run, "hdr", contrast)
+        assert cell["cdp"].sel(contrast=contrast) == pair.cdp.cdp
+        assert cell["standard_error"].sel(contrast=contrast) == pair.cdp.standard_error
     assert float(cell["mean_contrast"]) == pair.mean_contrast
     assert float(cell["snr_dark"]) == dark.luminance_snr.value
     assert float(cell["saturated_share"]) == bright.saturated_share
@@ -71,6 +74,10 @@ def test_exact_cells_do_not_depend_on_what_they_are_calculated_with(chain, axes)
     one = predict_chain(chain.with_(**asked))
     assert float(found.sel(asked)["cdp"]) == pytest.approx(float(one.cdp[0]), abs=1e-6)
     assert np.isnan(found["standard_error"]).all()
+    several = run_sweep(Sweep(chain, axes, exact=True, contrast=(0.3, 0.7)))
+    for contrast in (0.3, 0.7):
+        alone = run_sweep(Sweep(chain, axes, exact=True, contrast=contrast))
+        xr.testing.assert_allclose(several.sel(contrast=contrast, drop=True), alone, rtol=1e-12)
 
 
 class Killed(BaseException):
@@ -79,7 +86,7 @@ class Killed(BaseException):
 
 @pytest.mark.parametrize("exact", [False, True])
 def test_interrupted_sweep_is_resumed(chain, tmp_path, exact):
-    sweep = Sweep(chain, (TEMPERATURE, LUMINANCE), exact=exact, seed=3)
+    sweep = Sweep(chain, (TEMPERATURE, LUMINANCE), exact=exact, seed=3, contrast=(0.3, 0.7))
     whole = run_sweep(sweep)
 
     def kill(done, total):

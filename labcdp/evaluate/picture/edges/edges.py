@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ....core.errors import InputError
 from ....metrics import CalibratedCdp, Distribution, Epsilon
-from ....metrics.contrast import TargetContrast
+from ....metrics.contrast import TargetContrast, TargetContrasts, each_contrast
 from ....metrics.detection import result_of_tally, variance_of_changes
 from ....metrics.pairs import tally_pairs
 from ....regions.superpixels import Neighbours
@@ -59,8 +59,9 @@ class ContrastMapSettings:
         Weber contrast from which an edge is one of an object, a fraction above 0.
     detected : float
         Smallest CDP of a detected edge, above 0 and up to 1.
-    contrast : float or None
-        Weber contrast that the objects of the scene have, a fraction above 0; None for that of each edge in the image.
+    contrast : float, tuple of float or None
+        Weber contrast that the objects of the scene have, a fraction above 0, or several to compare; None for that of
+        each edge in the image.
 
     Raises
     ------
@@ -72,7 +73,7 @@ class ContrastMapSettings:
     epsilon: Epsilon = 0.5
     minimum_contrast: float = 0.1
     detected: float = 0.9
-    contrast: float | None = None
+    contrast: TargetContrasts = None
 
     def __post_init__(self) -> None:
         if self.size_px < SMALLEST_SIZE_PX:
@@ -85,7 +86,8 @@ class ContrastMapSettings:
         if not 0 < self.detected <= 1:
             raise InputError(f"the CDP of a detected edge is {self.detected}: give a fraction above 0, up to 1")
         # Refuses a tolerance or contrast that is out of range.
-        TargetContrast(self.minimum_contrast if self.contrast is None else self.contrast, self.epsilon, "weber")
+        for one in each_contrast(self.contrast):
+            TargetContrast(self.minimum_contrast if one is None else one, self.epsilon, "weber")
 
 
 class EdgeKind(IntEnum):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ....core.errors import InputError
 from ....core.luminance import LuminanceMap
 from ....core.result import Finding, info, warning
+from ....metrics.contrast import each_contrast
 from ....regions.superpixels import Neighbours, neighbours
 from .edges import FALSE_ALARM, SMALLEST_SIZE_PX, ContrastMapSettings, EdgeKind, MapEdges, map_edges
 from .noise import MapNoise, map_noise
@@ -44,6 +45,8 @@ class ContrastMap:
         What a user should know.
     has_reference : bool
         Whether edges are asked for the contrast of another image of the scene.
+    others : tuple of ContrastMap
+        The same edges asked for further contrasts.
     """
 
     luminance: LuminanceMap
@@ -54,6 +57,18 @@ class ContrastMap:
     noise: MapNoise
     findings: tuple[Finding, ...]
     has_reference: bool = False
+    others: tuple[ContrastMap, ...] = ()
+
+    @property
+    def each(self) -> tuple[ContrastMap, ...]:
+        """The map at each contrast to be detected."""
+        return (self, *self.others)
+
+    @property
+    def contrast(self) -> float | None:
+        """Contrast that all edges are asked for; None for that of each."""
+        (one,) = each_contrast(self.settings.contrast)
+        return one
 
     @property
     def shape_px(self) -> tuple[int, int]:
@@ -132,7 +147,7 @@ def contrast_map(
     counts as far as it differs between two neighbours; slow changes across the image (flat field, darkness) are alike
     for neighbours and cancel.
     """
-    asked = ContrastMapSettings() if settings is None else settings
+    asked = settings or ContrastMapSettings()
     step = luminance.step
     size = max(round(asked.size_px / step), 1)
     if size < SMALLEST_SIZE_PX:
@@ -147,10 +162,14 @@ def contrast_map(
     )
     near = neighbours(regions.labels)
     noise = map_noise(luminance.luminance_cd_m2, regions)
-    scene = others[0] if others else asked.contrast
-    edges = map_edges(regions, near, _errors(luminance, regions), noise, asked, scene)
-    found = ContrastMap(luminance, asked, regions, near, edges, noise, (), reference is not None)
-    return replace(found, findings=_findings(found))
+    errors, maps = _errors(luminance, regions), []
+    for contrast in each_contrast(asked.contrast):
+        scene = others[0] if others else contrast
+        edges = map_edges(regions, near, errors, noise, asked, scene)
+        settings = replace(asked, contrast=contrast)
+        found = ContrastMap(luminance, settings, regions, near, edges, noise, (), reference is not None)
+        maps.append(replace(found, findings=_findings(found)))
+    return replace(maps[0], others=tuple(maps[1:]))
 
 
 def _check_reference(luminance: LuminanceMap, reference: LuminanceMap, asked: ContrastMapSettings) -> None:

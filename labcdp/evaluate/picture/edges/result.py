@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -41,6 +41,9 @@ _VARIABLES = (
     ("asked_contrast", "asked_contrast"), ("significant_contrast", "significant_contrast"), ("cdp", "cdp"),
     ("u_cdp", "u_cdp"), ("cdp_low", "cdp_low"), ("cdp_high", "cdp_high"),
 )  # fmt: skip
+#: Those of them that depend on the contrast to be detected, which are over this dimension if there are several.
+_OF_CONTRAST = ("asked_contrast", "cdp", "u_cdp", "cdp_low", "cdp_high")
+TO_DETECT = "contrast_to_detect"
 
 
 @dataclass(frozen=True)
@@ -80,14 +83,17 @@ def map_result(found: ContrastMap, source: MapSource) -> Result:
     findings = [*source.findings, *found.findings]
     if found.blind_share > 0:
         findings.append(info("contrast-in-noise", contrast=asked.minimum_contrast, share=found.blind_share))
-    weakest = _edges(found, source, "weakest", "The weakest edges", found.weakest(WEAKEST))
+    n = max(WEAKEST // len(found.each), 1)
+    weakest = _edges_of(found, source, "weakest", "The weakest edges", [one.weakest(n) for one in found.each])
     # All of them are edges of objects.
     hidden = ("border_px", "significant_contrast", "saturated")
     columns = tuple(replace(one, shown=one.shown and one.name not in hidden) for one in weakest.columns)
+    of_contrast = () if found.others else _of_contrast(found)
+    summary = quantity_table("summary", "Edges of the image", (*of_contrast, *_of_image(found)))
     return Result(
         kind="image-map",
         title=source.file,
-        tables=(quantity_table("summary", "Edges of the image", _quantities(found)), replace(weakest, columns=columns)),
+        tables=(*_contrasts(found), summary, replace(weakest, columns=columns)),
         findings=unique(findings),
         inputs=(InputFile("picture", source.file, source.sha256), *source.inputs),
         configuration={
@@ -95,7 +101,7 @@ def map_result(found: ContrastMap, source: MapSource) -> Result:
             "region_size_px": asked.size_px,
             "epsilon": [epsilon.below, epsilon.above] if isinstance(epsilon, DetectionInterval) else epsilon,
             "minimum_contrast": asked.minimum_contrast,
-            "contrast": asked.contrast,
+            "contrast": [one.contrast for one in found.each] if found.others else found.contrast,
             "detected_cdp": asked.detected,
             "false_alarm": FALSE_ALARM,
         },
@@ -105,26 +111,66 @@ def map_result(found: ContrastMap, source: MapSource) -> Result:
 
 def edge_table(found: ContrastMap, source: MapSource) -> Table:
     """Return the edges but for noise and too small ones, kind by kind, those with the lowest CDP first."""
-    edges = found.edges
-    shown = np.flatnonzero(~found.of_kind(EdgeKind.NOISE, EdgeKind.SMALL))
-    rank = np.array([list(KINDS).index(EdgeKind(kind)) for kind in edges.kind[shown]])
-    order = shown[np.lexsort((edges.cdp[shown], rank))][:_MOST_ROWS]
-    return _edges(found, source, "edges", "Edges", order).as_detail()
+    orders = []
+    for one in found.each:
+        shown = np.flatnonzero(~one.of_kind(EdgeKind.NOISE, EdgeKind.SMALL))
+        rank = np.array([list(KINDS).index(EdgeKind(kind)) for kind in one.edges.kind[shown]])
+        orders.append(shown[np.lexsort((one.edges.cdp[shown], rank))][: _MOST_ROWS // len(found.each)])
+    return _edges_of(found, source, "edges", "Edges", orders).as_detail()
 
 
-def _quantities(found: ContrastMap) -> list[Quantity]:
-    """List what is said of the whole image."""
+def _of_contrast(found: ContrastMap) -> list[Quantity]:
+    """List what is said of the whole image at a contrast to be detected."""
     asked = "edges with at least the minimum contrast"
     return [
         Quantity("detected edges", found.detected_share, "%", f"share of the {asked} that are detected"),
         Quantity("detected length", found.detected_border_share, "%", "the same by the length of the edges"),
         *(Quantity(f"edges: {name}", found.count(kind), "", meaning) for kind, (name, meaning) in KINDS.items()),
+    ]
+
+
+def _contrasts(found: ContrastMap) -> Iterator[Table]:
+    """Yield what is said of the whole image at each of several contrasts, a row for each."""
+    if found.others:
+        counts = [
+            Column(f"n_{name.replace(' ', '_')}", name, "", f"Number of edges: {meaning}.", value=_counting(kind))
+            for kind, (name, meaning) in KINDS.items()
+        ]
+        columns = (
+            Column("contrast", "contrast to detect", "%", "Contrast of the objects in the scene."),
+            Column("detected_share", "detected edges", "%", "Share of edges with at least the minimum contrast."),
+            Column("detected_border_share", "detected length", "%", "The same by the length of the edges."),
+            *counts,
+        )
+        yield Table.of_items("contrasts", "Edges at each contrast", columns, found.each)
+
+
+def _counting(kind: EdgeKind) -> Callable[[ContrastMap], int]:
+    return lambda one: one.count(kind)
+
+
+def _of_image(found: ContrastMap) -> list[Quantity]:
+    """List what is said of the whole image at any contrast."""
+    return [
         Quantity("borders between regions", int(found.edges.kind.size), "", "all edges together"),
         Quantity("borders in the noise", found.blind_share, "%", "where the minimum contrast is not significant"),
         Quantity("regions", int(found.regions.mean.size), "", "superpixels of the image"),
         Quantity("threshold of significance", found.threshold_sigmas, "", "in standard uncertainties of a contrast"),
         Quantity("noise inflation", found.noise.inflation, "", "of the variance of a difference, by correlation"),
     ]
+
+
+def _edges_of(
+    found: ContrastMap, source: MapSource, name: str, title: str, chosen: Sequence[NDArray[np.intp]]
+) -> Table:
+    """Return some rows of the edges at each contrast."""
+    first, *others = (_edges(one, source, name, title, rows) for one, rows in zip(found.each, chosen, strict=True))
+    if not others:
+        return first
+    data: dict[str, Any] = {
+        key: np.concatenate([values, *(one[key] for one in others)]) for key, values in first.data.items()
+    }
+    return replace(first, data=data)
 
 
 def _edges(
@@ -134,7 +180,7 @@ def _edges(
     edges, regions, step, unit = found.edges, found.regions, found.luminance.step, source.unit
     pick = np.asarray(chosen, dtype=np.intp)
     bright, dark = edges.bright[pick], edges.dark[pick]
-    asked = found.has_reference or found.settings.contrast is not None
+    asked = found.has_reference or found.contrast is not None
     u_contrast = edges.contrast_standard_uncertainty[pick]
     columns: tuple[tuple[Column, Any], ...] = (
         (Column("kind", "edge", "", "Whether the edge is detected."),
@@ -186,7 +232,13 @@ def contrast_map_dataset(found: ContrastMap, source: MapSource, result: Result) 
         "flag_values": np.array([int(kind) for kind in KINDS], dtype=np.int8),
         "flag_meanings": " ".join(name.replace(" ", "_") for name, _ in KINDS.values()),
     }
-    table = _edges(found, source, "edges", "Edges", np.arange(edges.kind.size))
+    every = np.arange(edges.kind.size)
+    tables = [_edges(one, source, "edges", "Edges", every) for one in found.each]
+    table, several = tables[0], bool(found.others)
+    of_contrast = {name: np.stack([one[name] for one in tables]) for name in _OF_CONTRAST if several}
+    dims = (TO_DETECT, "edge") if several else "edge"
+    kinds = [one.edges.kind for one in found.each]
+    seen, lost = ([one.count(kind) for one in found.each] for kind in (EdgeKind.SEEN, EdgeKind.LOST))
     # Numbers of regions have no unit.
     units = {one.name: {"px": {"units": "pixel"}}.get(one.unit, {"units": "1"}) for one in table.columns}
     units |= {"bright_region": {}, "dark_region": {}}
@@ -194,16 +246,18 @@ def contrast_map_dataset(found: ContrastMap, source: MapSource, result: Result) 
         {
             "label": (("y", "x"), regions.labels),
             **{f"region_{name}": ("region", values, {"units": unit}) for name, (values, unit) in of_region.items()},
-            "kind": ("edge", edges.kind, flags),
-            **{name: ("edge", table[column], units[column]) for name, column in _VARIABLES},
+            "kind": (dims, np.stack(kinds) if several else kinds[0], flags),
+            **{name: ("edge", table[column], units[column]) for name, column in _VARIABLES if name not in of_contrast},
+            **{name: (dims, values, units[name]) for name, values in of_contrast.items()},
         },
+        {TO_DETECT: (TO_DETECT, [one.contrast for one in found.each], {"units": "1"})} if several else {},
         attrs={
             "title": f"Contrast map of {source.file}",
             "file": source.file,
             "sha256": source.sha256,
             "image_pixels_per_label": step,
-            "detected_edges": found.count(EdgeKind.SEEN),
-            "lost_edges": found.count(EdgeKind.LOST),
+            "detected_edges": seen if several else seen[0],
+            "lost_edges": lost if several else lost[0],
             "configuration": json.dumps(dict(result.configuration), ensure_ascii=False),
         },
     )

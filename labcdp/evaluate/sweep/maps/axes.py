@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 #: Values of the parameters that are fixed in a section of a map, by name.
 At: TypeAlias = dict[str, float | str]
 
+#: Axis of the contrasts to be detected, and how many of them are a curve or a map each instead of an axis of the map.
+TO_DETECT, _FEW_CONTRASTS = "contrast", 8
+
 _LUMINANCE_UNITS = ("cd/m^2", "cd/m²", "cd/m2", "cd m-2")
 
 #: Units of plain numbers, and of scales on which 0 is a place as any other.
@@ -66,6 +69,11 @@ class MapAxis:
         return self.numeric and self.name.rpartition(".")[2] == "contrast"
 
     @property
+    def drawn_up(self) -> bool:
+        """Whether it may be the second axis of a picture."""
+        return self.numeric and (self.name != TO_DETECT or self.values.size > _FEW_CONTRASTS)
+
+    @property
     def is_whole(self) -> bool:
         """Whether the values are whole numbers without a unit, as bits are, so that nothing lies between them."""
         plain = self.numeric and self.unit in _PLAIN_UNITS and not self.is_contrast
@@ -100,7 +108,7 @@ class MapLayout:
     x : MapAxis
         Across: the luminance if it is varied, else the first axis of numbers, else the first axis.
     y : MapAxis or None
-        Up: the next axis of numbers; None if there is only one.
+        Up: the next axis of numbers; None if there is only one, or only up to eight contrasts to be detected.
     others : tuple of str
         The other axes that hold more than one value.
     """
@@ -184,7 +192,7 @@ def map_layout(dataset: Dataset) -> MapLayout:
     varied = [axis for axis in axes if axis.values.size > 1] or axes[:1]
     ranked = sorted(varied, key=lambda axis: (not axis.is_luminance, not axis.numeric))
     x, rest = ranked[0], ranked[1:]
-    y = rest[0] if rest and rest[0].numeric else None
+    y = rest[0] if rest and rest[0].drawn_up else None
     return MapLayout(x, y, tuple(axis.name for axis in varied if axis is not x and axis is not y))
 
 

@@ -10,9 +10,11 @@ from ....output import Destination, write_files
 from ....report.files import dataset_bytes, result_files
 from ....report.layout import SIMULATED, Card, Facts, Page, Section, Verbatim
 from ....report.text import significant
+from .axes import TO_DETECT
 from .dips import SnrDip
 from .interactive import map_script
 from .labels import at_text, axis_name, axis_unit, conditions, ends_text, title, value_text, variable_name, width_text
+from .ranges import UsableRange
 from .static import map_picture
 from .view import MapView
 
@@ -20,6 +22,9 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
     from .map import MapAnalysis
+
+#: Most cards of contrasts to be detected.
+_MOST_CARDS = 4
 
 
 def write_map(result: Result, dataset: Dataset, analysis: MapAnalysis, folder: Destination) -> list[Path]:
@@ -75,17 +80,11 @@ def _answer(view: MapView) -> str:
 
 def _cards(view: MapView) -> list[Card]:
     """Return the widest usable range, the deepest dip of each variable, and how well CDP is known."""
-    analysis, axes, cards = view.analysis, view.axes, []
-    one = analysis.widest
-    if one is not None and one.widest is not None:
-        several = len(analysis.usable_ranges) > 1 or len(one.intervals) > 1
-        name = f"{'Widest usable' if several else 'Usable'} range, CDP ≥ {one.level:g}"
-        at, x = at_text(one.at, axes), axes[one.axis]
-        detail = ", ".join(part for part in (axis_unit(x), width_text(one.widest)) if part)
-        cards.append(Card(name, ends_text(x, one.widest), detail, (f"at {at}",) if at else ()))
-    elif analysis.usable_ranges:
-        highest = significant(float(view.dataset["cdp"].max()), 3)
-        cards.append(Card(f"Usable range, CDP ≥ {analysis.level:g}", "none", f"highest CDP {highest}", state="bad"))
+    analysis, ranges, cards = view.analysis, view.analysis.usable_ranges, []
+    varied = {name for one in ranges for name in one.at if view.axes[name].values.size > 1}
+    each = varied == {TO_DETECT} and len(ranges) <= _MOST_CARDS
+    for one in ranges if each else [analysis.widest or ranges[0]] if ranges else []:
+        cards.append(_range(view, one, not each and len(ranges) > 1))
     for variable in analysis.dip_variables:
         dips = [dip for dip in analysis.dips if dip.variable == variable]
         if dips:
@@ -94,6 +93,19 @@ def _cards(view: MapView) -> list[Card]:
         u = float(view.dataset["standard_error"].max())
         cards += [Card("Largest standard uncertainty of CDP", significant(u, 2))] if u == u else []
     return cards
+
+
+def _range(view: MapView, one: UsableRange, widest: bool) -> Card:
+    """Return the card of a usable range, which may be the widest of all; without any, of the whole map."""
+    at, x, level = at_text(one.at, view.axes), view.axes[one.axis], f"CDP ≥ {one.level:g}"
+    if one.widest is None:
+        cdp = view.dataset["cdp"] if widest else view.dataset["cdp"].sel(one.at)
+        lines = (f"at {at}",) if at and not widest else ()
+        highest = f"highest CDP {significant(float(cdp.max()), 3)}"
+        return Card(f"Usable range, {level}", "none", highest, lines, state="bad")
+    name = f"{'Widest usable' if widest or len(one.intervals) > 1 else 'Usable'} range, {level}"
+    detail = ", ".join(part for part in (axis_unit(x), width_text(one.widest)) if part)
+    return Card(name, ends_text(x, one.widest), detail, (f"at {at}",) if at else ())
 
 
 def _dip(view: MapView, dip: SnrDip) -> Card:

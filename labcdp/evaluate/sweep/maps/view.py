@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ....report.drawing import BLUE, GREEN, ORANGE, VERMILLION
 from ....report.text import Z_95
-from .axes import LARGEST_SNR, SNR_VARIABLES, At, MapAxis, MapLayout, map_axis, map_layout, sections
+from .axes import LARGEST_SNR, SNR_VARIABLES, TO_DETECT, At, MapAxis, MapLayout, map_axis, map_layout, sections
 from .labels import at_text, axis_unit, ends_text, shown, variable_name
 from .map import MapAnalysis
 
@@ -138,16 +138,21 @@ class MapView:
         return (ends, shown(y, [one.at[y.name]] * 2)), f"{ends_text(x, one.widest)} {axis_unit(x)}".rstrip()
 
     def curves(self) -> tuple[list[Line], list[Line]]:
-        """Return the curves of CDP and of SNR: of a single section all SNR, of several the one searched for dips."""
+        """Return the curves of CDP and of SNR: of a single section all SNR, of several the one searched for dips.
+
+        The SNR does not depend on the contrast to be detected.
+        """
         names = [name for name in SNR_VARIABLES if name in self.dataset]
-        if len(self.parts) > 1:
+        apart = [at for at, _ in self.parts if at.get(TO_DETECT) == self.parts[0][0].get(TO_DETECT)]
+        if len(apart) > 1:
             names = [name for name in names if name in self.analysis.dip_variables]
         cdp, snr = [], []
         for number, (at, section) in enumerate(self.parts):
             own = self.text_of(at) if len(self.parts) > 1 else ""
             values = section["cdp"].values
             cdp.append(self._line(at, own or "CDP", COLOURS[number], section, "cdp", values, _band(section)))
-            for name in names:
+            own = self.text_of({name: value for name, value in at.items() if name != TO_DETECT}) if own else ""
+            for name in names if at in apart else ():
                 text, colour = own or variable_name(section, name), COLOURS[number] if own else SNR_COLOURS[name]
                 snr.append(self._line(at, text, colour, section, name, _decibels(section[name].values), None))
         return cdp, snr

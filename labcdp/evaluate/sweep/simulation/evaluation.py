@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import repeat
 from math import inf, isfinite, nan, sqrt
 from typing import Any
 
@@ -27,6 +28,7 @@ from ....metrics import (
     snr_20log10_db,
     weber_contrast_of_means,
 )
+from ....metrics.contrast import TargetContrasts, each_contrast
 from .rows import PairRow, RegionRow, SimulationEvaluation, StageRow, final_stages
 
 #: Values of a distribution that a plot shows; those of a result are reduced to it to save memory.
@@ -99,15 +101,15 @@ def without_fall_off(values: NDArray[Any], relative: NDArray[np.float64]) -> NDA
     return noise
 
 
-def evaluate_run(run: ChainRun, contrast: float | None = None, epsilon: float = 0.5) -> SimulationEvaluation:
+def evaluate_run(run: ChainRun, contrast: TargetContrasts = None, epsilon: float = 0.5) -> SimulationEvaluation:
     """Evaluate every stage of a run.
 
     Parameters
     ----------
     run : ChainRun
         A chain's run.
-    contrast : float or None
-        Weber contrast to be detected, a fraction above 0; None for that of each pair in the scene.
+    contrast : float, tuple of float or None
+        Weber contrasts to be detected, fractions above 0; None for that of each pair in the scene.
     epsilon : float
         Relative tolerance of the contrast, above 0 and up to 1.
 
@@ -126,7 +128,7 @@ def evaluate_run(run: ChainRun, contrast: float | None = None, epsilon: float = 
 
 
 def evaluate_stage(
-    run: ChainRun, name: str, contrast: float | None = None, epsilon: float = 0.5, *, plot_contrasts: bool = False
+    run: ChainRun, name: str, contrast: TargetContrasts = None, epsilon: float = 0.5, *, plot_contrasts: bool = False
 ) -> StageRow:
     """Evaluate one stage of a run, without the contrasts of all pairs unless they are to be plotted.
 
@@ -145,14 +147,15 @@ def evaluate_stage(
     pixels = luminance if one_pixel else None
     # Free a large frame before its distributions are used.
     del luminance
-    pairs = []
+    pairs: list[PairRow] = []
     for dark, bright in scene.pairs():
         # 1.3 / 1 - 1 is not 0.3 in binary.
         own = round(true_means[bright] / true_means[dark] - 1, 12) if true_means[dark] else inf
-        row = _pair((name, dark, bright), own, (own if contrast is None else contrast, epsilon), seen, pixels)
-        if plot_contrasts and row.cdp is not None:
-            row = replace(row, contrasts=contrast_histogram(seen[bright], seen[dark], row.cdp.interval[1]))
-        pairs.append(row)
+        asked = [own if one is None else one for one in each_contrast(contrast)]
+        for row in _pairs((name, dark, bright), own, asked, epsilon, seen, pixels):
+            if plot_contrasts and row.cdp is not None:
+                row = replace(row, contrasts=contrast_histogram(seen[bright], seen[dark], row.cdp.interval[1]))
+            pairs.append(row)
     regions = []
     for region, mask in masks.items():
         own_values = values[mask] if relative is None else without_fall_off(values[mask], relative[mask])
@@ -168,9 +171,9 @@ def evaluate_stage(
 
 
 def evaluate_pair(
-    run: ChainRun, name: str, contrast: float | None = None, epsilon: float = 0.5
-) -> tuple[PairRow, RegionRow, RegionRow]:
-    """Evaluate the first pair of regions behind one stage of a run: the pair, its dark and its bright region.
+    run: ChainRun, name: str, contrast: TargetContrasts = None, epsilon: float = 0.5
+) -> tuple[tuple[PairRow, ...], RegionRow, RegionRow]:
+    """Evaluate the first pair of regions behind one stage of a run: at each contrast, its dark and its bright region.
 
     Parameters as for `evaluate_stage`.
 
@@ -183,8 +186,8 @@ def evaluate_pair(
     if not stage.pairs:
         raise InputError("the scene has no two regions of different luminance: give a checkerboard or a step chart")
     regions = {row.region: row for row in stage.regions}
-    pair = stage.pairs[0]
-    return pair, regions[pair.dark], regions[pair.bright]
+    pairs = stage.pairs[: len(each_contrast(contrast))]
+    return pairs, regions[pairs[0].dark], regions[pairs[0].bright]
 
 
 def _true_means(run: ChainRun, masks: Mapping[str, NDArray[np.bool_]]) -> dict[str, float]:
@@ -197,22 +200,26 @@ def _true_means(run: ChainRun, masks: Mapping[str, NDArray[np.bool_]]) -> dict[s
     }
 
 
-def _pair(
+def _pairs(
     names: tuple[str, str, str],
     true_contrast: float,
-    asked: tuple[float, float],
+    asked: Sequence[float],
+    epsilon: float,
     seen: Mapping[str, Distribution],
     pixels: NDArray[Any] | None,
-) -> PairRow:
+) -> Iterator[PairRow]:
+    """Yield a pair at each contrast."""
     regions = seen[names[2]], seen[names[1]]
-    if max(region.values[-1] for region in regions) <= 0 or not isfinite(asked[0]):
+    if max(region.values[-1] for region in regions) <= 0 or not all(map(isfinite, asked)):
         nothing = Estimate(nan, nan)
-        return PairRow(*names, true_contrast, nan, nan, None, None, nothing, nothing, d_prime(*regions), None)
+        row = PairRow(*names, true_contrast, nan, nan, None, None, nothing, nothing, d_prime(*regions), None)
+        yield from repeat(row, len(asked))
+        return
     means = weber_contrast_of_means(*regions), _mean_contrast(*regions)
-    region_to_region = cdp_range(*regions, asked[:1], asked[1])[0]
-    neighbours = None if pixels is None else cdp_neighbours_range(pixels, asked[:1], asked[1])[0]
     ratios = csnr(*regions), cnr(*regions), d_prime(*regions)
-    return PairRow(*names, true_contrast, *means, region_to_region, neighbours, *ratios, None)
+    of_pixels = [None] * len(asked) if pixels is None else cdp_neighbours_range(pixels, asked, epsilon)
+    for region_to_region, neighbours in zip(cdp_range(*regions, asked, epsilon), of_pixels, strict=True):
+        yield PairRow(*names, true_contrast, *means, region_to_region, neighbours, *ratios, None)
 
 
 def _mean_contrast(bright: Distribution, dark: Distribution) -> float:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from math import ceil
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ....metrics.contrast import each_contrast
 from ....report.drawing import (
     BLUE,
     GREEN,
@@ -19,11 +21,13 @@ from ....report.drawing import (
     plain_numbers,
     png,
     reduction,
+    taken_literally,
 )
 from ....report.layout import ReportFigure
 from ....report.plots import ContrastPanel, stage_figure
-from ....report.text import printable, shortened, span
+from ....report.text import percent, printable, shortened, span
 from ..maps.axes import LARGEST_SNR
+from ..maps.view import COLOURS
 from .rows import PairRow, SimulationEvaluation, StageRow, final_stages
 
 if TYPE_CHECKING:
@@ -36,18 +40,19 @@ _Points = Sequence[tuple[StageRow, PairRow]]
 
 
 def along_figures(evaluation: SimulationEvaluation) -> list[ReportFigure]:
-    """Draw CDP and SNR along the chain, for each sensor and each pair of regions."""
-    figures = []
+    """Draw CDP at each contrast and SNR along the chain, for each sensor and each pair of regions."""
+    n, figures = len(each_contrast(evaluation.contrast)), []
     for key, names in _branches(evaluation):
         stages = [stage for stage in evaluation.stages if stage.name in names]
-        for number in range(len(stages[0].pairs)):
-            points = [(stage, stage.pairs[number]) for stage in stages]
+        for number in range(len(stages[0].pairs) // n):
+            lines = [[(stage, stage.pairs[place]) for stage in stages] for place in range(number * n, number * n + n)]
+            points = lines[0]
             pair = pair_name(points[0][1])
             kind = "nearest-neighbour" if points[0][1].neighbours else "region to region"
             figures.append(
                 ReportFigure(
                     f"chain-{key}{number + 1}.png",
-                    _along(points),
+                    _along(dict(zip(each_contrast(evaluation.contrast), lines, strict=True))),
                     f"CDP along the chain, {pair}, {kind}, with 95 % intervals; SNR of {points[0][1].bright}, of the "
                     "values (also in dB, 10 lg) and of the luminance they stand for.",
                     f"CDP and SNR behind each stage, {pair}.",
@@ -60,11 +65,12 @@ def contrast_panels(evaluation: SimulationEvaluation) -> list[ContrastPanel]:
     """Return the contrasts of each pair behind the last stage of each sensor."""
     final = final_stages(evaluation.run.chain)
     return [
-        ContrastPanel(f"{pair_name(row)}, behind {printable(stage.name)}", row.contrasts, row.cdp)
+        ContrastPanel(f"{pair_name(row)}{at}, behind {printable(stage.name)}", row.contrasts, row.cdp)
         for stage in evaluation.stages
         if stage.name in final
         for row in stage.pairs
         if row.cdp is not None and row.contrasts is not None
+        for at in (f" at {percent(row.cdp.contrast, 4)}" if isinstance(evaluation.contrast, tuple) else "",)
     ]
 
 
@@ -134,12 +140,17 @@ def _branches(evaluation: SimulationEvaluation) -> list[tuple[str, tuple[str, ..
     ]
 
 
-def _along(points: _Points) -> bytes:
-    """Draw CDP with its intervals, and below it the SNR of the bright region, from stage to stage."""
+def _along(lines: Mapping[float | None, _Points]) -> bytes:
+    """Draw CDP at each contrast with its intervals, below it the SNR of the bright region, from stage to stage."""
+    points = next(iter(lines.values()))
     names = [shortened(stage.name, 24) for stage, _ in points]
     figure = new_figure(max(6.0, 2.0 + 1.1 * len(names)), 6.4, "chain")
     above, below = figure.subplots(2, 1, sharex=True)
-    _draw_cdp(above, points)
+    if len(lines) == 1:
+        _draw_cdp(above, points, BLUE)
+    for colour, asked in zip(COLOURS, list(lines)[:: ceil(len(lines) / len(COLOURS))], strict=False):
+        if len(lines) > 1 and asked is not None:
+            _draw_cdp(above, lines[asked], colour, f"{percent(asked, 4)}")
     bright = [next(row for row in stage.regions if row.region == pair.bright) for stage, pair in points]
     texts = [f"{row.snr_10log10_db.value:.1f} dB" for row in bright]
     values, luminance = (np.array([getattr(row, name).value for row in bright]) for name in ("snr", "luminance_snr"))
@@ -156,20 +167,24 @@ def _along(points: _Points) -> bytes:
     return png(figure)
 
 
-def _draw_cdp(axes: Axes, points: _Points) -> None:
+def _draw_cdp(axes: Axes, points: _Points, colour: str, text: str = "") -> None:
+    """Draw CDP with its intervals, as text or with a name in the legend."""
     found = [(place, pair.neighbours or pair.cdp) for place, (_, pair) in enumerate(points)]
     known = [(place, one.cdp, *one.confidence_interval) for place, one in found if one is not None]
     if known:
         places, cdp, low, high = np.array(known).T
-        axes.plot(places, cdp, "o-", color=BLUE, linewidth=1.5, markersize=5)
+        axes.plot(places, cdp, "o-", color=colour, linewidth=1.5, markersize=5, label=text or None)
         # A bar cannot have a negative length, which an interval by another method than the point's may ask for.
         bars = np.clip(np.nan_to_num([cdp - low, high - cdp]), 0, None)
         axes.errorbar(places, cdp, yerr=bars, fmt="none", ecolor="black", capsize=3, elinewidth=1.0)
-        for place, value, top in zip(places, cdp, cdp + bars[1], strict=True):
+        for place, value, top in () if text else zip(places, cdp, cdp + bars[1], strict=True):
             _write_above(axes, place, top, f"{value:.3f}")
     axes.set_ylim(-0.05, 1.2)
     axes.set_yticks(np.linspace(0, 1, 6))
     label(axes, "", "CDP", "CDP after each stage, with 95 % intervals")
+    if text:
+        legend = axes.legend(title="contrast to detect", fontsize=SMALL_SIZE, loc="upper left", bbox_to_anchor=(1, 1))
+        taken_literally(legend)
 
 
 def _draw_snr(axes: Axes, values: NDArray[np.float64], luminance: NDArray[np.float64], texts: Sequence[str]) -> None:

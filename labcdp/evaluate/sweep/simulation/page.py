@@ -8,6 +8,7 @@ from pathlib import Path
 from ....chain import Chain
 from ....core.result import Result
 from ....core.table import Table
+from ....metrics.contrast import TargetContrasts
 from ....output import Destination, write_files
 from ....report.files import result_files
 from ....report.layout import Block, Card, Facts, Page, Section, Verbatim
@@ -17,6 +18,8 @@ from .figures import along_figures, contrast_panels, file_name, picture, shown_p
 from .result import answer
 from .rows import SimulationEvaluation, final_stages
 
+#: Most rows of a table beside the picture, and most cards of several contrasts.
+_MOST_ROWS, _MOST_CARDS = 12, 6
 _RATIOS = (
     "CSNR is the mean over the standard deviation of the contrast, CNR the difference of the mean luminances over the "
     "noise of the dark region, d' over that of both regions. SNR is spatial, mean over standard deviation of the "
@@ -46,7 +49,10 @@ def write_simulation(result: Result, evaluation: SimulationEvaluation, folder: D
         detection = result.table("detection")
         details += [detection, _RATIOS, signal]
         pair = () if len({*zip(detection["bright"], detection["dark"], strict=True)}) == 1 else ("bright", "dark")
-        short = detection.showing("stage", *pair, "measured_contrast", "cdp", "cdp_neighbours")
+        asked = ("contrast",) if isinstance(evaluation.contrast, tuple) else ()
+        short = detection.showing("stage", *pair, *asked, "measured_contrast", "cdp", "cdp_neighbours")
+        if len(short) > _MOST_ROWS:
+            short = short.select([n for n, stage in enumerate(short["stage"]) if stage in final])
     sections = [
         *([Section("Signal and noise", details)] if details else []),
         Section("Distributions behind each stage", stages, collapsed=True),
@@ -87,20 +93,25 @@ def _page(
     )
 
 
-def _cards(detection: Table, final: Sequence[str], contrast: float | None) -> list[Card]:
-    """Return a card for each pair behind the last stage of each sensor."""
+def _cards(detection: Table, final: Sequence[str], contrast: TargetContrasts) -> list[Card]:
+    """Return a card for each pair and contrast behind the last stage of each sensor."""
     neighbours = "cdp_neighbours" in detection.data
     cdp, cards = detection.column("cdp_neighbours" if neighbours else "cdp"), []
+    several = isinstance(contrast, tuple)
     for row in detection.rows():
         if row["stage"] not in final:
             continue
         value, _, interval = cell_text(cdp, row).partition(" (")
         kind = "CDP, nearest-neighbour" if neighbours else "CDP"
         asked = row.get("contrast", contrast)
-        lines = [] if asked is None else [f"contrast to detect {percent(asked, 4)}"]
+        at = "" if asked is None else percent(asked, 4)
+        lines = [f"contrast to detect {at}"] if at and not several else []
         if "measured_contrast" in row:
             lines.append(f"measured {cell_text(detection.column('measured_contrast'), row)} %")
-        pair = f"{row['bright']} / {row['dark']}, behind" if "bright" in row else "Behind"
+        pair = f"{row['bright']} / {row['dark']}" if "bright" in row else ""
+        of = " at ".join(one for one in (pair, at if several else "") if one)
         detail = f"{kind}; 95 % interval {interval[:-1]}" if interval else kind
-        cards.append(Card(f"{pair} {row['stage']}", value, detail, tuple(lines) or ("contrast of the scene",)))
-    return cards
+        lines = lines or ([] if several else ["contrast of the scene"])
+        name = f"{of}, behind {row['stage']}" if of else f"Behind {row['stage']}"
+        cards.append(Card(name, value, detail, tuple(lines)))
+    return [] if several and len(cards) > _MOST_CARDS else cards

@@ -14,6 +14,7 @@ from ....chain import Chain
 from ....chain.predict.chain import predict_chain
 from ....core.result import Finding, InputFile, Result, info, warning
 from ....core.table import Column, Table, uncertain, with_interval
+from ....metrics.contrast import TargetContrasts, each_contrast
 from ....report.text import percent
 from ..maps.axes import LARGEST_SNR, SNR_VARIABLES
 from .rows import SimulationEvaluation, final_stages
@@ -65,6 +66,7 @@ _STAGE = Column("stage", "stage", meaning="Stage of the chain behind which the v
 _SCENE = "Weber contrast of the mean luminances of the scene."
 _MEASURED = "Weber contrast of the mean luminances behind the stage."
 _ASKED = "Weber contrast whose detection is evaluated."
+_TARGET = Column("contrast", "contrast to detect", "%", _ASKED)
 _LOWEST, _HIGHEST = (f"{end} contrast that counts as detected." for end in ("Lowest", "Highest"))
 _OF_PIXELS = "Mean Weber contrast of all pairs of pixels whose dark one is above 0."
 _CONTRAST = (
@@ -72,7 +74,7 @@ _CONTRAST = (
     Column("bright", "bright", meaning="Bright region of the pair."),
     Column("dark", "dark", meaning="Dark region of the pair."),
     Column("scene_contrast", "scene contrast", "%", _SCENE, value="true_contrast"),
-    _hidden("contrast", "contrast to detect", _ASKED, "%", value="cdp.contrast"),
+    replace(_TARGET, value="cdp.contrast", shown=False),
     _hidden("lowest_contrast", "lowest detected", _LOWEST, "%", value="cdp.interval.0"),
     _hidden("highest_contrast", "highest detected", _HIGHEST, "%", value="cdp.interval.1"),
     Column("measured_contrast", "measured contrast", "%", _MEASURED),
@@ -145,7 +147,9 @@ def result(evaluation: SimulationEvaluation, inputs: Sequence[InputFile] = ()) -
     if any(pair.neighbours for pair in pairs):
         neighbours = _detection("neighbours", "_neighbours", "CDP, nearest-neighbour")
         note += "; nearest-neighbour: of each pixel and its right and its lower neighbour"
-    columns = (*_CONTRAST, *_detection("cdp", "", "CDP"), *neighbours, *_RATIOS)
+    several = isinstance(evaluation.contrast, tuple)
+    contrast = (replace(one, shown=one.shown or (several and one.name == _TARGET.name)) for one in _CONTRAST)
+    columns = (*contrast, *_detection("cdp", "", "CDP"), *neighbours, *_RATIOS)
     detection = Table.of_items("detection", _TITLE, columns, pairs, f"{note}.")
     signal = Table.of_items("signal", "Signal and noise", _SIGNAL, regions)
     return Result(
@@ -161,7 +165,7 @@ def result(evaluation: SimulationEvaluation, inputs: Sequence[InputFile] = ()) -
 
 
 def predicted_result(
-    chain: Chain, contrast: float | None = None, epsilon: float = 0.5, inputs: Sequence[InputFile] = ()
+    chain: Chain, contrast: TargetContrasts = None, epsilon: float = 0.5, inputs: Sequence[InputFile] = ()
 ) -> Result:
     """Predict the CDP of the first pair of regions behind each stage from the sensor on.
 
@@ -169,8 +173,8 @@ def predicted_result(
     ----------
     chain : Chain
         The chain.
-    contrast : float or None
-        Weber contrast to be detected, a fraction above 0; None for that of the scene.
+    contrast : float, tuple of float or None
+        Weber contrasts to be detected, fractions above 0; None for that of the scene.
     epsilon : float
         Its tolerance.
     inputs : sequence of InputFile
@@ -186,23 +190,26 @@ def predicted_result(
     rows: list[dict[str, Any]] = [
         {
             "stage": stage,
-            **{column.name: _finite_snr(column.name, getattr(one, column.name)[0]) for column in _PREDICTED},
+            _TARGET.name: asked,
+            **{column.name: _finite_snr(column.name, getattr(one, column.name)[place]) for column in _PREDICTED},
         }
         for stage, one in found.items()
+        for place, asked in enumerate(each_contrast(contrast))
     ]
     full = [
         finding
-        for row in rows
+        for row in rows[:: len(each_contrast(contrast))]
         for finding in _saturated(
             row["stage"], stages[-1:], {"dark": row["saturated_share_dark"], "bright": row["saturated_share"]}
         )
     ]
     note = f"{_NOTE.format(percent(epsilon))}; from the distributions of the values, without random numbers."
     lens = any(getattr(part, "focal_length_m", None) for _, part in chain.before)
+    target = (_TARGET,) if isinstance(contrast, tuple) else ()
     return Result(
         "simulate",
         chain.name or "chain",
-        (Table.of_rows("detection", _TITLE, (_STAGE, *_PREDICTED), rows, note),),
+        (Table.of_rows("detection", _TITLE, (_STAGE, *target, *_PREDICTED), rows, note),),
         (*full, *([info("map-on-axis")] if lens else [])),
         tuple(inputs),
         {"chain": chain.document, "contrast": contrast, "epsilon": epsilon, "method": "exact"},
@@ -210,25 +217,29 @@ def predicted_result(
     )
 
 
-def answer(detection: Table, final: Sequence[str], contrast: float | None = None) -> str:
+def answer(detection: Table, final: Sequence[str], contrast: TargetContrasts = None) -> str:
     """Return what a chain detects behind its last stages, and which stage costs most of it, in a sentence or two."""
     rows = [{"bright": "bright", "dark": "dark", **row} for row in detection.rows()]
     found = [row for row in rows if row["stage"] in final and row["cdp"] is not None]
     if not found:
         return ""
     name = "cdp_neighbours" if found[0].get("cdp_neighbours") is not None else "cdp"
+    n = len(each_contrast(contrast))
+    # The rows of a pair at all contrasts follow each other.
+    found = [max(found[first : first + n], key=lambda row: row[name]) for first in range(0, len(found), n)]
+    of = f", the largest of {n} contrasts" if n > 1 else ""
     lowest = min(found, key=lambda row: row[name])
     asked = lowest.get("contrast", contrast)
     what = "the contrast of the scene" if asked is None else f"a contrast of {percent(asked, 4)}"
     sentence = f"{what} between {lowest['bright']} and {lowest['dark']} is detected behind {lowest['stage']}"
     sentence = sentence[0].upper() + sentence[1:] if len(found) == 1 else f"Lowest of {len(found)}: {sentence}"
-    return f"{sentence} with a probability of {lowest[name]:.3f}.{_costs(rows, lowest, name)}"
+    return f"{sentence} with a probability of {lowest[name]:.3f}{of}.{_costs(rows, lowest, name)}"
 
 
 def _costs(rows: Sequence[Mapping[str, Any]], last: Mapping[str, Any], name: str) -> str:
     """Say which stage up to the last costs most CDP, and how much."""
     _, _, sensor = last["stage"].partition(" (")
-    pair = [row for row in rows if all(row[key] == last[key] for key in ("bright", "dark"))]
+    pair = [row for row in rows if all(row.get(key) == last.get(key) for key in ("bright", "dark", _TARGET.name))]
     known = [
         row
         for row in pair[: pair.index(last) + 1]
@@ -270,7 +281,7 @@ def _findings(evaluation: SimulationEvaluation) -> Iterator[Finding]:
     if not any(stage.pairs for stage in evaluation.stages):
         yield info("scene-without-contrast")
     for stage in evaluation.stages:
-        for pair in stage.pairs:
+        for pair in stage.pairs[:: len(each_contrast(evaluation.contrast))]:
             if stage.name in final and pair.cdp is None:
                 endless = evaluation.contrast is None and not isfinite(pair.true_contrast)
                 code = "contrast-to-detect-infinite" if endless else "pair-without-light"

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from ....chain import Chain, ChainRun
 from ....metrics import CdpResult, ContrastDistribution, Distribution, Estimate, NeighbourCdp
+from ....metrics.contrast import TargetContrasts
 
 
 @dataclass(frozen=True)
@@ -104,7 +105,7 @@ class StageRow:
     regions : tuple of RegionRow
         Each region of the scene.
     pairs : tuple of PairRow
-        Each pair of regions.
+        Each pair of regions, at each contrast to be detected.
     """
 
     name: str
@@ -124,8 +125,8 @@ class SimulationEvaluation:
     ----------
     run : ChainRun
         The run.
-    contrast : float or None
-        Contrast to be detected, None for each pair's own.
+    contrast : float, tuple of float or None
+        Contrasts to be detected, None for each pair's own.
     epsilon : float
         Its tolerance.
     stages : tuple of StageRow
@@ -133,7 +134,7 @@ class SimulationEvaluation:
     """
 
     run: ChainRun
-    contrast: float | None
+    contrast: TargetContrasts
     epsilon: float
     stages: tuple[StageRow, ...]
 

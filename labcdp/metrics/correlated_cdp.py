@@ -14,7 +14,7 @@ from ..core.errors import InputError
 from ..core.luminance import Window
 from ..core.result import Finding, info
 from .contrast import ContrastDefinition, Epsilon, TargetContrast
-from .correlation import variance_inflation
+from .correlation import inflation_of
 from .detection import result_of_tally
 from .distribution import Distribution, image_array, mask_array, window_of
 from .pairs import PairTally, bright_and_dark, tally_pairs
@@ -54,7 +54,7 @@ class NoisyRegion:
     @cached_property
     def inflation(self) -> float:
         """Factor by which the correlation of the pixels raises the variance of their mean."""
-        return variance_inflation(self.image, self.mask)
+        return inflation_of(self.image, self.mask)
 
     @cached_property
     def _places(self) -> NDArray[np.intp]:
@@ -161,7 +161,7 @@ def _inflation(tally: PairTally, regions: Sequence[NoisyRegion]) -> float:
     ]
     plain = [float(np.vdot(image, image)) for image in shares]
     inflated = sum(
-        variance_inflation(image, region.mask) * variance
+        inflation_of(image, region.mask) * variance
         for image, region, variance in zip(shares, regions, plain, strict=True)
     )
     return min(most, inflated / sum(plain)) + _in_common(shares, [region.window for region in regions]) / sum(plain)

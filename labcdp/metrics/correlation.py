@@ -29,6 +29,11 @@ _SLOW_DEGREE, _NOISE_DEGREE = 2, 4
 _SAME_SURFACE = 1e-10
 #: Number of masks that are kept for the next frames of a video, and pixels from which one is not, to limit memory.
 _MASKS, _TOO_LARGE = 16, 2**18
+#: Degrees along y and x of the terms of each surface.
+_TERMS = {
+    degree: np.nonzero(np.add.outer(*2 * [np.arange(_NOISE_DEGREE + 1)]) <= degree)
+    for degree in (_SLOW_DEGREE, _NOISE_DEGREE)
+}
 _Array = NDArray[np.float64]
 
 
@@ -85,11 +90,13 @@ def variance_inflation(image: ArrayLike, mask: ArrayLike) -> float:
     marked = mask_array(mask, pixels.shape, "mask")
     if not np.isfinite(pixels[marked]).all():
         raise InputError("the region holds pixels that are not finite numbers: leave them out")
-    window = window_of(marked)
-    return _inflation(pixels[window].astype(np.float64), marked[window])
+    return inflation_of(pixels.astype(np.float64), marked)
 
 
-def _inflation(image: _Array, mask: NDArray[np.bool_]) -> float:
+def inflation_of(image: _Array, mask: NDArray[np.bool_]) -> float:
+    """Return `variance_inflation` of a region whose pixels are known to be finite."""
+    window = window_of(mask)
+    image, mask = image[window], mask[window]
     level, any_differ = _centred(image, mask)
     n = int(np.count_nonzero(mask))
     variance = float(np.vdot(level, level)) / n
@@ -105,7 +112,7 @@ def _inflation(image: _Array, mask: NDArray[np.bool_]) -> float:
         return 1.0
     region = _region_of(inside)
     level = np.ascontiguousarray(level[region.window])
-    (slow, slow_square), (_, square) = (region.fit(level, degree) for degree in (_SLOW_DEGREE, _NOISE_DEGREE))
+    slow, slow_square, square = region.fit(level)
     slow_rank, rank = region.ranks
     plain = _factor(level, region, 1, (square, rank - 1), variance)
     if plain == 1:
@@ -205,13 +212,14 @@ class _Region:
     ranks: tuple[int, int]
     pairs: _Array
 
-    def fit(self, level: _Array, degree: int) -> tuple[_Array, float]:
-        """Surface of a degree by least squares, and its sum of squares over the region."""
+    def fit(self, level: _Array) -> tuple[_Array, float, float]:
+        """Slow surface by least squares, and the sums of squares over the region of it and of that of all degrees."""
         down, right = self.polynomials
         products, factors = down @ level @ right.T, np.zeros((len(down), len(right)))
-        terms = _terms(degree)
-        factors[terms] = self.inverses[degree] @ products[terms]
-        return down.T @ factors @ right, float(np.vdot(factors, products))
+        every = products[_TERMS[_NOISE_DEGREE]]
+        factors[_TERMS[_SLOW_DEGREE]] = self.inverses[_SLOW_DEGREE] @ products[_TERMS[_SLOW_DEGREE]]
+        square = float(every @ self.inverses[_NOISE_DEGREE] @ every)
+        return down.T @ factors @ right, float(np.vdot(factors, products)), square
 
 
 def _region_of(mask: NDArray[np.bool_]) -> _Region:
@@ -234,7 +242,7 @@ def _region(mask: NDArray[np.bool_]) -> _Region:
     each_other = (pairs[0] @ inside.astype(float) @ pairs[1].T).reshape((count,) * 4).transpose(0, 2, 1, 3)
     inverses, ranks = {}, []
     for degree in (_SLOW_DEGREE, _NOISE_DEGREE):
-        y, x = _terms(degree)
+        y, x = _TERMS[degree]
         products = each_other[y[:, None], x[:, None], y, x]
         inverses[degree] = np.linalg.pinv(products, rcond=_SAME_SURFACE, hermitian=True)
         ranks.append(int(np.linalg.matrix_rank(products, hermitian=True, rtol=_SAME_SURFACE)))
@@ -248,9 +256,3 @@ def _region(mask: NDArray[np.bool_]) -> _Region:
         ranks=(ranks[0], ranks[1]),
         pairs=np.rint(products_by_lag(inside.astype(float))),
     )
-
-
-def _terms(degree: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Degrees along y and x of the terms of a surface."""
-    y, x = np.nonzero(np.add.outer(*2 * [np.arange(_NOISE_DEGREE + 1)]) <= degree)
-    return y, x

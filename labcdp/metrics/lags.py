@@ -61,25 +61,28 @@ def inflation_by_lags(scores: _Array, pairs: _Array) -> float:
         return 1.0
     least = _SIGNIFICANT * sqrt(log10(n) / n) * scatter / n
     reaches = _reach(products[:, 0], pairs[:, 0], least), _reach(products[0], pairs[0], least)
+    weights = _weights(reaches, pairs.shape)
     whole = (
-        _lines_count(products, pairs, reaches),
-        _lines_count(products.T, pairs.T, reaches[::-1]),
+        _lines_count(products, pairs, weights, reaches[0]),
+        _lines_count(products.T, pairs.T, weights[::-1], reaches[1]),
     )
     if not any((*reaches, *whole)):
         return 1.0
 
-    def factor(down: int, right: int, whole: tuple[bool, bool] = (False, False)) -> float | None:
+    def factor(weights: tuple[_Array, _Array], whole: tuple[bool, bool] = (False, False)) -> float | None:
         """Sum over the selected lags, corrected for the estimated mean; None if that is not possible."""
-        weights = _weights(pairs.shape, (down, right), whole)
-        share = float(np.vdot(weights, pairs)) / n**2
-        return float(np.vdot(weights, products)) / scatter * (1 - 1 / n) / (1 - share) if share < 1 else None
+        share = _weighted(pairs, weights, whole) / n**2
+        return _weighted(products, weights, whole) / scatter * (1 - 1 / n) / (1 - share) if share < 1 else None
 
-    found = factor(*reaches, whole)
+    found = factor(weights, whole)
     if found is not None:
         return max(found, 1.0)
     # The sum over all lags is the square of the sum of the scores, 0. Near lags never cover all pairs: the weight of a
     # region's farthest lag is less than 1.
-    nearer = (factor(min(reaches[0], most), min(reaches[1], most)) for most in range(max(reaches) + 1))
+    nearer = (
+        factor(_weights((min(reaches[0], most), min(reaches[1], most)), pairs.shape))
+        for most in range(max(reaches) + 1)
+    )
     return max(1.0, *(one for one in nearer if one is not None))
 
 
@@ -88,41 +91,49 @@ def _reach(products: _Array, pairs: _Array, least: float) -> int:
 
     `least` is for as many pairs as there are pixels; fewer pairs have a larger scatter.
     """
+    significant = np.abs(products) > least * np.sqrt(pairs[0] * pairs)
     reach = lag = 0
     while lag < products.size // 8 and lag - reach < _LAGS_BELOW:
         lag += 1
-        if abs(products[lag]) > least * sqrt(pairs[0] * pairs[lag]):
+        if significant[lag]:
             reach = lag
     return reach
 
 
+def _weights(reaches: tuple[int, int], shape: tuple[int, ...]) -> tuple[_Array, _Array]:
+    """Weights of the lags along y and x: 1 up to the one after a reach, falling to 0 at twice that."""
+    down, right = (_along(reach, size) for reach, size in zip(reaches, shape, strict=True))
+    return down, right
+
+
 def _along(reach: int, size: int) -> _Array:
-    """Weights of the lags along an axis: 1 up to the one after `reach`, falling to 0 at twice that."""
-    lags = np.abs(np.fft.fftfreq(size, 1 / size))
+    places = np.arange(size)
+    lags = np.minimum(places, size - places)
     # Only lag 0 is used where none is significant.
-    return np.asarray(np.clip(2 - lags / (reach + 1), 0.0, 1.0) if reach else lags == 0, dtype=np.float64)
+    return np.minimum(np.maximum(2 - lags / (reach + 1), 0.0), 1.0) if reach else (lags == 0).astype(np.float64)
 
 
-def _weights(shape: tuple[int, ...], reaches: tuple[int, int], whole: tuple[bool, bool]) -> _Array:
-    """Weights of all lags; a lag selected by both axes is counted once."""
-    down, right = (_along(reach, size)[:, None] for reach, size in zip(reaches, shape, strict=True))
-    along = [np.ones_like(down) @ right.T] if whole[0] else []
-    along += [down @ np.ones_like(right).T] if whole[1] else []
-    both = down @ right.T
-    return both if not along else along[0] if len(along) == 1 else along[0] + along[1] - both
+def _weighted(of_lags: _Array, weights: tuple[_Array, _Array], whole: tuple[bool, bool]) -> float:
+    """Weighted sum over all lags; one selected by both axes is counted once."""
+    down, right = weights
+    by_columns = of_lags @ right
+    both = float(down @ by_columns)
+    every = float(by_columns.sum()) if whole[0] else both
+    return every + float(down @ of_lags.sum(axis=1)) - both if whole[1] else every
 
 
-def _lines_count(products: _Array, pairs: _Array, reaches: tuple[int, int]) -> bool:
+def _lines_count(products: _Array, pairs: _Array, weights: tuple[_Array, _Array], reach: int) -> bool:
     """Whether the sum over the far lags along y exceeds a number of standard deviations.
 
     Their variance is Bartlett's formula, summed over lags along the line. Pairs at a lag (dy, dx) are taken as those at
     (dy, 0) times those at (0, dx) over all pixels.
     """
-    down, right = (_along(reach, size) for reach, size in zip(reaches, pairs.shape, strict=True))
-    far = np.abs(np.fft.fftfreq(pairs.shape[0], 1 / pairs.shape[0])) > 2 * reaches[0] + 2
+    far = slice(2 * reach + 3, pairs.shape[0] - 2 * reach - 2)
     far_pairs = float(pairs[far, 0].sum())
     if far_pairs < 0.5:
         return False
-    means, means_across = (one / np.maximum(of, 1.0) * (of > 0) for one, of in ((down, pairs[:, 0]), (right, pairs[0])))
+    means, means_across = (
+        one / np.maximum(of, 1.0) * (of > 0) for one, of in zip(weights, (pairs[:, 0], pairs[0]), strict=True)
+    )
     squares = np.square(pairs[0, 0] * means_across * (means @ products))
     return bool(products[far, 0].sum() > _LINE_SIGNIFICANT * sqrt(2 * far_pairs * float(squares.sum())))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import atan2, hypot, nan
+from math import atan2, hypot, isfinite, nan
 from typing import Any
 
 import numpy as np
@@ -70,11 +70,11 @@ def carried(roi: Roi, matrix: Matrix) -> Roi:
 
 def box_of(matrix: Matrix, width: float, height: float) -> tuple[float, float, float, float]:
     """Left, top, right and bottom end of a rectangle of `width` x `height` moved by `matrix`; nan if not finite."""
-    corners = np.array([moved(matrix, x, y) for x, y in ((0, 0), (width, 0), (width, height), (0, height))])
-    if not np.isfinite(corners).all():
+    corners = [moved(matrix, x, y) for x, y in ((0, 0), (width, 0), (width, height), (0, height))]
+    if not all(isfinite(x) and isfinite(y) for x, y in corners):
         return nan, nan, nan, nan
-    (left, top), (right, bottom) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
-    return left, top, right, bottom
+    xs, ys = zip(*corners, strict=True)
+    return min(xs), min(ys), max(xs), max(ys)
 
 
 def shape_change(before: Matrix, after: Matrix, to_centred: Matrix) -> tuple[float, float, float, float]:

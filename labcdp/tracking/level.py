@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import isnan, nan
+from math import hypot, isnan, nan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,8 @@ _PIXELS_LEAST = 6
 _CHANGED = 0.75
 #: Least and most change of the light between the first frame and this one.
 _GAIN_LEAST, _GAIN_MOST = 0.05, 12.0
+#: Change of the light after which no other one is looked for: of the gain, and of the middle in parts of the structure.
+_SETTLED = 1e-4
 #: Pixels from which on only every fourth one goes into a median.
 _MANY = 800
 
@@ -99,11 +101,10 @@ class Level:
         self._centred = scaling(1 / half)
         self._centred[:2, 2] = -width / 2 / half, -height / 2 / half
         self._from_centred, self._still = inverse(self._centred), _STILL_PX / half
-        self._generators = np.array(_PLANAR if planar else _SIMILAR, dtype=float).reshape(-1, 3, 3)
+        self._generators = np.array(_PLANAR if planar else _SIMILAR, dtype=float)
         self._damping = np.array([*(1 / np.square(_STEPS[: len(self._generators)])), 0.0, 0.0])
         self._jacobian = _jacobian(values, self._centred @ self._to_template, self._generators)
         self._values, self._middle = values.ravel(), float(values.mean())
-        self._deviations = self._values.astype(float) - self._middle
         self.trust = np.ones(values.size, np.float32)
         self.structure, self.noise = float(values.std()), float(template.noise_dn)
 
@@ -131,7 +132,7 @@ class Level:
                 return None
             try:
                 step = self._step(seen)
-                place = place @ self._from_centred @ inverse(np.eye(3) + np.tensordot(step, self._generators, 1))
+                place = place @ self._from_centred @ inverse(np.eye(3) + (step @ self._generators).reshape(3, 3))
                 place = place @ self._centred
             except np.linalg.LinAlgError:
                 return None
@@ -149,9 +150,8 @@ class Level:
         """
         values, trusted = self._sampled(view, place)
         guessed = self._in_light(values, trusted, light or _UNKNOWN)
-        if light is None or (
-            guessed is not None and _CHANGED * guessed.spread <= max(self.noise, _ALLOWED * self.structure)
-        ):
+        # None fits better than one that leaves only noise.
+        if light is None or (guessed is not None and _CHANGED * guessed.spread <= self._least_spread(guessed.gain)):
             return guessed
         seen = self._in_light(values, trusted, _UNKNOWN)
         # A guess is kept unless the light has clearly changed.
@@ -169,8 +169,15 @@ class Level:
         else:
             seen = self._compared(values, trusted, light)
         for _ in range(3):
-            seen = seen and self._relit(values, trusted, seen, light[0])
+            before, seen = seen, seen and self._relit(values, trusted, seen, light[0])
+            if before is None or seen is None or self._settled(before, seen):
+                break
         return seen
+
+    def _settled(self, before: Seen, now: Seen) -> bool:
+        gain = now.gain - before.gain
+        middle = gain * self._middle + now.offset - before.offset
+        return max(abs(gain), abs(middle) / max(self.structure, 1e-9)) < _SETTLED * now.gain
 
     def _relit(self, values: _Pixels, trusted: _Pixels, seen: Seen, expected: float) -> Seen | None:
         """Compare a view in the light found by weighted least squares; None if that is not possible.
@@ -178,14 +185,17 @@ class Level:
         An expected gain counts as much as the whole template: a patch and changing surroundings contain little
         information on it.
         """
-        weights = (trusted * seen.robust).astype(float)
-        total = float(weights.sum())
+        weights = trusted * seen.robust
+        # Deviations of the template, and ones.
+        of_light = self._jacobian[-2:]
+        weighted = of_light * weights
+        (square, of_template), (_, total) = (weighted @ of_light.T).tolist()
         if not total >= _PIXELS_LEAST:
             return None
-        of_template = weights * self._deviations
-        mean_t, mean_v = float(of_template.sum()) / total, float(weights @ values) / total
-        power = float(of_template @ self._deviations) - mean_t * mean_t * total
-        gain = (float(of_template @ values) - mean_t * mean_v * total) / power if power > 0 else 0.0
+        of_both, of_view = (weighted @ values).tolist()
+        mean_t, mean_v = of_template / total, of_view / total
+        power = square - mean_t * of_template
+        gain = (of_both - mean_t * of_view) / power if power > 0 else 0.0
         if not isnan(expected):
             whole = self.structure**2 * values.size
             gain = (power * gain + whole * expected) / (power + whole)
@@ -198,22 +208,25 @@ class Level:
         gain, offset = light
         residuals = values * np.float32(1 / gain) - self._values - np.float32(offset / gain)
         some = np.abs(residuals[:: 4 if residuals.size > _MANY else 1])
-        spread = max(
-            1.4826 * float(np.partition(some, some.size // 2)[some.size // 2]),
-            self.noise * (1 + 1 / gain**2) ** 0.5,
-            _ALLOWED * self.structure,
-        )
+        middle = 1.4826 * float(np.partition(some, some.size // 2)[some.size // 2])
+        spread = max(middle, self._least_spread(gain))
         robust = 1 / np.square(1 + np.square(residuals * np.float32(1 / (_ROBUST * spread))))
         return Seen(values, trusted, gain, offset, residuals, robust, spread)
+
+    def _least_spread(self, gain: float) -> float:
+        """Spread of the residuals that noise, interpolation and blur leave in a light."""
+        return max(self.noise * hypot(1, 1 / gain), _ALLOWED * self.structure)
 
     def _step(self, seen: Seen) -> NDArray[np.float64]:
         """Gauss-Newton step along each generator, light found along with it."""
         weights = seen.trusted * seen.robust
         weighted = self._jacobian * weights
         products = (weighted @ self._jacobian.T).astype(float)
-        scatter = float((weights * seen.residuals) @ seen.residuals) / max(float(weights.sum()), 1e-9)
+        # The last row is of ones.
+        scatter = float((weights * seen.residuals) @ seen.residuals) / max(float(products[-1, -1]), 1e-9)
         held_back = self._damping * max(scatter, self.noise**2) + 1e-6 * products.diagonal() + 1e-9
-        step = np.linalg.solve(products + np.diag(held_back), (weighted @ seen.residuals).astype(float))
+        products.flat[:: len(products) + 1] += held_back
+        step = np.linalg.solve(products, (weighted @ seen.residuals).astype(float))
         return step[: len(self._generators)]
 
 
@@ -225,7 +238,7 @@ def _jacobian(values: _Pixels, to_centred: Matrix, generators: NDArray[np.float6
     dx, dy = gradients(values)
     along, down = dx / to_centred[0, 0], dy / to_centred[1, 1]
     columns = []
-    for (a, b, c), (d, e, f), (g, h, i) in generators:
+    for a, b, c, d, e, f, g, h, i in generators:
         w = g * u + h * v + i
         columns.append(along * (a * u + b * v + c - u * w) + down * (d * u + e * v + f - v * w))
     rows = np.stack([*columns, values - values.mean(), np.ones_like(values)])

@@ -214,18 +214,17 @@ def common_motion(before: NDArray[Any], after: NDArray[Any]) -> Matrix:
     -----
     Nothing is drawn at random, so the result is the same each time.
     """
-    a, b = before.astype(np.float64), after.astype(np.float64)
-    motion = shift(*np.median(b - a, axis=0))
+    # A point as a complex number: turning and scaling are a factor.
+    a, b = (points.astype(np.float64) @ (1, 1j) for points in (before, after))
+    turn, step = 1 + 0j, complex(np.median((b - a).real), np.median((b - a).imag))
     for _ in range(8):
-        off = np.hypot(*(transform(motion, a) - b).T)
+        off = np.abs(turn * a + step - b)
         weights = 1 / np.square(1 + np.square(off / max(2.0 * float(np.median(off)), 0.2)))
-        middle_a, middle_b = np.average(a, axis=0, weights=weights), np.average(b, axis=0, weights=weights)
+        middle_a, middle_b = (complex(weights @ one) / float(weights.sum()) for one in (a, b))
         u, v = a - middle_a, b - middle_b
-        spread = float((weights * (u * u).sum(axis=1)).sum())
+        spread = float(weights @ np.square(np.abs(u)))
         if spread < 1e-6:
             break
-        cosine = float((weights * (u * v).sum(axis=1)).sum()) / spread
-        sine = float((weights * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])).sum()) / spread
-        turned = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1.0]])
-        motion = shift(*middle_b) @ turned @ shift(*-middle_a)
-    return motion
+        turn = complex(weights @ (u.conj() * v)) / spread
+        step = middle_b - turn * middle_a
+    return np.array([[turn.real, -turn.imag, step.real], [turn.imag, turn.real, step.imag], [0.0, 0.0, 1.0]])

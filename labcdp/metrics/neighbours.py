@@ -167,8 +167,14 @@ def _cdp_of(values: NDArray[np.float64], asked: TargetContrast) -> NeighbourCdp:
         counts += _compare(rows[:, :-1], rows[:, 1:], asked, marks[:, :-1])
         counts += _compare(block[:-1], block[1:], asked, marks[: len(block) - 1])
     undefined, below, up_to = counts.tolist()
+    variance = variance_of_neighbours(detected, (up_to - below) / pairs)
+    return result_of_counts(asked, pairs, (undefined, below, up_to), variance)
+
+
+def result_of_counts(asked: TargetContrast, pairs: int, counts: tuple[int, int, int], variance: float) -> NeighbourCdp:
+    """Make the result of a contrast from the pairs that are undefined, below, and up to the upper end."""
+    undefined, below, up_to = counts
     cdp = (up_to - below) / pairs
-    variance = variance_of_neighbours(detected, cdp)
     return NeighbourCdp(
         cdp=cdp,
         standard_error=sqrt(variance),

@@ -165,15 +165,10 @@ def _around(
 
 def sampled(image: FloatImage, places: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the values at places (..., 2), between pixels linearly; nan outside the image."""
-    height, width = image.shape
-    x, y = places[..., 0] - 0.5, places[..., 1] - 0.5
-    inside = (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
-    column = np.clip(np.floor(np.where(inside, x, 0)).astype(int), 0, width - 2)
-    row = np.clip(np.floor(np.where(inside, y, 0)).astype(int), 0, height - 2)
-    right, below = x - column, y - row
-    upper = image[row, column] * (1 - right) + image[row, column + 1] * right
-    lower = image[row + 1, column] * (1 - right) + image[row + 1, column + 1] * right
-    return np.where(inside, upper * (1 - below) + lower * below, np.nan)
+    from scipy.ndimage import map_coordinates
+
+    at = np.moveaxis(places[..., ::-1] - 0.5, -1, 0)
+    return np.asarray(map_coordinates(image, at, np.float64, order=1, cval=np.nan))
 
 
 def _found(at: At, lattice: Lattice, sign: float, image: FloatImage) -> NDArray[np.float64] | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from math import nan, sqrt
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -15,9 +15,8 @@ from ...core.errors import InputError
 from ...core.frame import Frame
 from ...metrics import Epsilon, NeighbourCdp
 from ...metrics.contrast import TargetContrast
-from ...metrics.neighbours import FEWEST_LINES
+from ...metrics.neighbours import FEWEST_LINES, result_of_counts
 from ...metrics.pairs import RELATIVE_TOLERANCE
-from ...metrics.uncertainty import confidence_interval
 from ..picture.conversion import PictureConversion
 
 #: Contrasts at once: each has two ends, and a class has one byte.
@@ -143,45 +142,17 @@ class NeighbourTables:
             )
         n_pairs = height * (width - 1) + (height - 1) * width
         enough = min(height, width) >= FEWEST_LINES
-        exceeding = sums.counts.tolist()
-        return tuple(
-            _result(
-                asked,
-                n_pairs,
-                exceeding[0],
-                (exceeding[low], exceeding[high]),
-                MarkSums(*own) if enough else None,
-            )
-            for asked, (low, high), own in zip(
-                self._asked,
-                self._intervals.tolist(),
-                zip(sums.near.tolist(), sums.rows, sums.columns, sums.sides, strict=True),
-                strict=True,
-            )
-        )
-
-
-def _result(
-    asked: TargetContrast, n_pairs: int, n_lit: int, exceeding: tuple[int, int], sums: MarkSums | None
-) -> NeighbourCdp:
-    """Return the result of a contrast from the pairs with light and those that exceed its ends."""
-    cdp = (exceeding[0] - exceeding[1]) / n_pairs
-    variance = nan
-    if sums is not None:
-        variance = sums.variance(cdp) if 0 < cdp < 1 else 0.0
-    return NeighbourCdp(
-        cdp=cdp,
-        standard_error=sqrt(variance),
-        confidence_interval=confidence_interval(cdp, variance, n_pairs / 4),
-        contrast=asked.contrast,
-        epsilon=asked.epsilon,
-        definition=asked.definition,
-        interval=asked.interval,
-        below=(n_pairs - exceeding[0]) / n_pairs,
-        above=exceeding[1] / n_pairs,
-        undefined=(n_pairs - n_lit) / n_pairs,
-        pairs=n_pairs,
-    )
+        n_lit, *_ = exceeding = sums.counts.tolist()
+        found = []
+        for one, (low, high), *own in zip(
+            self._asked, self._intervals.tolist(), sums.near.tolist(), sums.rows, sums.columns, sums.sides, strict=True
+        ):
+            cdp, variance = (exceeding[low] - exceeding[high]) / n_pairs, nan
+            if enough:
+                variance = MarkSums(*own).variance(cdp) if 0 < cdp < 1 else 0.0
+            counts = n_pairs - n_lit, n_pairs - exceeding[low], n_pairs - exceeding[high]
+            found.append(result_of_counts(one, n_pairs, counts, variance))
+        return tuple(found)
 
 
 def _classes(light: NDArray[np.float64], ends: Sequence[float]) -> NDArray[np.uint8]:

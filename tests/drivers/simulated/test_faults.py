@@ -39,11 +39,6 @@ def test_a_schedule_is_sorted_by_time_and_may_have_comments():
     )
 
 
-def test_a_wrong_line_is_named_with_an_example():
-    with pytest.raises(ConfigurationError, match=r"^night\.txt, line 2: .*120 is out of range.*: write for example"):
-        parse_schedule("stall for 1 s\nlose 120%\n", "night.txt")
-
-
 @given(st.text(max_size=40) | st.text(alphabet="at 0123456789.%+-smhlosevanighfrzectolr", max_size=30))
 def test_any_text_is_understood_or_refused(text):
     with suppress(ConfigurationError):

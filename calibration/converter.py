@@ -173,15 +173,7 @@ class Converter:
 
     def net_dn(self, luminance_cd_m2: float, exposure_s: float) -> float:
         """DN above dark that a luminance gives on the optical axis: h(n) = R t L solved for n."""
-        from scipy.optimize import brentq
-
-        linear_dn = luminance_cd_m2 * self.dn_per_cd_m2(exposure_s)
-        if self.response.kind == "linear":
-            return linear_dn
-        top = linear_dn
-        while float(self.response.linearise(top)) < linear_dn:
-            top *= 2
-        return float(brentq(lambda n: float(self.response.linearise(n)) - linear_dn, 0.0, top, xtol=1e-9 * linear_dn))
+        return float(self.response.inverse(luminance_cd_m2 * self.dn_per_cd_m2(exposure_s)))
 
     def dark_spread_cd_m2(self, frame: Frame) -> float:
         """Return what dark signal non-uniformity and drift of the black level make of a dark pixel's luminance."""

@@ -16,6 +16,8 @@ from .disk.files import quoted
 from .errors import InputError
 
 Packing = Literal["byte", "word", "lsb12", "gige12"]
+#: Steps between DN from which a response is inverted.
+_INVERSE_STEPS = 4096
 
 
 @dataclass(frozen=True)
@@ -235,6 +237,17 @@ class Response:
     def slope(self, net_dn: ArrayLike) -> NDArray[np.float64]:
         """dh/dn, any shape."""
         return self._evaluate(net_dn)[1]
+
+    def inverse(self, linear_dn: ArrayLike) -> NDArray[np.float64]:
+        """DN n above dark with a linearised h(n), any shape, by Newton's method."""
+        h = np.asarray(linear_dn, dtype=float)
+        if self.kind == "linear":
+            return h.copy()
+        grid = np.linspace(0, self.net_dn[-1], _INVERSE_STEPS)
+        n: NDArray[np.float64] = np.interp(h, self.linearise(grid), grid)
+        for _ in range(3):
+            n = n + (h - self.linearise(n)) / self.slope(n)
+        return n
 
     def _evaluate(self, net_dn: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         n = np.asarray(net_dn, dtype=float)

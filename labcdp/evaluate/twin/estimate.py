@@ -8,6 +8,7 @@ from typing import Any
 
 from ...calibration import Calibration, DarkModel
 from ...calibration.emva.result import Characterisation, Quantity
+from ...calibration.sensor.dark_fit import TYPICAL_DOUBLING_C
 from ...calibration.sensor.noise import index_of_gain
 from ...chain import Optics, Sensor
 from ...core.errors import CalibrationError, InputError
@@ -22,8 +23,6 @@ from .parameters import TwinParameters, known
 
 #: Factor beyond the converter's range of a full well that was not observed, so that it clips nothing.
 _BEYOND = 1.1
-#: Doubling of the dark current in kelvin where it was not measured: typical of silicon near room temperature.
-_TYPICAL_DOUBLING_K = 8.0
 #: Assumed temperature of frames without one; the dark current is stated for it, so results do not depend on it.
 _UNKNOWN_TEMPERATURE_C = 25.0
 
@@ -82,8 +81,8 @@ def twin_parameters(
         findings.append(info("twin-response-not-linear", response=calibration.response.kind))
     doubling = found.doubling_temperature_c
     if doubling is None:
-        doubling = Quantity(_TYPICAL_DOUBLING_K, nan, "K", "assumed, typical of silicon")
-        findings.append(info("twin-doubling-assumed", doubling_k=_TYPICAL_DOUBLING_K, temperature_c=temperature_c))
+        doubling = Quantity(TYPICAL_DOUBLING_C, nan, "K", "assumed, typical of silicon")
+        findings.append(info("twin-doubling-assumed", doubling_k=TYPICAL_DOUBLING_C, temperature_c=temperature_c))
     return TwinParameters(
         **noise,
         dark=setting.dark,

@@ -8,7 +8,7 @@ from functools import cached_property
 from math import ceil, sqrt
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ...calibration.emva.result import Quantity
 from ...chain import ExposureSettings
@@ -26,8 +26,6 @@ _VIGNETTING_STEP, _MOST_KINDS = 0.001, 9
 _NODES = ((-sqrt(3), 1 / 6), (0.0, 2 / 3), (sqrt(3), 1 / 6))
 #: Probabilities below this are left out.
 _NEVER = 1e-13
-#: Steps between DN at which the response is inverted.
-_INVERSE_STEPS = 4096
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,22 +173,10 @@ def _shifted(twin: TwinParameters, names: Sequence[str], sign: int) -> TwinParam
     return twin.with_noise(**{name: replace(q, value=max(q.value + sign * known(q), 0.0)) for name, q in old.items()})
 
 
-def dn_above_dark(twin: TwinParameters, response: Response, linear_dn: ArrayLike) -> FloatArray:
-    """Return h^-1, which maps a linear signal to DN above dark."""
-    wanted = np.asarray(linear_dn, dtype=float)
-    if response.kind == "linear":
-        return wanted
-    grid = np.linspace(0.0, 2.0**twin.bits, _INVERSE_STEPS)
-    heights = response.linearise(grid)
-    inside = np.interp(wanted, heights, grid)
-    result: FloatArray = inside + np.maximum(wanted - heights[-1], 0) / float(response.slope(grid[-1]))
-    return result
-
-
 def luminance_per_dn(twin: TwinParameters, region: TwinRegion, exposure_s: float, response: Response) -> float:
     """Return the change of a region's luminance with its DN, in cd/m^2."""
     full = twin.responsivity.value * exposure_s * float(region.vignetting.mean())
-    net_dn = dn_above_dark(twin, response, full * region.luminance_cd_m2)
+    net_dn = response.inverse(full * region.luminance_cd_m2)
     return float(response.slope(net_dn)) / full
 
 
@@ -210,7 +196,7 @@ def _luminances(
         for v, light, _ in [region.kinds]
     ]
     per_s = twin.k_dn_per_e.value * exposure_s
-    rates = dn_above_dark(twin, response, np.concatenate(signal)) / per_s
+    rates = response.inverse(np.concatenate(signal)) / per_s
     sensor = twin.sensor((1, 1), exposure_s)
     settings = ExposureSettings((exposure_s,), temperature_c=twin.temperature_c)
     dn = np.arange(2.0**twin.bits) - twin.dark_dn(exposure_s)

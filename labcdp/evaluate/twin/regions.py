@@ -20,7 +20,7 @@ from ...session import Session
 from ..bench.observe import ObservedSession
 from ..bench.recorded import maps_of
 from .parameters import TwinParameters, known
-from .prediction import TwinRegion, dn_above_dark
+from .prediction import TwinRegion
 
 
 @dataclass(frozen=True)
@@ -242,7 +242,7 @@ def predicted_signal(
     dark_dn = twin.dark_dn(exposure_s)
     on_axis = twin.responsivity.value * exposure_s * region.luminance_cd_m2
     harmonic = 1 / float((1 / region.vignetting).mean())
-    net_dn, light_dn = dn_above_dark(twin, response, [on_axis * v for v in (harmonic, float(region.vignetting.mean()))])
+    net_dn, light_dn = response.inverse([on_axis * v for v in (harmonic, float(region.vignetting.mean()))])
     rel = hypot(known(twin.responsivity) / twin.responsivity.value, region.reading_rel, region.flat_field_rel)
     of_light = rel * on_axis * harmonic / float(response.slope(net_dn))
     mean_u = hypot(of_light, twin.dark_standard_uncertainty_dn(exposure_s), region.darkness_dn)

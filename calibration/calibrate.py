@@ -15,12 +15,12 @@ from ..core.reading import Reading
 from ..core.result import Finding, log_findings, unique
 from ..core.vignetting import AnyVignetting
 from .convert.patch import patch_luminance
-from .converter import VIGNETTING
+from .converter import GLARE, VIGNETTING
 from .findings import FitTest, ResponsivityFit
 from .fit import tests as fit_tests
 from .fit.candidates import candidate_models
 from .fit.demands import design_findings, fit_findings, require_every_gain, require_monotone, require_span
-from .fit.design import DRIFT, build_design
+from .fit.design import DRIFT, SharedError, build_design
 from .fit.intake import Intake, take_in, take_usable
 from .fit.problem import Solution, solve
 from .fit.residuals import finite, fit_errors, fitted_rows, held_out_rows, parameter_covariance
@@ -185,7 +185,11 @@ def _final(
     plain = solve(given.without_shared(DRIFT), first.candidate)
     of_glare = fit_tests.glare(plain, _slope(plain))
     glare_cd_m2 = fit_tests.possible_glare_cd_m2(of_glare)
-    design = given.with_glare(glare_cd_m2 * (_FREE if of_glare.significant else 1.0))
+    of_step, errors = fit_tests.step(plain)
+    if glare_cd_m2:
+        zero, width = np.zeros(given.net_dn.size), _FREE if of_glare.significant else 1.0
+        errors.append(SharedError(GLARE, zero, zero, cd_m2=width * glare_cd_m2))
+    design = given.with_shared(*errors)
     stated = solve(design, first.candidate)
     final = with_scatter(design, first.candidate, by_place=beyond)
     gains = _gains(final, settings)
@@ -193,6 +197,7 @@ def _final(
         of_glare,
         fit_tests.exposure_reciprocity(plain),
         fit_tests.drift(plain),
+        of_step,
         of_place,
         fit_tests.scatter(stated),
         fit_tests.dark_signal(plain, settings[0].dark, intake.of_dark),

@@ -73,6 +73,8 @@ def calibrate_once(world: World, number: int) -> Outcome:
 
 
 def _measured(world: World, rng: np.random.Generator, folder: Path) -> Outcome:
+    if world.drift_spread_rel:
+        world = replace(world, drift_rel=world.drift_spread_rel * float(rng.normal()))
     device = make_device(world, rng)
     recorder = Recorder(device, rng, folder)
     scales = scale_errors(world, rng)

@@ -57,6 +57,8 @@ class World:
         Standard deviation of the lamp from frame to frame.
     drift_rel : float
         Loss of the lamp from the first frame to the end of the calibration.
+    drift_spread_rel : float
+        Standard deviation of that loss over the calibrations, as labcdp takes for granted.
     breathing_rel : float
         Standard deviation of the responsivity after focusing anew between calibration and use.
     scale_half_width_rel : float
@@ -101,6 +103,7 @@ class World:
     scatter_rel: float = 0.0
     flicker_rel: float = 0.0
     drift_rel: float = 0.0
+    drift_spread_rel: float = 0.0
     breathing_rel: float = 0.0
     scale_half_width_rel: float = 0.002
     resolution_cd_m2: float = 1e-5
@@ -147,13 +150,13 @@ WORLDS = (
     World("refocusing 0.5 %", breathing_rel=0.005),
     World("cubic response 1 %", cubic=0.01),
     World("gamma 2.2", gamma=2.2),
-    World("gamma 2.2, bracket", gamma=2.2, bracket=True, exposures_s=_BRACKET),
+    World("gamma 2.2, bracket", gamma=2.2, bracket=True, exposures_s=_BRACKET, drift_spread_rel=0.01),
     World("meter scale 2 %", scale_half_width_rel=0.02),
     World("meter digits", resolution_cd_m2=0.01, digits=2),
     World("one wrong reading of three, 20 %", _READINGS, wrong_reading_rel=0.2),
     World("one wrong reading of one, 20 %", _READINGS, wrong_reading_rel=0.2, readings=1),
     World("recalibrated meter", ("meter-recalibrated",), scale_half_width_rel=0.02, recalibrated="stated"),
-    World("recalibrated meter, not stated", ("meter-recalibrated", "patches-scatter", "drift"),
+    World("recalibrated meter, not stated", ("readings-step",),
           scale_half_width_rel=0.02, recalibrated="not stated"),
     World("4 patches", patches=4),
     World("8 patches", patches=8),

@@ -103,12 +103,7 @@ def design_findings(design: Design, settings: Sequence[GainSetting]) -> list[Fin
 def fit_findings(final: Solution, tests: Sequence[FitTest]) -> list[Finding]:
     """Return the findings of the fit."""
     design = final.design
-    findings = [
-        test.finding
-        for test in tests
-        if test.significant
-        and test.name in ("glare", "exposure reciprocity", "drift", "vignetting", "dark signal", "gain")
-    ]
+    findings = [test.finding for test in tests if test.significant and test.name != "scatter"]
     findings += _glare_not_excluded(design, next(test for test in tests if test.name == "glare"))
     before = len(findings)
     if design.scatter_rel > _SCATTER_TOLERANCE_REL:

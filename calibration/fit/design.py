@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ...core.vignetting import AnyVignetting
 from ...session.tables import EXPOSURE_JITTER_S
-from ..converter import FLAT_FIELD, FLICKER, GLARE, exposure_time_rel, source_of_place
+from ..converter import FLAT_FIELD, FLICKER, exposure_time_rel, source_of_place
 from ..frames.nonuniformity import slow_rel, smooth_patterns, vignetting_errors
 from ..frames.observations import PatchObservation
 from ..readings import PatchReading
@@ -157,12 +157,9 @@ class Design:
         rows = [one.relative * level + one.dn * slope + one.cd_m2 for one in self.shared]
         return np.array(rows).reshape(-1, level.size)
 
-    def with_glare(self, glare_cd_m2: float) -> Design:
-        """Return the same with an unknown glare of this standard uncertainty; with 0, the same."""
-        if not glare_cd_m2:
-            return self
-        zero = np.zeros(self.net_dn.size)
-        return replace(self, shared=(*self.shared, SharedError(GLARE, zero, zero, cd_m2=glare_cd_m2)))
+    def with_shared(self, *errors: SharedError) -> Design:
+        """Return the same with further shared errors."""
+        return replace(self, shared=(*self.shared, *errors))
 
     def without_shared(self, source: str) -> Design:
         """Return the same without the shared errors of a source."""

@@ -23,7 +23,7 @@ from .scatter import fit_dof
 from .selection import leave_one_out, patch_weights
 
 #: Signals at which the error of a non-linear response is stored; linear interpolation is accurate to 0.1 % of it.
-_N_NODES = 48
+_N_NODES = 96
 
 
 def fitted_rows(

@@ -22,6 +22,8 @@ from .problem import Solution, solve
 MIN_IMPROVEMENT = 0.1
 #: Decrease of chi^2 required of a further parameter.
 WORTH = 6.6
+#: p-value of chi^2 below which patches contradict the response of a bracket: a refusal asks for more than a warning.
+_CONTRADICTION = 1e-4
 #: Patches in excess of the parameters required for a test of positions.
 _SPARE_PATCHES = 2
 #: Readings within this many hours cannot show a drift.
@@ -144,7 +146,7 @@ def select_model(design: Design, candidates: Sequence[CandidateModel]) -> tuple[
 
 
 def _explained(solution: Solution) -> bool:
-    return p_value_of_chi_squared(solution.chi_squared, solution.degrees_of_freedom) >= SMALL_P_VALUE
+    return p_value_of_chi_squared(solution.chi_squared, solution.degrees_of_freedom) >= _CONTRADICTION
 
 
 def _given(bracket: ResponseCurve) -> Finding:
@@ -181,8 +183,8 @@ def ratio(found: tuple[float, float]) -> float:
 def strongest_alternative(solution: Solution) -> tuple[str, float] | None:
     """Find the best alternative explanation of the residuals, and its standardised value.
 
-    Considered are a veil of glare, a wrong dark, each exposure time, a drift, and smooth changes over the image. Each
-    parameter beyond the first costs `WORTH`.
+    Considered are a veil of glare, a wrong dark, each exposure time, a drift, and smooth changes over the image, and a
+    step of the meter. Each parameter beyond the first costs `WORTH`.
     """
     candidates = [("a veil of glare", np.ones_like(solution.luminance)), ("a wrong dark", solution.slope)]
     if solution.design.exposures_s.size > 1:
@@ -193,7 +195,7 @@ def strongest_alternative(solution: Solution) -> tuple[str, float] | None:
     if times is not None:
         candidates.append(("a drift", times))
     found = [(name, ratio(solution.shift(pattern))) for name, pattern in candidates]
-    found.append(("the place in the image", worth_of_place(solution)))
+    found += [("the place in the image", worth_of_place(solution)), ("a step of the meter", worth_of_step(solution))]
     strongest = max(found, key=lambda row: row[1])
     return strongest if strongest[1] > 0 else None
 
@@ -206,6 +208,31 @@ def drift_pattern(solution: Solution) -> Array | None:
         return None
     pattern: Array = (hours - hours.mean())[design.patch] * solution.luminance
     return pattern
+
+
+def strongest_step(solution: Solution) -> tuple[Array, int, int] | None:
+    """Find where the readings change at once the most, as those of a readjusted meter do.
+
+    Returns deviations by readings that are 1 lower from one patch on, its number, and that of the possible steps, which
+    have two patches on each side; None if there is no such step.
+    """
+    design = solution.design
+    order = sorted(range(len(design.patches)), key=lambda i: design.read_at[i])
+    found = []
+    for first in order[2:-1]:
+        after = np.array([time >= design.read_at[first] for time in design.read_at])
+        pattern = (after - 0.5)[design.patch] * solution.luminance
+        found.append((ratio(solution.shift(pattern)), first, pattern))
+    if not found:
+        return None
+    _, first, strongest = max(found, key=lambda one: one[0])
+    return strongest, first, len(found)
+
+
+def worth_of_step(solution: Solution) -> float:
+    """Standardised value of the strongest step, comparable with that of a single parameter: its time is another one."""
+    found = strongest_step(solution)
+    return 0.0 if found is None else sqrt(max(ratio(solution.shift(found[0])) ** 2 - WORTH, 0.0))
 
 
 def by_place(solution: Solution) -> tuple[float, int, Array]:

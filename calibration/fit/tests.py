@@ -15,10 +15,10 @@ from ..converter import VIGNETTING
 from ..findings import FitTest
 from ..sensor.dark import DarkModel
 from ..uncertainty import FALSE_ALARM, critical_value, expanded_half_width, p_value_of_chi_squared
-from .design import Design
+from .design import Design, SharedError
 from .problem import Solution, solve
 from .scatter import shift_with_scatter, within_patches
-from .selection import by_place, drift_pattern, ratio, worth_of_place
+from .selection import by_place, drift_pattern, ratio, strongest_step, worth_of_place, worth_of_step
 
 #: Ratio of the highest to the lowest patch below which intercept and slope cannot be distinguished.
 MIN_SPAN = 2.0
@@ -91,10 +91,28 @@ def drift(solution: Solution) -> FitTest:
     value, uncertainty, dof = shift_with_scatter(solution, pattern)
     if uncertainty == inf:
         return _untestable("drift", "1/h", "patches")
-    rather_a_place = worth_of_place(solution) > ratio(solution.shift(pattern))
-    significant = abs(value) > _critical_value(dof) * uncertainty and not rather_a_place
+    other = max(worth_of_place(solution), worth_of_step(solution))
+    significant = abs(value) > _critical_value(dof) * uncertainty and ratio(solution.shift(pattern)) >= other
     values = {"span_h": span_h, **_relative(value, uncertainty)}
     return _test("drift", value, uncertainty, "1/h", significant, "drift", "no-drift", values)
+
+
+def step(solution: Solution) -> tuple[FitTest, list[SharedError]]:
+    """Largest change of the readings at once; with the errors of the observations by it, if significant."""
+    found, name = strongest_step(solution), "meter step"
+    pattern, first, n = (np.zeros_like(solution.luminance), 0, 0) if found is None else found
+    value, uncertainty, dof = shift_with_scatter(solution, pattern)
+    if uncertainty == inf:
+        return _untestable(name, "", "patches"), []
+    times = drift_pattern(solution)
+    other = max(worth_of_place(solution), 0.0 if times is None else ratio(solution.shift(times)))
+    significant = abs(value) > critical_value(n, dof) * uncertainty and worth_of_step(solution) > other
+    values = {"patch": solution.design.patches[first], **_relative(-value, uncertainty)}
+    test = _test(name, -value, uncertainty, "", significant, "readings-step", "no-readings-step", values)
+    # Either side of the step may be right, or anything in between.
+    either, zero = np.full_like(pattern, abs(value) / 2 / sqrt(3)), np.zeros_like(pattern)
+    errors = [SharedError(name, relative, zero) for relative in (value * pattern / solution.luminance, either)]
+    return test, errors if significant else []
 
 
 def vignetting_left(solution: Solution, vignetting: AnyVignetting | None) -> FitTest:

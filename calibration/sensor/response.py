@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from math import ceil, log, sqrt
+from math import ceil, log, pi, sqrt
 from typing import Any
 
 import numpy as np
@@ -33,8 +33,9 @@ _SEEN = 5
 _LEVELS, _NEAR = 256, 5
 #: Share of the DN range above which noise is small compared with deviations by motion.
 _BRIGHT_SHARE, _MOVED = 0.2, 0.25
-#: Error of a curve within a factor e of the exposure, by simulated brackets; it grows with the square of ln f.
-_WITHIN_REL = 0.01
+#: Root mean square error of a curve within a link of a factor e, at both ends of ln h; it grows with the square of
+#: ln f. By simulated brackets of cameras with gamma 1.8 and 2.2 and factors of 1.5 to 4.
+_WITHIN_REL = (0.005, 0.001)
 #: Factor of neighbouring exposures that causes a warning.
 _WIDE_FACTOR = 3.0
 #: Independent errors of a curve for each step of the exposure, and the most.
@@ -48,8 +49,8 @@ _Array = NDArray[np.floating[Any]]
 _MOST_GROUPS, _LEAST_PIXELS = 300, 10
 #: Brightness range relative to neighbouring groups above which a group mixes two areas of the scene.
 _MIXED, _NEIGHBOURS = 4.0, 21
-#: Parts of the range, of equal ratio, that the residual is averaged over.
-_CELLS = 24
+#: Parts of the range, of equal ratio, that the residual is averaged over, and of how many that of each is the mean.
+_CELLS, _NEAR_CELLS = 24, 9
 #: Number of knots, in equal ratios of DN above dark, and weight of the curve's second differences.
 _KNOTS, _SMOOTHNESS = 48, 1.0
 #: Weight at the ends of the range, of that in its middle.
@@ -66,6 +67,8 @@ class ResponseCurve:
         A table over the DN above dark; h = n at its first knot above 0.
     residual_rel : float
         Root mean square deviation of the exposures from the curve over the signals, noise averaged out.
+    residuals_rel : tuple of float
+        The same in each part of `range_net_dn`, of equal ratios.
     range_net_dn : (float, float)
         DN above dark that the bracket covers; beyond, the curve is a straight line.
     exposures_s : tuple of float
@@ -76,6 +79,7 @@ class ResponseCurve:
 
     response: Response
     residual_rel: float
+    residuals_rel: tuple[float, ...]
     range_net_dn: tuple[float, float]
     exposures_s: tuple[float, ...]
     findings: tuple[Finding, ...]
@@ -83,19 +87,24 @@ class ResponseCurve:
     def errors(self, net_dn: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
         """Independent relative errors of h for one standard uncertainty each, shape (k, n), at DN of shape (n,).
 
-        The curve is a chain of ratios from exposure to exposure, so its error grows link by link: each error is a ramp
-        over its part of ln h, half a link, and constant outside. A link contributes the residual of the curve, and the
-        freedom of a smooth curve within it: the exposures determine h at a factor f from any signal, but not in
-        between.
+        The curve is a chain of ratios from exposure to exposure: the residuals, largest near dark, add up along the
+        chain, as a ramp over each half link of ln h, constant outside. Within a link h is only smooth: the exposures
+        determine it at a factor f from any signal, but not in between. Such an error is alike in all links, waves over
+        ln h of the periods ln f and half of it, and does not add up.
         """
-        steps = np.diff(np.log(self.exposures_s))
-        link_rel = float(np.hypot(self.residual_rel, _WITHIN_REL * np.median(steps) ** 2))
+        step = float(np.median(np.diff(np.log(self.exposures_s))))
         low, high = (log(float(self.response.linearise(n))) for n in self.range_net_dn)
-        n_links = max((high - low) / float(np.median(steps)), 1.0)
+        n_links = max((high - low) / step, 1.0)
         edges = np.linspace(low, high, min(ceil(_PARTS * n_links), _MOST_ERRORS) + 1)
         at = np.log(self.response.linearise(np.clip(net_dn, *self.range_net_dn)))
-        ramps: NDArray[np.float64] = np.clip((at - edges[:-1, None]) / np.diff(edges)[:, None], 0, 1)
-        return link_rel * sqrt(n_links / ramps.shape[0]) * ramps
+        ramps = np.clip((at - edges[:-1, None]) / np.diff(edges)[:, None], 0, 1)
+        cells = np.geomspace(*self.range_net_dn, 2 * len(self.residuals_rel) + 1)[1::2]
+        middles = np.log(self.response.linearise(cells))
+        residual = np.interp((edges[:-1] + edges[1:]) / 2, middles, self.residuals_rel)
+        phase = 2 * pi * np.multiply.outer([1, 2], (at - low) / step)
+        within = np.interp(at, [low, high], _WITHIN_REL) * step**2 / sqrt(len(phase))
+        waves = within * np.concatenate([np.cos(phase), np.sin(phase)])
+        return np.concatenate([residual[:, None] * sqrt(n_links / len(ramps)) * ramps, waves])
 
 
 def response_from_bracket(frames: Sequence[Frame], dark_dn: float) -> ResponseCurve:
@@ -132,7 +141,7 @@ def response_from_bracket(frames: Sequence[Frame], dark_dn: float) -> ResponseCu
     knots, curve = _debevec(groups, exposures_s, limits)
     response = Response("table", (0.0, *knots.tolist()), (0.0, *curve.tolist()))
     _require_still(net_dn, exposures_s, response, limits)
-    residual = _residual_rel(groups, exposures_s, response, limits)
+    residual, residuals = _residuals_rel(groups, exposures_s, response, limits)
     if residual > MAX_RESIDUAL_REL:
         raise CalibrationError(_CONTRADICTION.format(residual))
     findings = []
@@ -143,7 +152,7 @@ def response_from_bracket(frames: Sequence[Frame], dark_dn: float) -> ResponseCu
         findings.append(warning("bracket-partial", share=share))
     if residual > 0.02:
         findings.append(warning("bracket-residual", residual_rel=float(residual)))
-    return ResponseCurve(response, residual, limits, exposures_s, tuple(findings))
+    return ResponseCurve(response, residual, residuals, limits, exposures_s, tuple(findings))
 
 
 def _by_exposure(frames: Sequence[Frame]) -> dict[float, list[Frame]]:
@@ -226,23 +235,27 @@ def _groups(dn: _Array) -> _Array:
     return np.array([dn[:, m].mean(axis=1) for m, keep in zip(members, even, strict=True) if keep]).T
 
 
-def _residual_rel(
+def _residuals_rel(
     net_dn: _Array, exposures_s: Sequence[float], response: Response, limits: tuple[float, float]
-) -> float:
-    """Root mean square deviation of neighbouring exposures from the response over the signals within the limits."""
-    means = []
+) -> tuple[float, tuple[float, ...]]:
+    """Root mean square deviation of neighbouring exposures from the response within the limits: in all, and by part."""
+    from scipy.ndimage import uniform_filter1d
+
+    squares, seen = np.zeros(_CELLS), np.zeros(_CELLS)
     for i, j in pairwise(range(len(exposures_s))):
         a, b = net_dn[i], net_dn[j]
         both = (a >= limits[0]) & (b <= limits[1])
         a, b = a[both], b[both]
         deviation = np.log(response.linearise(b) / response.linearise(a) * exposures_s[i] / exposures_s[j])
-        cell = (_CELLS * np.log(b / limits[0]) / log(limits[1] / limits[0])).astype(int)
-        number = np.bincount(cell)
-        means.append((np.bincount(cell, deviation) / np.maximum(number, 1))[number > 0])
-    squares = np.square(np.concatenate(means))
-    if not squares.size:
+        cell = np.minimum(_CELLS * np.log(b / limits[0]) / log(limits[1] / limits[0]), _CELLS - 1).astype(int)
+        number = np.bincount(cell, minlength=_CELLS)
+        squares += (np.bincount(cell, deviation, _CELLS) / np.maximum(number, 1)) ** 2
+        seen += number > 0
+    if not seen.any():
         raise CalibrationError("no brightness is seen at two exposures: take exposures in between, a factor of 2 to 4")
-    return sqrt(float(squares.mean()))
+    known = np.flatnonzero(seen)
+    local = uniform_filter1d(np.interp(np.arange(_CELLS), known, squares[known] / seen[known]), _NEAR_CELLS)
+    return sqrt(squares.sum() / seen.sum()), tuple(np.sqrt(local).tolist())
 
 
 def _debevec(

@@ -48,6 +48,7 @@ def test_the_response_is_that_of_the_simulated_camera(camera, exposures, bits):
     assert np.abs(error).max() < 0.015
     # The stated errors hold it: the ramps add up along the curve.
     n = np.linspace(*curve.range_net_dn, 200)
+    assert curve.response.inverse(curve.response.linearise(n)) == pytest.approx(n, rel=1e-9)
     stated = curve.errors(n) - curve.errors(n).mean(axis=1, keepdims=True)
     assert (np.abs(error) < 3 * np.sqrt((stated**2).sum(axis=0)) + 0.005).all()
 

@@ -100,16 +100,24 @@ def test_a_wrong_exposure_time_is_reported(camera, setup):
     assert r.responsivity_dn_s_cd_m2 == pytest.approx(1200, rel=0.05 + 2 * r.random_rel)
 
 
-def test_a_drift_of_the_light_of_the_readings_is_found(camera, setup):
-    """Five per cent an hour, patches read every 5 minutes in an order that is not that of their luminances."""
+@pytest.mark.parametrize(
+    ("name", "factor", "value", "code", "least_rel"),
+    [
+        ("drift", lambda k: 1 + 0.05 * k / 12, -0.05, "drift", 0.0),
+        ("meter step", lambda k: 1 + 0.02 * (k > 5), 0.02, "readings-step", 0.0095 / sqrt(3)),
+    ],
+)
+def test_readings_that_change_with_time_are_found(camera, setup, name, factor, value, code, least_rel):
+    """Patches are read every 5 minutes in an order that is not that of their luminances; either side may be right."""
     observations, darks, readings = bench(camera, exact)
     for i, (one,) in enumerate(readings.values()):
         k = 5 * i % 12
-        readings[f"P{i}"] = [
-            replace(one, value=one.value * (1 + 0.05 * k / 12), timestamp=START + timedelta(hours=k / 12))
-        ]
-    drift = found(fit(observations, darks, readings, setup), "drift")
-    assert (drift.significant, drift.value) == (True, pytest.approx(-0.05, rel=0.05))
+        readings[f"P{i}"] = [replace(one, value=one.value * factor(k), timestamp=START + timedelta(hours=k / 12))]
+    calibration = fit(observations, darks, readings, setup)
+    test = found(calibration, name)
+    assert (test.significant, test.value) == (True, pytest.approx(value, rel=0.05))
+    assert {"drift", "readings-step"} & codes(calibration) == {code}
+    assert calibration.responsivity.random_rel >= least_rel
 
 
 def all_with(ones, **changes):

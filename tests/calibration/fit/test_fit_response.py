@@ -23,7 +23,7 @@ def curve(power=1.0, covers=(8, 4000)):
     n = np.geomspace(*covers, 60)
     h = n[0] * (n / n[0]) ** power
     response = Response("table", (0.0, *n.tolist()), (0.0, *h.tolist()))
-    return ResponseCurve(response, 0.002, (float(covers[0]), float(covers[1])), EXPOSURES_S, ())
+    return ResponseCurve(response, 0.002, (0.002,), (float(covers[0]), float(covers[1])), EXPOSURES_S, ())
 
 
 @pytest.fixture

@@ -87,9 +87,6 @@ def test_the_curve_is_that_of_the_camera(curve, calibration):
     ratio = curve.response.linearise(n) / (((n + 255 * BLACK ** (1 / GAMMA)) / 255) ** GAMMA - BLACK)
     ratio /= np.exp(np.mean(np.log(ratio)))
     assert np.sqrt(np.mean((ratio - 1) ** 2)) < 0.015
-    # Deviations from the shape lie within its stated errors: chi^2 of the worst point over 3 standard uncertainties.
-    errors = curve.errors(n) - curve.errors(n).mean(axis=1, keepdims=True)
-    assert (np.abs(ratio - 1) < 3 * np.sqrt((errors**2).sum(axis=0)) + 0.01).all()
     assert calibration.response.kind == "table"
     assert calibration.noise.tone == calibration.response
 

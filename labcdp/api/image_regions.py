@@ -100,7 +100,7 @@ class ImageRegions:
         return described(dataset.isel(contrast=0) if asked.scalar else dataset, attributes["unit"])
 
     def __repr__(self) -> str:
-        return f"<labcdp.ImageRegions of {self.name}: {len(self.rois)} regions, {len(self.pairs)} pairs>"
+        return f"<labcdp.ImageRegions of {self.name}: regions: {len(self.rois)}, pairs: {len(self.pairs)}>"
 
     def _repr_html_(self) -> str:
         """Table for notebooks."""

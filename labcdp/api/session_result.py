@@ -90,7 +90,7 @@ class SessionResult:
     def __repr__(self) -> str:
         found = self.evaluation
         name = found.observed.configuration.name
-        return f"<labcdp.SessionResult {name}: {len(found.patches)} patches, {len(found.contrasts)} contrasts>"
+        return f"<labcdp.SessionResult {name}: patches: {len(found.patches)}, contrasts: {len(found.contrasts)}>"
 
     def _repr_html_(self) -> str:
         """Table for notebooks."""

@@ -115,9 +115,8 @@ class TrackedRegions:
         return described(dataset.isel(contrast=0) if asked.scalar else dataset, str(dataset.attrs["unit"]))
 
     def __repr__(self) -> str:
-        return (
-            f"<labcdp.TrackedRegions of {self.name}: {len(self.rois)} regions, {len(self.pairs)} pairs, {self.method}>"
-        )
+        counts = f"regions: {len(self.rois)}, pairs: {len(self.pairs)}"
+        return f"<labcdp.TrackedRegions of {self.name}: {counts}, {self.method}>"
 
     def _repr_html_(self) -> str:
         """Table for notebooks."""

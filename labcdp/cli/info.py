@@ -9,7 +9,7 @@ from pathlib import Path
 from shlex import quote
 
 from ..calibration import load_any
-from ..calibration.emva.index import load_index
+from ..calibration.emva.index import INDEX_NAME, load_index
 from ..calibration.record import load_verification
 from ..chain import Chain
 from ..core.clock import exposure_text
@@ -101,13 +101,15 @@ def describe(path: Path, source: str) -> Description:
 
 
 def _folder(path: Path) -> Description:
-    """Describe a session, a folder of results, or a folder of pictures or videos."""
+    """Describe a session, a folder of results, a data set, or a folder of pictures or videos."""
     if (path / JOURNAL).is_file():
         return _session(path)
     if (path / LIST_FILE).is_file():
         names = sorted(one.name for one in path.iterdir() if one.name != LIST_FILE)
         found = describe_list(path, "folder of results", names)
         return replace(found, commands=tuple(one.replace("{folder}", "{file}") for one in found.commands))
+    if (path / INDEX_NAME).is_file():
+        return _data_set(path)
     if any(one.suffix.lower() in VIDEO_SUFFIXES for one in path.iterdir()):
         return Description("folder of videos", ("video {file} --roi rois.json",))
     try:

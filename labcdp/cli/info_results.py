@@ -74,7 +74,7 @@ def describe_result(path: Path, content: dict[str, object]) -> Description:
                 raise InputError(f"table {name!r} has rows that do not fit its columns")
     except InputError as error:
         raise InputError(f"{path} is damaged ({error}): restore it from a copy, or evaluate again") from error
-    tables = (f"{name} ({len(table.rows)} rows)" for name, table in found.tables.items())
+    tables = (f"{name} ({len(table.rows)} row{'s' * (len(table.rows) != 1)})" for name, table in found.tables.items())
     properties = {
         "command": found.kind,
         "title": found.title,

@@ -100,7 +100,7 @@ def contrast_name(row: Mapping[str, Any]) -> str:
     if row["contrast"] is None:
         return "reference contrast of each frame"
     # What was measured has as many digits as a float.
-    text = percent(row["contrast"]) if row["kind"] == "asked" else f"{100 * row['contrast']:.4g} %"
+    text = percent(row["contrast"]) if row["kind"] == "given" else f"{100 * row['contrast']:.4g} %"
     return {"reference": f"reference contrast {text}", "measured": f"contrast {text} as first measured"}.get(
         row["kind"], f"contrast {text}"
     )
@@ -114,7 +114,7 @@ def _contrasts(dataset: Dataset) -> Table:
         if given:
             asked = {"kind": "reference", "contrast": given[0] if len(given) == 1 else None}
             rows.append(asked | _over_all(dataset["reference_cdp"].values, frames))
-    kind = "measured" if configuration_of(dataset).get("contrasts", ()) is None else "asked"
+    kind = "measured" if configuration_of(dataset).get("contrasts", ()) is None else "given"
     for place, contrast in enumerate(dataset["contrast"].values.tolist()):
         cdp = dataset["cdp"].isel(contrast=place).values
         rows.append({"kind": kind, "contrast": contrast} | _over_all(cdp, frames))

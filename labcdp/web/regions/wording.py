@@ -77,7 +77,7 @@ def pair_table(drawing: Drawing, measured: Measured) -> str:
     if isfinite(csnr.value):
         facts.append(f"CSNR {_with_interval(csnr.value, csnr.standard_error)}")
     bright = text(pair.bright_region.roi.name)
-    head = "Contrast asked (measured)" if of_measured else "Contrast asked"
+    head = "Target contrast (measured)" if of_measured else "Target contrast"
     if not rows:
         return f"<p>{'; '.join(facts)}. Without a contrast to detect there is no CDP.</p>"
     return f"{table((head, 'CDP', '95 % interval'), rows)}<p>{'; '.join(facts)}. The brighter region is {bright}.</p>"

@@ -28,11 +28,11 @@ from .result import MapSource, contrast_map_dataset, edge_table
 _MOST_MAPS = 6
 
 _OWN_CONTRAST = (
-    "Each edge is asked for the contrast that it has in this image. The map shows where noise and texture hide such "
+    "The target contrast of each edge is that in this image. The map shows where noise and texture hide such "
     "contrasts; it cannot show contrast that was lost before, as by a veil of glare or fog, or by blur. A reference "
     "image of the scene, or the contrast of its objects, shows that, too."
 )
-_ASKED = "Each edge is asked for a contrast of the scene: {asked}. Contrast that a veil or blur took counts as lost."
+_ASKED = "The target contrast of each edge is {asked}. Contrast that a veil or blur took counts as lost."
 _HELP = (
     "Warm colours: the camera loses the edge. Point at a dot for the values of its edge. A click in the legend shows "
     "or hides dots; the wheel zooms, dragging moves."

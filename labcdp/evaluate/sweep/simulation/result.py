@@ -147,10 +147,13 @@ def result(evaluation: SimulationEvaluation, inputs: Sequence[InputFile] = ()) -
     if any(pair.neighbours for pair in pairs):
         neighbours = _detection("neighbours", "_neighbours", "CDP, nearest-neighbour")
         note += "; nearest-neighbour: of each pixel and its right and its lower neighbour"
-    several = isinstance(evaluation.contrast, tuple)
-    contrast = (replace(one, shown=one.shown or (several and one.name == _TARGET.name)) for one in _CONTRAST)
+    asked = evaluation.contrast if isinstance(evaluation.contrast, tuple) else ()
+    contrast = (replace(one, shown=one.shown or (bool(asked) and one.name == _TARGET.name)) for one in _CONTRAST)
     columns = (*contrast, *_detection("cdp", "", "CDP"), *neighbours, *_RATIOS)
     detection = Table.of_items("detection", _TITLE, columns, pairs, f"{note}.")
+    if asked:
+        # Also of pairs without light, which have no CDP.
+        detection = replace(detection, data={**detection.data, _TARGET.name: asked * (len(pairs) // len(asked))})
     signal = Table.of_items("signal", "Signal and noise", _SIGNAL, regions)
     return Result(
         "simulate",

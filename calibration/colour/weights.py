@@ -18,7 +18,6 @@ from .conversion import COLOURS, colours_of_planes
 
 Array = NDArray[np.float64]
 
-_ROUNDS = 30
 #: Colourfulness below which colour does not explain scatter.
 _COLOURED = 0.05
 #: Standard deviation of the true weights from those of least noise: cameras have 0.1 to 0.4 for red, 0.6 to 1 for
@@ -152,6 +151,8 @@ def combine(data: ColourData, prior: Prior) -> Combination:
     The scatter is the smallest for which chi^2 of the coloured patches is at most their degrees of freedom (R. C. Paule
     and J. Mandel, J. Res. Natl. Bur. Stand. 87 (1982) 377). Grey patches have no such scatter.
     """
+    from scipy.optimize import brentq
+
     coloured = data.colourfulness >= _COLOURED
     dof = data.dof
 
@@ -161,12 +162,10 @@ def combine(data: ColourData, prior: Prior) -> Combination:
     found = _solve(data, prior, 0.0)
     if chi_squared(found) <= dof:
         return found
-    low, high = 0.0, 1.0
-    for _ in range(_ROUNDS):
-        middle = (low + high) / 2
-        found = _solve(data, prior, middle)
-        low, high = (middle, high) if chi_squared(found) > dof else (low, middle)
-    return found
+    widest = _solve(data, prior, 1.0)
+    if chi_squared(widest) > dof:
+        return widest
+    return _solve(data, prior, brentq(lambda spectral: chi_squared(_solve(data, prior, spectral)) - dof, 0.0, 1.0))
 
 
 def scattered(data: ColourData, weights: Array, grey: NDArray[np.bool_]) -> tuple[ColourData, tuple[float, float]]:

@@ -18,6 +18,7 @@ from .dark_fit import (
     DOUBLING_REL,
     TYPICAL_DOUBLING_C,
     clipping,
+    dark_current_growth,
     drift_of_black_level,
     fit_curve,
     mean_uncertainties_dn,
@@ -165,10 +166,7 @@ class DarkModel:
 
     def growth(self, temperature_c: float | None) -> float:
         """Return the dark current over that at T_ref; 1 for an unknown temperature."""
-        if temperature_c is None or self.temperature_c is None:
-            return 1.0
-        doubling_c = self.doubling_temperature_c or TYPICAL_DOUBLING_C
-        return float(2.0 ** ((temperature_c - self.temperature_c) / doubling_c))
+        return dark_current_growth(temperature_c, self.temperature_c, self.doubling_temperature_c)
 
 
 def fit_dark(darks: Sequence[DarkObservation], drift_dn: float | None = None) -> tuple[DarkModel, list[Finding]]:

@@ -28,6 +28,13 @@ DRIFT_DN = 0.5
 FloatArray = NDArray[np.float64]
 
 
+def dark_current_growth(temperature_c: float | None, reference_c: float | None, doubling_c: float | None) -> float:
+    """Return the dark current over that at a reference temperature; 1 if either is unknown."""
+    if temperature_c is None or reference_c is None:
+        return 1.0
+    return float(2.0 ** ((temperature_c - reference_c) / (doubling_c or TYPICAL_DOUBLING_C)))
+
+
 def fit_curve(
     t: FloatArray, warmer_c: FloatArray, y: FloatArray, u: FloatArray
 ) -> tuple[FloatArray, FloatArray, list[Finding]]:

@@ -19,7 +19,7 @@ from ..frames.measure import MeasuredFrames
 from ..frames.observe import dark_observation
 from ..frames.rounding import quantisation_variance_dn2
 from .dark import fit_dark
-from .dark_fit import DOUBLING_REL, TYPICAL_DOUBLING_C
+from .dark_fit import DOUBLING_REL, TYPICAL_DOUBLING_C, dark_current_growth
 from .defects import DefectMap
 
 
@@ -152,10 +152,7 @@ class DarkLibrary(EqualByContent):
 
     def _time_s(self, exposure_s: float, temperature_c: float | None) -> float:
         """Equivalent exposure at the library's temperature."""
-        if temperature_c is None or self.temperature_c is None:
-            return exposure_s
-        doubling_c = self.doubling_temperature_c or TYPICAL_DOUBLING_C
-        return float(exposure_s * 2 ** ((temperature_c - self.temperature_c) / doubling_c))
+        return exposure_s * dark_current_growth(temperature_c, self.temperature_c, self.doubling_temperature_c)
 
     def _unknown_growth_dn(self, exposure_s: float, temperature_c: float | None) -> float:
         """Return the uncertainty of the pattern by its growth with exposure or temperature, where not measured."""

@@ -109,6 +109,8 @@ def test_a_second_bench_has_a_camera_of_its_own(labcdp, start, running_bench):
     assert "127.0.0.2" in next(line for line in other.stdout if "camera" in line)
     found = rows_of(labcdp("devices", "--json"), "cameras")
     assert len({row["serial"] for row in found}) == len({row["address"] for row in found}) == 2
+    print("quit", file=other.stdin, flush=True)
+    assert other.wait() == 0
 
 
 def test_names_of_any_bytes_end_no_command_and_reach_no_terminal(labcdp, running_bench, odd_camera):

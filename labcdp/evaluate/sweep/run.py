@@ -96,7 +96,7 @@ def _unit(axis: Axis) -> str:
 
 def _words(axis: Axis) -> str:
     if axis.parameter == TO_DETECT:
-        return "contrast to detect"
+        return "target contrast"
     table, _, key = axis.parameter.partition(".")
     for ending in sorted(_UNITS, key=len, reverse=True):
         if key.endswith(ending):

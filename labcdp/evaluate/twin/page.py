@@ -181,7 +181,7 @@ def _cards(evaluation: TwinEvaluation) -> Iterator[Card]:
     yield Card("Pairs that agree", of, "within the joint 95 % interval", lines, state=state)
     worst = max(evaluation.pairs, key=lambda pair: abs(pair.z))
     detail, at = f"measured minus predicted CDP of {pair_name(worst)}", percent(worst.asked.contrast)
-    yield Card("Largest deviation", f"z = {worst.z:.1f}", detail, (f"contrast to detect {at}",))
+    yield Card("Largest deviation", f"z = {worst.z:.1f}", detail, (f"target contrast {at}",))
     groups = evaluation.by_contrast() if len(evaluation.contrasts) <= _MOST_CARDS else []
     for one, pairs in zip(evaluation.contrasts, groups, strict=False):
         agree, differ = (sum(pair.judgement == name for pair in pairs) for name in ("agree", "differ"))

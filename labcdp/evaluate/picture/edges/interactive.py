@@ -54,7 +54,7 @@ def edge_script(drawn: Drawn, source: MapSource) -> Script:
     if len(drawn) > 1:
         buttons = [
             {
-                "label": f"contrast {percent(chosen.contrast or 0)}",
+                "label": f"target contrast {percent(chosen.contrast or 0)}",
                 "method": "update",
                 "args": [
                     {"visible": [one is chosen and trace.visible for one in drawn for trace in traces[one]]},

@@ -137,7 +137,7 @@ def _contrasts(found: ContrastMap) -> Iterator[Table]:
             for kind, (name, meaning) in KINDS.items()
         ]
         columns = (
-            Column("contrast", "contrast to detect", "%", "Contrast of the objects in the scene."),
+            Column("contrast", "target contrast", "%", "Contrast of the objects in the scene."),
             Column("detected_share", "detected edges", "%", "Share of edges with at least the minimum contrast."),
             Column("detected_border_share", "detected length", "%", "The same by the length of the edges."),
             *counts,

@@ -183,7 +183,7 @@ def _draw_cdp(axes: Axes, points: _Points, colour: str, text: str = "") -> None:
     axes.set_yticks(np.linspace(0, 1, 6))
     label(axes, "", "CDP", "CDP after each stage, with 95 % intervals")
     if text:
-        legend = axes.legend(title="contrast to detect", fontsize=SMALL_SIZE, loc="upper left", bbox_to_anchor=(1, 1))
+        legend = axes.legend(title="target contrast", fontsize=SMALL_SIZE, loc="upper left", bbox_to_anchor=(1, 1))
         taken_literally(legend)
 
 

@@ -105,7 +105,7 @@ def _cards(detection: Table, final: Sequence[str], contrast: TargetContrasts) ->
         kind = "CDP, nearest-neighbour" if neighbours else "CDP"
         asked = row.get("contrast", contrast)
         at = "" if asked is None else percent(asked, 4)
-        lines = [f"contrast to detect {at}"] if at and not several else []
+        lines = [f"target contrast {at}"] if at and not several else []
         if "measured_contrast" in row:
             lines.append(f"measured {cell_text(detection.column('measured_contrast'), row)} %")
         pair = f"{row['bright']} / {row['dark']}" if "bright" in row else ""

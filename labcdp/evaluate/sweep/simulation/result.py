@@ -66,7 +66,7 @@ _STAGE = Column("stage", "stage", meaning="Stage of the chain behind which the v
 _SCENE = "Weber contrast of the mean luminances of the scene."
 _MEASURED = "Weber contrast of the mean luminances behind the stage."
 _ASKED = "Weber contrast whose detection is evaluated."
-_TARGET = Column("contrast", "contrast to detect", "%", _ASKED)
+_TARGET = Column("contrast", "target contrast", "%", _ASKED)
 _LOWEST, _HIGHEST = (f"{end} contrast that counts as detected." for end in ("Lowest", "Highest"))
 _OF_PIXELS = "Mean Weber contrast of all pairs of pixels whose dark one is above 0."
 _CONTRAST = (
@@ -125,7 +125,7 @@ _PREDICTED = (
 _TITLE = "Contrast detection probability"
 _NOTE = (
     "CDP is the share of all pairs of a bright and a dark pixel whose Weber contrast lies within the tolerance ε = "
-    "{} around the contrast to detect"
+    "{} around the target contrast"
 )
 
 

@@ -153,12 +153,12 @@ def spectral_weights(spectrum: str) -> tuple[NDArray[np.float64], NDArray[np.flo
     InputError
         If the spectrum is not known; the message lists the names.
     """
-    first, last = WAVELENGTH_RANGE_NM
-    illuminants, observer = _colour_tables()
-    line = _MONOCHROMATIC.fullmatch(spectrum)
     if spectrum == THESIS_SPECTRUM:
         efficacy = np.array([_THESIS_EFFICACY_LM_W / LUMINOUS_EFFICACY_LM_W])
         return np.array([_THESIS_WAVELENGTH_NM]), np.ones(1), efficacy
+    first, last = WAVELENGTH_RANGE_NM
+    illuminants, observer = _colour_tables()
+    line = _MONOCHROMATIC.fullmatch(spectrum)
     if line:
         wavelength_nm = np.array([float(line[1])])
         power = np.ones(1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Protocol
@@ -96,24 +97,26 @@ def bracket_luminance(conversion: CalibratedCamera, frames: Sequence[Frame]) -> 
     if not frames:
         raise CalibrationError("there is no frame: give the frames of a bracket, at best at 3 exposures or more")
     merge = _Merge.of(conversion, sorted(frames, key=lambda frame: frame.exposure_s))
-    blocks = [(window, merge.block(window)) for window in merge.windows()]
+    # NumPy computes without the interpreter's lock: two at a time take little more memory.
+    with ThreadPoolExecutor(2) as pool:
+        blocks = list(pool.map(merge.block, merge.windows()))
     combined = LuminanceMap(
-        np.concatenate([one.mean for _, one in blocks]),
+        np.concatenate([one.mean for one in blocks]),
         PixelErrors(
-            np.concatenate([one.random_rel for _, one in blocks]),
+            np.concatenate([one.random_rel for one in blocks]),
             slow_rel=merge.slow_rel,
-            slow_cd_m2=np.concatenate([one.slow_cd_m2 for _, one in blocks]),
+            slow_cd_m2=np.concatenate([one.slow_cd_m2 for one in blocks]),
             fixed_rel=merge.fixed_rel,
-            fixed_cd_m2=np.concatenate([one.fixed_cd_m2 for _, one in blocks]),
+            fixed_cd_m2=np.concatenate([one.fixed_cd_m2 for one in blocks]),
         ),
         lambda window: merge.block(window).common,
-        np.concatenate([one.invalid for _, one in blocks]),
-        common_rel=partial(np.concatenate, [one.common_rel for _, one in blocks]),
+        np.concatenate([one.invalid for one in blocks]),
+        common_rel=partial(np.concatenate, [one.common_rel for one in blocks]),
         step=merge.step,
     )
     share = float(np.mean((combined.invalid & Invalid.INCONSISTENT) != 0))
     exposures_s = tuple(one.frame.exposure_s for one in merge.exposures)
-    n_used = np.concatenate([one.n_used for _, one in blocks])
+    n_used = np.concatenate([one.n_used for one in blocks])
     return Bracket(combined, n_used, exposures_s, share, _findings(exposures_s, combined, share))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
@@ -242,6 +243,7 @@ def _exr(luminance: LuminanceMap, text: str) -> bytes:
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, "labcdp": text}
     header["whiteLuminance"] = 1.0
     channels = {**_layers(luminance), "invalid": luminance.invalid.astype(np.uint32)}
+    OpenEXR.set_global_thread_count(os.cpu_count() or 1)
     # OpenEXR writes to names only.
     with TemporaryDirectory() as folder:
         name = str(Path(folder) / "luminance.exr")

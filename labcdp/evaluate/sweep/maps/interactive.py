@@ -137,7 +137,7 @@ def _curves(view: MapView) -> Figure:
     figure.update_yaxes(title="CDP", range=_CDP_ENDS, row=1, col=1)
     if snr:
         figure.update_yaxes(title="SNR in dB (20 log<sub>10</sub>)", row=2, col=1)
-    # Several curves are told apart by the legend, which the first screen has.
+    # The legend, which tells curves apart, shall be on the first screen.
     place = {"y": 1.0, "yanchor": "bottom"} if len(view.parts) > 1 else {"y": -0.16}
     figure.update_layout(height=560 if snr else 420, legend={**_LEGEND, **place, "traceorder": "normal"})
     return figure

@@ -5,9 +5,11 @@ import json
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import sys
-from contextlib import suppress
+import tempfile
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -18,6 +20,7 @@ import pytest
 
 _LABCDP = Path(sys.executable).with_name("labcdp")
 _CLONE_NEWNET = 0x40000000
+_FORKING = "LABCDP_TESTS_FORKING"
 _SLOW_FIRST = {name: place for place, name in enumerate(("cli", "evaluate", "web", "acquire", "drivers"))}
 
 # Tests do not depend on how busy the computer is, and are the same each time; tools/fuzz looks for more.
@@ -42,10 +45,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: _SLOW_FIRST.get(item.path.relative_to(root).parts[0], len(_SLOW_FIRST)))
 
 
-def pytest_configure() -> None:
+def pytest_configure(config: pytest.Config) -> None:
     """Give the test process signals that its children do not inherit as ignored, and a network of its own."""
     _ignore_signals_alone()
     _move_to_own_network()
+    if config.getoption("numprocesses", None):
+        # One for all test processes, which inherit this; it imports while they collect.
+        server = forking_server()
+        os.environ[_FORKING] = server.__enter__()
+        config.add_cleanup(lambda: server.__exit__(None, None, None))
 
 
 def _ignore_signals_alone() -> None:
@@ -63,13 +71,34 @@ def _move_to_own_network() -> None:
         subprocess.run(["ip", "addr", "add", "127.0.0.2/8", "dev", "lo"], check=True)
 
 
+@contextmanager
+def forking_server():
+    """Start a process that forks for each command; give the path of its socket."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = f"{folder}/forking"
+        with socket.socket(socket.AF_UNIX) as listening:
+            listening.bind(path)
+            # Who connects early waits for the imports.
+            listening.listen()
+            program = [sys.executable, Path(__file__).with_name("forking.py"), str(listening.fileno())]
+            process = subprocess.Popen(program, stdin=subprocess.PIPE, pass_fds=[listening.fileno()])
+        with process:
+            yield path
+            process.stdin.close()
+
+
 @pytest.fixture(scope="session")
 def forking():
-    """Process that forks for each command; see its file."""
-    program = [sys.executable, Path(__file__).with_name("forking.py")]
-    with subprocess.Popen(program, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-        yield process
-        process.stdin.close()
+    """Stream of requests to a process that forks for each command; see its file."""
+    with (
+        nullcontext(os.environ[_FORKING]) if _FORKING in os.environ else forking_server() as path,
+        socket.socket(socket.AF_UNIX) as connection,
+        open("/proc/thread-self/ns/net") as network,
+    ):
+        connection.connect(path)
+        socket.send_fds(connection, [b"n"], [network.fileno()])
+        with connection.makefile("rw") as stream:
+            yield stream
 
 
 class Started:
@@ -89,8 +118,8 @@ class Started:
             self.stdout, self.stderr = (Path(names[name]).open() for name in ("stdout", "stderr"))  # noqa: SIM115
 
     def _ask(self, **request):
-        print(json.dumps(request), file=self._forking.stdin, flush=True)
-        return json.loads(self._forking.stdout.readline())
+        print(json.dumps(request), file=self._forking, flush=True)
+        return json.loads(self._forking.readline())
 
     def wait(self, timeout_s=900):
         """Exit status; None if it still runs after that time."""

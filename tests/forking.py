@@ -1,17 +1,22 @@
-"""A process that has imported what the commands need, and forks for each of them: starting Python costs a second each.
+"""A process that has imported what the commands need, and forks for each of them: to import it takes five seconds.
 
-It reads a request a line on standard input: to start a command, answered with the number of its process, or to wait for
-one, answered with its exit status. The commands run as they do from a terminal: in a process of their own, with their
-own folder, standard input, output and error.
+It forks once for each test process, which connects to the socket that it is given and says in which network it is. From
+there it reads a request a line: to start a command, answered with the number of its process, or to wait for one,
+answered with its exit status. The commands run as they do from a terminal: in a process of their own, with their own
+folder, standard input, output and error.
 """
 
+import ctypes
+import gc
 import importlib
 import json
 import os
 import pkgutil
 import select
+import socket
 import sys
 import traceback
+from contextlib import suppress
 
 #: What commands import, beside labcdp's own modules; nothing of them runs before the fork.
 _HEAVY = (
@@ -24,7 +29,24 @@ _HEAVY = (
 _OWN = ("acquire", "chain", "cli", "evaluate", "files", "output", "regions", "report", "session")
 
 
-def _serve() -> None:
+def _main(listening: socket.socket) -> None:
+    """Serve test processes until the one that started this closes standard input, or ends."""
+    main = _import_all()
+    # None of it is looked at for garbage again, in any child.
+    gc.freeze()
+    while sys.stdin not in select.select([sys.stdin, listening], [], [])[0]:
+        connection, _ = listening.accept()
+        if os.fork() == 0:
+            listening.close()
+            _serve(connection, main)
+            os._exit(0)
+        connection.close()
+    with suppress(ChildProcessError):
+        while True:
+            os.wait()
+
+
+def _import_all():
     import labcdp
 
     own = [
@@ -36,10 +58,19 @@ def _serve() -> None:
         importlib.import_module(name)
     from labcdp.cli import main
 
-    for line in sys.stdin:
-        request = json.loads(line)
-        answer = _wait(**request) if "process" in request else _start(request, main)
-        print(json.dumps(answer), flush=True)
+    return main
+
+
+def _serve(connection: socket.socket, main) -> None:
+    _, (network,), *_ = socket.recv_fds(connection, 1, 1)
+    if os.fstat(network).st_ino != os.stat("/proc/self/ns/net").st_ino and ctypes.CDLL(None).setns(network, 0) != 0:
+        raise OSError("cannot move into the network of the test process")
+    os.close(network)
+    with connection.makefile("rw") as stream:
+        for line in stream:
+            request = json.loads(line)
+            answer = _wait(**request) if "process" in request else _start(request, main)
+            print(json.dumps(answer), file=stream, flush=True)
 
 
 def _start(request, main) -> int:
@@ -83,4 +114,4 @@ def _wait(process: int, timeout_s: float) -> int | None:
 
 
 if __name__ == "__main__":
-    _serve()
+    _main(socket.socket(fileno=int(sys.argv[1])))

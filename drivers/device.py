@@ -17,6 +17,9 @@ class Device(Protocol):
     def close(self) -> None:
         """Disconnect; may be called twice."""
 
+    def be_patient(self, patience_s: float) -> None:
+        """Wait this long for the device when it is lost; 0 also ends a wait. Nothing for one that cannot be lost."""
+
     def __enter__(self) -> Self:
         """Open."""
         return self.open()

@@ -85,6 +85,10 @@ class AravisCamera(Camera):
             self._count(frame_stream)
         self._connection.close()
 
+    def be_patient(self, patience_s: float) -> None:
+        """Wait this long for the camera when it is lost; call it before `open`, so that its settings are restored."""
+        self._connection.patience_s = patience_s
+
     @property
     def identity(self) -> CameraIdentity:
         """Vendor, model and serial number; raises CameraError if not open."""

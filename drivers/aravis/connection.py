@@ -145,7 +145,7 @@ class Connection:
 
     def __init__(self, selector: str | None, patience_s: float) -> None:
         self._selector = selector
-        self._patience_s = patience_s
+        self.patience_s = patience_s
         self._link: Link | None = None
         self._closed = threading.Event()
         # Settings made since it was opened, by name and in order, to be made again in the same order.
@@ -198,7 +198,7 @@ class Connection:
 
     def remember_settings(self) -> None:
         """Read all settings, for restoring them if the camera is lost; call it after a change."""
-        if self._patience_s > 0:
+        if self.patience_s > 0:
             self._snapshot = self.retry_after_reconnect(take_snapshot)
 
     def ask(self, what: str, question: Callable[[Any], _T]) -> _T:
@@ -231,17 +231,17 @@ class Connection:
             The loss, if it does not come back in time; CameraSettingError if it does not take its former settings.
         """
         lost = self.link
-        if self._patience_s == 0:
+        if self.patience_s == 0:
             raise loss
         lost_at, began_s = datetime.now(UTC), time.monotonic()
-        _log.warning("%s; waiting up to %g s for it to come back", str(loss), self._patience_s)
+        _log.warning("%s; waiting up to %g s for it to come back", str(loss), self.patience_s)
         lost.close()
         # As text: a stored exception would keep its traceback and with it a half-opened camera alive.
         last, link = str(loss), None
         for n_looks in count(1):
             waited_s = time.monotonic() - began_s
-            if waited_s >= self._patience_s:
-                raise CameraLostError(f"{loss}; it did not come back within {self._patience_s:g} s [{last}]") from loss
+            if waited_s >= self.patience_s:
+                raise CameraLostError(f"{loss}; it did not come back within {self.patience_s:g} s [{last}]") from loss
             try:
                 found = _look_for(lost.info, everywhere=n_looks % _LOOKS_AT_ADDRESS == 0)
                 link = None if found is None else self._connect_as_before(found)
@@ -250,7 +250,7 @@ class Connection:
             except CameraError as error:
                 # Not ready yet, still registered with the old connection, or lost again.
                 last = str(error)
-            if link is not None or self._closed.wait(min(_PAUSE_S, self._patience_s - waited_s)):
+            if link is not None or self._closed.wait(min(_PAUSE_S, self.patience_s - waited_s)):
                 break
         if self._closed.is_set() or link is None:
             if link is not None:

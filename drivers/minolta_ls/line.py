@@ -77,7 +77,7 @@ class MeterLine:
         # Longest time of a command without a loss.
         self._longest_s = timeout_s * (attempts + 1)
         self._attempts = attempts
-        self._patience_s = patience_s
+        self.patience_s = patience_s
         self._modes = modes
         self._transcript = transcript
         self._serial: Any = None
@@ -140,17 +140,17 @@ class MeterLine:
         self.incidents = (*self.incidents, MeterIncident(kind, self._clock.now(), str(error), duration_s))
 
     def _ask_patiently(self, command: str, parse: Callable[[bytes], T]) -> T:
-        give_up_s = self._clock.monotonic_s() + self._longest_s + self._patience_s
+        give_up_s = self._clock.monotonic_s() + self._longest_s + self.patience_s
         lost_until_s: float | None = None
         while True:
             try:
                 return self._ask_often(command, parse, give_up_s)
             except (MeterLostError, MeterTimeoutError) as error:
-                if self._patience_s == 0:
+                if self.patience_s == 0:
                     raise
                 if lost_until_s is None:
                     # Reserve time for the command after the wait.
-                    lost_until_s = min(self._clock.monotonic_s() + self._patience_s, give_up_s - self._timeout_s)
+                    lost_until_s = min(self._clock.monotonic_s() + self.patience_s, give_up_s - self._timeout_s)
                 elif self._clock.monotonic_s() >= lost_until_s:
                     self.close()
                     raise
@@ -174,7 +174,7 @@ class MeterLine:
     def _wait_for_meter(self, lost: MeterError, until_s: float) -> None:
         """Reopen the port and restore the modes; raises MeterLostError if that fails for too long."""
         began_s = self._clock.monotonic_s()
-        _log.warning("%s; waiting up to %g s for the meter to come back", lost, self._patience_s)
+        _log.warning("%s; waiting up to %g s for the meter to come back", lost, self.patience_s)
         while True:
             self._disconnect()
             try:
@@ -183,9 +183,9 @@ class MeterLine:
                     for command in self._modes:
                         self._exchange(command, parse_acknowledgement, until_s)
             except (MeterNotFoundError, MeterLostError, MeterTimeoutError, MeterProtocolError) as still:
-                if self._clock.monotonic_s() + _LOOK_EVERY_S >= until_s:
+                if self.patience_s == 0 or self._clock.monotonic_s() + _LOOK_EVERY_S >= until_s:
                     raise MeterLostError(
-                        f"{lost}; it did not come back within {self._patience_s:g} s, last: {still}"
+                        f"{lost}; it did not come back within {self.patience_s:g} s, last: {still}"
                     ) from still
                 self._clock.sleep(_LOOK_EVERY_S)
             else:

@@ -111,6 +111,10 @@ class MinoltaLS(Meter):
         """
         return self._modes if self._line.is_open else ()
 
+    def be_patient(self, patience_s: float) -> None:
+        """Wait this long for the meter when it is lost; 0 also ends a wait."""
+        self._line.patience_s = patience_s
+
     def open(self) -> Self:
         """Open the port exclusively, and set one mode of each group.
 

@@ -172,10 +172,7 @@ class Misfortune:
         for camera in self._cameras:
             camera.set_faults(faults)
         for meter in self._meters:
-            if "meter unplug" in faults:
-                meter.unplug()
-            else:
-                meter.plug_in()
+            (meter.unplug if "meter unplug" in faults else meter.plug_in)()
 
     def _end(self, fault: Command) -> None:
         """End a fault, unless another of its kind has replaced it."""
@@ -238,7 +235,7 @@ class Reach:
         if not patience_s >= 0:
             raise InputError(f"patience_s is {patience_s}: give a number of seconds of at least 0")
         self._clock = clock
-        self._patience_s = patience_s
+        self.patience_s = patience_s
         self._called = name
         self._faults: CameraFaults = {}
         self._frozen_at_s = 0.0
@@ -250,6 +247,10 @@ class Reach:
     def gaps(self) -> tuple[Gap, ...]:
         """Interruptions since the camera was opened, after which it was reconnected."""
         return self._gaps
+
+    def be_patient(self, patience_s: float) -> None:
+        """Wait this long for the camera when it is lost; 0 also ends a wait."""
+        self.patience_s = patience_s
 
     def _connect(self) -> None:
         """Connect anew; raises CameraNotFoundError or CameraBusyError if the faults imply so."""
@@ -279,8 +280,8 @@ class Reach:
         if not reason:
             return
         self._cut = reason
-        self._wait_while(self._out_of_reach, self._patience_s)
-        if self._patience_s == 0 or self._out_of_reach():
+        self._wait_while(lambda: self._out_of_reach() and self.patience_s > 0, self.patience_s)
+        if self.patience_s == 0 or self._out_of_reach():
             raise CameraLostError(
                 f"{self._called} is lost, {reason}: let the simulated camera recover, then open it again"
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable, Generator, Iterator
 from contextlib import closing, contextmanager
@@ -214,3 +215,16 @@ def no_bare_session(path: Path) -> Iterator[None]:
 def holds_something(path: Path) -> bool:
     """Whether there is anything at a path but an empty folder."""
     return path.exists() and not (path.is_dir() and not any(path.iterdir()))
+
+
+@contextmanager
+def warnings_to(tell: Callable[[str], None]) -> Iterator[None]:
+    """Tell what is warned of meanwhile, such as a lost device that is waited for."""
+    handler = logging.Handler(logging.WARNING)
+    handler.emit = lambda record: tell(record.getMessage())  # type: ignore[method-assign]
+    library = logging.getLogger("labcdp")
+    library.addHandler(handler)
+    try:
+        yield
+    finally:
+        library.removeHandler(handler)

@@ -16,13 +16,13 @@ from labcdp.drivers.minolta_ls.meter import MinoltaLS110
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
 from labcdp.evaluate.picture.conversion import picture_conversion
 from labcdp.regions import RectangleShape
-from labcdp.session import CameraConfiguration, MeterConfiguration
+from labcdp.session import CameraConfiguration, MeterConfiguration, Session
 from labcdp.web.bench.desk import MeterDesk
 from labcdp.web.bench.images import better_exposure_s
 from labcdp.web.bench.live import Live
 from labcdp.web.bench.live_camera import LiveCamera
 from labcdp.web.bench.pair import LiveMeasurements, verdict
-from labcdp.web.bench.recording import PageOperator
+from labcdp.web.bench.recording import PageOperator, Recording
 from labcdp.web.regions.display import DisplayScale
 from labcdp.web.regions.drawing import Drawing
 from labcdp.web.regions.figure import Picture
@@ -30,6 +30,7 @@ from labcdp.web.regions.page import Page
 from labcdp.web.regions.page_image import PageImage
 
 from .conftest import wait_until
+from .test_bench_page import small_plan
 from .test_drawing import workspace
 
 
@@ -200,6 +201,34 @@ def test_a_meter_that_is_unplugged_is_noticed_and_in_a_series_waited_for(bench: 
         assert "lost and waited for" in said[0]
         assert said[-1] == ""
     assert [one.n_readings for one in desk.readings] == [2, 3]
+
+
+def test_a_recording_waits_for_what_is_lost_until_it_is_stopped(
+    bench: SimulatedBench, camera: LiveCamera, small_configuration: Any, tmp_path: Any
+) -> None:
+    plan = small_plan().model_copy(update={"camera": small_configuration.camera})
+    operator = PageOperator(lambda: operator.answer(operator.question, "Done"), bench)
+    recording = Recording(tmp_path / "mine", plan, operator)
+    faults = {("light frames", 2): "vanish for 3 s", ("meter readings", 2): "meter unplug for 1 s"}
+    faults["dark frames", 1] = "vanish"
+
+    def report(progress: Any) -> None:
+        if fault := faults.pop((progress.step, progress.done), ""):
+            bench.run_command(fault)
+
+    with MinoltaLS110(bench.in_process_port()) as meter:
+        person = Thread(target=lambda: list(recording.run(camera, meter, report)))
+        person.start()
+        wait_until(lambda: camera.live.overdue, "the page can tell that a frame is missing")
+        wait_until(lambda: not faults and camera.live.overdue, "the camera is lost for good")
+        recording.stop()
+        person.join(60)
+    assert "SIM" in recording.outcome
+    for found in ("camera was lost for", "meter is back"):
+        assert sum(found in one for one in operator.findings) == 1
+    with Session.open(tmp_path / "mine") as session:
+        session.verify()
+        assert (len(session.frames("light")), len(session.readings()), len(session.frames("dark"))) == (4, 4, 1)
 
 
 @pytest.mark.filterwarnings("ignore:.*will be removed in version 2.0:PendingDeprecationWarning")

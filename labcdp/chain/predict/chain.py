@@ -190,6 +190,6 @@ def _veil_lx(front: Signal, cells: int) -> FloatArray:
 
 def _own_contrast(dark: FloatArray, bright: FloatArray) -> FloatArray:
     if not (dark > 0).all():
-        raise InputError("the dark region has a luminance of 0 and its contrast is infinite: give a contrast to detect")
+        raise InputError("the dark region has a luminance of 0 and its contrast is infinite: give a target contrast")
     # 1.3 / 1 - 1 is not 0.3 in binary.
     return np.round(bright / dark - 1, 12)

@@ -86,7 +86,7 @@ class Detection:
     Parameters
     ----------
     contrast
-        One contrast to detect, for example 100%, which the page can change; default: as measured.
+        Target contrast, for example 100%, which the page can change; default: as measured.
     epsilon
         Relative tolerance of the contrast.
     """

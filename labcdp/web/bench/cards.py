@@ -35,10 +35,10 @@ def camera_card(bench: LiveBench) -> str:
         return _card("Camera", "…", "open", "opening")
     if bench.images.paused:
         return _card("Camera", "paused", "open", "the image is frozen; the camera keeps streaming")
-    if live.lent and live.stale:
-        return _card("Camera", "recording", "good", "frames come when the recording takes them")
     if live.overdue:
         return _card("Camera", "no frames", "bad", "the next frame is overdue")
+    if live.lent and live.stale:
+        return _card("Camera", "recording", "good", "frames come when the recording takes them")
     exposure_s = live.settings.exposure_s if live.frame is None else live.frame.exposure_s
     lines = [f"{exposure_text(exposure_s)}, gain {live.settings.gain_db:g} dB, {live.settings.pixel_format}"]
     focus = bench.images.focus
@@ -55,7 +55,11 @@ def camera_card(bench: LiveBench) -> str:
 def _change(name: str, before: object, now: object) -> str:
     """Say how a setting has changed."""
     label, unit = _NAMES.get(name, (name.replace("_", " "), ""))
-    return label if is_dataclass(now) else f"{label} {before} → {now}{unit}"
+    if is_dataclass(now):
+        return label
+    # What is read back is of a register: 0.006999999999999999 is 0.007.
+    values = (f"{value:.6g}" if isinstance(value, float) else f"{value}" for value in (before, now))
+    return f"{label} {' → '.join(values)}{unit}"
 
 
 def pair_card(bench: LiveBench) -> str:
@@ -71,9 +75,8 @@ def pair_card(bench: LiveBench) -> str:
         )
     if found is None or point is None:
         return _card(title, "…", "open", _why(bench))
-    asked = f"contrast {100 * found.results[0].result.contrast:.4g} %, ε {100 * bench.target.epsilon:.3g} %"
-    if bench.target.contrast is None:
-        asked = f"of the measured contrast, ε {100 * bench.target.epsilon:.3g} %"
+    asked = "as measured" if bench.target.contrast is None else f"{100 * found.results[0].result.contrast:.4g} %"
+    asked = f"target contrast {asked}, ε {100 * bench.target.epsilon:.3g} %"
     interval = f"95 % interval {point.low:.4f} to {point.high:.4f}"
     if not _seen_now(bench):
         return _card(title, f"{point.cdp:.4f} <small>not now</small>", "open", "of the last frame", interval, raw=True)
@@ -219,7 +222,7 @@ class Plots:
 
     def _curve_figure(self) -> Any:
         plot = small_plot(120, y_range=Range1d(-0.02, 1.02), x_range=self._contrasts, x_axis_type="log")
-        plot.yaxis.axis_label, plot.xaxis.axis_label = "CDP", "contrast to detect in % (line: measured)"
+        plot.yaxis.axis_label, plot.xaxis.axis_label = "CDP", "target contrast in % (line: measured)"
         plot.line("contrast", "cdp", source=self._curve, line_color=_BLUE, line_width=2)
         for mark in (self._measured, Span(location=LIMIT, dimension="width", line_dash="dotted")):
             plot.add_layout(mark)

@@ -38,6 +38,8 @@ class Live:
         Whether the camera is open.
     lent : bool
         Whether an acquisition has the camera.
+    asked_s : float or None
+        When that acquisition began to wait for a frame; None while it does not.
     error : str
         Why there are no frames, or why a setting was rejected.
     """
@@ -53,39 +55,50 @@ class Live:
     received_s: float = 0.0
     streaming: bool = False
     lent: bool = False
+    asked_s: float | None = None
     error: str = ""
 
     @property
     def stale(self) -> bool:
         """Whether the next frame should have arrived more than a second ago."""
-        if self.settings is None:
-            return False
-        period_s = 1 / self.settings.frame_rate_hz if self.settings.frame_rate_hz else 0.0
-        return monotonic() - self.received_s > 1 + max(self.settings.exposure_s, period_s)
+        return self._late(self.received_s)
 
     @property
     def overdue(self) -> bool:
-        """Whether the camera is late with a frame while it streams for the page."""
-        return self.streaming and not self.lent and self.stale
+        """Whether the camera is late with a frame that the page, or an acquisition, waits for."""
+        since_s = self.asked_s if self.lent else self.received_s
+        return self.streaming and since_s is not None and self._late(since_s)
+
+    def _late(self, since_s: float) -> bool:
+        if self.settings is None:
+            return False
+        period_s = 1 / self.settings.frame_rate_hz if self.settings.frame_rate_hz else 0.0
+        return monotonic() - since_s > 1 + max(self.settings.exposure_s, period_s)
 
 
 class WatchedCamera:
-    """An open camera, and who receives what it delivers."""
+    """An open camera, and who is told what is asked of it and receives what it delivers."""
 
-    def __init__(self, camera: Camera, show: Callable[[Frame], None]) -> None:
-        self._camera, self._show = camera, show
+    def __init__(self, camera: Camera, tell: Callable[..., None], show: Callable[[Frame], None]) -> None:
+        self._camera, self._tell, self._show = camera, tell, show
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._camera, name)
 
-    def snap(self, timeout_s: float | None = None) -> Frame:
-        """Take one frame."""
-        frame = self._camera.snap(timeout_s)
-        self._show(frame)
-        return frame
+    def configure(self, **wanted: Any) -> CameraSettings:
+        """Change settings."""
+        settings = self._camera.configure(**wanted)
+        self._tell(settings=settings)
+        return settings
 
     def grab(self, *arguments: Any, **options: Any) -> Iterator[Frame]:
         """Take frames."""
-        for frame in self._camera.grab(*arguments, **options):
-            self._show(frame)
-            yield frame
+        try:
+            self._tell(asked_s=monotonic())
+            for frame in self._camera.grab(*arguments, **options):
+                self._tell(asked_s=None)
+                self._show(frame)
+                yield frame
+                self._tell(asked_s=monotonic())
+        finally:
+            self._tell(asked_s=None)

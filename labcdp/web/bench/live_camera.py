@@ -17,6 +17,8 @@ from .live import Live, WatchedCamera
 
 #: Pause before a lost, busy or absent camera is looked for again.
 _RETRY_S = 1.0
+#: Longest wait of an acquisition for a lost camera or meter.
+PATIENCE_S = 600.0
 #: Frames of one grab; the next one follows immediately.
 _MANY = 1_000_000
 #: Weight of the newest interval in the frame rate.
@@ -123,11 +125,18 @@ class LiveCamera:
         """Give the camera, open, to an acquisition; its frames are shown meanwhile."""
         self._publish(lent=True)
         try:
-            with self._open, self._camera as camera:
-                self._publish(settings=camera.settings, streaming=True, error="")
-                yield cast(Camera, WatchedCamera(camera, self._receive))
+            with self._open:
+                self.be_patient(PATIENCE_S)
+                with self._camera as camera:
+                    self._publish(settings=camera.settings, streaming=True, error="")
+                    yield cast(Camera, WatchedCamera(camera, self._publish, self._receive))
         finally:
+            self.be_patient(0.0)
             self._publish(streaming=False, rate_hz=0.0, lent=False)
+
+    def be_patient(self, patience_s: float) -> None:
+        """Wait this long within an acquisition when the camera is lost; 0 also ends a wait."""
+        self._camera.be_patient(patience_s)
 
     def _count_viewers(self, more: int) -> None:
         with self._changed:

@@ -54,7 +54,7 @@ class BenchPage:
         self._typed = field("TextInput", "Reading of another meter (cd/m²), with Enter", width=260)
         contrast = "" if bench.target.contrast is None else f"{100 * bench.target.contrast:g}"
         options = {"placeholder": "measured", "value": contrast, "width": 170}
-        self._contrast = field("TextInput", "Contrast to detect (%)", self._aim_contrast, **options)
+        self._contrast = field("TextInput", "Target contrast (%)", self._aim_contrast, **options)
         options = {"value": 100 * bench.target.epsilon, "start": 0.1, "width": 130}
         self._epsilon = field("FloatInput", "Tolerance ε (%)", self._aim_epsilon, **options)
         self._shown: tuple[CameraSettings | None, str] = (None, "")
@@ -190,7 +190,7 @@ class BenchPage:
         except ValueError:
             contrast = float("nan")
         if contrast is not None and not 0 < contrast < 1e7:
-            self.bench.workspace.say("The contrast is a percentage above 0; empty for the measured contrast")
+            self.bench.workspace.say("The target contrast is a percentage above 0; empty for the measured contrast")
             return
         self.bench.aim(contrast=contrast)
 

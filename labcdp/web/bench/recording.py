@@ -11,14 +11,14 @@ from time import monotonic
 from typing import TYPE_CHECKING
 
 from ...acquire import AcquisitionStoppedError, Control, acquire, forget
-from ...acquire.control import no_bare_session
+from ...acquire.control import no_bare_session, warnings_to
 from ...acquire.operator import AskedOperator
 from ...core.errors import InputError, LabcdpError
 from ...drivers.meter import Meter
 from ...regions import Shape
 from ...session import Session, SessionConfiguration
 from ...session.configuration import Patch, TargetConfiguration
-from .live_camera import LiveCamera
+from .live_camera import PATIENCE_S, LiveCamera
 
 if TYPE_CHECKING:
     from ...acquire import CheckFinding, Operator
@@ -97,9 +97,16 @@ class PageOperator(AskedOperator):
         """Ask for a text, as the reading of a meter without an interface."""
         return self._ask(Question(prompt, answers=(), typed=True))
 
+    def find(self, text: str) -> None:
+        """Show a finding until it is dismissed."""
+        if text not in self.findings:
+            self.findings = (*self.findings, text)
+        self._changed()
+
     def repeat(self, what: str, findings: Sequence[CheckFinding]) -> bool:
         """Ask whether to repeat a unit; the findings stay on the page."""
-        self.findings += tuple(f"{what}: {one}" for one in findings)
+        for one in findings:
+            self.find(f"{what}: {one}")
         question = Question(f"Fix it and repeat the {what}?", "", ("Repeat", "Keep"), tuple(map(str, findings)))
         return self._ask(question) == "Repeat"
 
@@ -150,6 +157,7 @@ class Recording:
         self.outcome = ""
         self.ended = Event()
         self._configuration, self._begun = configuration, begun
+        self._waiting: tuple[LiveCamera | Meter, ...] = ()
         #: When the current step began, and with how many done.
         self._since: tuple[str, float, int] = ("", 0.0, 0)
 
@@ -165,6 +173,8 @@ class Recording:
         """Stop after the current frame; the same folder resumes."""
         self.control.stop()
         self.operator.end()
+        for device in self._waiting:
+            device.be_patient(0.0)
 
     def run(
         self,
@@ -191,7 +201,7 @@ class Recording:
             if progress.step != self._since[0]:
                 self._since = (progress.step, monotonic(), progress.done)
             if progress.note:
-                self.operator.findings += (progress.note,)
+                self.operator.find(progress.note)
             self.progress = progress
             changed(progress)
 
@@ -199,7 +209,9 @@ class Recording:
             with no_bare_session(self.folder), self._session() as session:
                 self._begun(session)
                 forget(session, again)
-                with camera.lent() as lent:
+                self._waiting = camera, meter
+                meter.be_patient(PATIENCE_S)
+                with camera.lent() as lent, warnings_to(self.operator.find):
                     acquire(session, lent, meter, self.operator, report, control=self.control)
                 yield "Calibrating and evaluating …"
                 self.report = _report(session)
@@ -209,6 +221,7 @@ class Recording:
         else:
             self.outcome = f"Recorded in {self.folder}; report: {self.report}"
         finally:
+            meter.be_patient(0.0)
             self.ended.set()
         yield ""
 

@@ -79,7 +79,7 @@ def pair_table(drawing: Drawing, measured: Measured) -> str:
     bright = text(pair.bright_region.roi.name)
     head = "Target contrast (measured)" if of_measured else "Target contrast"
     if not rows:
-        return f"<p>{'; '.join(facts)}. Without a contrast to detect there is no CDP.</p>"
+        return f"<p>{'; '.join(facts)}. Without a target contrast there is no CDP.</p>"
     return f"{table((head, 'CDP', '95 % interval'), rows)}<p>{'; '.join(facts)}. The brighter region is {bright}.</p>"
 
 

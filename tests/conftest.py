@@ -1,6 +1,7 @@
 """What all tests share: a network of their own, so that they neither reach nor disturb real cameras."""
 
 import ctypes
+import gc
 import json
 import os
 import shutil
@@ -43,6 +44,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with the files that take longest, so that none of them is left to one process at the end."""
     root = Path(__file__).parent
     items.sort(key=lambda item: _SLOW_FIRST.get(item.path.relative_to(root).parts[0], len(_SLOW_FIRST)))
+
+
+def pytest_collection_finish() -> None:
+    """Look no more for garbage in what all tests keep: modules, and the tests themselves."""
+    gc.freeze()
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -18,7 +18,7 @@ import sys
 import traceback
 from contextlib import suppress
 
-#: What commands import, beside labcdp's own modules; nothing of them runs before the fork.
+#: What commands import, beside labcdp's own modules.
 _HEAVY = (
     *("colour", "cv2", "dask.array", "distributed", "jinja2", "matplotlib.backends.backend_agg", "matplotlib.figure"),
     *("netCDF4", "numpy", "openpyxl", "PIL.Image", "plotly.graph_objects", "pydantic", "rich.markdown"),
@@ -47,6 +47,8 @@ def _main(listening: socket.socket) -> None:
 
 
 def _import_all():
+    from plotly.graph_objects import Figure
+
     import labcdp
 
     own = [
@@ -57,7 +59,10 @@ def _import_all():
     for name in (*_HEAVY, *own):
         importlib.import_module(name)
     from labcdp.cli import main
+    from labcdp.report.html import interactive
 
+    # What plotly imports and reads with its first figure.
+    interactive(Figure())
     return main
 
 

@@ -45,7 +45,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("bench")
     (folder / "plan.toml").write_text(small_plan().to_toml())
     # Each frame is drawn by the browser without a graphics card: at 15 frames/s that is most of the work.
-    (folder / "bench.toml").write_text("[camera]\nframe_rate_hz = 5\n")
+    (folder / "bench.toml").write_text("[camera]\nframe_rate_hz = 2\n")
     return folder
 
 

@@ -19,6 +19,7 @@ class Device(Protocol):
 
     def be_patient(self, patience_s: float) -> None:
         """Wait this long for the device when it is lost; 0 also ends a wait. Nothing for one that cannot be lost."""
+        return
 
     def __enter__(self) -> Self:
         """Open."""

@@ -47,7 +47,7 @@ from labcdp.evaluate.bench.corrections import Corrections, with_dark_frames
 from labcdp.evaluate.bench.observe import observe_session
 from labcdp.evaluate.camera.characterise import characterise_session
 from labcdp.evaluate.twin.evaluate import TwinEvaluation, twin_session
-from labcdp.evaluate.twin.pair import SAMPLING, TwinPair
+from labcdp.evaluate.twin.pair import TwinPair
 from labcdp.evaluate.twin.regions import KINDS
 from labcdp.evaluate.twin.result import signal_findings
 from labcdp.session import Session, SessionConfiguration
@@ -352,7 +352,7 @@ def main() -> None:
         ("with a dark library", [one for one in pairs if one[0] in corrected]),
         ("CDP 0.01 to 0.99", [(seed, pair) for seed, pair in pairs if 0.01 <= pair.predicted <= 0.99]),
         ("asked for", [(seed, pair) for seed, pair in pairs if pair.asked.epsilon != 0.5]),
-        ("pixels not decisive", [(seed, pair) for seed, pair in pairs if pair.largest != SAMPLING]),
+        ("pixels not decisive", [(seed, pair) for seed, pair in pairs if pair.u_predicted > pair.u_pixels]),
     ):
         print_share(label, chosen, [seed for seed, _ in results])
     z = np.array([pair.z for _, pair in pairs if pair.judgement != "undecided" and 0.01 <= pair.predicted <= 0.99])
@@ -360,8 +360,6 @@ def main() -> None:
     for kind in KINDS:
         d = np.array([z for _, result in results for patch in result.patches if (z := patch.z[kind]) is not None])
         print(f"patches, {kind:12s} z {d.mean():+.2f} +- {d.std():.2f}, within 1.96: {np.mean(abs(d) < 1.96):.1%}")
-    largest = Counter(pair.largest.split(" of P")[0].split(" at P")[0] for _, pair in pairs)
-    print("largest part of the uncertainty:", dict(largest.most_common(6)))
     for seed, pair in sorted(pairs, key=lambda one: -abs(one[1].z))[:12]:
         print(
             f"bench {seed:3d} {pair.asked.bright}/{pair.asked.dark} contrast {pair.asked.contrast:7.3g} measured "

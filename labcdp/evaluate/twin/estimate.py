@@ -14,12 +14,12 @@ from ...chain import Optics, Sensor
 from ...core.errors import CalibrationError, InputError
 from ...core.frame import Frame
 from ...core.photometry import photon_radiance_per_cd_m2
-from ...core.result import Finding, info
+from ...core.result import Finding, info, warning
 from ...core.vignetting import FlatField
 from ...session import Session, SessionConfiguration
 from ..bench.corrections import pixel_area_m2
 from ..bench.observe import ObservedSession
-from .parameters import TwinParameters, known
+from .parameters import MOST_PRNU_REL, TwinParameters, known
 
 #: Factor beyond the converter's range of a full well that was not observed, so that it clips nothing.
 _BEYOND = 1.1
@@ -59,8 +59,7 @@ def twin_parameters(
         If the camera has colour filters, no quantum efficiency up to 1 gives the calibrated responsivity, or the gain
         was not calibrated.
     """
-    frame = require_monochrome(session)
-    configuration = observed.configuration
+    frame, configuration = require_monochrome(session), observed.configuration
     setting = calibration.settings[index_of_gain(calibration.settings, frame.gain_db)]
     noise, k = noise_of_characterisation(found), found.k_dn_per_e
     findings = [one.within("characterisation") for one in found.findings]
@@ -79,6 +78,8 @@ def twin_parameters(
         findings.append(info("twin-transmittance-unknown"))
     if calibration.response.kind != "linear":
         findings.append(info("twin-response-not-linear", response=calibration.response.kind))
+    if noise["prnu_rel"].value > MOST_PRNU_REL:
+        findings.append(warning("twin-prnu-limited", prnu_rel=noise["prnu_rel"].value, most_rel=MOST_PRNU_REL))
     doubling = found.doubling_temperature_c
     if doubling is None:
         doubling = Quantity(TYPICAL_DOUBLING_C, nan, "K", "assumed, typical of silicon")

@@ -142,8 +142,6 @@ _VERDICTS: dict[str, tuple[str, State]] = {
     "twin-signals-differ": ("differ", "bad"),
     "twin-undecided": ("undecided", "open"),
 }
-#: Most cards of contrasts to be detected.
-_MOST_CARDS = 4
 #: Columns of pairs that fit on a page.
 _PAIR = (
     "pair", "target_contrast", "measured_cdp", "measured_cdp_low", "measured_cdp_high", "predicted_cdp",
@@ -182,10 +180,6 @@ def _cards(evaluation: TwinEvaluation) -> Iterator[Card]:
     worst = max(evaluation.pairs, key=lambda pair: abs(pair.z))
     detail, at = f"measured minus predicted CDP of {pair_name(worst)}", percent(worst.asked.contrast)
     yield Card("Largest deviation", f"z = {worst.z:.1f}", detail, (f"target contrast {at}",))
-    groups = evaluation.by_contrast() if len(evaluation.contrasts) <= _MOST_CARDS else []
-    for one, pairs in zip(evaluation.contrasts, groups, strict=False):
-        agree, differ = (sum(pair.judgement == name for pair in pairs) for name in ("agree", "differ"))
-        yield Card(f"Pairs at {percent(one)}", f"{agree} of {len(pairs)}", "agree", (f"{differ} differ",))
 
 
 def _sections(result: Result, chain: str) -> Iterator[Section]:

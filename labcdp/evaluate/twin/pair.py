@@ -19,8 +19,6 @@ from .regions import RegionError, SeenRegion
 
 #: Whether prediction and measurement agree.
 Judgement: TypeAlias = Literal["agree", "differ", "undecided"]
-#: Name of the contribution of the finite number of pixels.
-SAMPLING = "number of pixels"
 #: Share of all possible CDPs inside the joint interval above which a pair is undecided.
 _VACUOUS = 0.8
 #: Weight of one outlying pixel, as in the intervals of `labcdp.metrics`.
@@ -70,8 +68,6 @@ class TwinPair:
         Standard uncertainty of the prediction by the parameters of the twin and the meter's readings.
     u_pixels : float
         Scatter of the CDP of this number of pixels around its expectation, by the twin.
-    largest, largest_share : str and float
-        Largest part of the variance of the difference, and its share.
     """
 
     asked: PairAsked
@@ -82,8 +78,6 @@ class TwinPair:
     predicted: float
     u_predicted: float
     u_pixels: float
-    largest: str
-    largest_share: float
 
     @property
     def difference(self) -> float:
@@ -152,13 +146,10 @@ def compare_pair(
     best = tally(predicted[0].best, predicted[1].best)
     m, n = seen[1].luminance_cd_m2.size, seen[0].luminance_cd_m2.size
     of_pixels = sampling_variance(best, predicted[0].best, predicted[1].best, m, n) + _OUTLIER_WEIGHT / min(m, n) ** 2
-    parts = {
-        name: float(np.mean([(tally(b, d).inside - best.inside) ** 2 for b, d in both]))
-        for name, both in _shifted(predicted, seen).items()
-    }
-    of_parameters = sum(parts.values())
-    parts[SAMPLING] = of_pixels
-    largest = max(parts, key=lambda name: parts[name])
+    of_parameters = sum(
+        float(np.mean([(tally(b, d).inside - best.inside) ** 2 for b, d in both]))
+        for both in _shifted(predicted, seen).values()
+    )
     return TwinPair(
         asked=pair,
         exposure_s=seen[0].exposure_s,
@@ -168,8 +159,6 @@ def compare_pair(
         predicted=best.inside,
         u_predicted=sqrt(of_parameters),
         u_pixels=sqrt(of_pixels),
-        largest=largest,
-        largest_share=parts[largest] / (of_parameters + of_pixels),
     )
 
 

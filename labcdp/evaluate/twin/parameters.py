@@ -17,6 +17,8 @@ from ...chain import Sensor
 from ...core.result import Finding
 from ...core.vignetting import FlatField
 
+#: Largest PRNU of a sensor in a chain.
+MOST_PRNU_REL = 0.1
 #: Variance of the dark signal above which the steps of the converter are dithered.
 _COARSE_DN2 = 2.0
 #: Number of classes of pixels by dark signal, and the golden ratio.
@@ -160,7 +162,7 @@ class TwinParameters:
             black_level_dn=min(max(black_dn, 0.0), 2.0**self.bits - 1),
             reference_temperature_c=self.temperature_c,
             doubling_temperature_c=self.doubling_temperature_c.value,
-            prnu_rel=min(self.prnu_rel.value, 0.1),
+            prnu_rel=min(self.prnu_rel.value, MOST_PRNU_REL),
             dsnu_e=self.dsnu_dn.value / k,
             column_dsnu_e=self.column_dsnu_dn.value / k,
             row_dsnu_e=self.row_dsnu_dn.value / k,

@@ -58,24 +58,11 @@ def twin_result(
 
 
 def _tables(evaluation: TwinEvaluation) -> Iterator[Table]:
-    yield _summary(evaluation)
     yield _pairs(evaluation.pairs)
     yield _signals(evaluation)
     rows = (stated(key, _NAMES.get(key, key), one) for key, one in evaluation.parameters.quantities.items())
     yield quantity_table("parameters", "Parameters of the twin", rows, detail=True)
     yield provenance_table(evaluation.observed, evaluation.calibration)
-
-
-def _summary(evaluation: TwinEvaluation) -> Table:
-    columns = (
-        Column("pairs", "pairs", "", "Pairs of patches that were compared.", value=lambda one: len(one.pairs)),
-        Column("agreeing", "agree", "", "Measured and predicted CDP agree within the joint 95 % interval.",
-               value=lambda one: one.count("agree")),
-        Column("differing", "differ", "", "They do not agree.", value=lambda one: one.count("differ")),
-        Column("undecided", "undecided", "", "80 % or more of all possible CDPs would agree.",
-               value=lambda one: one.count("undecided")),
-    )  # fmt: skip
-    return Table.of_items("summary", "Camera and twin", columns, [evaluation])
 
 
 def pair_name(pair: TwinPair) -> str:
@@ -99,14 +86,9 @@ def _pairs(pairs: Sequence[TwinPair]) -> Table:
                        "measured.confidence_interval"),
         *with_interval(Column("predicted_cdp", "predicted CDP", value="predicted",
                               meaning="By the twin, for a region without end."), "predicted_interval"),
-        Column("u_predicted_cdp", "u of predicted CDP", "", "By parameters and readings.", 2, shown=False,
-               value="u_predicted"),
-        Column("u_pixels", "u by pixels", "", "Scatter of the CDP of so many pixels.", 2, shown=False),
         *uncertain(difference, "u_difference"),
         Column("z", "z", "", "The difference over its standard uncertainty.", decimals=1),
         Column("judgement", "comparison", "", "Whether 0 is in the 95 % interval of the difference."),
-        Column("largest", "largest uncertainty", "", "Largest part of the variance of the difference."),
-        Column("largest_share", "its share", "%", "Of the variance.", decimals=0, shown=False),
         Column("exposure_s", "exposure", "s", "Longest that saturates neither patch.", digits=0, time=True),
         Column("frame_number", "frame", "", "Number of the frame with the bright patch.", shown=False),
         Column("dark_frame_number", "frame (dark)", "", "Number of the frame with the dark patch.", shown=False),

@@ -8,11 +8,11 @@ from twin_coverage import compare
 from labcdp.chain import Chain
 from labcdp.core.dn import Response
 from labcdp.core.errors import CalibrationError, InputError
-from labcdp.core.result import info
+from labcdp.core.result import info, warning
 from labcdp.evaluate.twin.estimate import twin_parameters
 from labcdp.evaluate.twin.evaluate import twin_session
 from labcdp.evaluate.twin.page import twin_chain_text
-from labcdp.evaluate.twin.pair import SAMPLING, sampling_variance
+from labcdp.evaluate.twin.pair import sampling_variance
 from labcdp.evaluate.twin.prediction import TwinRegion, predict_regions
 from labcdp.evaluate.twin.regions import KINDS, predicted_signal
 from labcdp.evaluate.twin.result import signal_findings, verdict
@@ -156,13 +156,14 @@ def test_the_intervals_hold_on_benches_with_random_cameras(tmp_path):
     twin, exposure_s = results[1].parameters, results[1].pairs[0].exposure_s
     left_dn = twin.library.nonuniformity_dn(exposure_s, twin.temperature_c)
     assert twin.at(exposure_s).pattern_taken_off_dn == left_dn > 0
-    decided = [pair.largest == SAMPLING for result in results for pair in result.pairs]
-    assert 0.5 < np.mean(decided) <= 1
 
 
-def test_a_bent_response_is_followed_and_said(recorded, observed, calibration, characterisation):
-    """The chain cannot hold it; the prediction follows it: the mean luminance is that of the meter."""
+def test_a_bent_response_and_a_large_prnu_are_said(recorded, observed, calibration, characterisation):
+    """The chain cannot hold them; the prediction follows the response: the mean luminance is that of the meter."""
     bent = Response("quadratic", (0.0, 4000.0), (0.0, 4400.0))
+    uneven = replace(characterisation, prnu_pixel_rel=replace(characterisation.prnu_rel, value=0.2))
+    of_uneven = twin_parameters(recorded, observed, calibration, uneven)
+    assert warning("twin-prnu-limited", prnu_rel=0.2, most_rel=0.1) in of_uneven.findings
     parameters = twin_parameters(recorded, observed, replace(calibration, response=bent), characterisation)
     assert info("twin-response-not-linear", response="quadratic") in parameters.findings
     found = predict_regions(parameters, [region("P", 80.0, np.ones(9))], 0.008, bent)["P"].best

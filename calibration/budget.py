@@ -11,8 +11,9 @@ import numpy as np
 from ..core.clock import exposure_text
 from ..core.errors import InputError
 from ..core.luminance import CommonError
+from ..core.vignetting import FlatField, RadialVignetting
 from .colour.model import AnyCalibration, ColourCalibration
-from .converter import FLAT_FIELD, FLICKER, GLARE, REFOCUS, VIGNETTING, common_errors
+from .converter import FLAT_FIELD, FLICKER, INTERCEPT, REFOCUS, VIGNETTING, common_errors
 from .excluded import not_included
 from .findings import BudgetRow, Distribution
 from .model import Calibration, PatchResidual
@@ -26,6 +27,7 @@ SOURCES = (
     "meter repeatability",
     "meter f1'",
     "patch uniformity",
+    "exposure scatter",
     "shot and read noise",
     "dark non-uniformity",
     "dark and temperature",
@@ -38,14 +40,17 @@ SOURCES = (
     REFOCUS,
     "gain",
     "spectral mismatch",
-    GLARE,
+    INTERCEPT,
     "drift",
     "fit",
 )
 #: Sources whose uncertainty is not evaluated by statistics.
 _TYPE_B = (*METER_SOURCES, "spectral mismatch", "exposure time", REFOCUS, VIGNETTING)
+#: Sources that follow from one estimate, the scatter of the patches.
+_OF_SCATTER = ("fit", "meter repeatability", "patch uniformity")
 #: Sources independent from plane to plane of a sensor with colour filters, so that their squares add.
 _OF_EACH_PLANE = (
+    "exposure scatter",
     "shot and read noise",
     "dark non-uniformity",
     "dark and temperature",
@@ -61,10 +66,9 @@ _BASIS = {
     REFOCUS: "lens: standard uncertainty after focus and aperture are set anew, as the configuration states it",
     "exposure time": "jitter of the exposure time, as the configuration states it",
     VIGNETTING: "cos⁴ in the corners of the image, as the configuration states it: here by the places of the patches",
-    FLAT_FIELD: "errors of the polynomial: here by the places of the patches",
     "gain": "scatter of the gains around each other",
     "linearity": "residual of the bracket that gives the response, and what its exposures leave open",
-    GLARE: "free intercept of the fit",
+    INTERCEPT: "free intercept of the fit: glare, or if negative an offset of unknown cause",
 }
 
 
@@ -131,8 +135,8 @@ def budget(
     of_plane = luminance_cd_m2 / sum(calibration.weights)
     planes = [_of_plane(plane, of_plane, t, n_pixels, n_frames) for plane in calibration.planes]
     rows = planes[0] if isinstance(calibration, Calibration) else _of_planes(calibration, planes)
-    if not rows[GLARE].included:
-        rows[GLARE] = _glare(calibration, luminance_cd_m2)
+    if not rows[INTERCEPT].included:
+        rows[INTERCEPT] = _glare(calibration, luminance_cd_m2)
     own = calibration.responsivity if isinstance(calibration, Calibration) else calibration
     if own.scatter_rel > 0:
         basis = f"scatter of the {len(calibration.planes[0].residuals)} patches that nothing else explains"
@@ -143,14 +147,20 @@ def budget(
 
 
 def combined(rows: Sequence[BudgetRow]) -> CombinedUncertainty:
-    """Combine the included rows of a budget; those with few degrees of freedom follow from one scatter."""
+    """Combine the included rows of a budget, as the interval of a patch."""
     included = [row for row in rows if row.included]
-    squares = [(row.standard_uncertainty_rel**2, row.dof or inf, row.distribution) for row in included]
-    normal = [of_one_estimate((square, dof) for square, dof, _ in squares if dof < inf)]
-    normal += [(square, dof) for square, dof, kind in squares if kind == "normal" and dof == inf]
-    rectangular = [sqrt(square) for square, _, kind in squares if kind == "rectangular"]
+    of_scatter: list[tuple[float, float]] = []
+    others: list[tuple[float, float]] = []
+    rectangular: list[float] = []
+    for row in included:
+        square = row.standard_uncertainty_rel**2, row.dof or inf
+        if row.distribution == "rectangular":
+            rectangular.append(row.standard_uncertainty_rel)
+        else:
+            (of_scatter if row.source in _OF_SCATTER else others).append(square)
+    normal = [of_one_estimate(of_scatter), *others]
     dof = effective_dof([*normal, *((u**2, inf) for u in rectangular)])
-    u = sqrt(sum(square for square, _, _ in squares))
+    u = float(np.linalg.norm([row.standard_uncertainty_rel for row in included]))
     return CombinedUncertainty(u, dof, expanded_of(normal, rectangular))
 
 
@@ -180,6 +190,8 @@ def _of_plane(
         basis = _BASIS.get(source) or plane.meter_scale.basis(source)
         dof = None if group[0].dof == inf else group[0].dof
         rows[source] = BudgetRow(source, u, kind, True, "B" if source in _TYPE_B else "A", basis, dof=dof)
+    if isinstance(plane.vignetting, FlatField | RadialVignetting):
+        rows[FLAT_FIELD] = _flat_field(plane.vignetting, rows[FLAT_FIELD].standard_uncertainty_rel, n_pixels)
     rows |= _split(plane.residuals, rows["fit"])
     stretch = float(plane.response.slope(net_dn)) / float(plane.response.linearise(net_dn))
     noise_dn2 = plane.noise.variance_dn2(net_dn, plane.dark.noise_variance_dn2(exposure_s)) / (n_pixels * n_frames)
@@ -188,6 +200,7 @@ def _of_plane(
     uneven_dn = plane.dark.nonuniformity_dn
     uneven = "slow change of the dark signal across the sensor" + ("" if uneven_dn > 0 else ": not significant")
     own = {
+        "exposure scatter": (plane.responsivity.scatter_dn, "scatter of exposures in DN that nothing else explains"),
         "shot and read noise": (
             sqrt(noise_dn2),
             f"photon transfer over the patches, for {over} at {exposure_text(exposure_s)}",
@@ -199,9 +212,18 @@ def _of_plane(
             f"light from frame to frame, for {n_frames} of them",
         ),
     }
+    dofs = {FLICKER: plane.noise.flicker_dof or None}
     return rows | {
-        source: BudgetRow(source, stretch * u_dn, "normal", False, "A", basis) for source, (u_dn, basis) in own.items()
+        source: BudgetRow(source, stretch * u_dn, "normal", False, "A", basis, dof=dofs.get(source))
+        for source, (u_dn, basis) in own.items()
     }
+
+
+def _flat_field(vignetting: FlatField | RadialVignetting, of_fit_rel: float, n_pixels: int) -> BudgetRow:
+    """Row of what a flat field leaves at any place: slow errors, noise of its pixels, and their effect on the fit."""
+    of_pixels = vignetting.random_rel / sqrt(n_pixels) if isinstance(vignetting, FlatField) else 0.0
+    u, basis = hypot(of_fit_rel, vignetting.slow_rel, of_pixels), "non-uniformity of the uniform source, and noise"
+    return BudgetRow(FLAT_FIELD, u, "normal", False, "B", basis)
 
 
 def _of_planes(calibration: ColourCalibration, planes: Sequence[dict[str, BudgetRow]]) -> dict[str, BudgetRow]:
@@ -265,11 +287,11 @@ def _glare(calibration: AnyCalibration, luminance_cd_m2: float) -> BudgetRow:
     for plane, weight in zip(calibration.planes, calibration.weights, strict=True):
         fit, share = plane.responsivity, weight / sum(calibration.weights)
         if fit.intercept_dn_s is None or fit.intercept_standard_uncertainty_dn_s is None:
-            return not_included(calibration.planes[0])[GLARE]
+            return not_included(calibration.planes[0])[INTERCEPT]
         # Glare is the same light in all planes.
         value += share * fit.intercept_dn_s / fit.responsivity_dn_s_cd_m2
         u2 += (share * fit.intercept_standard_uncertainty_dn_s / fit.responsivity_dn_s_cd_m2) ** 2
     bound_cd_m2 = hypot(value, sqrt(u2))
     why = "not included, since the fit goes through zero: glare depends on the scene"
     basis = f"bound by the free intercept, {bound_cd_m2:.2g} cd/m²; {why}"
-    return BudgetRow(GLARE, bound_cd_m2 / luminance_cd_m2, "normal", True, "A", basis, included=False)
+    return BudgetRow(INTERCEPT, bound_cd_m2 / luminance_cd_m2, "normal", True, "A", basis, included=False)

@@ -15,7 +15,7 @@ from ..core.reading import Reading
 from ..core.result import Finding, log_findings, unique
 from ..core.vignetting import AnyVignetting
 from .convert.patch import patch_luminance
-from .converter import GLARE, VIGNETTING
+from .converter import INTERCEPT, VIGNETTING
 from .findings import FitTest, ResponsivityFit
 from .fit import tests as fit_tests
 from .fit.candidates import candidate_models
@@ -188,7 +188,7 @@ def _final(
     of_step, errors = fit_tests.step(plain)
     if glare_cd_m2:
         zero, width = np.zeros(given.net_dn.size), _FREE if of_glare.significant else 1.0
-        errors.append(SharedError(GLARE, zero, zero, cd_m2=width * glare_cd_m2))
+        errors.append(SharedError(INTERCEPT, zero, zero, cd_m2=width * glare_cd_m2))
     design = given.with_shared(*errors)
     stated = solve(design, first.candidate)
     final = with_scatter(design, first.candidate, by_place=beyond)

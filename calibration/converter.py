@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from math import hypot, inf, isfinite
+from math import hypot, inf
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core.dn import Response
-from ..core.errors import InputError
 from ..core.frame import Frame
 from ..core.luminance import CommonError
 from ..core.vignetting import AnyVignetting, Cos4Vignetting, cropped
@@ -28,9 +27,9 @@ from .setup import LensIdentity, MeterScale
 #: Least relative standard uncertainty of one exposure time relative to the others. Cameras report the applied exposure
 #: (GenICam SFNC, ExposureTime). Larger errors make the exposures inconsistent, and the fit includes them as scatter.
 EXPOSURE_TIME_REL = 5e-5
-#: Sources of common errors: flicker of the light, common to all patches of the same frames; glare of unknown size,
-#: where the fit found some; setting focus and aperture anew; vignetting that is assumed, or measured by a flat field.
-FLICKER, GLARE, REFOCUS = "lamp flicker", "glare", "focus and aperture"
+#: Sources of common errors: flicker of the light, common to all patches of the same frames; an intercept, where
+#: the fit found some; setting focus and aperture anew; vignetting that is assumed, or measured by a flat field.
+FLICKER, INTERCEPT, REFOCUS = "lamp flicker", "intercept", "focus and aperture"
 VIGNETTING, FLAT_FIELD = "vignetting", "flat field"
 
 #: Cached, as each frame of a part of the sensor asks for the same.
@@ -85,11 +84,6 @@ class Converter:
         Exposures that were used, ascending.
     exposure_jitter_s : float
         Standard uncertainty of one exposure time relative to the others.
-
-    Raises
-    ------
-    InputError
-        If the responsivity is not positive, the range not ascending, or there is no exposure.
     """
 
     state: CameraState
@@ -108,16 +102,6 @@ class Converter:
     range_net_dn: tuple[float, float]
     exposures_s: tuple[float, ...]
     exposure_jitter_s: float = EXPOSURE_JITTER_S
-
-    def __post_init__(self) -> None:
-        low, high = self.range_cd_m2
-        if not 0 < low <= high < float("inf"):
-            raise InputError(f"range_cd_m2 is {low:g} to {high:g}: give two positive luminances, the lower first")
-        if not self.exposures_s:
-            raise InputError("a calibration has at least one exposure in exposures_s")
-        responsivity = self.responsivity.responsivity_dn_s_cd_m2
-        if not (isfinite(responsivity) and responsivity > 0):
-            raise InputError(f"responsivity_dn_s_cd_m2 is {responsivity}: a camera that sees light has a positive one")
 
     @property
     def responsivity_common_rel(self) -> float:
@@ -246,7 +230,7 @@ def common_errors(
     setting = calibration.settings[index]
     scale = calibration.meter_scale
     errors = [
-        CommonError("meter scale", scale.standard_uncertainty_rel, rectangular=scale.certificate is None),
+        CommonError("meter scale", scale.standard_uncertainty_rel, scale.certificate is None, scale.degrees_of_freedom),
         *((CommonError("meter f1'", scale.mismatch_rel, rectangular=True),) if scale.mismatch_rel else ()),
         *((CommonError(REFOCUS, calibration.lens.refocus_rel),) if calibration.lens.refocus_rel else ()),
         CommonError("exposure time", exposure_time_rel(exposure_s, calibration.exposure_jitter_s)),
@@ -257,7 +241,7 @@ def common_errors(
         per_light = calibration.dn_per_cd_m2(exposure_s, setting.gain_db)
         with np.errstate(divide="ignore"):
             relative = calibration.responsivity.glare_cd_m2 * per_light / calibration.response.linearise(n)
-        errors.append(CommonError(GLARE, relative))
+        errors.append(CommonError(INTERCEPT, relative))
     sensitivities = setting.dark.sensitivities(exposure_s, temperature_c)
     for error in calibration.fit_errors:
         gain_rel = error.gain_rel[index - 1] if index and error.gain_rel else 0.0

@@ -201,7 +201,8 @@ class ResponsivityFit:
     intercept_dn_s, intercept_standard_uncertainty_dn_s : float or None
         Free intercept, fitted as a test only; None if all patches have about the same luminance.
     glare_cd_m2 : float
-        Glare that the fit found: as it depends on the scene, it is the standard uncertainty of any luminance.
+        Intercept that the fit found, glare if positive: it depends on the scene, and is the standard uncertainty of
+        any luminance.
     dof, scatter_dof : float or None
         Degrees of freedom of `random_rel` and `scatter_rel` (Welch and Satterthwaite); None if they are known.
     """

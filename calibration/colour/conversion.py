@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import CalibrationError, InputError
+from ...core.errors import CalibrationError
 from ...core.luminance import RANGE_MARGIN, CommonError
 from ..convert.patch import PatchLuminance, outside_range, patch_luminance
-from ..converter import FLICKER, GLARE, REFOCUS, VIGNETTING
+from ..converter import FLICKER, INTERCEPT, REFOCUS, VIGNETTING
 from ..frames.nonuniformity import slow_rel
 from ..frames.observations import PatchObservation
 from ..model import Calibration
 from ..setup import METER_SOURCES
 
 #: Common errors of all planes of a frame, which add with their signs.
-_OF_ALL_PLANES = (*METER_SOURCES, "exposure time", FLICKER, REFOCUS, VIGNETTING, GLARE)
+_OF_ALL_PLANES = (*METER_SOURCES, "exposure time", FLICKER, REFOCUS, VIGNETTING, INTERCEPT)
 #: The colours, each of one or two planes.
 COLOURS = ("R", "G", "B")
 #: Harmonics of the hue: mismatch errors of simulated cameras are nearly independent from 45 degrees of hue on.
@@ -53,11 +53,6 @@ class ColourConverter:
         Lowest and highest luminance of the patches.
     scatter_dof : float or None
         Degrees of freedom of `scatter_rel`; None if it is known.
-
-    Raises
-    ------
-    InputError
-        If the numbers of planes, weights and covariances differ, or the range is not ascending.
     """
 
     planes: tuple[Calibration, ...]
@@ -67,17 +62,6 @@ class ColourConverter:
     scatter_rel: float
     range_cd_m2: tuple[float, float]
     scatter_dof: float | None = field(default=None, kw_only=True)
-
-    def __post_init__(self) -> None:
-        n = len(self.planes)
-        if n == 0 or len(self.weights) != n or np.shape(self.weight_covariance) != (n, n):
-            raise InputError(
-                f"a colour calibration of {n} planes has {len(self.weights)} weights and a covariance of shape "
-                f"{np.shape(self.weight_covariance)}: give one weight a plane"
-            )
-        low, high = self.range_cd_m2
-        if not 0 < low <= high < float("inf"):
-            raise InputError(f"range_cd_m2 is {low:g} to {high:g}: give two positive luminances, the lower first")
 
     @property
     def field_rel(self) -> float:

@@ -52,10 +52,10 @@ def glare(solution: Solution, responsivity_dn_s_cd_m2: float) -> FitTest:
 
 
 def possible_glare_cd_m2(test: FitTest) -> float:
-    """Glare to count with: what was found, or as much as the intercept exceeds its standard uncertainty."""
-    if test.value <= 0:
-        return 0.0
-    return test.value if test.significant else sqrt(max(test.value**2 - test.standard_uncertainty**2, 0.0))
+    """Intercept to count with: what was found, or of glare as much as it exceeds its standard uncertainty."""
+    if test.significant:
+        return test.value
+    return sqrt(max(max(test.value, 0.0) ** 2 - test.standard_uncertainty**2, 0.0))
 
 
 def _rather_a_wrong_dark(solution: Solution) -> bool:

@@ -19,6 +19,7 @@ from ..colour.model import AnyCalibration, ColourCalibration
 from ..colour.patches import by_patch
 from ..convert.patch import PatchLuminance, numbered, patch_luminance
 from ..converter import VIGNETTING
+from ..frames.nonuniformity import slow_rel
 from ..frames.observations import DarkObservation, PatchObservation
 from ..model import Calibration
 from ..readings import PatchReading, combine_readings
@@ -97,19 +98,17 @@ def _tolerance_rel(calibration: AnyCalibration, stated_rel: float | None, of_pla
 
 
 def own_tolerance_rel(calibration: AnyCalibration, of_place_rel: float = 0.0) -> float:
-    """Relative U (95 %) of a calibration: meter, fit and scatter of the patches, without the noise of a patch.
-
-    `of_place_rel` is what the assumed vignetting adds at the place of a patch; 0 on the axis.
-    """
-    refocus = calibration.lens.refocus_rel**2 + of_place_rel**2
+    """Relative U (95 %) of a calibration without a patch's noise; `of_place_rel` is by an assumed vignetting there."""
+    field_rel = max(slow_rel(plane.vignetting) for plane in calibration.planes)
+    others = calibration.lens.refocus_rel**2 + of_place_rel**2 + field_rel**2
     if isinstance(calibration, Calibration):
         fit = calibration.responsivity
         parts = ((fit.random_rel**2, fit.dof or inf), (fit.scatter_rel**2, fit.scatter_dof or inf))
         variance, dof = of_one_estimate(parts)
-        dof = effective_dof(((variance, dof), (refocus, inf)))
-        return expanded_rel([calibration.meter_scale], sqrt(variance + refocus), dof)
+        dof = effective_dof(((variance, dof), (others, inf)))
+        return expanded_rel([calibration.meter_scale], sqrt(variance + others), dof)
     of_weights = float(np.linalg.norm(calibration.weight_errors.sum(axis=1)))
-    return expanded_rel([calibration.meter_scale], hypot(of_weights, calibration.scatter_rel, sqrt(refocus)))
+    return expanded_rel([calibration.meter_scale], hypot(of_weights, calibration.scatter_rel, sqrt(others)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,10 +13,6 @@ from labcdp.calibration.uncertainty import effective_dof, expanded_of, of_one_es
 half_widths = st.floats(0.05, 10.0)
 
 
-def test_a_normal_error_alone_gives_the_normal_quantile():
-    assert expanded_half_width(0.0, 0.3) == pytest.approx(0.3 * 1.959963984540054, rel=1e-9)
-
-
 @given(a=half_widths, s=half_widths, w=half_widths)
 def test_probability_is_the_mean_of_the_normal_one_over_the_rectangle(a, s, w):
     integral, _ = quad(

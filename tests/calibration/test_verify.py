@@ -15,7 +15,7 @@ from labcdp.calibration.verify.result import conformance_probability, decide
 from labcdp.calibration.verify.verify import own_tolerance_rel, verify
 from labcdp.core.errors import CalibrationError
 from labcdp.core.reading import MeterIdentity
-from labcdp.core.vignetting import Cos4Vignetting
+from labcdp.core.vignetting import Cos4Vignetting, RadialVignetting
 from labcdp.session import MeterCertificate
 
 from .conftest import FEW_CD_M2, FEW_S, SimulatedCamera, SimulatedMeter, bench, codes
@@ -154,6 +154,9 @@ def test_assumed_vignetting_is_part_of_the_tolerance_and_not_of_the_deviation(ca
         assert on_axis.tolerance_rel == own_tolerance_rel(own)
         assert in_corner.tolerance_rel == pytest.approx(own_tolerance_rel(own, 0.05))
         assert in_corner.tolerance_rel > 0.09
+    # A flat field's errors, alike at all places, are part of it too.
+    flat = RadialVignetting(0.0, 0.0, 0.0, slow_rel=0.01)
+    assert own_tolerance_rel(replace(own, vignetting=flat)) == pytest.approx(own_tolerance_rel(own, 0.01))
 
 
 def test_what_cannot_be_compared_is_refused(calibration, camera):

@@ -37,17 +37,15 @@ def test_exact_data_give_the_exact_responsivity(camera, setup):
     assert max(abs(row.residual_rel) for row in calibration.residuals) < 1e-9
 
 
-@pytest.mark.parametrize(
-    ("offset_cd_m2", "code", "glare_cd_m2"), [(0.2, "intercept", 0.2), (-0.1, "intercept-negative", 0.0)]
-)
-def test_an_intercept_is_glare_only_if_positive(camera, setup, offset_cd_m2, code, glare_cd_m2):
+@pytest.mark.parametrize(("offset_cd_m2", "code"), [(0.2, "intercept"), (-0.1, "intercept-negative")])
+def test_an_intercept_is_the_same_luminance_of_all_patches_and_no_scatter(camera, setup, offset_cd_m2, code):
     observations = bench(camera, luminances=[v + offset_cd_m2 for v in LUMINANCES])[0]
     calibration = fit(observations, *bench(camera)[1:], setup)
     assert {one for one in codes(calibration) if one.startswith("intercept")} == {code}
     glare, responsivity = found(calibration, "glare"), calibration.responsivity
     assert (glare.significant, glare.value) == (True, pytest.approx(offset_cd_m2, rel=1e-5))
     assert responsivity.intercept_dn_s == pytest.approx(offset_cd_m2 * 1200, rel=0.1)
-    assert responsivity.glare_cd_m2 == pytest.approx(glare_cd_m2, rel=1e-6)
+    assert (responsivity.glare_cd_m2, responsivity.scatter_rel) == pytest.approx((offset_cd_m2, 0), rel=1e-5, abs=1e-6)
 
 
 def test_glare_that_the_patches_do_not_show_is_bounded(camera, setup):

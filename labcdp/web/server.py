@@ -21,8 +21,8 @@ from .gate import TOKEN, Gate, guard
 
 _log = logging.getLogger(__name__)
 
-#: Largest message of the page, and body of a request, in bytes.
-_MOST_BYTES = 4 * 2**20
+#: Largest message of the page, and body of a request, in bytes: the page sends no bodies.
+_MOST_BYTES, _MOST_BODY_BYTES = 4 * 2**20, 1024
 
 
 @dataclass(frozen=True)
@@ -169,7 +169,7 @@ class Server:
         )
         guard(application, self._gate)
         # Nobody has a token before the request is read: neither long bodies nor idle connections are kept.
-        http = HTTPServer(application, max_body_size=_MOST_BYTES, idle_connection_timeout=60, body_timeout=60)
+        http = HTTPServer(application, max_body_size=_MOST_BODY_BYTES, idle_connection_timeout=60, body_timeout=60)
         http.add_socket(self._socket)
         server = BaseServer(IOLoop.current(), application, http)
         server.start()

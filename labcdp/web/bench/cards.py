@@ -75,8 +75,8 @@ def pair_card(bench: LiveBench) -> str:
         )
     if found is None or point is None:
         return _card(title, "…", "open", _why(bench))
-    asked = "as measured" if bench.target.contrast is None else f"{100 * found.results[0].result.contrast:.4g} %"
-    asked = f"target contrast {asked}, ε {100 * bench.target.epsilon:.3g} %"
+    asked = ": measured" if bench.target.contrast is None else f" {100 * found.results[0].result.contrast:.4g} %"
+    asked = f"target contrast{asked}, ε {100 * bench.target.epsilon:.3g} %"
     interval = f"95 % interval {point.low:.4f} to {point.high:.4f}"
     if not _seen_now(bench):
         return _card(title, f"{point.cdp:.4f} <small>not now</small>", "open", "of the last frame", interval, raw=True)

@@ -44,7 +44,7 @@ class CameraTab:
         )
         self._region = field("TextInput", "Region: x, y, width, height", self._set_region, width=210)
         self._find = field("TextInput", "Find features", placeholder="part of a name", width=140)
-        self._feature = field("TextInput", "Set a feature", placeholder="for example Gamma = 1", width=180)
+        self._feature = field("TextInput", "Set a feature", placeholder="Gamma = 1", width=180)
         self._refresh = page.button("Read again", camera.read_features, margin=(19, 4))
         self._shown: tuple[CameraSettings | None, tuple[FeatureDescription, ...], str] = (None, (), "")
         page.on_enter(self._feature, self._set_feature)

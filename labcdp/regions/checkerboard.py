@@ -17,12 +17,12 @@ from .corners import (
     FloatImage,
     Lattice,
     grey_values,
-    grown,
     locally_stretched,
     real_corners,
     refined,
     sampled,
     stretched,
+    without_outliers,
 )
 from .geometry import inset
 from .shapes import PolygonShape
@@ -48,7 +48,7 @@ def detect_checkerboard(grey: NDArray[Any], *, margin_rel: float = 0.15) -> tupl
     """Find the squares of a checkerboard, whole or cropped, turned, in perspective.
 
     Corners by `cv2.findChessboardCornersSB` (Duda and Frese, "Accurate detection and localization of checkerboard
-    corners for calibration", BMVC 2018), checked one by one, and followed from there over the whole board.
+    corners for calibration", BMVC 2018), checked one by one.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def detect_checkerboard(grey: NDArray[Any], *, margin_rel: float = 0.15) -> tupl
         corners = real_corners(_upright(_sharpened(proposal, smooth) if coarse else proposal), smooth)
         if len(corners) < _FEWEST:
             continue
-        squares = _squares(grown(corners, smooth), smooth)
+        squares = _squares(without_outliers(corners), smooth)
         if squares:
             return _shapes(squares, margin_rel)
     raise InputError(

@@ -1,4 +1,4 @@
-"""The inner corners of a checkerboard: which are real, and which more there are."""
+"""The inner corners of a checkerboard: which are real, and where those around them are."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ Corners: TypeAlias = dict[At, NDArray[np.float64]]
 
 _STEPS: tuple[At, ...] = ((0, 1), (1, 0), (0, -1), (-1, 0))
 
-#: Furthest a predicted corner may be from where it is found, and one that is proposed from where all others put it, in
-#: sides of a square; how many of these are looked at in turn.
-_FARTHEST, _OUTLIER, _DOUBTED = 0.3, 0.15, 8
+#: Furthest a corner that is proposed may be from where all others put it, in sides of a square; how many of these are
+#: looked at in turn.
+_OUTLIER, _DOUBTED = 0.15, 8
 
 
 def real_corners(corners: Mapping[At, NDArray[np.float64]], image: FloatImage) -> Corners:
@@ -69,24 +69,6 @@ def without_outliers(corners: Corners) -> Corners:
             break
         del corners[worst]
     return corners
-
-
-def grown(corners: Corners, image: FloatImage) -> Corners:
-    """Add corners beyond those known, as long as there is one where the pattern continues."""
-    corners = without_outliers(corners)
-    sides = [(at, _around(at, corners)) for at in corners]
-    sign = np.sign(sum(_saddle(at, corners[at], *side, image) for at, side in sides if side is not None))
-    in_vain: set[At] = set()
-    while True:
-        lattice = Lattice(corners)
-        wanted = {(i + di, j + dj) for i, j in corners for di, dj in _STEPS} - set(corners) - in_vain
-        places = {at: _found(at, lattice, float(sign), image) for at in sorted(wanted)}
-        found = {at: place for at, place in places.items() if place is not None}
-        if not found:
-            return corners
-        corners |= found
-        # What was not there may be predicted better with its new neighbours.
-        in_vain |= {at for at in wanted - set(found) if not _touches(at, found)}
 
 
 def refined(place: NDArray[np.float64], side_px: float, image: FloatImage) -> NDArray[np.float64]:
@@ -169,25 +151,6 @@ def sampled(image: FloatImage, places: NDArray[np.float64]) -> NDArray[np.float6
 
     at = np.moveaxis(places[..., ::-1] - 0.5, -1, 0)
     return np.asarray(map_coordinates(image, at, np.float64, order=1, cval=np.nan))
-
-
-def _found(at: At, lattice: Lattice, sign: float, image: FloatImage) -> NDArray[np.float64] | None:
-    place = lattice.place(at)
-    height, width = image.shape
-    if not (2 <= place[0] <= width - 2 and 2 <= place[1] <= height - 2):
-        return None
-    i, j = at
-    along = (lattice.place((i, j + 1)) - lattice.place((i, j - 1))) / 2
-    down = (lattice.place((i + 1, j)) - lattice.place((i - 1, j))) / 2
-    side_px = float(min(np.linalg.norm(along), np.linalg.norm(down)))
-    corner = refined(place, side_px, image)
-    if not np.linalg.norm(corner - place) < _FARTHEST * side_px:
-        return None
-    return corner if _saddle(at, corner, along, down, image) == sign else None
-
-
-def _touches(at: At, found: Corners) -> bool:
-    return any((at[0] + i, at[1] + j) in found for i in (-1, 0, 1) for j in (-1, 0, 1))
 
 
 def _saddle(

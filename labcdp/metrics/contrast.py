@@ -211,18 +211,15 @@ class TargetContrast:
         low, high = self._ends
         return -inf if low is None else float(low), inf if high is None else float(high)
 
-    @property
-    def low(self) -> Fraction | None:
-        """Lowest detected contrast in Weber contrast, exactly; None for an end that is open."""
-        return self._weber(self._ends[0])
-
-    @property
-    def high(self) -> Fraction | None:
-        """Highest detected contrast in Weber contrast, exactly; None for an end that is open."""
-        return self._weber(self._ends[1])
+    @cached_property
+    def ratios(self) -> tuple[float, float]:
+        """Lowest and highest detected ratio of bright to dark value; -inf or inf for an end that is open."""
+        low, high = (None if end is None else self._ratio(end) for end in self._ends)
+        return -inf if low is None else low, inf if high is None else high
 
     @property
     def _ends(self) -> tuple[Fraction | None, Fraction | None]:
+        """Ends in `definition`, as the decimals they are written as."""
         epsilon, contrast = self.epsilon, decimal_fraction(self.contrast)
         if not isinstance(epsilon, DetectionInterval):
             epsilon = DetectionInterval(epsilon, epsilon)
@@ -230,10 +227,10 @@ class TargetContrast:
         high = None if epsilon.above is None else contrast * (1 + decimal_fraction(epsilon.above))
         return low, high
 
-    def _weber(self, end: Fraction | None) -> Fraction | None:
-        if end is None or self.definition == "weber":
-            return end
-        return None if end >= 1 else 2 * end / (1 - end)
+    def _ratio(self, end: Fraction) -> float:
+        if self.definition == "weber":
+            return float(1 + end)
+        return inf if end >= 1 else float((1 + end) / (1 - end))
 
 
 def _is_number(value: object) -> bool:

@@ -144,7 +144,7 @@ def cdp_of_regions(
     bright: NoisyRegion, dark: NoisyRegion, bright_name: Literal["a", "b"], asked: TargetContrast
 ) -> CdpResult:
     """CDP of two regions, with standard error and interval for the correlation of their noise."""
-    tally = tally_pairs(bright.distribution, dark.distribution, asked.low, asked.high)
+    tally = tally_pairs(bright.distribution, dark.distribution, asked.ratios)
     inflation = _inflation(tally, (bright, dark))
     return result_of_tally(tally, bright.distribution, dark.distribution, bright_name, asked, inflation)
 

@@ -121,7 +121,7 @@ def _results(
     bright: Distribution, dark: Distribution, bright_name: Literal["a", "b"], asked: Iterable[TargetContrast]
 ) -> tuple[CdpResult, ...]:
     return tuple(
-        result_of_tally(tally_pairs(bright, dark, one.low, one.high), bright, dark, bright_name, one) for one in asked
+        result_of_tally(tally_pairs(bright, dark, one.ratios), bright, dark, bright_name, one) for one in asked
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from math import nan, sqrt
+from math import isfinite, nan, sqrt
 from operator import index
 from typing import Any, overload
 
@@ -203,11 +203,12 @@ def _compare(
     larger, smaller = np.maximum(first, second), np.maximum(np.minimum(first, second), 0)
     undefined = larger <= 0
     below, up_to = undefined, np.ones_like(undefined)
+    low, high = asked.ratios
     with np.errstate(over="ignore"):
-        if asked.low is not None:
-            below = larger <= smaller * (float(1 + asked.low) * (1 - RELATIVE_TOLERANCE))
-        if asked.high is not None:
-            up_to = larger <= smaller * (float(1 + asked.high) * (1 + RELATIVE_TOLERANCE))
+        if isfinite(low):
+            below = larger <= smaller * (low * (1 - RELATIVE_TOLERANCE))
+        if isfinite(high):
+            up_to = larger <= smaller * (high * (1 + RELATIVE_TOLERANCE))
     marks += up_to & ~below
     return int(np.count_nonzero(undefined)), int(np.count_nonzero(below)), int(np.count_nonzero(up_to))
 

@@ -212,7 +212,7 @@ def _asked(contrasts: tuple[float, ...], epsilon: Epsilon) -> list[TargetContras
 def _values(a: Distribution, b: Distribution, asked: Sequence[TargetContrast]) -> _Array:
     """Quantities for error propagation: both SNR, the CSNR, and the CDP of each contrast."""
     bright, dark, _ = bright_and_dark(a, b)
-    cdps = [tally_pairs(bright, dark, one.low, one.high).inside for one in asked]
+    cdps = [tally_pairs(bright, dark, one.ratios).inside for one in asked]
     return np.array([snr(a).value, snr(b).value, csnr(a, b).value, *cdps])
 
 

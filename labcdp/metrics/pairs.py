@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from fractions import Fraction
 from math import inf, isfinite
 from typing import Literal, NamedTuple
 
@@ -53,10 +52,10 @@ def bright_and_dark(
     return first, second, "a"
 
 
-def weight_up_to(bright: Distribution, dark: Distribution, contrast: Fraction) -> float:
-    """Weight of all pairs up to a contrast (-1 or more), including those of undefined contrast."""
+def weight_up_to(bright: Distribution, dark: Distribution, ratio: float) -> float:
+    """Weight of all pairs up to a ratio (0 or more) of bright to dark value, including those of undefined contrast."""
     total = 0.0
-    for block, start, counts in _counts_up_to(bright, dark.values, float(1 + contrast) * (1 + RELATIVE_TOLERANCE)):
+    for block, start, counts in _counts_up_to(bright, dark.values, ratio * (1 + RELATIVE_TOLERANCE)):
         total += _sum(_weight_of_first(bright, start, counts), None if dark.each_once else dark.weights[block])
     return total
 
@@ -82,11 +81,14 @@ class PairTally:
     inside_per_bright: NDArray[np.float64]
 
 
-def tally_pairs(bright: Distribution, dark: Distribution, low: Fraction | None, high: Fraction | None) -> PairTally:
-    """Classify all pairs by the closed interval `low` to `high` (0 <= low <= high; None for an open end)."""
+def tally_pairs(bright: Distribution, dark: Distribution, ratios: tuple[float, float]) -> PairTally:
+    """Classify all pairs by the lowest and highest ratio, both included, of bright to dark value.
+
+    Ends are 0 or more; -inf or inf for an open one (see `TargetContrast.ratios`).
+    """
     middle = dark.values.size // 2
     parts = [slice(0, middle), slice(middle, dark.values.size)]
-    tallies = each_in_thread(lambda part: _tally_part(bright, dark, part, low, high), parts, dark.values.size)
+    tallies = each_in_thread(lambda part: _tally_part(bright, dark, part, ratios), parts, dark.values.size)
     pairs = bright.total * dark.total
     below, inside, above = (sum(weights) / pairs for weights in zip(*(tally[:3] for tally in tallies), strict=True))
     inside_per_dark = np.concatenate([tally.inside_per_dark for tally in tallies])
@@ -108,15 +110,14 @@ class _PartTally(NamedTuple):
     flow: NDArray[np.float64]
 
 
-def _tally_part(
-    bright: Distribution, dark: Distribution, part: slice, low: Fraction | None, high: Fraction | None
-) -> _PartTally:
+def _tally_part(bright: Distribution, dark: Distribution, part: slice, ratios: tuple[float, float]) -> _PartTally:
     values, weights = dark.values[part], dark.weights[part]
-    if low is None:
+    low, high = ratios
+    if low == -inf:
         lower_counts = _undefined_counts(bright, values)
     else:
-        lower_counts = _counts_up_to(bright, values, float(1 + low) * (1 - RELATIVE_TOLERANCE))
-    upper_counts = _counts_up_to(bright, values, inf if high is None else float(1 + high) * (1 + RELATIVE_TOLERANCE))
+        lower_counts = _counts_up_to(bright, values, low * (1 - RELATIVE_TOLERANCE))
+    upper_counts = _counts_up_to(bright, values, high * (1 + RELATIVE_TOLERANCE))
     below = inside = above = 0.0
     inside_per_dark = np.empty(values.size)
     # Each dark value enters at its first bright value inside and leaves after its last one.

@@ -71,7 +71,7 @@ def contrast_distribution(a: Region, b: Region, bins: int | ArrayLike) -> Contra
     """
     bright, dark, _ = bright_and_dark(a, b)
     edges = _even_edges(bright, dark, int(bins)) if isinstance(bins, int | np.integer) else _given_edges(bins)
-    weights = [weight_up_to(bright, dark, decimal_fraction(edge)) for edge in edges]
+    weights = [weight_up_to(bright, dark, float(1 + decimal_fraction(edge))) for edge in edges]
     return ContrastDistribution(
         edges=edges,
         cumulative=np.array(weights) / (bright.total * dark.total),
@@ -150,8 +150,8 @@ def _finite_range(bright: Distribution, dark: Distribution) -> tuple[float, floa
     return low, high
 
 
-#: Upper bound of all relevant finite contrasts.
-_BEYOND_ALL = Fraction(10) ** 300
+#: Upper bound of all relevant finite ratios.
+_BEYOND_ALL = 1e300
 
 
 def contrast_quantile(a: Region, b: Region, probability: float) -> float:
@@ -201,16 +201,16 @@ def finite_quantile(bright: Distribution, dark: Distribution, weight: float, pre
 
     The ratio 1 + contrast is accurate to the relative `precision`.
     """
-    at_lowest = weight_up_to(bright, dark, Fraction(-1))
+    at_lowest = weight_up_to(bright, dark, 0.0)
     if at_lowest > 0 and weight <= at_lowest:
         return -1.0
     positive_bright, positive_dark = bright.values[bright.values > 0], dark.values[dark.values > 0]
     # Bracket of the ratio: the upper end reaches the weight, the lower one does not.
     low = float(positive_bright[0]) / float(positive_dark[-1]) * (1 - 1e-12)
-    high = min(float(positive_bright[-1]) / float(positive_dark[0]), float(_BEYOND_ALL))
+    high = min(float(positive_bright[-1]) / float(positive_dark[0]), _BEYOND_ALL)
     while high > low * (1 + precision):
         middle = sqrt(low) * sqrt(high)
-        if weight_up_to(bright, dark, Fraction(middle) - 1) >= weight:
+        if weight_up_to(bright, dark, middle) >= weight:
             high = middle
         else:
             low = middle

@@ -172,7 +172,7 @@ def pixels_needed(
 
 def _zetas(bright: Distribution, dark: Distribution, asked: TargetContrast) -> tuple[float, float]:
     """Return zeta10 + zeta01, and zeta11."""
-    tally = tally_pairs(bright, dark, asked.low, asked.high)
+    tally = tally_pairs(bright, dark, asked.ratios)
     inverse_sizes, variances = 0.0, 0.0
     for region, shares in ((bright, tally.inside_per_bright), (dark, tally.inside_per_dark)):
         if region.size == 1:

@@ -140,7 +140,7 @@ def compare_pair(
     asked = TargetContrast(pair.contrast, pair.epsilon, "weber")
 
     def tally(bright: Distribution, dark: Distribution) -> PairTally:
-        return tally_pairs(bright, dark, asked.low, asked.high)
+        return tally_pairs(bright, dark, asked.ratios)
 
     bright, dark = (Distribution.from_array(region.luminance_cd_m2) for region in seen)
     best = tally(predicted[0].best, predicted[1].best)

@@ -92,11 +92,8 @@ class NeighbourTables:
             raise InputError("the light of a DN is not finite: check calibration or camera specification")
         self._asked = [TargetContrast(contrast, epsilon, "weber") for contrast in contrasts]
         intervals = [
-            (
-                0.0 if one.low is None else float(1 + one.low) * (1 - RELATIVE_TOLERANCE),
-                np.inf if one.high is None else float(1 + one.high) * (1 + RELATIVE_TOLERANCE),
-            )
-            for one in self._asked
+            (max(low * (1 - RELATIVE_TOLERANCE), 0.0), high * (1 + RELATIVE_TOLERANCE))
+            for low, high in (one.ratios for one in self._asked)
         ]
         # Place 0 is exceeded by all pairs with light, the last one by none, and those between by what exceeds an end.
         ends = sorted({end for pair in intervals for end in pair if 0 < end < np.inf})

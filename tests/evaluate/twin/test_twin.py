@@ -85,7 +85,7 @@ def test_the_prediction_is_the_mean_of_many_simulated_frames(twin):
         drawn.append((dn.ravel() - dark_dn) / (r * exposure_s * v))
     for contrast, epsilon in ((1.25, 0.5), (1.25, 0.05), (2.0, 0.3)):
         asked = TargetContrast(contrast, epsilon, "weber")
-        exact = tally_pairs(predicted["b"].best, predicted["d"].best, asked.low, asked.high)
+        exact = tally_pairs(predicted["b"].best, predicted["d"].best, asked.ratios)
         simulated = cdp(*drawn, contrast, epsilon)
         assert exact.inside == pytest.approx(simulated.cdp, abs=5 * simulated.u)
 
@@ -95,7 +95,7 @@ def test_the_scatter_of_a_small_region_is_that_of_the_u_statistic():
     rng, n = np.random.default_rng(5), 1000
     bright, dark = Distribution.normal(100, 12), Distribution.normal(60, 9)
     asked = TargetContrast(0.8, 0.3, "weber")
-    tally = tally_pairs(bright, dark, asked.low, asked.high)
+    tally = tally_pairs(bright, dark, asked.ratios)
     expected = sampling_variance(tally, bright, dark, m=30, n=50)
     drawn = [cdp(rng.normal(100, 12, 50), rng.normal(60, 9, 30), 0.8, 0.3).cdp for _ in range(n)]
     assert np.var(drawn) == pytest.approx(expected, rel=4 * sqrt(2 / n))
@@ -138,7 +138,7 @@ def test_a_pattern_taken_off_coarse_values_spreads_them_between_the_steps_of_the
     asked, simulated = TargetContrast(3.0, 0.3, "weber"), cdp(*drawn, 3.0, 0.3)
     for taken_off_dn, holds in ((0.5, True), (0.0, False)):
         found = predict_regions(replace(coarse, pattern_taken_off_dn=taken_off_dn), regions, exposure_s, Response())
-        predicted = tally_pairs(found["b"].best, found["d"].best, asked.low, asked.high).inside
+        predicted = tally_pairs(found["b"].best, found["d"].best, asked.ratios).inside
         off = abs(predicted - simulated.cdp)
         assert off < 5 * simulated.u if holds else off > 20 * simulated.u
 

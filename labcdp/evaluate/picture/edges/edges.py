@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from fractions import Fraction
 from math import isfinite, nan
 
 import numpy as np
@@ -262,7 +261,7 @@ def _cdps(
     for edge in chosen:
         a, b = pixels[int(bright[edge])], pixels[int(dark[edge])]
         asked = TargetContrast(float(contrast[edge]), epsilon, "weber")
-        result = result_of_tally(tally_pairs(a, b, asked.low, asked.high), a, b, "a", asked, inflation)
+        result = result_of_tally(tally_pairs(a, b, asked.ratios), a, b, "a", asked, inflation)
         error, variance = float(by_calibration[edge]), 0.0
         if error >= _LEAST_ERROR:
             factors = (1 + error, max(1 - error, _LEAST_FACTOR))
@@ -274,8 +273,5 @@ def _cdps(
 
 def _changed(bright: Distribution, dark: Distribution, asked: TargetContrast, factor: float) -> float:
     """CDP with all bright pixels `factor` times as bright, which is the same as other ends of the interval."""
-
-    def end(contrast: Fraction | None) -> Fraction | None:
-        return None if contrast is None else max((1 + contrast) / Fraction(factor) - 1, Fraction(-1))
-
-    return tally_pairs(bright, dark, end(asked.low), end(asked.high)).inside
+    low, high = asked.ratios
+    return tally_pairs(bright, dark, (low / factor, high / factor)).inside

@@ -206,7 +206,9 @@ class LuminanceMap:
         return np.equal(self.invalid, 0)
 
     def scaled(self, roi: Roi) -> Roi:
-        """Region of the image in pixels of the map."""
+        """Region of the image in pixels of the map; raises InputError as `Roi.window`, in pixels of the image."""
+        height, width = self.shape
+        roi.window((self.step * height, self.step * width))
         return roi.divided(self.step)
 
     def select(self, roi: Roi) -> NDArray[np.floating[Any]]:

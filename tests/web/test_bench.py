@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from labcdp.core.errors import InputError
 from labcdp.core.frame import CameraIdentity, Frame
 from labcdp.core.luminance import Invalid, LuminanceMap
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
@@ -147,6 +148,9 @@ def test_frames_of_8_bit_and_colour_cameras_are_shown_and_measured(
     assert dark.light / lit.light == pytest.approx(green.mean() / highest, rel=1e-5)
     assert dark.light_std / lit.light == pytest.approx(green.std(ddof=1) / highest, rel=1e-5)
     assert image.readout(15.5, 12.5).endswith("saturated")
+    for select in (image.light_in, image.luminance.select):
+        with pytest.raises(InputError, match="x 70 to 90, y 50 to 70, but the image is 80 x 60 pixels"):
+            select(RectangleShape("outside", 70, 50, 20, 20).rois()[0])
     # The register of the black level counts DN of 12 bits.
     of_register = replace(frame, black_level_dn=None, black_level_register=64.0)
     assert of_register.nominal_black_dn == (4.0 if bits == 8 else 64.0)

@@ -1,7 +1,7 @@
 """Throughput of labcdp's evaluation of a video over that of OpenCV decoding and converting to grey alone.
 
 Run ``python benchmarks/bench_video.py``, or with videos of your own as arguments. Without any it makes a drive-like
-scene of 1920 x 1080 pixels in each codec that OpenCV can write here. Both passes take turns in this run and each
+scene of 1920 x 1080 pixels in H.264, MPEG-4, Motion JPEG and FFV1. Both passes take turns in this run and each
 decodes the whole file; ratios are of the medians, so they hold on any machine with as many cores that does nothing
 else. The processor time, of all threads, says more on a busy one. What a process does once, such as loading modules,
 is done before, in a first pass that does not count.
@@ -20,15 +20,14 @@ from pathlib import Path
 from statistics import median
 
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-# The rate that OpenCV asks for by itself leaves nothing to be followed of a noisy scene.
-os.environ.setdefault("OPENCV_FFMPEG_WRITER_OPTIONS", "b;20000000")
 
+import av
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from labcdp.core.roi import Roi
-from labcdp.evaluate.video.evaluate import evaluate_video
+from labcdp.evaluate.video.evaluate import Part, evaluated_parts
 from labcdp.evaluate.video.settings import VideoSettings
 
 REPEATS = 3
@@ -37,7 +36,20 @@ HEIGHT, WIDTH = 1080, 1920
 #: Pixels that the camera sways to each side.
 SWAY = 64
 ROIS = (Roi.rectangle("bright", 410, 505, 80, 90), Roi.rectangle("dark", 560, 505, 80, 90))
-CODECS = (("avc1", "mp4"), ("mp4v", "mp4"), ("MJPG", "avi"), ("FFV1", "mkv"))
+TEN_ROIS = tuple(
+    Roi.rectangle(f"{name} {row}", x, 505 + 18 * row, 80, 15)
+    for row in range(5)
+    for name, x in (("bright", 410), ("dark", 560))
+)
+#: Codec of PyAV, its pixels, and the ending of a file's name.
+CODECS = (
+    ("libx264", "yuv420p", "mp4"),
+    ("mpeg4", "yuv420p", "mp4"),
+    ("mjpeg", "yuvj420p", "avi"),
+    ("ffv1", "gray", "mkv"),
+)
+#: Bits a second, so that there is something to be followed in a noisy scene.
+BIT_RATE = 20_000_000
 TEN = tuple(round(0.1 * n, 1) for n in range(1, 11))
 #: What is measured: name, contrasts, regions, method.
 RUNS: tuple[tuple[str, tuple[float, ...], tuple[Roi, ...]], ...] = (
@@ -45,6 +57,7 @@ RUNS: tuple[tuple[str, tuple[float, ...], tuple[Roi, ...]], ...] = (
     ("nearest-neighbour, 10 contrasts", TEN, ()),
     ("two tracked regions, 1 contrast", (1.0,), ROIS),
     ("two tracked regions, 10 contrasts", TEN, ROIS),
+    ("ten tracked regions, 1 contrast", (1.0,), TEN_ROIS),
 )
 
 
@@ -68,20 +81,18 @@ def scene() -> Callable[[int], NDArray[np.uint8]]:
     return frame
 
 
-def make(folder: Path, codecs: Sequence[tuple[str, str]] = CODECS, n_frames: int = N_FRAMES) -> list[Path]:
+def make(folder: Path, codecs: Sequence[tuple[str, str, str]] = CODECS, n_frames: int = N_FRAMES) -> list[Path]:
     made = []
-    for codec, suffix in codecs:
-        path = folder / f"{codec.strip()}.{suffix}"
-        flags = [cv2.VIDEOWRITER_PROP_IS_COLOR, 0]
-        writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*codec), 25, (WIDTH, HEIGHT), flags)
-        if not writer.isOpened():
-            print(f"{codec}: OpenCV cannot write it here")
-            continue
+    for codec, pixels, suffix in codecs:
+        made.append(folder / f"{codec}.{suffix}")
         frame = scene()
-        for number in range(n_frames):
-            writer.write(frame(number))
-        writer.release()
-        made.append(path)
+        with av.open(str(made[-1]), "w") as container:
+            stream = container.add_stream(codec, rate=25, width=WIDTH, height=HEIGHT, pix_fmt=pixels)
+            stream.bit_rate = BIT_RATE
+            for number in range(n_frames):
+                image = av.VideoFrame.from_ndarray(frame(number), format="gray").reformat(format=pixels)
+                container.mux(stream.encode(image))
+            container.mux(stream.encode())
     return made
 
 
@@ -96,11 +107,18 @@ def decode(path: Path) -> int:
         n += 1
 
 
+def evaluate(path: Path, contrasts: tuple[float, ...], rois: tuple[Roi, ...]) -> None:
+    pairs = [rois[first : first + 2] for first in range(0, len(rois), 2)] or [()]
+    with evaluated_parts(path, [Part(VideoSettings(contrasts, pair)) for pair in pairs]) as found:
+        for rows in found:
+            rows().dataset()
+
+
 def measure(path: Path) -> None:
     n = decode(path)
     size = path.stat().st_size / n / 1000
     for name, contrasts, rois in RUNS:
-        actions = (partial(decode, path), partial(evaluate_video, path, VideoSettings(contrasts, rois)))
+        actions = (partial(decode, path), partial(evaluate, path, contrasts, rois))
         for action in actions:
             action()
         times: tuple[list[float], list[float]] = ([], [])

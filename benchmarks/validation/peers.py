@@ -73,7 +73,7 @@ def _pyxel() -> Iterator[Check]:
 
 def _decoding() -> Iterator[Check]:
     with tempfile.TemporaryDirectory() as folder:
-        for path in bench_video.make(Path(folder), (("MJPG", "avi"),), _VIDEO_FRAMES):
+        for path in bench_video.make(Path(folder), (("mjpeg", "yuvj420p", "avi"),), _VIDEO_FRAMES):
             for what, rois in (("nearest-neighbour", ()), ("two followed regions", bench_video.ROIS)):
                 whole = partial(evaluate_video, path, VideoSettings((1.0,), rois))
                 ratio = _best_s(whole) / _best_s(partial(bench_video.decode, path))

@@ -236,10 +236,10 @@ class Picture:
         square = {"marker": "square", "size": 9, "fill_color": "white", "line_color": "#1a1a1a"}
         plot.scatter("x", "y", source=sources["handles"], **square)
         behind = {"background_fill_color": "#1a1a1a", "background_fill_alpha": 0.9, "padding": 3, "y_offset": -4}
-        plot.text("x", "y", source=sources["labels"], text_color="colour", **text_on, **behind)
         plot.multi_line("xs", "ys", source=self.isolines, line_color="white")
         plot.text("x", "y", source=self.isoline_labels, text="text", text_color="white", text_font_size="11px")
         plot.line("x", "y", source=self.profile_line, line_color="white", line_dash="dashed", line_width=2)
+        plot.text("x", "y", source=sources["labels"], text_color="colour", **text_on, **behind)
         return plot
 
 

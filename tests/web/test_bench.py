@@ -17,9 +17,9 @@ from labcdp.drivers.minolta_ls.meter import MinoltaLS110
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
 from labcdp.evaluate.picture.conversion import picture_conversion
 from labcdp.regions import RectangleShape
-from labcdp.session import CameraConfiguration, MeterConfiguration, Session
+from labcdp.session import CameraConfiguration, EventRecord, MeterConfiguration, Session
 from labcdp.web.bench.desk import MeterDesk
-from labcdp.web.bench.images import better_exposure_s
+from labcdp.web.bench.images import Focus, better_exposure_s
 from labcdp.web.bench.live import Live
 from labcdp.web.bench.live_camera import LiveCamera
 from labcdp.web.bench.pair import LiveMeasurements, verdict
@@ -159,6 +159,17 @@ def test_frames_of_8_bit_and_colour_cameras_are_shown_and_measured(
     assert np.abs(image.display - (dn if pattern is None else blocks)).max() <= 0.5
 
 
+def test_sharpness_is_compared_at_one_exposure_and_gain() -> None:
+    dn = np.random.default_rng(9).integers(20, 2000, (60, 80)).astype(np.uint16)
+    sharp = frame_of(dn, 12, 4095, "Mono12", None)
+    blurred = replace(sharp, dn=np.full_like(dn, 1000) + dn // 50)
+    seen = Focus().after(sharp, None)
+    assert seen.now == seen.best > 10 * seen.after(blurred, None).now > 0
+    assert seen.after(blurred, None).best == seen.best
+    for changes in ({"gain_db": 6.0}, {"exposure_s": 2e-3}):
+        assert seen.after(replace(blurred, **changes), None).best < seen.best
+
+
 @pytest.mark.parametrize("pattern", [None, "RG"])
 def test_single_saturated_and_black_pixels_are_seen_in_a_picture_that_is_zoomed_out(pattern: str | None) -> None:
     # 61 rows: with a pattern the last one is no whole block.
@@ -233,6 +244,8 @@ def test_a_recording_waits_for_what_is_lost_until_it_is_stopped(
     with Session.open(tmp_path / "mine") as session:
         session.verify()
         assert (len(session.frames("light")), len(session.readings()), len(session.frames("dark"))) == (4, 4, 1)
+        kinds = [record.kind for record in session.records if isinstance(record, EventRecord)]
+        assert (kinds.count("camera lost and back"), kinds.count("camera lost")) == (1, 1)
 
 
 @pytest.mark.filterwarnings("ignore:.*will be removed in version 2.0:PendingDeprecationWarning")

@@ -42,14 +42,14 @@ class Focus:
     ----------
     region : str
         Its name; empty for the middle of the image.
-    exposure_s : float
-        Exposure of the image; another one makes the noise another.
+    setting : (float, float)
+        Exposure and gain of the image; others make the noise another.
     now, best : float
         As of `sharpness`.
     """
 
     region: str = ""
-    exposure_s: float = 0.0
+    setting: tuple[float, float] = (0.0, 0.0)
     now: float = 0.0
     best: float = 0.0
 
@@ -63,8 +63,9 @@ class Focus:
             except InputError:
                 rows = slice(0)
         name, now = "" if roi is None else roi.name, sharpness(values[rows, columns])
-        same = (name, frame.exposure_s) == (self.region, self.exposure_s)
-        return Focus(name, frame.exposure_s, now, max(now, self.best if same else 0.0))
+        setting = frame.exposure_s, frame.gain_db
+        same = (name, setting) == (self.region, self.setting)
+        return Focus(name, setting, now, max(now, self.best if same else 0.0))
 
 
 def _middle(length: int) -> slice:

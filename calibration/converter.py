@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from math import hypot, inf
+from math import hypot, inf, isfinite
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core.dn import Response
+from ..core.errors import InputError
 from ..core.frame import Frame
 from ..core.luminance import CommonError
 from ..core.vignetting import AnyVignetting, Cos4Vignetting, cropped
@@ -84,6 +85,11 @@ class Converter:
         Exposures that were used, ascending.
     exposure_jitter_s : float
         Standard uncertainty of one exposure time relative to the others.
+
+    Raises
+    ------
+    InputError
+        If the responsivity is not positive, the range not ascending, or there is no exposure.
     """
 
     state: CameraState
@@ -102,6 +108,16 @@ class Converter:
     range_net_dn: tuple[float, float]
     exposures_s: tuple[float, ...]
     exposure_jitter_s: float = EXPOSURE_JITTER_S
+
+    def __post_init__(self) -> None:
+        low, high = self.range_cd_m2
+        if not 0 < low <= high < float("inf"):
+            raise InputError(f"range_cd_m2 is {low:g} to {high:g}: give two positive luminances, the lower first")
+        if not self.exposures_s:
+            raise InputError("a calibration has at least one exposure in exposures_s")
+        responsivity = self.responsivity.responsivity_dn_s_cd_m2
+        if not (isfinite(responsivity) and responsivity > 0):
+            raise InputError(f"responsivity_dn_s_cd_m2 is {responsivity}: a camera that sees light has a positive one")
 
     @property
     def responsivity_common_rel(self) -> float:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
+from ..core.errors import InputError
 from ..core.frame import Frame
 from ..core.luminance import WHOLE, LuminanceMap, Window
 from ..core.result import Finding, html_table, number
@@ -91,6 +92,11 @@ class Calibration(Converter):
         Provenance.
     measured_spectrum : SpectralTable or None
         Spectral power of that light, if measured.
+
+    Raises
+    ------
+    InputError
+        As `Converter`, and if there is no residual.
     """
 
     source_spectrum: str
@@ -102,6 +108,11 @@ class Calibration(Converter):
     findings: tuple[Finding, ...]
     provenance: Provenance
     measured_spectrum: SpectralTable | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.residuals:
+            raise InputError("a calibration has at least one row in residuals")
 
     def __repr__(self) -> str:
         return f"<Calibration of {self.state.camera}>"

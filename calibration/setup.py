@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
-from math import hypot, inf, sqrt
+from math import hypot, inf, isfinite, sqrt
 
-from ..core.errors import CalibrationError
+from ..core.errors import CalibrationError, InputError
 from ..core.reading import MeterIdentity, Reading
 from ..core.result import Finding, info, warning
 from ..core.spectra import Source, SpectralTable
@@ -198,6 +198,11 @@ class LensIdentity:
         Distance of focus, which changes the responsivity too; None if not known.
     refocus_rel : float
         Relative standard uncertainty of the responsivity after focus and aperture are set anew; 0 if locked.
+
+    Raises
+    ------
+    InputError
+        If a number is not positive.
     """
 
     model: str
@@ -206,6 +211,12 @@ class LensIdentity:
     f_number: float
     focus_distance_m: float | None = None
     refocus_rel: float = field(default=0.0, compare=False)
+
+    def __post_init__(self) -> None:
+        for name in ("focal_length_m", "f_number", "focus_distance_m"):
+            value = getattr(self, name)
+            if value is not None and not (isfinite(value) and value > 0):
+                raise InputError(f"{name} of the lens is {value}: give a positive number")
 
     def __str__(self) -> str:
         focus = "" if self.focus_distance_m is None else f", focused at {self.focus_distance_m:g} m"

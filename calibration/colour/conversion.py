@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import CalibrationError
+from ...core.errors import CalibrationError, InputError
 from ...core.luminance import RANGE_MARGIN, CommonError
 from ..convert.patch import PatchLuminance, outside_range, patch_luminance
 from ..converter import FLICKER, INTERCEPT, REFOCUS, VIGNETTING
@@ -53,6 +53,11 @@ class ColourConverter:
         Lowest and highest luminance of the patches.
     scatter_dof : float or None
         Degrees of freedom of `scatter_rel`; None if it is known.
+
+    Raises
+    ------
+    InputError
+        If the numbers of planes, weights and covariances differ, or the range is not ascending.
     """
 
     planes: tuple[Calibration, ...]
@@ -62,6 +67,17 @@ class ColourConverter:
     scatter_rel: float
     range_cd_m2: tuple[float, float]
     scatter_dof: float | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        n = len(self.planes)
+        if n == 0 or len(self.weights) != n or np.shape(self.weight_covariance) != (n, n):
+            raise InputError(
+                f"a colour calibration of {n} planes has {len(self.weights)} weights and a covariance of shape "
+                f"{np.shape(self.weight_covariance)}: give one weight a plane"
+            )
+        low, high = self.range_cd_m2
+        if not 0 < low <= high < float("inf"):
+            raise InputError(f"range_cd_m2 is {low:g} to {high:g}: give two positive luminances, the lower first")
 
     @property
     def field_rel(self) -> float:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .geometry import Matrix
 from .level import GainOffset, Level, Seen
-from .sight import View, median
+from .sight import View
 from .template import Template, gradients
 
 #: Most steps in the smaller size of a template, and in its own.
@@ -160,8 +160,7 @@ class Aligner:
         if np.count_nonzero(there) < _OWN_LEAST:
             return 0.0
         own = seen.residuals[self.template.inside]
-        off = (np.abs(own - np.float32(median(own[there]))) > most + self._uneven) & there
-        return float(np.count_nonzero(off) / np.count_nonzero(there))
+        return float(np.mean((np.abs(own - np.median(own[there])) > most + self._uneven)[there]))
 
     def changed(self, before: NDArray[np.float32], after: NDArray[np.float32]) -> float:
         """Share of the region's own pixels that changed from one frame to the next, both in the light of the first."""
@@ -169,7 +168,7 @@ class Aligner:
         if change.size < _OWN_LEAST:
             return 0.0
         most = float(np.hypot(_COVERED_NOISE * 2**0.5 * self._fine.noise, _COVERED_STRUCTURE * self._fine.structure))
-        return float(np.count_nonzero(np.abs(change - np.float32(median(change))) > most + self._uneven) / change.size)
+        return float(np.mean(np.abs(change - np.median(change)) > most + self._uneven))
 
     def _spread_trust(self) -> None:
         trust = self._trust.reshape(self.template.shape)
@@ -237,9 +236,7 @@ class Outline:
         if length.sum() <= self._enough:
             return 0.0
         kept = heights[known] / self._usual[known]
-        ranked, at = np.sort(kept), _HIGHEST * (kept.size - 1)
-        highest = float(np.interp(at, np.arange(kept.size), ranked))
-        light = min(max(highest, _DIMMEST), 1.0)
+        light = min(max(float(np.quantile(kept, _HIGHEST)), _DIMMEST), 1.0)
         return float(length[kept < _GONE * light].sum() / length.sum())
 
     def learn(self, heights: NDArray[np.float64]) -> None:

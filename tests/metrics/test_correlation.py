@@ -16,7 +16,7 @@ SIDE = 40
 SHAPE = (SIDE, 2 * SIDE + 6)
 LEFT, RIGHT = np.zeros(SHAPE, dtype=bool), np.zeros(SHAPE, dtype=bool)
 LEFT[:, :SIDE], RIGHT[:, -SIDE:] = True, True
-REPEATS = {30: 100, 60: 60, 150: 30}
+REPEATS = {30: 60, 60: 40, 150: 20}
 
 
 def smoothed(rng, shape, filtered=np.asarray, margin=20):
@@ -69,7 +69,7 @@ SMOOTHINGS = partial(uniform_filter, size=3), gaussian(2.0), np.asarray
 )
 def test_intervals_cover_the_truth_and_are_hardly_wider_than_they_must_be(field, widest):
     """At contrasts on a flank of the CDP, where a pixel counts in proportion, and near its maximum."""
-    rng, repeats = np.random.default_rng(14), 80
+    rng, repeats = np.random.default_rng(14), 50
     found, covered = {0.15: [], 0.2: [], 0.3: []}, []
     for _ in range(repeats):
         image = np.where(LEFT, 100, 120) + 5 * field(rng)
@@ -117,7 +117,7 @@ def test_intervals_of_means_cover_the_truth_however_far_the_noise_reaches(sigma)
 @pytest.mark.parametrize(("sigma", "slope"), [(0.0, 0.5), (0.7, 0.3), (0.7, 2.0)])
 def test_uncertainty_does_not_jump_between_pictures_of_an_unchanged_scene(sigma, slope):
     """Light that rises across a region by about the noise is neither noise in one picture nor light in the next."""
-    rng, mask, repeats = np.random.default_rng(43), np.ones((60, 60), dtype=bool), 60
+    rng, mask, repeats = np.random.default_rng(43), np.ones((60, 60), dtype=bool), 40
     light = slope * np.linspace(-1, 1, 60)[None, :]
     stated, means = [], []
     for _ in range(repeats):

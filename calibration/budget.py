@@ -16,6 +16,7 @@ from .colour.model import AnyCalibration, ColourCalibration
 from .converter import FLAT_FIELD, FLICKER, INTERCEPT, REFOCUS, VIGNETTING, common_errors
 from .excluded import not_included
 from .findings import BudgetRow, Distribution
+from .frames.nonuniformity import slow_rel
 from .model import Calibration, PatchResidual
 from .setup import METER_SOURCES
 from .uncertainty import effective_dof, expanded_of, of_one_estimate
@@ -134,7 +135,7 @@ def budget(
             raise InputError(f"{name} is {value}: give a positive number")
     of_plane = luminance_cd_m2 / sum(calibration.weights)
     planes = [_of_plane(plane, of_plane, t, n_pixels, n_frames) for plane in calibration.planes]
-    rows = planes[0] if isinstance(calibration, Calibration) else _of_planes(calibration, planes)
+    rows = planes[0] if isinstance(calibration, Calibration) else _of_planes(calibration, planes, of_plane)
     if not rows[INTERCEPT].included:
         rows[INTERCEPT] = _glare(calibration, luminance_cd_m2)
     own = calibration.responsivity if isinstance(calibration, Calibration) else calibration
@@ -226,12 +227,24 @@ def _flat_field(vignetting: FlatField | RadialVignetting, of_fit_rel: float, n_p
     return BudgetRow(FLAT_FIELD, u, "normal", False, "B", basis)
 
 
-def _of_planes(calibration: ColourCalibration, planes: Sequence[dict[str, BudgetRow]]) -> dict[str, BudgetRow]:
+def _of_planes(
+    calibration: ColourCalibration, planes: Sequence[dict[str, BudgetRow]], luminance_cd_m2: float
+) -> dict[str, BudgetRow]:
     """Rows of a grey patch by the combination of planes; what is not known is that of the largest share."""
     total = sum(calibration.weights)
     shares = [weight / total for weight in calibration.weights]
     leading = planes[int(np.argmax(np.abs(shares)))]
     rows = {source: _joined(row, planes, shares) for source, row in leading.items()}
+    # Glare and an offset of unknown cause may have unlike signs in the planes, whose weights have, too.
+    intercept = sum(s * plane.responsivity.glare_cd_m2 for s, plane in zip(shares, calibration.planes, strict=True))
+    rows[INTERCEPT] = replace(rows[INTERCEPT], standard_uncertainty_rel=abs(intercept) / luminance_cd_m2)
+    # The source of a flat field is that of all planes; noise and fit are those of each.
+    own = [
+        sqrt(max(one[FLAT_FIELD].standard_uncertainty_rel ** 2 - slow_rel(plane.vignetting) ** 2, 0.0))
+        for one, plane in zip(planes, calibration.planes, strict=True)
+    ]
+    u = hypot(calibration.field_rel, *(s * one for s, one in zip(shares, own, strict=True)))
+    rows[FLAT_FIELD] = replace(rows[FLAT_FIELD], standard_uncertainty_rel=u)
     basis = "covariance of the planes' weights for grey light, what the meter's scatter makes listed above"
     u = float(np.linalg.norm(calibration.weight_errors.sum(axis=1))) / total
     rows |= _split(calibration.residuals, BudgetRow("fit", u, "normal", True, "A", basis))

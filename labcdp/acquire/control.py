@@ -49,6 +49,9 @@ class Progress:
 
 Report = Callable[[Progress], None]
 
+#: How an acquisition ends that was stopped.
+STOPPED = "the acquisition was stopped; recorded data are safe"
+
 
 class AcquisitionStoppedError(LabcdpError):
     """The acquisition was stopped on request; data taken so far is recorded."""
@@ -76,6 +79,11 @@ class Control:
         self._going.set()
 
     @property
+    def stopped(self) -> bool:
+        """Whether a stop was requested."""
+        return self._stopped
+
+    @property
     def paused(self) -> bool:
         """Whether it is paused, or will be after the current frame."""
         return not self._going.is_set()
@@ -95,7 +103,7 @@ class Control:
         """
         self._going.wait()
         if self._stopped:
-            raise AcquisitionStoppedError("the acquisition was stopped; recorded data are safe")
+            raise AcquisitionStoppedError(STOPPED)
 
 
 #: Interval at which pause and stop are polled while waiting for the next frame of a schedule.
@@ -219,9 +227,16 @@ def holds_something(path: Path) -> bool:
 
 @contextmanager
 def warnings_to(tell: Callable[[str], None]) -> Iterator[None]:
-    """Tell what is warned of meanwhile, such as a lost device that is waited for."""
+    """Tell what is warned of meanwhile, such as a lost device that is waited for; each kind of warning once."""
+    told: set[str] = set()
+
+    def emit(record: logging.LogRecord) -> None:
+        if record.msg not in told:
+            told.add(record.msg)
+            tell(record.getMessage())
+
     handler = logging.Handler(logging.WARNING)
-    handler.emit = lambda record: tell(record.getMessage())  # type: ignore[method-assign]
+    handler.emit = emit  # type: ignore[method-assign]
     library = logging.getLogger("labcdp")
     library.addHandler(handler)
     try:

@@ -112,7 +112,7 @@ def budget_tables(found: Sequence[BudgetOfPatch]) -> tuple[Table, Table]:
         Column("expanded_rel", "U (95 %)", "%", "Relative expanded uncertainty.", 2, value="whole.expanded_95_rel"),
     )
     note = (
-        f"Of the mean luminance of a patch of {PATCH_PIXELS} pixels in one frame near the optical axis, without glare, "
+        f"Of the mean luminance of a patch of {PATCH_PIXELS} pixels in one frame near the optical axis, "
         "after JCGM 100:2008 (GUM)."
     )
     return Table.of_items("uncertainty", "Uncertainty of a patch", columns, found, note), _sources(found)

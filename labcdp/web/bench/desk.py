@@ -166,6 +166,8 @@ class MeterDesk:
     def take(self, meter: Meter, region: str, n: int) -> Iterator[str]:
         """Take n readings in a region; yield what is waited for, or why there is no reading."""
         try:
+            # One that did not come back in time was closed.
+            meter.open()
             if self._hands is not None and region:
                 self._hands.point_meter(region)
             taken: list[Reading] = []

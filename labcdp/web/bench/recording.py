@@ -11,7 +11,7 @@ from time import monotonic
 from typing import TYPE_CHECKING
 
 from ...acquire import AcquisitionStoppedError, Control, acquire, forget
-from ...acquire.control import no_bare_session, warnings_to
+from ...acquire.control import STOPPED, no_bare_session, warnings_to
 from ...acquire.operator import AskedOperator
 from ...core.errors import InputError, LabcdpError
 from ...drivers.meter import Meter
@@ -123,7 +123,7 @@ class PageOperator(AskedOperator):
     def _answered(self) -> str:
         answer = self._answer
         if answer is None:
-            raise AcquisitionStoppedError("the acquisition was stopped; recorded data are safe")
+            raise AcquisitionStoppedError(STOPPED)
         return answer
 
 
@@ -210,14 +210,19 @@ class Recording:
                 self._begun(session)
                 forget(session, again)
                 self._waiting = camera, meter
+                # One that did not come back in time was closed.
+                meter.open()
                 meter.be_patient(PATIENCE_S)
                 with camera.lent() as lent, warnings_to(self.operator.find):
+                    self.control.checkpoint()
                     acquire(session, lent, meter, self.operator, report, control=self.control)
                 yield "Calibrating and evaluating …"
                 self.report = _report(session)
         except LabcdpError as error:
+            # Stopping also ends the wait for a lost device, which is no error then.
+            why = STOPPED if self.control.stopped else error
             kept = f"; {self.folder} holds what was recorded" if self.folder.exists() else ""
-            self.outcome = f"Stopped: {error}{kept}"
+            self.outcome = f"Stopped: {why}{kept}"
         else:
             self.outcome = f"Recorded in {self.folder}; report: {self.report}"
         finally:

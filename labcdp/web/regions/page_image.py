@@ -176,8 +176,8 @@ class PageImage:
     def _place(self, roi: Roi) -> tuple[Window, NDArray[np.bool_]]:
         """Return the bounding box of a region in the map, and its mask there."""
         region, (rows, columns) = roi.divided(self.step), self.values.shape
-        roi.window((rows, columns))  # an error names pixels of the image, not of the map
         shape = rows // self.step, columns // self.step
+        roi.window((shape[0] * self.step, shape[1] * self.step))  # an error names pixels of the image, not of the map
         return region.window(shape), region.mask(shape)
 
     def _part(self, window: Window) -> tuple[LuminanceMap, Window]:

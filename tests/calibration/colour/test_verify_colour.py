@@ -115,3 +115,17 @@ def test_rows_make_the_uncertainty_of_a_grey_patch(calibration, luminance, scatt
     assert hypot(*parts) == pytest.approx(sqrt(variance) / sum(calibration.weights), rel=1e-6)
     # Steps of the exposure time are the same for all planes: they add up to one share.
     assert row(rows, "exposure time").standard_uncertainty_rel == pytest.approx(5e-5)
+
+
+def test_intercepts_of_planes_add_with_their_signs(calibration):
+    intercepts = dict(zip(PLANES, (0.1, -0.1, -0.1, 0.1), strict=True))
+    planes = [
+        replace(one, responsivity=replace(one.responsivity, glare_cd_m2=intercepts[one.state.plane]))
+        for one in calibration.planes
+    ]
+    offset = replace(calibration, planes=tuple(planes))
+    exposure_s = budget_exposure_s(offset, 10.0)
+    observations, _ = colour_bench(lambda plane, name: 10.0, ["P"], None, exposures_s=(exposure_s,))
+    patch = colour_patch_luminance(offset, observations)
+    whole = combined(budget(offset, 10.0, exposure_s, 400, 4))
+    assert whole.standard_uncertainty_rel == pytest.approx(hypot(patch.random_rel, patch.common_rel), rel=0.01)

@@ -117,7 +117,7 @@ def test_a_pseudo_terminal_as_of_socat_serves_one_program_after_another():
 @pytest.mark.parametrize(
     ("fault", "error"),
     [
-        *((Fault(delay_s=delay_s), MeterTimeoutError) for delay_s in (1.5 * TIMEOUT_S, 3 * TIMEOUT_S)),
+        *((Fault(delay_s=delay_s), MeterTimeoutError) for delay_s in (1.5 * TIMEOUT_S, 2.2 * TIMEOUT_S)),
         *((fault, MeterTimeoutError) for fault in (Fault(reply=b""), Fault(n_bytes=1), Fault(n_bytes=16))),
         # Garbage, and no end.
         *((Fault(reply=reply), MeterProtocolError) for reply in (b"\x00?!\r\n", b"U" * 100)),

@@ -14,7 +14,7 @@ from ..core.luminance import CommonError
 from ..core.vignetting import FlatField, RadialVignetting
 from .colour.model import AnyCalibration, ColourCalibration
 from .converter import FLAT_FIELD, FLICKER, INTERCEPT, REFOCUS, VIGNETTING, common_errors
-from .excluded import not_included
+from .excluded import not_included, undetected_intercept
 from .findings import BudgetRow, Distribution
 from .frames.nonuniformity import slow_rel
 from .model import Calibration, PatchResidual
@@ -137,7 +137,7 @@ def budget(
     planes = [_of_plane(plane, of_plane, t, n_pixels, n_frames) for plane in calibration.planes]
     rows = planes[0] if isinstance(calibration, Calibration) else _of_planes(calibration, planes, of_plane)
     if not rows[INTERCEPT].included:
-        rows[INTERCEPT] = _glare(calibration, luminance_cd_m2)
+        rows[INTERCEPT] = undetected_intercept(calibration, luminance_cd_m2)
     own = calibration.responsivity if isinstance(calibration, Calibration) else calibration
     if own.scatter_rel > 0:
         basis = f"scatter of the {len(calibration.planes[0].residuals)} patches that nothing else explains"
@@ -292,19 +292,3 @@ def _split(rows: Sequence[PatchResidual], fit: BudgetRow) -> dict[str, BudgetRow
         source: replace(fit, source=source, standard_uncertainty_rel=u * sqrt(share), basis=of_meter),
         "fit": replace(fit, standard_uncertainty_rel=u * sqrt(1 - share)),
     }
-
-
-def _glare(calibration: AnyCalibration, luminance_cd_m2: float) -> BudgetRow:
-    """Possible undetected intercept: its standard uncertainty, combined with the fitted value."""
-    value = u2 = 0.0
-    for plane, weight in zip(calibration.planes, calibration.weights, strict=True):
-        fit, share = plane.responsivity, weight / sum(calibration.weights)
-        if fit.intercept_dn_s is None or fit.intercept_standard_uncertainty_dn_s is None:
-            return not_included(calibration.planes[0])[INTERCEPT]
-        # Glare is the same light in all planes.
-        value += share * fit.intercept_dn_s / fit.responsivity_dn_s_cd_m2
-        u2 += (share * fit.intercept_standard_uncertainty_dn_s / fit.responsivity_dn_s_cd_m2) ** 2
-    bound_cd_m2 = hypot(value, sqrt(u2))
-    why = "not included, since the fit goes through zero: glare depends on the scene"
-    basis = f"bound by the free intercept, {bound_cd_m2:.2g} cd/m²; {why}"
-    return BudgetRow(INTERCEPT, bound_cd_m2 / luminance_cd_m2, "normal", True, "A", basis, included=False)

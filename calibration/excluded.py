@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from math import hypot, sqrt
+
 from ..core.vignetting import Cos4Vignetting
+from .colour.model import AnyCalibration
 from .converter import FLAT_FIELD, INTERCEPT, REFOCUS, VIGNETTING
 from .findings import BudgetRow
 from .model import Calibration
@@ -46,3 +49,19 @@ def not_included(plane: Calibration) -> dict[str, BudgetRow]:
         source: BudgetRow(source, 0.0, "normal", True, "B", texts[source], included=False, contained_in=inside)
         for source, (_, inside) in why.items()
     }
+
+
+def undetected_intercept(calibration: AnyCalibration, luminance_cd_m2: float) -> BudgetRow:
+    """Possible undetected intercept: its standard uncertainty, combined with the fitted value."""
+    value = u2 = 0.0
+    for plane, weight in zip(calibration.planes, calibration.weights, strict=True):
+        fit, share = plane.responsivity, weight / sum(calibration.weights)
+        if fit.intercept_dn_s is None or fit.intercept_standard_uncertainty_dn_s is None:
+            return not_included(calibration.planes[0])[INTERCEPT]
+        # Glare is the same light in all planes.
+        value += share * fit.intercept_dn_s / fit.responsivity_dn_s_cd_m2
+        u2 += (share * fit.intercept_standard_uncertainty_dn_s / fit.responsivity_dn_s_cd_m2) ** 2
+    bound_cd_m2 = hypot(value, sqrt(u2))
+    why = "not included, since the fit goes through zero: glare depends on the scene"
+    basis = f"bound by the free intercept, {bound_cd_m2:.2g} cd/m²; {why}"
+    return BudgetRow(INTERCEPT, bound_cd_m2 / luminance_cd_m2, "normal", True, "A", basis, included=False)

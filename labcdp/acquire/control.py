@@ -227,7 +227,7 @@ def holds_something(path: Path) -> bool:
 
 @contextmanager
 def warnings_to(tell: Callable[[str], None]) -> Iterator[None]:
-    """Tell what is warned of meanwhile, such as a lost device that is waited for; each kind of warning once."""
+    """Pass on warnings logged inside the block, such as a lost device; each kind of warning only once."""
     told: set[str] = set()
 
     def emit(record: logging.LogRecord) -> None:

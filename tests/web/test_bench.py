@@ -215,7 +215,10 @@ def test_a_meter_that_is_unplugged_is_noticed_and_in_a_series_waited_for(bench: 
         said = list(desk.take(meter, "", 2))
         assert "lost and waited for" in said[0]
         assert said[-1] == ""
-    assert [one.n_readings for one in desk.readings] == [2, 3]
+        # One that does not come back in time is closed.
+        meter.close()
+        assert list(desk.take(meter, "", 1)) == [""]
+    assert [one.n_readings for one in desk.readings] == [1, 2, 3]
 
 
 def test_a_recording_waits_for_what_is_lost_until_it_is_stopped(

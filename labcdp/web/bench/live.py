@@ -77,7 +77,7 @@ class Live:
 
 
 class WatchedCamera:
-    """An open camera, and who is told what is asked of it and receives what it delivers."""
+    """An open camera that reports its settings, and when a frame is awaited, and shows each frame it delivers."""
 
     def __init__(self, camera: Camera, tell: Callable[..., None], show: Callable[[Frame], None]) -> None:
         self._camera, self._tell, self._show = camera, tell, show

@@ -117,7 +117,7 @@ def test_rows_make_the_uncertainty_of_a_grey_patch(calibration, luminance, scatt
     assert row(rows, "exposure time").standard_uncertainty_rel == pytest.approx(5e-5)
 
 
-def test_intercepts_of_planes_add_with_their_signs(calibration):
+def test_intercepts_of_planes_add_with_their_signs_in_the_budget(calibration):
     intercepts = dict(zip(PLANES, (0.1, -0.1, -0.1, 0.1), strict=True))
     planes = [
         replace(one, responsivity=replace(one.responsivity, glare_cd_m2=intercepts[one.state.plane]))

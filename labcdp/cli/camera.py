@@ -104,7 +104,7 @@ def twin(
     calibration
         Calibration file of this camera; default: calibrate with this session.
     contrast
-        Contrasts to detect in all pairs: 100%, a list such as 50%,100%, or a range START:STOP:COUNT[:log] such as
+        Target contrasts in all pairs: 100%, a list such as 50%,100%, or a range START:STOP:COUNT[:log] such as
         10%:200%:20. May be repeated; default: contrast of each pair by the meter.
     epsilon
         Relative tolerance of the contrast.

@@ -41,7 +41,7 @@ class QuestionOptions:
         For chains: parameter and its values, as for labcdp sweep; may be repeated; default:
         scene.luminance_cd_m2=0.001:100000:121:log.
     contrast
-        For chains and pictures: contrasts to detect: 100%, a list such as 50%,100%, or a range START:STOP:COUNT[:log]
+        For chains and pictures: target contrasts: 100%, a list such as 50%,100%, or a range START:STOP:COUNT[:log]
         such as 10%:200%:20. May be repeated; default: contrast of each scene, measured contrast of each pair.
     epsilon
         For chains and pictures: relative tolerance of the contrast; default: 50%.

@@ -49,7 +49,7 @@ Changes = Annotated[
 Contrasts = Annotated[
     tuple[float, ...] | None,
     As(
-        "Contrasts to detect: 100%, a list such as 50%,100%, or a range START:STOP:COUNT[:log] such as 10%:200%:20. "
+        "Target contrasts: 100%, a list such as 50%,100%, or a range START:STOP:COUNT[:log] such as 10%:200%:20. "
         "May be repeated; default: the measured contrast of each pair.",
         parse=lambda texts, name: parse_contrasts(texts, name) or None,
         many=True,

@@ -85,7 +85,7 @@ class ContrastOptions:
     Parameters
     ----------
     contrast
-        Contrasts to detect: 100%, a list such as 50%,100%, or a range START:STOP:COUNT[:log] such as 10%:200%:20. May
+        Target contrasts: 100%, a list such as 50%,100%, or a range START:STOP:COUNT[:log] such as 10%:200%:20. May
         be repeated; default: as configured.
     epsilon
         Relative tolerance of the contrast, for example 50%; default: as configured.

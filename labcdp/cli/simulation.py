@@ -44,7 +44,7 @@ class ChainOptions:
         Compute the distribution of DN instead of simulating: on the optical axis, for one pair of regions and an EMVA
         1288 sensor.
     contrast
-        Contrasts to detect: 100%, a list such as 50%,100%, or a range START:STOP:COUNT[:log] such as 10%:200%:20. May
+        Target contrasts: 100%, a list such as 50%,100%, or a range START:STOP:COUNT[:log] such as 10%:200%:20. May
         be repeated; default: that of the scene.
     epsilon
         Relative tolerance of the contrast.

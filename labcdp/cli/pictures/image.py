@@ -148,7 +148,7 @@ class EdgeOptions:
     minimum_contrast
         Smallest contrast of an edge; weaker edges are ignored.
     contrast
-        Contrasts to detect at all edges: 100%, a list such as 50%,100%, or a range START:STOP:COUNT[:log] such as
+        Target contrasts at all edges: 100%, a list such as 50%,100%, or a range START:STOP:COUNT[:log] such as
         10%:200%:20. May be repeated; default: that of each edge.
     detected
         Smallest CDP of a detected edge, above 0 and up to 1.

@@ -94,14 +94,14 @@ class PictureLightOptions(LightOptions):
 
 @dataclass(frozen=True)
 class PairOptions:
-    """Options of pictures and videos: regions, their pairs, and the contrasts to detect.
+    """Options of pictures and videos: regions, their pairs, and the target contrasts.
 
     Parameters
     ----------
     roi
         Region file (for a video: of its first frame): .json from labcdp rois, or .roi or .zip from ImageJ.
     contrast
-        Contrasts to detect: 100%, a list such as 50%,100%, or a range START:STOP:COUNT[:log] such as 10%:200%:20. May
+        Target contrasts: 100%, a list such as 50%,100%, or a range START:STOP:COUNT[:log] such as 10%:200%:20. May
         be repeated; default: the measured contrast of each pair (for a video: in its first frame).
     pair : BRIGHT:DARK
         Names of two regions, the brighter one first; may be repeated. Default: all pairs of up to 6 regions of a

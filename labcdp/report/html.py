@@ -103,8 +103,10 @@ class Certificate:
     ----------
     kind, title : str
         What it certifies, and of which device.
-    number : sequence of (str, str)
-        Number, dates and operator.
+    number : str
+        Number of the certificate, printed on each page: letters and digits.
+    dates : sequence of (str, str)
+        Dates and operator.
     identification, conditions : Facts
         Devices, and how was measured.
     picture : ReportFigure
@@ -123,7 +125,8 @@ class Certificate:
 
     kind: str
     title: str
-    number: Sequence[tuple[str, str]]
+    number: str
+    dates: Sequence[tuple[str, str]]
     identification: Facts
     conditions: Facts
     picture: ReportFigure

@@ -156,6 +156,13 @@ class ConditionsConfiguration(Table):
     temperature_c: Number | None = Field(None, description="the temperature of the room in °C")
 
 
+class PartyConfiguration(Table):
+    """A laboratory or its customer, as a certificate names them (ISO/IEC 17025:2017, 7.8.2)."""
+
+    name: Text = Field(description="a name as text")
+    address: Text = Field(description="an address as text")
+
+
 class GuessConfiguration(Table):
     """Camera parameters as one would guess them without a calibration, to show what the guess costs."""
 
@@ -174,6 +181,8 @@ class SessionConfiguration(Table):
     name: Text = Field(description="a name as text")
     operator: Text = Field(description="the operator's name as text")
     notes: str = Field("", strict=True, description="text")
+    laboratory: PartyConfiguration | None = Field(None, description="a [laboratory] table")
+    customer: PartyConfiguration | None = Field(None, description="a [customer] table")
     camera: CameraConfiguration = Field(description="a [camera] table")
     lens: LensConfiguration = Field(description="a [lens] table")
     meter: MeterConfiguration = Field(description="a [meter] table")

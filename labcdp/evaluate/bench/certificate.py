@@ -106,11 +106,8 @@ def _sheet(kind: str, session: Session, observed: ObservedSession, calibration: 
     return Certificate(
         kind=kind,
         title=f"{camera}",
-        number=[
-            ("Number", observed.input_sha256[:12]),
-            ("Measured", day(_measured(observed))),
-            ("Operator", observed.configuration.operator),
-        ],
+        number=observed.input_sha256[:12],
+        dates=[("Measured", day(_measured(observed))), ("Operator", observed.configuration.operator)],
         identification=Facts(list(_identification(session, observed, calibration))),
         conditions=Facts(list(_conditions(observed, calibration))),
         picture=_picture(session, observed, calibration, simulated),
@@ -123,12 +120,16 @@ def _identification(
 ) -> Iterator[tuple[str, str]]:
     state, own = calibration.state, calibration.provenance.input_sha256
     height, width = state.image_shape
+    configuration = observed.configuration
+    for what, party in (("Laboratory", configuration.laboratory), ("Customer", configuration.customer)):
+        if party is not None:
+            yield what, f"{party.name}, {party.address}"
     yield "Camera", f"{state.camera}"
     yield "Frames", f"{state.pixel_format}, {width} x {height} pixels, {state.gain_db:g} dB"
     yield "Lens", lens_text(calibration.lens)
     yield "Luminance meter", meter_text(observed.meter_scale.meter)
-    yield "Target", observed.configuration.target.name
-    yield "Session", f"{session.path.resolve().name}: {observed.configuration.name}"
+    yield "Target", configuration.target.name
+    yield "Session", f"{session.path.resolve().name}: {configuration.name}"
     yield "SHA-256 of data", observed.input_sha256
     if own != observed.input_sha256:
         yield "Calibration", f"{day(calibration.provenance.measured)}, SHA-256 of data {own}"

@@ -23,6 +23,7 @@ from labcdp.evaluate.bench.session_result import session_result
 from labcdp.report.files import envelope, schema
 from labcdp.report.html import render_page
 from labcdp.session import ContrastConfiguration, Session
+from labcdp.session.configuration import PartyConfiguration
 
 from .synthetic import again
 
@@ -45,6 +46,7 @@ def hostile(recorded, tmp_path_factory):
     pair = {"bright": NAMES["upper left"]}
     changes = {
         "name": "Test <i>session</i>", "operator": "=cmd()", "notes": "A note with </style> in it.",
+        "customer": PartyConfiguration(name="<b>Customer</b>", address="1 Street, \\7 Town"),
         "target": target.model_copy(update={"name": "Six <em>patches</em>", "patches": tuple(patches)}),
         "contrasts": tuple(
             ContrastConfiguration(dark=dark, contrast=contrast, epsilon=epsilon, **pair)
@@ -123,6 +125,7 @@ def test_text_of_a_user_is_no_markup_on_any_page(evaluated, hostile, written):
     found = verify(calibration, seen, {"": plane.darks}, observed.readings, observed.meter_scale, 0.5)
     verification = verification_certificate(hostile, observed, calibration, found).decode()
     assert "<strong>Conform</strong>" in verification
+    assert "<dd>&lt;b&gt;Customer&lt;/b&gt;, 1 Street, \\7 Town</dd>" in verification
     for page in (
         (written / "report.html").read_text(encoding="utf-8"),
         render_page(calibration_page(calibration, calibration_result(calibration, "Title <i>here</i>"))),

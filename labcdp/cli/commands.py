@@ -172,7 +172,7 @@ _GROUPS = {
         "view": "pictures.rois",
         "rois": "pictures.rois",
         "image": "pictures.image",
-        "image-map": "pictures.image",
+        "image-map": "pictures.image_map",
         "video": "pictures.video",
     },
     "Simulation": {

@@ -9,6 +9,8 @@ from math import isfinite
 from numbers import Real
 from typing import Any
 
+import numpy as np
+
 from ..core.disk.files import MOST_QUOTED, quoted
 from ..core.errors import InputError
 from ..core.roi import Roi
@@ -22,6 +24,8 @@ def require_simple(roi: Roi) -> None:
     InputError
         Saying where they cross.
     """
+    if len(roi.corners) <= 4 and _turns_one_way(roi.corners):
+        return
     import shapely
 
     polygon = shapely.Polygon(roi.corners)
@@ -32,6 +36,14 @@ def require_simple(roi: Roi) -> None:
     place = re.search(r"\[(\S+) (\S+)\]", shapely.is_valid_reason(polygon))
     where = f" at x {float(place[1]):.6g}, y {float(place[2]):.6g}" if place else ""
     raise InputError(f"region {roi.name!r} crosses itself{where}: give its corners in order around it")
+
+
+def _turns_one_way(corners: Sequence[tuple[float, float]]) -> bool:
+    """Whether a polygon bends the same way at each corner: with up to four corners it cannot cross itself then."""
+    sides = np.diff(corners, axis=0, append=corners[:1])
+    x, y = sides.T
+    bends = x * np.roll(y, -1) - y * np.roll(x, -1)
+    return bool((bends > 0).all() or (bends < 0).all())
 
 
 def is_simple(corners: Sequence[tuple[float, float]]) -> bool:

@@ -1,9 +1,9 @@
-"""Commands image and image-map: CDP, contrast and signal-to-noise ratios of regions, and CDP of all edges."""
+"""Command `labcdp image`: CDP, contrast and signal-to-noise ratios of regions in pictures."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -12,18 +12,14 @@ import typer
 
 from ...core.disk.files import shown
 from ...core.errors import InputError
-from ...evaluate.picture.edges.edges import ContrastMapSettings
-from ...evaluate.picture.edges.map import contrast_map
-from ...evaluate.picture.edges.page import write_contrast_map
-from ...evaluate.picture.edges.result import MapSource, map_result
 from ...evaluate.picture.image import ImageRequest
 from ...evaluate.picture.result import PictureTask, picture_folder, summary_files
 from ...evaluate.picture.tables import ReportedPicture
-from ...files.read import picture_paths, read_picture
+from ...files.read import picture_paths
 from ...output import ResultsFolder
 from ...regions import load_regions, rois_of
 from ..commands import As
-from ..options import Contrasts, Percent, Results, one_or_all
+from ..options import Results
 from ..terminal import print_result, progress_bars
 from ..values import parse_pair
 from .batch import Failure, each_once, end_batch, worked_through
@@ -133,78 +129,3 @@ def _request(pairs: PairOptions, rectangle: tuple[int, int, int, int] | None) ->
         neighbours=neighbours,
         rectangle=rectangle,
     )
-
-
-@dataclass(frozen=True)
-class EdgeOptions:
-    """Options of the map: its regions, and which contrasts are to be detected at their edges.
-
-    Parameters
-    ----------
-    region_size
-        Side of the regions in pixels, at least 10: about half the size of the smallest relevant object.
-    epsilon
-        Relative tolerance of the contrast.
-    minimum_contrast
-        Smallest contrast of an edge; weaker edges are ignored.
-    contrast
-        Target contrasts at all edges: 100%, a list such as 50%,100%, or a range START:STOP:COUNT[:log] such as
-        10%:200%:20. May be repeated; default: that of each edge.
-    detected
-        Smallest CDP of a detected edge, above 0 and up to 1.
-    """
-
-    region_size: int = 40
-    epsilon: Percent = 0.5
-    minimum_contrast: Percent = 0.1
-    contrast: Contrasts = None
-    detected: float = 0.9
-
-
-def image_map(
-    context: typer.Context,
-    light: PictureLightOptions,
-    edges: EdgeOptions,
-    results: Results,
-    file: Path,
-    *,
-    reference: Path | None = None,
-) -> None:
-    """Map the CDP of all edges in an image, to show where the camera loses objects.
-
-    The image is segmented into regions whose borders follow its edges. Each edge is coloured by the probability (CDP)
-    that a pixel on one side and a pixel on the other show the contrast of the edge; warm colours are edges that are
-    lost. This is the contrast in the image itself, without what a veil or blur has removed; --reference or --contrast
-    give that of the scene. Edges whose contrast is within the noise are not drawn. Writes an interactive page, a
-    picture, a spreadsheet with a row for each edge, NetCDF and JSON.
-
-    Example: labcdp image-map night.png --calibration camera.json --exposure 8ms --region-size 30 --minimum-contrast 20%
-
-    Parameters
-    ----------
-    file : FILE
-        Image: PNG, JPEG, TIFF, OpenEXR, NPY, camera RAW, raw dump, or a luminance map written by labcdp.
-    reference
-        Image of the scene without veil or blur; its edges and their contrasts are to be detected.
-    """
-    settings = ContrastMapSettings(
-        edges.region_size, edges.epsilon, edges.minimum_contrast, edges.detected, one_or_all(edges.contrast)
-    )
-    conversion = light.conversion()
-    inputs = light.inputs({"reference": reference})
-    with results.folder(context, file) as folder:
-        picture = read_picture(file, conversion.options)
-        scene = None if reference is None else conversion.luminance(read_picture(reference, conversion.options))
-        found = contrast_map(conversion.luminance(picture), settings, scene)
-        source = MapSource(
-            file=picture.path.name,
-            sha256=picture.sha256,
-            unit=conversion.unit_of(picture).replace("^2", "²"),
-            conversion=conversion.description,
-            simulated=picture.frame is not None and picture.frame.camera.simulated,
-            findings=conversion.findings(picture),
-            inputs=tuple(inputs),
-        )
-        result = map_result(found, source)
-        write_contrast_map(found, source, result, folder)
-    results.show(result, folder, also="; also contrast-map.png, results.xlsx, results.nc and results.json")

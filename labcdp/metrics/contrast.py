@@ -7,6 +7,7 @@ from fractions import Fraction
 from functools import cached_property
 from math import inf, isfinite
 from numbers import Real
+from sys import float_info
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
@@ -209,7 +210,7 @@ class TargetContrast:
     def interval(self) -> tuple[float, float]:
         """Lowest and highest detected contrast in `definition`; -inf or inf for an end that is open."""
         low, high = self._ends
-        return -inf if low is None else float(low), inf if high is None else float(high)
+        return -inf if low is None else _rounded(low), inf if high is None else _rounded(high)
 
     @cached_property
     def ratios(self) -> tuple[float, float]:
@@ -229,8 +230,13 @@ class TargetContrast:
 
     def _ratio(self, end: Fraction) -> float:
         if self.definition == "weber":
-            return float(1 + end)
-        return inf if end >= 1 else float((1 + end) / (1 - end))
+            return _rounded(1 + end)
+        return inf if end >= 1 else _rounded((1 + end) / (1 - end))
+
+
+def _rounded(number: Fraction) -> float:
+    """Return the nearest float; for more than the largest one that one, as an end is not open."""
+    return float(min(number, Fraction(float_info.max)))
 
 
 def _is_number(value: object) -> bool:

@@ -57,8 +57,11 @@ def _change(name: str, before: object, now: object) -> str:
     label, unit = _NAMES.get(name, (name.replace("_", " "), ""))
     if is_dataclass(now):
         return label
-    # What is read back is of a register: 0.006999999999999999 is 0.007.
-    values = (f"{value:.6g}" if isinstance(value, float) else f"{value}" for value in (before, now))
+    values = f"{before}", f"{now}"
+    if isinstance(before, float) and isinstance(now, float):
+        # What is read back is of a register: 0.006999999999999999 is 0.007.
+        digits = 6 if f"{before:.6g}" != f"{now:.6g}" else 9
+        values = f"{before:.{digits}g}", f"{now:.{digits}g}"
     return f"{label} {' → '.join(values)}{unit}"
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import hypot, inf, isfinite, sqrt
+from typing import Literal
 
 import numpy as np
 
@@ -12,11 +13,11 @@ from ..core.clock import exposure_text
 from ..core.errors import InputError
 from ..core.luminance import CommonError
 from ..core.vignetting import FlatField, RadialVignetting
+from .colour.conversion import errors_of_plane, joined
 from .colour.model import AnyCalibration, ColourCalibration
 from .converter import FLAT_FIELD, FLICKER, INTERCEPT, REFOCUS, VIGNETTING, common_errors
 from .excluded import not_included, undetected_intercept
 from .findings import BudgetRow, Distribution
-from .frames.nonuniformity import slow_rel
 from .model import Calibration, PatchResidual
 from .setup import METER_SOURCES
 from .uncertainty import effective_dof, expanded_of, of_one_estimate
@@ -49,16 +50,6 @@ SOURCES = (
 _TYPE_B = (*METER_SOURCES, "spectral mismatch", "exposure time", REFOCUS, VIGNETTING)
 #: Sources that follow from one estimate, the scatter of the patches.
 _OF_SCATTER = ("fit", "meter repeatability", "patch uniformity")
-#: Sources independent from plane to plane of a sensor with colour filters, so that their squares add.
-_OF_EACH_PLANE = (
-    "exposure scatter",
-    "shot and read noise",
-    "dark non-uniformity",
-    "dark and temperature",
-    "black level",
-    "gain",
-    "linearity",
-)
 #: Highest preferred signal, as a share of the saturation.
 _BEST_SHARE = 0.8
 _BASIS = {
@@ -70,6 +61,13 @@ _BASIS = {
     "gain": "scatter of the gains around each other",
     "linearity": "residual of the bracket that gives the response, and what its exposures leave open",
     INTERCEPT: "free intercept of the fit: glare, or if negative an offset of unknown cause",
+}
+_EACH = "; each plane with its share of the luminance"
+_BASIS_OF_PLANES = {
+    "dark and temperature": _BASIS["dark and temperature"] + _EACH,
+    "gain": _BASIS["gain"] + _EACH,
+    "fit": "covariance of the planes' weights for grey light, what the meter's scatter makes listed above",
+    "linearity": "covariance of the responses of the planes that are not straight lines",
 }
 
 
@@ -133,9 +131,16 @@ def budget(
     for name, value in given.items():
         if not (isfinite(value) and value > 0):
             raise InputError(f"{name} is {value}: give a positive number")
-    of_plane = luminance_cd_m2 / sum(calibration.weights)
-    planes = [_of_plane(plane, of_plane, t, n_pixels, n_frames) for plane in calibration.planes]
-    rows = planes[0] if isinstance(calibration, Calibration) else _of_planes(calibration, planes, of_plane)
+    total = sum(calibration.weights)
+    shares = [weight / total for weight in calibration.weights]
+    of_plane = luminance_cd_m2 / total
+    leading = calibration.planes[int(np.argmax(np.abs(shares)))]
+    rows = not_included(leading) | _of_errors(calibration, shares, of_plane, t)
+    of_frames = _of_frames(calibration, shares, of_plane, t, n_pixels, n_frames)
+    if FLAT_FIELD in of_frames:
+        u = (one[FLAT_FIELD].standard_uncertainty_rel for one in (of_frames, rows))
+        of_frames[FLAT_FIELD] = replace(of_frames[FLAT_FIELD], standard_uncertainty_rel=hypot(*u))
+    rows |= of_frames
     if not rows[INTERCEPT].included:
         rows[INTERCEPT] = undetected_intercept(calibration, luminance_cd_m2)
     own = calibration.responsivity if isinstance(calibration, Calibration) else calibration
@@ -176,106 +181,97 @@ def budget_exposure_s(calibration: AnyCalibration, luminance_cd_m2: float) -> fl
     return min(longest)
 
 
-def _of_plane(
-    plane: Calibration, luminance_cd_m2: float, exposure_s: float, n_pixels: int, n_frames: int
+def _of_errors(
+    calibration: AnyCalibration, shares: Sequence[float], luminance_cd_m2: float, exposure_s: float
 ) -> dict[str, BudgetRow]:
-    """Rows of a monochrome sensor, or of one plane."""
-    net_dn = plane.net_dn(luminance_cd_m2, exposure_s)
-    rows = not_included(plane)
-    errors: dict[str, list[CommonError]] = {}
-    for error in common_errors(plane, np.array([net_dn]), exposure_s):
-        errors.setdefault(error.source, []).append(error)
-    for source, group in errors.items():
-        u = float(np.linalg.norm([np.ravel(error.relative)[0] for error in group]))
+    """Rows of common errors: those of planes joined as in the luminance of a patch."""
+    errors: Sequence[CommonError]
+    of_planes = [
+        common_errors(plane, np.array([plane.net_dn(luminance_cd_m2, exposure_s)]), exposure_s)
+        for plane in calibration.planes
+    ]
+    basis = _BASIS
+    rows: dict[str, BudgetRow] = {}
+    if isinstance(calibration, Calibration):
+        (errors,) = of_planes
+    else:
+        basis = basis | _BASIS_OF_PLANES
+        of_weights = calibration.weight_errors.sum(axis=1) / sum(calibration.weights)
+        own = [
+            [replace(e, source="linearity") if e.source == "fit" else e for e in errors_of_plane(plane, one)]
+            for plane, one in zip(calibration.planes, of_planes, strict=True)
+        ]
+        errors = [*(CommonError("fit", one) for one in of_weights), *joined(own, shares)]
+        rows["spectral mismatch"] = _of_colour(calibration)
+    groups: dict[str, list[CommonError]] = {}
+    for error in errors:
+        groups.setdefault(error.source, []).append(error)
+    for source, group in groups.items():
+        squares = [(float(np.sum(np.square(error.relative))), error.dof) for error in group]
+        variance, dof = of_one_estimate(squares)
         kind: Distribution = "rectangular" if all(error.rectangular for error in group) else "normal"
-        basis = _BASIS.get(source) or plane.meter_scale.basis(source)
-        dof = None if group[0].dof == inf else group[0].dof
-        rows[source] = BudgetRow(source, u, kind, True, "B" if source in _TYPE_B else "A", basis, dof=dof)
-    if isinstance(plane.vignetting, FlatField | RadialVignetting):
-        rows[FLAT_FIELD] = _flat_field(plane.vignetting, rows[FLAT_FIELD].standard_uncertainty_rel, n_pixels)
-    rows |= _split(plane.residuals, rows["fit"])
-    stretch = float(plane.response.slope(net_dn)) / float(plane.response.linearise(net_dn))
-    noise_dn2 = plane.noise.variance_dn2(net_dn, plane.dark.noise_variance_dn2(exposure_s)) / (n_pixels * n_frames)
-    pixels = "one pixel" if n_pixels == 1 else f"{n_pixels} pixels"
-    over = f"{pixels} of {'one frame' if n_frames == 1 else f'{n_frames} frames'}"
-    uneven_dn = plane.dark.nonuniformity_dn
-    uneven = "slow change of the dark signal across the sensor" + ("" if uneven_dn > 0 else ": not significant")
-    own = {
-        "exposure scatter": (plane.responsivity.scatter_dn, "scatter of exposures in DN that nothing else explains"),
-        "shot and read noise": (
-            sqrt(noise_dn2),
-            f"photon transfer over the patches, for {over} at {exposure_text(exposure_s)}",
-        ),
-        "dark non-uniformity": (uneven_dn, uneven),
-        "black level": (plane.dark.drift_dn / sqrt(n_frames), f"drift from frame to frame, for {n_frames} of them"),
-        FLICKER: (
-            plane.noise.flicker_rel / stretch / sqrt(n_frames),
-            f"light from frame to frame, for {n_frames} of them",
-        ),
-    }
-    dofs = {FLICKER: plane.noise.flicker_dof or None}
-    return rows | {
-        source: BudgetRow(source, stretch * u_dn, "normal", False, "A", basis, dof=dofs.get(source))
-        for source, (u_dn, basis) in own.items()
-    }
+        text = basis.get(source) or calibration.meter_scale.basis(source)
+        evaluation: Literal["A", "B"] = "B" if source in _TYPE_B else "A"
+        rows[source] = BudgetRow(source, sqrt(variance), kind, True, evaluation, text, dof=None if dof == inf else dof)
+    return rows | _split(calibration.residuals, rows["fit"])
 
 
-def _flat_field(vignetting: FlatField | RadialVignetting, of_fit_rel: float, n_pixels: int) -> BudgetRow:
-    """Row of what a flat field leaves at any place: slow errors, noise of its pixels, and their effect on the fit."""
-    of_pixels = vignetting.random_rel / sqrt(n_pixels) if isinstance(vignetting, FlatField) else 0.0
-    u, basis = hypot(of_fit_rel, vignetting.slow_rel, of_pixels), "non-uniformity of the uniform source, and noise"
-    return BudgetRow(FLAT_FIELD, u, "normal", False, "B", basis)
-
-
-def _of_planes(
-    calibration: ColourCalibration, planes: Sequence[dict[str, BudgetRow]], luminance_cd_m2: float
+def _of_frames(
+    calibration: AnyCalibration,
+    shares: Sequence[float],
+    luminance_cd_m2: float,
+    exposure_s: float,
+    n_pixels: int,
+    n_frames: int,
 ) -> dict[str, BudgetRow]:
-    """Rows of a grey patch by the combination of planes; what is not known is that of the largest share."""
-    total = sum(calibration.weights)
-    shares = [weight / total for weight in calibration.weights]
-    leading = planes[int(np.argmax(np.abs(shares)))]
-    rows = {source: _joined(row, planes, shares) for source, row in leading.items()}
-    # Glare and an offset of unknown cause may have unlike signs in the planes, whose weights have, too.
-    intercept = sum(s * plane.responsivity.glare_cd_m2 for s, plane in zip(shares, calibration.planes, strict=True))
-    rows[INTERCEPT] = replace(rows[INTERCEPT], standard_uncertainty_rel=abs(intercept) / luminance_cd_m2)
-    # The source of a flat field is that of all planes; noise and fit are those of each.
-    own = [
-        sqrt(max(one[FLAT_FIELD].standard_uncertainty_rel ** 2 - slow_rel(plane.vignetting) ** 2, 0.0))
-        for one, plane in zip(planes, calibration.planes, strict=True)
+    """Rows of what is not common to all luminances: noise, dark pattern, black level, light and flat field."""
+    planes, share, of_frames = calibration.planes, np.array(shares), sqrt(n_frames)
+    net = [plane.net_dn(luminance_cd_m2, exposure_s) for plane in planes]
+    stretch = share * [float(p.response.slope(n) / p.response.linearise(n)) for p, n in zip(planes, net, strict=True)]
+    noise = [
+        sqrt(p.noise.variance_dn2(n, p.dark.noise_variance_dn2(exposure_s)) / n_pixels) / of_frames
+        for p, n in zip(planes, net, strict=True)
     ]
-    u = hypot(calibration.field_rel, *(s * one for s, one in zip(shares, own, strict=True)))
-    rows[FLAT_FIELD] = replace(rows[FLAT_FIELD], standard_uncertainty_rel=u)
-    basis = "covariance of the planes' weights for grey light, what the meter's scatter makes listed above"
-    u = float(np.linalg.norm(calibration.weight_errors.sum(axis=1))) / total
-    rows |= _split(calibration.residuals, BudgetRow("fit", u, "normal", True, "A", basis))
-    # The scale of a linear plane is part of the weights.
-    bent = [
-        share * hypot(*(own[source].standard_uncertainty_rel for source in ("fit", "meter repeatability")))
-        for plane, own, share in zip(calibration.planes, planes, shares, strict=True)
-        if plane.response.kind != "linear"
-    ]
-    if bent:
-        basis = "covariance of the responses of the planes that are not straight lines"
-        rows["linearity"] = BudgetRow("linearity", hypot(*bent), "normal", True, "A", basis)
+    pixels = "one pixel" if n_pixels == 1 else f"{n_pixels} pixels"
+    over = f"{pixels} of {'one frame' if n_frames == 1 else f'{n_frames} frames'} at {exposure_text(exposure_s)}"
+    uneven = [p.dark.nonuniformity_dn for p in planes]
+    insignificant = "" if any(uneven) else ": not significant"
+    flicker = abs(float(share @ [p.noise.flicker_rel for p in planes])) / of_frames
+    found = {
+        "exposure scatter": (
+            stretch * [p.responsivity.scatter_dn for p in planes],
+            "scatter of exposures in DN that nothing else explains",
+        ),
+        "shot and read noise": (stretch * noise, f"photon transfer over the patches, for {over}"),
+        "dark non-uniformity": (stretch * uneven, f"slow change of the dark signal across the sensor{insignificant}"),
+        "black level": (
+            stretch * [p.dark.drift_dn for p in planes] / of_frames,
+            f"drift from frame to frame, for {n_frames} of them",
+        ),
+    }
+    each = _EACH if len(planes) > 1 else ""
+    rows = {
+        source: BudgetRow(source, float(np.linalg.norm(us)), "normal", False, "A", basis + each)
+        for source, (us, basis) in found.items()
+    }
+    basis, dof = f"light from frame to frame, for {n_frames} of them", planes[0].noise.flicker_dof or None
+    rows[FLICKER] = BudgetRow(FLICKER, flicker, "normal", False, "A", basis, dof=dof)
+    if isinstance(planes[0].vignetting, FlatField | RadialVignetting):
+        # The source of a flat field is that of all planes, the noise of its pixels that of each.
+        own = [p.vignetting.random_rel if isinstance(p.vignetting, FlatField) else 0.0 for p in planes]
+        u = hypot(max(p.field_rel for p in planes), *share * own / sqrt(n_pixels))
+        rows[FLAT_FIELD] = BudgetRow(
+            FLAT_FIELD, u, "normal", False, "B", "non-uniformity of the uniform source, and noise"
+        )
+    return rows
+
+
+def _of_colour(calibration: ColourCalibration) -> BudgetRow:
     of_colour = "the uncertainty of the weights"
     if calibration.spectral_rel > 0:
         of_colour += f", and {calibration.spectral_rel:.2g} times the standard deviation of its red, green and blue"
     basis = f"none for a grey patch in {calibration.source_spectrum}; of a coloured one {of_colour}"
-    return rows | {"spectral mismatch": BudgetRow("spectral mismatch", 0.0, "normal", False, "A", basis)}
-
-
-def _joined(leading: BudgetRow, planes: Sequence[Mapping[str, BudgetRow]], shares: Sequence[float]) -> BudgetRow:
-    source = leading.source
-    own = [
-        (s, rows[source]) for s, rows in zip(shares, planes, strict=True) if source in rows and rows[source].included
-    ]
-    if not own:
-        return leading
-    first, parts = own[0][1], [share * row.standard_uncertainty_rel for share, row in own]
-    if source not in _OF_EACH_PLANE:
-        return replace(first, standard_uncertainty_rel=abs(sum(parts)))
-    basis = f"{first.basis}; each plane with its share of the luminance"
-    return replace(first, standard_uncertainty_rel=hypot(*parts), basis=basis, dof=None)
+    return BudgetRow("spectral mismatch", 0.0, "normal", False, "A", basis)
 
 
 def _split(rows: Sequence[PatchResidual], fit: BudgetRow) -> dict[str, BudgetRow]:

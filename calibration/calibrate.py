@@ -185,7 +185,8 @@ def _final(
     plain = solve(given.without_shared(DRIFT), first.candidate)
     of_glare = fit_tests.glare(plain, _slope(plain))
     glare_cd_m2 = fit_tests.possible_glare_cd_m2(of_glare)
-    of_step, errors = fit_tests.step(plain)
+    of_drift = fit_tests.drift(plain)
+    of_step, errors = fit_tests.step(plain, of_place, of_drift)
     if glare_cd_m2:
         zero, width = np.zeros(given.net_dn.size), _FREE if of_glare.significant else 1.0
         errors.append(SharedError(INTERCEPT, zero, zero, cd_m2=width * glare_cd_m2))
@@ -196,7 +197,7 @@ def _final(
     tests = (
         of_glare,
         fit_tests.exposure_reciprocity(plain),
-        fit_tests.drift(plain),
+        of_drift,
         of_step,
         of_place,
         fit_tests.scatter(stated),

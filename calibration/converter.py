@@ -18,6 +18,7 @@ from ..core.luminance import CommonError
 from ..core.vignetting import AnyVignetting, Cos4Vignetting, cropped
 from ..session.tables import EXPOSURE_JITTER_S
 from .findings import FitError, ResponsivityFit
+from .frames.nonuniformity import slow_rel
 from .frames.observations import CameraState
 from .sensor.dark import DarkModel
 from .sensor.dark_library import DarkLibrary
@@ -123,6 +124,11 @@ class Converter:
     def responsivity_common_rel(self) -> float:
         """Relative standard uncertainty of R: meter scale and fit."""
         return hypot(self.meter_scale.common_rel, self.responsivity.random_rel)
+
+    @property
+    def field_rel(self) -> float:
+        """Relative standard uncertainty of slow residuals of a flat field."""
+        return slow_rel(self.vignetting)
 
     @property
     def settings(self) -> tuple[GainSetting, ...]:

@@ -16,6 +16,8 @@ from .world import World
 
 #: Coverage that is asked for, and share of the failures in which a finding must name the effect.
 LOWEST, HIGHEST, NAMED = 0.93, 0.97, 0.9
+#: Fewest calibrations without a finding whose coverage says that they need none.
+FEWEST = 200
 _COLUMNS = (
     *("world", "luminance", "contrast", "CDP", "U, error of L", "U, error of K", "U, error of CDP"),
     *("named", "named where wrong", "refused", "verdict"),
@@ -41,6 +43,8 @@ class Summary:
     named, named_where_wrong : float or None
         Share of calibrations with a finding that names the effect: of all, and of those in which an interval does not
         contain the truth. None where no finding is expected, or nothing was wrong.
+    unnamed_coverage : dict of str to float
+        Coverage in the calibrations without such a finding; empty where none is expected.
     wrong : int
         Calibrations in which an interval does not contain the truth.
     findings : dict of str to float
@@ -57,20 +61,35 @@ class Summary:
     median_error: dict[str, float]
     named: float | None
     named_where_wrong: float | None
+    unnamed_coverage: dict[str, float]
     wrong: int
     findings: dict[str, float]
 
     @property
     def verdict(self) -> str:
-        """Whether coverage is 93 to 97 % within two standard errors; if not, whether the effect is named instead."""
+        """Whether coverage is 93 to 97 % within two standard errors; if not, whether the effect is named instead.
+
+        It is named if the finding is raised in 90 % of the calibrations (if coverage is too low, of those in which an
+        interval does not contain the truth), or if the intervals hold in those without it, 200 at least.
+        """
         if not self.coverage:
             return "refused"
         n = self.calibrations - self.refused
-        if any(share < LOWEST - 2 * binomial_error(LOWEST, n) for share in self.coverage.values()):
-            return "named" if self.named_where_wrong is not None and self.named_where_wrong >= NAMED else "too low"
-        if any(share > HIGHEST + 2 * binomial_error(HIGHEST, n) for share in self.coverage.values()):
-            return "too wide"
-        return "holds"
+        found = _outside(self.coverage, n)
+        named = self.named_where_wrong if found == "too low" else self.named
+        if not found or named is None or self.named is None:
+            return found or "holds"
+        rest = round(n * (1 - self.named))
+        if named >= NAMED or (rest >= FEWEST and not _outside(self.unnamed_coverage, rest)):
+            return "named"
+        return found
+
+
+def _outside(coverage: dict[str, float], n: int) -> str:
+    """How the coverage of n calibrations is wrong, beyond two standard errors; empty if it is not."""
+    if min(coverage.values()) < LOWEST - 2 * binomial_error(LOWEST, n):
+        return "too low"
+    return "too wide" if max(coverage.values()) > HIGHEST + 2 * binomial_error(HIGHEST, n) else ""
 
 
 def binomial_error(share: float, n: int) -> float:
@@ -87,7 +106,8 @@ def summarise(world: World, outcomes: Sequence[Outcome]) -> Summary:
     """Join the outcomes of a world."""
     done = [one for one in outcomes if not one.refused]
     wrong = [one for one in done if not all(one.inside.values())]
-    coverage = {q: float(np.mean([one.inside[q] for one in done])) for q in QUANTITIES} if done else {}
+    coverage = _coverage_of(done)
+    unnamed = [one for one in done if world.names and not names_effect(world, one)]
     return Summary(
         world=world.name,
         calibrations=len(outcomes),
@@ -101,9 +121,14 @@ def summarise(world: World, outcomes: Sequence[Outcome]) -> Summary:
         named_where_wrong=float(np.mean([names_effect(world, one) for one in wrong]))
         if world.names and wrong
         else None,
+        unnamed_coverage=_coverage_of(unnamed),
         wrong=len(wrong),
         findings=_warnings(done),
     )
+
+
+def _coverage_of(outcomes: Sequence[Outcome]) -> dict[str, float]:
+    return {q: float(np.mean([one.inside[q] for one in outcomes])) for q in QUANTITIES} if outcomes else {}
 
 
 def _reason(message: str) -> str:

@@ -14,7 +14,6 @@ from ...core.errors import CalibrationError, InputError
 from ...core.luminance import RANGE_MARGIN, CommonError
 from ..convert.patch import PatchLuminance, outside_range, patch_luminance
 from ..converter import FLICKER, INTERCEPT, REFOCUS, VIGNETTING
-from ..frames.nonuniformity import slow_rel
 from ..frames.observations import PatchObservation
 from ..model import Calibration
 from ..setup import METER_SOURCES
@@ -82,7 +81,7 @@ class ColourConverter:
     @property
     def field_rel(self) -> float:
         """Relative standard uncertainty of slow residuals of the flat field, common to all planes."""
-        return max(slow_rel(plane.vignetting) for plane in self.planes)
+        return max(plane.field_rel for plane in self.planes)
 
     @property
     def weight_errors(self) -> NDArray[np.float64]:
@@ -205,7 +204,7 @@ def _of_plane(plane: Calibration, observations: Mapping[str, Sequence[PatchObser
 def own_rel(plane: Calibration, seen: PatchLuminance) -> float:
     """Relative standard uncertainty of a patch that is independent from plane to plane."""
     # Non-uniformity of the flat field source is common to all planes.
-    shared_rel = hypot(plane.responsivity.scatter_rel, slow_rel(plane.vignetting))
+    shared_rel = hypot(plane.responsivity.scatter_rel, plane.field_rel)
     return sqrt(max(seen.random_rel**2 - shared_rel**2, 0.0))
 
 

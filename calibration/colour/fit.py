@@ -198,8 +198,8 @@ def _assemble(
 ) -> ColourCalibration:
     to_colour = colours_of_planes(planes)
     weights = to_colour @ chosen.weights
-    dof = max(len(patches.names) - len(COLOURS), 1)
-    covariance = to_colour @ (chosen.covariance * max(1.0, chosen.chi_squared / dof)) @ to_colour.T
+    # Scatter of the patches, grey and by colour, is in their variances already.
+    covariance = to_colour @ chosen.covariance @ to_colour.T
     rows = tuple(
         PatchResidual.compared(
             reading,

@@ -16,7 +16,6 @@ from ...core.result import Finding, info, warning
 from ..convert.patch import PatchLuminance, patch_luminance
 from ..findings import LeftOut
 from ..fit.intake import MIN_PATCHES, gain_settings
-from ..frames.nonuniformity import slow_rel
 from ..frames.observations import DarkObservation, PatchObservation
 from ..model import Calibration
 from ..readings import PatchReading, combine_readings
@@ -93,7 +92,7 @@ def colour_patches(
     """
     kept: list[tuple[str, PatchReading, tuple[PatchLuminance, ...]]] = []
     shared_rel: list[float] = []
-    of_field = max(slow_rel(plane.vignetting) for plane in planes)
+    of_field = max(plane.field_rel for plane in planes)
     left_out: list[LeftOut] = []
     findings: list[Finding] = []
     for name, group in groups.items():

@@ -124,11 +124,6 @@ class Combination:
     uncertainty: Array
 
     @property
-    def chi_squared(self) -> float:
-        """Sum of the squared standardised deviations."""
-        return float(np.sum((self.deviation / self.uncertainty) ** 2))
-
-    @property
     def spectral_rel(self) -> float:
         """Standard uncertainty of another patch by its colour, per unit of colourfulness.
 

@@ -17,7 +17,6 @@ from ...core.luminance import RANGE_MARGIN, WHOLE, CommonError, Invalid, Luminan
 from ...core.result import log_findings
 from ...core.vignetting import AnyVignetting, Cos4Vignetting, FlatField, RadialVignetting
 from ..converter import Converter, common_errors, numbers_by_pattern, placed
-from ..frames.nonuniformity import slow_rel
 from ..frames.observations import CameraState
 from ..sensor.noise import GainSetting
 from ..setup import LensIdentity
@@ -104,7 +103,7 @@ class _Conversion:
             self._luminance(),
             PixelErrors(
                 self._random_rel,
-                slow_rel=hypot(slow_rel(self.converter.vignetting), scatter_rel),
+                slow_rel=hypot(self.converter.field_rel, scatter_rel),
                 slow_cd_m2=self._slow_cd_m2(),
                 fixed_rel=self._fixed_rel,
                 fixed_cd_m2=0.0 if self.dark_pattern_dn is None else self._library_noise_cd_m2,

@@ -15,7 +15,7 @@ from ...core.errors import CalibrationError
 from ...core.luminance import CommonError
 from ...core.result import Finding, warning
 from ..converter import FLICKER, Converter, common_errors, placed
-from ..frames.nonuniformity import slow_rel, vignetting_errors
+from ..frames.nonuniformity import vignetting_errors
 from ..frames.observations import PatchObservation
 from ..setup import METER_SOURCES
 from ..signal import left_out_text, net_signal, temperature_findings, usable
@@ -192,7 +192,7 @@ def _combined(
     # Dark signal non-uniformity and the pixels' sensitivity do not average over the exposures.
     uneven = float(weight @ (slope * np.array([s.dark_nonuniformity_dn for s in signals])))
     pixels = float((weight * each / luminance) @ np.array([s.pixels_rel for s in signals]))
-    slow = hypot(slow_rel(calibration.vignetting), calibration.responsivity.scatter_rel)
+    slow = hypot(calibration.field_rel, calibration.responsivity.scatter_rel)
     random_rel = sqrt((noise + uneven**2) / luminance**2 + pixels**2 + slow**2)
     of_place = vignetting_errors(calibration.vignetting, calibration.state.image_shape, [observations[0].centre_px])
     shared: dict[str, CommonError] = {}

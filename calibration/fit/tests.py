@@ -97,15 +97,20 @@ def drift(solution: Solution) -> FitTest:
     return _test("drift", value, uncertainty, "1/h", significant, "drift", "no-drift", values)
 
 
-def step(solution: Solution) -> tuple[FitTest, list[SharedError]]:
-    """Largest change of the readings at once; with the errors of the observations by it, if significant."""
+def step(solution: Solution, *others: FitTest) -> tuple[FitTest, list[SharedError]]:
+    """Largest change of the readings at once; with the errors of the observations by it, if significant.
+
+    Of `others`, drift and vignetting, the significant ones explain it unless it is the better explanation.
+    """
     found, name = strongest_step(solution), "meter step"
     pattern, first, n = (np.zeros_like(solution.luminance), 0, 0) if found is None else found
     value, uncertainty, dof = shift_with_scatter(solution, pattern)
     if uncertainty == inf:
         return _untestable(name, "", "patches"), []
-    times = drift_pattern(solution)
-    other = max(worth_of_place(solution), 0.0 if times is None else ratio(solution.shift(times)))
+    times, rivals = drift_pattern(solution), {one.name for one in others if one.significant}
+    other = worth_of_place(solution) if "vignetting" in rivals else 0.0
+    if "drift" in rivals and times is not None:
+        other = max(other, ratio(solution.shift(times)))
     significant = abs(value) > critical_value(n, dof) * uncertainty and worth_of_step(solution) > other
     values = {"patch": solution.design.patches[first], **_relative(-value, uncertainty)}
     test = _test(name, -value, uncertainty, "", significant, "readings-step", "no-readings-step", values)

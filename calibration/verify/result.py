@@ -35,7 +35,7 @@ class VerifiedPatch(MeasuredPatch):
         Combined standard uncertainty and U (95 %) of the deviation: random parts of both, the calibration's fit, and
         the scales of the meters if the calibration's was another one or in another state.
     independent_rel : float
-        The standard uncertainty without the scales of the meters.
+        The standard uncertainty without the scales of the meters, but with what a flat field leaves.
     tolerance_rel : float
         Largest deviation that conforms.
     """

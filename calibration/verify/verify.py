@@ -18,8 +18,7 @@ from ..colour.conversion import luminance_of_planes, own_rel
 from ..colour.model import AnyCalibration, ColourCalibration
 from ..colour.patches import by_patch
 from ..convert.patch import PatchLuminance, numbered, patch_luminance
-from ..converter import VIGNETTING
-from ..frames.nonuniformity import slow_rel
+from ..converter import FLAT_FIELD, VIGNETTING
 from ..frames.observations import DarkObservation, PatchObservation
 from ..model import Calibration
 from ..readings import PatchReading, combine_readings
@@ -56,7 +55,7 @@ def verify(
         The meter that took them, from `labcdp.calibration.setup.meter_scale`.
     tolerance_rel : float or None
         Largest relative deviation that conforms; None for the calibration's U (95 %) with the assumed vignetting, see
-        `own_tolerance_rel`; deviations show that vignetting, so it is no part of their U.
+        `own_tolerance_rel`. Deviations show that vignetting, and what a flat field leaves: no part of their U.
 
     Raises
     ------
@@ -82,7 +81,7 @@ def verify(
         calibration_meter=calibration.meter_scale,
         tolerance_rel=tolerance(0.0),
         tolerance_stated=tolerance_rel is not None,
-        patches=comparison.rows(tolerance),
+        patches=tuple(comparison.rows(tolerance)),
         unusable=unusable,
         darks=tuple(_dark_rows(calibration, darks)),
         planes=_planes(calibration, darks, comparison, {name: groups[name] for name in seen}),
@@ -99,8 +98,7 @@ def _tolerance_rel(calibration: AnyCalibration, stated_rel: float | None, of_pla
 
 def own_tolerance_rel(calibration: AnyCalibration, of_place_rel: float = 0.0) -> float:
     """Relative U (95 %) of a calibration without a patch's noise; `of_place_rel` is by an assumed vignetting there."""
-    field_rel = max(slow_rel(plane.vignetting) for plane in calibration.planes)
-    others = calibration.lens.refocus_rel**2 + of_place_rel**2 + field_rel**2
+    others = calibration.lens.refocus_rel**2 + of_place_rel**2 + calibration.field_rel**2
     if isinstance(calibration, Calibration):
         fit = calibration.responsivity
         parts = ((fit.random_rel**2, fit.dof or inf), (fit.scatter_rel**2, fit.scatter_dof or inf))
@@ -120,6 +118,7 @@ class _Comparison:
     uneven_rel: Mapping[str, float]
     meter: MeterScale
     scales: Sequence[MeterScale]
+    field_rel: float
 
     @property
     def deviation_rel(self) -> NDArray[np.float64]:
@@ -151,23 +150,24 @@ class _Comparison:
         responsivity = plane.responsivity.responsivity_dn_s_cd_m2 * (1 + mean)
         return Drift(mean, expanded_rel(self.scales, u), responsivity, expanded_rel([self.meter], u))
 
-    def rows(self, tolerance_rel: Callable[[float], float]) -> tuple[VerifiedPatch, ...]:
-        """One row per patch; its tolerance follows from the uncertainty of the vignetting at its place."""
-        of_scales = hypot(*(one.common_rel for one in self.scales))
-        deviations, normal = self.deviation_rel.tolist(), np.sqrt(np.diag(self.covariance)).tolist()
-        return tuple(
-            VerifiedPatch.of(
+    def rows(self, tolerance_rel: Callable[[float], float]) -> Iterator[VerifiedPatch]:
+        """One row per patch; what flat field or assumed vignetting leave at its place is part of its tolerance."""
+        of_scales, variances = hypot(*(one.common_rel for one in self.scales)), np.diag(self.covariance).tolist()
+        for s, deviation, variance in zip(self.seen, self.deviation_rel.tolist(), variances, strict=True):
+            of_field, of_place = (
+                hypot(*(float(e.relative) for e in s.common if e.source == of)) for of in (FLAT_FIELD, VIGNETTING)
+            )
+            u = sqrt(max(variance - of_field**2 - self.field_rel**2, 0.0))
+            yield VerifiedPatch.of(
                 self.read[s.patch],
                 s.luminance_cd_m2,
                 s.exposures_s,
                 deviation_rel=deviation,
                 standard_uncertainty_rel=hypot(u, of_scales),
                 expanded_rel=expanded_rel(self.scales, u),
-                independent_rel=u,
-                tolerance_rel=tolerance_rel(hypot(*(float(e.relative) for e in s.common if e.source == VIGNETTING))),
+                independent_rel=sqrt(variance),
+                tolerance_rel=tolerance_rel(of_place),
             )
-            for s, deviation, u in zip(self.seen, deviations, normal, strict=True)
-        )
 
 
 def _compared(
@@ -196,7 +196,7 @@ def _compared(
     if (meter.meter.model, meter.meter.serial) == (calibrated.meter.model, calibrated.meter.serial):
         # One instrument: its spectral mismatch is the same in the same light.
         scales = tuple(replace(one, f1_prime=None) for one in scales)
-    return _Comparison(seen, read, uneven_rel, meter, scales), findings
+    return _Comparison(seen, read, uneven_rel, meter, scales, calibration.field_rel), findings
 
 
 def _planes(

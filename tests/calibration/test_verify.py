@@ -154,9 +154,12 @@ def test_assumed_vignetting_is_part_of_the_tolerance_and_not_of_the_deviation(ca
         assert on_axis.tolerance_rel == own_tolerance_rel(own)
         assert in_corner.tolerance_rel == pytest.approx(own_tolerance_rel(own, 0.05))
         assert in_corner.tolerance_rel > 0.09
-    # A flat field's errors, alike at all places, are part of it too.
-    flat = RadialVignetting(0.0, 0.0, 0.0, slow_rel=0.01)
-    assert own_tolerance_rel(replace(own, vignetting=flat)) == pytest.approx(own_tolerance_rel(own, 0.01))
+    # So are a flat field's errors, alike at all places.
+    flat = replace(own, vignetting=RadialVignetting(0.0, 0.0, 0.0, slow_rel=0.01))
+    seen = {"": [replace(o, vignetting=flat.vignetting) for o in observations[""]]}
+    for with_flat, without in zip(verify(flat, seen, *others).patches, results[0], strict=True):
+        assert with_flat.expanded_rel == pytest.approx(without.expanded_rel)
+        assert with_flat.tolerance_rel == pytest.approx(own_tolerance_rel(own, 0.01))
 
 
 def test_what_cannot_be_compared_is_refused(calibration, camera):

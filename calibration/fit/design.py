@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
+from functools import cached_property
 from math import inf, sqrt
 from typing import Any
 
@@ -130,12 +131,12 @@ class Design:
         """Reading that belongs to each observation, shape (n,)."""
         return self.reading_cd_m2[self.patch]
 
-    @property
+    @cached_property
     def patch_rel(self) -> Array:
         """Independent relative standard uncertainty of each patch, shape (P,)."""
         return np.hypot(np.hypot(self.own_rel, self.uneven_rel), self.field_rel)
 
-    @property
+    @cached_property
     def same_patch(self) -> NDArray[np.bool_]:
         """Whether two observations are of one patch, shape (n, n)."""
         return np.equal.outer(self.patch, self.patch)
@@ -154,8 +155,15 @@ class Design:
 
     def patterns(self, level: Array, slope: Array) -> Array:
         """Effects of the shared errors on the luminances, shape (k, n)."""
-        rows = [one.relative * level + one.dn * slope + one.cd_m2 for one in self.shared]
-        return np.array(rows).reshape(-1, level.size)
+        relative, dn, cd_m2 = self._shared_arrays
+        return relative * level + dn * slope + cd_m2
+
+    @cached_property
+    def _shared_arrays(self) -> tuple[Array, Array, Array]:
+        """Shared errors relative to the luminance and in DN, shape (k, n), and in cd/m^2, shape (k, 1)."""
+        names, n = ("relative", "dn", "cd_m2"), self.net_dn.size
+        relative, dn, cd_m2 = (np.array([getattr(e, name) for e in self.shared]) for name in names)
+        return relative.reshape(-1, n), dn.reshape(-1, n), cd_m2.reshape(-1, 1)
 
     def with_shared(self, *errors: SharedError) -> Design:
         """Return the same with further shared errors."""
@@ -213,11 +221,15 @@ def build_design(
     slow = np.bincount(patch, weight * np.array([s.slow_rel for s in signals])) / total
     ordered, vignetting = [readings[name] for name in groups], observations[0].vignetting
     places = observations[0].state.image_shape, [group[0].centre_px for group in groups.values()]
+    zero = np.zeros(times.size)
     place, read_at = smooth_patterns(*places), tuple(r.read_at for r in ordered)
     of_signals: dict[str, Any] = {name: np.array([getattr(s, name) for s in signals]) for name in _OF_SIGNALS}
     shared = [
         *_dark_errors(observations, gain, settings),
-        *_exposure_errors(times, exposure_jitter_s),
+        *(
+            SharedError("exposure time", np.where(times == t, exposure_time_rel(t, exposure_jitter_s), 0.0), zero)
+            for t in exposures_s
+        ),
         *_place_errors(vignetting, place, vignetting_errors(vignetting, *places), patch),
         *_frame_errors(observations, signals, settings[0].noise.flicker_dof or inf),
         *_drift(observations, [read_at[i] for i in patch]),
@@ -251,11 +263,6 @@ def _dark_errors(
             steps = tuple(float(v) for v in parameters)
             errors.append(SharedError(DARK, np.zeros(len(observations)), dark_dn, steps, setting.gain_db))
     return errors
-
-
-def _exposure_errors(times_s: Array, jitter_s: float) -> list[SharedError]:
-    rows = [np.where(times_s == t, exposure_time_rel(t, jitter_s), 0.0) for t in np.unique(times_s)]
-    return [SharedError("exposure time", row, np.zeros(times_s.size)) for row in rows]
 
 
 def _place_errors(

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from ...core.errors import CalibrationError
-from .candidates import CandidateModel
+from .candidates import CandidateModel, Curve
 from .design import Array, Design
 
 _TOLERANCE = 1e-12
@@ -118,7 +118,8 @@ def solve(design: Design, candidate: CandidateModel) -> Solution:
 
     def standardised(scaled: Array) -> Array:
         parameters = scaled * scale
-        luminance, slope, _ = _evaluate(design, candidate, parameters, design.net_dn)
+        curve, factor = _evaluate(design, candidate, parameters)
+        luminance, slope = factor * curve.value, factor * curve.slope
         covariance = weighting.covariance(luminance, slope)
         if not np.isfinite(covariance).all():
             return np.full(luminance.size, _IMPOSSIBLE)
@@ -157,7 +158,11 @@ def _typical_rel(solution: Solution) -> float:
 def _solution(design: Design, candidate: CandidateModel, parameters: Array) -> Solution:
     if not candidate.rises(parameters[: candidate.n_parameters]):
         raise CalibrationError(f"the {candidate.kind} response does not rise with luminance: {_CHECK}")
-    luminance, slope, jacobian = _evaluate(design, candidate, parameters, design.net_dn)
+    curve, factor = _evaluate(design, candidate, parameters)
+    luminance, slope = factor * curve.value, factor * curve.slope
+    by_factor = np.equal.outer(design.gain, np.arange(1, parameters.size - candidate.n_parameters + 1))
+    by_gain = np.where(by_factor, (design.scale_per_s * curve.value)[:, None], 0.0)
+    jacobian = np.column_stack([factor[:, None] * curve.jacobian, by_gain])
     covariance = design.covariance(luminance, slope)
     normal = jacobian.T @ np.linalg.inv(_weighting(design, candidate).covariance(luminance, slope))
     by_shape = luminance * candidate.errors(design.net_dn)
@@ -188,16 +193,8 @@ def _start(design: Design, candidate: CandidateModel) -> Array:
     return np.concatenate([candidate.start(slopes[0]), np.array(slopes[1:]) / slopes[0]])
 
 
-def _evaluate(
-    design: Design, candidate: CandidateModel, parameters: Array, net_dn: Array
-) -> tuple[Array, Array, Array]:
-    """Luminances, slopes and Jacobian at signals."""
+def _evaluate(design: Design, candidate: CandidateModel, parameters: Array) -> tuple[Curve, Array]:
+    """Curve of the candidate at the signals, and what it is multiplied with."""
     n = candidate.n_parameters
     inverse_factor = np.concatenate([[1.0], parameters[n:]])[design.gain]
-    curve = candidate.curve(parameters[:n], net_dn)
-    scale = design.scale_per_s * inverse_factor
-    by_factor = [
-        np.where(design.gain == g + 1, design.scale_per_s * curve.value, 0.0) for g in range(len(parameters) - n)
-    ]
-    jacobian = np.column_stack([scale[:, None] * curve.jacobian, *by_factor])
-    return scale * curve.value, scale * curve.slope, jacobian
+    return candidate.curve(parameters[:n], design.net_dn), design.scale_per_s * inverse_factor

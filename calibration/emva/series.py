@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from math import sqrt
 
 from ..frames.rounding import ROUNDING_DN2
@@ -38,15 +38,8 @@ class Level:
     @classmethod
     def of(cls, s: FrameStatistics) -> Level:
         """Values of frame statistics, without their images."""
-        return cls(
-            s.mean_dn,
-            s.temporal_variance_dn2,
-            s.n_pixels,
-            s.frame_means_dn,
-            s.saturated_share,
-            s.black_share,
-            s.multiple,
-        )
+        names = (one.name for one in fields(cls) if one.name != "variance_dn2")
+        return cls(variance_dn2=s.temporal_variance_dn2, **{name: getattr(s, name) for name in names})
 
     @property
     def n_frames(self) -> int:

@@ -28,9 +28,8 @@ DARK, DRIFT = "dark and temperature", "drift"
 #: Relative standard uncertainty of light, camera and meter by their drift within an hour, or a longer session, unless
 #: the readings show more: lamps that have warmed up keep to about 1 %.
 DRIFT_REL = 0.01
-#: Arrays of a design that signals have, too.
+#: Arrays of a design that signals have, too; and those that have one value for each patch.
 _OF_SIGNALS = ("net_dn", "scale_per_s", "noise_variance_dn2", "dark_nonuniformity_dn")
-#: Arrays that have one value for each patch.
 _OF_PATCHES = ("reading_cd_m2", "reading_variance", "own_rel", "uneven_rel", "place")
 
 
@@ -279,13 +278,12 @@ def _frame_errors(
     observations: Sequence[PatchObservation], signals: Sequence[NetSignal], flicker_dof: float
 ) -> list[SharedError]:
     """Flicker of the light and drift of the black level, common to all patches of the same frames."""
-    numbers: dict[object, int] = {}
-    frames = np.array([numbers.setdefault(o.frames, len(numbers)) for o in observations])
+    frames = [o.frames for o in observations]
     flicker, black = (np.array([getattr(s, name) for s in signals]) for name in ("flicker_rel", "black_level_dn"))
-    zero = np.zeros(frames.size)
+    zero = np.zeros(len(frames))
     errors = []
-    for number in numbers.values():
-        own = frames == number
+    for one in dict.fromkeys(frames):
+        own = np.array([other == one for other in frames])
         errors.append(SharedError(FLICKER, np.where(own, flicker, 0.0), zero, dof=flicker_dof))
         errors.append(SharedError("black level", zero, np.where(own, black, 0.0)))
     return [e for e in errors if e.relative.any() or e.dn.any()]

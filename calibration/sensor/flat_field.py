@@ -35,27 +35,16 @@ class MeasuredVignetting:
         The measured map.
     radial : RadialVignetting
         The polynomial through it.
-    prnu_rel : float
-        Standard deviation of the responsivity from pixel to pixel, noise removed (EMVA 1288: PRNU).
-    not_radial_rel : float
-        Standard deviation of smooth residuals of the polynomial, noise removed.
     chosen : FlatField or RadialVignetting
         Selected vignetting.
-    reason : Finding
-        Reason.
-    n_replaced : int
-        Pixels without a usable value, replaced by their neighbours'; to be included in the defect map.
     findings : tuple of Finding
-        Findings on steps, spots and other artefacts.
+        The reason, with the standard deviations of the responsivity from pixel to pixel (EMVA 1288: PRNU) and of smooth
+        residuals of the polynomial, noise removed; then steps, spots and other artefacts.
     """
 
     flat: FlatField
     radial: RadialVignetting
-    prnu_rel: float
-    not_radial_rel: float
     chosen: FlatField | RadialVignetting
-    reason: Finding
-    n_replaced: int
     findings: tuple[Finding, ...]
 
 
@@ -64,7 +53,6 @@ def measure_vignetting(
     darks: Sequence[MeasuredFrames],
     source_nonuniformity_rel: float,
     response: Response | None = None,
-    centre_px: tuple[float, float] | None = None,
 ) -> MeasuredVignetting:
     """Make a flat field from frames of a uniform source, fit the radial polynomial, and select one of them.
 
@@ -82,8 +70,6 @@ def measure_vignetting(
         Relative standard uncertainty of the source's uniformity by its certificate, for example 0.01.
     response : Response or None
         Response of the camera; None for linear.
-    centre_px : (float, float) or None
-        Optical axis (x, y) in pixels; None for the middle of the image.
 
     Raises
     ------
@@ -98,25 +84,17 @@ def measure_vignetting(
             f"{unknown.mean():.1%} of the pixels are saturated or black in all light frames: add a shorter or longer "
             "exposure, best with the source at half of saturation"
         )
-    relative, n_replaced = _repaired(level / level[middle_of(level.shape)].mean(), unknown)
     scale = level[middle_of(level.shape)].mean()
+    relative = _repaired(level / scale, unknown)
     random_rel = float(np.median(np.sqrt(mean_variance) / scale / relative))
     relative /= relative[middle_of(relative.shape)].mean()
     n_frames = sum(light.statistics.n_frames for light in lights)
     flat = FlatField(relative.astype(np.float32), random_rel, source_nonuniformity_rel, n_frames)
-    radial, not_radial_rel = _fit_radial(relative, random_rel, source_nonuniformity_rel, centre_px)
+    radial, not_radial_rel = _fit_radial(relative, random_rel, source_nonuniformity_rel)
     prnu_rel = pixel_pattern(relative, random_rel)
     chosen, reason = _choice(flat, radial, prnu_rel, not_radial_rel)
-    return MeasuredVignetting(
-        flat=flat,
-        radial=radial,
-        prnu_rel=prnu_rel,
-        not_radial_rel=not_radial_rel,
-        chosen=chosen,
-        reason=reason,
-        n_replaced=n_replaced,
-        findings=structure_findings(relative, radial, hypot(random_rel, prnu_rel)),
-    )
+    findings = structure_findings(relative, radial, hypot(random_rel, prnu_rel))
+    return MeasuredVignetting(flat, radial, chosen, (reason, *findings))
 
 
 def _signals(
@@ -177,7 +155,7 @@ def _averaged(
     return total / weight, 1 / weight, unknown
 
 
-def _repaired(relative: NDArray[np.float64], unknown: NDArray[np.bool_]) -> tuple[NDArray[np.float64], int]:
+def _repaired(relative: NDArray[np.float64], unknown: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Give pixels without a usable value that of their neighbours."""
     import cv2
 
@@ -185,12 +163,10 @@ def _repaired(relative: NDArray[np.float64], unknown: NDArray[np.bool_]) -> tupl
     bad = unknown | (relative < _DEAD * around)
     if around.min() <= 0:
         raise CalibrationError("parts of the light frames are not brighter than the dark ones: light the whole sensor")
-    return np.where(bad, around, relative), int(np.count_nonzero(bad))
+    return np.where(bad, around, relative)
 
 
-def _fit_radial(
-    relative: NDArray[np.float64], random_rel: float, slow_rel: float, centre_px: tuple[float, float] | None
-) -> tuple[RadialVignetting, float]:
+def _fit_radial(relative: NDArray[np.float64], random_rel: float, slow_rel: float) -> tuple[RadialVignetting, float]:
     """Least-squares fit of b0 (1 + a2 r^2 + a4 r^4 + a6 r^6) to means of blocks, with relative errors.
 
     Residuals are treated as noise.
@@ -198,7 +174,7 @@ def _fit_radial(
     The covariance of the coefficients follows from the residuals (GUM, H.3), b0 being fixed by the middle.
     """
     shape = (relative.shape[0], relative.shape[1])
-    r2 = block_means(RadialVignetting(0, 0, 0, centre_px).squared_radius(shape))
+    r2 = block_means(RadialVignetting(0, 0, 0).squared_radius(shape))
     means = block_means(relative)
     pixels = relative.size / means.size
     design = np.column_stack([r2.ravel() ** power for power in range(4)])
@@ -218,7 +194,7 @@ def _fit_radial(
     not_radial = sqrt(variance - of_noise) if significant else 0.0
     a2, a4, a6 = coefficients.tolist()
     rows = tuple((float(a), float(b), float(c)) for a, b, c in covariance)
-    return RadialVignetting(a2, a4, a6, centre_px, rows, hypot(slow_rel, not_radial)), not_radial
+    return RadialVignetting(a2, a4, a6, None, rows, hypot(slow_rel, not_radial)), not_radial
 
 
 def _choice(

@@ -221,8 +221,7 @@ class UniformLight:
                 max(self.darks[plane], key=lambda s: s.exposure_s).statistics,
                 max(unclipped, key=lambda s: s.statistics.mean_dn).statistics,
             )
-            findings = (vignetting.reason, *vignetting.findings)
-            result[plane] = Corrections(vignetting.chosen, defects, findings=findings)
+            result[plane] = Corrections(vignetting.chosen, defects, findings=vignetting.findings)
         return result
 
     def linearised(self, responses: Mapping[str | None, Response]) -> dict[str | None, AnyVignetting]:

@@ -95,10 +95,8 @@ def coverage_probability(half_width: float, rectangular_half_width: float, stand
     return min(max(2 * distribution - 1, 0.0), 1.0)
 
 
-def expanded_half_width(
-    rectangular_half_width: float, standard_uncertainty: float, probability: float = COVERAGE
-) -> float:
-    """Half-width w of the interval that contains U + N with `probability`; see `coverage_probability`.
+def expanded_half_width(rectangular_half_width: float, standard_uncertainty: float) -> float:
+    """Half-width w of the interval that contains U + N with a probability of 95 %; see `coverage_probability`.
 
     Two standard uncertainties would be too wide where the rectangular part dominates: 95 % of it lies within
     1.65 of its standard deviations.
@@ -107,13 +105,11 @@ def expanded_half_width(
     ----------
     rectangular_half_width, standard_uncertainty : float
         Of the rectangular part U and of the normal part N, in one unit, at least 0.
-    probability : float
-        Between 0 and 1, both excluded.
 
     Raises
     ------
     InputError
-        If a value is negative or not finite, or the probability is not between 0 and 1.
+        If a value is negative or not finite.
     """
     for name, value in (
         ("rectangular_half_width", rectangular_half_width),
@@ -121,8 +117,6 @@ def expanded_half_width(
     ):
         if not (isfinite(value) and value >= 0):
             raise InputError(f"{name} is {value}: give a finite number of at least 0")
-    if not 0 < probability < 1:
-        raise InputError(f"probability is {probability}: give a number between 0 and 1, such as 0.95")
     if rectangular_half_width == 0 and standard_uncertainty == 0:
         return 0.0
 
@@ -131,7 +125,7 @@ def expanded_half_width(
     unit = max(rectangular_half_width, standard_uncertainty)
     a, s = rectangular_half_width / unit, standard_uncertainty / unit
     widest = a + 10 * s  # leaves out less than 1e-22
-    return unit * float(brentq(lambda w: coverage_probability(w, a, s) - probability, 0.0, widest, xtol=1e-12))
+    return unit * float(brentq(lambda w: coverage_probability(w, a, s) - COVERAGE, 0.0, widest, xtol=1e-12))
 
 
 def _integral_of_phi(z: float) -> float:

@@ -1,7 +1,6 @@
 """The meter: certificate or data sheet, its mismatch, and what of it cancels."""
 
 from dataclasses import replace
-from datetime import date
 from math import sqrt
 
 import numpy as np
@@ -14,14 +13,11 @@ from labcdp.calibration.setup import MeterScale, corrected, meter_scale
 from labcdp.calibration.uncertainty import expanded_rel
 from labcdp.core.errors import CalibrationError
 from labcdp.core.reading import MeterIdentity
-from labcdp.session import MeterCertificate
 
 from .conftest import FEW_CD_M2, FEW_S, METER, bench, codes, make_reading, row
+from .test_verify import CERTIFICATE as PLAIN
 
-CERTIFICATE = MeterCertificate(
-    number="42", laboratory="PTB", date=date(2018, 1, 10), due_date=date(2019, 1, 10), correction=1.01,
-    expanded_uncertainty_rel=0.008, coverage_factor=2.0,
-)  # fmt: skip
+CERTIFICATE = PLAIN.model_copy(update={"correction": 1.01, "degrees_of_freedom": None})
 
 
 @pytest.fixture

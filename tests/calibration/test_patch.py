@@ -43,14 +43,10 @@ def test_the_scale_cancels_in_a_contrast_and_the_dark_signal_does_not(calibrated
     assert contrast_uncertainty(bright, dark) < 400 * 0.02 / np.sqrt(3)
 
 
-def test_saturated_exposure_is_left_out_and_named(calibrated, camera):
+def test_saturated_exposures_are_left_out_and_luminances_outside_the_range_named(calibrated, camera):
     patch = patch_luminance(calibrated, seen(camera, 300.0))
-    assert patch.luminance_cd_m2 == pytest.approx(300.0)
-    assert patch.exposures_s == (0.001, 0.008)
+    assert (patch.luminance_cd_m2, patch.exposures_s) == (pytest.approx(300.0), (0.001, 0.008))
     assert codes(patch) == {"exposure-saturated"}
-
-
-def test_luminance_outside_the_range_is_reported_and_saturation_throughout_is_refused(calibrated, camera):
     for luminance in (0.3, 2500.0):
         assert "luminance-outside-range" in codes(patch_luminance(calibrated, seen(camera, luminance)))
     with pytest.raises(CalibrationError, match=r"no exposure gives .* \(patch 'wall': saturated at 1 ms"):

@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from datetime import date
 
 import numpy as np
 import pytest
@@ -14,13 +13,9 @@ from labcdp.calibration.sensor.defects import Defect, DefectMap
 from labcdp.core.errors import InputError
 from labcdp.core.result import warning
 from labcdp.core.vignetting import Cos4Vignetting, RadialVignetting
-from labcdp.session import MeterCertificate
 
 from .conftest import STATE, flat_field, large_dark_library
-
-CERTIFICATE = MeterCertificate(
-    number="1 ü", laboratory="PTB", date=date(2018, 1, 1), due_date=date(2019, 1, 1), expanded_uncertainty_rel=0.008
-)
+from .test_verify import CERTIFICATE
 
 
 def maps(seed=1):

@@ -16,17 +16,12 @@ DARK = DarkModel(64.0, 40.0, ((0.0,) * 3,) * 3, 1.5, 0.0, (0.01,))
 SETTINGS = (GainSetting(0.0, 1.0, 0.0, DARK, TemporalNoise(0.25, 1.5)),)
 
 
-def test_rounding_does_not_average_down(camera):
-    still = replace(camera.observe("grey", 10.0, 0.01, None), temporal_variance_dn2=0.0)
-    settings = [replace(SETTINGS[0], dark=replace(DARK, noise_dn=0.0), noise=TemporalNoise(0.0, 0.0))]
-    assert net_signal(still, settings).noise_variance_dn2 == pytest.approx(1 / 12)
-
-
-def test_flicker_and_drift_average_over_the_frames_only(camera):
-    settings = [
-        replace(SETTINGS[0], dark=replace(DARK, drift_dn=0.5), noise=TemporalNoise(0.25, 1.5, flicker_rel=0.01))
-    ]
-    signal = net_signal(camera.observe("grey", 10.0, 0.01, None), settings)
+def test_rounding_does_not_average_down_and_flicker_and_drift_over_the_frames_only(camera):
+    seen, dark = camera.observe("grey", 10.0, 0.01, None), replace(DARK, noise_dn=0.0, drift_dn=0.5)
+    still = [replace(SETTINGS[0], dark=dark, noise=TemporalNoise(0.0, 0.0))]
+    rounded = net_signal(replace(seen, temporal_variance_dn2=0.0), still)
+    assert rounded.noise_variance_dn2 == pytest.approx(1 / 12)
+    signal = net_signal(seen, [replace(SETTINGS[0], dark=dark, noise=TemporalNoise(0.25, 1.5, flicker_rel=0.01))])
     assert signal.frames_variance_dn2 == pytest.approx((0.01 * 120 / 2) ** 2 + (0.5 / 2) ** 2)
 
 

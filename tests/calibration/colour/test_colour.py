@@ -183,6 +183,9 @@ def test_noise_of_planes_is_no_colour(fitted, bench):
         own = np.square([one.random_rel for one in pair]).sum()
         shares.append(np.sum((rows[0] - rows[1]) ** 2) / own)
     assert np.mean(shares) < 0.06
+    # Their sum is that of the readings: a weighted mean.
+    u = [row.residual_rel / row.standardised_residual for row in calibration.residuals]
+    assert np.sum(calibration.weight_covariance) == pytest.approx(1 / np.sum(1 / np.square(u)), rel=0.02)
 
 
 def test_a_window_of_a_frame_is_that_of_the_whole(fitted):

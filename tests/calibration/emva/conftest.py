@@ -53,6 +53,10 @@ class Recording:
     multiply: int = 1
 
 
+#: Of a few pixels, and of few levels.
+SMALL, SHORT = KnownCamera(shape=(24, 32)), Recording(levels=10, stack=4)
+
+
 def write_data_set(folder, camera=KnownCamera(), how=Recording()):
     """Write a data set with exposures of 1 to 20 ms; returns its index."""
     rng = np.random.default_rng(camera.seed + 100)

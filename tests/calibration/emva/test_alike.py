@@ -10,10 +10,7 @@ import pytest
 from labcdp.calibration.emva import characterise_data_set
 from labcdp.core.errors import InputError
 
-from .conftest import KnownCamera, Recording, write_data_set, write_image
-
-SMALL = KnownCamera(shape=(24, 32))
-SHORT = Recording(levels=10, stack=4)
+from .conftest import SHORT, SMALL, KnownCamera, write_data_set, write_image
 
 
 @pytest.fixture(scope="module")

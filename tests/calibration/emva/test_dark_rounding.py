@@ -25,7 +25,7 @@ def test_moments_of_rounded_values_by_brute_force(deviation, place):
     assert mean_before_rounding(float(mean[0]), deviation**2) == pytest.approx(place, abs=0.01) or deviation < 0.1
 
 
-@pytest.mark.parametrize(("black_level_dn", "read_noise_e"), [(20.0, 4.25), (20.5, 4.25), (20.7, 7.5)])
+@pytest.mark.parametrize(("black_level_dn", "read_noise_e"), [(20.0, 4.25), (20.1, 4.25), (20.5, 4.25), (20.7, 7.5)])
 def test_uncertainties_hold_what_rounding_hides(tmp_path, black_level_dn, read_noise_e):
     camera = replace(QUIET, black_level_dn=black_level_dn, read_noise_e=read_noise_e)
     found = characterise_data_set(write_data_set(tmp_path / "set", camera, Recording(levels=10, stack=4)))
@@ -36,12 +36,9 @@ def test_uncertainties_hold_what_rounding_hides(tmp_path, black_level_dn, read_n
         (found.dsnu_e, camera.dsnu_e),
     ):
         assert abs(quantity.value - truth) < 3 * quantity.standard_uncertainty, quantity
-    assert "dark-noise-rounded" in [one.code for one in found.findings]
-
-
-def test_below_the_standards_least_variance_read_noise_is_an_upper_limit(tmp_path):
-    camera = replace(QUIET, black_level_dn=20.1)
-    found = characterise_data_set(write_data_set(tmp_path / "set", camera, Recording(levels=10, stack=4)))
-    assert found.dark_noise_e.value > camera.read_noise_e
-    assert found.dark_noise_e.standard_uncertainty > 0.3 * found.dark_noise_e.value
-    assert "read-noise-upper-limit" in [one.code for one in found.findings]
+    codes = [one.code for one in found.findings]
+    assert "dark-noise-rounded" in codes
+    if black_level_dn == 20.1:  # below the standard's least variance
+        assert found.dark_noise_e.value > camera.read_noise_e
+        assert found.dark_noise_e.standard_uncertainty > 0.3 * found.dark_noise_e.value
+        assert "read-noise-upper-limit" in codes

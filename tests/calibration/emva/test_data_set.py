@@ -6,10 +6,8 @@ import pytest
 
 from labcdp.calibration.emva import characterise_data_set
 
-from .conftest import KnownCamera, Recording, write_data_set
+from .conftest import SHORT, SMALL, KnownCamera, write_data_set
 
-SMALL = KnownCamera(shape=(24, 32))
-SHORT = Recording(levels=10, stack=4)
 #: Of a value within its stated uncertainty; one in 15 000 beyond.
 SIGMAS = 4.0
 

@@ -3,20 +3,18 @@ from math import sqrt
 import numpy as np
 import pytest
 
-from labcdp.calibration import CameraState, DarkObservation
+from labcdp.calibration import DarkObservation
 from labcdp.calibration.emva import Level, Quantity, SeriesPoint
 from labcdp.calibration.emva.quantities import fit_dark_current
 from labcdp.calibration.emva.transfer import find_saturation, linearity, system_gain
-from labcdp.core.frame import CameraIdentity
+
+from ..conftest import STATE
 
 K, R, DARK_VARIANCE, PIXELS = 0.25, 0.1, 4.0, 5000
 COVERED = 1.959963984540054
 RUNS = 300
 #: Four standard deviations of a share of 95 % in so many runs; a widened uncertainty covers a little more.
 TOLERANCE = 4 * sqrt(0.95 * 0.05 / RUNS)
-
-
-STATE = CameraState(CameraIdentity("", "", ""), "", 12, (50, 100), 0.0, 4095.0, 20.0)
 
 
 def level(mean_dn, variance_dn2):

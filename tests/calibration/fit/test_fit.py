@@ -103,6 +103,7 @@ def test_a_wrong_exposure_time_is_reported(camera, setup):
     [
         ("drift", lambda k: 1 + 0.05 * k / 12, -0.05, "drift", 0.0),
         ("meter step", lambda k: 1 + 0.02 * (k > 5), 0.02, "readings-step", 0.0095 / sqrt(3)),
+        ("meter step", lambda k: 1 + 0.0039 * (k > 5), 0.0039, "readings-step", 0.0),
     ],
 )
 def test_readings_that_change_with_time_are_found(camera, setup, name, factor, value, code, least_rel):

@@ -20,7 +20,7 @@ from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 
-from bench_grab import ADDRESS, camera
+from bench_grab import ADDRESS, Camera
 
 from labcdp.acquire.recording import FrameWriter
 from labcdp.core.clock import SystemClock
@@ -61,7 +61,7 @@ def record(folder: Path, frame_rate_hz: float, n_busy: int = 0) -> None:
     refused: list[CameraError] = []
     with (
         busy(n_busy),
-        camera(WIDTH, HEIGHT, frame_rate_hz),
+        Camera(WIDTH, HEIGHT, frame_rate_hz),
         open_camera(ADDRESS) as opened,
         Session.create(folder / f"session {frame_rate_hz:g} {n_busy}", configuration) as session,
     ):

@@ -1,11 +1,14 @@
 """Frames per second and processor time per frame, beside Debian's arv-camera-test on the same simulated camera.
 
 Run ``python benchmarks/bench_grab.py``. A simulated camera in a process of its own streams over GigE Vision on
-loopback, with priority where that is permitted; arv-camera-test and labcdp take turns receiving from it, and each ratio
-is the median of those of the rounds. The rate is compared where the camera sends as fast as it can, the processor time
-also at the 15 frames/s of a Manta. Processor time is that of the receiving process alone, its start left out. The last
-line grabs small frames and tells how many were lost, and whether memory, file descriptors and threads grew on the way.
-``python benchmarks/bench_grab.py small`` does that alone.
+loopback; arv-camera-test and labcdp take turns receiving from it, and each ratio is the median of those of the rounds.
+Camera and both threads that receive packets have priority where that is permitted. Both receivers are watched from
+outside in the same way, once every buffer has been filled: start, stop and memory used for the first time are left out.
+Processor time is that of the whole process; frames are those that the camera sends meanwhile, less the share that was
+lost. Where one lost more than a few per mille, the computer did something else, and the ratios say nothing.
+
+The last line grabs small frames and tells how many were lost, and whether memory, file descriptors and threads grew on
+the way. ``python benchmarks/bench_grab.py small`` does that alone.
 """
 
 from __future__ import annotations
@@ -14,24 +17,26 @@ import argparse
 import os
 import re
 import resource
+import signal
 import subprocess
 import sys
 import time
 from contextlib import suppress
-from dataclasses import dataclass
 from itertools import pairwise
 from statistics import median
+from typing import NamedTuple, Self
 
 import numpy as np
+import psutil
 from numpy.typing import NDArray
 
 from labcdp.drivers import open_camera
 from labcdp.drivers.simulated import SimulatedDevice, SimulatedGigECamera
 
 SERIAL, ADDRESS = "SIM-BENCH", "127.0.0.1"
-#: Seconds of a short and a long run, whose difference leaves out the start.
-SHORT_S, LONG_S = 2, 8
-ROUNDS = 4
+#: Frames before a receiver is watched, more than either has buffers, and for how long it is watched.
+N_SETTLING, WATCHED_S = 100, 5.0
+ROUNDS = 6
 N_SMALL_FRAMES = 20_000
 SMALL_RATE_HZ = 500.0
 #: Label, width, height, pixel format, frame rate asked for.
@@ -46,22 +51,15 @@ class Still:
     """One picture for ever: the camera's side shall cost little."""
 
     state = 0
+    n_sent = 0
 
     def __init__(self, height: int, width: int) -> None:
         self._dn = np.random.default_rng(1).integers(0, 4096, (height, width), dtype=np.uint16)
 
     def expose(self, exposure_s: float, gain_db: float, index: int) -> NDArray[np.uint16]:
         """Return the picture."""
+        self.n_sent += 1
         return self._dn
-
-
-@dataclass(frozen=True)
-class Run:
-    """What a receiver did."""
-
-    frames: int
-    wall_s: float
-    cpu_s: float
 
 
 def serve(width: int, height: int, frame_rate_hz: float) -> None:
@@ -69,21 +67,21 @@ def serve(width: int, height: int, frame_rate_hz: float) -> None:
     with suppress(PermissionError):
         os.setpriority(os.PRIO_PROCESS, 0, -10)
     device = SimulatedDevice(SERIAL, width=width, height=height, frame_rate_hz=frame_rate_hz)
-    with SimulatedGigECamera(device, Still(height, width)):
+    still = Still(height, width)
+    with SimulatedGigECamera(device, still):
         print("ready", flush=True)
-        sys.stdin.read()
+        for _ in sys.stdin:
+            print(still.n_sent, flush=True)
 
 
-def receive(seconds: float, pixel_format: str, frame_rate_hz: float) -> None:
-    """Grab for a while and print frames, time and processor time."""
+def receive(pixel_format: str, frame_rate_hz: float) -> None:
+    """Grab until interrupted, and print Aravis' counter of complete frames as arv-camera-test does."""
     with open_camera(ADDRESS) as camera:
         camera.configure(pixel_format=pixel_format, exposure_s=100e-6, frame_rate_hz=frame_rate_hz)
-        start, cpu, frames = time.perf_counter(), time.process_time(), 0
-        for _ in camera.grab(10**9, on_refused=lambda _error: None):
-            frames += 1
-            if time.perf_counter() - start > seconds:
-                break
-        print(frames, time.perf_counter() - start, time.process_time() - cpu)
+        with suppress(KeyboardInterrupt):
+            for _ in camera.grab(10**9, on_refused=lambda _error: None):
+                pass
+        print(f"n_completed_buffers = {camera.statistics.completed}")
 
 
 def receive_many(frames: int) -> None:
@@ -102,68 +100,90 @@ def receive_many(frames: int) -> None:
     print(sum((after - before) % 65535 - 1 for before, after in pairwise(ids)), len(refused))
 
 
-def ours(seconds: float, pixel_format: str, frame_rate_hz: float) -> Run:
-    command = [sys.executable, __file__, "receive", str(seconds), pixel_format, str(frame_rate_hz)]
-    frames, wall_s, cpu_s = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
-    return Run(int(frames), float(wall_s), float(cpu_s))
+def ours(pixel_format: str, frame_rate_hz: float) -> list[str]:
+    return [sys.executable, __file__, "receive", pixel_format, str(frame_rate_hz)]
 
 
-def theirs(seconds: int, pixel_format: str, frame_rate_hz: float) -> Run:
-    used, began_s = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-    command = [
-        "arv-camera-test-0.8", "-n", ADDRESS, "-a", "-f", str(frame_rate_hz), "-e", "100", f"--duration={seconds}",
+def theirs(pixel_format: str, frame_rate_hz: float) -> list[str]:
+    return [
+        "arv-camera-test-0.8", "-n", ADDRESS, "-a", "-f", str(frame_rate_hz), "-e", "100", "--high-priority",
         f"--features=PixelFormat={pixel_format}",
     ]  # fmt: skip
-    text = subprocess.run(command, check=True, capture_output=True, text=True).stdout
-    # Its seconds are ticks of a timer, which come late on a busy computer.
-    wall_s, after = time.perf_counter() - began_s, resource.getrusage(resource.RUSAGE_CHILDREN)
-    completed = re.search(r"n_completed_buffers\s*=\s*(\d+)", text)
-    assert completed, text
-    cpu_s = after.ru_utime + after.ru_stime - used.ru_utime - used.ru_stime
-    return Run(int(completed[1]), wall_s, cpu_s)
 
 
-def rate_and_cost(receiver, pixel_format: str, frame_rate_hz: float) -> tuple[float, float]:  # type: ignore[no-untyped-def]
-    """Frames per second and processor milliseconds per frame, from the difference of two runs."""
-    # The first run pays for memory that the other receiver's did not use, as much as 0.7 s in a virtual machine.
-    _, short, long = (receiver(seconds, pixel_format, frame_rate_hz) for seconds in (SHORT_S, SHORT_S, LONG_S))
-    frames = long.frames - short.frames
-    return frames / (long.wall_s - short.wall_s), 1e3 * (long.cpu_s - short.cpu_s) / frames
-
-
-def compare(label: str, width: int, height: int, pixel_format: str, frame_rate_hz: float) -> None:
-    rounds = []
-    with camera(width, height, frame_rate_hz):
-        for number in range(ROUNDS):
-            # What else the computer does changes meanwhile: each is first as often as the other.
-            first, second = (theirs, ours) if number % 2 else (ours, theirs)
-            found = {one: rate_and_cost(one, pixel_format, frame_rate_hz) for one in (first, second)}
-            rounds.append((*found[theirs], *found[ours]))
-    rate, cost, own_rate, own_cost = (median(column) for column in zip(*rounds, strict=True))
-    faster, dearer = (median(row[2 + which] / row[which] for row in rounds) for which in (0, 1))
-    print(
-        f"{label:38s}  {rate:7.1f}/s  {own_rate:7.1f}/s  {faster:5.2f}   "
-        f"{cost:6.2f} ms  {own_cost:6.2f} ms  {dearer:5.2f}"
-    )
-
-
-class camera:  # noqa: N801
+class Camera:
     """The simulated camera in a process of its own while the context lasts."""
 
     def __init__(self, width: int, height: int, frame_rate_hz: float) -> None:
         self._command = [sys.executable, __file__, "serve", str(width), str(height), str(frame_rate_hz)]
 
-    def __enter__(self) -> None:
+    def __enter__(self) -> Self:
         self._process = subprocess.Popen(self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         assert self._process.stdout is not None
         assert self._process.stdout.readline() == "ready\n"
+        return self
 
     def __exit__(self, *exc: object) -> None:
         self._process.communicate()
 
+    @property
+    def n_sent(self) -> int:
+        """Frames it has sent."""
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.write("\n")
+        self._process.stdin.flush()
+        return int(self._process.stdout.readline())
+
+
+class Run(NamedTuple):
+    """What a receiver did."""
+
+    rate_hz: float
+    cost_ms: float
+    lost_percent: float
+
+
+def watch(command: list[str], sender: Camera) -> Run:
+    """Run a receiver and watch it from outside."""
+    n_before = sender.n_sent
+    receiver = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    while sender.n_sent < n_before + N_SETTLING and receiver.poll() is None:
+        time.sleep(0.1)
+    seen = []
+    for pause_s in (0.0, WATCHED_S):
+        time.sleep(pause_s)
+        used = psutil.Process(receiver.pid).cpu_times()
+        seen.append((time.perf_counter(), sender.n_sent, used.user + used.system))
+    receiver.send_signal(signal.SIGINT)
+    text, errors = receiver.communicate()
+    completed = re.search(r"n_completed_buffers\s*=\s*(\d+)", text)
+    assert completed, text + errors
+    complete = min(1.0, int(completed[1]) / (sender.n_sent - n_before))
+    wall_s, sent, cpu_s = (end - start for start, end in zip(*seen, strict=True))
+    return Run(sent * complete / wall_s, 1e3 * cpu_s / (sent * complete), 100 * (1 - complete))
+
+
+def compare(label: str, width: int, height: int, pixel_format: str, frame_rate_hz: float) -> None:
+    rounds = []
+    with Camera(width, height, frame_rate_hz) as sender:
+        for number in range(ROUNDS):
+            # What else the computer does changes meanwhile: each is first as often as the other.
+            order = (theirs, ours) if number % 2 else (ours, theirs)
+            found = {one: watch(one(pixel_format, frame_rate_hz), sender) for one in order}
+            rounds.append((found[theirs], found[ours]))
+    print(label)
+    for name, of in (("frames/s", 0), ("processor ms a frame", 1), ("lost %", 2)):
+        pairs = [(other[of], own[of]) for other, own in rounds]
+        line = f"  {name:22s}" + "".join(f"{median(column):9.2f}" for column in zip(*pairs, strict=True))
+        if of < 2:
+            ratios = [own / other for other, own in pairs]
+            line += f"   ratio {median(ratios):.2f}, {min(ratios):.2f} to {max(ratios):.2f}"
+        print(line, flush=True)
+
 
 def small_frames() -> None:
-    with camera(256, 256, SMALL_RATE_HZ):
+    with Camera(256, 256, SMALL_RATE_HZ):
         command = [sys.executable, __file__, "many", str(N_SMALL_FRAMES)]
         text = subprocess.run(command, check=True, capture_output=True, text=True).stdout
     *seen, (lost, refused) = [tuple(map(int, line.split())) for line in text.splitlines()]
@@ -184,14 +204,14 @@ def main() -> None:
     match arguments.role, arguments.values:
         case "serve", [width, height, rate]:
             serve(int(width), int(height), float(rate))
-        case "receive", [seconds, pixel_format, rate]:
-            receive(float(seconds), pixel_format, float(rate))
+        case "receive", [pixel_format, rate]:
+            receive(pixel_format, float(rate))
         case "many", [frames]:
             receive_many(int(frames))
         case "small", []:
             small_frames()
         case _:
-            print(f"{'':38s}  arv-camera-test  labcdp  ratio  arv-camera-test   labcdp  ratio")
+            print("medians of arv-camera-test and of labcdp, and labcdp as a multiple of the other in each round")
             for stream in STREAMS:
                 compare(*stream)
             small_frames()

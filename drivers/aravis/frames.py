@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ...core.dn import PixelFormat
 from ..camera import CameraSettingError, IncompleteFrameError
-from ..camera_settings import CameraSettings
+from ..camera_settings import FREE_RUN, CameraSettings
 from .library import aravis
 
 _log = logging.getLogger(__name__)
@@ -23,6 +23,8 @@ _SHORT_S, _LONG_S = 0.5, 1.0
 _POOL_BYTES = 256 * 2**20
 _FEWEST, _MOST = 6, 512
 _PAGE_BYTES = 4096
+#: Time over which fast frames are gathered: waking for each costs several times as much as a frame that waits already.
+_GATHERED_S = 0.03
 
 
 def pool_size(payload_bytes: int, frame_rate_hz: float | None, n_frames: int) -> int:
@@ -30,6 +32,15 @@ def pool_size(payload_bytes: int, frame_rate_hz: float | None, n_frames: int) ->
     rate = frame_rate_hz or 0.0
     wanted = min(max(n_frames, round(rate * _SHORT_S)), round(rate * _LONG_S))
     return max(_FEWEST, min(wanted, _MOST, _POOL_BYTES // max(1, payload_bytes)))
+
+
+def gather_s(settings: CameraSettings, n_frames: int) -> float:
+    """Return the time in which several of `n_frames` arrive from a fast camera; 0 to take each as it arrives."""
+    rate_hz = settings.frame_rate_hz
+    if rate_hz is None or settings.trigger != FREE_RUN:
+        return 0.0
+    n_gathered = min(n_frames, int(rate_hz * _GATHERED_S))
+    return n_gathered / rate_hz if n_gathered > 1 else 0.0
 
 
 class _Slot(NamedTuple):

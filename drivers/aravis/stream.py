@@ -13,7 +13,7 @@ from ..camera_settings import CameraSettings
 from ..computer import enlarge_receive_buffer, has_packet_sockets, overload, raise_priority
 from ..device import on_error
 from ..network import stream_causes
-from .frames import BufferPool, FrameCheck, arrival, pool_size, refusal
+from .frames import BufferPool, FrameCheck, arrival, gather_s, pool_size, refusal
 from .library import aravis, received_bytes
 from .link import Link
 from .settings import layout_of, temperature_c
@@ -86,6 +86,7 @@ class FrameStream:
         self._layout = layout_of(settings)
         self._cleared = aravis().BufferStatus.CLEARED
         self._timeout_s = timeout_s
+        self._gather_s = gather_s(settings, n_frames)
         self._wait_s = settings.longest_wait_s(timeout_s, overload())
         self._stream: Any = None
         self._pool: BufferPool | None = None
@@ -105,15 +106,14 @@ class FrameStream:
         settings = self._settings
         is_gige = bool(camera.is_gv_device())
         self._check = FrameCheck(settings, self._layout, reserves_zero=is_gige)
-        self._packet_bytes = None
         if is_gige:
-            link, chosen = self._link, self._chosen
+            link = self._link
             # With those that were plugged in since.
             neighbours = ask_neighbours(link.neighbours | find_neighbours(link.info.address, _LOOK_S))
             link.neighbours = frozenset(neighbours)
             n_sharing = 1 + sum(neighbours.values())
-            set_up_transport(camera, link.info.address, settings.frame_rate_hz, chosen, n_sharing)
-            self._packet_bytes = camera.gv_get_packet_size()
+            set_up_transport(camera, link.info.address, settings.frame_rate_hz, self._chosen, n_sharing)
+        self._packet_bytes = camera.gv_get_packet_size() if is_gige else None
         self._payload_bytes = camera.get_payload()
         self._check.require_payload(self._payload_bytes)
         self._stream = camera.create_stream(None, None)
@@ -127,9 +127,8 @@ class FrameStream:
             # Aravis would do so only at the first packet, too late for the first frame.
             granted = enlarge_receive_buffer(self._stream.get_port(), self._payload_bytes)
             self._granted_bytes = None if has_packet_sockets() else granted
-            if self._granted_bytes is not None:
-                # Packets that are not fetched in time are lost; a packet socket keeps them for longer.
-                raise_priority("arv_gv_stream")
+            # Packets that are not fetched in time are lost: small frames in 80 ms, in the ring of a packet socket.
+            raise_priority("arv_gv_stream")
         camera.set_acquisition_mode(aravis().AcquisitionMode.CONTINUOUS)
         camera.start_acquisition()
 
@@ -175,8 +174,7 @@ class FrameStream:
         began_s = time.monotonic()
         while True:
             waited_s = time.monotonic() - began_s
-            wait_s = max(0.0, min(self._wait_s - waited_s, _ASKED_AFTER_S))
-            buffer = self._running().timeout_pop_buffer(int(wait_s * 1e6))
+            buffer = self._pop(max(0.0, min(self._wait_s - waited_s, _ASKED_AFTER_S)))
             if buffer is None and waited_s >= _ASKED_AFTER_S and self._link.silent_s >= _ASKED_AFTER_S:
                 buffer = self._ask_after()
             if buffer is not None and buffer.get_status() == self._cleared:
@@ -191,6 +189,13 @@ class FrameStream:
                 self._wait_s = self._settings.longest_wait_s(self._timeout_s, overload())
                 if waited_s >= self._wait_s:
                     self._explain_silence()
+
+    def _pop(self, wait_s: float) -> Any:
+        buffer = self._running().try_pop_buffer() if self._gather_s else None
+        if buffer is None:
+            time.sleep(min(self._gather_s, wait_s))
+            buffer = self._running().timeout_pop_buffer(int(wait_s * 1e6))
+        return buffer
 
     def _running(self) -> Any:
         stream = self._stream
@@ -244,10 +249,10 @@ class FrameStream:
         return [str(finding) for finding in found[:_MOST_CAUSES]]
 
     def _counters(self) -> str:
-        counted = self.statistics
+        n = self.statistics
         return (
-            f"completed {counted.completed}, failed {counted.failed}, underruns {counted.underruns}, "
-            f"missing packets {counted.missing}, missing frames {self._check.n_left_out}"
+            f"completed {n.completed}, failed {n.failed}, underruns {n.underruns}, missing packets {n.missing}, "
+            f"missing frames {self._check.n_left_out}"
         )
 
     def _temperature_now(self) -> float | None:
@@ -266,8 +271,7 @@ class FrameStream:
         return self._pool
 
     def _frame(self, buffer: Any) -> Frame:
-        settings = self._settings
-        layout = self._layout
+        settings, layout = self._settings, self._layout
         frame_id, camera_timestamp_ns, timestamp = buffer.get_frame_id(), buffer.get_timestamp(), arrival(buffer)
         dn = self._lender().lend(buffer)
         if layout.typestr is None:

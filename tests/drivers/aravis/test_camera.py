@@ -115,6 +115,14 @@ def test_each_frame_has_the_temperature_of_its_time(aravis, monkeypatch):
     assert len(set(seen)) > 5
 
 
+def test_fast_frames_are_taken_several_at_once_and_all_there(aravis):
+    with opened(frame_rate_hz=200.0) as camera:
+        ids = []
+        for frame in camera.grab(50, on_refused=lambda error: ids.append(error.frame_id)):
+            ids.append(frame.frame_id)
+        assert all(step % 65535 == 1 for step in np.diff(ids))
+
+
 def test_a_camera_that_is_not_on_a_network_is_opened_by_serial_number(aravis):
     """Aravis' own fake camera, whose name for opening is not its serial number, as with USB3 Vision."""
     aravis.enable_interface("Fake")

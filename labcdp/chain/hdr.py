@@ -118,27 +118,32 @@ def merge_dn(method: Method, bits: int, exposures_dn: Sequence[NDArray[Any]], la
             own, taken = normal_stage(exposures_dn[i], i, bits, ladder)
             chosen = np.where(taken, own, chosen)
         return chosen
+    stage = weighted_stage if method == "weighted" else linear_stage
+    merged = mix(method, [stage(dn, i, ladder) for i, dn in enumerate(exposures_dn)], ladder)
+    # Only rounding keeps some from 0, and pixels at and above dark signal count differently.
+    return np.where(np.abs(merged) < ZERO_DN, 0.0, merged)
+
+
+def mix(method: Method, stages: Sequence[tuple[FloatArray, FloatArray]], ladder: ExposureLadder) -> FloatArray:
+    """Merge what `linear_stage` or `weighted_stage` returned for each exposure, longest first."""
+    merged: Any = 0.0
     if method == "weighted":
-        merged, _ = weighted_stage(exposures_dn[last], last, ladder)
-        for i in reversed(range(last)):
-            own_part, rest = weighted_stage(exposures_dn[i], i, ladder)
+        for own_part, rest in reversed(stages):
             merged = own_part + rest * merged
-        return _without_rounding(merged)
-    usable: Any = True
-    total: Any = 0.0
-    count: Any = 0
-    for i in reversed(range(last + 1)):
-        usable = usable & (exposures_dn[i] < ladder.saturation_dn)
-        total = total + np.where(usable, ladder.ratios[i] * exposures_dn[i], 0.0)
+        return np.asarray(merged)
+    usable: Any = 1.0
+    count: Any = 0.0
+    for scaled, not_clipped in reversed(stages):
+        usable = usable * not_clipped
+        merged = merged + usable * scaled
         count = count + usable
-    mean: FloatArray = np.where(count > 0, total / np.maximum(count, 1), ladder.merged_saturation_dn)
-    return _without_rounding(mean)
+    mean: FloatArray = merged / np.maximum(count, 1.0) + (count == 0) * ladder.merged_saturation_dn
+    return mean
 
 
-def _without_rounding(merged: FloatArray) -> FloatArray:
-    """Make 0 of what only rounding keeps from it: pixels at and above dark signal count differently."""
-    exact: FloatArray = np.where(np.abs(merged) < ZERO_DN, 0.0, merged)
-    return exact
+def linear_stage(dn: NDArray[Any], i: int, ladder: ExposureLadder) -> tuple[FloatArray, FloatArray]:
+    """Return the scaled DN of exposure `i`, and 1 where it is not clipped, else 0."""
+    return dn * ladder.ratios[i], (dn < ladder.saturation_dn).astype(np.float64)
 
 
 def normal_stage(

@@ -107,14 +107,14 @@ def test_values_of_a_tiny_sensor_by_hand(method, dsnu_e):
 
 
 @pytest.mark.parametrize(
-    ("exposures_s", "steps", "tolerance"),
+    ("exposures_s", "steps"),
     [
-        ((16e-3, 4e-3, 1e-3), (1, 4, 16), 1e-8),
+        ((16e-3, 4e-3, 1e-3), (1, 4, 16)),
         # 1.7 million values, which are nearly those of (1, 3, 16): too many to be tabulated, but not without lumps.
-        ((16e-3, 5.33e-3, 1e-3), (533, 1600, 8528), 2e-4),
+        ((16e-3, 5.33e-3, 1e-3), (533, 1600, 8528)),
     ],
 )
-def test_linear_merge_of_twelve_bits_by_convolution(exposures_s, steps, tolerance):
+def test_linear_merge_of_twelve_bits_by_convolution(exposures_s, steps):
     camera = CameraModel(USUAL, ExposureSettings(exposures_s), Hdr("linear"))
     rate, zero = 2e4, 0.6 * 16e-3 * 0.3 * 2e4
 
@@ -130,5 +130,4 @@ def test_linear_merge_of_twelve_bits_by_convolution(exposures_s, steps, toleranc
 
     expected = cdp(values(1.3 * rate), values(1.7 * rate), 0.4)
     prediction = predict(camera, PatchRates(1.3 * rate, 1.7 * rate, 0.3 * rate), 0.4)
-    assert float(prediction.cdp) == pytest.approx(expected.cdp, abs=tolerance)
-    assert float(prediction.below) == pytest.approx(expected.below, abs=tolerance)
+    assert (prediction.cdp, prediction.below) == pytest.approx((expected.cdp, expected.below), abs=2e-4)

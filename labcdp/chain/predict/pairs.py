@@ -122,8 +122,13 @@ class _BrightPatches:
     variance: FloatArray
     saturated: FloatArray
 
-    def up_to(self, table: ValueTable, cells: NDArray[np.intp], limits: FloatArray) -> FloatArray:
-        """Probability of values of at most some limits of some cells, shape (n, k); of bins, with the part below it."""
+    def up_to(
+        self, table: ValueTable, cells: NDArray[np.intp], limits: FloatArray, half_width: FloatArray | float = 0.0
+    ) -> FloatArray:
+        """Probability of values of at most some limits of some cells, shape (n, k); of bins, with the part below it.
+
+        Limits that are spread evenly over a width pass the highest value, where pixels are clipped, in parts.
+        """
         start, first, size = (of_all[cells, None] for of_all in (self.start, self.first, self.size))
 
         def below(place: NDArray[np.intp]) -> FloatArray:
@@ -138,6 +143,10 @@ class _BrightPatches:
         part = np.where(table.bins.exact[whole], limits >= table.values[whole], part)
         lower = below(whole)
         result: FloatArray = lower + part * (below(whole + 1) - lower)
+        last = np.full_like(start, edges.size - 2)
+        over = limits - table.values[-1]
+        passed = np.clip(over / np.where(half_width > 0, 2 * half_width, 1.0) + 0.5, 0.0, 1.0)
+        result += np.where(half_width > 0, passed - (over >= 0), 0.0) * (below(last + 1) - below(last))
         return result
 
 
@@ -179,6 +188,10 @@ def _evaluate(
     mean, variance = _moments(values, share)
     lit_share, signal = _lit(table, cells.zero, first, share)
     dark_share = share.sum(axis=1) - lit_share.sum(axis=1)
+    width = np.zeros(values.size)
+    if table.bins is not None:
+        bins = slice(first, first + values.size)
+        width = np.where(table.bins.exact[bins], 0.0, np.diff(table.bins.edges[first : bins.stop + 1]))
     zero = cells.zero[:, None]
     not_positive, total = (patches.up_to(table, numbers, limit)[:, 0] for limit in (zero, np.full_like(zero, np.inf)))
 
@@ -186,7 +199,8 @@ def _evaluate(
         reach = signal * (1 + contrast[:, None])
         limits = zero + reach + nudge * (np.abs(zero) + reach)
         # To a dark value of 0 or below each bright one above 0 has an unbounded contrast.
-        reached: FloatArray = np.einsum("nk,nk->n", lit_share, patches.up_to(table, numbers, limits))
+        spread = width * (1 + contrast[:, None]) / 2
+        reached: FloatArray = np.einsum("nk,nk->n", lit_share, patches.up_to(table, numbers, limits, spread))
         reached += dark_share * not_positive
         return reached
 
@@ -211,7 +225,9 @@ def _lit(table: ValueTable, zero: FloatArray, first: int, share: FloatArray) -> 
     above = np.maximum(edges - zero[:, None], 0.0)
     exact = table.bins.exact[first:last]
     part = np.where(exact, signal > 0, np.diff(above, axis=1) / np.diff(edges))
-    return share * part, np.where(exact, np.maximum(signal, 0.0), (above[:, 1:] + above[:, :-1]) / 2)
+    # Only the part of a bin that lies above zero counts, at its middle.
+    cut = ~exact & (part < 1)
+    return share * part, np.where(cut, (above[:, 1:] + above[:, :-1]) / 2, np.maximum(signal, 0.0))
 
 
 def _contrast_moments(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from math import ceil, hypot
 from typing import TYPE_CHECKING, Any
@@ -82,18 +83,18 @@ class Readout:
         limit_e = max(min(self.full_well_e, end_e), 1.0)
         return float(limit_e + (_REACH + 1) * np.sqrt(limit_e) + 60)
 
-    def dn_rows(self, mean_e: FloatArray, offset_e: float = 0.0) -> csr_array:
-        """Probability of each DN for each of several means.
+    def dn_rows(self, mean_e: FloatArray, offsets_e: Iterable[float] = (0.0,)) -> Iterator[csr_array]:
+        """Probability of each DN for each of several means, at each of several offsets.
 
         Parameters
         ----------
         mean_e : ndarray, shape (n,)
             Mean photo and dark electrons.
-        offset_e : float
-            Offset of the pixel in electrons.
+        offsets_e : iterable of float
+            Offsets of pixels in electrons.
 
-        Returns
-        -------
+        Yields
+        ------
         scipy.sparse.csr_array, shape (n, 2^bits)
 
         Notes
@@ -104,8 +105,9 @@ class Readout:
         of their common width.
         """
         electrons = electron_rows(mean_e, self.full_well_e, self.noise_e)
-        rows: csr_array = electrons @ self._dn_of_count(offset_e, np.bincount(electrons.indices) > 0)
-        return rows
+        occurs = np.bincount(electrons.indices) > 0
+        for offset_e in offsets_e:
+            yield electrons @ self._dn_of_count(offset_e, occurs)
 
     def _dn_of_count(self, offset_e: float, occurs: NDArray[np.bool_]) -> csr_array:
         """Probability of each DN for each count 0, 1, ... and the full well that occurs, shape (counts, 2^bits)."""

@@ -9,7 +9,7 @@ from math import ceil, hypot, lcm
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ...core.errors import PredictionError
 from ..hdr import FADE_FROM, ZERO_DN, ExposureLadder, Method, faded_share
@@ -17,7 +17,7 @@ from ..hdr import FADE_FROM, ZERO_DN, ExposureLadder, Method, faded_share
 FloatArray = NDArray[np.float64]
 
 #: Bins in a standard deviation of the value. What is lost is of second order, about 1e-4 of a CDP.
-BINS = 28
+_BINS = 28
 
 #: Most values a zone is given for the sake of another, and most that are tabulated one by one.
 _MOST, _MOST_ALONE = 20_000, 500_000
@@ -39,7 +39,7 @@ class Noise:
 
 
 @dataclass(frozen=True)
-class Zone:
+class _Zone:
     """A range of luminance in which the merged value is a sum of the DN of some exposures, with constant factors.
 
     Parameters
@@ -64,12 +64,12 @@ class Zone:
     high: float
 
 
-def zones(method: Method, ladder: ExposureLadder, black_level_dn: float) -> list[Zone]:
+def _zones(method: Method, ladder: ExposureLadder, black_level_dn: float) -> list[_Zone]:
     """List the zones of "linear" or "weighted"; those whose factors have no common unit are left out."""
     found = []
     end = ladder.saturation_dn * (1.0 if method == "linear" else FADE_FROM)
     for first in range(len(ladder)):
-        factors = merge_factors(method, ladder, first)
+        factors = _merge_factors(method, ladder, first)
         relative = [Fraction(factor / factors[0]).limit_denominator(10_000) for factor in factors]
         if any(
             abs(float(one) * factors[0] / factor - 1) > 1e-12 for one, factor in zip(relative, factors, strict=True)
@@ -79,11 +79,11 @@ def zones(method: Method, ladder: ExposureLadder, black_level_dn: float) -> list
         low = -np.inf if first == 0 else ladder.saturation_dn * ladder.ratios[first - 1]
         high = (ladder.saturation_dn if first == len(ladder) - 1 else end) * ladder.ratios[first]
         steps = tuple(int(one * common) for one in relative)
-        found.append(Zone(first, steps, factors[0] / common, -black_level_dn * sum(factors), low, high))
+        found.append(_Zone(first, steps, factors[0] / common, -black_level_dn * sum(factors), low, high))
     return found
 
 
-def _common_unit(found: Sequence[Zone]) -> float | None:
+def _common_unit(found: Sequence[_Zone]) -> float | None:
     """Largest unit that those of all zones are multiples of; None without zones."""
     if not found:
         return None
@@ -92,7 +92,7 @@ def _common_unit(found: Sequence[Zone]) -> float | None:
     )
 
 
-def is_smooth(steps: Sequence[int], variances: Sequence[Any]) -> Any:
+def _is_smooth(steps: Sequence[int], variances: Sequence[Any]) -> Any:
     """Whether the distribution of a sum of DN has no lumps.
 
     The values of each exposure, its step apart, must be filled by the noise of the others. At half a step of standard
@@ -105,14 +105,14 @@ def is_smooth(steps: Sequence[int], variances: Sequence[Any]) -> Any:
     return smooth
 
 
-def _lump_dn(zone: Zone, variances: Sequence[Any]) -> Any:
-    """Return the standard deviation of the narrowest lumps in DN of the merge, infinite without any (`is_smooth`)."""
+def _lump_dn(zone: _Zone, variances: Sequence[Any]) -> Any:
+    """Return the standard deviation of the narrowest lumps in DN of the merge, infinite without any (`_is_smooth`)."""
     parts = [step**2 * variance for step, variance in zip(zone.steps, variances, strict=True)]
     rests = [(step, sum(parts) - part) for step, part in zip(zone.steps, parts, strict=True)]
     return zone.unit * np.sqrt(np.min([np.where(rest < step**2 / 4, rest, np.inf) for step, rest in rests], axis=0))
 
 
-def merge_factors(method: Method, ladder: ExposureLadder, first: int) -> list[float]:
+def _merge_factors(method: Method, ladder: ExposureLadder, first: int) -> list[float]:
     """Factors of the DN of the exposures from `first` on where none of them is clipped or fading."""
     ratios = ladder.ratios[first:]
     if method == "linear":
@@ -133,7 +133,7 @@ class ValueBins:
     edges : ndarray, shape (k + 1,)
         Rising.
     values : ndarray, shape (k,)
-        Middles of the bins, or their only values.
+        Means or middles of the bins, or their only values.
     exact : ndarray of bool, shape (k,)
         Which bins hold a single value; over the others a probability is spread evenly.
     """
@@ -143,42 +143,48 @@ class ValueBins:
     exact: NDArray[np.bool_]
 
     @classmethod
-    def of_merge(cls, method: Method, ladder: ExposureLadder, noise: Noise, *, start: int = 0) -> ValueBins:
-        """Bins of the value merged from the exposures from `start` on.
+    def of_merge(cls, method: Method, ladder: ExposureLadder, noise: Noise) -> ValueBins:
+        """Bins of the merged value.
 
         They are even in standard deviations of the value, and hold one value each where these are far apart. The last
-        bin holds what is clipped in all exposures. From a `start` above 0 on, the bins suit pixels of one offset.
+        bin holds what is clipped in all exposures.
         """
         top = ladder.merged_saturation_dn
         dn = np.linspace(0, 1, 4001) ** 2 * top
         all_dn = hypot(noise.read_dn, noise.offset_dn)
-        spread = _spread(method, ladder, start, dn, noise.read_dn if start else all_dn)
+        spread = _spread(method, ladder, dn, all_dn)
         place = np.concatenate([[0], np.cumsum(np.diff(dn) * 2 / (spread[1:] + spread[:-1]))])
-        inner = np.interp(np.linspace(0, place[-1], ceil(place[-1] * BINS) + 1), place, dn)
+        inner = np.interp(np.linspace(0, place[-1], ceil(place[-1] * _BINS) + 1), place, dn)
         inner[-1] = top
         # No value is below that of the least DN of all exposures.
         depth = (9 * all_dn + 1) * ladder.ratios[-1]
-        below = np.arange(ceil(depth / spread[0] * BINS), 0, -1) * (spread[0] / BINS)
+        below = np.arange(ceil(depth / spread[0] * _BINS), 0, -1) * (spread[0] / _BINS)
         bins: ValueBins = cls._between(np.concatenate([-below, [-ZERO_DN, ZERO_DN], inner[1:], [top * (1 + 1e-9)]]))
         bins.values[-1], bins.exact[-1] = top, True
         bins.values[below.size], bins.exact[below.size] = 0.0, True
-        if start == 0:
-            found = zones(method, ladder, noise.black_level_dn)
-            # Where an exposure clips in some pixels only, "linear" has values of two zones in the same range.
-            shared = _common_unit(found) if method == "linear" else None
-            for zone in found:
-                shorter = ladder.ratios[zone.first :]
-                variances = [noise.read_dn**2 + ladder.k_dn_per_e * dn / ratio for ratio in shorter]
-                coarse = (spread > _FINE * zone.unit) & is_smooth(zone.steps, variances)
-                fine = np.flatnonzero((dn >= zone.low) & (dn < zone.high) & coarse)
-                low, high = max(zone.low, -10 * spread[0]), min(dn[fine[0]] if fine.size else np.inf, zone.high)
-                unit = shared if shared is not None and high - low < _MOST * shared else zone.unit
-                if high - low > _MOST_ALONE * unit:
-                    at = (dn >= low) & (dn <= high)
-                    widths = _LUMP_PARTS * spread[at] / BINS / np.maximum(_lump_dn(zone, variances)[at], zone.unit)
-                    bins = bins._divided(max(ceil(widths.max()), 1), low, high)
-                else:
-                    bins = bins._with_lattice(zone.origin, unit, low, high)
+        found = _zones(method, ladder, noise.black_level_dn)
+        # Where an exposure clips in some pixels only, "linear" has values of two zones in the same range.
+        shared = _common_unit(found) if method == "linear" else None
+        for zone in found:
+            shorter = ladder.ratios[zone.first :]
+            variances = [noise.read_dn**2 + ladder.k_dn_per_e * dn / ratio for ratio in shorter]
+            coarse = (spread > _FINE * zone.unit) & _is_smooth(zone.steps, variances)
+            fine = np.flatnonzero((dn >= zone.low) & (dn < zone.high) & coarse)
+            low, high = max(zone.low, -10 * spread[0]), min(dn[fine[0]] if fine.size else np.inf, zone.high)
+            unit = shared if shared is not None and high - low < _MOST * shared else zone.unit
+            if high - low > _MOST_ALONE * unit:
+                at = (dn >= low) & (dn <= high)
+                widths = _LUMP_PARTS * spread[at] / _BINS / np.maximum(_lump_dn(zone, variances)[at], zone.unit)
+                bins = bins._divided(max(ceil(widths.max()), 1), low, high)
+            else:
+                bins = bins._with_lattice(zone.origin, unit, low, high)
+            if method == "weighted" and zone.first > 0:
+                # Where a longer exposure fades, it is clipped in some pixels.
+                numbers = np.arange(ceil((FADE_FROM * low - zone.origin) / unit), (low - zone.origin) / unit - 0.5)
+                alone = zone.origin + numbers * unit
+                alone = alone[np.interp(alone, dn, spread) <= _FINE * unit]
+                width = 1e-9 * top
+                bins = bins._with_edges(np.sort(np.concatenate([bins.edges, alone - width, alone + width])), alone)
         return bins
 
     @classmethod
@@ -195,10 +201,14 @@ class ValueBins:
         first, last = (int(np.searchsorted(self.edges, end)) for end in (low, high))
         places = np.linspace(first, last, (last - first) * parts + 1)
         inner = np.interp(places, np.arange(self.edges.size), self.edges)
-        bins = self._between(np.concatenate([self.edges[:first], inner, self.edges[last + 1 :]]))
-        # Values that are alone stay so, by their place.
-        kept = np.searchsorted(bins.edges, self.values[self.exact], side="right") - 1
-        bins.values[kept], bins.exact[kept] = self.values[self.exact], True
+        return self._with_edges(np.concatenate([self.edges[:first], inner, self.edges[last + 1 :]]), ())
+
+    def _with_edges(self, edges: FloatArray, alone: ArrayLike) -> Self:
+        """Bins with more edges, in which some values are alone besides those that are."""
+        bins = self._between(edges)
+        values = np.concatenate([self.values[self.exact], alone])
+        place = np.searchsorted(edges, values, side="right") - 1
+        bins.values[place], bins.exact[place] = values, True
         return bins
 
     def _with_lattice(self, origin: float, unit: float, low: float, high: float) -> ValueBins:
@@ -224,12 +234,12 @@ class ValueBins:
         return bins
 
 
-def _spread(method: Method, ladder: ExposureLadder, start: int, dn: FloatArray, dark_dn: float) -> FloatArray:
+def _spread(method: Method, ladder: ExposureLadder, dn: FloatArray, dark_dn: float) -> FloatArray:
     """Return the standard deviation of the merged value over its mean."""
     own = [ratio**2 * (dark_dn**2 + 1 / 12 + ladder.k_dn_per_e * dn / ratio) for ratio in ladder.ratios]
     last = len(ladder) - 1
     variance = own[last]
-    for i in reversed(range(start, last)):
+    for i in reversed(range(last)):
         if method == "weighted":
             share = faded_share(dn / ladder.ratios[i], i, ladder)
         else:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from math import sqrt
 from typing import TYPE_CHECKING
 
@@ -136,7 +136,13 @@ class _TableMaker:
     def _grid(self) -> RateGrid:
         sensor = self.camera.sensor
         readout = Readout.of(sensor, self.camera.settings.gain_db, total_noise_e(sensor))
-        return RateGrid(self.camera.exposures_s, readout.certain_e(0.0))
+        # Quasi-Monte Carlo errs by more than what wider steps do.
+        return RateGrid(self.camera.exposures_s, readout.certain_e(0.0), 0.4 if self._mixes else 0.25)
+
+    @property
+    def _mixes(self) -> bool:
+        """Whether a value is made of several exposures."""
+        return self.camera.hdr is not None and self.camera.hdr.method != "normal" and len(self.camera.exposures_s) > 1
 
     @cached_property
     def _gains(self) -> tuple[FloatArray, FloatArray]:
@@ -176,7 +182,7 @@ class _TableMaker:
     ) -> tuple[FloatArray, ValueBins | None, csr_array, FloatArray]:
         """Values, bins, probabilities and saturated share at total rates, dark current included."""
         camera, tone_curve = self.camera, self.camera.tone_curve
-        if camera.hdr is not None and camera.hdr.method != "normal" and len(camera.exposures_s) > 1:
+        if self._mixes:
             bins, rows, saturated = self._binned_rows(totals_e_s, used)
             values = _decoded(tone_curve) if bins is None else bins.values
             return values, bins, rows, saturated
@@ -194,7 +200,7 @@ class _TableMaker:
         camera, count = self.camera, len(self.camera.exposures_s)
         if count == 1:
             readout = Readout.of(camera.sensor, camera.settings.gain_db, total_noise_e(camera.sensor))
-            rows = readout.dn_rows(totals_e_s[used] * camera.exposures_s[0])
+            (rows,) = readout.dn_rows(totals_e_s[used] * camera.exposures_s[0])
             values: FloatArray = np.arange(2.0**camera.sensor.bits)
             if camera.hdr is not None:
                 net_dn = values - camera.sensor.black_level_dn
@@ -209,59 +215,49 @@ class _TableMaker:
         rank[order] = np.arange(order.size)
         starts = np.cumsum([0, *(taken.sum() for _, taken in stages)])
         total = csr_array((used.size, values.size))
-        for offset_e, frequency in zip(*self._offsets, strict=True):
-            left = np.full(used.size, frequency)
-            for i, (_, taken) in enumerate(stages):
-                share = self._temporal.dn_rows(totals_e_s[used] * camera.exposures_s[i], offset_e)
+        offsets_e, frequency = self._offsets
+        left = np.repeat(frequency[:, None], used.size, axis=1)
+        for i, (_, taken) in enumerate(stages):
+            exposed = self._temporal.dn_rows(totals_e_s[used] * camera.exposures_s[i], offsets_e)
+            for share, open_share in zip(exposed, left, strict=True):
                 place = rank[starts[i] + np.cumsum(taken) - 1]
                 chosen = share @ indicator(place[taken], values.size, np.flatnonzero(taken), taken.size)
-                chosen = chosen.multiply(left[:, None]).tocsr()
+                chosen = chosen.multiply(open_share[:, None]).tocsr()
                 total = total + chosen
-                left = left * (share @ np.where(taken, 0.0, 1.0))
+                open_share *= share @ np.where(taken, 0.0, 1.0)
         return values[order], spread_rows(total, used, totals_e_s.size)
 
     def _binned_rows(
         self, totals_e_s: FloatArray, used: NDArray[np.intp]
     ) -> tuple[ValueBins | None, csr_array, FloatArray]:
         """Bins of a merge that mixes exposures (None for codes), probabilities, and the share clipped in all."""
-        from scipy.sparse import csr_array
-
         camera = self.camera
         assert camera.hdr is not None
+        sensor, ladder, tone_curve = camera.sensor, camera.ladder, camera.tone_curve
         offsets_e, frequency = self._offsets
-        sensor, ladder = camera.sensor, camera.ladder
-        noise = Noise(
-            ladder.k_dn_per_e * sensor.read_noise_e, ladder.k_dn_per_e * offset_spread_e(sensor), sensor.black_level_dn
-        )
-        exposures = ExposureRows(
-            [
-                [self._temporal.dn_rows(totals_e_s[used] * t, offset_e) for t in camera.exposures_s]
-                for offset_e in offsets_e
-            ],
-            frequency,
-            np.arange(2.0**sensor.bits) - sensor.black_level_dn,
-            noise,
-        )
-        bins = None
-        if camera.tone_curve is None:
+        by_exposure = [self._temporal.dn_rows(totals_e_s[used] * t, offsets_e) for t in camera.exposures_s]
+        exposures = list(zip(*by_exposure, strict=True))
+        net_dn = np.arange(2.0**sensor.bits) - sensor.black_level_dn
+        merge = partial(merged_rows, camera.hdr.method, ladder, ExposureRows(exposures, frequency, net_dn))
+        bins, saturated = None, np.zeros(totals_e_s.size)
+        if tone_curve is None:
+            noise = Noise(
+                ladder.k_dn_per_e * sensor.read_noise_e,
+                ladder.k_dn_per_e * offset_spread_e(sensor),
+                sensor.black_level_dn,
+            )
             bins = ValueBins.of_merge(camera.hdr.method, ladder, noise)
-            edges = bins.edges
+            rows, means = merge(bins.edges)
+            bins = replace(bins, values=np.where(bins.exact, bins.values, means))
         else:
-            edges = np.concatenate([[-1e18], camera.tone_curve.first_dn[1:], [camera.tone_curve.top_dn, 1e18]])
-        merged = merged_rows(camera.hdr.method, ladder, exposures, edges, used)
-        sizes = [share.size for _, share in merged]
-        column = np.concatenate([first + np.arange(share.size) for first, share in merged])
-        data = np.concatenate([share for _, share in merged])
-        rows = csr_array((data, column, np.concatenate([[0], np.cumsum(sizes)])), shape=(used.size, edges.size - 1))
-        saturated = np.zeros(totals_e_s.size)
-        if camera.tone_curve is not None:
+            rows, _ = merge(np.concatenate([[-np.inf], tone_curve.first_dn[1:], [tone_curve.top_dn, np.inf]]))
             clipped_by_curve = np.asarray(rows[:, [-1]].todense()).ravel()
-            rows = rows @ indicator(np.minimum(np.arange(edges.size - 1), edges.size - 3), edges.size - 2)
-            if camera.tone_curve.top_dn < ladder.merged_saturation_dn:
+            rows = rows @ indicator(np.minimum(np.arange(rows.shape[1]), rows.shape[1] - 2), rows.shape[1] - 1)
+            if tone_curve.top_dn < ladder.merged_saturation_dn:
                 saturated[used] = clipped_by_curve
                 return bins, spread_rows(rows, used, totals_e_s.size), saturated
-        clipped = (exposures.net_dn >= ladder.saturation_dn).astype(np.float64)
-        for share, exposure_rows in zip(frequency, exposures.rows, strict=True):
+        clipped = (net_dn >= ladder.saturation_dn).astype(np.float64)
+        for share, exposure_rows in zip(frequency, exposures, strict=True):
             saturated[used] += share * (exposure_rows[-1] @ clipped)
         return bins, spread_rows(rows, used, totals_e_s.size), saturated
 

@@ -190,7 +190,7 @@ def _final(
     if glare_cd_m2:
         zero, width = np.zeros(given.net_dn.size), _FREE if of_glare.significant else 1.0
         errors.append(SharedError(INTERCEPT, zero, zero, cd_m2=width * glare_cd_m2))
-    design = given.with_shared(*errors)
+    design = replace(given, shared=(*given.shared, *errors))
     stated = solve(design, first.candidate)
     final = with_scatter(design, first.candidate, by_place=beyond)
     gains = _gains(final, settings)

@@ -165,17 +165,9 @@ class Converter:
         factor = 1.0 if gain_db is None else self.setting(gain_db).factor
         return self.responsivity.responsivity_dn_s_cd_m2 * factor * exposure_s
 
-    def luminance_cd_m2(
-        self, net_dn: ArrayLike, exposure_s: float, gain_db: float | None = None
-    ) -> NDArray[np.float64]:
-        """L V = h(n) / (R t) of pixels with a DN n above dark, any shape; V is not removed.
-
-        Raises
-        ------
-        CalibrationError
-            If the gain was not calibrated.
-        """
-        return self.response.linearise(net_dn) / self.dn_per_cd_m2(exposure_s, gain_db)
+    def luminance_cd_m2(self, net_dn: ArrayLike, exposure_s: float) -> NDArray[np.float64]:
+        """L V = h(n) / (R t) of pixels with a DN n above dark, any shape; V is not removed."""
+        return self.response.linearise(net_dn) / self.dn_per_cd_m2(exposure_s)
 
     def net_dn(self, luminance_cd_m2: float, exposure_s: float) -> float:
         """DN above dark that a luminance gives on the optical axis: h(n) = R t L solved for n."""

@@ -218,8 +218,3 @@ class ResponsivityFit:
     dof: float | None = None
     scatter_dof: float | None = None
     glare_cd_m2: float = 0.0
-
-    @property
-    def reduced_chi_squared(self) -> float:
-        """chi^2 over its degrees of freedom; about 1 if the stated errors are correct."""
-        return self.chi_squared / self.degrees_of_freedom

@@ -50,7 +50,7 @@ class DarkFit:
         sigma, note = sqrt(max(self.variance.intercept, LEAST_VARIANCE_DN2)), self._where
         if self.variance.intercept < LEAST_VARIANCE_DN2:
             note = "an upper limit: below 0.49 DN rounding hides the noise, this is the least value the standard allows"
-        return Quantity(sigma, self.variance.intercept_uncertainty / (2 * sigma), "DN", note)
+        return Quantity(sigma, sqrt(self.variance.covariance[0, 0]) / (2 * sigma), "DN", note)
 
     def noise_e(self, k: Quantity) -> Quantity:
         """sigma_d: noise without rounding over K, sqrt(sigma_y.dark^2 - 1/12) / K (Release 4.0 Linear).
@@ -71,7 +71,7 @@ class DarkFit:
 
     def current_by_variance_e_s(self, k: Quantity) -> Quantity | None:
         """Dark current by the variance, slope / K^2; None with one exposure."""
-        slope = self.variance.slope, self.variance.slope_uncertainty
+        slope = self.variance.slope, sqrt(self.variance.covariance[1, 1])
         return self._current(slope, k, 2, "slope of the variance over the exposure")
 
     def doubling_temperature_c(self) -> Quantity | None:

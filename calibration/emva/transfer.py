@@ -147,18 +147,21 @@ class Linearity:
     uncertainty_rel: NDArray[np.float64]
 
     def errors(self) -> tuple[Quantity, Quantity, Quantity]:
-        """Lowest and highest deviation (LE_min and LE_max of Release 3.1), and LE, the mean of the absolute ones."""
-        uncertainty = float(np.sqrt(np.sum(self.uncertainty_rel**2)) / self.uncertainty_rel.size)
-        mean = Quantity(float(np.abs(self.deviation_rel).mean()), uncertainty, "1", "mean of the absolute deviations")
-        return self._at(int(np.argmin(self.deviation_rel))), self._at(int(np.argmax(self.deviation_rel))), mean
+        """Lowest, highest and mean absolute deviation, as `linearity_errors`."""
+        notes = [f"at {net:.4g} DN above the dark signal; u by noise, black level and lamp" for net in self.net_dn]
+        return linearity_errors(self.deviation_rel, self.uncertainty_rel, notes, "mean of the absolute deviations")
 
-    def _at(self, index: int) -> Quantity:
-        return Quantity(
-            float(self.deviation_rel[index]),
-            float(self.uncertainty_rel[index]),
-            "1",
-            f"at {self.net_dn[index]:.4g} DN above the dark signal; u by noise, black level and lamp",
-        )
+
+def linearity_errors(
+    deviation_rel: NDArray[np.float64], uncertainty_rel: NDArray[np.float64], notes: Sequence[str], of_mean: str
+) -> tuple[Quantity, Quantity, Quantity]:
+    """Lowest and highest deviation (LE_min and LE_max of Release 3.1), and LE, the mean of the absolute ones."""
+    u_mean = float(np.linalg.norm(uncertainty_rel)) / uncertainty_rel.size
+    lowest, highest = (
+        Quantity(float(deviation_rel[i]), float(uncertainty_rel[i]), "1", notes[i])
+        for i in (int(np.argmin(deviation_rel)), int(np.argmax(deviation_rel)))
+    )
+    return lowest, highest, Quantity(float(np.abs(deviation_rel).mean()), u_mean, "1", of_mean)
 
 
 def in_range(points: Sequence[SeriesPoint], saturation_net_dn: float) -> list[SeriesPoint]:

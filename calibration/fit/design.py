@@ -164,10 +164,6 @@ class Design:
         relative, dn, cd_m2 = (np.array([getattr(e, name) for e in self.shared]) for name in names)
         return relative.reshape(-1, n), dn.reshape(-1, n), cd_m2.reshape(-1, 1)
 
-    def with_shared(self, *errors: SharedError) -> Design:
-        """Return the same with further shared errors."""
-        return replace(self, shared=(*self.shared, *errors))
-
     def without_shared(self, source: str) -> Design:
         """Return the same without the shared errors of a source."""
         return replace(self, shared=tuple(one for one in self.shared if one.source != source))

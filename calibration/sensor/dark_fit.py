@@ -165,16 +165,6 @@ class Line:
     covariance: FloatArray
     chi_squared: float
 
-    @property
-    def intercept_uncertainty(self) -> float:
-        """Standard uncertainty of the intercept."""
-        return sqrt(float(self.covariance[0, 0]))
-
-    @property
-    def slope_uncertainty(self) -> float:
-        """Standard uncertainty of the slope; nan where it is not known."""
-        return sqrt(float(self.covariance[1, 1]))
-
 
 def line(x: FloatArray, y: FloatArray, u: FloatArray) -> Line:
     """Fit a line, points weighted with 1 / u^2; a constant if all x are equal.

@@ -121,7 +121,11 @@ def histories(
         In the order of cameras, lenses, settings and planes.
     """
     groups: dict[tuple[str | int, ...], tuple[CameraState, LensIdentity, list[HistoryPoint]]] = {}
-    found = [one for source, c in calibrations.items() for one in _of_any(source, c)]
+    found = [
+        (plane.state, plane.lens, _of_calibration(source, plane, weight if plane.state.plane else None))
+        for source, c in calibrations.items()
+        for plane, weight in zip(c.planes, c.weights, strict=True)
+    ]
     found += [
         (replace(v.state, plane=plane.plane), v.lens, _of_verification(source, v, plane))
         for source, v in verifications.items()
@@ -142,13 +146,6 @@ def histories(
         )
         for _, (state, lens, points) in sorted(groups.items(), key=lambda item: item[0])
     )
-
-
-def _of_any(source: str, calibration: AnyCalibration) -> list[tuple[CameraState, LensIdentity, HistoryPoint]]:
-    return [
-        (plane.state, plane.lens, _of_calibration(source, plane, weight if plane.state.plane else None))
-        for plane, weight in zip(calibration.planes, calibration.weights, strict=True)
-    ]
 
 
 def _of_calibration(source: str, calibration: Calibration, weight: float | None) -> HistoryPoint:

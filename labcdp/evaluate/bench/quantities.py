@@ -72,7 +72,7 @@ def _of_fit(calibration: Calibration) -> Iterator[Quantity]:
     yield Quantity("χ² of the fit", fit.chi_squared, "", "of patches and exposures, by their stated errors")
     yield Quantity("degrees of freedom", fit.degrees_of_freedom)
     if fit.degrees_of_freedom > 0:
-        yield Quantity("reduced χ²", fit.reduced_chi_squared)
+        yield Quantity("reduced χ²", fit.chi_squared / fit.degrees_of_freedom)
         p_value = float(chdtrc(fit.degrees_of_freedom, fit.chi_squared))
         yield Quantity("p-value of χ²", p_value, "", "probability of more scatter by chance")
     intercept, u = fit.intercept_dn_s, fit.intercept_standard_uncertainty_dn_s

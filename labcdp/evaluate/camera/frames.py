@@ -13,7 +13,7 @@ import numpy as np
 from ...calibration import CameraState
 from ...calibration.emva.result import Quantity
 from ...calibration.emva.series import SeriesPoint
-from ...calibration.emva.transfer import in_range
+from ...calibration.emva.transfer import in_range, linearity_errors
 from ...calibration.frames.measure import MeasuredFrames, measure_frames, measure_whole, plane_region
 from ...calibration.frames.statistics import MAX_CLIPPED_SHARE
 from ...calibration.setup import MeterScale
@@ -183,14 +183,8 @@ def patch_linearity(rows: Sequence[PatchDeviation]) -> tuple[Quantity | None, Qu
         return None, None, None
     patches = len({row.point.label for row in rows})
     note = f"over the exposure, {patches} patches; u by noise, black level and lamp"
-    low, high = (choose(rows, key=lambda row: row.deviation_rel) for choose in (min, max))
-    mean = float(np.mean([abs(row.deviation_rel) for row in rows]))
-    u_mean = sqrt(sum(row.uncertainty_rel**2 for row in rows)) / len(rows)
-    return (
-        Quantity(low.deviation_rel, low.uncertainty_rel, "1", note),
-        Quantity(high.deviation_rel, high.uncertainty_rel, "1", note),
-        Quantity(mean, u_mean, "1", note),
-    )
+    deviation, u = np.array([(row.deviation_rel, row.uncertainty_rel) for row in rows]).T
+    return linearity_errors(deviation, u, [note] * len(rows), note)
 
 
 def photometric_responsivity(

@@ -76,20 +76,6 @@ def test_defects_are_found_with_their_reason():
     assert all(reason in named[place] for place, reason in expected.items())
 
 
-def test_dark_library_finds_offset_and_rate():
-    rng = np.random.default_rng(7)
-    offset, rate = rng.normal(0, 2, SHAPE), rng.normal(0, 300, SHAPE)
-    exposures = (0.001, 0.01, 0.02)
-    library = dark_library([statistics(np.zeros(SHAPE), t, 8, rng, pattern_dn=offset + rate * t) for t in exposures])
-    n = offset.size
-    for t in exposures:
-        truth = offset + rate * t
-        error = library.pattern_dn(SHAPE, t) - (truth - truth.mean())
-        assert error.std() == pytest.approx(library.noise_dn(t), rel=0.05 + 4 / np.sqrt(2 * n))
-        assert library.nonuniformity_dn(t) == pytest.approx(truth.std(), rel=0.03)
-        assert library.worth_applying(t)
-
-
 def test_dark_library_finds_the_doubling_temperature():
     rng = np.random.default_rng(9)
     rate = np.abs(rng.normal(2000, 300, SHAPE))

@@ -36,10 +36,6 @@ def test_known_camera_is_found(found):
     within(found.prnu_rel, camera.prnu_rel)
     within(found.dsnu_column_e, 0.0)
     within(found.dsnu_row_e, 0.0)
-
-
-def test_saturation_is_that_of_the_converter(found):
-    camera = KnownCamera()
     assert found.saturation_limit == "converter"
     photons = (4095 - 20) / camera.k_dn_per_e / camera.quantum_efficiency
     # Noise and PRNU bring the first pixels to the end at 90 % of it; levels are 8 % apart.

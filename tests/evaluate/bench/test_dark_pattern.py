@@ -49,8 +49,10 @@ def test_pattern_and_hot_pixels_are_found_taken_off_once_everywhere_and_saved(re
     own = corrections[None]
     assert {*zip(own.defects.rows.tolist(), own.defects.columns.tolist(), strict=True)} == set(HOT)
     for t in (0.002, 0.032):
-        error = (own.dark_library.pattern_dn(SHAPE, t) - (offset + rate * t))[~own.defects.mask(SHAPE)]
+        sound, truth = ~own.defects.mask(SHAPE), offset + rate * t
+        error = (own.dark_library.pattern_dn(SHAPE, t) - truth)[sound]
         assert error.std() == pytest.approx(own.dark_library.noise_dn(t), rel=0.1)
+        assert own.dark_library.nonuniformity_dn(t) == pytest.approx(truth[sound].std(), rel=0.05)
     # The mean over a patch is the same by the map and by the observation; both without the pattern.
     dn_per_cd_m2 = calibrated.responsivity.responsivity_dn_s_cd_m2 * 0.032
     for patch in observed.configuration.target.patches[:3]:

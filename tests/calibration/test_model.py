@@ -35,10 +35,3 @@ def test_noise_does_not_push_the_end_patches_out_of_range(calibrated):
 def test_other_frames_are_refused(calibrated, change):
     with pytest.raises(CalibrationError, match=r"of the calibration is .*, but frame 0 has|has a colour filter \(RG\)"):
         calibrated.to_luminance(replace(make_frame(np.full(SHAPE, 500.0)), **change))
-
-
-def test_a_gain_that_was_not_calibrated_is_refused_by_name(calibrated):
-    two = replace(calibrated, gains=(replace(calibrated.setting(0.0), gain_db=6.0, factor=2.0),))
-    two.require(replace(two.state, gain_db=6.0), "this frame")
-    with pytest.raises(CalibrationError, match=r"gain of the calibration is 0 dB or 6 dB, but this frame has 12 dB"):
-        two.require(replace(two.state, gain_db=12.0), "this frame")

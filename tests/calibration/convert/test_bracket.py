@@ -63,9 +63,8 @@ def test_movement_and_saturation_at_every_exposure_are_flagged(make_calibration,
 
 
 def test_noise_of_the_flat_field_does_not_average_down(make_calibration):
-    flat = FlatField(np.ones(SHAPE), 0.01, 0.0, 4)
     frame = make_frame(np.full(SHAPE, 3000.0), 0.02)
-    calibration = make_calibration(shape=SHAPE, vignetting=flat)
+    calibration = make_calibration(shape=SHAPE, vignetting=FlatField(np.ones(SHAPE), 0.01, 0.0, 4))
     many, alone = bracket_luminance(calibration, [frame] * 16).map, calibration.to_luminance(frame)
     assert many.random_rel**2 - 0.01**2 == pytest.approx((alone.random_rel**2 - 0.01**2) / 16, rel=1e-3)
     assert many.fixed_rel == alone.fixed_rel == pytest.approx(0.01)

@@ -8,6 +8,7 @@ from labcdp.calibration.sensor.dark import DarkModel
 from labcdp.calibration.sensor.dark_library import DarkLibrary
 from labcdp.calibration.sensor.noise import TemporalNoise
 from labcdp.core.dn import Response
+from labcdp.core.errors import CalibrationError
 from labcdp.core.vignetting import RadialVignetting
 
 from ..conftest import make_frame
@@ -82,6 +83,8 @@ def test_another_gain_has_its_own_dark_noise_and_factor(make_calibration):
     net = 1000 - 70 - 80 * 0.008
     assert seen.luminance_cd_m2 == pytest.approx(net / (2 * R * 0.008), rel=1e-6)
     assert seen.random_rel == pytest.approx(np.sqrt(0.5 * net + 9) / net, rel=1e-6)
+    with pytest.raises(CalibrationError, match=r"gain of the calibration is 0 dB or 6 dB, but frame 0 has 12 dB"):
+        to_luminance(calibration, make_frame(np.full(SHAPE, 1000), 0.008, gain_db=12.0))
 
 
 def test_a_warmer_frame_has_more_dark_signal_and_its_error(make_calibration):

@@ -52,6 +52,8 @@ def test_sources_and_sensors_that_are_not_even_are_noticed():
         (found,) = [one for one in seen.findings if one.code == code]
         assert found.values[value] == pytest.approx(expected, rel=0.2)
         assert code != "flat-not-radial" or seen.radial.slow_rel > 0.015
+    even = uniform(prnu=1.0, n=2, luminance=30.0).chosen
+    assert (type(even), even.slow_rel) == (RadialVignetting, pytest.approx(0.005, abs=0.002))
 
 
 def test_defects_are_found_with_their_reason():
@@ -106,9 +108,3 @@ def test_dark_library_at_another_temperature_scales_or_says_that_it_cannot(expos
     for temperature_c in (60.0,) if pattern is not None else (35.0, 60.0):
         assert library.correction_dn(SHAPE, 0.1, temperature_c) is None
         assert library.verdict(0.1, temperature_c).code == "dark-pattern-of-other-frames"
-
-
-def test_a_noisy_flat_field_of_an_even_sensor_is_not_chosen():
-    seen = uniform(prnu=1.0, n=2, luminance=30.0)
-    assert isinstance(seen.chosen, RadialVignetting)
-    assert seen.chosen.slow_rel == pytest.approx(0.005, abs=0.002)

@@ -266,3 +266,14 @@ def test_many_messages_are_answered_with_one_refresh(tmp_path: Any) -> None:
         one.callback()
     assert link.told == told + 1
     assert json.loads(link.answers) == {str(n): True for n in range(100)}
+
+
+@pytest.mark.filterwarnings("ignore:.*will be removed in version 2.0:PendingDeprecationWarning")
+def test_a_number_that_a_field_does_not_take_is_reverted_and_said(tmp_path: Any) -> None:
+    from bokeh.document import Document
+
+    page, taken = Page(workspace(tmp_path), Document()), list[int]()
+    field = page.number("Readings", taken.append, (1, 100), value=5)
+    for typed in (7, 500, 0, None, 3, -1):
+        field.value = typed
+    assert (taken, field.value, page.workspace.notice.text) == ([7, 3], 3, "Readings: give 1 to 100")

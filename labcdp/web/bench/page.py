@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from math import isfinite
 from typing import Any
 
 import panel as pn
@@ -46,17 +45,17 @@ class BenchPage:
         self._control = pn.widgets.Button(name="Take control", button_type="primary", margin=(3, 8))
         self._control.on_click(lambda _event: self._take_control())
         field = page.field
-        options: dict[str, Any] = {"start": 0.0, "step": 1.0, "width": 130}
-        self._exposure = field("FloatInput", "Exposure (ms)", self._expose, **options)
-        self._gain = field("FloatInput", "Gain (dB)", lambda db: self._request("gain_db", db, 1.0), step=1.0, width=110)
+        request = bench.camera.request
+        self._exposure = page.number("Exposure (ms)", lambda ms: request(exposure_s=1e-3 * ms), width=130)
+        self._gain = page.number("Gain (dB)", lambda db: request(gain_db=db), width=110)
         self._pause = field("Toggle", "Pause", lambda on: setattr(bench.images, "paused", on), margin=(3, 4))
-        self._n_readings = field("IntInput", "Readings", value=1, start=1, end=100, width=80)
+        self._n_readings = page.number("Readings", limits=(1, 100), value=1, width=80)
         self._typed = field("TextInput", "Reading of another meter (cd/m²), with Enter", width=260)
         contrast = "" if bench.target.contrast is None else f"{100 * bench.target.contrast:g}"
-        options = {"placeholder": "measured", "value": contrast, "width": 170}
+        options: dict[str, Any] = {"placeholder": "measured", "value": contrast, "width": 170}
         self._contrast = field("TextInput", "Target contrast (%)", self._aim_contrast, **options)
-        options = {"value": 100 * bench.target.epsilon, "start": 0.1, "width": 130}
-        self._epsilon = field("FloatInput", "Tolerance ε (%)", self._aim_epsilon, **options)
+        options = {"value": 100 * bench.target.epsilon, "width": 130}
+        self._epsilon = page.number("Tolerance ε (%)", self._aim_epsilon, (0.001, 100), **options)
         self._shown: tuple[CameraSettings | None, str] = (None, "")
         #: What only the controlling page may use.
         self._controls: list[Any] = []
@@ -172,13 +171,6 @@ class BenchPage:
             self._highest = highest
             self._map.show_range(DisplayScale.of_range(highest))
 
-    def _request(self, name: str, value: float | None, unit: float) -> None:
-        if value is not None and isfinite(value):
-            self.bench.camera.request(**{name: value * unit})
-
-    def _expose(self, exposure_ms: float | None) -> None:
-        self._request("exposure_s", exposure_ms, 1e-3)
-
     def _enter(self, text: str) -> None:
         if text and self.bench.enter_reading(text):
             self._typed.value = ""
@@ -194,10 +186,7 @@ class BenchPage:
             return
         self.bench.aim(contrast=contrast)
 
-    def _aim_epsilon(self, percent: float | None) -> None:
-        if percent is None or not 0 < percent < 1e4:
-            self.bench.workspace.say("The tolerance is a percentage above 0")
-            return
+    def _aim_epsilon(self, percent: float) -> None:
         self.bench.aim(epsilon=percent / 100)
 
     def _show_settings(self, live: Live) -> None:
@@ -210,4 +199,4 @@ class BenchPage:
             self._exposure.value, self._gain.value = float(f"{1e3 * settings.exposure_s:.6g}"), settings.gain_db
 
     def _take_readings(self) -> None:
-        self.bench.take_readings(self._n_readings.value or 1)
+        self.bench.take_readings(self._n_readings.value)

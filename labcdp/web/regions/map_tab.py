@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from math import isfinite
+from math import inf, isfinite
 from time import monotonic
 from typing import Any
 
@@ -48,7 +48,7 @@ class MapTab:
         field, example = page.field, "for example 1, 10, 100"
         self._shown = field("Select", "Picture", options=[_VALUES, _COLOURS, _GREY], width=220)
         self._kind = field("Select", "Scale", options=list(SCALES), value=self._dn_scale.name, width=110)
-        self._low, self._high = (field("FloatInput", name, start=0.0, width=110) for name in ("From", "To"))
+        self._low, self._high = (page.number(name, limits=(0.0, inf), width=110) for name in ("From", "To"))
         tip = "Span the luminances of the picture"
         self._fit = field("Button", "Fit scale", description=tip, margin=(19, 4))
         self._isolines = field("TextInput", f"Isolines ({unit})", placeholder=example, width=190)
@@ -138,8 +138,8 @@ class MapTab:
         low, high = np.percentile(light[np.isfinite(light)], (0.5, 99.9)) if np.isfinite(light).any() else (0.0, 1.0)
         # Noise about 0 would take most colours of a logarithm.
         low = max(low, high / (LARGEST_RATIO if low > 0 else 1000.0), 0.0)
-        self._low.param.update(value=float(f"{low:.3g}"))
-        self._high.param.update(value=float(f"{max(high, 1e-6):.3g}"))
+        with self._page.quietly():
+            self._low.value, self._high.value = float(f"{low:.3g}"), float(f"{max(high, 1e-6):.3g}")
         if self._shown.value == _VALUES:
             self._shown.value = _COLOURS
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import partial
 from itertools import count
+from math import inf
 from typing import Any
 
 import panel as pn
@@ -17,6 +17,7 @@ from ..html import column, row, style
 from .figure import Picture
 from .messages import parse_message
 from .shapes import METHOD_NAMES, METHODS, default_size_px, propose
+from .widgets import Widgets
 from .wording import pair_table, region_table, warning_list
 from .workspace import Workspace
 
@@ -26,7 +27,7 @@ _SOON_MS = 30
 _MOST_UNHEARD = 3
 
 
-class Page:
+class Page(Widgets):
     """One tab.
 
     Parameters
@@ -40,11 +41,11 @@ class Page:
     """
 
     def __init__(self, workspace: Workspace, document: Any, may_change: Callable[[], bool] = lambda: True) -> None:
-        self.workspace, self.document, self.may_change = workspace, document, may_change
+        super().__init__(workspace, may_change)
+        self.document = document
         #: Called after each refresh, in this order.
         self.after_update: list[Callable[[], None]] = []
         self.picture = Picture(workspace.image)
-        self._updating = False
         #: What is done soon, and whether a refresh waits for the browser.
         self._due: set[Callable[[], None]] = set()
         self._late = False
@@ -70,7 +71,7 @@ class Page:
         methods = {METHOD_NAMES[one]: one for one in METHODS}
         self._method = self.field("Select", "Propose regions", options=methods, **wide)
         size_px = default_size_px(workspace.image)
-        self._size = self.field("IntInput", "Size in pixels", value=size_px, start=6, width=110, visible=False)
+        self._size = self.number("Size in pixels", limits=(6, inf), value=size_px, width=110, visible=False)
         self._buttons = self._new_buttons()
         self.text = text
         self._connect()
@@ -255,46 +256,3 @@ class Page:
 
     def _pair_chosen(self, _name: str | None) -> None:
         self.do({"do": "pair", "first": self._first.value, "second": self._second.value})
-
-    def field(self, kind: str, name: str, action: Callable[[Any], object] | None = None, **options: Any) -> Any:
-        """Return a widget of Panel; `action` gets a new value of a person, if the tab may change anything."""
-        widget = getattr(pn.widgets, kind)(name=name, **options)
-
-        def watcher(event: Any) -> None:
-            if action is not None and not self._updating:
-                self.guarded(action)(event.new)
-                # A refused change is reverted.
-                self.changed()
-
-        if action is not None:
-            widget.param.watch(watcher, "value")
-        return widget
-
-    def on_enter(self, field: Any, action: Callable[[str], object]) -> None:
-        """Call `action` once with a text that a person ends with Enter: its value comes when it is left, too."""
-        field.param.watch(self.guarded(lambda _event: action(field.value)), "enter_pressed")
-
-    def button(self, name: str, action: Callable[[], object], **options: Any) -> Any:
-        """Return a button whose action only a tab does that may change anything."""
-        button = pn.widgets.Button(name=name, **{"margin": (3, 4)} | options)
-        button.on_click(self.guarded(lambda _event: action()))
-        return button
-
-    def guarded(self, action: Callable[[Any], object]) -> Callable[[Any], None]:
-        """Return an action that does nothing in a tab that may only look on."""
-
-        def acting(value: Any) -> None:
-            if self.may_change():
-                self.workspace.say("")  # no longer what was said of an earlier input
-                action(value)
-
-        return acting
-
-    @contextmanager
-    def quietly(self) -> Iterator[None]:
-        """Set widgets that are watched without calling their actions."""
-        before, self._updating = self._updating, True
-        try:
-            yield
-        finally:
-            self._updating = before

@@ -65,12 +65,6 @@ class BenchDevices:
         """Return a Manta G-505B and a meter with a scale error of 0.6 %, well within its 2 %."""
         return SimulatedBenchFile(seed=seed).devices()
 
-    def specimen(self, number: int) -> BenchDevices:
-        """Return the bench with another specimen of the camera: its own serial number and fixed pattern."""
-        sensor = self.chain.sensor
-        other = replace(self.chain, sensor=replace(sensor, device_seed=sensor.device_seed + number))
-        return replace(self, chain=other, serial=None) if number else self
-
 
 class _Camera(Table):
     chain: Text = Field(
@@ -115,6 +109,12 @@ class SimulatedBenchFile(Table):
             If it cannot be read, or a key or value is wrong.
         """
         return validated(cls, read_toml(path, "a simulated bench"), str(path))
+
+    def with_camera(self, device_seed: int | None) -> SimulatedBenchFile:
+        """Return the bench with another specimen of the camera: its serial number and fixed pattern, where left out."""
+        if device_seed is None or self.camera.serial is not None or "device_seed" in self.sensor:
+            return self
+        return self.model_copy(update={"sensor": {**self.sensor, "device_seed": device_seed}})
 
     def devices(self, file: Path | None = None) -> BenchDevices:
         """Make the devices; a chain file is sought in the folder of `file`, which this was read from.

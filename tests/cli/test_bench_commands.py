@@ -14,9 +14,9 @@ import serial
 from labcdp.chain import Chain
 from labcdp.drivers.simulated.genicam import Address
 from labcdp.drivers.simulated.gige_camera import SimulatedDevice, SimulatedGigECamera
-from labcdp.session import SessionConfiguration, example_session
+from labcdp.session import EventRecord, Session, SessionConfiguration, example_session
 
-from .conftest import SMALL_BENCH, results_of, rows_of
+from .conftest import SMALL_BENCH, plan, results_of, rows_of
 
 
 def checks_of(done):
@@ -103,14 +103,22 @@ def test_snap_takes_a_frame_again_that_does_not_come_whole(start, running_bench)
     assert snap.wait() == 0
 
 
-def test_a_second_bench_has_a_camera_of_its_own(labcdp, start, running_bench):
-    plan = example_session() / "session.toml"
-    other = start("simulate-bench", plan, "--simulated-bench", SMALL_BENCH, pipes=True)
+def test_a_second_bench_has_a_camera_of_its_own(labcdp, start, running_bench, tmp_path):
+    target = example_session() / "session.toml"
+    other = start("simulate-bench", target, "--simulated-bench", SMALL_BENCH, pipes=True)
     assert "127.0.0.2" in next(line for line in other.stdout if "camera" in line)
     found = rows_of(labcdp("devices", "--json"), "cameras")
     assert len({row["serial"] for row in found}) == len({row["address"] for row in found}) == 2
     print("quit", file=other.stdin, flush=True)
     assert other.wait() == 0
+    # Also that of an acquisition, which is resumed with it although the other address is not used.
+    (tmp_path / "plan.toml").write_text(plan("P12", [0.002]))
+    for more in ((), ("--virtual-clock", "--retake", "P12")):
+        done = labcdp("acquire", "plan.toml", "own", "--simulated-bench", SMALL_BENCH, *more)
+        assert done.returncode == 0, done.stderr
+    events = [r for r in Session.open(tmp_path / "own").records if isinstance(r, EventRecord)]
+    (own,) = {event.content["camera"]["serial"] for event in events if event.kind == "devices"}
+    assert own in {row["serial"] for row in found} - {running_bench[1]["serial"]}
 
 
 def test_names_of_any_bytes_end_no_command_and_reach_no_terminal(labcdp, running_bench, odd_camera):

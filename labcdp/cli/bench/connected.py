@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from ipaddress import AddressValueError, IPv4Address
 from pathlib import Path
 
 from ...acquire import Operator, Unattended
@@ -158,7 +159,11 @@ def _refuse_other_replay(session: Session, recorded: Session) -> None:
 def _simulated(session: Session, options: DeviceOptions, clock: Clock, console: Console) -> Iterator[Devices]:
     faults = "" if options.faults is None else read_text(options.faults, "a schedule of faults", 2**20)
     parse_schedule(faults, str(options.faults))
-    described = simulated_bench_file(options.simulated_bench)
+    described, begun = simulated_bench_file(options.simulated_bench), _begun_bench(session)
+    if begun is not None:
+        described = described.with_camera(begun.sensor.get("device_seed"))
+    elif not options.virtual_clock:
+        described = with_own_camera(described, options.simulated_bench)
     devices = described.devices(options.simulated_bench)
     with (
         SimulatedBench(session.configuration, devices, clock=clock, n_records=len(session.records)) as bench,
@@ -175,12 +180,29 @@ def simulated_bench_file(path: Path | None, seed: int | None = None) -> Simulate
     return described if seed is None else described.model_copy(update={"seed": seed})
 
 
+def with_own_camera(described: SimulatedBenchFile, path: Path | None, address: str | None = None) -> SimulatedBenchFile:
+    """Return the bench with a camera of its own for each loopback address, by default the first free one."""
+    try:
+        number = int(IPv4Address(address or free_loopback_address())) - int(IPv4Address("127.0.0.1"))
+    except AddressValueError:
+        raise InputError(f"--address is {address!r}: give an IPv4 address such as 127.0.0.2") from None
+    except CameraError:
+        return described  # it will be in this process
+    return described.with_camera(described.devices(path).chain.sensor.device_seed + number) if number > 0 else described
+
+
+def _begun_bench(session: Session) -> SimulatedBenchFile | None:
+    """Return the simulated bench that a session was begun with."""
+    begun = [r.content for r in session.records if isinstance(r, EventRecord) and r.kind == SIMULATED_BENCH]
+    return SimulatedBenchFile.model_validate(begun[-1]) if begun else None
+
+
 def note_bench(session: Session, described: SimulatedBenchFile) -> None:
     """Record which simulated bench it is; refuse to resume a session with another one."""
-    begun = [r.content for r in session.records if isinstance(r, EventRecord) and r.kind == SIMULATED_BENCH]
-    if not begun:
+    begun = _begun_bench(session)
+    if begun is None:
         session.add_event(SIMULATED_BENCH, described.model_dump(mode="json"))
-    elif SimulatedBenchFile.model_validate(begun[-1]) != described:
+    elif begun != described:
         raise InputError(f"{session.path} was begun with another simulated bench: use that one, or a new folder")
 
 

@@ -34,7 +34,7 @@ from ..commands import As
 from ..options import Json, MeterModel, PageOptions, Percent, output_file
 from ..terminal import print_result, say_where
 from ..values import parse_contrasts
-from .connected import note_bench, serial_meter, simulated_bench_file, simulated_devices
+from .connected import note_bench, serial_meter, simulated_bench_file, simulated_devices, with_own_camera
 from .options import BenchDevices, DeviceOptions
 
 #: How long the camera streams for a tab that was closed: it may be reloaded.
@@ -52,7 +52,7 @@ class LiveDevices(BenchDevices):
         """Open the devices."""
         if self.simulating:
             plan = plan or SessionConfiguration.from_toml(example_configuration(), "the demonstration's")
-            described = simulated_bench_file(self.simulated_bench)
+            described = with_own_camera(simulated_bench_file(self.simulated_bench), self.simulated_bench)
             devices = described.devices(self.simulated_bench)
             with SimulatedBench(plan, devices) as bench, simulated_devices(plan, bench) as opened:
                 meter = opened.meter if plan.meter.entry == "serial" else None

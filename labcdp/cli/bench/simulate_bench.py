@@ -7,12 +7,11 @@ import select
 import signal
 import sys
 from collections.abc import Iterator
-from ipaddress import AddressValueError, IPv4Address
 from pathlib import Path
 from typing import Annotated
 
 from ...core.disk import read_text
-from ...core.errors import InputError, LabcdpError
+from ...core.errors import LabcdpError
 from ...core.result import Result
 from ...core.table import Column, Table
 from ...drivers.simulated.bench import SimulatedBench
@@ -22,7 +21,7 @@ from ...session import SessionConfiguration, example_configuration
 from ..commands import As
 from ..options import Json, NonNegative, SimulatedBenchPath
 from ..terminal import print_result, say
-from .connected import simulated_bench_file
+from .connected import simulated_bench_file, with_own_camera
 
 _HELP = "Type: cover | uncover | point PATCH | status | quit | show PATCH, or a fault: " + " | ".join(EXAMPLES)
 
@@ -58,9 +57,9 @@ def simulate_bench(
         loaded = SessionConfiguration.from_toml(example_configuration(), "the demonstration's configuration")
     else:
         loaded = SessionConfiguration.load(configuration)
-    devices = simulated_bench_file(simulated_bench, seed).devices(simulated_bench)
     address = address or free_loopback_address()
-    bench = SimulatedBench(loaded, devices.specimen(_specimen(address)))
+    described = with_own_camera(simulated_bench_file(simulated_bench, seed), simulated_bench, address)
+    bench = SimulatedBench(loaded, described.devices(simulated_bench))
     schedule = "" if faults is None else read_text(faults, "a schedule of faults", 2**20)
     parse_schedule(schedule, str(faults))
     with bench, bench.gige_camera(address), bench.pty_meter(response_s) as meter:
@@ -68,14 +67,6 @@ def simulate_bench(
         print_result(_running(bench, address, loaded.meter.model, meter.port), as_json, _HELP)
         sys.stdout.flush()
         _serve(bench)
-
-
-def _specimen(address: str) -> int:
-    """Return the number of the camera: those on several loopback addresses are several cameras."""
-    try:
-        return max(0, int(IPv4Address(address)) - int(IPv4Address("127.0.0.1")))
-    except AddressValueError:
-        raise InputError(f"--address is {address!r}: give an IPv4 address such as 127.0.0.2") from None
 
 
 def _running(bench: SimulatedBench, address: str, meter: str, port: str) -> Result:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from math import hypot, inf, sqrt
 
-from ...core.frame import PLANES, CameraIdentity
+from ...core.frame import PLANES
 from ..colour.model import AnyCalibration
 from ..frames.observations import CameraState
 from ..model import Calibration
@@ -70,26 +70,22 @@ class CameraHistory:
 
     Parameters
     ----------
-    camera : CameraIdentity
-        The camera.
+    state : CameraState
+        Camera, gain, pixel format and colour plane.
     lens : LensIdentity
         The lens.
-    gain_db : float
-        The gain.
-    pixel_format : str
-        The pixel format.
-    plane : str or None
-        The colour plane.
     points : tuple of HistoryPoint
         By time, the earliest first.
     """
 
-    camera: CameraIdentity
+    state: CameraState
     lens: LensIdentity
-    gain_db: float
-    pixel_format: str
-    plane: str | None
     points: tuple[HistoryPoint, ...]
+
+    @property
+    def plane(self) -> str | None:
+        """The colour plane; None for a monochrome sensor."""
+        return self.state.plane
 
     @property
     def change_rel(self) -> tuple[float, float] | None:
@@ -136,14 +132,7 @@ def histories(
         key = (str(state.camera), repr(lens), f"{state.gain_db:g}", state.pixel_format, order)
         groups.setdefault(key, (state, lens, []))[2].append(point)
     return tuple(
-        CameraHistory(
-            camera=state.camera,
-            lens=lens,
-            gain_db=state.gain_db,
-            pixel_format=state.pixel_format,
-            plane=state.plane,
-            points=tuple(sorted(points, key=lambda point: point.measured)),
-        )
+        CameraHistory(state, lens, tuple(sorted(points, key=lambda point: point.measured)))
         for _, (state, lens, points) in sorted(groups.items(), key=lambda item: item[0])
     )
 

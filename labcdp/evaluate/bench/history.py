@@ -52,7 +52,8 @@ def by_camera(found: Sequence[CameraHistory]) -> list[Camera]:
     """Put the planes of each camera, lens and setting together."""
     groups: dict[tuple[object, ...], list[CameraHistory]] = {}
     for one in found:
-        groups.setdefault((one.camera, one.lens, one.gain_db, one.pixel_format, one.plane is None), []).append(one)
+        key = one.state.camera, one.lens, one.state.gain_db, one.state.pixel_format, one.plane is None
+        groups.setdefault(key, []).append(one)
     return [tuple(group) for group in groups.values()]
 
 
@@ -61,7 +62,7 @@ def history_title(planes: Camera) -> str:
     one = planes[0]
     lens = f"{one.lens.model}{f' ({one.lens.serial})' if one.lens.serial else ''} at f/{one.lens.f_number:g}"
     single = f", plane {one.plane}" if one.plane and len(planes) == 1 else ""
-    return printable(f"{one.camera}, {lens}, {one.gain_db:g} dB, {one.pixel_format}{single}")
+    return printable(f"{one.state.camera}, {lens}, {one.state.gain_db:g} dB, {one.state.pixel_format}{single}")
 
 
 def history_result(found: Sequence[CameraHistory], inputs: Sequence[InputFile] = ()) -> Result:
@@ -87,7 +88,7 @@ def history_result(found: Sequence[CameraHistory], inputs: Sequence[InputFile] =
         Column("plane", "plane", "", "Colour plane.", shown=any(len(planes) > 1 for planes in cameras)),
     )
     tables = (_changes(first, last), _history(first, rows))
-    simulated = any(planes[0].camera.simulated for planes in cameras)
+    simulated = any(planes[0].state.camera.simulated for planes in cameras)
     return Result("history", title, tables, _findings(found), inputs=tuple(inputs), simulated=simulated)
 
 
@@ -171,7 +172,7 @@ def history_figure(planes: Camera, number: int = 1) -> ReportFigure:
         "K in DN/e⁻": [[_exact(p.k_dn_per_e) for p in one.points] for one in planes],
     }
     shown = {label: values for label, values in panels.items() if any(v for of_plane in values for v in of_plane)}
-    figure = new_figure(6.4, 0.9 + 1.25 * len(shown), "camera" if first.camera.simulated else "")
+    figure = new_figure(6.4, 0.9 + 1.25 * len(shown), "camera" if first.state.camera.simulated else "")
     axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
     for panel, (label, values) in zip(axes, shown.items(), strict=True):
         for place, (one, of_plane) in enumerate(zip(planes, values, strict=True)):
@@ -179,8 +180,8 @@ def history_figure(planes: Camera, number: int = 1) -> ReportFigure:
         finish(panel, "", label, "", loc="upper left", bbox_to_anchor=(1.01, 1.0))
         panel.margins(x=0.06, y=0.15)
         panel.ticklabel_format(axis="y", useOffset=False)
-    lens = f"{first.lens.model} at f/{first.lens.f_number:g}, {first.gain_db:g} dB"
-    axes[0].set_title(f"{printable(str(first.camera))}\n{printable(lens)}", fontsize=TITLE_SIZE, parse_math=False)
+    lens = f"{first.lens.model} at f/{first.lens.f_number:g}, {first.state.gain_db:g} dB"
+    axes[0].set_title(f"{printable(str(first.state.camera))}\n{printable(lens)}", fontsize=TITLE_SIZE, parse_math=False)
     axes[-1].set_xlabel("time of measurement (UTC)", fontsize=LABEL_SIZE)
     # matplotlib's dates have no types.
     make: Any = dates
@@ -192,7 +193,7 @@ def history_figure(planes: Camera, number: int = 1) -> ReportFigure:
         figure,
         "Filled: calibrations, open: verifications. The thick bar is ± U (95 %) without the scale of the meter, which "
         "measurements with one meter share; the thin bar includes it.",
-        f"Responsivity and dark signal of {printable(str(first.camera))}, {len(first.points)} times.",
+        f"Responsivity and dark signal of {printable(str(first.state.camera))}, {len(first.points)} times.",
     )
 
 

@@ -170,7 +170,8 @@ def test_a_history_has_a_row_for_each_plane_and_measurement(evaluated, tmp_path)
     (first,) = mono.points
     later = replace(first, source="v.json", measured=first.measured.replace(year=first.measured.year + 1))
     nothing = replace(later, responsivity=None, k_dn_per_e=None)
-    planes = [replace(mono, plane=p, points=(first, nothing if p == "R" else later)) for p in PLANES]
+    states = [replace(mono.state, plane=p) for p in PLANES]
+    planes = [replace(mono, state=s, points=(first, nothing if s.plane == "R" else later)) for s in states]
     # A monochrome camera of the same name is another one.
     assert [[one.plane for one in camera] for camera in by_camera([*planes, mono])] == [list(PLANES), [None]]
     seen = [(row["plane"], row["responsivity"]) for row in history_result(planes).table("history").rows()]

@@ -12,9 +12,11 @@ from ...calibration.frames.observations import CameraState
 from ...calibration.sensor.dark_library import DarkLibrary, dark_library
 from ...calibration.sensor.defects import DefectMap, find_defects
 from ...calibration.sensor.flat_field import MeasuredVignetting, measure_vignetting
+from ...chain.optics import axial_illuminance_per_cd_m2
 from ...core.dn import Response
 from ...core.errors import CalibrationError
 from ...core.frame import Readout
+from ...core.photometry import photon_radiance_per_cd_m2
 from ...core.result import Finding, info
 from ...core.vignetting import AnyVignetting, Cos4Vignetting
 from ...session import Session, SessionConfiguration
@@ -54,6 +56,11 @@ class Corrections:
 def pixel_area_m2(pixel_pitch_m: float, readout: Readout | None) -> float:
     """Area of a sensor with this pitch that a pixel of its frames sums or averages."""
     return pixel_pitch_m**2 * (1 if readout is None else prod(readout.binning))
+
+
+def photons_per_cd_m2_s(spectrum: str, f_number: float, transmittance: float, area_m2: float) -> float:
+    """Photons that a pixel on the axis gets in a second from 1 cd/m^2 far away; InputError for an unknown spectrum."""
+    return photon_radiance_per_cd_m2(spectrum) * axial_illuminance_per_cd_m2(f_number, transmittance, 0.0) * area_m2
 
 
 def natural_vignetting(configuration: SessionConfiguration, state: CameraState) -> Cos4Vignetting:

@@ -11,16 +11,14 @@ from ...calibration.colour.conversion import luminance_of_planes
 from ...calibration.readings import combine_readings
 from ...calibration.setup import MeterScale
 from ...calibration.uncertainty import expanded_rel
-from ...chain.optics import axial_illuminance_per_cd_m2
 from ...core.errors import CalibrationError, InputError
-from ...core.photometry import photon_radiance_per_cd_m2
 from ...core.roi import Roi
 from ...metrics import CalibratedCdp, CdpResult, ContrastDistribution, contrast_histogram
 from ...metrics.pair import evaluate_regions
 from ...metrics.region import RegionPixels
 from ...metrics.uncertainty import LimitVerdict, limit_verdict
 from ...session import ContrastConfiguration, Session
-from .corrections import pixel_area_m2
+from .corrections import photons_per_cd_m2_s, pixel_area_m2
 from .observe import ObservedSession
 from .recorded import maps_of
 
@@ -114,12 +112,12 @@ def _calculated_cd_m2(observed: ObservedSession, name: str) -> float | None:
     if not unsaturated:
         return None
     o = max(unsaturated, key=lambda o: o.exposure_s)
-    illuminance = axial_illuminance_per_cd_m2(guess.f_number, guess.transmittance, magnification=0.0)
-    photons_s_m2 = photon_radiance_per_cd_m2(observed.configuration.source.spectrum) * illuminance
     # K is taken to be for 0 dB.
     k_dn_per_e = guess.k_dn_per_e * 10 ** (o.state.gain_db / 20)
     area_m2 = pixel_area_m2(guess.pixel_pitch_m, o.state.readout)
-    responsivity = photons_s_m2 * area_m2 * guess.quantum_efficiency * k_dn_per_e
+    spectrum = observed.configuration.source.spectrum
+    photons = photons_per_cd_m2_s(spectrum, guess.f_number, guess.transmittance, area_m2)
+    responsivity = photons * guess.quantum_efficiency * k_dn_per_e
     return o.net_dn(guess.dark_dn) / (responsivity * o.exposure_s)
 
 

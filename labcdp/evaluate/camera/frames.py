@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from math import hypot, pi, sqrt
+from math import hypot, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -20,11 +20,10 @@ from ...calibration.setup import MeterScale
 from ...calibration.uncertainty import expanded_rel
 from ...core.clock import exposure_text
 from ...core.errors import CalibrationError, InputError
-from ...core.photometry import photon_radiance_per_cd_m2
 from ...core.reading import Reading
 from ...core.result import Finding, info
 from ...session import FrameRecord, Session, SessionConfiguration
-from ..bench.corrections import natural_vignetting, pixel_area_m2
+from ..bench.corrections import natural_vignetting, photons_per_cd_m2_s, pixel_area_m2
 from ..bench.recorded import SessionReader, by_exposure, by_patch, planes_of
 
 #: Colour plane of a Bayer sensor that is characterised: of the planes the one with the most light from any source.
@@ -246,9 +245,6 @@ def quantum_efficiency_estimate(
 ) -> Quantity | None:
     """Estimate QE from lens data: electrons over photons per pixel, cd/m^2 and second.
 
-    Photons are pi / (4 F^2) times transmittance, area of a pixel and photons s^-1 m^-2 sr^-1 per cd/m^2 of the
-    spectrum: the illuminance behind a lens focused far away is E = pi tau L / (4 F^2).
-
     Returns
     -------
     Quantity or None
@@ -256,13 +252,12 @@ def quantum_efficiency_estimate(
         10 % of the transmittance are assumed.
     """
     lens = configuration.lens
-    try:
-        radiance = photon_radiance_per_cd_m2(configuration.source.spectrum)
-    except InputError:
-        return None
     transmittance = 1.0 if lens.transmittance is None else lens.transmittance
     area_m2 = pixel_area_m2(configuration.camera.pixel_pitch_m, state.readout)
-    photons = radiance * pi / (4 * lens.f_number**2) * transmittance * area_m2
+    try:
+        photons = photons_per_cd_m2_s(configuration.source.spectrum, lens.f_number, transmittance, area_m2)
+    except InputError:
+        return None
     value = responsivity.value / k.value / photons
     of_lens = hypot(2 * _F_NUMBER_REL, _TRANSMITTANCE_REL) / sqrt(3)
     relative = hypot(responsivity.standard_uncertainty / responsivity.value, k.standard_uncertainty / k.value, of_lens)

@@ -10,14 +10,13 @@ from ...calibration import Calibration, DarkModel
 from ...calibration.emva.result import Characterisation, Quantity
 from ...calibration.sensor.dark_fit import TYPICAL_DOUBLING_C
 from ...calibration.sensor.noise import index_of_gain
-from ...chain import Optics, Sensor
+from ...chain import Sensor
 from ...core.errors import CalibrationError, InputError
 from ...core.frame import Frame
-from ...core.photometry import photon_radiance_per_cd_m2
 from ...core.result import Finding, info, warning
 from ...core.vignetting import FlatField
 from ...session import Session, SessionConfiguration
-from ..bench.corrections import pixel_area_m2
+from ..bench.corrections import photons_per_cd_m2_s, pixel_area_m2
 from ..bench.observe import ObservedSession
 from .parameters import MOST_PRNU_REL, TwinParameters, known
 
@@ -154,12 +153,11 @@ def _responsivity(observed: ObservedSession, calibration: Calibration, gain_fact
 
 def _efficiency(session: SessionConfiguration, area_m2: float, r: float, common_rel: float, k: Quantity) -> Quantity:
     """Quantum efficiency times transmittance that give R with the configured lens, pitch and spectrum."""
-    optics = Optics(f_number=session.lens.f_number, transmittance=1.0)
     try:
-        photons_per_lx_s = photon_radiance_per_cd_m2(session.source.spectrum) * area_m2
+        photons = photons_per_cd_m2_s(session.source.spectrum, session.lens.f_number, 1.0, area_m2)
     except InputError as error:
         raise CalibrationError(f"the twin needs the spectrum of the light: {error}") from error
-    value = r / (k.value * optics.axial_illuminance_per_cd_m2 * photons_per_lx_s)
+    value = r / (k.value * photons)
     if value > 1:
         raise CalibrationError(
             f"quantum efficiency times transmittance would be {value:.3g}, more than 1: check the f-number "

@@ -1,18 +1,20 @@
-"""A map as result, picture, page, spreadsheet and files."""
+"""A map as result, picture, page, spreadsheet and files; damage of a NetCDF file is an error that says so."""
 
 import json
 from pathlib import Path
 
 import numpy as np
 import openpyxl
+import pytest
 import xarray as xr
 from jsonschema import Draft202012Validator
 from scipy.stats import norm
 
+from labcdp.core.errors import InputError
 from labcdp.evaluate.sweep.maps.map import analyse_map
 from labcdp.evaluate.sweep.maps.page import write_map
 from labcdp.evaluate.sweep.maps.result import result
-from labcdp.report.files import schema
+from labcdp.report.files import dataset_bytes, read_dataset, schema
 
 LUMINANCE, CONTRAST = "scene.luminance_cd_m2", "scene.contrast"
 HOSTILE = "</script><b>bold</b> =1+1 $x_{$ {{ 7 }}"
@@ -69,3 +71,21 @@ def test_tables_and_findings_are_the_analysis() -> None:
     dim = dataset.assign(cdp=0.8 * dataset["cdp"])
     (finding,) = result(dim, analyse_map(dim)).findings
     assert (finding.code, finding.values["usable_cdp"]) == ("map-nowhere-usable", 0.9)
+
+
+def test_what_is_written_is_read_again_and_damage_is_noticed(tmp_path: Path) -> None:
+    axes = ("scene.luminance_cd_m2", "stage")
+    cdp = np.where(np.arange(600) == 10, np.nan, np.random.default_rng(0).random(600)).reshape(200, 3)
+    data = {"cdp": (axes, cdp, {"long_name": "CDP", "unit": "1"}), "snr_dark": (axes, cdp * np.inf)}
+    luminance = (axes[0], np.geomspace(0.1, 1e4, 200), {"unit": "cd/m^2"})
+    attributes = {"title": "Ein Füllstand", "contrast": np.nan, "seed": 7, "chain": '[scene]\nname = "ü"\n'}
+    dataset = xr.Dataset(data, {axes[0]: luminance, axes[1]: ["sensor", "hdr", "köln"]}, attributes)
+    path, whole = tmp_path / "map.nc", dataset_bytes(dataset, "map")
+    path.write_bytes(whole)
+    xr.testing.assert_identical(read_dataset(path, "map"), dataset)
+    altered = bytearray(whole)
+    altered[whole.index(b"\x78\x5e") + 1000] ^= 1  # in the first stream of zlib at this level
+    for content in (b"CDP;0.5\n", whole[:5000], altered):
+        path.write_bytes(content)
+        with pytest.raises(InputError, match=r"map\.nc is (damaged or no|no) NetCDF file"):
+            read_dataset(path, "map")

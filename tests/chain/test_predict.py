@@ -111,6 +111,18 @@ def test_values_of_a_tiny_sensor_by_hand(method, dsnu_e):
         assert (prediction.cdp[i], prediction.below[i], prediction.above[i]) == pytest.approx(expected, abs=tolerance)
 
 
+def test_a_fading_exposure_that_is_clipped_in_some_pixels_by_all_combinations():
+    """Of the bright patch many pixels share values, which the bins of the dark one do not tell apart."""
+    sensor = replace(USUAL, full_well_e=320.0, k_dn_per_e=1.7, read_noise_e=10.0, bits=10)
+    camera = CameraModel(sensor, ExposureSettings((3e-3, 0.5625e-3)), Hdr("weighted"))
+    for rate in (62e3, 67.5e3):
+        shown = [merged_by_hand(camera, light + 0.1 * rate) for light in (rate, 1.48 * rate)]
+        dark, bright = (Distribution(one.values - 1.7 * 3e-4 * rate, one.weights) for one in shown)
+        expected = cdp(bright, dark, 0.48)
+        found = predict(camera, PatchRates(1.1 * rate, 1.58 * rate, 0.1 * rate), 0.48)
+        assert (found.cdp, found.below) == pytest.approx((expected.cdp, expected.below), abs=2e-4)
+
+
 @pytest.mark.parametrize(
     ("exposures_s", "steps"),
     [

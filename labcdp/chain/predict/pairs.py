@@ -8,6 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from .value_bins import ValueBins
 from .value_table import ValueTable
 
 FloatArray = NDArray[np.float64]
@@ -111,10 +112,12 @@ def _by_rate(patch: Patch) -> NDArray[np.intp]:
 class _BrightPatches:
     """Bright patches of n cells: moments and, one after the other in `below`, cumulative probabilities.
 
-    P(value < values[first + j]) of a cell is ``below[start + j]`` for j from 0 to `size`.
+    P(value < values[first + j]) of a cell is ``below[start + j]`` for j from 0 to `size`; of bins, that below an edge,
+    and its integral from the first edge to this one is ``area[start + j]``.
     """
 
     below: FloatArray
+    area: FloatArray
     start: NDArray[np.intp]
     first: NDArray[np.intp]
     size: NDArray[np.intp]
@@ -122,13 +125,8 @@ class _BrightPatches:
     variance: FloatArray
     saturated: FloatArray
 
-    def up_to(
-        self, table: ValueTable, cells: NDArray[np.intp], limits: FloatArray, half_width: FloatArray | float = 0.0
-    ) -> FloatArray:
-        """Probability of values of at most some limits of some cells, shape (n, k); of bins, with the part below it.
-
-        Limits that are spread evenly over a width pass the highest value, where pixels are clipped, in parts.
-        """
+    def up_to(self, table: ValueTable, cells: NDArray[np.intp], limits: FloatArray) -> FloatArray:
+        """Probability of values of at most some limits of some cells, shape (n, k); of bins, with the part below it."""
         start, first, size = (of_all[cells, None] for of_all in (self.start, self.first, self.size))
 
         def below(place: NDArray[np.intp]) -> FloatArray:
@@ -143,18 +141,28 @@ class _BrightPatches:
         part = np.where(table.bins.exact[whole], limits >= table.values[whole], part)
         lower = below(whole)
         result: FloatArray = lower + part * (below(whole + 1) - lower)
-        last = np.full_like(start, edges.size - 2)
-        over = limits - table.values[-1]
-        passed = np.clip(over / np.where(half_width > 0, 2 * half_width, 1.0) + 0.5, 0.0, 1.0)
-        result += np.where(half_width > 0, passed - (over >= 0), 0.0) * (below(last + 1) - below(last))
         return result
+
+    def mean_up_to(self, bins: ValueBins, cells: NDArray[np.intp], ends: FloatArray) -> FloatArray:
+        """Mean of `up_to` over limits spread evenly between each two of some `ends`, shape (n, k); k is one less."""
+        start, first, size = (of_all[cells, None] for of_all in (self.start, self.first, self.size))
+        whole = np.clip(np.searchsorted(bins.edges, ends, side="right") - 1, first, first + size - 1)
+        place = whole - first + start
+        along, width = ends - bins.edges[whole], np.diff(bins.edges)[whole]
+        inside = np.clip(along, 0.0, width)
+        part = inside**2 / (2 * width) + np.maximum(along - width, 0.0)
+        part = np.where(bins.exact[whole], np.maximum(ends - bins.values[whole], 0.0), part)
+        lower = self.below.take(place)
+        area = self.area.take(place) + lower * along + part * (self.below.take(place + 1) - lower)
+        length = np.diff(ends, axis=1)
+        return np.divide(np.diff(area, axis=1), length, out=np.zeros_like(length), where=length > 0)
 
 
 def _bright_patches(table: ValueTable, cells: Cells) -> _BrightPatches:
     count = cells.zero.size
     start, first, size = (np.empty(count, dtype=np.intp) for _ in range(3))
     mean, variance, saturated = np.empty(count), np.empty(count), np.empty(count)
-    pieces, filled = [], 0
+    pieces, areas, filled = [], [], 0
     order = _by_rate(cells.bright)
     for part, begin, share, clipped in table.blocks(*(array[order] for array in cells.bright)):
         chosen = order[part]
@@ -166,8 +174,17 @@ def _bright_patches(table: ValueTable, cells: Cells) -> _BrightPatches:
         mean[chosen], variance[chosen] = _moments(table.values[begin : begin + width], share)
         saturated[chosen] = np.clip(clipped, 0.0, 1.0)
         pieces.append(below.ravel())
+        if table.bins is not None:
+            edges, values = table.bins.edges[begin : begin + width + 1], table.values[begin : begin + width]
+            wide = np.diff(edges)
+            area = np.zeros_like(below)
+            own = share * np.where(table.bins.exact[begin : begin + width], edges[1:] - values, wide / 2)
+            np.cumsum(below[:, :-1] * wide + own, axis=1, out=area[:, 1:])
+            areas.append(area.ravel())
         filled += below.size
-    return _BrightPatches(np.concatenate(pieces), start, first, size, mean, variance, saturated)
+    return _BrightPatches(
+        np.concatenate(pieces), np.concatenate(areas or pieces), start, first, size, mean, variance, saturated
+    )
 
 
 def _moments(values: FloatArray, share: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -188,19 +205,23 @@ def _evaluate(
     mean, variance = _moments(values, share)
     lit_share, signal = _lit(table, cells.zero, first, share)
     dark_share = share.sum(axis=1) - lit_share.sum(axis=1)
-    width = np.zeros(values.size)
-    if table.bins is not None:
-        bins = slice(first, first + values.size)
-        width = np.where(table.bins.exact[bins], 0.0, np.diff(table.bins.edges[first : bins.stop + 1]))
     zero = cells.zero[:, None]
     not_positive, total = (patches.up_to(table, numbers, limit)[:, 0] for limit in (zero, np.full_like(zero, np.inf)))
 
     def up_to_contrast(contrast: FloatArray, nudge: float) -> FloatArray:
-        reach = signal * (1 + contrast[:, None])
+        factor = 1 + contrast[:, None]
+        reach = signal * factor
         limits = zero + reach + nudge * (np.abs(zero) + reach)
+        if table.bins is None:
+            chance = patches.up_to(table, numbers, limits)
+        else:
+            # Dark values spread over a bin meet bright ones that many pixels share.
+            edges = np.maximum(table.bins.edges[first : first + values.size + 1] - zero, 0.0)
+            chance = patches.mean_up_to(table.bins, numbers, zero + edges * factor)
+            exact = table.bins.exact[first : first + values.size]
+            chance[:, exact] = patches.up_to(table, numbers, limits[:, exact])
         # To a dark value of 0 or below each bright one above 0 has an unbounded contrast.
-        spread = width * (1 + contrast[:, None]) / 2
-        reached: FloatArray = np.einsum("nk,nk->n", lit_share, patches.up_to(table, numbers, limits, spread))
+        reached: FloatArray = np.einsum("nk,nk->n", lit_share, chance)
         reached += dark_share * not_positive
         return reached
 

@@ -16,7 +16,8 @@ from .value_table import value_table
 
 FloatArray = NDArray[np.float64]
 
-#: Cells evaluated at once in a thread: their bright patches are held, up to 32 MB for each 1000 DN of a patch's width.
+#: Cells evaluated at once in a thread: their bright patches are held, up to 32 MB for each 1000 DN of a patch's width
+#: or 64 MB for each 1000 bins.
 _CHUNK = 2048
 
 

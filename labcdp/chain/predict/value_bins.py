@@ -17,7 +17,7 @@ from ..hdr import FADE_FROM, ZERO_DN, ExposureLadder, Method, faded_share
 FloatArray = NDArray[np.float64]
 
 #: Bins in a standard deviation of the value. What is lost is of second order, about 1e-4 of a CDP.
-_BINS = 28
+_BINS = 40
 
 #: Most values a zone is given for the sake of another, and most that are tabulated one by one.
 _MOST, _MOST_ALONE = 20_000, 500_000

@@ -3,6 +3,7 @@
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from labcdp.drivers.camera import CameraSettingError
@@ -75,3 +76,8 @@ def test_exposure_and_frame_rate_that_limit_each_other_are_set_at_once(camera):
     for exposure_s, frame_rate_hz in ((0.1, 5.0), (0.002, 200.0)):
         settings = camera.configure(exposure_s=exposure_s, frame_rate_hz=frame_rate_hz)
         assert (settings.exposure_s, settings.frame_rate_hz) == pytest.approx((exposure_s, frame_rate_hz), rel=1e-3)
+    # So fast ones are taken several at once.
+    ids = []
+    for frame in camera.grab(50, on_refused=lambda error: ids.append(error.frame_id)):
+        ids.append(frame.frame_id)
+    assert all(step % 65535 == 1 for step in np.diff(ids))

@@ -25,7 +25,7 @@ def measured(*answers):
         return meter.measure()
 
 
-def test_a_typed_number_is_a_reading():
+def test_a_typed_number_is_a_reading_and_three_others_are_an_error():
     before, reading = datetime.now(UTC), measured("twelve", "-3", " 12,30 ")
     assert (reading.value, reading.unit, reading.resolution) == (12.3, "cd/m2", 0.01)
     assert (reading.meter, reading.raw) == (METER, " 12,30 ")
@@ -33,9 +33,6 @@ def test_a_typed_number_is_a_reading():
     assert (reading.peak, reading.held, reading.correction) == (False, True, None)
     assert reading.standard_uncertainty_common_rel == pytest.approx(0.03 / sqrt(3))
     assert reading.standard_uncertainty_random_cd_m2 == pytest.approx(hypot(0.02 / sqrt(3), 0.005 * 12.3))
-
-
-def test_three_answers_that_are_no_luminance_end_in_an_error():
     with pytest.raises(MeterError, match="typed"):
         measured("a", "b", "c", "12.3")
 

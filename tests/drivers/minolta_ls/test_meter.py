@@ -12,7 +12,6 @@ from labcdp.core.clock import SimulatedClock
 from labcdp.core.reading import MeterIdentity
 from labcdp.drivers.meter import (
     MeterLostError,
-    MeterNotFoundError,
     MeterProtocolError,
     MeterReportedError,
     MeterTimeoutError,
@@ -78,11 +77,6 @@ def test_measure_and_held_value():
     assert reading.luminance_cd_m2 == held.luminance_cd_m2 == 1.0
     assert reading.meter == METER
     assert (datetime.now(UTC) - reading.timestamp).total_seconds() < 60
-
-
-def test_a_port_that_is_not_there_says_so():
-    with pytest.raises(MeterNotFoundError, match=r"^/dev/no-such-port: there is no such .*plug the adapter in"):
-        MinoltaLS110("/dev/no-such-port").open()
 
 
 @pytest.mark.parametrize(

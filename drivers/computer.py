@@ -117,12 +117,6 @@ def own_udp_sockets() -> Iterator[tuple[socket.socket, tuple[str, int]]]:
 
     The socket object is a duplicate that is closed afterwards; options set on it persist.
     """
-    for duplicate in _own_sockets():
-        if duplicate.family == socket.AF_INET and duplicate.type == socket.SOCK_DGRAM:
-            yield duplicate, duplicate.getsockname()
-
-
-def _own_sockets() -> Iterator[socket.socket]:
     for entry in Path("/proc/self/fd").iterdir():
         try:
             if not entry.is_socket():
@@ -131,7 +125,8 @@ def _own_sockets() -> Iterator[socket.socket]:
         except OSError:
             continue  # closed by another thread in the meantime
         with duplicate:
-            yield duplicate
+            if duplicate.family == socket.AF_INET and duplicate.type == socket.SOCK_DGRAM:
+                yield duplicate, duplicate.getsockname()
 
 
 def udp_socket_numbers() -> frozenset[int]:
@@ -149,11 +144,6 @@ def shut_down(numbers: frozenset[int]) -> None:
             # Linux reports ENOTCONN for a datagram socket but shuts it down anyway.
             with contextlib.suppress(OSError):
                 own.shutdown(socket.SHUT_WR)
-
-
-def has_packet_sockets() -> bool:
-    """Whether this process uses a packet socket instead of UDP sockets, which then need no large buffer."""
-    return any(own.family == socket.AF_PACKET for own in _own_sockets())
 
 
 def enlarge_receive_buffer(port: int, wanted_bytes: int) -> int | None:

@@ -10,7 +10,6 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from ipaddress import AddressValueError, IPv4Address
 from itertools import count
-from math import isclose
 from typing import Any, TypeVar
 
 from ...core.frame import CameraIdentity
@@ -18,7 +17,7 @@ from ..camera import CameraError, CameraLostError, CameraSettingError, Gap
 from ..camera_settings import CameraSettings, CameraSetup, FeatureValue
 from ..device import on_error
 from . import gvcp
-from .features import read_feature, readable_features, writable, write_feature
+from .features import is_same, read_feature, readable_features, writable, write_feature
 from .library import CameraInfo, choose, discover
 from .link import Link, connect
 
@@ -106,18 +105,12 @@ def require_kept(
     pairs = {name: (value, getattr(settings, name)) for name, value in wanted.settings.items()}
     pairs |= {name: (value, feature(name)) for name, value in wanted.features.items()}
     for name, (value, kept) in pairs.items():
-        if not _same(value, kept, _ROUNDED_REL):
+        if not is_same(value, kept, _ROUNDED_REL):
             raise CameraSettingError(f"{who} keeps {name} at {kept}, not {value}: give a value that it keeps")
 
 
 def _different(wanted: Snapshot, now: Snapshot) -> list[str]:
-    return [name for name, value in wanted.items() if name not in now or not _same(value, now[name])]
-
-
-def _same(one: Any, other: Any, rounded_rel: float = 1e-9) -> bool:
-    if isinstance(one, float) and isinstance(other, int | float):
-        return isclose(one, other, rel_tol=rounded_rel, abs_tol=1e-12)
-    return bool(one == other)
+    return [name for name, value in wanted.items() if name not in now or not is_same(value, now[name])]
 
 
 _log = logging.getLogger(__name__)

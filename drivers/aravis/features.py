@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import difflib
 from collections.abc import Callable, Iterator
+from math import isclose
 from typing import Any, Final, TypeVar
 
 from ..camera import CameraSettingError
@@ -64,6 +65,13 @@ def write_feature(camera: Any, name: str, value: FeatureValue) -> FeatureValue:
     setters = {"GcInteger": camera.set_integer, "GcFloat": camera.set_float, "GcBoolean": camera.set_boolean}
     setters.get(kind, camera.set_string)(name, value)
     return _value(node) if _allows(node, "R") else value
+
+
+def is_same(one: Any, other: Any, rounded_rel: float = 1e-9) -> bool:
+    """Whether two values of a feature are the same, numbers within a relative difference."""
+    if isinstance(one, float) and isinstance(other, int | float):
+        return isclose(one, other, rel_tol=rounded_rel, abs_tol=1e-12)
+    return bool(one == other)
 
 
 def _increment(camera: Any, name: str) -> int:

@@ -22,7 +22,6 @@ _log = logging.getLogger(__name__)
 _SHORT_S, _LONG_S = 0.5, 1.0
 _POOL_BYTES = 256 * 2**20
 _FEWEST, _MOST = 6, 512
-_PAGE_BYTES = 4096
 #: Time over which fast frames are gathered: waking for each costs several times as much as a frame that waits already.
 _GATHERED_S = 0.03
 
@@ -36,11 +35,9 @@ def pool_size(payload_bytes: int, frame_rate_hz: float | None, n_frames: int) ->
 
 def gather_s(settings: CameraSettings, n_frames: int) -> float:
     """Return the time in which several of `n_frames` arrive from a fast camera; 0 to take each as it arrives."""
-    rate_hz = settings.frame_rate_hz
-    if rate_hz is None or settings.trigger != FREE_RUN:
-        return 0.0
+    rate_hz = settings.frame_rate_hz or 0.0
     n_gathered = min(n_frames, int(rate_hz * _GATHERED_S))
-    return n_gathered / rate_hz if n_gathered > 1 else 0.0
+    return n_gathered / rate_hz if n_gathered > 1 and settings.trigger == FREE_RUN else 0.0
 
 
 class _Slot(NamedTuple):
@@ -86,7 +83,6 @@ class BufferPool:
     """
 
     def __init__(self, stream: Any, n_buffers: int, payload_bytes: int, typestr: str, shape: tuple[int, ...]) -> None:
-        self._arv = aravis()
         self._stream = stream
         self._n_buffers = n_buffers
         self._payload_bytes = payload_bytes
@@ -105,9 +101,9 @@ class BufferPool:
             pages.madvise(mmap.MADV_HUGEPAGE)
         memory = np.frombuffer(pages, dtype=np.uint8)
         # Touch all pages now: page faults would delay Aravis' thread while it receives packets.
-        memory[::_PAGE_BYTES] = 0
+        memory[:: mmap.PAGESIZE] = 0
         address = memory.ctypes.data
-        buffer = self._arv.Buffer.new(self._payload_bytes, address)
+        buffer = aravis().Buffer.new(self._payload_bytes, address)
         self._push(self._stream, _Slot(buffer, pages, self._layout | {"data": (address, True)}))
 
     def _push(self, stream: Any, slot: _Slot) -> None:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import isclose
 from typing import Any
 
 from ..camera import CameraSettingError
 from ..camera_settings import FeatureValue
-from .features import available, read_feature, writable, write_feature
+from .features import available, is_same, read_feature, writable, write_feature
 from .trigger import clear_triggers
 
 #: Relative difference that a number may be rounded by.
@@ -86,16 +85,12 @@ def show_whole_sensor(camera: Any) -> None:
 
 
 def _require(camera: Any, name: str, value: FeatureValue) -> None:
-    if available(camera, name) is None or _is(now := read_feature(camera, name), value):
+    if available(camera, name) is None or is_same(now := read_feature(camera, name), value, _ROUNDED_REL):
         return
     # Of a few old cameras a mode of exposure is something else.
     if isinstance(value, str) and value not in camera.dup_available_enumerations_as_strings(name):
         return
     if writable(camera, name):
         now = write_feature(camera, name, value)
-    if not _is(now, value):
+    if not is_same(now, value, _ROUNDED_REL):
         raise CameraSettingError(f"feature {name} is {now} and does not take {value}: set it in the camera's program")
-
-
-def _is(now: FeatureValue, wanted: FeatureValue) -> bool:
-    return now == wanted or (isinstance(now, float) and isclose(now, float(wanted), rel_tol=_ROUNDED_REL))

@@ -10,7 +10,7 @@ from typing import Any, NoReturn, Self
 from ...core.frame import Frame
 from ..camera import MOST_REFUSED, CameraError, FrameTimeoutError, Refused, StreamStatistics
 from ..camera_settings import CameraSettings
-from ..computer import enlarge_receive_buffer, has_packet_sockets, overload, raise_priority
+from ..computer import enlarge_receive_buffer, may_open_packet_sockets, overload, raise_priority
 from ..device import on_error
 from ..network import stream_causes
 from .frames import BufferPool, FrameCheck, arrival, gather_s, pool_size, refusal
@@ -126,7 +126,7 @@ class FrameStream:
             self._link.stream_port = self._stream.get_port()
             # Aravis would do so only at the first packet, too late for the first frame.
             granted = enlarge_receive_buffer(self._stream.get_port(), self._payload_bytes)
-            self._granted_bytes = None if has_packet_sockets() else granted
+            self._granted_bytes = None if may_open_packet_sockets() else granted
             # Packets that are not fetched in time are lost: small frames in 80 ms, in the ring of a packet socket.
             raise_priority("arv_gv_stream")
         camera.set_acquisition_mode(aravis().AcquisitionMode.CONTINUOUS)

@@ -55,12 +55,6 @@ class Fault:
     reply: bytes | None = None
     n_bytes: int | None = None
 
-    def __post_init__(self) -> None:
-        if not self.delay_s >= 0:
-            raise InputError(f"delay_s is {self.delay_s}: give a number of seconds of at least 0")
-        if self.n_bytes is not None and self.n_bytes < 0:
-            raise InputError(f"n_bytes is {self.n_bytes}: give a number of bytes of at least 0")
-
     @classmethod
     def garbled(cls, seed: int) -> Fault:
         """Return a reply of random bytes of that seed, every other time with a CR LF."""

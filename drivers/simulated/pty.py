@@ -121,12 +121,9 @@ class PtyMeter(FaultyMeter):
         ready, _, _ = select.select([self._master, self._stop_read], [], [], timeout_s)
         if self._stop_read in ready:
             return None
-        if not ready:
-            # A program may have opened the port without sending.
-            self._forget_settings()
-            return b""
+        # A program may have opened the port without sending.
         self._forget_settings()
-        return os.read(self._master, 4096)
+        return os.read(self._master, 4096) if ready else b""
 
     def _forget_settings(self) -> None:
         """Prepare the port so that the next program can configure it, including parity.

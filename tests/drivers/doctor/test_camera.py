@@ -1,6 +1,7 @@
 """The camera's check: each finding from facts that show it, and the whole on a simulated camera."""
 
 import re
+from contextlib import closing
 from dataclasses import replace
 from ipaddress import IPv4Interface
 
@@ -70,23 +71,15 @@ LEFT |= {
 def test_a_camera_is_left_as_it_was_found(aravis, stream):
     triggers = {"register": 0x30C0, "choices": {"FrameStart": 0, "AcquisitionStart": 1}}
     with SimulatedGigECamera(replace(SMALL, features=features(TriggerSelector=triggers)), Ramp()):
-        require_left_as_found(stream)
-
-
-def require_left_as_found(stream):
-    (info,) = discover()
-    with AravisCamera("127.0.0.1") as camera:
-        for name, value in LEFT.items():
-            camera.set_feature(name, value)
-        before = camera.features()
-    found = {one.topic: one for one in check_camera(info, interfaces(), stream=stream)}
-    assert found["frames"].state == ("good" if stream else "unknown"), found
-    link = connect(info, prepare=False)
-    try:
-        with link.using("it cannot be read") as opened:
+        (info,) = discover()
+        with AravisCamera("127.0.0.1") as camera:
+            for name, value in LEFT.items():
+                camera.set_feature(name, value)
+            before = camera.features()
+        found = {one.topic: one for one in check_camera(info, interfaces(), stream=stream)}
+        assert found["frames"].state == ("good" if stream else "unknown"), found
+        with closing(connect(info, prepare=False)) as link, link.using("it cannot be read") as opened:
             assert dict(readable_features(opened)) == before
-    finally:
-        link.close()
 
 
 def test_a_camera_that_another_program_controls(camera_on_loopback):

@@ -10,12 +10,7 @@ import pytest
 
 from labcdp.core.clock import SimulatedClock
 from labcdp.core.reading import MeterIdentity
-from labcdp.drivers.meter import (
-    MeterLostError,
-    MeterProtocolError,
-    MeterReportedError,
-    MeterTimeoutError,
-)
+from labcdp.drivers.meter import MeterLostError, MeterProtocolError, MeterReportedError, MeterTimeoutError
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
 from labcdp.drivers.minolta_ls.port import NamedPort
 from labcdp.drivers.minolta_ls.protocol import ERROR_CODES, MeterMode

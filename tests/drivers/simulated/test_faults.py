@@ -3,7 +3,7 @@
 import pytest
 
 from labcdp.core.clock import SimulatedClock
-from labcdp.drivers.camera import CameraError
+from labcdp.core.errors import DeviceError
 from labcdp.drivers.meter import MeterError
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
 from labcdp.drivers.simulated.commands import EXAMPLES, Command, parse_command, parse_schedule
@@ -61,14 +61,14 @@ def test_a_night_passes_in_no_time(small_configuration):
         camera.configure(exposure_s=0.0005)
         while clock.monotonic_s() < 8 * 3600:
             due_s = clock.monotonic_s() + 120
-            try:
-                frames.extend(camera.grab(1, on_refused=refused.append))
-            except CameraError as error:
-                failures.append(error)
-            try:
-                readings.append(meter.measure().luminance_cd_m2)
-            except MeterError as error:
-                failures.append(error)
+            for take in (
+                lambda: frames.extend(camera.grab(1, on_refused=refused.append)),
+                lambda: readings.append(meter.measure().luminance_cd_m2),
+            ):
+                try:
+                    take()
+                except DeviceError as error:
+                    failures.append(error)
             clock.sleep(due_s - clock.monotonic_s())
         gaps = [gap.reason for gap in camera.gaps]
     # The faults of the meter are one code, and 30 min without remote mode.

@@ -106,9 +106,7 @@ def test_values_of_a_tiny_sensor_by_hand(method, dsnu_e):
     for i, (rate, haze) in enumerate(zip(rates, veil, strict=True)):
         dark, bright = (merged_by_hand(merged, one + haze) for one in (rate, rate * (1 + contrast)))
         expected = pairs_by_hand(dark, bright, 0.25 * haze, 0.5 * contrast, 1.5 * contrast)
-        # Where an exposure fades, values are binned, which a sensor of eight DN feels.
-        tolerance = 0.006 if method == "weighted" and rate > 2 else 2e-6
-        assert (prediction.cdp[i], prediction.below[i], prediction.above[i]) == pytest.approx(expected, abs=tolerance)
+        assert (prediction.cdp[i], prediction.below[i], prediction.above[i]) == pytest.approx(expected, abs=2e-6)
 
 
 def test_a_fading_exposure_that_is_clipped_in_some_pixels_by_all_combinations():

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.errors import PredictionError
-from ..hdr import FADE_FROM, ZERO_DN, ExposureLadder, Method, faded_share
+from ..hdr import FADE_FROM, ZERO_DN, ExposureLadder, Method, faded_share, merge_dn
 
 FloatArray = NDArray[np.float64]
 
@@ -23,6 +23,9 @@ _BINS = 40
 _MOST, _MOST_ALONE = 20_000, 500_000
 #: Parts of a bin in a standard deviation of a lump of values too many to be tabulated, and most parts of a bin.
 _LUMP_PARTS, _MOST_PARTS = 3, 64
+
+#: Values in the dark that are told apart for pixels of little noise.
+_FEW = 2000
 
 #: Steps of a lattice in a standard deviation from which its values are binned. Values that coincide with an end of an
 #: interval then matter less than 2e-4.
@@ -182,9 +185,17 @@ class ValueBins:
                 # Where a longer exposure fades, it is clipped in some pixels.
                 numbers = np.arange(ceil((FADE_FROM * low - zone.origin) / unit), (low - zone.origin) / unit - 0.5)
                 alone = zone.origin + numbers * unit
-                alone = alone[np.interp(alone, dn, spread) <= _FINE * unit]
-                width = 1e-9 * top
-                bins = bins._with_edges(np.sort(np.concatenate([bins.edges, alone - width, alone + width])), alone)
+                bins = bins._with_alone(alone[np.interp(alone, dn, spread) <= _FINE * unit])
+        # In the dark, pixels of little noise have few DN.
+        count = int(_FEW ** (1 / len(ladder)))
+        if 12 * all_dn < count:
+            least_dn = max(int(noise.black_level_dn - 6 * all_dn), 0) - noise.black_level_dn
+            few = np.meshgrid(*[least_dn + np.arange(count)] * len(ladder))
+            alone = merge_dn(method, 20, few, ladder).ravel()
+            alone = alone[np.unique(np.round(alone, 9), return_index=True)[1]]
+            place = np.searchsorted(bins.edges, alone, side="right") - 1
+            known = bins.exact[place] & (np.abs(bins.values[place] - alone) < 1e-8 * top)
+            bins = bins._with_alone(alone[~known])
         return bins
 
     @classmethod
@@ -202,6 +213,11 @@ class ValueBins:
         places = np.linspace(first, last, (last - first) * parts + 1)
         inner = np.interp(places, np.arange(self.edges.size), self.edges)
         return self._with_edges(np.concatenate([self.edges[:first], inner, self.edges[last + 1 :]]), ())
+
+    def _with_alone(self, values: FloatArray) -> Self:
+        """Bins in which some values have narrow ones of their own."""
+        width = 1e-9 * self.values[-1]
+        return self._with_edges(np.sort(np.concatenate([self.edges, values - width, values + width])), values)
 
     def _with_edges(self, edges: FloatArray, alone: ArrayLike) -> Self:
         """Bins with more edges, in which some values are alone besides those that are."""

@@ -114,8 +114,7 @@ def test_nothing_changed_conforms_and_another_meter_or_certificate_brings_its_ow
     other = SimulatedMeter(scale_half_width_rel=0.03, identity=MeterIdentity("LS-100", "1"))
     mine, theirs = verify(calibration, *measured()), verify(calibration, *measured(meter=other))
     again = verify(calibration, *measured()[:3], replace(mine.meter, certificate=CERTIFICATE))
-    assert mine.verdict == "conform"
-    assert abs(mine.mean_rel) < mine.mean_expanded_rel < 0.01
+    assert (mine.verdict, abs(mine.mean_rel) < mine.mean_expanded_rel < 0.01) == ("conform", True)
     for result, own in ((theirs, 0.03 / sqrt(3)), (again, 0.004)):
         assert not result.same_meter
         for row, before in zip(result.patches, mine.patches, strict=True):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import TypeVar
 
 from ...calibration import AnyCalibration, LensIdentity
@@ -69,9 +70,8 @@ def lens_of(configuration: SessionConfiguration) -> LensIdentity:
 def certificate_of(calibration: AnyCalibration, session: Session) -> MeterCertificate | None:
     """Return the certificate a calibration was made with, if it is for the meter of a session that states none."""
     scale, meter = calibration.meter_scale, session.configuration.meter
-    date = None if meter.calibration_date is None else meter.calibration_date.isoformat()
-    own = (scale.meter.model, scale.meter.serial, scale.meter.calibration_date)
-    return scale.certificate if meter.certificate is None and own == (meter.model, meter.serial, date) else None
+    same = replace(scale.meter, simulated=False) == meter.identity
+    return scale.certificate if meter.certificate is None and same else None
 
 
 def planes_of(session: Session) -> tuple[str | None, ...]:

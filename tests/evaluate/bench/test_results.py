@@ -115,8 +115,7 @@ def test_says_whether_deviations_check_the_calibration(evaluated):
         (replace(fitted, residuals=fitted.residuals[1:]), "checked-by-held-out"),
         (replace(fitted, provenance=elsewhere), "checked-by-another-measurement"),
     ):
-        findings = session_result(replace(evaluated, calibration=calibration)).findings
-        assert code in {finding.code for finding in findings}
+        assert code in {one.code for one in session_result(replace(evaluated, calibration=calibration)).findings}
 
 
 def test_text_of_a_user_is_no_markup_on_any_page(evaluated, hostile, written):
@@ -170,8 +169,8 @@ def test_a_history_has_a_row_for_each_plane_and_measurement(evaluated, tmp_path)
     (first,) = mono.points
     later = replace(first, source="v.json", measured=first.measured.replace(year=first.measured.year + 1))
     nothing = replace(later, responsivity=None, k_dn_per_e=None)
-    states = [replace(mono.state, plane=p) for p in PLANES]
-    planes = [replace(mono, state=s, points=(first, nothing if s.plane == "R" else later)) for s in states]
+    points = {p: (first, nothing if p == "R" else later) for p in PLANES}
+    planes = [replace(mono, state=replace(mono.state, plane=p), points=points[p]) for p in PLANES]
     # A monochrome camera of the same name is another one.
     assert [[one.plane for one in camera] for camera in by_camera([*planes, mono])] == [list(PLANES), [None]]
     seen = [(row["plane"], row["responsivity"]) for row in history_result(planes).table("history").rows()]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import hypot, inf, sqrt
 
 import numpy as np
@@ -63,11 +64,7 @@ def verify(
     InputError
         If the tolerance is not above 0 and up to 1.
     """
-    stated_rel = None if tolerance_rel is None else require_tolerance(tolerance_rel)
-
-    def tolerance(of_place_rel: float) -> float:
-        return own_tolerance_rel(calibration, of_place_rel) if stated_rel is None else stated_rel
-
+    tolerance = partial(_tolerance_rel, calibration, tolerance_rel)
     groups = by_patch(observations, [_name(plane) for plane in calibration.planes])
     seen, unusable, of_frames = _measured(calibration, groups)
     comparison, of_readings = _compared(calibration, groups, list(seen.values()), readings, meter)
@@ -93,6 +90,10 @@ def verify(
     )
     found = [*of_readings, *meter.findings(measured), *(f for row in seen.values() for f in row.findings), *of_frames]
     return replace(result, findings=(*findings_of(result), *dict.fromkeys(found)))
+
+
+def _tolerance_rel(calibration: AnyCalibration, stated_rel: float | None, of_place_rel: float) -> float:
+    return own_tolerance_rel(calibration, of_place_rel) if stated_rel is None else require_tolerance(stated_rel)
 
 
 def own_tolerance_rel(calibration: AnyCalibration, of_place_rel: float = 0.0) -> float:

@@ -16,8 +16,6 @@ from .world import World
 
 #: Coverage that is asked for, and share of the failures in which a finding must name the effect.
 LOWEST, HIGHEST, NAMED = 0.93, 0.97, 0.9
-#: Fewest calibrations without a finding whose coverage says that they need none.
-FEWEST = 200
 _COLUMNS = (
     *("world", "luminance", "contrast", "CDP", "U, error of L", "U, error of K", "U, error of CDP"),
     *("named", "named where wrong", "refused", "verdict"),
@@ -43,8 +41,6 @@ class Summary:
     named, named_where_wrong : float or None
         Share of calibrations with a finding that names the effect: of all, and of those in which an interval does not
         contain the truth. None where no finding is expected, or nothing was wrong.
-    unnamed_coverage : dict of str to float
-        Coverage in the calibrations without such a finding; empty where none is expected.
     wrong : int
         Calibrations in which an interval does not contain the truth.
     findings : dict of str to float
@@ -61,7 +57,6 @@ class Summary:
     median_error: dict[str, float]
     named: float | None
     named_where_wrong: float | None
-    unnamed_coverage: dict[str, float]
     wrong: int
     findings: dict[str, float]
 
@@ -69,20 +64,12 @@ class Summary:
     def verdict(self) -> str:
         """Whether coverage is 93 to 97 % within two standard errors; if not, whether the effect is named instead.
 
-        It is named if the finding is raised in 90 % of the calibrations (if coverage is too low, of those in which an
-        interval does not contain the truth), or if the intervals hold in those without it, 200 at least.
+        It is named if a finding is raised in 90 % of the calibrations in which an interval does not hold.
         """
         if not self.coverage:
             return "refused"
-        n = self.calibrations - self.refused
-        found = _outside(self.coverage, n)
-        named = self.named_where_wrong if found == "too low" else self.named
-        if not found or named is None or self.named is None:
-            return found or "holds"
-        rest = round(n * (1 - self.named))
-        if named >= NAMED or (rest >= FEWEST and not _outside(self.unnamed_coverage, rest)):
-            return "named"
-        return found
+        found = _outside(self.coverage, self.calibrations - self.refused)
+        return "named" if found and (self.named_where_wrong or 0.0) >= NAMED else found or "holds"
 
 
 def _outside(coverage: dict[str, float], n: int) -> str:
@@ -106,8 +93,7 @@ def summarise(world: World, outcomes: Sequence[Outcome]) -> Summary:
     """Join the outcomes of a world."""
     done = [one for one in outcomes if not one.refused]
     wrong = [one for one in done if not all(one.inside.values())]
-    coverage = _coverage_of(done)
-    unnamed = [one for one in done if world.names and not names_effect(world, one)]
+    coverage = {q: float(np.mean([one.inside[q] for one in done])) for q in QUANTITIES} if done else {}
     return Summary(
         world=world.name,
         calibrations=len(outcomes),
@@ -121,14 +107,9 @@ def summarise(world: World, outcomes: Sequence[Outcome]) -> Summary:
         named_where_wrong=float(np.mean([names_effect(world, one) for one in wrong]))
         if world.names and wrong
         else None,
-        unnamed_coverage=_coverage_of(unnamed),
         wrong=len(wrong),
         findings=_warnings(done),
     )
-
-
-def _coverage_of(outcomes: Sequence[Outcome]) -> dict[str, float]:
-    return {q: float(np.mean([one.inside[q] for one in outcomes])) for q in QUANTITIES} if outcomes else {}
 
 
 def _reason(message: str) -> str:

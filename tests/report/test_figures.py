@@ -11,6 +11,7 @@ from labcdp.report.maps import luminance_picture
 from labcdp.report.plots import _bars, stage_figure
 
 VERMILLION, BLUE = (213, 94, 0), (0, 114, 178)
+VALUES = [np.random.default_rng(1).normal(5, 1, 3000), [1.0, 1.0, 1.01, 1.01, 500.0, 500.0], [0.1 + 0.2, 0.3], [0.0]]
 
 
 @pytest.mark.parametrize(("shape", "side"), [((7, 9), 3), ((5, 1), 4), ((1, 1), 1), ((8, 8), 1)])
@@ -40,10 +41,7 @@ def test_one_saturated_pixel_of_nine_shows():
     assert coloured(drawn(invalid, 5.0), VERMILLION).sum() >= dot + 400
 
 
-@pytest.mark.parametrize(
-    "values",
-    [np.random.default_rng(1).normal(5, 1, 3000), [1.0, 1.0, 1.01, 1.01, 500.0, 500.0], [0.1 + 0.2, 0.3], [0.0]],
-)
+@pytest.mark.parametrize("values", VALUES)
 def test_bars_hold_all_of_a_distribution_and_are_drawn(values):
     distribution = Distribution.from_array(values)
     edges, density = _bars(distribution)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bokeh.document import Document
 
 from labcdp.core.errors import InputError
 from labcdp.core.frame import CameraIdentity, Frame
@@ -253,8 +254,6 @@ def test_a_recording_waits_for_what_is_lost_until_it_is_stopped(
 
 @pytest.mark.filterwarnings("ignore:.*will be removed in version 2.0:PendingDeprecationWarning")
 def test_many_messages_are_answered_with_one_refresh(tmp_path: Any) -> None:
-    from bokeh.document import Document
-
     page = Page(workspace(tmp_path), Document())
     link = page.picture.link
     for n in range(100):
@@ -270,8 +269,6 @@ def test_many_messages_are_answered_with_one_refresh(tmp_path: Any) -> None:
 
 @pytest.mark.filterwarnings("ignore:.*will be removed in version 2.0:PendingDeprecationWarning")
 def test_a_number_that_a_field_does_not_take_is_reverted_and_said(tmp_path: Any) -> None:
-    from bokeh.document import Document
-
     page, taken = Page(workspace(tmp_path), Document()), list[int]()
     field = page.number("Readings", taken.append, (1, 100), value=5)
     for typed in (7, 500, 0, None, 3, -1):

@@ -42,7 +42,8 @@ def _turns_one_way(corners: Sequence[tuple[float, float]]) -> bool:
     """Whether a polygon bends the same way at each corner: with up to four corners it cannot cross itself then."""
     sides = np.diff(corners, axis=0, append=corners[:1])
     x, y = sides.T
-    bends = x * np.roll(y, -1) - y * np.roll(x, -1)
+    with np.errstate(over="ignore", invalid="ignore"):
+        bends = x * np.roll(y, -1) - y * np.roll(x, -1)
     return bool((bends > 0).all() or (bends < 0).all())
 
 

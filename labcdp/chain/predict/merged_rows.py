@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 #: Logarithms to base 2 of the points for each rate and of the fewest for an offset; offsets share the points. A CDP is
-#: then within 2e-4 of that by all combinations.
+#: then within 2e-4 of that by all combinations in the usual case (see `predict`).
 _POINTS, _FEWEST = 15, 8
 #: Most combinations of DN that are all merged instead.
 _ALL = 8192
@@ -63,7 +63,8 @@ def merged_rows(
     exposures : ExposureRows
         Their probabilities.
     edges : ndarray, shape (k + 1,)
-        Bins of the merged value, rising; they hold all values.
+        Bins of the merged value, rising. The last one also holds what is above: "weighted" exceeds the saturation by up
+        to an electron where only the shorter of nearly equal exposures is clipped.
 
     Returns
     -------
@@ -80,14 +81,16 @@ def merged_rows(
         for share, rows in zip(exposures.offset_shares, exposures.rows, strict=True)
     ]
 
+    ends_of_all = np.append(edges[:-1], np.inf)
+
     def row(rate: int) -> tuple[NDArray[Any], ...]:
         """Bins that occur, their probabilities, and the sum of the values in each."""
         merged = [pixels.merged(rate) for pixels in offsets]
-        first = np.searchsorted(edges, min(values[0] for values, _ in merged), side="right") - 1
-        last = np.searchsorted(edges, max(values[-1] for values, _ in merged), side="right")
+        first = np.searchsorted(ends_of_all, min(values[0] for values, _ in merged), side="right") - 1
+        last = np.searchsorted(ends_of_all, max(values[-1] for values, _ in merged), side="right")
         below, sums = np.zeros((2, last - first + 1))
         for share, (values, chance) in zip(exposures.offset_shares, merged, strict=True):
-            ends = np.searchsorted(values, edges[first : last + 1])
+            ends = np.searchsorted(values, ends_of_all[first : last + 1])
             below += share * chance.take(ends)
             sums += share * np.concatenate([[0.0], np.cumsum(values * np.diff(chance))]).take(ends)
         total = np.diff(below)

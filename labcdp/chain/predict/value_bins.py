@@ -183,9 +183,10 @@ class ValueBins:
                 bins = bins._with_lattice(zone.origin, unit, low, high)
             if method == "weighted" and zone.first > 0:
                 # Where a longer exposure fades, it is clipped in some pixels.
-                numbers = np.arange(ceil((FADE_FROM * low - zone.origin) / unit), (low - zone.origin) / unit - 0.5)
-                alone = zone.origin + numbers * unit
-                bins = bins._with_alone(alone[np.interp(alone, dn, spread) <= _FINE * unit])
+                sparse = dn[(dn >= FADE_FROM * low) & (dn <= low) & (spread <= _FINE * unit)]
+                if sparse.size and np.ptp(sparse) < _MOST_ALONE * unit:
+                    numbers = np.arange(*np.ceil((np.array([sparse[0], sparse[-1]]) - zone.origin) / unit - [0, 0.5]))
+                    bins = bins._with_alone(zone.origin + numbers * unit)
         # In the dark, pixels of little noise have few DN.
         count = int(_FEW ** (1 / len(ladder)))
         if 12 * all_dn < count:

@@ -48,23 +48,27 @@ class Widgets:
     def number(
         self,
         name: str,
-        action: Callable[[Any], object] = lambda _value: None,
+        action: Callable[[Any], object] | None = None,
         limits: tuple[float, float] = (-inf, inf),
         **options: Any,
     ) -> Any:
         """Return a field for a number, whole if its value is: others than those within the limits are reverted.
 
+        One without action and value may be empty.
+
         With limits of its own, Panel would ignore such a number without a word, and go on showing it.
         """
         low, high = limits
         within, whole = [options.get("value")], isinstance(options.get("value"), int)
+        may_be_empty = action is None and within[0] is None
 
         def taken(value: Any) -> bool:
-            return value is not None and isfinite(value) and low <= value <= high
+            return may_be_empty if value is None else isfinite(value) and low <= value <= high
 
         def entered(value: Any) -> None:
             if taken(value):
-                action(value if whole else float(value))
+                if action is not None:
+                    action(value if whole else float(value))
                 return
             wanted = "a number" if low == -inf else f"{low:g} or more" if high == inf else f"{low:g} to {high:g}"
             self.workspace.say(f"{name}: give {wanted}")

@@ -97,7 +97,8 @@ def predict(camera: CameraModel, rates: PatchRates, contrast: ArrayLike, epsilon
     are distributed as `labcdp.chain.predict.value_table` tabulates them: for "linear" and "weighted" by quasi-Monte
     Carlo, which keeps a CDP within 2e-4 as a rule, within 1e-3 where exposures are nearly equal, their ratios no small
     whole numbers, or the read noise below an electron; wells of some ten electrons without it are worse. Luminance is
-    proportional to the value less that of dark signal and veil. Ends, and values of 0 and below, count as in `labcdp.metrics.cdp`.
+    proportional to the value less that of dark signal and veil. Ends, and values of 0 and below, count as in
+    `labcdp.metrics.cdp`.
     """
     asked = np.asarray(contrast, dtype=np.float64)
     if not (asked > 0).all() or not np.isfinite(asked).all():

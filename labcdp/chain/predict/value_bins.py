@@ -185,8 +185,8 @@ class ValueBins:
                 # Where a longer exposure fades, it is clipped in some pixels.
                 sparse = dn[(dn >= FADE_FROM * low) & (dn <= low) & (spread <= _FINE * unit)]
                 if sparse.size and np.ptp(sparse) < _MOST_ALONE * unit:
-                    numbers = np.arange(*np.ceil((np.array([sparse[0], sparse[-1]]) - zone.origin) / unit - [0, 0.5]))
-                    bins = bins._with_alone(zone.origin + numbers * unit)
+                    start, end = (sparse[0] - zone.origin) / unit, (sparse[-1] - zone.origin) / unit
+                    bins = bins._with_alone(zone.origin + np.arange(ceil(start), ceil(end - 0.5)) * unit)
         # In the dark, pixels of little noise have few DN.
         count = int(_FEW ** (1 / len(ladder)))
         if 12 * all_dn < count:

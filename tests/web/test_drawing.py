@@ -14,12 +14,7 @@ from hypothesis import strategies as st
 from labcdp.core.errors import InputError
 from labcdp.core.luminance import LuminanceMap
 from labcdp.core.result import warning
-from labcdp.regions import (
-    RectangleShape,
-    load_regions,
-    rois_of,
-    save_regions,
-)
+from labcdp.regions import RectangleShape, load_regions, rois_of, save_regions
 from labcdp.web.regions.drawing import Drawing, History
 from labcdp.web.regions.files import DrawingFiles, Start
 from labcdp.web.regions.measurements import Measurements

@@ -65,11 +65,7 @@ def test_a_sheet_without_k_gives_a_camera_that_has_its_ratios(sheet):
 
 @pytest.mark.parametrize(
     ("preset", "limit", "full_well_e"),
-    [
-        ("manta-g505", "converter", 7000.0),
-        ("small", "not reached", 4031 / 0.6),
-        ("manta-g505", "full well", 1682.0),
-    ],
+    [("manta-g505", "converter", 7000.0), ("small", "not reached", 4031 / 0.6), ("manta-g505", "full well", 1682.0)],
 )
 def test_a_converter_that_ends_first_at_a_gain_does_not_limit_the_chain(tmp_path, preset, limit, full_well_e):
     """At 12 dB the converter of the manta-g505 ends at a quarter of its range in electrons at 0 dB."""

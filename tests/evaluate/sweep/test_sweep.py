@@ -116,12 +116,7 @@ def test_another_image_is_another_sweep(chain, tmp_path):
         sweep(40.0)
 
 
-@given(
-    start=st.floats(1e-6, 1e6),
-    ratio=st.floats(1.01, 1e6),
-    count=st.integers(2, 50),
-    logarithmic=st.booleans(),
-)
+@given(start=st.floats(1e-6, 1e6), ratio=st.floats(1.01, 1e6), count=st.integers(2, 50), logarithmic=st.booleans())
 def test_spaced_axes_have_their_count_and_ends(start, ratio, count, logarithmic):
     values = parse_axis(f"a.b={start!r}:{start * ratio!r}:{count}" + (":log" if logarithmic else "")).values
     steps = np.diff(np.log(values) if logarithmic else values)

@@ -40,7 +40,7 @@ SERVE = ("bench", "rois", "view")
 VERDICTS = {"verify": (0, 4), "doctor": (0, 1)}
 #: Names of real devices on the pages.
 REAL = re.compile("/dev/ttyUSB0|50-0503363706|169.254.12.7")
-#: Not run: it needs other computers; tests/evaluate/video/test_archive_cluster.py has workers with TLS on this one.
+#: Not run: it needs other computers; tests/evaluate/video/test_archive.py has workers with TLS on this one.
 NOT_RUN = "--cluster tls://"
 SMALL = f"--simulated-bench {ROOT / 'tests/cli/small-bench.toml'}"
 #: What stands for real devices: in acquisitions and the live bench a simulated bench, else the wire of one.

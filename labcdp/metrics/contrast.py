@@ -235,8 +235,8 @@ class TargetContrast:
 
 
 def _rounded(number: Fraction) -> float:
-    """Return the nearest float; for more than the largest one that one, as an end is not open."""
-    return float(min(number, Fraction(float_info.max)))
+    """Return the nearest float, at most half the largest one: with its tolerance an end there would be open."""
+    return float(min(number, Fraction(float_info.max) / 2))
 
 
 def _is_number(value: object) -> bool:

@@ -63,6 +63,12 @@ def test_arrays_records_types_and_units_give_the_same(assert_array_equals_number
     assert repr(cdp(np.array(a) * 2.0**-7, np.array(b) * 2.0**-7, asked, epsilon)) == repr(cdp(a, b, asked, epsilon))
 
 
+def test_the_end_of_an_interval_beyond_the_largest_number_is_not_open():
+    # The pair with a dark value of 0 has an unbounded contrast.
+    result = cdp([1.0, 2.0], [0.0, 1.0], 1.7e308)
+    assert (result.cdp, result.above, result.below) == (0.0, 0.5, 0.5)
+
+
 @pytest.mark.parametrize("of", [cdp, cdp_neighbours])
 def test_number_in_gives_numbers_out_and_an_array_an_array(of):
     rng = np.random.default_rng(1)

@@ -270,6 +270,10 @@ def test_many_messages_are_answered_with_one_refresh(tmp_path: Any) -> None:
 @pytest.mark.filterwarnings("ignore:.*will be removed in version 2.0:PendingDeprecationWarning")
 def test_a_number_that_a_field_does_not_take_is_reverted_and_said(tmp_path: Any) -> None:
     page, taken = Page(workspace(tmp_path), Document()), list[int]()
+    empty = page.number("To", limits=(0.0, 9.0))
+    for typed in (5.0, None):
+        empty.value = typed
+    assert empty.value is None
     field = page.number("Readings", taken.append, (1, 100), value=5)
     for typed in (7, 500, 0, None, 3, -1):
         field.value = typed

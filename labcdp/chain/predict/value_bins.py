@@ -24,7 +24,7 @@ _MOST, _MOST_ALONE = 20_000, 500_000
 #: Parts of a bin in a standard deviation of a lump of values too many to be tabulated, and most parts of a bin.
 _LUMP_PARTS, _MOST_PARTS = 3, 64
 
-#: Values in the dark that are told apart for pixels of little noise.
+#: Most combinations of DN from the black level on that have bins of their own where pixels have little noise.
 _FEW = 2000
 
 #: Steps of a lattice in a standard deviation from which its values are binned. Values that coincide with an end of an

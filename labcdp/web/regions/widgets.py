@@ -13,7 +13,7 @@ from .workspace import Workspace
 
 
 class Widgets:
-    """What makes the widgets of a tab.
+    """Makes the widgets of a tab.
 
     Parameters
     ----------
@@ -52,11 +52,9 @@ class Widgets:
         limits: tuple[float, float] = (-inf, inf),
         **options: Any,
     ) -> Any:
-        """Return a field for a number, whole if its value is: others than those within the limits are reverted.
+        """Return a field for a number, for whole ones if its value is an int; it may be empty without value and action.
 
-        One without action and value may be empty.
-
-        With limits of its own, Panel would ignore such a number without a word, and go on showing it.
+        A number beyond the limits is reverted, with a message: Panel's own limits ignore it and leave it on the screen.
         """
         low, high = limits
         within, whole = [options.get("value")], isinstance(options.get("value"), int)

@@ -15,17 +15,19 @@ _GIGABIT = Interface("eth0", IPv4Interface("169.254.0.10/16"), mtu_bytes=1500, s
 
 def test_two_cameras_share_their_interface(aravis, monkeypatch):
     monkeypatch.setattr(aravis_transport, "interface_to", lambda _address, _known: replace(_GIGABIT, name="lo"))
+
+    def shares(*cameras):
+        for camera in cameras:
+            camera.snap()
+        return [camera.feature("StreamBytesPerSecond") for camera in cameras]
+
     with opened() as first:
-        first.snap()
-        alone = first.feature("StreamBytesPerSecond")
+        (alone,) = shares(first)
         other = SimulatedGigECamera(replace(SMALL, serial="SIM-2"), Ramp(), "127.0.0.2")
         with other, AravisCamera("SIM-2") as second:  # plugged in later
-            first.snap()
-            second.snap()
-            shares = [camera.feature("StreamBytesPerSecond") for camera in (first, second)]
-        first.snap()
-        assert first.feature("StreamBytesPerSecond") == alone
-    assert shares == [alone // 2] * 2
+            # A camera that answers too late, on a busy computer, is seen at a later start.
+            assert any(shares(first, second) == [alone // 2] * 2 for _ in range(100))
+        assert any(shares(first) == [alone] for _ in range(100))
 
 
 @pytest.mark.parametrize(

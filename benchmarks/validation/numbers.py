@@ -28,6 +28,7 @@ from tests.calibration.emva.test_reference_set import NAMES, SETS
 from tests.metrics.test_cdp import NORMAL, closed_form
 
 from .check import Check, absolute, by_noise, not_run, relative
+from .real_camera import real_camera
 
 _VIDEOS = ("shift", "larger", "turned", "heavy noise", "jump 60 px", "fog", "something in front", "leaves the image")
 _CAMERA = {"sensor.prnu_rel": 0.0, "sensor.dsnu_e": 0.0, "sensor.dsnu_e_s": 0.0}
@@ -80,6 +81,8 @@ def reference_sets(folder: Path | None) -> Iterator[Check]:
         for quantity, truth in zip(NAMES, truths, strict=True):
             source = "reference implementation, github.com/EMVA1288/emva1288 at 2ed0b40"
             yield relative(f"set {name}, {quantity}", truth, getattr(found, quantity).value, limit, source)
+        if name.startswith("001"):
+            yield from real_camera(place, found)
 
 
 def thesis(seeds: int) -> Iterator[Check]:

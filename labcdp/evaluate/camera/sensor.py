@@ -121,8 +121,9 @@ def _of_results(path: Path, sensor: Sensor) -> tuple[dict[str, Any], dict[str, s
         known = {name: rows[key] for key, name in _MEASURED.items() if rows.get(key) is not None}
         # The root of a variance below 0 is given as negative: no more than temporal noise leaves.
         values: dict[str, Any] = {name: max(float(value), 0.0) for name, value in known.items()}
-        # A chain states K at 0 dB.
-        values["k_dn_per_e"] /= 10 ** (float(made["gain_db"]) / 20)
+        # A chain states K at 0 dB; a data set does not say at which gain it was recorded.
+        gain_db = made["gain_db"]
+        values["k_dn_per_e"] /= 10 ** (float(gain_db or 0.0) / 20)
         values |= {name: int(made[name]) for name in ("bits", "width", "height")}
         if made.get("temperature_c") is not None:
             values["reference_temperature_c"] = float(made["temperature_c"])
@@ -140,11 +141,12 @@ def _of_results(path: Path, sensor: Sensor) -> tuple[dict[str, Any], dict[str, s
         raise InputError(f"{path} lacks a part of the results of labcdp characterise: run it again") from error
     if not values.get("dark_current_e_s"):
         values["dsnu_e_s"] = 0.0
+    notes = {} if gain_db is not None else {"k_dn_per_e": f"{_RESULTS}; their gain is not stated, taken as 0 dB"}
     if not limited:
-        return values, {}
+        return values, notes
     origin = max(wells_e, key=lambda name: wells_e[name])
     note = f"lower limit in the {_RESULTS} ({wells_e['the results']:.0f} e-): that of {origin}"
-    return values | {"full_well_e": wells_e[origin]}, {"full_well_e": note}
+    return values | {"full_well_e": wells_e[origin]}, notes | {"full_well_e": note}
 
 
 def _of_sheet(path: Path, sensor: Sensor) -> tuple[dict[str, Any], dict[str, str]]:

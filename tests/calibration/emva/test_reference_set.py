@@ -1,6 +1,7 @@
 """Figures of the reference implementation, github.com/EMVA1288/emva1288 at 2ed0b40, for the public data sets."""
 
 import pytest
+from validation.real_camera import real_camera
 
 from labcdp.calibration.emva import characterise_data_set
 
@@ -42,10 +43,11 @@ SETS = [
 
 @pytest.mark.parametrize(("name", "reference", "deviation", "codes"), SETS)
 def test_values_agree_as_the_docs_state(name, reference, deviation, codes):
-    found = characterise_data_set(reference_set(name))
+    found = characterise_data_set(folder := reference_set(name))
     assert [getattr(found, name).value for name in NAMES] == pytest.approx(reference, rel=deviation)
     assert [one.code for one in found.findings] == codes
     if name.startswith("001"):
         mean, variance = found.dark_current_e_s, found.dark_current_by_variance_e_s
         spread = (mean.standard_uncertainty**2 + variance.standard_uncertainty**2) ** 0.5
         assert abs(mean.value - variance.value) < 3 * spread
+        assert {one.verdict for one in real_camera(folder, found)} == {"agrees"}

@@ -80,6 +80,9 @@ def test_a_converter_that_ends_first_at_a_gain_does_not_limit_the_chain(tmp_path
     sensor = sensor_of(preset, tmp_path)
     assert sensor.full_well_e == pytest.approx(full_well_e)
     assert (seen(sensor, 1e6).max() == 4095) == (limit != "full well")
+    made["gain_db"] = None  # as of a data set
+    (tmp_path / "results.json").write_text(json.dumps(document))
+    assert sensor_of(preset, tmp_path).k_dn_per_e == values["k_dn_per_e"]
 
 
 def test_a_characterised_camera_is_a_chain(recorded, tmp_path):

@@ -111,6 +111,12 @@ def theirs(pixel_format: str, frame_rate_hz: float) -> list[str]:
     ]  # fmt: skip
 
 
+def cpu_s(pid: int) -> float:
+    """Processor time that a process has taken."""
+    used = psutil.Process(pid).cpu_times()
+    return used.user + used.system
+
+
 class Camera:
     """The simulated camera in a process of its own while the context lasts."""
 
@@ -135,6 +141,11 @@ class Camera:
         self._process.stdin.flush()
         return int(self._process.stdout.readline())
 
+    @property
+    def cpu_s(self) -> float:
+        """Processor time it has taken."""
+        return cpu_s(self._process.pid)
+
 
 class Run(NamedTuple):
     """What a receiver did."""
@@ -153,15 +164,14 @@ def watch(command: list[str], sender: Camera) -> Run:
     seen = []
     for pause_s in (0.0, WATCHED_S):
         time.sleep(pause_s)
-        used = psutil.Process(receiver.pid).cpu_times()
-        seen.append((time.perf_counter(), sender.n_sent, used.user + used.system))
+        seen.append((time.perf_counter(), sender.n_sent, cpu_s(receiver.pid)))
     receiver.send_signal(signal.SIGINT)
     text, errors = receiver.communicate()
     completed = re.search(r"n_completed_buffers\s*=\s*(\d+)", text)
     assert completed, text + errors
     complete = min(1.0, int(completed[1]) / (sender.n_sent - n_before))
-    wall_s, sent, cpu_s = (end - start for start, end in zip(*seen, strict=True))
-    return Run(sent * complete / wall_s, 1e3 * cpu_s / (sent * complete), 100 * (1 - complete))
+    wall_s, sent, used_s = (end - start for start, end in zip(*seen, strict=True))
+    return Run(sent * complete / wall_s, 1e3 * used_s / (sent * complete), 100 * (1 - complete))
 
 
 def compare(label: str, width: int, height: int, pixel_format: str, frame_rate_hz: float) -> None:

@@ -17,8 +17,8 @@ RECEIVE_LIMIT_BYTES = 33_554_432
 _TIME_ERROR = 5
 #: Larger than ``struct timex`` on any machine (208 bytes on 64-bit ones).
 _TIMEX_BYTES = 512
-#: Nice value of a thread that receives frames: that of high priority in Aravis' own programs.
-_RECEIVING = -10
+#: Nice value of threads that receive and write frames: that of high priority in Aravis' own programs.
+_URGENT = -10
 #: Where sysctl settings are kept, sysctl.d(5).
 _SYSCTL_FOLDERS = ("usr/lib/sysctl.d", "run/sysctl.d", "etc/sysctl.d")
 
@@ -172,9 +172,14 @@ def _enlarge(receiver: socket.socket, wanted_bytes: int) -> int:
     return receiver.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2
 
 
-def raise_priority(name: str) -> None:
-    """Give threads of this process with a name priority over other programs, where that is permitted (CAP_SYS_NICE)."""
-    for thread in Path("/proc/self/task").iterdir():
-        with contextlib.suppress(OSError):  # it may have ended, or not be permitted
-            if (thread / "comm").read_text().strip() == name:
-                os.setpriority(os.PRIO_PROCESS, int(thread.name), _RECEIVING)
+def raise_priority(*threads: int) -> None:
+    """Give threads, by the kernel's numbers, priority over other programs, where that is permitted (CAP_SYS_NICE)."""
+    for thread in threads:
+        with contextlib.suppress(OSError, AttributeError):  # it may have ended, or the system have no priorities
+            os.setpriority(os.PRIO_PROCESS, thread, _URGENT)
+
+
+def threads_named(name: str) -> list[int]:
+    """Return the kernel's numbers of the threads of this process with a name."""
+    threads = Path("/proc/self/task").iterdir()
+    return [int(thread.name) for thread in threads if (read_text(thread / "comm") or "").strip() == name]

@@ -10,7 +10,7 @@ from typing import Any, NoReturn, Self
 from ...core.frame import Frame
 from ..camera import MOST_REFUSED, CameraError, FrameTimeoutError, Refused, StreamStatistics
 from ..camera_settings import CameraSettings
-from ..computer import enlarge_receive_buffer, may_open_packet_sockets, overload, raise_priority
+from ..computer import enlarge_receive_buffer, may_open_packet_sockets, overload, raise_priority, threads_named
 from ..device import on_error
 from ..network import stream_causes
 from .frames import BufferPool, FrameCheck, arrival, gather_s, pool_size, refusal
@@ -128,7 +128,7 @@ class FrameStream:
             granted = enlarge_receive_buffer(self._stream.get_port(), self._payload_bytes)
             self._granted_bytes = None if may_open_packet_sockets() else granted
             # Packets that are not fetched in time are lost: small frames in 80 ms, in the ring of a packet socket.
-            raise_priority("arv_gv_stream")
+            raise_priority(*threads_named("arv_gv_stream"))
         camera.set_acquisition_mode(aravis().AcquisitionMode.CONTINUOUS)
         camera.start_acquisition()
 

@@ -14,6 +14,7 @@ from ..core.computer import InterruptSafeThread
 from ..core.errors import SessionError
 from ..core.frame import Frame
 from ..core.reading import Reading
+from ..drivers.computer import raise_priority
 from ..drivers.meter import Meter, MeterError
 from ..session import MeterConfiguration, Role, Session
 from .control import Control, Progress, Report
@@ -148,6 +149,8 @@ class FrameWriter:
             raise self._error
 
     def _write(self) -> None:
+        # So that the queue does not fill on a busy computer. The thread that makes the hashes inherits it.
+        raise_priority(threading.get_native_id())
         try:
             self._write_all()
         except BaseException as error:

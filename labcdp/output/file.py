@@ -130,6 +130,7 @@ def write_several(
                     for data in parts:
                         write_all(file.fileno(), data)
                     os.fsync(file.fileno())
+                    _forget(file.fileno())
                 size = sum(memoryview(data).nbytes for data in parts)
                 written.append(StoredFile(name, digest.result(), size))
         for partial, stored in zip(partials, written, strict=True):
@@ -196,6 +197,12 @@ def write_all(descriptor: int, data: Buffer) -> None:
     written = os.write(descriptor, view)
     while written < view.nbytes:
         written += os.write(descriptor, view[written:])
+
+
+def _forget(descriptor: int) -> None:
+    """Free the kernel's copy of a flushed file: a recording would fill the memory, whose first use takes time."""
+    with suppress(OSError, AttributeError):  # not on all systems
+        os.posix_fadvise(descriptor, 0, 0, os.POSIX_FADV_DONTNEED)
 
 
 def fsync_folder(folder: Path) -> None:

@@ -141,7 +141,7 @@ def _session(path: Path) -> Description:
             "dark frames": str(len(session.frames("dark"))),
             "meter readings": str(len(session.readings())),
         }
-    commands = ("calibrate {file}", "evaluate {file} --recalibrate", "characterise {file}")
+    commands = ("calibrate {file}", "evaluate {file} --recalibrate", "characterise {file}", "twin {file}")
     return Description("session", commands, properties)
 
 
@@ -169,6 +169,7 @@ def _calibration(path: Path) -> Description:
     low, high = loaded.range_cd_m2
     commands = (
         "evaluate SESSION --calibration {file}",
+        "verify {file} SESSION",
         "luminance {file} FRAME --output map.exr",
         "image PICTURE --calibration {file} --roi rois.json",
         "compare {file} OTHER",
@@ -253,7 +254,7 @@ def _picture(path: Path) -> Description:
         **_notes(found.findings),
     }
     tables = () if frame is None or found.coloured else (_clipping(frame),)
-    commands = ("rois {file}", "image {file} --roi rois.json", "image-map {file}")
+    commands = ("view {file}", "rois {file}", "image {file} --roi rois.json", "image-map {file}")
     return Description("picture", commands, properties, tables)
 
 

@@ -20,6 +20,7 @@ from ..core.result import Finding, info, warning
 from .exif import ExifFacts, read_exif
 from .stored_image import (
     ENCODING_NAMES,
+    SCREEN_BITS,
     Encoding,
     StoredImage,
     decoder_messages,
@@ -64,7 +65,7 @@ def read_png(data: bytes, path: Path, max_pixels: int) -> StoredImage:
         raise InputError(f"{path} is damaged, truncated or no PNG ({reason(error)}): copy or save it again") from error
     depth, colour_type = data[24], data[25]
     values, bits, changes = _resolved(values, depth, colour_type)
-    encoding, doubts = _encoding(header.info, values.ndim == 3)
+    encoding, doubts = _encoding(header.info, values.ndim == 3, bits)
     return StoredImage(values, bits, encoding, _facts(header, path), changes, doubts).upright()
 
 
@@ -96,13 +97,15 @@ def _resolved(values: NDArray[Any], depth: int, colour_type: int) -> tuple[NDArr
     return np.ascontiguousarray(values), bits, tuple(changes)
 
 
-def _encoding(about: dict[Any, Any], coloured: bool) -> tuple[Encoding, tuple[Finding, ...]]:
+def _encoding(about: dict[Any, Any], coloured: bool, bits: int) -> tuple[Encoding, tuple[Finding, ...]]:
     """Return what the file states (sRGB, gAMA), else sRGB for colours and linear for grey; and what is not used."""
     if "srgb" in about:
         return "srgb", ()
     gamma = about.get("gamma")
     encoding: Encoding = "srgb" if (coloured if gamma is None else gamma != 1) else "linear"
     doubts = []
+    if gamma is None and "icc_profile" not in about and not coloured and bits <= SCREEN_BITS:
+        doubts.append(info("linear-assumed"))
     if gamma not in (None, 1) and not isclose(gamma, _GAMMA_SRGB, abs_tol=_ROUNDED):
         doubts.append(warning("png-gamma", gamma=gamma, encoding=ENCODING_NAMES[encoding]))
     if "icc_profile" in about and (gamma is None or coloured):

@@ -25,6 +25,8 @@ from .exif import ExifFacts
 Encoding = Literal["linear", "srgb", "bt709"]
 #: What findings call them.
 ENCODING_NAMES: dict[Encoding, str] = {"linear": "linear", "srgb": "sRGB", "bt709": "BT.709"}
+#: Most bits of grey values that may be made for screens as well as by a camera, where a file does not say it.
+SCREEN_BITS = 8
 #: Pixels that are looked up at a time: few enough to stay in the processor's cache.
 _BLOCK = 2**15
 #: Weights of linear red, green and blue in luminance (ITU-R BT.709-6, item 3.2; sRGB has the same primaries).

@@ -15,6 +15,7 @@ from ..core.result import Finding, info
 from .exif import ExifFacts, read_exif
 from .stored_image import (
     BT709_LUMINANCE,
+    SCREEN_BITS,
     Encoding,
     StoredImage,
     real_numbers,
@@ -137,7 +138,8 @@ def _read(page: Any, path: Path, facts: ExifFacts) -> StoredImage:
         values = (2**bits - 1 - values).astype(values.dtype)
         changes.append(info("white-is-zero"))
     encoding = _encoding(page, values.ndim == 3)
-    return StoredImage(np.ascontiguousarray(values), bits, encoding, facts, tuple(changes)).upright()
+    doubts = (info("linear-assumed"),) if values.ndim == 2 and bits <= SCREEN_BITS else ()
+    return StoredImage(np.ascontiguousarray(values), bits, encoding, facts, tuple(changes), doubts).upright()
 
 
 def _resolved(indices: NDArray[Any], page: Any) -> tuple[NDArray[Any], int]:

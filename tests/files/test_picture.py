@@ -74,7 +74,8 @@ def test_each_dn_is_kept(tmp_path_factory, kind, data, shape):
     white = "miniswhite" in kind
     assert np.array_equal(picture.frame.dn, 2**bits - 1 - dn if white else dn)
     assert (picture.frame.bit_depth, picture.frame.saturation_dn) == (bits, 2**bits - 1)
-    assert (picture.encoding, bool(picture.findings)) == ("linear", white or kind == "NPY i8")
+    named = white or kind == "NPY i8" or (bits <= 8 and suffix in ("png", "tif"))
+    assert (picture.encoding, bool(picture.findings)) == ("linear", named)
 
 
 def exr(path, **channels):
@@ -165,7 +166,7 @@ GAMMA = {value: (b"gAMA", struct.pack(">I", value)) for value in (45_454, 55_556
 @pytest.mark.parametrize(
     ("chunks", "encoding", "findings"),
     [
-        ((), "linear", ()),
+        ((), "linear", (info("linear-assumed"),)),
         (((b"sRGB", b"\0"),), "srgb", ()),
         ((GAMMA[45_454],), "srgb", ()),
         ((GAMMA[55_556],), "srgb", (warning("png-gamma", gamma=0.55556, encoding="sRGB"),)),

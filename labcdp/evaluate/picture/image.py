@@ -15,6 +15,7 @@ from ...core.luminance import LuminanceMap
 from ...core.result import Finding, info, unique, warning
 from ...core.roi import Roi
 from ...files.picture import Picture
+from ...files.stored_image import ENCODING_NAMES
 from ...metrics import ContrastDistribution, contrast_histogram
 from ...metrics.pair import PairResult, RegionResult, evaluate_pair, evaluate_region
 from .neighbours import NeighbourEvaluation, Rectangle, evaluate_neighbours
@@ -57,6 +58,8 @@ class ImageEvaluation:
         ``cd/m²``, or ``relative`` without a scale.
     exposure_s : float or None
         Exposure, where it is known.
+    encoding : str
+        How the values of the file are taken to be encoded, such as ``sRGB``.
     camera : str or None
         Camera, if known.
     simulated : bool
@@ -76,6 +79,7 @@ class ImageEvaluation:
     shape: tuple[int, int]
     unit: str
     exposure_s: float | None
+    encoding: str
     camera: str | None
     simulated: bool
     regions: tuple[RegionResult, ...]
@@ -132,6 +136,7 @@ def evaluate_image(
         shape=picture.shape,
         unit=unit.replace("^2", "²"),
         exposure_s=frame.exposure_s if frame is not None and picture.exposure_known else None,
+        encoding=ENCODING_NAMES[picture.encoding],
         camera=str(frame.camera) if frame is not None and picture.camera_stated else None,
         simulated=simulated,
         regions=tuple(regions),

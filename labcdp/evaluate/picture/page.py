@@ -143,6 +143,7 @@ def _provenance(result: Result, conversion: str) -> Facts:
             *input_facts(result),
             ("size", f"{row['width_px']} x {row['height_px']} pixels"),
             ("exposure", "not known" if row["exposure_s"] is None else exposure_text(row["exposure_s"])),
+            ("encoding", row["encoding"]),
             *([("camera", row["camera"])] if row["camera"] else []),
             ("unit", row["unit"]),
             ("conversion", conversion),

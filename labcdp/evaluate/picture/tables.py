@@ -263,6 +263,7 @@ def picture_table(pictures: Sequence[ReportedPicture], several: bool) -> Table:
         known(Column("width_px", "width", "px"), lambda found: found.shape[1]),
         known(Column("height_px", "height", "px"), lambda found: found.shape[0]),
         known(Column("exposure_s", "exposure", "s", "Exposure time, where it is known.", time=True)),
+        known(Column("encoding", "encoding", "", "How the values are taken to be encoded.")),
         known(Column("camera", "camera", "", "Camera, where the file states it.")),
         known(Column("unit", "unit", "", "Unit of the luminance.")),
         Column("folder", "folder", "", "Folder of its page.", shown=False, value=lambda one: one.folder or None),

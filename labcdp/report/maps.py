@@ -38,7 +38,7 @@ _WIDTH_IN, _LEFT_IN, _RIGHT_IN, _ABOVE_IN, _BELOW_IN = 6.2, 0.7, 1.2, 0.45, 0.55
 #: Limits of the image height, so that figures of wide and narrow images have a moderate aspect ratio.
 _FLATTEST, _TALLEST = 0.3, 1.5
 #: Length at which names in an image are truncated (tables have them whole), and names per column next to it.
-_LONGEST_NAME, _NAMES_IN_COLUMN, _COLUMN_IN = 28, 30, 2.4
+_LONGEST_NAME, _NAMES_IN_COLUMN = 28, 30
 #: Size of the names in points, and width and height of a character over it.
 _NAME_SIZE, _CHARACTER = 12.0, (0.6, 1.3)
 #: Height of a line of the legend; width of a small picture, in inches, and its margin around regions over their extent.
@@ -84,7 +84,7 @@ class ImageFigure:
         height_in = _WIDTH_IN * min(max(height_px / width_px, _FLATTEST), _TALLEST)
         points_per_px = 72 * min(_WIDTH_IN / width_px, height_in / height_px)
         inside = all(_fits(region, points_per_px) for region in regions)
-        beside_in = 0.0 if inside else _COLUMN_IN * ceil(len(regions) / _NAMES_IN_COLUMN)
+        beside_in = 0.0 if inside else _names_width_in(regions)
         whole = (_LEFT_IN + _WIDTH_IN + _RIGHT_IN + beside_in, _BELOW_IN + below_in + height_in + _ABOVE_IN)
         figure = placed_figure(*whole, "bench" if simulated else "")
         bottom, height = (_BELOW_IN + below_in) / whole[1], height_in / whole[1]
@@ -133,6 +133,13 @@ class ImageFigure:
                 frameon=False,
             )
             taken_literally(legend)
+
+
+def _names_width_in(regions: Sequence[Roi]) -> float:
+    """Width of the list of names, with their numbers, in inches."""
+    # Number, gaps, and the dots of a name that is cut.
+    longest = min(max(len(region.name) for region in regions), _LONGEST_NAME) + 6
+    return longest * _CHARACTER[0] * SMALL_SIZE / 72 * ceil(len(regions) / _NAMES_IN_COLUMN)
 
 
 def _fits(region: Roi, points_per_px: float) -> bool:

@@ -37,6 +37,8 @@ _OF_COMMAND = {
     "sweep": ("sweep", "map.nc"),
     "simulate": ("chain", "chain.toml"),
 }
+#: Settings of each picture, which its file states or a kind of file usually has.
+_OF_PICTURE = ("exposure_s", "encoding")
 #: Of files that are no pictures.
 _SUFFIXES = (".json", ".nc", ".toml")
 _HINT = "give chains, maps of sweeps, sessions, calibrations, or the results of labcdp evaluate, image or characterise"
@@ -152,8 +154,7 @@ def _picture(path: Path, asked: PictureTask | None) -> list[Subject]:
     if asked is None:
         raise InputError(f"{path} is compared as a picture: give its regions, or {_HINT.removeprefix('give ')}")
     evaluation, _ = asked.made(path, pages=False, surface=False)
-    task = replace(asked, configuration={**asked.configuration, "exposure_s": evaluation.exposure_s})
-    result = task.result([ReportedPicture(1, str(path), "", evaluation)])
+    result = asked.result([ReportedPicture(1, str(path), "", evaluation)])
     return _results(str(path), path, envelope(result), result.inputs)
 
 
@@ -177,11 +178,12 @@ def _results(name: str, path: Path, content: dict[str, Any], inputs: tuple[Input
         settings, simulated = dict(content["configuration"]), bool(content["simulated"])
         if kind != "picture":
             return [Subject(kind, name, content, inputs, settings, simulated)]
-        pictures = [str(row["picture"]) for row in content["tables"]["pictures"]["rows"]]
-        several = len(pictures) > 1
+        rows = content["tables"]["pictures"]["rows"]
+        names = [str(row["picture"]) for row in rows] if len(rows) > 1 else [name]
+        own = [settings | {key: row[key] for key in _OF_PICTURE} for row in rows]
         return [
-            Subject(kind, one if several else name, {**content, "number": number}, inputs, settings, simulated)
-            for number, one in enumerate(pictures, start=1)
+            Subject(kind, one, {**content, "number": number}, inputs, of_picture, simulated)
+            for number, (one, of_picture) in enumerate(zip(names, own, strict=True), start=1)
         ]
     except (LookupError, TypeError, ValueError, AttributeError):
         raise InputError(damaged(name)) from None

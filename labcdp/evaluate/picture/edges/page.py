@@ -143,12 +143,19 @@ def _cards(found: ContrastMap) -> list[Card]:
         none = Card("Detected edges", "none", f"No edge has a measurable contrast of at least {least}.")
         return [none, *_left_out(found)]
     of_length = f"{share_percent(1 - found.detected_border_share)} of their length"
+    # Where the contrast of the scene is given, borders of a gradient are asked for it, too.
+    pale = int(np.count_nonzero(found.of_kind(EdgeKind.LOST) & (found.edges.contrast < asked.minimum_contrast)))
+    scene = f"at least {least}" if found.contrast is None else f"{percent(found.contrast)} in the scene"
+    of_lost = (f"{pale} measure below {least}: shading, or hidden by a veil",) if pale else ()
     return [
         Card(
             "Detected edges", share_percent(found.detected_share), f"{seen} of {seen + lost} edges of objects",
-            (f"contrast of at least {least}", f"CDP of at least {asked.detected:g}"), state="plain" if lost else "good",
+            (f"contrast of {scene}", f"CDP of at least {asked.detected:g}"), state="plain" if lost else "good",
         ),
-        Card("Lost edges", str(lost), of_length, (f"CDP below {asked.detected:g}",), state="bad" if lost else "good"),
+        Card(
+            "Lost edges", str(lost), of_length, (f"CDP below {asked.detected:g}", *of_lost),
+            state="bad" if lost else "good",
+        ),
         *_left_out(found),
     ]  # fmt: skip
 

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import lru_cache, reduce
+from functools import lru_cache, partial, reduce
 from math import ceil, log2, prod
-from typing import TYPE_CHECKING, Any
+from operator import xor
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.errors import PredictionError
 from ..hdr import ExposureLadder, Method, linear_stage, mix, weighted_stage
 
 if TYPE_CHECKING:
@@ -23,6 +25,20 @@ FloatArray = NDArray[np.float64]
 #: Logarithms to base 2 of the points for each rate and of the fewest for an offset; offsets share the points. A CDP is
 #: then within 2e-4 of that by all combinations in the usual case (see `predict`).
 _POINTS, _FEWEST = 15, 8
+#: Primitive polynomials modulo 2 and the first direction numbers of a Sobol sequence (Joe and Kuo, SIAM J. Sci. Comput.
+#: 30, 2635, 2008). To load that of `scipy.stats.qmc` would take as long as half a map.
+_POLYNOMIALS: tuple[tuple[int, tuple[int, ...]], ...] = (
+    (0, ()),
+    (0, (1,)),
+    (1, (1, 3)),
+    (1, (1, 3, 1)),
+    (2, (1, 1, 1)),
+    (1, (1, 1, 3, 3)),
+    (4, (1, 3, 5, 13)),
+    (2, (1, 1, 5, 5, 17)),
+    (4, (1, 1, 5, 5, 5)),
+    (7, (1, 1, 7, 11, 19)),
+)
 #: Most combinations of DN that are all merged instead.
 _ALL = 8192
 #: Probability of a DN below which it is left out.
@@ -49,9 +65,7 @@ class ExposureRows:
     net_dn: FloatArray
 
 
-def merged_rows(
-    method: Method, ladder: ExposureLadder, exposures: ExposureRows, edges: FloatArray
-) -> tuple[csr_array, FloatArray]:
+def merged_rows(method: Method, ladder: ExposureLadder, exposures: ExposureRows, edges: FloatArray) -> csr_array:
     """Probability of each bin of the merged value by "linear" or "weighted".
 
     Parameters
@@ -68,104 +82,119 @@ def merged_rows(
 
     Returns
     -------
-    rows : csr_array, shape (rates, k)
-    means : ndarray, shape (k,)
-        Mean value in each bin over all rates, its middle where there is none.
+    csr_array, shape (rates, k)
     """
     from scipy.sparse import csr_array
 
     stage = weighted_stage if method == "weighted" else linear_stage
     stages = [stage(exposures.net_dn, i, ladder) for i in range(len(ladder))]
-    offsets = [
-        _Pixels(method, ladder, stages, max(_POINTS + ceil(log2(share)), _FEWEST), [_occurring(one) for one in rows])
-        for share, rows in zip(exposures.offset_shares, exposures.rows, strict=True)
-    ]
-
+    merge = partial(mix, method, ladder=ladder)
+    offsets = []
+    for share, rows in zip(exposures.offset_shares, exposures.rows, strict=True):
+        power = max(_POINTS + ceil(log2(share)), _FEWEST)
+        offsets.append(_Pixels([_Exposure.of(*one, power) for one in zip(rows, stages, strict=True)], merge, power))
     ends_of_all = np.append(edges[:-1], np.inf)
 
-    def row(rate: int) -> tuple[NDArray[Any], ...]:
-        """Bins that occur, their probabilities, and the sum of the values in each."""
+    def row(rate: int) -> tuple[NDArray[np.intp], FloatArray]:
+        """Bins that occur, and their probabilities."""
         merged = [pixels.merged(rate) for pixels in offsets]
         first = np.searchsorted(ends_of_all, min(values[0] for values, _ in merged), side="right") - 1
         last = np.searchsorted(ends_of_all, max(values[-1] for values, _ in merged), side="right")
-        below, sums = np.zeros((2, last - first + 1))
+        below = np.zeros(last - first + 1)
         for share, (values, chance) in zip(exposures.offset_shares, merged, strict=True):
-            ends = np.searchsorted(values, ends_of_all[first : last + 1])
-            below += share * chance.take(ends)
-            sums += share * np.concatenate([[0.0], np.cumsum(values * np.diff(chance))]).take(ends)
+            below += share * chance.take(np.searchsorted(values, ends_of_all[first : last + 1]))
         total = np.diff(below)
         occurs = np.flatnonzero(total)
-        return first + occurs, total[occurs], np.diff(sums)[occurs]
+        return first + occurs, total[occurs]
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         found = list(pool.map(row, range(exposures.rows[0][0].shape[0])))
-    columns, shares, sums = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
-    starts = np.cumsum([0, *(occurs.size for occurs, *_ in found)])
-    weight = np.bincount(columns, shares, edges.size - 1)
-    middle = (edges[1:] + edges[:-1]) / 2
-    means = np.divide(np.bincount(columns, sums, edges.size - 1), weight, out=middle, where=weight > 1e-9)
-    rows = csr_array((shares, columns, starts), shape=(len(found), edges.size - 1))
-    return rows, np.clip(means, edges[:-1], edges[1:])
+    columns, shares = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
+    starts = np.cumsum([0, *(occurs.size for occurs, _ in found)])
+    return csr_array((shares, columns, starts), shape=(len(found), edges.size - 1))
+
+
+@dataclass(frozen=True, eq=False)
+class _Exposure:
+    """DN of an exposure that occur at each rate: their probabilities, points, and what they add to a merge."""
+
+    starts: NDArray[np.intp]
+    share: FloatArray
+    points: NDArray[np.intp]
+    parts: tuple[FloatArray, FloatArray]
+
+    @classmethod
+    def of(cls, rows: csr_array, stage: tuple[FloatArray, FloatArray], power: int) -> _Exposure:
+        """Leave out what is negligible, and make the rest add up to 1."""
+        rows.sort_indices()
+        kept = rows.data > _NEGLIGIBLE
+        starts = np.concatenate([[0], np.cumsum(kept)])[rows.indptr]
+        share = rows.data[kept]
+        share /= np.repeat(np.add.reduceat(share, starts[:-1]), np.diff(starts))
+        points = np.diff(np.rint(np.cumsum(share) * 2**power), prepend=0.0).astype(np.intp)
+        own, rest = (part.take(rows.indices[kept]) for part in stage)
+        return cls(starts, share, points, (own, rest))
+
+    def at(self, rate: int) -> tuple[FloatArray, NDArray[np.intp], list[FloatArray]]:
+        """Probabilities, points and parts at one rate."""
+        span = slice(*self.starts[rate : rate + 2])
+        return self.share[span], self.points[span], [part[span] for part in self.parts]
 
 
 @dataclass(frozen=True, eq=False)
 class _Pixels:
-    """Pixels of one offset: `stages` holds what each DN of each exposure adds to a merge, `exposures` which occur."""
+    """Pixels of one offset, with 2^`power` points for each rate."""
 
-    method: Method
-    ladder: ExposureLadder
-    stages: Sequence[tuple[FloatArray, FloatArray]]
+    exposures: Sequence[_Exposure]
+    merge: Callable[[Sequence[Sequence[FloatArray]]], FloatArray]
     power: int
-    exposures: Sequence[csr_array]
 
     def merged(self, rate: int) -> tuple[FloatArray, FloatArray]:
         """Values in rising order, and the probability below each and of all: of all combinations, or of points."""
-        spans = [slice(*rows.indptr[rate : rate + 2]) for rows in self.exposures]
-        dn: list[NDArray[Any]] = [rows.indices[span] for rows, span in zip(self.exposures, spans, strict=True)]
-        share = [rows.data[span] for rows, span in zip(self.exposures, spans, strict=True)]
-        if prod(one.size for one in dn) <= _ALL:
-            values = self._mixed(np.ix_(*dn)).ravel()
+        shares, points, parts = zip(*(one.at(rate) for one in self.exposures), strict=True)
+        if prod(one.size for one in shares) <= _ALL:
+            values = self.merge(list(zip(*(np.ix_(*part) for part in zip(*parts, strict=True)), strict=True))).ravel()
             order = values.argsort()
-            below = np.cumsum(reduce(np.multiply.outer, share).ravel()[order])
+            below = np.cumsum(reduce(np.multiply.outer, shares).ravel()[order])
             return values[order], np.concatenate([[0.0], below / below[-1]])
-        values = self._mixed(
-            [
-                one.repeat(np.diff(np.rint(np.cumsum(chance) * 2**self.power).astype(np.intp), prepend=0)).take(rank)
-                for one, chance, rank in zip(dn, share, _ranks(len(dn), self.power), strict=True)
-            ]
+        ranks = _ranks(len(parts), self.power)
+        values = self.merge(
+            [[_drawn(part, *at) for part in both] for both, *at in zip(parts, points, ranks, strict=True)]
         )
         values.sort()
-        return values, _even(self.power)
-
-    def _mixed(self, dn: Sequence[NDArray[Any]]) -> FloatArray:
-        """Values of the merge for DN that broadcast together."""
-        parts = [(own.take(one), rest.take(one)) for one, (own, rest) in zip(dn, self.stages, strict=True)]
-        return mix(self.method, parts, self.ladder)
+        return values, _even(values.size)
 
 
-def _occurring(rows: csr_array) -> csr_array:
-    """Leave out what is negligible, and make the rest add up to 1."""
-    from scipy.sparse import csr_array
-
-    rows.sort_indices()
-    kept = rows.data > _NEGLIGIBLE
-    starts = np.concatenate([[0], np.cumsum(kept)])[rows.indptr]
-    share = rows.data[kept]
-    total = np.add.reduceat(share, starts[:-1])
-    return csr_array((share / np.repeat(total, np.diff(starts)), rows.indices[kept], starts), shape=rows.shape)
+def _drawn(part: FloatArray, points: NDArray[np.intp], rank: NDArray[np.intp]) -> FloatArray:
+    """Value of each point, or one for all."""
+    return part[:1] if (part == part[0]).all() else part.repeat(points).take(rank)
 
 
 @lru_cache(maxsize=64)
 def _ranks(dimensions: int, power: int) -> list[NDArray[np.intp]]:
-    """Rank of each of 2^power Sobol points along each dimension."""
-    from scipy.stats.qmc import Sobol
-
-    # Each interval of this size holds one point.
-    points = Sobol(dimensions, rng=0).random_base2(power)
-    return list(np.ascontiguousarray((points * 2**power).astype(np.intp).T))
+    """Rank of each of 2^power Sobol points, moved by a random digital shift, along each dimension."""
+    if dimensions > len(_POLYNOMIALS):
+        raise PredictionError(
+            f"{dimensions} exposures are merged, and at most {len(_POLYNOMIALS)} can be predicted: simulate instead"
+        )
+    number, shifts = np.arange(2**power), np.random.default_rng(1).integers(2**power, size=dimensions)
+    ranks = []
+    for (coefficients, begin), shift in zip(_POLYNOMIALS, shifts, strict=False):
+        first = list(begin or [1] * power)
+        degree = len(begin)
+        for k in range(degree, power):
+            terms = [first[k - j] << j for j in range(1, degree) if coefficients >> (degree - 1 - j) & 1]
+            first.append(reduce(xor, terms, first[k - degree] ^ first[k - degree] << degree))
+        rank = np.full(2**power, shift)
+        for k in range(power):
+            rank ^= (number >> k & 1) * (first[k] << (power - 1 - k))
+        ranks.append(rank)
+    # Values that are in order already are quicker to find and to sort.
+    order = ranks[0].argsort()
+    return [rank[order] for rank in ranks]
 
 
 @lru_cache(maxsize=16)
-def _even(power: int) -> FloatArray:
-    """Probability below each of 2^power points, and of all."""
-    return np.linspace(0.0, 1.0, 2**power + 1)
+def _even(count: int) -> FloatArray:
+    """Probability below each of some points, and of all."""
+    return np.linspace(0.0, 1.0, count + 1)

@@ -136,7 +136,7 @@ class ValueBins:
     edges : ndarray, shape (k + 1,)
         Rising.
     values : ndarray, shape (k,)
-        Means or middles of the bins, or their only values.
+        Middles of the bins, or their only values.
     exact : ndarray of bool, shape (k,)
         Which bins hold a single value; over the others a probability is spread evenly.
     """

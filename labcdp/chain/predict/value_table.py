@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 from math import sqrt
 from typing import TYPE_CHECKING
@@ -78,6 +78,8 @@ class ValueTable:
         saturated : ndarray, shape (rates,)
             Share of saturated pixels.
         """
+        from scipy.sparse import csr_array
+
         gains, frequency = self.prnu
         rates = rates_e_s.reshape(len(rates_e_s), -1)
         shares = np.ones(rates.shape) if shares is None else shares
@@ -90,7 +92,9 @@ class ValueTable:
             place = index - low + np.repeat(np.arange(count) * (high - low), index.shape[0] // count)[:, None]
             mix = np.bincount(place.ravel(), weight.ravel(), minlength=count * (high - low)).reshape(count, -1)
             first, rows = dense_rows(self.rows, low, high)
-            yield part, first, mix @ rows, mix @ self.saturated[low:high]
+            # A product of dense matrices would start threads of its own in each of ours.
+            sparse = csr_array(mix)
+            yield part, first, sparse @ rows, sparse @ self.saturated[low:high]
 
 
 def value_table(camera: CameraModel, rates_e_s: FloatArray) -> ValueTable:
@@ -247,10 +251,9 @@ class _TableMaker:
                 sensor.black_level_dn,
             )
             bins = ValueBins.of_merge(camera.hdr.method, ladder, noise)
-            rows, means = merge(bins.edges)
-            bins = replace(bins, values=np.where(bins.exact, bins.values, means))
+            rows = merge(bins.edges)
         else:
-            rows, _ = merge(np.concatenate([[-np.inf], tone_curve.first_dn[1:], [tone_curve.top_dn, np.inf]]))
+            rows = merge(np.concatenate([[-np.inf], tone_curve.first_dn[1:], [tone_curve.top_dn, np.inf]]))
             clipped_by_curve = np.asarray(rows[:, [-1]].todense()).ravel()
             rows = rows @ indicator(np.minimum(np.arange(rows.shape[1]), rows.shape[1] - 2), rows.shape[1] - 1)
             if tone_curve.top_dn < ladder.merged_saturation_dn:

@@ -94,7 +94,7 @@ class ValueTable:
             first, rows = dense_rows(self.rows, low, high)
             # A product of dense matrices would start threads of its own in each of ours.
             sparse = csr_array(mix)
-            yield part, first, sparse @ rows, sparse @ self.saturated[low:high]
+            yield part, first, np.asarray(sparse @ rows), np.asarray(sparse @ self.saturated[low:high])
 
 
 def value_table(camera: CameraModel, rates_e_s: FloatArray) -> ValueTable:

@@ -15,7 +15,7 @@ from ..core.luminance import CommonError
 from ..core.vignetting import FlatField, RadialVignetting
 from .colour.conversion import errors_of_plane, joined
 from .colour.model import AnyCalibration, ColourCalibration
-from .converter import FLAT_FIELD, FLICKER, INTERCEPT, REFOCUS, VIGNETTING, common_errors
+from .converter import BLACK_LEVEL, FLAT_FIELD, FLICKER, INTERCEPT, REFOCUS, VIGNETTING, common_errors
 from .excluded import not_included, undetected_intercept
 from .findings import BudgetRow, Distribution
 from .model import Calibration, PatchResidual
@@ -33,7 +33,7 @@ SOURCES = (
     "shot and read noise",
     "dark non-uniformity",
     "dark and temperature",
-    "black level",
+    BLACK_LEVEL,
     FLICKER,
     "linearity",
     VIGNETTING,
@@ -244,7 +244,7 @@ def _of_frames(
         ),
         "shot and read noise": (stretch * noise, f"photon transfer over the patches, for {over}"),
         "dark non-uniformity": (stretch * uneven, f"slow change of the dark signal across the sensor{insignificant}"),
-        "black level": (
+        BLACK_LEVEL: (
             stretch * [p.dark.drift_dn for p in planes] / of_frames,
             f"drift from frame to frame, for {n_frames} of them",
         ),
@@ -254,6 +254,7 @@ def _of_frames(
         source: BudgetRow(source, float(np.linalg.norm(us)), "normal", False, "A", basis + each)
         for source, (us, basis) in found.items()
     }
+    rows[BLACK_LEVEL] = replace(rows[BLACK_LEVEL], dof=planes[0].dark.drift_dof or None)
     basis, dof = f"light from frame to frame, for {n_frames} of them", planes[0].noise.flicker_dof or None
     rows[FLICKER] = BudgetRow(FLICKER, flicker, "normal", False, "A", basis, dof=dof)
     if isinstance(planes[0].vignetting, FlatField | RadialVignetting):

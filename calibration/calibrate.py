@@ -133,7 +133,9 @@ def _fitted(
     first, ladder = select_model(design, candidates)
     require_monotone(first)
     seen = next(iter(intake.groups.values()))[0]
-    final, responsivity, gains, tests = _final(first, seen.vignetting, intake)
+    final, responsivity, gains, tests = _final(first, seen.vignetting, intake, scale.half_width_rel)
+    steps = [abs(test.value) for test in tests if test.finding.code == fit_tests.STEP_OF_METER]
+    scale = replace(scale, step_rel=sum(steps))
     measured = max(reading.timestamp for group in readings.values() for reading in group)
     residuals = fitted_rows(final, screened.readings, intake.groups)
     findings = [
@@ -174,7 +176,7 @@ def _fitted(
 
 
 def _final(
-    first: Solution, vignetting: AnyVignetting | None, intake: Intake
+    first: Solution, vignetting: AnyVignetting | None, intake: Intake, limits_rel: float
 ) -> tuple[Solution, ResponsivityFit, tuple[GainSetting, ...], tuple[FitTest, ...]]:
     """Test the assumptions of the chosen model, and fit it with the glare and the scatter that the patches show."""
     settings = intake.settings
@@ -186,7 +188,7 @@ def _final(
     of_glare = fit_tests.glare(plain, _slope(plain))
     glare_cd_m2 = fit_tests.possible_glare_cd_m2(of_glare)
     of_drift = fit_tests.drift(plain)
-    of_step, errors = fit_tests.step(plain, of_place, of_drift)
+    of_step, errors = fit_tests.step(plain, limits_rel, of_place, of_drift)
     if glare_cd_m2:
         zero, width = np.zeros(given.net_dn.size), _FREE if of_glare.significant else 1.0
         errors.append(SharedError(INTERCEPT, zero, zero, cd_m2=width * glare_cd_m2))

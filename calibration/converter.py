@@ -29,9 +29,11 @@ from .setup import LensIdentity, MeterScale
 #: Least relative standard uncertainty of one exposure time relative to the others. Cameras report the applied exposure
 #: (GenICam SFNC, ExposureTime). Larger errors make the exposures inconsistent, and the fit includes them as scatter.
 EXPOSURE_TIME_REL = 5e-5
-#: Sources of common errors: flicker of the light, common to all patches of the same frames; an intercept, where
-#: the fit found some; setting focus and aperture anew; vignetting that is assumed, or measured by a flat field.
-FLICKER, INTERCEPT, REFOCUS = "lamp flicker", "intercept", "focus and aperture"
+#: Sources of common errors: flicker of the light and drift of the black level, common to all patches of the same
+#: frames; an intercept, where the fit found some; setting focus and aperture anew; vignetting that is assumed, or
+#: measured by a flat field.
+OF_FRAMES = FLICKER, BLACK_LEVEL = "lamp flicker", "black level"
+INTERCEPT, REFOCUS = "intercept", "focus and aperture"
 VIGNETTING, FLAT_FIELD = "vignetting", "flat field"
 
 #: Cached, as each frame of a part of the sensor asks for the same.

@@ -34,6 +34,8 @@ class MeterScale:
         f1' of the meter, as a fraction; None if not stated.
     light : str
         Light of the patches. In another light than that of the meter's calibration, f1' limits the mismatch error.
+    step_rel : float
+        Relative change of the scale among the readings, by half of which their mean is better known than the limits.
     """
 
     meter: MeterIdentity
@@ -41,6 +43,7 @@ class MeterScale:
     certificate: MeterCertificate | None = None
     f1_prime: float | None = None
     light: str = ""
+    step_rel: float = 0.0
 
     def __str__(self) -> str:
         return f"{self.meter.model} {self.meter.serial}, {self.state}"
@@ -48,7 +51,7 @@ class MeterScale:
     @property
     def half_width_rel(self) -> float:
         """Limits of the rectangular scale error; 0 with a certificate, whose error is normal."""
-        return self.limits_rel if self.certificate is None else 0.0
+        return self.limits_rel - self.step_rel / 2 if self.certificate is None else 0.0
 
     @property
     def normal_rel(self) -> float:
@@ -100,8 +103,9 @@ class MeterScale:
             limits = f"f1' of {100 * (self.f1_prime or 0):g} % as limits"
             return f"{limits}: {self.light} light, read by a meter calibrated in illuminant {self.illuminant}"
         if certificate is None:
-            limits = f"± {100 * self.limits_rel:g} % (limits)"
-            return f"{limits} by the data sheet of the {self.meter.model}; shared by all its readings"
+            less = f", less half of a step by {100 * self.step_rel:.2g} %" if self.step_rel else ""
+            limits = f"± {100 * self.limits_rel:g} % (limits) by the data sheet of the {self.meter.model}"
+            return f"{limits}{less}; shared by all its readings"
         of = f"certificate {certificate.number} of {certificate.laboratory}, {certificate.date}"
         freedom = certificate.degrees_of_freedom
         dof = "" if freedom is None else f", {freedom:g} degrees of freedom"
@@ -138,9 +142,7 @@ def meter_scale(
     first = every[0].meter
     for reading in every:
         if reading.meter != first and (reading.meter.model, reading.meter.serial) == (first.model, first.serial):
-            dates = (
-                f"{first.calibration_date or 'date not known'}; {reading.meter.calibration_date or 'date not known'}"
-            )
+            dates = "; ".join(meter.calibration_date or "date not known" for meter in (first, reading.meter))
             raise CalibrationError(
                 f"the meter {first.model} {first.serial} was calibrated or adjusted between the readings ({dates}): "
                 "calibrate with readings of one state, its scale error is common to all patches"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 
 from ..core.clock import exposure_text
@@ -48,6 +48,8 @@ class NetSignal:
         exposures of one patch.
     pixels_rel : float
         Relative standard uncertainty by pixels of different sensitivity.
+    pixels_variance_rel : float
+        Relative variance of the pixels' sensitivities as this patch shows it; below 0 by chance.
     slow_rel : float
         Relative standard deviation of the patch's luminance across the region.
     gain_index : int
@@ -63,6 +65,7 @@ class NetSignal:
     dark_variance_dn2: float
     dark_nonuniformity_dn: float
     pixels_rel: float
+    pixels_variance_rel: float
     slow_rel: float
     gain_index: int
 
@@ -91,14 +94,14 @@ def net_signal(observation: PatchObservation, settings: Sequence[GainSetting]) -
     o, index = observation, index_of_gain(settings, observation.state.gain_db)
     dark, noise = settings[index].dark, settings[index].noise
     dark_dn = dark.mean_dn(o.exposure_s, o.temperature_c)
-    pattern_dn2 = o.fixed_pattern_variance_dn2(dark_dn)
+    pattern_dn2 = max(o.fixed_pattern_variance_dn2(dark_dn), 0.0)
     dark_dn2 = dark.noise_variance_dn2(o.exposure_s, o.temperature_c)
     net_dn, power = _before_tone(o, dark_dn, pattern_dn2, dark_dn2, noise)
     # h / V is uniform where (DN - d) / V is not: to first order it varies as this does with another d, over the power.
     level_dn = dark_dn + (1 - 1 / power) * o.net_dn(dark_dn) / o.mean_inverse_v
     # The dark part of the pattern is known from the dark frames; the rest is sensitivity.
     dark_pattern_dn = dark.pattern_dn(o.exposure_s)
-    sensitivity_dn2 = max(o.fixed_pattern_variance_dn2(level_dn) - (dark_pattern_dn * o.mean_inverse_v) ** 2, 0.0)
+    sensitivity_dn2 = o.fixed_pattern_variance_dn2(level_dn) - (dark_pattern_dn * o.mean_inverse_v) ** 2
     rounding = quantisation_variance_dn2(o.temporal_variance_dn2 + pattern_dn2)
     on_axis = max(abs(o.net_dn(dark_dn)), 1e-12)
     of_pixels = noise.variance_dn2(net_dn, dark_dn2) / o.n_pixels
@@ -114,10 +117,26 @@ def net_signal(observation: PatchObservation, settings: Sequence[GainSetting]) -
         dark_nonuniformity_dn=sqrt(
             dark.nonuniformity_dn**2 + dark_pattern_dn**2 / o.n_pixels + _of_lines(dark.line_pattern_dn, o)
         ),
-        pixels_rel=power * sqrt(sensitivity_dn2 / o.n_pixels) / on_axis,
+        pixels_rel=noise.prnu_rel / sqrt(o.n_pixels),
+        pixels_variance_rel=(power / on_axis) ** 2 * sensitivity_dn2,
         slow_rel=power * sqrt(o.nonuniformity_variance_dn2(level_dn)) / on_axis,
         gain_index=index,
     )
+
+
+def with_prnu(setting: GainSetting, observations: Sequence[PatchObservation]) -> GainSetting:
+    """Return the same with the standard deviation of the pixels' sensitivities that all patches together show.
+
+    It is one property of the camera. What each patch shows of it may be below 0 by chance, and only their weighted mean
+    is set to 0 then: estimates of at least 0 would be too large on average.
+    """
+    kept, _, _ = usable(observations, [setting])
+    signals = [net_signal(o, [setting]) for o in kept]
+    # Inverse variances of variances, by noise.
+    weight = [(s.net_dn**2 / s.noise_variance_dn2) ** 2 / o.n_pixels for o, s in zip(kept, signals, strict=True)]
+    total = sum(w * s.pixels_variance_rel for w, s in zip(weight, signals, strict=True))
+    prnu_rel = sqrt(max(total, 0.0) / sum(weight)) if weight else 0.0
+    return replace(setting, noise=replace(setting.noise, prnu_rel=prnu_rel))
 
 
 def _of_lines(deviations_dn: tuple[float, float], o: PatchObservation) -> float:

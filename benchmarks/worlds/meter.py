@@ -23,9 +23,11 @@ class Shown:
 
 
 def scale_errors(world: World, rng: np.random.Generator) -> tuple[float, float]:
-    """Relative scale error of the meter before and after it may be readjusted."""
+    """Relative scale error of the readings before and after the meter may be readjusted, or the lamp change at once."""
     first, second = rng.uniform(-world.scale_half_width_rel, world.scale_half_width_rel, 2)
-    return float(first), float(second if world.recalibrated else first)
+    if world.lamp_step_rel:
+        second = first + world.lamp_step_rel * rng.normal()
+    return float(first), float(second if world.recalibrated or world.lamp_step_rel else first)
 
 
 def read_patches(

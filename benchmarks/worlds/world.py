@@ -57,6 +57,8 @@ class World:
         Standard deviation of the lamp from frame to frame.
     drift_rel : float
         Loss of the lamp from the first frame to the end of the calibration.
+    lamp_step_rel : float
+        Standard deviation of a change of the lamp at once, after all frames and half the readings.
     drift_spread_rel : float
         Standard deviation of that loss over the calibrations, as labcdp takes for granted.
     breathing_rel : float
@@ -103,6 +105,7 @@ class World:
     scatter_rel: float = 0.0
     flicker_rel: float = 0.0
     drift_rel: float = 0.0
+    lamp_step_rel: float = 0.0
     drift_spread_rel: float = 0.0
     breathing_rel: float = 0.0
     scale_half_width_rel: float = 0.002
@@ -158,6 +161,7 @@ WORLDS = (
     World("recalibrated meter", ("meter-recalibrated",), scale_half_width_rel=0.02, recalibrated="stated"),
     World("recalibrated meter, not stated", ("readings-step",),
           scale_half_width_rel=0.02, recalibrated="not stated"),
+    World("lamp step 1 %, meter scale 2 %", ("readings-step",), scale_half_width_rel=0.02, lamp_step_rel=0.01),
     World("4 patches", patches=4),
     World("8 patches", patches=8),
     World("16 patches", patches=16),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from math import hypot, inf, sqrt
 from typing import Any
 
@@ -15,7 +16,7 @@ from ...core.luminance import RANGE_MARGIN, CommonError
 from ..convert.patch import PatchLuminance, outside_range, patch_luminance
 from ..converter import FLICKER, INTERCEPT, REFOCUS, VIGNETTING
 from ..frames.observations import PatchObservation
-from ..model import Calibration
+from ..model import Calibration, PatchResidual
 from ..setup import METER_SOURCES
 
 #: Common errors of all planes of a frame, which add with their signs.
@@ -96,13 +97,24 @@ class ColourConverter:
         """Names of the patches of one spectrum, which the planes were fitted to and for which they agree."""
         return set.intersection(*({row.patch for row in plane.residuals} for plane in self.planes))
 
-    @property
-    def grey(self) -> NDArray[np.float64]:
-        """Luminances by the planes of a grey patch of 1 cd/m^2, shape (planes,): 1 but for errors of their fits."""
+    @cached_property
+    def grey(self) -> tuple[NDArray[np.float64], float]:
+        """Luminances by the planes of a grey patch of 1 cd/m^2, shape (planes,), and their standard uncertainty.
+
+        They are 1 but for errors of their fits. Patches are weighted by the noise of their pixels, and the uncertainty
+        is that of their scatter between the planes, in which their readings cancel.
+        """
         names = self.grey_patches
-        rows = [[r.luminance_cd_m2 / r.reading_cd_m2 for r in p.residuals if r.patch in names] for p in self.planes]
-        grey: NDArray[np.float64] = np.array(rows).mean(axis=1)
-        return grey
+        rows = [[row for row in plane.residuals if row.patch in names] for plane in self.planes]
+        noise = [[_noise_rel2(plane, row) for row in own] for plane, own in zip(self.planes, rows, strict=True)]
+        weight = 1 / np.mean(noise, axis=0)
+        weight /= weight.sum()
+        relative = np.array([[row.luminance_cd_m2 / row.reading_cd_m2 for row in own] for own in rows])
+        grey: NDArray[np.float64] = relative @ weight
+        scatter = relative - grey[:, None]
+        scatter -= scatter.mean(axis=0)
+        k, n = scatter.shape
+        return grey, float(np.sqrt(np.sum((scatter * weight) ** 2) / max((k - 1) * (1 - 1 / n), 1)))
 
     def by_colour(self, by_plane: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
         """Luminances by R, G and B, shape (..., 3), from those by the planes, shape (..., planes)."""
@@ -158,7 +170,8 @@ def colour_patch_luminance(
     (low, high), margin = converter.range_cd_m2, RANGE_MARGIN * random_rel * luminance
     if luminance < low - margin or luminance > high + margin:
         findings.append(outside_range(seen[0].patch, luminance, (low, high)))
-    colour = _colour(by_plane / converter.grey, np.abs(by_plane) * own) * converter.grey
+    grey, grey_rel = converter.grey
+    colour = _colour(by_plane / grey, np.abs(by_plane) * np.hypot(own, grey_rel)) * grey
     level = float(np.array(converter.weights) @ colour)
     weight_errors = (CommonError("fit", float(row @ colour / level)) for row in converter.weight_errors)
     planes = [errors_of_plane(plane, one.common) for plane, one in pairs]
@@ -189,6 +202,13 @@ def _colour(by_plane: NDArray[np.float64], noise: NDArray[np.float64]) -> NDArra
     left = max(1 - (by_plane.size - 1) / chi_squared, 0.0) if chi_squared > 0 else 0.0
     colour: NDArray[np.float64] = common + sqrt(left) * (by_plane - common)
     return colour
+
+
+def _noise_rel2(plane: Calibration, row: PatchResidual) -> float:
+    """Relative variance of a pixel of a patch at the longest exposure that was used."""
+    exposure_s = row.exposures_s[-1]
+    net_dn = plane.net_dn(row.luminance_cd_m2, exposure_s)
+    return plane.noise.variance_dn2(net_dn, plane.dark.noise_variance_dn2(exposure_s)) / net_dn**2
 
 
 def _of_plane(plane: Calibration, observations: Mapping[str, Sequence[PatchObservation]]) -> PatchLuminance:

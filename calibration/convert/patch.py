@@ -14,7 +14,7 @@ from ...core.clock import exposure_text
 from ...core.errors import CalibrationError
 from ...core.luminance import CommonError
 from ...core.result import Finding, warning
-from ..converter import FLICKER, Converter, common_errors, placed
+from ..converter import OF_FRAMES, Converter, common_errors, placed
 from ..frames.nonuniformity import vignetting_errors
 from ..frames.observations import PatchObservation
 from ..setup import METER_SOURCES
@@ -164,14 +164,16 @@ def _of_ratio(bright: PatchLuminance, dark: PatchLuminance) -> list[tuple[float,
 
 
 def _parts(patches: Sequence[PatchLuminance], common: Sequence[CommonError]) -> list[tuple[float, float]]:
-    """Squares of relative uncertainties with their degrees of freedom; scatter and fit have the same."""
+    """Squares of relative uncertainties with their degrees of freedom, one for all that follow from one estimate."""
     own = [(max(one.random_rel**2 - one.scatter_rel**2, 0.0), inf) for one in patches]
     scattered = [(one.scatter_rel**2, one.scatter_dof) for one in patches]
     squares = [(error.source, float(error.relative) ** 2, error.dof) for error in common]
-    of_fit = [(square, dof) for source, square, dof in squares if source == "fit"]
-    flickers = [(square, dof) for source, square, dof in squares if source.startswith(FLICKER)]
-    others = [(square, dof) for source, square, dof in squares if source != "fit" and not source.startswith(FLICKER)]
-    return [*own, *others, of_one_estimate([*scattered, *of_fit]), of_one_estimate(flickers)]
+    alike = {
+        one: [(square, dof) for source, square, dof in squares if source.startswith(one)] for one in ("fit", *OF_FRAMES)
+    }
+    others = [(square, dof) for source, square, dof in squares if not source.startswith(tuple(alike))]
+    alike["fit"] += scattered
+    return [*own, *others, *map(of_one_estimate, alike.values())]
 
 
 def _combined(
@@ -206,12 +208,12 @@ def _combined(
             shared[key] = CommonError(source, so_far + float(share * error.relative), error.rectangular, error.dof)
     for o, s, share, step in zip(observations, signals, weight * each / luminance, weight * slope, strict=True):
         frames = " ".join(f"{part}" for part in o.frames if part is not None)
-        of_frames = {FLICKER: share * s.flicker_rel, "black level": step * s.black_level_dn / luminance}
-        dof = calibration.settings[s.gain_index].noise.flicker_dof or inf
-        for source, part in of_frames.items():
+        setting, of_black = calibration.settings[s.gain_index], step * s.black_level_dn / luminance
+        dofs = setting.noise.flicker_dof, setting.dark.drift_dof
+        for source, part, dof in zip(OF_FRAMES, (share * s.flicker_rel, of_black), dofs, strict=True):
             name = f"{source}, frames {frames}"
             if part:
-                shared[name] = CommonError(name, float(part), dof=dof if source == FLICKER else inf)
+                shared[name] = CommonError(name, float(part), dof=dof or inf)
     patch = observations[0].patch
     return PatchLuminance(
         patch=patch,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...core.vignetting import AnyVignetting
 from ...session.tables import EXPOSURE_JITTER_S
-from ..converter import FLAT_FIELD, FLICKER, exposure_time_rel, source_of_place
+from ..converter import BLACK_LEVEL, FLAT_FIELD, FLICKER, exposure_time_rel, source_of_place
 from ..frames.nonuniformity import slow_rel, smooth_patterns, vignetting_errors
 from ..frames.observations import PatchObservation
 from ..readings import PatchReading
@@ -226,7 +226,7 @@ def build_design(
             for t in exposures_s
         ),
         *_place_errors(vignetting, place, vignetting_errors(vignetting, *places), patch),
-        *_frame_errors(observations, signals, settings[0].noise.flicker_dof or inf),
+        *_frame_errors(observations, signals, settings[0]),
         *_drift(observations, [read_at[i] for i in patch]),
     ]
     return Design(
@@ -271,7 +271,7 @@ def _place_errors(
 
 
 def _frame_errors(
-    observations: Sequence[PatchObservation], signals: Sequence[NetSignal], flicker_dof: float
+    observations: Sequence[PatchObservation], signals: Sequence[NetSignal], setting: GainSetting
 ) -> list[SharedError]:
     """Flicker of the light and drift of the black level, common to all patches of the same frames."""
     frames = [o.frames for o in observations]
@@ -280,8 +280,8 @@ def _frame_errors(
     errors = []
     for one in dict.fromkeys(frames):
         own = np.array([other == one for other in frames])
-        errors.append(SharedError(FLICKER, np.where(own, flicker, 0.0), zero, dof=flicker_dof))
-        errors.append(SharedError("black level", zero, np.where(own, black, 0.0)))
+        errors.append(SharedError(FLICKER, np.where(own, flicker, 0.0), zero, dof=setting.noise.flicker_dof or inf))
+        errors.append(SharedError(BLACK_LEVEL, zero, np.where(own, black, 0.0), dof=setting.dark.drift_dof or inf))
     return [e for e in errors if e.relative.any() or e.dn.any()]
 
 

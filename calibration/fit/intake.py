@@ -15,7 +15,7 @@ from ..frames.observations import GAIN_TOLERANCE_DB, DarkObservation, PatchObser
 from ..readings import PatchReading, combine_readings
 from ..sensor.dark import DarkModel, fit_dark
 from ..sensor.noise import GainSetting, fit_noise
-from ..signal import left_out_text, usable
+from ..signal import left_out_text, usable, with_prnu
 from .screening import full_well
 
 #: Fewest patches: one parameter, one more for the test of the intercept, and one to judge the fit by.
@@ -179,7 +179,7 @@ def gain_settings(
             of_dark = dark_findings
         found = [*dark_findings, *noise_findings, *_temperature_findings(own, dark)]
         findings += found if len(gains_db) == 1 else [one.within(f"gain {gain_db:g} dB") for one in found]
-        settings.append(GainSetting(gain_db, 1.0, 0.0, dark, noise))
+        settings.append(with_prnu(GainSetting(gain_db, 1.0, 0.0, dark, noise), own))
     return tuple(settings), findings, of_dark
 
 

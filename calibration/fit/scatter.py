@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from ..converter import OF_FRAMES
 from ..uncertainty import COVERAGE, SMALL_P_VALUE, effective_dof, p_value_of_chi_squared
 from .candidates import CandidateModel
 from .design import Array, Design
@@ -231,7 +232,7 @@ def scatter_of_one(design: Design) -> tuple[float, float]:
 
 
 def fit_dof(solution: Solution) -> float:
-    """Degrees of freedom of the first parameter's uncertainty, by those of scatter and flicker."""
+    """Degrees of freedom of the first parameter's uncertainty, by those of scatter, flicker and black level."""
     design, row = solution.design, solution.gain[0]
     total = float(row @ solution.covariance @ row)
     parts = [
@@ -239,8 +240,8 @@ def fit_dof(solution: Solution) -> float:
         for kind in ("scatter_rel", "scatter_each_rel", "scatter_each_dn")
     ]
     level = np.sqrt(np.abs(solution.luminance * design.readings))
-    flickers = [one for one in design.shared if one.dof < inf]
-    if flickers:
-        variance = sum(float(row @ (one.relative * level)) ** 2 for one in flickers)
-        parts.append((variance, flickers[0].dof))
+    for source in OF_FRAMES:
+        own = [one for one in design.shared if one.source == source]
+        variance = sum(float(row @ (one.relative * level + one.dn * solution.slope)) ** 2 for one in own)
+        parts += [(variance, own[0].dof)] if own else []
     return effective_dof([*parts, (max(total - sum(v for v, _ in parts), 0.0), inf)])

@@ -28,6 +28,8 @@ EXPOSURE_TOLERANCE_REL = 0.002
 GAIN_TOLERANCE_REL = 0.012
 #: Tolerated relative deviation by the position of a patch.
 PLACE_TOLERANCE_REL = 0.002
+#: Code of the finding of a step of the readings that is taken for one of the meter's scale.
+STEP_OF_METER = "readings-step-within-limits"
 #: Significance, in standard uncertainties, of a single test.
 _LIMIT = 3.0
 
@@ -97,10 +99,12 @@ def drift(solution: Solution) -> FitTest:
     return _test("drift", value, uncertainty, "1/h", significant, "drift", "no-drift", values)
 
 
-def step(solution: Solution, *others: FitTest) -> tuple[FitTest, list[SharedError]]:
+def step(solution: Solution, limits_rel: float, *others: FitTest) -> tuple[FitTest, list[SharedError]]:
     """Largest change of the readings at once; with the errors of the observations by it, if significant.
 
-    Of `others`, drift and vignetting, the significant ones explain it unless it is the better explanation.
+    Of `others`, drift and vignetting, the significant ones explain it unless it is the better explanation. One within
+    the limits of the meter's scale is taken for the meter's; of a larger one either side may be right, or anything in
+    between.
     """
     found, name = strongest_step(solution), "meter step"
     pattern, first, n = (np.zeros_like(solution.luminance), 0, 0) if found is None else found
@@ -113,11 +117,13 @@ def step(solution: Solution, *others: FitTest) -> tuple[FitTest, list[SharedErro
         other = max(other, ratio(solution.shift(times)))
     significant = abs(value) > critical_value(n, dof) * uncertainty and worth_of_step(solution) > other
     values = {"patch": solution.design.patches[first], **_relative(-value, uncertainty)}
-    test = _test(name, -value, uncertainty, "", significant, "readings-step", "no-readings-step", values)
-    # Either side of the step may be right, or anything in between.
-    either, zero = np.full_like(pattern, abs(value) / 2 / sqrt(3)), np.zeros_like(pattern)
-    errors = [SharedError(name, relative, zero) for relative in (value * pattern / solution.luminance, either)]
-    return test, errors if significant else []
+    code = STEP_OF_METER if abs(value) <= limits_rel else "readings-step"
+    test = _test(name, -value, uncertainty, "", significant, code, "no-readings-step", values)
+    if not significant:
+        return test, []
+    shape, zero = value * pattern / solution.luminance, np.zeros_like(pattern)
+    either = np.full_like(pattern, abs(value) / 2 / sqrt(3))
+    return test, [SharedError(name, one, zero) for one in ((shape,) if code == STEP_OF_METER else (shape, either))]
 
 
 def vignetting_left(solution: Solution, vignetting: AnyVignetting | None) -> FitTest:

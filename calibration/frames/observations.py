@@ -197,9 +197,9 @@ class PatchObservation:
         return self.signal_dn / self.mean_inverse_v - dark_dn
 
     def fixed_pattern_variance_dn2(self, dark_dn: float) -> float:
-        """Variance of (DN - d) / V from pixel to pixel, noise removed."""
+        """Variance of (DN - d) / V from pixel to pixel, noise removed; below 0 by chance."""
         noise_dn2 = self.temporal_variance_dn2 * self.mean_inverse_v**2 / self.n_frames
-        return max(self.nonuniformity.pixel_variance_dn2(dark_dn) - noise_dn2, 0.0)
+        return self.nonuniformity.pixel_variance_dn2(dark_dn) - noise_dn2
 
     def nonuniformity_variance_dn2(self, dark_dn: float) -> float:
         """Variance of (DN - d) / V by slow changes across the region; 0 if not significant."""

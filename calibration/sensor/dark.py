@@ -65,7 +65,7 @@ class DarkModel:
     drift_dn : float
         Standard deviation of the black level from frame to frame, with noise of the pixels removed.
     drift_dof : int
-        Degrees of freedom of `drift_dn`.
+        Degrees of freedom of `drift_dn`; 0 if it is known.
     line_noise_dn, line_pattern_dn : (float, float)
         Standard deviation of temporal noise and of the pattern that whole columns, and whole rows, have in common.
     """
@@ -196,7 +196,7 @@ def fit_dark(darks: Sequence[DarkObservation], drift_dn: float | None = None) ->
     reference = float(np.mean(temperatures)) if len(temperatures) == len(darks) else None
     warmer_c = np.zeros_like(t) if reference is None else np.array(temperatures) - reference
     shown_dn, drift_dof = drift_of_black_level(darks)
-    drift_dn = shown_dn if drift_dn is None else drift_dn
+    drift_dn, drift_dof = (shown_dn, drift_dof) if drift_dn is None else (drift_dn, 0)
     y, u = np.array([d.mean_dn for d in darks]), mean_uncertainties_dn(darks, drift_dn)
     parameters, covariance, findings = fit_curve(t, warmer_c, y, u)
     if np.unique(t).size == 1:

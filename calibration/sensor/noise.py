@@ -47,6 +47,8 @@ class TemporalNoise:
         Relative standard deviation of the light from frame to frame.
     flicker_dof : int
         Degrees of freedom of `flicker_rel`.
+    prnu_rel : float
+        Relative standard deviation of the pixels' sensitivities (EMVA 1288: PRNU), of what vignetting leaves.
     """
 
     k_dn_per_e: float
@@ -54,6 +56,7 @@ class TemporalNoise:
     tone: Response | None = None
     flicker_rel: float = 0.0
     flicker_dof: int = 0
+    prnu_rel: float = 0.0
 
     def covers(self, net_dn: float) -> bool:
         """Whether the tone curve is known at a signal: that of a bracket is over the bracket's range only."""

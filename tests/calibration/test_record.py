@@ -62,7 +62,7 @@ def test_saving_again_replaces_values_and_arrays_together_with_force_only(calibr
     ("place", "value", "message"),
     [
         (("format",), "labcdp-session", "is not a calibration: its key format is not 'labcdp-calibration'"),
-        (("version",), 4, "has version 4, this labcdp reads version 5: .*calibrate again$"),
+        (("version",), 4, "has version 4, this labcdp reads version 6: .*calibrate again$"),
         (("calibration", "responsivity", "responsivity_dn_s_cd_m2"), 1201.0, "was changed after it was written"),
         (("calibration", "responsivity", "responsivity_dn_s_cd_m2"), -1.0, "a camera that sees light has a positive"),
         (("calibration", "meter_scale", "limit"), 0.02, r"key meter_scale\.limit: Unexpected keyword argument"),

@@ -265,7 +265,7 @@ def predicted_signal(
 def _measured_signal(o: PatchObservation, twin: TwinParameters) -> dict[str, Value]:
     """Measured mean, temporal noise and fixed pattern, each with its standard uncertainty."""
     temporal = o.temporal_variance_dn2
-    pattern = o.fixed_pattern_variance_dn2(twin.dark_dn(o.exposure_s)) / o.mean_inverse_v**2
+    pattern = max(o.fixed_pattern_variance_dn2(twin.dark_dn(o.exposure_s)), 0.0) / o.mean_inverse_v**2
     mean_u = sqrt(temporal / (o.n_pixels * o.n_frames) + pattern / o.n_pixels)
     dof = (o.n_pixels - 1) * (o.n_frames - 1)
     by_noise = temporal / o.n_frames * sqrt(2 / dof)

@@ -102,8 +102,8 @@ def test_a_wrong_exposure_time_is_reported(camera, setup):
     ("name", "factor", "value", "code", "least_rel"),
     [
         ("drift", lambda k: 1 + 0.05 * k / 12, -0.05, "drift", 0.0),
-        ("meter step", lambda k: 1 + 0.02 * (k > 5), 0.02, "readings-step", 0.0095 / sqrt(3)),
-        ("meter step", lambda k: 1 + 0.0039 * (k > 5), 0.0039, "readings-step", 0.0),
+        ("meter step", lambda k: 1 + 0.03 * (k > 5), 0.03, "readings-step", 0.0145 / sqrt(3)),
+        ("meter step", lambda k: 1 + 0.0039 * (k > 5), 0.0039, "readings-step-within-limits", 0.0),
     ],
 )
 def test_readings_that_change_with_time_are_found(camera, setup, name, factor, value, code, least_rel):
@@ -115,8 +115,11 @@ def test_readings_that_change_with_time_are_found(camera, setup, name, factor, v
     calibration = fit(observations, darks, readings, setup)
     test = found(calibration, name)
     assert (test.significant, test.value) == (True, pytest.approx(value, rel=0.05))
-    assert {"drift", "readings-step"} & codes(calibration) == {code}
+    assert {"drift", "readings-step", "readings-step-within-limits"} & codes(calibration) == {code}
     assert calibration.responsivity.random_rel >= least_rel
+    # Two scales within 2 %, and that far apart, have their mean within 2 % less half of it.
+    within = value / 2 if code.endswith("limits") else 0.0
+    assert calibration.meter_scale.half_width_rel == pytest.approx(0.02 - within, rel=0.001)
 
 
 def all_with(ones, **changes):

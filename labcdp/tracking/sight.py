@@ -149,36 +149,16 @@ class View:
 
     def under(self, to_image: Matrix, shape: tuple[int, int]) -> NDArray[np.float32]:
         """Values under each pixel of a template of `shape` that lies at `to_image`, interpolated, shape (n,)."""
-        return self.sampled(self.from_image @ to_image, shape[::-1])[0]
-
-    def sampled(self, place: Matrix, size: tuple[int, int]) -> tuple[NDArray[np.float32], NDArray[np.bool_] | None]:
-        """Values under the pixels of a template of `size` at a place in the view, and which lie in the image.
-
-        None if all do.
-        """
         import cv2
 
         # OpenCV has the middle of the first pixel at 0, we have its corner there.
-        centres = _FROM_CORNER @ place @ _TO_CORNER
+        centres = _FROM_CORNER @ self.from_image @ to_image @ _TO_CORNER
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        seen = cv2.warpPerspective(self.values, centres, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
-        return np.asarray(seen, dtype=np.float32).ravel(), self._inside(place, size)
-
-    def _inside(self, place: Matrix, size: tuple[int, int]) -> NDArray[np.bool_] | None:
-        left, top, right, bottom = self._bounds
-        box = box_of(place, *size)
-        # A line from one corner to another that passes behind the camera is rare, but its ends may look right.
-        a, b, c = place[2].tolist()
-        nearest = c + min(a * size[0], 0) + min(b * size[1], 0)
-        if nearest > 0 and box[0] > left and box[1] > top and box[2] < right and box[3] < bottom:
-            return None
-        u, v = np.meshgrid(np.arange(size[0]) + 0.5, np.arange(size[1]) + 0.5)
-        x, y, w = np.tensordot(place, np.stack((u, v, np.ones_like(u))), 1)
-        inside = (w > 0) & (left * w < x) & (x < right * w) & (top * w < y) & (y < bottom * w)
-        return np.asarray(inside.ravel())
+        seen = cv2.warpPerspective(self.values, centres, shape[::-1], flags=flags, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(seen, dtype=np.float32).ravel()
 
     @property
-    def _bounds(self) -> tuple[float, float, float, float]:
+    def bounds(self) -> tuple[float, float, float, float]:
         """Left, top, right and bottom end of the image in the view."""
         (across, down), (x, y), (height, width) = self.factors, self.corner, self.image_shape
         return -across * x, -down * y, across * (width - x), down * (height - y)

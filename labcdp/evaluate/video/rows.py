@@ -15,7 +15,7 @@ from ...core.errors import InputError
 from ...core.frame import Frame
 from ...core.result import Finding, warning
 from ...core.roi import Roi
-from ...files.video.source import VideoFrame
+from ...files.video.source import StoredPixels, VideoFrame
 from ...metrics import CalibratedCdp, Epsilon, cdp_neighbours_range
 from ...metrics.pair import PairResult, evaluate_regions, require_apart
 from ...metrics.region import RegionPixels
@@ -124,7 +124,7 @@ class PartRun:
         if row is not None:
             self.journal.add(row)
         frame = item.frame
-        if self.observer is not None and frame.frame is not None:
+        if self.observer is not None and frame.pixels is not None:
             known = self.journal.row(item.place) if row is None else row
             self.observer(frame.number, frame.grey, self._regions(item), variables(known))
 
@@ -144,9 +144,9 @@ class PartRun:
 
     def _row(self, frame: VideoFrame, regions: Sequence[TrackedRoi], repeats: int | None) -> Row:
         """Evaluate a frame with its regions; `repeats` is the number of the frame before if it has the same pixels."""
-        settings, pixels = self.settings, frame.frame
+        settings, pixels = self.settings, frame.pixels
         # What is wrong with tables of neighbours is wrong with every frame.
-        tables = None if settings.rois or pixels is None else self._neighbour_tables(pixels)
+        tables = None if settings.rois or pixels is None else self._neighbour_tables(pixels.frame)
         row: Row = {"frame": frame.number, "time_s": frame.time_s}
         row |= {name: [nan] * settings.n_contrasts for name in names(OF_CONTRAST)}
         if settings.rois:
@@ -160,7 +160,7 @@ class PartRun:
             values, findings = (
                 self._of_pair(frame, pixels, [one.roi for one in regions])
                 if settings.rois
-                else (self._of_neighbours(pixels, tables), [])
+                else (self._of_neighbours(pixels.frame, tables), [])
             )
         except InputError as error:
             return row | _found([warning("frame-not-evaluated", reason=" ".join(str(error).split()))])
@@ -173,7 +173,7 @@ class PartRun:
             findings.append(warning("frame-repeated", of_frame=repeats))
         return row | values | _found([*findings, *([] if frame.note is None else [frame.note])])
 
-    def _of_pair(self, frame: VideoFrame, pixels: Frame, rois: Sequence[Roi]) -> tuple[Row, list[Finding]]:
+    def _of_pair(self, frame: VideoFrame, pixels: StoredPixels, rois: Sequence[Roi]) -> tuple[Row, list[Finding]]:
         while True:
             contrasts = [contrast for contrast in self.contrasts if not isnan(contrast)]
             reference, why = (None, None) if self._reference is None else self._reference.of(frame.number, frame.time_s)
@@ -245,14 +245,18 @@ def variables(row: Row) -> Row:
 
 
 def evaluate_frame_pair(
-    frame: Frame, conversion: PictureConversion, rois: Sequence[Roi], contrasts: Sequence[float], epsilon: Epsilon
+    pixels: StoredPixels,
+    conversion: PictureConversion,
+    rois: Sequence[Roi],
+    contrasts: Sequence[float],
+    epsilon: Epsilon,
 ) -> PairResult:
     """Evaluate two regions of a frame as `labcdp.metrics.pair.evaluate_pair` does its whole map.
 
     Parameters
     ----------
-    frame : Frame
-        The frame; only what lies around the regions is converted.
+    pixels : StoredPixels
+        Of the frame; only what lies around the regions is converted.
     conversion : PictureConversion
         To light.
     rois : sequence of two Roi
@@ -270,12 +274,18 @@ def evaluate_frame_pair(
     CalibrationError
         If the conversion is not for such frames.
     """
-    first, second = (_region(frame, conversion, roi) for roi in rois)
+    first, second = (_region(pixels, conversion, roi) for roi in rois)
     require_apart(first.placed, second.placed)
     return evaluate_regions(first, second, contrasts, epsilon)
 
 
-def _region(frame: Frame, conversion: PictureConversion, roi: Roi) -> RegionPixels:
+def _region(pixels: StoredPixels, conversion: PictureConversion, roi: Roi) -> RegionPixels:
+    if pixels.part is not None and conversion.unit == "relative":
+        # Nothing but the pixel itself decides its light.
+        window = roi.window(pixels.shape)
+        light = conversion.convert(pixels.part(window))
+        return RegionPixels.of_part(light, roi, window, _mask(roi, pixels.shape), dn=None)
+    frame = pixels.frame
     # A pixel of the map stands for a group of the colour filter.
     group = 1 if frame.colour_filter is None else 2
     shape = (frame.shape[0] // group, frame.shape[1] // group)

@@ -10,11 +10,9 @@ from functools import partial
 from itertools import islice, repeat
 from typing import Any, TypeVar
 
-import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from ...core.frame import Frame
 from ...core.roi import Roi
 from ...files.video.source import VideoFrame, VideoSource, frames_of
 from ...report.text import finding_text
@@ -114,19 +112,19 @@ class VideoRun:
         last: VideoFrame | None = None
         unseen: VideoFrame | None = None
         for frame in frames:
-            if self._follows and tracker is None and frame.frame is None:
+            if self._follows and tracker is None and frame.pixels is None:
                 unseen = unseen or frame
                 continue
-            if self._methods and frame.frame is not None:
+            if self._methods and frame.pixels is not None:
                 if unseen is not None:
                     remedy = f"draw them in frame {frame.number}, the first whole one, and start there"
                     raise InputError(f"{self._why(unseen)}; {remedy}")
                 if tracker is None:
-                    tracker = self._tracker(_tracked(frame.frame))
+                    tracker = self._tracker(frame.pixels.followed)
                     regions = {roi: TrackedRoi(roi, 1.0, False) for roi in self._methods}
                     self._begun = True
                 else:
-                    regions = dict(zip(self._methods, tracker.update(_tracked(frame.frame)), strict=True))
+                    regions = dict(zip(self._methods, tracker.update(frame.pixels.followed), strict=True))
             if frame.chosen:
                 repeats = last.number if last is not None and _same_picture(last, frame) else None
                 # Before the first whole frame there is no region.
@@ -152,21 +150,8 @@ class VideoRun:
                 self._choose_regions()
 
 
-def _tracked(frame: Frame) -> NDArray[Any]:
-    """Pixels of a frame for a tracker: all bits; the pattern of a colour filter does not show in them."""
-    if frame.colour_filter is None:
-        return frame.dn
-    import cv2
-
-    return np.asarray(cv2.blur(frame.dn, (2, 2)))
-
-
 def _same_picture(last: VideoFrame, frame: VideoFrame) -> bool:
-    if last.frame is None or frame.frame is None:
-        return False
-    one, other = last.frame.dn, frame.frame.dn
-    # A few rows suffice to distinguish them.
-    return np.array_equal(one[::64], other[::64]) and np.array_equal(one, other)
+    return last.pixels is not None and frame.pixels is not None and frame.pixels.same_as(last.pixels)
 
 
 def ahead(items: Generator[_Result, None, None]) -> Generator[_Result, None, None]:

@@ -12,15 +12,20 @@ from ...core.computer import compiled
 
 @compiled
 def luminance_of_ycbcr(
-    luma: NDArray[Any], blue: NDArray[Any], red: NDArray[Any], parts: NDArray[np.float32], light: NDArray[np.float32]
+    luma: NDArray[Any],
+    blue: NDArray[Any],
+    red: NDArray[Any],
+    group: tuple[int, int],
+    parts: NDArray[np.float32],
+    light: NDArray[np.float32],
 ) -> tuple[NDArray[np.uint16], NDArray[np.bool_]]:
     """Luminance of Y', Cb and Cr, and whether a colour is at its end.
 
     `parts` have, by value, Y', what Cr adds to red and green, and what Cb adds to green and blue; `light` the parts of
-    whole red, green and blue in the luminance. Of several pixels with one Cb and Cr all have the same.
+    whole red, green and blue in the luminance. A `group` of so many rows and columns has one Cb and Cr.
     """
     height, width = luma.shape
-    down, across = -(-height // blue.shape[0]), -(-width // blue.shape[1])
+    down, across = group
     luminance, clipped = np.empty((height, width), np.uint16), np.empty((height, width), np.bool_)
     half, none, top = np.float32(0.5), np.float32(0), np.float32(light.shape[1] - 1)
     last = light.shape[1] - 1

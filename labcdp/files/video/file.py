@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -13,15 +13,17 @@ from typing import Any
 
 import av
 import numpy as np
+from numpy.typing import NDArray
 
 from ...core.disk import file_sha256, require_regular
 from ...core.errors import InputError
 from ...core.frame import Frame
+from ...core.luminance import WHOLE, Window
 from ..picture import unused_options
 from ..read import PictureOptions, frame_of_pixels
 from .decoding import Shown, shown_frames
 from .pixels import Pixels, learn_pixels
-from .source import VideoFrame, VideoSource, require_frames
+from .source import StoredPixels, VideoFrame, VideoSource, require_frames, stored_pixels
 
 #: Whole frames, and broken ones, that are looked at to learn what the numbers are.
 _LOOKED_AT, _MOST_BROKEN = 3, 300
@@ -50,27 +52,41 @@ class _Frames:
                 fault, note = shown.fault, None
                 if fault is not None and self.options.damaged and shown.frame is not None:
                     fault, note = None, fault
-                yield VideoFrame(shown.number, shown.time_s, fault, partial(self.frame, shown), note)
+                yield VideoFrame(shown.number, shown.time_s, fault, partial(self.stored, shown), note)
 
-    def frame(self, shown: Shown) -> Frame:
+    def stored(self, shown: Shown) -> StoredPixels:
+        """Pixels of a decoded frame; colours wait until they are asked for, and are followed by Y'."""
         if shown.frame is None:
             raise InputError("it cannot be decoded")
-        dn, clipped = self.pixels.dn(shown.frame)
+        planes = self.pixels.planes(shown.frame)
+        if self.pixels.kind == "luma":
+            return stored_pixels(self._grey(self.pixels.luma(planes[0]), shown.number))
+        of_colours = partial(self._of_colours, planes, shown.number)
+        if self.pixels.kind == "rgb":
+            return stored_pixels(of_colours(WHOLE))
+        part = of_colours if self.pixels.orientation == 1 else None
+        return StoredPixels(planes, self.pixels.luma(planes[0]), partial(of_colours, WHOLE), part)
+
+    def _grey(self, dn: NDArray[Any], number: int) -> Frame:
         # There is no other reference to the pixels: they need not be copied.
         dn.flags.writeable = False
         if dn.dtype == np.uint8:
-            return replace(self._example, dn=dn, frame_id=shown.number)
-        if self.pixels.kind != "luma":
-            options = replace(self.options, bit_depth=None, pixel_format=None, saturation_dn=None)
-            return replace(frame_of_pixels(dn, options, self.modified, shown.number), clipped=clipped)
+            return replace(self._example, dn=dn, frame_id=number)
         stated = 16 if self.pixels.bits == 16 and self.options.bit_depth is None else self.pixels.bits
         options = self.options if stated == 16 else replace(self.options, bit_depth=stated)
-        return frame_of_pixels(dn, options, self.modified, shown.number)
+        return frame_of_pixels(dn, options, self.modified, number)
+
+    def _of_colours(self, planes: Sequence[NDArray[Any]], number: int, window: Window) -> Frame:
+        dn, clipped = self.pixels.luminance(planes, window)
+        return replace(self._example, dn=dn, clipped=clipped, frame_id=number)
 
     @cached_property
     def _example(self) -> Frame:
-        """A frame of 8 bits."""
-        return frame_of_pixels(np.zeros((1, 1), np.uint8), self.options, self.modified)
+        """A frame of 8 bits, or of the luminance of colours."""
+        if self.pixels.kind == "luma":
+            return frame_of_pixels(np.zeros((1, 1), np.uint8), self.options, self.modified)
+        options = replace(self.options, bit_depth=None, pixel_format=None, saturation_dn=None)
+        return frame_of_pixels(np.zeros((1, 1), np.uint16), options, self.modified)
 
 
 def open_video_file(path: Path, options: PictureOptions) -> VideoSource:
@@ -115,7 +131,7 @@ def open_video_file(path: Path, options: PictureOptions) -> VideoSource:
     frame_rate = rate if isfinite(rate) and rate > 0 else None
     found = _Frames(path, (height, width), frame_rate, pixels, options, modified)
     # Options that do not fit fail at once, and not once for each frame.
-    frame = found.frame(Shown(0, 0.0, frames[0], None))
+    frame = found.stored(Shown(0, 0.0, frames[0], None)).frame
     return VideoSource(
         path=path,
         shape=(height, width) if pixels.orientation <= 4 else (width, height),

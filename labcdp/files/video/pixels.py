@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
+from ...core.luminance import WHOLE, Window
 from ...core.result import Finding, info, warning
 from ..stored_image import (
     ENCODING_NAMES,
@@ -71,8 +73,8 @@ class Pixels:
         """Encoding of the DN of frames: luminance of colours is linear."""
         return self.stored if self.kind == "luma" else "linear"
 
-    def dn(self, frame: Any) -> tuple[NDArray[Any], NDArray[np.bool_] | None]:
-        """DN of a decoded frame, and of colours which pixels have one at its end.
+    def planes(self, frame: Any) -> tuple[NDArray[Any], ...]:
+        """Numbers of a decoded frame as they are stored.
 
         Raises
         ------
@@ -81,30 +83,48 @@ class Pixels:
         """
         if frame.format.name != self.format_name:
             raise InputError(f"its pixels are of the kind {frame.format.name}, not {self.format_name} as before")
-        planes = planes_of(frame)
+        return tuple(planes_of(frame))
+
+    def luma(self, stored: NDArray[Any]) -> NDArray[Any]:
+        """Full-range Y' of what is stored of it."""
+        if self.limited:
+            stored = looked_up(np.rint(self._grey.clip(0, 2**self.bits - 1)).astype(stored.dtype), stored)
+        return upright(np.ascontiguousarray(stored), self.orientation)
+
+    def luminance(
+        self, planes: Sequence[NDArray[Any]], window: Window = WHOLE
+    ) -> tuple[NDArray[np.uint16], NDArray[np.bool_]]:
+        """Luminance of colours, and which pixels have one at its end; of Y', Cb and Cr also of a window as stored."""
         if self.kind == "rgb":
             rgb = np.dstack(planes)
-            clipped = np.any(rgb >= 2**self.bits - 1, axis=2)
-            return upright(luminance_dn(rgb, self.bits, self.stored), self.orientation), upright(
-                clipped, self.orientation
-            )
-        if self.kind == "ycbcr":
-            from .colour_kernel import luminance_of_ycbcr
+            luminance, clipped = luminance_dn(rgb, self.bits, self.stored), np.any(rgb >= 2**self.bits - 1, axis=2)
+        else:
+            luminance, clipped = self._of_ycbcr(planes, window)
+        return upright(luminance, self.orientation), upright(clipped, self.orientation)
 
-            light = light_tables(self.bits, self.stored)
-            luma, blue, red = map(np.ascontiguousarray, planes)
-            luminance, clipped = luminance_of_ycbcr(luma, blue, red, self._parts(), light)
-            return upright(luminance, self.orientation), upright(clipped, self.orientation)
-        luma = planes[0]
-        if self.limited:
-            luma = looked_up(np.rint(self._grey().clip(0, 2**self.bits - 1)).astype(luma.dtype), luma)
-        return upright(np.ascontiguousarray(luma), self.orientation), None
+    def _of_ycbcr(self, planes: Sequence[NDArray[Any]], window: Window) -> tuple[NDArray[np.uint16], NDArray[np.bool_]]:
+        from .colour_kernel import luminance_of_ycbcr
 
+        # Groups of pixels with one Cb and Cr are converted together.
+        height, width = planes[0].shape
+        down, across = -(-height // planes[1].shape[0]), -(-width // planes[1].shape[1])
+        rows, columns = range(height)[window[0]], range(width)[window[1]]
+        top, left = rows.start // down, columns.start // across
+        of_colour = np.s_[top : -(-rows.stop // down), left : -(-columns.stop // across)]
+        luma = planes[0][top * down : rows.stop, left * across : columns.stop]
+        luma, blue, red = map(np.ascontiguousarray, (luma, planes[1][of_colour], planes[2][of_colour]))
+        light = light_tables(self.bits, self.stored)
+        luminance, clipped = luminance_of_ycbcr(luma, blue, red, (down, across), self._parts, light)
+        inner = np.s_[rows.start - top * down :, columns.start - left * across :]
+        return luminance[inner], clipped[inner]
+
+    @cached_property
     def _grey(self) -> NDArray[np.float64]:
         """Full-range Y' of each stored value (ITU-R BT.601 and BT.709: 16 to 235 of 8 bits)."""
         values = np.arange(2**self.bits, dtype=float)
         return (values / 2 ** (self.bits - 8) - 16) * (2**self.bits - 1) / 219 if self.limited else values
 
+    @cached_property
     def _parts(self) -> NDArray[np.float32]:
         """Y' by value, and what Cr adds to red and green, Cb to green and blue (ITU-T H.273, 8.3)."""
         k_r, k_b = self.weights
@@ -113,7 +133,7 @@ class Pixels:
         if self.limited:
             chroma *= (2**self.bits - 1) / (224 * 2 ** (self.bits - 8))
         red, blue = 2 * (1 - k_r) * chroma, 2 * (1 - k_b) * chroma
-        parts = np.array([self._grey(), red, -k_r / k_g * red, -k_b / k_g * blue, blue])
+        parts = np.array([self._grey, red, -k_r / k_g * red, -k_b / k_g * blue, blue])
         return parts.astype(np.float32)
 
 

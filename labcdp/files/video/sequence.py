@@ -23,7 +23,7 @@ from ..picture import Picture, PictureOptions, contradictions, overridden_frame
 from ..read import picture_paths, read_page, read_picture
 from ..stored_image import decoded_table
 from ..tiff import count_pictures
-from .source import VideoFrame, VideoSource, require_frames
+from .source import StoredPixels, VideoFrame, VideoSource, require_frames, stored_pixels
 
 #: Largest number in a name that can be one of a frame; others are times or dates.
 _MOST_NUMBER = 10_000_000
@@ -90,8 +90,8 @@ def _sequence(
     guessed, options = _one_scale(list(looked_at.values()), options)
     first = read(next((at for at in sorted(looked_at) if looked_at[at].coloured), min(looked_at)), options)
 
-    def load(at: int) -> Frame:
-        return _alike(read(at, options), first, numbers[at])
+    def load(at: int) -> StoredPixels:
+        return stored_pixels(_alike(read(at, options), first, numbers[at]))
 
     def entries() -> Iterator[VideoFrame]:
         return (
@@ -192,8 +192,8 @@ def open_session_video(path: Path, options: PictureOptions) -> VideoSource:
     def time_s(record: FrameRecord) -> float:
         return (record.time - records[0].time).total_seconds()
 
-    def load(record: FrameRecord) -> Frame:
-        return overridden_frame(session.load(record), options)
+    def load(record: FrameRecord) -> StoredPixels:
+        return stored_pixels(overridden_frame(session.load(record), options))
 
     def entries() -> Iterator[VideoFrame]:
         return (VideoFrame(n, time_s(one), None, partial(load, one)) for n, one in enumerate(records))

@@ -6,15 +6,65 @@ from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError, LabcdpError
 from ...core.frame import Frame
+from ...core.luminance import Window
 from ...core.result import Finding, warning
 from ..stored_image import Encoding
 from .selection import Chooser, Selection
+
+
+@dataclass(frozen=True, eq=False)
+class StoredPixels:
+    """Pixels of a frame as they are stored.
+
+    Parameters
+    ----------
+    planes : tuple of ndarray
+        All numbers that decide them.
+    followed : ndarray of uint8 or uint16, shape (height, width)
+        What trackers look at.
+    whole : callable
+        Makes the frame.
+    part : callable or None
+        Makes a frame of some rows and columns only, in less time; None if the whole one is there.
+    """
+
+    planes: tuple[NDArray[Any], ...]
+    followed: NDArray[Any]
+    whole: Callable[[], Frame]
+    part: Callable[[Window], Frame] | None = None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width."""
+        return self.followed.shape[0], self.followed.shape[1]
+
+    @cached_property
+    def frame(self) -> Frame:
+        """The frame."""
+        return self.whole()
+
+    def same_as(self, other: StoredPixels) -> bool:
+        """Whether all numbers are the same."""
+        pairs = list(zip(self.planes, other.planes, strict=True))
+        # A few rows suffice to distinguish them.
+        return all(np.array_equal(a[::64], b[::64]) and np.array_equal(a, b) for a, b in pairs)
+
+
+def stored_pixels(frame: Frame) -> StoredPixels:
+    """Pixels of a frame that is there; trackers do not see the pattern of a colour filter."""
+    followed = frame.dn
+    if frame.colour_filter is not None:
+        import cv2
+
+        followed = np.asarray(cv2.blur(frame.dn, (2, 2)))
+    return StoredPixels((frame.dn,), followed, lambda: frame)
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,26 +80,31 @@ class VideoFrame:
     fault : Finding or None
         Why there are no pixels; None if there are.
     load : function without arguments
-        Decode the pixels; to be called before the next frame is taken. Raises InputError if they are broken.
+        Give the pixels; to be called before the next frame is taken. Raises InputError if they are broken.
     note : Finding or None
         What is wrong with pixels that are used all the same.
     chosen : bool
         Whether the selection takes it; others are there for a tracker that follows from frame to frame.
-    frame : Frame or None
+    pixels : StoredPixels or None
         The pixels; None if they are lost or were not loaded.
     """
 
     number: int
     time_s: float
     fault: Finding | None
-    load: Callable[[], Frame]
+    load: Callable[[], StoredPixels]
     note: Finding | None = None
     chosen: bool = False
-    frame: Frame | None = None
+    pixels: StoredPixels | None = None
+
+    @property
+    def frame(self) -> Frame | None:
+        """The whole frame; None if its pixels are lost or were not loaded."""
+        return None if self.pixels is None else self.pixels.frame
 
     @cached_property
     def grey(self) -> NDArray[np.uint8]:
-        """The frame in 8 bits, for trackers and eyes; shape (height, width)."""
+        """The frame in 8 bits, for eyes; shape (height, width)."""
         assert self.frame is not None
         return grey_of(self.frame)
 
@@ -156,17 +211,17 @@ def frames_of(
         chosen = chooser.takes(entry.number, entry.time_s)
         wanted = needed(entry.number, chosen)
         if wanted or chosen:
-            frame, fault = _loaded(entry, source.shape) if wanted and not entry.fault else (None, entry.fault)
-            note = None if frame is None else entry.note
-            yield replace(entry, chosen=chosen, frame=frame, fault=fault, note=note)
+            pixels, fault = _loaded(entry, source.shape) if wanted and not entry.fault else (None, entry.fault)
+            note = None if pixels is None else entry.note
+            yield replace(entry, chosen=chosen, pixels=pixels, fault=fault, note=note)
 
 
-def _loaded(entry: VideoFrame, shape: tuple[int, int]) -> tuple[Frame | None, Finding | None]:
+def _loaded(entry: VideoFrame, shape: tuple[int, int]) -> tuple[StoredPixels | None, Finding | None]:
     """Load a frame, or say why it cannot be used: one broken frame does not cost the others."""
     try:
-        frame = entry.load()
+        pixels = entry.load()
     except LabcdpError as error:
         return None, warning("frame-broken", reason=str(error))
-    if frame.shape != shape:
-        return None, size_differs(frame.shape, shape)
-    return frame, None
+    if pixels.shape != shape:
+        return None, size_differs(pixels.shape, shape)
+    return pixels, None

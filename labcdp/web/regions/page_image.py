@@ -289,7 +289,7 @@ def _frame(source: VideoSource, at: Position) -> tuple[int, Frame]:
         fault = entry.fault
         if fault is None:
             try:
-                return entry.number, entry.load()
+                return entry.number, entry.load().frame
             except LabcdpError as error:
                 fault = warning("frame-broken", reason=str(error))
         raise InputError(f"frame {entry.number} of {source.path}: {finding_text(fault)}; choose another with --frame")

@@ -26,6 +26,7 @@ from labcdp.evaluate.video.rows import evaluate_frame_pair
 from labcdp.evaluate.video.settings import VideoSettings
 from labcdp.files.read import PictureOptions, frame_of_pixels, read_picture
 from labcdp.files.video.selection import Position, Selection
+from labcdp.files.video.source import stored_pixels
 from labcdp.metrics import DetectionInterval, cdp_neighbours_range
 from labcdp.metrics.pair import evaluate_pair
 
@@ -196,7 +197,7 @@ def test_a_frame_of_a_colour_filter_is_evaluated_by_its_green_pixels() -> None:
     frame = frame_of_pixels(dn, PictureOptions(pixel_format="BayerRG8"), datetime(2026, 1, 1, tzinfo=UTC))
     conversion = picture_conversion(None, None, None)
     rois = Roi.rectangle("a", 4, 4, 20, 20), Roi.rectangle("b", 30, 8, 20, 20)
-    found = evaluate_frame_pair(frame, conversion, rois, (0.5,), 0.5)
+    found = evaluate_frame_pair(stored_pixels(frame), conversion, rois, (0.5,), 0.5)
     assert found == evaluate_pair(conversion.convert(frame), *rois, (0.5,))
     assert found.a.mean == pytest.approx((dn[4:24:2, 5:24:2].mean() + dn[5:24:2, 4:24:2].mean()) / 2 / 256)
 

@@ -53,13 +53,8 @@ class ExifFacts:
 
     @property
     def gain_db(self) -> float | None:
-        """20 log10(ISO / 100); None if the ISO speed is not known."""
-        return gain_db_of_iso(self.iso)
-
-
-def gain_db_of_iso(iso: float | None) -> float | None:
-    """Gain of an ISO speed, 20 log10(ISO / 100): twice the speed is twice the DN; None for none."""
-    return 20 * log10(iso / _ISO_OF_0_DB) if iso else None
+        """20 log10(ISO / 100), as twice the speed is twice the DN; None if the ISO speed is not known."""
+        return 20 * log10(self.iso / _ISO_OF_0_DB) if self.iso else None
 
 
 def read_exif(data: bytes, path: Path) -> ExifFacts:
@@ -100,24 +95,10 @@ def read_exif(data: bytes, path: Path) -> ExifFacts:
             merged.setdefault(code, value)
     exif = merged.get(_EXIF)
     if isinstance(exif, dict):
-        merged |= {code: exif[name] for name, code in _EXIF_NAMES.items() if name in exif}
+        codes = tifffile.TIFF.EXIF_TAGS
+        merged |= {codes[name]: value for name, value in exif.items() if name in codes}
     largest = max(directories, key=lambda tags: _number(tags.get(256)) or 0, default={})
     return _facts(merged, largest)
-
-
-#: Names that tifffile gives the entries of an EXIF directory, and their codes.
-_EXIF_NAMES = {
-    "ExposureTime": 33434,
-    "FNumber": 33437,
-    "ISOSpeedRatings": 34855,
-    "PhotographicSensitivity": 34855,
-    "DateTimeOriginal": 36867,
-    "OffsetTimeOriginal": 36881,
-    "SubsecTimeOriginal": 37521,
-    "SubSecTimeOriginal": 37521,
-    "FocalLength": 37386,
-    "BodySerialNumber": 42033,
-}
 
 
 def _tags(page: Any) -> dict[int, Any]:

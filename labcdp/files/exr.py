@@ -34,9 +34,8 @@ def read_exr(_data: bytes, path: Path, max_pixels: int) -> StoredImage:
     InputError
         If it is truncated, damaged, deep, larger than `max_pixels`, holds several pictures, or has other channels.
     """
-    header = exr_header(path, max_pixels)
+    header, channels = exr_channels(path, max_pixels)
     width, height = _size(header)
-    channels = exr_channels(path, max_pixels)
     changes = _changes(header, channels)
     luminance = next((channels[name] for name in _LUMINANCE if name in channels), None)
     if luminance is None and set("RGB") <= set(channels):
@@ -86,11 +85,11 @@ def exr_header(path: Path, max_pixels: int) -> dict[str, Any]:
     return header
 
 
-def exr_channels(path: Path, max_pixels: int) -> dict[str, NDArray[Any]]:
-    """Read all channels of an OpenEXR file; raises InputError as `exr_header`."""
-    exr_header(path, max_pixels)
+def exr_channels(path: Path, max_pixels: int) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Read attributes and all channels of an OpenEXR file; raises InputError as `exr_header`."""
+    header = exr_header(path, max_pixels)
     with _opened(path, separate_channels=True) as file:
-        return {name: channel.pixels.copy() for name, channel in file.channels().items()}
+        return header, {name: channel.pixels.copy() for name, channel in file.channels().items()}
 
 
 def _size(header: dict[str, Any]) -> tuple[int, int]:

@@ -18,7 +18,7 @@ from ..core.errors import InputError
 from ..core.frame import CameraIdentity, Frame
 from ..core.result import Finding, info, warning
 from .exif import ExifFacts
-from .picture import PictureOptions
+from .picture import PictureFile, PictureOptions
 from .png_jpeg import PNG, read_png
 from .stored_image import MAX_PIXELS
 from .tiff import TIFF, read_tiff
@@ -32,32 +32,20 @@ UNKNOWN_CAMERA = CameraIdentity("unknown", "unknown", "unknown")
 
 
 @dataclass(frozen=True, eq=False)
-class FileFrame:
+class FileFrame(PictureFile):
     """A frame from a file.
 
     Parameters
     ----------
-    path : Path
-        The file.
+    path, sha256, facts
+        As of `PictureFile`.
     frame : Frame
         Its pixels, DN as stored.
-    f_number, focal_length_m : float or None
-        Setting of the lens, None where the file does not say.
-    sha256 : str
-        Hash of the file's bytes; two files are the same picture if it is equal.
-    exposure_stated, camera_stated : bool
-        Whether the file says exposure and camera.
     clips_at_dn : float or None
         DN below its saturation from which the pixels are clipped, by their histogram.
     """
 
-    path: Path
     frame: Frame
-    f_number: float | None
-    focal_length_m: float | None
-    sha256: str
-    exposure_stated: bool = True
-    camera_stated: bool = True
     clips_at_dn: float | None = None
 
     def numbered(self, frame_id: int) -> FileFrame:
@@ -160,9 +148,7 @@ def read_image(path: str | PathLike[str], layout: PixelFormat, options: PictureO
     exposure_of(path, facts.exposure_s, options)
     known = replace(facts_over(options, facts), pixel_format=layout.name)
     frame = make_frame(dn, Scale(layout.bit_depth, float(largest)), known, facts.taken or changed_at(path))
-    return FileFrame(
-        path, frame, facts.f_number, facts.focal_length_m, sha256, facts.exposure_s is not None, bool(facts.model)
-    )
+    return FileFrame(path, sha256, facts, frame)
 
 
 def frame_of_pixels(

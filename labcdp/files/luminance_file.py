@@ -19,7 +19,7 @@ from ..core.disk.tiff import open_tiff, pixels_of
 from ..core.errors import InputError
 from ..core.luminance import CommonError, Invalid, LuminanceMap, PixelErrors
 from ..output import write_file
-from .exr import exr_channels, exr_header
+from .exr import exr_channels
 from .stored_image import MAX_PIXELS, require_size
 
 #: Value of the key ``format`` of the metadata of every file, and the version this program writes and reads.
@@ -253,10 +253,9 @@ def _exr(luminance: LuminanceMap, text: str) -> bytes:
 
 
 def _from_exr(data: bytes, path: Path, max_pixels: int) -> tuple[str, dict[str, NDArray[Any]]]:
-    text = str(exr_header(path, max_pixels)["labcdp"])
-    channels = exr_channels(path, max_pixels)
+    header, channels = exr_channels(path, max_pixels)
     channels["luminance_cd_m2"] = channels.pop("Y")
-    return text, channels | {"invalid": channels["invalid"].astype(np.uint8)}
+    return str(header["labcdp"]), channels | {"invalid": channels["invalid"].astype(np.uint8)}
 
 
 def _map(arrays: dict[str, NDArray[Any]], values: dict[str, Any]) -> LuminanceMap:

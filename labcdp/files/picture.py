@@ -16,19 +16,57 @@ from ..core.errors import InputError
 from ..core.frame import CameraIdentity, Frame
 from ..core.luminance import LuminanceMap
 from ..core.result import Finding, warning
+from .exif import ExifFacts
 from .stored_image import MAX_PIXELS, Encoding
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
-    """An image file that was read.
+class PictureFile:
+    """The file of a picture, and what its tags say.
 
     Parameters
     ----------
     path : Path
         The file.
     sha256 : str
-        Hash of its bytes.
+        Hash of its bytes; two files are the same picture if it is equal.
+    facts : ExifFacts
+        Exposure, camera and setting of the lens, where the file says them.
+    """
+
+    path: Path
+    sha256: str
+    facts: ExifFacts
+
+    @property
+    def f_number(self) -> float | None:
+        """Aperture of the lens, None where the file does not say."""
+        return self.facts.f_number
+
+    @property
+    def focal_length_m(self) -> float | None:
+        """Focal length of the lens, None where the file does not say."""
+        return self.facts.focal_length_m
+
+    @property
+    def exposure_stated(self) -> bool:
+        """Whether the file itself says its exposure."""
+        return self.facts.exposure_s is not None
+
+    @property
+    def camera_stated(self) -> bool:
+        """Whether the file itself says its camera."""
+        return bool(self.facts.model)
+
+
+@dataclass(frozen=True, eq=False)
+class Picture(PictureFile):
+    """An image file that was read.
+
+    Parameters
+    ----------
+    path, sha256, facts
+        As of `PictureFile`.
     frame : Frame or None
         DN, grey or behind a Bayer pattern; of colours, linear luminance in 65535ths of white. None for floats.
     light : ndarray of float32, shape (height, width), or None
@@ -39,10 +77,6 @@ class Picture:
         How the values of the file are encoded, by its kind or as requested.
     findings : tuple of Finding
         What was done with the values, and what the user gave that the file contradicts or that cannot count for it.
-    f_number, focal_length_m : float or None
-        Setting of the lens, None where the file does not say.
-    exposure_stated, camera_stated : bool
-        Whether the file itself says exposure and camera.
     exposure_known : bool
         Whether the file or the options say the exposure; if not, `frame.exposure_s` means nothing.
     coloured : bool
@@ -53,17 +87,11 @@ class Picture:
         The whole map of a file that labcdp wrote as luminance, with uncertainty and flags.
     """
 
-    path: Path
-    sha256: str
-    frame: Frame | None
-    light: NDArray[np.float32] | None
-    light_is_cd_m2: bool
-    encoding: Encoding
-    findings: tuple[Finding, ...]
-    f_number: float | None
-    focal_length_m: float | None
-    exposure_stated: bool
-    camera_stated: bool
+    frame: Frame | None = None
+    light: NDArray[np.float32] | None = None
+    light_is_cd_m2: bool = False
+    encoding: Encoding = "linear"
+    findings: tuple[Finding, ...] = ()
     exposure_known: bool = False
     coloured: bool = False
     scale_guessed: bool = False
@@ -147,6 +175,10 @@ class PictureOptions:
         stated = {name: value for name, value in values.items() if value is not None}
         return replace(self, **stated, overrides=self.overrides | stated.keys())
 
+    def override(self, name: str) -> Any:
+        """Return the value of an option that the user gave explicitly, else None."""
+        return getattr(self, name) if name in self.overrides else None
+
 
 #: Difference that rounding explains: 1/60 s as 16.7 ms; an ISO speed in steps of a third.
 _EXPOSURE_REL, _GAIN_DB = 0.005, 0.05
@@ -155,24 +187,17 @@ _OF_DN = {"exposure_s": "exposure", "gain_db": "gain", "bit_depth": "bit depth",
 
 def overridden_frame(frame: Frame, options: PictureOptions) -> Frame:
     """Frame with the exposure and gain that the user gave."""
-    if "exposure_s" in options.overrides and options.exposure_s is not None:
-        frame = replace(frame, exposure_s=options.exposure_s)
-    if "gain_db" in options.overrides and options.gain_db is not None:
-        frame = replace(frame, gain_db=options.gain_db)
-    return frame
+    given = {name: options.override(name) for name in ("exposure_s", "gain_db")}
+    return replace(frame, **{name: value for name, value in given.items() if value is not None})
 
 
 def contradictions(exposure_s: float, gain_db: float, options: PictureOptions) -> tuple[Finding, ...]:
     """Find where a file says another exposure or gain than the user gave."""
     found = []
-    given_s, given_db = options.exposure_s, options.gain_db
-    if (
-        "exposure_s" in options.overrides
-        and given_s is not None
-        and not isclose(exposure_s, given_s, rel_tol=_EXPOSURE_REL)
-    ):
+    given_s, given_db = options.override("exposure_s"), options.override("gain_db")
+    if given_s is not None and not isclose(exposure_s, given_s, rel_tol=_EXPOSURE_REL):
         found.append(warning("exposure-replaced", stated_s=exposure_s, given_s=given_s))
-    if "gain_db" in options.overrides and given_db is not None and not isclose(gain_db, given_db, abs_tol=_GAIN_DB):
+    if given_db is not None and not isclose(gain_db, given_db, abs_tol=_GAIN_DB):
         found.append(warning("gain-replaced", stated_db=gain_db, given_db=given_db))
     return tuple(found)
 
@@ -193,10 +218,10 @@ def unused_options(frame: Frame | None, bits: int | None, options: PictureOption
         given = [what for name, what in _OF_DN.items() if name in options.overrides]
         return tuple(warning("option-needs-dn", option=what) for what in given)
     found = []
-    if "bit_depth" in options.overrides and options.bit_depth != bits:
-        found.append(warning("bit-depth-ignored", given=options.bit_depth, bits=bits))
-    name = options.pixel_format
-    if "pixel_format" in options.overrides and name is not None and pixel_format(name).name != frame.pixel_format:
+    given_bits, name = options.override("bit_depth"), options.override("pixel_format")
+    if given_bits not in (None, bits):
+        found.append(warning("bit-depth-ignored", given=given_bits, bits=bits))
+    if name is not None and pixel_format(name).name != frame.pixel_format:
         found.append(warning("pixel-format-ignored", given=name))
     return tuple(found)
 
@@ -204,17 +229,14 @@ def unused_options(frame: Frame | None, bits: int | None, options: PictureOption
 def with_overrides(picture: Picture, options: PictureOptions, bits: int | None) -> Picture:
     """Picture with what the user gave, and findings about what contradicts its file or cannot count for it."""
     found: list[Finding] = []
-    frame = picture.frame
+    frame, (height, width) = picture.frame, picture.shape
     if frame is not None:
         found += contradictions(frame.exposure_s, frame.gain_db, options)
         frame = overridden_frame(frame, options)
     found += unused_options(frame, bits, options)
-    height, width = picture.shape
-    if "size" in options.overrides and options.size is not None and options.size != (width, height):
-        given_width, given_height = options.size
-        found.append(
-            warning("size-ignored", given_width=given_width, given_height=given_height, width=width, height=height)
-        )
-    if "encoding" in options.overrides and options.encoding not in (None, picture.encoding):
-        found.append(warning("encoding-ignored", given=options.encoding, encoding=picture.encoding))
+    size, encoding = options.override("size") or (width, height), options.override("encoding")
+    if size != (width, height):
+        found.append(warning("size-ignored", given_width=size[0], given_height=size[1], width=width, height=height))
+    if encoding not in (None, picture.encoding):
+        found.append(warning("encoding-ignored", given=encoding, encoding=picture.encoding))
     return replace(picture, frame=frame, findings=(*picture.findings, *found))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from os import PathLike
 from pathlib import Path
@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import InputError
-from ..core.frame import COLOUR_FILTERS, Frame
-from .exif import ExifFacts, gain_db_of_iso, read_exif
+from ..core.frame import Frame
+from .exif import ExifFacts, read_exif
 from .frame import FileFrame, camera_of, changed_at, exposure_of, picture_bytes
 from .picture import PictureOptions
 from .stored_image import MAX_PIXELS, require_size
@@ -45,16 +45,13 @@ def read_raw(path: str | PathLike[str], options: PictureOptions, max_pixels: int
     """
     path = Path(path)
     data, sha256 = picture_bytes(path, max_pixels)
-    facts = read_exif(data, path)
-    raw = _decoded(path, facts, max_pixels)
-    stated_s = facts.exposure_s or _positive(raw.other.shutter_speed)
-    gain_db = gain_db_of_iso(facts.iso or _positive(raw.other.iso_speed))
+    raw = _decoded(path, read_exif(data, path), max_pixels)
+    facts, black_dn, colour_filter = raw.facts, raw.black_dn, raw.colour_filter
     bit_depth = min(max(raw.white.bit_length(), 8), 16)
-    black_dn, colour_filter = raw.black_dn, raw.colour_filter
     frame = Frame(
         dn=raw.dn,
-        exposure_s=exposure_of(path, stated_s, options),
-        gain_db=(options.gain_db or 0.0) if gain_db is None else gain_db,
+        exposure_s=exposure_of(path, facts.exposure_s, options),
+        gain_db=(options.gain_db or 0.0) if facts.gain_db is None else facts.gain_db,
         bit_depth=bit_depth,
         saturation_dn=raw.saturation_dn,
         black_level_dn=float(np.mean(black_dn)),
@@ -67,29 +64,20 @@ def read_raw(path: str | PathLike[str], options: PictureOptions, max_pixels: int
         camera=camera_of(facts, options),
         plane_black_levels_dn=black_dn if colour_filter and len(set(black_dn)) > 1 else None,
     )
-    focal_length_mm = _positive(raw.other.focal_length)
     clips_at_dn = clipping_dn(raw.dn, colour_filter, float(np.mean(black_dn)), raw.white)
-    return FileFrame(
-        path=path,
-        frame=frame,
-        f_number=facts.f_number or _positive(raw.other.aperture),
-        focal_length_m=facts.focal_length_m or (focal_length_mm / 1000 if focal_length_mm else None),
-        sha256=sha256,
-        exposure_stated=stated_s is not None,
-        camera_stated=bool(facts.model),
-        clips_at_dn=clips_at_dn if clips_at_dn is not None and clips_at_dn < raw.saturation_dn else None,
-    )
+    early = clips_at_dn is not None and clips_at_dn < raw.saturation_dn
+    return FileFrame(path, sha256, facts, frame, clips_at_dn if early else None)
 
 
 class _Raw(NamedTuple):
-    """What LibRaw reads; black levels of R, Gr, Gb and B."""
+    """What LibRaw reads; black levels of R, Gr, Gb and B, and the tags with what LibRaw knows besides."""
 
     dn: NDArray[Any]
     colour_filter: str | None
     black_dn: tuple[float, float, float, float]
     white: int
     saturation_dn: float
-    other: Any
+    facts: ExifFacts
 
 
 def _decoded(path: Path, facts: ExifFacts, max_pixels: int) -> _Raw:
@@ -107,7 +95,8 @@ def _decoded(path: Path, facts: ExifFacts, max_pixels: int) -> _Raw:
             dn.flags.writeable = False
             white = int(raw.white_level)
             of_channels = [level for level in raw.camera_white_level_per_channel or () if level > 0]
-            return _Raw(dn, *_pattern(raw, path, facts), white, float(min([white, *of_channels])), raw.other)
+            all_facts = _completed(facts, raw.other)
+            return _Raw(dn, *_pattern(raw, path, facts), white, float(min([white, *of_channels])), all_facts)
     except rawpy.LibRawFileUnsupportedError as error:
         raise InputError(f"{path} is not a camera RAW file that LibRaw knows: give one, or a TIFF or PNG") from error
     except rawpy.LibRawError as error:
@@ -126,10 +115,7 @@ def _pattern(raw: Any, path: Path, facts: ExifFacts) -> tuple[str | None, tuple[
         (colours[y::2, x::2] == group[y, x]).all() for y in range(2) for x in range(2)
     )
     names = "".join(letters[i] if i < len(letters) else "?" for i in group.ravel())
-    pattern, second = names[:2], names[2:]
-    if not (
-        repeats and pattern in COLOUR_FILTERS and second == {"RG": "GB", "GB": "RG", "GR": "BG", "BG": "GR"}[pattern]
-    ):
+    if not (repeats and names in ("RGGB", "GBRG", "GRBG", "BGGR")):
         raise InputError(
             f"{path} has no Bayer pattern of red, green and blue: give a RAW file of a camera with one, or of a "
             "monochrome camera"
@@ -137,7 +123,18 @@ def _pattern(raw: Any, path: Path, facts: ExifFacts) -> tuple[str | None, tuple[
     # Channels by the position of the red pixel: Gr shares its row, Gb its column.
     y, x = divmod(names.index("R"), 2)
     r, gr, gb, b = (black[group[row, column]] for row, column in ((y, x), (y, 1 - x), (1 - y, x), (1 - y, 1 - x)))
-    return pattern, (r, gr, gb, b)
+    return names[:2], (r, gr, gb, b)
+
+
+def _completed(facts: ExifFacts, other: Any) -> ExifFacts:
+    focal_length_mm = _positive(other.focal_length)
+    return replace(
+        facts,
+        exposure_s=facts.exposure_s or _positive(other.shutter_speed),
+        f_number=facts.f_number or _positive(other.aperture),
+        focal_length_m=facts.focal_length_m or (focal_length_mm / 1000 if focal_length_mm else None),
+        iso=facts.iso or _positive(other.iso_speed),
+    )
 
 
 def _reason(error: Exception) -> str:

@@ -14,7 +14,8 @@ import numpy as np
 
 from ..core.errors import InputError
 from ..core.frame import Frame
-from ..core.result import info, warning
+from ..core.result import Finding, info, warning
+from .exif import ExifFacts
 from .exr import EXR, exr_text, read_exr
 from .frame import NO_EXPOSURE_S, Scale, changed_at, facts_over, frame_of_pixels, make_frame, picture_bytes, scale_of
 from .luminance_file import FORMAT as LUMINANCE
@@ -117,62 +118,53 @@ def _from_labcdp(data: bytes, sha256: str, path: Path, max_pixels: int) -> Pictu
         frame = Frame.from_metadata(stored.values, text)
     except InputError as error:
         raise InputError(f"{path} is not a frame recorded by labcdp ({error})") from error
-    return Picture(path, sha256, frame, None, False, "linear", (), None, None, True, True, exposure_known=True)
+    facts = ExifFacts(exposure_s=frame.exposure_s, model=frame.camera.model)
+    return Picture(path, sha256, facts, frame, exposure_known=True)
 
 
 def _from_luminance(data: bytes, sha256: str, path: Path, max_pixels: int) -> Picture:
     luminance, _ = read_luminance(data, path, max_pixels)
     light = np.asarray(luminance.luminance_cd_m2, dtype=np.float32)
-    return Picture(
-        path, sha256, None, light, True, "linear", (info("luminance-file"),), None, None, True, True,
-        exposure_known=True, luminance=luminance,
-    )  # fmt: skip
+    findings = (info("luminance-file"),)
+    return Picture(path, sha256, ExifFacts(), None, light, True, findings=findings, luminance=luminance)
 
 
 def _from_raw(path: Path, sha256: str, options: PictureOptions) -> Picture:
     known = replace(options, exposure_s=options.exposure_s or NO_EXPOSURE_S)
     taken = read_raw(path, known, options.max_pixels)
-    frame, findings = taken.frame, []
+    frame, findings = taken.frame, list[Finding]()
     if taken.clips_at_dn is not None:
-        findings.append(warning("raw-clips-early", found_dn=taken.clips_at_dn, stated_dn=frame.saturation_dn))
+        findings = [warning("raw-clips-early", found_dn=taken.clips_at_dn, stated_dn=frame.saturation_dn)]
         frame = replace(frame, saturation_dn=taken.clips_at_dn)
-    picture = Picture(
-        path, sha256, frame, None, False, "linear", tuple(findings), taken.f_number, taken.focal_length_m,
-        taken.exposure_stated, taken.camera_stated,
-        exposure_known=taken.exposure_stated or options.exposure_s is not None,
-    )  # fmt: skip
-    return with_overrides(picture, options, taken.frame.bit_depth)
+    known_s = taken.facts.exposure_s or options.exposure_s
+    picture = Picture(path, sha256, taken.facts, frame, findings=tuple(findings), exposure_known=known_s is not None)
+    return with_overrides(picture, options, frame.bit_depth)
 
 
 def _picture(stored: StoredImage, path: Path, sha256: str, options: PictureOptions) -> Picture:
-    facts = stored.facts
+    facts, findings = stored.facts, (*stored.changes, *stored.doubts)
     encoding = options.encoding or stored.encoding
-    picture = Picture(
-        path, sha256, None, None, stored.cd_m2_per_value is not None, encoding, (*stored.changes, *stored.doubts),
-        facts.f_number, facts.focal_length_m, facts.exposure_s is not None, bool(facts.model),
-        exposure_known=(facts.exposure_s or options.exposure_s) is not None,
-    )  # fmt: skip
+    exposure_known = (facts.exposure_s or options.exposure_s) is not None
+    picture = Picture(path, sha256, facts, encoding=encoding, exposure_known=exposure_known)
     if stored.bits is None:
         # What is not finite is invalid in the map.
         with np.errstate(over="ignore", invalid="ignore"):
             light = stored.values * np.float32(stored.cd_m2_per_value or 1.0)
-        return with_overrides(replace(picture, light=light, encoding="linear"), options, None)
+        is_cd_m2 = stored.cd_m2_per_value is not None
+        picture = replace(picture, light=light, light_is_cd_m2=is_cd_m2, encoding="linear", findings=findings)
+        return with_overrides(picture, options, None)
     known, taken = facts_over(options, facts), facts.taken or changed_at(path)
     scale = scale_of(stored.values, stored.bits, options, str(path))
     guessed = stored.bits == 16 and options.bit_depth is None and options.pixel_format is None
-    picture = replace(picture, scale_guessed=guessed)
-    findings = (*picture.findings, *scale.findings)
-    if not stored.coloured:
-        picture = replace(picture, frame=make_frame(stored.values, scale, known, taken), findings=findings)
-        return with_overrides(picture, options, scale.bits)
-    dn = luminance_dn(stored.values, scale.bits, encoding)
-    frame = make_frame(dn, Scale(16, 65535.0), replace(known, pixel_format=None, saturation_dn=None), taken)
-    picture = replace(
-        picture,
-        frame=replace(frame, clipped=np.any(stored.values >= scale.saturation_dn, axis=2)),
-        findings=(*findings, info("srgb-colour-to-grey" if encoding == "srgb" else "colour-to-grey")),
-        coloured=True,
-    )
+    if stored.coloured:
+        dn = luminance_dn(stored.values, scale.bits, encoding)
+        frame = make_frame(dn, Scale(16, 65535.0), replace(known, pixel_format=None, saturation_dn=None), taken)
+        frame = replace(frame, clipped=np.any(stored.values >= scale.saturation_dn, axis=2))
+        grey = info("srgb-colour-to-grey" if encoding == "srgb" else "colour-to-grey")
+        findings = (*findings, *scale.findings, grey)
+    else:
+        frame, findings = make_frame(stored.values, scale, known, taken), (*findings, *scale.findings)
+    picture = replace(picture, frame=frame, findings=findings, coloured=stored.coloured, scale_guessed=guessed)
     return with_overrides(picture, options, scale.bits)
 
 

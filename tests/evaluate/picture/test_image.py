@@ -9,6 +9,7 @@ from labcdp.core.result import Finding, info
 from labcdp.core.roi import Roi
 from labcdp.evaluate.picture.image import ImageRequest, evaluate_image
 from labcdp.evaluate.picture.neighbours import evaluate_neighbours
+from labcdp.files.exif import ExifFacts
 from labcdp.files.picture import Picture
 from labcdp.metrics import cdp, cdp_neighbours_range
 
@@ -25,7 +26,7 @@ def _map(luminance, common=(), **more):
 
 def _evaluate(request, luminance=SCENE):
     light = luminance.astype(np.float32)
-    picture = Picture(Path("night.exr"), "ab" * 32, None, light, True, "linear", (), None, None, False, False)
+    picture = Picture(Path("night.exr"), "ab" * 32, ExifFacts(), None, light, True)
     return evaluate_image(picture, _map(luminance), "cd/m^2", request)
 
 

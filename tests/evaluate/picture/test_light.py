@@ -251,4 +251,4 @@ def test_pictures_the_calibration_is_not_for_are_refused(tmp_path, recorded, cal
         with pytest.raises(CalibrationError, match=rf"a\.png: {message}"):
             calibrated.luminance(picture)
     with pytest.raises(CalibrationError, match=r"taken with f/1\.2, the calibration is for f/"):
-        calibrated.luminance(replace(picture, coloured=False, f_number=1.2))
+        calibrated.luminance(replace(picture, coloured=False, facts=replace(picture.facts, f_number=1.2)))

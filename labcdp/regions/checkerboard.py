@@ -186,17 +186,22 @@ def _square(at: At) -> tuple[At, At, At, At]:
 
 def _tone(at: At, places: Corners, image: FloatImage) -> tuple[float, float] | None:
     """Return mean of a square and how far its parts are from it, or None where it reaches out of the image."""
-    a, b, c, d = (places[near] for near in _square(at))
     height, width = image.shape
     # The margin is wider than the pixel by which a square may seem to reach out.
-    if not all(-1 <= x <= width + 1 and -1 <= y <= height + 1 for x, y in (a, b, c, d)):
+    if not all(-1 <= x <= width + 1 and -1 <= y <= height + 1 for x, y in (places[near] for near in _square(at))):
         return None
     steps = np.linspace(0.2, 0.8, 5)
-    u, v = (w.ravel()[:, None] for w in np.meshgrid(steps, steps))
-    values = sampled(image, (1 - v) * ((1 - u) * a + u * b) + v * ((1 - u) * d + u * c))
+    values = _values_within(at, places, np.array([(u, v) for v in steps for u in steps]), image)
     if np.isnan(values).any():
         return None
     return float(values.mean()), float(values.max() - values.min())
+
+
+def _values_within(at: At, places: Corners, parts: NDArray[np.float64], image: FloatImage) -> NDArray[np.float64]:
+    """Return the values of a square at parts of its sides, shape (n, 2), from its first corner."""
+    a, b, c, d = (places[near] for near in _square(at))
+    u, v = parts.T[:, :, None]
+    return sampled(image, (1 - v) * ((1 - u) * a + u * b) + v * ((1 - u) * d + u * c))
 
 
 def _agrees(at: At, known: dict[At, Any], inner: set[At], light_parity: int) -> bool:
@@ -221,10 +226,7 @@ def _fill_their_squares(squares: set[At], places: Corners, image: FloatImage, li
     for within in (middle, corner):
         tones: tuple[list[float], list[float]] = ([], [])
         for at in squares:
-            a, b, c, d = (places[near] for near in _square(at))
-            u, v = within.T[:, :, None]
-            values = sampled(image, (1 - v) * ((1 - u) * a + u * b) + v * ((1 - u) * d + u * c))
-            tones[sum(at) % 2 == light_parity].append(float(values.mean()))
+            tones[sum(at) % 2 == light_parity].append(float(_values_within(at, places, within, image).mean()))
         contrasts.append(np.mean(tones[True]) - np.mean(tones[False]))
     return bool(contrasts[1] > _CORNER_CONTRAST * contrasts[0])
 

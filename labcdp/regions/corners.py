@@ -16,8 +16,6 @@ At: TypeAlias = tuple[int, int]
 #: Places of corners, (x, y) with the centre of the upper left pixel at (0.5, 0.5).
 Corners: TypeAlias = dict[At, NDArray[np.float64]]
 
-_STEPS: tuple[At, ...] = ((0, 1), (1, 0), (0, -1), (-1, 0))
-
 #: Furthest a corner that is proposed may be from where all others put it, in sides of a square; how many of these are
 #: looked at in turn.
 _OUTLIER, _DOUBTED = 0.15, 8
@@ -33,25 +31,20 @@ def real_corners(corners: Mapping[At, NDArray[np.float64]], image: FloatImage) -
     image : ndarray of float32, shape (height, width)
         Smoothed a little.
     """
+    from scipy.ndimage import label
+
     strength = {}
     for at, corner in corners.items():
         sides = _around(at, corners)
         strength[at] = 0.0 if sides is None else _saddle(at, corner, *sides, image)
     # The pattern is light where the majority says so.
     sign = np.sign(sum(strength.values()))
-    kept = {at for at, value in strength.items() if value * sign > 0}
-    largest: set[At] = set()
-    while kept:
-        group = {kept.pop()}
-        edge = list(group)
-        while edge:
-            at = edge.pop()
-            near = {(at[0] + i, at[1] + j) for i, j in _STEPS} & kept
-            kept -= near
-            group |= near
-            edge.extend(near)
-        largest = max(largest, group, key=len)
-    return {at: corners[at] for at in sorted(largest)}
+    at = np.array(list(corners)) - np.min(list(corners), axis=0)
+    kept = np.zeros(at.max(axis=0) + 1, dtype=np.bool_)
+    kept[tuple(at.T)] = [strength[one] * sign > 0 for one in corners]
+    groups = label(kept)[0][tuple(at.T)]
+    largest = np.argmax(np.bincount(groups, minlength=2)[1:]) + 1
+    return {one: corners[one] for one, group in sorted(zip(corners, groups, strict=True)) if group == largest}
 
 
 def without_outliers(corners: Corners) -> Corners:

@@ -38,6 +38,7 @@ _MOST_RINGS = 1000
 _POLYGON, _RECTANGLE, _OVAL, _FREEHAND, _TRACED = 0, 1, 2, 7, 8
 _WITHOUT_AREA = {3: "line", 4: "freehand line", 5: "segmented line", 6: "empty selection", 9: "angle", 10: "point"}
 _ELLIPSE, _ROTATED_RECTANGLE = 3, 5
+_KINDS, _SUBTYPES = (_POLYGON, _RECTANGLE, _OVAL, _FREEHAND, _TRACED), (0, _ELLIPSE, _ROTATED_RECTANGLE)
 _NO_REGION = {1: "text", 2: "arrow", 4: "image"}
 _SPLINE, _SUB_PIXEL = 1, 128
 
@@ -122,11 +123,7 @@ def _shape(data: bytes, entry: str) -> Shape:
     if kind in _WITHOUT_AREA or subtype in _NO_REGION:
         what = _NO_REGION.get(subtype) or _WITHOUT_AREA[kind]
         raise InputError(f"{where} is of the kind {what}, which has no area: leave it out, or draw an area")
-    if kind not in (_POLYGON, _RECTANGLE, _OVAL, _FREEHAND, _TRACED) or subtype not in (
-        0,
-        _ELLIPSE,
-        _ROTATED_RECTANGLE,
-    ):
+    if kind not in _KINDS or subtype not in _SUBTYPES:
         raise InputError(f"{where} is of the unknown kind {kind}, {subtype}: draw it as a polygon")
     _require_name(data, where)
     try:

@@ -47,8 +47,14 @@ def load_regions(path: str | PathLike[str], image_size: ImageSize | None = None)
         Naming the file, and region and key, if it cannot be read, is no region file, holds no region or one that
         cannot be used, or belongs to an image of another size, or a region reaches out of the image.
     """
-    path = Path(path)
-    data = _read(path)
+    return _loaded(Path(path), image_size)[0]
+
+
+def _loaded(path: Path, image_size: ImageSize | None = None) -> tuple[tuple[Shape, ...], ImageSize | None]:
+    """Read shapes, and the size of the image they were drawn on; raises InputError as `load_regions`."""
+    data = read_bytes(path, "a file with regions", _MOST_BYTES)
+    if not data:
+        raise InputError(f"{path} is empty: give a file with regions")
     try:
         if data[:4] in _IMAGEJ:
             shapes, drawn_on = parse_imagej(data, path.stem), None
@@ -66,7 +72,7 @@ def load_regions(path: str | PathLike[str], image_size: ImageSize | None = None)
                 roi.window((height, width))
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
-    return shapes
+    return shapes, drawn_on
 
 
 def image_size_of(path: str | PathLike[str]) -> ImageSize | None:
@@ -77,13 +83,7 @@ def image_size_of(path: str | PathLike[str]) -> ImageSize | None:
     InputError
         If it is no region file.
     """
-    data = _read(Path(path))
-    if data[:4] in _IMAGEJ:
-        return None
-    try:
-        return parse_regions(_text(data))[1]
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+    return _loaded(Path(path))[1]
 
 
 def save_regions(
@@ -118,13 +118,6 @@ def save_regions(
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     write_file(path, data, force=force)
-
-
-def _read(path: Path) -> bytes:
-    data = read_bytes(path, "a file with regions", _MOST_BYTES)
-    if not data:
-        raise InputError(f"{path} is empty: give a file with regions")
-    return data
 
 
 def _text(data: bytes) -> str:
@@ -166,7 +159,9 @@ def parse_regions(text: str) -> tuple[tuple[Shape, ...], ImageSize | None]:
     InputError
         Naming region and key.
     """
-    document = _document(text)
+    document = parse_json(text)
+    if not isinstance(document, dict):
+        raise InputError(f'it is no region file: give a table with "format": "{FORMAT}"')
     _check_keys(document, _KEYS, ("format", "version", "regions"), "")
     if document["format"] != FORMAT:
         raise InputError(f"format is {quoted(document['format'])}: give {FORMAT!r}")
@@ -184,13 +179,6 @@ def parse_regions(text: str) -> tuple[tuple[Shape, ...], ImageSize | None]:
 
 def _json(value: object) -> str:
     return json.dumps(value, ensure_ascii=False, allow_nan=False)
-
-
-def _document(text: str) -> dict[str, Any]:
-    document = parse_json(text)
-    if not isinstance(document, dict):
-        raise InputError(f'it is no region file: give a table with "format": "{FORMAT}"')
-    return document
 
 
 def _region(shape: Shape) -> dict[str, Any]:

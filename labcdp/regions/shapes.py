@@ -86,19 +86,25 @@ class CompositeShape(PolygonShape):
 
 @dataclass(frozen=True)
 class _Box:
-    """What rectangle and ellipse have in common: a box, and how far it is turned about its middle."""
+    """What rectangles, ellipses and grids have in common: a box."""
 
     name: str
     x: float
     y: float
     width: float
     height: float
-    angle_deg: float = 0.0
     limits_cd_m2: Limits | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         check_name(self.name)
         check_box(self)
+
+
+@dataclass(frozen=True)
+class _TurnedBox(_Box):
+    """What rectangles and ellipses have in common: how far the box is turned about its middle."""
+
+    angle_deg: float = 0.0
 
     def _turned(self, corners: Iterable[_Corner]) -> tuple[_Corner, ...]:
         """Turn corners, given from the middle of the box, and put them where the box is."""
@@ -109,7 +115,7 @@ class _Box:
 
 
 @dataclass(frozen=True)
-class RectangleShape(_Box):
+class RectangleShape(_TurnedBox):
     """A rectangle, upright or turned.
 
     Parameters
@@ -143,7 +149,7 @@ class RectangleShape(_Box):
 
 
 @dataclass(frozen=True)
-class EllipseShape(_Box):
+class EllipseShape(_TurnedBox):
     """An ellipse that fills a box; parameters and errors are those of `RectangleShape` for the box."""
 
     kind: ClassVar[str] = "ellipse"
@@ -160,7 +166,7 @@ class EllipseShape(_Box):
 
 
 @dataclass(frozen=True)
-class GridShape:
+class GridShape(_Box):
     """Rows and columns of equal upright rectangles; they are called NAME-r1c1, NAME-r1c2 and so on.
 
     Parameters
@@ -185,19 +191,13 @@ class GridShape:
     """
 
     kind: ClassVar[str] = "grid"
-    name: str
-    x: float
-    y: float
-    width: float
-    height: float
+    angle_deg: ClassVar[float] = 0.0
     rows: int
     columns: int
     gap: float = 0.0
-    limits_cd_m2: Limits | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        check_name(self.name)
-        check_box(self)
+        super().__post_init__()
         for key in ("rows", "columns"):
             value: object = getattr(self, key)
             if isinstance(value, bool) or not isinstance(value, int) or value < 1:

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import InputError
 from ..core.roi import Roi
-from .corners import At, grey_values
+from .corners import At, FloatImage, grey_values
 from .lattice import Patch, largest_lattice, places_between
 from .shapes import PolygonShape
-
-FloatImage: TypeAlias = NDArray[np.float32]
 
 #: Two places differ if their values do by this part at least, in an image without noise.
 _LEAST_CONTRAST = 0.03
@@ -64,7 +62,8 @@ def detect_step_chart(grey: NDArray[Any]) -> tuple[PolygonShape, ...]:
     scale = min(1.0, _LONGEST_PX / max(image.shape))
     values = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else image
     # First what the image shows all of; only then what its edge may cut off.
-    best = _best_chart(values, whole=True) or _best_chart(values, whole=False)
+    # A larger window only if it shows more: it takes more off the patches.
+    best = next(filter(None, (max((_chart(values, r, whole) for r in _RADII), key=len) for whole in (True, False))), [])
     if not best:
         raise InputError(
             f"no step chart was found in the image of {image.shape[1]} x {image.shape[0]} pixels: show at least "
@@ -75,16 +74,6 @@ def detect_step_chart(grey: NDArray[Any]) -> tuple[PolygonShape, ...]:
         PolygonShape(f"step{number:0{digits}d}", tuple((x / scale, y / scale) for x, y in patch.corners.tolist()))
         for number, patch in enumerate(best, 1)
     )
-
-
-def _best_chart(values: FloatImage, whole: bool) -> list[Patch]:
-    best: list[Patch] = []
-    for radius in _RADII:
-        chart = _chart(values, radius, whole)
-        # A larger window only if it shows more: it takes more off the patches.
-        if len(chart) > len(best):
-            best = chart
-    return best
 
 
 def _chart(values: FloatImage, radius: int, whole: bool) -> list[Patch]:

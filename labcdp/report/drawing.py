@@ -96,7 +96,7 @@ def finish(axes: Axes, x: str, y: str, title: str, **legend: Any) -> None:
     axes.grid(color="0.9")
     axes.set_axisbelow(True)
     if axes.get_legend_handles_labels()[0]:
-        taken_literally(axes.legend(fontsize=SMALL_SIZE, **legend))
+        add_legend(axes, **legend)
 
 
 def plain_numbers(axis: Any) -> None:
@@ -122,6 +122,11 @@ def logarithmic(*drawn: Any) -> None:
             axis.set_minor_formatter(NullFormatter())
         else:
             plain_numbers(axis)
+
+
+def add_legend(owner: Axes | Figure, *entries: Any, **how: Any) -> None:
+    """Add a legend in the small size, with its texts verbatim; arguments are those of matplotlib."""
+    taken_literally(owner.legend(*entries, fontsize=SMALL_SIZE, **how))
 
 
 def taken_literally(legend: Legend) -> None:

@@ -17,6 +17,7 @@ from .drawing import (
     ORANGE,
     SMALL_SIZE,
     VERMILLION,
+    add_legend,
     block_mean,
     label,
     new_figure,
@@ -24,7 +25,6 @@ from .drawing import (
     plain_numbers,
     png,
     reduction,
-    taken_literally,
 )
 from .text import share_percent, shortened
 
@@ -103,13 +103,10 @@ class ImageFigure:
     def draw_regions(self) -> None:
         """Draw the regions with their names, or with numbers and a list of names next to the image."""
         from matplotlib.lines import Line2D
-        from matplotlib.patches import Polygon
         from matplotlib.patheffects import withStroke
 
         for number, region in enumerate(self.regions, start=1):
-            # A light line inside a dark one is visible on any grey.
-            for colour, width in (("black", 3.0), (ORANGE, 1.2)):
-                self.axes.add_patch(Polygon(region.corners, fill=False, edgecolor=colour, linewidth=width))
+            _outline(self.axes, region, 3.0, 1.2)
             self.axes.text(
                 *region.centre,
                 shortened(region.name, _LONGEST_NAME) if self.names_inside else str(number),
@@ -122,17 +119,17 @@ class ImageFigure:
             )
         if not self.names_inside:
             names = [f"{n}  {shortened(one.name, _LONGEST_NAME)}" for n, one in enumerate(self.regions, start=1)]
-            legend = self.figure.legend(
-                handles=[Line2D([], [], linestyle="none") for _ in names],
-                labels=names,
-                loc="upper right",
-                ncols=ceil(len(names) / _NAMES_IN_COLUMN),
-                fontsize=SMALL_SIZE,
-                handlelength=0,
-                handletextpad=0,
-                frameon=False,
-            )
-            taken_literally(legend)
+            lines = [Line2D([], [], linestyle="none") for _ in names]
+            how = {"loc": "upper right", "ncols": ceil(len(names) / _NAMES_IN_COLUMN), "frameon": False}
+            add_legend(self.figure, lines, names, handlelength=0, handletextpad=0, **how)
+
+
+def _outline(axes: Axes, region: Roi, dark: float, light: float) -> None:
+    """Draw the outline of a region: a light line inside a dark one is visible on any grey."""
+    from matplotlib.patches import Polygon
+
+    for colour, width in (("black", dark), (ORANGE, light)):
+        axes.add_patch(Polygon(region.corners, fill=False, edgecolor=colour, linewidth=width))
 
 
 def _names_width_in(regions: Sequence[Roi]) -> float:
@@ -190,7 +187,6 @@ def close_picture(luminance: LuminanceMap, regions: Sequence[Roi], simulated: bo
         Whether the camera was simulated; the picture is then labelled so.
     """
     from matplotlib.colors import LogNorm
-    from matplotlib.patches import Polygon
 
     bounds = np.array([region.bounds for region in regions])
     (left, top), (right, bottom) = bounds[:, :2].min(axis=0), bounds[:, 2:].max(axis=0)
@@ -206,8 +202,7 @@ def close_picture(luminance: LuminanceMap, regions: Sequence[Roi], simulated: bo
     axes.imshow(drawn, cmap="gray", norm=LogNorm(), extent=(x[0], x[1], y[1], y[0]))
     axes.set_axis_off()
     for number, region in enumerate(regions, start=1):
-        for colour, width in (("black", 2.0), (ORANGE, 0.8)):
-            axes.add_patch(Polygon(region.corners, fill=False, edgecolor=colour, linewidth=width))
+        _outline(axes, region, 2.0, 0.8)
         box = {"facecolor": "white", "edgecolor": "none", "pad": 1.2, "alpha": 0.85}
         axes.text(*region.centre, str(number), fontsize=8, ha="center", va="center", bbox=box)
     return png(figure)
@@ -250,13 +245,9 @@ def luminance_picture(
         overlay = colours[np.argmax(weights, axis=0)]
         overlay[np.sum(weights, axis=0) < 0.5] = 0.0
         figure.axes.imshow(overlay, extent=figure.extent, interpolation="nearest")
-        figure.figure.legend(
-            handles=[Patch(facecolor=_COLOURS[name], edgecolor="black", linewidth=0.6) for name in reasons],
-            labels=[f"{name}: {share_percent(float(mask.mean()))} of the pixels" for name, mask in reasons.items()],
-            loc="lower center",
-            ncols=2,
-            fontsize=SMALL_SIZE,
-        )
+        patches = [Patch(facecolor=_COLOURS[name], edgecolor="black", linewidth=0.6) for name in reasons]
+        texts = [f"{name}: {share_percent(float(mask.mean()))} of the pixels" for name, mask in reasons.items()]
+        add_legend(figure.figure, patches, texts, loc="lower center", ncols=2)
     return png(figure.figure)
 
 

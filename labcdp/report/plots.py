@@ -5,12 +5,24 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil, isfinite, nan, sqrt
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .drawing import BLUE, GREEN, ORANGE, SMALL_SIZE, TITLE_SIZE, VERMILLION, finish, label, placed_figure, png
+from .drawing import (
+    BLUE,
+    GREEN,
+    ORANGE,
+    SMALL_SIZE,
+    TITLE_SIZE,
+    VERMILLION,
+    add_legend,
+    finish,
+    label,
+    placed_figure,
+    png,
+)
 from .layout import ReportFigure
 from .text import (
     cdp_decimals,
@@ -104,9 +116,7 @@ def _draw(panels: Sequence[ContrastPanel], simulated: str) -> bytes:
     legend = {text: line for axes in figure.axes for line, text in zip(*axes.get_legend_handles_labels(), strict=True)}
     # Two legend entries fit under one panel.
     ncols = 5 if columns > 1 else 2
-    figure.legend(
-        list(legend.values()), list(legend), loc="lower center", ncols=ncols, fontsize=SMALL_SIZE, frameon=False
-    )
+    add_legend(figure, list(legend.values()), list(legend), loc="lower center", ncols=ncols, frameon=False)
     return png(figure)
 
 
@@ -197,14 +207,8 @@ def _draw_distribution(axes: Axes, values: Distribution) -> None:
     axes.stairs(density / density.max(), edges, fill=True, color="0.6", label="density, scaled to 1")
     cumulative = values.cumulative / values.total
     places = np.concatenate(([edges[0]], values.values, [edges[-1]]))
-    axes.step(
-        places,
-        np.concatenate((cumulative, [1.0])),
-        where="post",
-        color=BLUE,
-        linewidth=1.8,
-        label="cumulative probability",
-    )
+    how: dict[str, Any] = {"where": "post", "color": BLUE, "linewidth": 1.8, "label": "cumulative probability"}
+    axes.step(places, np.concatenate((cumulative, [1.0])), **how)
     axes.set_ylim(0.0, 1.2)
     margin = 0.03 * (edges[-1] - edges[0])
     axes.set_xlim(edges[0] - margin, edges[-1] + margin)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...core.frame import Frame
 from ...core.luminance import WHOLE, CommonError, Invalid, LuminanceMap, Window
-from ...core.vignetting import Vignetting
+from ...core.vignetting import Cos4Vignetting
 from ...files.stored_image import Encoding, decoded_table, looked_up
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ class DnLight:
         Difference of light from a DN to the next, by DN.
     flags : ndarray of uint8, shape (n,)
         `Invalid` flags by DN.
-    vignetting : Vignetting or None
+    vignetting : Cos4Vignetting or None
         Vignetting, None for none.
     glare_fraction : float
         Veiling light over mean light of the scene.
@@ -52,7 +52,7 @@ class DnLight:
     noise: _Maps
     steps: _Maps
     flags: NDArray[np.uint8]
-    vignetting: Vignetting | None = None
+    vignetting: Cos4Vignetting | None = None
     glare_fraction: float = 0.0
     common: tuple[CommonError, ...] = ()
 
@@ -72,13 +72,11 @@ class DnLight:
         LuminanceMap
             With ``step`` 2 for a Bayer pattern.
         """
-        inverse_v = None if self.vignetting is None else _inverse_v(self.vignetting, frame.shape)
-        glare = self._glare(frame, inverse_v)
+        whole = _Part(frame.dn, None if self.vignetting is None else _inverse_v(self.vignetting, frame.shape))
+        planes = [whole.within(place) for place in _places(frame)]
+        parts = [plane.within(window) for plane in planes]
+        glare = self._glare(planes)
         step = 1 if frame.colour_filter is None else 2
-        parts = [
-            _Part(frame.dn[place][window], None if inverse_v is None else inverse_v[place][window])
-            for place in _places(frame)
-        ]
         light = _mean([part.of(self.light) for part in parts])
         if glare:
             light = light - np.float32(glare)
@@ -100,15 +98,12 @@ class DnLight:
 
         return LuminanceMap(light, random_rel, self.common, invalid, step=step, dn_step=dn_step)
 
-    def _glare(self, frame: Frame, inverse_v: _Maps | None) -> float:
+    def _glare(self, parts: list[_Part]) -> float:
         """Veiling light: behind the windscreen is t (L + g mean(L)), whose mean over the image is t (1 + g) mean(L)."""
         if self.glare_fraction == 0:
             return 0.0
-        means = [
-            _Part(frame.dn[place], None if inverse_v is None else inverse_v[place]).of(self.light).mean(dtype=float)
-            for place in _places(frame)
-        ]
-        return float(np.mean(means)) * self.glare_fraction / (1 + self.glare_fraction)
+        mean = float(np.mean([part.of(self.light).mean(dtype=float) for part in parts]))
+        return mean * self.glare_fraction / (1 + self.glare_fraction)
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,17 +134,10 @@ def _mean(values: list[_Light]) -> _Light:
     return values[0] if len(values) == 1 else (values[0] + values[1]) / np.float32(2)
 
 
-#: Fall-offs of the last image sizes, which a video asks for again and again.
-_KEPT: dict[tuple[Vignetting, tuple[int, int]], _Maps] = {}
-
-
-def _inverse_v(vignetting: Vignetting, shape: tuple[int, int]) -> _Maps:
-    key = (vignetting, shape)
-    if key not in _KEPT:
-        if len(_KEPT) >= 4:
-            _KEPT.clear()
-        _KEPT[key] = np.reciprocal(vignetting.relative_illuminance(shape)).astype(np.float32)
-    return _KEPT[key]
+@lru_cache(maxsize=4)
+def _inverse_v(vignetting: Cos4Vignetting, shape: tuple[int, int]) -> _Maps:
+    """Return the fall-off of an image size, which a video asks for again and again."""
+    return np.reciprocal(vignetting.relative_illuminance(shape)).astype(np.float32)
 
 
 #: Variance of rounding in squares of the step (EMVA 1288 Release 3.1, section 2.2).

@@ -15,13 +15,12 @@ from ...report.drawing import (
     BLUE,
     GREEN,
     ORANGE,
-    SMALL_SIZE,
     VERMILLION,
+    add_legend,
     finish,
     label,
     placed_figure,
     png,
-    taken_literally,
 )
 from ...report.layout import ReportFigure
 from ...report.maps import ImageFigure, drawn_pixels
@@ -154,10 +153,7 @@ def _values(evaluation: ImageEvaluation, picture: Picture, luminance: LuminanceM
             axes.stairs(_density(inside, edges), edges, color=colour, linewidth=1.3, label=shortened(roi.name, 24))
         axes.set_ylim(0.0, 1.05)
         label(axes, text, "density, scaled to 1" if number == 0 else "", "")
-    legend = figure.legend(
-        *figure.axes[0].get_legend_handles_labels(), loc="lower center", ncols=5, fontsize=SMALL_SIZE, frameon=False
-    )
-    taken_literally(legend)
+    add_legend(figure, *figure.axes[0].get_legend_handles_labels(), loc="lower center", ncols=5, frameon=False)
     return ReportFigure(
         "values.png",
         png(figure),

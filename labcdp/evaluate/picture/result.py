@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...core.result import Finding, InputFile, Result, error, unique
 from ...files.read import read_picture
@@ -19,9 +19,6 @@ from .figures import image_figures
 from .image import ImageEvaluation, ImageRequest, evaluate_image
 from .page import overview_page, picture_page
 from .tables import ReportedPicture, cdp_table, matrices, picture_table, region_table
-
-if TYPE_CHECKING:
-    pass
 
 #: Columns that a sheet can have, less the one for the contrasts.
 _MOST_PICTURES = 2**14 - 1

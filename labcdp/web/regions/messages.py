@@ -11,7 +11,7 @@ from bokeh.model import DataModel
 
 from ...core.disk import parse_json
 from ...core.errors import InputError
-from ...regions import Shape
+from ...regions import PolygonShape, Shape
 from .drawing import Drawing
 from .shapes import (
     Corner,
@@ -83,7 +83,7 @@ def state_of(drawing: Drawing, selected: str | None) -> dict[str, Any]:
                 "outlines": [[[round(x, 2), round(y, 2)] for x, y in roi.corners] for roi in rois],
                 "colours": colours,
                 "handles": handles(shape),
-                "angle": getattr(shape, "angle_deg", 0.0),
+                "angle": 0.0 if isinstance(shape, PolygonShape) else shape.angle_deg,
                 "label": "" if proposal and shape.name != selected else shape.name,
                 "label_colour": colours[0] if len(set(colours)) == 1 else OTHER_COLOUR,
                 "paired": any(roi.name in drawing.pair for roi in rois),

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from ...regions import EllipseShape, GridShape, PolygonShape, RectangleShape, Shape
+from ...regions import EllipseShape, PolygonShape, RectangleShape, Shape
 from .page_image import PageImage
 
 #: Width and height of an image in pixels.
@@ -77,7 +77,7 @@ def handles(shape: Shape) -> tuple[Corner, ...]:
         return shape.corners
     a, b = shape.width / 2, shape.height / 2
     middle = shape.x + a, shape.y + b
-    return tuple(_turned(corner, middle, _angle(shape)) for corner in ((-a, -b), (a, -b), (a, b), (-a, b)))
+    return tuple(_turned(corner, middle, shape.angle_deg) for corner in ((-a, -b), (a, -b), (a, b), (-a, b)))
 
 
 def with_handle(shape: Shape, at: int, to: Corner, size: ImageSize) -> Shape:
@@ -104,7 +104,7 @@ def with_handle(shape: Shape, at: int, to: Corner, size: ImageSize) -> Shape:
     target = inside(to, size)
     if isinstance(shape, PolygonShape):
         return replace(shape, corners=(*corners[:at], _rounded(target), *corners[at + 1 :]))
-    angle = _angle(shape)
+    angle = shape.angle_deg
     # Upright boxes stay on pixel edges.
     target = _to_edge(target) if angle == 0 else target
     opposite = corners[(at + 2) % 4]
@@ -127,7 +127,7 @@ def moved(shape: Shape, by: Corner, size: ImageSize) -> Shape:
     if isinstance(shape, PolygonShape):
         dx, dy = _rounded((dx, dy))
         return replace(shape, corners=tuple(_rounded((x + dx, y + dy)) for x, y in shape.corners))
-    if _angle(shape) == 0:
+    if shape.angle_deg == 0:
         # Round towards zero, so that the step does not leave the image.
         dx, dy = float(int(dx)), float(int(dy))
     return replace(shape, x=shape.x + dx, y=shape.y + dy)
@@ -177,10 +177,6 @@ def _polygon(shape: Shape) -> PolygonShape:
 def _require_corner(shape: Shape, at: int) -> None:
     if not 0 <= at < len(handles(shape)):
         raise InputError(f"region {shape.name!r} has no corner {at}: it has {len(handles(shape))}")
-
-
-def _angle(shape: RectangleShape | EllipseShape | GridShape) -> float:
-    return 0.0 if isinstance(shape, GridShape) else shape.angle_deg
 
 
 def _turned(corner: Corner, about: Corner, angle_deg: float) -> Corner:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ....report.drawing import DPI, SMALL_SIZE, block_mean, png, taken_literally
+from ....report.drawing import DPI, add_legend, block_mean, png
 from ....report.maps import ImageFigure
 from ....report.text import percent, shortened
 from .edges import EdgeKind
@@ -125,16 +125,9 @@ def overlay_figure(found: ContrastMap, drawn: NDArray[np.uint8], title: str, sim
     figure.bar.set_yticks(sorted({0.0, 0.2, 0.4, 0.6, 0.8, 1.0, found.settings.detected}))
     entries = [(one.colour, (1.0, 1.0) if one.dotted else (), one.text(found)) for one in STYLES[::-1]]
     entries.append(("none", (), f"not drawn, in the noise: {found.count(EdgeKind.NOISE)}"))
-    legend = figure.figure.legend(
-        handles=[Line2D([], [], color=colour, linestyle=(0.0, dashes), linewidth=3) for colour, dashes, _ in entries],
-        labels=[text for _, _, text in entries],
-        loc="lower center",
-        ncols=2,
-        fontsize=SMALL_SIZE,
-        facecolor="#8c8c8c",
-        framealpha=1,
-    )
-    taken_literally(legend)
+    lines = [Line2D([], [], color=colour, linestyle=(0.0, dashes), linewidth=3) for colour, dashes, _ in entries]
+    texts = [text for _, _, text in entries]
+    add_legend(figure.figure, lines, texts, loc="lower center", ncols=2, facecolor="#8c8c8c", framealpha=1)
     return png(figure.figure)
 
 

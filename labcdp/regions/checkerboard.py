@@ -138,8 +138,7 @@ def _smoothed(values: FloatImage, side_px: float) -> FloatImage:
     """Take noise off, and leave the squares."""
     import cv2
 
-    smooth: FloatImage = cv2.GaussianBlur(values, (0, 0), float(np.clip(side_px / 16, 0.6, 4)))
-    return smooth
+    return np.asarray(cv2.GaussianBlur(values, (0, 0), float(np.clip(side_px / 16, 0.6, 4))))
 
 
 def _upright(corners: Corners) -> Corners:

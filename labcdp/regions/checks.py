@@ -157,8 +157,7 @@ def _plane(x: NDArray[np.int64], y: NDArray[np.int64], inside: NDArray[np.bool_]
     median, far = float(np.median(chosen)), _ODD_SIGMA * _noise(chosen)
     terms = _terms(_unit(x), _unit(y))[:, :3]
     coefficients = np.linalg.lstsq(terms[inside], np.clip(chosen, median - far, median + far), rcond=None)[0]
-    plane: _Array = terms @ coefficients
-    return plane
+    return np.asarray(terms @ coefficients)
 
 
 def _trend(x: NDArray[np.int64], y: NDArray[np.int64], values: _Array) -> _Array:
@@ -188,8 +187,7 @@ def _trend(x: NDArray[np.int64], y: NDArray[np.int64], values: _Array) -> _Array
     # F of the surface; its standard deviation is about 1 where there is none.
     if explained <= (1 + _TREND_SIGMA) * scatter:
         return flat
-    surface: _Array = _terms(u, v) @ coefficients
-    return surface
+    return np.asarray(_terms(u, v) @ coefficients)
 
 
 def _terms(u: _Array, v: _Array) -> _Array:

@@ -120,8 +120,7 @@ def _uniform(values: FloatImage, radius: int) -> NDArray[np.bool_]:
     span = cv2.dilate(smooth, window) - cv2.erode(smooth, window)
     level = cv2.GaussianBlur(values, (0, 0), radius)
     noise = _noise_of_level(smooth, level)
-    uniform: NDArray[np.bool_] = span < np.maximum(_LEAST_SIGMA * noise, _LEAST_CONTRAST * np.abs(level))
-    return uniform
+    return np.asarray(span < np.maximum(_LEAST_SIGMA * noise, _LEAST_CONTRAST * np.abs(level)))
 
 
 def _noise_of_level(smooth: FloatImage, level: FloatImage) -> NDArray[np.float32]:
@@ -184,8 +183,7 @@ def _from_upper_left(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     ordered = corners[np.argsort(angles)]
     # The side that points most to the right is the upper one.
     sides = np.roll(ordered, -1, axis=0) - ordered
-    right: NDArray[np.float64] = np.roll(ordered, -int(np.argmax(sides[:, 0] / np.hypot(*sides.T))), axis=0)
-    return right
+    return np.asarray(np.roll(ordered, -int(np.argmax(sides[:, 0] / np.hypot(*sides.T))), axis=0))
 
 
 def _inside(corners: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.bool_]:

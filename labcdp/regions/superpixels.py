@@ -173,8 +173,7 @@ def inner(labels: NDArray[np.int32], margin_px: int) -> NDArray[np.bool_]:
     # Morphology takes no int32; float32 holds all integers up to 2^24, more than there are superpixels.
     as_float = labels.astype(np.float32)
     around = np.ones((2 * margin_px + 1, 2 * margin_px + 1), dtype=np.uint8)
-    inside: NDArray[np.bool_] = np.equal(cv2.dilate(as_float, around), cv2.erode(as_float, around))
-    return inside
+    return np.asarray(np.equal(cv2.dilate(as_float, around), cv2.erode(as_float, around)))
 
 
 def _without_strips(labels: NDArray[np.int32], size_px: int) -> NDArray[np.int32]:

@@ -160,5 +160,4 @@ def block_mean(image: NDArray[Any], side: int) -> NDArray[np.float64]:
     rows, columns = (np.arange(0, n, side) for n in image.shape)
     sums = np.add.reduceat(np.add.reduceat(image, rows, axis=0, dtype=dtype), columns, axis=1)
     sizes = [np.diff(starts, append=n) for starts, n in zip((rows, columns), image.shape, strict=True)]
-    means: NDArray[np.float64] = sums / np.outer(*sizes)
-    return means
+    return np.asarray(sums / np.outer(*sizes))

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
+from functools import cache
 from io import BytesIO
-from itertools import chain, islice
+from itertools import chain, count, islice
 from math import isfinite
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -96,7 +97,8 @@ def write_workbook(file: Path | IO[bytes], tables: Sequence[Table | LongTable], 
             book.set_properties(
                 {"title": printable(title), "author": "labcdp", "created": time.astimezone(UTC).replace(tzinfo=None)}
             )
-            formats = _Formats(book)
+            # Each format is made once.
+            formats = cache(lambda **properties: book.add_format({"valign": "top", **properties}))
             names: set[str] = set()
             for table in tables:
                 rows: Iterator[Mapping[str, Any]] | None = table.rows()
@@ -106,26 +108,8 @@ def write_workbook(file: Path | IO[bytes], tables: Sequence[Table | LongTable], 
         raise OSError(f"{file}: {error}") from error
 
 
-class _Formats:
-    """Cell formats, each made once."""
-
-    def __init__(self, book: Workbook) -> None:
-        self._book = book
-        self._made: dict[Any, Any] = {}
-
-    def __call__(self, **properties: Any) -> Any:
-        key = tuple(sorted(properties.items()))
-        if key not in self._made:
-            self._made[key] = self._book.add_format({"valign": "top", **properties})
-        return self._made[key]
-
-    def number(self, percent: bool, n_decimals: int) -> Any:
-        shown = f"0.{'0' * n_decimals}" if n_decimals > 0 else "0"
-        return self(num_format=f"{shown}%" if percent else shown, align="right")
-
-
 def _write_sheet(
-    book: Workbook, formats: _Formats, name: str, table: Table | LongTable, rows: Iterator[Mapping[str, Any]]
+    book: Workbook, formats: Callable[..., Any], name: str, table: Table | LongTable, rows: Iterator[Mapping[str, Any]]
 ) -> Iterator[Mapping[str, Any]] | None:
     """Write as many rows as a sheet holds; return the remaining rows, or None."""
     sheet = book.add_worksheet(name)
@@ -153,13 +137,12 @@ def _write_sheet(
             elif isinstance(value, bool):
                 sheet.write_string(n_rows, index, "yes" if value else "no", text)
             elif value is not None and isfinite(value):
-                shown = formats.number(column.unit_in(values) == "%", cell_decimals(column, values))
-                sheet.write_number(n_rows, index, value, shown)
+                shown = f"{0:.{max(cell_decimals(column, values), 0)}f}{'%' if column.unit_in(values) == '%' else ''}"
+                sheet.write_number(n_rows, index, value, formats(num_format=shown, align="right"))
     if table.matrix and n_rows:
-        kinds = {f"{end}_type": "num" for end in ("min", "mid", "max")}
-        stops = {f"{end}_value": value for end, value in zip(("min", "mid", "max"), (0, 0.5, 1), strict=True)}
-        colours = {f"{end}_color": colour for end, colour in zip(("min", "mid", "max"), _SCALE, strict=True)}
-        rule = {"type": "3_color_scale", **kinds, **stops, **colours}
+        rule: dict[str, Any] = {"type": "3_color_scale"}
+        for end, value, colour in zip(("min", "mid", "max"), (0, 0.5, 1), _SCALE, strict=True):
+            rule |= {f"{end}_type": "num", f"{end}_value": value, f"{end}_color": colour}
         sheet.conditional_format(1, 1, n_rows, len(table.columns) - 1, rule)
     following = next(rows, None) if n_rows == MOST_ROWS else None
     return None if following is None else chain([following], rows)
@@ -174,14 +157,11 @@ def _width(column: Column, values: Sequence[Any]) -> float:
 def _sheet_name(name: str, taken: set[str]) -> str:
     """Return a unique sheet name; names are case-insensitive."""
     base = printable(name).translate(_FORBIDDEN).strip("'") or "sheet"
-    number = 1
-    while True:
-        suffix = "" if number == 1 else f" ({number})"
-        found = base[: _LONGEST_NAME - len(suffix)] + suffix
-        if found.lower() not in taken:
-            taken.add(found.lower())
-            return found
-        number += 1
+    suffixes = chain([""], (f" ({number})" for number in count(2)))
+    names = (base[: _LONGEST_NAME - len(suffix)] + suffix for suffix in suffixes)
+    found = next(name for name in names if name.lower() not in taken)
+    taken.add(found.lower())
+    return found
 
 
 def _appendix(result: Result, long: Sequence[LongTable]) -> Iterator[Table]:

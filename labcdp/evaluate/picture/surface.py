@@ -56,8 +56,7 @@ def surface_page(luminance: LuminanceMap, name: str, unit: str) -> str:
 def block_max(values: NDArray[Any], side: int) -> NDArray[Any]:
     """Largest value of each block of `side` x `side` pixels; nan where a block holds none that is a number."""
     rows, columns = (np.arange(0, n, side) for n in values.shape)
-    largest: NDArray[Any] = np.fmax.reduceat(np.fmax.reduceat(values, rows, axis=0), columns, axis=1)
-    return largest
+    return np.asarray(np.fmax.reduceat(np.fmax.reduceat(values, rows, axis=0), columns, axis=1))
 
 
 def brightest(values: NDArray[Any]) -> tuple[int, int]:
@@ -165,8 +164,7 @@ def _middles(length: int, side: int, step: int) -> NDArray[np.float32]:
     """Middles of the blocks along an axis, in pixels of the picture."""
     starts = np.arange(0, length, side)
     stops = np.append(starts[1:], length)
-    middles: NDArray[np.float32] = (step * (starts + stops) / 2).astype(np.float32)
-    return middles
+    return np.asarray((step * (starts + stops) / 2).astype(np.float32))
 
 
 def _range(means: NDArray[np.float32], peak: float) -> tuple[float, float]:

@@ -166,8 +166,7 @@ def grey_of(frame: Frame) -> NDArray[np.uint8]:
 
 @cache
 def _roots() -> NDArray[np.uint8]:
-    roots: NDArray[np.uint8] = np.rint(255 * np.sqrt(np.arange(2**16) / (2**16 - 1))).astype(np.uint8)
-    return roots
+    return np.asarray(np.rint(255 * np.sqrt(np.arange(2**16) / (2**16 - 1))).astype(np.uint8))
 
 
 def require_frames(found: bool, path: Path) -> None:

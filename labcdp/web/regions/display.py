@@ -66,8 +66,7 @@ class DisplayScale:
     def to_8_bit(self, values: NDArray[Any]) -> NDArray[np.uint8]:
         """Return values as 0 (black) to 255 (white); what is no number is black."""
         if values.dtype in (np.uint8, np.uint16):
-            tones: NDArray[np.uint8] = self._tones_of_dn[values]
-            return tones
+            return np.asarray(self._tones_of_dn[values])
         return self._tones(values)
 
     @cached_property
@@ -162,8 +161,7 @@ def any_in_blocks(flags: NDArray[np.bool_], n: int) -> NDArray[np.bool_]:
         flags = np.pad(flags, ((0, -height % n), (0, -width % n)))
     # Rows first, which are contiguous: ten times as fast as both at once.
     rows = np.logical_or.reduce(flags.reshape(-1, n, flags.shape[1]), axis=1)
-    found: NDArray[np.bool_] = rows.reshape(len(rows), -1, n).any(axis=2)
-    return found
+    return np.asarray(rows.reshape(len(rows), -1, n).any(axis=2))
 
 
 def _block_means(values: NDArray[Any], n: int) -> NDArray[Any]:
@@ -176,5 +174,4 @@ def _block_means(values: NDArray[Any], n: int) -> NDArray[Any]:
         # The last blocks may be incomplete: the edge is repeated.
         values = np.pad(values, ((0, size[1] * n - values.shape[0]), (0, size[0] * n - values.shape[1])), mode="edge")
     with_type = values if values.dtype in (np.uint8, np.uint16, np.float32) else values.astype(np.float32)
-    reduced: NDArray[Any] = cv2.resize(np.ascontiguousarray(with_type), size, interpolation=cv2.INTER_AREA)
-    return reduced
+    return np.asarray(cv2.resize(np.ascontiguousarray(with_type), size, interpolation=cv2.INTER_AREA))

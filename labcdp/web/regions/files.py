@@ -49,14 +49,10 @@ class DrawingFiles:
         return self.output.with_name(f"{self.output.name}.unsaved.json")
 
     def keep(self, shapes: tuple[Shape, ...]) -> None:
-        """Write the backup; raises InputError if that is not possible."""
+        """Write the backup, or remove it for no shapes; raises InputError if that is not possible."""
         if shapes:
             save_regions(self.unsaved, shapes, self.size, force=True)
-        else:
-            self.forget()
-
-    def forget(self) -> None:
-        """Remove the backup."""
+            return
         try:
             self.unsaved.unlink(missing_ok=True)
         except OSError as error:
@@ -81,26 +77,21 @@ class DrawingFiles:
                 f"{error}; it holds what was drawn and not saved: use the image it was drawn on, or move it away"
             ) from error
 
-    def other(self, name: str) -> Path:
+    def beside(self, name: str, suffixes: tuple[str, ...] = REGION_SUFFIXES) -> Path:
         """Return the path for a file name given on the page, in the folder of the output.
 
         Raises
         ------
         InputError
-            If it is not a plain file name with a known suffix, or exists and is not the output.
+            If it is not a plain file name that ends in one of `suffixes`.
         """
-        path = self.beside(name)
-        if path.suffix.lower() not in REGION_SUFFIXES:
-            raise InputError(f"{name!r} has an unknown suffix: give a name that ends in {', '.join(REGION_SUFFIXES)}")
-        return path
-
-    def beside(self, name: str) -> Path:
-        """Return the path for a plain file name in the folder of the output; raises InputError for any other."""
         name = name.strip()
         if not name or Path(name).name != name or name.startswith(".") or not name.isprintable():
             raise InputError(
                 f"{name!r} is not a plain file name: give one without folders; it is written to {self.output.parent}"
             )
+        if Path(name).suffix.lower() not in suffixes:
+            raise InputError(f"{name!r} has an unknown suffix: give a name that ends in {', '.join(suffixes)}")
         return self.output.with_name(name)
 
     def fingerprint(self, path: Path) -> str:

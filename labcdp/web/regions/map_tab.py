@@ -196,7 +196,7 @@ class MapTab:
 
         def steps() -> Iterator[str]:
             try:
-                path = workspace.files.beside(self._file.value_input or self._file.value)
+                path = workspace.files.beside(self._file.value_input or self._file.value, EXPORTS)
                 export_map(image, path, scale)
                 yield f"Exported: {path}"
             except LabcdpError as error:

@@ -12,18 +12,9 @@ from bokeh.model import DataModel
 from ...core.disk import parse_json
 from ...core.errors import InputError
 from ...regions import PolygonShape, Shape
+from . import shapes as edit
 from .drawing import Drawing
-from .shapes import (
-    Corner,
-    ImageSize,
-    box_shape,
-    handles,
-    moved,
-    polygon_shape,
-    with_corner,
-    with_handle,
-    without_corner,
-)
+from .shapes import Corner, ImageSize
 from .wording import OTHER_COLOUR, PROPOSAL_COLOUR, colour
 
 #: Most corners of a drawn polygon.
@@ -82,7 +73,7 @@ def state_of(drawing: Drawing, selected: str | None) -> dict[str, Any]:
                 "kind": shape.kind,
                 "outlines": [[[round(x, 2), round(y, 2)] for x, y in roi.corners] for roi in rois],
                 "colours": colours,
-                "handles": handles(shape),
+                "handles": edit.handles(shape),
                 "angle": 0.0 if isinstance(shape, PolygonShape) else shape.angle_deg,
                 "label": "" if proposal and shape.name != selected else shape.name,
                 "label_colour": colours[0] if len(set(colours)) == 1 else OTHER_COLOUR,
@@ -138,23 +129,23 @@ def change(drawing: Drawing, message: Mapping[str, Any]) -> tuple[Drawing, str |
 
 def _drawn(what: str, name: str, message: Mapping[str, Any], size: ImageSize) -> Shape:
     if what == "box":
-        return box_shape(_text(message, "kind"), name, _place(message, "start"), _place(message, "end"), size)
+        return edit.box_shape(_text(message, "kind"), name, _place(message, "start"), _place(message, "end"), size)
     corners = message.get("corners")
     if not isinstance(corners, list) or len(corners) > _MOST_CORNERS:
         raise InputError(f"a polygon has 3 to {_MOST_CORNERS} corners: draw it again")
-    return polygon_shape(name, tuple(_place({"corner": one}, "corner") for one in corners), size)
+    return edit.polygon_shape(name, tuple(_place({"corner": one}, "corner") for one in corners), size)
 
 
 def _edited(what: str, shape: Shape, message: Mapping[str, Any], size: ImageSize) -> Shape:
     match what:
         case "corner":
-            return with_handle(shape, _number(message, "at"), _place(message, "to"), size)
+            return edit.with_handle(shape, _number(message, "at"), _place(message, "to"), size)
         case "insert":
-            return with_corner(shape, _number(message, "after"), _place(message, "at"), size)
+            return edit.with_corner(shape, _number(message, "after"), _place(message, "at"), size)
         case "remove corner":
-            return without_corner(shape, _number(message, "at"))
+            return edit.without_corner(shape, _number(message, "at"))
         case "move":
-            return moved(shape, _place(message, "by"), size)
+            return edit.moved(shape, _place(message, "by"), size)
         case "limits":
             return replace(shape, limits_cd_m2=message.get("of"))
     raise InputError(f"the page asked for {what!r}, which is unknown: reload it")

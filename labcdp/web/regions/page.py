@@ -141,10 +141,6 @@ class Page(Widgets):
             if self._answers:
                 link.answers, self._answers = json.dumps(self._answers), {}
 
-    def _heard(self) -> None:
-        if self._late:
-            self.changed()
-
     def _update(self) -> None:
         workspace = self.workspace
         image, drawing, measured = workspace.image, workspace.drawing, workspace.measured

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from math import floor, isfinite
 from pathlib import Path
@@ -188,8 +188,7 @@ class PageImage:
     def saturated(self) -> NDArray[np.bool_]:
         """Mask of saturated pixels, shape (height, width)."""
         if self.saturation_dn is not None:
-            saturated: NDArray[np.bool_] = np.greater_equal(self.values, self.saturation_dn)
-            return saturated
+            return np.asarray(np.greater_equal(self.values, self.saturation_dn))
         flags = self._saturated_light
         step = self.step
         if step == 1:
@@ -202,8 +201,7 @@ class PageImage:
     @property
     def _saturated_light(self) -> NDArray[np.bool_]:
         """Mask of saturated pixels of the map."""
-        saturated: NDArray[np.bool_] = np.not_equal(self.luminance.invalid & np.uint8(Invalid.SATURATED), 0)
-        return saturated
+        return np.asarray(np.not_equal(self.luminance.invalid & np.uint8(Invalid.SATURATED), 0))
 
     @property
     def unit_text(self) -> str:
@@ -267,16 +265,9 @@ def video_image(path: Path, at: Position, conversion: PictureConversion) -> Page
 
     source, conversion = opened_video(path, conversion)
     number, frame = _frame(source, at)
-    return PageImage(
-        name=f"{path.name or path.resolve().name}, frame {number}",
-        values=frame.dn,
-        is_dn=True,
-        colour_filter=frame.colour_filter,
-        light=conversion.convert(frame),
-        unit=conversion.unit,
-        simulated=frame.camera.simulated,
-        findings=unique((*source.findings, *conversion_findings(conversion, source))),
-    )
+    image = PageImage.of_frame(f"{path.name or path.resolve().name}, frame {number}", frame, conversion)
+    findings = unique((*source.findings, *conversion_findings(conversion, source)))
+    return replace(image, light=conversion.convert(frame), saturation_dn=None, findings=findings)
 
 
 def _frame(source: VideoSource, at: Position) -> tuple[int, Frame]:

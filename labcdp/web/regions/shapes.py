@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from cmath import rect
 from collections.abc import Iterable
 from dataclasses import fields, replace
-from math import cos, isfinite, radians, sin
+from math import isfinite, radians
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -75,9 +76,8 @@ def handles(shape: Shape) -> tuple[Corner, ...]:
     """Return the draggable corners (x, y), in order: those of a polygon, or of the box of another shape."""
     if isinstance(shape, PolygonShape):
         return shape.corners
-    a, b = shape.width / 2, shape.height / 2
-    middle = shape.x + a, shape.y + b
-    return tuple(_turned(corner, middle, shape.angle_deg) for corner in ((-a, -b), (a, -b), (a, b), (-a, b)))
+    (box,) = RectangleShape(shape.name, shape.x, shape.y, shape.width, shape.height, shape.angle_deg).rois()
+    return box.corners
 
 
 def with_handle(shape: Shape, at: int, to: Corner, size: ImageSize) -> Shape:
@@ -99,17 +99,15 @@ def with_handle(shape: Shape, at: int, to: Corner, size: ImageSize) -> Shape:
     InputError
         If there is no such corner, or the shape would be empty.
     """
-    corners = handles(shape)
-    _require_corner(shape, at)
+    corners = _corners(shape, at)
     target = inside(to, size)
     if isinstance(shape, PolygonShape):
         return replace(shape, corners=(*corners[:at], _rounded(target), *corners[at + 1 :]))
-    angle = shape.angle_deg
     # Upright boxes stay on pixel edges.
-    target = _to_edge(target) if angle == 0 else target
+    target = _to_edge(target) if shape.angle_deg == 0 else target
     opposite = corners[(at + 2) % 4]
-    across = _turned((target[0] - opposite[0], target[1] - opposite[1]), (0.0, 0.0), -angle)
-    width, height = (round(abs(side), _DECIMALS) for side in across)
+    across = complex(target[0] - opposite[0], target[1] - opposite[1]) * rect(1, radians(-shape.angle_deg))
+    width, height = (round(abs(side), _DECIMALS) for side in (across.real, across.imag))
     if not (width > 0 and height > 0):
         raise InputError(f"nothing would be left of region {shape.name!r}: keep its corners apart")
     x, y = (target[0] + opposite[0] - width) / 2, (target[1] + opposite[1] - height) / 2
@@ -141,10 +139,8 @@ def with_corner(shape: Shape, after: int, at: Corner, size: ImageSize) -> Shape:
     InputError
         If the shape is not a polygon or has no such corner.
     """
-    polygon = _polygon(shape)
-    _require_corner(shape, after)
-    new = _rounded(inside(at, size))
-    return replace(polygon, corners=(*polygon.corners[: after + 1], new, *polygon.corners[after + 1 :]))
+    corners, new = _corners(_polygon(shape), after), _rounded(inside(at, size))
+    return replace(_polygon(shape), corners=(*corners[: after + 1], new, *corners[after + 1 :]))
 
 
 def without_corner(shape: Shape, at: int) -> Shape:
@@ -155,11 +151,10 @@ def without_corner(shape: Shape, at: int) -> Shape:
     InputError
         If the shape is not a polygon, has no such corner, or has only three corners.
     """
-    polygon = _polygon(shape)
-    _require_corner(shape, at)
-    if len(polygon.corners) == 3:
+    corners = _corners(_polygon(shape), at)
+    if len(corners) == 3:
         raise InputError(f"region {shape.name!r} has 3 corners left: delete the region, or keep them")
-    return replace(polygon, corners=polygon.corners[:at] + polygon.corners[at + 1 :])
+    return replace(_polygon(shape), corners=corners[:at] + corners[at + 1 :])
 
 
 def inside(corner: Corner, size: ImageSize) -> Corner:
@@ -174,18 +169,12 @@ def _polygon(shape: Shape) -> PolygonShape:
     return shape
 
 
-def _require_corner(shape: Shape, at: int) -> None:
-    if not 0 <= at < len(handles(shape)):
-        raise InputError(f"region {shape.name!r} has no corner {at}: it has {len(handles(shape))}")
-
-
-def _turned(corner: Corner, about: Corner, angle_deg: float) -> Corner:
-    """Rotate a corner relative to the centre and add the centre."""
-    x, y = corner
-    if angle_deg == 0:
-        return about[0] + x, about[1] + y
-    c, s = cos(radians(angle_deg)), sin(radians(angle_deg))
-    return about[0] + c * x - s * y, about[1] + s * x + c * y
+def _corners(shape: Shape, at: int) -> tuple[Corner, ...]:
+    """Return the draggable corners, of which number `at` is one; raises InputError."""
+    corners = handles(shape)
+    if not 0 <= at < len(corners):
+        raise InputError(f"region {shape.name!r} has no corner {at}: it has {len(corners)}")
+    return corners
 
 
 def _rounded(corner: Corner) -> Corner:

@@ -120,7 +120,7 @@ class Workspace:
         try:
             self._do(message)
         except InputError as error:
-            self._tell(Notice(capitalised(str(error)), "warning"))
+            self.warn(error)
             return False
         return True
 
@@ -197,7 +197,7 @@ class Workspace:
                 raise InputError("there is no file to replace: save the drawing")
             self._save(self.in_the_way[0].name, replace=True)
         elif what == "load":
-            self._load(self.files.other(str(message.get("name"))))
+            self._load(self.files.beside(str(message.get("name"))))
         elif what in ("undo", "redo"):
             self.history = history.undone() if what == "undo" else history.redone()
             self._after_change(self.selected, Notice(f"{what.capitalize()}: done"))
@@ -231,7 +231,7 @@ class Workspace:
     def _save(self, name: object, replace: bool = False) -> None:
         if not self.drawing.shapes:
             raise InputError("there is no region to save: draw one first, or accept a proposal")
-        path = self.files.output if name is None else self.files.other(str(name))
+        path = self.files.output if name is None else self.files.beside(str(name))
         there = self.files.fingerprint(path)
         if there and path not in self._stored:
             raise InputError(f"{path} exists already: give another name")
@@ -267,10 +267,7 @@ class Workspace:
 
     def _keep(self) -> None:
         try:
-            if self.unsaved:
-                self.files.keep(self.drawing.shapes)
-            else:
-                self.files.forget()
+            self.files.keep(self.drawing.shapes if self.unsaved else ())
         except InputError as error:
             self._kept = str(error)
         else:

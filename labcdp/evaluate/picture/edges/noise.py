@@ -120,8 +120,7 @@ def _correlation(image: NDArray[np.floating[Any]], regions: MapRegions) -> NDArr
     least = _LEAST_CORRELATION / np.sqrt(pairs)
     found += float((found * pairs)[found > least].sum()) / side**2
     found = np.where((np.abs(found) > least) & (np.outer(lags, lags) > 0), found, 0.0)
-    whole: NDArray[np.float64] = found / found[0, 0]
-    return whole
+    return np.asarray(found / found[0, 0])
 
 
 def _blocks(image: NDArray[np.floating[Any]], regions: MapRegions, side: int) -> NDArray[np.float64]:
@@ -152,8 +151,7 @@ def _simulated(correlation: NDArray[np.float64], side: int) -> NDArray[np.float6
     # What was cut off can leave a spectrum a little below 0.
     amplitude = np.sqrt(np.maximum(fft.rfft2(whole).real, 0))
     noise = fft.irfft2(amplitude * fft.rfft2(np.random.default_rng(_SEED).normal(size=(side, side))), (side, side))
-    scaled: NDArray[np.float64] = noise / noise.std()
-    return scaled
+    return np.asarray(noise / noise.std())
 
 
 def cdp_of_noise(
@@ -177,8 +175,7 @@ def cdp_of_noise(
         ratio = 1 + limit
         apart = ratio * regions.mean[dark] - regions.mean[bright]
         scatter = np.hypot(deviation[bright], ratio * deviation[dark])
-        share: NDArray[np.float64] = ndtr(apart / scatter)
-        return share
+        return np.asarray(ndtr(apart / scatter))
 
     with np.errstate(divide="ignore", invalid="ignore"):
         below = up_to(low * contrast) if isfinite(low) else np.zeros(contrast.size)

@@ -129,8 +129,7 @@ def mean_of(labels: NDArray[np.int32], pattern: NDArray[Any], n: int) -> NDArray
     """Mean of a pattern over each of `n` regions; what is not finite counts as 0."""
     finite = np.where(np.isfinite(pattern), pattern, 0.0)
     sums = np.bincount(labels.ravel(), weights=finite.ravel(), minlength=n)
-    means: NDArray[np.float64] = sums / np.bincount(labels.ravel(), minlength=n)
-    return means
+    return np.asarray(sums / np.bincount(labels.ravel(), minlength=n))
 
 
 def statistics(
@@ -160,5 +159,4 @@ def _noise(
     kept = order[rank < np.repeat((1 - _TRIMMED) * n_sizes, n_sizes)]
     with np.errstate(invalid="ignore"):
         mean = np.bincount(own[kept], weights=sizes[kept], minlength=n) / np.bincount(own[kept], minlength=n)
-    noise: NDArray[np.float64] = mean / (_MEAN_OF_TRIMMED * sqrt(2))
-    return noise
+    return np.asarray(mean / (_MEAN_OF_TRIMMED * sqrt(2)))

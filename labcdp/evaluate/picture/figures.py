@@ -26,7 +26,6 @@ from ...report.layout import ReportFigure
 from ...report.maps import ImageFigure, drawn_pixels
 from ...report.plots import ContrastPanel, contrast_figures
 from ...report.text import percent, shortened
-from .tables import ReportedContrast, reported_contrasts
 
 if TYPE_CHECKING:
     from ...core.luminance import LuminanceMap
@@ -48,22 +47,21 @@ _MOST_BARS = 256
 
 def image_figures(evaluation: ImageEvaluation, picture: Picture, luminance: LuminanceMap) -> list[ReportFigure]:
     """Draw a picture with its regions, the contrasts of its pairs, and the values of picture and regions."""
-    found = [(pair, _combined(pair)) for pair in reported_contrasts(evaluation)]
+    # With the interval by pixels and calibration together.
+    found = [
+        (pair, [replace(one.result, confidence_interval=one.confidence_interval) for one in pair.results])
+        for pair in evaluation.contrasts
+    ]
     panels = [
-        ContrastPanel(shortened(pair.name, 40), pair.distribution, one, pair.measured.value)
+        ContrastPanel(shortened(pair.name, 40), pair.distribution, one, pair.contrast)
         for pair, results in found
         if pair.distribution is not None
-        for one in _drawn(results, pair.measured.value)
+        for one in _drawn(results, pair.contrast)
     ]
     figures = [_picture(evaluation, luminance), *contrast_figures(panels[:_MOST_PANELS])]
     if any(len(results) > 1 for _, results in found):
         figures.append(_curves([(pair.name, results) for pair, results in found]))
     return [*figures, _values(evaluation, picture, luminance)]
-
-
-def _combined(pair: ReportedContrast) -> list[DetectionResult]:
-    """CDP of each contrast with the interval by pixels and calibration together."""
-    return [replace(one.result, confidence_interval=one.confidence_interval) for one in pair.results]
 
 
 def _drawn(found: Sequence[DetectionResult], measured: float) -> Sequence[DetectionResult]:

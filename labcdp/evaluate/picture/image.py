@@ -16,7 +16,7 @@ from ...core.result import Finding, info, unique, warning
 from ...core.roi import Roi
 from ...files.picture import Picture
 from ...files.stored_image import ENCODING_NAMES
-from ...metrics import ContrastDistribution, contrast_histogram
+from ...metrics import CalibratedCdp, CdpResult, ContrastDistribution, contrast_histogram
 from ...metrics.pair import PairResult, RegionResult, evaluate_pair, evaluate_region
 from .neighbours import NeighbourEvaluation, Rectangle, evaluate_neighbours
 
@@ -27,19 +27,23 @@ class ImagePair:
 
     Parameters
     ----------
-    result : PairResult
-        Contrast and CDP.
+    name : str
+        ``bright / dark``.
+    contrast : float
+        Measured contrast.
+    results : tuple of CalibratedCdp
+        One for each target contrast.
     distribution : ContrastDistribution or None
         Of the contrasts of all pairs of pixels, for plots; None where no contrast is finite.
+    result : PairResult
+        All of contrast and CDP.
     """
 
-    result: PairResult
+    name: str
+    contrast: float
+    results: Sequence[CalibratedCdp[CdpResult]]
     distribution: ContrastDistribution | None
-
-    @property
-    def name(self) -> str:
-        """Return "bright / dark"."""
-        return f"{self.result.bright_region.roi.name} / {self.result.dark_region.roi.name}"
+    result: PairResult
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +90,11 @@ class ImageEvaluation:
     pairs: tuple[ImagePair, ...]
     neighbours: NeighbourEvaluation | None
     findings: tuple[Finding, ...]
+
+    @property
+    def contrasts(self) -> tuple[ImagePair | NeighbourEvaluation, ...]:
+        """The pairs, then the neighbouring pixels."""
+        return self.pairs if self.neighbours is None else (*self.pairs, self.neighbours)
 
 
 def evaluate_image(
@@ -150,7 +159,9 @@ def _pair(luminance: LuminanceMap, a: Roi, b: Roi, request: ImageRequest) -> Ima
     result = evaluate_pair(luminance, a, b, request.contrasts, request.epsilon)
     first, second = (luminance.select(roi).astype(np.float64) for roi in (a, b))
     highest = max((one.result.interval[1] for one in result.results), default=1.0)
-    return ImagePair(result, contrast_histogram(first, second, highest))
+    name = f"{result.bright_region.roi.name} / {result.dark_region.roi.name}"
+    histogram = contrast_histogram(first, second, highest)
+    return ImagePair(name, result.contrast.value, result.results, histogram, result)
 
 
 #: Most regions for all pairs; with more, pairs must be selected.

@@ -49,6 +49,14 @@ class NeighbourEvaluation:
     distribution: ContrastDistribution | None
     findings: tuple[Finding, ...]
 
+    @property
+    def name(self) -> str:
+        """Which pixels it is of."""
+        if self.rectangle is None:
+            return "nearest-neighbour, whole picture"
+        x0, y0, x1, y1 = self.rectangle
+        return f"nearest-neighbour, ({x0}, {y0}) to ({x1}, {y1})"
+
 
 def evaluate_neighbours(
     luminance: LuminanceMap,

@@ -17,7 +17,7 @@ from ....metrics.detection import result_of_tally, variance_of_changes
 from ....metrics.pairs import tally_pairs
 from ....regions.superpixels import Neighbours
 from .noise import MapNoise, cdp_of_noise
-from .regions import MapRegions
+from .regions import Floats, Labels, MapRegions
 
 #: Smallest superpixels whose inner pixels suffice to judge an edge.
 SMALLEST_SIZE_PX = 10
@@ -137,25 +137,25 @@ class MapEdges:
         edges that are noise, saturated, black or small.
     """
 
-    bright: NDArray[np.int32]
-    dark: NDArray[np.int32]
+    bright: Labels
+    dark: Labels
     border_px: NDArray[np.int64]
-    middle_px: NDArray[np.float64]
+    middle_px: Floats
     kind: NDArray[np.int8]
-    contrast: NDArray[np.float64]
-    contrast_standard_uncertainty: NDArray[np.float64]
-    asked_contrast: NDArray[np.float64]
-    significant_contrast: NDArray[np.float64]
-    cdp: NDArray[np.float64]
-    cdp_standard_error: NDArray[np.float64]
-    cdp_low: NDArray[np.float64]
-    cdp_high: NDArray[np.float64]
+    contrast: Floats
+    contrast_standard_uncertainty: Floats
+    asked_contrast: Floats
+    significant_contrast: Floats
+    cdp: Floats
+    cdp_standard_error: Floats
+    cdp_low: Floats
+    cdp_high: Floats
 
 
 def map_edges(
     regions: MapRegions,
     near: Neighbours,
-    errors: Sequence[NDArray[np.float64]],
+    errors: Sequence[Floats],
     noise: MapNoise,
     asked: ContrastMapSettings,
     scene: MapRegions | float | None = None,
@@ -180,16 +180,16 @@ def map_edges(
     """
     known = scene if isinstance(scene, MapRegions) else regions
     swapped = np.greater(*known.mean[near.pairs.T[::-1]])
-    bright, dark = np.where(swapped, near.pairs.T[::-1], near.pairs.T)
+    bright, dark = sides = np.where(swapped, near.pairs.T[::-1], near.pairs.T)
     by_calibration = np.sqrt(sum((np.square(x[bright] - x[dark]) for x in errors), start=np.zeros(bright.size)))
-    contrast, uncertainty, least = _contrasts(regions, bright, dark, by_calibration, noise.inflation)
+    contrast, uncertainty, least = _contrasts(regions, sides, by_calibration, noise.inflation)
     # Where there is no light on the whole, there is no contrast either.
     by_calibration = np.where(np.isfinite(by_calibration), by_calibration, 0.0)
     wanted, significant = contrast, contrast > least
     # Regions of a texture differ by more than their noise explains, and by less than their texture does.
-    textured = contrast > _contrasts(noise.alone(regions), bright, dark, by_calibration, noise.inflation)[2]
+    textured = contrast > _contrasts(noise.alone(regions), sides, by_calibration, noise.inflation)[2]
     if isinstance(scene, MapRegions):
-        wanted, _, least_of_scene = _contrasts(scene, bright, dark, by_calibration, noise.inflation)
+        wanted, _, least_of_scene = _contrasts(scene, sides, by_calibration, noise.inflation)
         significant = wanted > least_of_scene
     elif scene is not None:
         wanted = np.full(contrast.size, scene)
@@ -200,27 +200,23 @@ def map_edges(
         (~significant, EdgeKind.NOISE),
         (~significant & textured & (wanted >= asked.minimum_contrast), EdgeKind.UNEVEN),
         (~(regions.mean[dark] > 0), EdgeKind.BLACK),
-        (np.maximum(*regions.saturated_share[[bright, dark]]) > SATURATED_SHARE, EdgeKind.SATURATED),
-        (np.minimum(*regions.n_pixels[[bright, dark]]) < FEWEST_PIXELS, EdgeKind.SMALL),
+        (np.maximum(*regions.saturated_share[sides]) > SATURATED_SHARE, EdgeKind.SATURATED),
+        (np.minimum(*regions.n_pixels[sides]) < FEWEST_PIXELS, EdgeKind.SMALL),
         (near.border_px < _SHORTEST_BORDER * regions.size_px, EdgeKind.SMALL),
     ):
         kind[found] = of_kind
     measured = np.isin(kind, (EdgeKind.SEEN, EdgeKind.FAINT)) & (wanted > 0)
-    cdp = _cdps(regions, bright, dark, np.where(measured, wanted, nan), asked.epsilon, by_calibration, noise.inflation)
+    cdp = _cdps(regions, sides, np.where(measured, wanted, nan), asked.epsilon, by_calibration, noise.inflation)
     missed = (kind == EdgeKind.SEEN) & (cdp[:, 0] < asked.detected)
-    by_noise = cdp_of_noise(regions, noise.deviation(regions), bright, dark, wanted, asked.epsilon)
+    by_noise = cdp_of_noise(regions, noise.deviation(regions), sides, wanted, asked.epsilon)
     kind[missed] = EdgeKind.LOST
     kind[missed & (1 - by_noise < _LEAST_PART_OF_NOISE * (1 - cdp[:, 0]))] = EdgeKind.UNEVEN
     return MapEdges(bright, dark, near.border_px, near.middle_px, kind, contrast, uncertainty, wanted, least, *cdp.T)
 
 
 def _contrasts(
-    regions: MapRegions,
-    bright: NDArray[np.int32],
-    dark: NDArray[np.int32],
-    by_calibration: NDArray[np.float64],
-    inflation: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    regions: MapRegions, sides: Labels, by_calibration: Floats, inflation: float
+) -> tuple[Floats, Floats, Floats]:
     """Contrast of each edge, its standard uncertainty, and the contrast from which on it is significant.
 
     The test is Welch's (B. L. Welch, Biometrika 34, 1947) of equal means, at `FALSE_ALARM` over the number of edges.
@@ -229,37 +225,29 @@ def _contrasts(
 
     with np.errstate(divide="ignore", invalid="ignore"):
         variance = inflation * regions.std**2 / regions.n_pixels
-        of_bright, of_dark = variance[bright], variance[dark]
-        means = regions.mean[bright], regions.mean[dark]
+        of_bright, of_dark = variance[sides]
+        means, n_bright, n_dark = regions.mean[sides], *regions.n_pixels[sides]
         contrast = np.where(means[1] > 0, means[0] / means[1] - 1, nan)
         rel = np.sqrt(of_bright / means[0] ** 2 + of_dark / means[1] ** 2 + by_calibration**2)
         # Without a contrast the bright region is as bright as the dark one.
         rel_without = np.sqrt((of_bright + of_dark) / means[1] ** 2 + by_calibration**2)
-        freedom = (of_bright + of_dark) ** 2 / (
-            of_bright**2 / (regions.n_pixels[bright] - 1) + of_dark**2 / (regions.n_pixels[dark] - 1)
-        )
+        freedom = (of_bright + of_dark) ** 2 / (of_bright**2 / (n_bright - 1) + of_dark**2 / (n_dark - 1))
         # Regions without any scatter have no degrees of freedom, and need none.
-        k = stdtrit(np.where(np.isfinite(freedom), freedom, 1.0), 1 - FALSE_ALARM / (2 * max(bright.size, 1)))
+        k = stdtrit(np.where(np.isfinite(freedom), freedom, 1.0), 1 - FALSE_ALARM / (2 * max(of_dark.size, 1)))
         least = np.where(of_bright + of_dark > 0, k, 1.0) * rel_without
     known = means[1] > 0
     return contrast, np.where(known, (1 + contrast) * rel, nan), np.where(known, least, nan)
 
 
 def _cdps(
-    regions: MapRegions,
-    bright: NDArray[np.int32],
-    dark: NDArray[np.int32],
-    contrast: NDArray[np.float64],
-    epsilon: Epsilon,
-    by_calibration: NDArray[np.float64],
-    inflation: float,
-) -> NDArray[np.float64]:
+    regions: MapRegions, sides: Labels, contrast: Floats, epsilon: Epsilon, by_calibration: Floats, inflation: float
+) -> Floats:
     """CDP, standard uncertainty and interval of each edge, by pixels and calibration, shape (n, 4); nan for no CDP."""
-    results = np.full((bright.size, 4), nan)
+    results = np.full((contrast.size, 4), nan)
     chosen = np.flatnonzero(np.isfinite(contrast))
-    pixels = regions.distributions(np.unique([bright[chosen], dark[chosen]]))
+    pixels = regions.distributions(np.unique(sides[:, chosen]))
     for edge in chosen:
-        a, b = pixels[int(bright[edge])], pixels[int(dark[edge])]
+        a, b = (pixels[int(side)] for side in sides[:, edge])
         asked = TargetContrast(float(contrast[edge]), epsilon, "weber")
         result = result_of_tally(tally_pairs(a, b, asked.ratios), a, b, "a", asked, inflation)
         error, variance = float(by_calibration[edge]), 0.0

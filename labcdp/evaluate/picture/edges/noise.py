@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ....metrics import Epsilon
 from ....metrics.contrast import TargetContrast
 from ....regions.superpixels import neighbours
-from .regions import MapRegions, map_cut, statistics
+from .regions import Floats, Labels, MapRegions, map_cut, statistics
 
 #: Most blocks of the image, each inside a region, for estimating the correlation of its noise.
 _BLOCKS = 150
@@ -48,7 +48,7 @@ class MapNoise:
     inflation: float
     diagonal_correlation: float
 
-    def deviation(self, regions: MapRegions) -> NDArray[np.float64]:
+    def deviation(self, regions: MapRegions) -> Floats:
         """Return the standard deviation of the noise of each region, from the differences along diagonals."""
         return regions.noise / sqrt(1 - self.diagonal_correlation)
 
@@ -96,7 +96,7 @@ def map_noise(image: NDArray[np.floating[Any]], regions: MapRegions) -> MapNoise
     return MapNoise(max(float(squares.mean()), 1.0) if squares.size else 1.0, diagonal)
 
 
-def _correlation(image: NDArray[np.floating[Any]], regions: MapRegions) -> NDArray[np.float64] | None:
+def _correlation(image: NDArray[np.floating[Any]], regions: MapRegions) -> Floats | None:
     """Autocorrelation of the noise at lags (dy, dx) in the order of an FFT of twice the blocks' side; None without any.
 
     The median over blocks that lie inside a region each.
@@ -115,7 +115,7 @@ def _correlation(image: NDArray[np.floating[Any]], regions: MapRegions) -> NDArr
     products = fft.irfft2(spectra, (2 * side, 2 * side)) / scatter[scatter > 0][:, None, None]
     lags = side - np.abs(np.fft.fftfreq(2 * side, 1 / (2 * side)))
     pairs = np.maximum(np.outer(lags, lags), 1) / side**2
-    found: NDArray[np.float64] = np.median(products, axis=0) / pairs
+    found: Floats = np.median(products, axis=0) / pairs
     # A block's own mean was subtracted, which takes as much from the correlation at all lags.
     least = _LEAST_CORRELATION / np.sqrt(pairs)
     found += float((found * pairs)[found > least].sum()) / side**2
@@ -123,7 +123,7 @@ def _correlation(image: NDArray[np.floating[Any]], regions: MapRegions) -> NDArr
     return np.asarray(found / found[0, 0])
 
 
-def _blocks(image: NDArray[np.floating[Any]], regions: MapRegions, side: int) -> NDArray[np.float64]:
+def _blocks(image: NDArray[np.floating[Any]], regions: MapRegions, side: int) -> Floats:
     """Square blocks of pixels around the middles of regions and wholly inside them, shape (n, side, side)."""
     height, width = image.shape
     found = []
@@ -140,7 +140,7 @@ def _blocks(image: NDArray[np.floating[Any]], regions: MapRegions, side: int) ->
     return np.array(found)
 
 
-def _simulated(correlation: NDArray[np.float64], side: int) -> NDArray[np.float64]:
+def _simulated(correlation: Floats, side: int) -> Floats:
     """Noise of a standard deviation of 1 with an autocorrelation, shape (side, side)."""
     from scipy import fft
 
@@ -154,15 +154,8 @@ def _simulated(correlation: NDArray[np.float64], side: int) -> NDArray[np.float6
     return np.asarray(noise / noise.std())
 
 
-def cdp_of_noise(
-    regions: MapRegions,
-    deviation: NDArray[np.float64],
-    bright: NDArray[np.int32],
-    dark: NDArray[np.int32],
-    contrast: NDArray[np.float64],
-    epsilon: Epsilon,
-) -> NDArray[np.float64]:
-    """CDP of each edge if the regions were uniform but for their noise, and this normal.
+def cdp_of_noise(regions: MapRegions, deviation: Floats, sides: Labels, contrast: Floats, epsilon: Epsilon) -> Floats:
+    """CDP of each edge, of a bright and a dark side, if the regions were uniform but for their noise, and this normal.
 
     A pair has a contrast of at most c if b - (1 + c) d, which then is normal, is not above 0.
     """
@@ -171,11 +164,12 @@ def cdp_of_noise(
     # The ends of the interval are in proportion to the contrast.
     low, high = TargetContrast(1.0, epsilon, "weber").interval
 
-    def up_to(limit: NDArray[np.float64]) -> NDArray[np.float64]:
+    def up_to(limit: Floats) -> Floats:
         ratio = 1 + limit
-        apart = ratio * regions.mean[dark] - regions.mean[bright]
-        scatter = np.hypot(deviation[bright], ratio * deviation[dark])
-        return np.asarray(ndtr(apart / scatter))
+        bright, dark = regions.mean[sides]
+        of_bright, of_dark = deviation[sides]
+        scatter = np.hypot(of_bright, ratio * of_dark)
+        return np.asarray(ndtr((ratio * dark - bright) / scatter))
 
     with np.errstate(divide="ignore", invalid="ignore"):
         below = up_to(low * contrast) if isfinite(low) else np.zeros(contrast.size)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import nan, sqrt
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 from ....core.luminance import Invalid, LuminanceMap
 from ....metrics import Distribution
 from ....regions.superpixels import inner, seen_half, superpixel_labels
+
+Floats: TypeAlias = NDArray[np.float64]
+Labels: TypeAlias = NDArray[np.int32]
 
 #: Pixels this close to another region are left out: lens and pixel mix the light of both sides there.
 _MARGIN_PX, _SMALL_MARGIN_PX = 2, 1
@@ -51,17 +54,17 @@ class MapRegions:
     """
 
     size_px: int
-    labels: NDArray[np.int32]
+    labels: Labels
     n_pixels: NDArray[np.int64]
-    mean: NDArray[np.float64]
-    std: NDArray[np.float64]
-    noise: NDArray[np.float64]
-    saturated_share: NDArray[np.float64]
-    invalid_share: NDArray[np.float64]
-    centre_px: NDArray[np.float64]
-    values: NDArray[np.float64]
+    mean: Floats
+    std: Floats
+    noise: Floats
+    saturated_share: Floats
+    invalid_share: Floats
+    centre_px: Floats
+    values: Floats
 
-    def distributions(self, wanted: NDArray[np.int32]) -> dict[int, Distribution]:
+    def distributions(self, wanted: Labels) -> dict[int, Distribution]:
         """Distributions of the measured pixels of some regions."""
         ends = np.cumsum(self.n_pixels)
         starts = ends - self.n_pixels
@@ -87,9 +90,7 @@ def map_regions(luminance: LuminanceMap, size_px: int, *others: LuminanceMap) ->
     return [_measured(one, labels, measured, size_px) for one in (luminance, *others)]
 
 
-def _measured(
-    luminance: LuminanceMap, labels: NDArray[np.int32], measured: NDArray[np.bool_], size_px: int
-) -> MapRegions:
+def _measured(luminance: LuminanceMap, labels: Labels, measured: NDArray[np.bool_], size_px: int) -> MapRegions:
     image = luminance.luminance_cd_m2
     n = int(labels.max()) + 1
     saturated = np.not_equal(luminance.invalid & Invalid.SATURATED, 0)
@@ -110,7 +111,7 @@ def _measured(
     )
 
 
-def map_cut(image: NDArray[np.floating[Any]], size_px: int) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+def map_cut(image: NDArray[np.floating[Any]], size_px: int) -> tuple[Labels, NDArray[np.bool_]]:
     """Cut an image into superpixels; their labels, and a mask of the pixels to measure.
 
     Raises
@@ -125,7 +126,7 @@ def map_cut(image: NDArray[np.floating[Any]], size_px: int) -> tuple[NDArray[np.
     return labels, measured
 
 
-def mean_of(labels: NDArray[np.int32], pattern: NDArray[Any], n: int) -> NDArray[np.float64]:
+def mean_of(labels: Labels, pattern: NDArray[Any], n: int) -> Floats:
     """Mean of a pattern over each of `n` regions; what is not finite counts as 0."""
     finite = np.where(np.isfinite(pattern), pattern, 0.0)
     sums = np.bincount(labels.ravel(), weights=finite.ravel(), minlength=n)
@@ -133,8 +134,8 @@ def mean_of(labels: NDArray[np.int32], pattern: NDArray[Any], n: int) -> NDArray
 
 
 def statistics(
-    image: NDArray[np.floating[Any]], labels: NDArray[np.int32], measured: NDArray[np.bool_]
-) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    image: NDArray[np.floating[Any]], labels: Labels, measured: NDArray[np.bool_]
+) -> tuple[Floats, NDArray[np.int64], Floats, Floats]:
     """Measured pixels, region after region; and their number, mean and standard deviation (with n - 1) in each."""
     own, n = labels[measured], int(labels.max()) + 1
     order = np.argsort(own, kind="stable")
@@ -146,9 +147,7 @@ def statistics(
         return values, n_pixels, mean, np.where(n_pixels > 1, np.sqrt(squares / (n_pixels - 1)), nan)
 
 
-def _noise(
-    image: NDArray[np.floating[Any]], labels: NDArray[np.int32], measured: NDArray[np.bool_], n: int
-) -> NDArray[np.float64]:
+def _noise(image: NDArray[np.floating[Any]], labels: Labels, measured: NDArray[np.bool_], n: int) -> Floats:
     """Estimate the standard deviation of the noise of each region from differences of its measured pixels."""
     both = measured[:-1, :-1] & measured[1:, 1:] & (labels[:-1, :-1] == labels[1:, 1:])
     own = labels[:-1, :-1][both]

@@ -40,9 +40,10 @@ class Summary:
         Medians of the stated U and of the size of the actual error.
     named, named_where_wrong : float or None
         Share of calibrations with a finding that names the effect: of all, and of those in which an interval does not
-        contain the truth. None where no finding is expected, or nothing was wrong.
+        contain the truth, of the quantities whose intervals do not hold if there are some. None where no finding is
+        expected, or nothing was wrong.
     wrong : int
-        Calibrations in which an interval does not contain the truth.
+        Calibrations in which such an interval does not contain the truth.
     findings : dict of str to float
         Share of calibrations with each warning or error.
     """
@@ -68,15 +69,22 @@ class Summary:
         """
         if not self.coverage:
             return "refused"
-        found = _outside(self.coverage, self.calibrations - self.refused)
-        return "named" if found and (self.named_where_wrong or 0.0) >= NAMED else found or "holds"
+        found = _outside(self.coverage, self.calibrations - self.refused).values()
+        if not found:
+            return "holds"
+        if (self.named_where_wrong or 0.0) >= NAMED:
+            return "named"
+        return "too low" if "too low" in found else "too wide"
 
 
-def _outside(coverage: dict[str, float], n: int) -> str:
-    """How the coverage of n calibrations is wrong, beyond two standard errors; empty if it is not."""
-    if min(coverage.values()) < LOWEST - 2 * binomial_error(LOWEST, n):
-        return "too low"
-    return "too wide" if max(coverage.values()) > HIGHEST + 2 * binomial_error(HIGHEST, n) else ""
+def _outside(coverage: dict[str, float], n: int) -> dict[str, str]:
+    """Quantities whose coverage in n calibrations is wrong, beyond two standard errors, and how."""
+    lowest, highest = LOWEST - 2 * binomial_error(LOWEST, n), HIGHEST + 2 * binomial_error(HIGHEST, n)
+    return {
+        quantity: "too low" if share < lowest else "too wide"
+        for quantity, share in coverage.items()
+        if not lowest <= share <= highest
+    }
 
 
 def binomial_error(share: float, n: int) -> float:
@@ -92,8 +100,10 @@ def names_effect(world: World, outcome: Outcome) -> bool:
 def summarise(world: World, outcomes: Sequence[Outcome]) -> Summary:
     """Join the outcomes of a world."""
     done = [one for one in outcomes if not one.refused]
-    wrong = [one for one in done if not all(one.inside.values())]
     coverage = {q: float(np.mean([one.inside[q] for one in done])) for q in QUANTITIES} if done else {}
+    # What is wrong by chance in quantities that hold needs no name.
+    judged = _outside(coverage, len(done)) or QUANTITIES
+    wrong = [one for one in done if not all(one.inside[q] for q in judged)]
     return Summary(
         world=world.name,
         calibrations=len(outcomes),

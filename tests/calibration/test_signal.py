@@ -18,9 +18,8 @@ SETTINGS = (GainSetting(0.0, 1.0, 0.0, DARK, TemporalNoise(0.25, 1.5)),)
 
 def test_rounding_does_not_average_down_and_flicker_and_drift_over_the_frames_only(camera):
     seen, dark = camera.observe("grey", 10.0, 0.01, None), replace(DARK, noise_dn=0.0, drift_dn=0.5)
-    still = [replace(SETTINGS[0], dark=dark, noise=TemporalNoise(0.0, 0.0))]
-    rounded = net_signal(replace(seen, temporal_variance_dn2=0.0), still)
-    assert rounded.noise_variance_dn2 == pytest.approx(1 / 12)
+    still = replace(SETTINGS[0], dark=dark, noise=TemporalNoise(0.0, 0.0))
+    assert net_signal(replace(seen, temporal_variance_dn2=0.0), [still]).noise_variance_dn2 == pytest.approx(1 / 12)
     signal = net_signal(seen, [replace(SETTINGS[0], dark=dark, noise=TemporalNoise(0.25, 1.5, flicker_rel=0.01))])
     assert signal.frames_variance_dn2 == pytest.approx((0.01 * 120 / 2) ** 2 + (0.5 / 2) ** 2)
 
@@ -32,9 +31,7 @@ def test_fixed_pattern_averages_over_pixels_and_slow_changes_do_not(camera):
     uneven = replace(exact, nonuniformity=Nonuniformity((within, 0.0, 0.0), (between, 0.0, 0.0), 15, 25.0))
     # By chance one patch may show less than the noise, 5 DN^2 here: on average they show 2 DN^2.
     even = replace(exact, nonuniformity=Nonuniformity((noise_of_mean_frame - 5.0, 0.0, 0.0), (0.0,) * 3, 15, 25.0))
-    setting = with_prnu(SETTINGS[0], [uneven, even])
-    assert setting.noise.prnu_rel == pytest.approx(sqrt(2) / 120)
-    signal = net_signal(uneven, [setting])
+    signal = net_signal(uneven, [with_prnu(SETTINGS[0], [uneven, even])])
     assert signal.pixels_rel == pytest.approx(sqrt(2) / sqrt(400) / 120)
     assert signal.slow_rel == pytest.approx(sqrt(1000 / 25) / 120)
 
@@ -56,13 +53,10 @@ def test_vignetting_is_not_unevenness_behind_a_tone_curve(camera):
     tone = Response("table", (0.0, *knots.tolist()), (0.0, *(20 * (knots / 20) ** 2.2).tolist()))
     v = np.linspace(1.0, 0.8, 400)
     net_dn = 1000 * v ** (1 / 2.2)
-    cells = np.arange(400) // 25
-    seen = nonuniformity((net_dn + 64.4) / v, 1 / v, cells)
+    seen = nonuniformity((net_dn + 64.4) / v, 1 / v, np.arange(400) // 25)
     exact = camera.observe("grey", 10.0, 0.01, None)
     even = replace(exact, signal_dn=float(np.mean((net_dn + 64.4) / v)), mean_inverse_v=float(np.mean(1 / v)))
     even = replace(even, nonuniformity=seen, temporal_variance_dn2=1e-6)
-    settings = [replace(SETTINGS[0], noise=TemporalNoise(0.0, 0.0, tone))]
-    signal = net_signal(even, settings)
-    assert signal.slow_rel < 0.002
-    linear = net_signal(even, [replace(SETTINGS[0], noise=TemporalNoise(0.0, 0.0))])
-    assert linear.slow_rel > 0.02
+    for curve, least, most in ((tone, 0.0, 0.002), (None, 0.02, 1.0)):
+        setting = replace(SETTINGS[0], noise=TemporalNoise(0.0, 0.0, curve))
+        assert least <= net_signal(even, [setting]).slow_rel < most

@@ -118,8 +118,7 @@ def test_readings_that_change_with_time_are_found(camera, setup, name, factor, v
     assert {"drift", "readings-step", "readings-step-within-limits"} & codes(calibration) == {code}
     assert calibration.responsivity.random_rel >= least_rel
     # Two scales within 2 %, and that far apart, have their mean within 2 % less half of it.
-    within = value / 2 if code.endswith("limits") else 0.0
-    assert calibration.meter_scale.half_width_rel == pytest.approx(0.02 - within, rel=0.001)
+    assert calibration.meter_scale.half_width_rel == pytest.approx(0.02 - value / 2 * code.endswith("limits"), rel=1e-3)
 
 
 def all_with(ones, **changes):

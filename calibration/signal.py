@@ -119,7 +119,7 @@ def net_signal(observation: PatchObservation, settings: Sequence[GainSetting]) -
         ),
         pixels_rel=noise.prnu_rel / sqrt(o.n_pixels),
         pixels_variance_rel=(power / on_axis) ** 2 * sensitivity_dn2,
-        slow_rel=power * sqrt(o.nonuniformity_variance_dn2(level_dn)) / on_axis,
+        slow_rel=power * sqrt(o.nonuniformity.slow_variance_dn2(level_dn)) / on_axis,
         gain_index=index,
     )
 

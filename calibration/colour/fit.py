@@ -18,6 +18,7 @@ from ..fit.intake import group_by_patch
 from ..fit.residuals import finite, held_out_rows
 from ..frames.observations import DarkObservation, PatchObservation
 from ..model import Calibration, PatchResidual, range_of
+from ..sensor.dark_fit import rows_of
 from ..sensor.dark_library import DarkLibrary
 from ..sensor.defects import DefectMap
 from ..setup import Setup
@@ -224,7 +225,7 @@ def _assemble(
     return ColourCalibration(
         planes=tuple(planes),
         weights=tuple(weights.tolist()),
-        weight_covariance=tuple(tuple(row) for row in covariance.tolist()),
+        weight_covariance=rows_of(covariance),
         spectral_rel=chosen.spectral_rel,
         scatter_rel=scatter[0],
         scatter_dof=finite(scatter[1]),

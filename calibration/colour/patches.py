@@ -109,7 +109,7 @@ def colour_patches(
             findings.append(warning("patch-not-in-all-planes", name, reason=str(error)))
             continue
         kept.append((name, reading, tuple(seen)))
-        shared_rel.append(hypot(reading.random_cd_m2 / reading.luminance_cd_m2, _uneven_rel(planes, group), of_field))
+        shared_rel.append(hypot(reading.random_cd_m2 / reading.luminance_cd_m2, uneven_rel(planes, group), of_field))
     if not kept:
         raise CalibrationError(f"no patch is usable in all planes ({left_out_text(left_out)}): acquire other exposures")
     names, joined, all_seen = zip(*kept, strict=True)
@@ -124,11 +124,15 @@ def colour_patches(
     )
 
 
-def _uneven_rel(planes: Sequence[Calibration], group: Mapping[str, Sequence[PatchObservation]]) -> float:
-    """Non-uniformity of a patch, which meter and camera view at slightly different positions."""
+def uneven_rel(planes: Sequence[Calibration], group: Mapping[str, Sequence[PatchObservation]]) -> float:
+    """Relative non-uniformity of a patch, which meter and camera view at slightly different positions.
+
+    By the plane that sees the most light, and the exposures that it can use; observations are by the name of the plane,
+    empty for a monochrome sensor.
+    """
     plane = max(planes, key=lambda one: one.responsivity.responsivity_dn_s_cd_m2)
-    used = [o for o in group[f"{plane.state.plane}"] if o.saturated_share == 0]
-    slow = [net_signal(o, plane.settings).slow_rel for o in used]
+    kept, _, _ = usable(group[plane.state.plane or ""], plane.settings)
+    slow = [net_signal(o, plane.settings).slow_rel for o in kept]
     return float(np.mean(slow)) if slow else 0.0
 
 

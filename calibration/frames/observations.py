@@ -201,10 +201,6 @@ class PatchObservation:
         noise_dn2 = self.temporal_variance_dn2 * self.mean_inverse_v**2 / self.n_frames
         return self.nonuniformity.pixel_variance_dn2(dark_dn) - noise_dn2
 
-    def nonuniformity_variance_dn2(self, dark_dn: float) -> float:
-        """Variance of (DN - d) / V by slow changes across the region; 0 if not significant."""
-        return self.nonuniformity.slow_variance_dn2(dark_dn)
-
 
 @dataclass(frozen=True)
 class DarkObservation:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import log, sqrt
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +24,7 @@ from .dark_fit import (
     noise_line,
     of_rounding,
     of_unknown_rate,
+    rows_of,
 )
 
 #: Temperature difference to the dark frames at which the dark current changes by about a sixth.
@@ -212,7 +212,7 @@ def fit_dark(darks: Sequence[DarkObservation], drift_dn: float | None = None) ->
     model = DarkModel(
         offset_dn=float(parameters[0]),
         rate_dn_s=float(parameters[1]),
-        covariance=_rows(covariance),
+        covariance=rows_of(covariance),
         noise_dn=sqrt(max(noise.intercept, 0.0)),
         nonuniformity_dn=_rms(d.nonuniformity_dn for d in darks),
         exposures_s=tuple(float(v) for v in np.unique(t)),
@@ -231,11 +231,6 @@ def fit_dark(darks: Sequence[DarkObservation], drift_dn: float | None = None) ->
 
 def _rms(values: Iterable[float]) -> float:
     return sqrt(float(np.mean(np.square(list(values)))))
-
-
-def _rows(matrix: NDArray[np.floating[Any]]) -> Covariance:
-    (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
-    return (a, b, c), (d, e, f), (g, h, i)
 
 
 def _require_one_state(darks: Sequence[DarkObservation]) -> None:

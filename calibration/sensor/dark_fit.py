@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot, sqrt
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -187,6 +188,11 @@ def line(x: FloatArray, y: FloatArray, u: FloatArray) -> Line:
     if n == 1:
         return Line(float(parameters[0]), 0.0, np.diag([covariance[0, 0], np.nan]), chi_squared)
     return Line(float(parameters[1]), float(parameters[0]), covariance, chi_squared)
+
+
+def rows_of(matrix: NDArray[np.floating[Any]]) -> Any:
+    """Return a matrix as tuples."""
+    return tuple(map(tuple, matrix.tolist()))
 
 
 def birge(chi_squared: float, dof: int) -> float:

@@ -19,7 +19,7 @@ from ..frames.measure import MeasuredFrames
 from ..frames.observe import dark_observation
 from ..frames.rounding import quantisation_variance_dn2
 from .dark import fit_dark
-from .dark_fit import DOUBLING_REL, TYPICAL_DOUBLING_C, dark_current_growth
+from .dark_fit import DOUBLING_REL, TYPICAL_DOUBLING_C, dark_current_growth, rows_of
 from .defects import DefectMap
 
 
@@ -233,15 +233,10 @@ def dark_library(darks: Sequence[MeasuredFrames], defects: DefectMap | None = No
     return DarkLibrary(
         offset_dn=maps[0].astype(np.float32),
         rate_dn_s=maps[1].astype(np.float32),
-        noise_covariance=_pairs(noise),
-        pattern_covariance=_pairs(np.cov(maps[:, sound]) - noise),
+        noise_covariance=rows_of(noise),
+        pattern_covariance=rows_of(np.cov(maps[:, sound]) - noise),
         temperature_c=model.temperature_c,
         doubling_temperature_c=model.doubling_temperature_c,
         n_frames=int(frames.sum()),
         only_exposure_s=darks[0].exposure_s if one_exposure else None,
     )
-
-
-def _pairs(matrix: NDArray[np.float64]) -> tuple[tuple[float, float], tuple[float, float]]:
-    (a, b), (c, d) = matrix.tolist()
-    return (a, b), (c, d)

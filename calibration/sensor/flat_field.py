@@ -15,6 +15,7 @@ from ...core.errors import CalibrationError
 from ...core.result import Finding, FindingValue, info
 from ...core.vignetting import FlatField, RadialVignetting, middle_of
 from ..frames.measure import MeasuredFrames
+from .dark_fit import rows_of
 from .flat_structure import block_means, pixel_pattern, structure_findings
 
 #: Largest share of pixels without usable values that are treated as defects.
@@ -193,8 +194,7 @@ def _fit_radial(relative: NDArray[np.float64], random_rel: float, slow_rel: floa
     significant = variance > of_noise * (1 + _SIGNIFICANT * sqrt(2 / dof))
     not_radial = sqrt(variance - of_noise) if significant else 0.0
     a2, a4, a6 = coefficients.tolist()
-    rows = tuple((float(a), float(b), float(c)) for a, b, c in covariance)
-    return RadialVignetting(a2, a4, a6, None, rows, hypot(slow_rel, not_radial)), not_radial
+    return RadialVignetting(a2, a4, a6, None, rows_of(covariance), hypot(slow_rel, not_radial)), not_radial
 
 
 def _choice(

@@ -16,7 +16,7 @@ from ...core.reading import Reading
 from ...core.result import Finding, warning
 from ..colour.conversion import luminance_of_planes, own_rel
 from ..colour.model import AnyCalibration, ColourCalibration
-from ..colour.patches import by_patch
+from ..colour.patches import by_patch, uneven_rel
 from ..convert.patch import PatchLuminance, numbered, patch_luminance
 from ..converter import FLAT_FIELD, VIGNETTING
 from ..frames.observations import DarkObservation, PatchObservation
@@ -24,7 +24,7 @@ from ..model import Calibration
 from ..readings import PatchReading, combine_readings
 from ..sensor.dark import DarkModel, fit_dark
 from ..setup import METER_SOURCES, MeterScale
-from ..signal import net_signal, temperature_findings, usable
+from ..signal import temperature_findings
 from ..uncertainty import effective_dof, expanded_half_width, expanded_rel, of_one_estimate
 from .findings import findings_of
 from .result import WANDER_DN, Drift, Verification, VerifiedDark, VerifiedPatch, VerifiedPlane, require_tolerance
@@ -178,9 +178,7 @@ def _compared(
     meter: MeterScale,
 ) -> tuple[_Comparison, list[Finding]]:
     """Combine the readings of each patch, and determine the relevant scale errors."""
-    brightest = max(calibration.planes, key=lambda one: one.responsivity.responsivity_dn_s_cd_m2)
     read: dict[str, PatchReading] = {}
-    uneven_rel: dict[str, float] = {}
     findings: list[Finding] = []
     for patch in (one.patch for one in seen):
         read[patch], of_patch = combine_readings(patch, readings.get(patch, ()))
@@ -188,15 +186,13 @@ def _compared(
         if read[patch].luminance_cd_m2 == 0:
             text = f"patch {patch!r} reads 0 cd/m², below the meter's range: verify with a brighter patch"
             raise CalibrationError(text)
-        # Meter and camera view a non-uniform patch at slightly different positions, as in the fit.
-        kept, _, _ = usable(groups[patch][_name(brightest)], brightest.settings)
-        uneven_rel[patch] = float(np.median([net_signal(o, brightest.settings).slow_rel for o in kept]))
     calibrated = calibration.meter_scale
     scales: tuple[MeterScale, ...] = () if meter.is_as_in(calibrated) else (meter, calibrated)
     if (meter.meter.model, meter.meter.serial) == (calibrated.meter.model, calibrated.meter.serial):
         # One instrument: its spectral mismatch is the same in the same light.
         scales = tuple(replace(one, f1_prime=None) for one in scales)
-    return _Comparison(seen, read, uneven_rel, meter, scales, calibration.field_rel), findings
+    uneven = {patch: uneven_rel(calibration.planes, groups[patch]) for patch in read}
+    return _Comparison(seen, read, uneven, meter, scales, calibration.field_rel), findings
 
 
 def _planes(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import hypot, sqrt
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...calibration import Calibration, PatchObservation
+from ...calibration.colour.patches import uneven_rel
 from ...calibration.frames.rounding import DITHERED_DN2, ROUNDING_DN2
 from ...calibration.readings import combine_readings
 from ...core.dn import Response
@@ -104,14 +105,14 @@ def regions_of(
             raise CalibrationError(f"patch {patch.name!r} reads 0 cd/m², below the meter's range: leave it out")
         roi = patch.region()
         v = np.asarray(roi.select(vignetting), dtype=float)
-        uneven_rel = _unevenness_rel(group, twin)
+        uneven = uneven_rel([calibration], {"": group})
         left, top, right, bottom = roi.bounds
         row, column = twin.row_dsnu_dn.value, twin.column_dsnu_dn.value
         regions[patch.name] = TwinRegion(
             name=patch.name,
             luminance_cd_m2=reading.luminance_cd_m2,
-            reading_rel=hypot(reading.random_cd_m2 / reading.luminance_cd_m2, uneven_rel),
-            unevenness_rel=uneven_rel,
+            reading_rel=hypot(reading.random_cd_m2 / reading.luminance_cd_m2, uneven),
+            unevenness_rel=uneven,
             vignetting=v,
             darkness_dn=hypot(
                 twin.dark.nonuniformity_dn, row / sqrt(max(bottom - top, 1)), column / sqrt(max(right - left, 1))
@@ -119,17 +120,6 @@ def regions_of(
             flat_field_rel=flat_field_rel,
         )
     return regions
-
-
-def _unevenness_rel(group: Sequence[PatchObservation], twin: TwinParameters) -> float:
-    """Slow changes of the light across a patch, at the exposure that shows them best."""
-    fitting = [o for o in group if o.saturated_share == 0]
-    if not fitting:
-        return 0.0
-    o = max(fitting, key=lambda one: one.exposure_s)
-    dark_dn = twin.dark_dn(o.exposure_s)
-    net_dn = o.net_dn(dark_dn)
-    return sqrt(o.nonuniformity_variance_dn2(dark_dn)) / net_dn if net_dn > 0 else 0.0
 
 
 def seen_regions(

@@ -38,7 +38,7 @@ def test_a_gradient_is_found_and_kept_apart_from_the_pixels():
     expected = 4 * np.sum(np.square([-60, -20, 20, 60])) / 15
     # Within a cell: the pattern, and a gradient of 10 DN a pixel over 4 pixels, (30^2 ... sampled) 125 DN^2 * 16 / 15.
     within = 25 + 125 * 16 / 15
-    assert seen.nonuniformity_variance_dn2(0.0) == pytest.approx(expected, rel=0.05)
+    assert seen.nonuniformity.slow_variance_dn2(0.0) == pytest.approx(expected, rel=0.05)
     assert seen.fixed_pattern_variance_dn2(0.0) == pytest.approx(within, rel=0.15)
 
 

@@ -218,7 +218,8 @@ def make_frame(
 ) -> Frame:
     """Frame of DN of a scale; a pixel format of another depth does not count."""
     given = None if options.pixel_format is None else pixel_format(options.pixel_format)
-    fits = given is not None and given.bit_depth == scale.bits
+    if given is not None and given.bit_depth != scale.bits:
+        given = None
     top = 2.0**scale.bits - 1
     saturation_dn = scale.saturation_dn if options.saturation_dn is None else min(options.saturation_dn, top)
     return Frame(
@@ -228,8 +229,8 @@ def make_frame(
         bit_depth=scale.bits,
         saturation_dn=saturation_dn,
         black_level_dn=options.black_level_dn,
-        pixel_format=given.name if fits and given is not None else f"Mono{scale.bits}",
-        colour_filter=given.colour_filter if fits and given is not None else None,
+        pixel_format=f"Mono{scale.bits}" if given is None else given.name,
+        colour_filter=None if given is None else given.colour_filter,
         temperature_c=None,
         timestamp=timestamp,
         camera_timestamp_ns=0,

@@ -50,12 +50,12 @@ def read_tiff(data: bytes, path: Path, max_pixels: int, number: int | None = Non
     """
     facts = read_exif(data, path)
     with open_tiff(data, path) as tiff:
-        page = _pages(tiff, path)[number or 0]
-        if number is None and len(_pages(tiff, path)) != 1:
+        pages = _pages(tiff, path)
+        if number is None and len(pages) != 1:
             raise InputError(
-                f"{path} holds {len(_pages(tiff, path))} pictures: give files of one picture each, or evaluate it as a "
-                "video"
+                f"{path} holds {len(pages)} pictures: give files of one picture each, or evaluate it as a video"
             )
+        page = pages[number or 0]
         require_size(path, page.imagewidth, page.imagelength, max_pixels)
         _require_kind(page, path)
         require_pixels(page, path)

@@ -167,9 +167,8 @@ def _trend(x: NDArray[np.int64], y: NDArray[np.int64], values: _Array) -> _Array
     their scatter, against which the surface is held.
     """
     u, v = _unit(x), _unit(y)
-    block = np.minimum(((u + 1) / 2 * _BLOCKS).astype(int), _BLOCKS - 1) * _BLOCKS + np.minimum(
-        ((v + 1) / 2 * _BLOCKS).astype(int), _BLOCKS - 1
-    )
+    column, row = (np.minimum(((w + 1) / 2 * _BLOCKS).astype(int), _BLOCKS - 1) for w in (u, v))
+    block = column * _BLOCKS + row
     flat = np.full(values.size, np.median(values))
     order = np.argsort(block, kind="stable")
     parts = np.split(order, np.flatnonzero(np.diff(block[order])) + 1)

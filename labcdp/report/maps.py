@@ -73,14 +73,14 @@ class ImageFigure:
     @classmethod
     def of(
         cls,
-        size_px: tuple[float, float],
+        luminance: LuminanceMap,
         title: str,
         simulated: bool,
         regions: Sequence[Roi] = (),
         below_in: float = 0.0,
     ) -> ImageFigure:
-        """Make a figure for an image of this width and height, with room for a legend below it."""
-        width_px, height_px = size_px
+        """Make a figure for an image of the size of this map, with room for a legend below it."""
+        width_px, height_px = _size(luminance)
         height_in = _WIDTH_IN * min(max(height_px / width_px, _FLATTEST), _TALLEST)
         points_per_px = 72 * min(_WIDTH_IN / width_px, height_in / height_px)
         inside = all(_fits(region, points_per_px) for region in regions)
@@ -91,7 +91,7 @@ class ImageFigure:
         axes = figure.add_axes((_LEFT_IN / whole[0], bottom, _WIDTH_IN / whole[0], height))
         bar = figure.add_axes(((_LEFT_IN + _WIDTH_IN + 0.15) / whole[0], bottom, 0.2 / whole[0], height))
         label(axes, "x in pixels", "y in pixels", title)
-        return cls(figure, axes, bar, (0.0, float(width_px), float(height_px), 0.0), tuple(regions), inside)
+        return cls(figure, axes, bar, (0.0, width_px, height_px, 0.0), tuple(regions), inside)
 
     def add_scale(self, shown: Any, text: str, extend: str = "neither") -> None:
         """Draw the scale of what is shown."""
@@ -168,7 +168,7 @@ def regions_picture(luminance: LuminanceMap, regions: Sequence[Roi], title: str,
     simulated : bool
         Whether the camera was simulated; the picture is then labelled so.
     """
-    figure = ImageFigure.of(_size(luminance), title, simulated, regions)
+    figure = ImageFigure.of(luminance, title, simulated, regions)
     _show(figure, luminance, _grey_range(luminance, regions), "gray")
     figure.draw_regions()
     return png(figure.figure)
@@ -233,7 +233,7 @@ def luminance_picture(
     from matplotlib.patches import Patch
 
     reasons = _reasons(luminance, range_cd_m2[0])
-    figure = ImageFigure.of(_size(luminance), title, simulated, below_in=_LEGEND_IN * ceil(len(reasons) / 2))
+    figure = ImageFigure.of(luminance, title, simulated, below_in=_LEGEND_IN * ceil(len(reasons) / 2))
     _show(figure, luminance, (0.9 * range_cd_m2[0], 1.1 * range_cd_m2[1]), "viridis", linear)
     if reasons:
         side = reduction(luminance.shape)

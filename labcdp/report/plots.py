@@ -24,17 +24,7 @@ from .drawing import (
     png,
 )
 from .layout import ReportFigure
-from .text import (
-    cdp_decimals,
-    cdp_interval,
-    decimals,
-    fixed,
-    percent,
-    printable,
-    share_percent,
-    shortened,
-    significant,
-)
+from .text import cdp_decimals, cdp_interval, decimals, fixed, percent, printable, share_percent, shortened, significant
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -23,8 +23,6 @@ from ..metrics import DetectionResult
 #: Text for an unknown value.
 UNKNOWN = "unknown"
 
-#: Most decimals of a probability.
-_MOST_DECIMALS_OF_SHARE = 5
 
 #: Characters that cannot be written to XML or drawn; names may contain them.
 _UNPRINTABLE = re.compile("[\x00-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
@@ -83,7 +81,7 @@ def cdp_decimals(result: DetectionResult) -> int:
     low, high = result.confidence_interval
     if not high > low:
         return 4
-    return min(decimals((high - low) / 2, 2), _MOST_DECIMALS_OF_SHARE)
+    return min(decimals((high - low) / 2, 2), _MOST_OF_INTERVAL)
 
 
 def cdp_interval(result: DetectionResult) -> str:

@@ -20,7 +20,7 @@ from ...report.drawing import (
     finish,
     label,
     placed_figure,
-    png,
+    reported,
 )
 from ...report.layout import ReportFigure
 from ...report.maps import ImageFigure, drawn_pixels
@@ -89,17 +89,16 @@ def _picture(evaluation: ImageEvaluation, luminance: LuminanceMap) -> ReportFigu
     if evaluation.neighbours is not None and evaluation.neighbours.rectangle is not None:
         x0, y0, x1, y1 = evaluation.neighbours.rectangle
         regions.append(Roi.rectangle("nearest-neighbour", x0, y0, x1 + 1 - x0, y1 + 1 - y0))
-    height, width = (length * luminance.step for length in luminance.shape)
-    figure = ImageFigure.of((width, height), shortened(evaluation.path.name, 60), False, regions)
+    figure = ImageFigure.of(luminance, shortened(evaluation.path.name, 60), False, regions)
     norm = PowerNorm(_GAMMA, 0, white)
     shown = figure.axes.imshow(np.clip(drawn, 0, white), cmap="gray", norm=norm, extent=figure.extent)
     figure.add_scale(shown, luminance_label(evaluation.unit), extend="max")
     figure.draw_regions()
     scale = f" Each drawn pixel is the mean of {side} x {side} of the picture's." if side > 1 else ""
     with_regions = ", with its regions" if evaluation.regions else ""
-    return ReportFigure(
-        "picture.png",
-        png(figure.figure),
+    return reported(
+        "picture",
+        figure.figure,
         f"The picture as {luminance_label(evaluation.unit)}, dark parts brightened{with_regions}.{scale}",
         f"Grey picture with {len(regions)} regions: {', '.join(roi.name for roi in regions) or 'none'}.",
     )
@@ -122,9 +121,9 @@ def _curves(found: Sequence[tuple[str, Sequence[DetectionResult]]]) -> ReportFig
     finish(axes, "target Weber contrast in %", "CDP", title, **beside)
     best = max((one for _, results in drawn for one in results), key=lambda one: one.cdp)
     left_out = f" Only the first {len(drawn)} of {len(found)} pairs are drawn." if len(found) > len(drawn) else ""
-    return ReportFigure(
-        "cdp.png",
-        png(figure),
+    return reported(
+        "cdp",
+        figure,
         f"CDP of each target contrast, with its 95 % interval.{left_out}",
         f"CDP over contrast; the largest is {best.cdp:.4f} at {percent(best.contrast)}.",
     )
@@ -152,9 +151,9 @@ def _values(evaluation: ImageEvaluation, picture: Picture, luminance: LuminanceM
         axes.set_ylim(0.0, 1.05)
         label(axes, text, "density, scaled to 1" if number == 0 else "", "")
     add_legend(figure, *figure.axes[0].get_legend_handles_labels(), loc="lower center", ncols=5, frameon=False)
-    return ReportFigure(
-        "values.png",
-        png(figure),
+    return reported(
+        "values",
+        figure,
         "Histograms of the picture (grey) and its regions, each scaled to a largest bar of 1.",
         f"Histograms of the whole picture and of {len(rois)} regions.",
     )

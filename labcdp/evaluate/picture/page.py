@@ -35,7 +35,7 @@ def picture_page(result: Result, figures: Sequence[ReportFigure], conversion: st
     surface : bool
         Whether there is also a page with its surface.
     """
-    table = result.table("cdp") if _has(result, "cdp") else None
+    (table,) = _tables(result, "cdp") or (None,)
     named = {figure.file_name: figure for figure in figures}
     lead: list[Block] = [named.pop("picture.png")]
     values = named.pop("values.png")
@@ -43,10 +43,9 @@ def picture_page(result: Result, figures: Sequence[ReportFigure], conversion: st
     if table is not None:
         lead.append(_short(table))
         details.append(table)
-    regions: list[Block] = [result.table("regions")] if _has(result, "regions") else []
     sections = [
         Section("Contrasts", details),
-        Section("Regions and values", [*regions, values]),
+        Section("Regions and values", [*_tables(result, "regions"), values]),
         *([Section("Surface", [Links([("The luminance as a surface that can be turned", "surface.html")])])]
           if surface else []),
         Section("Provenance", [_provenance(result, conversion)], collapsed=True),
@@ -82,7 +81,7 @@ def overview_page(result: Result, pictures: Sequence[ReportedPicture], conversio
     )  # fmt: skip
     sections = [
         *([Section("Pages of the pictures", [Links(pages)])] if pages else []),
-        Section("Details", [result.table(name) for name in ("regions", "pictures") if _has(result, name)], True),
+        Section("Details", _tables(result, "regions", "pictures"), True),
         Section("Provenance", [Facts([("conversion", conversion)])], collapsed=True),
     ]
     return render_page(
@@ -90,14 +89,15 @@ def overview_page(result: Result, pictures: Sequence[ReportedPicture], conversio
             result,
             "Contrast detection probability (CDP) of pictures",
             cards=[card],
-            lead=[result.table("cdp")] if _has(result, "cdp") else [],
+            lead=_tables(result, "cdp"),
             sections=sections,
         )
     )
 
 
-def _has(result: Result, name: str) -> bool:
-    return any(table.name == name for table in result.tables)
+def _tables(result: Result, *names: str) -> list[Table]:
+    """Return the tables of these names, of those that the result has."""
+    return [table for table in result.tables if table.name in names]
 
 
 def _best(table: Table) -> Table:

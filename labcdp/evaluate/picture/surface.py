@@ -163,8 +163,7 @@ def _scene(width: int, height: int, step: int, ends: tuple[float, float], label:
 def _middles(length: int, side: int, step: int) -> NDArray[np.float32]:
     """Middles of the blocks along an axis, in pixels of the picture."""
     starts = np.arange(0, length, side)
-    stops = np.append(starts[1:], length)
-    return np.asarray((step * (starts + stops) / 2).astype(np.float32))
+    return np.asarray(step * (starts + np.minimum(starts + side, length)) / 2, dtype=np.float32)
 
 
 def _range(means: NDArray[np.float32], peak: float) -> tuple[float, float]:

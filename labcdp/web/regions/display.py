@@ -149,7 +149,7 @@ def tile(
     x1, y1 = (min(length, ceil(edge / n) * n) for edge, length in ((right, width), (bottom, height)))
     x0, y0 = min(x0, width - 1), min(y0, height - 1)
     x1, y1 = max(x1, x0 + 1), max(y1, y0 + 1)
-    pixels = scale.to_8_bit(_block_means(values[y0:y1, x0:x1], n))
+    pixels = scale.to_8_bit(block_means(values[y0:y1, x0:x1], n))
     # The last blocks may extend beyond the image.
     return Tile(pixels, float(x0), float(y0), float(n * pixels.shape[1]), float(n * pixels.shape[0]))
 
@@ -164,7 +164,8 @@ def any_in_blocks(flags: NDArray[np.bool_], n: int) -> NDArray[np.bool_]:
     return np.asarray(rows.reshape(len(rows), -1, n).any(axis=2))
 
 
-def _block_means(values: NDArray[Any], n: int) -> NDArray[Any]:
+def block_means(values: NDArray[Any], n: int) -> NDArray[Any]:
+    """Return the mean of each block of n x n values; the last blocks may be incomplete."""
     if n == 1:
         return values
     import cv2

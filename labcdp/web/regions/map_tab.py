@@ -240,9 +240,6 @@ def map_page(workspace: Workspace, document: Any, *, map_first: bool) -> tuple[A
     page = Page(workspace, document)
     luminance = MapTab(page, map_first)
     tabs = pn.Tabs(
-        ("Regions", page.side()),
-        ("Luminance", luminance.layout()),
-        active=int(map_first),
-        sizing_mode="stretch_both",
+        ("Regions", page.side()), ("Luminance", luminance.layout()), active=int(map_first), sizing_mode="stretch_both"
     )
     return beside(page.picture.figure, (*page.head(), tabs)), page.picture.script()

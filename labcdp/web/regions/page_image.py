@@ -18,6 +18,7 @@ from ...core.result import Finding, unique, warning
 from ...core.roi import Roi
 from ...metrics.region import RegionPixels
 from ...report.text import Z_95, finding_text, significant, with_half_width
+from .display import block_means
 
 if TYPE_CHECKING:
     from ...core.frame import Frame
@@ -128,11 +129,8 @@ class PageImage:
         """Displayed values, shape (height, width), half of it for a Bayer frame: one pixel for four."""
         if self.colour_filter is None:
             return self.values
-        import cv2
-
-        height, width = (length // 2 for length in self.values.shape)
-        blocks = np.ascontiguousarray(self.values[: 2 * height, : 2 * width])
-        return np.asarray(cv2.resize(blocks, (width, height), interpolation=cv2.INTER_AREA))
+        height, width = (length // 2 * 2 for length in self.values.shape)
+        return block_means(self.values[:height, :width], 2)
 
     @cached_property
     def light_display(self) -> NDArray[np.float32]:

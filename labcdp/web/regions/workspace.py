@@ -49,11 +49,7 @@ class Workspace:
     """
 
     def __init__(
-        self,
-        measurements: Measurements,
-        files: DrawingFiles,
-        start: Start,
-        run_elsewhere: RunElsewhere,
+        self, measurements: Measurements, files: DrawingFiles, start: Start, run_elsewhere: RunElsewhere
     ) -> None:
         self._measurements = measurements
         self.files = files

@@ -9,8 +9,7 @@ from labcdp.core.result import Finding, info
 from labcdp.core.roi import Roi
 from labcdp.evaluate.picture.image import ImageRequest, evaluate_image
 from labcdp.evaluate.picture.neighbours import evaluate_neighbours
-from labcdp.files.exif import ExifFacts
-from labcdp.files.picture import Picture
+from labcdp.files.picture import ExifFacts, Picture
 from labcdp.metrics import cdp, cdp_neighbours_range
 
 SHAPE = (60, 90)

@@ -114,8 +114,7 @@ def overlay_figure(found: ContrastMap, drawn: NDArray[np.uint8], title: str, sim
     from matplotlib.lines import Line2D
 
     title = f"Contrast detection probability at the edges of {shortened(title, 40)}"
-    height, width = found.shape_px
-    figure = ImageFigure.of((width, height), title, simulated, below_in=_LEGEND_IN)
+    figure = ImageFigure.of(found.luminance, title, simulated, below_in=_LEGEND_IN)
     # Fine lines need more pixels than a page has.
     figure.figure.set_dpi(1.5 * DPI)
     figure.axes.imshow(drawn, extent=figure.extent, interpolation="antialiased")

@@ -128,9 +128,9 @@ def map_cut(image: NDArray[np.floating[Any]], size_px: int) -> tuple[Labels, NDA
 
 def mean_of(labels: Labels, pattern: NDArray[Any], n: int) -> Floats:
     """Mean of a pattern over each of `n` regions; what is not finite counts as 0."""
-    finite = np.where(np.isfinite(pattern), pattern, 0.0)
-    sums = np.bincount(labels.ravel(), weights=finite.ravel(), minlength=n)
-    return np.asarray(sums / np.bincount(labels.ravel(), minlength=n))
+    from scipy import ndimage
+
+    return np.asarray(ndimage.mean(np.where(np.isfinite(pattern), pattern, 0.0), labels, np.arange(n)))
 
 
 def statistics(

@@ -126,9 +126,12 @@ class Resting(Followed):
 class FollowingTracker:
     """Follows each region; a lost one is also searched at the position predicted by the others."""
 
-    def __init__(self, grey: NDArray[Any], rois: Sequence[Roi], planar: Sequence[bool]) -> None:
-        self._scale = scale_of(grey)
-        sight = Sight(grey, self._scale)
+    def __init__(
+        self, grey: NDArray[Any], levels: tuple[float, float], rois: Sequence[Roi], planar: Sequence[bool]
+    ) -> None:
+        black, scale = levels
+        self._levels = black, scale if grey.dtype == np.uint8 else scale_of(grey)
+        sight = Sight(grey, *self._levels)
         self._scene = SceneWatch(sight)
         self._followers = tuple(
             _follower(sight, roi, self._scene, planar=flat) for roi, flat in zip(rois, planar, strict=True)
@@ -140,7 +143,7 @@ class FollowingTracker:
 
     def update(self, grey: NDArray[Any]) -> tuple[TrackedRoi, ...]:
         """Find the regions in the next frame; see `Tracker`."""
-        sight = Sight(grey, self._scale)
+        sight = Sight(grey, *self._levels)
         scene = self._scene.look(sight)
         for follower in self._followers:
             follower.follow(sight, scene)

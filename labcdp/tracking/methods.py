@@ -71,7 +71,12 @@ def method_among(method: str, names: Sequence[str], chosen: Sequence[str]) -> st
     return own[0] if len(set(own)) == 1 else ",".join(f"{name}={found[name]}" for name in chosen)
 
 
-def make_tracker(method: str | Sequence[str], grey: NDArray[Any], rois: Sequence[Roi]) -> Tracker:
+def make_tracker(
+    method: str | Sequence[str],
+    grey: NDArray[Any],
+    rois: Sequence[Roi],
+    levels: tuple[float, float] = (0.0, 1.0),
+) -> Tracker:
     """Make a tracker that has seen the first frame.
 
     Parameters
@@ -91,6 +96,8 @@ def make_tracker(method: str | Sequence[str], grey: NDArray[Any], rois: Sequence
         First frame.
     rois : sequence of Roi
         Regions in it.
+    levels : (float, float)
+        Black level of the frames, and steps of a full range for each of theirs: 16 and 255/219 of limited Y'.
 
     Returns
     -------
@@ -112,13 +119,15 @@ def make_tracker(method: str | Sequence[str], grey: NDArray[Any], rois: Sequence
             raise InputError(f"{names.count(name)} regions are called {name!r}: give each a name of its own")
     for roi in rois:
         roi.mask((first.shape[0], first.shape[1]))
-    return Tracker(first, rois, methods)
+    return Tracker(first, rois, methods, levels)
 
 
 class Tracker:
     """Finds regions in frame after frame; made by `make_tracker`."""
 
-    def __init__(self, first: NDArray[Any], rois: Sequence[Roi], methods: Sequence[str]) -> None:
+    def __init__(
+        self, first: NDArray[Any], rois: Sequence[Roi], methods: Sequence[str], levels: tuple[float, float]
+    ) -> None:
         self._shape, self._dtype = (first.shape[0], first.shape[1]), first.dtype
         self._fixed = [
             _Fixed(first, roi) if method == "fixed" else None for roi, method in zip(rois, methods, strict=True)
@@ -126,7 +135,7 @@ class Tracker:
         followed = [
             (roi, method == "homography") for roi, method in zip(rois, methods, strict=True) if method != "fixed"
         ]
-        self._following = FollowingTracker(first, *zip(*followed, strict=True)) if followed else None
+        self._following = FollowingTracker(first, levels, *zip(*followed, strict=True)) if followed else None
 
     def update(self, grey: NDArray[Any]) -> tuple[TrackedRoi, ...]:
         """Find the regions in the next frame; one result a region, in the order given at the start.

@@ -30,12 +30,13 @@ class Sight:
     ----------
     frame : ndarray of uint8 or uint16, shape (height, width)
         Its DN.
-    scale : float
-        Factor on them.
+    black, scale : float
+        Level that is subtracted from them, and factor on the rest.
     """
 
     frame: NDArray[Any]
-    scale: float = 1.0
+    black: float
+    scale: float
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -76,13 +77,13 @@ class Sight:
         return 1 / max(1, -(-max(self.shape) // _SMALL))
 
     def _scaled(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
-        return values if self.scale == 1 else values * np.float32(self.scale)
+        if self.scale == 1 and self.black == 0:
+            return values
+        return (values - np.float32(self.black)) * np.float32(self.scale)
 
 
 def scale_of(frame: NDArray[Any]) -> float:
-    """Factor that gives a frame of more than 8 bits the noise of one of 8 bits, estimated from its middle."""
-    if frame.dtype == np.uint8:
-        return 1.0
+    """Factor that gives a frame the noise of one of 8 bits, estimated from its middle."""
     top, left = (max(side - _SAMPLE, 0) // 2 for side in frame.shape)
     return _NOISE_DN / noise_dn(frame[top : top + _SAMPLE, left : left + _SAMPLE].astype(np.float32))
 

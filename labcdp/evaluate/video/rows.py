@@ -283,8 +283,9 @@ def _region(pixels: StoredPixels, conversion: PictureConversion, roi: Roi) -> Re
     if pixels.part is not None and conversion.unit == "relative":
         # Nothing but the pixel itself decides its light.
         window = roi.window(pixels.shape)
-        light = conversion.convert(pixels.part(window))
-        return RegionPixels.of_part(light, roi, window, _mask(roi, pixels.shape), dn=None)
+        part = pixels.part(window)
+        dn = part.dn if part.dn.dtype == np.uint8 else None
+        return RegionPixels.of_part(conversion.convert(part), roi, window, _mask(roi, pixels.shape), dn=dn)
     frame = pixels.frame
     # A pixel of the map stands for a group of the colour filter.
     group = 1 if frame.colour_filter is None else 2

@@ -10,11 +10,9 @@ from functools import partial
 from itertools import islice, repeat
 from typing import Any, TypeVar
 
-from numpy.typing import NDArray
-
 from ...core.errors import InputError
 from ...core.roi import Roi
-from ...files.video.source import VideoFrame, VideoSource, frames_of
+from ...files.video.source import StoredPixels, VideoFrame, VideoSource, frames_of
 from ...report.text import finding_text
 from ...tracking import NotFollowedError, TrackedRoi, Tracker, make_tracker
 from .rows import FollowedFrame, PartRun
@@ -120,7 +118,7 @@ class VideoRun:
                     remedy = f"draw them in frame {frame.number}, the first whole one, and start there"
                     raise InputError(f"{self._why(unseen)}; {remedy}")
                 if tracker is None:
-                    tracker = self._tracker(frame.pixels.followed)
+                    tracker = self._tracker(frame.pixels)
                     regions = {roi: TrackedRoi(roi, 1.0, False) for roi in self._methods}
                     self._begun = True
                 else:
@@ -138,11 +136,11 @@ class VideoRun:
         text = "" if frame.fault is None else finding_text(frame.fault)
         return f"frame {frame.number} of {self._source.path}, in which the regions are: {text}"
 
-    def _tracker(self, first: NDArray[Any]) -> Tracker:
+    def _tracker(self, first: StoredPixels) -> Tracker:
         """Make a tracker; a region that cannot be followed costs only its own pairs."""
         while True:
             try:
-                return make_tracker(tuple(self._methods.values()), first, tuple(self._methods))
+                return make_tracker(tuple(self._methods.values()), first.followed, tuple(self._methods), first.levels)
             except NotFollowedError as error:
                 for part in self._parts:
                     if any(roi.name == error.region for roi in part.settings.rois):

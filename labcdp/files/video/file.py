@@ -21,6 +21,7 @@ from ...core.frame import Frame
 from ...core.luminance import WHOLE, Window
 from ..picture import unused_options
 from ..read import PictureOptions, frame_of_pixels
+from ..stored_image import upright
 from .decoding import Shown, shown_frames
 from .pixels import Pixels, learn_pixels
 from .source import StoredPixels, VideoFrame, VideoSource, require_frames, stored_pixels
@@ -55,19 +56,22 @@ class _Frames:
                 yield VideoFrame(shown.number, shown.time_s, fault, partial(self.stored, shown), note)
 
     def stored(self, shown: Shown) -> StoredPixels:
-        """Pixels of a decoded frame; colours wait until they are asked for, and are followed by Y'."""
+        """Pixels of a decoded frame: only those that are asked for are converted; Y' is followed as it is stored."""
         if shown.frame is None:
             raise InputError("it cannot be decoded")
-        planes = self.pixels.planes(shown.frame)
-        if self.pixels.kind == "luma":
-            return stored_pixels(self._grey(self.pixels.luma(planes[0]), shown.number))
-        of_colours = partial(self._of_colours, planes, shown.number)
-        if self.pixels.kind == "rgb":
-            return stored_pixels(of_colours(WHOLE))
-        part = of_colours if self.pixels.orientation == 1 else None
-        return StoredPixels(planes, self.pixels.luma(planes[0]), partial(of_colours, WHOLE), part)
+        planes, pixels = self.pixels.planes(shown.frame), self.pixels
+        if pixels.kind == "luma":
+            planes = planes[:1]
+        part = partial(self._grey if pixels.kind == "luma" else self._of_colours, planes, shown.number)
+        if pixels.kind == "rgb" or (pixels.kind == "luma" and pixels.bits > 8):
+            return stored_pixels(part(WHOLE))
+        followed = upright(planes[0], pixels.orientation)
+        return StoredPixels(
+            planes, followed, pixels.levels, partial(part, WHOLE), part if pixels.orientation == 1 else None
+        )
 
-    def _grey(self, dn: NDArray[Any], number: int) -> Frame:
+    def _grey(self, planes: Sequence[NDArray[Any]], number: int, window: Window) -> Frame:
+        dn = self.pixels.luma(planes[0][window])
         # There is no other reference to the pixels: they need not be copied.
         dn.flags.writeable = False
         if dn.dtype == np.uint8:

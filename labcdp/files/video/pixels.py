@@ -73,6 +73,12 @@ class Pixels:
         """Encoding of the DN of frames: luminance of colours is linear."""
         return self.stored if self.kind == "luma" else "linear"
 
+    @property
+    def levels(self) -> tuple[float, float]:
+        """Stored Y' of black, and full-range Y' for each step of it."""
+        unit = 2 ** (self.bits - 8)
+        return (16.0 * unit, (2**self.bits - 1) / (219 * unit)) if self.limited else (0.0, 1.0)
+
     def planes(self, frame: Any) -> tuple[NDArray[Any], ...]:
         """Numbers of a decoded frame as they are stored.
 
@@ -121,8 +127,8 @@ class Pixels:
     @cached_property
     def _grey(self) -> NDArray[np.float64]:
         """Full-range Y' of each stored value (ITU-R BT.601 and BT.709: 16 to 235 of 8 bits)."""
-        values = np.arange(2**self.bits, dtype=float)
-        return (values / 2 ** (self.bits - 8) - 16) * (2**self.bits - 1) / 219 if self.limited else values
+        black, step = self.levels
+        return (np.arange(2**self.bits, dtype=float) - black) * step
 
     @cached_property
     def _parts(self) -> NDArray[np.float32]:

@@ -29,6 +29,8 @@ class StoredPixels:
         All numbers that decide them.
     followed : ndarray of uint8 or uint16, shape (height, width)
         What trackers look at.
+    levels : (float, float)
+        Black level of that, and DN of full range for each of its own.
     whole : callable
         Makes the frame.
     part : callable or None
@@ -37,6 +39,7 @@ class StoredPixels:
 
     planes: tuple[NDArray[Any], ...]
     followed: NDArray[Any]
+    levels: tuple[float, float]
     whole: Callable[[], Frame]
     part: Callable[[Window], Frame] | None = None
 
@@ -64,7 +67,7 @@ def stored_pixels(frame: Frame) -> StoredPixels:
         import cv2
 
         followed = np.asarray(cv2.blur(frame.dn, (2, 2)))
-    return StoredPixels((frame.dn,), followed, lambda: frame)
+    return StoredPixels((frame.dn,), followed, (0.0, 1.0), lambda: frame)
 
 
 @dataclass(frozen=True, eq=False)

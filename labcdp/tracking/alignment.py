@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import hypot, isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,9 +88,10 @@ class Aligner:
         self._coarse, self._fine = (Level(template, self.values, planar, coarse) for coarse in (True, False))
         dx, dy = gradients(self.values)
         # How far an own pixel may change before something else is seen there: on what is not uniform more.
-        own = self.template.inside
-        uneven = float(self.values.ravel()[own].std()) if own.any() else 0.0
-        self._uneven = max(uneven**2 - self.template.noise_dn**2, 0.0) ** 0.5 + np.hypot(dx, dy).ravel()[own]
+        self._own = np.flatnonzero(self.template.inside)
+        uneven = float(self.values.ravel()[self._own].std()) if self._own.size else 0.0
+        uneven = max(uneven**2 - self.template.noise_dn**2, 0.0) ** 0.5
+        self._uneven = np.float32(uneven) + np.hypot(dx, dy).ravel()[self._own]
         self._carries = (np.abs(self.values - self.values.mean()) + 2 * np.hypot(dx, dy)).ravel()
         self._trust = template.trust.ravel()
         self._trust_least = _TRUST_KEPT * self._trust**2
@@ -131,49 +133,50 @@ class Aligner:
         self._spread_trust()
 
     def _judged(self, view: View, place: Matrix, light: GainOffset | None) -> Fit | None:
+        from .judging_kernel import agreement
+
         seen = self._fine.look(view, place, light)
         if seen is None:
             return None
         noise, structure = self._fine.noise * (1 + 1 / seen.gain**2) ** 0.5, self._fine.structure
-        squared = np.square(seen.residuals / np.float32(np.hypot(_AGREES_NOISE * noise, _AGREES_STRUCTURE * structure)))
-        agrees = 1 / (1 + squared * squared)
-        found = float(self._carries @ (seen.trusted * agrees)) / max(float(self._carries @ self._fine.trust), 1e-9)
+        factor = 1 / hypot(_AGREES_NOISE * noise, _AGREES_STRUCTURE * structure)
+        agrees, found, n_inside = agreement(seen.residuals, seen.trusted, self._carries, factor)
         # Whatever there is agrees with noise as strong as the structure.
-        quality = found * min(1.0, (structure / max(_AGREES_NOISE * noise, 1e-9)) ** 2)
-        inside = seen.trusted > 0
-        values = seen.values.reshape(self.template.shape)
-        shown = values if inside.all() else np.where(inside.reshape(values.shape), values, np.float32(np.nan))
+        quality = found / self._carried * min(1.0, (structure / max(_AGREES_NOISE * noise, 1e-9)) ** 2)
         return Fit(
             view.to_image @ place,
             quality,
             (seen.gain, seen.offset),
-            self._covered(seen, inside, float(np.hypot(_COVERED_NOISE * noise, _COVERED_STRUCTURE * structure))),
-            float(inside.mean()),
-            np.where(inside, agrees, np.float32(np.nan)),
-            values,
-            self._outline.heights(shown, seen.gain),
+            self._covered(seen, hypot(_COVERED_NOISE * noise, _COVERED_STRUCTURE * structure)),
+            n_inside / agrees.size,
+            agrees,
+            seen.values.reshape(self.template.shape),
+            self._outline.heights(seen),
         )
 
-    def _covered(self, seen: Seen, inside: NDArray[np.bool_], most: float) -> float:
+    def _covered(self, seen: Seen, most: float) -> float:
         """Share of the region's own pixels in the image that are more than `most` off their median."""
-        there = inside[self.template.inside]
-        if np.count_nonzero(there) < _OWN_LEAST:
-            return 0.0
-        own = seen.residuals[self.template.inside]
-        return float(np.mean((np.abs(own - np.median(own[there])) > most + self._uneven)[there]))
+        there = seen.trusted[self._own] > 0
+        return _share_off(seen.residuals[self._own][there], most + self._uneven[there])
 
     def changed(self, before: NDArray[np.float32], after: NDArray[np.float32]) -> float:
         """Share of the region's own pixels that changed from one frame to the next, both in the light of the first."""
-        change = (after - before).ravel()[self.template.inside]
-        if change.size < _OWN_LEAST:
-            return 0.0
-        most = float(np.hypot(_COVERED_NOISE * 2**0.5 * self._fine.noise, _COVERED_STRUCTURE * self._fine.structure))
-        return float(np.mean(np.abs(change - np.median(change)) > most + self._uneven))
+        most = hypot(_COVERED_NOISE * 2**0.5 * self._fine.noise, _COVERED_STRUCTURE * self._fine.structure)
+        return _share_off((after - before).ravel()[self._own], most + self._uneven)
 
     def _spread_trust(self) -> None:
         trust = self._trust.reshape(self.template.shape)
         self._coarse.trust_in(trust)
         self._fine.trust_in(trust)
+        self._carried = max(float(self._carries @ self._fine.trust), 1e-9)
+
+
+def _share_off(values: NDArray[np.float32], most: NDArray[np.float32]) -> float:
+    """Share of values that are more than `most` off their median."""
+    if values.size < _OWN_LEAST:
+        return 0.0
+    middle = np.partition(values, values.size // 2)[values.size // 2]
+    return float(np.count_nonzero(np.abs(values - middle) > most)) / values.size
 
 
 #: Parts of a turn around the region in which its outline is looked at.
@@ -202,6 +205,8 @@ class Outline:
     def __init__(self, template: Template, values: NDArray[np.float32]) -> None:
         import cv2
 
+        from .judging_kernel import Edges
+
         patch = template.patch.astype(np.uint8)
         square = np.ones((5, 5), np.uint8)
         edged = (cv2.dilate(patch, square) > 0) & (cv2.erode(patch, square) == 0)
@@ -211,38 +216,46 @@ class Outline:
         turn = np.arctan2(y - middle[1], x - middle[0]) / (2 * np.pi) + 0.5
         parts = np.minimum((_PARTS * turn).astype(int), _PARTS - 1)
         length = np.bincount(parts[rim.ravel()], minlength=_PARTS).astype(np.float64)
-        self._near = np.flatnonzero(edged.ravel())
-        self._parts = parts[self._near]
+        near = np.flatnonzero(edged.ravel())
         dx, dy = gradients(values)
-        self._slopes = dx.ravel()[self._near], dy.ravel()[self._near]
-        self._energies = self._sums(self._slopes[0] ** 2 + self._slopes[1] ** 2)
+        self._edges, self._width = Edges(near, parts[near], dx.ravel()[near], dy.ravel()[near]), template.shape[1]
+        squares = np.square(self._edges.across) + np.square(self._edges.down)
+        self._energies = np.bincount(self._edges.parts, squares, _PARTS).astype(np.float64)
         clear = self._energies > _STEP_ENERGY * length * (_CLEAR * template.noise_dn) ** 2
-        self._length = np.where(clear, length, 0.0)
+        self._length = np.where(clear, length, 0.0).tolist()
         self._enough = _LEAST * float(length.sum())
         self._usual = np.ones(_PARTS)
 
-    def heights(self, values: NDArray[np.float32], gain: float) -> NDArray[np.float64]:
-        """Heights in a view under the template, shape (h, w), over those in the first frame; nan outside the image."""
-        dx, dy = gradients(values)
-        sums = self._sums(dx.ravel()[self._near] * self._slopes[0] + dy.ravel()[self._near] * self._slopes[1])
+    def heights(self, seen: Seen) -> NDArray[np.float64]:
+        """Heights in what is seen under the template over those in the first frame; nan outside the image."""
+        from .judging_kernel import height_sums
+
+        sums = height_sums(seen.values, seen.trusted, self._width, self._edges, _PARTS)
         # Before a background that moves otherwise an edge may change its sign.
-        heights: NDArray[np.float64] = np.abs(sums) / (gain * np.maximum(self._energies, 1e-9))
+        heights: NDArray[np.float64] = np.abs(sums) / (seen.gain * np.maximum(self._energies, 1e-9))
         return heights
 
     def gone(self, heights: NDArray[np.float64]) -> float:
         """Share of the outline that had edges until now and has lost them."""
-        known = np.isfinite(heights) & (self._usual > _FAINT) & (self._length > 0)
-        length = self._length[known]
-        if length.sum() <= self._enough:
+        known = [
+            (height / usual, length)
+            for height, usual, length in zip(heights.tolist(), self._usual.tolist(), self._length, strict=True)
+            if isfinite(height) and usual > _FAINT and length > 0
+        ]
+        whole = sum(length for _, length in known)
+        if whole <= self._enough:
             return 0.0
-        kept = heights[known] / self._usual[known]
-        light = min(max(float(np.quantile(kept, _HIGHEST)), _DIMMEST), 1.0)
-        return float(length[kept < _GONE * light].sum() / length.sum())
+        light = min(max(_quantile(sorted(kept for kept, _ in known), _HIGHEST), _DIMMEST), 1.0)
+        return float(sum(length for kept, length in known if kept < _GONE * light) / whole)
 
     def learn(self, heights: NDArray[np.float64]) -> None:
         """Remember the heights of a frame in which the region was found."""
         known = np.isfinite(heights)
         self._usual[known] += _LEARNT * (np.minimum(heights[known], _HEIGHT_MOST) - self._usual[known])
 
-    def _sums(self, values: NDArray[np.float32]) -> NDArray[np.float64]:
-        return np.bincount(self._parts, values, _PARTS).astype(np.float64)
+
+def _quantile(ranked: list[float], share: float) -> float:
+    """Value that a share of the ranked ones are below, interpolated: numpy's takes longer than a whole outline."""
+    at = share * (len(ranked) - 1)
+    low = int(at)
+    return ranked[low] + (at - low) * (ranked[min(low + 1, len(ranked) - 1)] - ranked[low])

@@ -64,7 +64,7 @@ class Level:
     def __init__(self, template: Template, values: _Pixels, planar: bool, coarse: bool) -> None:
         import cv2
 
-        from .level_kernel import LevelArrays
+        from .light_kernel import LevelArrays
 
         height, width = template.shape
         size = (max((width + 1) // 2, 3), max((height + 1) // 2, 3)) if coarse else (width, height)

@@ -127,8 +127,8 @@ class Pixels:
     @cached_property
     def _grey(self) -> NDArray[np.float64]:
         """Full-range Y' of each stored value (ITU-R BT.601 and BT.709: 16 to 235 of 8 bits)."""
-        black, step = self.levels
-        return (np.arange(2**self.bits, dtype=float) - black) * step
+        values = np.arange(2**self.bits, dtype=float)
+        return (values / 2 ** (self.bits - 8) - 16) * (2**self.bits - 1) / 219 if self.limited else values
 
     @cached_property
     def _parts(self) -> NDArray[np.float32]:

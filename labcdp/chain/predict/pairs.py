@@ -110,81 +110,80 @@ def _by_rate(patch: Patch) -> NDArray[np.intp]:
 
 @dataclass(frozen=True, eq=False)
 class _BrightPatches:
-    """Bright patches of n cells: moments and, one after the other in `below`, cumulative probabilities.
+    """Bright patches of n cells: moments and, one after the other, the probability of values up to a limit.
 
-    P(value < values[first + j]) of a cell is ``below[start + j]`` for j from 0 to `size`; of bins, that below an edge,
-    and its integral from the first edge to this one is ``area[start + j]``.
+    In bin ``first + j`` of a cell, from -1 for what is below its bins to `size` for what is above, the probability is
+    ``at[start + j]`` where the bin starts and rises by ``slope[start + j]``; its integral is ``area[start + j]`` there.
+    The latter two are empty without bins over which probability is spread.
     """
 
-    below: FloatArray
+    at: FloatArray
+    slope: FloatArray
     area: FloatArray
     start: NDArray[np.intp]
     first: NDArray[np.intp]
     size: NDArray[np.intp]
+    total: FloatArray
     mean: FloatArray
     variance: FloatArray
     saturated: FloatArray
 
-    def up_to(self, table: ValueTable, cells: NDArray[np.intp], limits: FloatArray) -> FloatArray:
-        """Probability of values of at most some limits of some cells, shape (n, k); of bins, with the part below it."""
-        start, first, size = (of_all[cells, None] for of_all in (self.start, self.first, self.size))
-
-        def below(place: NDArray[np.intp]) -> FloatArray:
-            found: FloatArray = self.below.take(np.clip(place - first, 0, size) + start)
-            return found
-
-        if table.bins is None:
-            return below(np.searchsorted(table.values, limits, side="right"))
-        edges = table.bins.edges
-        whole = np.clip(np.searchsorted(edges, limits, side="right") - 1, 0, edges.size - 2)
-        part = np.clip((limits - edges[whole]) / (edges[whole + 1] - edges[whole]), 0.0, 1.0)
-        part = np.where(table.bins.exact[whole], limits >= table.values[whole], part)
-        lower = below(whole)
-        result: FloatArray = lower + part * (below(whole + 1) - lower)
-        return result
+    def up_to(self, bins: ValueBins, cells: NDArray[np.intp], limits: FloatArray) -> FloatArray:
+        """Probability of values of at most some limits of some cells, shape (n, k)."""
+        whole, place = self._place(bins, cells, limits)
+        found: FloatArray = self.at.take(place)
+        return found + (limits - bins.starts.take(whole)) * self.slope.take(place) if self.slope.size else found
 
     def mean_up_to(self, bins: ValueBins, cells: NDArray[np.intp], ends: FloatArray) -> FloatArray:
         """Mean of `up_to` over limits spread evenly between each two of some `ends`, shape (n, k); k is one less."""
-        start, first, size = (of_all[cells, None] for of_all in (self.start, self.first, self.size))
-        whole = np.clip(np.searchsorted(bins.edges, ends, side="right") - 1, first, first + size - 1)
-        place = whole - first + start
-        along, width = ends - bins.edges[whole], np.diff(bins.edges)[whole]
-        inside = np.clip(along, 0.0, width)
-        part = inside**2 / (2 * width) + np.maximum(along - width, 0.0)
-        part = np.where(bins.exact[whole], np.maximum(ends - bins.values[whole], 0.0), part)
-        lower = self.below.take(place)
-        area = self.area.take(place) + lower * along + part * (self.below.take(place + 1) - lower)
+        whole, place = self._place(bins, cells, ends)
+        along = ends - bins.starts.take(whole)
+        area = self.area.take(place) + along * (self.at.take(place) + along * self.slope.take(place) / 2)
         length = np.diff(ends, axis=1)
         return np.divide(np.diff(area, axis=1), length, out=np.zeros_like(length), where=length > 0)
+
+    def _place(
+        self, bins: ValueBins, cells: NDArray[np.intp], limits: FloatArray
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Bins that limits lie in, and where they stand in `at`."""
+        start, first, size = (of_all[cells, None] for of_all in (self.start, self.first, self.size))
+        whole = np.clip(np.searchsorted(bins.starts, limits, side="right") - 1, first - 1, first + size)
+        return whole, whole + (start - first)
 
 
 def _bright_patches(table: ValueTable, cells: Cells) -> _BrightPatches:
     count = cells.zero.size
     start, first, size = (np.empty(count, dtype=np.intp) for _ in range(3))
-    mean, variance, saturated = np.empty(count), np.empty(count), np.empty(count)
-    pieces, areas, filled = [], [], 0
+    total, mean, variance, saturated = np.empty((4, count))
+    chances: list[FloatArray] = []
+    slopes: list[FloatArray] = [np.empty(0)]
+    areas: list[FloatArray] = [np.empty(0)]
+    filled, starts, all_exact = 0, table.bins.starts, table.bins.exact
     order = _by_rate(cells.bright)
     for part, begin, share, clipped in table.blocks(*(array[order] for array in cells.bright)):
-        chosen = order[part]
-        width = share.shape[1]
-        below = np.zeros((share.shape[0], width + 1))
-        np.cumsum(share, axis=1, out=below[:, 1:])
-        start[chosen] = filled + np.arange(share.shape[0]) * (width + 1)
+        chosen, width = order[part], share.shape[1]
+        start[chosen] = filled + np.arange(len(share)) * (width + 2) + 1
         first[chosen], size[chosen] = begin, width
-        mean[chosen], variance[chosen] = _moments(table.values[begin : begin + width], share)
+        mean[chosen], variance[chosen] = _moments(table.bins.values[begin : begin + width], share)
         saturated[chosen] = np.clip(clipped, 0.0, 1.0)
-        pieces.append(below.ravel())
-        if table.bins is not None:
-            edges, values = table.bins.edges[begin : begin + width + 1], table.values[begin : begin + width]
-            wide = np.diff(edges)
-            area = np.zeros_like(below)
-            own = share * np.where(table.bins.exact[begin : begin + width], edges[1:] - values, wide / 2)
-            np.cumsum(below[:, :-1] * wide + own, axis=1, out=area[:, 1:])
-            areas.append(area.ravel())
+        below = np.zeros((len(share), width + 2))
+        np.cumsum(share, axis=1, out=below[:, 2:])
+        total[chosen] = below[:, -1]
         filled += below.size
-    return _BrightPatches(
-        np.concatenate(pieces), np.concatenate(areas or pieces), start, first, size, mean, variance, saturated
-    )
+        at = below.copy()
+        # A value that is alone in its bin is where the bin starts.
+        exact = all_exact[begin : begin + width]
+        at[:, 1:-1][:, exact] = below[:, 2:][:, exact]
+        chances.append(at.ravel())
+        if not all_exact.all():
+            wide = np.diff(starts[begin : begin + width + 1])
+            slope, area = np.zeros((2, *at.shape))
+            slope[:, 1:-1] = np.where(exact, 0.0, share / wide)
+            np.cumsum((at[:, 1:-1] + slope[:, 1:-1] * wide / 2) * wide, axis=1, out=area[:, 2:])
+            slopes.append(slope.ravel())
+            areas.append(area.ravel())
+    at, slope, area = (np.concatenate(arrays) for arrays in (chances, slopes, areas))
+    return _BrightPatches(at, slope, area, start, first, size, total, mean, variance, saturated)
 
 
 def _moments(values: FloatArray, share: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -201,25 +200,25 @@ def _evaluate(
     table: ValueTable, cells: Cells, patches: _BrightPatches, numbers: NDArray[np.intp], first: int, share: FloatArray
 ) -> tuple[FloatArray, ...]:
     """Evaluate cells, all fields but the last, whose dark patches have the probabilities `share` from `first` on."""
-    values = table.values[first : first + share.shape[1]]
-    mean, variance = _moments(values, share)
-    lit_share, signal = _lit(table, cells.zero, first, share)
+    bins, of_share = table.bins, slice(first, first + share.shape[1])
+    exact = bins.exact[of_share]
+    mean, variance = _moments(bins.values[of_share], share)
+    lit_share, signal = _lit(bins, cells.zero, first, share)
     dark_share = share.sum(axis=1) - lit_share.sum(axis=1)
     zero = cells.zero[:, None]
-    not_positive, total = (patches.up_to(table, numbers, limit)[:, 0] for limit in (zero, np.full_like(zero, np.inf)))
+    not_positive = patches.up_to(bins, numbers, zero)[:, 0]
 
     def up_to_contrast(contrast: FloatArray, nudge: float) -> FloatArray:
         factor = 1 + contrast[:, None]
         reach = signal * factor
         limits = zero + reach + nudge * (np.abs(zero) + reach)
-        if table.bins is None:
-            chance = patches.up_to(table, numbers, limits)
+        if exact.all():
+            chance = patches.up_to(bins, numbers, limits)
         else:
             # Dark values spread over a bin meet bright ones that many pixels share.
-            edges = np.maximum(table.bins.edges[first : first + values.size + 1] - zero, 0.0)
-            chance = patches.mean_up_to(table.bins, numbers, zero + edges * factor)
-            exact = table.bins.exact[first : first + values.size]
-            chance[:, exact] = patches.up_to(table, numbers, limits[:, exact])
+            edges = np.maximum(bins.edges[first : of_share.stop + 1] - zero, 0.0)
+            chance = patches.mean_up_to(bins, numbers, zero + edges * factor)
+            chance[:, exact] = patches.up_to(bins, numbers, limits[:, exact])
         # To a dark value of 0 or below each bright one above 0 has an unbounded contrast.
         reached: FloatArray = np.einsum("nk,nk->n", lit_share, chance)
         reached += dark_share * not_positive
@@ -231,20 +230,20 @@ def _evaluate(
         mean_contrast, csnr = _contrast_moments(lit_share, signal, bright_mean, bright_variance)
         snr_dark = (mean - cells.zero) / np.sqrt(variance)
         snr_bright = bright_mean / np.sqrt(bright_variance)
-    above = share.sum(axis=1) * total - up_to_high
+    above = share.sum(axis=1) * patches.total[numbers] - up_to_high
     shares = [np.clip(one, 0.0, 1.0) for one in (up_to_high - below, below, above)]
     return (*shares, mean_contrast, csnr, snr_dark, snr_bright, patches.saturated[numbers])
 
 
-def _lit(table: ValueTable, zero: FloatArray, first: int, share: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _lit(bins: ValueBins, zero: FloatArray, first: int, share: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Probability of dark values above `zero`, and how far above it they are, both of shape (cells, values)."""
     last = first + share.shape[1]
-    signal = table.values[first:last] - zero[:, None]
-    if table.bins is None:
+    exact = bins.exact[first:last]
+    signal = bins.values[first:last] - zero[:, None]
+    if exact.all():
         return np.where(signal > 0, share, 0.0), np.maximum(signal, 0.0)
-    edges = table.bins.edges[first : last + 1]
+    edges = bins.edges[first : last + 1]
     above = np.maximum(edges - zero[:, None], 0.0)
-    exact = table.bins.exact[first:last]
     part = np.where(exact, signal > 0, np.diff(above, axis=1) / np.diff(edges))
     # Only the part of a bin that lies above zero counts, at its middle.
     cut = ~exact & (part < 1)

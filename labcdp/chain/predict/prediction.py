@@ -16,9 +16,9 @@ from .value_table import value_table
 
 FloatArray = NDArray[np.float64]
 
-#: Cells evaluated at once in a thread: their bright patches are held, up to 32 MB for each 1000 DN of a patch's width
-#: or 64 MB for each 1000 bins.
-_CHUNK = 2048
+#: Cells evaluated at once in a thread: their bright patches are held, up to 8 MB for each 1000 DN of a patch's width
+#: or 16 MB for each 1000 bins.
+_CHUNK = 512
 
 
 @dataclass(frozen=True, eq=False)

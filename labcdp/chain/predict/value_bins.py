@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 from math import ceil, hypot, lcm
 from typing import Any, Self
 
@@ -145,6 +146,16 @@ class ValueBins:
     values: FloatArray
     exact: NDArray[np.bool_]
 
+    @cached_property
+    def starts(self) -> FloatArray:
+        """Values from which the probability up to a value grows by that of each bin, and the end of the last one."""
+        return np.append(np.where(self.exact, self.values, self.edges[:-1]), self.edges[-1])
+
+    @classmethod
+    def alone(cls, values: FloatArray) -> Self:
+        """Bins of rising values that are known, one for each."""
+        return cls(np.append(values, values[-1] + 1), values, np.ones(values.size, dtype=np.bool_))
+
     @classmethod
     def of_merge(cls, method: Method, ladder: ExposureLadder, noise: Noise) -> ValueBins:
         """Bins of the merged value.
@@ -228,27 +239,18 @@ class ValueBins:
         bins.values[place], bins.exact[place] = values, True
         return bins
 
-    def _with_lattice(self, origin: float, unit: float, low: float, high: float) -> ValueBins:
+    def _with_lattice(self, origin: float, unit: float, low: float, high: float) -> Self:
         """Replace the bins between two limits by one for each value of a lattice."""
-        if high <= max(low, 0.0):
-            return self
         number = np.arange(ceil((low - origin) / unit), ceil((high - origin) / unit))
-        if number.size == 0:
+        if high <= max(low, 0.0) or number.size == 0:
             return self
         values = origin + number * unit
         values[np.abs(values) < ZERO_DN] = 0.0
         edges = origin + (np.append(number, number[-1] + 1) - 0.5) * unit
-        before = int(np.searchsorted(self.edges, edges[0] - 1e-6 * unit))
-        after = int(np.searchsorted(self.edges, edges[-1] + 1e-6 * unit))
-        bins = self._between(np.concatenate([self.edges[:before], edges, self.edges[after:]]))
-        filled = slice(before, before + number.size)
-        bins.values[filled], bins.exact[filled] = values, True
-        bins.values[-1], bins.exact[-1] = self.values[-1], True
-        # The bin before is as it was, unless the lattice cuts it.
-        touches = before < self.edges.size and self.edges[before] - edges[0] < 1e-6 * unit
-        kept = before if touches else max(before - 1, 0)
-        bins.values[:kept], bins.exact[:kept] = self.values[:kept], self.exact[:kept]
-        return bins
+        before, after = np.searchsorted(self.edges, [edges[0] - 1e-6 * unit, edges[-1] + 1e-6 * unit])
+        # The last bin may be one of the lattice's; most that is in it is clipped.
+        alone = np.append(values, self.values[-1])
+        return self._with_edges(np.concatenate([self.edges[:before], edges, self.edges[after:]]), alone)
 
 
 def _spread(method: Method, ladder: ExposureLadder, dn: FloatArray, dark_dn: float) -> FloatArray:

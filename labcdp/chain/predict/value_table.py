@@ -34,26 +34,20 @@ class ValueTable:
 
     Parameters
     ----------
-    values : ndarray, shape (k,)
-        Values, rising: DN as the camera gives them (see `CameraModel`), the middles of bins, or decoded codes.
-    bins : ValueBins or None
-        The bins; None where all values are exact.
+    bins : ValueBins
+        Values, k of them: DN as the camera gives them (see `CameraModel`), decoded codes, or bins of many values.
     rows : csr_array, shape (nodes, k)
         Probabilities at the nodes of the grid that are used.
     saturated : ndarray, shape (nodes,)
         Share of saturated pixels at each node.
     grid : RateGrid
         Rates of photo-electrons of the nodes.
-    prnu : tuple of ndarray
-        Gains of pixels, and how frequent each is.
     """
 
-    values: FloatArray
-    bins: ValueBins | None
+    bins: ValueBins
     rows: csr_array
     saturated: FloatArray
     grid: RateGrid
-    prnu: tuple[FloatArray, FloatArray]
 
     def blocks(
         self, rates_e_s: FloatArray, shares: FloatArray | None = None
@@ -80,21 +74,19 @@ class ValueTable:
         """
         from scipy.sparse import csr_array
 
-        gains, frequency = self.prnu
         rates = rates_e_s.reshape(len(rates_e_s), -1)
         shares = np.ones(rates.shape) if shares is None else shares
         for begin in range(0, len(rates), _BLOCK):
             part = slice(begin, min(begin + _BLOCK, len(rates)))
             count = part.stop - begin
-            index, weight = self.grid.stencil(np.multiply.outer(rates[part], gains).ravel())
-            weight *= np.multiply.outer(shares[part], frequency).reshape(-1, 1)
+            index, weight = self.grid.stencil(rates[part].ravel())
+            weight *= shares[part].reshape(-1, 1)
             low, high = int(index.min()), int(index.max()) + 1
-            place = index - low + np.repeat(np.arange(count) * (high - low), index.shape[0] // count)[:, None]
-            mix = np.bincount(place.ravel(), weight.ravel(), minlength=count * (high - low)).reshape(count, -1)
             first, rows = dense_rows(self.rows, low, high)
+            starts = np.arange(count + 1) * (index.size // count)
             # A product of dense matrices would start threads of its own in each of ours.
-            sparse = csr_array(mix)
-            yield part, first, np.asarray(sparse @ rows), np.asarray(sparse @ self.saturated[low:high])
+            mix = csr_array((weight.ravel(), index.ravel() - low, starts), shape=(count, high - low))
+            yield part, first, np.asarray(mix @ rows), np.asarray(mix @ self.saturated[low:high])
 
 
 def value_table(camera: CameraModel, rates_e_s: FloatArray) -> ValueTable:
@@ -115,33 +107,46 @@ class _TableMaker:
     camera: CameraModel
 
     def table(self, rates_e_s: FloatArray) -> ValueTable:
+        camera, grid = self.camera, self._grid
+        (gains, gain_shares), (dark, dark_shares) = self._gains, self._dark
+        index, _ = grid.stencil(rates_e_s)
+        by_gain, used = self._mixing(np.unique(index), np.multiply.outer(grid.rates_e_s, gains), gain_shares)
+        by_dark, used = self._mixing(used, np.add.outer(grid.rates_e_s, camera.dark_e_s * dark), dark_shares)
+        totals = grid.rates_e_s + (camera.dark_e_s if by_dark is None else 0.0)
+        bins, rows, saturated = self._rows(totals, used)
+        for mixing in (by_dark, by_gain):
+            if mixing is not None:
+                rows, saturated = mixing @ rows, np.asarray(mixing @ saturated)
+        return ValueTable(bins, rows, saturated, grid)
+
+    def _mixing(
+        self, nodes: NDArray[np.intp], mean_e_s: FloatArray, shares: FloatArray
+    ) -> tuple[csr_array | None, NDArray[np.intp]]:
+        """Weights of all nodes in the pixels that have each of some mean rates at some nodes, and the nodes needed.
+
+        None where all pixels are alike.
+        """
         from scipy.sparse import csr_array
 
-        camera, grid = self.camera, self._grid
-        gains, frequency = self._gains
-        used = self._between(rates_e_s * gains.min(), rates_e_s * gains.max())
-        dark, dark_frequency = self._dark
-        if dark.size == 1:
-            pick, totals = None, grid.rates_e_s + camera.dark_e_s
-        else:
-            mean = np.add.outer(grid.rates_e_s[used], camera.dark_e_s * dark)
-            index, weight = grid.stencil(mean.ravel())
-            weight = weight * np.tile(dark_frequency, used.size)[:, None]
-            node = np.repeat(used, dark.size * index.shape[1])
-            shape = (grid.roots.size, grid.roots.size)
-            pick = csr_array((weight.ravel(), (node, index.ravel())), shape=shape)
-            used, totals = np.unique(index), grid.rates_e_s
-        values, bins, rows, saturated = self._rows(totals, used)
-        if pick is not None:
-            rows, saturated = pick @ rows, np.asarray(pick @ saturated)
-        return ValueTable(values, bins, rows, saturated, grid, (gains, frequency))
+        if shares.size == 1:
+            return None, nodes
+        index, weight = self._grid.stencil(mean_e_s[nodes].ravel())
+        weight = weight * np.tile(shares, nodes.size)[:, None]
+        node = np.repeat(nodes, shares.size * index.shape[1])
+        mixing = csr_array((weight.ravel(), (node, index.ravel())), shape=(len(mean_e_s), len(mean_e_s)))
+        return mixing, np.unique(index)
 
     @cached_property
     def _grid(self) -> RateGrid:
-        sensor = self.camera.sensor
-        readout = Readout.of(sensor, self.camera.settings.gain_db, total_noise_e(sensor))
         # Quasi-Monte Carlo errs by more than what wider steps do.
-        return RateGrid(self.camera.exposures_s, readout.certain_e(0.0), 0.4 if self._mixes else 0.25)
+        step = 0.4 if self._mixes else 0.25
+        return RateGrid(self.camera.exposures_s, self._certain_e / self._gains[0].min(), step)
+
+    @cached_property
+    def _certain_e(self) -> float:
+        """Mean electrons of a pixel of gain 1 from which on the outcome of an exposure is certain."""
+        sensor = self.camera.sensor
+        return Readout.of(sensor, self.camera.settings.gain_db, total_noise_e(sensor)).certain_e(0.0)
 
     @property
     def _mixes(self) -> bool:
@@ -151,9 +156,11 @@ class _TableMaker:
     @cached_property
     def _gains(self) -> tuple[FloatArray, FloatArray]:
         """Gains of pixels for light (PRNU)."""
-        spread = self.camera.sensor.prnu_rel
+        spread, exposures_s = self.camera.sensor.prnu_rel, self.camera.exposures_s
+        # Square root of the most electrons that all exposures not saturated hold together.
+        root = max(sqrt(self._certain_e / t * sum(exposures_s[i:])) for i, t in enumerate(exposures_s))
         # Rates just beyond saturation reach back to it.
-        nodes, frequency = normal_nodes(spread * (1 + 8 * spread) * self._largest_root)
+        nodes, frequency = normal_nodes(spread * (1 + 8 * spread) * root)
         return 1 + spread * nodes, frequency
 
     @cached_property
@@ -167,35 +174,16 @@ class _TableMaker:
         # Shot noise of the dark current itself is the least there is.
         return gamma_nodes(order, sqrt(dark_e))
 
-    @property
-    def _largest_root(self) -> float:
-        """Square root of the most electrons that all exposures not saturated hold together."""
-        exposures_s, certain_e = self.camera.exposures_s, self._grid.certain_e
-        return max(sqrt(certain_e / t * sum(exposures_s[i:])) for i, t in enumerate(exposures_s))
-
-    def _between(self, low_e_s: FloatArray, high_e_s: FloatArray) -> NDArray[np.intp]:
-        """Nodes that interpolation anywhere between some limits uses."""
-        first = self._grid.stencil(low_e_s)[0].min(axis=1)
-        last = self._grid.stencil(high_e_s)[0].max(axis=1)
-        change = np.bincount(first, minlength=self._grid.roots.size + 1)
-        change = change - np.bincount(last + 1, minlength=self._grid.roots.size + 1)
-        return np.flatnonzero(np.cumsum(change) > 0)
-
-    def _rows(
-        self, totals_e_s: FloatArray, used: NDArray[np.intp]
-    ) -> tuple[FloatArray, ValueBins | None, csr_array, FloatArray]:
-        """Values, bins, probabilities and saturated share at total rates, dark current included."""
+    def _rows(self, totals_e_s: FloatArray, used: NDArray[np.intp]) -> tuple[ValueBins, csr_array, FloatArray]:
+        """Values, probabilities and saturated share at total rates, dark current included."""
         camera, tone_curve = self.camera, self.camera.tone_curve
         if self._mixes:
-            bins, rows, saturated = self._binned_rows(totals_e_s, used)
-            values = _decoded(tone_curve) if bins is None else bins.values
-            return values, bins, rows, saturated
+            return self._binned_rows(totals_e_s, used)
         values, rows = self._exact_rows(totals_e_s, used)
         saturated = np.asarray(rows @ (values >= camera.saturation_dn).astype(np.float64))
-        if tone_curve is not None:
-            rows = rows @ indicator(tone_curve.encode(values), 2**tone_curve.bits)
-            values = _decoded(tone_curve)
-        return values, None, rows, saturated
+        if tone_curve is None:
+            return ValueBins.alone(values), rows, saturated
+        return _codes(tone_curve), rows @ indicator(tone_curve.encode(values), 2**tone_curve.bits), saturated
 
     def _exact_rows(self, totals_e_s: FloatArray, used: NDArray[np.intp]) -> tuple[FloatArray, csr_array]:
         """Whole DN of a single exposure, or of a merge that takes one of them."""
@@ -231,10 +219,8 @@ class _TableMaker:
                 open_share *= share @ np.where(taken, 0.0, 1.0)
         return values[order], spread_rows(total, used, totals_e_s.size)
 
-    def _binned_rows(
-        self, totals_e_s: FloatArray, used: NDArray[np.intp]
-    ) -> tuple[ValueBins | None, csr_array, FloatArray]:
-        """Bins of a merge that mixes exposures (None for codes), probabilities, and the share clipped in all."""
+    def _binned_rows(self, totals_e_s: FloatArray, used: NDArray[np.intp]) -> tuple[ValueBins, csr_array, FloatArray]:
+        """Bins of a merge that mixes exposures, probabilities, and the share clipped in all."""
         camera = self.camera
         assert camera.hdr is not None
         sensor, ladder, tone_curve = camera.sensor, camera.ladder, camera.tone_curve
@@ -243,7 +229,7 @@ class _TableMaker:
         exposures = list(zip(*by_exposure, strict=True))
         net_dn = np.arange(2.0**sensor.bits) - sensor.black_level_dn
         merge = partial(merged_rows, camera.hdr.method, ladder, ExposureRows(exposures, frequency, net_dn))
-        bins, saturated = None, np.zeros(totals_e_s.size)
+        saturated = np.zeros(totals_e_s.size)
         if tone_curve is None:
             noise = Noise(
                 ladder.k_dn_per_e * sensor.read_noise_e,
@@ -253,6 +239,7 @@ class _TableMaker:
             bins = ValueBins.of_merge(camera.hdr.method, ladder, noise)
             rows = merge(bins.edges)
         else:
+            bins = _codes(tone_curve)
             rows = merge(np.concatenate([[-np.inf], tone_curve.first_dn[1:], [tone_curve.top_dn, np.inf]]))
             clipped_by_curve = np.asarray(rows[:, [-1]].todense()).ravel()
             rows = rows @ indicator(np.minimum(np.arange(rows.shape[1]), rows.shape[1] - 2), rows.shape[1] - 1)
@@ -284,7 +271,6 @@ class _TableMaker:
         return spread_e * nodes, frequency
 
 
-def _decoded(tone_curve: ToneCurve | None) -> FloatArray:
-    """Values of all codes, rising."""
-    assert tone_curve is not None
-    return tone_curve.decode(np.arange(2**tone_curve.bits))
+def _codes(tone_curve: ToneCurve) -> ValueBins:
+    """Return the decoded values of all codes."""
+    return ValueBins.alone(tone_curve.decode(np.arange(2**tone_curve.bits)))

@@ -128,13 +128,10 @@ def _around(
     """Return the sides of the squares at a corner along columns and rows, or None where no neighbour is known."""
     sides = []
     for i, j in ((0, 1), (1, 0)):
-        after, before = corners.get((at[0] + i, at[1] + j)), corners.get((at[0] - i, at[1] - j))
-        if after is not None and before is not None:
-            sides.append((after - before) / 2)
-        elif after is not None:
-            sides.append(after - corners[at])
-        elif before is not None:
-            sides.append(corners[at] - before)
+        near = {sign: (at[0] + sign * i, at[1] + sign * j) for sign in (1, -1)}
+        steps = [sign * (corners[other] - corners[at]) for sign, other in near.items() if other in corners]
+        if steps:
+            sides.append(np.mean(steps, axis=0))
     return (sides[0], sides[1]) if len(sides) == 2 else None
 
 

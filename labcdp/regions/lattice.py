@@ -85,24 +85,18 @@ def largest_lattice(patches: Sequence[Patch]) -> dict[At, Patch]:
 
 def places_between(chart: Mapping[At, Patch]) -> dict[At, _Array]:
     """Return corners, shape (4, 2), for places without a patch between two others of a row or a column."""
-    rows, columns = ({at[axis] for at in chart} for axis in (0, 1))
-    missing = [
-        (i, j)
-        for i in range(min(rows), max(rows) + 1)
-        for j in range(min(columns), max(columns) + 1)
-        if (i, j) not in chart and (_has_both(chart, (i, j), 0) or _has_both(chart, (i, j), 1))
-    ]
-    at = np.array(list(chart), dtype=np.float64)[:, ::-1]
-    grids = [_Grid(at, np.array([patch.corners[corner] for patch in chart.values()])) for corner in range(4)]
-    return {
-        (i, j): np.array([grid.places(np.array([[j, i]], dtype=np.float64))[0] for grid in grids]) for i, j in missing
-    }
-
-
-def _has_both(chart: Mapping[At, Patch], at: At, axis: int) -> bool:
-    """Whether there are patches before and after a place in its row (axis 1) or column (axis 0)."""
-    line = [other[axis] for other in chart if other[1 - axis] == at[1 - axis]]
-    return bool(line) and min(line) < at[axis] < max(line)
+    at = np.array(list(chart))
+    first = at.min(axis=0)
+    taken = np.zeros(np.ptp(at, axis=0) + 1, dtype=np.bool_)
+    taken[tuple((at - first).T)] = True
+    after = np.maximum.accumulate
+    # With patches before and after in the column (axis 0) or row (axis 1).
+    columns, rows = (after(taken, axis) & np.flip(after(np.flip(taken, axis), axis), axis) for axis in (0, 1))
+    missing = np.argwhere((rows | columns) & ~taken) + first
+    corners = np.array([patch.corners for patch in chart.values()])
+    grids = [_Grid(at[:, ::-1].astype(np.float64), corners[:, corner]) for corner in range(4)]
+    places = np.stack([grid.places(missing[:, ::-1].astype(np.float64)) for grid in grids], axis=1)
+    return {(int(i), int(j)): place for (i, j), place in zip(missing, places, strict=True)}
 
 
 def _alike(sides: _Array, seed: int) -> NDArray[np.bool_]:

@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import InputError, LabcdpError
+from ...core.errors import InputError
 from ...core.luminance import WHOLE, Invalid, LuminanceMap, Window
-from ...core.result import Finding, unique, warning
+from ...core.result import Finding, unique
 from ...core.roi import Roi
+from ...files.video.selection import Position, Selection
+from ...files.video.source import VideoSource, frames_of
 from ...metrics.region import RegionPixels
 from ...report.text import Z_95, finding_text, significant, with_half_width
 from .display import block_means
@@ -24,8 +26,6 @@ if TYPE_CHECKING:
     from ...core.frame import Frame
     from ...evaluate.picture.conversion import PictureConversion
     from ...files.picture import Picture
-    from ...files.video.selection import Position
-    from ...files.video.source import VideoSource
 
 
 #: Text for an invalid pixel under the pointer.
@@ -270,16 +270,11 @@ def video_image(path: Path, at: Position, conversion: PictureConversion) -> Page
 
 def _frame(source: VideoSource, at: Position) -> tuple[int, Frame]:
     """Return the selected frame and its number."""
-    last = -1
-    for entry in source.entries():
-        last = entry.number
-        if not at.reached(entry.number, entry.time_s):
-            continue
-        fault = entry.fault
-        if fault is None:
-            try:
-                return entry.number, entry.load().frame
-            except LabcdpError as error:
-                fault = warning("frame-broken", reason=str(error))
-        raise InputError(f"frame {entry.number} of {source.path}: {finding_text(fault)}; choose another with --frame")
-    raise InputError(f"{source.path} has {last + 1} frames, 0 to {last}, and none at {at}: choose another with --frame")
+    found = next(frames_of(source, Selection(at)), None)
+    if found is None:
+        n = 1 + max((entry.number for entry in source.entries()), default=-1)
+        raise InputError(f"{source.path} has {n} frames, 0 to {n - 1}, and none at {at}: choose another with --frame")
+    if found.pixels is None or found.fault is not None:
+        fault = "" if found.fault is None else finding_text(found.fault)
+        raise InputError(f"frame {found.number} of {source.path}: {fault}; choose another with --frame")
+    return found.number, found.pixels.frame

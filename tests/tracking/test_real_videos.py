@@ -15,8 +15,7 @@ FOUND = {"box.mp4": 0.95, "cup.mp4": 0.7, "carphone_pristine.mp4": 0.9, "car-det
 @pytest.mark.long
 @pytest.mark.parametrize("name", VIDEOS)
 def test_places_are_right_or_lost(name):
-    path = file_of(name)
-    if path is None:
+    if (path := file_of(name)) is None:
         pytest.skip(f"{name} is not here: put it into the folder LABCDP_VIDEOS")
     regions = VIDEOS[name]["regions"]
     scores = {region: Score() for region in regions}
@@ -29,8 +28,7 @@ def test_places_are_right_or_lost(name):
                 continue
             (found,) = trackers[region].update(grey)
             if str(number) in known["places"]:
-                place = None if found.lost else found.roi.centre
-                scores[region].add(place, known["places"][str(number)], known["box"])
+                scores[region].add(None if found.lost else found.roi.centre, known["places"][str(number)], known["box"])
 
     assert {region: score.wrong for region, score in scores.items()} == dict.fromkeys(regions, 0)
     right, seen = (sum(getattr(score, key) for score in scores.values()) for key in ("right", "lost"))

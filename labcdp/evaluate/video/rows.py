@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ...core.disk.journal import LineJournal, Row
 from ...core.errors import InputError
 from ...core.frame import Frame
+from ...core.luminance import WHOLE
 from ...core.result import Finding, warning
 from ...core.roi import Roi
 from ...files.video.source import StoredPixels, VideoFrame
@@ -185,8 +186,7 @@ class PartRun:
         n, both = len(contrasts), (found.a, found.b)
         row: Row = {name: values[0] for name, values in taken(OF_PAIR, [found]).items()}
         row |= taken(OF_LIGHT, both) | {_INVALID: [region.invalid_shares for region in both]}
-        if n:
-            row |= taken(OF_CONTRAST, found.results[:n])
+        row |= taken(OF_CONTRAST, found.results[:n]) if n else {}
         row |= {name: values[0] for name, values in taken(OF_REFERENCE, found.results[n:]).items() if values}
         return row, [] if why is None else [why]
 
@@ -280,21 +280,16 @@ def evaluate_frame_pair(
 
 
 def _region(pixels: StoredPixels, conversion: PictureConversion, roi: Roi) -> RegionPixels:
-    if pixels.part is not None and conversion.unit == "relative":
-        # Nothing but the pixel itself decides its light.
-        window = roi.window(pixels.shape)
-        part = pixels.part(window)
-        dn = part.dn if part.dn.dtype == np.uint8 else None
-        return RegionPixels.of_part(conversion.convert(part), roi, window, _mask(roi, pixels.shape), dn=dn)
-    frame = pixels.frame
+    # Of relative light nothing but the pixel itself decides.
+    in_part = pixels.part if conversion.unit == "relative" else None
     # A pixel of the map stands for a group of the colour filter.
-    group = 1 if frame.colour_filter is None else 2
-    shape = (frame.shape[0] // group, frame.shape[1] // group)
+    group = 2 if in_part is None and pixels.frame.colour_filter is not None else 1
+    shape = pixels.shape[0] // group, pixels.shape[1] // group
     region = roi if group == 1 else Roi(roi.name, tuple((x / group, y / group) for x, y in roi.corners))
-    window, mask = region.window(shape), _mask(region, shape)
-    by_dn = group == 1 and frame.dn.dtype == np.uint8
-    light = conversion.convert(frame, window)
-    return RegionPixels.of_part(light, roi, window, mask, dn=frame.dn[window] if by_dn else None)
+    window = region.window(shape)
+    frame, inner = (pixels.frame, window) if in_part is None else (in_part(window), WHOLE)
+    dn = frame.dn[inner] if group == 1 and frame.dn.dtype == np.uint8 else None
+    return RegionPixels.of_part(conversion.convert(frame, inner), roi, window, _mask(region, shape), dn=dn)
 
 
 @lru_cache(maxsize=16)

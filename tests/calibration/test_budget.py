@@ -26,12 +26,13 @@ def calibration(camera, setup):
 @pytest.mark.parametrize("luminance", [0.7, 8.0, 200.0])
 @pytest.mark.parametrize("all_sources", [False, True])
 def test_rows_make_the_uncertainty_of_a_patch(calibration, camera, luminance, all_sources):
-    """Also with a flat field, and few degrees of freedom of flicker, scatter and the meter's certificate."""
+    """Also with a flat field, and few degrees of freedom of flicker, black level, scatter and certificate."""
     if all_sources:
         calibration = replace(
             calibration,
             vignetting=RadialVignetting(0.0, 0.0, 0.0, slow_rel=0.004),
             noise=replace(calibration.noise, flicker_rel=0.01, flicker_dof=4),
+            dark=replace(calibration.dark, drift_dn=0.5, drift_dof=3),
             responsivity=replace(calibration.responsivity, scatter_rel=0.005, scatter_dof=3.0, scatter_dn=0.5),
             meter_scale=replace(calibration.meter_scale, certificate=CERTIFICATE),
         )

@@ -65,5 +65,5 @@ def test_flicker_and_drift_of_the_black_level_are_those_of_the_frames():
 
     dark, _ = fit_dark([observe_dark(frames(0.0))])
     noise, _ = fit_noise(observe_patches(frames(1000.0), [Roi.rectangle("P", 8, 8, 32, 32)]), dark)
-    assert (dark.drift_dn, noise.flicker_rel) == pytest.approx((0.5, 0.01), rel=4 / np.sqrt(2 * 99))
+    assert (dark.drift_dn, noise.flicker_rel, dark.drift_dof) == pytest.approx((0.5, 0.01, 99), rel=4 / (2 * 99) ** 0.5)
     assert noise.k_dn_per_e == pytest.approx(0.25, rel=0.02)

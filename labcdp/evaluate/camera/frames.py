@@ -16,6 +16,7 @@ from ...calibration.emva.series import SeriesPoint
 from ...calibration.emva.transfer import in_range, linearity_errors
 from ...calibration.frames.measure import MeasuredFrames, measure_frames, measure_whole, plane_region
 from ...calibration.frames.statistics import MAX_CLIPPED_SHARE
+from ...calibration.sensor.dark_fit import birge
 from ...calibration.setup import MeterScale
 from ...calibration.uncertainty import expanded_rel
 from ...core.clock import exposure_text
@@ -227,10 +228,8 @@ def photometric_responsivity(
     if not values:
         return None
     mean = float(np.average(values, weights=weights))
-    relative = 1 / sqrt(sum(weights))
-    if len(values) > 1:
-        chi_squared = float(np.sum(np.array(weights) * (np.array(values) / mean - 1) ** 2))
-        relative *= max(1.0, sqrt(chi_squared / (len(values) - 1)))
+    chi_squared = float(np.sum(np.array(weights) * (np.array(values) / mean - 1) ** 2))
+    relative = birge(chi_squared, len(values) - 1) / sqrt(sum(weights))
     every = [reading for group in readings.values() for reading in group]
     half_width_rel, meter = max(reading.scale_half_width_rel for reading in every), configuration.meter
     light = configuration.source.spectrum

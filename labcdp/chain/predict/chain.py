@@ -76,8 +76,8 @@ def predict_chain(
     return predict(camera, rates, asked, epsilon)
 
 
-def transition_luminances(chain: Chain, stage: str | None = None) -> tuple[float, ...]:
-    """Luminances of the dark region at which a merge leaves each exposure but the shortest; () without a merge.
+def known_transitions(chain: Chain, stage: str | None = None) -> tuple[float, ...]:
+    """Luminances of the dark region at which a merge leaves each exposure but the shortest.
 
     Parameters
     ----------
@@ -86,17 +86,20 @@ def transition_luminances(chain: Chain, stage: str | None = None) -> tuple[float
     stage : str or None
         Which stage, None for the last.
 
-    Raises
-    ------
-    InputError
-        If the chain cannot be predicted.
+    Returns
+    -------
+    tuple of float
+        None without a merge, or of a chain that cannot be predicted.
     """
     if chain.hdr is None or chain.settings is None:
         return ()
-    sensor, _ = _sensor(chain, stage or chain.stage_names[-1])
-    camera = CameraModel(sensor, chain.settings, chain.hdr)
-    levels, shares, (dark, _) = _levels([chain.scene])
-    front = chain.front(levels, shares)
+    try:
+        sensor, _ = _sensor(chain, stage or chain.stage_names[-1])
+        camera = CameraModel(sensor, chain.settings, chain.hdr)
+        levels, shares, (dark, _) = _levels([chain.scene])
+        front = chain.front(levels, shares)
+    except InputError:
+        return ()
     electrons_s = float(front.values[0, dark]) * sensor.electrons_per_lx_s(chain.spectrum)
     if electrons_s == 0:
         return ()
@@ -110,14 +113,6 @@ def transition_luminances(chain: Chain, stage: str | None = None) -> tuple[float
         # Light and glare grow with the scene.
         found.append(float(levels[0, dark]) * rate / electrons_s)
     return tuple(luminance for luminance in found if luminance > 0)
-
-
-def known_transitions(chain: Chain, stage: str | None = None) -> tuple[float, ...]:
-    """Return `transition_luminances`, or none of a chain that cannot be predicted."""
-    try:
-        return transition_luminances(chain, stage)
-    except InputError:
-        return ()
 
 
 def _sensor(chain: Chain, stage: str) -> tuple[Sensor, str]:

@@ -45,27 +45,14 @@ _ALL = 8192
 _NEGLIGIBLE = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
-class ExposureRows:
-    """Probabilities of the DN of each exposure for a list of rates, at several offsets of the pixel.
-
-    Parameters
-    ----------
-    rows : sequence of sequence of csr_array
-        ``rows[offset][exposure]``, shape (rates, DN), longest exposure first: the exposures of a pixel share its fixed
-        pattern and are independent otherwise.
-    offset_shares : ndarray, shape (offsets,)
-        Share of the pixels with each offset.
-    net_dn : ndarray, shape (DN,)
-        DN above black level.
-    """
-
-    rows: Sequence[Sequence[csr_array]]
-    offset_shares: FloatArray
-    net_dn: FloatArray
-
-
-def merged_rows(method: Method, ladder: ExposureLadder, exposures: ExposureRows, edges: FloatArray) -> csr_array:
+def merged_rows(
+    method: Method,
+    ladder: ExposureLadder,
+    exposures: Sequence[Sequence[csr_array]],
+    offset_shares: FloatArray,
+    net_dn: FloatArray,
+    edges: FloatArray,
+) -> csr_array:
     """Probability of each bin of the merged value by "linear" or "weighted".
 
     Parameters
@@ -74,8 +61,13 @@ def merged_rows(method: Method, ladder: ExposureLadder, exposures: ExposureRows,
         How the exposures are merged.
     ladder : ExposureLadder
         The exposures, at least two.
-    exposures : ExposureRows
-        Their probabilities.
+    exposures : sequence of sequence of csr_array
+        Probabilities of the DN at a list of rates, ``exposures[offset][exposure]`` of shape (rates, DN), longest
+        exposure first: the exposures of a pixel share its fixed pattern and are independent otherwise.
+    offset_shares : ndarray, shape (offsets,)
+        Share of the pixels with each offset.
+    net_dn : ndarray, shape (DN,)
+        DN above black level.
     edges : ndarray, shape (k + 1,)
         Bins of the merged value, rising. The last one also holds what is above: "weighted" exceeds the saturation by up
         to an electron where only the shorter of nearly equal exposures is clipped.
@@ -87,10 +79,10 @@ def merged_rows(method: Method, ladder: ExposureLadder, exposures: ExposureRows,
     from scipy.sparse import csr_array
 
     stage = weighted_stage if method == "weighted" else linear_stage
-    stages = [stage(exposures.net_dn, i, ladder) for i in range(len(ladder))]
+    stages = [stage(net_dn, i, ladder) for i in range(len(ladder))]
     merge = partial(mix, method, ladder=ladder)
     offsets = []
-    for share, rows in zip(exposures.offset_shares, exposures.rows, strict=True):
+    for share, rows in zip(offset_shares, exposures, strict=True):
         power = max(_POINTS + ceil(log2(share)), _FEWEST)
         offsets.append(_Pixels([_Exposure.of(*one, power) for one in zip(rows, stages, strict=True)], merge, power))
     ends_of_all = np.append(edges[:-1], np.inf)
@@ -101,14 +93,14 @@ def merged_rows(method: Method, ladder: ExposureLadder, exposures: ExposureRows,
         first = np.searchsorted(ends_of_all, min(values[0] for values, _ in merged), side="right") - 1
         last = np.searchsorted(ends_of_all, max(values[-1] for values, _ in merged), side="right")
         below = np.zeros(last - first + 1)
-        for share, (values, chance) in zip(exposures.offset_shares, merged, strict=True):
+        for share, (values, chance) in zip(offset_shares, merged, strict=True):
             below += share * chance.take(np.searchsorted(values, ends_of_all[first : last + 1]))
         total = np.diff(below)
         occurs = np.flatnonzero(total)
         return first + occurs, total[occurs]
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        found = list(pool.map(row, range(exposures.rows[0][0].shape[0])))
+        found = list(pool.map(row, range(exposures[0][0].shape[0])))
     columns, shares = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
     starts = np.cumsum([0, *(occurs.size for occurs, _ in found)])
     return csr_array((shares, columns, starts), shape=(len(found), edges.size - 1))

@@ -18,13 +18,11 @@ if TYPE_CHECKING:
 
 def dense_rows(rows: csr_array, low: int, high: int) -> tuple[int, NDArray[np.float64]]:
     """Rows of a sparse matrix from the first column any of them uses to the last one."""
-    span = slice(rows.indptr[low], rows.indptr[high])
-    columns = rows.indices[span]
-    first, end = int(columns.min()), int(columns.max()) + 1
-    dense = np.zeros((high - low, end - first))
-    row = np.repeat(np.arange(high - low), np.diff(rows.indptr[low : high + 1]))
-    dense[row, columns - first] = rows.data[span]
-    return first, dense
+    from scipy.sparse import csr_array
+
+    part = rows[low:high]
+    first, end = int(part.indices.min()), int(part.indices.max()) + 1
+    return first, csr_array((part.data, part.indices - first, part.indptr), shape=(high - low, end - first)).toarray()
 
 
 def indicator(

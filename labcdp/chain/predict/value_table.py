@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..hdr import merge_dn, normal_stage
 from ..isp import ToneCurve
 from .camera import CameraModel
-from .merged_rows import ExposureRows, merged_rows
+from .merged_rows import merged_rows
 from .nodes import RateGrid, gamma_nodes, normal_nodes
 from .readout import Readout, dense_rows, indicator, offset_spread_e, spread_rows, total_noise_e
 from .value_bins import Noise, ValueBins
@@ -228,7 +228,7 @@ class _TableMaker:
         by_exposure = [self._temporal.dn_rows(totals_e_s[used] * t, offsets_e) for t in camera.exposures_s]
         exposures = list(zip(*by_exposure, strict=True))
         net_dn = np.arange(2.0**sensor.bits) - sensor.black_level_dn
-        merge = partial(merged_rows, camera.hdr.method, ladder, ExposureRows(exposures, frequency, net_dn))
+        merge = partial(merged_rows, camera.hdr.method, ladder, exposures, frequency, net_dn)
         saturated = np.zeros(totals_e_s.size)
         if tone_curve is None:
             noise = Noise(

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 #: Chance that noise alone makes a fall anywhere in a map; a dip needs a rise, too, so that its chance is less.
 _FALSE_ALARM = 0.01
+#: Smallest fall and rise of a dip, relative to the higher value.
+_LEAST_FALL = 0.1
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ class SnrDip:
 
 
 def find_dips(
-    dataset: Dataset, axis: str, variable: str = "snr_dark", min_fall: float = 0.1, expected: Sequence[float] = ()
+    dataset: Dataset, axis: str, variable: str = "snr_dark", expected: Sequence[float] = ()
 ) -> tuple[SnrDip, ...]:
     """Find dips along an axis, for each value of the other parameters.
 
@@ -73,8 +75,6 @@ def find_dips(
         Name of an axis of numbers, the luminance.
     variable : str
         `snr_dark`, `snr_bright`, `csnr` or `cdp`.
-    min_fall : float
-        Smallest fall, relative to the value before it, above 0 and below 1. The rise after it is as large.
     expected : sequence of float
         Luminances at which the sensor changes exposure, on the scale of the axis.
 
@@ -86,11 +86,11 @@ def find_dips(
     Raises
     ------
     InputError
-        If the axis or variable is missing, or `min_fall` is out of range.
+        If the axis or variable is missing.
 
     Notes
     -----
-    A fall and the rise after it must be at least `min_fall`, and so many standard errors of the difference that noise
+    A fall and the rise after it must be at least 10 %, and so many standard errors of the difference that noise
     alone makes such a fall in at most one of 100 maps of this size (Bonferroni's bound over all pairs of points of each
     section; 5.2 for 400 points). Left out are SNR above 1e6, what follows the luminance from which on the bright region
     is saturated (more than 1 % of its pixels, if the map tells), and a last fall without a rise, unless an expected
@@ -103,19 +103,17 @@ def find_dips(
         raise InputError(f"axis {axis} has no dips: choose an axis of numbers")
     if variable not in dataset.data_vars:
         raise InputError(f"the map has no variable {variable!r}: choose one of {sorted(map(str, dataset.data_vars))}")
-    if not 0 < min_fall < 1:
-        raise InputError(f"min_fall is {min_fall}: give a fraction above 0 and below 1")
     n_pairs = max(dataset["cdp"].size * (along.values.size - 1) / 2, 1)
     margin = -NormalDist().inv_cdf(_FALSE_ALARM / n_pairs)
     return tuple(
         dip
         for at, section in sections(dataset, (axis,))
-        for dip in _dips_of(Curve.of(section, along, variable, margin), at, variable, min_fall, sorted(expected))
+        for dip in _dips_of(Curve.of(section, along, variable, margin), at, variable, sorted(expected))
     )
 
 
-def _dips_of(curve: Curve, at: At, variable: str, min_fall: float, expected: list[float]) -> list[SnrDip]:
-    falls, last_fall_ends = _falls(curve, min_fall)
+def _dips_of(curve: Curve, at: At, variable: str, expected: list[float]) -> list[SnrDip]:
+    falls, last_fall_ends = _falls(curve)
     explained = _explained(curve, falls, expected)
     if falls and not last_fall_ends and len(falls) - 1 not in explained:
         falls = falls[:-1]
@@ -146,7 +144,7 @@ def _dips_of(curve: Curve, at: At, variable: str, min_fall: float, expected: lis
     return dips
 
 
-def _falls(curve: Curve, min_fall: float) -> tuple[list[tuple[int, int]], bool]:
+def _falls(curve: Curve) -> tuple[list[tuple[int, int]], bool]:
     """Find indices of peak and trough of each fall, and whether the last one is followed by a rise."""
     falls: list[tuple[int, int]] = []
     peak = trough = 0
@@ -155,12 +153,12 @@ def _falls(curve: Curve, min_fall: float) -> tuple[list[tuple[int, int]], bool]:
         if falling:
             if curve.values[i] < curve.values[trough]:
                 trough = i
-            elif curve.lies_below(trough, i, min_fall):
+            elif curve.lies_below(trough, i, _LEAST_FALL):
                 falls.append((peak, trough))
                 falling, peak = False, i
         elif curve.values[i] >= curve.values[peak]:
             peak = i
-        elif curve.lies_below(i, peak, min_fall):
+        elif curve.lies_below(i, peak, _LEAST_FALL):
             falling, trough = True, i
     if falling:
         falls.append((peak, trough))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from ....core.result import Result, info
 from ....output import Destination, write_files
+from ....report.drawing import png
 from ....report.files import dataset_bytes, result_files
 from ....report.layout import SIMULATED, Card, Facts, Page, Section, Verbatim
 from ....report.text import significant
@@ -15,7 +16,7 @@ from .dips import SnrDip
 from .interactive import map_script
 from .labels import at_text, axis_name, axis_unit, conditions, ends_text, title, value_text, variable_name, width_text
 from .ranges import UsableRange
-from .static import map_picture
+from .static import draw_map
 from .view import MapView
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ def write_map(result: Result, dataset: Dataset, analysis: MapAnalysis, folder: D
         map.nc, map.png, results.json, report.html and results.xlsx.
     """
     view = MapView.of(dataset, analysis)
-    files = {"map.nc": dataset_bytes(dataset, "map"), "map.png": map_picture(view)}
+    files = {"map.nc": dataset_bytes(dataset, "map"), "map.png": png(draw_map(view))}
     return write_files(folder, "sweep", {**files, **result_files(result, _page(result, view))})
 
 

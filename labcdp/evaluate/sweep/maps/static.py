@@ -17,7 +17,6 @@ from ....report.drawing import (
     label,
     logarithmic,
     new_figure,
-    png,
     taken_literally,
 )
 from .axes import At, MapAxis
@@ -34,11 +33,6 @@ _STYLES: tuple[Any, ...] = (":", "-", "--")
 
 #: Characters of a line above a panel.
 _TITLE_CHARACTERS = 32
-
-
-def map_picture(view: MapView) -> bytes:
-    """Return `draw_map` as PNG."""
-    return png(draw_map(view))
 
 
 def draw_map(view: MapView) -> Figure:

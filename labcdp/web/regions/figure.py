@@ -192,14 +192,7 @@ class Picture:
     def _put(self, source: ColumnDataSource, part: Tile) -> None:
         n = self._step
         x, y, width, height = (n * edge for edge in (part.x, part.y, part.width, part.height))
-        source.data = {
-            "image": [part.pixels],
-            "x": [x],
-            "y": [y],
-            "dw": [width],
-            "dh": [height],
-            "number": [self._n_sent],
-        }
+        source.data = _image_data(part.pixels, (x, y, width, height), self._n_sent)
 
     def _new_figure(self) -> Any:
         width, height = self.image.size
@@ -248,5 +241,9 @@ def _source(*columns: str, syncable: bool = True) -> ColumnDataSource:
 
 
 def _image_source() -> ColumnDataSource:
-    nothing = np.zeros((1, 1), dtype=np.uint8)
-    return ColumnDataSource(data={"image": [nothing], "x": [0], "y": [0], "dw": [1], "dh": [1], "number": [0]})
+    return ColumnDataSource(data=_image_data(np.zeros((1, 1), dtype=np.uint8), (0, 0, 1, 1), 0))
+
+
+def _image_data(pixels: NDArray[np.uint8], place: tuple[float, ...], number: int) -> dict[str, list[Any]]:
+    x, y, width, height = place
+    return {"image": [pixels], "x": [x], "y": [y], "dw": [width], "dh": [height], "number": [number]}

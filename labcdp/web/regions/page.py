@@ -16,7 +16,7 @@ from .. import html
 from ..html import column, row, style
 from .figure import Picture
 from .messages import parse_message
-from .shapes import METHOD_NAMES, METHODS, default_size_px, propose
+from .shapes import METHOD_NAMES, default_size_px, propose
 from .widgets import Widgets
 from .wording import pair_table, region_table, warning_list
 from .workspace import Workspace
@@ -68,7 +68,7 @@ class Page(Widgets):
             self.field("Select", f"Region {letter}", self._pair_chosen, **wide) for letter in "AB"
         )
         self._file = self.field("TextInput", title, value=workspace.files.output.name, **wide)
-        methods = {METHOD_NAMES[one]: one for one in METHODS}
+        methods = {name: one for one, name in METHOD_NAMES.items()}
         self._method = self.field("Select", "Propose regions", options=methods, **wide)
         size_px = default_size_px(workspace.image)
         self._size = self.number("Size in pixels", limits=(6, inf), value=size_px, width=110, visible=False)

@@ -192,14 +192,9 @@ def _finite(value: float) -> float:
 
 
 Method = Literal["checkerboard", "step-chart", "superpixels"]
-METHODS: tuple[Method, ...] = get_args(Method)
 
 #: Names of the methods for the user.
-METHOD_NAMES: dict[Method, str] = {
-    "checkerboard": "Checkerboard",
-    "step-chart": "Step chart",
-    "superpixels": "Superpixels",
-}
+METHOD_NAMES: dict[Method, str] = {one: one.replace("-", " ").capitalize() for one in get_args(Method)}
 #: Most proposals: more are impractical to confirm one by one.
 MOST_PROPOSALS = 2000
 #: Default number of superpixels along the longer side of an image.

@@ -27,7 +27,6 @@ from statistics import median
 from typing import NamedTuple, Self
 
 import numpy as np
-import psutil
 from numpy.typing import NDArray
 
 from labcdp.drivers import open_camera
@@ -112,9 +111,8 @@ def theirs(pixel_format: str, frame_rate_hz: float) -> list[str]:
 
 
 def cpu_s(pid: int) -> float:
-    """Processor time that a process has taken."""
-    used = psutil.Process(pid).cpu_times()
-    return used.user + used.system
+    """Processor time that a process has taken, by the clock of Linux that counts it (clock_getcpuclockid)."""
+    return time.clock_gettime(~pid << 3 | 2)
 
 
 class Camera:

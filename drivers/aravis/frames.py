@@ -23,7 +23,7 @@ _SHORT_S, _LONG_S = 0.5, 1.0
 _POOL_BYTES = 256 * 2**20
 _FEWEST, _MOST = 6, 512
 #: Time over which fast frames are gathered: waking for each costs several times as much as a frame that waits already.
-_GATHERED_S = 0.03
+_GATHERED_S = 0.05
 
 
 def pool_size(payload_bytes: int, frame_rate_hz: float | None, n_frames: int) -> int:

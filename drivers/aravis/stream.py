@@ -191,11 +191,12 @@ class FrameStream:
                     self._explain_silence()
 
     def _pop(self, wait_s: float) -> Any:
-        buffer = self._running().try_pop_buffer() if self._gather_s else None
-        if buffer is None:
+        if self._gather_s:
+            buffer = self._running().try_pop_buffer()
+            if buffer is not None:
+                return buffer
             time.sleep(min(self._gather_s, wait_s))
-            buffer = self._running().timeout_pop_buffer(int(wait_s * 1e6))
-        return buffer
+        return self._running().timeout_pop_buffer(int(wait_s * 1e6))
 
     def _running(self) -> Any:
         stream = self._stream

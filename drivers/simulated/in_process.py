@@ -182,7 +182,9 @@ class InProcessCamera(Reach, Camera):
         """Accept no settings; raises CameraSettingError for any."""
         given = [*wanted.settings, *wanted.features]
         if given:
-            raise CameraSettingError(f"the camera in this process cannot set {given[0]}: use the one on loopback")
+            raise CameraSettingError(
+                f"the camera in this process cannot set {given[0]}: use the one on loopback, without --virtual-clock"
+            )
 
     def grab(self, n: int, timeout_s: float | None = None, on_refused: Refused | None = None) -> Iterator[Frame]:
         """Take `n` complete consecutive frames, yielding each as it arrives.

@@ -95,7 +95,7 @@ def act(state, bench, fault, camera, meter, session):
     """Be in a state, let the fault happen, and go on to a frame and a reading."""
     patch = bench.pointed_at
     if state == "grabbing":
-        for number, frame in enumerate(camera.grab(6, on_refused=lambda _error: None)):
+        for number, frame in enumerate(camera.grab(20, on_refused=lambda _error: None)):
             session.add_frame(frame)
             if number == 1:
                 begin(bench, fault)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from math import isfinite, nan, sqrt
 from operator import index
-from typing import Any, NamedTuple, overload
+from typing import Any, NamedTuple, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +16,9 @@ from .distribution import check_exact, image_array, weighted_sum
 from .pairs import RELATIVE_TOLERANCE
 from .result import DetectionProbability, NeighbourCdp, asked_contrasts, joined
 from .uncertainty import confidence_interval
+
+#: Corner pixels x0, y0, x1, y1 of a rectangle, both in.
+Rectangle: TypeAlias = tuple[int, int, int, int]
 
 #: Rows compared at once, to limit temporary memory.
 _ROWS = 64
@@ -131,12 +134,25 @@ def cdp_rectangle(
         (xa, ya), (xb, yb) = (tuple(map(index, corner)) for corner in (corner1, corner2))
     except (TypeError, ValueError) as error:
         raise InputError(f"corners are {corner1} and {corner2}: give two pixels (x, y) as integers") from error
+    left, top, right, bottom = clipped_rectangle((xa, ya, xb, yb), width, height)
+    return cdp_neighbours(pixels[top : bottom + 1, left : right + 1], contrast, epsilon, definition=definition)
+
+
+def clipped_rectangle(corners: Rectangle, width: int, height: int) -> Rectangle:
+    """Left, top, right and bottom pixel of the part of a rectangle that lies in an image.
+
+    Raises
+    ------
+    InputError
+        If it lies outside.
+    """
+    xa, ya, xb, yb = corners
     left, right, top, bottom = max(min(xa, xb), 0), max(xa, xb), max(min(ya, yb), 0), max(ya, yb)
-    inside = pixels[top : max(bottom + 1, 0), left : max(right + 1, 0)]
-    if inside.size == 0:
+    right, bottom = min(right, width - 1), min(bottom, height - 1)
+    if left > right or top > bottom:
         place = f"rectangle from {(xa, ya)} to {(xb, yb)}"
         raise InputError(f"{place} lies outside the image of {width} x {height} pixels: move it inside")
-    return cdp_neighbours(inside, contrast, epsilon, definition=definition)
+    return left, top, right, bottom
 
 
 def _usable(image: NDArray[np.generic]) -> NDArray[np.float64]:

@@ -16,9 +16,9 @@ from .pairs import bright_and_dark, weight_up_to
 
 #: Share of the finite contrasts outside bins of equal width: a few pairs with a dark pixel close to 0 have contrasts
 #: far beyond all others.
-_CUT_OFF = 0.001
+CUT_OFF = 0.001
 #: Most bins of a histogram, and its largest edge as a multiple of the highest detected contrast.
-_MOST_BINS, _MOST_TIMES = 200, 10.0
+MOST_BINS, MOST_TIMES = 200, 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +99,7 @@ def contrast_histogram(a: Region, b: Region, detected_up_to: float) -> ContrastD
     undefined, bounded = finite_weights(bright, dark)
     if not bounded > undefined:
         return None
-    return contrast_distribution(bright, dark, _even_edges(bright, dark, _MOST_BINS, _MOST_TIMES * detected_up_to))
+    return contrast_distribution(bright, dark, _even_edges(bright, dark, MOST_BINS, MOST_TIMES * detected_up_to))
 
 
 def _even_edges(bright: Distribution, dark: Distribution, most: int, up_to: float = inf) -> NDArray[np.float64]:
@@ -114,7 +114,7 @@ def _even_edges(bright: Distribution, dark: Distribution, most: int, up_to: floa
     high = min(high, max(up_to, low))
     # The mean of the dark region is not above 0.
     ratio = bright.mean / dark.mean if dark.mean > 0 else 1 + low
-    step = max(_spacing(bright), _spacing(dark) * ratio) / dark.mean if dark.mean > 0 else 0.0
+    step = max(spacing(bright), spacing(dark) * ratio) / dark.mean if dark.mean > 0 else 0.0
     # Equal contrasts have no width.
     width = max((high - low) / most, step, 1e-4 * (1 + high))
     first, last = floor((low - ratio + 1) / width + 0.5), ceil((high - ratio + 1) / width - 0.5)
@@ -122,7 +122,7 @@ def _even_edges(bright: Distribution, dark: Distribution, most: int, up_to: floa
     return np.append(-1.0, edges[edges > -1]) if edges[0] < -1 else edges
 
 
-def _spacing(region: Distribution) -> float:
+def spacing(region: Distribution) -> float:
     """Mean distance of neighbouring values, weighted by their frequencies; 0 if all are equal."""
     if region.values.size < 2:
         return 0.0
@@ -145,7 +145,7 @@ def _finite_range(bright: Distribution, dark: Distribution) -> tuple[float, floa
         raise InputError("no pair has a finite contrast, so there is nothing to bin: check exposure and black level")
     low, high = (
         finite_quantile(bright, dark, undefined + share * (bounded - undefined), 1e-9)
-        for share in (_CUT_OFF / 2, 1 - _CUT_OFF / 2)
+        for share in (CUT_OFF / 2, 1 - CUT_OFF / 2)
     )
     return low, high
 

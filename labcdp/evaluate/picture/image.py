@@ -17,8 +17,9 @@ from ...core.roi import Roi
 from ...files.picture import Picture
 from ...files.stored_image import ENCODING_NAMES
 from ...metrics import CalibratedCdp, CdpResult, ContrastDistribution, contrast_histogram
+from ...metrics.neighbours import Rectangle
 from ...metrics.pair import PairResult, RegionResult, evaluate_pair, evaluate_region
-from .neighbours import NeighbourEvaluation, Rectangle, evaluate_neighbours
+from .neighbours import NeighbourEvaluation, evaluate_neighbours
 
 
 @dataclass(frozen=True)

@@ -5,23 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf, isfinite, nan
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import InputError
 from ...core.luminance import LuminanceMap, Window
 from ...core.result import Finding, info, warning
-from ...metrics import CalibratedCdp, ContrastDistribution, Epsilon, NeighbourCdp, cdp_neighbours_range
+from ...metrics import CalibratedCdp, ContrastDistribution, Distribution, Epsilon, NeighbourCdp, cdp_neighbours_range
 from ...metrics.detection import variance_of_changes
-
-#: Corner pixels x0, y0, x1, y1 of a rectangle, both in.
-Rectangle: TypeAlias = tuple[int, int, int, int]
-
-#: Bars of the contrast histogram, the share of the contrasts that they leave out, and how many times the highest
-#: detected contrast they reach at the most.
-_N_BINS, _CUT_OFF, _MOST_TIMES = 200, 0.001, 10.0
+from ...metrics.neighbours import Rectangle, clipped_rectangle
+from ...metrics.spread import CUT_OFF, MOST_BINS, MOST_TIMES, spacing
 
 
 @dataclass(frozen=True)
@@ -106,7 +99,7 @@ def evaluate_neighbours(
         contrast=contrast,
         # One pixel takes part in four pairs.
         results=tuple(CalibratedCdp.of(one, added, one.pairs / 4) for one, added in zip(base, variance, strict=True)),
-        distribution=_distribution(values, _MOST_TIMES * max((one.interval[1] for one in base), default=inf)),
+        distribution=_distribution(values, MOST_TIMES * max((one.interval[1] for one in base), default=inf)),
         findings=tuple(findings if asked else [warning("contrast-undefined", "nearest-neighbour")]),
     )
 
@@ -126,14 +119,7 @@ def _window(luminance: LuminanceMap, rectangle: Rectangle | None) -> tuple[Windo
     if rectangle is None:
         return (slice(None), slice(None)), None
     height, width = (length * luminance.step for length in luminance.shape)
-    x0, y0, x1, y1 = rectangle
-    left, right, top, bottom = max(min(x0, x1), 0), max(x0, x1), max(min(y0, y1), 0), max(y0, y1)
-    right, bottom = min(right, width - 1), min(bottom, height - 1)
-    if left > right or top > bottom:
-        raise InputError(
-            f"rectangle from {(x0, y0)} to {(x1, y1)} lies outside the image of {width} x {height} pixels: move it "
-            "inside"
-        )
+    left, top, right, bottom = clipped_rectangle(rectangle, width, height)
     rows, columns = (
         slice(first // luminance.step, last // luminance.step + 1) for first, last in ((top, bottom), (left, right))
     )
@@ -165,7 +151,7 @@ def _distribution(values: NDArray[np.float64], most: float) -> ContrastDistribut
     finite = np.sort(np.concatenate(contrasts))
     if not finite.size:
         return None
-    last = min(float(finite[min(int((1 - _CUT_OFF) * finite.size), finite.size - 1)]), most)
+    last = min(float(finite[min(int((1 - CUT_OFF) * finite.size), finite.size - 1)]), most)
     edges = np.linspace(0.0, last, _n_bins(values, last) + 1) if last > 0 else np.linspace(0.0, 1.0, 2)
     cumulative = (undefined + np.searchsorted(finite, edges.astype(np.float32), side="right")) / pairs
     return ContrastDistribution(edges, cumulative, (pairs - undefined - finite.size) / pairs, undefined / pairs)
@@ -173,6 +159,5 @@ def _distribution(values: NDArray[np.float64], most: float) -> ContrastDistribut
 
 def _n_bins(values: NDArray[np.float64], last: float) -> int:
     """Count the bins up to a contrast, none narrower than the contrast of neighbouring values, as of whole DN."""
-    levels, counts = np.unique(values, return_counts=True)
-    spacing = float(np.average(np.diff(levels), weights=np.minimum(counts[1:], counts[:-1])))
-    return min(max(int(last * abs(float(values.mean())) / spacing), 1), _N_BINS)
+    width = spacing(Distribution.from_array(values))
+    return min(max(int(last * abs(float(values.mean())) / width), 1), MOST_BINS)

@@ -53,10 +53,8 @@ def without_outliers(corners: Corners) -> Corners:
     while len(corners) > _DOUBTED // 2:
         lattice = Lattice(corners)
         doubted = sorted(corners, key=lambda at: -lattice.off(at, corners[at], corners))[:_DOUBTED]
-        off = {}
-        for at in doubted:
-            others = {other: place for other, place in corners.items() if other != at}
-            off[at] = Lattice(others).off(at, corners[at], corners)
+        others = {at: {other: place for other, place in corners.items() if other != at} for at in doubted}
+        off = {at: Lattice(others[at]).off(at, corners[at], corners) for at in doubted}
         worst = max(off, key=lambda at: off[at])
         if off[worst] <= _OUTLIER:
             break

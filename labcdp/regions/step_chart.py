@@ -134,22 +134,18 @@ def _noise_of_level(smooth: FloatImage, level: FloatImage) -> NDArray[np.float32
     every = max(1, levels.size // 200_000)
     differences, levels = differences[::every], levels[::every]
     edges = np.unique(np.quantile(levels, np.linspace(0, 1, 17)))
-    at, noise = [], []
-    for low, high in pairwise(edges):
-        chosen = differences[(levels >= low) & (levels <= high)]
-        at.append((low + high) / 2)
-        # 1.4826: the median of |x| in standard deviations of normal noise; 6 = 4 + 1 + 1 variances.
-        noise.append(1.4826 * float(np.median(chosen)) / np.sqrt(6))
-    if not at:
+    # 1.4826: the median of |x| in standard deviations of normal noise; 6 = 4 + 1 + 1 variances.
+    noise = {
+        (low + high) / 2: 1.4826 * float(np.median(differences[(levels >= low) & (levels <= high)])) / np.sqrt(6)
+        for low, high in pairwise(edges)
+    }
+    if not noise:
         return np.zeros_like(level)
     # Noise rises with the level, at most in proportion; where it seems to rise more, it is edges that are seen. Levels
     # without noise are saturated.
-    known = [(low, sigma) for low, sigma in zip(at, noise, strict=True) if sigma > 0 and low > 0]
-    bounded = [
-        min([sigma, *(other * max(1.0, high / low) for low, other in known)])
-        for high, sigma in zip(at, noise, strict=True)
-    ]
-    return np.asarray(np.interp(level, at, bounded), dtype=np.float32)
+    known = [(low, sigma) for low, sigma in noise.items() if sigma > 0 and low > 0]
+    bounded = [min([sigma, *(other * max(1.0, high / low) for low, other in known)]) for high, sigma in noise.items()]
+    return np.asarray(np.interp(level, list(noise), bounded), dtype=np.float32)
 
 
 def _quadrilateral(area: NDArray[np.uint8]) -> NDArray[np.float64] | None:
@@ -159,9 +155,9 @@ def _quadrilateral(area: NDArray[np.uint8]) -> NDArray[np.float64] | None:
     contours, _ = cv2.findContours(area, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     contour = max(contours, key=len)
     hull = cv2.convexHull(contour)
-    around = cv2.arcLength(hull, True)
+    length = cv2.arcLength(hull, True)
     for tolerance in np.arange(0.01, 0.12, 0.01):
-        corners = cv2.approxPolyDP(hull, tolerance * around, True)
+        corners = cv2.approxPolyDP(hull, tolerance * length, True)
         if len(corners) <= 4:
             break
     if len(corners) != 4:
@@ -173,17 +169,11 @@ def _quadrilateral(area: NDArray[np.uint8]) -> NDArray[np.float64] | None:
     cv2.drawContours(outline, [contour], -1, 1, cv2.FILLED)
     if (filled & outline).sum() < _FILLED * (filled | outline).sum() or area.sum() < 0.7 * outline.sum():
         return None
-    # Corners of the contour are centres of pixels.
-    return _from_upper_left(corners.reshape(4, 2).astype(np.float64) + 0.5)
-
-
-def _from_upper_left(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    centre = corners.mean(axis=0)
-    angles = np.arctan2(corners[:, 1] - centre[1], corners[:, 0] - centre[0])
-    ordered = corners[np.argsort(angles)]
+    # Corners of the contour are centres of pixels, in clockwise order as those of its hull.
+    around = corners.reshape(4, 2).astype(np.float64) + 0.5
     # The side that points most to the right is the upper one.
-    sides = np.roll(ordered, -1, axis=0) - ordered
-    return np.asarray(np.roll(ordered, -int(np.argmax(sides[:, 0] / np.hypot(*sides.T))), axis=0))
+    sides = np.roll(around, -1, axis=0) - around
+    return np.asarray(np.roll(around, -int(np.argmax(sides[:, 0] / np.hypot(*sides.T))), axis=0))
 
 
 def _inside(corners: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.bool_]:

@@ -64,9 +64,9 @@ def _chain(_: Path, file: Path) -> Any:
 
 
 def _camera(_: Path, file: Path) -> Any:
-    from labcdp.evaluate.picture.camera_specification import load_camera_specification
+    from labcdp.evaluate.picture.camera_specification import CameraSpecification
 
-    specification = load_camera_specification(file).model_dump(mode="json")
+    specification = CameraSpecification.load(file).model_dump(mode="json")
     _require_kept(tomllib.loads(file.read_text("utf-8-sig")), specification)
     return specification
 

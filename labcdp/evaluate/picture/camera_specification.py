@@ -108,8 +108,3 @@ class CameraSpecification(Table):
         """
         per_lx_s = electron_radiance_per_cd_m2(self.spectrum, self.quantum_efficiency) * self.pixel_pitch_m**2
         return self.optics(f_number).axial_illuminance_per_cd_m2 * per_lx_s
-
-
-def load_camera_specification(path: str | PathLike[str]) -> CameraSpecification:
-    """Read a camera specification from a TOML file; raises ConfigurationError as `CameraSpecification.load`."""
-    return CameraSpecification.load(path)

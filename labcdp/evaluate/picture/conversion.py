@@ -231,32 +231,31 @@ def picture_conversion(
         If both are given, one cannot be read, or an encoding is given in addition to a calibration, which has its own.
     """
     stated = PictureOptions().given(encoding=encoding)
-    if calibration is None and camera is None:
+    # Only where they are used: they take longer to load than a small picture to evaluate.
+    if calibration is not None:
+        if camera is not None:
+            raise InputError("a calibration and a camera specification are given: give one")
+        if encoding not in (None, "linear"):
+            raise InputError(f"the encoding is {encoding}: a calibration includes the encoding, leave it out")
+        from ...calibration import load_any
+
+        name = calibration.name if isinstance(calibration, Path) else "in memory"
+        loaded = load_any(calibration) if isinstance(calibration, Path) else calibration
+        return calibrated_conversion(loaded, name, stated)
+    if camera is None:
         return PictureConversion("relative", "relative values, proportional to light", stated)
-    if calibration is None:
-        assert camera is not None
-        # Only where it is used, as is the calibration: they take longer to load than a small picture to evaluate.
-        from .camera_specification import load_camera_specification
+    from .camera_specification import CameraSpecification
 
-        specification = load_camera_specification(camera)
-        description = f"guessed camera parameters of {camera.name} ({specification.name})"
-        options = replace(
-            stated,
-            exposure_s=specification.exposure_s,
-            gain_db=specification.gain_db,
-            bit_depth=specification.adc_bits,
-            encoding=encoding or specification.encoding,
-        )
-        return _Specified("cd/m^2", description, options, specification)
-    if camera is not None:
-        raise InputError("a calibration and a camera specification are given: give one")
-    if encoding not in (None, "linear"):
-        raise InputError(f"the encoding is {encoding}: a calibration includes the encoding, leave it out")
-    from ...calibration import load_any
-
-    name = calibration.name if isinstance(calibration, Path) else "in memory"
-    loaded = load_any(calibration) if isinstance(calibration, Path) else calibration
-    return calibrated_conversion(loaded, name, stated)
+    specification = CameraSpecification.load(camera)
+    description = f"guessed camera parameters of {camera.name} ({specification.name})"
+    options = replace(
+        stated,
+        exposure_s=specification.exposure_s,
+        gain_db=specification.gain_db,
+        bit_depth=specification.adc_bits,
+        encoding=encoding or specification.encoding,
+    )
+    return _Specified("cd/m^2", description, options, specification)
 
 
 def calibrated_conversion(loaded: AnyCalibration, name: str, stated: PictureOptions | None = None) -> Calibrated:

@@ -6,7 +6,7 @@ from math import pi
 import pytest
 
 from labcdp.core.errors import ConfigurationError
-from labcdp.evaluate.picture.camera_specification import load_camera_specification
+from labcdp.evaluate.picture.camera_specification import CameraSpecification
 from labcdp.session.configuration import example_session
 
 EXAMPLE = example_session().parent / "cameras" / "thesis-2018.toml"
@@ -34,7 +34,7 @@ def test_electrons_by_hand(written, efficiency):
                    quantum_efficiency=efficiency, pixel_pitch_m=5e-6)  # fmt: skip
     photons_per_lm_s = 555e-9 / (6.62607015e-34 * 299792458 * 683)
     expected = pi * 0.8 / (4 * 2.5**2) * photons_per_lm_s * 0.5 * 25e-12
-    assert load_camera_specification(path).electrons_per_cd_m2_s() == pytest.approx(expected, rel=1e-3)
+    assert CameraSpecification.load(path).electrons_per_cd_m2_s() == pytest.approx(expected, rel=1e-3)
 
 
 def test_wrong_values_units_and_keys_are_named(written):
@@ -48,4 +48,4 @@ def test_wrong_values_units_and_keys_are_named(written):
         ("pixel_pitch_um = 3.45", {}, "pixel_pitch_um is not a known key: did you mean pixel_pitch_m?"),
     ):
         with pytest.raises(ConfigurationError, match=re.escape(f"camera.toml: {message}")):
-            load_camera_specification(written(more, **values))
+            CameraSpecification.load(written(more, **values))

@@ -17,12 +17,12 @@ from ..core.disk.files import shown
 from ..core.errors import InputError
 from ..core.luminance import LuminanceMap
 from ..core.result import Finding, html_table, info, unique
+from ..core.roi import Rectangle
 from ..evaluate.picture.conversion import PictureConversion, picture_conversion
 from ..evaluate.picture.neighbours import evaluate_neighbours
 from ..files.picture import Picture
 from ..files.read import read_picture
 from ..metrics import Epsilon
-from ..metrics.neighbours import Rectangle
 from ..report.text import finding_text
 from .arguments import Contrasts, Pairs, PathArgument, Regions, as_contrasts, as_list, as_pairs, as_path, as_rois
 from .image_regions import ImageRegions

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from math import ceil, floor, isfinite
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -148,6 +148,27 @@ class Roi:
         mask = self.mask(shape)
         values: NDArray[Any] = window.ravel() if mask.all() else window[mask]
         return values
+
+
+#: Corner pixels x0, y0, x1, y1 of a rectangle, both in.
+Rectangle: TypeAlias = tuple[int, int, int, int]
+
+
+def clipped_rectangle(corners: Rectangle, width: int, height: int) -> Rectangle:
+    """Left, top, right and bottom pixel of the part of a rectangle that lies in an image.
+
+    Raises
+    ------
+    InputError
+        If it lies outside.
+    """
+    xa, ya, xb, yb = corners
+    left, right, top, bottom = max(min(xa, xb), 0), max(xa, xb), max(min(ya, yb), 0), max(ya, yb)
+    right, bottom = min(right, width - 1), min(bottom, height - 1)
+    if left > right or top > bottom:
+        place = f"rectangle from {(xa, ya)} to {(xb, yb)}"
+        raise InputError(f"{place} lies outside the image of {width} x {height} pixels: move it inside")
+    return left, top, right, bottom
 
 
 def regions_table(rois: Iterable[Roi], caption: str = "") -> str:

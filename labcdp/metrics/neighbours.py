@@ -5,20 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from math import isfinite, nan, sqrt
 from operator import index
-from typing import Any, NamedTuple, TypeAlias, overload
+from typing import Any, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core.errors import InputError
+from ..core.roi import clipped_rectangle
 from .contrast import ContrastDefinition, Epsilon, TargetContrast
 from .distribution import check_exact, image_array, weighted_sum
 from .pairs import RELATIVE_TOLERANCE
 from .result import DetectionProbability, NeighbourCdp, asked_contrasts, joined
 from .uncertainty import confidence_interval
-
-#: Corner pixels x0, y0, x1, y1 of a rectangle, both in.
-Rectangle: TypeAlias = tuple[int, int, int, int]
 
 #: Rows compared at once, to limit temporary memory.
 _ROWS = 64
@@ -136,23 +134,6 @@ def cdp_rectangle(
         raise InputError(f"corners are {corner1} and {corner2}: give two pixels (x, y) as integers") from error
     left, top, right, bottom = clipped_rectangle((xa, ya, xb, yb), width, height)
     return cdp_neighbours(pixels[top : bottom + 1, left : right + 1], contrast, epsilon, definition=definition)
-
-
-def clipped_rectangle(corners: Rectangle, width: int, height: int) -> Rectangle:
-    """Left, top, right and bottom pixel of the part of a rectangle that lies in an image.
-
-    Raises
-    ------
-    InputError
-        If it lies outside.
-    """
-    xa, ya, xb, yb = corners
-    left, right, top, bottom = max(min(xa, xb), 0), max(xa, xb), max(min(ya, yb), 0), max(ya, yb)
-    right, bottom = min(right, width - 1), min(bottom, height - 1)
-    if left > right or top > bottom:
-        place = f"rectangle from {(xa, ya)} to {(xb, yb)}"
-        raise InputError(f"{place} lies outside the image of {width} x {height} pixels: move it inside")
-    return left, top, right, bottom
 
 
 def _usable(image: NDArray[np.generic]) -> NDArray[np.float64]:

@@ -13,11 +13,10 @@ import numpy as np
 from ...core.errors import InputError
 from ...core.luminance import LuminanceMap
 from ...core.result import Finding, info, unique, warning
-from ...core.roi import Roi
+from ...core.roi import Rectangle, Roi
 from ...files.picture import Picture
 from ...files.stored_image import ENCODING_NAMES
 from ...metrics import CalibratedCdp, CdpResult, ContrastDistribution, contrast_histogram
-from ...metrics.neighbours import Rectangle
 from ...metrics.pair import PairResult, RegionResult, evaluate_pair, evaluate_region
 from .neighbours import NeighbourEvaluation, evaluate_neighbours
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from ...core.luminance import LuminanceMap, Window
 from ...core.result import Finding, info, warning
+from ...core.roi import Rectangle, clipped_rectangle
 from ...metrics import CalibratedCdp, ContrastDistribution, Distribution, Epsilon, NeighbourCdp, cdp_neighbours_range
 from ...metrics.detection import variance_of_changes
-from ...metrics.neighbours import Rectangle, clipped_rectangle
 from ...metrics.spread import CUT_OFF, MOST_BINS, MOST_TIMES, spacing
 
 

@@ -132,6 +132,11 @@ def _taken(value: Taken, item: Any) -> Any:
     return item
 
 
+def values_of(columns: Sequence[Column], items: Sequence[Any]) -> dict[str, list[Any]]:
+    """Return the values that columns take from items, a list for each column."""
+    return {column.name: [_taken(column.value or column.name, item) for item in items] for column in columns}
+
+
 @dataclass(frozen=True, eq=False)
 class Table:
     """Values in labelled columns.
@@ -204,7 +209,7 @@ class Table:
     ) -> Table:
         """Make a table of items, one a row, whose values the columns take."""
         kept = list(items)
-        data = {column.name: [_taken(column.value or column.name, item) for item in kept] for column in columns}
+        data = values_of(columns, kept)
         return cls(name, title, tuple(replace(one, value="") for one in columns), data, note, detail=detail)
 
     def __len__(self) -> int:

@@ -16,7 +16,7 @@ from ...core.disk import parse_json
 from ...core.disk.journal import Row
 from ...core.errors import InputError
 from ...core.result import Finding
-from ...core.table import Column, Table
+from ...core.table import Column, values_of
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -96,7 +96,7 @@ def names(columns: tuple[Column, ...]) -> tuple[str, ...]:
 
 def taken(columns: tuple[Column, ...], items: Sequence[Any]) -> Row:
     """Return the values of columns, each a list with one for each item."""
-    return dict(Table.of_items("frame", "", columns, items).data)
+    return values_of(columns, items)
 
 
 def as_json(values: Any) -> str:

@@ -114,17 +114,11 @@ def read_luminance(data: bytes, path: Path, max_pixels: int) -> tuple[LuminanceM
                 "use the labcdp that wrote it"
             )
         return _map(arrays, values), values
-    except InputError as error:
-        if str(path) in str(error):
-            raise
-        raise _no_luminance(path, error) from error
     # Damaged archives, codecs and directories raise what their libraries do.
     except Exception as error:
-        raise _no_luminance(path, error) from error
-
-
-def _no_luminance(path: Path, error: Exception) -> InputError:
-    return InputError(f"{path} is no luminance map that labcdp saved ({reason(error)})")
+        if isinstance(error, InputError) and str(path) in str(error):
+            raise
+        raise InputError(f"{path} is no luminance map that labcdp saved ({reason(error)})") from error
 
 
 def metadata(luminance: LuminanceMap, about: Mapping[str, Any]) -> dict[str, Any]:

@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -78,7 +77,14 @@ def read_picture(path: str | PathLike[str], options: PictureOptions = NOTHING_KN
             return _picture(read(data, path, options.max_pixels), path, sha256, options)
     if is_tiff or suffix in RAW_SUFFIXES:
         return _from_raw(path, sha256, options)
-    raise InputError(_not_known(path))
+    if suffix in DUMP_SUFFIXES:
+        raise InputError(
+            f"{path} does not say what it is: for a raw dump give its size and pixel format, for example Mono12Packed"
+        )
+    raise InputError(
+        f"{path} is no image that labcdp reads: give PNG, JPEG, TIFF, OpenEXR, NPY, camera RAW, or a raw dump with its "
+        "size"
+    )
 
 
 def read_page(path: Path, data: bytes, number: int, options: PictureOptions) -> Picture:
@@ -86,27 +92,12 @@ def read_page(path: Path, data: bytes, number: int, options: PictureOptions) -> 
     return _picture(read_tiff(data, path, options.max_pixels, number), path, "", options)
 
 
-def _not_known(path: Path) -> str:
-    if path.suffix.lower() in DUMP_SUFFIXES:
-        return (
-            f"{path} does not say what it is: for a raw dump give its size and pixel format, for example Mono12Packed"
-        )
-    return (
-        f"{path} is no image that labcdp reads: give PNG, JPEG, TIFF, OpenEXR, NPY, camera RAW, or a raw dump with its "
-        "size"
-    )
-
-
 def _from_labcdp(data: bytes, sha256: str, path: Path, max_pixels: int) -> Picture | None:
     """Read what labcdp wrote, a recorded frame or luminance; return None for any other file."""
     if data.startswith(_ZIP):
         # Of archives these are the only ones that are read.
         return _from_luminance(data, sha256, path, max_pixels)
-    text: dict[str, Any] | None = None
-    if data.startswith(TIFF):
-        text = tiff_text(data)
-    elif data.startswith(EXR):
-        text = exr_text(path, max_pixels)
+    text = exr_text(path, max_pixels) if data.startswith(EXR) else tiff_text(data) if data.startswith(TIFF) else None
     if text is None:
         return None
     if text.get("format") == LUMINANCE:

@@ -61,9 +61,8 @@ def block_max(values: NDArray[Any], side: int) -> NDArray[Any]:
 
 def brightest(values: NDArray[Any]) -> tuple[int, int]:
     """Row and column of the largest value that is a finite number."""
-    place = int(np.argmax(np.where(np.isfinite(values), values, -np.inf)))
-    row, column = divmod(place, values.shape[1])
-    return row, column
+    row, column = np.unravel_index(np.argmax(np.where(np.isfinite(values), values, -np.inf)), values.shape)
+    return int(row), int(column)
 
 
 def _lines(values: NDArray[Any], side: int, step: int, unit: str) -> list[str]:

@@ -122,9 +122,7 @@ def assemble(
         full_well_e=full_well,
         snr_max=snr_max(full_well, note),
         sensitivity_threshold_e=threshold,
-        sensitivity_threshold_photons=None
-        if qe is None
-        else threshold.over(qe, "photons", "with the quantum efficiency stated"),
+        sensitivity_threshold_photons=qe and threshold.over(qe, "photons", "with the quantum efficiency stated"),
         dynamic_range=full_well.over(threshold, "1", note),
         series=tuple(points),
         darks=tuple(darks),

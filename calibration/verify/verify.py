@@ -184,8 +184,7 @@ def _compared(
         read[patch], of_patch = combine_readings(patch, readings.get(patch, ()))
         findings += of_patch
         if read[patch].luminance_cd_m2 == 0:
-            text = f"patch {patch!r} reads 0 cd/m², below the meter's range: verify with a brighter patch"
-            raise CalibrationError(text)
+            raise CalibrationError(f"patch {patch!r} reads 0 cd/m², below the meter's range: verify a brighter one")
     calibrated = calibration.meter_scale
     scales: tuple[MeterScale, ...] = () if meter.is_as_in(calibrated) else (meter, calibrated)
     if (meter.meter.model, meter.meter.serial) == (calibrated.meter.model, calibrated.meter.serial):

@@ -192,8 +192,7 @@ class FrameStream:
 
     def _pop(self, wait_s: float) -> Any:
         if self._gather_s:
-            buffer = self._running().try_pop_buffer()
-            if buffer is not None:
+            if (buffer := self._running().try_pop_buffer()) is not None:
                 return buffer
             time.sleep(min(self._gather_s, wait_s))
         return self._running().timeout_pop_buffer(int(wait_s * 1e6))

@@ -208,9 +208,8 @@ class Table:
         detail: bool = False,
     ) -> Table:
         """Make a table of items, one a row, whose values the columns take."""
-        kept = list(items)
-        data = values_of(columns, kept)
-        return cls(name, title, tuple(replace(one, value="") for one in columns), data, note, detail=detail)
+        shown = tuple(replace(column, value="") for column in columns)
+        return cls(name, title, shown, values_of(columns, list(items)), note, detail=detail)
 
     def __len__(self) -> int:
         return len(self.data[self.columns[0].name]) if self.columns else 0
@@ -267,10 +266,9 @@ class Table:
             values = list(self.data[column.name])
             numeric = all(value is None or isinstance(value, int | float | np.number) for value in values)
             known = [np.nan if value is None else value for value in values] if numeric else list(map(str, values))
-            array = np.array(known)
             unit = "1" if column.unit == "%" else column.unit
             attributes = {"long_name": column.label, "units": unit, "description": column.meaning}
-            variables[column.name] = ("row", array, {key: text for key, text in attributes.items() if text})
+            variables[column.name] = ("row", np.array(known), {key: text for key, text in attributes.items() if text})
         return Dataset(variables, attrs={"title": self.title})
 
 

@@ -288,7 +288,7 @@ def _video(_: Path, file: Path) -> Any:
         if len(frames) > 5000:
             raise AssertionError("a small file has more than 5000 frames")
         try:
-            frames.append((entry.number, entry.load().dn if not entry.fault else entry.fault))
+            frames.append((entry.number, entry.load().frame.dn if not entry.fault else entry.fault))
         except ValueError as error:
             frames.append((entry.number, str(error)))
     return frames

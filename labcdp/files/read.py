@@ -134,6 +134,8 @@ def _from_raw(path: Path, sha256: str, options: PictureOptions) -> Picture:
 
 def _picture(stored: StoredImage, path: Path, sha256: str, options: PictureOptions) -> Picture:
     facts, findings = stored.facts, (*stored.changes, *stored.doubts)
+    if options.encoding is not None:
+        findings = tuple(one for one in findings if one.code != "linear-assumed")
     encoding = options.encoding or stored.encoding
     exposure_known = (facts.exposure_s or options.exposure_s) is not None
     picture = Picture(path, sha256, facts, encoding=encoding, exposure_known=exposure_known)

@@ -176,8 +176,8 @@ GAMMA = {value: (b"gAMA", struct.pack(">I", value)) for value in (45_454, 55_556
 )  # fmt: skip
 def test_a_png_says_how_its_values_follow_light(tmp_path, chunks, encoding, findings):
     (tmp_path / "a.png").write_bytes(png(GREY, 8, *chunks))
-    picture = read_picture(tmp_path / "a.png")
-    assert (picture.encoding, picture.findings) == (encoding, findings)
+    picture, told = (read_picture(tmp_path / "a.png", PictureOptions().given(encoding=one)) for one in (None, "srgb"))
+    assert (picture.encoding, picture.findings, info("linear-assumed") in told.findings) == (encoding, findings, False)
 
 
 @pytest.mark.parametrize(

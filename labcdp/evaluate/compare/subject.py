@@ -180,7 +180,7 @@ def _results(name: str, path: Path, content: dict[str, Any], inputs: tuple[Input
             return [Subject(kind, name, content, inputs, settings, simulated)]
         rows = content["tables"]["pictures"]["rows"]
         names = [str(row["picture"]) for row in rows] if len(rows) > 1 else [name]
-        own = [settings | {key: row[key] for key in _OF_PICTURE} for row in rows]
+        own = [settings | {key: row[key] for key in _OF_PICTURE if key in row} for row in rows]
         return [
             Subject(kind, one, {**content, "number": number}, inputs, of_picture, simulated)
             for number, (one, of_picture) in enumerate(zip(names, own, strict=True), start=1)

@@ -133,9 +133,10 @@ def _fitted(
     first, ladder = select_model(design, candidates)
     require_monotone(first)
     seen = next(iter(intake.groups.values()))[0]
-    final, responsivity, gains, tests = _final(first, seen.vignetting, intake, scale.half_width_rel)
-    steps = [abs(test.value) for test in tests if test.finding.code == fit_tests.STEP_OF_METER]
-    scale = replace(scale, step_rel=sum(steps))
+    # The weights of colours are fitted to the mean of all readings, which is not that of two scales.
+    limits_rel = 0.0 if seen.state.plane else scale.half_width_rel
+    final, responsivity, gains, tests = _final(first, seen.vignetting, intake, limits_rel)
+    scale = replace(scale, step_rel=sum(abs(t.value) for t in tests if t.finding.code == fit_tests.STEP_OF_METER))
     measured = max(reading.timestamp for group in readings.values() for reading in group)
     residuals = fitted_rows(final, screened.readings, intake.groups)
     findings = [

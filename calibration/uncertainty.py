@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from math import erf, exp, inf, isfinite, pi, sqrt
 
 from ..core.errors import InputError
@@ -149,6 +150,17 @@ def critical_value(n_tests: int, dof: float = float("inf")) -> float:
 
     tail = FALSE_ALARM / (2 * max(n_tests, 1))
     return float(norm.isf(tail) if dof == float("inf") else t.isf(tail, max(dof, 1)))
+
+
+def scales_apart(meter: MeterScale, calibrated: MeterScale) -> tuple[MeterScale, ...]:
+    """Return the scales whose errors do not cancel between readings and a calibration: none of the same meter's.
+
+    If that changed among the calibration's readings, half of the change is left on either side.
+    """
+    if not meter.is_as_in(calibrated):
+        return meter, calibrated
+    left = replace(calibrated, limits_rel=calibrated.step_rel, f1_prime=None)
+    return (left,) if calibrated.step_rel else ()
 
 
 def expanded_rel(scales: Sequence[MeterScale], random_rel: float, dof: float = inf) -> float:

@@ -25,7 +25,7 @@ from ..readings import PatchReading, combine_readings
 from ..sensor.dark import DarkModel, fit_dark
 from ..setup import METER_SOURCES, MeterScale
 from ..signal import temperature_findings
-from ..uncertainty import effective_dof, expanded_half_width, expanded_rel, of_one_estimate
+from ..uncertainty import effective_dof, expanded_half_width, expanded_rel, of_one_estimate, scales_apart
 from .findings import findings_of
 from .result import WANDER_DN, Drift, Verification, VerifiedDark, VerifiedPatch, VerifiedPlane, require_tolerance
 
@@ -111,7 +111,7 @@ def own_tolerance_rel(calibration: AnyCalibration, of_place_rel: float = 0.0) ->
 
 @dataclass(frozen=True, eq=False)
 class _Comparison:
-    """Deviations of n patches; `scales` are of the meters that matter: none with the calibration's meter, else both."""
+    """Deviations of n patches; `scales` are those that matter, by `scales_apart`."""
 
     seen: Sequence[PatchLuminance]
     read: Mapping[str, PatchReading]
@@ -186,7 +186,7 @@ def _compared(
         if read[patch].luminance_cd_m2 == 0:
             raise CalibrationError(f"patch {patch!r} reads 0 cd/m², below the meter's range: verify a brighter one")
     calibrated = calibration.meter_scale
-    scales: tuple[MeterScale, ...] = () if meter.is_as_in(calibrated) else (meter, calibrated)
+    scales = scales_apart(meter, calibrated)
     if (meter.meter.model, meter.meter.serial) == (calibrated.meter.model, calibrated.meter.serial):
         # One instrument: its spectral mismatch is the same in the same light.
         scales = tuple(replace(one, f1_prime=None) for one in scales)

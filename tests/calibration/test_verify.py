@@ -115,10 +115,12 @@ def test_nothing_changed_conforms_and_another_meter_or_certificate_brings_its_ow
     mine, theirs = verify(calibration, *measured()), verify(calibration, *measured(meter=other))
     again = verify(calibration, *measured()[:3], replace(mine.meter, certificate=CERTIFICATE))
     assert (mine.verdict, abs(mine.mean_rel) < mine.mean_expanded_rel < 0.01) == ("conform", True)
-    for result, own in ((theirs, 0.03 / sqrt(3)), (again, 0.004)):
-        assert not result.same_meter
+    # Before or after a step of 1 %, which is that of the same meter, its scale is half of the step from their mean.
+    step = verify(replace(calibration, meter_scale=replace(mine.calibration_meter, step_rel=0.01)), *measured())
+    for result, limits, own in ((theirs, 0.02, 0.03 / sqrt(3)), (again, 0.02, 0.004), (step, 0.005, 0.0)):
+        assert result.same_meter == (result is step)
         for row, before in zip(result.patches, mine.patches, strict=True):
-            expected = hypot(before.standard_uncertainty_rel, 0.02 / sqrt(3), own)
+            expected = hypot(before.standard_uncertainty_rel, limits / sqrt(3), own)
             assert row.standard_uncertainty_rel == pytest.approx(expected, rel=0.01)
     assert "verified-with-other-meter" in codes(theirs)
     assert "meter-recalibrated" in codes(again)
@@ -128,8 +130,7 @@ def test_an_adjusted_meter_is_not_a_change_of_the_camera(calibration):
     """A meter adjusted by 1.5 %, within both accuracies: not "not conform", and in a history not "changed"."""
     adjusted = SimulatedMeter(true_scale_error_rel=-0.007, identity=MeterIdentity("LS-110", "73323007", "2018-02-01"))
     result = verify(calibration, *measured(meter=adjusted))
-    assert result.verdict == "undecided"
-    assert "meter-recalibrated" in codes(result)
+    assert (result.verdict, "meter-recalibrated" in codes(result)) == ("undecided", True)
     (one,) = histories({"c": calibration}, {"v": result})
     change, expanded = one.change_rel
     assert 0.01 < change < expanded

@@ -10,6 +10,7 @@ from ...calibration import Calibration, DarkModel
 from ...calibration.emva.result import Characterisation, Quantity
 from ...calibration.sensor.dark_fit import TYPICAL_DOUBLING_C
 from ...calibration.sensor.noise import index_of_gain
+from ...calibration.uncertainty import scales_apart
 from ...chain import Sensor
 from ...core.errors import CalibrationError, InputError
 from ...core.frame import Frame
@@ -144,9 +145,8 @@ def _dark_current(dark: DarkModel, temperature_c: float, k: Quantity, findings: 
 def _responsivity(observed: ObservedSession, calibration: Calibration, gain_factor: float) -> Quantity:
     """R with its uncertainty relative to the readings of this session; the scale of another meter does not cancel."""
     fit = calibration.responsivity
-    rel = fit.random_rel
-    if not observed.meter_scale.is_as_in(calibration.meter_scale):
-        rel = hypot(rel, calibration.meter_scale.common_rel, observed.meter_scale.common_rel)
+    scales = scales_apart(observed.meter_scale, calibration.meter_scale)
+    rel = hypot(fit.random_rel, *(one.common_rel for one in scales))
     value = gain_factor * fit.responsivity_dn_s_cd_m2
     return Quantity(value, rel * value, "DN/(cd m^-2 s)", "calibration, without the scale error of the meter")
 

@@ -96,7 +96,8 @@ def read_exif(data: bytes, path: Path) -> ExifFacts:
     exif = merged.get(_EXIF)
     if isinstance(exif, dict):
         codes = tifffile.TIFF.EXIF_TAGS
-        merged |= {codes[name]: value for name, value in exif.items() if name in codes}
+        # Names of several tags, such as CFAPattern, do not say which of them it is.
+        merged |= {codes[name]: value for name, value in exif.items() if len(codes.getall(name, ())) == 1}
     largest = max(directories, key=lambda tags: _number(tags.get(256)) or 0, default={})
     return _facts(merged, largest)
 

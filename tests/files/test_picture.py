@@ -204,7 +204,8 @@ def test_a_guess_of_saturation_is_named(tmp_path, top, shift, bits, saturation_d
 def test_what_files_lack_comes_from_the_options(tmp_path):
     block = Image.Exif()
     block[271], block[272] = "Acme", "Still 1"
-    block.get_ifd(0x8769).update({0x829A: 0.004, 0x829D: 2.8, 0x8827: 400, 0x920A: 50.0})
+    # With the CFAPattern of Exif, which pictures for screens have too.
+    block.get_ifd(0x8769).update({0x829A: 0.004, 0x829D: 2.8, 0x8827: 400, 0x920A: 50.0, 0xA302: bytes(8)})
     Image.fromarray(GREY).save(tmp_path / "a.jpg", exif=block)
     cv2.imwrite(str(tmp_path / "a.png"), GREY)
     options = PictureOptions(exposure_s=0.02, gain_db=6.0, camera=MANTA, black_level_dn=4.0, saturation_dn=250.0)
@@ -213,7 +214,7 @@ def test_what_files_lack_comes_from_the_options(tmp_path):
     assert (stated.frame.exposure_s, stated.frame.gain_db) == (0.004, pytest.approx(12.04, abs=0.01))
     assert (given.frame.exposure_s, given.frame.gain_db, given.exposure_stated) == (0.02, 6.0, False)
     assert (stated.frame.camera, given.frame.camera) == (CameraIdentity("Acme", "Still 1", "1"), MANTA)
-    assert (given.frame.black_level_dn, given.frame.saturation_dn) == (4.0, 250.0)
+    assert (given.frame.black_level_dn, given.frame.saturation_dn, stated.facts.has_cfa_pattern) == (4.0, 250.0, False)
 
 
 @pytest.mark.parametrize(("orientation", "suffix"), [*zip(range(1, 9), ["jpg", "png", "tif"] * 3, strict=False)])

@@ -37,11 +37,24 @@ def compiled(function: Callable[_Parameters, _Compiled]) -> Callable[_Parameters
     from numba import njit
 
     _forget_outdated(Path(function.__code__.co_filename).parent)
+    # C calls none of them: an entry for it would only take time.
+    ways = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
     try:
-        made = njit(cache=True, nogil=True, error_model="numpy")(function)
+        made = njit(cache=True, **ways)(function)
     except RuntimeError:
         # There is no folder to keep it in.
-        made = njit(nogil=True, error_model="numpy")(function)
+        made = njit(**ways)(function)
+    return cast(Callable[_Parameters, _Compiled], made)
+
+
+def compiled_part(function: Callable[_Parameters, _Compiled]) -> Callable[_Parameters, _Compiled]:
+    """Compile a function that only compiled ones call, along with them and kept in them.
+
+    It has no entry from Python, which would take as long to compile as a short function itself.
+    """
+    from numba import njit
+
+    made = njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, no_cpython_wrapper=True)(function)
     return cast(Callable[_Parameters, _Compiled], made)
 
 

@@ -7,24 +7,26 @@ from math import isfinite, isnan, nan
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.computer import compiled
+from ..core.computer import compiled, compiled_part
 from .light_kernel import LevelArrays, compare, find_light, look
 
 _Pixels = NDArray[np.float32]
 _Matrix = NDArray[np.float64]
 
 
-@compiled
+@compiled_part
 def _product(one: _Matrix, other: _Matrix) -> _Matrix:
-    result = np.zeros((3, 3))
+    result = np.empty((3, 3))
     for row in range(3):
         for column in range(3):
+            total = 0.0
             for between in range(3):
-                result[row, column] += one[row, between] * other[between, column]
+                total += one[row, between] * other[between, column]
+            result[row, column] = total
     return result
 
 
-@compiled
+@compiled_part
 def _inverse(matrix: _Matrix) -> _Matrix:
     """Inverse by cofactors, not finite if there is none."""
     result = np.empty((3, 3))
@@ -39,7 +41,7 @@ def _inverse(matrix: _Matrix) -> _Matrix:
     return result
 
 
-@compiled
+@compiled_part
 def _sample(
     level: LevelArrays,
     image: _Pixels,
@@ -74,7 +76,7 @@ def _sample(
             at += 1
 
 
-@compiled
+@compiled_part
 def _step(
     level: LevelArrays, trusted: _Pixels, residuals: _Pixels, robust: _Pixels, rows: _Pixels, weighted: _Pixels
 ) -> NDArray[np.float64]:
@@ -85,7 +87,8 @@ def _step(
     for row in range(n + 1):
         for at in range(residuals.size):
             weighted[row, at] = rows[row, at] * (trusted[at] * robust[at])
-    sums = np.dot(weighted, rows.T)
+    sums = np.empty((n + 1, n + 1), np.float32)
+    np.dot(weighted, rows.T, sums)
     products, step = np.empty((n, n)), np.empty(n)
     # The last row of the Jacobian is of ones.
     scatter = max(sums[n, n] / max(sums[n - 1, n - 1], 1e-9), level.noise**2)
@@ -142,7 +145,9 @@ def improved(
         if isnan(gain) or not n_steps:
             break
         step = _step(level, trusted, residuals, robust, rows, weighted)
-        change, largest = np.eye(3), 0.0
+        change, largest = np.empty((3, 3)), 0.0
+        for at in range(9):
+            change[at // 3, at % 3] = at % 4 == 0
         for way in range(n - 2):
             largest = max(largest, abs(step[way]))
             for at in range(9):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.computer import compiled
+from ..core.computer import compiled_part
 
 #: Residuals from which on pixels count little, in standard deviations of the residuals.
 _ROBUST = 2.5
@@ -67,7 +67,7 @@ class LevelArrays(NamedTuple):
     still: float
 
 
-@compiled
+@compiled_part
 def _middle_of(values: _Pixels) -> float:
     """Value that half of them are below; changes their order."""
     first, last, wanted = 0, values.size - 1, values.size // 2
@@ -92,13 +92,13 @@ def _middle_of(values: _Pixels) -> float:
     return float(values[wanted])
 
 
-@compiled
+@compiled_part
 def _least_spread(level: LevelArrays, gain: float) -> float:
     """Spread of the residuals that noise, interpolation and blur leave in a light."""
     return max(level.noise * hypot(1.0, 1 / gain), _ALLOWED * level.structure)
 
 
-@compiled
+@compiled_part
 def compare(
     level: LevelArrays, values: _Pixels, gain: float, offset: float, residuals: _Pixels, robust: _Pixels
 ) -> float:
@@ -120,7 +120,7 @@ def compare(
     return spread
 
 
-@compiled
+@compiled_part
 def find_light(
     level: LevelArrays, values: _Pixels, trusted: _Pixels, robust: _Pixels, expected: float
 ) -> tuple[float, float]:
@@ -151,7 +151,7 @@ def find_light(
     return gain, mean_v - gain * (level.middle + mean_t)
 
 
-@compiled
+@compiled_part
 def _in_light(
     level: LevelArrays, values: _Pixels, trusted: _Pixels, gain: float, offset: float
 ) -> tuple[float, float, float, _Pixels, _Pixels]:
@@ -173,7 +173,7 @@ def _in_light(
     return gain, offset, spread, residuals, robust
 
 
-@compiled
+@compiled_part
 def look(
     level: LevelArrays, values: _Pixels, trusted: _Pixels, gain: float, offset: float
 ) -> tuple[float, float, float, _Pixels, _Pixels]:

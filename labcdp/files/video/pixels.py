@@ -118,7 +118,8 @@ class Pixels:
         top, left = rows.start // down, columns.start // across
         of_colour = np.s_[top : -(-rows.stop // down), left : -(-columns.stop // across)]
         luma = planes[0][top * down : rows.stop, left * across : columns.stop]
-        luma, blue, red = map(np.ascontiguousarray, (luma, planes[1][of_colour], planes[2][of_colour]))
+        # Copies are of one kind, whether the decoder's memory is read-only or not: there is one kernel to compile.
+        luma, blue, red = (one.copy() for one in (luma, planes[1][of_colour], planes[2][of_colour]))
         light = light_tables(self.bits, self.stored)
         luminance, clipped = luminance_of_ycbcr(luma, blue, red, (down, across), self._parts, light)
         inner = np.s_[rows.start - top * down :, columns.start - left * across :]

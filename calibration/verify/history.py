@@ -13,7 +13,7 @@ from ..frames.observations import CameraState
 from ..model import Calibration
 from ..sensor.dark import DarkModel
 from ..setup import LensIdentity, MeterScale
-from ..uncertainty import expanded_half_width, expanded_rel
+from ..uncertainty import expanded_half_width, expanded_rel, scales_apart
 from .result import Verdict, Verification, VerifiedPlane
 
 
@@ -91,7 +91,7 @@ class CameraHistory:
     def change_rel(self) -> tuple[float, float] | None:
         """Change of the responsivity from the first to the last point, with U (95 %); None for one point.
 
-        The scale of the meter cancels if it is one meter in one state of adjustment.
+        The scale of the meter cancels if it is one meter in one state of adjustment, but for half of a step of it.
         """
         known = [(p.responsivity, p.meter) for p in self.points if p.responsivity]
         if len(known) < 2:
@@ -139,7 +139,8 @@ def histories(
 
 def _of_calibration(source: str, calibration: Calibration, weight: float | None) -> HistoryPoint:
     fit, meter, k = calibration.responsivity, calibration.meter_scale, calibration.noise.k_dn_per_e
-    own_rel, whole_rel = (expanded_rel(meters, fit.random_rel, fit.dof or inf) for meters in ((), (meter,)))
+    kinds = scales_apart(meter, meter), (meter,)
+    own_rel, whole_rel = (expanded_rel(scales, fit.random_rel, fit.dof or inf) for scales in kinds)
     return HistoryPoint(
         source=source,
         measured=calibration.provenance.measured,

@@ -63,7 +63,7 @@ class ImageEvaluation:
     exposure_s : float or None
         Exposure, where it is known.
     encoding : str
-        How the values of the file are taken to be encoded, such as ``sRGB``.
+        How the values of the file are taken to be encoded, such as ``sRGB``; a calibration has a response of its own.
     camera : str or None
         Camera, if known.
     simulated : bool

@@ -198,7 +198,8 @@ def picture_table(pictures: Sequence[ReportedPicture], several: bool) -> Table:
         Column("height_px", "height", "px", value="evaluation.shape.0"),
         Column("exposure_s", "exposure", "s", "Exposure time, where it is known.", time=True,
                value="evaluation.exposure_s"),
-        Column("encoding", "encoding", "", "How the values are taken to be encoded.", value="evaluation.encoding"),
+        Column("encoding", "encoding", "", "How the values are encoded, by the file or as assumed; of no effect with a "
+               "calibration, which has its own response.", value="evaluation.encoding"),
         Column("camera", "camera", "", "Camera, where the file states it.", value="evaluation.camera"),
         Column("unit", "unit", "", "Unit of the luminance.", value="evaluation.unit"),
         Column("folder", "folder", "", "Folder of its page.", shown=False, value=lambda one: one.folder or None),

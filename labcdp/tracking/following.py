@@ -132,6 +132,9 @@ class FollowingTracker:
         black, scale = levels
         self._levels = black, scale if grey.dtype == np.uint8 else scale_of(grey)
         sight = Sight(grey, *self._levels)
+        # Frames so narrow have no structure across.
+        if min(sight.shape) * sight.reduction < 2:
+            raise NotFollowedError(rois[0].name)
         self._scene = SceneWatch(sight)
         self._followers = tuple(
             _follower(sight, roi, self._scene, planar=flat) for roi, flat in zip(rois, planar, strict=True)

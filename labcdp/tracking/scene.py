@@ -142,7 +142,8 @@ class SceneWatch:
             for column in range(columns):
                 top, left = row * grey.shape[0] // rows, column * grey.shape[1] // columns
                 part = answers[top : (row + 1) * grey.shape[0] // rows, left : (column + 1) * grey.shape[1] // columns]
-                _, best, _, (x, y) = cv2.minMaxLoc(part)
+                # Of a frame of a few pixels some have none.
+                _, best, _, (x, y) = cv2.minMaxLoc(part) if part.size else (0, 0.0, 0, (0, 0))
                 if best > _CORNER:
                     points.append((left + x, top + y))
         self._points = np.array(points, np.float32).reshape(-1, 1, 2)

@@ -23,7 +23,7 @@ from .fit.demands import design_findings, fit_findings, require_every_gain, requ
 from .fit.design import DRIFT, SharedError, build_design
 from .fit.intake import Intake, take_in, take_usable
 from .fit.problem import Solution, solve
-from .fit.residuals import finite, fit_errors, fitted_rows, held_out_rows, parameter_covariance
+from .fit.residuals import finite, fit_errors, fitted_rows, held_out_rows
 from .fit.scatter import fit_dof, scatter_of_one, with_scatter
 from .fit.screening import screen
 from .fit.selection import select_model
@@ -154,7 +154,7 @@ def _fitted(
         measured_spectrum=setup.measured_spectrum,
         meter_scale=scale,
         responsivity=responsivity,
-        response=final.candidate.response(final.parameters[: final.candidate.n_parameters])[0],
+        response=final.response[0],
         fit_errors=fit_errors(final),
         dark=settings[0].dark,
         noise=settings[0].noise,
@@ -186,7 +186,7 @@ def _final(
     beyond = of_place.significant and of_place.value > _BEYOND * fit_tests.stated_vignetting_rel(first.design)
     given = first.design.without_shared(VIGNETTING) if beyond else first.design
     plain = solve(given.without_shared(DRIFT), first.candidate)
-    of_glare = fit_tests.glare(plain, _slope(plain))
+    of_glare = fit_tests.glare(plain, plain.response[1])
     glare_cd_m2 = fit_tests.possible_glare_cd_m2(of_glare)
     of_drift = fit_tests.drift(plain)
     of_step, errors = fit_tests.step(plain, limits_rel, of_place, of_drift)
@@ -205,7 +205,7 @@ def _final(
         of_place,
         fit_tests.scatter(stated),
         fit_tests.dark_signal(plain, settings[0].dark, intake.of_dark),
-        fit_tests.gain([(s.gain_db, s.factor, s.factor_random_rel) for s in gains], settings[0].gain_db),
+        fit_tests.gain(gains, settings[0].gain_db),
     )
     return final, replace(_responsivity(stated, final, of_glare), glare_cd_m2=glare_cd_m2), gains, tests
 
@@ -223,14 +223,9 @@ def _versions() -> tuple[tuple[str, str], ...]:
     return (("python", platform.python_version()), *((name, version(name)) for name in ("labcdp", "numpy", "scipy")))
 
 
-def _slope(solution: Solution) -> float:
-    """R of a solution."""
-    return solution.candidate.response(solution.parameters[: solution.candidate.n_parameters])[1]
-
-
 def _responsivity(first: Solution, final: Solution, glare: FitTest) -> ResponsivityFit:
-    design, responsivity = final.design, _slope(final)
-    relative = float(np.sqrt(parameter_covariance(final)[0, 0]) / final.parameters[0])
+    design, responsivity = final.design, final.response[1]
+    relative = float(np.sqrt(final.parameter_covariance[0, 0]) / final.parameters[0])
     scatter_rel, scatter_dof = scatter_of_one(design)
     return ResponsivityFit(
         responsivity_dn_s_cd_m2=responsivity,
@@ -250,7 +245,7 @@ def _gains(final: Solution, settings: Sequence[GainSetting]) -> tuple[GainSettin
     """Return the further gains with their fitted factors."""
     n = final.candidate.n_parameters
     inverse = final.parameters[n:]
-    relative = np.sqrt(np.diag(parameter_covariance(final))[n:]) / inverse
+    relative = np.sqrt(np.diag(final.parameter_covariance)[n:]) / inverse
     return tuple(
         replace(setting, factor=float(1 / value), factor_random_rel=float(rel))
         for setting, value, rel in zip(settings[1:], inverse, relative, strict=True)

@@ -130,6 +130,11 @@ class Design:
         """Reading that belongs to each observation, shape (n,)."""
         return self.reading_cd_m2[self.patch]
 
+    def level(self, luminance: Array) -> Array:
+        """Mean of reading and luminance: weights by either one would favour patches where it is too low."""
+        level: Array = np.sqrt(np.abs(luminance * self.readings))
+        return level
+
     @cached_property
     def patch_rel(self) -> Array:
         """Independent relative standard uncertainty of each patch, shape (P,)."""
@@ -142,8 +147,7 @@ class Design:
 
     def covariance(self, luminance: Array, slope: Array) -> Array:
         """Covariance of luminances less readings, shape (n, n), at luminances and slopes dL/dn of shape (n,)."""
-        # The mean of reading and luminance: weights by either one would favour patches where it is too low.
-        level = np.sqrt(np.abs(luminance * self.readings))
+        level = self.level(luminance)
         own = slope**2 * (self.noise_variance_dn2 + self.scatter_each_dn**2) + (self.scatter_each_rel * luminance) ** 2
         by_patch = np.hypot(self.patch_rel, self.scatter_rel)[self.patch] * level
         uneven = self.dark_nonuniformity_dn * slope

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from math import inf
+from typing import NamedTuple
 
 import numpy as np
 
+from ...core.dn import Response
 from ...core.errors import CalibrationError
 from .candidates import CandidateModel, Curve
 from .design import Array, Design
@@ -26,6 +29,32 @@ _CONTRADICTS = (
 )
 
 
+class Shift(NamedTuple):
+    """Amplitude of one more pattern in luminances less readings.
+
+    Parameters
+    ----------
+    value, uncertainty : float
+        The amplitude and its standard uncertainty; 0 and infinite if the pattern is in the span of the model.
+    dof : float
+        Degrees of freedom of the uncertainty.
+    """
+
+    value: float
+    uncertainty: float
+    dof: float = inf
+
+    @property
+    def known(self) -> bool:
+        """Whether the pattern can be told from the model."""
+        return self.uncertainty < inf
+
+    @property
+    def z(self) -> float:
+        """Size in standard uncertainties."""
+        return abs(self.value) / self.uncertainty
+
+
 @dataclass(frozen=True, eq=False)
 class Solution:
     """A model fitted to a design: L = c(n) scale / factor of the gain.
@@ -38,15 +67,14 @@ class Solution:
         The model.
     parameters : ndarray of float, shape (p,)
         Those of the candidate, then for each further gain the inverse of its factor.
-    luminance, slope, residual : ndarray of float, shape (n,)
-        Luminance of each observation, its derivative by the DN, and luminance less reading; cd/m^2.
+    luminance, slope : ndarray of float, shape (n,)
+        Luminance of each observation, and its derivative by the DN; cd/m^2.
     jacobian : ndarray of float, shape (n, p)
         Derivatives of the luminances by the parameters.
     gain : ndarray of float, shape (p, n)
         Sensitivity of the parameters to the luminances.
-    covariance, weight, left : ndarray of float, shape (n, n)
-        Effective covariance C of the residuals; its inverse K; and P = K - K X (X^T K X)^-1 X^T K with the Jacobian X,
-        used by all tests of further parameters.
+    covariance : ndarray of float, shape (n, n)
+        Effective covariance C of the residuals.
     """
 
     design: Design
@@ -54,12 +82,42 @@ class Solution:
     parameters: Array
     luminance: Array
     slope: Array
-    residual: Array
     jacobian: Array
     gain: Array
     covariance: Array
-    weight: Array
-    left: Array
+
+    @property
+    def residual(self) -> Array:
+        """Luminance less reading, shape (n,)."""
+        return self.luminance - self.design.readings
+
+    @property
+    def level(self) -> Array:
+        """What relative errors are relative to, shape (n,); see `Design.level`."""
+        return self.design.level(self.luminance)
+
+    @cached_property
+    def weight(self) -> Array:
+        """K, the inverse of C, shape (n, n)."""
+        return np.linalg.inv(self.covariance)
+
+    @cached_property
+    def left(self) -> Array:
+        """P = K - K X (X^T K X)^-1 X^T K with the Jacobian X, shape (n, n): what the parameters leave."""
+        columns = self.weight @ self.jacobian
+        left: Array = self.weight - columns @ np.linalg.solve(self.jacobian.T @ columns, columns.T)
+        return left
+
+    @property
+    def response(self) -> tuple[Response, float]:
+        """Return h and R."""
+        return self.candidate.response(self.parameters[: self.candidate.n_parameters])
+
+    @property
+    def parameter_covariance(self) -> Array:
+        """Covariance of the parameters, dark signal included, shape (p, p)."""
+        covariance: Array = self.gain @ self.covariance @ self.gain.T
+        return covariance
 
     @property
     def chi_squared(self) -> float:
@@ -71,19 +129,17 @@ class Solution:
     @property
     def degrees_of_freedom(self) -> int:
         """Observations less parameters."""
-        return self.residual.size - self.parameters.size
+        return self.luminance.size - self.parameters.size
 
-    def shift(self, pattern: Array) -> tuple[float, float]:
+    def shift(self, pattern: Array) -> Shift:
         """Fit one more parameter: the amplitude of `pattern`, shape (n,), in luminances less readings.
 
-        Returns its value and standard uncertainty by the stated errors. The sum of squares decreases by the square of
-        their ratio (score test; exact for linear models). The uncertainty is infinite if the pattern is in the span of
-        the model.
+        The sum of squares decreases by the square of its `z` (score test; exact for linear models).
         """
         seen = float(pattern @ self.left @ pattern)
         if seen <= 1e-12 * float(pattern @ self.weight @ pattern):
-            return 0.0, float("inf")
-        return float(pattern @ self.left @ self.residual) / seen, seen**-0.5
+            return Shift(0.0, inf)
+        return Shift(float(pattern @ self.left @ self.residual) / seen, seen**-0.5)
 
 
 @lru_cache(maxsize=32)
@@ -117,15 +173,10 @@ def solve(design: Design, candidate: CandidateModel) -> Solution:
     scale = np.maximum(np.abs(start), 1e-3 * np.abs(start[0]))
 
     def standardised(scaled: Array) -> Array:
-        parameters = scaled * scale
-        curve, factor = _evaluate(design, candidate, parameters)
-        luminance, slope = factor * curve.value, factor * curve.slope
-        covariance = weighting.covariance(luminance, slope)
-        if not np.isfinite(covariance).all():
-            return np.full(luminance.size, _IMPOSSIBLE)
+        luminance, slope, _ = _luminances(design, candidate, scaled * scale)
         try:
-            root = cholesky(covariance, lower=True, check_finite=False)
-        except np.linalg.LinAlgError:
+            root = cholesky(weighting.covariance(luminance, slope), lower=True)
+        except (np.linalg.LinAlgError, ValueError):
             return np.full(luminance.size, _IMPOSSIBLE)
         residual: Array = solve_triangular(root, luminance - design.readings, lower=True, check_finite=False)
         return residual
@@ -158,31 +209,12 @@ def _typical_rel(solution: Solution) -> float:
 def _solution(design: Design, candidate: CandidateModel, parameters: Array) -> Solution:
     if not candidate.rises(parameters[: candidate.n_parameters]):
         raise CalibrationError(f"the {candidate.kind} response does not rise with luminance: {_CHECK}")
-    curve, factor = _evaluate(design, candidate, parameters)
-    luminance, slope = factor * curve.value, factor * curve.slope
-    by_factor = np.equal.outer(design.gain, np.arange(1, parameters.size - candidate.n_parameters + 1))
-    by_gain = np.where(by_factor, (design.scale_per_s * curve.value)[:, None], 0.0)
-    jacobian = np.column_stack([factor[:, None] * curve.jacobian, by_gain])
-    covariance = design.covariance(luminance, slope)
+    luminance, slope, jacobian = _luminances(design, candidate, parameters)
     normal = jacobian.T @ np.linalg.inv(_weighting(design, candidate).covariance(luminance, slope))
     by_shape = luminance * candidate.errors(design.net_dn)
-    covariance = covariance + by_shape.T @ by_shape
-    weight = np.linalg.inv(covariance)
-    columns = weight @ jacobian
-    left = weight - columns @ np.linalg.solve(jacobian.T @ columns, columns.T)
-    return Solution(
-        design=design,
-        candidate=candidate,
-        parameters=parameters,
-        luminance=luminance,
-        slope=slope,
-        residual=luminance - design.readings,
-        jacobian=jacobian,
-        gain=np.linalg.solve(normal @ jacobian, normal),
-        covariance=covariance,
-        weight=weight,
-        left=left,
-    )
+    covariance = design.covariance(luminance, slope) + by_shape.T @ by_shape
+    gain = np.linalg.solve(normal @ jacobian, normal)
+    return Solution(design, candidate, parameters, luminance, slope, jacobian, gain, covariance)
 
 
 def _start(design: Design, candidate: CandidateModel) -> Array:
@@ -193,8 +225,12 @@ def _start(design: Design, candidate: CandidateModel) -> Array:
     return np.concatenate([candidate.start(slopes[0]), np.array(slopes[1:]) / slopes[0]])
 
 
-def _evaluate(design: Design, candidate: CandidateModel, parameters: Array) -> tuple[Curve, Array]:
-    """Curve of the candidate at the signals, and what it is multiplied with."""
+def _luminances(design: Design, candidate: CandidateModel, parameters: Array) -> Curve:
+    """Luminances of the observations, and their derivatives by the DN and by all parameters."""
     n = candidate.n_parameters
-    inverse_factor = np.concatenate([[1.0], parameters[n:]])[design.gain]
-    return candidate.curve(parameters[:n], design.net_dn), design.scale_per_s * inverse_factor
+    curve = candidate.curve(parameters[:n], design.net_dn)
+    factor = design.scale_per_s * np.concatenate([[1.0], parameters[n:]])[design.gain]
+    by_factor = np.equal.outer(design.gain, np.arange(1, parameters.size - n + 1))
+    by_gain = np.where(by_factor, (design.scale_per_s * curve.value)[:, None], 0.0)
+    jacobian = np.column_stack([factor[:, None] * curve.jacobian, by_gain])
+    return Curve(factor * curve.value, factor * curve.slope, jacobian)

@@ -93,12 +93,6 @@ def held_out_rows(
     return tuple(rows), findings
 
 
-def parameter_covariance(solution: Solution) -> Array:
-    """Covariance of the parameters, dark signal included, shape (p, p)."""
-    covariance: Array = solution.gain @ solution.covariance @ solution.gain.T
-    return covariance
-
-
 def fit_errors(solution: Solution) -> tuple[FitError, ...]:
     """Split the errors of parameters and dark signal into independent ones.
 
@@ -114,9 +108,8 @@ def fit_errors(solution: Solution) -> tuple[FitError, ...]:
         The fit.
     """
     twice = [error for error in solution.design.shared if error.dark or error.pattern is not None]
-    level = np.sqrt(np.abs(solution.luminance * solution.design.readings))
     # What an error adds to the readings that the parameters are fitted to.
-    by_twice = [solution.slope * error.dn - level * error.relative for error in twice]
+    by_twice = [solution.slope * error.dn - solution.level * error.relative for error in twice]
     by_shape = list(solution.luminance * solution.candidate.errors(solution.design.net_dn))
     rest = solution.covariance - sum(np.outer(column, column) for column in (*by_twice, *by_shape))
     own = solution.gain @ rest @ solution.gain.T

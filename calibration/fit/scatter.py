@@ -12,7 +12,7 @@ from ..converter import OF_FRAMES
 from ..uncertainty import COVERAGE, SMALL_P_VALUE, effective_dof, p_value_of_chi_squared
 from .candidates import CandidateModel
 from .design import Array, Design
-from .problem import Solution, solve
+from .problem import Shift, Solution, solve
 
 Kind = Literal["scatter_rel", "scatter_each_rel", "scatter_each_dn"]
 #: Least and largest scatter: relative ones of luminances, those in DN of the largest signal.
@@ -144,27 +144,21 @@ def scatter_around_mean(values: Array, variances: Array) -> tuple[float, float]:
     return size, likelihood.dof(size, 1.0)
 
 
-def shift_with_scatter(solution: Solution, pattern: Array) -> tuple[float, float, float]:
-    """Value, standard uncertainty and degrees of freedom of a further parameter; see `Solution.shift`.
+def shift_with_scatter(solution: Solution, pattern: Array) -> Shift:
+    """Fit one more parameter, as `Solution.shift`.
 
     The uncertainty includes the scatter of the patches that it leaves; without, it has infinite degrees of freedom.
     """
-    value, uncertainty = solution.shift(pattern)
-    dof = solution.degrees_of_freedom - 1
-    if dof < 1 or uncertainty == inf:
-        return value, uncertainty, inf
+    shift = solution.shift(pattern)
+    if solution.degrees_of_freedom < 2 or not shift.known:
+        return shift
     more = replace(solution, jacobian=np.column_stack([solution.jacobian, pattern]))
     size = _estimate(more, ("scatter_rel",))[1]["scatter_rel"]
     if size < _NEGLIGIBLE:
-        return value, uncertainty, inf
-    weight = np.linalg.inv(solution.covariance + size**2 * _pattern(solution, "scatter_rel"))
-    columns = weight @ solution.jacobian
-    left = weight - columns @ np.linalg.solve(solution.jacobian.T @ columns, columns.T)
-    seen = float(pattern @ left @ pattern)
-    if seen <= 0:
-        return value, uncertainty, inf
+        return shift
+    scattered = replace(solution, covariance=_with(solution, {"scatter_rel": size})).shift(pattern)
     of_patches = len(solution.design.patches) - solution.parameters.size - 1
-    return float(pattern @ left @ solution.residual) / seen, seen**-0.5, max(of_patches, 1)
+    return scattered._replace(dof=max(of_patches, 1)) if scattered.known else shift
 
 
 def _estimate(solution: Solution, kinds: tuple[Kind, ...]) -> tuple[float, dict[Kind, float]]:
@@ -209,8 +203,7 @@ def _unit(solution: Solution, kind: Kind) -> float:
 def _pattern(solution: Solution, kind: Kind) -> Array:
     """Covariance of the residuals for a scatter of 1."""
     if kind == "scatter_rel":
-        level = np.sqrt(np.abs(solution.luminance * solution.design.readings))
-        return np.where(solution.design.same_patch, np.outer(level, level), 0.0)
+        return np.where(solution.design.same_patch, np.outer(solution.level, solution.level), 0.0)
     return np.diag((solution.luminance if kind == "scatter_each_rel" else solution.slope) ** 2)
 
 
@@ -239,9 +232,8 @@ def fit_dof(solution: Solution) -> float:
         (getattr(design, kind) ** 2 * float(row @ _pattern(solution, kind) @ row), getattr(design, f"{kind}_dof"))
         for kind in ("scatter_rel", "scatter_each_rel", "scatter_each_dn")
     ]
-    level = np.sqrt(np.abs(solution.luminance * design.readings))
     for source in OF_FRAMES:
         own = [one for one in design.shared if one.source == source]
-        variance = sum(float(row @ (one.relative * level + one.dn * solution.slope)) ** 2 for one in own)
+        variance = sum(float(row @ (one.relative * solution.level + one.dn * solution.slope)) ** 2 for one in own)
         parts += [(variance, own[0].dof)] if own else []
     return effective_dof([*parts, (max(total - sum(v for v, _ in parts), 0.0), inf)])

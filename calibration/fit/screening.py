@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from math import hypot, inf, sqrt
+from math import hypot, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,7 +22,7 @@ from .candidates import CandidateModel
 from .design import Array, Design
 from .problem import Solution, solve
 from .scatter import shift_with_scatter
-from .selection import WORTH, ratio, strongest_alternative
+from .selection import WORTH, strongest_alternative
 
 #: Largest fraction of the patches that may be left out (at least one).
 MAX_SHARE = 0.1
@@ -116,15 +116,15 @@ def _bad_patch(design: Design, candidates: Sequence[CandidateModel]) -> tuple[in
     if best is None:
         return None
     solution, patch = best
-    value, uncertainty, _ = shift_with_scatter(solution, _pattern(design, patch))
+    shift = shift_with_scatter(solution, _pattern(design, patch))
     # Even where the other patches seem not to scatter, they are few.
     dof = len(design.patches) - solution.parameters.size - 1
-    if uncertainty == inf or abs(value) <= critical_value(len(design.patches), dof) * uncertainty:
+    if not shift.known or shift.z <= critical_value(len(design.patches), dof):
         return None
     alternative = strongest_alternative(solution)
-    if alternative is not None and alternative[1] >= ratio(solution.shift(_pattern(design, patch))):
+    if alternative is not None and alternative[1] >= solution.shift(_pattern(design, patch)).z:
         return None
-    expected = float(design.reading_cd_m2[patch] + value)
+    expected = float(design.reading_cd_m2[patch] + shift.value)
     return (patch, expected) if expected > 0 else None
 
 
@@ -138,7 +138,7 @@ def _best_without_one(
             solution = solve(design, candidate)
         except CalibrationError:
             continue
-        drop, worst = max((ratio(solution.shift(_pattern(design, patch))) ** 2, -patch) for patch in patches)
+        drop, worst = max((solution.shift(_pattern(design, patch)).z ** 2, -patch) for patch in patches)
         left = solution.chi_squared - drop + WORTH * (candidate.n_parameters - 1)
         if best is None or left < best[0]:
             best = left, solution, -worst
@@ -162,12 +162,12 @@ def _choose_of_two(
         best = _best_without_one(design, candidates, [patch])
         if best is None:
             continue
-        value, uncertainty = best[0].shift(_pattern(design, patch))
-        if uncertainty == inf:
+        shift = best[0].shift(_pattern(design, patch))
+        if not shift.known:
             continue
-        expected = float(design.reading_cd_m2[patch] + value)
+        expected = float(design.reading_cd_m2[patch] + shift.value)
         # The shift's variance less that of this patch's reading is the camera's.
-        by_camera = sqrt(max(uncertainty**2 - float(design.reading_variance[patch]), 0.0))
+        by_camera = sqrt(max(shift.uncertainty**2 - float(design.reading_variance[patch]), 0.0))
         off = [
             abs(r.luminance_cd_m2 - expected) / hypot(by_camera, r.standard_uncertainty_random_cd_m2, 1e-9 * expected)
             for r in pair

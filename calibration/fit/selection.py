@@ -174,12 +174,6 @@ def _obstacle(simple: Solution, before: LeaveOneOut, better: Solution, after: Le
     return None
 
 
-def ratio(found: tuple[float, float]) -> float:
-    """Size of a value in standard uncertainties, from `Solution.shift`."""
-    value, uncertainty = found
-    return abs(value) / uncertainty
-
-
 def strongest_alternative(solution: Solution) -> tuple[str, float] | None:
     """Find the best alternative explanation of the residuals, and its standardised value.
 
@@ -194,45 +188,47 @@ def strongest_alternative(solution: Solution) -> tuple[str, float] | None:
     times = drift_pattern(solution)
     if times is not None:
         candidates.append(("a drift", times))
-    found = [(name, ratio(solution.shift(pattern))) for name, pattern in candidates]
+    found = [(name, solution.shift(pattern).z) for name, pattern in candidates]
     found += [("the place in the image", worth_of_place(solution)), ("a step of the meter", worth_of_step(solution))]
     strongest = max(found, key=lambda row: row[1])
     return strongest if strongest[1] > 0 else None
 
 
-def drift_pattern(solution: Solution) -> Array | None:
-    """Deviations by a light that changes by 1 per hour; None if the readings are (nearly) simultaneous."""
+def exposure_patterns(solution: Solution) -> list[tuple[float, Array]]:
+    """Exposure times, and deviations by each of them that is too long; none for a single one."""
+    design = solution.design
+    times = [*enumerate(design.exposures_s.tolist())] if design.exposures_s.size > 1 else []
+    return [(exposure_s, np.where(design.exposure == n, solution.luminance, 0.0)) for n, exposure_s in times]
+
+
+def drift_pattern(solution: Solution) -> Array:
+    """Deviations by a light that changes by 1 per hour; 0 if the readings are (nearly) simultaneous."""
     design = solution.design
     hours = np.array([(time - design.read_at[0]).total_seconds() / 3600 for time in design.read_at])
     if np.ptp(hours) < _MIN_HOURS:
-        return None
+        return np.zeros_like(solution.luminance)
     pattern: Array = (hours - hours.mean())[design.patch] * solution.luminance
     return pattern
 
 
-def strongest_step(solution: Solution) -> tuple[Array, int, int] | None:
+def strongest_step(solution: Solution) -> tuple[Array, int, int]:
     """Find where the readings change at once the most, as those of a readjusted meter do.
 
     Returns deviations by readings that are 1 lower from one patch on, its number, and that of the possible steps, which
-    have two patches on each side; None if there is no such step.
+    have two patches on each side; without such a step they are 0.
     """
     design = solution.design
     order = sorted(range(len(design.patches)), key=lambda i: design.read_at[i])
-    found = []
+    steps = [(np.zeros_like(solution.luminance), 0, 0)]
     for first in order[2:-1]:
         after = np.array([time >= design.read_at[first] for time in design.read_at])
-        pattern = (after - 0.5)[design.patch] * solution.luminance
-        found.append((ratio(solution.shift(pattern)), first, pattern))
-    if not found:
-        return None
-    _, first, strongest = max(found, key=lambda one: one[0])
-    return strongest, first, len(found)
+        steps.append(((after - 0.5)[design.patch] * solution.luminance, first, len(order) - 3))
+    return max(steps[1:] or steps, key=lambda step: solution.shift(step[0]).z)
 
 
 def worth_of_step(solution: Solution) -> float:
     """Standardised value of the strongest step, comparable with that of a single parameter: its time is another one."""
-    found = strongest_step(solution)
-    return 0.0 if found is None else sqrt(max(ratio(solution.shift(found[0])) ** 2 - WORTH, 0.0))
+    return sqrt(max(solution.shift(strongest_step(solution)[0]).z ** 2 - WORTH, 0.0))
 
 
 def by_place(solution: Solution) -> tuple[float, int, Array]:

@@ -14,11 +14,12 @@ from ...core.vignetting import AnyVignetting, Cos4Vignetting
 from ..converter import VIGNETTING
 from ..findings import FitTest
 from ..sensor.dark import DarkModel
+from ..sensor.noise import GainSetting
 from ..uncertainty import FALSE_ALARM, critical_value, expanded_half_width, p_value_of_chi_squared
 from .design import Design, SharedError
-from .problem import Solution, solve
+from .problem import Shift, Solution, solve
 from .scatter import shift_with_scatter, within_patches
-from .selection import by_place, drift_pattern, ratio, strongest_step, worth_of_place, worth_of_step
+from .selection import by_place, drift_pattern, exposure_patterns, strongest_step, worth_of_place, worth_of_step
 
 #: Ratio of the highest to the lowest patch below which intercept and slope cannot be distinguished.
 MIN_SPAN = 2.0
@@ -39,18 +40,18 @@ def glare(solution: Solution, responsivity_dn_s_cd_m2: float) -> FitTest:
     readings = solution.design.reading_cd_m2
     if readings.max() < MIN_SPAN * readings.min():
         return _untestable("glare", "cd/m²", "span")
-    veil, uncertainty, dof = shift_with_scatter(solution, np.ones_like(solution.luminance))
-    if uncertainty == inf:
+    veil = shift_with_scatter(solution, np.ones_like(solution.luminance))
+    if not veil.known:
         return _untestable("glare", "cd/m²", "patches")
-    significant = abs(veil) > _critical_value(dof) * uncertainty and not _rather_a_wrong_dark(solution)
+    significant = veil.z > _critical_value(veil.dof) and not _rather_a_wrong_dark(solution)
     values = {
-        "intercept_cd_m2": veil,
-        "expanded_cd_m2": expanded_half_width(0.0, uncertainty),
-        "intercept_dn_s": veil * responsivity_dn_s_cd_m2,
-        "z": abs(veil) / uncertainty,
+        "intercept_cd_m2": veil.value,
+        "expanded_cd_m2": expanded_half_width(0.0, veil.uncertainty),
+        "intercept_dn_s": veil.value * responsivity_dn_s_cd_m2,
+        "z": veil.z,
     }
-    found = "intercept" if veil > 0 else "intercept-negative"
-    return _test("glare", veil, uncertainty, "cd/m²", significant, found, "no-intercept", values)
+    found = "intercept" if veil.value > 0 else "intercept-negative"
+    return _test("glare", veil, "cd/m²", significant, (found, "no-intercept"), values)
 
 
 def possible_glare_cd_m2(test: FitTest) -> float:
@@ -62,41 +63,34 @@ def possible_glare_cd_m2(test: FitTest) -> float:
 
 def _rather_a_wrong_dark(solution: Solution) -> bool:
     """Whether the exposures support an offset of the DN rather than of the luminance."""
-    of_dark, of_veil = solution.shift(solution.slope), solution.shift(np.ones_like(solution.luminance))
-    return abs(of_dark[0]) / of_dark[1] > abs(of_veil[0]) / of_veil[1]
+    return solution.shift(solution.slope).z > solution.shift(np.ones_like(solution.luminance)).z
 
 
 def exposure_reciprocity(solution: Solution) -> FitTest:
     """Most deviating exposure time relative to the others."""
-    name, design = "exposure reciprocity", solution.design
-    if design.exposures_s.size < 2:
+    name = "exposure reciprocity"
+    rows = [(t, shift_with_scatter(solution, pattern)) for t, pattern in exposure_patterns(solution)]
+    exposure_s, shift = max(rows, key=lambda row: row[1].z, default=(0.0, Shift(0.0, inf)))
+    if not shift.known:
         return _untestable(name, "", "exposures")
-    rows = []
-    for number, exposure_s in enumerate(design.exposures_s):
-        pattern = np.where(design.exposure == number, solution.luminance, 0.0)
-        rows.append((float(exposure_s), *shift_with_scatter(solution, pattern)))
-    exposure_s, value, uncertainty, dof = max(rows, key=lambda row: abs(row[1]) / row[2])
-    if uncertainty == inf:
-        return _untestable(name, "", "exposures")
-    significant = abs(value) > max(critical_value(len(rows), dof) * uncertainty, EXPOSURE_TOLERANCE_REL)
-    values = {"exposure_s": exposure_s, **_relative(value, uncertainty)}
-    return _test(name, value, uncertainty, "", significant, "exposure-deviates", "exposures-agree", values)
+    limit = max(critical_value(len(rows), shift.dof) * shift.uncertainty, EXPOSURE_TOLERANCE_REL)
+    values = {"exposure_s": exposure_s, **_relative(shift)}
+    return _test(name, shift, "", abs(shift.value) > limit, ("exposure-deviates", "exposures-agree"), values)
 
 
 def drift(solution: Solution) -> FitTest:
     """Drift of camera over meter with the time of the readings."""
     pattern = drift_pattern(solution)
-    if pattern is None:
+    if not pattern.any():
         return _untestable("drift", "1/h", "time")
     times = solution.design.read_at
-    span_h = (max(times) - min(times)).total_seconds() / 3600
-    value, uncertainty, dof = shift_with_scatter(solution, pattern)
-    if uncertainty == inf:
+    shift = shift_with_scatter(solution, pattern)
+    if not shift.known:
         return _untestable("drift", "1/h", "patches")
     other = max(worth_of_place(solution), worth_of_step(solution))
-    significant = abs(value) > _critical_value(dof) * uncertainty and ratio(solution.shift(pattern)) >= other
-    values = {"span_h": span_h, **_relative(value, uncertainty)}
-    return _test("drift", value, uncertainty, "1/h", significant, "drift", "no-drift", values)
+    significant = shift.z > _critical_value(shift.dof) and solution.shift(pattern).z >= other
+    values = {"span_h": (max(times) - min(times)).total_seconds() / 3600, **_relative(shift)}
+    return _test("drift", shift, "1/h", significant, ("drift", "no-drift"), values)
 
 
 def step(solution: Solution, limits_rel: float, *others: FitTest) -> tuple[FitTest, list[SharedError]]:
@@ -106,24 +100,24 @@ def step(solution: Solution, limits_rel: float, *others: FitTest) -> tuple[FitTe
     the limits of the meter's scale is taken for the meter's; of a larger one either side may be right, or anything in
     between.
     """
-    found, name = strongest_step(solution), "meter step"
-    pattern, first, n = (np.zeros_like(solution.luminance), 0, 0) if found is None else found
-    value, uncertainty, dof = shift_with_scatter(solution, pattern)
-    if uncertainty == inf:
+    (pattern, first, n), name = strongest_step(solution), "meter step"
+    shift = shift_with_scatter(solution, pattern)
+    if not shift.known:
         return _untestable(name, "", "patches"), []
-    times, rivals = drift_pattern(solution), {one.name for one in others if one.significant}
-    other = worth_of_place(solution) if "vignetting" in rivals else 0.0
-    if "drift" in rivals and times is not None:
-        other = max(other, ratio(solution.shift(times)))
-    significant = abs(value) > critical_value(n, dof) * uncertainty and worth_of_step(solution) > other
-    values = {"patch": solution.design.patches[first], **_relative(-value, uncertainty)}
-    code = STEP_OF_METER if abs(value) <= limits_rel else "readings-step"
-    test = _test(name, -value, uncertainty, "", significant, code, "no-readings-step", values)
-    if not significant:
-        return test, []
-    shape, zero = value * pattern / solution.luminance, np.zeros_like(pattern)
-    either = np.full_like(pattern, abs(value) / 2 / sqrt(3))
-    return test, [SharedError(name, one, zero) for one in ((shape,) if code == STEP_OF_METER else (shape, either))]
+    rivals = {one.name for one in others if one.significant}
+    other = max(
+        worth_of_place(solution) if "vignetting" in rivals else 0.0,
+        solution.shift(drift_pattern(solution)).z if "drift" in rivals else 0.0,
+    )
+    significant = shift.z > critical_value(n, shift.dof) and worth_of_step(solution) > other
+    opposite, zero = shift._replace(value=-shift.value), np.zeros_like(pattern)
+    values = {"patch": solution.design.patches[first], **_relative(opposite)}
+    code = STEP_OF_METER if abs(shift.value) <= limits_rel else "readings-step"
+    errors = [shift.value * pattern / solution.luminance] if significant else []
+    if significant and code != STEP_OF_METER:
+        errors.append(np.full_like(pattern, abs(shift.value) / 2 / sqrt(3)))
+    test = _test(name, opposite, "", significant, (code, "no-readings-step"), values)
+    return test, [SharedError(name, one, zero) for one in errors]
 
 
 def vignetting_left(solution: Solution, vignetting: AnyVignetting | None) -> FitTest:
@@ -155,17 +149,13 @@ def vignetting_left(solution: Solution, vignetting: AnyVignetting | None) -> Fit
     value = sqrt(float(np.mean(deviations**2)))
     uncertainty = value * sqrt(n * each / drop) if drop > 0 else 0.0
     times = drift_pattern(even)
-    rather_a_drift = times is not None and ratio(even.shift(times)) >= worth_of_place(even)
+    rather_a_drift = times.any() and even.shift(times).z >= worth_of_place(even)
     sure = _p_value_of_ratio(drop / n / each, n, dof if scattered else inf) < p_value_of_chi_squared(_LIMIT**2, 1)
-    significant = sure and value > PLACE_TOLERANCE_REL and not rather_a_drift
+    significant = bool(sure and value > PLACE_TOLERANCE_REL and not rather_a_drift)
     values = {"deviation_rel": value, "chance_rel": uncertainty}
-    if vignetting is None:
-        cause = "vignetting-not-corrected"
-    elif isinstance(vignetting, Cos4Vignetting):
-        cause = "vignetting-not-cos4"
-    else:
-        cause = "vignetting-changed"
-    return _test(name, value, uncertainty, "", significant, cause, "no-vignetting-left", values)
+    assumed = "vignetting-not-cos4" if isinstance(vignetting, Cos4Vignetting) else "vignetting-changed"
+    cause = "vignetting-not-corrected" if vignetting is None else assumed
+    return _test(name, Shift(value, uncertainty), "", significant, (cause, "no-vignetting-left"), values)
 
 
 def stated_vignetting_rel(design: Design) -> float:
@@ -176,10 +166,9 @@ def stated_vignetting_rel(design: Design) -> float:
 def scatter(solution: Solution) -> FitTest:
     """Reduced chi^2."""
     dof = solution.degrees_of_freedom
-    reduced = solution.chi_squared / max(dof, 1)
+    reduced = Shift(solution.chi_squared / max(dof, 1), sqrt(2 / max(dof, 1)))
     significant = p_value_of_chi_squared(solution.chi_squared, dof) < FALSE_ALARM
-    uncertainty = sqrt(2 / max(dof, 1))
-    return _test("scatter", reduced, uncertainty, "", significant, "scatter", "scatter-as-stated", {})
+    return _test("scatter", reduced, "", significant, ("scatter", "scatter-as-stated"), {})
 
 
 def dark_signal(solution: Solution, dark: DarkModel, findings: Sequence[Finding]) -> FitTest:
@@ -194,36 +183,31 @@ def dark_signal(solution: Solution, dark: DarkModel, findings: Sequence[Finding]
     findings : sequence of Finding
         What `fit_dark` found.
     """
-    value, uncertainty, dof = shift_with_scatter(solution, solution.slope)
-    name = "dark signal"
+    shift, name = shift_with_scatter(solution, solution.slope), "dark signal"
     against = next((one for one in findings if one.code in ("dark-falls", "dark-contradicts")), None)
-    if uncertainty == inf:
-        return _untestable(name, "DN", "patches") if against is None else FitTest(name, 0.0, 0.0, "DN", True, against)
     if against is not None:
+        value, uncertainty = shift[:2] if shift.known else (0.0, 0.0)
         return FitTest(name, value, uncertainty, "DN", True, against)
-    significant = abs(value) > _critical_value(dof) * uncertainty > 0 and _rather_a_wrong_dark(solution)
-    values = {"difference_dn": value, "expanded_dn": expanded_half_width(0.0, uncertainty)}
+    if not shift.known:
+        return _untestable(name, "DN", "patches")
+    significant = shift.z > _critical_value(shift.dof) and _rather_a_wrong_dark(solution)
+    values = {"difference_dn": shift.value, "expanded_dn": expanded_half_width(0.0, shift.uncertainty)}
     agrees = "dark-agrees" if len(dark.exposures_s) > 1 else "dark-agrees-at-one-exposure"
-    return _test(name, value, uncertainty, "DN", significant, "dark-differs", agrees, values)
+    return _test(name, shift, "DN", significant, ("dark-differs", agrees), values)
 
 
-def gain(factors: Sequence[tuple[float, float, float]], own_db: float) -> FitTest:
-    """Most deviating fitted gain factor relative to 10^(dB / 20).
-
-    Parameters
-    ----------
-    factors : sequence of (float, float, float)
-        Gain in dB, factor over the calibration's own gain, and relative standard uncertainty.
-    own_db : float
-        The calibration's own gain.
-    """
-    if not factors:
+def gain(gains: Sequence[GainSetting], own_db: float) -> FitTest:
+    """Most deviating fitted gain factor relative to 10^(dB / 20) over the calibration's own gain."""
+    if not gains:
         return _untestable("gain", "", "gains")
-    rows = [(db, factor / 10 ** ((db - own_db) / 20) - 1, rel) for db, factor, rel in factors]
-    gain_db, value, uncertainty = max(rows, key=lambda row: abs(row[1]) / max(row[2], 1e-12))
-    significant = abs(value) > max(critical_value(len(rows)) * uncertainty, GAIN_TOLERANCE_REL)
-    values = {"gain_db": gain_db, "own_db": own_db, **_relative(value, uncertainty)}
-    return _test("gain", value, uncertainty, "", significant, "gain-deviates", "gain-as-set", values)
+    rows = [
+        (one.gain_db, Shift(one.factor / 10 ** ((one.gain_db - own_db) / 20) - 1, one.factor_random_rel))
+        for one in gains
+    ]
+    gain_db, shift = max(rows, key=lambda row: abs(row[1].value) / max(row[1].uncertainty, 1e-12))
+    limit = max(critical_value(len(rows)) * shift.uncertainty, GAIN_TOLERANCE_REL)
+    values = {"gain_db": gain_db, "own_db": own_db, **_relative(shift)}
+    return _test("gain", shift, "", abs(shift.value) > limit, ("gain-deviates", "gain-as-set"), values)
 
 
 def _untestable(name: str, unit: str, why: str) -> FitTest:
@@ -232,22 +216,15 @@ def _untestable(name: str, unit: str, why: str) -> FitTest:
 
 
 def _test(
-    name: str,
-    value: float,
-    uncertainty: float,
-    unit: str,
-    significant: bool,
-    found: str,
-    absent: str,
-    values: Mapping[str, FindingValue],
+    name: str, found: Shift, unit: str, significant: bool, codes: tuple[str, str], values: Mapping[str, FindingValue]
 ) -> FitTest:
-    """Return a test with the finding of one code or the other."""
-    finding = warning(found, **values) if significant else info(absent, **values)
-    return FitTest(name, float(value), float(uncertainty), unit, significant, finding)
+    """Return a test with the finding of one code if significant, else of the other."""
+    finding = warning(codes[0], **values) if significant else info(codes[1], **values)
+    return FitTest(name, float(found.value), float(found.uncertainty), unit, significant, finding)
 
 
-def _relative(value: float, uncertainty: float) -> dict[str, FindingValue]:
-    return {"deviation_rel": float(value), "expanded_rel": expanded_half_width(0.0, float(uncertainty))}
+def _relative(found: Shift) -> dict[str, FindingValue]:
+    return {"deviation_rel": float(found.value), "expanded_rel": expanded_half_width(0.0, float(found.uncertainty))}
 
 
 def _p_value_of_ratio(ratio: float, n: int, dof: float) -> float:

@@ -20,7 +20,7 @@ from .findings import FitTest, ResponsivityFit
 from .fit import tests as fit_tests
 from .fit.candidates import candidate_models
 from .fit.demands import design_findings, fit_findings, require_every_gain, require_monotone, require_span
-from .fit.design import DRIFT, SharedError, build_design
+from .fit.design import DRIFT, SharedError
 from .fit.intake import Intake, take_in, take_usable
 from .fit.problem import Solution, solve
 from .fit.residuals import finite, fit_errors, fitted_rows, held_out_rows
@@ -120,17 +120,13 @@ def _fitted(
     """Fit all patches that are not held out."""
     settings = intake.settings
     scale = meter_scale(readings, setup.certificate, setup.meter_f1_prime, setup.source_spectrum)
-    data = take_usable(intake.fitted, readings, settings)
-    design = build_design(data.groups, data.readings, settings, setup.exposure_jitter_s)
-    dark_dn = settings[0].dark.mean_dn(design.exposures_s[0])
-    require_every_gain(design, settings)
-    require_span(design)
-    candidates = candidate_models(design.net_dn, len(design.patches), dark_dn, response)
-    screened = screen(design, candidates, data.readings, readings)
-    design = screened.design
-    require_every_gain(design, settings)
-    candidates = candidate_models(design.net_dn, len(design.patches), dark_dn, response)
-    first, ladder = select_model(design, candidates)
+    data = take_usable(intake, readings, setup.exposure_jitter_s)
+    dark_dn = settings[0].dark.mean_dn(data.design.exposures_s[0])
+    require_every_gain(data.design, settings)
+    require_span(data.design)
+    data = screen(data, candidate_models(data.design, dark_dn, response), readings)
+    require_every_gain(data.design, settings)
+    first, ladder = select_model(data.design, candidate_models(data.design, dark_dn, response))
     require_monotone(first)
     seen = next(iter(intake.groups.values()))[0]
     # The weights of colours are fitted to the mean of all readings, which is not that of two scales.
@@ -138,12 +134,11 @@ def _fitted(
     final, responsivity, gains, tests = _final(first, seen.vignetting, intake, limits_rel)
     scale = replace(scale, step_rel=sum(abs(t.value) for t in tests if t.finding.code == fit_tests.STEP_OF_METER))
     measured = max(reading.timestamp for group in readings.values() for reading in group)
-    residuals = fitted_rows(final, screened.readings, intake.groups)
+    residuals = fitted_rows(final, intake.groups)
     findings = [
         *scale.findings(measured),
         *data.findings,
         *(() if response is None else response.findings),
-        *screened.findings,
         *design_findings(final.design, settings),
         *fit_findings(final, tests),
     ]
@@ -168,7 +163,7 @@ def _fitted(
         exposure_jitter_s=setup.exposure_jitter_s,
         residuals=residuals,
         held_out=(),
-        left_out=(*data.left_out, *screened.left_out),
+        left_out=data.left_out,
         ladder=ladder,
         tests=tests,
         findings=(),

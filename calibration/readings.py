@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from math import hypot, sqrt
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 import numpy as np
 
 from ..core.errors import CalibrationError
 from ..core.reading import CD_M2_PER_FL, Reading
-from ..core.result import Finding, info, warning
+from ..core.result import Finding, FindingValue, info, warning
 from .findings import LeftOut
 from .setup import require_one_correction
 from .uncertainty import p_value_of_chi_squared
@@ -133,7 +133,7 @@ def combine_readings(patch: str, readings: Sequence[Reading]) -> tuple[PatchRead
         number, reading = once.pop(bad)
         others = float(np.mean([r.luminance_cd_m2 for _, r in once]))
         left_out.append(LeftOut(patch, None, number, "contradicts the other readings"))
-        findings.append(_contradiction(patch, number, reading, others))
+        findings.append(contradiction("reading-contradicts", patch, reading.luminance_cd_m2, others, number=number))
     mean, random, steady = _mean([reading for _, reading in once])
     if not steady:
         scatter = float(np.std([r.luminance_cd_m2 for _, r in once], ddof=1)) / mean
@@ -166,7 +166,8 @@ def single_reading(
     left_out = [LeftOut(patch, None, k, "contradicts the other readings") for k, _ in others]
     mean, random, _ = _mean([kept])
     joined = PatchReading(patch, mean, random, 1, kept.timestamp, (*joined.left_out, *left_out))
-    return joined, [_contradiction(patch, k, r, kept.luminance_cd_m2) for k, r in others]
+    code, expected_cd_m2 = "reading-contradicts", kept.luminance_cd_m2
+    return joined, [contradiction(code, patch, r.luminance_cd_m2, expected_cd_m2, number=k) for k, r in others]
 
 
 def contradict(readings: Sequence[Reading]) -> bool:
@@ -174,27 +175,19 @@ def contradict(readings: Sequence[Reading]) -> bool:
     return not _mean(readings)[2]
 
 
-def _contradiction(patch: str, number: int, reading: Reading, expected_cd_m2: float) -> Finding:
-    shown = reading.luminance_cd_m2
-    return warning(
-        f"reading-contradicts{likely_cause(shown / expected_cd_m2)}",
-        patch,
-        number=number,
-        reading_cd_m2=shown,
-        expected_cd_m2=expected_cd_m2,
-        ratio=shown / expected_cd_m2,
-    )
-
-
-def likely_cause(ratio: float) -> Literal["-decimal-point", "-unit", ""]:
-    """Return the suffix of a finding's code: the likely cause of a factor between reading and truth."""
+def contradiction(
+    code: str, patch: str, reading_cd_m2: float, expected_cd_m2: float, **values: FindingValue
+) -> Finding:
+    """Return the finding of a reading that is wrong; the likely cause of the factor is added to the code."""
+    ratio = reading_cd_m2 / expected_cd_m2
 
     def near(factor: float) -> bool:
         return any(abs(ratio / f - 1) < _HINT_TOLERANCE for f in (factor, 1 / factor))
 
-    if any(map(near, (10.0, 100.0, 1000.0))):
-        return "-decimal-point"
-    return "-unit" if near(CD_M2_PER_FL) else ""
+    other_cause = "-unit" if near(CD_M2_PER_FL) else ""
+    cause = "-decimal-point" if any(map(near, (10.0, 100.0, 1000.0))) else other_cause
+    shown = {"reading_cd_m2": reading_cd_m2, "expected_cd_m2": expected_cd_m2, "ratio": ratio}
+    return warning(f"{code}{cause}", patch, **values, **shown)
 
 
 def _mean(readings: Sequence[Reading]) -> tuple[float, float, bool]:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ..core.clock import exposure_text
 from ..core.dn import Response
@@ -15,6 +18,8 @@ from .frames.rounding import ROUNDING_DN2, quantisation_variance_dn2
 from .frames.statistics import MAX_CLIPPED_SHARE, MIN_NET_SIGNAL
 from .sensor.noise import GainSetting, TemporalNoise, index_of_gain
 
+Array = NDArray[np.float64]
+
 #: Codes of findings about exposures that are left out.
 _CODES: dict[Reason, str] = {
     "saturated": "exposure-saturated",
@@ -24,74 +29,83 @@ _CODES: dict[Reason, str] = {
 }
 
 
-@dataclass(frozen=True)
-class NetSignal:
-    """Signal of a patch at one exposure, above the dark signal; h(net_dn) = R t L / mean(1 / V).
+@dataclass(frozen=True, eq=False)
+class NetSignals:
+    """Signals of n observations above the dark signal, arrays of shape (n,); h(net_dn) = R t L / mean(1 / V).
 
     Parameters
     ----------
-    net_dn : float
-        DN above dark of the region's pixels, V not removed; with a tone curve, that of the pixels' mean h.
-    scale_per_s : float
+    net_dn : ndarray of float
+        DN above dark of a region's pixels, V not removed; with a tone curve, that of the pixels' mean h.
+    scale_per_s : ndarray of float
         Mean of 1 / V over the exposure time: h(net_dn) times this is R L.
-    noise_variance_dn2 : float
+    noise_variance_dn2 : ndarray of float
         Variance of `net_dn` by the noise of pixels, columns and rows, and by rounding.
-    flicker_rel, black_level_dn : float
+    flicker_rel, black_level_dn : ndarray of float
         Standard uncertainties by what changes from frame to frame, the light (relative) and the black level: the same
         errors at all patches of the same frames.
-    frames_variance_dn2 : float
+    frames_variance_dn2 : ndarray of float
         Variance by these two.
-    dark_variance_dn2 : float
+    dark_variance_dn2 : ndarray of float
         Variance by the dark model.
-    dark_nonuniformity_dn : float
+    dark_nonuniformity_dn : ndarray of float
         Standard uncertainty by dark signal non-uniformity, both slow and from pixel to pixel; the same error at all
         exposures of one patch.
-    pixels_rel : float
+    pixels_rel : ndarray of float
         Relative standard uncertainty by pixels of different sensitivity.
-    pixels_variance_rel : float
+    pixels_variance_rel : ndarray of float
         Relative variance of the pixels' sensitivities as this patch shows it; below 0 by chance.
-    slow_rel : float
+    slow_rel : ndarray of float
         Relative standard deviation of the patch's luminance across the region.
-    gain_index : int
-        Index of its gain among the settings.
+    gain_index : ndarray of int
+        Index of their gains among the settings.
     """
 
-    net_dn: float
-    scale_per_s: float
-    noise_variance_dn2: float
-    flicker_rel: float
-    black_level_dn: float
-    frames_variance_dn2: float
-    dark_variance_dn2: float
-    dark_nonuniformity_dn: float
-    pixels_rel: float
-    pixels_variance_rel: float
-    slow_rel: float
-    gain_index: int
+    net_dn: Array
+    scale_per_s: Array
+    noise_variance_dn2: Array
+    flicker_rel: Array
+    black_level_dn: Array
+    frames_variance_dn2: Array
+    dark_variance_dn2: Array
+    dark_nonuniformity_dn: Array
+    pixels_rel: Array
+    pixels_variance_rel: Array
+    slow_rel: Array
+    gain_index: NDArray[np.intp]
 
     @property
-    def variance_dn2(self) -> float:
+    def variance_dn2(self) -> Array:
         """Variance of `net_dn` by all but the pixels' sensitivity: the inverse weight among exposures."""
         known = self.noise_variance_dn2 + self.frames_variance_dn2 + self.dark_variance_dn2
         return known + self.dark_nonuniformity_dn**2
 
+    def where(self, kept: NDArray[np.bool_]) -> NetSignals:
+        """Return some of them, by a mask."""
+        return NetSignals(**{name: values[kept] for name, values in vars(self).items()})
 
-def net_signal(observation: PatchObservation, settings: Sequence[GainSetting]) -> NetSignal:
-    """Subtract the dark signal from an observation.
+
+def net_signals(observations: Sequence[PatchObservation], settings: Sequence[GainSetting]) -> NetSignals:
+    """Subtract the dark signal from observations.
 
     Parameters
     ----------
-    observation : PatchObservation
-        Of one patch at one exposure.
+    observations : sequence of PatchObservation
+        Of any patches and exposures.
     settings : sequence of GainSetting
-        Dark signal and noise of its gain, among others.
+        Dark signal and noise of their gains.
 
     Raises
     ------
     CalibrationError
-        If its gain is not among them.
+        If a gain is not among them.
     """
-    o, index = observation, index_of_gain(settings, observation.state.gain_db)
+    rows = [_net_signal(o, settings) for o in observations]
+    return NetSignals(**{one.name: np.array([row[one.name] for row in rows]) for one in fields(NetSignals)})
+
+
+def _net_signal(o: PatchObservation, settings: Sequence[GainSetting]) -> dict[str, float]:
+    index = index_of_gain(settings, o.state.gain_db)
     dark, noise = settings[index].dark, settings[index].noise
     dark_dn = dark.mean_dn(o.exposure_s, o.temperature_c)
     pattern_dn2 = max(o.fixed_pattern_variance_dn2(dark_dn), 0.0)
@@ -106,22 +120,22 @@ def net_signal(observation: PatchObservation, settings: Sequence[GainSetting]) -
     on_axis = max(abs(o.net_dn(dark_dn)), 1e-12)
     of_pixels = noise.variance_dn2(net_dn, dark_dn2) / o.n_pixels
     flicker_rel, black_level_dn = noise.flicker_rel / sqrt(o.n_frames), dark.drift_dn / sqrt(o.n_frames)
-    return NetSignal(
-        net_dn=net_dn,
-        scale_per_s=o.mean_inverse_v / o.exposure_s,
-        noise_variance_dn2=(of_pixels + _of_lines(dark.line_noise_dn, o)) / o.n_frames + rounding,
-        flicker_rel=flicker_rel,
-        black_level_dn=black_level_dn,
-        frames_variance_dn2=(flicker_rel * net_dn / power) ** 2 + black_level_dn**2,
-        dark_variance_dn2=dark.variance_dn2(o.exposure_s, o.temperature_c),
-        dark_nonuniformity_dn=sqrt(
+    return {
+        "net_dn": net_dn,
+        "scale_per_s": o.mean_inverse_v / o.exposure_s,
+        "noise_variance_dn2": (of_pixels + _of_lines(dark.line_noise_dn, o)) / o.n_frames + rounding,
+        "flicker_rel": flicker_rel,
+        "black_level_dn": black_level_dn,
+        "frames_variance_dn2": (flicker_rel * net_dn / power) ** 2 + black_level_dn**2,
+        "dark_variance_dn2": dark.variance_dn2(o.exposure_s, o.temperature_c),
+        "dark_nonuniformity_dn": sqrt(
             dark.nonuniformity_dn**2 + dark_pattern_dn**2 / o.n_pixels + _of_lines(dark.line_pattern_dn, o)
         ),
-        pixels_rel=noise.prnu_rel / sqrt(o.n_pixels),
-        pixels_variance_rel=(power / on_axis) ** 2 * sensitivity_dn2,
-        slow_rel=power * sqrt(o.nonuniformity.slow_variance_dn2(level_dn)) / on_axis,
-        gain_index=index,
-    )
+        "pixels_rel": noise.prnu_rel / sqrt(o.n_pixels),
+        "pixels_variance_rel": (power / on_axis) ** 2 * sensitivity_dn2,
+        "slow_rel": power * sqrt(o.nonuniformity.slow_variance_dn2(level_dn)) / on_axis,
+        "gain_index": index,
+    }
 
 
 def with_prnu(setting: GainSetting, observations: Sequence[PatchObservation]) -> GainSetting:
@@ -131,11 +145,10 @@ def with_prnu(setting: GainSetting, observations: Sequence[PatchObservation]) ->
     is set to 0 then: estimates of at least 0 would be too large on average.
     """
     kept, _, _ = usable(observations, [setting])
-    signals = [net_signal(o, [setting]) for o in kept]
+    signals = net_signals(kept, [setting])
     # Inverse variances of variances, by noise.
-    weight = [(s.net_dn**2 / s.noise_variance_dn2) ** 2 / o.n_pixels for o, s in zip(kept, signals, strict=True)]
-    total = sum(w * s.pixels_variance_rel for w, s in zip(weight, signals, strict=True))
-    prnu_rel = sqrt(max(total, 0.0) / sum(weight)) if weight else 0.0
+    weight = (signals.net_dn**2 / signals.noise_variance_dn2) ** 2 / np.array([o.n_pixels for o in kept])
+    prnu_rel = sqrt(max(sum(weight * signals.pixels_variance_rel), 0.0) / sum(weight)) if kept else 0.0
     return replace(setting, noise=replace(setting.noise, prnu_rel=prnu_rel))
 
 
@@ -249,9 +262,9 @@ def _reason_to_leave_out(observation: PatchObservation, settings: Sequence[GainS
         return "saturated"
     if observation.black_share > MAX_CLIPPED_SHARE:
         return "clipped at 0 DN"
-    signal = net_signal(observation, settings)
-    if not settings[signal.gain_index].noise.covers(signal.net_dn):
+    signal, setting = net_signals([observation], settings), settings[index_of_gain(settings, observation.state.gain_db)]
+    if not setting.noise.covers(float(signal.net_dn[0])):
         return "outside the response of the bracket"
-    if signal.net_dn <= MIN_NET_SIGNAL * sqrt(signal.variance_dn2):
+    if signal.net_dn <= MIN_NET_SIGNAL * np.sqrt(signal.variance_dn2):
         return "not above the dark signal"
     return None

@@ -19,7 +19,7 @@ from ..fit.intake import MIN_PATCHES, gain_settings
 from ..frames.observations import DarkObservation, PatchObservation
 from ..model import Calibration
 from ..readings import PatchReading, combine_readings
-from ..signal import left_out_text, net_signal, usable
+from ..signal import left_out_text, net_signals, usable
 from .conversion import colourfulness, colours_of_planes, own_rel
 from .weights import ColourData
 
@@ -132,8 +132,7 @@ def uneven_rel(planes: Sequence[Calibration], group: Mapping[str, Sequence[Patch
     """
     plane = max(planes, key=lambda one: one.responsivity.responsivity_dn_s_cd_m2)
     kept, _, _ = usable(group[plane.state.plane or ""], plane.settings)
-    slow = [net_signal(o, plane.settings).slow_rel for o in kept]
-    return float(np.mean(slow)) if slow else 0.0
+    return float(np.mean(net_signals(kept, plane.settings).slow_rel)) if kept else 0.0
 
 
 def _data(
@@ -224,9 +223,9 @@ def _rates(
     result = {}
     for name in names:
         kept, _, _ = usable([o for o in observations if o.patch == name], settings[:1])
-        signals = [net_signal(o, settings) for o in kept]
-        weight = np.array([1 / (s.scale_per_s**2 * s.variance_dn2) for s in signals])
+        signals = net_signals(kept, settings)
+        weight = 1 / (signals.scale_per_s**2 * signals.variance_dn2)
         if weight.size:
-            rate = float(np.average([s.net_dn * s.scale_per_s for s in signals], weights=weight))
+            rate = float(np.average(signals.net_dn * signals.scale_per_s, weights=weight))
             result[name] = rate, float(1 / (np.sqrt(weight.sum()) * rate))
     return result

@@ -18,7 +18,7 @@ from ..converter import OF_FRAMES, Converter, common_errors, placed
 from ..frames.nonuniformity import vignetting_errors
 from ..frames.observations import PatchObservation
 from ..setup import METER_SOURCES
-from ..signal import left_out_text, net_signal, temperature_findings, usable
+from ..signal import left_out_text, net_signals, temperature_findings, usable
 from ..uncertainty import expanded_of, of_one_estimate
 
 #: Fraction of the calibrated signal range by which a signal may exceed it without a finding.
@@ -180,20 +180,19 @@ def _combined(
     calibration: Converter, observations: Sequence[PatchObservation], findings: list[Finding]
 ) -> PatchLuminance:
     observations = [o for o in observations if is_within_response(calibration, o)] or observations
-    signals = [net_signal(o, calibration.settings) for o in observations]
-    net = np.array([s.net_dn for s in signals])
-    r = calibration.responsivity.responsivity_dn_s_cd_m2
-    scale = np.array([s.scale_per_s / (r * calibration.settings[s.gain_index].factor) for s in signals])
+    signals = net_signals(observations, calibration.settings)
+    net, r = signals.net_dn, calibration.responsivity.responsivity_dn_s_cd_m2
+    scale = signals.scale_per_s / (r * np.array([one.factor for one in calibration.settings])[signals.gain_index])
     each = scale * calibration.response.linearise(net)
     slope = scale * calibration.response.slope(net)
-    inverse = 1 / (slope**2 * np.array([s.variance_dn2 for s in signals]))
+    inverse = 1 / (slope**2 * signals.variance_dn2)
     weight = inverse / inverse.sum()
     luminance = float(weight @ each)
-    of_each_dn2 = np.array([s.noise_variance_dn2 for s in signals]) + calibration.responsivity.scatter_dn**2
+    of_each_dn2 = signals.noise_variance_dn2 + calibration.responsivity.scatter_dn**2
     noise = float((weight * slope) ** 2 @ of_each_dn2)
     # Dark signal non-uniformity and the pixels' sensitivity do not average over the exposures.
-    uneven = float(weight @ (slope * np.array([s.dark_nonuniformity_dn for s in signals])))
-    pixels = float((weight * each / luminance) @ np.array([s.pixels_rel for s in signals]))
+    uneven = float(weight @ (slope * signals.dark_nonuniformity_dn))
+    pixels = float((weight * each / luminance) @ signals.pixels_rel)
     slow = hypot(calibration.field_rel, calibration.responsivity.scatter_rel)
     random_rel = sqrt((noise + uneven**2) / luminance**2 + pixels**2 + slow**2)
     of_place = vignetting_errors(calibration.vignetting, calibration.state.image_shape, [observations[0].centre_px])
@@ -206,11 +205,12 @@ def _combined(
             key = source if exposure else f"{number}"
             so_far = float(shared[key].relative) if key in shared else 0.0
             shared[key] = CommonError(source, so_far + float(share * error.relative), error.rectangular, error.dof)
-    for o, s, share, step in zip(observations, signals, weight * each / luminance, weight * slope, strict=True):
+    of_flicker, of_black = signals.flicker_rel * (weight * each / luminance), signals.black_level_dn * (weight * slope)
+    for o, index, *parts in zip(observations, signals.gain_index, of_flicker, of_black / luminance, strict=True):
         frames = " ".join(f"{part}" for part in o.frames if part is not None)
-        setting, of_black = calibration.settings[s.gain_index], step * s.black_level_dn / luminance
+        setting = calibration.settings[index]
         dofs = setting.noise.flicker_dof, setting.dark.drift_dof
-        for source, part, dof in zip(OF_FRAMES, (share * s.flicker_rel, of_black), dofs, strict=True):
+        for source, part, dof in zip(OF_FRAMES, parts, dofs, strict=True):
             name = f"{source}, frames {frames}"
             if part:
                 shared[name] = CommonError(name, float(part), dof=dof or inf)

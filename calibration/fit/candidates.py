@@ -10,7 +10,7 @@ import numpy as np
 
 from ...core.dn import Response, ResponseKind
 from ..sensor.response import ResponseCurve
-from .design import Array
+from .design import Array, Design
 
 #: Fewest patches in excess of the parameters, so that leave-one-out fits are possible.
 MIN_SPARE_PATCHES = 2
@@ -145,22 +145,19 @@ class CandidateModel:
         return Curve(values[:, 0], slopes[:, 0], (values[:, 1:] - values[:, :1]) / step)
 
 
-def candidate_models(
-    net_dn: Array, n_patches: int, dark_dn: float, bracket: ResponseCurve | None = None
-) -> list[CandidateModel]:
+def candidate_models(design: Design, dark_dn: float, bracket: ResponseCurve | None = None) -> list[CandidateModel]:
     """Models that the data can support: the response of a bracket if there is one, then the simplest first.
 
     Parameters
     ----------
-    net_dn : ndarray of float, shape (n,)
-        Signals above dark of all observations.
-    n_patches : int
-        Number of patches.
+    design : Design
+        Observations and patches.
     dark_dn : float
         Dark signal.
     bracket : ResponseCurve or None
         Given shape of the response.
     """
+    net_dn, n_patches = design.net_dn, len(design.patches)
     top = float(net_dn.max())
     candidates = [] if bracket is None else [CandidateModel("table", bracket.range_net_dn, bracket)]
     candidates.append(CandidateModel("linear", (top,)))

@@ -46,7 +46,7 @@ def require_span(design: Design) -> None:
 def require_every_gain(design: Design, settings: Sequence[GainSetting]) -> None:
     """Refuse a gain at which no patch can be used; raises CalibrationError."""
     for index, setting in enumerate(settings):
-        if not (design.gain == index).any():
+        if not (design.signals.gain_index == index).any():
             raise CalibrationError(
                 f"no patch is usable at a gain of {setting.gain_db:g} dB: take other exposures there, or leave it out"
             )
@@ -61,7 +61,7 @@ def require_monotone(solution: Solution) -> None:
     for i in range(n):
         own, weight = design.patch == i, patch_weights(solution, i)
         seen[i] = weight @ solution.luminance[own]
-        noise = float((weight * solution.slope[own]) ** 2 @ design.noise_variance_dn2[own])
+        noise = float((weight * solution.slope[own]) ** 2 @ design.signals.noise_variance_dn2[own])
         by_camera[i] = hypot(sqrt(noise), design.patch_rel[i] * seen[i])
     for i in np.argsort(-reading):
         for k in range(n):
@@ -87,7 +87,7 @@ def design_findings(design: Design, settings: Sequence[GainSetting]) -> list[Fin
     if used.size < ADVISED_EXPOSURES:
         findings.append(warning("few-exposures", exposures_s=used.tolist(), advised=ADVISED_EXPOSURES))
     for index, setting in enumerate(settings):
-        times = design.exposures_s[design.exposure[design.gain == index]]
+        times = design.exposures_s[design.exposure[design.signals.gain_index == index]]
         darks = setting.dark.exposures_s
         if len(darks) > 1 and not (darks[0] * 0.999 <= times.min() and times.max() <= darks[-1] * 1.001):
             findings.append(

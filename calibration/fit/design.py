@@ -19,7 +19,7 @@ from ..frames.nonuniformity import slow_rel, smooth_patterns, vignetting_errors
 from ..frames.observations import PatchObservation
 from ..readings import PatchReading
 from ..sensor.noise import GainSetting
-from ..signal import NetSignal, net_signal
+from ..signal import NetSignals, net_signals
 
 Array = NDArray[np.floating[Any]]
 
@@ -28,9 +28,6 @@ DARK, DRIFT = "dark and temperature", "drift"
 #: Relative standard uncertainty of light, camera and meter by their drift within an hour, or a longer session, unless
 #: the readings show more: lamps that have warmed up keep to about 1 %.
 DRIFT_REL = 0.01
-#: Arrays of a design that signals have, too; and those that have one value for each patch.
-_OF_SIGNALS = ("net_dn", "scale_per_s", "noise_variance_dn2", "dark_nonuniformity_dn")
-_OF_PATCHES = ("reading_cd_m2", "reading_variance", "own_rel", "uneven_rel", "place")
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,26 +68,22 @@ class Design:
 
     Parameters
     ----------
-    patches : tuple of str
-        Names, P of them.
-    patch, exposure, gain : ndarray of int, shape (n,)
-        Indices of patch, exposure and gain of each observation.
+    patch_readings : tuple of PatchReading
+        By the meter, P of them.
+    patch, exposure : ndarray of int, shape (n,)
+        Indices of patch and exposure of each observation.
     exposures_s : ndarray of float, shape (m,)
         Exposures, ascending.
-    net_dn, scale_per_s, noise_variance_dn2, dark_nonuniformity_dn : ndarray of float, shape (n,)
-        As of `NetSignal`.
+    signals : NetSignals
+        By the camera, n of them.
     shared : tuple of SharedError
         Errors of dark signal, exposure times, vignetting, light and black level of the same frames, and drift.
-    reading_cd_m2, reading_variance : ndarray of float, shape (P,)
-        Meter readings, and the variance of their random part in (cd/m^2)^2.
     own_rel : ndarray of float, shape (P,)
         Relative standard uncertainty by the sensitivity of its pixels.
     uneven_rel : ndarray of float, shape (P,)
         The same by the non-uniformity of the patch, which meter and camera view at slightly different positions.
     place : ndarray of float, shape (P, 3)
         Smooth patterns over the image, see `smooth_patterns`.
-    read_at : tuple of datetime
-        When each patch was read, P of them.
     field_rel : float
         Relative standard uncertainty of each patch by what a measured vignetting leaves.
     scatter_rel : float
@@ -101,22 +94,15 @@ class Design:
         Their degrees of freedom.
     """
 
-    patches: tuple[str, ...]
+    patch_readings: tuple[PatchReading, ...]
     patch: NDArray[np.intp]
     exposure: NDArray[np.intp]
-    gain: NDArray[np.intp]
     exposures_s: Array
-    net_dn: Array
-    scale_per_s: Array
-    noise_variance_dn2: Array
-    dark_nonuniformity_dn: Array
+    signals: NetSignals
     shared: tuple[SharedError, ...]
-    reading_cd_m2: Array
-    reading_variance: Array
     own_rel: Array
     uneven_rel: Array
     place: Array
-    read_at: tuple[datetime, ...]
     field_rel: float = 0.0
     scatter_rel: float = 0.0
     scatter_each_rel: float = 0.0
@@ -126,6 +112,32 @@ class Design:
     scatter_each_dn_dof: float = inf
 
     @property
+    def patches(self) -> tuple[str, ...]:
+        """Names of the patches, P of them."""
+        return tuple(one.patch for one in self.patch_readings)
+
+    @cached_property
+    def reading_cd_m2(self) -> Array:
+        """Meter readings, shape (P,)."""
+        return np.array([one.luminance_cd_m2 for one in self.patch_readings])
+
+    @cached_property
+    def reading_variance(self) -> Array:
+        """Variance of their random part in (cd/m^2)^2, shape (P,)."""
+        return np.array([one.random_cd_m2**2 for one in self.patch_readings])
+
+    @cached_property
+    def read_h(self) -> Array:
+        """When each patch was read, in hours after the first of them, shape (P,)."""
+        start = self.patch_readings[0].read_at
+        return np.array([(one.read_at - start).total_seconds() / 3600 for one in self.patch_readings])
+
+    @property
+    def net_dn(self) -> Array:
+        """Signals above dark, shape (n,)."""
+        return self.signals.net_dn
+
+    @cached_property
     def readings(self) -> Array:
         """Reading that belongs to each observation, shape (n,)."""
         return self.reading_cd_m2[self.patch]
@@ -148,9 +160,12 @@ class Design:
     def covariance(self, luminance: Array, slope: Array) -> Array:
         """Covariance of luminances less readings, shape (n, n), at luminances and slopes dL/dn of shape (n,)."""
         level = self.level(luminance)
-        own = slope**2 * (self.noise_variance_dn2 + self.scatter_each_dn**2) + (self.scatter_each_rel * luminance) ** 2
+        own = (
+            slope**2 * (self.signals.noise_variance_dn2 + self.scatter_each_dn**2)
+            + (self.scatter_each_rel * luminance) ** 2
+        )
         by_patch = np.hypot(self.patch_rel, self.scatter_rel)[self.patch] * level
-        uneven = self.dark_nonuniformity_dn * slope
+        uneven = self.signals.dark_nonuniformity_dn * slope
         of_patch = self.reading_variance[self.patch][:, None] + np.outer(by_patch, by_patch) + np.outer(uneven, uneven)
         patterns = self.patterns(level, slope)
         covariance: Array = np.diag(own) + np.where(self.same_patch, of_patch, 0.0) + patterns.T @ patterns
@@ -174,19 +189,23 @@ class Design:
 
     def without(self, patch: int) -> Design:
         """Return the same without one patch."""
-        kept, others = self.patch != patch, np.arange(len(self.patches)) != patch
-        changes: dict[str, Any] = {name: getattr(self, name)[kept] for name in ("exposure", "gain", *_OF_SIGNALS)}
-        changes |= {name: getattr(self, name)[others] for name in _OF_PATCHES}
-        for name in ("patches", "read_at"):
-            changes[name] = tuple(one for one, keep in zip(getattr(self, name), others, strict=True) if keep)
-        shared = tuple(replace(e, relative=e.relative[kept], dn=e.dn[kept]) for e in self.shared)
-        return replace(self, patch=self.patch[kept] - (self.patch[kept] > patch), shared=shared, **changes)
+        kept, others = self.patch != patch, np.arange(len(self.patch_readings)) != patch
+        return replace(
+            self,
+            patch_readings=tuple(one for one, keep in zip(self.patch_readings, others, strict=True) if keep),
+            patch=self.patch[kept] - (self.patch[kept] > patch),
+            exposure=self.exposure[kept],
+            signals=self.signals.where(kept),
+            shared=tuple(replace(e, relative=e.relative[kept], dn=e.dn[kept]) for e in self.shared),
+            own_rel=self.own_rel[others],
+            uneven_rel=self.uneven_rel[others],
+            place=self.place[others],
+        )
 
     def with_reading(self, patch: int, reading: PatchReading) -> Design:
         """Return the same with another reading of one patch."""
-        values, variances = self.reading_cd_m2.copy(), self.reading_variance.copy()
-        values[patch], variances[patch] = reading.luminance_cd_m2, reading.random_cd_m2**2
-        return replace(self, reading_cd_m2=values, reading_variance=variances)
+        before, after = self.patch_readings[:patch], self.patch_readings[patch + 1 :]
+        return replace(self, patch_readings=(*before, reading, *after))
 
 
 def build_design(
@@ -207,47 +226,38 @@ def build_design(
         Standard uncertainty of one exposure time relative to the others.
     """
     observations = [o for group in groups.values() for o in group]
-    signals = [net_signal(o, settings) for o in observations]
+    signals = net_signals(observations, settings)
     numbers = {name: i for i, name in enumerate(groups)}
     patch = np.array([numbers[o.patch] for o in observations])
     times = np.array([o.exposure_s for o in observations])
     exposures_s, exposure = np.unique(times, return_inverse=True)
-    gain = np.array([s.gain_index for s in signals])
     # As in the mean over a patch's exposures: weights are inverse variances of signal over time.
-    weight = times**2 / np.array([s.variance_dn2 for s in signals])
+    weight = times**2 / signals.variance_dn2
     total = np.bincount(patch, weight)
-    pixels = np.bincount(patch, weight * np.array([s.pixels_rel for s in signals])) / total
-    slow = np.bincount(patch, weight * np.array([s.slow_rel for s in signals])) / total
-    ordered, vignetting = [readings[name] for name in groups], observations[0].vignetting
+    vignetting, zero = observations[0].vignetting, np.zeros(times.size)
     places = observations[0].state.image_shape, [group[0].centre_px for group in groups.values()]
-    zero = np.zeros(times.size)
-    place, read_at = smooth_patterns(*places), tuple(r.read_at for r in ordered)
-    of_signals: dict[str, Any] = {name: np.array([getattr(s, name) for s in signals]) for name in _OF_SIGNALS}
+    place = smooth_patterns(*places)
     shared = [
-        *_dark_errors(observations, gain, settings),
+        *_dark_errors(observations, signals.gain_index, settings),
         *(
             SharedError("exposure time", np.where(times == t, exposure_time_rel(t, exposure_jitter_s), 0.0), zero)
             for t in exposures_s
         ),
         *_place_errors(vignetting, place, vignetting_errors(vignetting, *places), patch),
         *_frame_errors(observations, signals, settings[0]),
-        *_drift(observations, [read_at[i] for i in patch]),
+        *_drift(observations, [readings[o.patch].read_at for o in observations]),
     ]
     return Design(
-        patches=tuple(groups),
+        patch_readings=tuple(readings[name] for name in groups),
         patch=patch,
         exposure=exposure.reshape(-1),
-        gain=gain,
         exposures_s=exposures_s,
-        **of_signals,
+        signals=signals,
         shared=tuple(shared),
-        reading_cd_m2=np.array([r.luminance_cd_m2 for r in ordered]),
-        reading_variance=np.array([r.random_cd_m2**2 for r in ordered]),
-        own_rel=pixels,
+        own_rel=np.bincount(patch, weight * signals.pixels_rel) / total,
         field_rel=slow_rel(vignetting),
-        uneven_rel=slow,
+        uneven_rel=np.bincount(patch, weight * signals.slow_rel) / total,
         place=place,
-        read_at=read_at,
     )
 
 
@@ -275,17 +285,17 @@ def _place_errors(
 
 
 def _frame_errors(
-    observations: Sequence[PatchObservation], signals: Sequence[NetSignal], setting: GainSetting
+    observations: Sequence[PatchObservation], signals: NetSignals, setting: GainSetting
 ) -> list[SharedError]:
     """Flicker of the light and drift of the black level, common to all patches of the same frames."""
     frames = [o.frames for o in observations]
-    flicker, black = (np.array([getattr(s, name) for s in signals]) for name in ("flicker_rel", "black_level_dn"))
     zero = np.zeros(len(frames))
     errors = []
     for one in dict.fromkeys(frames):
         own = np.array([other == one for other in frames])
-        errors.append(SharedError(FLICKER, np.where(own, flicker, 0.0), zero, dof=setting.noise.flicker_dof or inf))
-        errors.append(SharedError(BLACK_LEVEL, zero, np.where(own, black, 0.0), dof=setting.dark.drift_dof or inf))
+        flicker, black = np.where(own, signals.flicker_rel, 0.0), np.where(own, signals.black_level_dn, 0.0)
+        errors.append(SharedError(FLICKER, flicker, zero, dof=setting.noise.flicker_dof or inf))
+        errors.append(SharedError(BLACK_LEVEL, zero, black, dof=setting.dark.drift_dof or inf))
     return [e for e in errors if e.relative.any() or e.dn.any()]
 
 

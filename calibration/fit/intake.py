@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ...core.clock import exposure_text
 from ...core.dn import Response
@@ -16,7 +16,8 @@ from ..readings import PatchReading, combine_readings
 from ..sensor.dark import DarkModel, fit_dark
 from ..sensor.noise import GainSetting, fit_noise
 from ..signal import left_out_text, usable, with_prnu
-from .screening import full_well
+from .design import build_design
+from .screening import FitData, full_well
 
 #: Fewest patches: one parameter, one more for the test of the intercept, and one to judge the fit by.
 MIN_PATCHES = 3
@@ -30,20 +31,20 @@ class Intake:
 
     Parameters
     ----------
-    groups : dict of str to list of PatchObservation
-        By patch, in the order of the observations.
     settings : tuple of GainSetting
         One for each gain, the first observation's first; factors are 1.
     findings, of_dark : list of Finding
         Findings for the user; those about the dark signal at the first gain.
+    groups : dict of str to list of PatchObservation
+        By patch, in the order of the observations.
     held_out : collection of str
         Patches that the fit is not shown.
     """
 
-    groups: Mapping[str, Sequence[PatchObservation]]
     settings: tuple[GainSetting, ...]
     findings: list[Finding]
     of_dark: list[Finding]
+    groups: Mapping[str, Sequence[PatchObservation]]
     held_out: Collection[str]
 
     @property
@@ -68,38 +69,17 @@ def take_in(
         As `require_one_camera`, `gain_settings` and `group_by_patch`.
     """
     require_one_camera(observations, darks)
-    settings, findings, of_dark = gain_settings(observations, darks, tone, drift_dn)
-    groups = group_by_patch(observations, readings, held_out)
-    intake = Intake(groups, settings, findings, of_dark, held_out)
-    full = full_well(intake.fitted, readings, settings)
+
+    def taken(seen: Sequence[PatchObservation]) -> Intake:
+        settings = gain_settings(seen, darks, tone, drift_dn)
+        return Intake(*settings, group_by_patch(seen, readings, held_out), held_out)
+
+    intake = taken(observations)
+    full = full_well(intake.fitted, readings, intake.settings)
     if full is None:
         return intake
-    marked = [o.saturating_at(full[0]) for o in observations]
-    settings, findings, of_dark = gain_settings(marked, darks, tone, drift_dn)
-    groups = group_by_patch(marked, readings, held_out)
-    return Intake(groups, settings, [*full[1], *findings], of_dark, held_out)
-
-
-@dataclass(frozen=True, eq=False)
-class Usable:
-    """Usable observations and readings by patch, and excluded data.
-
-    Parameters
-    ----------
-    groups : dict of str to list of PatchObservation
-        By patch, in the order of the observations.
-    readings : dict of str to PatchReading
-        Of the same patches.
-    left_out : list of LeftOut
-        Excluded exposures, readings and patches.
-    findings : list of Finding
-        Findings for the user.
-    """
-
-    groups: Mapping[str, Sequence[PatchObservation]]
-    readings: Mapping[str, PatchReading]
-    left_out: Sequence[LeftOut]
-    findings: Sequence[Finding]
+    intake = taken([o.saturating_at(full[0]) for o in observations])
+    return replace(intake, findings=[full[1], *intake.findings])
 
 
 def require_one_camera(observations: Sequence[PatchObservation], darks: Sequence[DarkObservation]) -> None:
@@ -204,11 +184,7 @@ def group_by_patch(
     return groups
 
 
-def take_usable(
-    groups: Mapping[str, Sequence[PatchObservation]],
-    readings: Mapping[str, Sequence[Reading]],
-    settings: Sequence[GainSetting],
-) -> Usable:
+def take_usable(intake: Intake, readings: Mapping[str, Sequence[Reading]], exposure_jitter_s: float) -> FitData:
     """Combine readings, and exclude clipped and black exposures and zero readings.
 
     Raises
@@ -216,13 +192,13 @@ def take_usable(
     CalibrationError
         If fewer than `MIN_PATCHES` patches are left.
     """
-    kept_groups: dict[str, Sequence[PatchObservation]] = {}
+    groups: dict[str, Sequence[PatchObservation]] = {}
     kept_readings: dict[str, PatchReading] = {}
     left_out: list[LeftOut] = []
     findings: list[Finding] = []
-    for patch, group in groups.items():
+    for patch, group in intake.fitted.items():
         reading, of_readings = combine_readings(patch, readings[patch])
-        kept, exposures_left_out, of_exposures = usable(group, settings)
+        kept, exposures_left_out, of_exposures = usable(group, intake.settings)
         findings += of_readings + of_exposures
         left_out += [*reading.left_out, *exposures_left_out]
         if reading.luminance_cd_m2 == 0:
@@ -232,15 +208,16 @@ def take_usable(
             left_out.append(LeftOut(patch, None, None, "not usable at any exposure"))
             findings.append(warning("patch-not-usable", patch))
         else:
-            kept_groups[patch], kept_readings[patch] = kept, reading
-    if len(kept_groups) < MIN_PATCHES:
+            groups[patch], kept_readings[patch] = kept, reading
+    if len(groups) < MIN_PATCHES:
         reasons = left_out_text(left_out)
         raise CalibrationError(
-            f"{len(kept_groups)} of {len(groups)} patches are usable, a calibration needs at least {MIN_PATCHES} (one "
-            "for the slope, one to test the intercept, one to judge the fit) and is good from "
+            f"{len(groups)} of {len(intake.fitted)} patches are usable, a calibration needs at least {MIN_PATCHES} "
+            "(one for the slope, one to test the intercept, one to judge the fit) and is good from "
             f"{ADVISED_PATCHES} on: add patches or exposures" + (f" ({reasons})" if reasons else "")
         )
-    return Usable(kept_groups, kept_readings, left_out, findings)
+    design = build_design(groups, kept_readings, intake.settings, exposure_jitter_s)
+    return FitData(design, tuple(left_out), tuple(findings))
 
 
 def _temperature_findings(observations: Sequence[PatchObservation], dark: DarkModel) -> list[Finding]:

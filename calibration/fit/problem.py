@@ -219,9 +219,11 @@ def _solution(design: Design, candidate: CandidateModel, parameters: Array) -> S
 
 def _start(design: Design, candidate: CandidateModel) -> Array:
     """Return a straight line, or the given response, by the median ratio for each gain."""
-    ratio = design.readings / (candidate.shape(design.net_dn) * design.scale_per_s)
-    n_gains = int(design.gain.max()) + 1
-    slopes = [float(np.median(ratio[design.gain == g])) for g in range(n_gains)]
+    ratio, gain = (
+        design.readings / (candidate.shape(design.net_dn) * design.signals.scale_per_s),
+        design.signals.gain_index,
+    )
+    slopes = [float(np.median(ratio[gain == g])) for g in range(int(gain.max()) + 1)]
     return np.concatenate([candidate.start(slopes[0]), np.array(slopes[1:]) / slopes[0]])
 
 
@@ -229,8 +231,9 @@ def _luminances(design: Design, candidate: CandidateModel, parameters: Array) ->
     """Luminances of the observations, and their derivatives by the DN and by all parameters."""
     n = candidate.n_parameters
     curve = candidate.curve(parameters[:n], design.net_dn)
-    factor = design.scale_per_s * np.concatenate([[1.0], parameters[n:]])[design.gain]
-    by_factor = np.equal.outer(design.gain, np.arange(1, parameters.size - n + 1))
-    by_gain = np.where(by_factor, (design.scale_per_s * curve.value)[:, None], 0.0)
+    gain, scale_per_s = design.signals.gain_index, design.signals.scale_per_s
+    factor = scale_per_s * np.concatenate([[1.0], parameters[n:]])[gain]
+    by_factor = np.equal.outer(gain, np.arange(1, parameters.size - n + 1))
+    by_gain = np.where(by_factor, (scale_per_s * curve.value)[:, None], 0.0)
     jacobian = np.column_stack([factor[:, None] * curve.jacobian, by_gain])
     return Curve(factor * curve.value, factor * curve.slope, jacobian)

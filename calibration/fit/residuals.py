@@ -15,7 +15,7 @@ from ..convert.patch import PatchLuminance
 from ..findings import FitError
 from ..frames.observations import PatchObservation
 from ..model import PatchResidual
-from ..readings import PatchReading, combine_readings
+from ..readings import combine_readings
 from .candidates import CandidateModel
 from .design import Array
 from .problem import Solution
@@ -26,31 +26,27 @@ from .selection import leave_one_out, patch_weights
 _N_NODES = 96
 
 
-def fitted_rows(
-    solution: Solution, readings: Mapping[str, PatchReading], groups: Mapping[str, Sequence[PatchObservation]]
-) -> tuple[PatchResidual, ...]:
+def fitted_rows(solution: Solution, groups: Mapping[str, Sequence[PatchObservation]]) -> tuple[PatchResidual, ...]:
     """One row for each patch of the fit.
 
     Parameters
     ----------
     solution : Solution
         The fit.
-    readings : mapping of str to PatchReading
-        Of its patches.
     groups : mapping of str to sequence of PatchObservation
-        Their observations.
+        Observations of its patches.
     """
     design, rows = solution.design, []
     left_out = leave_one_out(solution).relative
     supported = len(design.patches) > solution.candidate.n_parameters
-    for number, name in enumerate(design.patches):
+    for number, reading in enumerate(design.patch_readings):
         own = np.flatnonzero(design.patch == number)
-        weight, reading = patch_weights(solution, number), readings[name]
+        weight = patch_weights(solution, number)
         stated = sqrt(float(weight @ solution.covariance[np.ix_(own, own)] @ weight)) / reading.luminance_cd_m2
         exposures_s = tuple(np.unique(design.exposures_s[design.exposure[own]]).tolist())
         seen = float(weight @ solution.luminance[own]), exposures_s
         without = float(left_out[number]) if supported else None
-        rows.append(PatchResidual.compared(reading, seen, stated, groups[name][0].centre_px, without))
+        rows.append(PatchResidual.compared(reading, seen, stated, groups[reading.patch][0].centre_px, without))
     return tuple(rows)
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from math import hypot, sqrt
+from math import hypot, inf, sqrt
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,13 +15,13 @@ from ...core.reading import Reading
 from ...core.result import Finding, warning
 from ..findings import LeftOut
 from ..frames.observations import PatchObservation
-from ..readings import PatchReading, contradict, likely_cause, single_reading
+from ..readings import contradict, contradiction, single_reading
 from ..sensor.noise import GainSetting
-from ..signal import net_signal, usable
+from ..signal import net_signals, usable
 from ..uncertainty import critical_value
 from .candidates import CandidateModel
 from .design import Array, Design
-from .problem import Solution, solve
+from .problem import Shift, Solution, solve
 from .scatter import shift_with_scatter
 from .selection import WORTH, strongest_alternative
 
@@ -41,33 +42,29 @@ SAFE_SHARE = 0.9
 
 
 @dataclass(frozen=True, eq=False)
-class Screened:
-    """Data after exclusion of bad readings.
+class FitData:
+    """What a fit uses, and what it leaves out.
 
     Parameters
     ----------
     design : Design
-        Without them.
-    readings : dict of str to PatchReading
-        Of the patches in the design.
+        Usable observations and readings.
     left_out : tuple of LeftOut
-        Excluded data.
+        Excluded exposures, readings and patches.
     findings : tuple of Finding
-        Findings with the contradicting values.
+        Findings for the user.
     """
 
     design: Design
-    readings: Mapping[str, PatchReading]
     left_out: tuple[LeftOut, ...]
     findings: tuple[Finding, ...]
 
+    def instead(self, design: Design, left_out: Iterable[LeftOut], *findings: Finding) -> FitData:
+        """Return the same with another design, and more left out."""
+        return FitData(design, (*self.left_out, *left_out), (*self.findings, *findings))
 
-def screen(
-    design: Design,
-    candidates: Sequence[CandidateModel],
-    joined: Mapping[str, PatchReading],
-    readings: Mapping[str, Sequence[Reading]],
-) -> Screened:
+
+def screen(data: FitData, candidates: Sequence[CandidateModel], readings: Mapping[str, Sequence[Reading]]) -> FitData:
     """Exclude readings that contradict camera and other patches.
 
     Of two contradicting readings of one patch, the one closer to the camera is kept. A patch is bad if its standardised
@@ -77,37 +74,26 @@ def screen(
 
     Parameters
     ----------
-    design : Design
+    data : FitData
         All usable patches.
     candidates : sequence of CandidateModel
         Candidate responses.
-    joined : mapping of str to PatchReading
-        The patches' readings.
     readings : mapping of str to sequence of Reading
-        Each reading of them.
+        Each reading of the patches.
     """
-    design, joined, left_out, findings = _choose_of_two(design, candidates, dict(joined), readings)
-    most = max(1, int(MAX_SHARE * len(design.patches)))
+    for patch in range(len(data.design.patches)):
+        data = _better_of_two(data, candidates, patch, readings[data.design.patches[patch]])
+    most = max(1, int(MAX_SHARE * len(data.design.patches)))
     for _ in range(most):
-        if len(design.patches) < _MIN_PATCHES:
-            break
-        bad = _bad_patch(design, candidates)
+        design = data.design
+        bad = _bad_patch(design, candidates) if len(design.patches) >= _MIN_PATCHES else None
         if bad is None:
             break
         patch, expected = bad
         name, shown = design.patches[patch], float(design.reading_cd_m2[patch])
-        left_out.append(LeftOut(name, None, None, "contradicts the other patches"))
-        findings.append(
-            warning(
-                f"patch-contradicts{likely_cause(shown / expected)}",
-                name,
-                reading_cd_m2=shown,
-                expected_cd_m2=expected,
-                ratio=shown / expected,
-            )
-        )
-        design = design.without(patch)
-    return Screened(design, {name: joined[name] for name in design.patches}, tuple(left_out), tuple(findings))
+        found = contradiction("patch-contradicts", name, shown, expected)
+        data = data.instead(design.without(patch), [LeftOut(name, None, None, "contradicts the other patches")], found)
+    return data
 
 
 def _bad_patch(design: Design, candidates: Sequence[CandidateModel]) -> tuple[int, float] | None:
@@ -145,41 +131,31 @@ def _best_without_one(
     return None if best is None else best[1:]
 
 
-def _choose_of_two(
-    design: Design,
-    candidates: Sequence[CandidateModel],
-    joined: dict[str, PatchReading],
-    readings: Mapping[str, Sequence[Reading]],
-) -> tuple[Design, dict[str, PatchReading], list[LeftOut], list[Finding]]:
+def _better_of_two(
+    data: FitData, candidates: Sequence[CandidateModel], patch: int, readings: Sequence[Reading]
+) -> FitData:
     """Of two contradicting readings of a patch, keep the one that agrees with the camera."""
-    left_out: list[LeftOut] = []
-    findings: list[Finding] = []
-    for patch, name in enumerate(design.patches):
-        distinct = [k for k, r in enumerate(readings[name], start=1) if r not in readings[name][: k - 1]]
-        pair = [readings[name][k - 1] for k in distinct]
-        if len(pair) != 2 or not contradict(pair) or len(design.patches) < _MIN_PATCHES:
-            continue
-        best = _best_without_one(design, candidates, [patch])
-        if best is None:
-            continue
-        shift = best[0].shift(_pattern(design, patch))
-        if not shift.known:
-            continue
-        expected = float(design.reading_cd_m2[patch] + shift.value)
-        # The shift's variance less that of this patch's reading is the camera's.
-        by_camera = sqrt(max(shift.uncertainty**2 - float(design.reading_variance[patch]), 0.0))
-        off = [
-            abs(r.luminance_cd_m2 - expected) / hypot(by_camera, r.standard_uncertainty_random_cd_m2, 1e-9 * expected)
-            for r in pair
-        ]
-        right = int(np.argmin(off))
-        if off[right] < _AGREES and off[1 - right] > critical_value(2 * len(design.patches)):
-            before = len(joined[name].left_out)
-            joined[name], found = single_reading(joined[name], readings[name], distinct[right])
-            findings += found
-            left_out += joined[name].left_out[before:]
-            design = design.with_reading(patch, joined[name])
-    return design, joined, left_out, findings
+    design, joined = data.design, data.design.patch_readings[patch]
+    distinct = [k for k, r in enumerate(readings, start=1) if r not in readings[: k - 1]]
+    pair = [readings[k - 1] for k in distinct]
+    if len(pair) != 2 or not contradict(pair) or len(design.patches) < _MIN_PATCHES:
+        return data
+    best = _best_without_one(design, candidates, [patch])
+    shift = Shift(0.0, inf) if best is None else best[0].shift(_pattern(design, patch))
+    if not shift.known:
+        return data
+    expected = float(design.reading_cd_m2[patch] + shift.value)
+    # The shift's variance less that of this patch's reading is the camera's.
+    by_camera = sqrt(max(shift.uncertainty**2 - float(design.reading_variance[patch]), 0.0))
+    off = [
+        abs(r.luminance_cd_m2 - expected) / hypot(by_camera, r.standard_uncertainty_random_cd_m2, 1e-9 * expected)
+        for r in pair
+    ]
+    right = int(np.argmin(off))
+    if off[right] >= _AGREES or off[1 - right] <= critical_value(2 * len(design.patches)):
+        return data
+    kept, found = single_reading(joined, readings, distinct[right])
+    return data.instead(design.with_reading(patch, kept), kept.left_out[len(joined.left_out) :], *found)
 
 
 def _pattern(design: Design, patch: int) -> Array:
@@ -214,7 +190,7 @@ def full_well(
     groups: Mapping[str, Sequence[PatchObservation]],
     readings: Mapping[str, Sequence[Reading]],
     settings: Sequence[GainSetting],
-) -> tuple[float, list[Finding]] | None:
+) -> tuple[float, Finding] | None:
     """Find the DN from which pixels may be full, below the stated saturation.
 
     Parameters
@@ -228,24 +204,25 @@ def full_well(
 
     Returns
     -------
-    (float, list of Finding) or None
+    (float, Finding) or None
         90 % of the way from the dark signal to the full well, the lowest of the gains; None if none is found.
     """
     found: list[tuple[float, float]] = []
     for index, setting in enumerate(settings):
-        rows = []
+        rows: list[Any] = [np.empty((3, 0))]
         for patch, group in groups.items():
-            own = [s for s in (net_signal(o, settings) for o in usable(group, settings)[0]) if s.gain_index == index]
+            signals = net_signals(usable(group, settings)[0], settings)
+            own = signals.where(signals.gain_index == index)
             light = float(np.mean([reading.luminance_cd_m2 for reading in readings[patch]]))
-            for signal in own:
-                shortest = max(own, key=lambda s: s.scale_per_s)
-                promised = shortest.net_dn * shortest.scale_per_s / signal.scale_per_s
-                rows.append((signal.net_dn, light / signal.scale_per_s, promised))
-        level = plateau_dn(*np.reshape(rows, (-1, 3)).T)
+            promised = own.net_dn * own.scale_per_s
+            if own.net_dn.size:
+                promised = promised[np.argmax(own.scale_per_s)] / own.scale_per_s
+            rows.append([own.net_dn, light / own.scale_per_s, promised])
+        level = plateau_dn(*np.hstack(rows))
         if level is not None:
             found.append((level + setting.dark.offset_dn, SAFE_SHARE * level + setting.dark.offset_dn))
     if not found:
         return None
     level_dn, safe_dn = min(found)
     stated_dn = next(iter(groups.values()))[0].state.saturation_dn
-    return safe_dn, [warning("full-below-saturation", level_dn=level_dn, stated_dn=stated_dn, saturation_dn=safe_dn)]
+    return safe_dn, warning("full-below-saturation", level_dn=level_dn, stated_dn=stated_dn, saturation_dn=safe_dn)

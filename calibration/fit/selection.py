@@ -76,7 +76,7 @@ def patch_weights(solution: Solution, patch: int) -> Array:
     """Weights of a patch's observations: inverse variances by noise, dark signal and other shared errors, sum 1."""
     design = solution.design
     own = design.patch == patch
-    variance = solution.slope**2 * (design.noise_variance_dn2 + design.dark_nonuniformity_dn**2)
+    variance = solution.slope**2 * (design.signals.noise_variance_dn2 + design.signals.dark_nonuniformity_dn**2)
     variance = variance + (design.patterns(solution.luminance, solution.slope) ** 2).sum(axis=0)
     weight: Array = 1 / np.maximum(variance[own], 1e-12 * solution.luminance[own] ** 2)
     weight /= weight.sum()
@@ -204,10 +204,10 @@ def exposure_patterns(solution: Solution) -> list[tuple[float, Array]]:
 def drift_pattern(solution: Solution) -> Array:
     """Deviations by a light that changes by 1 per hour; 0 if the readings are (nearly) simultaneous."""
     design = solution.design
-    hours = np.array([(time - design.read_at[0]).total_seconds() / 3600 for time in design.read_at])
+    hours = design.read_h - design.read_h.mean()
     if np.ptp(hours) < _MIN_HOURS:
         return np.zeros_like(solution.luminance)
-    pattern: Array = (hours - hours.mean())[design.patch] * solution.luminance
+    pattern: Array = hours[design.patch] * solution.luminance
     return pattern
 
 
@@ -218,10 +218,10 @@ def strongest_step(solution: Solution) -> tuple[Array, int, int]:
     have two patches on each side; without such a step they are 0.
     """
     design = solution.design
-    order = sorted(range(len(design.patches)), key=lambda i: design.read_at[i])
+    order = np.argsort(design.read_h, kind="stable").tolist()
     steps = [(np.zeros_like(solution.luminance), 0, 0)]
     for first in order[2:-1]:
-        after = np.array([time >= design.read_at[first] for time in design.read_at])
+        after = design.read_h >= design.read_h[first]
         steps.append(((after - 0.5)[design.patch] * solution.luminance, first, len(order) - 3))
     return max(steps[1:] or steps, key=lambda step: solution.shift(step[0]).z)
 

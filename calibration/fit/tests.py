@@ -83,13 +83,12 @@ def drift(solution: Solution) -> FitTest:
     pattern = drift_pattern(solution)
     if not pattern.any():
         return _untestable("drift", "1/h", "time")
-    times = solution.design.read_at
     shift = shift_with_scatter(solution, pattern)
     if not shift.known:
         return _untestable("drift", "1/h", "patches")
     other = max(worth_of_place(solution), worth_of_step(solution))
     significant = shift.z > _critical_value(shift.dof) and solution.shift(pattern).z >= other
-    values = {"span_h": (max(times) - min(times)).total_seconds() / 3600, **_relative(shift)}
+    values = {"span_h": float(np.ptp(solution.design.read_h)), **_relative(shift)}
     return _test("drift", shift, "1/h", significant, ("drift", "no-drift"), values)
 
 

@@ -8,7 +8,7 @@ from labcdp.calibration import GainSetting
 from labcdp.calibration.frames.nonuniformity import Nonuniformity, nonuniformity
 from labcdp.calibration.sensor.dark import DarkModel
 from labcdp.calibration.sensor.noise import TemporalNoise
-from labcdp.calibration.signal import net_signal, with_prnu
+from labcdp.calibration.signal import net_signals, with_prnu
 from labcdp.core.dn import Response
 
 #: Darkness and noise of the simulated camera, exactly known.
@@ -19,8 +19,8 @@ SETTINGS = (GainSetting(0.0, 1.0, 0.0, DARK, TemporalNoise(0.25, 1.5)),)
 def test_rounding_does_not_average_down_and_flicker_and_drift_over_the_frames_only(camera):
     seen, dark = camera.observe("grey", 10.0, 0.01, None), replace(DARK, noise_dn=0.0, drift_dn=0.5)
     still = replace(SETTINGS[0], dark=dark, noise=TemporalNoise(0.0, 0.0))
-    assert net_signal(replace(seen, temporal_variance_dn2=0.0), [still]).noise_variance_dn2 == pytest.approx(1 / 12)
-    signal = net_signal(seen, [replace(SETTINGS[0], dark=dark, noise=TemporalNoise(0.25, 1.5, flicker_rel=0.01))])
+    assert net_signals([replace(seen, temporal_variance_dn2=0.0)], [still]).noise_variance_dn2 == pytest.approx(1 / 12)
+    signal = net_signals([seen], [replace(SETTINGS[0], dark=dark, noise=TemporalNoise(0.25, 1.5, flicker_rel=0.01))])
     assert signal.frames_variance_dn2 == pytest.approx((0.01 * 120 / 2) ** 2 + (0.5 / 2) ** 2)
 
 
@@ -31,7 +31,7 @@ def test_fixed_pattern_averages_over_pixels_and_slow_changes_do_not(camera):
     uneven = replace(exact, nonuniformity=Nonuniformity((within, 0.0, 0.0), (between, 0.0, 0.0), 15, 25.0))
     # By chance one patch may show less than the noise, 5 DN^2 here: on average they show 2 DN^2.
     even = replace(exact, nonuniformity=Nonuniformity((noise_of_mean_frame - 5.0, 0.0, 0.0), (0.0,) * 3, 15, 25.0))
-    signal = net_signal(uneven, [with_prnu(SETTINGS[0], [uneven, even])])
+    signal = net_signals([uneven], [with_prnu(SETTINGS[0], [uneven, even])])
     assert signal.pixels_rel == pytest.approx(sqrt(2) / sqrt(400) / 120)
     assert signal.slow_rel == pytest.approx(sqrt(1000 / 25) / 120)
 
@@ -42,7 +42,7 @@ def test_the_dark_part_of_a_fixed_pattern_is_an_offset(camera):
     exact = camera.observe("grey", 10.0, 0.01, None)
     within = 25.0 + exact.temporal_variance_dn2 / 4
     patterned = replace(exact, nonuniformity=Nonuniformity((within, 0.0, 0.0), (within, 0.0, 0.0), 15, 25.0))
-    signal = net_signal(patterned, [replace(SETTINGS[0], dark=dark)])
+    signal = net_signals([patterned], [replace(SETTINGS[0], dark=dark)])
     assert signal.pixels_variance_rel == pytest.approx((4 / 120) ** 2)
     assert signal.dark_nonuniformity_dn == pytest.approx(hypot(0.2, 3 / sqrt(400)))
 
@@ -58,4 +58,4 @@ def test_vignetting_is_not_unevenness_behind_a_tone_curve(camera):
     even = replace(exact, signal_dn=float(np.mean((net_dn + 64.4) / v)), mean_inverse_v=float(np.mean(1 / v)))
     for curve, least, most in ((tone, 0.0, 0.002), (None, 0.02, 1.0)):
         setting = replace(SETTINGS[0], noise=TemporalNoise(0.0, 0.0, curve))
-        assert least <= net_signal(even, [setting]).slow_rel < most
+        assert least <= net_signals([even], [setting]).slow_rel < most

@@ -9,7 +9,7 @@ from labcdp.calibration import fit
 from labcdp.calibration.sensor.dark import fit_dark
 from labcdp.calibration.sensor.noise import GainSetting, TemporalNoise, fit_noise
 from labcdp.calibration.sensor.response import ResponseCurve
-from labcdp.calibration.signal import net_signal
+from labcdp.calibration.signal import net_signals
 from labcdp.core.dn import Response
 from labcdp.core.errors import CalibrationError
 
@@ -86,4 +86,4 @@ def test_the_mean_over_noisy_pixels_is_that_of_the_light(camera):
     o = camera.observe("grey", 1.0, 0.008, None)
     o = replace(o, signal_dn=model.mean_dn(0.008) + n.mean(), temporal_variance_dn2=n.var() + 1 / 12)
     assert float(tone.linearise(n.mean())) == pytest.approx(40 - 0.225, abs=0.03)
-    assert float(tone.linearise(net_signal(o, settings).net_dn)) == pytest.approx(light.mean(), abs=0.03)
+    assert tone.linearise(net_signals([o], settings).net_dn) == pytest.approx(light.mean(), abs=0.03)

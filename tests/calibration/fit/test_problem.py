@@ -1,5 +1,6 @@
 """Fits with errors in both variables, against published figures, brute force and repeated draws."""
 
+from dataclasses import fields
 from datetime import UTC, datetime
 
 import numpy as np
@@ -9,6 +10,8 @@ from scipy.optimize import least_squares
 from labcdp.calibration.fit.candidates import CandidateModel
 from labcdp.calibration.fit.design import Design, SharedError
 from labcdp.calibration.fit.problem import solve
+from labcdp.calibration.readings import PatchReading
+from labcdp.calibration.signal import NetSignals
 
 START = datetime(2018, 3, 1, 12, tzinfo=UTC)
 # Pearson's points with York's weights, the standard test of such fits: D. York, Can. J. Phys. 44 (1966) 1079; the
@@ -19,28 +22,22 @@ YORK_X_WEIGHT = np.array([1000, 1000, 500, 800, 200, 80, 60, 20, 1.8, 1.0])
 YORK_Y_WEIGHT = np.array([1.0, 1.8, 4.0, 8.0, 20, 20, 70, 70, 100, 500])
 
 
-def design_of(net, readings, net_variance, reading_variance, patch=None, **changes):
+def design_of(net, readings, net_variance, reading_variance, patch=None, scale_per_s=1.0, **changes):
     """One exposure of 1 s; each observation its own patch unless told."""
-    n = len(net)
-    patch = np.arange(n) if patch is None else np.array(patch)
-    n_patches = int(patch.max()) + 1
+    n, n_patches = len(net), len(readings)
+    values = {one.name: np.zeros(n, int) for one in fields(NetSignals)}
+    values |= {"net_dn": np.asarray(net), "scale_per_s": scale_per_s * np.ones(n), "noise_variance_dn2": net_variance}
+    by_meter = [(f"P{i}", *one) for i, one in enumerate(zip(readings, np.sqrt(reading_variance), strict=True))]
     values = {
-        "patches": tuple(f"P{i}" for i in range(n_patches)),
-        "patch": patch,
+        "patch_readings": tuple(PatchReading(*one, 1, START) for one in by_meter),
+        "patch": np.arange(n) if patch is None else patch,
         "exposure": np.arange(n),  # each its own, so that exposure errors are independent and tiny
-        "gain": np.zeros(n, int),
         "exposures_s": np.ones(n),
-        "net_dn": np.asarray(net, float),
-        "scale_per_s": np.ones(n),
-        "noise_variance_dn2": np.asarray(net_variance, float),
-        "dark_nonuniformity_dn": np.zeros(n),
+        "signals": NetSignals(**values),
         "shared": (),
-        "reading_cd_m2": np.asarray(readings, float),
-        "reading_variance": np.asarray(reading_variance, float),
         "own_rel": np.zeros(n_patches),
         "uneven_rel": np.zeros(n_patches),
         "place": np.zeros((n_patches, 3)),
-        "read_at": (START,) * n_patches,
     }
     return Design(**(values | changes))
 

@@ -6,21 +6,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ..core.luminance import LuminanceMap
 from ..core.result import Finding
 from ..core.roi import Roi, regions_table
 from ..metrics import Epsilon
-from ..metrics.pair import PairResult, RegionResult, evaluate_pair
+from ..metrics.pair import evaluate_pair
 from .arguments import Contrasts, as_contrasts
-from .variables import OF_CDP, cdp_values, columns, described
+from .variables import at_contrasts, cdp_variables, described, pair_variables
 
 if TYPE_CHECKING:
     from xarray import Dataset
-
-_OF_PAIR = ("measured_contrast", "u_measured_contrast", "csnr", "u_csnr")
-_OF_REGION = ("mean", "u_mean", "std", "snr", "u_snr", "pixels", "saturated")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -33,6 +28,8 @@ class ImageRegions:
         Name of the picture.
     luminance : LuminanceMap
         Its luminance.
+    unit : str
+        Unit of that.
     attributes : callable
         Makes the attributes of a dataset of tolerance and findings.
     rois : tuple of Roi
@@ -43,6 +40,7 @@ class ImageRegions:
 
     name: str
     luminance: LuminanceMap
+    unit: str
     attributes: Callable[[Epsilon, Sequence[Finding]], dict[str, Any]]
     rois: tuple[Roi, ...]
     pairs: tuple[tuple[str, str], ...]
@@ -74,30 +72,14 @@ class ImageRegions:
         asked = as_contrasts(contrasts, epsilon)
         rois = {roi.name: roi for roi in self.rois}
         found = [evaluate_pair(self.luminance, rois[a], rois[b], asked.values, epsilon) for a, b in self.pairs]
-        sides = [(pair.bright_region, pair.dark_region) for pair in found]
-        names = [[region.roi.name for region in pair] for pair in sides]
-        of_contrasts = [
-            [cdp_values(one.result, one.standard_uncertainty, one.confidence_interval) for one in pair.results] or [{}]
-            for pair in found
-        ]
-        data = {
-            **columns(("pair", "contrast"), of_contrasts, OF_CDP),
-            **columns(("pair",), [_of_pair(pair) for pair in found], _OF_PAIR),
-            **columns(("pair", "side"), [[_of_region(one) for one in pair] for pair in sides], _OF_REGION),
-        }
-        coordinates = {
-            "pair": [f"{bright} / {dark}" for bright, dark in names],
-            "side": ["bright", "dark"],
-            "region": (("pair", "side"), names),
-        }
+        data = pair_variables(found, self.unit) | cdp_variables(
+            ("pair", "contrast"), [pair.results or (None,) for pair in found]
+        )
+        names = [f"{pair.bright_region.roi.name} / {pair.dark_region.roi.name}" for pair in found]
+        coordinates = {"pair": names, "side": ["bright", "dark"], "region": data.pop("region")}
         attributes = self.attributes(epsilon, [one for pair in found for one in pair.findings])
-        dataset = xr.Dataset(data, coordinates, attributes)
-        if asked.values is None:
-            measured = dataset["measured_contrast"].values
-            dataset = dataset.isel(contrast=0).assign_coords(contrast=("pair", measured))
-        else:
-            dataset = dataset.assign_coords(contrast=np.array(asked.values))
-        return described(dataset.isel(contrast=0) if asked.scalar else dataset, attributes["unit"])
+        measured = ("pair", [pair.contrast.value for pair in found])
+        return described(at_contrasts(xr.Dataset(data, coordinates, attributes), asked, measured))
 
     def __repr__(self) -> str:
         return f"<labcdp.ImageRegions of {self.name}: regions: {len(self.rois)}, pairs: {len(self.pairs)}>"
@@ -105,15 +87,3 @@ class ImageRegions:
     def _repr_html_(self) -> str:
         """Table for notebooks."""
         return regions_table(self.rois, self.name)
-
-
-def _of_pair(pair: PairResult) -> dict[str, float]:
-    values = (pair.contrast.value, pair.contrast.standard_error, pair.csnr.value, pair.csnr.standard_error)
-    return dict(zip(_OF_PAIR, values, strict=True))
-
-
-def _of_region(region: RegionResult) -> dict[str, float]:
-    saturated = region.invalid_shares.get("saturated", 0.0)
-    ratio = (region.snr.value, region.snr.standard_error)
-    values = (region.mean, region.standard_uncertainty, region.std, *ratio, region.n_pixels, saturated)
-    return dict(zip(_OF_REGION, values, strict=True))

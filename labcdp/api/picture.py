@@ -26,7 +26,7 @@ from ..metrics import Epsilon
 from ..report.text import finding_text
 from .arguments import Contrasts, Pairs, PathArgument, Regions, as_contrasts, as_list, as_pairs, as_path, as_rois
 from .image_regions import ImageRegions
-from .variables import OF_CDP, cdp_values, columns, described, noted
+from .variables import at_contrasts, cdp_variables, described, noted
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -170,7 +170,7 @@ class Image:
         """
         height, width = self.shape
         rois = as_rois(regions, (width, height))
-        return ImageRegions(self.path.name, self.luminance, self.attributes, rois, as_pairs(rois, pairs))
+        return ImageRegions(self.path.name, self.luminance, self.unit, self.attributes, rois, as_pairs(rois, pairs))
 
     def cdp_neighbours(
         self, contrasts: Contrasts | None = None, epsilon: Epsilon = 0.5, *, rectangle: Rectangle | None = None
@@ -204,26 +204,24 @@ class Image:
         if corners is not None and len(corners) != 4:
             raise InputError(f"rectangle is {shown(rectangle)}: give x0, y0, x1, y1")
         found = evaluate_neighbours(self.luminance, asked.values, epsilon, None if corners is None else tuple(corners))
-        measured = asked.values is None
-        rows = [cdp_values(one.result, one.standard_uncertainty, one.confidence_interval) for one in found.results] or [
-            {}
-        ]
-        coordinate = np.array((found.contrast,) if asked.values is None else asked.values)
-        attributes = self.attributes(epsilon, found.findings)
-        dataset = xr.Dataset(columns(("contrast",), rows, OF_CDP), {"contrast": coordinate}, attributes)
-        return described(dataset.isel(contrast=0) if asked.scalar or measured else dataset, self.unit)
+        data = cdp_variables(("contrast",), found.results or (None,))
+        dataset = xr.Dataset(data, attrs=self.attributes(epsilon, found.findings))
+        return described(at_contrasts(dataset, asked, found.contrast))
 
     def to_dataset(self) -> Dataset:
         """Return luminance, its standard uncertainty and flags over y and x."""
         import xarray as xr
 
         luminance = self.luminance.luminance_cd_m2
+        u = np.abs(luminance) * self.luminance.random_rel
+        what_u = "standard uncertainty of the luminance that differs from pixel to pixel"
+        what_invalid = "flags why a pixel is not valid, 0 where it is (labcdp.core.luminance.Invalid)"
         data = {
-            "luminance": (("y", "x"), luminance),
-            "u_luminance": (("y", "x"), np.abs(luminance) * self.luminance.random_rel),
-            "invalid": (("y", "x"), self.luminance.invalid),
+            "luminance": (("y", "x"), luminance, {"long_name": "luminance", "units": self.unit}),
+            "u_luminance": (("y", "x"), u, {"long_name": what_u, "units": self.unit}),
+            "invalid": (("y", "x"), self.luminance.invalid, {"long_name": what_invalid}),
         }
-        return described(xr.Dataset(data, attrs=self.attributes(None)), self.unit)
+        return described(xr.Dataset(data, attrs=self.attributes(None)))
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
         """Return the luminance."""

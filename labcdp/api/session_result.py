@@ -2,24 +2,48 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..core.result import InputFile, html_table, number
+from ..core.table import Column, variables_of
 from ..evaluate.bench.session import SessionEvaluation
 from ..evaluate.bench.session_result import session_result
+from ..evaluate.columns import CONTRAST
 from ..report.files import envelope
 from ..report.text import warning_texts
-from .variables import OF_CDP, cdp_values, columns, described
+from .variables import cdp_variables, described
 
 if TYPE_CHECKING:
     from xarray import Dataset
 
-_OF_PATCH = ("meter_luminance", "meter_U", "camera_luminance", "camera_low", "camera_high", "deviation")
-_OF_PAIR = ("measured_contrast", "u_measured_contrast", "meter_contrast", "u_meter_contrast", "exposure_s")
+#: Of a patch.
+_OF_PATCH = (
+    Column("meter_luminance", "meter", "cd/m^2", "Mean of the luminance meter's readings.", value="measured_cd_m2"),
+    Column("meter_U", "U of meter", "cd/m^2", "Its expanded uncertainty U (95 %).",
+           value=lambda row: row.measured_half_width_95_rel * row.measured_cd_m2),
+    Column("camera_luminance", "camera", "cd/m^2", "Luminance by the calibrated camera.",
+           value="calibrated.luminance_cd_m2"),
+    Column("camera_low", "camera, low", "cd/m^2", "Lower end of its 95 % interval.",
+           value="calibrated.interval_95_cd_m2.0"),
+    Column("camera_high", "camera, high", "cd/m^2", "Upper end of its 95 % interval.",
+           value="calibrated.interval_95_cd_m2.1"),
+    Column("deviation", "deviation", "%", "Deviation of the camera from the meter.", value="deviation_rel"),
+)  # fmt: skip
+#: Of a contrast of two patches.
+_OF_PAIR = (
+    replace(CONTRAST[0], value="camera_contrast"),
+    replace(CONTRAST[2], value="camera_standard_uncertainty"),
+    Column("meter_contrast", "contrast by meter", "%", "Weber contrast by the luminance meter.",
+           value="measured_contrast"),
+    Column("u_meter_contrast", "u of contrast by meter", "%", "Standard uncertainty.",
+           value="measured_standard_uncertainty"),
+    Column("exposure_s", "exposure", "s", "Exposure time of the frame."),
+)  # fmt: skip
+_EPSILON = Column("epsilon", "tolerance", "%", "Relative tolerance of the contrast.", value="cdp.epsilon")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -53,17 +77,14 @@ class SessionResult:
         found = self.evaluation
         pairs = list(dict.fromkeys((row.bright, row.dark) for row in found.contrasts))
         contrasts = sorted({row.cdp.contrast for row in found.contrasts})
-        table: list[list[dict[str, Any]]] = [[{} for _ in contrasts] for _ in pairs]
-        of_pairs: list[dict[str, float]] = [{} for _ in pairs]
+        table: list[list[Any]] = [[None for _ in contrasts] for _ in pairs]
         for row in found.contrasts:
-            at = pairs.index((row.bright, row.dark))
-            of_pairs[at] = _of_pair(row)
-            values = cdp_values(row.cdp, row.calibrated_cdp.standard_uncertainty, row.cdp.confidence_interval)
-            table[at][contrasts.index(row.cdp.contrast)] = {**values, "epsilon": row.cdp.epsilon}
+            table[pairs.index((row.bright, row.dark))][contrasts.index(row.cdp.contrast)] = row
         data = {
-            **columns(("patch",), [_of_patch(row) for row in found.patches], _OF_PATCH),
-            **columns(("pair", "contrast"), table, (*OF_CDP, "epsilon")),
-            **columns(("pair",), of_pairs, _OF_PAIR),
+            **variables_of(_OF_PATCH, ("patch",), found.patches),
+            **cdp_variables(("pair", "contrast"), [[row and row.calibrated_cdp for row in rows] for rows in table]),
+            **variables_of((_EPSILON,), ("pair", "contrast"), table),
+            **variables_of(_OF_PAIR, ("pair",), [[row for row in rows if row][-1] for rows in table]),
         }
         coordinates = {
             "patch": [row.region.name for row in found.patches],
@@ -100,15 +121,3 @@ class SessionResult:
             values = (row.cdp.contrast, row.camera_contrast, row.cdp.cdp, low, high)
             rows.append((f"{row.bright} / {row.dark}", *(number(value) for value in values)))
         return html_table(("pair", "contrast", "measured", "CDP", "95 % from", "to"), rows, repr(self)[1:-1])
-
-
-def _of_patch(row: Any) -> dict[str, float]:
-    measured, calibrated = row.measured_cd_m2, row.calibrated
-    of_camera = (calibrated.luminance_cd_m2, *calibrated.interval_95_cd_m2, row.deviation_rel)
-    return dict(zip(_OF_PATCH, (measured, row.measured_half_width_95_rel * measured, *of_camera), strict=True))
-
-
-def _of_pair(row: Any) -> dict[str, float]:
-    of_camera = (row.camera_contrast, row.camera_standard_uncertainty)
-    of_meter = (row.measured_contrast, row.measured_standard_uncertainty)
-    return dict(zip(_OF_PAIR, (*of_camera, *of_meter, row.exposure_s), strict=True))

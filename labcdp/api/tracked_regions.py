@@ -111,7 +111,8 @@ class TrackedRegions:
             for pair, one in results
             if isinstance(one, LabcdpError)
         ]
-        dataset = _joined(found).assign_attrs(_attributes([one.attrs for one in found], failed))
+        dataset = _joined(found)
+        dataset.attrs = _attributes([one.attrs for one in found], failed)
         return described(dataset.isel(contrast=0) if asked.scalar else dataset, str(dataset.attrs["unit"]))
 
     def __repr__(self) -> str:
@@ -142,7 +143,7 @@ def _joined(pairs: Sequence[Dataset]) -> Dataset:
     most = max(one.sizes["corner"] for one in pairs)
     padded = [one.pad(corner=(0, most - one.sizes["corner"])) for one in pairs]
     dataset = xr.concat(
-        padded, "pair", data_vars="all", coords="different", compat="equals", join="exact", combine_attrs="drop"
+        padded, "pair", data_vars="all", coords="different", compat="equals", join="exact", combine_attrs="override"
     )
     return dataset.transpose("frame", "pair", "contrast", "side", "corner", missing_dims="ignore")
 

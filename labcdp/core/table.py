@@ -79,6 +79,13 @@ class Column:
         """Return the unit of the value in a row."""
         return str(row[self.unit_of] or "") if self.unit_of else self.unit
 
+    def within(self, path: str) -> Column:
+        """Return the column for items at whose `path` its own items are."""
+        own = self.value or self.name
+        if isinstance(own, str):
+            return replace(self, value=f"{path}.{own}")
+        return replace(self, value=lambda item: own(_taken(path, item)))
+
 
 def with_expanded(column: Column, expanded: Taken, name: str = "") -> tuple[Column, Column]:
     """Return a column that shows ``value ± U``, with that of U, whose name is ``expanded_`` and the column's, or given.
@@ -135,6 +142,31 @@ def _taken(value: Taken, item: Any) -> Any:
 def values_of(columns: Sequence[Column], items: Sequence[Any]) -> dict[str, list[Any]]:
     """Return the values that columns take from items, a list for each column."""
     return {column.name: [_taken(column.value or column.name, item) for item in items] for column in columns}
+
+
+def variables_of(columns: Sequence[Column], dims: tuple[str, ...], items: Sequence[Any]) -> dict[str, Any]:
+    """Return the values that columns take from items as variables of an `xarray.Dataset`, with units and meanings.
+
+    Parameters
+    ----------
+    columns : sequence of Column
+        What is taken.
+    dims : tuple of str
+        Names of the dimensions.
+    items : sequence
+        Items, or sequences of such for two dimensions; of None all numbers are nan.
+    """
+    import numpy as np
+
+    shape = np.shape(np.array(items, dtype=object)) if len(items) else (0,) * len(dims)
+    flat = list(np.array(items, dtype=object).ravel())
+    found = {}
+    for column, values in zip(columns, values_of(columns, flat).values(), strict=True):
+        array = np.array([np.nan if value is None else value for value in values]).reshape(shape)
+        unit = "1" if column.unit == "%" or (array.dtype.kind in "iuf" and not column.unit) else column.unit
+        attributes = {"long_name": column.label, "units": unit, "description": column.meaning}
+        found[column.name] = (dims, array, {key: text for key, text in attributes.items() if text})
+    return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
-from ...core.table import Column, Table, uncertain
+from ...core.table import Column, Table
 from ...metrics import CalibratedCdp, CdpResult, DetectionInterval, NeighbourCdp
 from ...metrics.pair import PairResult
 from ...metrics.region import REASONS, RegionResult
+from ..columns import CDP, CONTRAST, CSNR, SHARES, TARGET, invalid_share, region_columns
 from .image import ImageEvaluation, ImagePair, ImageRequest
 from .neighbours import NeighbourEvaluation
 
@@ -64,8 +65,12 @@ class _Row:
         return found
 
 
-def _cdp(column: Column, field: str = "") -> Column:
-    """Return a column of a field of a CDP, by default of its name; empty where there is none."""
+def _within(path: str, *columns: Column) -> tuple[Column, ...]:
+    return tuple(column.within(path) for column in columns)
+
+
+def _of_kind(column: Column, field: str = "") -> Column:
+    """Return a column of a field that CDP of regions or that of neighbours has, by default of its name."""
     return replace(column, value=lambda row: getattr(row.one and row.one.result, field or column.name, None))
 
 
@@ -76,43 +81,34 @@ _CDP_COLUMNS = (
     Column("pair", "bright / dark region", "", "The two regions, or which neighbouring pixels.", value="contrast.name"),
     Column("bright", "bright region", shown=False, value="regions.bright_region.roi.name"),
     Column("dark", "dark region", shown=False, value="regions.dark_region.roi.name"),
-    *uncertain(Column("measured_contrast", "measured contrast", "%", "Weber contrast of the means.",
-                      value="contrast.contrast"), u="regions.contrast.standard_error"),
+    # That of neighbours has no uncertainty.
+    replace(CONTRAST[0], value="contrast.contrast"),
+    *_within("regions", *CONTRAST[1:]),
     Column("u_measured_contrast_pixels", "u of measured contrast, pixels", "%", "Its part by the pixels.", 2,
            shown=False, value="regions.contrast_pixels"),
-    Column("contrast", "target contrast", "%", "Contrast whose CDP is computed.", value="one.result.contrast"),
+    TARGET.within("one"),
     Column("contrast_origin", "origin", "", "Where the target contrast comes from: given, or measured.",
            value=lambda row: None if row.one is None else "measured" if row.of_measured else "given"),
     Column("detected_from", "detected from", "%", "Lowest contrast of a pair of pixels that counts as detected.",
            value="one.result.interval.0"),
     Column("detected_to", "detected to", "%", "Highest contrast of a pair of pixels that counts as detected.",
            value="one.result.interval.1"),
-    Column("cdp", "CDP", "", "Share of the pairs of pixels that are detected.", low="cdp_low", high="cdp_high",
-           value="one.result.cdp"),
-    Column("cdp_low", "CDP, low", "", "Lower end of the 95 % interval, by pixels and calibration.", decimals=5,
-           shown=False, value="one.confidence_interval.0"),
-    Column("cdp_high", "CDP, high", "", "Upper end of the 95 % interval.", decimals=5, shown=False,
-           value="one.confidence_interval.1"),
-    Column("u_cdp", "u of CDP", "", "Standard uncertainty, by pixels and calibration.", 2, shown=False,
-           value="one.standard_uncertainty"),
+    *_within("one", *CDP),
     Column("u_cdp_pixels", "u of CDP, pixels", "", "Its part by the pixels.", 2, shown=False,
            value="one.result.standard_error"),
     Column("u_cdp_calibration", "u of CDP, calibration", "", "Its part by the calibration.", 2, shown=False,
            value="one.calibration_standard_uncertainty"),
-    _cdp(Column("below", "below", "", "Share of the pairs with a lower contrast.", decimals=4)),
-    _cdp(Column("above", "above", "", "Share of the pairs with a higher contrast.", decimals=4)),
-    _cdp(Column("undefined", "undefined", "", "Share of the pairs without light; they are below.", shown=False)),
-    *uncertain(Column("csnr", "CSNR", "", "Mean over standard deviation of the contrasts of all pairs of pixels.", 3,
-                      value="regions.csnr.value"), u="regions.csnr.standard_error"),
+    *_within("one", *SHARES),
+    *_within("regions", *CSNR),
     Column("tolerance_below", "tolerance below", "%", "Of the target contrast; empty for an open end.", shown=False,
            value=lambda row: row.tolerance("below")),
     Column("tolerance_above", "tolerance above", "%", "Of the target contrast; empty for an open end.", shown=False,
            value=lambda row: row.tolerance("above")),
-    _cdp(Column("definition", "definition", "", "Definition of the contrast.", shown=False)),
-    _cdp(Column("bright_pixels", "pixels, bright", "", "Pixels of the bright region.", shown=False), "bright_size"),
-    _cdp(Column("dark_pixels", "pixels, dark", "", "Pixels of the dark region.", shown=False), "dark_size"),
-    _cdp(Column("pairs", "pairs", "", "Pairs of neighbouring pixels.", shown=False)),
-    _cdp(Column("correlation_inflation", "inflation", "", "Factor on u by noise that is correlated.", shown=False)),
+    Column("definition", "definition", "", "Definition of the contrast.", shown=False, value="one.result.definition"),
+    _of_kind(Column("bright_pixels", "pixels, bright", "", "Pixels of the bright region.", shown=False), "bright_size"),
+    _of_kind(Column("dark_pixels", "pixels, dark", "", "Pixels of the dark region.", shown=False), "dark_size"),
+    _of_kind(Column("pairs", "pairs", "", "Pairs of neighbouring pixels.", shown=False)),
+    _of_kind(Column("correlation_inflation", "inflation", "", "Factor on u by noise that is correlated.", shown=False)),
 )  # fmt: skip
 _CDP_NOTE = (
     "CDP is the share of all pairs of a bright and a dark pixel whose Weber contrast lies within the tolerance of "
@@ -157,10 +153,6 @@ class _RegionRow:
     region: RegionResult
 
 
-def _share_of(reason: str) -> Callable[[_RegionRow], float]:
-    return lambda row: float(row.region.invalid_shares.get(reason, 0.0))
-
-
 def region_table(pictures: Sequence[ReportedPicture], several: bool) -> Table:
     """Return the regions of each picture, by their mean."""
     rows = [
@@ -174,18 +166,11 @@ def region_table(pictures: Sequence[ReportedPicture], several: bool) -> Table:
     unit, unit_of = (units.pop(), "") if len(units) == 1 else ("", "unit")
     reasons = {name for row in rows for name in row.region.invalid_shares}
     columns = (
-        Column("region", "region", value="region.roi.name"),
-        Column("pixels", "pixels", meaning="Number of its pixels, all of which count.", value="region.n_pixels"),
-        *uncertain(Column("mean", "mean", unit, "Mean luminance.", unit_of=unit_of, value="region.mean"),
-                   u="region.standard_uncertainty"),
-        Column("std", "standard deviation", unit, "Of the pixels, with n - 1.", 3, unit_of=unit_of, value="region.std"),
-        *uncertain(Column("snr", "spatial SNR", "", "Mean over standard deviation of the pixels.", 3,
-                          value="region.snr.value"), u="region.snr.standard_error"),
-        *(Column(name, name.replace("_", " "), "%", "Share of the pixels that are not valid for this reason.", 2,
-                 shown=name in reasons, value=_share_of(name))
-          for name in REASONS.values()),
+        *_within(
+            "region", *region_columns(unit, unit_of), *(invalid_share(one, one in reasons) for one in REASONS.values())
+        ),
         Column("unit", "unit", "", "Of mean and standard deviation.", shown=bool(unit_of), value="evaluation.unit"),
-    )  # fmt: skip
+    )
     return Table.of_items("regions", "Regions", _of_pictures(columns, several), rows, detail=several)
 
 

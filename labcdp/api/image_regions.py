@@ -75,8 +75,7 @@ class ImageRegions:
         data = pair_variables(found, self.unit) | cdp_variables(
             ("pair", "contrast"), [pair.results or (None,) for pair in found]
         )
-        names = [f"{pair.bright_region.roi.name} / {pair.dark_region.roi.name}" for pair in found]
-        coordinates = {"pair": names, "side": ["bright", "dark"], "region": data.pop("region")}
+        coordinates = {"pair": [pair.name for pair in found], "side": ["bright", "dark"], "region": data.pop("region")}
         attributes = self.attributes(epsilon, [one for pair in found for one in pair.findings])
         measured = ("pair", [pair.contrast.value for pair in found])
         return described(at_contrasts(xr.Dataset(data, coordinates, attributes), asked, measured))

@@ -148,9 +148,8 @@ class Image:
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
         """What a user should know about the luminance."""
-        frame = self.picture.frame
-        simulated = [info("camera-simulated")] if frame is not None and frame.camera.simulated else []
-        return unique([*simulated, *self.conversion.findings(self.picture)])
+        source = self.conversion.source(self.picture)
+        return unique([*([info("camera-simulated")] if source.simulated else []), *source.findings])
 
     def regions(self, regions: Regions, pairs: Pairs | None = None) -> ImageRegions:
         """Choose regions.

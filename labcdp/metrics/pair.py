@@ -69,6 +69,11 @@ class PairResult:
     findings: tuple[Finding, ...]
 
     @property
+    def name(self) -> str:
+        """``bright / dark``."""
+        return f"{self.bright_region.roi.name} / {self.dark_region.roi.name}"
+
+    @property
     def of_measured_contrast(self) -> bool:
         """Whether the target contrast is the measured one."""
         return [one.result.contrast for one in self.results] == [self.contrast.value]

@@ -20,9 +20,9 @@ from ...output import ResultsFolder
 from ...regions import load_regions, rois_of
 from ..commands import As
 from ..options import Results
-from ..terminal import print_result, progress_bars
+from ..terminal import print_result, progress_bars, say
 from ..values import parse_pair
-from .batch import Failure, each_once, end_batch, worked_through
+from .batch import each_once, worked_through
 from .options import PairOptions, PictureLightOptions
 
 
@@ -81,7 +81,8 @@ def image(
     with results.folder(context, files[0] if len(files) == 1 else "pictures") as folder:
         pictures = _evaluated(paths, task, pages, surface, folder)
         result = task.result(pictures)
-        good = any(picture.evaluation is not None for picture in pictures)
+        failed = [picture for picture in pictures if picture.evaluation is None]
+        good = len(failed) < len(pictures)
         if good:
             folder.add(summary_files(pictures, result, conversion.description))
     if good:
@@ -91,8 +92,12 @@ def image(
         results.show(replace(result, findings=shown), folder, page, "; also results.xlsx and results.json")
     elif results.as_json:
         print_result(result, as_json=True)
-    failures = [Failure(one.file, one.failure) for one in pictures if one.evaluation is None]
-    end_batch(failures, len(pictures), "pictures")
+    if failed:
+        # Most messages already name the file.
+        lines = [one.failure if one.file in one.failure else f"{one.file}: {one.failure}" for one in failed]
+        several = [f"{len(failed)} of {len(pictures)} pictures failed:", *(f"  {line}" for line in lines)]
+        say("labcdp: " + "\n".join(several if len(pictures) > 1 else lines))
+        raise typer.Exit(1)
 
 
 def _evaluated(
@@ -101,15 +106,12 @@ def _evaluated(
     """Process the pictures and write their files."""
     pictures: dict[int, ReportedPicture] = {}
     with progress_bars() as bars:
-        for index, made in worked_through(paths, partial(task.made, pages=pages, surface=surface)):
+        for index, made, failure in worked_through(paths, partial(task.made, pages=pages, surface=surface)):
             path, number = paths[index], index + 1
             folder = picture_folder(number, path) if len(paths) > 1 and pages else ""
-            if isinstance(made, Failure):
-                pictures[index] = ReportedPicture(number, str(path), folder, None, made.reason)
-            else:
-                evaluation, files = made
-                results.add({f"{folder}/{name}" if folder else name: data for name, data in files.items()})
-                pictures[index] = ReportedPicture(number, str(path), folder, evaluation)
+            evaluation, files = made or (None, {})
+            results.add({f"{folder}/{name}" if folder else name: data for name, data in files.items()})
+            pictures[index] = ReportedPicture(number, str(path), folder, evaluation, failure)
             bars.update("Pictures", len(pictures), len(paths))
     return [pictures[index] for index in sorted(pictures)]
 

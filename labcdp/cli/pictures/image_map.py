@@ -10,7 +10,7 @@ import typer
 from ...evaluate.picture.edges.edges import ContrastMapSettings
 from ...evaluate.picture.edges.map import contrast_map
 from ...evaluate.picture.edges.page import write_contrast_map
-from ...evaluate.picture.edges.result import MapSource, map_result
+from ...evaluate.picture.edges.result import map_result
 from ...files.read import read_picture
 from ..options import Contrasts, Percent, Results, one_or_all
 from .options import PictureLightOptions
@@ -77,15 +77,7 @@ def image_map(
         picture = read_picture(file, conversion.options)
         scene = None if reference is None else conversion.luminance(read_picture(reference, conversion.options))
         found = contrast_map(conversion.luminance(picture), settings, scene)
-        source = MapSource(
-            file=picture.path.name,
-            sha256=picture.sha256,
-            unit=conversion.unit_of(picture).replace("^2", "²"),
-            conversion=conversion.description,
-            simulated=picture.frame is not None and picture.frame.camera.simulated,
-            findings=conversion.findings(picture),
-            inputs=tuple(inputs),
-        )
-        result = map_result(found, source)
+        source = conversion.source(picture)
+        result = map_result(found, source, inputs)
         write_contrast_map(found, source, result, folder)
     results.show(result, folder, also="; also contrast-map.png, results.xlsx, results.nc and results.json")

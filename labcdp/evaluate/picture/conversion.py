@@ -16,8 +16,8 @@ from ...core.luminance import WHOLE, Invalid, LuminanceMap, Window
 from ...core.result import Finding, info, warning
 from ...files.picture import Picture
 from ...files.read import PictureOptions
-from ...files.stored_image import Encoding
-from .dn_light import relative_light, specified_light
+from ...files.stored_image import ENCODING_NAMES, Encoding
+from .dn_light import light_of_dn
 
 if TYPE_CHECKING:
     from ...calibration import AnyCalibration
@@ -30,26 +30,71 @@ _F_NUMBER_REL = 0.01
 
 
 @dataclass(frozen=True)
-class PictureConversion:
-    """Conversion of pictures and frames to light.
+class PictureSource:
+    """What is known of a picture and its luminance, beside the pixels.
 
     Parameters
     ----------
-    unit : {'cd/m^2', 'relative'}
-        Of the maps; pictures whose file says that it holds luminance are in cd/m^2 in any case, see `unit_of`.
+    path : Path
+        The file.
+    sha256 : str
+        Hash of its bytes.
+    shape : (int, int)
+        Height and width in pixels.
+    unit : str
+        ``cd/m²``, or ``relative`` without a scale.
+    conversion : str
+        How its values became luminance.
+    encoding : str
+        How the values of the file are taken to be encoded, such as ``sRGB``; a calibration has a response of its own.
+    exposure_s : float or None
+        Exposure, where it is known.
+    camera : str or None
+        Camera, if known.
+    simulated : bool
+        Whether the camera is simulated.
+    findings : tuple of Finding
+        What a user should know about file and conversion.
+    """
+
+    path: Path
+    sha256: str
+    shape: tuple[int, int]
+    unit: str
+    conversion: str
+    encoding: str = "linear"
+    exposure_s: float | None = None
+    camera: str | None = None
+    simulated: bool = False
+    findings: tuple[Finding, ...] = ()
+
+
+@dataclass(frozen=True)
+class PictureConversion:
+    """Conversion of pictures and frames to light: relative values, or by guessed parameters of a camera.
+
+    Parameters
+    ----------
     description : str
         What it rests on, for reports.
     options : PictureOptions
         What pictures to be converted are taken to be where their files do not say.
+    specification : CameraSpecification or None
+        The guessed parameters; None for relative values.
 
     Notes
     -----
-    This one gives relative values; a calibration and guessed parameters of a camera have conversions of their own.
+    A calibration has a conversion of its own.
     """
 
-    unit: Unit
     description: str
     options: PictureOptions
+    specification: CameraSpecification | None = None
+
+    @property
+    def unit(self) -> Unit:
+        """Unit of the maps; pictures whose file says that it holds luminance are in cd/m^2 anyway, see `unit_of`."""
+        return "relative" if self.specification is None else "cd/m^2"
 
     def given(self, **values: Any) -> Self:
         """Return the same for pictures of which the user states something; see `PictureOptions.given`."""
@@ -57,15 +102,44 @@ class PictureConversion:
 
     def _map(self, frame: Frame, encoding: Encoding, window: Window, f_number: float | None) -> LuminanceMap:
         """Return the luminance of a frame whose DN are encoded by `encoding`, or a window of it."""
-        return relative_light(frame, encoding).map_of(frame, window)
+        return light_of_dn(frame, encoding, self.specification, f_number).map_of(frame, window)
 
     def _refusal(self, picture: Picture) -> str | None:
         """Why a picture of DN cannot be converted, None if it can."""
         return None
 
-    def _findings(self, picture: Picture) -> list[Finding]:
+    def _findings(self, picture: Picture, frame: Frame) -> list[Finding]:
         """Return what a user should know about the result."""
-        return _of_file(picture, None)
+        found, own, stated = [], self.specification, picture.f_number
+        if own is not None:
+            found.append(warning("camera-guessed"))
+            if stated is not None and not isclose(stated, own.f_number, rel_tol=_F_NUMBER_REL):
+                found.append(warning("f-number-differs", stated=stated, specified=own.f_number))
+            if own.glare_fraction > 0 and frame.saturated.any():
+                found.append(warning("glare-underestimated"))
+        if picture.encoding != "linear":
+            found.append(warning("srgb-assumed"))
+        if own is not None and not picture.coloured and frame.bit_depth != own.adc_bits:
+            found.append(info("bits-scaled", bits=frame.bit_depth, adc_bits=own.adc_bits))
+        if frame.colour_filter is not None:
+            found.append(info("green-pixels-only"))
+        return found
+
+    def source(self, picture: Picture) -> PictureSource:
+        """Return what is known of a picture and its luminance."""
+        frame = picture.frame
+        return PictureSource(
+            path=picture.path,
+            sha256=picture.sha256,
+            shape=picture.shape,
+            unit=self.unit_of(picture).replace("^2", "²"),
+            conversion=self.description,
+            encoding=ENCODING_NAMES[picture.encoding],
+            exposure_s=frame.exposure_s if frame is not None and picture.exposure_known else None,
+            camera=str(frame.camera) if frame is not None and picture.camera_stated else None,
+            simulated=frame is not None and frame.camera.simulated,
+            findings=self.findings(picture),
+        )
 
     def unit_of(self, picture: Picture) -> Unit:
         """Return the unit of the map of a picture."""
@@ -116,7 +190,7 @@ class PictureConversion:
         if picture.light_is_cd_m2:
             unused = [info("conversion-ignored", conversion=self.description)] if self.unit == "cd/m^2" else []
             return (*picture.findings, *unused)
-        found = [] if picture.frame is None else self._findings(picture)
+        found = [] if picture.frame is None else self._findings(picture, picture.frame)
         if self.unit == "relative":
             found.insert(0, info("relative-luminance"))
         elif picture.frame is not None and not picture.exposure_stated:
@@ -151,11 +225,16 @@ class PictureConversion:
         return LuminanceMap(picture.light, np.zeros_like(picture.light), (), invalid)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Calibrated(PictureConversion):
     """By a calibration."""
 
     calibration: AnyCalibration
+
+    @property
+    def unit(self) -> Unit:
+        """Unit of the maps."""
+        return "cd/m^2"
 
     def _map(self, frame: Frame, encoding: Encoding, window: Window, f_number: float | None) -> LuminanceMap:
         return self.calibration.to_luminance(frame, window)
@@ -172,45 +251,11 @@ class Calibrated(PictureConversion):
         use = "use this f-number, or calibrate the other"
         return f"it was taken with f/{stated:g}, the calibration is for f/{own:g}: {use}"
 
-    def _findings(self, picture: Picture) -> list[Finding]:
+    def _findings(self, picture: Picture, frame: Frame) -> list[Finding]:
         found = []
         if not picture.camera_stated:
             found.append(warning("camera-assumed", camera=str(self.calibration.state.camera)))
         return found + ([warning("srgb-taken-as-dn")] if picture.encoding != "linear" else [])
-
-
-@dataclass(frozen=True)
-class _Specified(PictureConversion):
-    """By guessed parameters."""
-
-    specification: CameraSpecification
-
-    def _map(self, frame: Frame, encoding: Encoding, window: Window, f_number: float | None) -> LuminanceMap:
-        return specified_light(self.specification, frame, encoding, f_number).map_of(frame, window)
-
-    def _findings(self, picture: Picture) -> list[Finding]:
-        assert picture.frame is not None
-        found, own = [warning("camera-guessed")], self.specification
-        stated = picture.f_number
-        if stated is not None and not isclose(stated, own.f_number, rel_tol=_F_NUMBER_REL):
-            found.append(warning("f-number-differs", stated=stated, specified=own.f_number))
-        if own.glare_fraction > 0 and picture.frame.saturated.any():
-            found.append(warning("glare-underestimated"))
-        return found + _of_file(picture, own.adc_bits)
-
-
-def _of_file(picture: Picture, adc_bits: int | None) -> list[Finding]:
-    """Return what is assumed about a file without a calibration."""
-    assert picture.frame is not None
-    found = []
-    if picture.encoding != "linear":
-        found.append(warning("srgb-assumed"))
-    bits = picture.frame.bit_depth
-    if adc_bits is not None and not picture.coloured and bits != adc_bits:
-        found.append(info("bits-scaled", bits=bits, adc_bits=adc_bits))
-    if picture.frame.colour_filter is not None:
-        found.append(info("green-pixels-only"))
-    return found
 
 
 def picture_conversion(
@@ -243,7 +288,7 @@ def picture_conversion(
         loaded = load_any(calibration) if isinstance(calibration, Path) else calibration
         return calibrated_conversion(loaded, name, stated)
     if camera is None:
-        return PictureConversion("relative", "relative values, proportional to light", stated)
+        return PictureConversion("relative values, proportional to light", stated)
     from .camera_specification import CameraSpecification
 
     specification = CameraSpecification.load(camera)
@@ -255,7 +300,7 @@ def picture_conversion(
         bit_depth=specification.adc_bits,
         encoding=encoding or specification.encoding,
     )
-    return _Specified("cd/m^2", description, options, specification)
+    return PictureConversion(description, options, specification)
 
 
 def calibrated_conversion(loaded: AnyCalibration, name: str, stated: PictureOptions | None = None) -> Calibrated:
@@ -272,4 +317,4 @@ def calibrated_conversion(loaded: AnyCalibration, name: str, stated: PictureOpti
         black_level_dn=state.black_level_dn,
     )
     description = f"calibration {name} of {state.camera}, {loaded.lens}, in {loaded.source_spectrum}"
-    return Calibrated("cd/m^2", description, options, loaded)
+    return Calibrated(description, options, calibration=loaded)

@@ -155,9 +155,9 @@ class _Setting:
     gain_db: float
     temperature_c: float | None
 
-    @classmethod
-    def of(cls, frame: Frame) -> _Setting:
-        return cls(*(getattr(frame, name) for name in cls.__dataclass_fields__))
+    def black_in(self, linear: NDArray[np.float64]) -> float:
+        """Light of the nominal black level, by that of each DN."""
+        return float(np.interp(self.nominal_black_dn, np.arange(linear.size), linear))
 
     @property
     def saturated(self) -> NDArray[np.uint8]:
@@ -166,88 +166,76 @@ class _Setting:
         return np.where(dn >= self.saturation_dn, Invalid.SATURATED, 0).astype(np.uint8)
 
 
-def relative_light(frame: Frame, encoding: Encoding) -> DnLight:
-    """Light of a frame's DN relative to the end of their scale; its noise is taken to be that of rounding.
-
-    Linear DN are divided by 2 to the power of their bits, which is exact in float32: the contrast of two integers that
-    lies on an end of the interval stays there. The highest DN is just below 1. Decoded sRGB is 1 at the highest DN.
-
-    Parameters
-    ----------
-    frame : Frame
-        Of any camera; its black level is subtracted.
-    encoding : {'linear', 'srgb'}
-        How its DN are encoded.
-    """
-    return _relative(_Setting.of(frame), encoding)
-
-
-def specified_light(
-    specification: CameraSpecification, frame: Frame, encoding: Encoding, f_number: float | None
+def light_of_dn(
+    frame: Frame, encoding: Encoding, specification: CameraSpecification | None, f_number: float | None = None
 ) -> DnLight:
-    """Luminance of a frame's DN by guessed parameters; what is left uncertain is not known, so stated as infinite.
+    """Light of a frame's DN, relative to the end of their scale or by guessed parameters of the camera.
 
-    The mean DN of a pixel is black + K t (E L + mu_d) with E photo-electrons per second and cd/m^2; of L the windscreen
-    passes its transmittance. (Where it must divide by pixel area, exposure, quantum efficiency and optics, the program
-    of the 2018 thesis multiplies.) DN of another depth than the converter's are spread over its range.
+    Of relative light, linear DN are divided by 2 to the power of their bits, which is exact in float32: the contrast of
+    two integers that lies on an end of the interval stays there. The highest DN is just below 1. Decoded sRGB is 1 at
+    the highest DN. The noise is taken to be that of rounding.
+
+    By guessed parameters, the mean DN of a pixel is black + K t (E L + mu_d) with E photo-electrons per second and
+    cd/m^2; of L the windscreen passes its transmittance. (Where it must divide by pixel area, exposure, quantum
+    efficiency and optics, the program of the 2018 thesis multiplies.) DN of another depth than the converter's are
+    spread over its range. What is left uncertain is not known, so stated as infinite.
 
     Parameters
     ----------
-    specification : CameraSpecification
-        The parameters.
     frame : Frame
-        Exposure, gain, and temperature where it is known.
-    encoding : {'linear', 'srgb'}
+        Of any camera, with its black level, exposure and gain, and temperature where it is known.
+    encoding : {'linear', 'srgb', 'bt709'}
         How its DN are encoded.
+    specification : CameraSpecification or None
+        The parameters; None for relative light.
     f_number : float or None
         The f-number that was set, if known; None for that of the specification.
     """
-    return _specified(specification, _Setting.of(frame), encoding, f_number)
+    setting = _Setting(*(getattr(frame, name) for name in _Setting.__dataclass_fields__))
+    return (
+        _relative(setting, encoding)
+        if specification is None
+        else _specified(specification, setting, encoding, f_number)
+    )
 
 
 @lru_cache(maxsize=16)
 def _relative(setting: _Setting, encoding: Encoding) -> DnLight:
     n = 2**setting.bit_depth
     linear = np.arange(n) / n if encoding == "linear" else decoded_table(setting.bit_depth, encoding)
-    black = np.interp(setting.nominal_black_dn, np.arange(linear.size), linear)
     steps = _steps(linear)
     noise = np.sqrt(_ROUNDING_VARIANCE) * steps
-    light = (linear - black).astype(np.float32)
+    light = (linear - setting.black_in(linear)).astype(np.float32)
     return DnLight(light, noise.astype(np.float32), steps.astype(np.float32), setting.saturated)
 
 
 @lru_cache(maxsize=16)
-def _specified(
-    specification: CameraSpecification, setting: _Setting, encoding: Encoding, f_number: float | None
-) -> DnLight:
-    top_dn = 2**specification.adc_bits - 1
+def _specified(own: CameraSpecification, setting: _Setting, encoding: Encoding, f_number: float | None) -> DnLight:
+    top_dn = 2**own.adc_bits - 1
     linear = decoded_table(setting.bit_depth, encoding)
-    black_dn = specification.black_dn
-    if black_dn is None:
-        black_dn = top_dn * float(np.interp(setting.nominal_black_dn, np.arange(linear.size), linear))
-    k_dn_per_e = specification.system_gain_dn_per_e(setting.gain_db)
-    dark_e = specification.dark_electrons(setting.exposure_s, setting.temperature_c)
-    per_cd_m2 = specification.electrons_per_cd_m2_s(f_number) * setting.exposure_s
-    per_cd_m2 *= specification.windscreen_transmittance
+    black_dn = top_dn * setting.black_in(linear) if own.black_dn is None else own.black_dn
+    k_dn_per_e = own.system_gain_dn_per_e(setting.gain_db)
+    dark_e = own.dark_electrons(setting.exposure_s, setting.temperature_c)
+    per_cd_m2 = own.electrons_per_cd_m2_s(f_number) * setting.exposure_s * own.windscreen_transmittance
     dn = top_dn * linear
     # Photons and dark electrons are one Poisson process.
-    noise_e2 = np.maximum((dn - black_dn) / k_dn_per_e, 0) + specification.read_noise_e**2
+    noise_e2 = np.maximum((dn - black_dn) / k_dn_per_e, 0) + own.read_noise_e**2
     noise_e2 += _ROUNDING_VARIANCE * np.square(top_dn * _steps(linear) / k_dn_per_e)
     flags = setting.saturated
-    if specification.saturation_dn is not None:
-        flags[dn >= specification.saturation_dn] |= Invalid.SATURATED.value
-    zero_dn = black_dn + dark_e * k_dn_per_e
-    vignetting = specification.optics(f_number).vignetting(specification.pixel_pitch_m)
-    light = _proportional(linear, zero_dn, top_dn, top_dn / (k_dn_per_e * per_cd_m2), encoding)
+    if own.saturation_dn is not None:
+        flags[dn >= own.saturation_dn] |= Invalid.SATURATED.value
+    vignetting = own.optics(f_number).vignetting(own.pixel_pitch_m)
+    zero_dn, light_at_top = black_dn + dark_e * k_dn_per_e, top_dn / (k_dn_per_e * per_cd_m2)
+    light = _proportional(linear, zero_dn, top_dn, light_at_top, encoding)
     # Where pixels differ by more than their DN, no contrast lies exactly on an end of the interval.
-    place_matters = vignetting is not None or specification.glare_fraction > 0
+    place_matters = vignetting is not None or own.glare_fraction > 0
     return DnLight(
         light=light.astype(np.float32) if place_matters else light,
         noise=(np.sqrt(noise_e2) / per_cd_m2).astype(np.float32),
         steps=_steps(light).astype(np.float32),
         flags=flags,
         vignetting=vignetting,
-        glare_fraction=specification.glare_fraction,
+        glare_fraction=own.glare_fraction,
         common=(CommonError("guessed camera parameters", inf),),
     )
 

@@ -89,17 +89,17 @@ def _picture(evaluation: ImageEvaluation, luminance: LuminanceMap) -> ReportFigu
     if evaluation.neighbours is not None and evaluation.neighbours.rectangle is not None:
         x0, y0, x1, y1 = evaluation.neighbours.rectangle
         regions.append(Roi.rectangle("nearest-neighbour", x0, y0, x1 + 1 - x0, y1 + 1 - y0))
-    figure = ImageFigure.of(luminance, shortened(evaluation.path.name, 60), False, regions)
+    figure = ImageFigure.of(luminance, shortened(evaluation.source.path.name, 60), False, regions)
     norm = PowerNorm(_GAMMA, 0, white)
     shown = figure.axes.imshow(np.clip(drawn, 0, white), cmap="gray", norm=norm, extent=figure.extent)
-    figure.add_scale(shown, luminance_label(evaluation.unit), extend="max")
+    figure.add_scale(shown, luminance_label(evaluation.source.unit), extend="max")
     figure.draw_regions()
     scale = f" Each drawn pixel is the mean of {side} x {side} of the picture's." if side > 1 else ""
     with_regions = ", with its regions" if evaluation.regions else ""
     return reported(
         "picture",
         figure.figure,
-        f"The picture as {luminance_label(evaluation.unit)}, dark parts brightened{with_regions}.{scale}",
+        f"The picture as {luminance_label(evaluation.source.unit)}, dark parts brightened{with_regions}.{scale}",
         f"Grey picture with {len(regions)} regions: {', '.join(roi.name for roi in regions) or 'none'}.",
     )
 
@@ -135,9 +135,9 @@ def _values(evaluation: ImageEvaluation, picture: Picture, luminance: LuminanceM
     assert native is not None
     in_pairs = {region.roi.name for pair in evaluation.pairs for region in (pair.result.a, pair.result.b)}
     rois = [one.roi for one in evaluation.regions if one.roi.name in in_pairs or not in_pairs][: len(_COLOURS)]
-    maps = [(np.asarray(luminance.luminance_cd_m2), luminance.scaled, luminance_label(evaluation.unit))]
+    maps = [(np.asarray(luminance.luminance_cd_m2), luminance.scaled, luminance_label(evaluation.source.unit))]
     # Without a scale and a tone curve, luminance has the histogram of the values.
-    if evaluation.unit != "relative" or picture.encoding != "linear":
+    if evaluation.source.unit != "relative" or picture.encoding != "linear":
         maps.insert(0, (native, lambda roi: roi, "DN" if picture.frame is not None else "value in the file"))
     figure = placed_figure(9.6, 3.5)
     width = 0.86 / len(maps) - 0.05

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,10 +13,9 @@ from ...core.errors import InputError
 from ...core.luminance import LuminanceMap
 from ...core.result import Finding, info, unique, warning
 from ...core.roi import Rectangle, Roi
-from ...files.picture import Picture
-from ...files.stored_image import ENCODING_NAMES
 from ...metrics import CalibratedCdp, CdpResult, ContrastDistribution, contrast_histogram
 from ...metrics.pair import PairResult, RegionResult, evaluate_pair, evaluate_region
+from .conversion import PictureSource
 from .neighbours import NeighbourEvaluation, evaluate_neighbours
 
 
@@ -27,23 +25,29 @@ class ImagePair:
 
     Parameters
     ----------
-    name : str
-        ``bright / dark``.
-    contrast : float
-        Measured contrast.
-    results : tuple of CalibratedCdp
-        One for each target contrast.
+    result : PairResult
+        Their contrast and CDP.
     distribution : ContrastDistribution or None
         Of the contrasts of all pairs of pixels, for plots; None where no contrast is finite.
-    result : PairResult
-        All of contrast and CDP.
     """
 
-    name: str
-    contrast: float
-    results: Sequence[CalibratedCdp[CdpResult]]
-    distribution: ContrastDistribution | None
     result: PairResult
+    distribution: ContrastDistribution | None
+
+    @property
+    def name(self) -> str:
+        """``bright / dark``."""
+        return self.result.name
+
+    @property
+    def contrast(self) -> float:
+        """Measured contrast."""
+        return self.result.contrast.value
+
+    @property
+    def results(self) -> Sequence[CalibratedCdp[CdpResult]]:
+        """CDP of each target contrast."""
+        return self.result.results
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,22 +56,8 @@ class ImageEvaluation:
 
     Parameters
     ----------
-    path : Path
-        The file.
-    sha256 : str
-        Hash of its bytes.
-    shape : (int, int)
-        Height and width in pixels.
-    unit : str
-        ``cd/m²``, or ``relative`` without a scale.
-    exposure_s : float or None
-        Exposure, where it is known.
-    encoding : str
-        How the values of the file are taken to be encoded, such as ``sRGB``; a calibration has a response of its own.
-    camera : str or None
-        Camera, if known.
-    simulated : bool
-        Whether the camera is simulated.
+    source : PictureSource
+        The picture.
     regions : tuple of RegionResult
         All regions, in the order of the request.
     pairs : tuple of ImagePair
@@ -78,14 +68,7 @@ class ImageEvaluation:
         What a user should know.
     """
 
-    path: Path
-    sha256: str
-    shape: tuple[int, int]
-    unit: str
-    exposure_s: float | None
-    encoding: str
-    camera: str | None
-    simulated: bool
+    source: PictureSource
     regions: tuple[RegionResult, ...]
     pairs: tuple[ImagePair, ...]
     neighbours: NeighbourEvaluation | None
@@ -97,23 +80,17 @@ class ImageEvaluation:
         return self.pairs if self.neighbours is None else (*self.pairs, self.neighbours)
 
 
-def evaluate_image(
-    picture: Picture, luminance: LuminanceMap, unit: str, request: ImageRequest, findings: Sequence[Finding] = ()
-) -> ImageEvaluation:
+def evaluate_image(luminance: LuminanceMap, source: PictureSource, request: ImageRequest) -> ImageEvaluation:
     """Evaluate a picture.
 
     Parameters
     ----------
-    picture : Picture
-        The picture.
     luminance : LuminanceMap
-        What it was converted to.
-    unit : str
-        Unit of that, ``cd/m^2`` or ``relative``.
+        Its luminance.
+    source : PictureSource
+        What is known of it.
     request : ImageRequest
         The request.
-    findings : sequence of Finding
-        Of picture and conversion.
 
     Raises
     ------
@@ -127,9 +104,7 @@ def evaluate_image(
     neighbours = None
     if request.neighbours:
         neighbours = evaluate_neighbours(luminance, request.contrasts, request.epsilon, request.rectangle)
-    frame = picture.frame
-    simulated = frame is not None and frame.camera.simulated
-    found = [*([info("camera-simulated")] if simulated else []), *findings]
+    found = [*([info("camera-simulated")] if source.simulated else []), *source.findings]
     if any(pair.result.of_measured_contrast for pair in pairs) and request.contrasts is None:
         found.append(info("contrast-is-measured"))
     found += [
@@ -139,29 +114,14 @@ def evaluate_image(
     ]
     found += [one for pair in pairs for one in pair.result.findings]
     found += neighbours.findings if neighbours is not None else ()
-    return ImageEvaluation(
-        path=picture.path,
-        sha256=picture.sha256,
-        shape=picture.shape,
-        unit=unit.replace("^2", "²"),
-        exposure_s=frame.exposure_s if frame is not None and picture.exposure_known else None,
-        encoding=ENCODING_NAMES[picture.encoding],
-        camera=str(frame.camera) if frame is not None and picture.camera_stated else None,
-        simulated=simulated,
-        regions=tuple(regions),
-        pairs=tuple(pairs),
-        neighbours=neighbours,
-        findings=unique(found),
-    )
+    return ImageEvaluation(source, tuple(regions), tuple(pairs), neighbours, unique(found))
 
 
 def _pair(luminance: LuminanceMap, a: Roi, b: Roi, request: ImageRequest) -> ImagePair:
     result = evaluate_pair(luminance, a, b, request.contrasts, request.epsilon)
     first, second = (luminance.select(roi).astype(np.float64) for roi in (a, b))
     highest = max((one.result.interval[1] for one in result.results), default=1.0)
-    name = f"{result.bright_region.roi.name} / {result.dark_region.roi.name}"
-    histogram = contrast_histogram(first, second, highest)
-    return ImagePair(name, result.contrast.value, result.results, histogram, result)
+    return ImagePair(result, contrast_histogram(first, second, highest))
 
 
 #: Most regions for all pairs; with more, pairs must be selected.

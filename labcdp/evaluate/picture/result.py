@@ -61,8 +61,8 @@ class PictureTask:
         height, width = picture.shape
         if self.regions is not None:
             load_regions(self.regions, (width, height))
-        luminance, unit = self.conversion.luminance(picture), self.conversion.unit_of(picture)
-        evaluation = evaluate_image(picture, luminance, unit, self.request, self.conversion.findings(picture))
+        luminance = self.conversion.luminance(picture)
+        evaluation = evaluate_image(luminance, self.conversion.source(picture), self.request)
         if not pages:
             return evaluation, {}
         result = self.result([ReportedPicture(1, str(path), "", evaluation)])
@@ -74,25 +74,25 @@ class PictureTask:
         if surface:
             from .surface import surface_page
 
-            files["surface.html"] = surface_page(luminance, evaluation.path.name, evaluation.unit).encode()
+            files["surface.html"] = surface_page(luminance, path.name, evaluation.source.unit).encode()
         return evaluation, files
 
     def result(self, pictures: Sequence[ReportedPicture]) -> Result:
         """Return the result of one or several pictures, in the order they were given."""
         good = [one for one in pictures if one.evaluation is not None]
+        sources = [(one.file, one.evaluation.source) for one in pictures if one.evaluation is not None]
         several, contrasts = len(pictures) > 1, self.request.contrasts
         tables = [cdp_table(good, several), region_table(good, several), picture_table(pictures, several)]
         if several and contrasts is not None and len(pictures) <= _MOST_PICTURES:
             tables += matrices(pictures, self.request, contrasts)
-        taken = [InputFile("picture", one.file, one.evaluation.sha256) for one in good if one.evaluation is not None]
         return Result(
             kind="image",
             title=f"{len(pictures)} pictures" if several else pictures[0].file,
             tables=tuple(table for table in tables if len(table)),
             findings=_findings(pictures),
-            inputs=(*taken, *self.inputs),
+            inputs=(*(InputFile("picture", file, source.sha256) for file, source in sources), *self.inputs),
             configuration=self.configuration,
-            simulated=any(one.evaluation.simulated for one in good if one.evaluation is not None),
+            simulated=any(source.simulated for _, source in sources),
         )
 
 

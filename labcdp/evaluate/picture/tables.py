@@ -161,16 +161,14 @@ def region_table(pictures: Sequence[ReportedPicture], several: bool) -> Table:
         if one.evaluation is not None
         for region in sorted(one.evaluation.regions, key=lambda region: region.mean)
     ]
-    units = {row.evaluation.unit for row in rows}
+    units = {row.evaluation.source.unit for row in rows}
     # Of files that hold luminance and others, each row has a unit of its own.
     unit, unit_of = (units.pop(), "") if len(units) == 1 else ("", "unit")
     reasons = {name for row in rows for name in row.region.invalid_shares}
-    columns = (
-        *_within(
-            "region", *region_columns(unit, unit_of), *(invalid_share(one, one in reasons) for one in REASONS.values())
-        ),
-        Column("unit", "unit", "", "Of mean and standard deviation.", shown=bool(unit_of), value="evaluation.unit"),
-    )
+    shares = (invalid_share(reason, reason in reasons) for reason in REASONS.values())
+    of_row = Column("unit", "unit", "", "Of mean and standard deviation.", shown=bool(unit_of),
+                    value="evaluation.source.unit")  # fmt: skip
+    columns = (*_within("region", *region_columns(unit, unit_of), *shares), of_row)
     return Table.of_items("regions", "Regions", _of_pictures(columns, several), rows, detail=several)
 
 
@@ -179,16 +177,16 @@ def picture_table(pictures: Sequence[ReportedPicture], several: bool) -> Table:
     columns = (
         replace(_NUMBER, shown=True, value="number"),
         replace(_PICTURE, value="file"),
-        Column("width_px", "width", "px", value="evaluation.shape.1"),
-        Column("height_px", "height", "px", value="evaluation.shape.0"),
+        Column("width_px", "width", "px", value="evaluation.source.shape.1"),
+        Column("height_px", "height", "px", value="evaluation.source.shape.0"),
         Column("exposure_s", "exposure", "s", "Exposure time, where it is known.", time=True,
-               value="evaluation.exposure_s"),
+               value="evaluation.source.exposure_s"),
         Column("encoding", "encoding", "", "How the values are encoded, by the file or as assumed; of no effect with a "
-               "calibration, which has its own response.", value="evaluation.encoding"),
-        Column("camera", "camera", "", "Camera, where the file states it.", value="evaluation.camera"),
-        Column("unit", "unit", "", "Unit of the luminance.", value="evaluation.unit"),
+               "calibration, which has its own response.", value="evaluation.source.encoding"),
+        Column("camera", "camera", "", "Camera, where the file states it.", value="evaluation.source.camera"),
+        Column("unit", "unit", "", "Unit of the luminance.", value="evaluation.source.unit"),
         Column("folder", "folder", "", "Folder of its page.", shown=False, value=lambda one: one.folder or None),
-        Column("sha256", "SHA-256", "", "Hash of the file.", shown=False, value="evaluation.sha256"),
+        Column("sha256", "SHA-256", "", "Hash of the file.", shown=False, value="evaluation.source.sha256"),
         Column("failure", "failure", "", "Why it has no result.", shown=any(one.evaluation is None for one in pictures),
                value=lambda one: one.failure if one.evaluation is None else None),
     )  # fmt: skip

@@ -2,6 +2,7 @@
 
 import json
 from math import sqrt
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,10 +13,11 @@ from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
 from scipy.special import ndtr
 
 from labcdp.core.luminance import CommonError, Invalid, LuminanceMap
+from labcdp.evaluate.picture.conversion import PictureSource
 from labcdp.evaluate.picture.edges.edges import ContrastMapSettings, EdgeKind
 from labcdp.evaluate.picture.edges.map import contrast_map
 from labcdp.evaluate.picture.edges.page import write_contrast_map
-from labcdp.evaluate.picture.edges.result import MapSource, contrast_map_dataset, map_result
+from labcdp.evaluate.picture.edges.result import contrast_map_dataset, map_result
 from labcdp.metrics import DetectionInterval, cdp_range, cdp_with_common_errors
 from labcdp.report.files import schema
 
@@ -170,7 +172,7 @@ def test_pixels_that_are_not_finite_are_left_out():
 
 
 def test_several_contrasts_are_asked_of_the_same_edges():
-    image, source = _map(_halves(noise=3.0)), MapSource("a.png", "0" * 64, "cd/m²", "c", False)
+    image, source = _map(_halves(noise=3.0)), PictureSource(Path("a.png"), "0" * 64, (300, 340), "cd/m²", "c")
     found = contrast_map(image, ContrastMapSettings(30, contrast=(0.3, 0.5)))
     result = map_result(found, source)
     dataset = contrast_map_dataset(found, source, result)
@@ -185,7 +187,7 @@ def test_the_files_hold_the_edges_and_escape_names(tmp_path):
     image = levels + np.where(levels < 250, 4.0, 25.0) * np.random.default_rng(0).normal(size=(300, 340))
     found, source = (
         contrast_map(_map(image), ContrastMapSettings(30)),
-        MapSource("a <b>scene</b>.png", "0" * 64, "cd/m²", "c", False),
+        PictureSource(Path("a <b>scene</b>.png"), "0" * 64, (300, 340), "cd/m²", "c"),
     )
     write_contrast_map(found, source, map_result(found, source), tmp_path)
     values = json.loads((tmp_path / "results.json").read_text())

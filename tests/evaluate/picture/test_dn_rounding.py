@@ -40,7 +40,7 @@ def test_cdp_as_by_brute_force_on_the_integers(tmp_path, bits, camera):
     contrasts = (Fraction(1, 2), Fraction(1), Fraction(3))
     rois = Roi.rectangle("dark", 0, 0, 10, 12), Roi.rectangle("bright", 10, 0, 10, 12)
     request = ImageRequest(tuple(map(float, contrasts)), 0.5, rois, neighbours=True)
-    found = evaluate_image(picture, conversion.luminance(picture), conversion.unit_of(picture), request)
+    found = evaluate_image(conversion.luminance(picture), conversion.source(picture), request)
     dn = dn - black_dn
     near = [*zip(dn[:, :-1].flat, dn[:, 1:].flat, strict=True), *zip(dn[:-1].flat, dn[1:].flat, strict=True)]
     near = [(max(pair), min(pair)) for pair in near]

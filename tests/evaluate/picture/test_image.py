@@ -7,6 +7,7 @@ import pytest
 from labcdp.core.luminance import CommonError, LuminanceMap, PixelErrors
 from labcdp.core.result import Finding, info
 from labcdp.core.roi import Roi
+from labcdp.evaluate.picture.conversion import picture_conversion
 from labcdp.evaluate.picture.image import ImageRequest, evaluate_image
 from labcdp.evaluate.picture.neighbours import evaluate_neighbours
 from labcdp.files.picture import ExifFacts, Picture
@@ -26,7 +27,7 @@ def _map(luminance, common=(), **more):
 def _evaluate(request, luminance=SCENE):
     light = luminance.astype(np.float32)
     picture = Picture(Path("night.exr"), "ab" * 32, ExifFacts(), None, light, True)
-    return evaluate_image(picture, _map(luminance), "cd/m^2", request)
+    return evaluate_image(_map(luminance), picture_conversion(None, None, None).source(picture), request)
 
 
 def _near(values, contrast):

@@ -20,7 +20,7 @@ from labcdp.core.result import warning
 from labcdp.evaluate.bench.calibrate import calibrate_session
 from labcdp.evaluate.picture.camera_specification import CameraSpecification
 from labcdp.evaluate.picture.conversion import picture_conversion
-from labcdp.evaluate.picture.dn_light import specified_light
+from labcdp.evaluate.picture.dn_light import light_of_dn
 from labcdp.files import PictureOptions, frame_of_pixels, read_picture
 from labcdp.files.luminance_file import save_luminance
 
@@ -129,7 +129,7 @@ def test_any_camera_is_undone_but_for_rounding(
     )  # fmt: skip
     options = PictureOptions(exposure_s=exposure_s, gain_db=gain_db, bit_depth=16)
     frame = frame_of_pixels(dn, options, NOW)
-    seen = specified_light(specification, frame, "linear", None).map_of(frame)
+    seen = light_of_dn(frame, "linear", specification).map_of(frame)
     glare = windscreen.glare_fraction
     per_dn = (scene + glare * scene.mean()) / np.maximum(dn - black_dn - k * dark * exposure_s, 1)
     np.testing.assert_array_less(np.abs(seen.luminance_cd_m2 - scene), 1.1 * per_dn + 1e-5 * (1 + glare) * scene.max())

@@ -12,10 +12,10 @@ from ....core.table import Z_95
 from ....report.html import interactive
 from ....report.layout import Script
 from ....report.text import percent
+from ..conversion import PictureSource
 from .edges import EdgeKind
 from .figure import STYLES, EdgeStyle, colours
 from .map import ContrastMap
-from .result import MapSource
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Scatter
@@ -39,7 +39,7 @@ def _layout_image(drawn: NDArray[np.uint8], size: tuple[int, int]) -> dict[str, 
     return {"source": picture, **place, "sizing": "stretch", "layer": "below"}
 
 
-def edge_script(drawn: Drawn, source: MapSource) -> Script:
+def edge_script(drawn: Drawn, source: PictureSource) -> Script:
     """Draw the map, of several contrasts one at a time."""
     from plotly.graph_objects import Figure
 
@@ -84,7 +84,7 @@ def edge_script(drawn: Drawn, source: MapSource) -> Script:
     return interactive(figure, scroll_zoom=True)
 
 
-def _points(found: ContrastMap, source: MapSource, style: EdgeStyle) -> list[Scatter]:
+def _points(found: ContrastMap, source: PictureSource, style: EdgeStyle) -> list[Scatter]:
     """Make a point with a tooltip in the middle of each edge of some kinds, and their entry in the legend."""
     from plotly.graph_objects import Scatter
 

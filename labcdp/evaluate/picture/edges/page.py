@@ -15,14 +15,15 @@ from ....metrics import DetectionInterval, Epsilon
 from ....output import Destination, write_files
 from ....report.files import dataset_bytes, envelope_json
 from ....report.html import render_page
-from ....report.layout import Block, Card, Facts, Page, Section
+from ....report.layout import Block, Card, Facts, Page, Section, input_facts
 from ....report.sheets import result_workbook
 from ....report.text import percent, share_percent
+from ..conversion import PictureSource
 from .edges import FALSE_ALARM, EdgeKind
 from .figure import overlay, overlay_figure
 from .interactive import Drawn, edge_script
 from .map import ContrastMap
-from .result import MapSource, contrast_map_dataset, edge_table
+from .result import contrast_map_dataset, edge_table
 
 #: Maps that are drawn of several contrasts, and most cards of these.
 _MOST_MAPS = 6
@@ -47,7 +48,7 @@ _LEFT_OUT = {
 }
 
 
-def write_contrast_map(found: ContrastMap, source: MapSource, result: Result, folder: Destination) -> list[Path]:
+def write_contrast_map(found: ContrastMap, source: PictureSource, result: Result, folder: Destination) -> list[Path]:
     """Write a contrast map with all that it shows, into a folder as `write_files` takes it.
 
     Returns
@@ -67,7 +68,7 @@ def write_contrast_map(found: ContrastMap, source: MapSource, result: Result, fo
         f"contrast-map{f'-{number}' if number > 1 else ''}.png": overlay_figure(
             one,
             picture,
-            f"{source.file}, {percent(one.contrast)}" if found.others and one.contrast else source.file,
+            f"{source.path.name}, {percent(one.contrast)}" if found.others and one.contrast else source.path.name,
             source.simulated,
         )
         for number, (one, picture) in enumerate(drawn.items(), start=1)
@@ -82,7 +83,7 @@ def write_contrast_map(found: ContrastMap, source: MapSource, result: Result, fo
     return write_files(folder, "image-map", files)
 
 
-def map_page(found: ContrastMap, drawn: Drawn, source: MapSource, result: Result) -> str:
+def map_page(found: ContrastMap, drawn: Drawn, source: PictureSource, result: Result) -> str:
     """Return a contrast map as a page: the overlay, and under the pointer luminances, contrast and CDP of an edge.
 
     Parameters
@@ -91,7 +92,7 @@ def map_page(found: ContrastMap, drawn: Drawn, source: MapSource, result: Result
         The map.
     drawn : dict of ContrastMap to ndarray of uint8, shape (height, width, 3)
         Overlays, of the map at each contrast that is drawn.
-    source : MapSource
+    source : PictureSource
         What it was made from.
     result : Result
         Its numbers.
@@ -115,7 +116,7 @@ def map_page(found: ContrastMap, drawn: Drawn, source: MapSource, result: Result
             sections=[
                 Section("", [meaning, _HELP, *weakest]),
                 Section("All edges", result.tables[:-1]),
-                Section("Settings and provenance", [_facts(found, source)], collapsed=True),
+                Section("Settings and provenance", [_facts(found, source, result)], collapsed=True),
             ],
         )
     )
@@ -172,19 +173,19 @@ def _left_out(found: ContrastMap) -> Iterator[Card]:
         yield Card("Left out", f"{n} of {every}", f"borders of {least} or more", lines)
 
 
-def _facts(found: ContrastMap, source: MapSource) -> Facts:
+def _facts(found: ContrastMap, source: PictureSource, result: Result) -> Facts:
     asked, (height, width) = found.settings, found.shape_px
     chance = f"{percent(FALSE_ALARM)} probability of one false edge in the whole image"
     return Facts(
         [
-            ("image", f"{source.file}, {width} x {height} pixels"),
+            ("image", f"{source.path.name}, {width} x {height} pixels"),
             ("luminance", source.conversion),
             ("regions", f"{found.regions.mean.size} superpixels of about {asked.size_px} x {asked.size_px} pixels"),
             ("contrast that counts as detected", f"{_asked_text(found)} {_tolerance(asked.epsilon)}"),
             ("minimum contrast of an object", percent(asked.minimum_contrast)),
             ("significant contrast", f"{found.threshold_sigmas:.2f} standard uncertainties: {chance}"),
             ("SHA-256 of the image", source.sha256),
-            *((one.role, f"{one.path} (SHA-256 {one.sha256})") for one in source.inputs),
+            *input_facts(result)[1:],
         ]
     )
 

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ....core.result import Finding, InputFile, Quantity, Result, info, quantity_table, unique
+from ....core.result import InputFile, Quantity, Result, info, quantity_table, unique
 from ....core.table import Z_95, Column, Table
 from ....metrics import DetectionInterval
+from ..conversion import PictureSource
 from .edges import FALSE_ALARM, SATURATED_SHARE, EdgeKind
 from .map import ContrastMap
 
@@ -34,57 +35,25 @@ KINDS = {
 WEAKEST = 10
 #: Longest table of edges, that of a sheet.
 _MOST_ROWS = 2**20 - 1
-#: Variables of the edges in NetCDF, and the columns of the table that hold them.
+#: Columns of the edges that NetCDF holds, and the names of those that are called otherwise there.
 _VARIABLES = (
-    ("bright_region", "bright_region"), ("dark_region", "dark_region"), ("border_length", "border_px"),
-    ("border_x", "x_px"), ("border_y", "y_px"), ("contrast", "contrast"), ("u_contrast", "u_contrast"),
-    ("asked_contrast", "asked_contrast"), ("significant_contrast", "significant_contrast"), ("cdp", "cdp"),
-    ("u_cdp", "u_cdp"), ("cdp_low", "cdp_low"), ("cdp_high", "cdp_high"),
-)  # fmt: skip
+    *("bright_region", "dark_region", "border_px", "x_px", "y_px", "contrast", "u_contrast", "asked_contrast"),
+    *("significant_contrast", "cdp", "u_cdp", "cdp_low", "cdp_high"),
+)
+_RENAMED = {"border_px": "border_length", "x_px": "border_x", "y_px": "border_y"}
 #: Those of them that depend on the contrast to be detected, which are over this dimension if there are several.
 _OF_CONTRAST = ("asked_contrast", "cdp", "u_cdp", "cdp_low", "cdp_high")
 TO_DETECT = "contrast_to_detect"
 
 
-@dataclass(frozen=True)
-class MapSource:
-    """What a contrast map was made from.
-
-    Parameters
-    ----------
-    file : str
-        Name of the image.
-    sha256 : str
-        Its hash.
-    unit : str
-        Of the luminance: ``cd/m²`` or ``relative``.
-    conversion : str
-        How DN became luminance.
-    simulated : bool
-        Whether the camera was simulated.
-    findings : tuple of Finding
-        Of file and conversion.
-    inputs : tuple of InputFile
-        Files other than the image.
-    """
-
-    file: str
-    sha256: str
-    unit: str
-    conversion: str
-    simulated: bool
-    findings: tuple[Finding, ...] = ()
-    inputs: tuple[InputFile, ...] = ()
-
-
-def map_result(found: ContrastMap, source: MapSource) -> Result:
+def map_result(found: ContrastMap, source: PictureSource, inputs: Sequence[InputFile] = ()) -> Result:
     """Return the result of a contrast map, with the weakest edges; see `edge_table` for all of them."""
     asked, epsilon = found.settings, found.settings.epsilon
     findings = [*source.findings, *found.findings]
     if found.blind_share > 0:
         findings.append(info("contrast-in-noise", contrast=asked.minimum_contrast, share=found.blind_share))
     n = max(WEAKEST // len(found.each), 1)
-    weakest = _edges_of(found, source, "weakest", "The weakest edges", [one.weakest(n) for one in found.each])
+    weakest = _edges_of(found, source.unit, "weakest", "The weakest edges", [one.weakest(n) for one in found.each])
     # All of them are edges of objects.
     hidden = ("border_px", "significant_contrast", "saturated")
     columns = tuple(replace(one, shown=one.shown and one.name not in hidden) for one in weakest.columns)
@@ -92,10 +61,10 @@ def map_result(found: ContrastMap, source: MapSource) -> Result:
     summary = quantity_table("summary", "Edges of the image", (*of_contrast, *_of_image(found)))
     return Result(
         kind="image-map",
-        title=source.file,
+        title=source.path.name,
         tables=(*_contrasts(found), summary, replace(weakest, columns=columns)),
         findings=unique(findings),
-        inputs=(InputFile("picture", source.file, source.sha256), *source.inputs),
+        inputs=(InputFile("picture", source.path.name, source.sha256), *inputs),
         configuration={
             "conversion": source.conversion,
             "region_size_px": asked.size_px,
@@ -109,14 +78,14 @@ def map_result(found: ContrastMap, source: MapSource) -> Result:
     )
 
 
-def edge_table(found: ContrastMap, source: MapSource) -> Table:
+def edge_table(found: ContrastMap, source: PictureSource) -> Table:
     """Return the edges but for noise and too small ones, kind by kind, those with the lowest CDP first."""
     orders = []
     for one in found.each:
         shown = np.flatnonzero(~one.of_kind(EdgeKind.NOISE, EdgeKind.SMALL))
         rank = np.array([list(KINDS).index(EdgeKind(kind)) for kind in one.edges.kind[shown]])
         orders.append(shown[np.lexsort((one.edges.cdp[shown], rank))][: _MOST_ROWS // len(found.each)])
-    return _edges_of(found, source, "edges", "Edges", orders).as_detail()
+    return _edges_of(found, source.unit, "edges", "Edges", orders).as_detail()
 
 
 def _of_contrast(found: ContrastMap) -> list[Quantity]:
@@ -160,63 +129,55 @@ def _of_image(found: ContrastMap) -> list[Quantity]:
     ]
 
 
-def _edges_of(
-    found: ContrastMap, source: MapSource, name: str, title: str, chosen: Sequence[NDArray[np.intp]]
-) -> Table:
+def _edges_of(found: ContrastMap, unit: str, name: str, title: str, rows: Sequence[NDArray[np.intp]]) -> Table:
     """Return some rows of the edges at each contrast."""
-    first, *others = (_edges(one, source, name, title, rows) for one, rows in zip(found.each, chosen, strict=True))
-    if not others:
-        return first
-    data: dict[str, Any] = {
-        key: np.concatenate([values, *(one[key] for one in others)]) for key, values in first.data.items()
-    }
-    return replace(first, data=data)
+    tables = [_edges(one, unit).select(chosen) for one, chosen in zip(found.each, rows, strict=True)]
+    columns = tables[0].columns
+    data = {column.name: [value for one in tables for value in one[column.name]] for column in columns}
+    return Table(name, title, columns, data)
 
 
-def _edges(
-    found: ContrastMap, source: MapSource, name: str, title: str, chosen: NDArray[np.intp] | Sequence[int]
-) -> Table:
-    """Return the edges of some rows."""
-    edges, regions, step, unit = found.edges, found.regions, found.luminance.step, source.unit
-    pick = np.asarray(chosen, dtype=np.intp)
-    bright, dark = edges.bright[pick], edges.dark[pick]
+def _edges(found: ContrastMap, unit: str) -> Table:
+    """Return all edges at a contrast."""
+    edges, regions, step = found.edges, found.regions, found.luminance.step
+    bright, dark, u_contrast = edges.bright, edges.dark, edges.contrast_standard_uncertainty
     asked = found.has_reference or found.contrast is not None
-    u_contrast = edges.contrast_standard_uncertainty[pick]
     columns: tuple[tuple[Column, Any], ...] = (
         (Column("kind", "edge", "", "Whether the edge is detected."),
-         [KINDS[EdgeKind(kind)][0] for kind in edges.kind[pick]]),
-        (Column("x_px", "x", "px", "Middle of the border.", decimals=1), edges.middle_px[pick, 0] * step),
-        (Column("y_px", "y", "px", "Middle of the border.", decimals=1), edges.middle_px[pick, 1] * step),
-        (Column("border_px", "border", "px", "Length of the border."), edges.border_px[pick] * step),
+         [KINDS[EdgeKind(kind)][0] for kind in edges.kind]),
+        (Column("x_px", "x", "px", "Middle of the border.", decimals=1), edges.middle_px[:, 0] * step),
+        (Column("y_px", "y", "px", "Middle of the border.", decimals=1), edges.middle_px[:, 1] * step),
+        (Column("border_px", "border", "px", "Length of the border."), edges.border_px * step),
         (Column("bright_mean", "bright side", unit, "Mean of the brighter region."), regions.mean[bright]),
         (Column("dark_mean", "dark side", unit, "Mean of the darker region."), regions.mean[dark]),
         (Column("contrast", "contrast", "%", "Weber contrast of the means.", expanded="expanded_contrast"),
-         edges.contrast[pick]),
+         edges.contrast),
         (Column("expanded_contrast", "U (95 %) of contrast", "%", "Expanded uncertainty (95 %).", 2, shown=False),
          Z_95 * u_contrast),
         (Column("u_contrast", "u of contrast", "%", "Standard uncertainty.", 2, shown=False), u_contrast),
         (Column("asked_contrast", "target contrast", "%", "Contrast to be detected.", 3, shown=asked),
-         edges.asked_contrast[pick]),
+         edges.asked_contrast),
         (Column("cdp", "CDP", "", "Probability that a pair of pixels shows the target contrast.",
-                low="cdp_low", high="cdp_high"), edges.cdp[pick]),
-        (Column("cdp_low", "CDP, low", "", "Lower end of the 95 % interval.", shown=False), edges.cdp_low[pick]),
-        (Column("cdp_high", "CDP, high", "", "Upper end of the 95 % interval.", shown=False), edges.cdp_high[pick]),
-        (Column("u_cdp", "u of CDP", "", "Standard uncertainty.", 2, shown=False), edges.cdp_standard_error[pick]),
+                low="cdp_low", high="cdp_high"), edges.cdp),
+        (Column("cdp_low", "CDP, low", "", "Lower end of the 95 % interval.", shown=False), edges.cdp_low),
+        (Column("cdp_high", "CDP, high", "", "Upper end of the 95 % interval.", shown=False), edges.cdp_high),
+        (Column("u_cdp", "u of CDP", "", "Standard uncertainty.", 2, shown=False), edges.cdp_standard_error),
         (Column("significant_contrast", "significant from", "%", "Least contrast that would be significant.", 3),
-         edges.significant_contrast[pick]),
+         edges.significant_contrast),
         (Column("saturated", "saturated", "%", "Largest share of saturated pixels of both regions.", 2),
          np.maximum(regions.saturated_share[bright], regions.saturated_share[dark])),
         (Column("bright_region", "bright region", "", "Number of the region.", shown=False), bright),
         (Column("dark_region", "dark region", "", "Number of the region.", shown=False), dark),
     )  # fmt: skip
-    return Table(name, title, tuple(column for column, _ in columns), {one.name: values for one, values in columns})
+    data = {column.name: values for column, values in columns}
+    return Table("edges", "Edges", tuple(column for column, _ in columns), data)
 
 
-def contrast_map_dataset(found: ContrastMap, source: MapSource, result: Result) -> Dataset:
+def contrast_map_dataset(found: ContrastMap, source: PictureSource, result: Result) -> Dataset:
     """All of a contrast map as a dataset: the label of each pixel, a row for each region, and one for each edge."""
     import xarray as xr
 
-    edges, regions, step = found.edges, found.regions, found.luminance.step
+    regions, step = found.regions, found.luminance.step
     light = "1" if source.unit == "relative" else "cd m-2"
     of_region = {
         "mean": (regions.mean, light),
@@ -232,28 +193,29 @@ def contrast_map_dataset(found: ContrastMap, source: MapSource, result: Result) 
         "flag_values": np.array([int(kind) for kind in KINDS], dtype=np.int8),
         "flag_meanings": " ".join(name.replace(" ", "_") for name, _ in KINDS.values()),
     }
-    every = np.arange(edges.kind.size)
-    tables = [_edges(one, source, "edges", "Edges", every) for one in found.each]
-    table, several = tables[0], bool(found.others)
-    of_contrast = {name: np.stack([one[name] for one in tables]) for name in _OF_CONTRAST if several}
-    dims = (TO_DETECT, "edge") if several else "edge"
-    kinds = [one.edges.kind for one in found.each]
+    tables, several = [_edges(one, source.unit) for one in found.each], bool(found.others)
+
+    def over(each: list[Any]) -> tuple[Any, Any]:
+        """Return dimensions and values of what depends on the contrast to be detected."""
+        return ((TO_DETECT, "edge"), np.stack(each)) if several else ("edge", each[0])
+
+    data = {
+        "label": (("y", "x"), regions.labels),
+        **{f"region_{name}": ("region", values, {"units": unit}) for name, (values, unit) in of_region.items()},
+        "kind": (*over([one.edges.kind for one in found.each]), flags),
+    }
+    for name in _VARIABLES:
+        values = [one[name] for one in tables]
+        # Numbers of regions have no unit.
+        unit = {} if name.endswith("region") else {"units": "pixel" if name.endswith("_px") else "1"}
+        data[_RENAMED.get(name, name)] = (*(over(values) if name in _OF_CONTRAST else ("edge", values[0])), unit)
     seen, lost = ([one.count(kind) for one in found.each] for kind in (EdgeKind.SEEN, EdgeKind.LOST))
-    # Numbers of regions have no unit.
-    units = {one.name: {"px": {"units": "pixel"}}.get(one.unit, {"units": "1"}) for one in table.columns}
-    units |= {"bright_region": {}, "dark_region": {}}
     return xr.Dataset(
-        {
-            "label": (("y", "x"), regions.labels),
-            **{f"region_{name}": ("region", values, {"units": unit}) for name, (values, unit) in of_region.items()},
-            "kind": (dims, np.stack(kinds) if several else kinds[0], flags),
-            **{name: ("edge", table[column], units[column]) for name, column in _VARIABLES if name not in of_contrast},
-            **{name: (dims, values, units[name]) for name, values in of_contrast.items()},
-        },
+        data,
         {TO_DETECT: (TO_DETECT, [one.contrast for one in found.each], {"units": "1"})} if several else {},
         attrs={
-            "title": f"Contrast map of {source.file}",
-            "file": source.file,
+            "title": f"Contrast map of {source.path.name}",
+            "file": source.path.name,
             "sha256": source.sha256,
             "image_pixels_per_label": step,
             "detected_edges": seen if several else seen[0],

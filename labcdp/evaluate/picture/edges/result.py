@@ -131,7 +131,7 @@ def _of_image(found: ContrastMap) -> list[Quantity]:
 
 def _edges_of(found: ContrastMap, unit: str, name: str, title: str, rows: Sequence[NDArray[np.intp]]) -> Table:
     """Return some rows of the edges at each contrast."""
-    tables = [_edges(one, unit).select(chosen) for one, chosen in zip(found.each, rows, strict=True)]
+    tables = [_edges(one, unit).select(chosen.tolist()) for one, chosen in zip(found.each, rows, strict=True)]
     columns = tables[0].columns
     data = {column.name: [value for one in tables for value in one[column.name]] for column in columns}
     return Table(name, title, columns, data)

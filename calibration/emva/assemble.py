@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import hypot
 from typing import Any
@@ -14,9 +14,9 @@ from ..frames.observations import DarkObservation
 from ..frames.statistics import MAX_CLIPPED_SHARE
 from ..sensor.dark_fit import drift_of_black_level
 from ..sensor.noise import Slope
-from .findings import depth_findings, linearity_findings, rounding_findings, series_findings, value_findings
+from .findings import findings_of
 from .quantities import fit_dark_current, sensitivity_threshold_e, snr_max
-from .result import Characterisation, Origin, Quantity, Sensitivity, SpatialNonuniformity
+from .result import Characterisation, Quantity
 from .series import SeriesPoint
 from .transfer import Saturation, departure_rel, find_saturation, points_to_fit, require_noise, system_gain
 
@@ -82,41 +82,25 @@ def photon_transfer(points: Sequence[SeriesPoint]) -> Transfer:
 
 
 def assemble(
-    parts: tuple[Origin, Sensitivity, SpatialNonuniformity],
+    origin: Mapping[str, Any],
     points: Sequence[SeriesPoint],
     darks: Sequence[DarkObservation],
     transfer: Transfer,
-    doubling_temperature_c: Quantity | None = None,
-    more: Sequence[Finding] = (),
+    measured: Mapping[str, Any],
 ) -> Characterisation:
-    """Join all parts; the arguments are what the other modules return."""
-    origin, sensitivity, _ = parts
-    k, dark = transfer.k, fit_dark_current(darks)
-    current, by_variance = dark.current_e_s(k), dark.current_by_variance_e_s(k)
-    saturation_dn, photons, full_well = _saturation(points, transfer, sensitivity.responsivity)
-    threshold, qe = sensitivity_threshold_e(dark.noise_dn(), k), sensitivity.quantum_efficiency
-    note = "a lower limit" if transfer.saturation.limit != "full well" else ""
-    errors = (sensitivity.linearity_error_min_rel, sensitivity.linearity_error_max_rel)
-    findings = [
-        *depth_findings(points, origin.bits, transfer.saturation),
-        *series_findings(points, transfer.saturation),
-        *value_findings(current, by_variance, departure_rel(transfer.fitted, k.value)),
-        *linearity_findings(errors),
-        *rounding_findings(darks),
-        *more,
-    ]
-    own: dict[str, Any] = {name: value for part in parts for name, value in vars(part).items()}
-    return Characterisation(
-        **own,
+    """Join all parts; `origin` and `measured` are attributes of the characterisation, the latter quantities."""
+    k, qe, limit = transfer.k, measured.get("quantum_efficiency"), transfer.saturation.limit
+    dark: dict[str, Any] = {**fit_dark_current(darks).quantities(k)}
+    saturation_dn, photons, full_well = _saturation(points, transfer, measured.get("responsivity"))
+    threshold = sensitivity_threshold_e(dark["dark_noise_dn"], k)
+    note = "a lower limit" if limit != "full well" else ""
+    found = Characterisation(
+        **origin,
+        **measured,
+        **dark,
         definition=DEFINITION,
-        black_level_dn=dark.dark_signal_dn(),
         k_dn_per_e=k,
-        dark_noise_dn=dark.noise_dn(),
-        dark_noise_e=dark.noise_e(k),
-        dark_current_e_s=current,
-        dark_current_by_variance_e_s=by_variance,
-        doubling_temperature_c=doubling_temperature_c,
-        saturation_limit=transfer.saturation.limit,
+        saturation_limit=limit,
         saturation_dn=saturation_dn,
         saturation_photons=photons,
         full_well_e=full_well,
@@ -126,8 +110,14 @@ def assemble(
         dynamic_range=full_well.over(threshold, "1", note),
         series=tuple(points),
         darks=tuple(darks),
-        findings=unique(findings),
+        findings=(),
     )
+    return with_findings(found, findings_of(found, departure_rel(transfer.fitted, k.value)))
+
+
+def with_findings(found: Characterisation, more: Iterable[Finding]) -> Characterisation:
+    """Return a characterisation with further findings."""
+    return replace(found, findings=unique([*found.findings, *more]))
 
 
 def with_frame_changes(points: Sequence[SeriesPoint], darks: Sequence[DarkObservation]) -> list[SeriesPoint]:
@@ -159,7 +149,6 @@ def _saturation(
     net, k = transfer.net_dn, transfer.k
     relative = transfer.net_uncertainty_dn / net
     limited = "" if transfer.saturation.limit == "full well" else ", a lower limit of the pixel's full well"
-    note = transfer.definition + limited
     photons = points[transfer.saturation.index].photons
     value = net / k.value
     if photons is not None and responsivity is not None:
@@ -167,5 +156,5 @@ def _saturation(
     return (
         Quantity(net, relative * net, "DN", "above the dark signal"),
         None if photons is None else Quantity(photons, relative * photons, "photons", "known to half a step"),
-        Quantity(value, hypot(relative, k.relative) * value, "e-", note),
+        Quantity(value, hypot(relative, k.relative) * value, "e-", transfer.definition + limited),
     )

@@ -11,16 +11,15 @@ from ...core.errors import CalibrationError, InputError
 from ...core.frame import CameraIdentity
 from ...core.result import Finding, warning
 from ..frames.measure import MeasuredFrames
-from ..frames.nonuniformity import spatial_variance
 from ..frames.observations import CameraState, DarkObservation
 from ..frames.observe import dark_observation
 from ..frames.statistics import FrameStatistics, FrameSums
-from .assemble import Transfer, assemble, photon_transfer, with_frame_changes
-from .findings import exposure_findings, long_exposure_findings, noise_findings, photon_findings
+from .assemble import Transfer, assemble, photon_transfer, with_findings, with_frame_changes
+from .findings import findings_of_data_set
 from .images import ImageCheck, read_image, require_levels
 from .index import DataSetIndex, IndexBlock, load_index
-from .quantities import PARTS, dsnu_parts, fit_dark_current, prnu_rel
-from .result import Characterisation, Origin, Quantity, Sensitivity, SpatialImages, SpatialNonuniformity
+from .quantities import dsnu_parts, prnu_parts, spatial_variance_of
+from .result import Characterisation, Quantity, SpatialImages
 from .series import Level, SeriesPoint
 from .transfer import MIN_POINTS, linearity, responsivity
 
@@ -59,7 +58,8 @@ def characterise_data_set(
     total, done = sum(len(block.images) for block in index.blocks), 0
     levels: list[tuple[IndexBlock, Level]] = []
     darks: dict[float, DarkObservation] = {}
-    stacks: dict[str, list[tuple[IndexBlock, FrameStatistics]]] = {"bright": [], "dark": []}
+    stacks: dict[IndexBlock, FrameStatistics] = {}
+    of_stacks = _stacks(index)
     check = ImageCheck(index.path)
     for block in index.blocks:
         sums = FrameSums(state.saturation_dn)
@@ -73,34 +73,29 @@ def characterise_data_set(
         levels.append((block, Level.of(measured)))
         if block.kind == "dark" and (block.exposure_s not in darks or len(block.images) < _STACK):
             darks[block.exposure_s] = dark_observation(MeasuredFrames(measured, block.exposure_s, None, state))
-        if len(block.images) >= _STACK:
-            stacks[block.kind] = _larger(stacks[block.kind], block, measured)
+        if block in of_stacks:
+            stacks[block] = measured
     require_levels(index, levels)
     points = _series(index, levels)
     own_darks = [darks[exposure_s] for exposure_s in sorted({point.exposure_s for point in points})]
     points = with_frame_changes(points, own_darks)
     transfer = photon_transfer(points)
-    sensitivity = _sensitivity(points, transfer)
-    nonuniformity, of_stacks = _nonuniformity(stacks, transfer.k)
-    origin = Origin(source=str(index.path), bits=index.bits, image_shape=shape)
-    findings = [
-        *exposure_findings(points),
-        *long_exposure_findings(points, fit_dark_current(own_darks).current_e_s(transfer.k)),
-        *photon_findings(points, sensitivity.quantum_efficiency),
-        *noise_findings(points, transfer.saturation),
-        *of_stacks,
-    ]
-    return assemble((origin, sensitivity, nonuniformity), points, own_darks, transfer, more=findings)
+    nonuniformity, findings = _nonuniformity([(block, stacks[block]) for block in of_stacks], transfer.k)
+    origin = {"source": str(index.path), "bits": index.bits, "image_shape": shape}
+    found = assemble(origin, points, own_darks, transfer, _sensitivity(points, transfer) | nonuniformity)
+    return with_findings(found, [*findings_of_data_set(found), *findings])
 
 
-def _larger(
-    known: list[tuple[IndexBlock, FrameStatistics]], block: IndexBlock, measured: FrameStatistics
-) -> list[tuple[IndexBlock, FrameStatistics]]:
-    """Keep only the stacks with the most images, to limit memory."""
-    most = max((other.n_frames for _, other in known), default=0)
-    if measured.n_frames < most:
-        return known
-    return [*(known if measured.n_frames == most else []), (block, measured)]
+def _stacks(index: DataSetIndex) -> list[IndexBlock]:
+    """Blocks for the spatial quantities: the dark one with the most images, and the bright one, if there are any."""
+    most: dict[str, list[IndexBlock]] = {"bright": [], "dark": []}
+    for kind, blocks in most.items():
+        own = [block for block in index.blocks if block.kind == kind and len(block.images) >= _STACK]
+        blocks += [block for block in own if len(block.images) == max(len(other.images) for other in own)]
+    bright = most["bright"][:1]
+    # The dark one of the same exposure, if that has as many.
+    most["dark"].sort(key=lambda block: bool(bright) and block.exposure_ns != bright[0].exposure_ns)
+    return [*most["dark"][:1], *bright] if most["dark"] else []
 
 
 def _series(index: DataSetIndex, levels: Sequence[tuple[IndexBlock, Level]]) -> list[SeriesPoint]:
@@ -131,43 +126,37 @@ def _series(index: DataSetIndex, levels: Sequence[tuple[IndexBlock, Level]]) -> 
     return points
 
 
-def _sensitivity(points: Sequence[SeriesPoint], transfer: Transfer) -> Sensitivity:
-    k, fit, line = transfer.k, responsivity(transfer.fitted), linearity(points, transfer.net_dn)
-    names = ("linearity_error_min_rel", "linearity_error_max_rel", "linearity_error_rel")
-    errors: dict[str, Any] = {} if line is None else dict(zip(names, line.errors(), strict=True))
+def _sensitivity(points: Sequence[SeriesPoint], transfer: Transfer) -> dict[str, Any]:
+    fit, line = responsivity(transfer.fitted), linearity(points, transfer.net_dn)
+    errors = {} if line is None else line.errors()
     if fit is None or fit.value <= 0:
-        return Sensitivity(**errors)
+        return errors
     note = f"up to 70 % of saturation; {_WITHOUT_PHOTONS}"
     r = Quantity(fit.value, fit.standard_uncertainty, "DN/photon", note)
-    qe = r.over(k, "1", f"R / K; {_WITHOUT_PHOTONS}")
-    return Sensitivity(responsivity=r, quantum_efficiency=qe, **errors)
+    return errors | {"responsivity": r, "quantum_efficiency": r.over(transfer.k, "1", f"R / K; {_WITHOUT_PHOTONS}")}
 
 
 def _nonuniformity(
-    stacks: dict[str, list[tuple[IndexBlock, FrameStatistics]]], k: Quantity
-) -> tuple[SpatialNonuniformity, list[Finding]]:
-    """DSNU and PRNU of the stacks, and what is missing."""
-    if not stacks["dark"]:
-        return SpatialNonuniformity(), [warning("no-dark-stack")]
-    light_block, light = stacks["bright"][0] if stacks["bright"] else (None, None)
-    dark_block, dark = min(
-        stacks["dark"], key=lambda pair: light_block is not None and pair[0].exposure_ns != light_block.exposure_ns
+    stacks: Sequence[tuple[IndexBlock, FrameStatistics]], k: Quantity
+) -> tuple[dict[str, Any], list[Finding]]:
+    """DSNU and PRNU of a dark and a bright stack, and what is missing."""
+    if not stacks:
+        return {}, [warning("no-dark-stack")]
+    (dark_block, dark), *bright = stacks
+    of_dark = spatial_variance_of(dark)
+    found: dict[str, Any] = dict(
+        dsnu_parts(of_dark, k, dark, f"{dark.n_frames} images at {exposure_text(dark_block.exposure_s)}")
     )
-    of_dark = spatial_variance(dark.image_dn, dark.temporal.scaled(1 / dark.n_frames))
-    note = f"{dark.n_frames} images at {exposure_text(dark_block.exposure_s)}"
-    dsnu = dsnu_parts(of_dark, k, dark.temporal_variance_dn2, dark.spatial_variance_dn2, note)
-    if light_block is None or light is None:
-        return SpatialNonuniformity(**dsnu, spatial=SpatialImages.of(dark)), [warning("no-bright-stack")]
+    if not bright:
+        return found | {"spatial": SpatialImages.of(dark)}, [warning("no-bright-stack")]
+    light_block, light = bright[0]
     findings = []
     if dark_block.exposure_ns != light_block.exposure_ns:
         exposures = {"bright_s": light_block.exposure_s, "dark_s": dark_block.exposure_s}
         findings.append(warning("stacks-of-different-exposures", **exposures))
     net = light.mean_dn - dark.mean_dn
     if not net > 0:
-        return SpatialNonuniformity(**dsnu), [*findings, warning("bright-stack-not-brighter")]
-    of_light = spatial_variance(light.image_dn, light.temporal.scaled(1 / light.n_frames))
+        return found, [*findings, warning("bright-stack-not-brighter")]
     note = f"{light.n_frames} images at {net:.4g} DN above the dark signal, non-uniform light included"
-    prnu: dict[str, Any] = {"prnu_rel": prnu_rel(of_light.total, of_dark.total, net, note)}
-    for name in PARTS:
-        prnu[f"prnu_{name}_rel"] = prnu_rel(getattr(of_light, name), getattr(of_dark, name), net)
-    return SpatialNonuniformity(**dsnu, **prnu, spatial=SpatialImages.of(dark, light)), findings
+    prnu = prnu_parts(spatial_variance_of(light), of_dark, net, note)
+    return found | prnu | {"spatial": SpatialImages.of(dark, light)}, findings

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 from ...core.result import Finding, info, warning
-from ..frames.observations import DarkObservation
 from ..frames.rounding import ROUNDING_DN2
 from .quantities import LEAST_VARIANCE_DN2
-from .result import Quantity
-from .series import SeriesPoint
-from .transfer import Saturation
+from .result import Characterisation
 
 #: Lower bounds of a camera's shortest and a series' longest exposure, and upper bound (one hour).
 _SHORTEST_S, _LONGEST_SHORT_S, _LONGEST_S = 1e-6, 1e-4, 3600.0
@@ -37,103 +34,106 @@ _CHANCE = 3.0
 _LARGEST_DEPARTURE = 0.05
 
 
-def exposure_findings(points: Sequence[SeriesPoint]) -> Iterator[Finding]:
-    """Find exposures of an index that are not in nanoseconds."""
-    shortest, longest = min(p.exposure_s for p in points), max(p.exposure_s for p in points)
+def findings_of(found: Characterisation, departure_rel: float) -> Iterator[Finding]:
+    """Find what is impossible or implausible in data sets and sessions.
+
+    Parameters
+    ----------
+    found : Characterisation
+        To judge.
+    departure_rel : float
+        Relative departure of the photon transfer from its line.
+    """
+    yield from _of_scale(found)
+    yield from _of_series(found)
+    yield from _of_dark_current(found)
+    if departure_rel > _LARGEST_DEPARTURE:
+        yield warning("photon-transfer-not-straight", departure_rel=departure_rel)
+    yield from _of_linearity(found)
+    yield from _of_rounding(found)
+
+
+def findings_of_data_set(found: Characterisation) -> Iterator[Finding]:
+    """Find exposures and photon numbers that the index of a data set cannot mean, and noise that falls."""
+    exposures_s = [point.exposure_s for point in found.series]
+    shortest, longest, current = min(exposures_s), max(exposures_s), found.dark_current_e_s
     if 0 < shortest < _SHORTEST_S or longest < _LONGEST_SHORT_S or longest > _LONGEST_S:
         yield warning("exposures-not-in-ns", range_ns=[shortest * 1e9, longest * 1e9])
     elif longest < _RARELY_SHORT_S:
         yield warning("exposures-perhaps-in-us", longest_s=longest)
-
-
-def long_exposure_findings(points: Sequence[SeriesPoint], dark_current: Quantity | None) -> Iterator[Finding]:
-    """Find exposures of an index that are so long that the dark current becomes that of a cooled sensor."""
-    longest = max(p.exposure_s for p in points)
-    if dark_current is None or not _RARELY_LONG_S < longest <= _LONGEST_S:
-        return
-    if dark_current.value + 2 * dark_current.standard_uncertainty < _LOW_CURRENT_E_S:
-        yield warning("exposures-perhaps-in-ps", longest_s=longest, dark_current_e_s=dark_current.value)
-
-
-def linearity_findings(errors: Sequence[Quantity | None]) -> Iterator[Finding]:
-    """Find deviations from the line that no usable camera has."""
-    known = [error for error in errors if error is not None]
-    worst = max(known, key=lambda error: abs(error.value), default=None)
-    if worst is not None and abs(worst.value) > max(_LARGEST_LINEARITY_ERROR, _CHANCE * worst.standard_uncertainty):
-        yield warning("not-linear", deviation_rel=worst.value, usual_rel=_LARGEST_LINEARITY_ERROR)
-
-
-def rounding_findings(darks: Sequence[DarkObservation]) -> Iterator[Finding]:
-    """Find dark signals with too little noise to dither rounding."""
-    least = min(point.temporal_variance_dn2 for point in darks)
-    if least < _DITHERED_DN2:
-        shortest = min(darks, key=lambda point: point.exposure_s)
-        yield warning("dark-noise-rounded", limit_dn=_DITHERED_DN, variance_dn2=least)
-        if shortest.temporal_variance_dn2 < LEAST_VARIANCE_DN2:
-            yield info("read-noise-upper-limit")
-
-
-def photon_findings(points: Sequence[SeriesPoint], quantum_efficiency: Quantity | None) -> Iterator[Finding]:
-    """Find missing or impossible photon numbers of an index."""
-    if all(point.photons is None for point in points):
+    low = current is not None and current.value + 2 * current.standard_uncertainty < _LOW_CURRENT_E_S
+    if current is not None and low and _RARELY_LONG_S < longest <= _LONGEST_S:
+        yield warning("exposures-perhaps-in-ps", longest_s=longest, dark_current_e_s=current.value)
+    if all(point.photons is None for point in found.series):
         yield warning("photons-unknown")
-    if quantum_efficiency is not None and quantum_efficiency.value > 1:
-        yield warning("photons-too-few", quantum_efficiency=quantum_efficiency.value)
-    if quantum_efficiency is not None and quantum_efficiency.value < _LOWEST_QE:
-        yield warning("photons-too-many", quantum_efficiency=quantum_efficiency.value)
+    efficiency = found.quantum_efficiency
+    if efficiency is not None and not _LOWEST_QE <= efficiency.value <= 1:
+        code = "photons-too-few" if efficiency.value > 1 else "photons-too-many"
+        yield warning(code, quantum_efficiency=efficiency.value)
+    if found.saturation_limit == "full well" and _still_rises(found):
+        yield warning("noise-falls", net_dn=found.saturation_dn.value)
 
 
-def depth_findings(points: Sequence[SeriesPoint], bits: int, saturation: Saturation) -> Iterator[Finding]:
+def _of_scale(found: Characterisation) -> Iterator[Finding]:
     """Find bits that do not match the values."""
-    largest_mean_dn = max(point.light.mean_dn for point in points)
-    multiple = min(point.light.multiple for point in points)
+    largest_mean_dn = max(point.light.mean_dn for point in found.series)
+    multiple = min(point.light.multiple for point in found.series)
     if multiple > 1:
-        yield warning("bits-shifted", multiple=multiple, bits=bits - multiple.bit_length() + 1)
-    if saturation.limit != "not reached" and largest_mean_dn < 2 ** (bits - 1) and multiple == 1:
-        yield warning("bits-unused", saturation_dn=largest_mean_dn, bits=bits)
+        yield warning("bits-shifted", multiple=multiple, bits=found.bits - multiple.bit_length() + 1)
+    elif found.saturation_limit != "not reached" and largest_mean_dn < 2 ** (found.bits - 1):
+        yield warning("bits-unused", saturation_dn=largest_mean_dn, bits=found.bits)
 
 
-def series_findings(points: Sequence[SeriesPoint], saturation: Saturation) -> Iterator[Finding]:
+def _of_series(found: Characterisation) -> Iterator[Finding]:
     """Find too few points, clipping at black, and saturation not reached."""
+    points = found.series
     if len(points) < _FEWEST_POINTS:
         yield warning("few-points", count=len(points), least=_FEWEST_POINTS)
     black = max(points, key=lambda p: p.dark.black_share)
     if black.dark.black_share > _BLACK_SHARE:
         yield warning("dark-values-clipped", share=black.dark.black_share, exposure_s=black.exposure_s)
-    if saturation.limit == "not reached":
+    if found.saturation_limit == "not reached":
         # A photon series is recorded up to saturation, a session need not be.
         series = all(point.photons is not None for point in points)
         yield (warning if series else info)("saturation-not-reached", net_dn=points[-1].net_dn)
-    if saturation.limit == "converter":
+    if found.saturation_limit == "converter":
         yield info("converter-saturates")
 
 
-def noise_findings(points: Sequence[SeriesPoint], saturation: Saturation) -> Iterator[Finding]:
-    """Find noise that decreases while the signal of a series increases."""
-    if saturation.limit == "full well" and _still_rises(points, saturation):
-        yield warning("noise-falls", net_dn=points[saturation.index].net_dn)
+def _of_dark_current(found: Characterisation) -> Iterator[Finding]:
+    mean, by_variance = found.dark_current_e_s, found.dark_current_by_variance_e_s
+    for current, code in ((mean, "dark-current-negative"), (by_variance, "dark-current-by-variance-negative")):
+        if current is not None and current.value < -_CHANCE * current.standard_uncertainty:
+            z = -current.value / current.standard_uncertainty
+            yield warning(code, dark_current_e_s=current.value, z=z)
+    if mean is not None and mean.value - _CHANCE * mean.standard_uncertainty > _LARGEST_CURRENT_E_S:
+        yield warning("dark-current-too-large", dark_current_e_s=mean.value)
 
 
-def value_findings(
-    dark_current: Quantity | None, by_variance: Quantity | None, departure_rel: float
-) -> Iterator[Finding]:
-    """Find impossible dark currents and non-linear photon transfer."""
-    for quantity, code in ((dark_current, "dark-current-negative"), (by_variance, "dark-current-by-variance-negative")):
-        if quantity is not None and quantity.value < -_CHANCE * quantity.standard_uncertainty:
-            z = -quantity.value / quantity.standard_uncertainty
-            yield warning(code, dark_current_e_s=quantity.value, z=z)
-    if dark_current is not None and (
-        dark_current.value - _CHANCE * dark_current.standard_uncertainty > _LARGEST_CURRENT_E_S
-    ):
-        yield warning("dark-current-too-large", dark_current_e_s=dark_current.value)
-    if departure_rel > _LARGEST_DEPARTURE:
-        yield warning("photon-transfer-not-straight", departure_rel=departure_rel)
+def _of_linearity(found: Characterisation) -> Iterator[Finding]:
+    """Find deviations from the line that no usable camera has."""
+    known = [one for one in (found.linearity_error_min_rel, found.linearity_error_max_rel) if one is not None]
+    worst = max(known, key=lambda error: abs(error.value), default=None)
+    if worst is not None and abs(worst.value) > max(_LARGEST_LINEARITY_ERROR, _CHANCE * worst.standard_uncertainty):
+        yield warning("not-linear", deviation_rel=worst.value, usual_rel=_LARGEST_LINEARITY_ERROR)
 
 
-def _still_rises(points: Sequence[SeriesPoint], saturation: Saturation) -> bool:
+def _of_rounding(found: Characterisation) -> Iterator[Finding]:
+    """Find dark signals with too little noise to dither rounding."""
+    least = min(point.temporal_variance_dn2 for point in found.darks)
+    if least < _DITHERED_DN2:
+        shortest = min(found.darks, key=lambda point: point.exposure_s)
+        yield warning("dark-noise-rounded", limit_dn=_DITHERED_DN, variance_dn2=least)
+        if shortest.temporal_variance_dn2 < LEAST_VARIANCE_DN2:
+            yield info("read-noise-upper-limit")
+
+
+def _still_rises(found: Characterisation) -> bool:
     """Whether the last point exceeds the peak by at least half of the increase of the stimulus."""
-    peak, last = points[saturation.index], points[-1]
-    more = (
-        last.exposure_s / peak.exposure_s if last.photons is None or not peak.photons else last.photons / peak.photons
-    )
-    return more > 1.02 and last.net_dn / peak.net_dn - 1 > 0.5 * (more - 1)
+    last, full, photons = found.series[-1], found.saturation_dn.value, found.saturation_photons
+    peak = next(point for point in found.series if point.net_dn == full)
+    if last.photons is None or photons is None or photons.value == 0:
+        more = last.exposure_s / peak.exposure_s
+    else:
+        more = last.photons / photons.value
+    return more > 1.02 and last.net_dn / full - 1 > 0.5 * (more - 1)

@@ -120,12 +120,20 @@ def _damaged(path: Path) -> InputError:
     return InputError(f"{path} is truncated or damaged: copy it again")
 
 
-class _Seen(NamedTuple):
-    image: Path
+class _Image(NamedTuple):
+    """An image, where the index has it, and what level it is of."""
+
+    name: str
     line: int
-    kind: str
-    exposure_ns: float
-    photons: float
+    level: tuple[str, float, float]
+
+    @classmethod
+    def of(cls, block: IndexBlock, number: int) -> _Image:
+        level = block.kind, block.exposure_ns, block.photons
+        return cls(block.images[number].name, block.image_lines[number], level)
+
+    def __str__(self) -> str:
+        return f"{self.name} (line {self.line})"
 
 
 class ImageCheck:
@@ -139,9 +147,9 @@ class ImageCheck:
 
     def __init__(self, index: Path) -> None:
         self._index = index
-        self._seen: dict[tuple[bytes, int | None], _Seen] = {}
-        self._depth: tuple[np.dtype[Any], _Seen] | None = None
-        self._multiple: tuple[int, _Seen] | None = None
+        self._seen: dict[tuple[bytes, int | None], _Image] = {}
+        self._depth: tuple[np.dtype[Any], _Image] | None = None
+        self._multiple: tuple[int, _Image] | None = None
 
     def take(self, dn: NDArray[np.unsignedinteger[Any]], block: IndexBlock, number: int) -> None:
         """Compare image `number` of a block with those before it.
@@ -152,38 +160,32 @@ class ImageCheck:
             If its pixels are those of another image, which is allowed only to a pair and a stack of one level, or its
             depth is another. Images of one value throughout, black or saturated, may be alike.
         """
-        image, line = block.images[number], block.image_lines[number]
-        own = _Seen(image, line, block.kind, block.exposure_ns, block.photons)
-        where = f"{self._index}, line {line}: {image.name}"
+        own = _Image.of(block, number)
+        where = f"{self._index}, line {own.line}: {own.name}"
         self._depth = self._depth or (dn.dtype, own)
         dtype, first = self._depth
         if dn.dtype != dtype:
             raise InputError(
-                f"{where} has {8 * dn.dtype.itemsize} bits per value, {first.image.name} (line {first.line}) has "
-                f"{8 * dtype.itemsize}: give all images as the camera sent them, in one depth"
+                f"{where} has {8 * dn.dtype.itemsize} bits per value, {first} has {8 * dtype.itemsize}: give all images "
+                "as the camera sent them, in one depth"
             )
         bits = int(np.bitwise_or.reduce(dn, axis=None))
         if bits == int(np.bitwise_and.reduce(dn, axis=None)):
             return
-        self._require_depth(min(bits & -bits, 16), own, where)
-        digest = blake2b(dn.tobytes(), digest_size=16).digest()
-        twin = self._seen.setdefault((digest, block.line), own)
-        other = self._seen.setdefault((digest, None), own)
-        if twin is not own:
-            other = twin
-        if twin is not own or other[2:] != own[2:]:
-            raise InputError(
-                f"{where} has the same pixels as {other.image.name} (line {other.line}): no two exposures are alike, "
-                "give the image that belongs here"
-            )
-
-    def _require_depth(self, multiple: int, own: _Seen, where: str) -> None:
+        multiple = min(bits & -bits, 16)
         self._multiple = self._multiple or (multiple, own)
         usual, first = self._multiple
         if max(multiple, usual) >= _DEPTH_FACTOR * min(multiple, usual):
             raise InputError(
-                f"{where} has values that are multiples of {multiple}, {first.image.name} (line {first.line}) of "
-                f"{usual}: they have different bit depths; give all images as the camera sent them"
+                f"{where} has values that are multiples of {multiple}, {first} of {usual}: they have different bit "
+                "depths; give all images as the camera sent them"
+            )
+        digest = blake2b(dn.tobytes(), digest_size=16).digest()
+        twin = self._seen.setdefault((digest, block.line), own)
+        other = self._seen.setdefault((digest, None), own) if twin is own else twin
+        if twin is not own or other.level != own.level:
+            raise InputError(
+                f"{where} has the same pixels as {other}: no two exposures are alike, give the image that belongs here"
             )
 
 
@@ -212,19 +214,11 @@ def require_levels(index: DataSetIndex, measured: Sequence[tuple[IndexBlock, Lev
         limit = max(_CHANCE * noise, _LARGEST_DIFFERENCE_REL * signal, _LEAST_DIFFERENCE_DN)
         worst = int(np.argmax(np.abs(means - usual)))
         if abs(means[worst] - usual[worst]) > limit:
-            raise InputError(_other_level(index, block, means, worst, float(usual[worst])))
-
-
-def _other_level(
-    index: DataSetIndex, block: IndexBlock, means: NDArray[np.float64], worst: int, usual_dn: float
-) -> str:
-    name, line = block.images[worst].name, block.image_lines[worst]
-    if means.size == 2:
-        other = 1 - worst
-        others = f"{block.images[other].name} (line {block.image_lines[other]}) one of {usual_dn:.4g} DN"
-    else:
-        others = f"the other {means.size - 1} images of its block {usual_dn:.4g} DN"
-    return (
-        f"{index.path}, line {line}: {name} has a mean of {means[worst]:.4g} DN, {others}, which noise does not "
-        f"explain: one of them does not belong to line {block.line}; correct the index, or record the level again"
-    )
+            own = _Image.of(block, worst)
+            others = f"the other {means.size - 1} images of its block"
+            others = f"{_Image.of(block, 1 - worst)} one of" if means.size == 2 else others
+            raise InputError(
+                f"{index.path}, line {own.line}: {own.name} has a mean of {means[worst]:.4g} DN, {others} "
+                f"{usual[worst]:.4g} DN, which noise does not explain: one of them does not belong to line {block.line}; "
+                "correct the index, or record the level again"
+            )

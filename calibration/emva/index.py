@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from math import isfinite
 from os import PathLike
@@ -15,12 +16,12 @@ from ...core.errors import InputError
 #: Name of the index in the folder of a data set.
 INDEX_NAME = "EMVA1288_Data.txt"
 
-#: Fewest and most numbers after each letter, and their names.
+#: How many numbers follow each letter, and what they are.
 _LETTERS = {
-    "v": (1, 1, "the release, for example v 3.1"),
-    "n": (3, 3, "bits, width and height, for example n 12 640 480"),
-    "b": (2, 2, "exposure in ns and photons per pixel, for example b 40000.0 120.0"),
-    "d": (1, 1, "exposure in ns, for example d 40000.0"),
+    "v": (1, "the release, for example v 3.1"),
+    "n": (3, "bits, width and height, for example n 12 640 480"),
+    "b": (2, "exposure in ns and photons per pixel, for example b 40000.0 120.0"),
+    "d": (1, "exposure in ns, for example d 40000.0"),
 }
 #: Largest size of an index.
 _MOST_BYTES = 16 * 2**20
@@ -126,7 +127,6 @@ def parse_index(text: str, path: Path) -> DataSetIndex:
     """Read the text of an index; messages and image paths take its `path`. Errors as `load_index`."""
     release, size = "", None
     blocks: list[IndexBlock] = []
-    images: list[list[tuple[Path, int]]] = []
     for number, raw in enumerate(text.splitlines(), start=1):
         line = raw.strip()
         if not line or line.startswith("#"):
@@ -140,8 +140,8 @@ def parse_index(text: str, path: Path) -> DataSetIndex:
                 raise InputError(f"{where}: an image comes before the first line b or d: say at which exposure it is")
             if not rest:
                 raise InputError(f"{where}: the image has no path: give it behind the i")
-            image = path.parent / _unquoted(rest).replace("\\", "/")
-            images[-1].append((image, number))
+            last, image = blocks[-1], path.parent / _unquoted(rest).replace("\\", "/")
+            blocks[-1] = replace(last, images=(*last.images, image), image_lines=(*last.image_lines, number))
             continue
         values = _numbers(letter, rest, where)
         if letter == "v":
@@ -152,32 +152,24 @@ def parse_index(text: str, path: Path) -> DataSetIndex:
             size = _size(values, where)
         else:
             blocks.append(_block(letter, values, number, where))
-            images.append([])
-    blocks = [
-        replace(block, images=tuple(image for image, _ in own), image_lines=tuple(line for _, line in own))
-        for block, own in zip(blocks, images, strict=True)
-    ]
     if size is None:
-        raise InputError(f"{path}: there is no line n: give {_LETTERS['n'][2]}")
+        raise InputError(f"{path}: there is no line n: give {_LETTERS['n'][1]}")
     _check_blocks(blocks, path)
     return DataSetIndex(path, release, *size, tuple(blocks))
 
 
 def _unquoted(name: str) -> str:
-    for quote in ('"', "'"):
-        if len(name) > 2 and name[0] == name[-1] == quote:
-            return name[1:-1].strip()
-    return name
+    quoted_ = len(name) > 2 and name[0] == name[-1] and name[0] in "\"'"
+    return name[1:-1].strip() if quoted_ else name
 
 
 def _numbers(letter: str, rest: str, where: str) -> list[float]:
-    least, most, meaning = _LETTERS[letter]
-    words = rest.split()
+    count, meaning = _LETTERS[letter]
     try:
-        values = [float(word) for word in words]
+        values = [float(word) for word in rest.split()]
     except ValueError:
         values = []
-    if not (least <= len(values) <= most and all(isfinite(value) for value in values)):
+    if len(values) != count or not all(map(isfinite, values)):
         raise InputError(f"{where}: {letter} is followed by {quoted(rest)}: give {meaning}")
     return values
 
@@ -212,9 +204,9 @@ def _check_blocks(blocks: list[IndexBlock], path: Path) -> None:
         if key in seen:
             raise InputError(f"{where}: the same exposure as in line {seen[key]}: keep one of the two")
         seen[key] = block.line
-    for kind, letter in (("bright", "b"), ("dark", "d")):
+    for kind in ("bright", "dark"):
         if not any(block.kind == kind for block in blocks):
-            raise InputError(f"{path}: there are no {kind} images, no line begins with {letter}: record them")
+            raise InputError(f"{path}: there are no {kind} images, no line begins with {kind[0]}: record them")
     levels = {(block.exposure_ns, block.photons) for block in blocks if block.kind == "bright"}
     if len(levels) < 2:
         raise InputError(f"{path}: the bright images have one exposure only: record a series of at least 3, better 50")
@@ -239,11 +231,7 @@ def _require_images(index: DataSetIndex) -> None:
 
 def _same_name(folder: Path, name: str) -> Path | None:
     """Folder that holds a file of this name, in letters of either case: this one, or one directly in it."""
-    try:
+    with suppress(OSError):
         folders = [folder, *sorted(child for child in folder.iterdir() if child.is_dir())]
-        for one in folders:
-            if any(child.name.lower() == name.lower() for child in one.iterdir()):
-                return one
-    except OSError:
-        pass
+        return next((one for one in folders if any(c.name.lower() == name.lower() for c in one.iterdir())), None)
     return None

@@ -39,40 +39,34 @@ class DarkFit:
     model: DarkModel
     variance: Line
 
-    def dark_signal_dn(self) -> Quantity:
-        """mu_y.dark at zero exposure."""
-        exposure_s = 0.0 if self._several else self.model.exposures_s[0]
-        uncertainty = sqrt(self.model.variance_dn2(exposure_s))
-        return Quantity(self.model.mean_dn(exposure_s), uncertainty, "DN", self._where)
+    @property
+    def black_level_dn(self) -> Quantity:
+        """mu_y.dark at zero exposure, or at the only one."""
+        several = len(self.model.exposures_s) > 1
+        exposure_s = 0.0 if several else self.model.exposures_s[0]
+        note = "at zero exposure" if several else "at the only exposure of the dark frames"
+        return Quantity(self.model.mean_dn(exposure_s), sqrt(self.model.variance_dn2(exposure_s)), "DN", note)
 
-    def noise_dn(self) -> Quantity:
-        """sigma_y.dark at zero exposure, at least that of rounding."""
-        sigma, note = sqrt(max(self.variance.intercept, LEAST_VARIANCE_DN2)), self._where
-        if self.variance.intercept < LEAST_VARIANCE_DN2:
-            note = "an upper limit: below 0.49 DN rounding hides the noise, this is the least value the standard allows"
-        return Quantity(sigma, sqrt(self.variance.covariance[0, 0]) / (2 * sigma), "DN", note)
+    def quantities(self, k: Quantity) -> dict[str, Quantity | None]:
+        """Return black level, noise and dark current by the attributes of a characterisation.
 
-    def noise_e(self, k: Quantity) -> Quantity:
-        """sigma_d: noise without rounding over K, sqrt(sigma_y.dark^2 - 1/12) / K (Release 4.0 Linear).
-
-        Its uncertainty includes rounding: all noise compatible with this variance is equally likely.
+        The read noise is without rounding, sqrt(sigma_y.dark^2 - 1/12) / K (Release 4.0 Linear). Its uncertainty
+        includes rounding: all noise compatible with this variance is equally likely.
         """
-        dark = self.noise_dn()
+        dark, at_zero = self._noise_dn(), self.variance.intercept
         own = sqrt(dark.value**2 - ROUNDING_DN2)
         by_noise = dark.value * dark.standard_uncertainty / own
-        by_rounding = variance_before_rounding(self.variance.intercept).root().error_of(own)
+        by_rounding = variance_before_rounding(at_zero).root().error_of(own)
         relative = hypot(max(by_noise, by_rounding) / own, k.standard_uncertainty / k.value)
-        return Quantity(own / k.value, relative * own / k.value, "e-", f"{dark.note}, without rounding")
-
-    def current_e_s(self, k: Quantity) -> Quantity | None:
-        """Dark current by the mean, slope / K; None with one exposure."""
-        slope = self.model.rate_dn_s, sqrt(self.model.rate_variance_dn2_s2)
-        return self._current(slope, k, 1, "slope of the mean over the exposure")
-
-    def current_by_variance_e_s(self, k: Quantity) -> Quantity | None:
-        """Dark current by the variance, slope / K^2; None with one exposure."""
-        slope = self.variance.slope, sqrt(self.variance.covariance[1, 1])
-        return self._current(slope, k, 2, "slope of the variance over the exposure")
+        rate = self.model.rate_dn_s, sqrt(self.model.rate_variance_dn2_s2)
+        of_variance = self.variance.slope, sqrt(self.variance.covariance[1, 1])
+        return {
+            "black_level_dn": self.black_level_dn,
+            "dark_noise_dn": dark,
+            "dark_noise_e": Quantity(own / k.value, relative * own / k.value, "e-", f"{dark.note}, without rounding"),
+            "dark_current_e_s": self._current(rate, k, 1, "slope of the mean over the exposure"),
+            "dark_current_by_variance_e_s": self._current(of_variance, k, 2, "slope of the variance over the exposure"),
+        }
 
     def doubling_temperature_c(self) -> Quantity | None:
         """T_d; None if the dark frames do not determine it."""
@@ -83,16 +77,16 @@ class DarkFit:
         span = f"{temperatures[0]:.1f} to {temperatures[-1]:.1f} °C"
         return Quantity(doubling_c, uncertainty, "K", f"from dark frames at {span}")
 
-    @property
-    def _several(self) -> bool:
-        return len(self.model.exposures_s) > 1
-
-    @property
-    def _where(self) -> str:
-        return "at zero exposure" if self._several else "at the only exposure of the dark frames"
+    def _noise_dn(self) -> Quantity:
+        """sigma_y.dark at zero exposure, at least that of rounding."""
+        variance, note = max(self.variance.intercept, LEAST_VARIANCE_DN2), self.black_level_dn.note
+        if self.variance.intercept < LEAST_VARIANCE_DN2:
+            note = "an upper limit: below 0.49 DN rounding hides the noise, this is the least value the standard allows"
+        return Quantity(sqrt(variance), sqrt(self.variance.covariance[0, 0]) / (2 * sqrt(variance)), "DN", note)
 
     def _current(self, slope: tuple[float, float], k: Quantity, power: int, note: str) -> Quantity | None:
-        if not self._several:
+        """Dark current by a slope and its uncertainty, over a power of K; None with one exposure."""
+        if len(self.model.exposures_s) == 1:
             return None
         value = slope[0] / k.value**power
         by_gain = power * value * k.standard_uncertainty / k.value
@@ -147,17 +141,16 @@ def snr_max(full_well_e: Quantity, note: str = "") -> Quantity:
     return Quantity(value, full_well_e.standard_uncertainty / (2 * value), "1", note)
 
 
-def dsnu_e(variance: Estimate, k: Quantity, note: str = "") -> Quantity:
-    """DSNU in electrons: sqrt(s_dark^2) / K (EMVA 1288 Release 4.0 Linear)."""
+def dsnu_e(variance: Estimate, k: Quantity, rounding_e: float, note: str = "", unit: str = "e-") -> Quantity:
+    """DSNU in electrons: sqrt(s_dark^2) / K (EMVA 1288 Release 4.0 Linear), with its uncertainty by rounding too."""
     root, uncertainty = _root(variance)
     value = root / k.value
-    relative = (k.standard_uncertainty / k.value) * value
-    return Quantity(value, float(np.hypot(uncertainty / k.value, relative)), "e-", _note(variance, note))
+    by_gain = (k.standard_uncertainty / k.value) * value
+    u = hypot(float(np.hypot(uncertainty / k.value, by_gain)), rounding_e)
+    return Quantity(value, u, unit, _note(variance, note))
 
 
-def dsnu_parts(
-    variance: SpatialVariance, k: Quantity, temporal_dn2: float, spatial_dn2: float, note: str
-) -> dict[str, Any]:
+def dsnu_parts(variance: SpatialVariance, k: Quantity, dark: FrameStatistics, note: str) -> dict[str, Quantity]:
     """DSNU_1288 and its parts, their uncertainties widened by rounding, where the dark noise is below about a DN.
 
     Parameters
@@ -166,24 +159,24 @@ def dsnu_parts(
         Of the dark image.
     k : Quantity
         Overall system gain.
-    temporal_dn2, spatial_dn2 : float
-        Temporal variance of dark signal, and variance of its mean image, as rounded.
+    dark : FrameStatistics
+        Dark frames, as rounded.
     note : str
         Of the total.
     """
-    by_rounding = rounding_of_spread_dn(temporal_dn2, spatial_dn2) / k.value
-    whole = dsnu_e(variance.total, k, note)
-    found = {"dsnu_e": replace(whole, standard_uncertainty=hypot(whole.standard_uncertainty, by_rounding))}
+    rounding_e = rounding_of_spread_dn(dark) / k.value
+    whole = dsnu_e(variance.total, k, rounding_e, note)
+    found = {"dsnu_e": whole}
     for name in PARTS:
-        one = dsnu_e(getattr(variance, name), k)
-        share = abs(one.value / whole.value) if whole.value else 1.0
-        u = hypot(one.standard_uncertainty, by_rounding * share)
-        found[f"dsnu_{name}_e"] = replace(one, standard_uncertainty=u)
+        one: Estimate = getattr(variance, name)
+        share = abs(_root(one)[0] / k.value / whole.value) if whole.value else 1.0
+        found[f"dsnu_{name}_e"] = dsnu_e(one, k, rounding_e * share)
     return found
 
 
-def rounding_of_spread_dn(temporal_dn2: float, spatial_dn2: float) -> float:
-    """Return the standard uncertainty by rounding of the pattern's standard deviation."""
+def rounding_of_spread_dn(dark: FrameStatistics) -> float:
+    """Return the standard uncertainty by rounding of the standard deviation of the pattern of dark frames."""
+    temporal_dn2, spatial_dn2 = dark.temporal_variance_dn2, dark.spatial_variance_dn2
     together, alone = variance_before_rounding(temporal_dn2 + spatial_dn2), variance_before_rounding(temporal_dn2)
     left = Range(max(together.least - alone.largest, 0.0), max(together.largest - alone.least, 0.0)).root()
     return left.error_of(sqrt(spatial_dn2))
@@ -194,6 +187,17 @@ def prnu_rel(bright: Estimate, dark: Estimate, net_dn: float, note: str = "") ->
     difference = bright - dark
     root, uncertainty = _root(difference)
     return Quantity(root / net_dn, uncertainty / net_dn, "1", _note(difference, note))
+
+
+def prnu_parts(bright: SpatialVariance, dark: SpatialVariance, net_dn: float, note: str) -> dict[str, Quantity]:
+    """PRNU_1288 and its parts; the note is that of the total."""
+    parts = {f"prnu_{name}_rel": prnu_rel(getattr(bright, name), getattr(dark, name), net_dn) for name in PARTS}
+    return {"prnu_rel": prnu_rel(bright.total, dark.total, net_dn, note), **parts}
+
+
+def spatial_variance_of(one: FrameStatistics) -> SpatialVariance:
+    """Spatial variance of the mean of frames."""
+    return spatial_variance(one.image_dn, one.temporal.scaled(1 / one.n_frames))
 
 
 def _root(variance: Estimate) -> tuple[float, float]:
@@ -215,7 +219,7 @@ def _note(variance: Estimate, note: str) -> str:
 
 def dark_pattern_variances(
     frames: Sequence[FrameStatistics], exposures_s: Sequence[float]
-) -> tuple[SpatialVariance, SpatialVariance]:
+) -> tuple[SpatialVariance, ...]:
     """Spatial variances of the dark signal at zero exposure, in DN^2, and of its growth, in (DN/s)^2.
 
     Each pixel's dark signal is fitted by a line over the exposure, all exposures alike.
@@ -223,19 +227,20 @@ def dark_pattern_variances(
     Parameters
     ----------
     frames : sequence of FrameStatistics
-        Dark frames for each exposure, of two exposures at least.
+        Dark frames for each exposure. Of one exposure only, its own variance is the first and only one.
     exposures_s : sequence of float
         Exposure times.
     """
     t = np.array(exposures_s)
+    design = np.column_stack([np.ones_like(t), t])[:, : t.size]
     found = []
-    for weights in np.linalg.pinv(np.column_stack([np.ones_like(t), t])):
+    for weights in np.linalg.pinv(design):
         image, noise = np.zeros(frames[0].shape), np.zeros(3)
         for weight, one in zip(weights, frames, strict=True):
             image += weight * one.image_dn
             noise += weight**2 / one.n_frames * np.array([one.temporal.pixel, one.temporal.column, one.temporal.row])
         found.append(spatial_variance(image, LineVariances(*noise.tolist())))
-    return found[0], found[1]
+    return tuple(found)
 
 
 def flat_variance(

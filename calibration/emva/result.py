@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from math import hypot, nan
 from typing import Literal
 
@@ -85,9 +85,16 @@ class SpatialImages:
         return cls(dark.image_dn, bright.image_dn, dark.n_frames, bright.n_frames, *variances)
 
 
+def _called(name: str) -> dict[str, str]:
+    """Metadata of the field of a quantity: what it is called."""
+    return {"name": name}
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Origin:
-    """Where a characterisation comes from.
+class Characterisation:
+    """A camera after EMVA 1288, linear model. Quantities that could not be measured are None.
+
+    A variance of the non-uniformity that is below 0 by chance is stated as minus its root.
 
     Parameters
     ----------
@@ -105,84 +112,16 @@ class Origin:
         Gain of the camera, to which K belongs; None if it is not known.
     temperature_c : float or None
         Mean temperature of the dark frames, to which the dark current belongs; None if it is not known.
-    """
-
-    source: str
-    camera: str = ""
-    simulated: bool = False
-    bits: int
-    image_shape: tuple[int, int]
-    gain_db: float | None = None
-    temperature_c: float | None = None
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Sensitivity:
-    """Response to light; None where the stimulus is not known.
-
-    Parameters
-    ----------
+    definition : str
+        Release of the standard whose definitions were used.
+    k_dn_per_e : Quantity
+        Overall system gain K.
     responsivity : Quantity or None
         R in DN per photon, or for a session in DN / (cd m^-2 s) on the optical axis.
     quantum_efficiency : Quantity or None
         Electrons per photon, as a fraction; for a session an estimate from lens data, as its note says.
-    linearity_error_min_rel, linearity_error_max_rel : Quantity or None
-        Lowest and highest relative deviation from the line (Release 3.1), as fractions.
-    linearity_error_rel : Quantity or None
-        LE, mean of the absolute deviations.
-    """
-
-    responsivity: Quantity | None = None
-    quantum_efficiency: Quantity | None = None
-    linearity_error_min_rel: Quantity | None = None
-    linearity_error_max_rel: Quantity | None = None
-    linearity_error_rel: Quantity | None = None
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class SpatialNonuniformity:
-    """Non-uniformity; a variance below 0 by chance is stated as minus its root.
-
-    Parameters
-    ----------
-    dsnu_e : Quantity or None
-        DSNU_1288, all pixels.
-    dsnu_pixel_e, dsnu_column_e, dsnu_row_e : Quantity or None
-        Its parts.
-    dsnu_e_s : Quantity or None
-        Standard deviation of the pixels' dark currents.
-    prnu_rel : Quantity or None
-        PRNU_1288 as a fraction, all pixels.
-    prnu_pixel_rel, prnu_column_rel, prnu_row_rel : Quantity or None
-        Its parts.
-    spatial : SpatialImages or None
-        Mean images.
-    """
-
-    dsnu_e: Quantity | None = None
-    dsnu_pixel_e: Quantity | None = None
-    dsnu_column_e: Quantity | None = None
-    dsnu_row_e: Quantity | None = None
-    dsnu_e_s: Quantity | None = None
-    prnu_rel: Quantity | None = None
-    prnu_pixel_rel: Quantity | None = None
-    prnu_column_rel: Quantity | None = None
-    prnu_row_rel: Quantity | None = None
-    spatial: SpatialImages | None = None
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Characterisation(Origin, Sensitivity, SpatialNonuniformity):
-    """A camera after EMVA 1288, linear model. Quantities that could not be measured are None.
-
-    Parameters
-    ----------
-    definition : str
-        Release of the standard whose definitions were used.
     black_level_dn : Quantity
         mu_y.dark at zero exposure.
-    k_dn_per_e : Quantity
-        Overall system gain K.
     dark_noise_dn : Quantity
         sigma_y.dark, temporal noise at zero exposure, rounding included.
     dark_noise_e : Quantity
@@ -193,8 +132,16 @@ class Characterisation(Origin, Sensitivity, SpatialNonuniformity):
         By the slope of the variance.
     doubling_temperature_c : Quantity or None
         Difference of temperature, in kelvin, that doubles the dark current.
-    saturation_limit : {'converter', 'full well', 'not reached'}
-        Cause of saturation. For 'converter' and 'not reached' the true full well is larger.
+    dsnu_e : Quantity or None
+        DSNU_1288, all pixels.
+    dsnu_pixel_e, dsnu_column_e, dsnu_row_e : Quantity or None
+        Its parts.
+    dsnu_e_s : Quantity or None
+        Standard deviation of the pixels' dark currents.
+    prnu_rel : Quantity or None
+        PRNU_1288 as a fraction, all pixels.
+    prnu_pixel_rel, prnu_column_rel, prnu_row_rel : Quantity or None
+        Its parts.
     saturation_dn : Quantity
         Mean DN above dark signal at saturation, where the temporal variance is largest.
     saturation_photons : Quantity or None
@@ -203,6 +150,10 @@ class Characterisation(Origin, Sensitivity, SpatialNonuniformity):
         Saturation capacity mu_e.sat of the standard, in electrons. For a photon series it is the signal of the largest
         temporal variance, which lies several times the noise below the pixel's full well; for a session that of patches
         that are completely saturated. A lower bound of the full well unless `saturation_limit` is 'full well'.
+    linearity_error_min_rel, linearity_error_max_rel : Quantity or None
+        Lowest and highest relative deviation from the line (Release 3.1), as fractions.
+    linearity_error_rel : Quantity or None
+        LE, mean of the absolute deviations.
     snr_max : Quantity
         Ratio at saturation.
     sensitivity_threshold_e : Quantity
@@ -211,6 +162,10 @@ class Characterisation(Origin, Sensitivity, SpatialNonuniformity):
         The same in photons.
     dynamic_range : Quantity
         DR, saturation over threshold, as a ratio.
+    saturation_limit : {'converter', 'full well', 'not reached'}
+        Cause of saturation. For 'converter' and 'not reached' the true full well is larger.
+    spatial : SpatialImages or None
+        Mean images.
     series : tuple of SeriesPoint
         Points used for all but dark signal and non-uniformity, in increasing order of stimulus or signal.
     darks : tuple of DarkObservation
@@ -219,27 +174,52 @@ class Characterisation(Origin, Sensitivity, SpatialNonuniformity):
         Findings on impossible or suspicious values.
     """
 
+    source: str
+    camera: str = ""
+    simulated: bool = False
+    bits: int
+    image_shape: tuple[int, int]
+    gain_db: float | None = None
+    temperature_c: float | None = None
     definition: str
-    black_level_dn: Quantity
-    k_dn_per_e: Quantity
-    dark_noise_dn: Quantity
-    dark_noise_e: Quantity
-    dark_current_e_s: Quantity | None
-    dark_current_by_variance_e_s: Quantity | None
-    doubling_temperature_c: Quantity | None
+    k_dn_per_e: Quantity = field(metadata=_called("overall system gain K"))
+    responsivity: Quantity | None = field(default=None, metadata=_called("responsivity R"))
+    quantum_efficiency: Quantity | None = field(default=None, metadata=_called("quantum efficiency η"))
+    black_level_dn: Quantity = field(metadata=_called("dark signal µ_y.dark"))
+    dark_noise_dn: Quantity = field(metadata=_called("temporal dark noise"))
+    dark_noise_e: Quantity = field(metadata=_called("read noise, without rounding"))
+    dark_current_e_s: Quantity | None = field(metadata=_called("dark current by the mean µ_I"))
+    dark_current_by_variance_e_s: Quantity | None = field(metadata=_called("dark current by the variance µ_I"))
+    doubling_temperature_c: Quantity | None = field(default=None, metadata=_called("doubling temperature T_d"))
+    dsnu_e: Quantity | None = field(default=None, metadata=_called("DSNU1288"))
+    dsnu_pixel_e: Quantity | None = field(default=None, metadata=_called("DSNU of pixels"))
+    dsnu_column_e: Quantity | None = field(default=None, metadata=_called("DSNU of columns"))
+    dsnu_row_e: Quantity | None = field(default=None, metadata=_called("DSNU of rows"))
+    dsnu_e_s: Quantity | None = field(default=None, metadata=_called("spread of the dark current"))
+    prnu_rel: Quantity | None = field(default=None, metadata=_called("PRNU1288"))
+    prnu_pixel_rel: Quantity | None = field(default=None, metadata=_called("PRNU of pixels"))
+    prnu_column_rel: Quantity | None = field(default=None, metadata=_called("PRNU of columns"))
+    prnu_row_rel: Quantity | None = field(default=None, metadata=_called("PRNU of rows"))
+    saturation_dn: Quantity = field(metadata=_called("saturation above the dark signal"))
+    saturation_photons: Quantity | None = field(metadata=_called("saturation µ_p.sat"))
+    full_well_e: Quantity = field(metadata=_called("saturation capacity µ_e.sat"))
+    linearity_error_min_rel: Quantity | None = field(default=None, metadata=_called("linearity error, lowest LE_min"))
+    linearity_error_max_rel: Quantity | None = field(default=None, metadata=_called("linearity error, highest LE_max"))
+    linearity_error_rel: Quantity | None = field(default=None, metadata=_called("linearity error LE"))
+    snr_max: Quantity = field(metadata=_called("largest SNR"))
+    sensitivity_threshold_e: Quantity = field(metadata=_called("sensitivity threshold µ_e.min"))
+    sensitivity_threshold_photons: Quantity | None = field(metadata=_called("sensitivity threshold µ_p.min"))
+    dynamic_range: Quantity = field(metadata=_called("dynamic range DR"))
     saturation_limit: SaturationLimit
-    saturation_dn: Quantity
-    saturation_photons: Quantity | None
-    full_well_e: Quantity
-    snr_max: Quantity
-    sensitivity_threshold_e: Quantity
-    sensitivity_threshold_photons: Quantity | None
-    dynamic_range: Quantity
+    spatial: SpatialImages | None = None
     series: tuple[SeriesPoint, ...]
     darks: tuple[DarkObservation, ...]
     findings: tuple[Finding, ...]
 
     def quantities(self) -> dict[str, Quantity | None]:
-        """All quantities by name."""
-        names = [field.name for field in fields(self) if "Quantity" in str(field.type)]
-        return {name: getattr(self, name) for name in names}
+        """All quantities by name, in the order of the standard."""
+        return {name: getattr(self, name) for name in QUANTITY_NAMES}
+
+
+#: What the quantities are called, by the attributes of `Characterisation`.
+QUANTITY_NAMES: dict[str, str] = {one.name: one.metadata["name"] for one in fields(Characterisation) if one.metadata}

@@ -115,53 +115,65 @@ def responsivity(points: Sequence[SeriesPoint]) -> Slope | None:
         None if the photons are not known. The uncertainty includes noise and scatter of the points, but not that of the
         photon numbers, which a data set does not state.
     """
-    known = [(point.photons, point) for point in points if point.photons is not None]
-    if len(known) < len(points):
+    if any(point.photons is None for point in points):
         return None
-    photons = np.array([photons for photons, _ in known])
+    photons = np.array([point.photons for point in points], float)
     net = np.array([point.net_dn for point in points])
     return slope_through_origin(photons, net, np.array([point.net_uncertainty_dn for point in points]))
 
 
 @dataclass(frozen=True, eq=False)
-class Linearity:
-    """Deviations from a line.
+class Deviations:
+    """Relative deviations of signals from the line that they should be on.
+
+    Parameters
+    ----------
+    net_dn : ndarray of float, shape (n,)
+        The points judged, as signal above dark signal.
+    deviation_rel : ndarray of float, shape (n,)
+        Signal over line, minus 1.
+    uncertainty_rel : ndarray of float, shape (n,)
+        Standard uncertainty of the deviations by noise, black level and lamp.
+    note : str
+        On all of them; empty if each is stated at its signal.
+    """
+
+    net_dn: NDArray[np.float64]
+    deviation_rel: NDArray[np.float64]
+    uncertainty_rel: NDArray[np.float64]
+    note: str = ""
+
+    def errors(self) -> dict[str, Quantity]:
+        """Lowest and highest deviation (LE_min and LE_max of Release 3.1), and LE, the mean of the absolute ones."""
+
+        def of_one(i: int) -> Quantity:
+            note = self.note or f"at {self.net_dn[i]:.4g} DN above the dark signal; u by noise, black level and lamp"
+            return Quantity(float(self.deviation_rel[i]), float(self.uncertainty_rel[i]), "1", note)
+
+        mean = float(np.abs(self.deviation_rel).mean())
+        u_mean = float(np.linalg.norm(self.uncertainty_rel)) / self.uncertainty_rel.size
+        return {
+            "linearity_error_min_rel": of_one(int(np.argmin(self.deviation_rel))),
+            "linearity_error_max_rel": of_one(int(np.argmax(self.deviation_rel))),
+            "linearity_error_rel": Quantity(mean, u_mean, "1", self.note or "mean of the absolute deviations"),
+        }
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Linearity(Deviations):
+    """Deviations from a line over the stimulus.
 
     Parameters
     ----------
     intercept_dn, slope_dn : float
         The line: intercept, and slope over photons or seconds.
-    stimulus, net_dn : ndarray of float, shape (n,)
-        The points judged: photons or seconds, and signal above dark signal.
-    deviation_rel : ndarray of float, shape (n,)
-        Signal over line, minus 1.
-    uncertainty_rel : ndarray of float, shape (n,)
-        Standard uncertainty of the deviations by noise, black level and lamp.
+    stimulus : ndarray of float, shape (n,)
+        Photons or seconds of the points.
     """
 
     intercept_dn: float
     slope_dn: float
     stimulus: NDArray[np.float64]
-    net_dn: NDArray[np.float64]
-    deviation_rel: NDArray[np.float64]
-    uncertainty_rel: NDArray[np.float64]
-
-    def errors(self) -> tuple[Quantity, Quantity, Quantity]:
-        """Lowest, highest and mean absolute deviation, as `linearity_errors`."""
-        notes = [f"at {net:.4g} DN above the dark signal; u by noise, black level and lamp" for net in self.net_dn]
-        return linearity_errors(self.deviation_rel, self.uncertainty_rel, notes, "mean of the absolute deviations")
-
-
-def linearity_errors(
-    deviation_rel: NDArray[np.float64], uncertainty_rel: NDArray[np.float64], notes: Sequence[str], of_mean: str
-) -> tuple[Quantity, Quantity, Quantity]:
-    """Lowest and highest deviation (LE_min and LE_max of Release 3.1), and LE, the mean of the absolute ones."""
-    u_mean = float(np.linalg.norm(uncertainty_rel)) / uncertainty_rel.size
-    lowest, highest = (
-        Quantity(float(deviation_rel[i]), float(uncertainty_rel[i]), "1", notes[i])
-        for i in (int(np.argmin(deviation_rel)), int(np.argmax(deviation_rel)))
-    )
-    return lowest, highest, Quantity(float(np.abs(deviation_rel).mean()), u_mean, "1", of_mean)
 
 
 def in_range(points: Sequence[SeriesPoint], saturation_net_dn: float) -> list[SeriesPoint]:
@@ -189,10 +201,8 @@ def linearity(points: Sequence[SeriesPoint], saturation_net_dn: float) -> Linear
         None with fewer than three points.
     """
     chosen = in_range(points, saturation_net_dn)
-    if len(chosen) < 3:
-        return None
     x = np.array([point.stimulus for point in chosen])
-    if np.unique(x).size < 2:
+    if x.size < 3 or np.unique(x).size < 2:
         return None
     y = np.array([point.net_dn for point in chosen])
     scale = x.max()
@@ -204,7 +214,8 @@ def linearity(points: Sequence[SeriesPoint], saturation_net_dn: float) -> Linear
     projection = design @ np.linalg.pinv(design)
     left = np.eye(y.size) - projection
     uncertainty = np.sqrt((left**2) @ noise**2)
-    return Linearity(float(intercept), float(slope / scale), x, y, y / fitted - 1, uncertainty)
+    slope = float(slope / scale)
+    return Linearity(y, y / fitted - 1, uncertainty, intercept_dn=float(intercept), slope_dn=slope, stimulus=x)
 
 
 @dataclass(frozen=True)

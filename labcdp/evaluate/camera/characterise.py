@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from math import hypot, inf
+from math import inf
+from typing import Any
 
 import numpy as np
 
-from ...calibration.emva.assemble import Transfer, assemble, with_frame_changes
+from ...calibration.emva.assemble import Transfer, assemble, with_findings, with_frame_changes
 from ...calibration.emva.quantities import (
     combined,
     dark_pattern_variances,
@@ -19,20 +20,12 @@ from ...calibration.emva.quantities import (
     prnu_rel,
     rounding_of_spread_dn,
 )
-from ...calibration.emva.result import (
-    Characterisation,
-    Origin,
-    Quantity,
-    SaturationLimit,
-    Sensitivity,
-    SpatialImages,
-    SpatialNonuniformity,
-)
+from ...calibration.emva.result import Characterisation, Quantity, SaturationLimit, SpatialImages
 from ...calibration.emva.series import Level, SeriesPoint
 from ...calibration.emva.transfer import Saturation, points_to_fit, system_gain
 from ...calibration.fit.screening import SAFE_SHARE, plateau_dn
 from ...calibration.frames.measure import MeasuredFrames
-from ...calibration.frames.nonuniformity import Estimate, spatial_variance
+from ...calibration.frames.nonuniformity import Estimate
 from ...calibration.frames.observe import dark_observation
 from ...calibration.frames.statistics import MAX_CLIPPED_SHARE
 from ...calibration.setup import corrected
@@ -42,12 +35,13 @@ from ...core.reading import Reading
 from ...core.result import Finding, warning
 from ...session import Session
 from .frames import (
+    MeasuredPoint,
     SessionFrames,
     measure_session,
     patch_deviations,
-    patch_linearity,
     photometric_responsivity,
     quantum_efficiency_estimate,
+    unsaturated,
 )
 
 #: Dark signal farther away in temperature than this, in kelvin, is reported.
@@ -98,25 +92,25 @@ def characterise_session(
     usable = [level for level in measured.patches if level.exposure_s in reference]
     if not usable:
         raise CalibrationError("the session has no light and dark frames at the same exposure: record both")
-    found = with_frame_changes([_point(level, reference[level.exposure_s]) for level in usable], darks)
-    pairs = sorted(zip(found, usable, strict=True), key=lambda pair: pair[0].net_dn)
-    pairs = _full_marked(pairs)
-    points = [point for point, _ in pairs]
+    changed = with_frame_changes([_point(level, reference[level.exposure_s]) for level in usable], darks)
+    pairs = _full_marked(sorted(map(MeasuredPoint, changed, usable), key=lambda pair: pair.point.net_dn))
+    points = [pair.point for pair in pairs]
     dark = fit_dark_current(darks)
-    transfer = _transfer(points, dark.dark_signal_dn().value, state.bit_depth, state.saturation_dn)
-    spatial, more = _nonuniformity(reference, pairs, transfer)
-    origin = Origin(
-        source=session.configuration.name,
-        camera=str(state.camera) + ("" if state.plane is None else f", plane {state.plane}"),
-        simulated=state.camera.simulated,
-        bits=state.bit_depth,
-        image_shape=state.image_shape,
-        gain_db=state.gain_db,
-        temperature_c=dark.model.temperature_c,
-    )
-    doubling = fit_dark_current([dark_observation(level) for level in measured.darks]).doubling_temperature_c()
-    parts = (origin, _sensitivity(session, pairs, transfer, measured), spatial)
-    return assemble(parts, points, darks, transfer, doubling, [*findings, *more])
+    transfer = _transfer(points, dark.black_level_dn.value, state.bit_depth, state.saturation_dn)
+    quantities, more = _nonuniformity(reference, pairs, transfer)
+    quantities |= _sensitivity(session, pairs, transfer, measured)
+    every = fit_dark_current([dark_observation(level) for level in measured.darks])
+    quantities["doubling_temperature_c"] = every.doubling_temperature_c()
+    origin = {
+        "source": session.configuration.name,
+        "camera": str(state.camera) + ("" if state.plane is None else f", plane {state.plane}"),
+        "simulated": state.camera.simulated,
+        "bits": state.bit_depth,
+        "image_shape": state.image_shape,
+        "gain_db": state.gain_db,
+        "temperature_c": dark.model.temperature_c,
+    }
+    return with_findings(assemble(origin, points, darks, transfer, quantities), [*findings, *more])
 
 
 def _reference(measured: SessionFrames) -> tuple[dict[float, MeasuredFrames], list[Finding]]:
@@ -148,9 +142,9 @@ def _point(level: MeasuredFrames, dark: MeasuredFrames) -> SeriesPoint:
     return SeriesPoint(level.region.name, level.exposure_s, None, Level.of(level.statistics), below)
 
 
-def _full_marked(pairs: Sequence[tuple[SeriesPoint, MeasuredFrames]]) -> list[tuple[SeriesPoint, MeasuredFrames]]:
+def _full_marked(pairs: Sequence[MeasuredPoint]) -> list[MeasuredPoint]:
     """Mark points of pixels that are full below the stated saturation as saturated, and leave out those near it."""
-    usable = [point for point, _ in pairs if point.light.saturated_share <= MAX_CLIPPED_SHARE and point.net_dn > 0]
+    usable = [point for point, _ in unsaturated(pairs) if point.net_dn > 0]
     shortest = {p.label: p for p in sorted(usable, key=lambda p: -p.exposure_s)}
     promised = [shortest[p.label].net_dn * p.exposure_s / shortest[p.label].exposure_s for p in usable]
     level = plateau_dn([p.net_dn for p in usable], promised, promised)
@@ -158,7 +152,7 @@ def _full_marked(pairs: Sequence[tuple[SeriesPoint, MeasuredFrames]]) -> list[tu
         return list(pairs)
     full = _FULL_SHARE * level
     return [
-        (replace(p, light=replace(p.light, saturated_share=1.0)) if p.net_dn >= full else p, frames)
+        MeasuredPoint(replace(p, light=replace(p.light, saturated_share=1.0)) if p.net_dn >= full else p, frames)
         for p, frames in pairs
         if not SAFE_SHARE * level < p.net_dn < full
     ]
@@ -176,75 +170,57 @@ def _transfer(points: Sequence[SeriesPoint], black_level_dn: float, bits: int, s
     if not clear:
         raise CalibrationError("all patches are saturated at all exposures: record shorter exposures")
     full = [point for point in points if point.light.saturated_share >= _SATURATED_SHARE]
-    end_dn = min([saturation_dn, *(point.light.mean_dn for point in full)])
-    fitted = points_to_fit(clear, end_dn - clear[0].dark.mean_dn)
+    full_dn = [point.light.mean_dn for point in full]
+    fitted = tuple(points_to_fit(clear, min([saturation_dn, *full_dn]) - clear[0].dark.mean_dn))
     slope = system_gain(fitted, weighted=True)
-    limit: SaturationLimit = "not reached"
     if not full:
-        last = points.index(clear[-1])
-        return Transfer(
-            Saturation(last, limit), clear[-1].net_dn, clear[-1].net_uncertainty_dn, tuple(fitted), slope, _BRIGHTEST
-        )
-    end = 2**bits - 1
-    level = float(np.mean([point.light.mean_dn for point in full]))
-    limit = "converter" if level > end - 1 else "full well"
+        last = clear[-1]
+        saturation = Saturation(points.index(last), "not reached")
+        return Transfer(saturation, last.net_dn, last.net_uncertainty_dn, fitted, slope, _BRIGHTEST)
+    level = float(np.mean(full_dn))
+    limit: SaturationLimit = "converter" if level > 2**bits - 2 else "full well"
     # Rounding hides half a DN; patches at the full well scatter.
-    spread = float(np.std([point.light.mean_dn for point in full], ddof=1)) if len(full) > 1 else 0.0
+    spread = float(np.std(full_dn, ddof=1)) if len(full) > 1 else 0.0
     saturation = Saturation(points.index(full[-1]), limit)
-    return Transfer(saturation, level - black_level_dn, max(spread, 0.5), tuple(fitted), slope, _SATURATED)
+    return Transfer(saturation, level - black_level_dn, max(spread, 0.5), fitted, slope, _SATURATED)
 
 
 def _sensitivity(
-    session: Session, pairs: Sequence[tuple[SeriesPoint, MeasuredFrames]], transfer: Transfer, measured: SessionFrames
-) -> Sensitivity:
-    readings: dict[str, list[Reading]] = {}
+    session: Session, pairs: Sequence[MeasuredPoint], transfer: Transfer, measured: SessionFrames
+) -> dict[str, Any]:
+    configuration, state, readings = session.configuration, measured.state, dict[str, list[Reading]]()
     for record in session.readings():
         if record.reading.unit != "%":
-            own = corrected(record.reading, session.configuration.meter.certificate)
+            own = corrected(record.reading, configuration.meter.certificate)
             readings.setdefault(record.patch, []).append(own)
-    usable = [pair for pair in pairs if pair[0].light.saturated_share <= MAX_CLIPPED_SHARE]
-    configuration, state = session.configuration, measured.state
+    usable = unsaturated(pairs)
     r = photometric_responsivity(usable, readings, configuration, state)
-    lowest, highest, mean = patch_linearity(patch_deviations([point for point, _ in usable], transfer.net_dn))
-    return Sensitivity(
-        responsivity=r,
-        quantum_efficiency=None if r is None else quantum_efficiency_estimate(r, transfer.k, configuration, state),
-        linearity_error_min_rel=lowest,
-        linearity_error_max_rel=highest,
-        linearity_error_rel=mean,
-    )
+    efficiency = None if r is None else quantum_efficiency_estimate(r, transfer.k, configuration, state)
+    line = patch_deviations([point for point, _ in usable], transfer.net_dn)
+    return {"responsivity": r, "quantum_efficiency": efficiency, **(line.errors() if line else {})}
 
 
 def _nonuniformity(
-    darks: Mapping[float, MeasuredFrames], pairs: Sequence[tuple[SeriesPoint, MeasuredFrames]], transfer: Transfer
-) -> tuple[SpatialNonuniformity, list[Finding]]:
-    k = transfer.k
-    shortest, longest = (darks[choose(darks)] for choose in (min, max))
-    exposures_s, frames = list(darks), [level.statistics for level in darks.values()]
-    dsnu_e_s, note = None, f"at {exposure_text(shortest.exposure_s)}, the only exposure of the dark frames"
-    variance = spatial_variance(frames[0].image_dn, frames[0].temporal.scaled(1 / frames[0].n_frames))
-    if len(darks) > 1:
-        variance, rates = dark_pattern_variances(frames, exposures_s)
-        spread = dsnu_e(rates.total, k)
+    darks: Mapping[float, MeasuredFrames], pairs: Sequence[MeasuredPoint], transfer: Transfer
+) -> tuple[dict[str, Any], list[Finding]]:
+    k, longest_s = transfer.k, max(darks)
+    frames = {exposure_s: level.statistics for exposure_s, level in darks.items()}
+    variance, *of_growth = dark_pattern_variances([*frames.values()], [*frames])
+    note = f"at {exposure_text(longest_s)}, the only exposure of the dark frames"
+    found: dict[str, Any] = {"spatial": SpatialImages.of(frames[longest_s])}
+    if of_growth:
         # Rounding changes each exposure's pattern by some part of its step, 1 DN.
-        s = longest.statistics
-        rounding_dn = rounding_of_spread_dn(s.temporal_variance_dn2, s.spatial_variance_dn2)
-        uncertainty = hypot(spread.standard_uncertainty, rounding_dn / k.value / longest.exposure_s)
-        dsnu_e_s, note = Quantity(spread.value, uncertainty, "e-/s", spread.note), "at zero exposure"
-    prnu = _prnu(pairs, darks, transfer.net_dn)
+        rounding_e_s = rounding_of_spread_dn(frames[longest_s]) / k.value / longest_s
+        found["dsnu_e_s"], note = dsnu_e(of_growth[0].total, k, rounding_e_s, unit="e-/s"), "at zero exposure"
+    found["prnu_rel"] = _prnu(pairs, darks, transfer.net_dn)
     low, high = _PRNU_SHARES
-    findings = [warning("prnu-unknown", lowest_share=low, highest_share=high)] if prnu is None else []
-    s = shortest.statistics
-    return SpatialNonuniformity(
-        **dsnu_parts(variance, k, s.temporal_variance_dn2, s.spatial_variance_dn2, note),
-        dsnu_e_s=dsnu_e_s,
-        prnu_rel=prnu,
-        spatial=SpatialImages.of(longest.statistics),
-    ), findings
+    unknown = found["prnu_rel"] is None
+    findings = [warning("prnu-unknown", lowest_share=low, highest_share=high)] if unknown else []
+    return found | dsnu_parts(variance, k, frames[min(frames)], note), findings
 
 
 def _prnu(
-    pairs: Sequence[tuple[SeriesPoint, MeasuredFrames]], darks: Mapping[float, MeasuredFrames], saturation_net_dn: float
+    pairs: Sequence[MeasuredPoint], darks: Mapping[float, MeasuredFrames], saturation_net_dn: float
 ) -> Quantity | None:
     """PRNU of the patches, each at its brightest exposure below saturation: other exposures show the same pixels."""
     low, high = (share * saturation_net_dn for share in _PRNU_SHARES)

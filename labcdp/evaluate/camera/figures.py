@@ -10,18 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...calibration.emva.quantities import fit_dark_current, snr
-from ...calibration.emva.transfer import linearity
+from ...calibration.emva.transfer import Linearity, linearity
 from ...calibration.sensor.noise import FIT_SHARE
-from ...report.drawing import (
-    BLUE,
-    GREEN,
-    ORANGE,
-    VERMILLION,
-    finish,
-    logarithmic,
-    new_figure,
-    png,
-)
+from ...report.drawing import BLUE, GREEN, ORANGE, VERMILLION, finish, logarithmic, new_figure, reported
 from ...report.layout import ReportFigure
 from ...report.text import Z_95, with_half_width
 from .frames import patch_deviations
@@ -64,13 +55,8 @@ def signal_figures(found: Characterisation) -> list[ReportFigure]:
             figure = sized(found, heights_in.get(name, 4.6), 6.4 if name == "photon-transfer" else 9.0)
             draw(figure, found)
             own = _OF_PATCHES if name == "sensitivity" and not is_series(found) else caption
-            figures.append(figure_of(name, figure, own))
+            figures.append(reported(f"characterise-{name}", figure, own))
     return figures
-
-
-def figure_of(name: str, figure: Figure, caption: str) -> ReportFigure:
-    """Return a figure with its file name; the caption also is its alternative."""
-    return ReportFigure(f"characterise-{name}.png", png(figure), caption, caption)
 
 
 def _photon_transfer(figure: Figure, result: Characterisation) -> None:
@@ -111,29 +97,28 @@ def _sensitivity(figure: Figure, result: Characterisation) -> None:
 
 
 def _linearity(figure: Figure, result: Characterisation) -> None:
-    """Draw the deviations from the line over the stimulus."""
-    line = linearity(result.series, result.saturation_dn.value) if is_series(result) else None
-    if line is None:
-        below = figure.subplots()
-        rows = patch_deviations(result.series, result.saturation_dn.value)
-        x, deviation, u = np.array([(row.point.net_dn, row.deviation_rel, row.uncertainty_rel) for row in rows]).T
-        labels = "mean above dark in DN", "Deviation of each patch from its own line over the exposure"
-    else:
+    """Draw the deviations from the line over the stimulus, or those of patches over the signal."""
+    found = (linearity if is_series(result) else patch_deviations)(result.series, result.saturation_dn.value)
+    errors = [one.value for one in (result.linearity_error_min_rel, result.linearity_error_max_rel) if one]
+    assert found is not None
+    if isinstance(found, Linearity):
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1.2, 1.0))
         photons = _values(result.series, "photons")
         ends = np.array([0.0, photons.max()])
         above.plot(photons, _values(result.series, "net_dn"), **_POINTS, label="measured")
-        text = f"line: {line.intercept_dn:.4g} DN + {line.slope_dn:.5g} DN/photon"
-        above.plot(ends, line.intercept_dn + line.slope_dn * ends, color=BLUE, linewidth=1.5, label=text)
+        text = f"line: {found.intercept_dn:.4g} DN + {found.slope_dn:.5g} DN/photon"
+        above.plot(ends, found.intercept_dn + found.slope_dn * ends, color=BLUE, linewidth=1.5, label=text)
         finish(above, "", "mean above dark in DN", "Linearity, from 5 to 95 % of saturation")
-        x, deviation, u = line.stimulus, line.deviation_rel, line.uncertainty_rel
-        labels = "photons per pixel", "Deviation from the line"
-    below.errorbar(x, 100 * deviation, yerr=100 * Z_95 * u, **_BARS)
-    limits = [100 * one.value for one in (result.linearity_error_min_rel, result.linearity_error_max_rel) if one]
+        x, label, title = found.stimulus, "photons per pixel", "Deviation from the line"
+    else:
+        below, x, label = figure.subplots(), found.net_dn, "mean above dark in DN"
+        title = "Deviation of each patch from its own line over the exposure"
+    below.errorbar(x, 100 * found.deviation_rel, yerr=100 * Z_95 * found.uncertainty_rel, **_BARS)
     below.axhline(0.0, color=BLUE, linewidth=1.5)
-    below.axhline(limits[0], color=ORANGE, **_DASHED, label=f"{limits[0]:+.3f} % and {limits[1]:+.3f} %")
-    below.axhline(limits[1], color=ORANGE, **_DASHED)
-    finish(below, labels[0], "deviation in %", f"{labels[1]}, bars: U (95 %) by noise, black level and lamp")
+    text = " and ".join(f"{100 * error:+.3f} %" for error in errors)
+    for error, own in zip(errors, (text, None), strict=True):
+        below.axhline(100 * error, color=ORANGE, **_DASHED, label=own)
+    finish(below, label, "deviation in %", f"{title}, bars: U (95 %) by noise, black level and lamp")
 
 
 def _snr(figure: Figure, result: Characterisation) -> None:
@@ -164,22 +149,24 @@ def _snr(figure: Figure, result: Characterisation) -> None:
 def _dark(figure: Figure, result: Characterisation) -> None:
     """Draw mean and variance of the dark signal over the exposure, with the lines of the dark current."""
     above, below = figure.subplots(2, 1, sharex=True)
-    fitted = fit_dark_current(result.darks)
-    model, variance = fitted.model, fitted.variance
-    exposure_ms = 1e3 * _values(result.darks, "exposure_s")
+    fitted, exposure_ms = fit_dark_current(result.darks), 1e3 * _values(result.darks, "exposure_s")
     ends = np.array([0.0, float(exposure_ms.max())])
-    mean_line, variance_line = (model.offset_dn, model.rate_dn_s), (variance.intercept, variance.slope)
-    rows = (
-        (above, "mean_dn", mean_line, "mean in DN", result.dark_current_e_s),
-        (below, "temporal_variance_dn2", variance_line, "variance in DN²", result.dark_current_by_variance_e_s),
+    mean, variance = (
+        (fitted.model.offset_dn, fitted.model.rate_dn_s),
+        (fitted.variance.intercept, fitted.variance.slope),
     )
-    for axes, name, (intercept, slope), unit, current in rows:
+    rows = (
+        (above, "mean_dn", mean, result.dark_current_e_s, "", "mean in DN", "Dark signal"),
+        (below, "temporal_variance_dn2", variance, result.dark_current_by_variance_e_s,
+         "exposure in ms", "variance in DN²", ""),
+    )  # fmt: skip
+    for axes, name, (intercept, slope), current, *labels in rows:
         axes.plot(exposure_ms, _values(result.darks, name), **_POINTS)
         stated = "" if current is None else f"dark current {_with_expanded(current)} e⁻/s"
         text = stated or "one exposure only: no dark current"
         axes.plot(ends, intercept + slope * ends / 1e3, color=BLUE, linewidth=1.5, label=text)
         axes.margins(y=0.25)
-        finish(axes, "exposure in ms" if axes is below else "", unit, "Dark signal" if axes is above else "")
+        finish(axes, *labels)
 
 
 def sized(result: Characterisation, height_in: float, width_in: float = 9.0) -> Figure:

@@ -13,7 +13,7 @@ import numpy as np
 from ...calibration import CameraState
 from ...calibration.emva.result import Quantity
 from ...calibration.emva.series import SeriesPoint
-from ...calibration.emva.transfer import in_range, linearity_errors
+from ...calibration.emva.transfer import Deviations, in_range
 from ...calibration.frames.measure import MeasuredFrames, measure_frames, measure_whole, plane_region
 from ...calibration.frames.statistics import MAX_CLIPPED_SHARE
 from ...calibration.sensor.dark_fit import birge
@@ -138,16 +138,20 @@ _F_NUMBER_REL, _TRANSMITTANCE_REL = 0.05, 0.1
 _READING_REL = 0.003
 
 
-class PatchDeviation(NamedTuple):
-    """How far one patch at one exposure departs from the patch's line; relative, with its standard uncertainty."""
+class MeasuredPoint(NamedTuple):
+    """A point of a session's series, and the frames it is of."""
 
     point: SeriesPoint
-    deviation_rel: float
-    uncertainty_rel: float
+    frames: MeasuredFrames
 
 
-def patch_deviations(points: Sequence[SeriesPoint], saturation_net_dn: float) -> list[PatchDeviation]:
-    """Compare each patch with its own line over the exposure.
+def unsaturated(pairs: Sequence[MeasuredPoint]) -> list[MeasuredPoint]:
+    """Points whose clipped values do not matter."""
+    return [pair for pair in pairs if pair.point.light.saturated_share <= MAX_CLIPPED_SHARE]
+
+
+def patch_deviations(points: Sequence[SeriesPoint], saturation_net_dn: float) -> Deviations | None:
+    """Compare each patch with its own line over the exposure; None if no patch has two exposures.
 
     The signal of each patch from 5 to 95 % of saturation, at two exposures at least, is compared with the line y = b t
     through the dark signal that minimises the relative deviations. The exposures of a session are few, so the line has
@@ -164,31 +168,24 @@ def patch_deviations(points: Sequence[SeriesPoint], saturation_net_dn: float) ->
     for point in in_range(points, saturation_net_dn):
         if point.light.saturated_share <= MAX_CLIPPED_SHARE:
             patches.setdefault(point.label, []).append(point)
-    rows: list[PatchDeviation] = []
-    for own in patches.values():
-        if len(own) < 2:
-            continue
-        y, t = np.array([point.net_dn for point in own]), np.array([point.exposure_s for point in own])
-        noise = np.array([point.net_uncertainty_dn for point in own]) / y
+    several = [own for own in patches.values() if len(own) > 1]
+    rows = []
+    for own in several:
+        y, t, u = np.array([(point.net_dn, point.exposure_s, point.net_uncertainty_dn) for point in own]).T
+        noise = u / y
         weights = (t / y) ** 2 / np.sum((t / y) ** 2)
         slope = float(np.sum(t / y) / np.sum((t / y) ** 2))
         left = np.sqrt(noise**2 * (1 - 2 * weights) + np.sum((weights * noise) ** 2))
-        rows += map(PatchDeviation, own, (y / (slope * t) - 1).tolist(), left.tolist())
-    return rows
-
-
-def patch_linearity(rows: Sequence[PatchDeviation]) -> tuple[Quantity | None, Quantity | None, Quantity | None]:
-    """Lowest, highest and mean absolute deviation of `patch_deviations`; None without any."""
+        rows.append([y, y / (slope * t) - 1, left])
+    note = f"over the exposure, {len(several)} patches; u by noise, black level and lamp"
     if not rows:
-        return None, None, None
-    patches = len({row.point.label for row in rows})
-    note = f"over the exposure, {patches} patches; u by noise, black level and lamp"
-    deviation, u = np.array([(row.deviation_rel, row.uncertainty_rel) for row in rows]).T
-    return linearity_errors(deviation, u, [note] * len(rows), note)
+        return None
+    net, deviation, u = np.concatenate(rows, axis=1)
+    return Deviations(net, deviation, u, note)
 
 
 def photometric_responsivity(
-    pairs: Sequence[tuple[SeriesPoint, MeasuredFrames]],
+    pairs: Sequence[MeasuredPoint],
     readings: Mapping[str, Sequence[Reading]],
     configuration: SessionConfiguration,
     state: CameraState,
@@ -197,7 +194,7 @@ def photometric_responsivity(
 
     Parameters
     ----------
-    pairs : sequence of (SeriesPoint, MeasuredFrames)
+    pairs : sequence of MeasuredPoint
         Unsaturated points.
     readings : mapping of str to sequence of Reading
         Luminances by the meter, by patch, with the correction of its certificate.

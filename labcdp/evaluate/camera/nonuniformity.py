@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...report.drawing import BLUE, GREEN, ORANGE, VERMILLION, finish, logarithmic
+from ...report.drawing import BLUE, GREEN, ORANGE, VERMILLION, finish, logarithmic, reported
 from ...report.layout import ReportFigure
-from .figures import figure_of, sized
+from .figures import sized
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -66,7 +66,7 @@ def spatial_figures(found: Characterisation) -> list[ReportFigure]:
     own = patterns(found)
     drawn = (_histogram, _accumulated, _spectrogram, _profile)
     return [
-        figure_of(name, _drawn(found, own, draw), caption)
+        reported(f"characterise-{name}", _drawn(found, own, draw), caption)
         for (name, caption), draw in zip(_CAPTIONS.items(), drawn, strict=True)
         if own
     ]

@@ -7,7 +7,7 @@ from math import isfinite, log, log10
 from pathlib import Path
 
 from ...calibration import DarkObservation
-from ...calibration.emva.result import Characterisation
+from ...calibration.emva.result import QUANTITY_NAMES, Characterisation
 from ...calibration.emva.result import Quantity as Stated
 from ...calibration.emva.series import SeriesPoint
 from ...calibration.sensor.dark_fit import drift_of_black_level, mean_uncertainties_dn, variance_uncertainties_dn2
@@ -21,37 +21,7 @@ from ..bench.quantities import RESPONSIVITY
 from .figures import signal_figures
 from .nonuniformity import spatial_figures
 
-#: Quantities in the order they are shown, with what they are called.
-_NAMES = {
-    "k_dn_per_e": "overall system gain K",
-    "responsivity": "responsivity R",
-    "quantum_efficiency": "quantum efficiency η",
-    "black_level_dn": "dark signal µ_y.dark",
-    "dark_noise_dn": "temporal dark noise",
-    "dark_noise_e": "read noise, without rounding",
-    "dark_current_e_s": "dark current by the mean µ_I",
-    "dark_current_by_variance_e_s": "dark current by the variance µ_I",
-    "doubling_temperature_c": "doubling temperature T_d",
-    "dsnu_e": "DSNU1288",
-    "dsnu_pixel_e": "DSNU of pixels",
-    "dsnu_column_e": "DSNU of columns",
-    "dsnu_row_e": "DSNU of rows",
-    "dsnu_e_s": "spread of the dark current",
-    "prnu_rel": "PRNU1288",
-    "prnu_pixel_rel": "PRNU of pixels",
-    "prnu_column_rel": "PRNU of columns",
-    "prnu_row_rel": "PRNU of rows",
-    "saturation_dn": "saturation above the dark signal",
-    "saturation_photons": "saturation µ_p.sat",
-    "full_well_e": "saturation capacity µ_e.sat",
-    "linearity_error_min_rel": "linearity error, lowest LE_min",
-    "linearity_error_max_rel": "linearity error, highest LE_max",
-    "linearity_error_rel": "linearity error LE",
-    "snr_max": "largest SNR",
-    "sensitivity_threshold_e": "sensitivity threshold µ_e.min",
-    "sensitivity_threshold_photons": "sensitivity threshold µ_p.min",
-    "dynamic_range": "dynamic range DR",
-}
+#: Units as they are printed.
 _UNITS = {"DN/e-": "DN/e⁻", "e-": "e⁻", "e-/s": "e⁻/s", "DN/(cd m^-2 s)": RESPONSIVITY}
 #: What else a result states, by its attributes.
 _STATED = ("source", "camera", "definition", "bits", "gain_db", "temperature_c", "saturation_limit")
@@ -91,11 +61,10 @@ def result(found: Characterisation, title: str = "", inputs: Sequence[InputFile]
 
 def _quantities(found: Characterisation) -> Iterator[Quantity]:
     """Yield the quantities that are known; ratios in dB, too."""
-    known = found.quantities()
-    for key, name in _NAMES.items():
-        one = known[key]
+    for key, one in found.quantities().items():
         if one is None:
             continue
+        name = QUANTITY_NAMES[key]
         shown = stated(key, name, one)
         yield shown
         if key in _RATIOS and one.value > 0:

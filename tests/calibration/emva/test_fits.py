@@ -73,8 +73,8 @@ def test_dark_current_is_covered_by_its_uncertainty(drift_dn):
     hits = by_variance = 0
     for _ in range(RUNS):
         darks = [drawn_dark(rng, t, 20 + K * rate * t, DARK_VARIANCE + K**2 * rate * t, drift_dn) for t in exposures]
-        fitted = fit_dark_current(darks)
-        current, noisy = fitted.current_e_s(gain), fitted.current_by_variance_e_s(gain)
+        found = fit_dark_current(darks).quantities(gain)
+        current, noisy = found["dark_current_e_s"], found["dark_current_by_variance_e_s"]
         hits += abs(current.value - rate) <= COVERED * current.standard_uncertainty
         by_variance += abs(noisy.value - rate) <= COVERED * noisy.standard_uncertainty
     assert hits / RUNS == pytest.approx(0.955, abs=TOLERANCE)
@@ -92,7 +92,7 @@ def test_linearity_is_that_of_the_standards_closed_form():
     assert found.intercept_dn == pytest.approx(intercept, rel=1e-6)
     assert found.slope_dn == pytest.approx(slope, rel=1e-9)
     expected = [deviation.min(), deviation.max(), np.abs(deviation).mean()]
-    assert [one.value for one in found.errors()] == pytest.approx(expected, abs=1e-12)
+    assert [one.value for one in found.errors().values()] == pytest.approx(expected, abs=1e-12)
 
 
 def test_saturation_is_the_peak_of_the_variance_above_dark_and_known_as_well_as_it_is_flat():

@@ -166,8 +166,8 @@ class ImageCheck:
         dtype, first = self._depth
         if dn.dtype != dtype:
             raise InputError(
-                f"{where} has {8 * dn.dtype.itemsize} bits per value, {first} has {8 * dtype.itemsize}: give all images "
-                "as the camera sent them, in one depth"
+                f"{where} has {8 * dn.dtype.itemsize} bits per value, {first} has {8 * dtype.itemsize}: give all "
+                "images as the camera sent them, in one depth"
             )
         bits = int(np.bitwise_or.reduce(dn, axis=None))
         if bits == int(np.bitwise_and.reduce(dn, axis=None)):
@@ -219,6 +219,6 @@ def require_levels(index: DataSetIndex, measured: Sequence[tuple[IndexBlock, Lev
             others = f"{_Image.of(block, 1 - worst)} one of" if means.size == 2 else others
             raise InputError(
                 f"{index.path}, line {own.line}: {own.name} has a mean of {means[worst]:.4g} DN, {others} "
-                f"{usual[worst]:.4g} DN, which noise does not explain: one of them does not belong to line {block.line}; "
-                "correct the index, or record the level again"
+                f"{usual[worst]:.4g} DN, which noise does not explain: one of them does not belong to line "
+                f"{block.line}; correct the index, or record the level again"
             )

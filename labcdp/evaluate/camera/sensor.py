@@ -23,20 +23,15 @@ from ...session.validation import validated
 AnyChain = TypeVar("AnyChain", bound=Chain)
 
 #: Keys of the sensor by those of labcdp's results, by which the last one that is known counts.
-_MEASURED = {
-    "k_dn_per_e": "k_dn_per_e",
-    "quantum_efficiency": "quantum_efficiency",
-    "black_level_dn": "black_level_dn",
+_SAME = (
+    "k_dn_per_e", "quantum_efficiency", "black_level_dn", "dark_current_e_s", "doubling_temperature_c", "dsnu_e",
+    "dsnu_e_s", "prnu_rel", "full_well_e",
+)  # fmt: skip
+_MEASURED = dict(zip(_SAME, _SAME, strict=True)) | {
     "dark_noise_e": "read_noise_e",
-    "dark_current_e_s": "dark_current_e_s",
-    "doubling_temperature_c": "doubling_temperature_c",
-    "dsnu_e": "dsnu_e",
     "dsnu_pixel_e": "dsnu_e",
     "dsnu_column_e": "column_dsnu_e",
     "dsnu_row_e": "row_dsnu_e",
-    "dsnu_e_s": "dsnu_e_s",
-    "prnu_rel": "prnu_rel",
-    "full_well_e": "full_well_e",
 }
 _RESULTS = "EMVA 1288 results"
 

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from ..core.disk.files import shortened, shown
+from ..core.disk.files import shortened, shown, suggestion
 from ..core.errors import ConfigurationError, InputError
-from .registry import class_of, suggestion, type_of
+from .registry import class_of, type_of
 from .scene.scene import Scene
 from .signal import SensorModel, Stage
 

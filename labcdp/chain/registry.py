@@ -6,7 +6,6 @@ A new stage, sensor model or scene is one small class and one call of `register`
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
 from dataclasses import is_dataclass
 from importlib.metadata import entry_points
 from importlib.resources import files
@@ -14,7 +13,7 @@ from pathlib import Path
 
 from ..core.disk import is_file, read_text
 from ..core.disk.documents import MOST_BYTES_OF_TOML
-from ..core.disk.files import closest, shown
+from ..core.disk.files import shown, suggestion
 from ..core.errors import ConfigurationError, InputError
 
 #: Entry points of installed packages under this name are loaded when a chain file names something unknown.
@@ -66,7 +65,7 @@ def class_of(table: str, type_name: str | None) -> type:
     types = _CLASSES.get(table, {})
     if problem:
         asked, known = (type_name, types) if table in _CLASSES else (table, [*_CLASSES, *_TEXTS])
-        raise ConfigurationError(f"{problem}: {suggestion(str(asked), known)}")
+        raise ConfigurationError(f"{problem}: {suggestion(asked, known, 'give one of')}")
     if type_name is None and table == "scene":
         raise ConfigurationError(f"{table}.type is missing: give one of {', '.join(types)}")
     return types[next(iter(types)) if type_name is None else type_name]
@@ -108,13 +107,6 @@ def _load_entry_points(reason: str) -> None:
                 f"{reason}, and the entry point {point.value!r} of {ENTRY_POINT_GROUP} cannot be loaded ({error}): "
                 "repair or remove its package"
             ) from error
-
-
-def suggestion(name: str, known: Iterable[str], instead: str = "give one of") -> str:
-    """Say which known name is like an unknown one, or else all that there are."""
-    names = list(known)
-    close = closest(name, names)
-    return f"did you mean {close}?" if close else f"{instead} {', '.join(names)}"
 
 
 def preset_names() -> tuple[str, ...]:

@@ -98,7 +98,7 @@ def read_exif(data: bytes, path: Path) -> ExifFacts:
         codes = tifffile.TIFF.EXIF_TAGS
         # Names of several tags, such as CFAPattern, do not say which of them it is.
         merged |= {codes[name]: value for name, value in exif.items() if len(codes.getall(name, ())) == 1}
-    largest = max(directories, key=lambda tags: _number(tags.get(256)) or 0, default={})
+    largest = max(directories, key=lambda tags: positive_number(tags.get(256)) or 0, default={})
     return _facts(merged, largest)
 
 
@@ -137,14 +137,14 @@ def _whole_numbers(value: Any, path: Path) -> tuple[int, ...]:
 
 
 def _facts(tags: Mapping[int, Any], largest: Mapping[int, Any]) -> ExifFacts:
-    focal_length_mm = _number(tags.get(37386))
-    photometric = _number(largest.get(262))
-    orientation = int(_number(tags.get(274)) or 1)
+    focal_length_mm = positive_number(tags.get(37386))
+    photometric = positive_number(largest.get(262))
+    orientation = int(positive_number(tags.get(274)) or 1)
     return ExifFacts(
-        exposure_s=_number(tags.get(33434)),
-        f_number=_number(tags.get(33437)),
+        exposure_s=positive_number(tags.get(33434)),
+        f_number=positive_number(tags.get(33437)),
         focal_length_m=focal_length_mm / 1000 if focal_length_mm else None,
-        iso=_number(tags.get(34855)),
+        iso=positive_number(tags.get(34855)),
         vendor=_text(tags.get(271)),
         model=_text(tags.get(272)) or _text(tags.get(50708)),
         serial=_text(tags.get(50735)) or _text(tags.get(42033)),
@@ -155,7 +155,7 @@ def _facts(tags: Mapping[int, Any], largest: Mapping[int, Any]) -> ExifFacts:
     )
 
 
-def _number(value: Any) -> float | None:
+def positive_number(value: Any) -> float | None:
     """Positive number of a tag that may be a fraction or a list of one; None if it is nothing of that."""
     try:
         if isinstance(value, tuple | list):

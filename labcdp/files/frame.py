@@ -61,22 +61,8 @@ def picture_bytes(path: Path, max_pixels: int) -> tuple[bytes, str]:
     return data, hashlib.sha256(data).hexdigest()
 
 
-def exposure_of(path: Path, stated_s: float | None, options: PictureOptions) -> float:
-    """Exposure time of a file: as stated in it, else as given.
-
-    Raises
-    ------
-    InputError
-        If neither says it.
-    """
-    exposure_s = stated_s or options.exposure_s
-    if exposure_s is None:
-        raise InputError(f"{path} does not state its exposure time: give it")
-    return exposure_s
-
-
-def camera_of(facts: ExifFacts, options: PictureOptions) -> CameraIdentity:
-    """Identity as a file states it; what it leaves empty is taken from what is known of the camera."""
+def facts_over(options: PictureOptions, facts: ExifFacts) -> PictureOptions:
+    """Options with what a file says of exposure, gain and camera in place of what is given."""
     known = options.camera or UNKNOWN_CAMERA
     stated = replace(
         known,
@@ -84,18 +70,19 @@ def camera_of(facts: ExifFacts, options: PictureOptions) -> CameraIdentity:
         model=facts.model or known.model,
         serial=facts.serial or known.serial,
     )
-    # Only the known camera is simulated, not another that the file states.
-    return stated if stated == known else replace(stated, simulated=False)
-
-
-def facts_over(options: PictureOptions, facts: ExifFacts) -> PictureOptions:
-    """Options with what a file says of exposure, gain and camera in place of what is given."""
     return replace(
         options,
         exposure_s=facts.exposure_s or options.exposure_s,
         gain_db=options.gain_db if facts.gain_db is None else facts.gain_db,
-        camera=camera_of(facts, options),
+        # Only the known camera is simulated, not another that the file states.
+        camera=stated if stated == known else replace(stated, simulated=False),
     )
+
+
+def require_exposure(path: Path, known: PictureOptions) -> None:
+    """Raise InputError if neither a file nor the options say its exposure time."""
+    if known.exposure_s is None:
+        raise InputError(f"{path} does not state its exposure time: give it")
 
 
 def changed_at(path: Path) -> datetime:
@@ -145,8 +132,8 @@ def read_image(path: str | PathLike[str], layout: PixelFormat, options: PictureO
             f"{path} has values up to {dn.max()}, the pixel format {layout.name} ends at {largest}: correct "
             "plan.pixel_format, which says how many bits the values have"
         )
-    exposure_of(path, facts.exposure_s, options)
     known = replace(facts_over(options, facts), pixel_format=layout.name)
+    require_exposure(path, known)
     frame = make_frame(dn, Scale(layout.bit_depth, float(largest)), known, facts.taken or changed_at(path))
     return FileFrame(path, sha256, facts, frame)
 
@@ -173,9 +160,8 @@ def frame_of_pixels(
         If the options do not fit the DN.
     """
     bits = 8 * dn.dtype.itemsize
-    given = options.bit_depth is not None or options.pixel_format is not None
     # A guess for each frame of a video could change from one to the next.
-    scale = scale_of(dn, bits, options, "the picture") if given else Scale(bits, 2.0**bits - 1)
+    scale = scale_of(dn, bits, options, "the picture") if options.stated_bits else Scale(bits, 2.0**bits - 1)
     return make_frame(dn, scale, options, timestamp, frame_id)
 
 
@@ -200,12 +186,9 @@ def scale_of(values: NDArray[Any], bits: int, options: PictureOptions, source: s
     """
     if bits != 16:
         return Scale(bits, 2.0**bits - 1)
-    given = options.bit_depth
-    if given is None and options.pixel_format is not None:
-        given = pixel_format(options.pixel_format).bit_depth
+    given, largest = options.stated_bits, int(values.max())
     if given is None:
-        return guessed_scale(int(values.max()), int(np.bitwise_or.reduce(values, axis=None)), bits)
-    largest = int(values.max())
+        return guessed_scale(largest, int(np.bitwise_or.reduce(values, axis=None)), bits)
     if largest >= 2**given:
         raise InputError(
             f"{source} has values up to {largest}, above {given} bits: give the bit depth it was written with"

@@ -175,6 +175,12 @@ class PictureOptions:
         stated = {name: value for name, value in values.items() if value is not None}
         return replace(self, **stated, overrides=self.overrides | stated.keys())
 
+    @property
+    def stated_bits(self) -> int | None:
+        """Bits of the DN in files of 16 bits, by bit depth or pixel format; None if neither is given."""
+        of_format = None if self.pixel_format is None else pixel_format(self.pixel_format).bit_depth
+        return self.bit_depth or of_format
+
     def override(self, name: str) -> Any:
         """Return the value of an option that the user gave explicitly, else None."""
         return getattr(self, name) if name in self.overrides else None

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..core.disk import quoted
 from ..core.disk.arrays import npy_header, parse_npy
-from ..core.disk.files import reason
+from ..core.disk.files import damage_reported
 from ..core.dn import pixel_format
 from ..core.errors import InputError
 from ..core.result import Finding, info, warning
@@ -50,7 +50,7 @@ def read_png(data: bytes, path: Path, max_pixels: int) -> StoredImage:
     import imagecodecs
     from PIL.PngImagePlugin import PngImageFile
 
-    try:
+    with damage_reported(f"{path} is damaged, truncated or no PNG", ": copy or save it again"):
         header = PngImageFile(BytesIO(data))
         require_size(path, *header.size, max_pixels)
         if getattr(header, "n_frames", 1) > 1:
@@ -58,11 +58,6 @@ def read_png(data: bytes, path: Path, max_pixels: int) -> StoredImage:
         if _PNG_END not in data:
             raise InputError(f"{path} is truncated: it has no end mark in {len(data)} bytes: copy or save it again")
         values = imagecodecs.png_decode(data)
-    except InputError:
-        raise
-    # Damaged files raise what the libraries do.
-    except Exception as error:
-        raise InputError(f"{path} is damaged, truncated or no PNG ({reason(error)}): copy or save it again") from error
     depth, colour_type = data[24], data[25]
     values, bits, changes = _resolved(values, depth, colour_type)
     encoding, doubts = _encoding(header.info, values.ndim == 3, bits)
@@ -129,11 +124,8 @@ def read_jpeg(data: bytes, path: Path, max_pixels: int) -> StoredImage:
     import cv2
     from PIL.JpegImagePlugin import JpegImageFile
 
-    try:
+    with damage_reported(f"{path} cannot be read as JPEG", ": copy it again from the camera"):
         header = JpegImageFile(BytesIO(data))
-    # Damaged files raise what the library does.
-    except Exception as error:
-        raise InputError(f"{path} cannot be read as JPEG ({reason(error)}): copy it again from the camera") from error
     require_size(path, *header.size, max_pixels)
     if header.mode not in ("L", "RGB"):
         raise InputError(f"{path} has the colours {header.mode}, as for print: save it as grey or RGB")

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import combinations
 from os import PathLike
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import InputError
-from ..core.frame import Frame
-from .exif import ExifFacts, read_exif
-from .frame import FileFrame, camera_of, changed_at, exposure_of, picture_bytes
+from .exif import ExifFacts, positive_number, read_exif
+from .frame import FileFrame, Scale, changed_at, facts_over, make_frame, picture_bytes, require_exposure
 from .picture import PictureOptions
 from .stored_image import MAX_PIXELS, require_size
 
@@ -45,62 +46,47 @@ def read_raw(path: str | PathLike[str], options: PictureOptions, max_pixels: int
     """
     path = Path(path)
     data, sha256 = picture_bytes(path, max_pixels)
-    raw = _decoded(path, read_exif(data, path), max_pixels)
-    facts, black_dn, colour_filter = raw.facts, raw.black_dn, raw.colour_filter
-    bit_depth = min(max(raw.white.bit_length(), 8), 16)
-    frame = Frame(
-        dn=raw.dn,
-        exposure_s=exposure_of(path, facts.exposure_s, options),
-        gain_db=(options.gain_db or 0.0) if facts.gain_db is None else facts.gain_db,
-        bit_depth=bit_depth,
-        saturation_dn=raw.saturation_dn,
-        black_level_dn=float(np.mean(black_dn)),
+    facts = read_exif(data, path)
+    with _opened(path) as raw:
+        require_size(path, raw.sizes.raw_width, raw.sizes.raw_height, max_pixels)
+        colour_filter, black_dn = _pattern(raw, path, facts)
+        dn = np.array(raw.raw_image_visible)
+        white = int(raw.white_level)
+        saturation_dn = float(min([white, *(level for level in raw.camera_white_level_per_channel or () if level > 0)]))
+        facts = _completed(facts, raw.other)
+    dn.flags.writeable = False
+    bit_depth, mean_black_dn = min(max(white.bit_length(), 8), 16), float(np.mean(black_dn))
+    known = replace(facts_over(options, facts), black_level_dn=mean_black_dn, saturation_dn=None, pixel_format=None)
+    require_exposure(path, known)
+    frame = replace(
+        make_frame(dn, Scale(bit_depth, saturation_dn), known, facts.taken or changed_at(path)),
         pixel_format=f"{f'Bayer{colour_filter}' if colour_filter else 'Mono'}{bit_depth}",
         colour_filter=colour_filter,
-        temperature_c=None,
-        timestamp=facts.taken or changed_at(path),
-        camera_timestamp_ns=0,
-        frame_id=0,
-        camera=camera_of(facts, options),
         plane_black_levels_dn=black_dn if colour_filter and len(set(black_dn)) > 1 else None,
     )
-    clips_at_dn = clipping_dn(raw.dn, colour_filter, float(np.mean(black_dn)), raw.white)
-    early = clips_at_dn is not None and clips_at_dn < raw.saturation_dn
+    clips_at_dn = clipping_dn(dn, colour_filter, mean_black_dn, white)
+    early = clips_at_dn is not None and clips_at_dn < saturation_dn
     return FileFrame(path, sha256, facts, frame, clips_at_dn if early else None)
 
 
-class _Raw(NamedTuple):
-    """What LibRaw reads; black levels of R, Gr, Gb and B, and the tags with what LibRaw knows besides."""
-
-    dn: NDArray[Any]
-    colour_filter: str | None
-    black_dn: tuple[float, float, float, float]
-    white: int
-    saturation_dn: float
-    facts: ExifFacts
-
-
-def _decoded(path: Path, facts: ExifFacts, max_pixels: int) -> _Raw:
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
     import rawpy
 
     try:
         with rawpy.imread(str(path)) as raw:
-            require_size(path, raw.sizes.raw_width, raw.sizes.raw_height, max_pixels)
             if raw.raw_type != rawpy.RawType.Flat:
                 raise InputError(
                     f"{path} holds several values for each pixel (a linear DNG or a layered sensor), which is no "
                     "unprocessed sensor data: give the camera's own RAW file"
                 )
-            dn = np.array(raw.raw_image_visible)
-            dn.flags.writeable = False
-            white = int(raw.white_level)
-            of_channels = [level for level in raw.camera_white_level_per_channel or () if level > 0]
-            all_facts = _completed(facts, raw.other)
-            return _Raw(dn, *_pattern(raw, path, facts), white, float(min([white, *of_channels])), all_facts)
+            yield raw
     except rawpy.LibRawFileUnsupportedError as error:
         raise InputError(f"{path} is not a camera RAW file that LibRaw knows: give one, or a TIFF or PNG") from error
     except rawpy.LibRawError as error:
-        raise InputError(f"{path} cannot be read as RAW ({_reason(error)}): copy it again from the camera") from error
+        text = error.args[0] if error.args else error
+        why = text.decode() if isinstance(text, bytes) else str(text)
+        raise InputError(f"{path} cannot be read as RAW ({why}): copy it again from the camera") from error
 
 
 def _pattern(raw: Any, path: Path, facts: ExifFacts) -> tuple[str | None, tuple[float, float, float, float]]:
@@ -127,24 +113,14 @@ def _pattern(raw: Any, path: Path, facts: ExifFacts) -> tuple[str | None, tuple[
 
 
 def _completed(facts: ExifFacts, other: Any) -> ExifFacts:
-    focal_length_mm = _positive(other.focal_length)
+    """Facts with what LibRaw knows besides; it has 0 for what it does not know."""
     return replace(
         facts,
-        exposure_s=facts.exposure_s or _positive(other.shutter_speed),
-        f_number=facts.f_number or _positive(other.aperture),
-        focal_length_m=facts.focal_length_m or (focal_length_mm / 1000 if focal_length_mm else None),
-        iso=facts.iso or _positive(other.iso_speed),
+        exposure_s=facts.exposure_s or positive_number(other.shutter_speed),
+        f_number=facts.f_number or positive_number(other.aperture),
+        focal_length_m=facts.focal_length_m or positive_number(other.focal_length / 1000),
+        iso=facts.iso or positive_number(other.iso_speed),
     )
-
-
-def _reason(error: Exception) -> str:
-    text = error.args[0] if error.args else error
-    return text.decode() if isinstance(text, bytes) else str(text)
-
-
-def _positive(value: float) -> float | None:
-    """Of LibRaw, which has 0 for what it does not know."""
-    return float(value) if np.isfinite(value) and value > 0 else None
 
 
 #: Pixels above this quantile may be defects, such as hot ones.

@@ -127,8 +127,8 @@ def _from_raw(path: Path, sha256: str, options: PictureOptions) -> Picture:
     if taken.clips_at_dn is not None:
         findings = [warning("raw-clips-early", found_dn=taken.clips_at_dn, stated_dn=frame.saturation_dn)]
         frame = replace(frame, saturation_dn=taken.clips_at_dn)
-    known_s = taken.facts.exposure_s or options.exposure_s
-    picture = Picture(path, sha256, taken.facts, frame, findings=tuple(findings), exposure_known=known_s is not None)
+    exposure_known = (taken.facts.exposure_s or options.exposure_s) is not None
+    picture = Picture(path, sha256, taken.facts, frame, findings=tuple(findings), exposure_known=exposure_known)
     return with_overrides(picture, options, frame.bit_depth)
 
 
@@ -137,8 +137,8 @@ def _picture(stored: StoredImage, path: Path, sha256: str, options: PictureOptio
     if options.encoding is not None:
         findings = tuple(one for one in findings if one.code != "linear-assumed")
     encoding = options.encoding or stored.encoding
-    exposure_known = (facts.exposure_s or options.exposure_s) is not None
-    picture = Picture(path, sha256, facts, encoding=encoding, exposure_known=exposure_known)
+    known, taken = facts_over(options, facts), facts.taken or changed_at(path)
+    picture = Picture(path, sha256, facts, encoding=encoding, exposure_known=known.exposure_s is not None)
     if stored.bits is None:
         # What is not finite is invalid in the map.
         with np.errstate(over="ignore", invalid="ignore"):
@@ -146,17 +146,16 @@ def _picture(stored: StoredImage, path: Path, sha256: str, options: PictureOptio
         is_cd_m2 = stored.cd_m2_per_value is not None
         picture = replace(picture, light=light, light_is_cd_m2=is_cd_m2, encoding="linear", findings=findings)
         return with_overrides(picture, options, None)
-    known, taken = facts_over(options, facts), facts.taken or changed_at(path)
     scale = scale_of(stored.values, stored.bits, options, str(path))
-    guessed = stored.bits == 16 and options.bit_depth is None and options.pixel_format is None
+    findings = (*findings, *scale.findings)
     if stored.coloured:
         dn = luminance_dn(stored.values, scale.bits, encoding)
         frame = make_frame(dn, Scale(16, 65535.0), replace(known, pixel_format=None, saturation_dn=None), taken)
         frame = replace(frame, clipped=np.any(stored.values >= scale.saturation_dn, axis=2))
-        grey = info("srgb-colour-to-grey" if encoding == "srgb" else "colour-to-grey")
-        findings = (*findings, *scale.findings, grey)
+        findings = (*findings, info("srgb-colour-to-grey" if encoding == "srgb" else "colour-to-grey"))
     else:
-        frame, findings = make_frame(stored.values, scale, known, taken), (*findings, *scale.findings)
+        frame = make_frame(stored.values, scale, known, taken)
+    guessed = stored.bits == 16 and options.stated_bits is None
     picture = replace(picture, frame=frame, findings=findings, coloured=stored.coloured, scale_guessed=guessed)
     return with_overrides(picture, options, scale.bits)
 

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import product
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from ..core.errors import InputError
 from ..core.roi import Roi
 from .corners import (
-    At,
     Corners,
     FloatImage,
-    Lattice,
+    expected,
     grey_values,
+    known,
     locally_stretched,
+    odd_places,
     real_corners,
-    refined,
     sampled,
     stretched,
     without_outliers,
@@ -73,15 +73,13 @@ def detect_checkerboard(grey: NDArray[Any], *, margin_rel: float = 0.15) -> tupl
     values = grey_values(grey)
     reduced = max(values.shape) > _LONGEST_PX
     for proposal in _proposals(values):
-        smooth = _smoothed(values, _side_px(proposal))
+        side_px = _side_px(proposal)
+        smooth = _smoothed(values, side_px)
         # Corners of a reduced image, or of few neighbours, are not where the whole one shows them.
-        coarse = reduced or len(proposal) == _FEWEST
-        corners = real_corners(_upright(_sharpened(proposal, smooth) if coarse else proposal), smooth)
-        if len(corners) < _FEWEST:
-            continue
-        squares = _squares(without_outliers(corners), smooth)
-        if squares:
-            return _shapes(squares, margin_rel)
+        coarse = reduced or known(proposal).sum() == _FEWEST
+        corners = real_corners(_upright(_sharpened(proposal, side_px, smooth) if coarse else proposal), smooth)
+        if known(corners).sum() >= _FEWEST and (found := _squares(without_outliers(corners), smooth, margin_rel)):
+            return found
     raise InputError(
         f"no checkerboard was found in the image of {values.shape[1]} x {values.shape[0]} pixels: show at least "
         "4 x 4 whole squares of at least 8 pixels, in focus and not covered, or draw the regions"
@@ -110,28 +108,27 @@ def _corners(grey: NDArray[np.uint8], scale: float) -> Iterator[Corners]:
     flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_EXHAUSTIVE
     found, places, meta = cv2.findChessboardCornersSBWithMeta(grey, (_FEWEST_ALONG, _FEWEST_ALONG), flags)
     if found:
-        grid = (places.reshape(*meta.shape, 2).astype(np.float64) + 0.5) / scale
-        yield {(i, j): grid[i, j] for i, j in product(*map(range, meta.shape))}
+        yield (places.reshape(*meta.shape, 2).astype(np.float64) + 0.5) / scale
 
 
 def _side_px(corners: Corners) -> float:
     """Return the median side of the squares."""
-    sides = [
-        np.linalg.norm(place - corners[near])
-        for (i, j), place in corners.items()
-        for near in ((i + 1, j), (i, j + 1))
-        if near in corners
-    ]
-    return float(np.median(sides))
+    sides = [np.linalg.norm(np.diff(corners, axis=axis), axis=-1).ravel() for axis in (0, 1)]
+    return float(np.median(np.concatenate(sides)))
 
 
-def _sharpened(corners: Corners, image: FloatImage) -> Corners:
-    """Return corners that were found in a reduced image as the whole one shows them."""
-    side_px = _side_px(corners)
-    found = {at: refined(place, side_px, image) for at, place in corners.items()}
+def _sharpened(corners: Corners, side_px: float, image: FloatImage) -> Corners:
+    """Return corners that were found in a reduced image as the whole one shows them, within a quarter of a square."""
+    import cv2
+
+    window = int(np.clip(side_px / 4, 2, 12))
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 40, 0.005)
+    start = (corners - 0.5).astype(np.float32).reshape(-1, 1, 2)
+    end: NDArray[np.float32] = cv2.cornerSubPix(image, start, (window, window), (-1, -1), stop)
+    found = end.reshape(corners.shape).astype(np.float64) + 0.5
     # Where all is blurred, a corner may run away in its window.
-    near = {at for at in found if np.linalg.norm(found[at] - corners[at]) < 0.1 * side_px}
-    return {at: found[at] if at in near else corners[at] for at in corners}
+    near = np.linalg.norm(found - corners, axis=-1, keepdims=True) < 0.1 * side_px
+    return np.where(near, found, corners)
 
 
 def _smoothed(values: FloatImage, side_px: float) -> FloatImage:
@@ -143,127 +140,121 @@ def _smoothed(values: FloatImage, side_px: float) -> FloatImage:
 
 def _upright(corners: Corners) -> Corners:
     """Count columns to the right and rows down, as the image is seen."""
-    along = np.mean([corners[i, j + 1] - corners[i, j] for i, j in corners if (i, j + 1) in corners], axis=0)
-    down = np.mean([corners[i + 1, j] - corners[i, j] for i, j in corners if (i + 1, j) in corners], axis=0)
+    along, down = (np.diff(corners, axis=axis).reshape(-1, 2).mean(axis=0) for axis in (1, 0))
     if abs(along[0]) + abs(down[1]) < abs(along[1]) + abs(down[0]):
-        corners, along, down = {(j, i): place for (i, j), place in corners.items()}, down, along
-    right, under = (1 if along[0] > 0 else -1), (1 if down[1] > 0 else -1)
-    return {(under * i, right * j): place for (i, j), place in corners.items()}
+        corners, along, down = corners.swapaxes(0, 1), down, along
+    return corners[:: 1 if down[1] > 0 else -1, :: 1 if along[0] > 0 else -1]
 
 
-def _squares(corners: Corners, image: FloatImage) -> dict[At, tuple[PolygonShape, bool]]:
-    """Return the squares, and whether each is light; none if light and dark do not alternate."""
-    lattice = Lattice(corners)
-    around = {near for i, j in corners for near in product((i - 1, i, i + 1), (j - 1, j, j + 1))}
-    places = {at: corners[at] if at in corners else lattice.place(at) for at in around}
-    inner = {at for at in corners if all(near in corners for near in _square(at))}
-    whole = (at for at in places if all(near in places for near in _square(at)))
-    tones = {at: tone for at in whole if (tone := _tone(at, places, image)) is not None}
-    light = {parity: [tones[at][0] for at in inner & set(tones) if sum(at) % 2 == parity] for parity in (0, 1)}
-    if not all(light.values()):
-        return {}
-    light_parity = 0 if np.mean(light[0]) > np.mean(light[1]) else 1
-    agreeing = {at for at in tones if _agrees(at, tones, inner, light_parity)}
-    if len(agreeing & inner) < _AGREEING * len(inner & set(tones)):
-        return {}
-    if not _fill_their_squares(agreeing & inner, places, image, light_parity):
-        return {}
-    kept = (agreeing & inner) | _outer(agreeing, set(tones), inner)
-    return {
-        at: (
-            PolygonShape("square", tuple(tuple(places[near].tolist()) for near in _square(at))),
-            sum(at) % 2 == light_parity,
-        )
-        for at in sorted(kept)
-    }
+def _squares(corners: Corners, image: FloatImage, margin_rel: float) -> tuple[PolygonShape, ...]:
+    """Return the squares within corners and around them; none if light and dark do not alternate."""
+    squares, inner = _quadrilaterals(corners)
+    tones, spread = _tones(squares, image)
+    odd, usable = odd_places(tones.shape), inner & np.isfinite(tones)
+    if not ((usable & odd).any() and (usable & ~odd).any()):
+        return ()
+    light = odd if tones[usable & odd].mean() >= tones[usable & ~odd].mean() else ~odd
+    agreeing = _agreeing(tones, spread, inner, light)
+    if (agreeing & inner).sum() < _AGREEING * usable.sum():
+        return ()
+    if not _fill_their_squares(squares[agreeing & inner], light[agreeing & inner], image):
+        return ()
+    kept = np.argwhere((agreeing & inner) | _outer(agreeing, np.isfinite(tones) & ~inner, inner, light))
+    first = kept.min(axis=0) - 1
+    shapes = []
+    for at in kept:
+        row, column = at - first
+        name = f"r{row}c{column}-{'light' if light[tuple(at)] else 'dark'}"
+        ends = squares[tuple(at)]
+        side_px = float(np.linalg.norm(ends - np.roll(ends, -1, axis=0), axis=1).min())
+        whole = Roi(name, tuple(map(tuple, ends.tolist())))
+        shapes.append(PolygonShape(name, inset(whole, max(_LEAST_MARGIN_PX, margin_rel * side_px)).corners))
+    return tuple(shapes)
 
 
-def _square(at: At) -> tuple[At, At, At, At]:
-    i, j = at
-    return (i, j), (i, j + 1), (i + 1, j + 1), (i + 1, j)
+def _quadrilaterals(corners: Corners) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return the corners of all squares at known corners, shape (rows, columns, 4, 2), and which have only such."""
+    from scipy.ndimage import binary_dilation
+
+    padded = np.pad(corners, ((1, 1), (1, 1), (0, 0)), constant_values=np.nan)
+    seen = known(padded)
+    near = binary_dilation(seen, np.ones((3, 3), dtype=np.bool_))[..., None]
+    places = np.where(seen[..., None], padded, np.where(near, expected(padded), np.nan))
+
+    def of_squares(values: NDArray[Any]) -> NDArray[Any]:
+        return np.stack([values[:-1, :-1], values[:-1, 1:], values[1:, 1:], values[1:, :-1]], axis=2)
+
+    return of_squares(places), np.asarray(of_squares(seen).all(axis=2))
 
 
-def _tone(at: At, places: Corners, image: FloatImage) -> tuple[float, float] | None:
-    """Return mean of a square and how far its parts are from it, or None where it reaches out of the image."""
-    height, width = image.shape
-    # The margin is wider than the pixel by which a square may seem to reach out.
-    if not all(-1 <= x <= width + 1 and -1 <= y <= height + 1 for x, y in (places[near] for near in _square(at))):
-        return None
+def _tones(squares: NDArray[np.float64], image: FloatImage) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return mean of each square and how far its parts are from it, nan for those that reach out of the image."""
     steps = np.linspace(0.2, 0.8, 5)
-    values = _values_within(at, places, np.array([(u, v) for v in steps for u in steps]), image)
-    if np.isnan(values).any():
-        return None
-    return float(values.mean()), float(values.max() - values.min())
+    values = _values_within(squares, np.array([(u, v) for v in steps for u in steps]), image)
+    # The margin is wider than the pixel by which a square may seem to reach out.
+    inside = ((squares >= -1) & (squares <= np.array(image.shape[::-1]) + 1)).all(axis=(2, 3))
+    return np.where(inside, values.mean(axis=-1), np.nan), np.ptp(values, axis=-1)
 
 
-def _values_within(at: At, places: Corners, parts: NDArray[np.float64], image: FloatImage) -> NDArray[np.float64]:
-    """Return the values of a square at parts of its sides, shape (n, 2), from its first corner."""
-    a, b, c, d = (places[near] for near in _square(at))
+def _values_within(squares: NDArray[np.float64], parts: NDArray[np.float64], image: FloatImage) -> NDArray[np.float64]:
+    """Return the values of squares (..., 4, 2) at parts of their sides, shape (n, 2), from their first corners."""
+    a, b, c, d = (squares[..., corner, None, :] for corner in range(4))
     u, v = parts.T[:, :, None]
     return sampled(image, (1 - v) * ((1 - u) * a + u * b) + v * ((1 - u) * d + u * c))
 
 
-def _agrees(at: At, known: dict[At, Any], inner: set[At], light_parity: int) -> bool:
-    """Whether a square is as light as the like ones next to it, and uniform against what is between light and dark."""
-    i, j = at
-    near = [n for n in product(range(i - 2, i + 3), range(j - 2, j + 3)) if n != at and n in inner and n in known]
-    like = [known[n][0] for n in near if sum(n) % 2 == sum(at) % 2]
-    unlike = [known[n][0] for n in near if sum(n) % 2 != sum(at) % 2]
-    if not (like and unlike):
-        return False
-    contrast = np.median(like) - np.median(unlike)
-    if (contrast > 0) != (sum(at) % 2 == light_parity):
-        return False
-    mean, spread = known[at]
-    return bool(abs(mean - np.median(like)) < 0.35 * abs(contrast) and spread < 0.5 * abs(contrast))
+def _agreeing(
+    tones: NDArray[np.float64], spread: NDArray[np.float64], inner: NDArray[np.bool_], light: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Return which squares are as light as the like ones next to them, and uniform against light and dark."""
+    around = sliding_window_view(np.pad(np.where(inner, tones, np.nan), 2, constant_values=np.nan), (5, 5))
+    unlike = odd_places((5, 5))
+    like = ~unlike
+    # All but the square itself.
+    like[2, 2] = False
+    of_like, of_unlike = (_median(around[..., which]) for which in (like, unlike))
+    contrast = of_like - of_unlike
+    as_others = np.abs(tones - of_like) < 0.35 * np.abs(contrast)
+    return np.asarray(((contrast > 0) == light) & as_others & (spread < 0.5 * np.abs(contrast)))
 
 
-def _fill_their_squares(squares: set[At], places: Corners, image: FloatImage, light_parity: int) -> bool:
+def _median(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the median along the last axis of all that is not nan; nan if there is nothing."""
+    ordered, count = np.sort(values, axis=-1), np.isfinite(values).sum(axis=-1, keepdims=True)
+    middle = np.concatenate([np.maximum(count - 1, 0) // 2, count // 2], axis=-1)
+    return np.asarray(np.take_along_axis(ordered, middle, axis=-1).mean(axis=-1))
+
+
+def _fill_their_squares(squares: NDArray[np.float64], light: NDArray[np.bool_], image: FloatImage) -> bool:
     """Whether light and dark reach into the corners of their squares: those of rows of dots do not."""
     middle, corner = np.array([[0.5, 0.5]]), np.array([[a, b] for a in (0.12, 0.88) for b in (0.12, 0.88)])
-    contrasts = []
-    for within in (middle, corner):
-        tones: tuple[list[float], list[float]] = ([], [])
-        for at in squares:
-            tones[sum(at) % 2 == light_parity].append(float(_values_within(at, places, within, image).mean()))
-        contrasts.append(np.mean(tones[True]) - np.mean(tones[False]))
-    return bool(contrasts[1] > _CORNER_CONTRAST * contrasts[0])
+    tones = [_values_within(squares, within, image).mean(axis=-1) for within in (middle, corner)]
+    of_middle, of_corner = (tone[light].mean() - tone[~light].mean() for tone in tones)
+    return bool(of_corner > _CORNER_CONTRAST * of_middle)
 
 
-def _outer(agreeing: set[At], known: set[At], inner: set[At]) -> set[At]:
+def _outer(
+    agreeing: NDArray[np.bool_], outer: NDArray[np.bool_], inner: NDArray[np.bool_], light: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
     """Return the squares of the outermost rows and columns, where both light and dark ones are as they should be.
 
     Paper next to a board may look like its light squares, but not like the dark ones between them.
     """
-    kept: set[At] = set()
-    outer = known - inner
+    from scipy.ndimage import binary_dilation
+
+    kept = np.zeros_like(inner)
     for axis, step in ((0, -1), (0, 1), (1, -1), (1, 1)):
         # Each outer square belongs to the line of those whose neighbour towards the board is an inner one.
-        lines: dict[int, set[At]] = {}
-        for at in outer:
-            towards = (at[0] - step, at[1]) if axis == 0 else (at[0], at[1] - step)
-            if towards in inner:
-                lines.setdefault(at[axis], set()).add(at)
-        for line in lines.values():
-            right = line & agreeing
-            if len({sum(at) % 2 for at in right}) == 2 and len(right) >= _AGREEING * len(line):
-                kept |= right
-    # A corner of the board hangs on two accepted lines.
-    for i, j in outer & agreeing - kept:
-        rows, columns = {(i - 1, j), (i + 1, j)} & kept, {(i, j - 1), (i, j + 1)} & kept
-        if rows and columns:
-            kept.add((i, j))
-    return kept
-
-
-def _shapes(squares: dict[At, tuple[PolygonShape, bool]], margin_rel: float) -> tuple[PolygonShape, ...]:
-    top, left = min(i for i, _ in squares), min(j for _, j in squares)
-    shapes = []
-    for (i, j), (square, light) in squares.items():
-        name = f"r{i - top + 1}c{j - left + 1}-{'light' if light else 'dark'}"
-        ends = np.array((*square.corners, square.corners[0]))
-        side_px = float(np.linalg.norm(np.diff(ends, axis=0), axis=1).min())
-        shapes.append(
-            PolygonShape(name, inset(Roi(name, square.corners), max(_LEAST_MARGIN_PX, margin_rel * side_px)).corners)
+        line = outer & np.roll(inner, step, axis)
+        right = line & agreeing
+        n_line, n_light, n_dark = (
+            np.sum(one, 1 - axis, keepdims=True) for one in (line, right & light, right & ~light)
         )
-    return tuple(shapes)
+        kept |= right & (n_light > 0) & (n_dark > 0) & (n_light + n_dark >= _AGREEING * n_line)
+    # A corner of the board hangs on two accepted lines, or on corners beside it.
+    beside = np.array([[1, 0, 1]])
+    while True:
+        corners = agreeing & outer & ~kept & binary_dilation(kept, beside) & binary_dilation(kept, beside.T)
+        if not corners.any():
+            return kept
+        kept |= corners

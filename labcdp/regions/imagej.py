@@ -15,16 +15,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from io import BytesIO
 from math import atan2, cos, degrees, hypot, isfinite, radians, sin
-from typing import TYPE_CHECKING
 
-from ..core.disk.files import quoted, reason
+import numpy as np
+from roifile import ROI_OPTIONS, ROI_SUBTYPE, ROI_TYPE, ImagejRoi
+
+from ..core.disk.files import damage_reported, quoted
 from ..core.errors import InputError
 from .geometry import in_one_line, is_simple
-from .shapes import MOST_REGIONS, CompositeShape, EllipseShape, PolygonShape, RectangleShape, Shape
-
-if TYPE_CHECKING:
-    from roifile import ImagejRoi
-
+from .shapes import MOST_REGIONS, CompositeShape, EllipseShape, GridShape, PolygonShape, RectangleShape, Shape
 
 _log = logging.getLogger(__name__)
 
@@ -34,18 +32,15 @@ _MOST_BYTES_OF_REGION = 4 * 2**20
 _MOST_BYTES = 64 * 2**20
 #: Most parts and holes of one region.
 _MOST_RINGS = 1000
-# Numbers of types, subtypes and options: RoiDecoder.java of ImageJ, https://github.com/imagej/ImageJ.
-_POLYGON, _RECTANGLE, _OVAL, _FREEHAND, _TRACED = 0, 1, 2, 7, 8
-_WITHOUT_AREA = {3: "line", 4: "freehand line", 5: "segmented line", 6: "empty selection", 9: "angle", 10: "point"}
-_ELLIPSE, _ROTATED_RECTANGLE = 3, 5
-_KINDS, _SUBTYPES = (_POLYGON, _RECTANGLE, _OVAL, _FREEHAND, _TRACED), (0, _ELLIPSE, _ROTATED_RECTANGLE)
-_NO_REGION = {1: "text", 2: "arrow", 4: "image"}
-_SPLINE, _SUB_PIXEL = 1, 128
+#: What has no area.
+_LINES = {
+    ROI_TYPE.LINE: "line", ROI_TYPE.FREELINE: "freehand line", ROI_TYPE.POLYLINE: "segmented line",
+    ROI_TYPE.NOROI: "empty selection", ROI_TYPE.ANGLE: "angle", ROI_TYPE.POINT: "point",
+}  # fmt: skip
+_NO_REGION = {ROI_SUBTYPE.TEXT: "text", ROI_SUBTYPE.ARROW: "arrow", ROI_SUBTYPE.IMAGE: "image"}
 
 #: Whole coordinates that the file's 16 bits can hold.
 _LOWEST, _HIGHEST = -5000, 60535
-
-_BROKEN = (ValueError, TypeError, IndexError, OverflowError, MemoryError, RuntimeError, AssertionError, struct.error)
 
 
 def parse_imagej(data: bytes, name: str) -> tuple[Shape, ...]:
@@ -88,59 +83,57 @@ def parse_imagej(data: bytes, name: str) -> tuple[Shape, ...]:
 def _entries(data: bytes) -> Iterator[tuple[str, bytes]]:
     """Give name and content of each region in a .zip."""
     left = _MOST_BYTES
-    try:
-        with zipfile.ZipFile(BytesIO(data)) as archive:
-            names = [name for name in archive.namelist() if name.lower().endswith(".roi") and "__MACOSX" not in name]
-            if len(names) > MOST_REGIONS:
-                raise InputError(f"it holds {len(names)} regions: give at most {MOST_REGIONS}")
-            if not names:
-                raise InputError("it holds no .roi file: save the regions in ImageJ's ROI Manager (More > Save)")
-            for name in names:
-                with archive.open(name) as file:
-                    content = file.read(min(_MOST_BYTES_OF_REGION, left) + 1)
-                left -= len(content)
-                if len(content) > _MOST_BYTES_OF_REGION or left < 0:
-                    raise InputError(
-                        f"{quoted(name)} unpacks to more than {_MOST_BYTES_OF_REGION // 2**20} MiB, or all to more "
-                        f"than {_MOST_BYTES // 2**20} MiB: these are no regions"
-                    )
-                yield name[: -len(".roi")], content
-    except (InputError, MemoryError):
-        raise
-    # Of a damaged archive the library raises nearly anything.
-    except Exception as error:
-        raise InputError(f"it is a damaged .zip file ({reason(error)}): save it again in ImageJ") from error
+    damage = damage_reported("it is a damaged .zip file", ": save it again in ImageJ")
+    with damage, zipfile.ZipFile(BytesIO(data)) as archive:
+        names = [name for name in archive.namelist() if name.lower().endswith(".roi") and "__MACOSX" not in name]
+        if len(names) > MOST_REGIONS:
+            raise InputError(f"it holds {len(names)} regions: give at most {MOST_REGIONS}")
+        if not names:
+            raise InputError("it holds no .roi file: save the regions in ImageJ's ROI Manager (More > Save)")
+        for name in names:
+            with archive.open(name) as file:
+                content = file.read(min(_MOST_BYTES_OF_REGION, left) + 1)
+            left -= len(content)
+            if len(content) > _MOST_BYTES_OF_REGION or left < 0:
+                raise InputError(
+                    f"{quoted(name)} unpacks to more than {_MOST_BYTES_OF_REGION // 2**20} MiB, or all to more "
+                    f"than {_MOST_BYTES // 2**20} MiB: these are no regions"
+                )
+            yield name[: -len(".roi")], content
 
 
 def _shape(data: bytes, entry: str) -> Shape:
     """Read one region."""
-    from roifile import ImagejRoi
-
     where = f"ImageJ region {quoted(entry)}"
-    if len(data) < 64 or data[:4] != b"Iout":
-        raise InputError(f"{where} is damaged or none: save it again in ImageJ")
-    kind, subtype = data[6], int.from_bytes(data[48:50], "big")
-    if kind in _WITHOUT_AREA or subtype in _NO_REGION:
-        what = _NO_REGION.get(subtype) or _WITHOUT_AREA[kind]
-        raise InputError(f"{where} is of the kind {what}, which has no area: leave it out, or draw an area")
-    if kind not in _KINDS or subtype not in _SUBTYPES:
-        raise InputError(f"{where} is of the unknown kind {kind}, {subtype}: draw it as a polygon")
     _require_name(data, where)
-    try:
+    with damage_reported(f"{where} is damaged", ": save it again in ImageJ"):
         read = ImagejRoi.frombytes(data)
-    except _BROKEN as error:
-        raise InputError(f"{where} is damaged ({reason(error)}): save it again in ImageJ") from error
-    name = _clean(read.name) or _clean(entry)
-    where = f"ImageJ region {quoted(name)}"
+        name = _clean(read.name) or _clean(entry)
+        return _of_kind(read, name, f"ImageJ region {quoted(name)}")
+
+
+def _of_kind(read: ImagejRoi, name: str, where: str) -> Shape:
+    kind = read.roitype
+    if what := _NO_REGION.get(read.subtype) or _LINES.get(kind):
+        raise InputError(f"{where} is of the kind {what}, which has no area: leave it out, or draw an area")
     if read.shape_roi_size > 0:
         return CompositeShape(name, in_one_line(_rings(read, where)))
-    if kind in (_RECTANGLE, _OVAL):
-        return _box(read, name, where)
-    if kind == _FREEHAND and subtype:
+    if kind in (ROI_TYPE.RECT, ROI_TYPE.OVAL):
+        if kind == ROI_TYPE.RECT and read.rounded_rect_arc_size > 0:
+            raise InputError(f"{where} is a rectangle with rounded corners: draw it as a polygon")
+        box = (read.left, read.top, read.right - read.left, read.bottom - read.top)
+        if read.subpixelrect:
+            box = (read.xd, read.yd, read.widthd, read.heightd)
+        return (RectangleShape if kind == ROI_TYPE.RECT else EllipseShape)(name, *box)
+    if kind == ROI_TYPE.FREEHAND and read.subtype:
         return _turned(read, name)
-    if read.options & _SPLINE:
+    if read.options & ROI_OPTIONS.SPLINE_FIT:
         raise InputError(f"{where} is a fitted spline: make it a polygon (Edit > Selection > Interpolate)")
-    return _polygon(read, name, where)
+    corners = tuple((float(x), float(y)) for x, y in read.coordinates())
+    if len(corners) < 3:
+        raise InputError(f"{where} has {len(corners)} corners: draw it again")
+    # The wand and freehand lines touch and cross themselves; ImageJ fills them by the even-odd rule.
+    return (PolygonShape if kind == ROI_TYPE.POLYGON or is_simple(corners) else CompositeShape)(name, corners)
 
 
 def _require_name(data: bytes, where: str) -> None:
@@ -155,43 +148,22 @@ def _require_name(data: bytes, where: str) -> None:
             )
 
 
-def _box(read: ImagejRoi, name: str, where: str) -> Shape:
-    if read.roitype == _RECTANGLE and read.rounded_rect_arc_size > 0:
-        raise InputError(f"{where} is a rectangle with rounded corners: draw it as a polygon")
-    if read.subpixelrect:
-        box = (read.xd, read.yd, read.widthd, read.heightd)
-    else:
-        box = (read.left, read.top, read.right - read.left, read.bottom - read.top)
-    return RectangleShape(name, *box) if read.roitype == _RECTANGLE else EllipseShape(name, *box)
-
-
 def _turned(read: ImagejRoi, name: str) -> Shape:
     """Read a rotated rectangle or ellipse: the middles of two opposite sides, or the ends of the long axis."""
     dx, dy = read.x2 - read.x1, read.y2 - read.y1
     width = hypot(dx, dy)
     # One float in the place of three fields of arrows and rounded rectangles.
     fields = read.arrow_style_or_aspect_ratio, read.arrow_head_size, read.rounded_rect_arc_size
-    (parameter,) = struct.unpack(">f", struct.pack(">BBh", *fields))
-    shape, height = (
-        (EllipseShape, parameter * width) if read.subtype == _ELLIPSE else (RectangleShape, float(parameter))
-    )
+    (height,) = struct.unpack(">f", struct.pack(">BBh", *fields))
+    shape: type[EllipseShape | RectangleShape] = RectangleShape
+    if read.subtype == ROI_SUBTYPE.ELLIPSE:
+        shape, height = EllipseShape, height * width
     x, y = (read.x1 + read.x2 - width) / 2, (read.y1 + read.y2 - height) / 2
     return shape(name, x, y, width, height, degrees(atan2(dy, dx)))
 
 
-def _polygon(read: ImagejRoi, name: str, where: str) -> Shape:
-    corners = tuple((float(x), float(y)) for x, y in read.coordinates())
-    if len(corners) < 3:
-        raise InputError(f"{where} has {len(corners)} corners: draw it again")
-    # The wand and freehand lines touch and cross themselves; ImageJ fills them by the even-odd rule.
-    return (PolygonShape if read.roitype == _POLYGON or is_simple(corners) else CompositeShape)(name, corners)
-
-
 def _rings(read: ImagejRoi, where: str) -> list[list[tuple[float, float]]]:
-    try:
-        found = [[(float(x), float(y)) for x, y in ring] for ring in read.coordinates(multi=True)]
-    except _BROKEN as error:
-        raise InputError(f"{where} is damaged ({reason(error)}): save it again in ImageJ") from error
+    found = [[(float(x), float(y)) for x, y in ring] for ring in read.coordinates(multi=True)]
     rings = [ring for ring in (one[:-1] if one and one[0] == one[-1] else one for one in found) if len(ring) > 2]
     if not rings or len(rings) > _MOST_RINGS or not all(isfinite(v) for ring in rings for one in ring for v in one):
         raise InputError(f"{where} has {len(rings)} parts that can be used: give 1 to {_MOST_RINGS}")
@@ -238,8 +210,6 @@ def _parts(shape: Shape) -> tuple[Shape, ...]:
 
 def _imagej(shape: Shape) -> bytes:
     """Write one region; raises InputError where ImageJ's range does not hold it."""
-    from roifile import ROI_OPTIONS, ROI_SUBTYPE, ROI_TYPE, ImagejRoi
-
     (region,) = shape.rois()
     x0, y0, x1, y1 = region.bounds
     if min(x0, y0) < _LOWEST or max(x1, y1) > _HIGHEST:
@@ -247,14 +217,16 @@ def _imagej(shape: Shape) -> bytes:
             f"region {shape.name!r} spans x {x0:g} to {x1:g}, y {y0:g} to {y1:g}: ImageJ holds coordinates from "
             f"{_LOWEST} to {_HIGHEST}"
         )
-    if isinstance(shape, PolygonShape) or (isinstance(shape, RectangleShape | EllipseShape) and shape.angle_deg != 0):
-        written = _corners(region.corners)
+    if isinstance(shape, PolygonShape) or shape.angle_deg != 0:
+        exact = np.array(region.corners, dtype=np.float64)
+        whole = np.rint(exact).astype(np.int32)
+        # Of whole coordinates if it has such, else of additional 32-bit floats.
+        written = ImagejRoi.frompoints(whole if (whole == exact).all() else exact)
+        written.roitype = ROI_TYPE.POLYGON
+        written.options &= ROI_OPTIONS.SUB_PIXEL_RESOLUTION
         if not isinstance(shape, PolygonShape):
-            written.roitype = ROI_TYPE.FREEHAND
-            written.subtype = ROI_SUBTYPE.ELLIPSE if isinstance(shape, EllipseShape) else ROI_SUBTYPE.ROTATED_RECT
             _write_turned(written, shape)
     else:
-        assert isinstance(shape, RectangleShape | EllipseShape)
         written = ImagejRoi()
         written.roitype = ROI_TYPE.OVAL if isinstance(shape, EllipseShape) else ROI_TYPE.RECT
         box = (shape.x, shape.y, shape.width, shape.height)
@@ -268,28 +240,14 @@ def _imagej(shape: Shape) -> bytes:
     return data
 
 
-def _corners(corners: Sequence[tuple[float, float]]) -> ImagejRoi:
-    """Make a polygon, of whole coordinates if it has such, else of additional 32-bit floats."""
-    import numpy as np
-    from roifile import ROI_OPTIONS, ROI_TYPE, ImagejRoi
-
-    exact = np.array(corners, dtype=np.float64)
-    whole = np.rint(exact).astype(np.int32)
-    written = ImagejRoi.frompoints(whole if (whole == exact).all() else exact)
-    written.roitype = ROI_TYPE.POLYGON
-    written.options &= ROI_OPTIONS.SUB_PIXEL_RESOLUTION
-    return written
-
-
-def _write_turned(written: ImagejRoi, shape: RectangleShape | EllipseShape) -> None:
+def _write_turned(written: ImagejRoi, shape: RectangleShape | EllipseShape | GridShape) -> None:
     """Fill in axis and other size; an ellipse's axis is its longer one."""
     along, across, angle = shape.width, shape.height, radians(shape.angle_deg)
+    written.roitype, written.subtype, parameter = ROI_TYPE.FREEHAND, ROI_SUBTYPE.ROTATED_RECT, across
     if isinstance(shape, EllipseShape):
         if across > along:
             along, across, angle = across, along, angle + radians(90)
-        parameter = across / along
-    else:
-        parameter = across
+        written.subtype, parameter = ROI_SUBTYPE.ELLIPSE, across / along
     x, y = shape.x + shape.width / 2, shape.y + shape.height / 2
     dx, dy = along / 2 * cos(angle), along / 2 * sin(angle)
     written.x1, written.y1, written.x2, written.y2 = x - dx, y - dy, x + dx, y + dy

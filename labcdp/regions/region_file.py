@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import MISSING, Field, fields
+from dataclasses import MISSING, fields
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from ..core.disk import parse_json, quoted, read_bytes, shortened
-from ..core.disk.files import closest
+from ..core.disk.files import suggestion
 from ..core.errors import InputError
 from ..output import write_file
 from .imagej import imagej_file, parse_imagej
@@ -59,7 +59,7 @@ def _loaded(path: Path, image_size: ImageSize | None = None) -> tuple[tuple[Shap
         if data[:4] in _IMAGEJ:
             shapes, drawn_on = parse_imagej(data, path.stem), None
         else:
-            shapes, drawn_on = parse_regions(_text(data))
+            shapes, drawn_on = parse_regions(data.decode("utf-8-sig"))
         rois = rois_of(shapes)
         if image_size is not None:
             width, height = image_size
@@ -70,6 +70,8 @@ def _loaded(path: Path, image_size: ImageSize | None = None) -> tuple[tuple[Shap
                 )
             for roi in rois:
                 roi.window((height, width))
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: it is neither JSON nor an ImageJ file of regions (.roi or .zip)") from error
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     return shapes, drawn_on
@@ -120,13 +122,6 @@ def save_regions(
     write_file(path, data, force=force)
 
 
-def _text(data: bytes) -> str:
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError("it is neither JSON nor an ImageJ file of regions (.roi or .zip)") from error
-
-
 #: What the key "format" says, and the newest version of the format.
 FORMAT = "labcdp regions"
 VERSION = 1
@@ -159,17 +154,14 @@ def parse_regions(text: str) -> tuple[tuple[Shape, ...], ImageSize | None]:
     InputError
         Naming region and key.
     """
-    document = parse_json(text)
-    if not isinstance(document, dict):
-        raise InputError(f'it is no region file: give a table with "format": "{FORMAT}"')
-    _check_keys(document, _KEYS, ("format", "version", "regions"), "")
+    document = _table(parse_json(text), _KEYS, ("format", "version", "regions"), "")
     if document["format"] != FORMAT:
         raise InputError(f"format is {quoted(document['format'])}: give {FORMAT!r}")
     version = document["version"]
-    if isinstance(version, int) and not isinstance(version, bool) and version > VERSION:
-        raise InputError(f"version is {version}, this labcdp reads {VERSION}: use a newer labcdp")
-    if version != VERSION or not isinstance(version, int) or isinstance(version, bool):
-        raise InputError(f"version is {quoted(version)}: give {VERSION}")
+    if version != VERSION or type(version) is not int:
+        raise InputError(
+            f"version is {quoted(version)}, this labcdp reads {VERSION}: use a newer labcdp for newer ones"
+        )
     regions = document["regions"]
     if not isinstance(regions, list):
         raise InputError("regions is no list: give a list of regions in square brackets")
@@ -182,53 +174,42 @@ def _json(value: object) -> str:
 
 
 def _region(shape: Shape) -> dict[str, Any]:
-    table: dict[str, Any] = {"name": shape.name, "kind": shape.kind}
-    for field in _parameters(type(shape)):
-        value = getattr(shape, field.name)
-        if value != field.default:
-            table[field.name] = value
-    return table
+    limits_last = sorted(fields(shape), key=lambda field: field.name == "limits_cd_m2")
+    given = {
+        field.name: getattr(shape, field.name) for field in limits_last if getattr(shape, field.name) != field.default
+    }
+    return {"name": shape.name, "kind": shape.kind, **given}
 
 
 def _shape(at: int, region: object) -> Shape:
-    if not isinstance(region, dict):
-        raise InputError(f"regions[{at}] is no table: give one in curly brackets")
-    name = region.get("name")
+    name = region.get("name") if isinstance(region, dict) else None
     where = f"region {quoted(name)}: " if isinstance(name, str) else f"regions[{at}]: "
-    known = ", ".join(_KINDS)
-    if "kind" not in region:
-        raise InputError(f"{where}kind is missing: give one of {known}")
-    kind = region["kind"]
-    shape = _KINDS.get(kind) if isinstance(kind, str) else None
-    if shape is None:
-        raise InputError(f"{where}kind is {quoted(kind)}: give one of {known}")
-    parameters = _parameters(shape)
+    kind = region.get("kind") if isinstance(region, dict) else "polygon"
+    if not isinstance(kind, str) or kind not in _KINDS:
+        raise InputError(f"{where}kind is {quoted(kind)}: give one of {', '.join(_KINDS)}")
+    parameters = fields(_KINDS[kind])
     needed = [field.name for field in parameters if field.default is MISSING]
-    _check_keys(region, ["name", "kind", *(field.name for field in parameters)], ["name", *needed], where)
-    return shape(**{key: value for key, value in region.items() if key != "kind"})
-
-
-def _parameters(shape: type[Shape]) -> list[Field[Any]]:
-    return [field for field in fields(shape) if field.name != "name"]
+    table = _table(region, ["kind", *(field.name for field in parameters)], needed, where)
+    return _KINDS[kind](**{key: value for key, value in table.items() if key != "kind"})
 
 
 def _size(image: object) -> ImageSize:
-    if not isinstance(image, dict):
-        raise InputError("image is no table: give its width and height in curly brackets")
-    _check_keys(image, ("width", "height"), ("width", "height"), "image: ")
-    for key, value in image.items():
-        if not isinstance(value, int) or isinstance(value, bool) or value < 1:
+    table = _table(image, ("width", "height"), ("width", "height"), "image: ")
+    for key, value in table.items():
+        if type(value) is not int or value < 1:
             raise InputError(f"image: {key} is {quoted(value)}: give a whole number of pixels of at least 1")
-    return image["width"], image["height"]
+    return table["width"], table["height"]
 
 
-def _check_keys(table: dict[str, Any], known: Sequence[str], needed: Sequence[str], where: str) -> None:
+def _table(table: object, known: Sequence[str], needed: Sequence[str], where: str) -> dict[str, Any]:
+    """Return a table that has all keys that are needed, and no unknown one; raises InputError."""
+    if not isinstance(table, dict):
+        raise InputError(f"{where or 'it '}is no table: give one in curly brackets, with {', '.join(needed)}")
     # Unknown keys first: a mistyped key also leaves the right one missing.
     for key in table:
         if key not in known:
-            close = closest(key, known)
-            hint = f"did you mean {close}?" if close else f"known here are {', '.join(known)}"
-            raise InputError(f"{where}{shortened(key)} is not a known key: {hint}")
+            raise InputError(f"{where}{shortened(key)} is not a known key: {suggestion(key, known)}")
     for key in needed:
         if key not in table:
             raise InputError(f"{where}{key} is missing: give it")
+    return table

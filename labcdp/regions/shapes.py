@@ -4,23 +4,25 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, fields
 from math import ceil, cos, pi, radians, sin, sqrt
+from numbers import Real
 from typing import ClassVar, TypeAlias
 
-from ..core.disk.files import quoted
+from ..core.disk.files import MOST_QUOTED, quoted
 from ..core.errors import InputError
 from ..core.roi import Roi
-from .geometry import check_box, check_limits, check_name, number, require_simple
+from .geometry import require_simple
 
 #: Largest distance of an ellipse from the polygon that stands for it, in pixels, and the most corners that has.
 _SAGITTA_PX = 0.01
 _MOST_CORNERS_OF_ELLIPSE = 4096
 
-#: More regions, corners of one, or corners of all, are refused.
+#: More regions, corners of one, or corners of all, are refused; coordinates beyond any image, too.
 MOST_REGIONS = 10_000
-MOST_CORNERS = 100_000
-_MOST_CORNERS_OF_ALL = 2_000_000
+_MOST_CORNERS, _MOST_CORNERS_OF_ALL = 100_000, 2_000_000
+_MOST_PX = 1e7
 
 _Corner: TypeAlias = tuple[float, float]
 #: Lowest and highest permitted luminance of a region in cd/m^2.
@@ -28,7 +30,45 @@ Limits: TypeAlias = tuple[float, float]
 
 
 @dataclass(frozen=True)
-class PolygonShape:
+class _Named:
+    """What all shapes have in common; what is given is made numbers, or refused by its key."""
+
+    name: str
+    limits_cd_m2: Limits | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        name: object = self.name
+        if not (isinstance(name, str) and 0 < len(name) <= MOST_QUOTED and name == name.strip() and name.isprintable()):
+            raise InputError(
+                f"the name of a region is {quoted(name)}: give 1 to {MOST_QUOTED} printable characters, without spaces "
+                "at its ends"
+            )
+        for one in fields(self):
+            if one.type == "float":
+                object.__setattr__(self, one.name, self._number(one.name, getattr(self, one.name)))
+        if self.limits_cd_m2 is not None:
+            low, high = self._pair("limits_cd_m2", self.limits_cd_m2, "two numbers [low, high]")
+            if not 0 <= low < high:
+                raise self._error("limits_cd_m2", f"[{low:g}, {high:g}]", "0 <= low < high")
+            object.__setattr__(self, "limits_cd_m2", (low, high))
+
+    def _error(self, key: str, found: str, wanted: str) -> InputError:
+        return InputError(f"region {quoted(self.name)}: {key} is {found}: give {wanted}")
+
+    def _number(self, key: str, value: object) -> float:
+        with suppress(OverflowError):
+            if not isinstance(value, bool) and isinstance(value, Real) and abs(number := float(value)) <= _MOST_PX:
+                return number
+        raise self._error(key, quoted(value), f"a number from {-_MOST_PX:g} to {_MOST_PX:g}")
+
+    def _pair(self, key: str, values: object, wanted: str) -> tuple[float, float]:
+        if not (isinstance(values, Sequence) and not isinstance(values, str) and len(values) == 2):
+            raise self._error(key, quoted(values), wanted)
+        return self._number(f"{key}[0]", values[0]), self._number(f"{key}[1]", values[1])
+
+
+@dataclass(frozen=True)
+class PolygonShape(_Named):
     """A polygon.
 
     Parameters
@@ -47,26 +87,15 @@ class PolygonShape:
     """
 
     kind: ClassVar[str] = "polygon"
-    name: str
     corners: tuple[_Corner, ...]
-    limits_cd_m2: Limits | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        check_name(self.name)
-        check_limits(self)
-        corners = self.corners
-        if not (isinstance(corners, Sequence) and 3 <= len(corners) <= MOST_CORNERS):
-            raise InputError(
-                f"region {quoted(self.name)}: corners is {quoted(corners)}: give a list of 3 to {MOST_CORNERS} [x, y] "
-                "corners"
-            )
-        object.__setattr__(self, "corners", tuple(self._corner(at, corner) for at, corner in enumerate(corners)))
-
-    def _corner(self, at: int, corner: object) -> _Corner:
-        key = f"corners[{at}]"
-        if not (isinstance(corner, Sequence) and not isinstance(corner, str) and len(corner) == 2):
-            raise InputError(f"region {quoted(self.name)}: {key} is {quoted(corner)}: give the two numbers [x, y]")
-        return number(self.name, f"{key}[0]", corner[0]), number(self.name, f"{key}[1]", corner[1])
+        super().__post_init__()
+        given = self.corners
+        if not (isinstance(given, Sequence) and 3 <= len(given) <= _MOST_CORNERS):
+            raise self._error("corners", quoted(given), f"a list of 3 to {_MOST_CORNERS} [x, y] corners")
+        corners = (self._pair(f"corners[{at}]", one, "the two numbers [x, y]") for at, one in enumerate(given))
+        object.__setattr__(self, "corners", tuple(corners))
 
     def rois(self) -> tuple[Roi, ...]:
         """Return the polygon as the one region."""
@@ -85,19 +114,19 @@ class CompositeShape(PolygonShape):
 
 
 @dataclass(frozen=True)
-class _Box:
+class _Box(_Named):
     """What rectangles, ellipses and grids have in common: a box."""
 
-    name: str
     x: float
     y: float
     width: float
     height: float
-    limits_cd_m2: Limits | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        check_name(self.name)
-        check_box(self)
+        super().__post_init__()
+        for key in ("width", "height"):
+            if not getattr(self, key) > 0:
+                raise self._error(key, f"{getattr(self, key):g}", "a number of pixels above 0")
 
 
 @dataclass(frozen=True)
@@ -201,18 +230,15 @@ class GridShape(_Box):
         for key in ("rows", "columns"):
             value: object = getattr(self, key)
             if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-                raise InputError(
-                    f"region {quoted(self.name)}: {key} is {quoted(value)}: give a whole number of at least 1"
-                )
+                raise self._error(key, quoted(value), "a whole number of at least 1")
         if self.rows * self.columns > MOST_REGIONS:
             raise InputError(
                 f"region {quoted(self.name)}: {self.rows} rows of {self.columns} columns are "
                 f"{self.rows * self.columns} regions: give at most {MOST_REGIONS}"
             )
         if self.gap < 0:
-            raise InputError(f"region {quoted(self.name)}: gap is {self.gap:g}: give at least 0 pixels")
-        width, height = self._cell
-        if not (width > 0 and height > 0):
+            raise self._error("gap", f"{self.gap:g}", "at least 0 pixels")
+        if not min(self._cell) > 0:
             raise InputError(
                 f"region {quoted(self.name)}: gaps of {self.gap:g} pixels leave nothing of {self.rows} x "
                 f"{self.columns} rectangles in {self.width:g} x {self.height:g} pixels: give a smaller gap"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import pairwise
 from typing import Any
 
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ..core.errors import InputError
 from ..core.roi import Roi
-from .corners import At, FloatImage, grey_values
-from .lattice import Patch, largest_lattice, places_between
+from .corners import FloatImage, grey_values
+from .lattice import largest_lattice, places_between, sides_of
 from .shapes import PolygonShape
 
 #: Two places differ if their values do by this part at least, in an image without noise.
@@ -71,29 +71,39 @@ def detect_step_chart(grey: NDArray[Any]) -> tuple[PolygonShape, ...]:
         )
     digits = len(str(len(best)))
     return tuple(
-        PolygonShape(f"step{number:0{digits}d}", tuple((x / scale, y / scale) for x, y in patch.corners.tolist()))
+        PolygonShape(f"step{number:0{digits}d}", tuple((x / scale, y / scale) for x, y in patch.tolist()))
         for number, patch in enumerate(best, 1)
     )
 
 
-def _chart(values: FloatImage, radius: int, whole: bool) -> list[Patch]:
-    """Return the patches of a chart, row by row, as windows of this radius show them; none if there is no chart."""
+def _chart(values: FloatImage, radius: int, whole: bool) -> list[NDArray[np.float64]]:
+    """Return corners of a chart's patches, row by row, as windows of this radius show them; none if there is no chart.
+
+    A chart has patches of at least three luminances, distinguished by 3 %.
+    """
     uniform = _uniform(values, radius)
-    patches = sorted(_patches(values, uniform, radius, whole), key=lambda patch: -abs(np.linalg.det(patch.sides)))
-    chart = largest_lattice(patches[:_MOST_PATCHES])
-    if _levels(list(chart.values())) < _FEWEST_LEVELS:
+    patches = list(_patches(values, uniform, radius, whole))
+    corners = np.array([patch for patch, _ in patches]).reshape(-1, 4, 2)
+    largest = np.argsort(-np.abs(np.linalg.det(sides_of(corners))), kind="stable")[:_MOST_PATCHES]
+    corners, levels = corners[largest], np.array([level for _, level in patches])[largest]
+    chart = largest_lattice(corners)
+    if not chart:
         return []
-    complete: dict[At, Patch] = dict(chart)
+    steps = np.sort(levels[list(chart.values())])
+    if 1 + (np.diff(steps) > _LEAST_CONTRAST * np.abs(steps[1:])).sum() < _FEWEST_LEVELS:
+        return []
+    complete = {at: corners[patch] for at, patch in chart.items()}
     # A patch that is as light as what is around it has no edge that could be found.
-    for at, corners in places_between(chart).items():
-        inside = _inside(corners, uniform.shape)
-        if uniform[inside].mean() > _FILLED:
-            complete[at] = Patch(corners, float(np.median(values[inside])))
+    for at, place in places_between(chart, corners).items():
+        if _inside(place, uniform).mean() > _FILLED:
+            complete[at] = place
     return [complete[at] for at in sorted(complete)]
 
 
-def _patches(values: FloatImage, uniform: NDArray[np.bool_], radius: int, whole: bool) -> Iterator[Patch]:
-    """Give the quadrilaterals in which values stay alike over windows of this radius, cut off ones if not `whole`."""
+def _patches(
+    values: FloatImage, uniform: NDArray[np.bool_], radius: int, whole: bool
+) -> Iterator[tuple[NDArray[np.float64], float]]:
+    """Give corners and median of areas in which values stay alike in such windows, of cut off ones if not `whole`."""
     import cv2
 
     count, labels, stats, _ = cv2.connectedComponentsWithStats(uniform.astype(np.uint8), connectivity=4)
@@ -108,7 +118,7 @@ def _patches(values: FloatImage, uniform: NDArray[np.bool_], radius: int, whole:
         area_mask = labels[y : y + h, x : x + w] == label
         corners = _quadrilateral(area_mask.astype(np.uint8))
         if corners is not None:
-            yield Patch(corners + np.array([x, y]), float(np.median(values[y : y + h, x : x + w][area_mask])))
+            yield corners + np.array([x, y]), float(np.median(values[y : y + h, x : x + w][area_mask]))
 
 
 def _uniform(values: FloatImage, radius: int) -> NDArray[np.bool_]:
@@ -176,15 +186,6 @@ def _quadrilateral(area: NDArray[np.uint8]) -> NDArray[np.float64] | None:
     return np.asarray(np.roll(around, -int(np.argmax(sides[:, 0] / np.hypot(*sides.T))), axis=0))
 
 
-def _inside(corners: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    region = Roi("patch", tuple((float(x), float(y)) for x, y in corners))
-    whole = np.zeros(shape, dtype=np.bool_)
-    height, width = shape
-    whole[region.window((height, width))] = region.mask((height, width))
-    return whole
-
-
-def _levels(patches: Sequence[Patch]) -> int:
-    """Return how many luminances the patches have, distinguished by 3 %."""
-    levels = np.sort([patch.level for patch in patches])
-    return 1 + int((np.diff(levels) > _LEAST_CONTRAST * np.abs(levels[1:])).sum())
+def _inside(corners: NDArray[np.float64], values: NDArray[Any]) -> NDArray[Any]:
+    """Return what lies within a quadrilateral."""
+    return Roi("patch", tuple((float(x), float(y)) for x, y in corners)).select(values)

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from ..core.disk.files import closest, quoted, shortened
+from ..core.disk.files import quoted, shortened, suggestion
 from ..core.errors import ConfigurationError
 
 #: Length of what a validator says, which may name all patches.
@@ -107,9 +107,7 @@ def _suggestion(model: type[BaseModel], location: tuple[int | str, ...]) -> str:
             nested = _nested(_fields(model)[part].annotation)
             assert nested is not None
             model = nested
-    known = list(_fields(model))
-    close = closest(location[-1], known)
-    return f"did you mean {close}?" if close else f"known here are {', '.join(known)}"
+    return suggestion(location[-1], _fields(model))
 
 
 def _field(model: type[BaseModel], location: tuple[int | str, ...]) -> FieldInfo | None:

@@ -13,7 +13,8 @@ from labcdp.evaluate.picture.conversion import picture_conversion
 from labcdp.files import PictureOptions, read_picture
 from labcdp.files.stored_image import luminance_dn
 from labcdp.files.video.open import open_video
-from labcdp.files.video.selection import Chooser, Position, Selection
+from labcdp.files.video.selection import Position, Selection
+from labcdp.files.video.source import VideoFrame, VideoSource, frames_of
 
 from .video_files import N, bars, frames, moving, mux_jpegs, write
 
@@ -222,9 +223,9 @@ def test_interlaced_and_too_large_frames_are_refused(tmp_path):
 )
 def test_selections_in_frames_and_seconds(start, stop, every, numbers):
     selection = Selection(*(one and Position.parse(one, "--option") for one in (start, stop, every)))
-    chooser = Chooser(selection)
-    times = [(n, 0.04 * n) for n in range(12)]
-    assert [n for n, time in times if not selection.ended(n, time) and chooser.takes(n, time)] == numbers
+    entries = [VideoFrame(n, 0.04 * n, None, lambda: None) for n in range(12)]
+    source = VideoSource("v", (1, 1), 12, 25.0, False, "linear", (), lambda: iter(entries), lambda: "")
+    assert [one.number for one in frames_of(source, selection, lambda *_: False)] == numbers
 
 
 def save(path, value, dtype=np.uint8, shape=(20, 30)):

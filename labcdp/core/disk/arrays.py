@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from ..errors import InputError
-from .files import quoted, reason
+from .files import damage_reported, quoted
 
 #: Most arrays in an archive; more indicate damage.
 _MOST_ARRAYS = 1000
+_NO_ARRAY = "it is no NumPy array, or damaged"
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ def npy_header(data: bytes) -> ArrayHeader:
 def parse_npy(data: bytes) -> NDArray[Any]:
     """Read an array (.npy); raises InputError as `npy_header`, or if it is truncated."""
     _require_values(npy_header(data), len(data))
-    with _damage_reported("NumPy array"):
+    with damage_reported(_NO_ARRAY):
         values: NDArray[Any] = np.lib.format.read_array(BytesIO(data), allow_pickle=False)
     return values
 
@@ -82,7 +83,7 @@ def parse_npz(data: bytes, most_bytes: int) -> Mapping[str, NDArray[Any]]:
 
 @contextmanager
 def _archive(data: bytes) -> Iterator[zipfile.ZipFile]:
-    with _damage_reported("NumPy archive"), zipfile.ZipFile(BytesIO(data)) as archive:
+    with damage_reported("it is no NumPy archive, or damaged"), zipfile.ZipFile(BytesIO(data)) as archive:
         if len(archive.infolist()) > _MOST_ARRAYS:
             raise InputError(f"it holds more than {_MOST_ARRAYS} arrays")
         yield archive
@@ -102,7 +103,7 @@ def _members(archive: zipfile.ZipFile) -> Iterator[tuple[str, ArrayHeader, zipfi
 
 
 def _header(file: IO[bytes]) -> ArrayHeader:
-    with _damage_reported("NumPy array"):
+    with damage_reported(_NO_ARRAY):
         version = np.lib.format.read_magic(file)
         read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, _, dtype = read(file)
@@ -114,17 +115,6 @@ def _header(file: IO[bytes]) -> ArrayHeader:
 def _require_values(header: ArrayHeader, n_bytes: int) -> None:
     if header.end > n_bytes:
         raise InputError(f"it is truncated: its values reach to byte {header.end}, it has {n_bytes}")
-
-
-@contextmanager
-def _damage_reported(what: str) -> Iterator[None]:
-    """Turn what NumPy and zipfile raise of damage, which is nearly anything, into InputError."""
-    try:
-        yield
-    except (InputError, MemoryError):
-        raise
-    except Exception as error:
-        raise InputError(f"it is no {what}, or damaged ({reason(error)})") from error
 
 
 def read_only(array: NDArray[Any], dtype: DTypeLike) -> NDArray[Any]:

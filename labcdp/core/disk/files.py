@@ -64,9 +64,11 @@ def shown(value: object) -> str:
     return shortened(repr(value))
 
 
-def closest(name: object, known: Iterable[str]) -> str | None:
-    """Return the known name that is most like one that is not known, None if none is."""
-    return next(iter(get_close_matches(str(name)[:MOST_QUOTED], known, n=1)), None)
+def suggestion(name: object, known: Iterable[str], instead: str = "known here are") -> str:
+    """Say which known name is most like one that is not known, or else all that there are."""
+    names = list(known)
+    close = get_close_matches(str(name)[:MOST_QUOTED], names, n=1)
+    return f"did you mean {close[0]}?" if close else f"{instead} {', '.join(names)}"
 
 
 def reason(error: BaseException) -> str:
@@ -77,6 +79,17 @@ def reason(error: BaseException) -> str:
         return "nested too deep"
     first = next(iter(str(error).strip().splitlines()), "")
     return shortened(first) if first else type(error).__name__
+
+
+@contextmanager
+def damage_reported(text: str, remedy: str = "") -> Iterator[None]:
+    """Turn what a library raises of damaged data, which is nearly anything, into InputError with its reason."""
+    try:
+        yield
+    except (InputError, MemoryError):
+        raise
+    except Exception as error:
+        raise InputError(f"{text} ({reason(error)}){remedy}") from error
 
 
 AnyPath: TypeAlias = str | PathLike[str]

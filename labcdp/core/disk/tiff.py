@@ -19,7 +19,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .files import reason
+from .files import damage_reported, reason
 
 #: Pages from which a file is refused: following them takes seconds, and no file of one picture has as many.
 MOST_PAGES = 1000
@@ -90,16 +90,9 @@ def open_tiff(data: bytes, path: Path) -> Iterator[Any]:
     import tifffile
 
     require_end(data, path)
-    try:
-        with tifffile.TiffFile(BytesIO(data)) as tiff:
-            yield tiff
-    except (InputError, MemoryError):
-        raise
-    # Codecs and damaged directories raise what their libraries do.
-    except Exception as error:
-        raise InputError(
-            f"{path} cannot be read as TIFF ({reason(error)}): save it again, without compression"
-        ) from error
+    damage = damage_reported(f"{path} cannot be read as TIFF", ": save it again, without compression")
+    with damage, tifffile.TiffFile(BytesIO(data)) as tiff:
+        yield tiff
 
 
 def pixels_of(page: Any, path: Path) -> NDArray[Any]:

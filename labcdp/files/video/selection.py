@@ -111,10 +111,6 @@ class Selection:
         if any(a is not None and b is not None and b <= a for a, b in pairs):
             raise InputError(f"stop {stop} is not behind start {self.start}: give a later one")
 
-    def ended(self, number: int, time_s: float) -> bool:
-        """Whether a frame lies behind the last one wanted."""
-        return self.stop is not None and self.stop.reached(number, time_s)
-
     def expected(self, frame_count: int | None, frame_rate: float | None) -> int | None:
         """Return how many frames are going to be taken, as far as can be known: for a progress bar."""
         first = _in_frames(self.start, frame_rate)
@@ -134,44 +130,6 @@ class Selection:
             "stop": None if self.stop is None else str(self.stop),
             "every": str(self.every),
         }
-
-
-class Chooser:
-    """Decides for successive frames whether they are selected.
-
-    Parameters
-    ----------
-    selection : Selection
-        Which are.
-    """
-
-    def __init__(self, selection: Selection) -> None:
-        self._selection = selection
-        self._first: tuple[int, float] | None = None
-        self._next_s = 0.0
-
-    def started(self, number: int, time_s: float) -> bool:
-        """Whether a frame lies at the start or behind it."""
-        return self._selection.start.reached(number, time_s)
-
-    def takes(self, number: int, time_s: float) -> bool:
-        """Whether a frame is taken; to be asked once for each, in order."""
-        selection = self._selection
-        if not self.started(number, time_s):
-            return False
-        if self._first is None:
-            # Numbers may begin later, as those of images do; of times, multiples are taken.
-            start = selection.start
-            self._first = (number, time_s if start.seconds is None else start.seconds)
-            self._next_s = self._first[1]
-        if selection.every.frames is not None:
-            return (number - self._first[0]) % selection.every.frames == 0
-        assert selection.every.seconds is not None
-        if time_s < self._next_s - TIME_TOLERANCE_S:
-            return False
-        steps = (time_s + TIME_TOLERANCE_S - self._first[1]) // selection.every.seconds
-        self._next_s = self._first[1] + (steps + 1) * selection.every.seconds
-        return True
 
 
 def _in_frames(position: Position, frame_rate: float | None) -> int | None:

@@ -16,7 +16,7 @@ from ...core.frame import Frame
 from ...core.luminance import Window
 from ...core.result import Finding, warning
 from ..stored_image import Encoding
-from .selection import Chooser, Selection
+from .selection import TIME_TOLERANCE_S, Selection
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,18 +204,35 @@ def frames_of(
     VideoFrame
         Those that are chosen or needed, and those that are lost among them.
     """
-    chooser = Chooser(selection)
-    for entry in source.entries():
-        if selection.ended(entry.number, entry.time_s):
-            return
-        if not chooser.started(entry.number, entry.time_s):
-            continue
-        chosen = chooser.takes(entry.number, entry.time_s)
+    for entry, chosen in _entries(source, selection):
         wanted = needed(entry.number, chosen)
         if wanted or chosen:
             pixels, fault = _loaded(entry, source.shape) if wanted and not entry.fault else (None, entry.fault)
             note = None if pixels is None else entry.note
             yield replace(entry, chosen=chosen, pixels=pixels, fault=fault, note=note)
+
+
+def _entries(source: VideoSource, selection: Selection) -> Iterator[tuple[VideoFrame, bool]]:
+    """Frames from the start of a selection to its end, and whether each is chosen."""
+    start, stop, every = selection.start, selection.stop, selection.every
+    first_number, first_s, next_s = None, 0.0, 0.0
+    for entry in source.entries():
+        number, time_s = entry.number, entry.time_s
+        if stop is not None and stop.reached(number, time_s):
+            return
+        if not start.reached(number, time_s):
+            continue
+        if first_number is None:
+            # Numbers may begin later, as those of images do; of times, multiples are taken.
+            first_number, first_s = number, time_s if start.seconds is None else start.seconds
+            next_s = first_s
+        if every.seconds is None:
+            yield entry, (number - first_number) % (every.frames or 1) == 0
+            continue
+        chosen = time_s >= next_s - TIME_TOLERANCE_S
+        if chosen:
+            next_s = first_s + ((time_s + TIME_TOLERANCE_S - first_s) // every.seconds + 1) * every.seconds
+        yield entry, chosen
 
 
 def _loaded(entry: VideoFrame, shape: tuple[int, int]) -> tuple[StoredPixels | None, Finding | None]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import dist
+from math import dist, isnan
 from typing import Any
 
 import numpy as np
@@ -130,7 +130,8 @@ class FollowingTracker:
         self, grey: NDArray[Any], levels: tuple[float, float], rois: Sequence[Roi], planar: Sequence[bool]
     ) -> None:
         black, scale = levels
-        self._levels = black, scale if grey.dtype == np.uint8 else scale_of(grey)
+        usual = 1.0 if isnan(scale) else scale
+        self._levels = black, usual if grey.dtype == np.uint8 else scale_of(grey, scale)
         sight = Sight(grey, *self._levels)
         # Frames so narrow have no structure across.
         if min(sight.shape) * sight.reduction < 2:

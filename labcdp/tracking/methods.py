@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -75,7 +76,7 @@ def make_tracker(
     method: str | Sequence[str],
     grey: NDArray[Any],
     rois: Sequence[Roi],
-    levels: tuple[float, float] = (0.0, 1.0),
+    levels: tuple[float, float] = (0.0, nan),
 ) -> Tracker:
     """Make a tracker that has seen the first frame.
 
@@ -97,7 +98,8 @@ def make_tracker(
     rois : sequence of Roi
         Regions in it.
     levels : (float, float)
-        Black level of the frames, and steps of a full range for each of theirs: 16 and 255/219 of limited Y'.
+        Black level of the frames, and steps of 8 bits for each of theirs: 16 and 255/219 of limited Y'; nan if of more
+        bits the noise is to decide, as it should where no codec changed them.
 
     Returns
     -------

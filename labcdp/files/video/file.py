@@ -63,7 +63,7 @@ class _Frames:
         if pixels.kind == "luma":
             planes = planes[:1]
         part = partial(self._grey if pixels.kind == "luma" else self._of_colours, planes, shown.number)
-        if pixels.kind == "rgb" or (pixels.kind == "luma" and pixels.bits > 8):
+        if pixels.kind == "rgb":
             return stored_pixels(part(WHOLE))
         followed = upright(planes[0], pixels.orientation)
         return StoredPixels(

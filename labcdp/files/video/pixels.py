@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import nan
 from typing import Any, Literal
 
 import numpy as np
@@ -58,6 +59,8 @@ class Pixels:
         How grey or colours are encoded.
     orientation : int
         EXIF's number of how the frames lie in the file.
+    lossy : bool
+        Whether the codec changed the numbers.
     """
 
     format_name: str
@@ -67,6 +70,7 @@ class Pixels:
     weights: tuple[float, float]
     stored: Encoding
     orientation: int
+    lossy: bool
 
     @property
     def encoding(self) -> Encoding:
@@ -75,9 +79,13 @@ class Pixels:
 
     @property
     def levels(self) -> tuple[float, float]:
-        """Stored Y' of black, and full-range Y' for each step of it."""
+        """Stored Y' of black, and full-range Y' of 8 bits for each step of it.
+
+        nan for more bits without a loss: of these the noise decides. A codec's errors are those of 8 bits for all.
+        """
         unit = 2 ** (self.bits - 8)
-        return (16.0 * unit, (2**self.bits - 1) / (219 * unit)) if self.limited else (0.0, 1.0)
+        black, steps = (16.0 * unit, 219.0 * unit) if self.limited else (0.0, 2.0**self.bits - 1)
+        return black, 255 / steps if self.bits == 8 or self.lossy else nan
 
     def planes(self, frame: Any) -> tuple[NDArray[Any], ...]:
         """Numbers of a decoded frame as they are stored.
@@ -180,8 +188,9 @@ def learn_pixels(frames: Sequence[Any], codec: Any, encoding: Encoding | None) -
         found.append(info("video-matrix", red=weights[0], blue=weights[1], how=_how(matrix is not None)))
     if coloured:
         found.append(info("srgb-colour-to-grey" if stored == "srgb" else "colour-to-grey"))
-    pixels = Pixels(first.format.name, kind if coloured else "luma", bits, limited, weights, stored, orientation or 1)
-    return pixels, found
+    seen = kind if coloured else "luma"
+    lossy = bool(codec.lossy)
+    return Pixels(first.format.name, seen, bits, limited, weights, stored, orientation or 1, lossy), found
 
 
 #: EXIF orientations by the display rotation in degrees, counter-clockwise.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
+from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,7 @@ class StoredPixels:
     followed : ndarray of uint8 or uint16, shape (height, width)
         What trackers look at.
     levels : (float, float)
-        Black level of that, and DN of full range for each of its own.
+        Black level of that, and DN of 8 bits for each of its own; nan where of more bits its noise is to decide.
     whole : callable
         Makes the frame.
     part : callable or None
@@ -67,7 +68,7 @@ def stored_pixels(frame: Frame) -> StoredPixels:
         import cv2
 
         followed = np.asarray(cv2.blur(frame.dn, (2, 2)))
-    return StoredPixels((frame.dn,), followed, (0.0, 1.0), lambda: frame)
+    return StoredPixels((frame.dn,), followed, (0.0, nan), lambda: frame)
 
 
 @dataclass(frozen=True, eq=False)

@@ -88,21 +88,16 @@ class LabcdpAccessor:
         axis = ranges[0].axis if ranges else ""
         others = [str(name) for name in self._dataset["cdp"].dims if name != axis]
         shape = tuple(self._dataset.sizes[name] for name in others)
-        rows = np.full((len(ranges), 7), np.nan)
-        for row, one in zip(rows, ranges, strict=True):
-            row[:] = _widest(one)
-        names = ("low", "high", "decades", "range_db", "intervals", "open_low", "open_high")
-        # In the order of the other axes, the last one fastest.
-        places = [tuple(int(np.flatnonzero(self._dataset[n].values == one.at[n])[0]) for n in others) for one in ranges]
         result = xr.Dataset(coords={name: self._dataset[name] for name in others}, attrs={"axis": axis, "level": level})
         unit = str(self._dataset[axis].attrs.get("unit", "")) if axis else ""
         units = {"low": unit, "high": unit, "range_db": "dB"}
-        for name, column in zip(names, rows.T, strict=True):
-            values = np.full(shape, np.nan)
-            for place, value in zip(places, column, strict=True):
-                values[place] = value
-            typed = values.astype(int) if name == "intervals" else values.astype(bool) if "open" in name else values
-            result[name] = (others, typed, {"units": units.get(name, "1")})
+        rows = [_widest(one) for one in ranges]
+        for number, name in enumerate(("low", "high", "decades", "range_db", "intervals", "open_low", "open_high")):
+            values = xr.DataArray(np.full(shape, np.nan), result.coords, others)
+            for one, row in zip(ranges, rows, strict=True):
+                values.loc[{other: one.at[other] for other in others}] = row[number]
+            typed = values.astype(int if name == "intervals" else bool if "open" in name else float)
+            result[name] = typed.assign_attrs(units=units.get(name, "1"))
         return result
 
     def isolines(

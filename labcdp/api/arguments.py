@@ -18,7 +18,7 @@ from ..evaluate.picture.image import ImageRequest
 from ..metrics import Epsilon
 from ..metrics.contrast import TargetContrasts
 from ..metrics.result import asked_contrasts
-from ..regions import EllipseShape, GridShape, PolygonShape, RectangleShape, Shape, image_size_of, load_regions, rois_of
+from ..regions import PolygonShape, Shape, image_size_of, load_regions, rois_of
 
 #: A path as users write it.
 PathArgument: TypeAlias = str | PathLike[str]
@@ -64,8 +64,7 @@ def as_list(value: Any, name: str, what: str) -> list[Any]:
 
 def as_names(value: Any, name: str) -> list[str]:
     """Return names of patches; raises InputError for anything else."""
-    found = as_list(value, name, "a list of names of patches")
-    return [as_text(one, name) for one in found]
+    return [as_text(one, name) for one in as_list(value, name, "a list of names of patches")]
 
 
 def as_pair_names(pairs: Any, what: str) -> list[tuple[str, str]]:
@@ -151,24 +150,18 @@ def as_contrasts(contrasts: Contrasts | None, epsilon: Epsilon) -> Asked:
 
 
 def _shapes(regions: Roi | Iterable[Roi | Shape] | Mapping[str, ArrayLike]) -> list[Shape]:
-    if isinstance(regions, Roi):
-        return [PolygonShape(regions.name, regions.corners)]
     if isinstance(regions, Mapping):
         return [_named(name, value) for name, value in regions.items()]
-    if not isinstance(regions, Iterable):
+    if not isinstance(regions, Roi | Iterable):
         raise InputError(f"regions is {shown(regions)}: {_HOW}")
-    shapes: list[Shape] = []
-    for one in regions:
-        if isinstance(one, Roi):
-            shapes.append(PolygonShape(one.name, one.corners))
-        elif isinstance(one, PolygonShape | RectangleShape | EllipseShape | GridShape):
-            shapes.append(one)
-        else:
+    listed = [regions] if isinstance(regions, Roi) else list(regions)
+    for one in listed:
+        if not isinstance(one, Roi | Shape):
             raise InputError(f"regions has {shown(one)}: {_HOW}")
-    return shapes
+    return [PolygonShape(one.name, one.corners) if isinstance(one, Roi) else one for one in listed]
 
 
-def _named(name: str, value: Any) -> Shape:
+def _named(name: str, value: Any) -> PolygonShape:
     if isinstance(value, Roi):
         return PolygonShape(name, value.corners)
     try:
@@ -176,8 +169,7 @@ def _named(name: str, value: Any) -> Shape:
     except (TypeError, ValueError):
         numbers = np.empty(0)
     if numbers.shape == (4,):
-        x, y, width, height = numbers.tolist()
-        return PolygonShape(name, Roi.rectangle(name, x, y, width, height).corners)
+        return PolygonShape(name, Roi.rectangle(name, *numbers.tolist()).corners)
     if numbers.ndim == 2 and numbers.shape[1] == 2:
         return PolygonShape(name, tuple((x, y) for x, y in numbers.tolist()))
     raise InputError(f"region {name!r} is {shown(value)}: give (x, y, width, height), or at least three (x, y) corners")

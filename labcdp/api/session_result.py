@@ -20,16 +20,16 @@ from .variables import cdp_variables, described
 if TYPE_CHECKING:
     from xarray import Dataset
 
+_LIGHT = "cd/m^2"
 #: Of a patch.
 _OF_PATCH = (
-    Column("meter_luminance", "meter", "cd/m^2", "Mean of the luminance meter's readings.", value="measured_cd_m2"),
-    Column("meter_U", "U of meter", "cd/m^2", "Its expanded uncertainty U (95 %).",
+    Column("meter_luminance", "meter", _LIGHT, "Mean of the luminance meter's readings.", value="measured_cd_m2"),
+    Column("meter_U", "U of meter", _LIGHT, "Its expanded uncertainty U (95 %).",
            value=lambda row: row.measured_half_width_95_rel * row.measured_cd_m2),
-    Column("camera_luminance", "camera", "cd/m^2", "Luminance by the calibrated camera.",
-           value="calibrated.luminance_cd_m2"),
-    Column("camera_low", "camera, low", "cd/m^2", "Lower end of its 95 % interval.",
+    Column("camera_luminance", "camera", _LIGHT, "By the calibrated camera.", value="calibrated.luminance_cd_m2"),
+    Column("camera_low", "camera, low", _LIGHT, "Lower end of its 95 % interval.",
            value="calibrated.interval_95_cd_m2.0"),
-    Column("camera_high", "camera, high", "cd/m^2", "Upper end of its 95 % interval.",
+    Column("camera_high", "camera, high", _LIGHT, "Upper end of its 95 % interval.",
            value="calibrated.interval_95_cd_m2.1"),
     Column("deviation", "deviation", "%", "Deviation of the camera from the meter.", value="deviation_rel"),
 )  # fmt: skip
@@ -37,12 +37,10 @@ _OF_PATCH = (
 _OF_PAIR = (
     replace(CONTRAST[0], value="camera_contrast"),
     replace(CONTRAST[2], value="camera_standard_uncertainty"),
-    Column("meter_contrast", "contrast by meter", "%", "Weber contrast by the luminance meter.",
-           value="measured_contrast"),
-    Column("u_meter_contrast", "u of contrast by meter", "%", "Standard uncertainty.",
-           value="measured_standard_uncertainty"),
+    Column("meter_contrast", "contrast by meter", "%", "By the luminance meter.", value="measured_contrast"),
+    Column("u_meter_contrast", "u of contrast by meter", "%", "Its u.", value="measured_standard_uncertainty"),
     Column("exposure_s", "exposure", "s", "Exposure time of the frame."),
-)  # fmt: skip
+)
 _EPSILON = Column("epsilon", "tolerance", "%", "Relative tolerance of the contrast.", value="cdp.epsilon")
 
 

@@ -62,8 +62,8 @@ def info(file: Path, *, source: str = "A", as_json: Json = False) -> None:
         raise InputError(f"{file} does not exist: give a file or folder")
     found = describe(file, source)
     properties = {"kind": found.kind, **found.properties}
-    columns = (Column("property", "property"), Column("value", "value"))
-    first = Table("properties", str(file), columns, {"property": [*properties], "value": [*properties.values()]})
+    columns = (Column("property", "property", value="0"), Column("value", "value", value="1"))
+    first = Table.of_items("properties", str(file), columns, properties.items())
     names = {"file": quote(str(file)), "folder": quote(str(file.parent))}
     following = (f"Next: labcdp {one.format(**names)}" for one in found.commands)
     print_result(Result("info", str(file), (first, *found.tables)), as_json, *following)
@@ -260,28 +260,20 @@ def _picture(path: Path) -> Description:
 
 def _clipping(frame: Frame) -> Table:
     """Say for each colour of a Bayer filter, or all pixels, where the histogram ends."""
+    columns = (
+        Column("pixels", "pixels", meaning="Which of each 2 x 2, or all.", value="0"),
+        Column("largest_dn", "largest", "DN", "Largest DN.", value="1.largest_dn"),
+        Column("at_largest", "pixels there", "", "Number of pixels that have the largest DN.", value="1.at_largest"),
+        Column("clipped_from_dn", "clipped from", "DN",
+               "DN from which pixels pile up; empty if the histogram fades out.", value="1.pile.0"),
+        Column("clipped_share", "share clipped", "%", "Share of the pixels from there on.", 2, value="1.share"),
+    )  # fmt: skip
     names = ["all"]
     if frame.colour_filter is not None:
         names = [f"{column}, {row}" for row in ("upper", "lower") for column in ("left", "right")]
-    found = [
-        PlaneClipping.of(dn, frame.nominal_black_dn, frame.saturation_dn)
-        for dn in planes_of(frame.dn, frame.colour_filter)
-    ]
-    columns = (
-        Column("pixels", "pixels", meaning="Which of each 2 x 2, or all."),
-        Column("largest_dn", "largest", "DN", "Largest DN."),
-        Column("at_largest", "pixels there", "", "Number of pixels that have the largest DN."),
-        Column(
-            "clipped_from_dn", "clipped from", "DN", "DN from which pixels pile up; empty if the histogram fades out."
-        ),
-        Column("clipped_share", "share clipped", "%", "Share of the pixels from there on.", digits=2),
-    )
-    rows = (
-        (name, one.largest_dn, one.at_largest, None if one.pile is None else one.pile[0], one.share)
-        for name, one in zip(names, found, strict=True)
-    )
-    data = {column.name: values for column, values in zip(columns, zip(*rows, strict=True), strict=True)}
-    return Table("clipping", "End of the histogram", columns, data)
+    black, white = frame.nominal_black_dn, frame.saturation_dn
+    found = (PlaneClipping.of(dn, black, white) for dn in planes_of(frame.dn, frame.colour_filter))
+    return Table.of_items("clipping", "End of the histogram", columns, zip(names, found, strict=True))
 
 
 def _video(path: Path) -> Description:

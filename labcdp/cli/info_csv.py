@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from ..core.disk import read_csv
 from ..core.errors import InputError
@@ -28,8 +27,7 @@ def describe_csv(path: Path, source: str) -> Description:
     """Describe readings of a luminance meter, or a spectral sensitivity; raises InputError for any other file."""
     if "patch" in map(str.lower, read_csv(path, "meter readings or a spectral sensitivity").header):
         return _readings(path)
-    properties, table = _spectral_properties(path, source)
-    return Description("spectral sensitivity", (), properties, (table,))
+    return _sensitivity(path, source)
 
 
 def _readings(path: Path) -> Description:
@@ -39,7 +37,7 @@ def _readings(path: Path) -> Description:
     return Description("meter readings", ("import PLAN SESSION --light FILES --readings {file}",), counts)
 
 
-def _spectral_properties(path: Path, source: str) -> tuple[dict[str, str], Table]:
+def _sensitivity(path: Path, source: str) -> Description:
     """Return f1' of a spectral sensitivity, and the mismatch factors of common lights (CIE 244)."""
     file = read_spectral_file(path)
     weights = least_f1_prime(file.columns) if len(file.columns) > 1 else {}
@@ -51,18 +49,15 @@ def _spectral_properties(path: Path, source: str) -> tuple[dict[str, str], Table
         **({f"f1' of {name}": f"{f1_prime(one):.1%}" for name, one in file.columns.items()} if weights else {}),
     }
     columns = (
-        Column("light", "measured light"),
-        Column("factor", "factor F", meaning="Multiply a luminance measured in this light by it.", decimals=4),
-        Column("error_rel", "error without it", "%", "Deviation of a luminance that is not corrected.", decimals=2),
-    )
-    factors = [mismatch_factor(whole, name, light) for name in COMMON_ILLUMINANTS]
-    data: dict[str, list[Any]] = {
-        "light": list(COMMON_ILLUMINANTS),
-        "factor": factors,
-        "error_rel": [1 / factor - 1 for factor in factors],
-    }
-    table = Table("mismatch", f"Spectral mismatch, calibrated in {source} light", columns, data)
-    return properties, table
+        Column("light", "measured light", value="0"),
+        Column("factor", "factor F", meaning="Multiply a luminance measured in this light by it.", decimals=4,
+               value="1"),
+        Column("error_rel", "error without it", "%", "Deviation of a luminance that is not corrected.", decimals=2,
+               value=lambda row: 1 / row[1] - 1),
+    )  # fmt: skip
+    factors = [(name, mismatch_factor(whole, name, light)) for name in COMMON_ILLUMINANTS]
+    title = f"Spectral mismatch, calibrated in {source} light"
+    return Description("spectral sensitivity", (), properties, (Table.of_items("mismatch", title, columns, factors),))
 
 
 def _light(source: str) -> str | SpectralTable:

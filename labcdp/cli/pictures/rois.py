@@ -182,16 +182,18 @@ def _result(
 ) -> Result:
     """Return the regions, whether each was found now, and their files."""
     regions = (
-        Column("region", "region"),
-        Column("area_px", "area", "px", "Area of its outline."),
-        Column("new", "found now", "", "Whether --detect found it now; it is not confirmed."),
+        Column("region", "region", value="name"),
+        Column("area_px", "area", "px", "Area of its outline.", value="area"),
+        Column("new", "found now", "", "Whether --detect found it now; it is not confirmed.",
+               value=lambda roi: roi.name in new),
+    )  # fmt: skip
+    paths = (
+        Column("path", "file", value="0"),
+        Column("state", "state", "", "Whether it was written.", value="1"),
     )
-    rows = [{"region": one.name, "area_px": one.area, "new": one.name in new} for one in drawing.rois]
-    paths = (Column("path", "file"), Column("state", "state", "", "Whether it was written."))
-    of_files = {"path": list(states), "state": list(states.values())}
     tables = (
-        Table.of_rows("regions", "Regions", regions, rows, detail=True),
-        Table("files", "Files", paths, of_files, detail=True),
+        Table.of_items("regions", "Regions", regions, drawing.rois, detail=True),
+        Table.of_items("files", "Files", paths, states.items(), detail=True),
     )
     configuration = {"output": str(files.output), "page": page}
     return Result("rois", files.output.name, tables, findings=tuple(findings), configuration=configuration)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -17,10 +17,9 @@ from ...core.result import Result
 from ...evaluate.video.annotated import AnnotatedVideo, FrameImages
 from ...evaluate.video.archive import archive_tasks, evaluate_archive, require_same_archive
 from ...evaluate.video.archive_page import archive_result, write_archive
-from ...evaluate.video.dataset import VideoRows
 from ...evaluate.video.evaluate import Part, evaluated_parts, require_same_evaluation
 from ...evaluate.video.page import write_video
-from ...evaluate.video.settings import Observer, Reference, VideoSettings, make_reference, video_configuration
+from ...evaluate.video.settings import Observer, Progress, Reference, VideoSettings, make_reference, video_configuration
 from ...files.video.open import left_out, video_paths
 from ...output import ResultsFolder
 from ...regions import image_size_of
@@ -116,8 +115,9 @@ def video(
             def progress(done: int, total: int | None) -> None:
                 bars.update("Frames", done, done if total is None else total)
 
-            with evaluated_into({"": settings}, made, paths[0], {"": folder}, progress) as writers:
-                result = writers[""]()
+            result = evaluate_and_write({"": settings}, made, paths[0], {"": folder}, progress)[""]
+            if isinstance(result, LabcdpError):
+                raise result
         results.show(result, folder, also="; also results.xlsx, results.nc and results.json")
         return
     folder = results.folder(context, files[0] if len(files) == 1 else "videos", resume=True)
@@ -140,30 +140,31 @@ def _common(chosen: VideoPairOptions, light: LightOptions, frames: FrameOptions)
     )
 
 
-@contextmanager
-def evaluated_into(
+def evaluate_and_write(
     settings: Mapping[str, VideoSettings],
     made: MadeOptions,
     path: Path,
     folders: Mapping[str, ResultsFolder],
-    progress: Any = None,
-) -> Iterator[dict[str, Callable[[], Result]]]:
-    """Evaluate pairs of regions of a video in one pass; what is given for each writes its results into its folder.
+    progress: Progress | None = None,
+) -> dict[str, Result | LabcdpError]:
+    """Evaluate pairs of regions of a video in one pass and write the results of each; return them, or why not.
 
     Raises
     ------
     LabcdpError
-        If the video cannot be evaluated or the results not be written.
+        If the video cannot be evaluated.
     """
+    found: dict[str, Result | LabcdpError] = {}
     with ExitStack() as stack:
         with ExitStack() as drawing:
             parts = [Part(settings[name], into, _observer(made, path, into, drawing)) for name, into in folders.items()]
-            found = stack.enter_context(evaluated_parts(path, parts, progress=progress))
-
-        def write(rows: Callable[[], VideoRows], into: ResultsFolder) -> Result:
-            return write_video(rows(), into)
-
-        yield {name: partial(write, rows, into) for rows, (name, into) in zip(found, folders.items(), strict=True)}
+            rows_of_parts = stack.enter_context(evaluated_parts(path, parts, progress=progress))
+        for rows, (name, into) in zip(rows_of_parts, folders.items(), strict=True):
+            try:
+                found[name] = write_video(rows(), into)
+            except LabcdpError as error:
+                found[name] = error
+    return found
 
 
 def _observer(made: MadeOptions, path: Path, results: ResultsFolder, drawing: ExitStack) -> Observer | None:
@@ -184,15 +185,9 @@ def _observer(made: MadeOptions, path: Path, results: ResultsFolder, drawing: Ex
 def evaluate_values(
     settings: Mapping[str, VideoSettings], made: MadeOptions, path: Path, folders: Mapping[str, ResultsFolder]
 ) -> dict[str, dict[str, Any] | LabcdpError]:
-    """Evaluate pairs of a video as `evaluated_into`; return each result as JSON values, or why there is none."""
-    found: dict[str, dict[str, Any] | LabcdpError] = {}
-    with evaluated_into(settings, made, path, folders) as writers:
-        for name, write in writers.items():
-            try:
-                found[name] = envelope(write())
-            except LabcdpError as error:
-                found[name] = error
-    return found
+    """Do the same, with results as JSON values, which can be sent from another process."""
+    found = evaluate_and_write(settings, made, path, folders)
+    return {name: envelope(one) if isinstance(one, Result) else one for name, one in found.items()}
 
 
 def _several(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...calibration import AnyCalibration, Calibration
+from ...calibration import Calibration
 from ...calibration.uncertainty import expanded_rel
 from ...core.errors import InputError
 from ...core.table import Z_95
@@ -218,7 +218,7 @@ def responsivity_grid(subjects: Sequence[Subject]) -> Grid:
     InputError
         If some are of planes and some are not, or their signals do not overlap.
     """
-    cameras = [_planes(subject.content) for subject in subjects]
+    cameras: list[tuple[Calibration, ...]] = [subject.content.planes for subject in subjects]
     names = [plane.state.plane for plane in cameras[0]]
     for subject, planes in zip(subjects, cameras, strict=True):
         if [plane.state.plane for plane in planes] != names:
@@ -234,10 +234,6 @@ def responsivity_grid(subjects: Sequence[Subject]) -> Grid:
     axes = (MapAxis("plane", np.array(names, dtype=str), "", "plane", False),) if names != [None] else ()
     signal = MapAxis("net_dn", net_dn, "DN", "signal above dark", True)
     return Grid("responsivity R", (*axes, signal), values, relative, relative=True)
-
-
-def _planes(calibration: AnyCalibration) -> Sequence[Calibration]:
-    return (calibration,) if isinstance(calibration, Calibration) else calibration.planes
 
 
 def _log_responsivity(planes: Sequence[Calibration], net_dn: NDArray[np.float64]) -> Uncertain:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite, nan
 
@@ -106,12 +106,15 @@ def evaluate_neighbours(
 
 def neighbour_contrast(values: NDArray[np.float64]) -> float:
     """Return the mean of the brighter over the mean of the darker pixels of all pairs, minus 1; nan if not defined."""
-    brighter = darker = 0.0
     with np.errstate(invalid="ignore"):
-        for first, second in ((values[:, :-1], values[:, 1:]), (values[:-1], values[1:])):
-            brighter += float(np.maximum(first, second).sum())
-            darker += float(np.minimum(first, second).sum())
+        brighter, darker = np.sum([[np.sum(side) for side in both] for both in _pairs(values)], axis=0).tolist()
     return brighter / darker - 1 if darker > 0 and isfinite(brighter) else nan
+
+
+def _pairs(values: NDArray[np.float64]) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Yield the larger and the smaller values of neighbours in a row, then of those in a column."""
+    for first, second in ((values[:, :-1], values[:, 1:]), (values[:-1], values[1:])):
+        yield np.maximum(first, second), np.minimum(first, second)
 
 
 def _window(luminance: LuminanceMap, rectangle: Rectangle | None) -> tuple[Window, Rectangle | None]:
@@ -141,8 +144,7 @@ def _distribution(values: NDArray[np.float64], most: float) -> ContrastDistribut
     """Cumulative probability of the contrasts of all neighbours, larger over smaller, up to `most`, for plots."""
     contrasts = []
     undefined = pairs = 0
-    for first, second in ((values[:, :-1], values[:, 1:]), (values[:-1], values[1:])):
-        larger, smaller = np.maximum(first, second).ravel(), np.minimum(first, second).ravel()
+    for larger, smaller in _pairs(values):
         pairs += larger.size
         undefined += int(np.count_nonzero(larger <= 0))
         lit = smaller > 0

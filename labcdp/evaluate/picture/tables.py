@@ -149,26 +149,27 @@ def _of_pictures(columns: Sequence[Column], several: bool) -> tuple[Column, ...]
 @dataclass(frozen=True)
 class _RegionRow:
     picture: ReportedPicture
-    evaluation: ImageEvaluation
     region: RegionResult
 
 
 def region_table(pictures: Sequence[ReportedPicture], several: bool) -> Table:
     """Return the regions of each picture, by their mean."""
+    evaluated = [(one, one.evaluation) for one in pictures if one.evaluation is not None]
     rows = [
-        _RegionRow(one, one.evaluation, region)
-        for one in pictures
-        if one.evaluation is not None
-        for region in sorted(one.evaluation.regions, key=lambda region: region.mean)
+        _RegionRow(one, region)
+        for one, evaluation in evaluated
+        for region in sorted(evaluation.regions, key=lambda region: region.mean)
     ]
-    units = {row.evaluation.source.unit for row in rows}
+    units = {evaluation.source.unit for _, evaluation in evaluated}
     # Of files that hold luminance and others, each row has a unit of its own.
     unit, unit_of = (units.pop(), "") if len(units) == 1 else ("", "unit")
     reasons = {name for row in rows for name in row.region.invalid_shares}
-    shares = (invalid_share(reason, reason in reasons) for reason in REASONS.values())
-    of_row = Column("unit", "unit", "", "Of mean and standard deviation.", shown=bool(unit_of),
-                    value="evaluation.source.unit")  # fmt: skip
-    columns = (*_within("region", *region_columns(unit, unit_of), *shares), of_row)
+    columns = (
+        *_within("region", *region_columns(unit, unit_of)),
+        *_within("region", *(invalid_share(reason, reason in reasons) for reason in REASONS.values())),
+        Column("unit", "unit", "", "Of mean and standard deviation.", shown=bool(unit_of),
+               value="picture.evaluation.source.unit"),
+    )  # fmt: skip
     return Table.of_items("regions", "Regions", _of_pictures(columns, several), rows, detail=several)
 
 

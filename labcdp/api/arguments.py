@@ -154,7 +154,7 @@ def _shapes(regions: Roi | Iterable[Roi | Shape] | Mapping[str, ArrayLike]) -> l
         return [_named(name, value) for name, value in regions.items()]
     if not isinstance(regions, Roi | Iterable):
         raise InputError(f"regions is {shown(regions)}: {_HOW}")
-    listed = [regions] if isinstance(regions, Roi) else list(regions)
+    listed: list[Any] = [regions] if isinstance(regions, Roi) else list(regions)
     for one in listed:
         if not isinstance(one, Roi | Shape):
             raise InputError(f"regions has {shown(one)}: {_HOW}")

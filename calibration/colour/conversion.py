@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import hypot, inf, sqrt
-from typing import Any
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import CalibrationError, InputError
-from ...core.luminance import RANGE_MARGIN, CommonError
+from ...core.luminance import CommonError
 from ..convert.patch import PatchLuminance, outside_range, patch_luminance
 from ..converter import FLICKER, INTERCEPT, REFOCUS, VIGNETTING
 from ..frames.observations import PatchObservation
@@ -21,6 +21,9 @@ from ..setup import METER_SOURCES
 
 #: Common errors of all planes of a frame, which add with their signs.
 _OF_ALL_PLANES = (*METER_SOURCES, "exposure time", FLICKER, REFOCUS, VIGNETTING, INTERCEPT)
+_T = TypeVar("_T")
+#: Observations by the name of the plane, which is empty for a monochrome sensor.
+ByPlane: TypeAlias = Mapping[str, Sequence[_T]]
 #: The colours, each of one or two planes.
 COLOURS = ("R", "G", "B")
 #: Harmonics of the hue: mismatch errors of simulated cameras are nearly independent from 45 degrees of hue on.
@@ -116,14 +119,27 @@ class ColourConverter:
         k, n = scatter.shape
         return grey, float(np.sqrt(np.sum((scatter * weight) ** 2) / max((k - 1) * (1 - 1 / n), 1)))
 
-    def by_colour(self, by_plane: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
-        """Luminances by R, G and B, shape (..., 3), from those by the planes, shape (..., planes)."""
-        by_colour: NDArray[np.floating[Any]] = by_plane @ colours_of_planes(self.planes)
-        return by_colour
+    def common_errors(
+        self, by_plane: NDArray[np.floating[Any]], of_planes: Sequence[Sequence[CommonError]], shares: Sequence[Any]
+    ) -> tuple[CommonError, ...]:
+        """Return the common errors of luminances: of the weights, of the planes, and of the colour.
+
+        Parameters
+        ----------
+        by_plane : ndarray of float, shape (..., planes)
+            Luminances by the planes without their noise, which is no colour of the light: weights do not act on it.
+        of_planes, shares : sequence
+            Errors of each plane, and its shares of the luminances.
+        """
+        level = np.maximum(np.abs(by_plane @ np.array(self.weights, by_plane.dtype)), 1e-30)
+        of_weights = [CommonError("fit", by_plane @ row / level) for row in self.weight_errors]
+        kept = [errors_of_plane(plane, one) for plane, one in zip(self.planes, of_planes, strict=True)]
+        of_colour = mismatch_errors(by_plane @ colours_of_planes(self.planes), self.spectral_rel)
+        return (*of_weights, *joined(kept, shares), *of_colour)
 
 
 def luminance_of_planes(
-    calibration: Calibration | ColourConverter, observations: Mapping[str, Sequence[PatchObservation]]
+    calibration: Calibration | ColourConverter, observations: ByPlane[PatchObservation]
 ) -> PatchLuminance:
     """Luminance of one patch from its observations by plane, by an empty name for a monochrome sensor."""
     if isinstance(calibration, Calibration):
@@ -131,9 +147,7 @@ def luminance_of_planes(
     return colour_patch_luminance(calibration, observations)
 
 
-def colour_patch_luminance(
-    converter: ColourConverter, observations: Mapping[str, Sequence[PatchObservation]]
-) -> PatchLuminance:
+def colour_patch_luminance(converter: ColourConverter, observations: ByPlane[PatchObservation]) -> PatchLuminance:
     """Luminance of one patch by the combination of planes.
 
     Parameters
@@ -149,17 +163,19 @@ def colour_patch_luminance(
         As `patch_luminance`, naming the plane; if a plane is missing, or the combined luminance is not positive.
     """
     seen = [_of_plane(plane, observations) for plane in converter.planes]
-    by_plane = np.array([one.luminance_cd_m2 for one in seen])
+    patch, by_plane = seen[0].patch, np.array([one.luminance_cd_m2 for one in seen])
     luminance = float(np.array(converter.weights) @ by_plane)
     if luminance <= 0:
         raise CalibrationError(
-            f"patch {seen[0].patch!r} has {luminance:.3g} cd/m² by the combination of planes: its light is not of the "
-            "kind the weights are for; calibrate with a patch of this colour"
+            f"patch {patch!r} has {luminance:.3g} cd/m² by the combination of planes: its light is not of the kind the "
+            "weights are for; calibrate with a patch of this colour"
         )
     shares = np.array(converter.weights) * by_plane / luminance
     pairs = list(zip(converter.planes, seen, strict=True))
     own = [own_rel(plane, one) for plane, one in pairs]
     random_rel = hypot(float(np.linalg.norm(shares * own)), converter.scatter_rel, converter.field_rel)
+    grey, grey_rel = converter.grey
+    colour = _colour(by_plane / grey, np.abs(by_plane) * np.hypot(own, grey_rel)) * grey
     # The range of a single plane does not matter.
     findings = [
         finding.within(f"plane {plane.state.plane}")
@@ -167,27 +183,15 @@ def colour_patch_luminance(
         for finding in one.findings
         if finding.code not in ("luminance-outside-range", "signal-outside-range")
     ]
-    (low, high), margin = converter.range_cd_m2, RANGE_MARGIN * random_rel * luminance
-    if luminance < low - margin or luminance > high + margin:
-        findings.append(outside_range(seen[0].patch, luminance, (low, high)))
-    grey, grey_rel = converter.grey
-    colour = _colour(by_plane / grey, np.abs(by_plane) * np.hypot(own, grey_rel)) * grey
-    level = float(np.array(converter.weights) @ colour)
-    weight_errors = (CommonError("fit", float(row @ colour / level)) for row in converter.weight_errors)
-    planes = [errors_of_plane(plane, one.common) for plane, one in pairs]
     return PatchLuminance(
-        patch=seen[0].patch,
+        patch=patch,
         luminance_cd_m2=luminance,
         random_rel=random_rel,
         scatter_rel=converter.scatter_rel,
         scatter_dof=converter.scatter_dof or inf,
-        common=(
-            *weight_errors,
-            *joined(planes, [float(share) for share in shares]),
-            *mismatch_errors(converter.by_colour(colour), converter.spectral_rel),
-        ),
+        common=converter.common_errors(colour, [one.common for one in seen], shares.tolist()),
         exposures_s=tuple(sorted({t for one in seen for t in one.exposures_s})),
-        findings=tuple(findings),
+        findings=(*findings, *outside_range(patch, luminance, random_rel, converter.range_cd_m2)),
     )
 
 
@@ -211,7 +215,7 @@ def _noise_rel2(plane: Calibration, row: PatchResidual) -> float:
     return plane.noise.variance_dn2(net_dn, plane.dark.noise_variance_dn2(exposure_s)) / net_dn**2
 
 
-def _of_plane(plane: Calibration, observations: Mapping[str, Sequence[PatchObservation]]) -> PatchLuminance:
+def _of_plane(plane: Calibration, observations: ByPlane[PatchObservation]) -> PatchLuminance:
     name = f"{plane.state.plane}"
     if name not in observations:
         raise CalibrationError(f"there are no observations of plane {name}: observe all planes of the frames")
@@ -235,21 +239,20 @@ def errors_of_plane(plane: Calibration, common: Sequence[CommonError]) -> list[C
 
 def joined(planes: Sequence[Sequence[CommonError]], shares: Sequence[Any]) -> list[CommonError]:
     """Errors of the planes times their shares of the luminance; common ones are summed."""
-    shared: dict[str, CommonError] = {}
-    result: list[CommonError] = []
+    sums: dict[str, CommonError] = {}
+    own: list[CommonError] = []
     for errors, share in zip(planes, shares, strict=True):
         for error in errors:
-            relative = share * error.relative
+            part = replace(error, relative=share * error.relative)
             if not error.source.startswith(_OF_ALL_PLANES):
-                result.append(replace(error, relative=relative))
-            elif error.source in shared:
-                sum_of_both = shared[error.source].relative + relative
-                shared[error.source] = replace(error, relative=sum_of_both)
+                own.append(part)
+            elif error.source in sums:
+                sums[error.source] = replace(part, relative=sums[error.source].relative + part.relative)
             else:
-                shared[error.source] = replace(error, relative=relative)
+                sums[error.source] = part
     # The meter's errors are the same for all planes, and so for their sum.
-    of_meter = [e for e in planes[0] if e.source in METER_SOURCES]
-    return [*of_meter, *(e for e in shared.values() if e.source not in METER_SOURCES), *result]
+    sums |= {error.source: error for error in planes[0] if error.source in METER_SOURCES}
+    return [*sums.values(), *own]
 
 
 def colours_of_planes(planes: Sequence[Calibration]) -> NDArray[np.float64]:

@@ -14,6 +14,7 @@ from ...core.reading import Reading
 from ...core.result import Finding, info, log_findings, unique, warning
 from ...core.spectra import SpectralTable, f1_prime, weighted_sum
 from ..calibrate import fit
+from ..findings import LeftOut
 from ..fit.intake import group_by_patch
 from ..fit.residuals import finite, held_out_rows
 from ..frames.observations import DarkObservation, PatchObservation
@@ -22,21 +23,10 @@ from ..sensor.dark_fit import rows_of
 from ..sensor.dark_library import DarkLibrary
 from ..sensor.defects import DefectMap
 from ..setup import Setup
-from .conversion import COLOURS, colour_patch_luminance, colours_of_planes
+from .conversion import COLOURS, ByPlane, colour_patch_luminance, colours_of_planes
 from .model import ColourCalibration, CombinationStep
-from .patches import ColourPatches, by_patch, centre_px, colour_patches, one_spectrum
-from .weights import (
-    NO_PRIOR,
-    Array,
-    ColourData,
-    ColourPrior,
-    Combination,
-    Prior,
-    choose_prior,
-    combine,
-    leave_one_out,
-    scattered,
-)
+from .patches import ColourPatch, by_patch, centre_px, colour_data, colour_patches, one_spectrum
+from .weights import NO_PRIOR, Array, ColourData, Combination, Prior, choose_prior, combine, leave_one_out, scattered
 
 _log = logging.getLogger(__name__)
 
@@ -50,8 +40,8 @@ _DETERMINED = 0.5
 
 
 def fit_colour(
-    observations: Mapping[str, Sequence[PatchObservation]],
-    darks: Mapping[str, Sequence[DarkObservation]],
+    observations: ByPlane[PatchObservation],
+    darks: ByPlane[DarkObservation],
     readings: Mapping[str, Sequence[Reading]],
     setup: Setup,
     *,
@@ -94,26 +84,29 @@ def fit_colour(
     of_grey_patches = {name: readings[name] for name in grey}
     planes = _fit_planes(observations, darks, of_grey_patches, setup, defects or {}, dark_libraries or {})
     groups = by_patch(observations)
-    prior = choose_prior(planes, sensitivities, setup.light)
-    patches = colour_patches(planes, {n: groups[n] for n in groups if n not in held_out}, readings)
-    of_grey = np.array([name in grey for name in patches.names])
-    data, scatter = scattered(patches.data, prior.prior.weights, of_grey)
-    chosen, left_out, ladder = _choose(data, prior.prior)
-    calibration = _assemble(planes, chosen, left_out, patches, ladder, prior, scatter)
-    rows, of_held_out = held_out_rows(
+    prior, scaled, of_prior = choose_prior(planes, sensitivities, setup.light)
+    fitted = {name: group for name, group in groups.items() if name not in held_out}
+    patches, left_out, of_patches = colour_patches(planes, fitted, readings)
+    of_grey = np.array([patch.name in grey for patch in patches])
+    data, scatter = scattered(colour_data(planes, patches), prior.weights, of_grey)
+    chosen, without, ladder = _choose(data, prior)
+    found = zip(patches, chosen.deviation.tolist(), chosen.uncertainty.tolist(), without.tolist(), strict=True)
+    rows = tuple(patch.residual(*of_patch) for patch, *of_patch in found)
+    calibration = _assembled(planes, chosen, rows, scatter, scaled, tuple(left_out), ladder)
+    held, of_held_out = held_out_rows(
         lambda name: colour_patch_luminance(calibration, groups[name]),
         {name: centre_px(group) for name, group in groups.items() if name in held_out},
         readings,
     )
-    findings += [*_plane_findings(planes), *patches.findings, *prior.findings, *_findings(chosen, patches, prior)]
-    findings += of_held_out
+    findings += [*_plane_findings(planes), *of_patches, *of_prior]
+    findings += [*_findings(chosen, patches, prior, scaled is not None), *of_held_out]
     log_findings(_log, findings)
-    return replace(calibration, held_out=rows, findings=unique(findings))
+    return replace(calibration, held_out=held, findings=unique(findings))
 
 
 def _fit_planes(
-    observations: Mapping[str, Sequence[PatchObservation]],
-    darks: Mapping[str, Sequence[DarkObservation]],
+    observations: ByPlane[PatchObservation],
+    darks: ByPlane[DarkObservation],
     readings: Mapping[str, Sequence[Reading]],
     setup: Setup,
     defects: Mapping[str, DefectMap | None],
@@ -130,9 +123,7 @@ def _fit_planes(
     return planes
 
 
-def _require_planes(
-    observations: Mapping[str, Sequence[PatchObservation]], darks: Mapping[str, Sequence[DarkObservation]]
-) -> None:
+def _require_planes(observations: ByPlane[PatchObservation], darks: ByPlane[DarkObservation]) -> None:
     for what, given in (("light", observations), ("dark", darks)):
         missing = [plane for plane in PLANES if not given.get(plane)]
         if missing:
@@ -188,51 +179,31 @@ def _rms(deviations: Array) -> float:
     return float(np.sqrt(np.mean(deviations**2)))
 
 
-def _assemble(
+def _assembled(
     planes: Sequence[Calibration],
     chosen: Combination,
-    left_out: Array,
-    patches: ColourPatches,
-    ladder: tuple[CombinationStep, ...],
-    prior: ColourPrior,
+    rows: tuple[PatchResidual, ...],
     scatter: tuple[float, float],
+    sensitivities: Mapping[str, SpectralTable] | None,
+    left_out: tuple[LeftOut, ...],
+    ladder: tuple[CombinationStep, ...],
 ) -> ColourCalibration:
     to_colour = colours_of_planes(planes)
-    weights = to_colour @ chosen.weights
-    # Scatter of the patches, grey and by colour, is in their variances already.
-    covariance = to_colour @ chosen.covariance @ to_colour.T
-    rows = tuple(
-        PatchResidual.compared(
-            reading,
-            (reading.luminance_cd_m2 * (1 + deviation), tuple(sorted({t for one in seen for t in one.exposures_s}))),
-            uncertainty,
-            centre,
-            without,
-        )
-        for reading, seen, centre, deviation, uncertainty, without in zip(
-            patches.readings,
-            patches.seen,
-            patches.centres_px,
-            chosen.deviation.tolist(),
-            chosen.uncertainty.tolist(),
-            left_out.tolist(),
-            strict=True,
-        )
-    )
     sensitivity = None
-    if prior.sensitivities is not None:
-        sensitivity = weighted_sum(prior.sensitivities, dict(zip(COLOURS, chosen.weights.tolist(), strict=True)))
+    if sensitivities is not None:
+        sensitivity = weighted_sum(sensitivities, dict(zip(COLOURS, chosen.weights.tolist(), strict=True)))
     return ColourCalibration(
         planes=tuple(planes),
-        weights=tuple(weights.tolist()),
-        weight_covariance=rows_of(covariance),
+        weights=tuple((to_colour @ chosen.weights).tolist()),
+        # Scatter of the patches, grey and by colour, is in their variances already.
+        weight_covariance=rows_of(to_colour @ chosen.covariance @ to_colour.T),
         spectral_rel=chosen.spectral_rel,
         scatter_rel=scatter[0],
         scatter_dof=finite(scatter[1]),
         range_cd_m2=range_of(rows),
         residuals=rows,
         held_out=(),
-        left_out=patches.left_out,
+        left_out=left_out,
         ladder=ladder,
         sensitivity=sensitivity,
         f1_prime=None if sensitivity is None else f1_prime(sensitivity),
@@ -240,13 +211,14 @@ def _assemble(
     )
 
 
-def _findings(chosen: Combination, patches: ColourPatches, prior: ColourPrior) -> list[Finding]:
+def _findings(
+    chosen: Combination, patches: Sequence[ColourPatch], prior: Prior, sensitivities_known: bool
+) -> list[Finding]:
     findings = []
-    if chosen.undetermined > _DETERMINED * prior.prior.width:
-        known = prior.sensitivities is not None
-        findings.append(warning("patches-of-one-colour-f1" if known else "patches-of-one-colour"))
+    if chosen.undetermined > _DETERMINED * prior.width:
+        findings.append(warning("patches-of-one-colour-f1" if sensitivities_known else "patches-of-one-colour"))
     if chosen.spectral > 0:
         worst = int(np.argmax(np.abs(chosen.deviation)))
         deviation_rel = float(chosen.deviation[worst])
-        findings.append(warning("colours-do-not-fit", patches.names[worst], deviation_rel=deviation_rel))
+        findings.append(warning("colours-do-not-fit", patches[worst].name, deviation_rel=deviation_rel))
     return findings

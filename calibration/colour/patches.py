@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from math import hypot
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.errors import CalibrationError
 from ...core.frame import PLANES
@@ -17,10 +16,10 @@ from ..convert.patch import PatchLuminance, patch_luminance
 from ..findings import LeftOut
 from ..fit.intake import MIN_PATCHES, gain_settings
 from ..frames.observations import DarkObservation, PatchObservation
-from ..model import Calibration
+from ..model import Calibration, PatchResidual
 from ..readings import PatchReading, combine_readings
 from ..signal import left_out_text, net_signals, usable
-from .conversion import colourfulness, colours_of_planes, own_rel
+from .conversion import ByPlane, colourfulness, colours_of_planes, own_rel
 from .weights import ColourData
 
 #: Relative difference of the planes' signal ratios within one spectrum; linearity is not known yet.
@@ -28,52 +27,54 @@ _SAME_RATIO = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class ColourPatches:
-    """Patches the combination is fitted to.
+class ColourPatch:
+    """A patch that the combination is fitted to.
 
     Parameters
     ----------
-    names : tuple of str
-        The patches.
-    readings : tuple of PatchReading
+    reading : PatchReading
         By the meter.
-    seen : tuple of tuple of PatchLuminance
+    seen : tuple of PatchLuminance
         By each single plane.
-    centres_px : tuple of (float, float)
-        Middle (x, y) of each region in the Bayer frame.
-    data : ColourData
-        The same as numbers, by colour.
-    left_out : tuple of LeftOut
-        Patches that cannot be used.
-    findings : tuple of Finding
-        Findings for the user.
+    centre_px : (float, float)
+        Middle (x, y) of its region in the Bayer frame.
+    shared_rel : float
+        Relative standard uncertainty common to all planes.
     """
 
-    names: tuple[str, ...]
-    readings: tuple[PatchReading, ...]
-    seen: tuple[tuple[PatchLuminance, ...], ...]
-    centres_px: tuple[tuple[float, float], ...]
-    data: ColourData
-    left_out: tuple[LeftOut, ...]
-    findings: tuple[Finding, ...]
+    reading: PatchReading
+    seen: tuple[PatchLuminance, ...]
+    centre_px: tuple[float, float]
+    shared_rel: float
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+        return self.reading.patch
+
+    def residual(self, deviation: float, stated_rel: float, without: float) -> PatchResidual:
+        """Return its row, with the deviation of the combination from the reading, and that of one without the patch."""
+        exposures_s = tuple(sorted({t for one in self.seen for t in one.exposures_s}))
+        seen = self.reading.luminance_cd_m2 * (1 + deviation), exposures_s
+        return PatchResidual.compared(self.reading, seen, stated_rel, self.centre_px, without)
 
 
 def by_patch(
-    observations: Mapping[str, Sequence[PatchObservation]], planes: Sequence[str] = PLANES
-) -> dict[str, dict[str, list[PatchObservation]]]:
+    observations: ByPlane[PatchObservation], planes: Sequence[str] = PLANES
+) -> dict[str, ByPlane[PatchObservation]]:
     """Sort observations by patch, then by plane."""
     groups: dict[str, dict[str, list[PatchObservation]]] = {}
     for plane in planes:
         for o in observations.get(plane, ()):
             groups.setdefault(o.patch, {}).setdefault(plane, []).append(o)
-    return groups
+    return {**groups}
 
 
 def colour_patches(
     planes: Sequence[Calibration],
-    groups: Mapping[str, Mapping[str, Sequence[PatchObservation]]],
+    groups: Mapping[str, ByPlane[PatchObservation]],
     readings: Mapping[str, Sequence[Reading]],
-) -> ColourPatches:
+) -> tuple[list[ColourPatch], list[LeftOut], list[Finding]]:
     """Put readings and planes of each patch together.
 
     Parameters
@@ -85,13 +86,21 @@ def colour_patches(
     readings : mapping of str to sequence of Reading
         The meter's readings by patch.
 
+    Returns
+    -------
+    list of ColourPatch
+        The patches.
+    list of LeftOut
+        Patches that cannot be used.
+    list of Finding
+        Findings for the user.
+
     Raises
     ------
     CalibrationError
         If no patch is usable in all planes.
     """
-    kept: list[tuple[str, PatchReading, tuple[PatchLuminance, ...]]] = []
-    shared_rel: list[float] = []
+    kept: list[ColourPatch] = []
     of_field = max(plane.field_rel for plane in planes)
     left_out: list[LeftOut] = []
     findings: list[Finding] = []
@@ -103,28 +112,31 @@ def colour_patches(
             findings.append(warning("patch-reads-zero", name))
             continue
         try:
-            seen = [patch_luminance(plane, group.get(f"{plane.state.plane}", ())) for plane in planes]
+            seen = tuple(patch_luminance(plane, group.get(f"{plane.state.plane}", ())) for plane in planes)
         except CalibrationError as error:
             left_out.append(LeftOut(name, None, None, "not usable in all planes"))
             findings.append(warning("patch-not-in-all-planes", name, reason=str(error)))
             continue
-        kept.append((name, reading, tuple(seen)))
-        shared_rel.append(hypot(reading.random_cd_m2 / reading.luminance_cd_m2, uneven_rel(planes, group), of_field))
+        shared_rel = hypot(reading.random_cd_m2 / reading.luminance_cd_m2, uneven_rel(planes, group), of_field)
+        kept.append(ColourPatch(reading, seen, centre_px(group), shared_rel))
     if not kept:
         raise CalibrationError(f"no patch is usable in all planes ({left_out_text(left_out)}): acquire other exposures")
-    names, joined, all_seen = zip(*kept, strict=True)
-    return ColourPatches(
-        names,
-        joined,
-        all_seen,
-        tuple(centre_px(groups[name]) for name in names),
-        _data(planes, joined, all_seen, shared_rel),
-        tuple(left_out),
-        tuple(findings),
-    )
+    return kept, left_out, findings
 
 
-def uneven_rel(planes: Sequence[Calibration], group: Mapping[str, Sequence[PatchObservation]]) -> float:
+def colour_data(planes: Sequence[Calibration], patches: Sequence[ColourPatch]) -> ColourData:
+    """Return what patches say by each colour, as numbers."""
+    to_colour = colours_of_planes(planes)
+    luminance = np.array([[one.luminance_cd_m2 for one in patch.seen] for patch in patches])
+    own = np.array([[own_rel(plane, one) for plane, one in zip(planes, patch.seen, strict=True)] for patch in patches])
+    reading = np.array([patch.reading.luminance_cd_m2 for patch in patches])
+    by_colour = luminance @ to_colour
+    error = np.sqrt((luminance * own) ** 2 @ to_colour**2)
+    shared_rel = np.array([patch.shared_rel for patch in patches])
+    return ColourData(by_colour / reading[:, None], error / np.abs(by_colour), shared_rel, colourfulness(by_colour))
+
+
+def uneven_rel(planes: Sequence[Calibration], group: ByPlane[PatchObservation]) -> float:
     """Relative non-uniformity of a patch, which meter and camera view at slightly different positions.
 
     By the plane that sees the most light, and the exposures that it can use; observations are by the name of the plane,
@@ -135,32 +147,15 @@ def uneven_rel(planes: Sequence[Calibration], group: Mapping[str, Sequence[Patch
     return float(np.mean(net_signals(kept, plane.settings).slow_rel)) if kept else 0.0
 
 
-def _data(
-    planes: Sequence[Calibration],
-    readings: Sequence[PatchReading],
-    seen: Sequence[Sequence[PatchLuminance]],
-    shared_rel: Sequence[float],
-) -> ColourData:
-    to_colour = colours_of_planes(planes)
-    luminance = np.array([[one.luminance_cd_m2 for one in row] for row in seen])
-    own = np.array([[own_rel(plane, one) for plane, one in zip(planes, row, strict=True)] for row in seen])
-    reading = np.array([r.luminance_cd_m2 for r in readings])
-    by_colour = luminance @ to_colour
-    error = np.sqrt((luminance * own) ** 2 @ to_colour**2)
-    return ColourData(
-        by_colour / reading[:, None], error / np.abs(by_colour), np.array(shared_rel), colourfulness(by_colour)
-    )
-
-
-def centre_px(group: Mapping[str, Sequence[PatchObservation]]) -> tuple[float, float]:
+def centre_px(group: ByPlane[PatchObservation]) -> tuple[float, float]:
     """Middle (x, y) of a patch in the Bayer frame; a plane has half its pixels along each side."""
     x, y = next(iter(group.values()))[0].centre_px
     return 2 * x, 2 * y
 
 
 def one_spectrum(
-    observations: Mapping[str, Sequence[PatchObservation]],
-    darks: Mapping[str, Sequence[DarkObservation]],
+    observations: ByPlane[PatchObservation],
+    darks: ByPlane[DarkObservation],
     names: Collection[str],
 ) -> tuple[list[str], list[Finding]]:
     """Find the largest group of patches of one spectrum, by the ratios of the planes' signals.
@@ -184,18 +179,13 @@ def one_spectrum(
     CalibrationError
         If fewer than `MIN_PATCHES` patches have the same spectrum.
     """
-    rates = {plane: _rates(observations[plane], darks[plane], names) for plane in PLANES}
-    seen = [name for name in names if all(name in of_plane for of_plane in rates.values())]
-    level = {name: np.log([rates[p][name][0] for p in PLANES]) for name in seen}
-    noise = {name: np.array([rates[p][name][1] for p in PLANES]) for name in seen}
-    best: list[str] = []
-    for name in seen:
-        group = [
-            other
-            for other in seen
-            if np.all(np.abs(_centred(level[other] - level[name])) < _SAME_RATIO + 3 * (noise[other] + noise[name]))
-        ]
-        best = max(best, group, key=len)
+    rates = [_rates(observations[plane], darks[plane], names) for plane in PLANES]
+    seen = [name for name in names if all(name in of_plane for of_plane in rates)]
+    level, noise = np.array([[of_plane[name] for of_plane in rates] for name in seen]).reshape(-1, len(PLANES), 2).T
+    apart = np.log(level)[:, :, None] - np.log(level)[:, None, :]
+    same = np.abs(apart - apart.mean(axis=0)) < _SAME_RATIO + 3 * (noise[:, :, None] + noise[:, None, :])
+    groups = [[seen[i] for i in np.flatnonzero(row)] for row in same.all(axis=0)]
+    best = max(groups, key=len, default=[])
     if len(best) < MIN_PATCHES:
         raise CalibrationError(
             f"{len(best)} of {len(names)} patches have the same colour and are usable in all planes: at least "
@@ -206,11 +196,6 @@ def one_spectrum(
     if not others:
         return best, []
     return best, [info("patches-of-another-colour", patches=others)]
-
-
-def _centred(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    centred: NDArray[np.float64] = values - values.mean()
-    return centred
 
 
 def _rates(

@@ -199,28 +199,9 @@ def _solve(data: ColourData, prior: Prior, spectral: float) -> Combination:
     return Combination(weights, covariance, spectral, data.dof, data.relative @ weights - 1, uncertainty)
 
 
-@dataclass(frozen=True, eq=False)
-class ColourPrior:
-    """Prior of the weights and related quantities.
-
-    Parameters
-    ----------
-    prior : Prior
-        Prior weights of R, G and B with their uncertainty.
-    sensitivities : mapping of str to SpectralTable or None
-        Standard deviations of the luminances by R, G and B, each scaled to the light of the calibration.
-    findings : tuple of Finding
-        Findings for the user.
-    """
-
-    prior: Prior
-    sensitivities: Mapping[str, SpectralTable] | None
-    findings: tuple[Finding, ...]
-
-
 def choose_prior(
     planes: Sequence[Calibration], sensitivities: Mapping[str, SpectralTable] | None, source: Source
-) -> ColourPrior:
+) -> tuple[Prior, Mapping[str, SpectralTable] | None, list[Finding]]:
     """Return the weights of least noise, or with spectral sensitivities those of the smallest f1'.
 
     Of uncorrelated L_p with equal mean, the weighted mean with weights inverse to the variances has the least
@@ -235,6 +216,15 @@ def choose_prior(
     source : str or SpectralTable
         Light of the calibration.
 
+    Returns
+    -------
+    Prior
+        Prior weights of R, G and B with their uncertainty.
+    mapping of str to SpectralTable or None
+        Their sensitivities, each scaled to the light of the calibration; None if they are not known.
+    list of Finding
+        Findings for the user.
+
     Raises
     ------
     InputError
@@ -243,23 +233,23 @@ def choose_prior(
     inverse = 1 / _relative_variance(planes)
     of_noise = Prior(inverse / inverse.sum(), _NOISE_WIDTH)
     if sensitivities is None:
-        return ColourPrior(of_noise, None, ())
+        return of_noise, None, []
     if set(sensitivities) != set(COLOURS):
         raise InputError(
             f"the spectral sensitivities are those of {', '.join(sensitivities)}: a camera with colour filters needs "
             "R, G and B"
         )
     try:
-        scale = {colour: 1 / response_per_luminance(sensitivities[colour], source) for colour in COLOURS}
+        scaled = {colour: _scaled_to(source, sensitivities[colour]) for colour in COLOURS}
     except InputError as error:
-        return ColourPrior(of_noise, None, (warning("sensitivities-not-used", reason=str(error)),))
-    right = {colour: _scaled(sensitivities[colour], scale[colour]) for colour in COLOURS}
-    weights = least_f1_prime(right)
+        return of_noise, None, [warning("sensitivities-not-used", reason=str(error))]
+    weights = least_f1_prime(scaled)
     total = sum(weights.values())
-    return ColourPrior(Prior(np.array([weights[c] / total for c in COLOURS]), _SPECTRAL_WIDTH), right, ())
+    return Prior(np.array([weights[c] / total for c in COLOURS]), _SPECTRAL_WIDTH), scaled, []
 
 
-def _scaled(table: SpectralTable, factor: float) -> SpectralTable:
+def _scaled_to(source: Source, table: SpectralTable) -> SpectralTable:
+    factor = 1 / response_per_luminance(table, source)
     return SpectralTable(table.wavelength_nm, tuple(factor * value for value in table.values))
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...core.clock import exposure_text
 from ...core.errors import CalibrationError
-from ...core.luminance import CommonError
+from ...core.luminance import RANGE_MARGIN, CommonError
 from ...core.result import Finding, warning
 from ..converter import OF_FRAMES, Converter, common_errors, placed
 from ..frames.nonuniformity import vignetting_errors
@@ -227,18 +227,11 @@ def _combined(
             *findings,
             *temperature_findings(observations, calibration.settings),
             *(
-                _outside(calibration, patch, luminance, random_rel)
+                outside_range(patch, luminance, random_rel, calibration.range_cd_m2)
                 or _unconfirmed(calibration, patch, net, each, inverse)
             ),
         ),
     )
-
-
-def _outside(calibration: Converter, patch: str, luminance_cd_m2: float, random_rel: float) -> list[Finding]:
-    low, high = calibration.range_cd_m2
-    margin = 3 * random_rel * luminance_cd_m2
-    outside = luminance_cd_m2 < low - margin or luminance_cd_m2 > high + margin
-    return [outside_range(patch, luminance_cd_m2, (low, high))] if outside else []
 
 
 def _unconfirmed(calibration: Converter, patch: str, net_dn: Array, each: Array, weight: Array) -> list[Finding]:
@@ -255,12 +248,15 @@ def _unconfirmed(calibration: Converter, patch: str, net_dn: Array, each: Array,
     return [warning("signal-outside-range", patch, net_dn=float(net_dn.max()), highest_net_dn=highest_dn)]
 
 
-def outside_range(patch: str, luminance_cd_m2: float, range_cd_m2: tuple[float, float]) -> Finding:
-    """Return the finding of a patch outside the luminance range of the calibration."""
-    low, high = range_cd_m2
-    return warning(
-        "luminance-outside-range", patch, luminance_cd_m2=luminance_cd_m2, lowest_cd_m2=low, highest_cd_m2=high
-    )
+def outside_range(
+    patch: str, luminance_cd_m2: float, random_rel: float, range_cd_m2: tuple[float, float]
+) -> list[Finding]:
+    """Warn of a patch outside the luminance range of the calibration by more than its noise."""
+    (low, high), margin = range_cd_m2, RANGE_MARGIN * random_rel * luminance_cd_m2
+    if low - margin <= luminance_cd_m2 <= high + margin:
+        return []
+    code, limits = "luminance-outside-range", {"lowest_cd_m2": low, "highest_cd_m2": high}
+    return [warning(code, patch, luminance_cd_m2=luminance_cd_m2, **limits)]
 
 
 def numbered(common: Sequence[CommonError]) -> dict[tuple[str, int], CommonError]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from math import hypot, inf, sqrt
 
 import numpy as np
@@ -14,8 +14,8 @@ from ...core.clock import exposure_text
 from ...core.errors import CalibrationError
 from ...core.reading import Reading
 from ...core.result import Finding, warning
-from ..colour.conversion import luminance_of_planes, own_rel
-from ..colour.model import AnyCalibration, ColourCalibration
+from ..colour.conversion import ByPlane, luminance_of_planes, own_rel
+from ..colour.model import AnyCalibration
 from ..colour.patches import by_patch, uneven_rel
 from ..convert.patch import PatchLuminance, numbered, patch_luminance
 from ..converter import FLAT_FIELD, VIGNETTING
@@ -32,8 +32,8 @@ from .result import WANDER_DN, Drift, Verification, VerifiedDark, VerifiedPatch,
 
 def verify(
     calibration: AnyCalibration,
-    observations: Mapping[str, Sequence[PatchObservation]],
-    darks: Mapping[str, Sequence[DarkObservation]],
+    observations: ByPlane[PatchObservation],
+    darks: ByPlane[DarkObservation],
     readings: Mapping[str, Sequence[Reading]],
     meter: MeterScale,
     tolerance_rel: float | None = None,
@@ -64,7 +64,7 @@ def verify(
     InputError
         If the tolerance is not above 0 and up to 1.
     """
-    tolerance = partial(_tolerance_rel, calibration, tolerance_rel)
+    stated_rel = None if tolerance_rel is None else require_tolerance(tolerance_rel)
     groups = by_patch(observations, [_name(plane) for plane in calibration.planes])
     seen, unusable, of_frames = _measured(calibration, groups)
     comparison, of_readings = _compared(calibration, groups, list(seen.values()), readings, meter)
@@ -79,9 +79,9 @@ def verify(
         calibration_sha256=calibration.provenance.input_sha256,
         meter=meter,
         calibration_meter=calibration.meter_scale,
-        tolerance_rel=tolerance(0.0),
-        tolerance_stated=tolerance_rel is not None,
-        patches=tuple(comparison.rows(tolerance)),
+        tolerance_rel=stated_rel or own_tolerance_rel(calibration),
+        tolerance_stated=stated_rel is not None,
+        patches=tuple(comparison.rows(lambda of_place_rel: stated_rel or own_tolerance_rel(calibration, of_place_rel))),
         unusable=unusable,
         darks=tuple(_dark_rows(calibration, darks)),
         planes=_planes(calibration, darks, comparison, {name: groups[name] for name in seen}),
@@ -90,10 +90,6 @@ def verify(
     )
     found = [*of_readings, *meter.findings(measured), *(f for row in seen.values() for f in row.findings), *of_frames]
     return replace(result, findings=(*findings_of(result), *dict.fromkeys(found)))
-
-
-def _tolerance_rel(calibration: AnyCalibration, stated_rel: float | None, of_place_rel: float) -> float:
-    return own_tolerance_rel(calibration, of_place_rel) if stated_rel is None else require_tolerance(stated_rel)
 
 
 def own_tolerance_rel(calibration: AnyCalibration, of_place_rel: float = 0.0) -> float:
@@ -126,11 +122,8 @@ class _Comparison:
 
     @property
     def covariance(self) -> NDArray[np.float64]:
-        read = [self.read[one.patch] for one in self.seen]
-        own = [
-            hypot(s.random_rel, r.random_cd_m2 / r.luminance_cd_m2, self.uneven_rel[s.patch])
-            for s, r in zip(self.seen, read, strict=True)
-        ]
+        of_reading = [self.read[one.patch].random_cd_m2 / self.read[one.patch].luminance_cd_m2 for one in self.seen]
+        own = [hypot(s.random_rel, r, self.uneven_rel[s.patch]) for s, r in zip(self.seen, of_reading, strict=True)]
         covariance = np.diag(np.square(own))
         common = [numbered(one.common) for one in self.seen]
         apart = (*METER_SOURCES, VIGNETTING)
@@ -172,7 +165,7 @@ class _Comparison:
 
 def _compared(
     calibration: AnyCalibration,
-    groups: Mapping[str, Mapping[str, Sequence[PatchObservation]]],
+    groups: Mapping[str, ByPlane[PatchObservation]],
     seen: Sequence[PatchLuminance],
     readings: Mapping[str, Sequence[Reading]],
     meter: MeterScale,
@@ -196,22 +189,25 @@ def _compared(
 
 def _planes(
     calibration: AnyCalibration,
-    darks: Mapping[str, Sequence[DarkObservation]],
+    darks: ByPlane[DarkObservation],
     comparison: _Comparison,
-    groups: Mapping[str, Mapping[str, Sequence[PatchObservation]]],
+    groups: Mapping[str, ByPlane[PatchObservation]],
 ) -> tuple[VerifiedPlane, ...]:
     """Each plane with its change against the meter, and its deviation from all planes together, by grey patches."""
     planes = [VerifiedPlane(one.state.plane, _dark(one, darks.get(_name(one), ())), None) for one in calibration.planes]
     if isinstance(calibration, Calibration):
         return (replace(planes[0], drift=comparison.drift(calibration)),)
-    seen = [_of_planes(calibration, groups[name]) for name in groups if name in calibration.grey_patches]
-    by_plane = list(zip(*filter(None, seen), strict=True))
-    if not by_plane:
+    seen: list[list[PatchLuminance]] = []
+    for group in (group for name, group in groups.items() if name in calibration.grey_patches):
+        with suppress(CalibrationError):
+            seen.append([patch_luminance(plane, group[_name(plane)]) for plane in calibration.planes])
+    if not seen:
         return tuple(planes)
+    by_plane, weights = list(zip(*seen, strict=True)), np.array(calibration.weights)
     luminance = np.array([[one.luminance_cd_m2 for one in of_plane] for of_plane in by_plane])
-    shares = np.array(calibration.weights)[:, None] * luminance
+    shares = weights[:, None] * luminance
     shares = (shares / shares.sum(axis=0)).mean(axis=1)
-    balance = (luminance / (np.array(calibration.weights) @ luminance) - 1).mean(axis=1)
+    balance = (luminance / (weights @ luminance) - 1).mean(axis=1)
     errors = np.array([_own_rel(plane, own) for plane, own in zip(calibration.planes, by_plane, strict=True)])
     u = np.sqrt(np.square(np.eye(len(planes)) - shares) @ np.square(errors))
     return tuple(
@@ -226,15 +222,6 @@ def _planes(
     )
 
 
-def _of_planes(
-    calibration: ColourCalibration, group: Mapping[str, Sequence[PatchObservation]]
-) -> list[PatchLuminance] | None:
-    try:
-        return [patch_luminance(plane, group[_name(plane)]) for plane in calibration.planes]
-    except CalibrationError:
-        return None
-
-
 def _own_rel(plane: Calibration, own: Sequence[PatchLuminance]) -> float:
     """Relative standard uncertainty of a plane's mean over patches, by what differs from plane to plane."""
     noise = sum(own_rel(plane, one) ** 2 for one in own) / len(own) ** 2
@@ -246,7 +233,7 @@ def _name(plane: Calibration) -> str:
 
 
 def _measured(
-    calibration: AnyCalibration, groups: Mapping[str, Mapping[str, Sequence[PatchObservation]]]
+    calibration: AnyCalibration, groups: Mapping[str, ByPlane[PatchObservation]]
 ) -> tuple[dict[str, PatchLuminance], tuple[str, ...], list[Finding]]:
     """Luminances of the patches that can be measured, names of the others, and findings; raises if there is none."""
     if not groups:
@@ -276,7 +263,7 @@ def _dark(plane: Calibration, darks: Sequence[DarkObservation]) -> DarkModel:
     return fit_dark(darks)[0]
 
 
-def _dark_rows(calibration: AnyCalibration, darks: Mapping[str, Sequence[DarkObservation]]) -> Iterator[VerifiedDark]:
+def _dark_rows(calibration: AnyCalibration, darks: ByPlane[DarkObservation]) -> Iterator[VerifiedDark]:
     """Compare the new dark frames of each plane and exposure with the calibration's dark signal."""
     for plane, weight in zip(calibration.planes, calibration.weights, strict=True):
         # The lowest luminance is measured with the longest exposures.

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -99,24 +98,20 @@ def bracket_luminance(conversion: CalibratedCamera, frames: Sequence[Frame]) -> 
     merge = _Merge.of(conversion, sorted(frames, key=lambda frame: frame.exposure_s))
     # NumPy computes without the interpreter's lock: two at a time take little more memory.
     with ThreadPoolExecutor(2) as pool:
-        blocks = list(pool.map(merge.block, merge.windows()))
+        blocks = list(pool.map(lambda window: merge.block(window)[0], merge.windows()))
+    of_pixels = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
+    n_used, common_rel = of_pixels.pop("n_used"), of_pixels.pop("common_rel")
+    luminance, invalid = of_pixels.pop("mean"), of_pixels.pop("invalid")
     combined = LuminanceMap(
-        np.concatenate([one.mean for one in blocks]),
-        PixelErrors(
-            np.concatenate([one.random_rel for one in blocks]),
-            slow_rel=merge.slow_rel,
-            slow_cd_m2=np.concatenate([one.slow_cd_m2 for one in blocks]),
-            fixed_rel=merge.fixed_rel,
-            fixed_cd_m2=np.concatenate([one.fixed_cd_m2 for one in blocks]),
-        ),
-        lambda window: merge.block(window).common,
-        np.concatenate([one.invalid for one in blocks]),
-        common_rel=partial(np.concatenate, [one.common_rel for one in blocks]),
+        luminance,
+        PixelErrors(slow_rel=merge.slow_rel, fixed_rel=merge.fixed_rel, **of_pixels),
+        lambda window: merge.block(window)[1],
+        invalid,
+        common_rel=lambda: common_rel,
         step=merge.step,
     )
-    share = float(np.mean((combined.invalid & Invalid.INCONSISTENT) != 0))
+    share = float(np.mean((invalid & Invalid.INCONSISTENT) != 0))
     exposures_s = tuple(one.frame.exposure_s for one in merge.exposures)
-    n_used = np.concatenate([one.n_used for one in blocks])
     return Bracket(combined, n_used, exposures_s, share, _findings(exposures_s, combined, share))
 
 
@@ -135,26 +130,6 @@ class _Exposure:
         """Variance of pixels of an expected luminance."""
         found: _Array = np.interp(luminance_cd_m2, self.luminance_cd_m2, self.variance).astype(np.float32)
         return found
-
-
-@dataclass(frozen=True, eq=False)
-class _Block:
-    """What is computed of some rows."""
-
-    mean: _Array
-    random_rel: _Array
-    common: tuple[CommonError, ...]
-    invalid: NDArray[np.uint8]
-    n_used: NDArray[np.uint8]
-    slow_cd_m2: _Array
-    fixed_cd_m2: _Array
-
-    @property
-    def common_rel(self) -> _Array:
-        total = np.zeros(self.mean.shape, np.float32)
-        for error in self.common:
-            total += np.square(error.relative)
-        return np.sqrt(total)
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,8 +168,8 @@ class _Merge:
         rows = max(_BLOCK // self.shape[1], 1)
         return ((slice(start, start + rows), slice(None)) for start in range(0, self.shape[0], rows))
 
-    def block(self, window: Window) -> _Block:
-        """Merge the exposures in some rows and columns."""
+    def block(self, window: Window) -> tuple[dict[str, NDArray[Any]], tuple[CommonError, ...]]:
+        """Merge the exposures in some rows and columns: what there is of each pixel, and the common errors."""
         maps = [self.conversion.to_luminance(one.frame, window) for one in self.exposures]
         luminance = np.stack([one.luminance_cd_m2 for one in maps])
         sound = np.stack([_usable(one) for one in maps])
@@ -217,19 +192,27 @@ class _Merge:
         invalid = np.bitwise_and.reduce(np.where(usable, flags, np.uint8(0xFF)), axis=0)
         invalid = np.where(nothing, flags[0], invalid)
         invalid[self._inconsistent(luminance, usable, mean)] |= Invalid.INCONSISTENT.value
-        n_used: NDArray[np.uint8] = usable.sum(axis=0, dtype=np.uint8)
         magnitude = np.maximum(np.abs(mean), np.float32(1e-30))
-        variance, slow, fixed = (np.zeros(mean.shape, np.float32) for _ in range(3))
+        variance, slow, fixed, common2 = (np.zeros(mean.shape, np.float32) for _ in range(4))
         for one, seen, weight in zip(maps, luminance, weights, strict=True):
             slow += np.square(weight * one.slow_cd_m2)
             fixed += weight * one.fixed_cd_m2
             of_frame = np.maximum(one.random_rel**2 - one.fixed_rel**2, 0) * np.square(seen)
             own = np.maximum(of_frame - np.square(one.fixed_cd_m2), 0)
             variance += np.where(weight > 0, np.square(weight) * own, 0)
-        random_rel = np.sqrt((variance + fixed**2) / magnitude**2 + np.float32(self.fixed_rel) ** 2)
         shares = luminance * weights / np.where(mean < 0, -magnitude, magnitude)
         common = _common([one.common_in(WHOLE) for one in maps], shares)
-        return _Block(mean, random_rel, common, invalid, n_used, np.sqrt(slow), fixed)
+        for error in common:
+            common2 += np.square(error.relative)
+        return {
+            "mean": mean,
+            "random_rel": np.sqrt((variance + fixed**2) / magnitude**2 + np.float32(self.fixed_rel) ** 2),
+            "slow_cd_m2": np.sqrt(slow),
+            "fixed_cd_m2": fixed,
+            "common_rel": np.sqrt(common2),
+            "invalid": invalid,
+            "n_used": usable.sum(axis=0, dtype=np.uint8),
+        }, common
 
     def _each(self, compute: Callable[[_Exposure], NDArray[Any]]) -> NDArray[Any]:
         """Values of all frames, computed once for those that are alike, shape (frames, height, width)."""

@@ -168,21 +168,13 @@ class _Conversion:
         return result
 
     def _invalid(self) -> NDArray[np.uint8]:
-        margin = (RANGE_MARGIN * self._error_by_dn).astype(np.float32)
-        if self.dark_pattern_dn is None and self.inverse_v is None:
-            invalid = _look_up(self._flags(self._luminance_by_dn, margin, self._flags_by_dn()), self._dn)
-        else:
-            margin = _look_up(margin, self._dn, self.inverse_v)
-            invalid = self._flags(self._luminance(), margin, _look_up(self._flags_by_dn(), self._dn))
-        if self.converter.defects is not None:
-            invalid[self.converter.defects.mask(self.frame.shape)[self.window]] |= Invalid.DEFECT.value
-        return invalid
-
-    def _flags(self, luminance: _Maps, margin: _Maps, flags: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Add those of luminances below black, or outside the calibrated range by more than noise."""
+        luminance, flags = self._luminance(), _look_up(self._flags_by_dn(), self._dn)
+        margin = _look_up((RANGE_MARGIN * self._error_by_dn).astype(np.float32), self._dn, self.inverse_v)
         low, high = self.converter.range_cd_m2
         flags[luminance < 0] |= Invalid.BELOW_BLACK.value
         flags[(luminance + margin < low) | (luminance - margin > high)] |= Invalid.OUTSIDE_CALIBRATED.value
+        if self.converter.defects is not None:
+            flags[self.converter.defects.mask(self.frame.shape)[self.window]] |= Invalid.DEFECT.value
         return flags
 
     def _flags_by_dn(self) -> NDArray[np.uint8]:

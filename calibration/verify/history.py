@@ -30,14 +30,14 @@ class HistoryPoint:
     responsivity : (float, float, float) or None
         R, and its relative U (95 %) without and with the meter's scale. Of a verification, that of its calibration with
         the deviation it found; None if it found none of this plane.
-    weight : float or None
-        Of the plane in the luminance; None for a monochrome sensor, or a verification.
     dark : DarkModel
         The dark signal.
-    k_dn_per_e : float or None
-        Overall system gain K; None for a verification, or if it is not known.
     meter : MeterScale
         The meter with its certificate.
+    weight : float or None
+        Of the plane in the luminance; None for a monochrome sensor, or a verification.
+    k_dn_per_e : float or None
+        Overall system gain K; None for a verification, or if it is not known.
     verdict : {'conform', 'undecided', 'not conform'} or None
         Of a verification; None for a calibration.
     """
@@ -45,11 +45,11 @@ class HistoryPoint:
     source: str
     measured: datetime
     responsivity: tuple[float, float, float] | None
-    weight: float | None
     dark: DarkModel
-    k_dn_per_e: float | None
     meter: MeterScale
-    verdict: Verdict | None
+    weight: float | None = None
+    k_dn_per_e: float | None = None
+    verdict: Verdict | None = None
 
     @property
     def dark_offset_dn(self) -> tuple[float, float]:
@@ -141,29 +141,14 @@ def _of_calibration(source: str, calibration: Calibration, weight: float | None)
     fit, meter, k = calibration.responsivity, calibration.meter_scale, calibration.noise.k_dn_per_e
     kinds = scales_apart(meter, meter), (meter,)
     own_rel, whole_rel = (expanded_rel(scales, fit.random_rel, fit.dof or inf) for scales in kinds)
-    return HistoryPoint(
-        source=source,
-        measured=calibration.provenance.measured,
-        responsivity=(fit.responsivity_dn_s_cd_m2, own_rel, whole_rel),
-        weight=weight,
-        dark=calibration.dark,
-        k_dn_per_e=k if k > 0 else None,
-        meter=meter,
-        verdict=None,
-    )
+    responsivity = fit.responsivity_dn_s_cd_m2, own_rel, whole_rel
+    measured = calibration.provenance.measured
+    return HistoryPoint(source, measured, responsivity, calibration.dark, meter, weight, k if k > 0 else None)
 
 
 def _of_verification(source: str, verification: Verification, plane: VerifiedPlane) -> HistoryPoint:
-    drift = plane.drift
-    return HistoryPoint(
-        source=source,
-        measured=verification.measured,
-        responsivity=None
-        if drift is None
-        else (drift.responsivity_dn_s_cd_m2, drift.expanded_rel, drift.responsivity_expanded_rel),
-        weight=None,
-        dark=plane.dark,
-        k_dn_per_e=None,
-        meter=verification.meter,
-        verdict=verification.verdict,
-    )
+    found, responsivity = plane.drift, None
+    if found is not None:
+        responsivity = found.responsivity_dn_s_cd_m2, found.expanded_rel, found.responsivity_expanded_rel
+    measured, meter, verdict = verification.measured, verification.meter, verification.verdict
+    return HistoryPoint(source, measured, responsivity, plane.dark, meter, verdict=verdict)

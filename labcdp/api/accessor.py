@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
+from ..evaluate.sweep.maps.axes import CdpMap
 from ..evaluate.sweep.maps.dips import SnrDip
 from ..evaluate.sweep.maps.map import MapAnalysis, analyse_map
 from ..evaluate.sweep.maps.ranges import LEVELS, Isoline, UsableRange, isolines
@@ -123,7 +124,7 @@ class LabcdpAccessor:
             found = self.analysis()
             x, y = x or found.x, y or found.y
         axes, lines = (as_text(x, "x"), as_text(y, "y")), as_list(levels, "levels", "a list")
-        return isolines(self._dataset, *axes, lines, as_text(variable, "variable"))
+        return isolines(CdpMap.of(self._dataset), *axes, lines, as_text(variable, "variable"))
 
     def dips(self, expected: Sequence[float] = ()) -> tuple[SnrDip, ...]:
         """Find where SNR or CDP falls although there is more light, as at the transitions of a merge."""

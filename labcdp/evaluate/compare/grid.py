@@ -13,7 +13,7 @@ from ...calibration import Calibration
 from ...calibration.uncertainty import expanded_rel
 from ...core.errors import InputError
 from ...core.table import Z_95
-from ..sweep.maps.axes import MapAxis, map_axis, map_layout, sections
+from ..sweep.maps.axes import CdpMap, MapAxis
 from .subject import Subject
 
 if TYPE_CHECKING:
@@ -173,32 +173,36 @@ def map_grid(subjects: Sequence[Subject], maps: Sequence[Dataset]) -> Grid:
     InputError
         If the maps have other axes, or other values on them.
     """
-    layout = map_layout(maps[0])
-    single = [str(name) for name in maps[0]["cdp"].dims if name not in (*layout.others, *layout.spanned)]
-    names = [*single, *layout.others, *layout.spanned]
-    for subject, dataset in zip(subjects, maps, strict=True):
-        _require_axes(subjects[0].name, maps[0], subject.name, dataset)
-    values = tuple(_cdp(dataset, names) for dataset in maps)
+    found = [CdpMap.of(dataset) for dataset in maps]
+    first = found[0]
+    # Axes of one value come first, those of the picture last.
+    others = sorted(
+        (name for name in first.axes if name not in first.spanned), key=lambda name: first.axes[name].values.size > 1
+    )
+    names = [*others, *first.spanned]
+    for subject, other in zip(subjects, found, strict=True):
+        _require_axes(subjects[0].name, first, subject.name, other)
+    values = tuple(_cdp(one, names) for one in found)
     differences = tuple(difference(values[0], other) for other in values[1:])
-    return Grid("CDP", tuple(map_axis(maps[0], name) for name in names), values, differences, relative=False)
+    return Grid("CDP", tuple(first.axes[name] for name in names), values, differences, relative=False)
 
 
-def _cdp(dataset: Dataset, names: list[str]) -> Uncertain:
-    (_, ordered), *_ = sections(dataset, names)
+def _cdp(found: CdpMap, names: list[str]) -> Uncertain:
+    (_, ordered), *_ = found.sections(*names)
     expanded: Any = 0.0
-    if dataset.attrs.get("method") != "exact":
-        known = "standard_error" in dataset
+    if found.dataset.attrs.get("method") != "exact":
+        known = "standard_error" in ordered
         expanded = Z_95 * ordered["standard_error"].values if known else np.full(ordered["cdp"].shape, np.nan)
     return Uncertain(ordered["cdp"].values, expanded, expanded)
 
 
-def _require_axes(first: str, ours: Dataset, other: str, theirs: Dataset) -> None:
-    def text(dataset: Dataset) -> str:
-        axes = [map_axis(dataset, str(name)) for name in dataset["cdp"].dims]
-        return ", ".join(f"{a.name} ({a.values.size} from {a.values[0]} to {a.values[-1]})" for a in axes)
+def _require_axes(first: str, ours: CdpMap, other: str, theirs: CdpMap) -> None:
+    def text(found: CdpMap) -> str:
+        values = {name: axis.values for name, axis in found.axes.items()}
+        return ", ".join(f"{name} ({of.size} from {of[0]} to {of[-1]})" for name, of in values.items())
 
-    same = set(ours["cdp"].dims) == set(theirs["cdp"].dims)
-    if not same or not all(_alike(map_axis(ours, str(n)), map_axis(theirs, str(n))) for n in ours["cdp"].dims):
+    same = set(ours.axes) == set(theirs.axes)
+    if not same or not all(_alike(axis, theirs.axes[name]) for name, axis in ours.axes.items()):
         raise InputError(
             f"the maps have different axes, {first}: {text(ours)}; {other}: {text(theirs)}: sweep both over the same"
         )

@@ -157,7 +157,7 @@ def _maps(grid: Grid, names: Sequence[str], simulated: str) -> Figure:
     rows = ceil(len(maps) / columns)
     figure = new_figure(1.0 + 3.7 * columns, 0.5 + 3.0 * rows, simulated)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
-    edges = shown(x, cell_edges(x)), shown(y, cell_edges(y))
+    edges = cell_edges(x), cell_edges(y)
     for number, (panel, (name, values, how)) in enumerate(zip(panels, maps, strict=False)):
         panel.set_facecolor(MISSING)
         mesh = panel.pcolormesh(*edges, np.ma.masked_invalid(values), **how)

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 
 from labcdp.core.errors import InputError
+from labcdp.evaluate.sweep.maps.axes import CdpMap
 from labcdp.evaluate.sweep.maps.dips import find_dips
 from labcdp.evaluate.sweep.maps.map import analyse_map
 from labcdp.evaluate.sweep.maps.ranges import isolines, usable_ranges, widest_range
@@ -34,7 +35,7 @@ def plane() -> xr.Dataset:
 
 
 def test_isolines_of_a_plane_are_its_straight_lines() -> None:
-    lines = isolines(plane(), LUMINANCE, CONTRAST, (0.5, 0.75))
+    lines = isolines(CdpMap.of(plane()), LUMINANCE, CONTRAST, (0.5, 0.75))
     assert [(line.level, line.closed) for line in lines] == [(0.5, False), (0.75, False)]
     for line in lines:
         product = 10 ** ((line.level - 0.5) / 0.2)
@@ -43,7 +44,7 @@ def test_isolines_of_a_plane_are_its_straight_lines() -> None:
 
 
 def test_usable_range_of_a_plane_in_closed_form() -> None:
-    ranges = usable_ranges(plane(), LUMINANCE, 0.77)
+    ranges = usable_ranges(CdpMap.of(plane()), LUMINANCE, 0.77)
     assert len(ranges) == 9
     for one in ranges:
         low = 10**1.35 / one.at[CONTRAST]  # type: ignore[operator]
@@ -60,7 +61,7 @@ def test_usable_range_of_a_plane_in_closed_form() -> None:
 @given(st.lists(st.floats(0, 1), min_size=2, max_size=12), st.floats(0.01, 1))
 def test_usable_range_holds_exactly_the_points_that_are_high_enough(cdp: list[float], level: float) -> None:
     luminance = np.arange(1.0, len(cdp) + 1)
-    (one,) = usable_ranges(curve(luminance, cdp=cdp), LUMINANCE, level)
+    (one,) = usable_ranges(CdpMap.of(curve(luminance, cdp=cdp)), LUMINANCE, level)
     inside = [any(i.low <= place <= i.high for i in one.intervals) for place in luminance]
     assert inside == [value >= level for value in cdp]
     for end in (end for interval in one.intervals for end in interval.ends if not end.is_open):
@@ -82,7 +83,7 @@ def test_dip_of_a_change_of_exposure_in_closed_form() -> None:
     cdp = np.linspace(0.5, 0.99, luminance.size)
     cdp[7] = 0.3
     dataset = curve(luminance, cdp=cdp, snr_dark=sawtooth(luminance, 64.0, 2.0))
-    (dip,) = find_dips(dataset, LUMINANCE, expected=[5.0, 70.0])
+    (dip,) = find_dips(CdpMap.of(dataset), LUMINANCE, expected=[5.0, 70.0])
     # sqrt(128) / 2 against sqrt(64); half of sqrt(256) is 8 again.
     assert (dip.start, dip.position, dip.recovery, dip.expected) == (64.0, 128.0, pytest.approx(256.0), 70.0)
     assert dip.depth_ratio == pytest.approx(np.sqrt(2), rel=1e-12)
@@ -93,8 +94,8 @@ def test_dip_of_a_change_of_exposure_in_closed_form() -> None:
 def test_the_final_saturation_is_not_a_dip_unless_a_change_of_exposure_explains_it() -> None:
     luminance = 2.0 ** np.arange(0, 8)
     dataset = curve(luminance, cdp=np.ones(8), snr_dark=sawtooth(luminance, 64.0, 8.0))
-    assert find_dips(dataset, LUMINANCE) == ()
-    (dip,) = find_dips(dataset, LUMINANCE, expected=[70.0])
+    assert find_dips(CdpMap.of(dataset), LUMINANCE) == ()
+    (dip,) = find_dips(CdpMap.of(dataset), LUMINANCE, expected=[70.0])
     assert (dip.start, dip.position, dip.expected) == (64.0, 128.0, 70.0)
     assert np.isnan(dip.recovery)
 
@@ -111,7 +112,7 @@ def test_noise_of_a_simulated_sweep_makes_no_dip_and_hides_none(stated: bool, fa
         errors = {"snr_dark_standard_error": np.sqrt((1 + snr**2 / 2) / 512)} if stated else {}
         dataset = curve(luminance, method="simulated", cdp=np.linspace(0.1, 1, 400), snr_dark=snr, **errors)
         expected = [100.0] if fall > 1 else []
-        assert [dip.expected for dip in find_dips(dataset, LUMINANCE, expected=expected)] == expected
+        assert [dip.expected for dip in find_dips(CdpMap.of(dataset), LUMINANCE, expected=expected)] == expected
 
 
 def test_faults_of_a_map_are_named() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ....core.errors import InputError
 
 if TYPE_CHECKING:
-    from xarray import Dataset
+    from xarray import DataArray, Dataset
 
 
 #: Values of the parameters that are fixed in a section of a map, by name.
@@ -100,27 +100,87 @@ class MapAxis:
 
 
 @dataclass(frozen=True, eq=False)
-class MapLayout:
-    """Which axes span the picture of a map.
+class CdpMap:
+    """A map of CDP with its axes.
 
     Parameters
     ----------
+    dataset : xarray.Dataset
+        The map; all variables have the axes of CDP, numbers rise.
+    axes : dict of str to MapAxis
+        Its axes by name.
     x : MapAxis
-        Across: the luminance if it is varied, else the first axis of numbers, else the first axis.
+        Across the picture: the luminance if it is varied, else the first axis of numbers, else the first axis.
     y : MapAxis or None
         Up: the next axis of numbers; None if there is only one, or only up to eight contrasts to be detected.
-    others : tuple of str
-        The other axes that hold more than one value.
     """
 
+    dataset: Dataset
+    axes: dict[str, MapAxis]
     x: MapAxis
     y: MapAxis | None
-    others: tuple[str, ...]
+
+    @classmethod
+    def of(cls, dataset: Dataset) -> CdpMap:
+        """Describe the axes of a map; axes of one value do not span its picture, unless there is no other.
+
+        Raises
+        ------
+        InputError
+            If the dataset is no map (see `check_map`), or the numbers of an axis are not finite or not distinct.
+        """
+        check_map(dataset)
+        axes = {str(name): _described(dataset.coords[name]) for name in dataset["cdp"].dims}
+        varied = [axis for axis in axes.values() if axis.values.size > 1] or list(axes.values())[:1]
+        x, *rest = sorted(varied, key=lambda axis: (not axis.is_luminance, not axis.numeric))
+        ordered = dataset.broadcast_like(dataset["cdp"]).sortby([name for name, axis in axes.items() if axis.numeric])
+        return cls(ordered, axes, x, rest[0] if rest and rest[0].drawn_up else None)
 
     @property
     def spanned(self) -> tuple[str, ...]:
         """Names of the axes that span the picture."""
         return (self.x.name,) if self.y is None else (self.y.name, self.x.name)
+
+    def numbers(self, name: str, what: str, least: int = 1) -> MapAxis:
+        """Return an axis of at least some numbers, along which there is something; raises InputError."""
+        self._require(name)
+        axis = self.axes[name]
+        if not axis.numeric or axis.values.size < least:
+            how = "an axis of numbers" if least == 1 else "an axis of at least two numbers"
+            raise InputError(f"axis {name} has no {what}: choose {how}")
+        return axis
+
+    def sections(self, *keep: str, variable: str = "cdp") -> Iterator[tuple[At, Dataset]]:
+        """Go through the sections of the map over some of its axes.
+
+        Parameters
+        ----------
+        *keep : str
+            Axes the sections have.
+        variable : str
+            A variable that the map must have.
+
+        Yields
+        ------
+        at : dict of str to (float or str)
+            Values of all other axes in the section.
+        section : xarray.Dataset
+            The part of the map there; its variables have the axes `keep` in that order.
+        """
+        self._require(*keep)
+        if variable not in self.dataset.data_vars:
+            known = sorted(map(str, self.dataset.data_vars))
+            raise InputError(f"the map has no variable {variable!r}: choose one of {known}")
+        others = [name for name in self.axes if name not in keep]
+        for places in product(*(range(self.dataset.sizes[name]) for name in others)):
+            section = self.dataset.isel(dict(zip(others, places, strict=True)))
+            at = {name: self.axes[name].values[place].item() for name, place in zip(others, places, strict=True)}
+            yield at, section.transpose(*keep)
+
+    def _require(self, *names: str) -> None:
+        for name in names:
+            if name not in self.axes:
+                raise InputError(f"the map has no axis {name!r}: choose one of {', '.join(self.axes)}")
 
 
 def check_map(dataset: Dataset) -> None:
@@ -149,81 +209,17 @@ def check_map(dataset: Dataset) -> None:
             )
 
 
-def map_axis(dataset: Dataset, name: str) -> MapAxis:
-    """Describe an axis of a map.
-
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        The map.
-    name : str
-        Name of the axis.
-
-    Raises
-    ------
-    InputError
-        If there is no such axis, or its numbers are not finite or not distinct.
-    """
-    if name not in dataset.coords:
-        raise InputError(f"the map has no axis {name!r}: choose one of {', '.join(map(str, dataset['cdp'].dims))}")
-    coordinate = dataset.coords[name]
-    numeric = coordinate.dtype.kind in "iuf"
-    values = np.atleast_1d(coordinate.values)
+def _described(coordinate: DataArray) -> MapAxis:
+    name, numeric = str(coordinate.name), coordinate.dtype.kind in "iuf"
+    values = coordinate.values
     if numeric:
         values = np.sort(values.astype(np.float64))
         if not np.isfinite(values).all() or (np.diff(values) == 0).any():
             raise InputError(f"the values of axis {name} are not finite or not distinct: give each value once")
     else:
         values = np.array([str(value) for value in values])
-    attributes = coordinate.attrs
-    return MapAxis(name, values, str(attributes.get("unit", "")), str(attributes.get("long_name", "")), numeric)
-
-
-def map_layout(dataset: Dataset) -> MapLayout:
-    """Choose which axes span the picture of a map; axes of one value do not, unless there is no other.
-
-    Raises
-    ------
-    InputError
-        If the dataset is no map (see `check_map`), or an axis cannot be used (see `map_axis`).
-    """
-    check_map(dataset)
-    axes = [map_axis(dataset, str(name)) for name in dataset["cdp"].dims]
-    varied = [axis for axis in axes if axis.values.size > 1] or axes[:1]
-    ranked = sorted(varied, key=lambda axis: (not axis.is_luminance, not axis.numeric))
-    x, rest = ranked[0], ranked[1:]
-    y = rest[0] if rest and rest[0].drawn_up else None
-    return MapLayout(x, y, tuple(axis.name for axis in varied if axis is not x and axis is not y))
-
-
-def sections(dataset: Dataset, keep: Sequence[str]) -> Iterator[tuple[At, Dataset]]:
-    """Go through the sections of a map over some of its axes, numbers in rising order.
-
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        The map.
-    keep : sequence of str
-        Axes the sections have.
-
-    Yields
-    ------
-    at : dict of str to (float or str)
-        Values of all other axes in the section.
-    section : xarray.Dataset
-        The part of the map there; its variables have the axes `keep` in that order.
-    """
-    check_map(dataset)
-    axes = {name: map_axis(dataset, name) for name in map(str, dataset["cdp"].dims)}
-    missing = [name for name in keep if name not in axes]
-    if missing:
-        raise InputError(f"the map has no axis {missing[0]!r}: choose one of {', '.join(axes)}")
-    ordered = dataset.broadcast_like(dataset["cdp"]).sortby([name for name, axis in axes.items() if axis.numeric])
-    others = [name for name in axes if name not in keep]
-    for places in product(*(range(ordered.sizes[name]) for name in others)):
-        section = ordered.isel(dict(zip(others, places, strict=True)))
-        at = {name: axes[name].values[place].item() for name, place in zip(others, places, strict=True)}
-        yield at, section.transpose(*keep)
+    unit, long_name = (str(coordinate.attrs.get(key, "")) for key in ("unit", "long_name"))
+    return MapAxis(name, values, unit, long_name, numeric)
 
 
 #: Variables of a map that are ratios of mean to standard deviation.

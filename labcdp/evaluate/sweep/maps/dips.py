@@ -6,17 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf, isnan, log10, nan
 from statistics import NormalDist
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ....core.errors import InputError
-from .axes import At, map_axis, sections
+from .axes import At, CdpMap
 from .curve import Curve
-
-if TYPE_CHECKING:
-    from xarray import Dataset
-
 
 #: Chance that noise alone makes a fall anywhere in a map; a dip needs a rise, too, so that its chance is less.
 _FALSE_ALARM = 0.01
@@ -62,13 +56,13 @@ class SnrDip:
 
 
 def find_dips(
-    dataset: Dataset, axis: str, variable: str = "snr_dark", expected: Sequence[float] = ()
+    found: CdpMap, axis: str, variable: str = "snr_dark", expected: Sequence[float] = ()
 ) -> tuple[SnrDip, ...]:
     """Find dips along an axis, for each value of the other parameters.
 
     Parameters
     ----------
-    dataset : xarray.Dataset
+    found : CdpMap
         The map. Standard errors of the variable are taken from `<variable>_standard_error` (of CDP from
         `standard_error`). Those of a simulated map are at least as large as its roughness.
     axis : str
@@ -98,16 +92,12 @@ def find_dips(
     dip, unless each of them is an expected change of exposure. An expected luminance belongs to the dip whose fall it
     lies in, give or take a grid step; each explains one dip.
     """
-    along = map_axis(dataset, axis)
-    if not along.numeric:
-        raise InputError(f"axis {axis} has no dips: choose an axis of numbers")
-    if variable not in dataset.data_vars:
-        raise InputError(f"the map has no variable {variable!r}: choose one of {sorted(map(str, dataset.data_vars))}")
-    n_pairs = max(dataset["cdp"].size * (along.values.size - 1) / 2, 1)
+    along = found.numbers(axis, "dips")
+    n_pairs = max(found.dataset["cdp"].size * (along.values.size - 1) / 2, 1)
     margin = -NormalDist().inv_cdf(_FALSE_ALARM / n_pairs)
     return tuple(
         dip
-        for at, section in sections(dataset, (axis,))
+        for at, section in found.sections(axis, variable=variable)
         for dip in _dips_of(Curve.of(section, along, variable, margin), at, variable, sorted(expected))
     )
 

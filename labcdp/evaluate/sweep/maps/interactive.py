@@ -34,7 +34,7 @@ _CDP_ENDS = (-0.03, 1.05)
 
 def map_script(view: MapView) -> Script:
     """Draw a map; over two axes of numbers as heat maps, else as curves."""
-    figure = _heat_maps(view) if view.layout.y is not None else _curves(view)
+    figure = _heat_maps(view) if view.map.y is not None else _curves(view)
     figure.update_layout(margin={"t": 45, "r": 20, "l": 70, "b": 10})
     return interactive(figure)
 
@@ -43,7 +43,7 @@ def _heat_maps(view: MapView) -> Figure:
     """Draw one heat map for each section, of which one is shown at a time."""
     from plotly.graph_objects import Figure
 
-    assert view.layout.y is not None
+    assert view.map.y is not None
     figure, owners = Figure(), []
     for number, (at, section) in enumerate(view.parts):
         traces = [_heat_map(view, section), *_isolines(view, at)]
@@ -60,8 +60,8 @@ def _heat_maps(view: MapView) -> Figure:
         ]
         menu = {"buttons": buttons, "x": 0, "xanchor": "left", "y": 1.02, "yanchor": "bottom"}
         figure.update_layout(updatemenus=[menu])
-    figure.update_xaxes(**_axis_settings(view.layout.x), showgrid=False)
-    figure.update_yaxes(**_axis_settings(view.layout.y), showgrid=False)
+    figure.update_xaxes(**_axis_settings(view.map.x), showgrid=False)
+    figure.update_yaxes(**_axis_settings(view.map.y), showgrid=False)
     figure.update_layout(height=520, legend={**_LEGEND, "y": -0.16}, plot_bgcolor=MISSING)
     return figure
 
@@ -69,14 +69,14 @@ def _heat_maps(view: MapView) -> Figure:
 def _heat_map(view: MapView, section: Dataset) -> Any:
     from plotly.graph_objects import Heatmap
 
-    x, y = view.layout.x, view.layout.y
+    x, y = view.map.x, view.map.y
     assert y is not None
     up, across = np.meshgrid(shown(y, y.values), shown(x, x.values), indexing="ij")
     coordinates = [(f"{_escaped(axis_label(axis))}: ", ".5~g") for axis in (x, y)]
     rows, values = _under_pointer(section)
     return Heatmap(
-        x=shown(x, cell_edges(x)),
-        y=shown(y, cell_edges(y)),
+        x=cell_edges(x),
+        y=cell_edges(y),
         z=section["cdp"].values,
         zmin=0,
         zmax=1,
@@ -114,7 +114,7 @@ def _curves(view: MapView) -> Figure:
     from plotly.subplots import make_subplots
 
     cdp, snr = view.curves()
-    axis, level = view.layout.x, view.analysis.level
+    axis, level = view.map.x, view.analysis.level
     figure = make_subplots(rows=2 if snr else 1, cols=1, shared_xaxes=True, vertical_spacing=0.05)
     if view.usable:
         bottom, top = _CDP_ENDS
@@ -128,7 +128,7 @@ def _curves(view: MapView) -> Figure:
             known = {trace.name for trace in figure.data}
             traces = [trace.update(showlegend=trace.name not in known) for trace in traces]
         figure.add_traces(traces, rows=row, cols=1)
-    places = _ends(axis) if axis.numeric else _texts(axis)
+    places = cell_edges(axis)[[0, -1]] if axis.numeric else _texts(axis)
     line = {"color": "grey", "width": 1, "dash": "dot"}
     threshold = Scatter(x=places, y=[level] * len(places), mode="lines", line=line, name=f"CDP {level:g}")
     figure.add_trace(threshold.update(hoverinfo="skip"), row=1, col=1)
@@ -147,7 +147,7 @@ def _traces(view: MapView, lines: Sequence[Line]) -> Iterator[Any]:
     """Yield curves with their bands and dips; curves of one section are switched together."""
     from plotly.graph_objects import Scatter
 
-    axis, with_dips = view.layout.x, [line for line in lines if line.dips[0].size]
+    axis, with_dips = view.map.x, [line for line in lines if line.dips[0].size]
     places = shown(axis, axis.values) if axis.numeric else _texts(axis)
     for line in lines:
         text, skip = _escaped(line.text), {"hoverinfo": "skip"}
@@ -179,15 +179,12 @@ def _axis_settings(axis: MapAxis) -> dict[str, Any]:
     kind = ("log" if axis.log else "linear") if axis.numeric else "category"
     settings: dict[str, Any] = {"title": _escaped(axis_label(axis)), "type": kind}
     if axis.numeric:
-        ends = np.log10(_ends(axis)) if axis.log else _ends(axis)
+        ends = cell_edges(axis)[[0, -1]]
+        ends = np.log10(ends) if axis.log else ends
         settings |= {"tickformat": "~g", "range": ends.tolist()}
         if axis.log and np.ptp(ends) < _FEW_DECADES:
             settings["dtick"] = "D2"
     return settings
-
-
-def _ends(axis: MapAxis) -> Any:
-    return shown(axis, cell_edges(axis)[[0, -1]])
 
 
 def _texts(axis: MapAxis) -> list[str]:

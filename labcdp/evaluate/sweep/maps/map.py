@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from .axes import SNR_VARIABLES, map_layout
+from .axes import SNR_VARIABLES, CdpMap
 from .dips import SnrDip, find_dips
 from .ranges import LEVELS, Isoline, UsableRange, isolines, usable_ranges, widest_range
 
@@ -71,11 +71,11 @@ def analyse_map(dataset: Dataset, level: float = 0.9, expected: Sequence[float] 
     InputError
         If the dataset is no map, an axis cannot be used, or the level is out of range.
     """
-    layout = map_layout(dataset)
+    found = CdpMap.of(dataset)
     # The first that the map has: the dark region has the luminance of the axis.
     snr = tuple(name for name in SNR_VARIABLES if name in dataset.data_vars)[:1]
-    x, y = layout.x.name, layout.y.name if layout.y else ""
-    ranges = usable_ranges(dataset, x, level) if layout.x.numeric else ()
+    x, y = found.x.name, found.y.name if found.y else ""
+    ranges = usable_ranges(found, x, level) if found.x.numeric else ()
     return MapAnalysis(
         x=x,
         y=y,
@@ -83,11 +83,11 @@ def analyse_map(dataset: Dataset, level: float = 0.9, expected: Sequence[float] 
         usable_ranges=ranges,
         widest=widest_range(ranges),
         dip_variables=(*snr, "cdp"),
-        dips=_dips(dataset, x, (*snr, "cdp"), expected) if layout.x.numeric else (),
-        isolines=isolines(dataset, x, y, LEVELS) if y else (),
+        dips=_dips(found, (*snr, "cdp"), expected) if found.x.numeric else (),
+        isolines=isolines(found, x, y, LEVELS) if y else (),
     )
 
 
-def _dips(dataset: Dataset, axis: str, variables: Sequence[str], expected: Sequence[float]) -> tuple[SnrDip, ...]:
-    found = [dip for variable in variables for dip in find_dips(dataset, axis, variable, expected=expected)]
-    return tuple(dip for dip in found if dip.variable != "cdp" or dip.highest >= _LEAST_CDP)
+def _dips(found: CdpMap, variables: Sequence[str], expected: Sequence[float]) -> tuple[SnrDip, ...]:
+    dips = (dip for variable in variables for dip in find_dips(found, found.x.name, variable, expected))
+    return tuple(dip for dip in dips if dip.variable != "cdp" or dip.highest >= _LEAST_CDP)

@@ -44,7 +44,7 @@ def write_map(result: Result, dataset: Dataset, analysis: MapAnalysis, folder: D
 
 
 def _page(result: Result, view: MapView) -> Page:
-    dataset, n_parts = view.dataset, len(view.parts)
+    dataset, n_parts = view.map.dataset, len(view.parts)
     left_out = [info("map-sections-not-drawn", n_drawn=n_parts, n_sections=n_parts + view.left_out)]
     facts = [
         (str(name).replace("_", " "), str(value))
@@ -72,17 +72,17 @@ def _answer(view: MapView) -> str:
     """Return where CDP is high enough, without full stop."""
     one, level = view.analysis.widest, view.analysis.level
     if one is not None and one.widest is not None:
-        x, at = view.axes[one.axis], at_text(one.at, view.axes)
+        x, at = view.map.axes[one.axis], at_text(one.at, view.map.axes)
         where = f"{axis_name(x)} {ends_text(x, one.widest)} {axis_unit(x)}".rstrip()
         return f"CDP is at least {level:g} for {where}{at and f', widest at {at}'}"
-    highest = significant(float(view.dataset["cdp"].max()), 3)
+    highest = significant(float(view.map.dataset["cdp"].max()), 3)
     return f"CDP is at most {highest}" + (f", nowhere {level:g}" if view.analysis.usable_ranges else "")
 
 
 def _cards(view: MapView) -> list[Card]:
     """Return the widest usable range, the deepest dip of each variable, and how well CDP is known."""
     analysis, ranges, cards = view.analysis, view.analysis.usable_ranges, []
-    varied = {name for one in ranges for name in one.at if view.axes[name].values.size > 1}
+    varied = {name for one in ranges for name in one.at if view.map.axes[name].values.size > 1}
     each = varied == {TO_DETECT} and len(ranges) <= _MOST_CARDS
     for one in ranges if each else [analysis.widest or ranges[0]] if ranges else []:
         cards.append(_range(view, one, not each and len(ranges) > 1))
@@ -90,17 +90,17 @@ def _cards(view: MapView) -> list[Card]:
         dips = [dip for dip in analysis.dips if dip.variable == variable]
         if dips:
             cards.append(_dip(view, max(dips, key=lambda dip: dip.depth_db)))
-    if "standard_error" in view.dataset:
-        u = float(view.dataset["standard_error"].max())
+    if "standard_error" in view.map.dataset:
+        u = float(view.map.dataset["standard_error"].max())
         cards += [Card("Largest standard uncertainty of CDP", significant(u, 2))] if u == u else []
     return cards
 
 
 def _range(view: MapView, one: UsableRange, widest: bool) -> Card:
     """Return the card of a usable range, which may be the widest of all; without any, of the whole map."""
-    at, x, level = at_text(one.at, view.axes), view.axes[one.axis], f"CDP ≥ {one.level:g}"
+    at, x, level = at_text(one.at, view.map.axes), view.map.axes[one.axis], f"CDP ≥ {one.level:g}"
     if one.widest is None:
-        cdp = view.dataset["cdp"] if widest else view.dataset["cdp"].sel(one.at)
+        cdp = view.map.dataset["cdp"] if widest else view.map.dataset["cdp"].sel(one.at)
         lines = (f"at {at}",) if at and not widest else ()
         highest = f"highest CDP {significant(float(cdp.max()), 3)}"
         return Card(f"Usable range, {level}", "none", highest, lines, state="bad")
@@ -110,13 +110,13 @@ def _range(view: MapView, one: UsableRange, widest: bool) -> Card:
 
 
 def _dip(view: MapView, dip: SnrDip) -> Card:
-    axis = view.axes[view.analysis.x]
+    axis = view.map.axes[view.analysis.x]
     value = f"to {dip.highest / dip.depth_ratio:.3g}" if dip.variable == "cdp" else f"{dip.depth_db:.1f} dB"
-    at = at_text(dip.at, view.axes)
+    at = at_text(dip.at, view.map.axes)
     lines = [f"at {at}"] if at else []
     if dip.expected == dip.expected:
         lines.append(f"change of exposure at {value_text(axis, dip.expected)}")
     if dip.variable != "cdp" and dip.lowest_cdp == dip.lowest_cdp:
         lines.append(f"lowest CDP {dip.lowest_cdp:.3g}")
-    name = f"Deepest dip of {variable_name(view.dataset, dip.variable)}"
+    name = f"Deepest dip of {variable_name(view.map.dataset, dip.variable)}"
     return Card(name, value, f"at {value_text(axis, dip.position)}", tuple(lines))

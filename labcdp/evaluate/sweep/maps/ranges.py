@@ -5,17 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import inf, isfinite, log10, nan
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ....core.errors import InputError
-from .axes import At, MapAxis, map_axis, sections
-
-if TYPE_CHECKING:
-    from xarray import Dataset
-
+from .axes import At, CdpMap, MapAxis
 
 #: Largest step of CDP between two grid points for linear interpolation of the crossing.
 _RESOLVED_STEP = 0.2
@@ -116,12 +112,12 @@ class UsableRange:
         object.__setattr__(self, "widest", widest)
 
 
-def usable_ranges(dataset: Dataset, axis: str, level: float = 0.9) -> tuple[UsableRange, ...]:
+def usable_ranges(found: CdpMap, axis: str, level: float = 0.9) -> tuple[UsableRange, ...]:
     """Find where CDP is at least `level` along an axis, for each value of the other parameters.
 
     Parameters
     ----------
-    dataset : xarray.Dataset
+    found : CdpMap
         The map.
     axis : str
         Name of an axis of numbers, best the luminance.
@@ -144,14 +140,12 @@ def usable_ranges(dataset: Dataset, axis: str, level: float = 0.9) -> tuple[Usab
     between those of more than 0.2 difference, as where a sensor saturates, and on an axis of whole numbers: there the
     range ends at the last grid point that is high enough.
     """
-    along = map_axis(dataset, axis)
-    if not along.numeric:
-        raise InputError(f"axis {axis} has no range: choose an axis of numbers")
+    along = found.numbers(axis, "range")
     if not 0 < level <= 1:
         raise InputError(f"level is {level}: give a CDP above 0, up to 1")
     return tuple(
         UsableRange(at, axis, float(level), _intervals(along, section["cdp"].values, level))
-        for at, section in sections(dataset, (axis,))
+        for at, section in found.sections(axis)
     )
 
 
@@ -218,13 +212,13 @@ class Isoline:
 
 
 def isolines(
-    dataset: Dataset, x: str, y: str, levels: Sequence[float] = LEVELS, variable: str = "cdp"
+    found: CdpMap, x: str, y: str, levels: Sequence[float] = LEVELS, variable: str = "cdp"
 ) -> tuple[Isoline, ...]:
     """Find the isolines of a map over two of its axes, in each section over the others.
 
     Parameters
     ----------
-    dataset : xarray.Dataset
+    found : CdpMap
         The map.
     x, y : str
         Names of two axes of numbers.
@@ -248,17 +242,12 @@ def isolines(
     Marching squares; between grid points the variable is taken as linear in the axis, or in the logarithm of the
     axis where that is logarithmic. An error of at most h^2/8 times the second derivative follows, h the step.
     """
-    across, up = map_axis(dataset, x), map_axis(dataset, y)
-    for axis in (across, up):
-        if not axis.numeric or axis.values.size < 2:
-            raise InputError(f"axis {axis.name} has no isolines: choose an axis of at least two numbers")
-    if variable not in dataset.data_vars:
-        raise InputError(f"the map has no variable {variable!r}: choose one of {sorted(map(str, dataset.data_vars))}")
+    across, up = (found.numbers(name, "isolines", least=2) for name in (x, y))
     if not all(isfinite(level) for level in levels):
         raise InputError(f"levels are {list(levels)}: give finite numbers")
     return tuple(
         line
-        for at, section in sections(dataset, (y, x))
+        for at, section in found.sections(y, x, variable=variable)
         for level in levels
         for line in _lines(at, section[variable].values, across, up, level)
     )

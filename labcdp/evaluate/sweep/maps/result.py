@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ....core.result import Finding, InputFile, Result, info
 from ....core.table import Column, Table
-from .axes import MapAxis, map_axis, map_layout, sections
+from .axes import At, CdpMap, MapAxis
 from .labels import at_text, axis_name, axis_unit, plain, shown, title, variable_name, variable_unit
 from .map import MapAnalysis
-from .ranges import UsableInterval
+from .ranges import UsableInterval, UsableRange
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -52,24 +53,22 @@ def result(
     findings : sequence of Finding
         Findings of the sweep.
     """
-    axes = {str(name): map_axis(dataset, str(name)) for name in dataset["cdp"].dims}
-    found = [*findings, *_findings(dataset, analysis)]
+    found = CdpMap.of(dataset)
     small = dataset["cdp"].size <= _MOST_CELLS
     tables = [
-        *([ranges_table(analysis, axes)] if analysis.usable_ranges else []),
-        *([_dips(dataset, analysis, axes)] if analysis.usable_ranges else []),
-        *([_cells(dataset, axes), *_matrices(dataset, axes)] if small else []),
-        *([_isolines(analysis, axes)] if analysis.isolines else []),
+        *([ranges_table(analysis, found.axes), _dips(found, analysis)] if analysis.usable_ranges else []),
+        *([_cells(found), *_matrices(found)] if small else []),
+        *([_isolines(found, analysis)] if analysis.isolines else []),
     ]
     attributes = {name: value for name, value in dataset.attrs.items() if name not in _KNOWN}
-    values = {name: axis.values.tolist() for name, axis in axes.items()}
+    values = {name: axis.values.tolist() for name, axis in found.axes.items()}
     chain = str(dataset.attrs.get("chain", ""))
     seed = dataset.attrs.get("seed")
     return Result(
         "sweep",
         title(dataset),
         tuple(tables),
-        tuple(found),
+        (*findings, *_findings(dataset, analysis)),
         tuple(inputs),
         {**attributes, "usable_cdp": analysis.level, "axes": values, "chain_toml": chain},
         None if seed is None else int(seed),
@@ -88,81 +87,74 @@ def _axis_columns(axes: Mapping[str, MapAxis], *names: str) -> tuple[Column, ...
     return tuple(Column(name, axis_name(axes[name]), axis_unit(axes[name]), f"Value of {name}.") for name in names)
 
 
-def _along(axis: MapAxis, name: str, label: str, meaning: str, show: bool = True) -> Column:
-    """Return a column of places on the axis across."""
-    return Column(name, label, axis_unit(axis), meaning, shown=show)
+def _section_columns(axes: Mapping[str, MapAxis], along: str, at: Callable[[Any], At]) -> tuple[Column, ...]:
+    """Return the columns of where items are on all axes but that they go along."""
+    columns = _axis_columns(axes, *(name for name in axes if name != along))
+    return tuple(replace(one, value=lambda item, name=one.name: at(item)[name]) for one in columns)
 
 
 def ranges_table(analysis: MapAnalysis, axes: Mapping[str, MapAxis]) -> Table:
     """Return the usable ranges of a map, each with the kind of its ends."""
-    x = axes[analysis.x]
-    others = [name for name in axes if name != analysis.x]
+    x, unit = axis_name(axes[analysis.x]), axis_unit(axes[analysis.x])
+    enough = f"a CDP of at least {analysis.level:g}"
     columns = (
-        *_axis_columns(axes, *others),
-        _along(x, "low", f"{axis_name(x)} from", f"Lower end of the range with a CDP of at least {analysis.level:g}."),
-        _along(x, "high", "to", "Upper end of the range."),
-        Column("low_end", "lower end", meaning=_END),
-        Column("high_end", "upper end", meaning=_END),
-        Column("decades", "decades", meaning="log10 of the ratio of the ends.", decimals=2),
-        Column("range_db", "range", "dB", "20 log10 of the ratio of the ends.", decimals=1),
+        *_section_columns(axes, analysis.x, lambda item: item[0].at),
+        Column("low", f"{x} from", unit, f"Lower end of the range with {enough}.", value="1.low"),
+        Column("high", "to", unit, "Upper end of the range.", value="1.high"),
+        Column("low_end", "lower end", meaning=_END, value=lambda item: _end_text(item[1], 0)),
+        Column("high_end", "upper end", meaning=_END, value=lambda item: _end_text(item[1], 1)),
+        Column("decades", "decades", meaning="log10 of the ratio of the ends.", decimals=2, value="1.decades"),
+        Column("range_db", "range", "dB", "20 log10 of the ratio of the ends.", decimals=1, value="1.range_db"),
         *(
-            _along(x, f"{end}_{side}", f"{end} end, point {side}", f"Grid point {side} the {name} end.", show=False)
-            for end, name in (("low", "lower"), ("high", "upper"))
-            for side in ("below", "above")
+            Column(f"{end}_{side}", f"{end} end, point {side}", unit, f"Grid point {side} the {name} end.",
+                   shown=False, value=f"1.ends.{number}.bracket.{point}")
+            for number, (end, name) in enumerate((("low", "lower"), ("high", "upper")))
+            for point, side in enumerate(("below", "above"))
         ),
-        Column("widest", "widest", meaning="Whether it is the widest range of the map.", shown=False),
-    )
-    rows = []
-    for one in analysis.usable_ranges:
-        rows += [
-            {**one.at, **_interval(interval), "widest": one is analysis.widest and interval is one.widest}
-            for interval in one.intervals
-        ] or [{**one.at, "low_end": "nowhere", "high_end": "nowhere", "widest": False}]
-    return Table.of_rows("usable_ranges", f"Usable range: CDP of at least {analysis.level:g}", columns, rows)
+        Column("widest", "widest", meaning="Whether it is the widest range of the map.", shown=False,
+               value=lambda item: item[0] is analysis.widest and item[1] is item[0].widest),
+    )  # fmt: skip
+    items: list[tuple[UsableRange, UsableInterval | None]] = [
+        (one, interval) for one in analysis.usable_ranges for interval in one.intervals or (None,)
+    ]
+    return Table.of_items("usable_ranges", f"Usable range: CDP of at least {analysis.level:g}", columns, items)
 
 
-def _interval(interval: UsableInterval) -> dict[str, Any]:
-    values: dict[str, Any] = {"decades": interval.decades, "range_db": interval.range_db}
-    for name, end in zip(("low", "high"), interval.ends, strict=True):
-        values |= {name: end.place, f"{name}_below": end.bracket[0], f"{name}_above": end.bracket[1]}
-        text = "end of the map" if end.is_open else "CDP crosses" if end.resolved else "last grid point"
-        values[f"{name}_end"] = text
-    return values
+def _end_text(interval: UsableInterval | None, number: int) -> str:
+    if interval is None:
+        return "nowhere"
+    end = interval.ends[number]
+    return "end of the map" if end.is_open else "CDP crosses" if end.resolved else "last grid point"
 
 
-def _dips(dataset: Dataset, analysis: MapAnalysis, axes: Mapping[str, MapAxis]) -> Table:
-    x = axes[analysis.x]
-    others = [name for name in axes if name != analysis.x]
+def _dips(found: CdpMap, analysis: MapAnalysis) -> Table:
+    unit = axis_unit(found.axes[analysis.x])
     columns = (
-        *_axis_columns(axes, *others),
-        Column("variable", "dip of", meaning="Quantity that falls although the luminance rises, and then rises again."),
-        _along(x, "start", "from", "Where it is highest before the fall."),
-        _along(x, "position", "lowest at", "Where it is lowest."),
-        _along(x, "recovery", "recovered at", "Where it is again as high as before the fall."),
+        *_section_columns(found.axes, analysis.x, lambda dip: dip.at),
+        Column("variable", "dip of", meaning="Quantity that falls although the luminance rises, and then rises again.",
+               value=lambda dip: variable_name(found.dataset, dip.variable)),
+        Column("start", "from", unit, "Where it is highest before the fall."),
+        Column("position", "lowest at", unit, "Where it is lowest."),
+        Column("recovery", "recovered at", unit, "Where it is again as high as before the fall."),
         Column("highest", "value before", meaning="Value before the fall."),
         Column("depth_ratio", "ratio", meaning="Highest over lowest value.", shown=False),
         Column("depth_db", "depth", "dB", "20 log10 of the ratio of highest and lowest value.", decimals=1),
         Column("lowest_cdp", "lowest CDP", meaning="Lowest CDP until it recovers.", decimals=4),
-        _along(x, "lowest_cdp_at", "lowest CDP at", "Where the CDP is lowest.", show=False),
-        _along(x, "expected", "change of exposure", "Luminance of the change of exposure that explains the dip."),
-    )
-    names = [column.name for column in columns[len(others) + 1 :]]
-    rows = [
-        {**dip.at, "variable": variable_name(dataset, dip.variable), **{name: getattr(dip, name) for name in names}}
-        for dip in analysis.dips
-    ]
+        Column("lowest_cdp_at", "lowest CDP at", unit, "Where the CDP is lowest.", shown=False),
+        Column("expected", "change of exposure", unit, "Luminance of the change of exposure that explains the dip."),
+    )  # fmt: skip
     # Of many sections only the deepest ones matter at a glance, which the page shows.
     several = len(analysis.usable_ranges) > 1
-    return Table.of_rows("dips", f"Dips along the {axis_name(x)}", columns, rows, detail=several)
+    name = f"Dips along the {axis_name(found.axes[analysis.x])}"
+    return Table.of_items("dips", name, columns, analysis.dips, detail=several)
 
 
-def _cells(dataset: Dataset, axes: Mapping[str, MapAxis]) -> Table:
+def _cells(found: CdpMap) -> Table:
     """Make the long table of all cells, the last axis fastest."""
-    (_, ordered), *_ = sections(dataset, list(axes))
-    names = [str(name) for name in dataset.data_vars]
+    dataset, axes = found.dataset, found.axes
     grids = np.meshgrid(*(axis.values for axis in axes.values()), indexing="ij")
     data: dict[str, Any] = {name: grid.ravel() for name, grid in zip(axes, grids, strict=True)}
-    data |= {name: ordered[name].values.ravel() for name in names}
+    data |= {str(name): variable.transpose(*axes).values.ravel() for name, variable in dataset.data_vars.items()}
     columns = [
         Column(
             name,
@@ -171,7 +163,7 @@ def _cells(dataset: Dataset, axes: Mapping[str, MapAxis]) -> Table:
             _meaning(dataset, name),
             shown=not name.endswith("standard_error"),
         )
-        for name in names
+        for name in map(str, dataset.data_vars)
     ]
     long = dataset["cdp"].size > _PRINTED_CELLS
     return Table("map", "Cells of the map", (*_axis_columns(axes, *axes), *columns), data, detail=long)
@@ -182,35 +174,36 @@ def _meaning(dataset: Dataset, name: str) -> str:
     return f"{text[:1].upper()}{text[1:]}." if text else ""
 
 
-def _matrices(dataset: Dataset, axes: Mapping[str, MapAxis]) -> Iterator[Table]:
+def _matrices(found: CdpMap) -> Iterator[Table]:
     """Yield CDP over the two axes of the picture, for each value of the others."""
-    layout = map_layout(dataset)
-    x, y = layout.x, layout.y
+    x, y = found.x, found.y
     if y is None or x.values.size > _MOST_COLUMNS:
         return
     heads = [plain(float(value), 6) for value in shown(x, x.values)]
     first = Column(y.name, f"{axis_name(y)}; across: {axis_name(x)} in {axis_unit(x) or '1'}", axis_unit(y))
     columns = [Column(f"cdp_{number}", head, decimals=4) for number, head in enumerate(heads)]
-    parts = list(zip(range(_MOST_MATRICES), sections(dataset, layout.spanned), strict=False))
+    parts = list(zip(range(1, _MOST_MATRICES + 1), found.sections(*found.spanned), strict=False))
     for number, (at, section) in parts:
-        cdp = section["cdp"].values
-        data: dict[str, Any] = {
-            y.name: y.values,
-            **{column.name: cdp[:, place] for place, column in enumerate(columns)},
-        }
-        text = at_text(at, dict(axes))
-        name = "cdp" if len(parts) == 1 else f"cdp_{number + 1}"
-        yield Table(name, f"CDP{text and f' at {text}'}", (first, *columns), data, matrix=True, detail=True)
+        cdp = zip(columns, section["cdp"].values.T, strict=True)
+        text = at_text(at, found.axes)
+        yield Table(
+            "cdp" if len(parts) == 1 else f"cdp_{number}",
+            f"CDP{text and f' at {text}'}",
+            (first, *columns),
+            {y.name: y.values, **{column.name: values for column, values in cdp}},
+            matrix=True,
+            detail=True,
+        )
 
 
-def _isolines(analysis: MapAnalysis, axes: Mapping[str, MapAxis]) -> Table:
-    others = [name for name in axes if name not in (analysis.x, analysis.y)]
+def _isolines(found: CdpMap, analysis: MapAnalysis) -> Table:
+    others = [name for name in found.axes if name not in found.spanned]
     columns = (
-        *_axis_columns(axes, *others),
+        *_axis_columns(found.axes, *others),
         Column("level", "CDP", meaning="CDP along the line."),
         Column("line", "line", meaning="Number of the line."),
         Column("closed", "closed", meaning="Whether the line ends where it begins."),
-        *_axis_columns(axes, analysis.x, analysis.y),
+        *_axis_columns(found.axes, analysis.x, analysis.y),
     )
     rows = (
         {**line.at, "level": line.level, "line": number, "closed": line.closed} | {analysis.x: x, analysis.y: y}

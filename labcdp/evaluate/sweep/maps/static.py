@@ -20,7 +20,7 @@ from ....report.drawing import (
     taken_literally,
 )
 from .axes import At, MapAxis
-from .labels import axis_label, conditions, shown, title
+from .labels import axis_label, conditions, title
 from .view import MISSING, SCALE, USABLE, WIDEST, Line, MapView, cell_edges, drawn_places
 
 if TYPE_CHECKING:
@@ -37,14 +37,14 @@ _TITLE_CHARACTERS = 32
 
 def draw_map(view: MapView) -> Figure:
     """Draw a map: over two axes of numbers as heat maps with isolines, else as curves."""
-    figure = _heat_maps(view) if view.layout.y is not None else _curves(view)
-    heading = f"{title(view.dataset)}\n{conditions(view.dataset)}"
+    figure = _heat_maps(view) if view.map.y is not None else _curves(view)
+    heading = f"{title(view.map.dataset)}\n{conditions(view.map.dataset)}"
     figure.suptitle(heading, fontsize=TITLE_SIZE, parse_math=False)
     return figure
 
 
 def _heat_maps(view: MapView) -> Figure:
-    x, y = view.layout.x, view.layout.y
+    x, y = view.map.x, view.map.y
     assert y is not None
     n = len(view.parts)
     columns = ceil(sqrt(n))
@@ -56,8 +56,8 @@ def _heat_maps(view: MapView) -> Figure:
     handles: dict[str, Any] = {}
     for number, (place, (at, section)) in enumerate(zip(grid, view.parts, strict=False)):
         place.set_facecolor(MISSING)
-        edges = shown(x, cell_edges(x)), shown(y, cell_edges(y))
-        mesh = place.pcolormesh(*edges, np.ma.masked_invalid(section["cdp"].values), cmap=SCALE, vmin=0, vmax=1)
+        cdp = np.ma.masked_invalid(section["cdp"].values)
+        mesh = place.pcolormesh(cell_edges(x), cell_edges(y), cdp, cmap=SCALE, vmin=0, vmax=1)
         set_scale(x, place.xaxis)
         set_scale(y, place.yaxis)
         handles |= _draw_lines(place, view, at)
@@ -101,7 +101,7 @@ def _curves(view: MapView) -> Figure:
     cdp, snr = view.curves()
     figure = new_figure(9.0, 6.4 if snr else 4.0)
     panels = figure.subplots(2 if snr else 1, 1, sharex=True, squeeze=False).ravel()
-    axis, level = view.layout.x, view.analysis.level
+    axis, level = view.map.x, view.analysis.level
     _draw_curves(panels[0], view, cdp)
     panels[0].axhline(level, color="0.4", linewidth=1, linestyle=":", label=f"CDP {level:g}")
     for number, ends in enumerate(view.usable):
@@ -122,7 +122,7 @@ def _curves(view: MapView) -> Figure:
 
 
 def _draw_curves(panel: Axes, view: MapView, lines: Sequence[Line]) -> None:
-    places, band = drawn_places(view.layout.x), "95 % intervals"
+    places, band = drawn_places(view.map.x), "95 % intervals"
     for line in lines:
         marker = "o" if view.marked else ""
         panel.plot(places, line.values, color=line.colour, label=line.text, marker=marker, markersize=4)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ....report.drawing import BLUE, GREEN, ORANGE, VERMILLION
 from ....report.text import Z_95
-from .axes import LARGEST_SNR, SNR_VARIABLES, TO_DETECT, At, MapAxis, MapLayout, map_axis, map_layout, sections
+from .axes import SNR_VARIABLES, TO_DETECT, At, CdpMap, MapAxis, known_values
 from .labels import at_text, axis_unit, ends_text, shown, variable_name
 from .map import MapAnalysis
 
@@ -44,8 +44,6 @@ class Line:
 
     Parameters
     ----------
-    at : dict of str to (float or str)
-        Where the section is that it belongs to.
     text, colour : str
         In the legend; of several sections, the curves of one have the same.
     section : Dataset
@@ -58,7 +56,6 @@ class Line:
         Places and values of its dips.
     """
 
-    at: At
     text: str
     colour: str
     section: Dataset
@@ -73,57 +70,50 @@ class MapView:
 
     Parameters
     ----------
-    dataset : Dataset
+    map : CdpMap
         The map.
     analysis : MapAnalysis
         Of the same map.
-    layout : MapLayout
-        Which axes span the picture.
-    axes : dict of str to MapAxis
-        All axes by name.
     parts : list of (At, Dataset)
         Sections that are drawn: each a panel if the picture has two axes, else a curve.
     left_out : int
         Sections that are not drawn, as there are too many.
     """
 
-    dataset: Dataset
+    map: CdpMap
     analysis: MapAnalysis
-    layout: MapLayout
-    axes: dict[str, MapAxis]
     parts: list[tuple[At, Dataset]]
     left_out: int
 
     @classmethod
     def of(cls, dataset: Dataset, analysis: MapAnalysis) -> MapView:
         """Choose what is drawn: of too many sections some, evenly spread from the first to the last."""
-        layout = map_layout(dataset)
-        axes = {str(name): map_axis(dataset, str(name)) for name in dataset["cdp"].dims}
-        count = prod(axis.values.size for name, axis in axes.items() if name not in layout.spanned)
-        most = len(COLOURS) if layout.y is None else MOST_PANELS
+        found = CdpMap.of(dataset)
+        count = prod(axis.values.size for name, axis in found.axes.items() if name not in found.spanned)
+        most = len(COLOURS) if found.y is None else MOST_PANELS
         chosen = set(np.linspace(0, count - 1, min(count, most)).round().astype(int).tolist())
-        parts = [part for place, part in enumerate(sections(dataset, layout.spanned)) if place in chosen]
-        return cls(dataset, analysis, layout, axes, parts, count - len(parts))
+        parts = [part for place, part in enumerate(found.sections(*found.spanned)) if place in chosen]
+        return cls(found, analysis, parts, count - len(parts))
 
     @property
     def marked(self) -> bool:
         """Whether each point of a curve has a mark."""
-        return not self.layout.x.numeric or self.layout.x.values.size <= _MARKED
+        return not self.map.x.numeric or self.map.x.values.size <= _MARKED
 
     @property
     def usable(self) -> list[tuple[float, float]]:
         """Ends of the usable ranges of a single curve."""
         ranges = self.analysis.usable_ranges
         intervals = ranges[0].intervals if len(ranges) == 1 else ()
-        return [tuple(shown(self.layout.x, [one.low, one.high]).tolist()) for one in intervals]
+        return [tuple(shown(self.map.x, [one.low, one.high]).tolist()) for one in intervals]
 
     def text_of(self, at: At) -> str:
         """Name a section."""
-        return at_text(at, self.axes)
+        return at_text(at, self.map.axes)
 
     def isolines(self, at: At) -> Iterator[tuple[int, float, list[Points]]]:
         """Iterate over the levels of the map: number, level, and the lines of a section."""
-        x, y = self.layout.x, self.layout.y
+        x, y = self.map.x, self.map.y
         assert y is not None
         for number, level in enumerate(sorted({line.level for line in self.analysis.isolines})):
             own = [line for line in self.analysis.isolines if line.at == at and line.level == level]
@@ -131,7 +121,7 @@ class MapView:
 
     def widest(self, at: At) -> tuple[Points, str] | None:
         """Return the widest usable range of the map and its text, if it lies in a section."""
-        one, x, y = self.analysis.widest, self.layout.x, self.layout.y
+        one, x, y = self.analysis.widest, self.map.x, self.map.y
         if one is None or one.widest is None or y is None or any(one.at[name] != at[name] for name in at):
             return None
         ends = shown(x, [one.widest.low, one.widest.high])
@@ -142,35 +132,29 @@ class MapView:
 
         The SNR does not depend on the contrast to be detected.
         """
-        names = [name for name in SNR_VARIABLES if name in self.dataset]
+        names = [name for name in SNR_VARIABLES if name in self.map.dataset]
         apart = [at for at, _ in self.parts if at.get(TO_DETECT) == self.parts[0][0].get(TO_DETECT)]
         if len(apart) > 1:
             names = [name for name in names if name in self.analysis.dip_variables]
-        cdp, snr = [], []
-        for number, (at, section) in enumerate(self.parts):
-            own = self.text_of(at) if len(self.parts) > 1 else ""
-            values = section["cdp"].values
-            cdp.append(self._line(at, own or "CDP", COLOURS[number], section, "cdp", values, _band(section)))
-            own = self.text_of({name: value for name, value in at.items() if name != TO_DETECT}) if own else ""
+        several, cdp, snr = len(self.parts) > 1, [], []
+        for colour, (at, section) in zip(COLOURS, self.parts, strict=False):
+            cdp.append(self._line(at, section, "cdp", self.text_of(at) if several else "CDP", colour))
+            own = self.text_of({name: value for name, value in at.items() if name != TO_DETECT}) if several else ""
             for name in names if at in apart else ():
-                text, colour = own or variable_name(section, name), COLOURS[number] if own else SNR_COLOURS[name]
-                snr.append(self._line(at, text, colour, section, name, _decibels(section[name].values), None))
+                of_name = (own, colour) if own else (variable_name(section, name), SNR_COLOURS[name])
+                snr.append(self._line(at, section, name, *of_name))
         return cdp, snr
 
-    def _line(
-        self,
-        at: At,
-        text: str,
-        colour: str,
-        section: Dataset,
-        variable: str,
-        values: NDArray[np.float64],
-        band: Points | None,
-    ) -> Line:
-        axis = self.layout.x
+    def _line(self, at: At, section: Dataset, variable: str, text: str, colour: str) -> Line:
+        values = section[variable].values
+        if variable in SNR_VARIABLES:
+            # As EMVA 1288 gives SNR; nan where it is 0 or there is no noise.
+            known = known_values(variable, values)
+            values = 20 * np.log10(np.where(known > 0, known, np.nan))
         places = [dip.position for dip in self.analysis.dips if dip.at == at and dip.variable == variable]
-        dips = shown(axis, np.array(places)), values[np.searchsorted(axis.values, places)] if places else np.array([])
-        return Line(at, text, colour, section, values, band, dips)
+        rings = values[np.searchsorted(self.map.x.values, places)] if places else np.array([])
+        band = _band(section) if variable == "cdp" else None
+        return Line(text, colour, section, values, band, (shown(self.map.x, np.array(places)), rings))
 
 
 def drawn_places(axis: MapAxis) -> Any:
@@ -179,7 +163,7 @@ def drawn_places(axis: MapAxis) -> Any:
 
 
 def cell_edges(axis: MapAxis) -> NDArray[np.float64]:
-    """Edges of the cells around the values of an axis, half way on its scale, shape (n + 1,).
+    """Edges of the cells around the values of an axis as they are drawn, half way on its scale, shape (n + 1,).
 
     A cell ends at 0 where nothing can be below it, as with contrasts.
     """
@@ -190,7 +174,8 @@ def cell_edges(axis: MapAxis) -> NDArray[np.float64]:
     else:
         middles = (places[1:] + places[:-1]) / 2
         edges = axis.unscaled(np.r_[2 * places[0] - middles[0], middles, 2 * places[-1] - middles[-1]])
-    return np.maximum(edges, 0) if axis.never_negative else edges
+    drawn: NDArray[np.float64] = shown(axis, np.maximum(edges, 0) if axis.never_negative else edges)
+    return drawn
 
 
 def _band(section: Dataset) -> Points | None:
@@ -199,10 +184,3 @@ def _band(section: Dataset) -> Points | None:
     expanded = Z_95 * section["standard_error"].values
     low, high = np.clip([section["cdp"].values - expanded, section["cdp"].values + expanded], 0, 1)
     return low, high
-
-
-def _decibels(ratio: NDArray[Any]) -> NDArray[np.float64]:
-    """20 log10 of a ratio, as EMVA 1288 gives SNR; nan where it is 0 or there is no noise."""
-    values = np.asarray(ratio, dtype=np.float64)
-    fits = (values > 0) & (values <= LARGEST_SNR)
-    return 20 * np.log10(np.where(fits, values, np.nan))

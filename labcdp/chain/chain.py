@@ -17,7 +17,7 @@ from .parameters import COUNT, THREADS
 from .parts import ChainParts
 from .scene.scene import luminance_map
 from .sensor import Sensor
-from .signal import SIGNAL_HEADS, Context, SensorModel, Signal, digital_signal
+from .signal import SIGNAL_HEADS, Context, SensorModel, Signal, digital_signal, scene_signal
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,8 @@ class Chain(ChainParts):
         COUNT.check("seed", seed)
         if threads is not None:
             THREADS.check("threads", threads)
-        scene = self._scene_signal()
+        samples = luminance_map(self.scene.luminance_map())
+        scene = scene_signal(samples, oversampling=getattr(self.scene, "oversampling", 1))
         stages = {"scene": scene}
         for sensor_name, sensor in self.sensors or (("", None),):
             pitch = None if sensor is None else sensor.pixel_pitch_m
@@ -80,7 +81,7 @@ class Chain(ChainParts):
         Signal
             Of the same shape.
         """
-        signal = Signal(levels_cd_m2, "luminance", lambda luminance: luminance, shares)
+        signal = scene_signal(levels_cd_m2, shares)
         for _, stage in self.before:
             signal = stage.process(signal, Context(self.spectrum))
         return signal
@@ -108,11 +109,6 @@ class Chain(ChainParts):
         raise ConfigurationError(
             f"{self.name} is no camera for a bench: give at most a windscreen, optics and one sensor of EMVA 1288"
         )
-
-    def _scene_signal(self) -> Signal:
-        samples = luminance_map(self.scene.luminance_map())
-        oversampling = getattr(self.scene, "oversampling", 1)
-        return Signal(samples, "luminance", lambda luminance: luminance, oversampling=oversampling)
 
     def _behind_sensor(self, sensor: SensorModel, signal: Signal, context: Context) -> dict[str, Signal]:
         assert self.settings is not None

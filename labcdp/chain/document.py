@@ -42,9 +42,6 @@ def parts_of_document(document: _Table, folder: Path = Path()) -> dict[str, Any]
         Naming table and key of the first thing that cannot be used.
     """
     parts: dict[str, Any] = {key: document.get(key, default) for key, default in TEXTS.items()}
-    for key, text in parts.items():
-        if not isinstance(text, str):
-            raise ConfigurationError(f"{key} is {shown(text)}: give text in quotes")
     sensors = _sensor_tables(document.get("sensor", []))
     if "scene" not in document:
         raise ConfigurationError("scene is missing: add a table [scene]")
@@ -67,23 +64,19 @@ def parts_of_document(document: _Table, folder: Path = Path()) -> dict[str, Any]
 
 def document_of_parts(chain: Any, folder: Path) -> dict[str, Any]:
     """Return the tables of a chain file for a chain; paths are relative to `folder` where they lie in it."""
-    document: dict[str, Any] = {key: getattr(chain, key) for key in TEXTS if getattr(chain, key)}
-    sensors = [{"name": name, **_table("sensor", sensor, folder)} for name, sensor in chain.sensors]
-    if len(sensors) == 1 and sensors[0]["name"] == "sensor":
-        del sensors[0]["name"]
-    for sensor in sensors:
-        for key in _SIZE:
-            sensor.pop(key, None)
-    tables = [
-        *(("scene", chain.scene), *chain.before, ("exposure", chain.settings), ("sensor", sensors)),
-        *(("hdr", chain.hdr), *chain.behind),
-    ]
-    for name, part in tables:
-        if part is sensors and sensors:
-            document[name] = sensors[0] if len(sensors) == 1 else sensors
-        elif part is not sensors and part is not None:
-            document[name] = _table(name, part, folder)
-    return document
+    sensors: Any = [{"name": name, **_table("sensor", sensor, folder, *_SIZE)} for name, sensor in chain.sensors]
+    if len(sensors) == 1:
+        (sensors,) = sensors
+        if sensors["name"] == "sensor":
+            del sensors["name"]
+    tables = {"scene": chain.scene, **dict(chain.before), "exposure": chain.settings, "sensor": sensors or None}
+    tables |= {"hdr": chain.hdr, **dict(chain.behind)}
+    texts: dict[str, Any] = {key: getattr(chain, key) for key in TEXTS if getattr(chain, key)}
+    return texts | {
+        name: part if name == "sensor" else _table(name, part, folder)
+        for name, part in tables.items()
+        if part is not None
+    }
 
 
 def changed(document: dict[str, Any], values: _Table) -> dict[str, Any]:
@@ -220,9 +213,10 @@ def _value(field: Field[Any], path: str, value: Any, folder: Path) -> Any:
     return value
 
 
-def _table(name: str, part: Any, folder: Path) -> dict[str, Any]:
+def _table(name: str, part: Any, folder: Path, *left_out: str) -> dict[str, Any]:
     type_name = type_of(name, type(part))
-    return ({} if type_name is None else {"type": type_name}) | _values(part, folder)
+    values = {key: value for key, value in _values(part, folder).items() if key not in left_out}
+    return ({} if type_name is None else {"type": type_name}) | values
 
 
 def _values(part: Any, folder: Path) -> dict[str, Any]:

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core.errors import CalibrationError, InputError
 from ..core.frame import Frame
-from ..core.luminance import RANGE_MARGIN, CommonError, Invalid, LuminanceMap
+from ..core.luminance import RANGE_MARGIN, Invalid, LuminanceMap
 from ..core.photometry import photon_radiance_per_cd_m2
 from ..core.vignetting import Vignetting
 from .optics import Optics, Windscreen
 from .scene.scene import luminance_map
 from .sensor import Sensor
+from .signal import Context, check_shape, scene_signal
 
 
 @dataclass(frozen=True)
@@ -26,8 +26,6 @@ class LinearConversion:
     ----------
     responsivity_dn_s_cd_m2 : float
         R, DN per second and cd/m^2 on the optical axis (DN s^-1 / (cd m^-2)), at `gain_db`.
-    responsivity_common_rel : float
-        Relative standard uncertainty of R, common to all pixels.
     dark_offset_dn, dark_rate_dn_s : float
         Dark signal at zero exposure, and its growth per second.
     k_dn_per_e, dark_noise_dn : float
@@ -37,42 +35,24 @@ class LinearConversion:
         V; None for no vignetting.
     gain_db : float
         Gain the conversion is valid for.
-    range_cd_m2 : (float, float)
-        Lowest and highest luminance the conversion is valid for.
     """
 
     responsivity_dn_s_cd_m2: float
-    responsivity_common_rel: float
     dark_offset_dn: float
     dark_rate_dn_s: float
     k_dn_per_e: float
     dark_noise_dn: float
     vignetting: Vignetting | None
     gain_db: float
-    range_cd_m2: tuple[float, float]
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.responsivity_dn_s_cd_m2) and self.responsivity_dn_s_cd_m2 > 0):
-            raise InputError(
-                f"responsivity_dn_s_cd_m2 is {self.responsivity_dn_s_cd_m2}: a camera that sees light has a "
-                "positive one"
-            )
 
     def dark_dn(self, exposure_s: float) -> float:
         """Mean DN of dark signal at an exposure time."""
         return self.dark_offset_dn + self.dark_rate_dn_s * exposure_s
 
-    def dn_per_cd_m2(self, frame: Frame) -> NDArray[np.float64] | float:
-        """Slope of DN over luminance for a frame: a number, or one for each pixel with vignetting."""
-        slope = self.responsivity_dn_s_cd_m2 * frame.exposure_s
-        if self.vignetting is None:
-            return slope
-        return slope * self.vignetting.relative_illuminance(frame.shape)
-
     def to_luminance(self, frame: Frame) -> LuminanceMap:
         """Convert a frame to luminance.
 
-        A pixel counts as outside the calibrated range if it is so by more than three standard deviations of its noise.
+        A pixel counts as outside the valid range if it is below 0 by more than three standard deviations of its noise.
 
         Raises
         ------
@@ -90,20 +70,16 @@ class LinearConversion:
                 "sensor: use a monochrome pixel format"
             )
         net = frame.dn - self.dark_dn(frame.exposure_s)
-        slope = self.dn_per_cd_m2(frame)
-        luminance = net / slope
+        slope: NDArray[np.float64] | float = self.responsivity_dn_s_cd_m2 * frame.exposure_s
+        if self.vignetting is not None:
+            slope = slope * self.vignetting.relative_illuminance(frame.shape)
         noise_dn = np.sqrt(self.k_dn_per_e * np.maximum(net, 0) + self.dark_noise_dn**2)
         with np.errstate(divide="ignore", invalid="ignore"):
             random_rel = np.where(net > 0, noise_dn / net, np.inf)
-        low, high = self.range_cd_m2
         invalid = np.where(frame.saturated, Invalid.SATURATED, 0).astype(np.uint8)
         invalid |= np.where(net < 0, Invalid.BELOW_BLACK, 0).astype(np.uint8)
-        # Noise alone must not push half the pixels of the darkest and of the brightest calibrated patch out.
-        margin = RANGE_MARGIN * noise_dn / slope
-        outside = (luminance < low - margin) | (luminance > high + margin)
-        invalid |= np.where(outside, Invalid.OUTSIDE_CALIBRATED, 0).astype(np.uint8)
-        common = (CommonError("responsivity", self.responsivity_common_rel),)
-        return LuminanceMap(luminance, random_rel, common, invalid)
+        invalid |= np.where(net < -RANGE_MARGIN * noise_dn, Invalid.OUTSIDE_CALIBRATED, 0).astype(np.uint8)
+        return LuminanceMap(net / slope, random_rel, (), invalid)
 
 
 @dataclass(frozen=True)
@@ -154,22 +130,16 @@ class ImagingChain:
             If the scene is not one (see `scene.luminance_map`) or not of the sensor's size.
         """
         scene = luminance_map(luminance_cd_m2)
-        if scene.shape != self.sensor.shape:
-            raise InputError(
-                f"the scene has the shape {scene.shape}, the sensor has {self.sensor.shape}: give one value for "
-                "each pixel"
-            )
-        behind = scene if self.windscreen is None else self.windscreen.apply(scene)
-        illuminance_lx = self.optics.apply(behind, self.sensor.pixel_pitch_m)
-        rate: NDArray[np.float32] = self.sensor.electron_rate(illuminance_lx, self.spectrum).astype(
-            np.float32, copy=False
-        )
-        return rate
+        signal, context = scene_signal(scene), Context(self.spectrum, pixel_pitch_m=self.sensor.pixel_pitch_m)
+        check_shape(signal, self.sensor.shape)
+        for stage in (self.windscreen, self.optics):
+            signal = signal if stage is None else stage.process(signal, context)
+        return self.sensor.electron_rate(signal.values, self.spectrum).astype(np.float32, copy=False)
 
     def conversion(self, gain_db: float = 0.0, *, temperature_c: float) -> LinearConversion:
         """Return the inverse from DN to luminance that follows from the stages, without any uncertainty of its own.
 
-        Its range has no upper end: luminance saturates at another value for each exposure time
+        It has no upper end: luminance saturates at another value for each exposure time
         (`saturation_luminance_cd_m2`), and a frame marks its saturated pixels itself. The shot noise of the dark
         current is not part of its dark noise.
 
@@ -200,14 +170,12 @@ class ImagingChain:
         )
         return LinearConversion(
             responsivity_dn_s_cd_m2=k_dn_per_e * electrons_per_s,
-            responsivity_common_rel=0.0,
             dark_offset_dn=self.sensor.black_level_dn,
             dark_rate_dn_s=k_dn_per_e * self.sensor.dark_current_at(temperature_c),
             k_dn_per_e=k_dn_per_e,
             dark_noise_dn=self.sensor.dark_noise_dn(gain_db),
             vignetting=self.optics.vignetting(self.sensor.pixel_pitch_m),
             gain_db=gain_db,
-            range_cd_m2=(0.0, inf),
         )
 
     def saturation_luminance_cd_m2(self, exposure_s: float, gain_db: float = 0.0, *, temperature_c: float) -> float:

@@ -61,11 +61,6 @@ class Windscreen(Parameters):
     glare_fraction: Glare = 0.0
     glare_subtracted: Annotated[bool, Flag()] = False
 
-    def apply(self, luminance_cd_m2: FloatArray) -> FloatArray:
-        """Luminance behind the windscreen, from that of a whole scene in front of it."""
-        glare_cd_m2 = self.glare_fraction * float(luminance_cd_m2.mean(dtype=np.float64))
-        return self.transmittance * (luminance_cd_m2 + glare_cd_m2)
-
     def process(self, signal: Signal, _context: Context) -> Signal:
         """Luminance behind the windscreen, with its inverse."""
         glare_cd_m2 = self.glare_fraction * signal.scene_mean()
@@ -151,6 +146,11 @@ class Optics(Parameters):
         object.__setattr__(self, "mtf", checked_mtf(self.mtf))
 
     @property
+    def working_f_number(self) -> float:
+        """N (1 + m), that of the cone of light behind the lens."""
+        return self.f_number * (1 + self.magnification)
+
+    @property
     def axial_illuminance_per_cd_m2(self) -> float:
         """Illuminance in lux on the axis for 1 cd/m^2."""
         return axial_illuminance_per_cd_m2(self.f_number, self.transmittance, self.magnification)
@@ -170,12 +170,9 @@ class Optics(Parameters):
         """Optical transfer function over the spatial frequency on the sensor in 1/m, without that of the pixel."""
         transfer = np.ones(np.shape(frequency_per_m))
         if self.diffraction_nm is not None:
-            working = self.f_number * (1 + self.magnification)
-            transfer *= diffraction_mtf(frequency_per_m, 1e-9 * self.diffraction_nm, working)
-        if self.blur_sigma_m:
-            transfer *= gaussian_mtf(frequency_per_m, self.blur_sigma_m)
-        if self.defocus_disc_m:
-            transfer *= disc_mtf(frequency_per_m, self.defocus_disc_m)
+            transfer = diffraction_mtf(frequency_per_m, 1e-9 * self.diffraction_nm, self.working_f_number)
+        transfer = transfer * gaussian_mtf(frequency_per_m, self.blur_sigma_m)
+        transfer *= disc_mtf(frequency_per_m, self.defocus_disc_m)
         return transfer * measured_mtf(frequency_per_m, self.mtf) if self.mtf else transfer
 
     def spread(self, scene: FloatArray, pixel_pitch_m: float | None, oversampling: int = 1) -> FloatArray:
@@ -201,11 +198,6 @@ class Optics(Parameters):
             scene = blurred(scene, _kernel(self, pixel_pitch_m / oversampling))
         return pixel_means(scene, oversampling)
 
-    def apply(self, luminance_cd_m2: FloatArray, pixel_pitch_m: float, oversampling: int = 1) -> FloatArray:
-        """Illuminance in lux on each pixel, shape (height, width), from the luminance of the scene; see `spread`."""
-        seen = self.spread(luminance_cd_m2, pixel_pitch_m, oversampling)
-        return seen * self._slope(seen, pixel_pitch_m)
-
     def process(self, signal: Signal, context: Context) -> Signal:
         """Illuminance on the sensor, with its inverse; levels of a scene are taken as on the axis.
 
@@ -221,9 +213,15 @@ class Optics(Parameters):
                 "sensor, or leave focal_length_m out"
             )
 
+        vignetting = self.vignetting(pitch_m) if is_image and pitch_m else None
+
         def slope(like: FloatArray) -> FloatArray | float:
+            if vignetting is None:
+                return self.axial_illuminance_per_cd_m2
             # The map of the vignetting is made anew each time instead of being kept.
-            return self._slope(like, pitch_m) if is_image and pitch_m else self.axial_illuminance_per_cd_m2
+            relative = vignetting.relative_illuminance((like.shape[0], like.shape[1]))
+            relative *= self.axial_illuminance_per_cd_m2
+            return relative.astype(like.dtype, copy=False)
 
         seen = self.spread(signal.values, pitch_m, signal.oversampling) if is_image else signal.values
         return replace(
@@ -236,19 +234,10 @@ class Optics(Parameters):
 
     def _spread_width_m(self) -> float:
         """Width that holds nearly all of a point's light."""
-        working = self.f_number * (1 + self.magnification)
-        airy_m = 20e-9 * (self.diffraction_nm or 0.0) * working
+        airy_m = 20e-9 * (self.diffraction_nm or 0.0) * self.working_f_number
         # A measured MTF that falls quickly first has a wide point spread.
         measured_m = 4e-3 / self.mtf[1][0] if self.mtf else 0.0
         return airy_m + 8 * self.blur_sigma_m + self.defocus_disc_m + measured_m
-
-    def _slope(self, like: FloatArray, pixel_pitch_m: float) -> FloatArray | float:
-        vignetting = self.vignetting(pixel_pitch_m)
-        if vignetting is None:
-            return self.axial_illuminance_per_cd_m2
-        slope = vignetting.relative_illuminance((like.shape[0], like.shape[1]))
-        slope *= self.axial_illuminance_per_cd_m2
-        return slope.astype(like.dtype, copy=False)
 
 
 @lru_cache(maxsize=4)

@@ -20,81 +20,38 @@ from .registry import chain_text
 from .scene.scene import Scene
 from .signal import UNITS, ExposureSettings, SensorModel, Stage
 
-_Stages = Sequence[tuple[str, Stage]]
+#: Types of the fields, and what else to give.
+_KINDS: dict[str, tuple[Any, str]] = {
+    **dict.fromkeys(("name", "description", "spectrum", "source"), (str, "text")),
+    "folder": (str | PathLike, "a path"),
+    "scene": (Scene, "a scene, such as labcdp.chain.Flat"),
+    "settings": (ExposureSettings | None, "labcdp.chain.ExposureSettings, or None without sensors"),
+    "hdr": (Hdr | None, "labcdp.chain.Hdr, or None"),
+}
 
 
-def require_consistent(
-    scene: Scene,
-    before: _Stages,
-    sensors: Sequence[tuple[str, SensorModel]],
-    settings: ExposureSettings | None,
-    hdr: Hdr | None,
-    behind: _Stages,
-) -> None:
-    """Refuse parts that do not fit together; parameters as those of `Chain`.
-
-    Raises
-    ------
-    InputError
-        Naming the first part that does not fit.
-    """
-    quantity = "luminance"
-    for name, stage in before:
-        _require_takes(name, stage, quantity)
-        quantity = stage.gives
-    if not sensors:
-        if settings is not None or hdr is not None or behind:
-            raise InputError("there is no sensor to expose: add a sensor, or leave out what follows it")
-        return
-    if quantity != "illuminance":
-        raise InputError(
-            f"the sensor takes illuminance in lx, but what comes to it is {quantity} in {UNITS[quantity]}: add "
-            "optics in front of it"
-        )
-    for _, sensor in sensors:
-        if sensor.shape != scene.shape:
-            raise InputError(
-                f"sensor has width {sensor.shape[1]} and height {sensor.shape[0]}, the scene {scene.shape[1]} and "
-                f"{scene.shape[0]}: give them once, in scene or sensor"
-            )
-    if settings is None:
-        raise InputError("exposure is missing: add a table [exposure] with exposure_s, in s")
-    if len(settings.exposure_s) > 1 and hdr is None and behind:
-        raise InputError(
-            f"exposure.exposure_s has {len(settings.exposure_s)} times and nothing merges them: add a table "
-            "[hdr], or give one time"
-        )
-    quantity = "digital number"
-    for name, stage in behind:
-        _require_takes(name, stage, quantity)
-        quantity = stage.gives
-
-
-def _require_takes(name: str, stage: Stage, quantity: str) -> None:
-    for asked in (stage.takes, stage.gives):
-        if asked not in UNITS:
-            raise InputError(f"{name} takes {stage.takes!r} and gives {stage.gives!r}: give two of {', '.join(UNITS)}")
-    if stage.takes != quantity:
-        raise InputError(
-            f"{name} takes {stage.takes} in {UNITS[stage.takes]}, but what comes to it is {quantity} in "
-            f"{UNITS[quantity]}: put it elsewhere in the chain"
-        )
-
-
-def _require(is_right: bool, key: str, value: object, what: str) -> None:
-    """Refuse a value of a wrong type before anything is made of it."""
-    if not is_right:
-        raise InputError(f"{key} is {shown(value)}: give {what}")
-
-
-def _named_parts(key: str, value: Any, kind: Any) -> tuple[tuple[str, Any], ...]:
+def _named_parts(key: str, value: Any, kind: Any, what: str) -> tuple[tuple[str, Any], ...]:
     """Return parts with their names as tuples, from any list of pairs."""
-    how = f"a list of pairs of a name and a {'sensor model' if kind is SensorModel else 'stage'}"
-    _require(isinstance(value, list | tuple), key, value, how)
-    for one in value:
-        is_pair = isinstance(one, list | tuple) and len(one) == 2
-        _require(is_pair and isinstance(one[0], str) and isinstance(one[1], kind), key, value, how)
+    if not isinstance(value, list | tuple) or not all(
+        isinstance(one, list | tuple) and len(one) == 2 and isinstance(one[0], str) and isinstance(one[1], kind)
+        for one in value
+    ):
+        raise InputError(f"{key} is {shown(value)}: give a list of pairs of a name and a {what}")
     return tuple((name, part) for name, part in value)
+
+
+def _quantity_behind(quantity: str, stages: Sequence[tuple[str, Stage]]) -> str:
+    """Return what stages make of a quantity; refuse one that does not take what comes to it."""
+    for name, stage in stages:
+        if not {stage.takes, stage.gives} <= UNITS.keys():
+            raise InputError(f"{name} takes {stage.takes!r} and gives {stage.gives!r}: give two of {', '.join(UNITS)}")
+        if stage.takes != quantity:
+            raise InputError(
+                f"{name} takes {stage.takes} in {UNITS[stage.takes]}, but what comes to it is {quantity} in "
+                f"{UNITS[quantity]}: put it elsewhere in the chain"
+            )
+        quantity = stage.gives
+    return quantity
 
 
 @dataclass(frozen=True)
@@ -146,29 +103,51 @@ class ChainParts:
     folder: Path = field(default=Path(), compare=False)
 
     def __post_init__(self) -> None:
-        for key in ("name", "description", "spectrum", "source"):
-            _require(isinstance(getattr(self, key), str), key, getattr(self, key), "text")
-        _require(isinstance(self.folder, str | PathLike), "folder", self.folder, "a path")
+        for key, (kind, what) in _KINDS.items():
+            if not isinstance(getattr(self, key), kind):
+                raise InputError(f"{key} is {shown(getattr(self, key))}: give {what}")
         object.__setattr__(self, "folder", Path(self.folder))
         photon_radiance_per_cd_m2(self.spectrum)
-        _require(isinstance(self.scene, Scene), "scene", self.scene, "a scene, such as labcdp.chain.Flat")
-        _require(
-            isinstance(self.settings, ExposureSettings | None),
-            "settings",
-            self.settings,
-            "labcdp.chain.ExposureSettings, or None without sensors",
-        )
-        _require(isinstance(self.hdr, Hdr | None), "hdr", self.hdr, "labcdp.chain.Hdr, or None")
-        for key, kind in (("before", Stage), ("sensors", SensorModel), ("behind", Stage)):
-            object.__setattr__(self, key, _named_parts(key, getattr(self, key), kind))
-        require_consistent(self.scene, self.before, self.sensors, self.settings, self.hdr, self.behind)
-        names = self.stage_names
-        twice = sorted({name for name in names if names.count(name) > 1})
+        for key, kind, what in (
+            ("before", Stage, "stage"),
+            ("sensors", SensorModel, "sensor model"),
+            ("behind", Stage, "stage"),
+        ):
+            object.__setattr__(self, key, _named_parts(key, getattr(self, key), kind, what))
+        quantity = _quantity_behind("luminance", self.before)
+        if self.sensors:
+            self._require_exposed(quantity)
+        elif self.settings is not None or self.hdr is not None or self.behind:
+            raise InputError("there is no sensor to expose: add a sensor, or leave out what follows it")
+        twice = sorted({name for name in self.stage_names if self.stage_names.count(name) > 1})
         if twice:
             raise InputError(
                 f"two signals would have the name {twice[0]!r}: give each its own, and exposure times that differ in "
                 "their first six digits"
             )
+
+    def _require_exposed(self, quantity: str) -> None:
+        """Refuse sensors that do not fit to what comes to them, to their exposures and to what follows."""
+        if quantity != "illuminance":
+            raise InputError(
+                f"the sensor takes illuminance in lx, but what comes to it is {quantity} in {UNITS[quantity]}: add "
+                "optics in front of it"
+            )
+        height, width = self.scene.shape
+        for _, sensor in self.sensors:
+            if sensor.shape != (height, width):
+                raise InputError(
+                    f"sensor has width {sensor.shape[1]} and height {sensor.shape[0]}, the scene {width} and "
+                    f"{height}: give them once, in scene or sensor"
+                )
+        if self.settings is None:
+            raise InputError("exposure is missing: add a table [exposure] with exposure_s, in s")
+        count = len(self.settings.exposure_s)
+        if count > 1 and self.hdr is None and self.behind:
+            raise InputError(
+                f"exposure.exposure_s has {count} times and nothing merges them: add a table [hdr], or give one time"
+            )
+        _quantity_behind("digital number", self.behind)
 
     @classmethod
     def load(cls, name_or_path: str | Path) -> Self:

@@ -120,6 +120,11 @@ class Signal:
         return mean
 
 
+def scene_signal(luminance_cd_m2: Values, shares: NDArray[np.float64] | None = None, oversampling: int = 1) -> Signal:
+    """Return the luminance of a scene, which is its own inverse; parameters as those of `Signal`."""
+    return Signal(luminance_cd_m2, "luminance", lambda luminance: luminance, shares, oversampling=oversampling)
+
+
 @dataclass(frozen=True)
 class Context:
     """Inputs of a stage in addition to the signal.

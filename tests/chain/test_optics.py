@@ -46,7 +46,8 @@ def test_all_light_that_enters_the_lens_is_in_the_image(magnification):
 
 def test_vignetting_is_cos_4_of_the_angle():
     lens = Optics(2.0, 0.9, focal_length_m=6e-3)
-    illuminance = lens.apply(np.full((602, 1002), 10.0), PITCH_M)
+    scene = scene_signal(np.full((602, 1002), 10.0))
+    illuminance = lens.process(scene, Context("D65", pixel_pitch_m=PITCH_M)).values
     for row, column in ((0, 0), (0, 1000), (300, 20), (601, 1001)):
         radius_m = hypot(row - 300.5, column - 500.5) * PITCH_M
         expected = 10 * lens.axial_illuminance_per_cd_m2 * cos(atan(radius_m / 6e-3)) ** 4

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from math import sqrt
+from math import hypot
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -82,6 +82,17 @@ class ExposureLadder:
     def merged_saturation_dn(self) -> float:
         """Where the shortest exposure saturates, on the scale of the longest."""
         return self.saturation_dn * self.ratios[-1]
+
+    def factors(self, method: Method, first: int = 0) -> list[float]:
+        """Factors of the DN of the exposures from one on in "linear" or "weighted", where none is clipped or fading."""
+        ratios = self.ratios[first:]
+        if method == "linear":
+            return [ratio / len(ratios) for ratio in ratios]
+        left, factors = 1.0, []
+        for ratio, share in zip(ratios, self.shares[first:], strict=True):
+            factors.append(left * share * ratio)
+            left *= 1 - share
+        return factors
 
     @cached_property
     def shares(self) -> tuple[float, ...]:
@@ -247,6 +258,8 @@ class Hdr(Parameters):
             saturations differ.
         """
         ordered = sorted(captures, key=lambda capture: -capture.exposure_s)
+        if not ordered:
+            raise InputError("there is no exposure to merge: give at least one")
         _check_alike(ordered)
         longest = ordered[0]
         ladder = ExposureLadder(
@@ -272,21 +285,11 @@ class Hdr(Parameters):
 
     def _noise_factor(self, ladder: ExposureLadder) -> float:
         """Noise in dark signal over that of the longest exposure."""
-        if self.method == "normal":
-            return 1.0
-        if self.method == "linear":
-            return sqrt(sum(ratio**2 for ratio in ladder.ratios)) / len(ladder)
-        left, variance = 1.0, 0.0
-        for ratio, share in zip(ladder.ratios, ladder.shares, strict=True):
-            variance += (left * share * ratio) ** 2
-            left *= 1 - share
-        return sqrt(variance)
+        return 1.0 if self.method == "normal" else hypot(*ladder.factors(self.method))
 
 
 def _check_alike(captures: Sequence[Capture]) -> None:
-    """Refuse no captures at all, and captures that do not belong together."""
-    if not captures:
-        raise InputError("there is no exposure to merge: give at least one")
+    """Refuse captures that do not belong together."""
     for name in ("k_dn_per_e", "black_level_dn", "saturation_dn"):
         values = [getattr(capture, name) for capture in captures]
         if len(set(values)) > 1:

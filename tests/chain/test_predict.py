@@ -16,7 +16,7 @@ from labcdp.chain import ExposureSettings, Hdr, Sensor
 from labcdp.chain.hdr import ExposureLadder, merge_dn
 from labcdp.chain.predict.camera import CameraModel
 from labcdp.chain.predict.prediction import PatchRates, predict
-from labcdp.chain.predict.value_bins import Noise, ValueBins
+from labcdp.chain.predict.value_bins import ValueBins
 from labcdp.core.errors import PredictionError
 from labcdp.metrics import Distribution, cdp
 
@@ -171,13 +171,13 @@ def test_a_merge_of_many_values_has_bins_that_fit_in_memory():
     """Its values are 134 and 51 parts of 4556 apart: 9 million, one of which took 1 GB for 16 pixels."""
     chain = Chain.load("manta-g505")
     settings = replace(chain.settings, exposure_s=(1e-4, 2.66e-4, 2.66e-2))
-    camera = CameraModel(chain.camera().sensor, settings, Hdr("weighted", 24))
-    noise = Noise(camera.k_dn_per_e * 10.0, 0.0, camera.sensor.black_level_dn)
-    found = ValueBins.of_merge("weighted", camera.ladder, noise)
+    sensor = replace(chain.camera().sensor, read_noise_e=10.0, dsnu_e=0.0, column_dsnu_e=0.0, row_dsnu_e=0.0)
+    camera = CameraModel(sensor, settings, Hdr("weighted", 24))
+    found = ValueBins.of_merge(camera)
     assert found.values.size < 500_000
     assert (np.diff(found.edges) > 0).all()
     assert found.values[found.exact][0] == 0
     camera = replace(camera, settings=replace(settings, exposure_s=(0.01, 0.003, 0.001, 3e-4, 1e-4, 3e-5)))
-    assert ValueBins.of_merge("weighted", camera.ladder, noise).values.size < 500_000
+    assert ValueBins.of_merge(camera).values.size < 500_000
     with pytest.raises(PredictionError, match="too many values of the merge"):
-        ValueBins.of_merge("weighted", camera.ladder, replace(noise, read_dn=0.0))
+        ValueBins.of_merge(replace(camera, sensor=replace(sensor, read_noise_e=0.0)))

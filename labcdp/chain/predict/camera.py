@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from math import hypot
+
+import numpy as np
 
 from ...core.errors import InputError
 from ..hdr import ExposureLadder, Hdr
 from ..isp import ToneCurve
 from ..sensor import Sensor
 from ..signal import ExposureSettings
+from .readout import Readout
 
 
 @dataclass(frozen=True)
@@ -52,6 +56,17 @@ class CameraModel:
     def k_dn_per_e(self) -> float:
         """Overall system gain at the gain of the settings."""
         return self.sensor.system_gain_dn_per_e(self.settings.gain_db)
+
+    @property
+    def offset_spread_e(self) -> float:
+        """Standard deviation of the offsets over pixels, columns and rows, electrons."""
+        return hypot(self.sensor.dsnu_e, self.sensor.column_dsnu_e, self.sensor.row_dsnu_e)
+
+    def readout(self, *, all_pixels: bool) -> Readout:
+        """Readout of all pixels, whose offsets are noise, or of one whose fixed pattern is known."""
+        one, offsets_e = self.sensor, self.offset_spread_e if all_pixels else 0.0
+        noise_e = hypot(one.read_noise_e, offsets_e)
+        return Readout(float(np.float32(one.full_well_e)), self.k_dn_per_e, one.black_level_dn, one.bits, noise_e)
 
     @property
     def dn_per_e_s(self) -> float:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from math import ceil, hypot
+from math import ceil
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..sensor import Sensor, digitise
+from ..sensor import digitise
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -33,16 +33,6 @@ def indicator(
 
     row = np.arange(column.size) if row is None else row
     return csr_array((np.ones(column.size), (row, column)), shape=(rows or column.size, columns))
-
-
-def spread_rows(rows: csr_array, used: NDArray[np.intp], count: int) -> csr_array:
-    """Put rows in their places among `count` rows, the others empty."""
-    from scipy.sparse import csr_array
-
-    sizes = np.zeros(count, dtype=np.int64)
-    sizes[used] = np.diff(rows.indptr)
-    starts = np.concatenate([[0], np.cumsum(sizes)])
-    return csr_array((rows.data, rows.indices, starts), shape=(count, rows.shape[1]))
 
 
 FloatArray = NDArray[np.float64]
@@ -68,12 +58,6 @@ class Readout:
     black_level_dn: float
     bits: int
     noise_e: float
-
-    @classmethod
-    def of(cls, sensor: Sensor, gain_db: float, noise_e: float) -> Readout:
-        """Readout of a sensor at a gain in dB."""
-        k_dn_per_e = sensor.system_gain_dn_per_e(gain_db)
-        return cls(float(np.float32(sensor.full_well_e)), k_dn_per_e, sensor.black_level_dn, sensor.bits, noise_e)
 
     def certain_e(self, offset_e: float) -> float:
         """Mean electrons from which the DN is that of a full pixel or the highest, for offsets up to `offset_e`."""
@@ -168,13 +152,3 @@ def _count_step(mean_e: FloatArray, below_full: NDArray[np.bool_], noise_e: floa
     # A Poisson distribution of few counts is too skew to be treated as a normal one.
     smooth = below_full & (mean_e > 100)
     return np.where(smooth, 2**power, 1).astype(np.int64)
-
-
-def total_noise_e(sensor: Sensor) -> float:
-    """Return the standard deviation of read noise and all offsets together, electrons."""
-    return hypot(sensor.read_noise_e, offset_spread_e(sensor))
-
-
-def offset_spread_e(sensor: Sensor) -> float:
-    """Return the standard deviation of the offsets over pixels, columns and rows, electrons."""
-    return hypot(sensor.dsnu_e, sensor.column_dsnu_e, sensor.row_dsnu_e)

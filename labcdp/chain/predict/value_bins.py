@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from math import ceil, hypot, lcm
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.errors import PredictionError
 from ..hdr import FADE_FROM, ZERO_DN, ExposureLadder, Method, faded_share, merge_dn
+from .camera import CameraModel
 
 FloatArray = NDArray[np.float64]
 
@@ -31,15 +32,6 @@ _FEW = 2000
 #: Steps of a lattice in a standard deviation from which its values are binned. Values that coincide with an end of an
 #: interval then matter less than 2e-4.
 _FINE = 200
-
-
-@dataclass(frozen=True)
-class Noise:
-    """Standard deviations of read noise and of the offsets over the pixels, DN, and the black level."""
-
-    read_dn: float
-    offset_dn: float
-    black_level_dn: float
 
 
 @dataclass(frozen=True)
@@ -73,7 +65,7 @@ def _zones(method: Method, ladder: ExposureLadder, black_level_dn: float) -> lis
     found = []
     end = ladder.saturation_dn * (1.0 if method == "linear" else FADE_FROM)
     for first in range(len(ladder)):
-        factors = _merge_factors(method, ladder, first)
+        factors = ladder.factors(method, first)
         relative = [Fraction(factor / factors[0]).limit_denominator(10_000) for factor in factors]
         if any(
             abs(float(one) * factors[0] / factor - 1) > 1e-12 for one, factor in zip(relative, factors, strict=True)
@@ -96,36 +88,16 @@ def _common_unit(found: Sequence[_Zone]) -> float | None:
     )
 
 
-def _is_smooth(steps: Sequence[int], variances: Sequence[Any]) -> Any:
-    """Whether the distribution of a sum of DN has no lumps.
+def _lump_dn(zone: _Zone, variances: Sequence[FloatArray]) -> FloatArray:
+    """Return the standard deviation of the narrowest lumps of a sum of DN, DN of the merge; infinite without any.
 
     The values of each exposure, its step apart, must be filled by the noise of the others. At half a step of standard
     deviation a ripple of exp(-2 (pi / 2)^2) = 0.7 % is left.
     """
-    parts = [step**2 * variance for step, variance in zip(steps, variances, strict=True)]
-    smooth: Any = True
-    for step, part in zip(steps, parts, strict=True):
-        smooth = smooth & (sum(parts) - part >= step**2 / 4)
-    return smooth
-
-
-def _lump_dn(zone: _Zone, variances: Sequence[Any]) -> Any:
-    """Return the standard deviation of the narrowest lumps in DN of the merge, infinite without any (`_is_smooth`)."""
     parts = [step**2 * variance for step, variance in zip(zone.steps, variances, strict=True)]
     rests = [(step, sum(parts) - part) for step, part in zip(zone.steps, parts, strict=True)]
-    return zone.unit * np.sqrt(np.min([np.where(rest < step**2 / 4, rest, np.inf) for step, rest in rests], axis=0))
-
-
-def _merge_factors(method: Method, ladder: ExposureLadder, first: int) -> list[float]:
-    """Factors of the DN of the exposures from `first` on where none of them is clipped or fading."""
-    ratios = ladder.ratios[first:]
-    if method == "linear":
-        return [ratio / len(ratios) for ratio in ratios]
-    left, factors = 1.0, []
-    for ratio, share in zip(ratios, ladder.shares[first:], strict=True):
-        factors.append(left * share * ratio)
-        left *= 1 - share
-    return factors
+    narrowest = np.min([np.where(rest < step**2 / 4, rest, np.inf) for step, rest in rests], axis=0)
+    return np.asarray(zone.unit * np.sqrt(narrowest))
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,15 +129,18 @@ class ValueBins:
         return cls(np.append(values, values[-1] + 1), values, np.ones(values.size, dtype=np.bool_))
 
     @classmethod
-    def of_merge(cls, method: Method, ladder: ExposureLadder, noise: Noise) -> ValueBins:
-        """Bins of the merged value.
+    def of_merge(cls, camera: CameraModel) -> ValueBins:
+        """Bins of the value of a camera that merges exposures by "linear" or "weighted".
 
         They are even in standard deviations of the value, and hold one value each where these are far apart. The last
         bin holds what is clipped in all exposures.
         """
+        assert camera.hdr is not None
+        method, ladder, black_dn = camera.hdr.method, camera.ladder, camera.sensor.black_level_dn
+        read_dn = ladder.k_dn_per_e * camera.sensor.read_noise_e
+        all_dn = hypot(read_dn, ladder.k_dn_per_e * camera.offset_spread_e)
         top = ladder.merged_saturation_dn
         dn = np.linspace(0, 1, 4001) ** 2 * top
-        all_dn = hypot(noise.read_dn, noise.offset_dn)
         spread = _spread(method, ladder, dn, all_dn)
         place = np.concatenate([[0], np.cumsum(np.diff(dn) * 2 / (spread[1:] + spread[:-1]))])
         inner = np.interp(np.linspace(0, place[-1], ceil(place[-1] * _BINS) + 1), place, dn)
@@ -176,19 +151,20 @@ class ValueBins:
         bins: ValueBins = cls._between(np.concatenate([-below, [-ZERO_DN, ZERO_DN], inner[1:], [top * (1 + 1e-9)]]))
         bins.values[-1], bins.exact[-1] = top, True
         bins.values[below.size], bins.exact[below.size] = 0.0, True
-        found = _zones(method, ladder, noise.black_level_dn)
+        found = _zones(method, ladder, black_dn)
         # Where an exposure clips in some pixels only, "linear" has values of two zones in the same range.
         shared = _common_unit(found) if method == "linear" else None
         for zone in found:
             shorter = ladder.ratios[zone.first :]
-            variances = [noise.read_dn**2 + ladder.k_dn_per_e * dn / ratio for ratio in shorter]
-            coarse = (spread > _FINE * zone.unit) & _is_smooth(zone.steps, variances)
+            variances = [read_dn**2 + ladder.k_dn_per_e * dn / ratio for ratio in shorter]
+            lump_dn = _lump_dn(zone, variances)
+            coarse = (spread > _FINE * zone.unit) & np.isinf(lump_dn)
             fine = np.flatnonzero((dn >= zone.low) & (dn < zone.high) & coarse)
             low, high = max(zone.low, -10 * spread[0]), min(dn[fine[0]] if fine.size else np.inf, zone.high)
             unit = shared if shared is not None and high - low < _MOST * shared else zone.unit
             if high - low > _MOST_ALONE * unit:
                 at = (dn >= low) & (dn <= high)
-                widths = _LUMP_PARTS * spread[at] / _BINS / np.maximum(_lump_dn(zone, variances)[at], zone.unit)
+                widths = _LUMP_PARTS * spread[at] / _BINS / np.maximum(lump_dn[at], zone.unit)
                 bins = bins._divided(max(ceil(widths.max()), 1), low, high)
             else:
                 bins = bins._with_lattice(zone.origin, unit, low, high)
@@ -201,7 +177,7 @@ class ValueBins:
         # In the dark, pixels of little noise have few DN.
         count = int(_FEW ** (1 / len(ladder)))
         if 12 * all_dn < count:
-            least_dn = max(int(noise.black_level_dn - 6 * all_dn), 0) - noise.black_level_dn
+            least_dn = max(int(black_dn - 6 * all_dn), 0) - black_dn
             few = np.meshgrid(*[least_dn + np.arange(count)] * len(ladder))
             alone = merge_dn(method, 20, few, ladder).ravel()
             alone = alone[np.unique(np.round(alone, 9), return_index=True)[1]]

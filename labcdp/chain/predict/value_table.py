@@ -16,8 +16,8 @@ from ..isp import ToneCurve
 from .camera import CameraModel
 from .merged_rows import merged_rows
 from .nodes import RateGrid, gamma_nodes, normal_nodes
-from .readout import Readout, dense_rows, indicator, offset_spread_e, spread_rows, total_noise_e
-from .value_bins import Noise, ValueBins
+from .readout import dense_rows, indicator
+from .value_bins import ValueBins
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -40,13 +40,16 @@ class ValueTable:
         Probabilities at the nodes of the grid that are used.
     saturated : ndarray, shape (nodes,)
         Share of saturated pixels at each node.
+    nodes : ndarray of int, shape (nodes,)
+        Their numbers in the grid, rising.
     grid : RateGrid
-        Rates of photo-electrons of the nodes.
+        Rates of photo-electrons.
     """
 
     bins: ValueBins
     rows: csr_array
     saturated: FloatArray
+    nodes: NDArray[np.intp]
     grid: RateGrid
 
     def blocks(
@@ -80,6 +83,7 @@ class ValueTable:
             part = slice(begin, min(begin + _BLOCK, len(rates)))
             count = part.stop - begin
             index, weight = self.grid.stencil(rates[part].ravel())
+            index = np.searchsorted(self.nodes, index)
             weight *= shares[part].reshape(-1, 1)
             low, high = int(index.min()), int(index.max()) + 1
             first, rows = dense_rows(self.rows, low, high)
@@ -108,21 +112,21 @@ class _TableMaker:
 
     def table(self, rates_e_s: FloatArray) -> ValueTable:
         camera, grid = self.camera, self._grid
+        nodes = np.unique(grid.stencil(rates_e_s)[0])
         (gains, gain_shares), (dark, dark_shares) = self._gains, self._dark
-        index, _ = grid.stencil(rates_e_s)
-        by_gain, used = self._mixing(np.unique(index), np.multiply.outer(grid.rates_e_s, gains), gain_shares)
-        by_dark, used = self._mixing(used, np.add.outer(grid.rates_e_s, camera.dark_e_s * dark), dark_shares)
-        totals = grid.rates_e_s + (camera.dark_e_s if by_dark is None else 0.0)
-        bins, rows, saturated = self._rows(totals, used)
+        by_gain, used = self._mixing(nodes, np.multiply.outer(grid.rates_e_s[nodes], gains), gain_shares)
+        mean_e_s = np.add.outer(grid.rates_e_s[used], camera.dark_e_s * dark)
+        by_dark, used = self._mixing(used, mean_e_s, dark_shares)
+        bins, rows, saturated = self._rows(grid.rates_e_s[used] + (camera.dark_e_s if by_dark is None else 0.0))
         for mixing in (by_dark, by_gain):
             if mixing is not None:
                 rows, saturated = mixing @ rows, np.asarray(mixing @ saturated)
-        return ValueTable(bins, rows, saturated, grid)
+        return ValueTable(bins, rows, saturated, nodes, grid)
 
     def _mixing(
         self, nodes: NDArray[np.intp], mean_e_s: FloatArray, shares: FloatArray
     ) -> tuple[csr_array | None, NDArray[np.intp]]:
-        """Weights of all nodes in the pixels that have each of some mean rates at some nodes, and the nodes needed.
+        """Weights of other nodes in the pixels of some nodes, which have each of some mean rates, and these nodes.
 
         None where all pixels are alike.
         """
@@ -130,11 +134,11 @@ class _TableMaker:
 
         if shares.size == 1:
             return None, nodes
-        index, weight = self._grid.stencil(mean_e_s[nodes].ravel())
+        index, weight = self._grid.stencil(mean_e_s.ravel())
         weight = weight * np.tile(shares, nodes.size)[:, None]
-        node = np.repeat(nodes, shares.size * index.shape[1])
-        mixing = csr_array((weight.ravel(), (node, index.ravel())), shape=(len(mean_e_s), len(mean_e_s)))
-        return mixing, np.unique(index)
+        used, column = np.unique(index, return_inverse=True)
+        row = np.repeat(np.arange(nodes.size), shares.size * index.shape[1])
+        return csr_array((weight.ravel(), (row, column.ravel())), shape=(nodes.size, used.size)), used
 
     @cached_property
     def _grid(self) -> RateGrid:
@@ -145,8 +149,7 @@ class _TableMaker:
     @cached_property
     def _certain_e(self) -> float:
         """Mean electrons of a pixel of gain 1 from which on the outcome of an exposure is certain."""
-        sensor = self.camera.sensor
-        return Readout.of(sensor, self.camera.settings.gain_db, total_noise_e(sensor)).certain_e(0.0)
+        return self.camera.readout(all_pixels=True).certain_e(0.0)
 
     @property
     def _mixes(self) -> bool:
@@ -174,69 +177,59 @@ class _TableMaker:
         # Shot noise of the dark current itself is the least there is.
         return gamma_nodes(order, sqrt(dark_e))
 
-    def _rows(self, totals_e_s: FloatArray, used: NDArray[np.intp]) -> tuple[ValueBins, csr_array, FloatArray]:
+    def _rows(self, totals_e_s: FloatArray) -> tuple[ValueBins, csr_array, FloatArray]:
         """Values, probabilities and saturated share at total rates, dark current included."""
         camera, tone_curve = self.camera, self.camera.tone_curve
         if self._mixes:
-            return self._binned_rows(totals_e_s, used)
-        values, rows = self._exact_rows(totals_e_s, used)
+            return self._binned_rows(totals_e_s)
+        values, rows = self._exact_rows(totals_e_s)
         saturated = np.asarray(rows @ (values >= camera.saturation_dn).astype(np.float64))
         if tone_curve is None:
             return ValueBins.alone(values), rows, saturated
         return _codes(tone_curve), rows @ indicator(tone_curve.encode(values), 2**tone_curve.bits), saturated
 
-    def _exact_rows(self, totals_e_s: FloatArray, used: NDArray[np.intp]) -> tuple[FloatArray, csr_array]:
+    def _exact_rows(self, totals_e_s: FloatArray) -> tuple[FloatArray, csr_array]:
         """Whole DN of a single exposure, or of a merge that takes one of them."""
         from scipy.sparse import csr_array
 
-        camera, count = self.camera, len(self.camera.exposures_s)
+        camera, hdr, count = self.camera, self.camera.hdr, len(self.camera.exposures_s)
+        values: FloatArray = np.arange(2.0**camera.sensor.bits)
+        net_dn = values - camera.sensor.black_level_dn
         if count == 1:
-            readout = Readout.of(camera.sensor, camera.settings.gain_db, total_noise_e(camera.sensor))
-            (rows,) = readout.dn_rows(totals_e_s[used] * camera.exposures_s[0])
-            values: FloatArray = np.arange(2.0**camera.sensor.bits)
-            if camera.hdr is not None:
-                net_dn = values - camera.sensor.black_level_dn
-                values = merge_dn(camera.hdr.method, camera.hdr.bits, [net_dn], camera.ladder).astype(np.float64)
-            return values, spread_rows(rows, used, totals_e_s.size)
-        assert camera.hdr is not None
-        net_dn = np.arange(2.0**camera.sensor.bits) - camera.sensor.black_level_dn
-        stages = [normal_stage(net_dn, i, camera.hdr.bits, camera.ladder) for i in range(count)]
+            (rows,) = camera.readout(all_pixels=True).dn_rows(totals_e_s * camera.exposures_s[0])
+            if hdr is not None:
+                values = merge_dn(hdr.method, hdr.bits, [net_dn], camera.ladder).astype(np.float64)
+            return values, rows
+        assert hdr is not None
+        stages = [normal_stage(net_dn, i, hdr.bits, camera.ladder) for i in range(count)]
         values = np.concatenate([value[taken] for value, taken in stages]).astype(np.float64)
         order = np.argsort(values, kind="stable")
         rank = np.empty_like(order)
         rank[order] = np.arange(order.size)
         starts = np.cumsum([0, *(taken.sum() for _, taken in stages)])
-        total = csr_array((used.size, values.size))
+        total = csr_array((totals_e_s.size, values.size))
         offsets_e, frequency = self._offsets
-        left = np.repeat(frequency[:, None], used.size, axis=1)
+        left = np.repeat(frequency[:, None], totals_e_s.size, axis=1)
         for i, (_, taken) in enumerate(stages):
-            exposed = self._temporal.dn_rows(totals_e_s[used] * camera.exposures_s[i], offsets_e)
+            exposed = camera.readout(all_pixels=False).dn_rows(totals_e_s * camera.exposures_s[i], offsets_e)
             for share, open_share in zip(exposed, left, strict=True):
                 place = rank[starts[i] + np.cumsum(taken) - 1]
                 chosen = share @ indicator(place[taken], values.size, np.flatnonzero(taken), taken.size)
-                chosen = chosen.multiply(open_share[:, None]).tocsr()
-                total = total + chosen
+                total = total + chosen.multiply(open_share[:, None]).tocsr()
                 open_share *= share @ np.where(taken, 0.0, 1.0)
-        return values[order], spread_rows(total, used, totals_e_s.size)
+        return values[order], total
 
-    def _binned_rows(self, totals_e_s: FloatArray, used: NDArray[np.intp]) -> tuple[ValueBins, csr_array, FloatArray]:
+    def _binned_rows(self, totals_e_s: FloatArray) -> tuple[ValueBins, csr_array, FloatArray]:
         """Bins of a merge that mixes exposures, probabilities, and the share clipped in all."""
         camera = self.camera
         assert camera.hdr is not None
-        sensor, ladder, tone_curve = camera.sensor, camera.ladder, camera.tone_curve
-        offsets_e, frequency = self._offsets
-        by_exposure = [self._temporal.dn_rows(totals_e_s[used] * t, offsets_e) for t in camera.exposures_s]
-        exposures = list(zip(*by_exposure, strict=True))
-        net_dn = np.arange(2.0**sensor.bits) - sensor.black_level_dn
+        ladder, tone_curve, (offsets_e, frequency) = camera.ladder, camera.tone_curve, self._offsets
+        readout = camera.readout(all_pixels=False)
+        exposures = list(zip(*(readout.dn_rows(totals_e_s * t, offsets_e) for t in camera.exposures_s), strict=True))
+        net_dn = np.arange(2.0**camera.sensor.bits) - camera.sensor.black_level_dn
         merge = partial(merged_rows, camera.hdr.method, ladder, exposures, frequency, net_dn)
-        saturated = np.zeros(totals_e_s.size)
         if tone_curve is None:
-            noise = Noise(
-                ladder.k_dn_per_e * sensor.read_noise_e,
-                ladder.k_dn_per_e * offset_spread_e(sensor),
-                sensor.black_level_dn,
-            )
-            bins = ValueBins.of_merge(camera.hdr.method, ladder, noise)
+            bins = ValueBins.of_merge(camera)
             rows = merge(bins.edges)
         else:
             bins = _codes(tone_curve)
@@ -244,22 +237,17 @@ class _TableMaker:
             clipped_by_curve = np.asarray(rows[:, [-1]].todense()).ravel()
             rows = rows @ indicator(np.minimum(np.arange(rows.shape[1]), rows.shape[1] - 2), rows.shape[1] - 1)
             if tone_curve.top_dn < ladder.merged_saturation_dn:
-                saturated[used] = clipped_by_curve
-                return bins, spread_rows(rows, used, totals_e_s.size), saturated
+                return bins, rows, clipped_by_curve
         clipped = (net_dn >= ladder.saturation_dn).astype(np.float64)
+        saturated = np.zeros(totals_e_s.size)
         for share, exposure_rows in zip(frequency, exposures, strict=True):
-            saturated[used] += share * (exposure_rows[-1] @ clipped)
-        return bins, spread_rows(rows, used, totals_e_s.size), saturated
-
-    @cached_property
-    def _temporal(self) -> Readout:
-        """Readout of a pixel whose fixed pattern is known."""
-        return Readout.of(self.camera.sensor, self.camera.settings.gain_db, self.camera.sensor.read_noise_e)
+            saturated += share * (exposure_rows[-1] @ clipped)
+        return bins, rows, saturated
 
     @cached_property
     def _offsets(self) -> tuple[FloatArray, FloatArray]:
         """Offsets of pixels in electrons, and how frequent each is."""
-        spread_e = offset_spread_e(self.camera.sensor)
+        spread_e = self.camera.offset_spread_e
         if spread_e == 0:
             return np.zeros(1), np.ones(1)
         read_noise_e, step_e = self.camera.sensor.read_noise_e, 1 / self.camera.k_dn_per_e

@@ -12,18 +12,8 @@ from numpy.typing import NDArray
 
 from ..core.errors import InputError
 from ..core.vignetting import Cos4Vignetting
+from . import point_spread
 from .parameters import Flag, Fraction, Number, Parameters
-from .point_spread import (
-    MtfTable,
-    blur_kernel,
-    blurred,
-    checked_mtf,
-    diffraction_mtf,
-    disc_mtf,
-    gaussian_mtf,
-    measured_mtf,
-    pixel_means,
-)
 from .signal import Context, Signal
 
 FloatArray = NDArray[np.floating[Any]]
@@ -139,11 +129,11 @@ class Optics(Parameters):
     diffraction_nm: Annotated[float | None, Number("nm", 100, 2000)] = None
     blur_sigma_m: Annotated[float, Number("m", 0, 1e-3)] = 0.0
     defocus_disc_m: Annotated[float, Number("m", 0, 1e-3)] = 0.0
-    mtf: MtfTable = ()
+    mtf: point_spread.MtfTable = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "mtf", checked_mtf(self.mtf))
+        object.__setattr__(self, "mtf", point_spread.checked_mtf(self.mtf))
 
     @property
     def working_f_number(self) -> float:
@@ -170,10 +160,10 @@ class Optics(Parameters):
         """Optical transfer function over the spatial frequency on the sensor in 1/m, without that of the pixel."""
         transfer = np.ones(np.shape(frequency_per_m))
         if self.diffraction_nm is not None:
-            transfer = diffraction_mtf(frequency_per_m, 1e-9 * self.diffraction_nm, self.working_f_number)
-        transfer = transfer * gaussian_mtf(frequency_per_m, self.blur_sigma_m)
-        transfer *= disc_mtf(frequency_per_m, self.defocus_disc_m)
-        return transfer * measured_mtf(frequency_per_m, self.mtf) if self.mtf else transfer
+            transfer = point_spread.diffraction_mtf(frequency_per_m, 1e-9 * self.diffraction_nm, self.working_f_number)
+        transfer = transfer * point_spread.gaussian_mtf(frequency_per_m, self.blur_sigma_m)
+        transfer *= point_spread.disc_mtf(frequency_per_m, self.defocus_disc_m)
+        return transfer * point_spread.measured_mtf(frequency_per_m, self.mtf) if self.mtf else transfer
 
     def spread(self, scene: FloatArray, pixel_pitch_m: float | None, oversampling: int = 1) -> FloatArray:
         """Mean on each pixel of the image of a scene, shape (height, width), in the unit of the scene.
@@ -195,8 +185,8 @@ class Optics(Parameters):
         if self.spreads_points:
             if pixel_pitch_m is None:
                 raise InputError("the point spread needs the pixel pitch: add a sensor, or leave the point spread out")
-            scene = blurred(scene, _kernel(self, pixel_pitch_m / oversampling))
-        return pixel_means(scene, oversampling)
+            scene = point_spread.blurred(scene, _kernel(self, pixel_pitch_m / oversampling))
+        return point_spread.pixel_means(scene, oversampling)
 
     def process(self, signal: Signal, context: Context) -> Signal:
         """Illuminance on the sensor, with its inverse; levels of a scene are taken as on the axis.
@@ -243,6 +233,6 @@ class Optics(Parameters):
 @lru_cache(maxsize=4)
 def _kernel(optics: Optics, sample_m: float) -> NDArray[np.float64]:
     """Kernel of a lens on samples of a size; kept, as a run, a prediction and cells of a sweep have the same."""
-    kernel = blur_kernel(optics.transfer, sample_m, optics._spread_width_m())
+    kernel = point_spread.blur_kernel(optics.transfer, sample_m, optics._spread_width_m())
     kernel.setflags(write=False)
     return kernel

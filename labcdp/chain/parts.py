@@ -258,6 +258,18 @@ class ChainParts:
         front = ("scene", *(name for name, _ in self.before))
         return (*front, *(self.of_sensor(name, own) for own, _ in self.sensors for name in self.recorded_names))
 
+    @property
+    def branches(self) -> dict[str, tuple[str, ...]]:
+        """Names of the signals on the way to the last one of each sensor, by its name; "" without a sensor."""
+        front = ("scene", *(name for name, _ in self.before))
+        behind = {own: (self.of_sensor(name, own) for name in self.recorded_names) for own, _ in self.sensors}
+        return {own: (*front, *names) for own, names in behind.items()} or {"": front}
+
+    @property
+    def final_stages(self) -> tuple[str, ...]:
+        """Names of the last signal of each sensor; without a sensor, of the last one."""
+        return tuple(names[-1] for names in self.branches.values())
+
     def of_sensor(self, name: str, sensor_name: str) -> str:
         """Name in a run of what one sensor gives."""
         return f"{name} ({sensor_name})" if len(self.sensors) > 1 else name

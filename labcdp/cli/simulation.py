@@ -10,7 +10,6 @@ from typing import Annotated
 import typer
 
 from ..chain import Chain, ImageScene, preset_names, preset_text
-from ..chain.predict.chain import known_transitions
 from ..core.errors import InputError
 from ..core.result import InputFile, Result
 from ..core.table import Column, Table
@@ -115,6 +114,8 @@ def sweep(
     stage
         Stage to evaluate, for example sensor or hdr; default: the last.
     """
+    from ..chain.predict.chain import known_transitions
+
     loaded = Chain.load(chain).with_(**dict(options.changes))
     wanted = Sweep(loaded, over, options.exact, stage, one_or_all(options.contrast), options.epsilon, options.seed)
     with results.folder(context, chain) as folder:

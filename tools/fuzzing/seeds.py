@@ -213,7 +213,7 @@ def _session(folder: Path) -> None:
 
 
 def _journals(folder: Path) -> None:
-    from labcdp.evaluate.sweep.run import VARIABLES
+    from labcdp.evaluate.sweep.maps.axes import VARIABLES
 
     head = {"axes": {"a.b": [1, 2, 3]}, "seed": 0}
     sweep = LineJournal.open(folder / "sweep" / "sweep.jsonl", head, "sweep")

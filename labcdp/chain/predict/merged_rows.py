@@ -9,16 +9,13 @@ from dataclasses import dataclass
 from functools import lru_cache, partial, reduce
 from math import ceil, log2, prod
 from operator import xor
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from ...core.errors import PredictionError
 from ..hdr import ExposureLadder, Method, linear_stage, mix, weighted_stage
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
 
 FloatArray = NDArray[np.float64]
 
@@ -82,8 +79,6 @@ def merged_rows(
     -------
     csr_array, shape (rates, k)
     """
-    from scipy.sparse import csr_array
-
     stage = weighted_stage if method == "weighted" else linear_stage
     stages = [stage(net_dn, i, ladder) for i in range(len(ladder))]
     merge = partial(mix, method, ladder=ladder)

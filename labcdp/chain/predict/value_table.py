@@ -6,21 +6,18 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, partial
 from math import sqrt
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from ..hdr import merge_dn, normal_stage
 from ..isp import ToneCurve
 from .camera import CameraModel
 from .merged_rows import merged_rows
 from .nodes import RateGrid, gamma_nodes, normal_nodes
-from .readout import dense_rows, indicator
 from .value_bins import ValueBins
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
 
 FloatArray = NDArray[np.float64]
 
@@ -75,8 +72,6 @@ class ValueTable:
         saturated : ndarray, shape (rates,)
             Share of saturated pixels.
         """
-        from scipy.sparse import csr_array
-
         rates = rates_e_s.reshape(len(rates_e_s), -1)
         shares = np.ones(rates.shape) if shares is None else shares
         for begin in range(0, len(rates), _BLOCK):
@@ -130,8 +125,6 @@ class _TableMaker:
 
         None where all pixels are alike.
         """
-        from scipy.sparse import csr_array
-
         if shares.size == 1:
             return None, nodes
         index, weight = self._grid.stencil(mean_e_s.ravel())
@@ -190,8 +183,6 @@ class _TableMaker:
 
     def _exact_rows(self, totals_e_s: FloatArray) -> tuple[FloatArray, csr_array]:
         """Whole DN of a single exposure, or of a merge that takes one of them."""
-        from scipy.sparse import csr_array
-
         camera, hdr, count = self.camera, self.camera.hdr, len(self.camera.exposures_s)
         values: FloatArray = np.arange(2.0**camera.sensor.bits)
         net_dn = values - camera.sensor.black_level_dn
@@ -262,3 +253,18 @@ class _TableMaker:
 def _codes(tone_curve: ToneCurve) -> ValueBins:
     """Return the decoded values of all codes."""
     return ValueBins.alone(tone_curve.decode(np.arange(2**tone_curve.bits)))
+
+
+def dense_rows(rows: csr_array, low: int, high: int) -> tuple[int, NDArray[np.float64]]:
+    """Rows of a sparse matrix from the first column any of them uses to the last one."""
+    part = rows[low:high]
+    first, end = int(part.indices.min()), int(part.indices.max()) + 1
+    return first, csr_array((part.data, part.indices - first, part.indptr), shape=(high - low, end - first)).toarray()
+
+
+def indicator(
+    column: NDArray[Any], columns: int, row: NDArray[np.intp] | None = None, rows: int | None = None
+) -> csr_array:
+    """Matrix of ones in one column of each of some rows."""
+    row = np.arange(column.size) if row is None else row
+    return csr_array((np.ones(column.size), (row, column)), shape=(rows or column.size, columns))

@@ -14,11 +14,11 @@ from ...core.disk.files import shown
 from ...core.errors import InputError
 from ..parameters import HIGHEST_CD_M2, Luminance, Number, Oversampling, Sized, Whole
 from ..point_spread import pixel_means
-from .scene import FloatMap, Level, Mask
+from .scene import FloatMap, Level, Levelled, Mask
 
 
 @dataclass(frozen=True)
-class StepChart(Sized):
+class StepChart(Levelled):
     """Upright stripes of equal width, each of one luminance; neighbours are the pairs that are evaluated.
 
     Parameters
@@ -48,33 +48,17 @@ class StepChart(Sized):
             Number("cd/m²", 0, HIGHEST_CD_M2).check("luminances_cd_m2", luminance)
         object.__setattr__(self, "luminances_cd_m2", tuple(float(luminance) for luminance in given))
 
-    def luminance_map(self) -> FloatMap:
-        """Luminance in cd/m², shape (height, width)."""
-        stripes = np.array(self.luminances_cd_m2, np.float32)
-        return np.broadcast_to(stripes[self._stripe_of_column()], self.shape).copy()
-
-    def regions(self) -> Mapping[str, Mask]:
+    def layout(self) -> tuple[Mapping[str, float], NDArray[np.intp]]:
         """Return each stripe as ``step 1``, ``step 2``, ..."""
-        stripe = self._stripe_of_column()
-        return {name: np.broadcast_to(stripe == index, self.shape).copy() for index, name in enumerate(self._names())}
-
-    def levels(self) -> Sequence[Level]:
-        """Return the level of each stripe."""
-        columns = np.bincount(self._stripe_of_column(), minlength=len(self.luminances_cd_m2))
-        rows = zip(self._names(), self.luminances_cd_m2, columns, strict=True)
-        return tuple(Level(name, luminance, float(count) / self.width) for name, luminance, count in rows)
+        count = len(self.luminances_cd_m2)
+        names = (f"step {number}" for number in range(1, count + 1))
+        stripe_of_column = np.arange(self.width) * count // self.width
+        return dict(zip(names, self.luminances_cd_m2, strict=True)), stripe_of_column[None, :]
 
     def pairs(self) -> Sequence[tuple[str, str]]:
         """Return each stripe with its right neighbour where their luminances differ."""
-        steps = list(zip(self._names(), self.luminances_cd_m2, strict=True))
-        ordered = [sorted(pair, key=lambda step: step[1]) for pair in pairwise(steps)]
+        ordered = [sorted(pair, key=lambda step: step[1]) for pair in pairwise(self.layout()[0].items())]
         return tuple((dark[0], bright[0]) for dark, bright in ordered if dark[1] < bright[1])
-
-    def _names(self) -> list[str]:
-        return [f"step {number}" for number in range(1, len(self.luminances_cd_m2) + 1)]
-
-    def _stripe_of_column(self) -> NDArray[np.int64]:
-        return np.arange(self.width) * len(self.luminances_cd_m2) // self.width
 
 
 @dataclass(frozen=True)

@@ -167,8 +167,34 @@ class Scene(Protocol):
         """Names of the regions whose contrast is evaluated, the darker one first."""
 
 
+class Levelled(Sized):
+    """A scene of regions of one luminance each."""
+
+    def layout(self) -> tuple[Mapping[str, float], NDArray[np.intp]]:
+        """Return names and luminances of the regions, and which of them each pixel is of, for all rows or columns."""
+        raise NotImplementedError
+
+    def luminance_map(self) -> FloatMap:
+        """Luminance in cd/m², shape (height, width)."""
+        luminances, owner = self.layout()
+        return np.broadcast_to(np.array(list(luminances.values()), np.float32)[owner], self.shape).copy()
+
+    def regions(self) -> Mapping[str, Mask]:
+        """Return the regions that are seen."""
+        luminances, owner = self.layout()
+        masks = {name: owner == number for number, name in enumerate(luminances)}
+        return {name: np.broadcast_to(mask, self.shape).copy() for name, mask in masks.items() if mask.any()}
+
+    def levels(self) -> Sequence[Level]:
+        """Return the level of each region."""
+        luminances, owner = self.layout()
+        shares = np.bincount(owner.ravel(), minlength=len(luminances)) / owner.size
+        rows = zip(luminances.items(), shares.tolist(), strict=True)
+        return tuple(Level(name, luminance, share) for (name, luminance), share in rows if share)
+
+
 @dataclass(frozen=True)
-class Flat(Sized):
+class Flat(Levelled):
     """A field of one luminance.
 
     Parameters
@@ -186,17 +212,9 @@ class Flat(Sized):
 
     luminance_cd_m2: Luminance
 
-    def luminance_map(self) -> FloatMap:
-        """Luminance in cd/m², shape (height, width)."""
-        return np.full(self.shape, self.luminance_cd_m2, np.float32)
-
-    def regions(self) -> Mapping[str, Mask]:
-        """Return the whole field as ``field``."""
-        return {"field": np.ones(self.shape, bool)}
-
-    def levels(self) -> Sequence[Level]:
-        """Return the one level."""
-        return (Level("field", self.luminance_cd_m2, 1.0),)
+    def layout(self) -> tuple[Mapping[str, float], NDArray[np.intp]]:
+        """Return the whole as ``field``."""
+        return {"field": self.luminance_cd_m2}, np.zeros((1, 1), np.intp)
 
     def pairs(self) -> Sequence[tuple[str, str]]:
         """Return nothing: one luminance has no contrast."""
@@ -204,7 +222,7 @@ class Flat(Sized):
 
 
 @dataclass(frozen=True)
-class PatchScene(Sized):
+class PatchScene(Levelled):
     """A target of rectangular patches on a uniform background.
 
     Parameters
@@ -233,23 +251,13 @@ class PatchScene(Sized):
         for patch in self.patches:
             patch.check_inside(self.width, self.height)
 
-    def luminance_map(self) -> FloatMap:
-        """Luminance in cd/m², shape (height, width)."""
-        return with_patches(np.full(self.shape, self.background_cd_m2, np.float32), self.patches)
-
-    def regions(self) -> Mapping[str, Mask]:
+    def layout(self) -> tuple[Mapping[str, float], NDArray[np.intp]]:
         """Return what is seen of the background and of each patch, as ``background``, ``patch 1``, ``patch 2``, ..."""
-        owner = np.zeros(self.shape, np.int32)
+        owner, luminances = np.zeros(self.shape, np.intp), {"background": self.background_cd_m2}
         for number, patch in enumerate(self.patches, 1):
             owner[patch.rows, patch.columns] = number
-        seen = {number: owner == number for number in range(len(self.patches) + 1)}
-        return {self._name(number): mask for number, mask in seen.items() if mask.any()}
-
-    def levels(self) -> Sequence[Level]:
-        """Return the level of each region."""
-        luminances = (self.background_cd_m2, *(patch.luminance_cd_m2 for patch in self.patches))
-        levels = {self._name(number): luminance for number, luminance in enumerate(luminances)}
-        return tuple(Level(name, levels[name], float(mask.mean())) for name, mask in self.regions().items())
+            luminances[f"patch {number}"] = patch.luminance_cd_m2
+        return luminances, owner
 
     def pairs(self) -> Sequence[tuple[str, str]]:
         """Return each region with the next brighter one, patches only if two or more are seen."""
@@ -257,6 +265,3 @@ class PatchScene(Sized):
         patches = [level for level in levels if level.name != "background"]
         neighbours = pairwise(sorted(patches if len(patches) > 1 else levels, key=lambda level: level.luminance_cd_m2))
         return tuple((a.name, b.name) for a, b in neighbours if a.luminance_cd_m2 < b.luminance_cd_m2)
-
-    def _name(self, number: int) -> str:
-        return f"patch {number}" if number else "background"

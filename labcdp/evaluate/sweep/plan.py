@@ -50,12 +50,11 @@ class Axis:
     def __post_init__(self) -> None:
         given: Any = self.values
         given = given.tolist() if isinstance(given, np.ndarray | np.generic) else given
-        if isinstance(given, str) or not isinstance(given, Sequence):
+        is_list = isinstance(given, Sequence) and not isinstance(given, str)
+        values = tuple(one.item() if isinstance(one, np.generic) else one for one in given) if is_list else (None,)
+        if not all(isinstance(one, int | float | str) for one in values):
             raise InputError(f"{self.parameter} is {shown(given)}: give a list of numbers or texts")
-        given = [one.item() if isinstance(one, np.generic) else one for one in given]
-        if not all(isinstance(one, int | float | str) for one in given):
-            raise InputError(f"{self.parameter} is {shown(given)}: give a list of numbers or texts")
-        object.__setattr__(self, "values", tuple(given))
+        object.__setattr__(self, "values", values)
         if not self.values:
             raise InputError(f"{self.parameter} has no values: {_HOW}")
         if len(set(self.values)) < len(self.values):

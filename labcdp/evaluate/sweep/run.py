@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from ...chain.predict.chain import predict_chain
 from ...core.cluster import Workers
 from ...core.computer import Threads
 from ...core.disk import validated_as
@@ -21,28 +20,13 @@ from ...core.errors import InputError
 from ...metrics import Estimate
 from ...metrics.contrast import each_contrast
 from ...output import Destination, open_results
-from .maps.axes import TO_DETECT
+from .maps.axes import TO_DETECT, VARIABLES
 from .plan import Axis, Sweep, of_scene
 from .simulation.evaluation import evaluate_pair
 from .simulation.rows import PairRow, RegionRow
 
 if TYPE_CHECKING:
     from xarray import Dataset
-
-#: Variables of the result, with unit and description.
-VARIABLES = {
-    "cdp": ("1", "contrast detection probability"),
-    "standard_error": ("1", "standard error of the CDP"),
-    "below": ("1", "share of pairs with a lower contrast"),
-    "above": ("1", "share of pairs with a higher contrast"),
-    "mean_contrast": ("1", "mean contrast of the pairs with a dark value above 0"),
-    "csnr": ("1", "mean over standard deviation of the contrast"),
-    "snr_dark": ("1", "mean over standard deviation of the dark region's luminance"),
-    "snr_bright": ("1", "mean over standard deviation of the bright region's luminance"),
-    "snr_dark_standard_error": ("1", "standard error of the SNR of the dark region"),
-    "snr_bright_standard_error": ("1", "standard error of the SNR of the bright region"),
-    "saturated_share": ("1", "saturated share of the bright region"),
-}
 
 #: Those that depend on the contrast to be detected.
 _OF_CONTRAST = ("cdp", "standard_error", "below", "above")
@@ -57,8 +41,8 @@ def labelled(sweep: Sweep, values: NDArray[np.float64]) -> Dataset:
     names = [axis.parameter for axis in sweep.dimensions]
     several = names[-1] == TO_DETECT
     variables = {}
-    for (name, (unit, long_name)), column in zip(VARIABLES.items(), values.T, strict=True):
-        cells, described = column.reshape(sweep.shape), {"unit": unit, "long_name": long_name}
+    for (name, (_, long_name)), column in zip(VARIABLES.items(), values.T, strict=True):
+        cells, described = column.reshape(sweep.shape), {"unit": "1", "long_name": long_name}
         alike = several and name not in _OF_CONTRAST
         variables[name] = (names[:-1], cells[..., 0], described) if alike else (names, cells, described)
     coordinates = {
@@ -87,22 +71,20 @@ def _scene_contrast(sweep: Sweep) -> float:
     return float(getattr(sweep.chain.scene, "contrast", float("nan")))
 
 
+def _ending(axis: Axis) -> str:
+    """Return the end of a parameter that states its unit; empty without one."""
+    return max((ending for ending in _UNITS if axis.parameter.endswith(ending)), key=len, default="")
+
+
 def _unit(axis: Axis) -> str:
-    if not axis.numeric:
-        return ""
-    endings = [ending for ending in _UNITS if axis.parameter.endswith(ending)]
-    return _UNITS[max(endings, key=len)] if endings else "1"
+    return _UNITS.get(_ending(axis), "1") if axis.numeric else ""
 
 
 def _words(axis: Axis) -> str:
     if axis.parameter == TO_DETECT:
         return "target contrast"
-    table, _, key = axis.parameter.partition(".")
-    for ending in sorted(_UNITS, key=len, reverse=True):
-        if key.endswith(ending):
-            key = key[: -len(ending)]
-            break
-    return (key if key == table else f"{table} {key}").replace("_", " ").strip()
+    table, _, key = axis.parameter.removesuffix(_ending(axis)).partition(".")
+    return f"{'' if key == table else table} {key}".replace("_", " ").strip()
 
 
 #: Name of the journal in the folder of the results.
@@ -207,13 +189,13 @@ def _blocks(sweep: Sweep, done: NDArray[np.bool_]) -> list[range]:
         if axis.parameter != TO_DETECT and not of_scene(sweep.chain, axis.parameter):
             break
         trailing *= len(axis.values)
-    blocks = []
-    for start in range(0, done.size, trailing):
-        for first in range(start, start + trailing, _BLOCK):
-            block = range(first, min(first + _BLOCK, start + trailing))
-            if not done[block.start : block.stop].all():
-                blocks.append(block)
-    return blocks
+    return [
+        block
+        for start in range(0, done.size, trailing)
+        for first in range(start, start + trailing, _BLOCK)
+        for block in (range(first, min(first + _BLOCK, start + trailing)),)
+        if not done[block.start : block.stop].all()
+    ]
 
 
 def _setting(sweep: Sweep, cell: int) -> dict[str, Any]:
@@ -223,6 +205,8 @@ def _setting(sweep: Sweep, cell: int) -> dict[str, Any]:
 
 
 def _predicted(block: range, sweep: Sweep) -> NDArray[np.float64]:
+    from ...chain.predict.chain import predict_chain
+
     settings = [_setting(sweep, cell) for cell in block]
     asked = [cell.pop(TO_DETECT, sweep.contrast) for cell in settings]
     in_scene = [name for name in settings[0] if of_scene(sweep.chain, name)]

@@ -8,14 +8,13 @@ leaves as many unfilled, at a contrast of 1 %. These count as not detected in ev
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from statistics import fmean, stdev
 from typing import Any
 
 import numpy as np
 
-from ...chain import Chain, Sensor, ThesisSensor, ThesisWindscreen, Windscreen
-from ...chain.predict.chain import predict_chain
+from ...chain import Chain, ChainRun, Sensor, ThesisSensor, ThesisWindscreen, Windscreen
 from ...core.errors import InputError
 from ...metrics import cdp_neighbours
 
@@ -170,37 +169,34 @@ def reproduce_thesis(seeds: int = 30, progress: Callable[[int, int], None] | Non
     if seeds < 2:
         raise InputError(f"seeds is {seeds}: give at least 2, for a standard deviation")
     rows = (*TABLE_5_3, *FIGURE_3_10)
-    total = len(rows) + 1
+    tell = progress or (lambda done, total: None)
     reproduced = []
     for done, row in enumerate(rows):
-        if progress is not None:
-            progress(done, total)
+        tell(done, len(rows) + 1)
         reproduced.append(reproduce_row(row, range(seeds)))
     sweep = intensity_sweep()
-    if progress is not None:
-        progress(total, total)
+    tell(len(rows) + 1, len(rows) + 1)
     size = len(TABLE_5_3)
     return ThesisReproduction(seeds, tuple(reproduced[:size]), tuple(reproduced[size:]), sweep)
 
 
 def reproduce_row(row: PublishedRow, seeds: Sequence[int]) -> ReproducedRow:
     """Run the thesis' setting, and the same with correct physics, for each of at least two seeds."""
+    from ...chain.predict.chain import predict_chain
+
     own, physical = thesis_chain(row), corrected_chain(row)
-    all_pairs = [_neighbours(own, row.contrast, seed) for seed in seeds]
-    filled = 1 - UNFILLED_SLOTS / NEIGHBOUR_PAIRS
-    samples = [filled * share for share in all_pairs]
+    all_pairs = [_neighbours(own.run(seed), row.contrast) for seed in seeds]
+    samples = [(1 - UNFILLED_SLOTS / NEIGHBOUR_PAIRS) * share for share in all_pairs]
     # The thesis draws a fixed pattern for each frame, so here each seed is another device.
-    devices = [physical.with_(sensor__device_seed=seed) for seed in seeds]
-    corrected = [_neighbours(device, row.contrast, seed) for device, seed in zip(devices, seeds, strict=True)]
+    corrected = [_neighbours(physical.with_(sensor__device_seed=seed).run(seed), row.contrast) for seed in seeds]
     mean, deviation = fmean(samples), stdev(samples)
     distance = row.published_cdp - mean
-    # The thesis prints 7 or 8 digits.
-    z = 0.0 if abs(distance) < 1e-7 else distance / deviation
     return ReproducedRow(
         row,
         mean,
         deviation,
-        z,
+        # The thesis prints 7 or 8 digits.
+        0.0 if abs(distance) < 1e-7 else distance / deviation,
         fmean(all_pairs),
         fmean(corrected),
         stdev(corrected),
@@ -225,15 +221,9 @@ def corrected_chain(row: PublishedRow, glare_fraction: float = 1.0) -> Chain:
     (name, old), *_ = thesis.sensors
     assert isinstance(old, ThesisSensor)
     growth = 2 ** ((row.temperature_c - 25.0) / old.doubling_temperature_c) * row.exposure_s
+    alike = {field.name for field in fields(old)} & {field.name for field in fields(Sensor)} - {"dark_current_e_s"}
     sensor = Sensor(
-        pixel_pitch_m=old.pixel_pitch_m,
-        width=old.width,
-        height=old.height,
-        quantum_efficiency=old.quantum_efficiency,
-        full_well_e=old.full_well_e,
-        k_dn_per_e=old.k_dn_per_e,
-        doubling_temperature_c=old.doubling_temperature_c,
-        bits=old.bits,
+        **{key: getattr(old, key) for key in alike},
         read_noise_e=0.0,
         dark_current_e_s=old.dark_current_e_s + old.row_dark_current_e_s + old.column_dark_current_e_s,
         dsnu_e_s=old.pixel_pattern_e_s,
@@ -256,15 +246,16 @@ def corrected_chain(row: PublishedRow, glare_fraction: float = 1.0) -> Chain:
 
 def intensity_sweep(points: int = 200) -> IntensitySweep:
     """Sweep the intensity as the thesis' program does: logspace(-3, 9), 20 % glare, 5 ms."""
+    from ...chain.predict.chain import predict_chain
+
     row = PublishedRow("sweep", 1.0, 1.0, 100.0, 0.005, 2e-6, float("nan"))
     luminances = np.logspace(-3, 9, points)
     base = thesis_chain(row, **{"windscreen.glare_fraction": 0.2})
     shares, ratios = np.empty(points), np.empty(points)
     for index, luminance_cd_m2 in enumerate(luminances):
-        chain = base.with_(scene__luminance_cd_m2=float(luminance_cd_m2))
-        luminance = chain.run(index)["sensor"].luminance_cd_m2
-        shares[index] = _share(luminance, row.contrast)
-        bright = np.maximum(luminance[chain.scene.regions()["bright"]], 0).astype(np.float64)
+        run = base.with_(scene__luminance_cd_m2=float(luminance_cd_m2)).run(index)
+        shares[index] = _neighbours(run, row.contrast)
+        bright = run["sensor"].luminance_cd_m2[run.chain.scene.regions()["bright"]].astype(np.float64)
         bright = bright[bright > 0]
         # As in the thesis, pixels at 0 and below are left out, and a region without noise has an infinite ratio.
         noisy = bright.size > 0 and bright.std() > 1e-6 * bright.mean()
@@ -289,10 +280,7 @@ def _setting(row: PublishedRow) -> dict[str, Any]:
     }
 
 
-def _neighbours(chain: Chain, contrast: float, seed: int) -> float:
-    return _share(chain.run(seed)["sensor"].luminance_cd_m2, contrast)
-
-
-def _share(luminance: np.ndarray[Any, np.dtype[Any]], contrast: float) -> float:
+def _neighbours(run: ChainRun, contrast: float) -> float:
+    luminance = run["sensor"].luminance_cd_m2
     # A frame of dark signal has no contrast anywhere; the thesis counts such pairs as not detected.
     return cdp_neighbours(luminance, contrast, EPSILON).cdp if luminance.max() > 0 else 0.0

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...core.result import Finding, Result, info
 from ...core.table import Column, Table
-from ...output import Destination, write_files
-from ...report.drawing import BLUE, VERMILLION, finish, new_figure, png
-from ...report.files import result_files
+from ...output import Destination
+from ...report.drawing import BLUE, VERMILLION, finish, new_figure, reported
+from ...report.files import write_report
 from ...report.layout import Card, Facts, Page, ReportFigure, Section
 from .thesis import NEIGHBOUR_PAIRS, UNFILLED_SLOTS, ThesisReproduction
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 #: Where the published values come from.
 SOURCE = "L. Ebbert, Implementierung von CDP, HS Düsseldorf, 2018"
@@ -91,14 +95,14 @@ def write_thesis(result: Result, folder: Destination) -> list[Path]:
     list of Path
         results.json, report.html, results.xlsx and figures/intensity-sweep.png.
     """
-    figure = ReportFigure(
-        "intensity-sweep.png",
+    figure = reported(
+        "intensity-sweep",
         _sweep_figure(result.table("intensity_sweep")),
         "CDP and SNR over the luminance of the dark squares: contrast 100 %, 100 °C, 5 ms, 2 µm, glare 20 %. Above the "
         "full well nothing is detected although the thesis' SNR is infinite there, which is why it asks for CDP.",
         "Two curves each of CDP and of SNR over luminance, with the thesis' physics and with the correct one.",
     )
-    return write_files(folder, "reproduce", result_files(result, _page(result, figure), [figure]))
+    return write_report(result, _page(result, figure), folder)
 
 
 def _page(result: Result, figure: ReportFigure) -> Page:
@@ -140,7 +144,7 @@ def _page(result: Result, figure: ReportFigure) -> Page:
     )
 
 
-def _sweep_figure(sweep: Table) -> bytes:
+def _sweep_figure(sweep: Table) -> Figure:
     figure = new_figure(8.0, 6.4)
     above, below = figure.subplots(2, 1, sharex=True)
     for panel, name in ((above, "cdp"), (below, "snr_db")):
@@ -153,4 +157,4 @@ def _sweep_figure(sweep: Table) -> bytes:
     above.set_ylim(-0.03, 1.05)
     finish(above, "", "CDP", "CDP and SNR over the intensity of the scene")
     finish(below, "luminance of the dark squares in cd/m²", "SNR in dB (10 lg), bright squares", "")
-    return png(figure)
+    return figure

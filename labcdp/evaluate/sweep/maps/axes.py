@@ -222,6 +222,21 @@ def _described(coordinate: DataArray) -> MapAxis:
     return MapAxis(name, values, unit, long_name, numeric)
 
 
+#: Variables of a sweep: names for legends and heads of columns, and descriptions.
+VARIABLES = {
+    "cdp": ("CDP", "contrast detection probability"),
+    "standard_error": ("u of CDP", "standard error of the CDP"),
+    "below": ("below", "share of pairs with a lower contrast"),
+    "above": ("above", "share of pairs with a higher contrast"),
+    "mean_contrast": ("mean contrast", "mean contrast of the pairs with a dark value above 0"),
+    "csnr": ("CSNR", "mean over standard deviation of the contrast"),
+    "snr_dark": ("spatial SNR, dark region", "mean over standard deviation of the dark region's luminance"),
+    "snr_bright": ("spatial SNR, bright region", "mean over standard deviation of the bright region's luminance"),
+    "snr_dark_standard_error": ("u of spatial SNR, dark region", "standard error of the SNR of the dark region"),
+    "snr_bright_standard_error": ("u of spatial SNR, bright region", "standard error of the SNR of the bright region"),
+    "saturated_share": ("saturated, bright region", "saturated share of the bright region"),
+}
+
 #: Variables of a map that are ratios of mean to standard deviation.
 SNR_VARIABLES = ("snr_dark", "snr_bright", "csnr")
 

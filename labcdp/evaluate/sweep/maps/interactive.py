@@ -46,7 +46,7 @@ def _heat_maps(view: MapView) -> Figure:
     assert view.map.y is not None
     figure, owners = Figure(), []
     for number, (at, section) in enumerate(view.parts):
-        traces = [_heat_map(view, section), *_isolines(view, at)]
+        traces = [_heat_map(view, section), *_overlays(view, at)]
         figure.add_traces([trace.update(visible=number == 0) for trace in traces])
         owners += [number] * len(traces)
     if len(view.parts) > 1:
@@ -88,24 +88,20 @@ def _heat_map(view: MapView, section: Dataset) -> Any:
     )
 
 
-def _isolines(view: MapView, at: At) -> Iterator[Any]:
-    """Yield the isolines of a section; those of one level are one trace, which the legend switches."""
+def _overlays(view: MapView, at: At) -> Iterator[Any]:
+    """Yield the lines over a section; isolines of one level are one trace, which the legend switches."""
     from plotly.graph_objects import Scatter
 
-    for number, level, lines in view.isolines(at):
+    for text, number, lines in view.overlays(at):
+        isoline = {"color": "black", "width": 1.5, "dash": _DASHES[(number or 0) % len(_DASHES)]}
         yield Scatter(
             x=[value for x, _ in lines for value in (*x.tolist(), None)],
             y=[value for _, y in lines for value in (*y.tolist(), None)],
             mode="lines",
-            line={"color": "black", "width": 1.5, "dash": _DASHES[number % len(_DASHES)]},
-            name=f"CDP {level:g}",
+            line={"color": WIDEST, "width": 4} if number is None else isoline,
+            name=_escaped(text),
             hoverinfo="skip",
         )
-    found = view.widest(at)
-    if found is not None:
-        (x, y), text = found
-        name = _escaped(f"widest usable range, {text}")
-        yield Scatter(x=x, y=y, mode="lines", line={"color": WIDEST, "width": 4}, name=name, hoverinfo="skip")
 
 
 def _curves(view: MapView) -> Figure:

@@ -8,27 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ....report.text import percent, printable
-from .axes import At, MapAxis
+from .axes import VARIABLES, At, MapAxis
 from .ranges import UsableInterval
 
 if TYPE_CHECKING:
     from xarray import Dataset
 
-
-#: Short names of the variables that every sweep has; their own are too long for legends and heads of columns.
-_NAMES = {
-    "cdp": "CDP",
-    "standard_error": "u of CDP",
-    "below": "below",
-    "above": "above",
-    "mean_contrast": "mean contrast",
-    "csnr": "CSNR",
-    "snr_dark": "spatial SNR, dark region",
-    "snr_bright": "spatial SNR, bright region",
-    "snr_dark_standard_error": "u of spatial SNR, dark region",
-    "snr_bright_standard_error": "u of spatial SNR, bright region",
-    "saturated_share": "saturated, bright region",
-}
 
 #: Variables that are shown in percent.
 _PERCENT = ("below", "above", "mean_contrast", "saturated_share")
@@ -104,7 +89,8 @@ def width_text(interval: UsableInterval) -> str:
 
 def variable_name(dataset: Dataset, name: str) -> str:
     """Name a variable of a map."""
-    return printable(str(_NAMES.get(name) or dataset[name].attrs.get("long_name") or name.replace("_", " ")))
+    short, _ = VARIABLES.get(name, ("", ""))
+    return printable(str(short or dataset[name].attrs.get("long_name") or name.replace("_", " ")))
 
 
 def variable_unit(dataset: Dataset, name: str) -> str:

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ....core.result import Result, info
-from ....output import Destination, write_files
+from ....output import Destination
 from ....report.drawing import png
-from ....report.files import dataset_bytes, result_files
+from ....report.files import dataset_bytes, write_report
 from ....report.layout import SIMULATED, Card, Facts, Page, Section, Verbatim
 from ....report.text import significant
 from .axes import TO_DETECT
@@ -40,7 +40,7 @@ def write_map(result: Result, dataset: Dataset, analysis: MapAnalysis, folder: D
     """
     view = MapView.of(dataset, analysis)
     files = {"map.nc": dataset_bytes(dataset, "map"), "map.png": png(draw_map(view))}
-    return write_files(folder, "sweep", {**files, **result_files(result, _page(result, view))})
+    return write_report(result, _page(result, view), folder, files)
 
 
 def _page(result: Result, view: MapView) -> Page:

@@ -9,16 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ....report.drawing import (
-    LABEL_SIZE,
-    SMALL_SIZE,
-    TITLE_SIZE,
-    finish,
-    label,
-    logarithmic,
-    new_figure,
-    taken_literally,
-)
+from ....report import drawing
 from .axes import At, MapAxis
 from .labels import axis_label, conditions, title
 from .view import MISSING, SCALE, USABLE, WIDEST, Line, MapView, cell_edges, drawn_places
@@ -39,7 +30,7 @@ def draw_map(view: MapView) -> Figure:
     """Draw a map: over two axes of numbers as heat maps with isolines, else as curves."""
     figure = _heat_maps(view) if view.map.y is not None else _curves(view)
     heading = f"{title(view.map.dataset)}\n{conditions(view.map.dataset)}"
-    figure.suptitle(heading, fontsize=TITLE_SIZE, parse_math=False)
+    figure.suptitle(heading, fontsize=drawing.TITLE_SIZE, parse_math=False)
     return figure
 
 
@@ -50,7 +41,7 @@ def _heat_maps(view: MapView) -> Figure:
     columns = ceil(sqrt(n))
     rows = ceil(n / columns)
     width, height = (9.5, 5.0) if n == 1 else (2.5 + 3.6 * columns, 1.0 + 3.1 * rows)
-    figure = new_figure(width, height)
+    figure = drawing.new_figure(width, height)
     figure.set_layout_engine("compressed", w_pad=0.1)  # numbers at the ends of neighbours do not meet
     grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
     handles: dict[str, Any] = {}
@@ -64,15 +55,15 @@ def _heat_maps(view: MapView) -> Figure:
         # With axes shared, only those at the rim are labelled; above a hidden panel is the rim, too.
         rim = number + columns >= n
         text = "\n".join(wrap(view.text_of(at), _TITLE_CHARACTERS))
-        label(place, axis_label(x) if rim else "", axis_label(y) if number % columns == 0 else "", text)
+        drawing.label(place, axis_label(x) if rim else "", axis_label(y) if number % columns == 0 else "", text)
         place.tick_params(labelbottom=rim)
     for empty in grid[n:]:
         empty.set_visible(False)
     bar = figure.colorbar(mesh, ax=list(grid[:n]), ticks=np.linspace(0, 1, 6))
-    bar.set_label("CDP", fontsize=LABEL_SIZE)
-    bar.ax.tick_params(labelsize=SMALL_SIZE)
-    legend = {"fontsize": SMALL_SIZE, "frameon": False, "ncols": 4}
-    taken_literally(figure.legend(list(handles.values()), list(handles), loc="outside lower center", **legend))
+    bar.set_label("CDP", fontsize=drawing.LABEL_SIZE)
+    bar.ax.tick_params(labelsize=drawing.SMALL_SIZE)
+    entries = list(handles.values()), list(handles)
+    drawing.add_legend(figure, *entries, loc="outside lower center", frameon=False, ncols=4)
     return figure
 
 
@@ -81,25 +72,21 @@ def _draw_lines(axes: Axes, view: MapView, at: At) -> dict[str, Any]:
     from matplotlib.lines import Line2D
 
     handles: dict[str, Any] = {}
-    for number, level, lines in view.isolines(at):
-        style: dict[str, Any] = {"color": "black", "linewidth": 1.3, "linestyle": _STYLES[number % len(_STYLES)]}
+    for text, number, lines in view.overlays(at):
+        style: dict[str, Any] = {"color": "black", "linewidth": 1.3, "linestyle": _STYLES[(number or 0) % len(_STYLES)]}
+        if number is None:
+            axes.plot(*lines[0], color="white", linewidth=4.5, solid_capstyle="butt", clip_on=False)
+            style = {"color": WIDEST, "linewidth": 2, "marker": "|", "markersize": 11, "markeredgewidth": 2}
         for line in lines:
-            axes.plot(*line, **style)
-        handles[f"CDP {level:g}"] = Line2D([], [], **style)
-    found = view.widest(at)
-    if found is not None:
-        place, text = found
-        axes.plot(*place, color="white", linewidth=4.5, solid_capstyle="butt", clip_on=False)
-        style = {"color": WIDEST, "linewidth": 2, "marker": "|", "markersize": 11, "markeredgewidth": 2}
-        axes.plot(*place, clip_on=False, **style)
-        handles[f"widest usable range, {text}"] = Line2D([], [], **style)
+            axes.plot(*line, clip_on=number is not None, **style)
+        handles[text] = Line2D([], [], **style)
     return handles
 
 
 def _curves(view: MapView) -> Figure:
     """Draw CDP along the axis, and below it the SNR with its dips."""
     cdp, snr = view.curves()
-    figure = new_figure(9.0, 6.4 if snr else 4.0)
+    figure = drawing.new_figure(9.0, 6.4 if snr else 4.0)
     panels = figure.subplots(2 if snr else 1, 1, sharex=True, squeeze=False).ravel()
     axis, level = view.map.x, view.analysis.level
     _draw_curves(panels[0], view, cdp)
@@ -116,7 +103,7 @@ def _curves(view: MapView) -> Figure:
             panel.set_xticks(drawn_places(axis), list(axis.values), parse_math=False)
             panel.margins(x=0.1)
         outside = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.02), "frameon": False}
-        finish(panel, axis_label(axis) if panel is panels[-1] else "", name, "", **outside)
+        drawing.finish(panel, axis_label(axis) if panel is panels[-1] else "", name, "", **outside)
     figure.align_ylabels()
     return figure
 
@@ -138,4 +125,4 @@ def _draw_curves(panel: Axes, view: MapView, lines: Sequence[Line]) -> None:
 def set_scale(axis: MapAxis, drawn: Any) -> None:
     """Make a drawn axis logarithmic if the map's is."""
     if axis.log:
-        logarithmic(drawn)
+        drawing.logarithmic(drawn)

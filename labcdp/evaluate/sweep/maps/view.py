@@ -111,21 +111,19 @@ class MapView:
         """Name a section."""
         return at_text(at, self.map.axes)
 
-    def isolines(self, at: At) -> Iterator[tuple[int, float, list[Points]]]:
-        """Iterate over the levels of the map: number, level, and the lines of a section."""
-        x, y = self.map.x, self.map.y
+    def overlays(self, at: At) -> Iterator[tuple[str, int | None, list[Points]]]:
+        """Iterate over what is drawn over a section: text, number and lines.
+
+        These are the isolines, numbered by their levels, and without number the widest usable range if it lies there.
+        """
+        x, y, one = self.map.x, self.map.y, self.analysis.widest
         assert y is not None
         for number, level in enumerate(sorted({line.level for line in self.analysis.isolines})):
             own = [line for line in self.analysis.isolines if line.at == at and line.level == level]
-            yield number, level, [(shown(x, line.x), shown(y, line.y)) for line in own]
-
-    def widest(self, at: At) -> tuple[Points, str] | None:
-        """Return the widest usable range of the map and its text, if it lies in a section."""
-        one, x, y = self.analysis.widest, self.map.x, self.map.y
-        if one is None or one.widest is None or y is None or any(one.at[name] != at[name] for name in at):
-            return None
-        ends = shown(x, [one.widest.low, one.widest.high])
-        return (ends, shown(y, [one.at[y.name]] * 2)), f"{ends_text(x, one.widest)} {axis_unit(x)}".rstrip()
+            yield f"CDP {level:g}", number, [(shown(x, line.x), shown(y, line.y)) for line in own]
+        if one is not None and one.widest is not None and all(one.at[name] == at[name] for name in at):
+            ends = shown(x, [one.widest.low, one.widest.high]), shown(y, [one.at[y.name]] * 2)
+            yield f"widest usable range, {ends_text(x, one.widest)} {axis_unit(x)}".rstrip(), None, [ends]
 
     def curves(self) -> tuple[list[Line], list[Line]]:
         """Return the curves of CDP and of SNR: of a single section all SNR, of several the one searched for dips.

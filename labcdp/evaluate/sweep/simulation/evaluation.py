@@ -11,25 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .... import metrics
 from ....chain import ChainRun, Checkerboard, Signal
 from ....chain.point_spread import pixel_means
 from ....core.errors import InputError
-from ....metrics import (
-    Distribution,
-    Estimate,
-    cdp_neighbours_range,
-    cdp_range,
-    cnr,
-    contrast_histogram,
-    csnr,
-    d_prime,
-    snr,
-    snr_10log10_db,
-    snr_20log10_db,
-    weber_contrast_of_means,
-)
 from ....metrics.contrast import TargetContrasts, each_contrast
-from .rows import PairRow, RegionRow, SimulationEvaluation, StageRow, final_stages
+from .rows import PairRow, RegionRow, SimulationEvaluation, StageRow
 
 #: Values of a distribution that a plot shows; those of a result are reduced to it to save memory.
 _MOST_VALUES = 4096
@@ -122,7 +109,7 @@ def evaluate_run(run: ChainRun, contrast: TargetContrasts = None, epsilon: float
     InputError
         If contrast or epsilon are out of their range.
     """
-    final = final_stages(run.chain)
+    final = run.chain.final_stages
     stages = tuple(evaluate_stage(run, name, contrast, epsilon, plot_contrasts=name in final) for name in run)
     return SimulationEvaluation(run, contrast, epsilon, stages)
 
@@ -142,7 +129,7 @@ def evaluate_stage(
     luminance = pixel_means(luminance, signal.oversampling)
     values = pixel_means(signal.values, signal.oversampling)
     luminance_shown = shown_distribution(luminance)
-    seen = {region: Distribution.from_array(luminance[mask]) for region, mask in masks.items()}
+    seen = {region: metrics.Distribution.from_array(luminance[mask]) for region, mask in masks.items()}
     one_pixel = isinstance(scene, Checkerboard) and scene.square_px == 1
     pixels = luminance if one_pixel else None
     # Free a large frame before its distributions are used.
@@ -154,14 +141,14 @@ def evaluate_stage(
         asked = [own if one is None else one for one in each_contrast(contrast)]
         for row in _pairs((name, dark, bright), own, asked, epsilon, seen, pixels):
             if plot_contrasts and row.cdp is not None:
-                row = replace(row, contrasts=contrast_histogram(seen[bright], seen[dark], row.cdp.interval[1]))
+                row = replace(row, contrasts=metrics.contrast_histogram(seen[bright], seen[dark], row.cdp.interval[1]))
             pairs.append(row)
     regions = []
     for region, mask in masks.items():
         own_values = values[mask] if relative is None else without_fall_off(values[mask], relative[mask])
-        native, light = Distribution.from_array(own_values), seen[region]
-        ratios = snr(native), snr_10log10_db(native), snr_20log10_db(native)
-        of_light = light.mean, _deviation(light), snr(light)
+        native, light = metrics.Distribution.from_array(own_values), seen[region]
+        ratios = metrics.snr(native), metrics.snr_10log10_db(native), metrics.snr_20log10_db(native)
+        of_light = light.mean, _deviation(light), metrics.snr(light)
         saturated = 0.0 if signal.saturated is None else float(signal.saturated[mask].mean())
         what = name, signal.quantity, signal.unit, region, true_means[region]
         regions.append(RegionRow(*what, native.mean, _deviation(native), *ratios, *of_light, saturated))
@@ -205,24 +192,24 @@ def _pairs(
     true_contrast: float,
     asked: Sequence[float],
     epsilon: float,
-    seen: Mapping[str, Distribution],
+    seen: Mapping[str, metrics.Distribution],
     pixels: NDArray[Any] | None,
 ) -> Iterator[PairRow]:
     """Yield a pair at each contrast."""
     regions = seen[names[2]], seen[names[1]]
     if max(region.values[-1] for region in regions) <= 0 or not all(map(isfinite, asked)):
-        nothing = Estimate(nan, nan)
-        row = PairRow(*names, true_contrast, nan, nan, None, None, nothing, nothing, d_prime(*regions), None)
+        nothing = metrics.Estimate(nan, nan)
+        row = PairRow(*names, true_contrast, nan, nan, None, None, nothing, nothing, metrics.d_prime(*regions), None)
         yield from repeat(row, len(asked))
         return
-    means = weber_contrast_of_means(*regions), _mean_contrast(*regions)
-    ratios = csnr(*regions), cnr(*regions), d_prime(*regions)
-    of_pixels = [None] * len(asked) if pixels is None else cdp_neighbours_range(pixels, asked, epsilon)
-    for region_to_region, neighbours in zip(cdp_range(*regions, asked, epsilon), of_pixels, strict=True):
+    means = metrics.weber_contrast_of_means(*regions), _mean_contrast(*regions)
+    ratios = metrics.csnr(*regions), metrics.cnr(*regions), metrics.d_prime(*regions)
+    of_pixels = [None] * len(asked) if pixels is None else metrics.cdp_neighbours_range(pixels, asked, epsilon)
+    for region_to_region, neighbours in zip(metrics.cdp_range(*regions, asked, epsilon), of_pixels, strict=True):
         yield PairRow(*names, true_contrast, *means, region_to_region, neighbours, *ratios, None)
 
 
-def _mean_contrast(bright: Distribution, dark: Distribution) -> float:
+def _mean_contrast(bright: metrics.Distribution, dark: metrics.Distribution) -> float:
     """Mean of bright / dark - 1: each bright pixel meets each dark one, so it is a product of means."""
     lit = dark.values > 0
     if not lit.any():
@@ -230,12 +217,12 @@ def _mean_contrast(bright: Distribution, dark: Distribution) -> float:
     return bright.mean * float(np.average(1 / dark.values[lit], weights=dark.weights[lit])) - 1
 
 
-def _deviation(region: Distribution) -> float:
+def _deviation(region: metrics.Distribution) -> float:
     mean_square = float(np.average((region.values - region.mean) ** 2, weights=region.weights))
     return sqrt(mean_square)
 
 
-def shown_distribution(values: NDArray[Any]) -> Distribution:
+def shown_distribution(values: NDArray[Any]) -> metrics.Distribution:
     """Return the distribution of an image's values for a plot, of floats in at most 4096 bins at their own mean.
 
     Parameters
@@ -245,11 +232,11 @@ def shown_distribution(values: NDArray[Any]) -> Distribution:
     """
     low, high = float(values.min()), float(values.max())
     if values.dtype.kind in "iu" or high <= low:
-        return Distribution.from_array(values)
+        return metrics.Distribution.from_array(values)
     counts, sums = np.zeros(_MOST_VALUES), np.zeros(_MOST_VALUES)
     for row in values:
         place = ((row - low) * (_MOST_VALUES * (1 - 1e-6) / (high - low))).astype(np.intp)
         counts += np.bincount(place, minlength=_MOST_VALUES)
         sums += np.bincount(place, weights=row, minlength=_MOST_VALUES)
     hit = counts > 0
-    return Distribution(sums[hit] / counts[hit], counts[hit].astype(np.int64))
+    return metrics.Distribution(sums[hit] / counts[hit], counts[hit].astype(np.int64))

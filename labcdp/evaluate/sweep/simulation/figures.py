@@ -11,24 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....metrics.contrast import each_contrast
-from ....report.drawing import (
-    BLUE,
-    GREEN,
-    SMALL_SIZE,
-    block_mean,
-    label,
-    new_figure,
-    plain_numbers,
-    png,
-    reduction,
-    taken_literally,
-)
+from ....report import drawing
 from ....report.layout import ReportFigure
 from ....report.plots import ContrastPanel, stage_figure
 from ....report.text import percent, printable, shortened, span
 from ..maps.axes import LARGEST_SNR
 from ..maps.view import COLOURS
-from .rows import PairRow, SimulationEvaluation, StageRow, final_stages
+from .rows import PairRow, SimulationEvaluation, StageRow
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,20 +30,20 @@ _Points = Sequence[tuple[StageRow, PairRow]]
 
 def along_figures(evaluation: SimulationEvaluation) -> list[ReportFigure]:
     """Draw CDP at each contrast and SNR along the chain, for each sensor and each pair of regions."""
-    n, figures = len(each_contrast(evaluation.contrast)), []
-    for key, names in _branches(evaluation):
+    asked, figures, branches = each_contrast(evaluation.contrast), [], evaluation.run.chain.branches
+    for own, names in branches.items():
+        key = f"{file_name(own)}-" if len(branches) > 1 else ""
         stages = [stage for stage in evaluation.stages if stage.name in names]
-        for number in range(len(stages[0].pairs) // n):
-            lines = [[(stage, stage.pairs[place]) for stage in stages] for place in range(number * n, number * n + n)]
-            points = lines[0]
-            pair = pair_name(points[0][1])
-            kind = "nearest-neighbour" if points[0][1].neighbours else "region to region"
+        for number, first in enumerate(range(0, len(stages[0].pairs), len(asked)), start=1):
+            lines = [[(stage, stage.pairs[first + place]) for stage in stages] for place in range(len(asked))]
+            row = stages[0].pairs[first]
+            pair, kind = pair_name(row), "nearest-neighbour" if row.neighbours else "region to region"
             figures.append(
                 ReportFigure(
-                    f"chain-{key}{number + 1}.png",
-                    _along(dict(zip(each_contrast(evaluation.contrast), lines, strict=True))),
-                    f"CDP along the chain, {pair}, {kind}, with 95 % intervals; SNR of {points[0][1].bright}, of the "
-                    "values (also in dB, 10 lg) and of the luminance they stand for.",
+                    f"chain-{key}{number}.png",
+                    _along(dict(zip(asked, lines, strict=True))),
+                    f"CDP along the chain, {pair}, {kind}, with 95 % intervals; SNR of {row.bright}, of the values "
+                    "(also in dB, 10 lg) and of the luminance they stand for.",
                     f"CDP and SNR behind each stage, {pair}.",
                 )
             )
@@ -63,7 +52,7 @@ def along_figures(evaluation: SimulationEvaluation) -> list[ReportFigure]:
 
 def contrast_panels(evaluation: SimulationEvaluation) -> list[ContrastPanel]:
     """Return the contrasts of each pair behind the last stage of each sensor."""
-    final = final_stages(evaluation.run.chain)
+    final = evaluation.run.chain.final_stages
     return [
         ContrastPanel(f"{pair_name(row)}{at}, behind {printable(stage.name)}", row.contrasts, row.cdp)
         for stage in evaluation.stages
@@ -79,9 +68,7 @@ def stage_figures(evaluation: SimulationEvaluation) -> list[ReportFigure]:
     return [
         ReportFigure(
             f"stage-{file_name(stage.name)}.png",
-            stage_figure(
-                stage.name, stage.native, f"{stage.quantity} in {stage.unit.replace('^2', '²')}", stage.luminance
-            ),
+            stage_figure(stage.name, stage.native, f"{stage.quantity} in {stage.unit}", stage.luminance),
             f"{printable(stage.name)}: cumulative probability (blue) and density (grey, scaled to 1) of the values of "
             "the whole frame, and of the luminance they stand for.",
             f"Distribution of the values behind {printable(stage.name)}.",
@@ -92,12 +79,12 @@ def stage_figures(evaluation: SimulationEvaluation) -> list[ReportFigure]:
 
 def shown_picture(name: str, values: NDArray[Any]) -> ReportFigure:
     """Return the picture of a stage for the page, a large one with fewer pixels."""
-    side = reduction((values.shape[0], values.shape[1]))
+    side = drawing.reduction((values.shape[0], values.shape[1]))
     low, high = float(values.min()), float(values.max())
     reduced = f"; {side} x {side} pixels are drawn as one" if side > 1 else ""
     return ReportFigure(
         f"{file_name(name)}.png",
-        picture(values if side == 1 else block_mean(values, side)),
+        picture(values if side == 1 else drawing.block_mean(values, side)),
         f"{printable(name)}: {span(f'{low:.4g}', f'{high:.4g}')}{reduced}",
         f"Grey picture behind {printable(name)}.",
     )
@@ -128,26 +115,14 @@ def pair_name(row: PairRow) -> str:
     return printable(f"{row.bright} / {row.dark}")
 
 
-def _branches(evaluation: SimulationEvaluation) -> list[tuple[str, tuple[str, ...]]]:
-    """Return the stages that follow each other, for each sensor, with a key for its files."""
-    chain = evaluation.run.chain
-    if len(chain.sensors) < 2:
-        return [("", chain.stage_names)]
-    front = ("scene", *(name for name, _ in chain.before))
-    return [
-        (f"{file_name(own)}-", (*front, *(chain.of_sensor(name, own) for name in chain.recorded_names)))
-        for own, _ in chain.sensors
-    ]
-
-
 def _along(lines: Mapping[float | None, _Points]) -> bytes:
     """Draw CDP at each contrast with its intervals, below it the SNR of the bright region, from stage to stage."""
     points = next(iter(lines.values()))
     names = [shortened(stage.name, 24) for stage, _ in points]
-    figure = new_figure(max(6.0, 2.0 + 1.1 * len(names)), 6.4, "chain")
+    figure = drawing.new_figure(max(6.0, 2.0 + 1.1 * len(names)), 6.4, "chain")
     above, below = figure.subplots(2, 1, sharex=True)
     if len(lines) == 1:
-        _draw_cdp(above, points, BLUE)
+        _draw_cdp(above, points, drawing.BLUE)
     for colour, asked in zip(COLOURS, list(lines)[:: ceil(len(lines) / len(COLOURS))], strict=False):
         if len(lines) > 1 and asked is not None:
             _draw_cdp(above, lines[asked], colour, f"{percent(asked, 4)}")
@@ -160,11 +135,11 @@ def _along(lines: Mapping[float | None, _Points]) -> bytes:
         range(len(names)), names, rotation=30 if slanted else 0, ha="right" if slanted else "center", parse_math=False
     )
     below.set_xlim(-0.5, len(names) - 0.5)
-    figure.legend(*below.get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=SMALL_SIZE)
+    drawing.add_legend(figure, *below.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     for panel in (above, below):
         panel.grid(color="0.9")
         panel.set_axisbelow(True)
-    return png(figure)
+    return drawing.png(figure)
 
 
 def _draw_cdp(axes: Axes, points: _Points, colour: str, text: str = "") -> None:
@@ -181,10 +156,9 @@ def _draw_cdp(axes: Axes, points: _Points, colour: str, text: str = "") -> None:
             _write_above(axes, place, top, f"{value:.3f}")
     axes.set_ylim(-0.05, 1.2)
     axes.set_yticks(np.linspace(0, 1, 6))
-    label(axes, "", "CDP", "CDP after each stage, with 95 % intervals")
+    drawing.label(axes, "", "CDP", "CDP after each stage, with 95 % intervals")
     if text:
-        legend = axes.legend(title="target contrast", fontsize=SMALL_SIZE, loc="upper left", bbox_to_anchor=(1, 1))
-        taken_literally(legend)
+        drawing.add_legend(axes, title="target contrast", loc="upper left", bbox_to_anchor=(1, 1))
 
 
 def _draw_snr(axes: Axes, values: NDArray[np.float64], luminance: NDArray[np.float64], texts: Sequence[str]) -> None:
@@ -198,14 +172,14 @@ def _draw_snr(axes: Axes, values: NDArray[np.float64], luminance: NDArray[np.flo
     axes.set_yscale("log")
     # The luminance on top, in smaller marks, so that both show where they are equal.
     for ratio, style, colour, size, text in (
-        (values, "o-", BLUE, 7, "SNR of the values"),
-        (luminance, "s--", GREEN, 4, "SNR of the luminance in cd/m²"),
+        (values, "o-", drawing.BLUE, 7, "SNR of the values"),
+        (luminance, "s--", drawing.GREEN, 4, "SNR of the luminance in cd/m²"),
     ):
         places, drawn, endless = np.arange(ratio.size), (ratio > 0) & (ratio <= LARGEST_SNR), ratio > LARGEST_SNR
         axes.plot(places[drawn], ratio[drawn], style, color=colour, linewidth=1.5, markersize=size, label=text)
         axes.plot(places[endless], np.full(endless.sum(), top), "^", color=colour, markersize=size)
     axes.set_ylim(low / max((high / low) ** 0.15, 1.3), top * max((high / low) ** 0.15, 1.3))
-    plain_numbers(axes.yaxis)
+    drawing.plain_numbers(axes.yaxis)
     if finite.size:
         axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     else:
@@ -213,7 +187,7 @@ def _draw_snr(axes: Axes, values: NDArray[np.float64], luminance: NDArray[np.flo
     for place in np.flatnonzero(values > 0).tolist():
         shown = values[place] <= LARGEST_SNR
         _write_above(axes, place, values[place] if shown else top, texts[place] if shown else "∞")
-    label(axes, "", "SNR (mean/std)", "SNR after each stage")
+    drawing.label(axes, "", "SNR (mean/std)", "SNR after each stage")
 
 
 def _write_above(axes: Axes, x: float, y: float, text: str) -> None:
@@ -226,6 +200,6 @@ def _write_above(axes: Axes, x: float, y: float, text: str) -> None:
         xytext=(0, 7),
         textcoords="offset points",
         horizontalalignment="center",
-        fontsize=SMALL_SIZE,
+        fontsize=drawing.SMALL_SIZE,
         path_effects=[withStroke(linewidth=3, foreground="white")],
     )

@@ -10,13 +10,13 @@ from ....core.result import Result
 from ....core.table import Table
 from ....metrics.contrast import TargetContrasts
 from ....output import Destination, write_files
-from ....report.files import result_files
+from ....report.files import result_files, write_report
 from ....report.layout import Block, Card, Facts, Page, Section, Verbatim
 from ....report.plots import contrast_figures
 from ....report.text import cell_text, percent
 from .figures import along_figures, contrast_panels, file_name, picture, shown_picture, stage_figures
 from .result import answer
-from .rows import SimulationEvaluation, final_stages
+from .rows import SimulationEvaluation
 
 #: Most rows of a table beside the picture, and most cards of several contrasts.
 _MOST_ROWS, _MOST_CARDS = 12, 6
@@ -43,7 +43,7 @@ def write_simulation(result: Result, evaluation: SimulationEvaluation, folder: D
     contrasts = contrast_figures(contrast_panels(evaluation), "chain")
     pictures = {name: shown_picture(name, signal.values) for name, signal in run.items()}
     details: list[Block] = [*along, *contrasts]
-    signal, final = result.table("signal"), final_stages(chain)
+    signal, final = result.table("signal"), chain.final_stages
     short = signal
     if len(result.tables) > 1:
         detection = result.table("detection")
@@ -72,7 +72,7 @@ def write_prediction(result: Result, chain: Chain, folder: Destination) -> list[
     """Write results.json, report.html, results.xlsx and chain.toml into a folder as `write_files` takes it."""
     detection = result.table("detection")
     page = _page("predicted imaging chain", result, chain, detection["stage"][-1:], (detection,), [])
-    return write_files(folder, "simulate", {**result_files(result, page), "chain.toml": chain.to_toml().encode()})
+    return write_report(result, page, folder, {"chain.toml": chain.to_toml().encode()})
 
 
 def _page(

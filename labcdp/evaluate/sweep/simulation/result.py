@@ -11,13 +11,12 @@ from operator import attrgetter
 from typing import Any
 
 from ....chain import Chain
-from ....chain.predict.chain import predict_chain
 from ....core.result import Finding, InputFile, Result, info, warning
 from ....core.table import Column, Table, uncertain, with_interval
 from ....metrics.contrast import TargetContrasts, each_contrast
 from ....report.text import percent
 from ..maps.axes import LARGEST_SNR, SNR_VARIABLES
-from .rows import SimulationEvaluation, final_stages
+from .rows import SimulationEvaluation
 
 #: Share of saturated pixels of a region from which on its luminance is too low by more than rounding.
 _SATURATED_SHARE = 0.001
@@ -97,7 +96,7 @@ _SNR_20 = Column(
 _SIGNAL = (
     _STAGE,
     Column("region", "region", meaning="Region of the scene."),
-    Column("unit", "unit", meaning="Unit of the values that the stage hands on.", value=lambda row: _printed(row.unit)),
+    Column("unit", "unit", meaning="Unit of the values that the stage hands on."),
     _hidden("quantity", "quantity", "What these values are."),
     Column("mean", "mean", meaning="Mean of the values."),
     Column("standard_deviation", "std", meaning="Standard deviation of the values, without vignetting."),
@@ -188,6 +187,8 @@ def predicted_result(
     InputError
         If the chain cannot be predicted, as `predict_chain`.
     """
+    from ....chain.predict.chain import predict_chain
+
     stages = chain.stage_names[len(chain.before) + 1 :] or chain.stage_names[-1:]
     found = {stage: predict_chain(chain, stage=stage, contrast=contrast, epsilon=epsilon) for stage in stages}
     rows: list[dict[str, Any]] = [
@@ -259,10 +260,6 @@ def _costs(rows: Sequence[Mapping[str, Any]], last: Mapping[str, Any], name: str
     return f" The stage that costs most is {stage}: it lowers the CDP by {before - after:.3f}, to {after:.3f}."
 
 
-def _printed(unit: str) -> str:
-    return unit.replace("^2", "²")
-
-
 def _finite_snr(name: str, value: float) -> float:
     """Return a ratio that only rounding limits as infinite; other values as they are."""
     return inf if name in SNR_VARIABLES and value > LARGEST_SNR else float(value)
@@ -278,7 +275,7 @@ def _saturated(stage: str, final: Sequence[str], shares: Mapping[str, float]) ->
 
 
 def _findings(evaluation: SimulationEvaluation) -> Iterator[Finding]:
-    final = final_stages(evaluation.run.chain)
+    final = evaluation.run.chain.final_stages
     for stage in evaluation.stages:
         yield from _saturated(stage.name, final, {row.region: row.saturated_share for row in stage.regions})
     if not any(stage.pairs for stage in evaluation.stages):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ....chain import Chain, ChainRun
+from ....chain import ChainRun
 from ....metrics import CdpResult, ContrastDistribution, Distribution, Estimate, NeighbourCdp
 from ....metrics.contrast import TargetContrasts
 
@@ -137,9 +137,3 @@ class SimulationEvaluation:
     contrast: TargetContrasts
     epsilon: float
     stages: tuple[StageRow, ...]
-
-
-def final_stages(chain: Chain) -> tuple[str, ...]:
-    """Names of the last stage of each sensor; without a sensor, of the last stage."""
-    recorded = chain.recorded_names[-1:]
-    return tuple(chain.of_sensor(name, own) for own, _ in chain.sensors for name in recorded) or chain.stage_names[-1:]

@@ -89,8 +89,12 @@ def _axis_columns(axes: Mapping[str, MapAxis], *names: str) -> tuple[Column, ...
 
 def _section_columns(axes: Mapping[str, MapAxis], along: str, at: Callable[[Any], At]) -> tuple[Column, ...]:
     """Return the columns of where items are on all axes but that they go along."""
+
+    def value(name: str) -> Callable[[Any], float | str]:
+        return lambda item: at(item)[name]
+
     columns = _axis_columns(axes, *(name for name in axes if name != along))
-    return tuple(replace(one, value=lambda item, name=one.name: at(item)[name]) for one in columns)
+    return tuple(replace(one, value=value(one.name)) for one in columns)
 
 
 def ranges_table(analysis: MapAnalysis, axes: Mapping[str, MapAxis]) -> Table:
@@ -112,7 +116,7 @@ def ranges_table(analysis: MapAnalysis, axes: Mapping[str, MapAxis]) -> Table:
             for point, side in enumerate(("below", "above"))
         ),
         Column("widest", "widest", meaning="Whether it is the widest range of the map.", shown=False,
-               value=lambda item: item[0] is analysis.widest and item[1] is item[0].widest),
+               value=lambda item: item[1] is item[0].widest and item[0] is analysis.widest),
     )  # fmt: skip
     items: list[tuple[UsableRange, UsableInterval | None]] = [
         (one, interval) for one in analysis.usable_ranges for interval in one.intervals or (None,)
@@ -185,12 +189,13 @@ def _matrices(found: CdpMap) -> Iterator[Table]:
     parts = list(zip(range(1, _MOST_MATRICES + 1), found.sections(*found.spanned), strict=False))
     for number, (at, section) in parts:
         cdp = zip(columns, section["cdp"].values.T, strict=True)
+        data: dict[str, Any] = {y.name: y.values, **{column.name: values for column, values in cdp}}
         text = at_text(at, found.axes)
         yield Table(
             "cdp" if len(parts) == 1 else f"cdp_{number}",
             f"CDP{text and f' at {text}'}",
             (first, *columns),
-            {y.name: y.values, **{column.name: values for column, values in cdp}},
+            data,
             matrix=True,
             detail=True,
         )

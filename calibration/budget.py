@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import hypot, inf, isfinite, sqrt
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core.clock import exposure_text
 from ..core.errors import InputError
@@ -22,7 +23,9 @@ from .model import Calibration, PatchResidual
 from .setup import METER_SOURCES
 from .uncertainty import effective_dof, expanded_of, of_one_estimate
 
-#: Order of the rows; a source that is not among them comes last.
+Array = NDArray[np.float64]
+
+#: Order of the rows.
 SOURCES = (
     "meter scale",
     "meter digits",
@@ -131,43 +134,30 @@ def budget(
     for name, value in given.items():
         if not (isfinite(value) and value > 0):
             raise InputError(f"{name} is {value}: give a positive number")
-    total = sum(calibration.weights)
-    shares = [weight / total for weight in calibration.weights]
-    of_plane = luminance_cd_m2 / total
+    shares = np.array(calibration.weights) / sum(calibration.weights)
+    of_plane = luminance_cd_m2 / sum(calibration.weights)
     leading = calibration.planes[int(np.argmax(np.abs(shares)))]
     rows = not_included(leading) | _of_errors(calibration, shares, of_plane, t)
-    of_frames = _of_frames(calibration, shares, of_plane, t, n_pixels, n_frames)
-    if FLAT_FIELD in of_frames:
-        u = (one[FLAT_FIELD].standard_uncertainty_rel for one in (of_frames, rows))
-        of_frames[FLAT_FIELD] = replace(of_frames[FLAT_FIELD], standard_uncertainty_rel=hypot(*u))
-    rows |= of_frames
+    for row in _of_frames(calibration, shares, of_plane, t, (n_pixels, n_frames)):
+        u = row.standard_uncertainty_rel
+        of_errors = rows[FLAT_FIELD].standard_uncertainty_rel if row.source == FLAT_FIELD else 0.0
+        rows[row.source] = replace(row, standard_uncertainty_rel=hypot(u, of_errors))
     if not rows[INTERCEPT].included:
         rows[INTERCEPT] = undetected_intercept(calibration, luminance_cd_m2)
-    own = calibration.responsivity if isinstance(calibration, Calibration) else calibration
-    if own.scatter_rel > 0:
-        basis = f"scatter of the {len(calibration.planes[0].residuals)} patches that nothing else explains"
-        scatter = BudgetRow("patch uniformity", own.scatter_rel, "normal", False, "A", basis, dof=own.scatter_dof)
-        rows[scatter.source] = scatter
-    order = {source: place for place, source in enumerate(SOURCES)}
-    return tuple(sorted(rows.values(), key=lambda row: order.get(row.source, len(order))))
+    return tuple(sorted(rows.values(), key=lambda row: SOURCES.index(row.source)))
 
 
 def combined(rows: Sequence[BudgetRow]) -> CombinedUncertainty:
     """Combine the included rows of a budget, as the interval of a patch."""
     included = [row for row in rows if row.included]
-    of_scatter: list[tuple[float, float]] = []
-    others: list[tuple[float, float]] = []
-    rectangular: list[float] = []
-    for row in included:
-        square = row.standard_uncertainty_rel**2, row.dof or inf
-        if row.distribution == "rectangular":
-            rectangular.append(row.standard_uncertainty_rel)
-        else:
-            (of_scatter if row.source in _OF_SCATTER else others).append(square)
-    normal = [of_one_estimate(of_scatter), *others]
-    dof = effective_dof([*normal, *((u**2, inf) for u in rectangular)])
+    rectangular = [row.standard_uncertainty_rel for row in included if row.distribution == "rectangular"]
+    normal = [row for row in included if row.distribution == "normal"]
+    squares = {row.source: (row.standard_uncertainty_rel**2, row.dof or inf) for row in normal}
+    of_scatter = [squares.pop(source) for source in tuple(squares) if source in _OF_SCATTER]
+    parts = [of_one_estimate(of_scatter), *squares.values()]
+    dof = effective_dof([*parts, *((u**2, inf) for u in rectangular)])
     u = float(np.linalg.norm([row.standard_uncertainty_rel for row in included]))
-    return CombinedUncertainty(u, dof, expanded_of(normal, rectangular))
+    return CombinedUncertainty(u, dof, expanded_of(parts, rectangular))
 
 
 def budget_exposure_s(calibration: AnyCalibration, luminance_cd_m2: float) -> float:
@@ -182,19 +172,15 @@ def budget_exposure_s(calibration: AnyCalibration, luminance_cd_m2: float) -> fl
 
 
 def _of_errors(
-    calibration: AnyCalibration, shares: Sequence[float], luminance_cd_m2: float, exposure_s: float
+    calibration: AnyCalibration, shares: Array, luminance_cd_m2: float, exposure_s: float
 ) -> dict[str, BudgetRow]:
     """Rows of common errors: those of planes joined as in the luminance of a patch."""
-    errors: Sequence[CommonError]
     of_planes = [
         common_errors(plane, np.array([plane.net_dn(luminance_cd_m2, exposure_s)]), exposure_s)
         for plane in calibration.planes
     ]
-    basis = _BASIS
-    rows: dict[str, BudgetRow] = {}
-    if isinstance(calibration, Calibration):
-        (errors,) = of_planes
-    else:
+    basis, errors, rows = _BASIS, [*of_planes[0]], {}
+    if isinstance(calibration, ColourCalibration):
         basis = basis | _BASIS_OF_PLANES
         of_weights = calibration.weight_errors.sum(axis=1) / sum(calibration.weights)
         own = [
@@ -203,68 +189,58 @@ def _of_errors(
         ]
         errors = [*(CommonError("fit", one) for one in of_weights), *joined(own, shares)]
         rows["spectral mismatch"] = _of_colour(calibration)
-    groups: dict[str, list[CommonError]] = {}
-    for error in errors:
-        groups.setdefault(error.source, []).append(error)
-    for source, group in groups.items():
-        squares = [(float(np.sum(np.square(error.relative))), error.dof) for error in group]
-        variance, dof = of_one_estimate(squares)
+    for source in dict.fromkeys(error.source for error in errors):
+        group = [error for error in errors if error.source == source]
+        variance, dof = of_one_estimate((float(np.sum(np.square(error.relative))), error.dof) for error in group)
         kind: Distribution = "rectangular" if all(error.rectangular for error in group) else "normal"
         text = basis.get(source) or calibration.meter_scale.basis(source)
         evaluation: Literal["A", "B"] = "B" if source in _TYPE_B else "A"
         rows[source] = BudgetRow(source, sqrt(variance), kind, True, evaluation, text, dof=None if dof == inf else dof)
+    own_scale = calibration.responsivity if isinstance(calibration, Calibration) else calibration
+    if own_scale.scatter_rel > 0:
+        text = f"scatter of the {len(calibration.planes[0].residuals)} patches that nothing else explains"
+        rows["patch uniformity"] = BudgetRow(
+            "patch uniformity", own_scale.scatter_rel, "normal", False, "A", text, dof=own_scale.scatter_dof
+        )
     return rows | _split(calibration.residuals, rows["fit"])
 
 
 def _of_frames(
-    calibration: AnyCalibration,
-    shares: Sequence[float],
-    luminance_cd_m2: float,
-    exposure_s: float,
-    n_pixels: int,
-    n_frames: int,
-) -> dict[str, BudgetRow]:
+    calibration: AnyCalibration, shares: Array, luminance_cd_m2: float, exposure_s: float, averaged: tuple[int, int]
+) -> Iterator[BudgetRow]:
     """Rows of what is not common to all luminances: noise, dark pattern, black level, light and flat field."""
-    planes, share, of_frames = calibration.planes, np.array(shares), sqrt(n_frames)
+    planes, (n_pixels, n_frames) = calibration.planes, averaged
     net = [plane.net_dn(luminance_cd_m2, exposure_s) for plane in planes]
-    stretch = share * [float(p.response.slope(n) / p.response.linearise(n)) for p, n in zip(planes, net, strict=True)]
+    stretch = shares * [float(p.response.slope(n) / p.response.linearise(n)) for p, n in zip(planes, net, strict=True)]
     noise = [
-        sqrt(p.noise.variance_dn2(n, p.dark.noise_variance_dn2(exposure_s)) / n_pixels) / of_frames
+        sqrt(p.noise.variance_dn2(n, p.dark.noise_variance_dn2(exposure_s)) / n_pixels) / sqrt(n_frames)
         for p, n in zip(planes, net, strict=True)
     ]
     pixels = "one pixel" if n_pixels == 1 else f"{n_pixels} pixels"
     over = f"{pixels} of {'one frame' if n_frames == 1 else f'{n_frames} frames'} at {exposure_text(exposure_s)}"
     uneven = [p.dark.nonuniformity_dn for p in planes]
     insignificant = "" if any(uneven) else ": not significant"
-    flicker = abs(float(share @ [p.noise.flicker_rel for p in planes])) / of_frames
-    found = {
-        "exposure scatter": (
-            stretch * [p.responsivity.scatter_dn for p in planes],
-            "scatter of exposures in DN that nothing else explains",
-        ),
-        "shot and read noise": (stretch * noise, f"photon transfer over the patches, for {over}"),
-        "dark non-uniformity": (stretch * uneven, f"slow change of the dark signal across the sensor{insignificant}"),
-        BLACK_LEVEL: (
-            stretch * [p.dark.drift_dn for p in planes] / of_frames,
-            f"drift from frame to frame, for {n_frames} of them",
-        ),
-    }
+    black_level = stretch * [p.dark.drift_dn for p in planes] / sqrt(n_frames)
     each = _EACH if len(planes) > 1 else ""
-    rows = {
-        source: BudgetRow(source, float(np.linalg.norm(us)), "normal", False, "A", basis + each)
-        for source, (us, basis) in found.items()
-    }
-    rows[BLACK_LEVEL] = replace(rows[BLACK_LEVEL], dof=planes[0].dark.drift_dof or None)
-    basis, dof = f"light from frame to frame, for {n_frames} of them", planes[0].noise.flicker_dof or None
-    rows[FLICKER] = BudgetRow(FLICKER, flicker, "normal", False, "A", basis, dof=dof)
+
+    def row(source: str, us: Sequence[float] | Array, basis: str, dof: int = 0) -> BudgetRow:
+        return BudgetRow(source, float(np.linalg.norm(us)), "normal", False, "A", basis, dof=dof or None)
+
+    scatter = stretch * [p.responsivity.scatter_dn for p in planes]
+    yield row("exposure scatter", scatter, f"scatter of exposures in DN that nothing else explains{each}")
+    yield row("shot and read noise", stretch * noise, f"photon transfer over the patches, for {over}{each}")
+    of_dark = f"slow change of the dark signal across the sensor{insignificant}{each}"
+    yield row("dark non-uniformity", stretch * uneven, of_dark)
+    of_drift = f"drift from frame to frame, for {n_frames} of them{each}"
+    yield row(BLACK_LEVEL, black_level, of_drift, planes[0].dark.drift_dof)
+    # The light is that of all planes.
+    flicker = float(shares @ [p.noise.flicker_rel for p in planes]) / sqrt(n_frames)
+    yield row(FLICKER, [flicker], f"light from frame to frame, for {n_frames} of them", planes[0].noise.flicker_dof)
     if isinstance(planes[0].vignetting, FlatField | RadialVignetting):
         # The source of a flat field is that of all planes, the noise of its pixels that of each.
         own = [p.vignetting.random_rel if isinstance(p.vignetting, FlatField) else 0.0 for p in planes]
-        u = hypot(max(p.field_rel for p in planes), *share * own / sqrt(n_pixels))
-        rows[FLAT_FIELD] = BudgetRow(
-            FLAT_FIELD, u, "normal", False, "B", "non-uniformity of the uniform source, and noise"
-        )
-    return rows
+        us = [max(p.field_rel for p in planes), *shares * own / sqrt(n_pixels)]
+        yield replace(row(FLAT_FIELD, us, "non-uniformity of the uniform source, and noise"), evaluation="B")
 
 
 def _of_colour(calibration: ColourCalibration) -> BudgetRow:

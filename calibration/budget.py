@@ -187,7 +187,7 @@ def _of_errors(
             [replace(e, source="linearity") if e.source == "fit" else e for e in errors_of_plane(plane, one)]
             for plane, one in zip(calibration.planes, of_planes, strict=True)
         ]
-        errors = [*(CommonError("fit", one) for one in of_weights), *joined(own, shares)]
+        errors = [*(CommonError("fit", one) for one in of_weights), *joined(own, shares.tolist())]
         rows["spectral mismatch"] = _of_colour(calibration)
     for source in dict.fromkeys(error.source for error in errors):
         group = [error for error in errors if error.source == source]

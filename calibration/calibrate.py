@@ -93,7 +93,9 @@ def fit(
     take = partial(take_in, observations, darks, readings, held_out, drift_dn=setup.black_level_drift_dn)
     intake = take(tone=None if response is None else response.response)
     fitted, findings = _fitted(intake, readings, setup, response)
-    if response is None and _is_tone_curve(fitted):
+    slopes = fitted.response.slope([0.0, fitted.range_net_dn[1]])
+    if response is None and slopes.max() / slopes.min() > _TONE_CURVE:
+        # The noise of the pixels depends on the slope.
         intake = take(tone=fitted.response)
         fitted, findings = _fitted(intake, readings, setup, response)
     calibration = replace(fitted, defects=defects, dark_library=dark_library)
@@ -106,12 +108,6 @@ def fit(
     findings = [*intake.findings, *findings, *of_held_out]
     log_findings(_log, findings)
     return replace(calibration, held_out=rows, findings=unique(findings))
-
-
-def _is_tone_curve(fitted: Calibration) -> bool:
-    """Whether the noise of the pixels depends on the slope of the response, which is then fitted once more with it."""
-    slopes = fitted.response.slope([0.0, fitted.range_net_dn[1]])
-    return float(slopes.max() / slopes.min()) > _TONE_CURVE
 
 
 def _fitted(
@@ -134,6 +130,7 @@ def _fitted(
     final, responsivity, gains, tests = _final(first, seen.vignetting, intake, limits_rel)
     scale = replace(scale, step_rel=sum(abs(t.value) for t in tests if t.finding.code == fit_tests.STEP_OF_METER))
     measured = max(reading.timestamp for group in readings.values() for reading in group)
+    net_dn = final.design.net_dn
     residuals = fitted_rows(final, intake.groups)
     findings = [
         *scale.findings(measured),
@@ -158,7 +155,7 @@ def _fitted(
         defects=None,
         dark_library=None,
         range_cd_m2=range_of(residuals),
-        range_net_dn=_range_net_dn(final),
+        range_net_dn=(float(net_dn.min()), float(net_dn.max())) if response is None else response.range_net_dn,
         exposures_s=tuple(float(v) for v in np.unique(final.design.exposures_s[final.design.exposure])),
         exposure_jitter_s=setup.exposure_jitter_s,
         residuals=residuals,
@@ -203,13 +200,6 @@ def _final(
         fit_tests.gain(gains, settings[0].gain_db),
     )
     return final, replace(_responsivity(stated, final, of_glare), glare_cd_m2=glare_cd_m2), gains, tests
-
-
-def _range_net_dn(final: Solution) -> tuple[float, float]:
-    """Signals used for the response: those of the patches, or of the bracket."""
-    if final.candidate.bracket is not None:
-        return final.candidate.bracket.range_net_dn
-    return float(final.design.net_dn.min()), float(final.design.net_dn.max())
 
 
 @cache

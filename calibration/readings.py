@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from math import hypot, sqrt
@@ -120,54 +120,31 @@ def combine_readings(patch: str, readings: Sequence[Reading]) -> tuple[PatchRead
                 f"reading {reading.raw!r} of patch {patch!r} is a held peak: set the meter to CONT and measure again"
             )
     require_one_correction((f"reading {n} of patch {patch!r}", r) for n, r in enumerate(readings, start=1))
-    numbered = list(enumerate(readings, start=1))
-    once = [(k, r) for i, (k, r) in enumerate(numbered) if r not in readings[:i]]
     findings: list[Finding] = []
-    left_out: list[LeftOut] = []
-    if len(once) < len(numbered):
-        findings.append(info("readings-repeated", patch, count=len(numbered) - len(once)))
-        kept_numbers = {k for k, _ in once}
-        left_out += [LeftOut(patch, None, k, "copy of another reading") for k, _ in numbered if k not in kept_numbers]
-    bad = _contradicting([reading for _, reading in once])
+    once = distinct(readings)
+    copies = [number for number in range(1, len(readings) + 1) if number not in once]
+    left_out = [LeftOut(patch, None, number, "copy of another reading") for number in copies]
+    if copies:
+        findings.append(info("readings-repeated", patch, count=len(copies)))
+    bad = _contradicting(once)
     if bad is not None:
-        number, reading = once.pop(bad)
-        others = float(np.mean([r.luminance_cd_m2 for _, r in once]))
-        left_out.append(LeftOut(patch, None, number, "contradicts the other readings"))
-        findings.append(contradiction("reading-contradicts", patch, reading.luminance_cd_m2, others, number=number))
-    mean, random, steady = _mean([reading for _, reading in once])
+        wrong = once.pop(bad).luminance_cd_m2
+        others = float(np.mean([r.luminance_cd_m2 for r in once.values()]))
+        left_out.append(LeftOut(patch, None, bad, "contradicts the other readings"))
+        findings.append(contradiction("reading-contradicts", patch, wrong, others, number=bad))
+    kept = [*once.values()]
+    mean, random, steady = _mean(kept)
     if not steady:
-        scatter = float(np.std([r.luminance_cd_m2 for _, r in once], ddof=1)) / mean
+        scatter = float(np.std([r.luminance_cd_m2 for r in kept], ddof=1)) / mean
         findings.append(warning("readings-scatter", patch, scatter_rel=scatter))
-    first = once[0][1].timestamp
-    read_at = first + sum((r.timestamp - first for _, r in once), timedelta()) / len(once)
-    return PatchReading(patch, mean, random, len(once), read_at, tuple(left_out)), findings
+    first = kept[0].timestamp
+    read_at = first + sum((r.timestamp - first for r in kept), timedelta()) / len(kept)
+    return PatchReading(patch, mean, random, len(kept), read_at, tuple(left_out)), findings
 
 
-def single_reading(
-    joined: PatchReading, readings: Sequence[Reading], number: int
-) -> tuple[PatchReading, list[Finding]]:
-    """Keep one of two contradicting readings.
-
-    Parameters
-    ----------
-    joined : PatchReading
-        Result of `combine_readings` for both.
-    readings : sequence of Reading
-        All of the patch.
-    number : int
-        Which to keep, counted from 1.
-    """
-    kept, patch = readings[number - 1], joined.patch
-    others = [
-        (k, r)
-        for k, r in enumerate(readings, start=1)
-        if k != number and r != kept and all(k != row.reading for row in joined.left_out)
-    ]
-    left_out = [LeftOut(patch, None, k, "contradicts the other readings") for k, _ in others]
-    mean, random, _ = _mean([kept])
-    joined = PatchReading(patch, mean, random, 1, kept.timestamp, (*joined.left_out, *left_out))
-    code, expected_cd_m2 = "reading-contradicts", kept.luminance_cd_m2
-    return joined, [contradiction(code, patch, r.luminance_cd_m2, expected_cd_m2, number=k) for k, r in others]
+def distinct(readings: Sequence[Reading]) -> dict[int, Reading]:
+    """Return readings by their number, counted from 1, without copies of others."""
+    return {number: r for number, r in enumerate(readings, start=1) if r not in readings[: number - 1]}
 
 
 def contradict(readings: Sequence[Reading]) -> bool:
@@ -208,9 +185,9 @@ def _mean(readings: Sequence[Reading]) -> tuple[float, float, bool]:
     return float(values.mean()), hypot(sqrt(variance / n), float(np.mean(digits))), steady
 
 
-def _contradicting(readings: Sequence[Reading]) -> int | None:
-    """Index of the one reading that contradicts the others; None if all agree, or more than one is wrong."""
-    if len(readings) < 3 or _mean(readings)[2]:
+def _contradicting(readings: Mapping[int, Reading]) -> int | None:
+    """Find the number of the one reading that contradicts the others; None if all agree, or more than one is wrong."""
+    if len(readings) < 3 or not contradict([*readings.values()]):
         return None
-    sound = [i for i in range(len(readings)) if _mean([r for k, r in enumerate(readings) if k != i])[2]]
+    sound = [n for n in readings if not contradict([r for number, r in readings.items() if number != n])]
     return sound[0] if len(sound) == 1 else None

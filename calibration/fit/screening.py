@@ -15,7 +15,7 @@ from ...core.reading import Reading
 from ...core.result import Finding, warning
 from ..findings import LeftOut
 from ..frames.observations import PatchObservation
-from ..readings import contradict, contradiction, single_reading
+from ..readings import combine_readings, contradict, contradiction, distinct
 from ..sensor.noise import GainSetting
 from ..signal import net_signals, usable
 from ..uncertainty import critical_value
@@ -59,9 +59,9 @@ class FitData:
     left_out: tuple[LeftOut, ...]
     findings: tuple[Finding, ...]
 
-    def instead(self, design: Design, left_out: Iterable[LeftOut], *findings: Finding) -> FitData:
-        """Return the same with another design, and more left out."""
-        return FitData(design, (*self.left_out, *left_out), (*self.findings, *findings))
+    def instead(self, design: Design, left_out: LeftOut, finding: Finding) -> FitData:
+        """Return the same with a design from which more is left out."""
+        return FitData(design, (*self.left_out, left_out), (*self.findings, finding))
 
 
 def screen(data: FitData, candidates: Sequence[CandidateModel], readings: Mapping[str, Sequence[Reading]]) -> FitData:
@@ -92,7 +92,8 @@ def screen(data: FitData, candidates: Sequence[CandidateModel], readings: Mappin
         patch, expected = bad
         name, shown = design.patches[patch], float(design.reading_cd_m2[patch])
         found = contradiction("patch-contradicts", name, shown, expected)
-        data = data.instead(design.without(patch), [LeftOut(name, None, None, "contradicts the other patches")], found)
+        left_out = LeftOut(name, None, None, "contradicts the other patches")
+        data = data.instead(design.without(patch), left_out, found)
     return data
 
 
@@ -135,10 +136,9 @@ def _better_of_two(
     data: FitData, candidates: Sequence[CandidateModel], patch: int, readings: Sequence[Reading]
 ) -> FitData:
     """Of two contradicting readings of a patch, keep the one that agrees with the camera."""
-    design, joined = data.design, data.design.patch_readings[patch]
-    distinct = [k for k, r in enumerate(readings, start=1) if r not in readings[: k - 1]]
-    pair = [readings[k - 1] for k in distinct]
-    if len(pair) != 2 or not contradict(pair) or len(design.patches) < _MIN_PATCHES:
+    design, name = data.design, data.design.patches[patch]
+    pair = distinct(readings)
+    if len(pair) != 2 or not contradict([*pair.values()]) or len(design.patches) < _MIN_PATCHES:
         return data
     best = _best_without_one(design, candidates, [patch])
     shift = Shift(0.0, inf) if best is None else best[0].shift(_pattern(design, patch))
@@ -147,15 +147,18 @@ def _better_of_two(
     expected = float(design.reading_cd_m2[patch] + shift.value)
     # The shift's variance less that of this patch's reading is the camera's.
     by_camera = sqrt(max(shift.uncertainty**2 - float(design.reading_variance[patch]), 0.0))
-    off = [
-        abs(r.luminance_cd_m2 - expected) / hypot(by_camera, r.standard_uncertainty_random_cd_m2, 1e-9 * expected)
-        for r in pair
-    ]
-    right = int(np.argmin(off))
-    if off[right] >= _AGREES or off[1 - right] <= critical_value(2 * len(design.patches)):
+    off = {
+        k: abs(r.luminance_cd_m2 - expected) / hypot(by_camera, r.standard_uncertainty_random_cd_m2, 1e-9 * expected)
+        for k, r in pair.items()
+    }
+    right, wrong = sorted(off, key=lambda k: off[k])
+    if off[right] >= _AGREES or off[wrong] <= critical_value(2 * len(design.patches)):
         return data
-    kept, found = single_reading(joined, readings, distinct[right])
-    return data.instead(design.with_reading(patch, kept), kept.left_out[len(joined.left_out) :], *found)
+    kept, _ = combine_readings(name, [pair[right]])
+    shown = pair[wrong].luminance_cd_m2, kept.luminance_cd_m2
+    found = contradiction("reading-contradicts", name, *shown, number=wrong)
+    left_out = LeftOut(name, None, wrong, "contradicts the other readings")
+    return data.instead(design.with_reading(patch, kept), left_out, found)
 
 
 def _pattern(design: Design, patch: int) -> Array:

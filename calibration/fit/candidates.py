@@ -105,30 +105,25 @@ class CandidateModel:
         """Whether c is zero at zero and strictly rising up to n_max."""
         if self.kind == "pchip":
             return bool((np.diff(parameters, prepend=0.0) > 0).all())
-        if self.bracket is not None:
-            return bool(parameters[0] > 0)
-        steps = self.knots_dn[-1] * np.linspace(0, 1, _N_KNOTS)
+        steps = self.knots_dn[-1] * np.linspace(0, 1, 1 if self.bracket else _N_KNOTS)
         return bool(parameters[0] > 0 and (self.curve(parameters, steps).slope > 0).all())
 
     def response(self, parameters: Array) -> tuple[Response, float]:
         """Return h, normalised at small signals (see `Response`), and R in DN s^-1 / (cd m^-2)."""
         top = self.knots_dn[-1]
-        if self.kind == "linear":
-            return Response(), float(1 / parameters[0])
-        if self.bracket is not None:
-            return self.bracket.response, float(1 / parameters[0])
+        if self.bracket is not None or self.kind == "linear":
+            return Response() if self.bracket is None else self.bracket.response, float(1 / parameters[0])
         if self.kind == "quadratic":
             at_top = top * (1 + parameters[1] / parameters[0])
             return Response("quadratic", (0.0, top), (0.0, float(at_top))), float(1 / parameters[0])
-        if self.kind in ("cubic", "gamma"):
+        if self.kind == "pchip":
+            knots, values = np.array([0.0, *self.knots_dn]), np.array([0.0, *parameters])
+        else:
             edge = self.dark_dn if self.kind == "gamma" else top
             knots = edge * np.expm1(np.linspace(0, log1p(_REACH * top / edge), _N_KNOTS))
-            linear = self.curve(parameters, knots).value
-            responsivity = float(knots[1] / linear[1])
-            return Response(self.kind, tuple(knots.tolist()), tuple((linear * responsivity).tolist())), responsivity
-        responsivity = self.knots_dn[0] / parameters[0]
-        values = tuple(float(v) for v in parameters * responsivity)
-        return Response("pchip", (0.0, *self.knots_dn), (0.0, *values)), float(responsivity)
+            values = self.curve(parameters, knots).value
+        responsivity = float(knots[1] / values[1])
+        return Response(self.kind, tuple(knots.tolist()), tuple((values * responsivity).tolist())), responsivity
 
     def _pchip(self, parameters: Array, net_dn: Array) -> Curve:
         from scipy.interpolate import PchipInterpolator
@@ -160,16 +155,14 @@ def candidate_models(design: Design, dark_dn: float, bracket: ResponseCurve | No
     net_dn, n_patches = design.net_dn, len(design.patches)
     top = float(net_dn.max())
     candidates = [] if bracket is None else [CandidateModel("table", bracket.range_net_dn, bracket)]
-    candidates.append(CandidateModel("linear", (top,)))
-    if n_patches >= 2 + MIN_SPARE_PATCHES:
-        candidates.append(CandidateModel("quadratic", (top,)))
-        candidates.append(CandidateModel("gamma", (top,), dark_dn=max(dark_dn, 1.0)))
-    if n_patches >= 3 + MIN_SPARE_PATCHES:
-        candidates.append(CandidateModel("cubic", (top,)))
-    for n_knots in range(min(MAX_KNOTS, n_patches - MIN_SPARE_PATCHES), 2, -1):
+    fitted = [CandidateModel("linear", (top,)), CandidateModel("quadratic", (top,))]
+    fitted += [CandidateModel("gamma", (top,), dark_dn=max(dark_dn, 1.0)), CandidateModel("cubic", (top,))]
+    spare = n_patches - MIN_SPARE_PATCHES
+    candidates += [one for one in fitted if one.kind == "linear" or one.n_parameters <= spare]
+    for n_knots in range(min(MAX_KNOTS, spare), 2, -1):
         knots = top * np.arange(1, n_knots + 1) / n_knots
         # Every interval between knots needs signals.
         if (np.histogram(net_dn, bins=[0.0, *knots])[0] >= 2).all():
-            candidates.append(CandidateModel("pchip", tuple(float(v) for v in knots)))
+            candidates.append(CandidateModel("pchip", tuple(knots.tolist())))
             break
     return candidates

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import hypot, sqrt
+from math import hypot
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from ..uncertainty import expanded_half_width
 from .design import Design
 from .intake import ADVISED_PATCHES
 from .problem import Solution
-from .selection import patch_weights
+from .selection import seen_cd_m2, weights_by_patch
 from .tests import MIN_SPAN
 
 #: Fewest exposures without a warning.
@@ -55,16 +55,12 @@ def require_every_gain(design: Design, settings: Sequence[GainSetting]) -> None:
 def require_monotone(solution: Solution) -> None:
     """Refuse two patches of which the brighter one gives clearly less signal; raises CalibrationError, naming them."""
     design = solution.design
-    n = len(design.patches)
-    reading, seen = design.reading_cd_m2, np.zeros(n)
-    by_meter, by_camera = np.sqrt(design.reading_variance), np.zeros(n)
-    for i in range(n):
-        own, weight = design.patch == i, patch_weights(solution, i)
-        seen[i] = weight @ solution.luminance[own]
-        noise = float((weight * solution.slope[own]) ** 2 @ design.signals.noise_variance_dn2[own])
-        by_camera[i] = hypot(sqrt(noise), design.patch_rel[i] * seen[i])
+    reading, seen, by_meter = design.reading_cd_m2, seen_cd_m2(solution), np.sqrt(design.reading_variance)
+    noise_cd_m2 = solution.slope * np.sqrt(design.signals.noise_variance_dn2)
+    noise = [np.linalg.norm(weight * noise_cd_m2[own]) for own, weight in weights_by_patch(solution)]
+    by_camera = np.hypot(noise, design.patch_rel * seen)
     for i in np.argsort(-reading):
-        for k in range(n):
+        for k in range(seen.size):
             apart = reading[i] - reading[k] > _INVERSION_LIMIT * hypot(by_meter[i], by_meter[k])
             inverted = seen[k] - seen[i] > _INVERSION_LIMIT * hypot(by_camera[i], by_camera[k])
             if apart and inverted and reading[i] * seen[k] > _INVERSION * reading[k] * seen[i]:
@@ -90,13 +86,9 @@ def design_findings(design: Design, settings: Sequence[GainSetting]) -> list[Fin
         times = design.exposures_s[design.exposure[design.signals.gain_index == index]]
         darks = setting.dark.exposures_s
         if len(darks) > 1 and not (darks[0] * 0.999 <= times.min() and times.max() <= darks[-1] * 1.001):
-            findings.append(
-                warning(
-                    "dark-extrapolated",
-                    dark_exposures_s=[darks[0], darks[-1]],
-                    light_exposures_s=[float(times.min()), float(times.max())],
-                )
-            )
+            light_s = [float(times.min()), float(times.max())]
+            dark_s = [darks[0], darks[-1]]
+            findings.append(warning("dark-extrapolated", dark_exposures_s=dark_s, light_exposures_s=light_s))
     return findings
 
 
@@ -107,19 +99,11 @@ def fit_findings(final: Solution, tests: Sequence[FitTest]) -> list[Finding]:
     findings += _glare_not_excluded(design, next(test for test in tests if test.name == "glare"))
     before = len(findings)
     if design.scatter_rel > _SCATTER_TOLERANCE_REL:
-        ratios = [
-            float(patch_weights(final, i) @ final.luminance[design.patch == i]) / design.reading_cd_m2[i] - 1
-            for i in range(len(design.patches))
-        ]
+        ratios = seen_cd_m2(final) / design.reading_cd_m2 - 1
         worst = int(np.argmax(np.abs(ratios)))
-        findings.append(
-            warning(
-                "patches-scatter",
-                scatter_rel=float(design.scatter_rel),
-                patch=design.patches[worst],
-                deviation_rel=ratios[worst],
-            )
-        )
+        name, deviation = design.patches[worst], float(ratios[worst])
+        found = warning("patches-scatter", scatter_rel=float(design.scatter_rel), patch=name, deviation_rel=deviation)
+        findings.append(found)
     if design.scatter_each_rel > _SCATTER_TOLERANCE_REL:
         findings.append(warning("exposures-scatter", scatter_rel=float(design.scatter_each_rel)))
     if design.scatter_each_dn > 0:

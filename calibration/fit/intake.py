@@ -94,9 +94,7 @@ def require_one_camera(observations: Sequence[PatchObservation], darks: Sequence
         raise CalibrationError("there is no observation of a patch: take light frames with at least 3 patches")
     first = observations[0]
     gains_db = [o.state.gain_db for o in observations]
-    for dark in darks:
-        name = f"the set of dark frames at {exposure_text(dark.exposure_s)}"
-        first.state.require(dark.state, "the light frames", name, list(dict.fromkeys(gains_db))[1:])
+    first.state.require_alike(darks, "the light frames", list(dict.fromkeys(gains_db))[1:])
     for other in observations[1:]:
         name = f"patch {other.patch!r} at {exposure_text(other.exposure_s)}"
         first.state.require(other.state, "the first observation", name, gains_db)

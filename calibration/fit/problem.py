@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from math import inf
@@ -193,6 +195,13 @@ def solve(design: Design, candidate: CandidateModel) -> Solution:
             f"the {candidate.kind} fit did not converge: {_CHECK}" if candidate.bracket is None else _CONTRADICTS
         )
     return solution
+
+
+def solutions(design: Design, candidates: Iterable[CandidateModel]) -> Iterator[Solution]:
+    """Yield the fits of those models that have one with an increasing response."""
+    for candidate in candidates:
+        with suppress(CalibrationError):
+            yield solve(design, candidate)
 
 
 def _weighting(design: Design, candidate: CandidateModel) -> Design:

@@ -20,7 +20,7 @@ from .candidates import CandidateModel
 from .design import Array
 from .problem import Solution
 from .scatter import fit_dof
-from .selection import leave_one_out, patch_weights
+from .selection import leave_one_out, weights_by_patch
 
 #: Signals at which the error of a non-linear response is stored; linear interpolation is accurate to 0.1 % of it.
 _N_NODES = 96
@@ -37,15 +37,13 @@ def fitted_rows(solution: Solution, groups: Mapping[str, Sequence[PatchObservati
         Observations of its patches.
     """
     design, rows = solution.design, []
-    left_out = leave_one_out(solution).relative
     supported = len(design.patches) > solution.candidate.n_parameters
-    for number, reading in enumerate(design.patch_readings):
-        own = np.flatnonzero(design.patch == number)
-        weight = patch_weights(solution, number)
+    by_patch = zip(design.patch_readings, weights_by_patch(solution), leave_one_out(solution).relative, strict=True)
+    for reading, (own, weight), left_out_rel in by_patch:
         stated = sqrt(float(weight @ solution.covariance[np.ix_(own, own)] @ weight)) / reading.luminance_cd_m2
         exposures_s = tuple(np.unique(design.exposures_s[design.exposure[own]]).tolist())
         seen = float(weight @ solution.luminance[own]), exposures_s
-        without = float(left_out[number]) if supported else None
+        without = float(left_out_rel) if supported else None
         rows.append(PatchResidual.compared(reading, seen, stated, groups[reading.patch][0].centre_px, without))
     return tuple(rows)
 
@@ -111,25 +109,24 @@ def fit_errors(solution: Solution) -> tuple[FitError, ...]:
     own = solution.gain @ rest @ solution.gain.T
     n = solution.candidate.n_parameters
     response, between, factors = own[:n, :n], own[n:, :n], own[n:, n:]
-    errors, dof = [], fit_dof(solution)
-    values, vectors = np.linalg.eigh(response)
-    regression = between @ np.linalg.pinv(response)
-    for value, vector in zip(values, vectors.T, strict=True):
-        step = np.sqrt(max(value, 0.0)) * vector
-        errors.append(_error(solution, "fit", np.concatenate([step, regression @ step]), dof))
-    if factors.size:
-        values, vectors = np.linalg.eigh(factors - regression @ between.T)
-        for value, vector in zip(values, vectors.T, strict=True):
-            step = np.sqrt(max(value, 0.0)) * vector
-            errors.append(_error(solution, "gain", np.concatenate([np.zeros(n), step]), dof))
+    dof, regression = fit_dof(solution), between @ np.linalg.pinv(response)
+    errors = [_error(solution, "fit", np.concatenate([step, regression @ step]), dof) for step in independent(response)]
+    for step in independent(factors - regression @ between.T):
+        errors.append(_error(solution, "gain", np.concatenate([np.zeros(n), step]), dof))
     for error, column in zip(twice, by_twice, strict=True):
         moved = _error(solution, error.source, solution.gain @ column)
         errors.append(replace(moved, dark=error.dark, dark_gain_db=error.gain_db, pattern=error.pattern))
     for row, column in zip(solution.candidate.errors(_nodes(solution.candidate)), by_shape, strict=True):
         moved = _error(solution, "linearity", -solution.gain @ column)
-        relative = tuple(float(v) for v in row + np.array(moved.relative))
-        errors.append(FitError(moved.source, moved.net_dn, relative, moved.gain_rel))
+        errors.append(replace(moved, relative=tuple((row + np.array(moved.relative)).tolist())))
     return tuple(errors)
+
+
+def independent(covariance: Array) -> Array:
+    """Independent errors for one standard uncertainty, one a row: eigenvectors of a covariance."""
+    values, vectors = np.linalg.eigh(covariance)
+    errors: Array = (np.sqrt(np.maximum(values, 0.0)) * vectors).T
+    return errors
 
 
 def _nodes(candidate: CandidateModel) -> Array:
@@ -148,13 +145,7 @@ def finite(dof: float) -> float | None:
 
 def _error(solution: Solution, source: str, step: Array, dof: float = inf) -> FitError:
     """Return the change of the luminances by a step of all parameters."""
-    candidate, n = solution.candidate, solution.candidate.n_parameters
-    nodes = _nodes(candidate)
-    curve = candidate.curve(solution.parameters[:n], nodes)
-    return FitError(
-        source,
-        tuple(float(v) for v in nodes),
-        tuple(float(v) for v in curve.jacobian @ step[:n] / curve.value),
-        tuple(float(v) for v in step[n:] / solution.parameters[n:]),
-        dof=finite(dof),
-    )
+    n, nodes = solution.candidate.n_parameters, _nodes(solution.candidate)
+    curve = solution.candidate.curve(solution.parameters[:n], nodes)
+    relative, of_gains = curve.jacobian @ step[:n] / curve.value, step[n:] / solution.parameters[n:]
+    return FitError(source, tuple(nodes.tolist()), tuple(relative.tolist()), tuple(of_gains.tolist()), dof=finite(dof))

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core.errors import CalibrationError
 from ...core.reading import Reading
 from ...core.result import Finding, warning
 from ..findings import LeftOut
@@ -21,7 +20,7 @@ from ..signal import net_signals, usable
 from ..uncertainty import critical_value
 from .candidates import CandidateModel
 from .design import Array, Design
-from .problem import Shift, Solution, solve
+from .problem import Shift, Solution, solutions
 from .scatter import shift_with_scatter
 from .selection import WORTH, strongest_alternative
 
@@ -119,17 +118,12 @@ def _best_without_one(
     design: Design, candidates: Sequence[CandidateModel], patches: Iterable[int]
 ) -> tuple[Solution, int] | None:
     """Find the model that fits best without the reading of one of these patches, and which; None if no model fits."""
-    best: tuple[float, Solution, int] | None = None
-    for candidate in candidates:
-        try:
-            solution = solve(design, candidate)
-        except CalibrationError:
-            continue
+    found = []
+    for solution in solutions(design, candidates):
         drop, worst = max((solution.shift(_pattern(design, patch)).z ** 2, -patch) for patch in patches)
-        left = solution.chi_squared - drop + WORTH * (candidate.n_parameters - 1)
-        if best is None or left < best[0]:
-            best = left, solution, -worst
-    return None if best is None else best[1:]
+        left = solution.chi_squared - drop + WORTH * (solution.candidate.n_parameters - 1)
+        found.append((left, solution, -worst))
+    return min(found, key=lambda one: one[0])[1:] if found else None
 
 
 def _better_of_two(

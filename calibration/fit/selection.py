@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from math import sqrt
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...core.clock import exposure_text
 from ...core.errors import CalibrationError
@@ -16,7 +17,7 @@ from ..sensor.response import ResponseCurve
 from ..uncertainty import SMALL_P_VALUE, p_value_of_chi_squared
 from .candidates import CandidateModel
 from .design import Array, Design
-from .problem import Solution, solve
+from .problem import Solution, solutions, solve
 
 #: Relative decrease of the leave-one-out error required of a further parameter.
 MIN_IMPROVEMENT = 0.1
@@ -62,25 +63,27 @@ def leave_one_out(solution: Solution, covariance: Array | None = None) -> LeaveO
     stated = solution.covariance if covariance is None else covariance
     design, moved = solution.design, solution.left @ solution.residual
     relative, score = [], []
-    for patch in range(len(design.patches)):
-        own = np.flatnonzero(design.patch == patch)
+    for (own, weight), reading_cd_m2 in zip(weights_by_patch(solution), design.reading_cd_m2, strict=True):
         block = np.ix_(own, own)
         deviation = np.linalg.lstsq(solution.left[block], moved[own], rcond=1e-10)[0]
-        weight = patch_weights(solution, patch)
-        relative.append(float(weight @ deviation) / design.reading_cd_m2[patch])
+        relative.append(float(weight @ deviation) / reading_cd_m2)
         score.append(float(deviation @ np.linalg.solve(stated[block], deviation)))
     return LeaveOneOut(np.array(relative), np.array(score))
 
 
-def patch_weights(solution: Solution, patch: int) -> Array:
-    """Weights of a patch's observations: inverse variances by noise, dark signal and other shared errors, sum 1."""
-    design = solution.design
-    own = design.patch == patch
-    variance = solution.slope**2 * (design.signals.noise_variance_dn2 + design.signals.dark_nonuniformity_dn**2)
+def weights_by_patch(solution: Solution) -> list[tuple[NDArray[np.intp], Array]]:
+    """Observations of each patch, and weights of sum 1: inverse variances by noise, dark signal and shared errors."""
+    design, signals = solution.design, solution.design.signals
+    variance = solution.slope**2 * (signals.noise_variance_dn2 + signals.dark_nonuniformity_dn**2)
     variance = variance + (design.patterns(solution.luminance, solution.slope) ** 2).sum(axis=0)
-    weight: Array = 1 / np.maximum(variance[own], 1e-12 * solution.luminance[own] ** 2)
-    weight /= weight.sum()
-    return weight
+    inverse = 1 / np.maximum(variance, 1e-12 * solution.luminance**2)
+    members = [np.flatnonzero(design.patch == patch) for patch in range(len(design.patches))]
+    return [(own, inverse[own] / inverse[own].sum()) for own in members]
+
+
+def seen_cd_m2(solution: Solution) -> Array:
+    """Return the luminances of the patches by the camera, shape (P,)."""
+    return np.array([weight @ solution.luminance[own] for own, weight in weights_by_patch(solution)])
 
 
 def select_model(design: Design, candidates: Sequence[CandidateModel]) -> tuple[Solution, tuple[ModelStep, ...]]:
@@ -111,42 +114,31 @@ def select_model(design: Design, candidates: Sequence[CandidateModel]) -> tuple[
     best = leave_one_out(chosen)
     bracket = candidates[0].bracket
     tried = [(candidates[0], best, info("model-simplest") if bracket is None else _given(bracket))]
-    for candidate in candidates[1:]:
-        try:
-            solution = solve(design, candidate)
-        except CalibrationError:
-            continue  # no increasing response of this kind fits
+    for solution in solutions(design, candidates[1:]):
         left_out = leave_one_out(solution, stated)
         before, after = float(best.score.sum()), float(left_out.score.sum())
         obstacle = _obstacle(chosen, best, solution, left_out)
-        if obstacle is None and chosen.candidate.bracket is not None and _explained(chosen):
+        of_bracket = chosen.candidate.bracket is not None
+        p_value = p_value_of_chi_squared(chosen.chi_squared, chosen.degrees_of_freedom)
+        if obstacle is None and of_bracket and p_value >= _CONTRADICTION:
             obstacle = info("model-bracket-agrees")
         reason = obstacle or info("model-better")
         figures = {"chi_squared": after, "chi_squared_before": before, "other": chosen.candidate.kind}
-        tried.append((candidate, left_out, replace(reason, values={**reason.values, **figures})))
-        if obstacle is None and chosen.candidate.bracket is not None:
+        tried.append((solution.candidate, left_out, replace(reason, values={**reason.values, **figures})))
+        if obstacle is None and of_bracket:
             raise CalibrationError(
-                f"the response of the bracket contradicts the patches, a {candidate.kind} one fits them clearly better "
-                f"(leave-one-out χ² {after:.3g} against {before:.3g}): check that the scene and its light stood still "
-                "over the bracket and that camera and exposures are right, or calibrate without it"
+                f"the response of the bracket contradicts the patches, a {solution.candidate.kind} one fits them "
+                f"clearly better (leave-one-out χ² {after:.3g} against {before:.3g}): check that the scene and its "
+                "light stood still over the bracket and that camera and exposures are right, or calibrate without it"
             )
         if obstacle is None:
             chosen, best = solution, left_out
     weight = 1 / (design.reading_variance / design.reading_cd_m2**2 + design.patch_rel**2 + 1e-6)
+    errors = [sqrt(float(np.average(one.relative**2, weights=weight))) for _, one, _ in tried]
     return chosen, tuple(
-        ModelStep(
-            kind=candidate.kind,
-            n_parameters=candidate.n_parameters,
-            leave_one_out_rel=sqrt(float(np.average(loo.relative**2, weights=weight))),
-            chosen=candidate == chosen.candidate,
-            reason=reason,
-        )
-        for candidate, loo, reason in tried
+        ModelStep(candidate.kind, candidate.n_parameters, error, candidate == chosen.candidate, reason)
+        for (candidate, _, reason), error in zip(tried, errors, strict=True)
     )
-
-
-def _explained(solution: Solution) -> bool:
-    return p_value_of_chi_squared(solution.chi_squared, solution.degrees_of_freedom) >= _CONTRADICTION
 
 
 def _given(bracket: ResponseCurve) -> Finding:

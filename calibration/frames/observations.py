@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from datetime import datetime
 from math import inf
+from typing import Any
 
+from ...core.clock import exposure_text
 from ...core.errors import CalibrationError
 from ...core.frame import CameraIdentity, Frame, Readout, nominal_black_dn
 from ...core.vignetting import AnyVignetting
@@ -99,6 +101,11 @@ class CameraState:
                 raise CalibrationError(
                     f"{name} of {mine} is {expected}, but {theirs} has {found}: use the same, or calibrate this one"
                 )
+
+    def require_alike(self, darks: Iterable[Any], mine: str, gains_db: Sequence[float] = ()) -> None:
+        """Refuse sets of dark frames, with state and exposure, of which one is of another state; as `require`."""
+        for dark in darks:
+            self.require(dark.state, mine, f"the set of dark frames at {exposure_text(dark.exposure_s)}", gains_db)
 
     @property
     def black_level(self) -> float | None:

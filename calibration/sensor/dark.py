@@ -9,15 +9,14 @@ from math import log, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.clock import exposure_text
 from ...core.errors import CalibrationError
 from ...core.result import Finding, warning
 from ..frames.observations import DarkObservation
 from .dark_fit import (
     DOUBLING_REL,
     TYPICAL_DOUBLING_C,
+    DarkCurrent,
     clipping,
-    dark_current_growth,
     drift_of_black_level,
     fit_curve,
     mean_uncertainties_dn,
@@ -36,7 +35,7 @@ Covariance = tuple[tuple[float, float, float], tuple[float, float, float], tuple
 
 
 @dataclass(frozen=True)
-class DarkModel:
+class DarkModel(DarkCurrent):
     """d(t, T) = `offset_dn` + `rate_dn_s` t 2^((T - T_ref) / T_d) (EMVA 1288 Release 4.0 Linear, dark current).
 
     Parameters
@@ -125,23 +124,15 @@ class DarkModel:
             return []
         low, high = self.temperatures_c[0], self.temperatures_c[-1]
         away = [(max(low - c, c - high), t, c) for t, c in frames if c is not None]
-        far = [
+        changes = [
             (abs(self.rate_dn_s) * t * (2 ** (beyond / TYPICAL_DOUBLING_C) - 1), t, c)
             for beyond, t, c in away
             if beyond > _TEMPERATURE_TOLERANCE_C
         ]
-        if not far or max(far)[0] < _WORTH_DN:
+        largest_dn, t, c = max(changes, default=(0.0, 0.0, 0.0))
+        if largest_dn < _WORTH_DN:
             return []
-        _, exposure_s, temperature_c = max(far)
-        return [
-            warning(
-                "temperature-not-covered",
-                subject,
-                exposure_s=exposure_s,
-                temperature_c=temperature_c,
-                range_c=[low, high],
-            )
-        ]
+        return [warning("temperature-not-covered", subject, exposure_s=t, temperature_c=c, range_c=[low, high])]
 
     def errors(self) -> NDArray[np.float64]:
         """Independent errors of the parameters for one standard uncertainty, one a row; shape (n, 3), n at most 3."""
@@ -163,10 +154,6 @@ class DarkModel:
     def rate_variance_dn2_s2(self) -> float:
         """Variance of `rate_dn_s`."""
         return self.covariance[1][1]
-
-    def growth(self, temperature_c: float | None) -> float:
-        """Return the dark current over that at T_ref; 1 for an unknown temperature."""
-        return dark_current_growth(temperature_c, self.temperature_c, self.doubling_temperature_c)
 
 
 def fit_dark(darks: Sequence[DarkObservation], drift_dn: float | None = None) -> tuple[DarkModel, list[Finding]]:
@@ -190,7 +177,11 @@ def fit_dark(darks: Sequence[DarkObservation], drift_dn: float | None = None) ->
     CalibrationError
         If there is no observation, or cameras or settings differ.
     """
-    _require_one_state(darks)
+    if not darks:
+        raise CalibrationError(
+            "there are no dark frames: cover the lens and take at least 2 at each exposure, they fix the offset"
+        )
+    darks[0].state.require_alike(darks, "the first dark frames")
     t = np.array([d.exposure_s for d in darks])
     temperatures = [d.temperature_c for d in darks if d.temperature_c is not None]
     reference = float(np.mean(temperatures)) if len(temperatures) == len(darks) else None
@@ -231,14 +222,3 @@ def fit_dark(darks: Sequence[DarkObservation], drift_dn: float | None = None) ->
 
 def _rms(values: Iterable[float]) -> float:
     return sqrt(float(np.mean(np.square(list(values)))))
-
-
-def _require_one_state(darks: Sequence[DarkObservation]) -> None:
-    if not darks:
-        raise CalibrationError(
-            "there are no dark frames: cover the lens and take at least 2 at each exposure, they fix the offset"
-        )
-    for dark in darks[1:]:
-        darks[0].state.require(
-            dark.state, "the first dark frames", f"the set of dark frames at {exposure_text(dark.exposure_s)}"
-        )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import hypot, sqrt
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -29,11 +29,19 @@ DRIFT_DN = 0.5
 FloatArray = NDArray[np.float64]
 
 
-def dark_current_growth(temperature_c: float | None, reference_c: float | None, doubling_c: float | None) -> float:
-    """Return the dark current over that at a reference temperature; 1 if either is unknown."""
-    if temperature_c is None or reference_c is None:
-        return 1.0
-    return float(2.0 ** ((temperature_c - reference_c) / (doubling_c or TYPICAL_DOUBLING_C)))
+class DarkCurrent:
+    """What doubles from one temperature to another (EMVA 1288 Release 4.0 Linear, equation for mu_I(T))."""
+
+    temperature_c: float | None
+    doubling_temperature_c: float | None
+
+    def growth(self, temperature_c: float | None) -> float:
+        """Return the dark current over that at T_ref; 1 if either temperature is unknown."""
+        if temperature_c is None or self.temperature_c is None:
+            return 1.0
+        return float(
+            2.0 ** ((temperature_c - self.temperature_c) / (self.doubling_temperature_c or TYPICAL_DOUBLING_C))
+        )
 
 
 def fit_curve(
@@ -52,11 +60,13 @@ def fit_curve(
         covariance[:2, :2] = straight.covariance
         fitted = np.array([straight.intercept, straight.slope, typical]), covariance
     parameters, covariance = fitted
-    residuals = y - parameters[0] - parameters[1] * t * 2 ** (warmer_c * parameters[2])
     grown = t * 2 ** (warmer_c * parameters[2])
-    n_parameters = 3 if covariance[2, 2] > 0 else 2
-    findings = contradictions(t, grown, y, u, residuals, n_parameters)
-    return parameters, covariance, findings + falling(t, float(parameters[1]), sqrt(covariance[1, 1]))
+    residuals = y - parameters[0] - parameters[1] * grown
+    dof = t.size - (3 if covariance[2, 2] > 0 else 2)
+    findings = _contradictions(t, residuals, dof, (grown, y, u))
+    if parameters[1] * np.ptp(t) < -DRIFT_DN and parameters[1] < -3 * sqrt(covariance[1, 1]):
+        findings.append(warning("dark-falls", rate_dn_s=-float(parameters[1])))
+    return parameters, covariance, findings
 
 
 def _with_temperature(
@@ -109,42 +119,27 @@ def clipping(darks: Sequence[DarkObservation]) -> list[Finding]:
     ]
 
 
-def falling(t: FloatArray, rate_dn_s: float, uncertainty_dn_s: float) -> list[Finding]:
-    """Warn of a dark signal that decreases with the exposures `t`, given a rate and its standard uncertainty."""
-    if rate_dn_s * np.ptp(t) >= -DRIFT_DN or rate_dn_s >= -3 * uncertainty_dn_s:
-        return []
-    return [warning("dark-falls", rate_dn_s=-float(rate_dn_s))]
-
-
-def contradictions(
-    t: FloatArray,
-    grown_s: FloatArray,
-    y: FloatArray,
-    u: FloatArray,
-    residuals: FloatArray,
-    n_parameters: int,
+def _contradictions(
+    t: FloatArray, residuals: FloatArray, dof: int, points: tuple[FloatArray, FloatArray, FloatArray]
 ) -> list[Finding]:
-    """Return a warning if the dark frames scatter around the line more than noise and drift explain.
+    """Warn of dark frames that scatter around the line more than noise and drift explain.
 
     Parameters
     ----------
-    t, grown_s : ndarray of float, shape (n,)
-        Exposures, and the same times the growth of the dark current with the temperature.
-    y, u, residuals : ndarray of float, shape (n,)
-        Means with standard uncertainties, and their deviations from the fit.
-    n_parameters : int
-        Of the fit.
+    t, residuals : ndarray of float, shape (n,)
+        Exposures, and deviations from the fit.
+    dof : int
+        Degrees of freedom of these.
+    points : tuple of ndarray of float, shape (n,)
+        Exposures times the growth of the dark current with the temperature, means, and their standard uncertainties.
     """
-    chi_squared = float(np.sum((residuals / u) ** 2))
-    if (
-        p_value_of_chi_squared(chi_squared, t.size - n_parameters) >= SMALL_P_VALUE
-        or np.abs(residuals).max() <= DRIFT_DN
-    ):
+    largest_dn = float(np.abs(residuals).max())
+    p_value = p_value_of_chi_squared(float(np.sum((residuals / points[2]) ** 2)), dof)
+    if p_value >= SMALL_P_VALUE or largest_dn <= DRIFT_DN:
         return []
     # Exposure without which a line fits best; residuals are misleading at the ends of the range.
-    left = [line(np.delete(grown_s, i), np.delete(y, i), np.delete(u, i)).chi_squared for i in range(t.size)]
-    worst = float(t[int(np.argmin(left))])
-    return [warning("dark-contradicts", exposure_s=worst, deviation_dn=float(np.abs(residuals).max()))]
+    left = [line(*(np.delete(one, i) for one in points)).chi_squared for i in range(t.size)]
+    return [warning("dark-contradicts", exposure_s=float(t[int(np.argmin(left))]), deviation_dn=largest_dn)]
 
 
 @dataclass(frozen=True)
@@ -229,12 +224,6 @@ def noise_line(darks: Sequence[DarkObservation], growth: FloatArray) -> Line:
 
 def variance_uncertainties_dn2(darks: Sequence[DarkObservation]) -> FloatArray:
     """Return the uncertainties of normal variances, of rounding at least, with what rounding may have changed."""
-    return np.array(
-        [
-            hypot(
-                max(d.temporal_variance_dn2, ROUNDING_DN2) * sqrt(2 / d.dof),
-                variance_before_rounding(d.temporal_variance_dn2).error_of(d.temporal_variance_dn2 - ROUNDING_DN2),
-            )
-            for d in darks
-        ]
-    )
+    variances = [d.temporal_variance_dn2 for d in darks]
+    own = [max(v, ROUNDING_DN2) * sqrt(2 / d.dof) for v, d in zip(variances, darks, strict=True)]
+    return np.hypot(own, [variance_before_rounding(v).error_of(v - ROUNDING_DN2) for v in variances])

@@ -11,20 +11,19 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.clock import exposure_text
 from ...core.disk.arrays import EqualByContent, StoredArray, content_sha256, read_only
 from ...core.errors import CalibrationError, InputError
-from ...core.result import Finding, FindingValue, info
+from ...core.result import Finding, info
 from ..frames.measure import MeasuredFrames
 from ..frames.observe import dark_observation
 from ..frames.rounding import quantisation_variance_dn2
 from .dark import fit_dark
-from .dark_fit import DOUBLING_REL, TYPICAL_DOUBLING_C, dark_current_growth, rows_of
+from .dark_fit import DOUBLING_REL, TYPICAL_DOUBLING_C, DarkCurrent, rows_of
 from .defects import DefectMap
 
 
 @dataclass(frozen=True, eq=False)
-class DarkLibrary(EqualByContent):
+class DarkLibrary(DarkCurrent, EqualByContent):
     """Pattern of the dark signal, zero on average: offset(x, y) + rate(x, y) t 2^((T - T_ref) / T_d).
 
     The mean dark signal is not included; it is in the calibration's dark model. Doubling of the dark current every T_d:
@@ -99,9 +98,8 @@ class DarkLibrary(EqualByContent):
                 f"the dark library is for {width} x {height} pixels, the image has {shape[1]} x {shape[0]}: take dark "
                 "frames with this image size"
             )
-        pattern: NDArray[np.float32] = self.offset_dn + np.float32(self._time_s(exposure_s, temperature_c)) * (
-            self.rate_dn_s
-        )
+        time_s = np.float32(self._time_s(exposure_s, temperature_c))
+        pattern: NDArray[np.float32] = self.offset_dn + time_s * self.rate_dn_s
         return pattern
 
     def correction_dn(
@@ -136,12 +134,7 @@ class DarkLibrary(EqualByContent):
     def verdict(self, exposure_s: float, temperature_c: float | None = None) -> Finding:
         """Return whether subtracting the pattern helps, and by how much."""
         pattern, noise = (of(exposure_s, temperature_c) for of in (self.nonuniformity_dn, self.noise_dn))
-        values: dict[str, FindingValue] = {
-            "exposure_s": exposure_s,
-            "pattern_dn": pattern,
-            "noise_dn": noise,
-            "n_frames": self.n_frames,
-        }
+        values = {"exposure_s": exposure_s, "pattern_dn": pattern, "noise_dn": noise, "n_frames": self.n_frames}
         if noise < pattern:
             return info("dark-pattern-subtracted", **values)
         if pattern == 0:
@@ -152,7 +145,7 @@ class DarkLibrary(EqualByContent):
 
     def _time_s(self, exposure_s: float, temperature_c: float | None) -> float:
         """Equivalent exposure at the library's temperature."""
-        return exposure_s * dark_current_growth(temperature_c, self.temperature_c, self.doubling_temperature_c)
+        return exposure_s * self.growth(temperature_c)
 
     def _unknown_growth_dn(self, exposure_s: float, temperature_c: float | None) -> float:
         """Return the uncertainty of the pattern by its growth with exposure or temperature, where not measured."""
@@ -206,10 +199,7 @@ def dark_library(darks: Sequence[MeasuredFrames], defects: DefectMap | None = No
         raise CalibrationError(
             "a dark library needs at least 2 dark frames at an exposure: noise cannot be measured with fewer"
         )
-    for d in darks[1:]:
-        darks[0].state.require(
-            d.state, "the first dark frames", f"the set of dark frames at {exposure_text(d.exposure_s)}"
-        )
+    darks[0].state.require_alike(darks, "the first dark frames")
     model, _ = fit_dark([dark_observation(d) for d in repeated])
     time_s = np.array([d.exposure_s * model.growth(d.temperature_c) for d in darks])
     one_exposure = np.ptp([d.exposure_s for d in darks]) == 0
@@ -223,9 +213,8 @@ def dark_library(darks: Sequence[MeasuredFrames], defects: DefectMap | None = No
         image = d.statistics.image_dn
         maps[: weights.size] += weights[:, None, None] * (image - image[sound].mean(dtype=np.float64))
     # Noise differs between sets, as dark current adds to it; it cannot be estimated from a single frame.
-    average_dn2 = float(
-        np.average([d.statistics.typical_variance_dn2 for d in repeated], weights=[d.statistics.dof for d in repeated])
-    )
+    dof, typical_dn2 = zip(*((d.statistics.dof, d.statistics.typical_variance_dn2) for d in repeated), strict=True)
+    average_dn2 = float(np.average(typical_dn2, weights=dof))
     of_one = average_dn2 + quantisation_variance_dn2(average_dn2)
     variances = [d.statistics.pixel_mean_variance_dn2 if d.statistics.n_frames > 1 else of_one for d in darks]
     noise = np.zeros((2, 2))

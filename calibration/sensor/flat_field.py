@@ -114,9 +114,7 @@ def _signals(
                 f"there are no dark frames at {exposure_text(light.exposure_s)}, the exposure of light frames: "
                 "take at least 2"
             )
-        light.state.require(
-            dark.state, "the light frames", f"the set of dark frames at {exposure_text(dark.exposure_s)}"
-        )
+        light.state.require_alike([dark], "the light frames")
         if min(light.statistics.n_frames, dark.statistics.n_frames) < 2:
             raise CalibrationError(
                 f"there is a single frame at {exposure_text(light.exposure_s)}: take at least 2 light and 2 dark "

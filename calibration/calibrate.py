@@ -208,18 +208,18 @@ def _versions() -> tuple[tuple[str, str], ...]:
 def _responsivity(first: Solution, final: Solution, glare: FitTest) -> ResponsivityFit:
     design, responsivity = final.design, final.response[1]
     relative = float(np.sqrt(final.parameter_covariance[0, 0]) / final.parameters[0])
-    scatter_rel, scatter_dof = scatter_of_one(design)
+    scatter = scatter_of_one(design)
     return ResponsivityFit(
         responsivity_dn_s_cd_m2=responsivity,
         random_rel=relative,
         chi_squared=first.chi_squared,
         degrees_of_freedom=first.degrees_of_freedom,
-        scatter_rel=scatter_rel,
-        scatter_dn=design.scatter_each_dn,
+        scatter_rel=scatter.size,
+        scatter_dn=design.scatter_each_dn.size,
         intercept_dn_s=glare.value * responsivity if glare.tested else None,
         intercept_standard_uncertainty_dn_s=(glare.standard_uncertainty * responsivity if glare.tested else None),
         dof=finite(fit_dof(final)),
-        scatter_dof=finite(scatter_dof),
+        scatter_dof=finite(scatter.dof),
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from math import erf, exp, inf, isfinite, pi, sqrt
+from typing import NamedTuple
 
 from ..core.errors import InputError
 from .setup import MeterScale
@@ -15,6 +16,22 @@ COVERAGE = 0.95
 SMALL_P_VALUE = 0.01
 #: Family-wise false-alarm probability of all tests of one kind.
 FALSE_ALARM = 0.01
+
+
+class Scatter(NamedTuple):
+    """A standard deviation that the stated errors do not explain, and its degrees of freedom."""
+
+    size: float = 0.0
+    dof: float = inf
+
+    @property
+    def part(self) -> tuple[float, float]:
+        """Variance and degrees of freedom."""
+        return self.size**2, self.dof
+
+
+#: Where the stated errors explain all.
+NO_SCATTER = Scatter()
 
 
 def effective_dof(parts: Iterable[tuple[float, float]]) -> float:

@@ -98,16 +98,15 @@ def fit_findings(final: Solution, tests: Sequence[FitTest]) -> list[Finding]:
     findings = [test.finding for test in tests if test.significant and test.name != "scatter"]
     findings += _glare_not_excluded(design, next(test for test in tests if test.name == "glare"))
     before = len(findings)
-    if design.scatter_rel > _SCATTER_TOLERANCE_REL:
+    if design.scatter_rel.size > _SCATTER_TOLERANCE_REL:
         ratios = seen_cd_m2(final) / design.reading_cd_m2 - 1
         worst = int(np.argmax(np.abs(ratios)))
-        name, deviation = design.patches[worst], float(ratios[worst])
-        found = warning("patches-scatter", scatter_rel=float(design.scatter_rel), patch=name, deviation_rel=deviation)
-        findings.append(found)
-    if design.scatter_each_rel > _SCATTER_TOLERANCE_REL:
-        findings.append(warning("exposures-scatter", scatter_rel=float(design.scatter_each_rel)))
-    if design.scatter_each_dn > 0:
-        findings.append(warning("exposures-scatter-dn", scatter_dn=float(design.scatter_each_dn)))
+        name, size, deviation = design.patches[worst], design.scatter_rel.size, float(ratios[worst])
+        findings.append(warning("patches-scatter", scatter_rel=size, patch=name, deviation_rel=deviation))
+    if design.scatter_each_rel.size > _SCATTER_TOLERANCE_REL:
+        findings.append(warning("exposures-scatter", scatter_rel=design.scatter_each_rel.size))
+    if design.scatter_each_dn.size > 0:
+        findings.append(warning("exposures-scatter-dn", scatter_dn=design.scatter_each_dn.size))
     if len(findings) == before:  # significant but small scatter
         findings += [test.finding for test in tests if test.significant and test.name == "scatter"]
     return findings

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.vignetting import AnyVignetting
-from ...session.tables import EXPOSURE_JITTER_S
 from ..converter import BLACK_LEVEL, FLAT_FIELD, FLICKER, exposure_time_rel, source_of_place
 from ..frames.nonuniformity import slow_rel, smooth_patterns, vignetting_errors
 from ..frames.observations import PatchObservation
 from ..readings import PatchReading
 from ..sensor.noise import GainSetting
 from ..signal import NetSignals, net_signals
+from ..uncertainty import NO_SCATTER, Scatter
 
 Array = NDArray[np.floating[Any]]
 
@@ -40,16 +40,10 @@ class SharedError:
         Name in the budget.
     relative, dn : ndarray of float, shape (n,)
         Its effect on each observation, relative to the luminance and in DN, for one standard uncertainty.
-    dark : tuple of float
-        The same error of the dark model's offset_dn, rate_dn_s and 1 / T_d; empty for another source.
-    gain_db : float or None
-        Gain of that dark model.
-    dof : float
-        Degrees of freedom of the standard uncertainty.
+    dark, gain_db, dof, pattern : tuple of float, float or None, float, int or None
+        As of `FitError`, whose effects on converted frames are those of the same error.
     cd_m2 : float
         The same effect on all observations, in cd/m^2.
-    pattern : int or None
-        Number of the vignetting's pattern; None for another source.
     """
 
     source: str
@@ -86,12 +80,10 @@ class Design:
         Smooth patterns over the image, see `smooth_patterns`.
     field_rel : float
         Relative standard uncertainty of each patch by what a measured vignetting leaves.
-    scatter_rel : float
+    scatter_rel : Scatter
         Unexplained relative scatter of the patches.
-    scatter_each_rel, scatter_each_dn : float
+    scatter_each_rel, scatter_each_dn : Scatter
         The same for single observations, relative to the luminance or in DN.
-    scatter_rel_dof, scatter_each_rel_dof, scatter_each_dn_dof : float
-        Their degrees of freedom.
     """
 
     patch_readings: tuple[PatchReading, ...]
@@ -104,12 +96,9 @@ class Design:
     uneven_rel: Array
     place: Array
     field_rel: float = 0.0
-    scatter_rel: float = 0.0
-    scatter_each_rel: float = 0.0
-    scatter_each_dn: float = 0.0
-    scatter_rel_dof: float = inf
-    scatter_each_rel_dof: float = inf
-    scatter_each_dn_dof: float = inf
+    scatter_rel: Scatter = NO_SCATTER
+    scatter_each_rel: Scatter = NO_SCATTER
+    scatter_each_dn: Scatter = NO_SCATTER
 
     @property
     def patches(self) -> tuple[str, ...]:
@@ -161,10 +150,10 @@ class Design:
         """Covariance of luminances less readings, shape (n, n), at luminances and slopes dL/dn of shape (n,)."""
         level = self.level(luminance)
         own = (
-            slope**2 * (self.signals.noise_variance_dn2 + self.scatter_each_dn**2)
-            + (self.scatter_each_rel * luminance) ** 2
+            slope**2 * (self.signals.noise_variance_dn2 + self.scatter_each_dn.size**2)
+            + (self.scatter_each_rel.size * luminance) ** 2
         )
-        by_patch = np.hypot(self.patch_rel, self.scatter_rel)[self.patch] * level
+        by_patch = np.hypot(self.patch_rel, self.scatter_rel.size)[self.patch] * level
         uneven = self.signals.dark_nonuniformity_dn * slope
         of_patch = self.reading_variance[self.patch][:, None] + np.outer(by_patch, by_patch) + np.outer(uneven, uneven)
         patterns = self.patterns(level, slope)
@@ -212,18 +201,11 @@ def build_design(
     groups: Mapping[str, Sequence[PatchObservation]],
     readings: Mapping[str, PatchReading],
     settings: Sequence[GainSetting],
-    exposure_jitter_s: float = EXPOSURE_JITTER_S,
+    exposure_jitter_s: float,
 ) -> Design:
-    """Collect observations and readings.
+    """Collect usable observations by patch, and readings.
 
-    Parameters
-    ----------
-    groups, readings : mapping of str to sequence of PatchObservation, to PatchReading
-        Usable observations by patch, and readings of the same patches.
-    settings : sequence of GainSetting
-        Dark signal and noise by gain; the factors are not used.
-    exposure_jitter_s : float
-        Standard uncertainty of one exposure time relative to the others.
+    `readings` are of the same patches as `groups`; of `settings` the factors are not used.
     """
     observations = [o for group in groups.values() for o in group]
     signals = net_signals(observations, settings)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import exp, inf, log, sqrt
-from typing import Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from ..converter import OF_FRAMES
-from ..uncertainty import COVERAGE, SMALL_P_VALUE, effective_dof, p_value_of_chi_squared
+from ..uncertainty import COVERAGE, NO_SCATTER, SMALL_P_VALUE, Scatter, effective_dof, p_value_of_chi_squared
 from .candidates import CandidateModel
 from .design import Array, Design
 from .problem import Shift, Solution, solve
@@ -127,21 +127,17 @@ def with_scatter(design: Design, candidate: CandidateModel, *, by_place: bool = 
         sizes = rest
     if not sizes:
         return first
-    changes: dict[str, float] = {f"{kind}": size for kind, size in sizes.items()}
-    changes |= {f"{kind}_dof": _dof(first, sizes, kind) for kind in sizes}
-    return solve(replace(design, **changes), candidate)  # type: ignore[arg-type]
+    found: dict[str, Any] = {kind: Scatter(size, _dof(first, sizes, kind)) for kind, size in sizes.items()}
+    return solve(replace(design, **found), candidate)
 
 
-def scatter_around_mean(values: Array, variances: Array) -> tuple[float, float]:
-    """Return the standard deviation of values that their variances do not explain, and its degrees of freedom.
-
-    Estimated as that of the patches of a fit; 0 and infinite if the variances suffice.
-    """
+def scatter_around_mean(values: Array, variances: Array) -> Scatter:
+    """Return the scatter of values that their variances do not explain, estimated as that of the patches of a fit."""
     likelihood = _Likelihood.of(np.ones((values.size, 1)), values, np.diag(variances), np.eye(values.size))
     size = likelihood.best(1.0)
     if likelihood.deviance(0.0) - likelihood.deviance(size) < _WORTH:
-        return 0.0, inf
-    return size, likelihood.dof(size, 1.0)
+        return NO_SCATTER
+    return Scatter(size, likelihood.dof(size, 1.0))
 
 
 def shift_with_scatter(solution: Solution, pattern: Array) -> Shift:
@@ -218,20 +214,18 @@ def within_patches(solution: Solution, covariance: Array) -> float:
     return max(float(solution.residual @ moved - by_patches), 0.0)
 
 
-def scatter_of_one(design: Design) -> tuple[float, float]:
-    """Relative scatter of a patch at one exposure, and its degrees of freedom."""
-    parts = [(design.scatter_rel**2, design.scatter_rel_dof), (design.scatter_each_rel**2, design.scatter_each_rel_dof)]
-    return sqrt(sum(variance for variance, _ in parts)), effective_dof(parts)
+def scatter_of_one(design: Design) -> Scatter:
+    """Relative scatter of a patch at one exposure."""
+    parts = [design.scatter_rel.part, design.scatter_each_rel.part]
+    return Scatter(sqrt(sum(variance for variance, _ in parts)), effective_dof(parts))
 
 
 def fit_dof(solution: Solution) -> float:
     """Degrees of freedom of the first parameter's uncertainty, by those of scatter, flicker and black level."""
     design, row = solution.design, solution.gain[0]
     total = float(row @ solution.covariance @ row)
-    parts = [
-        (getattr(design, kind) ** 2 * float(row @ _pattern(solution, kind) @ row), getattr(design, f"{kind}_dof"))
-        for kind in ("scatter_rel", "scatter_each_rel", "scatter_each_dn")
-    ]
+    scatter: dict[Kind, Scatter] = {kind: getattr(design, kind) for kind in get_args(Kind)}
+    parts = [(one.size**2 * float(row @ _pattern(solution, kind) @ row), one.dof) for kind, one in scatter.items()]
     for source in OF_FRAMES:
         own = [one for one in design.shared if one.source == source]
         variance = sum(float(row @ (one.relative * solution.level + one.dn * solution.slope)) ** 2 for one in own)

@@ -186,19 +186,17 @@ def fit_dark(darks: Sequence[DarkObservation], drift_dn: float | None = None) ->
     temperatures = [d.temperature_c for d in darks if d.temperature_c is not None]
     reference = float(np.mean(temperatures)) if len(temperatures) == len(darks) else None
     warmer_c = np.zeros_like(t) if reference is None else np.array(temperatures) - reference
-    shown_dn, drift_dof = drift_of_black_level(darks)
-    drift_dn, drift_dof = (shown_dn, drift_dof) if drift_dn is None else (drift_dn, 0)
+    drift_dn, drift_dof = drift_of_black_level(darks) if drift_dn is None else (drift_dn, 0)
     y, u = np.array([d.mean_dn for d in darks]), mean_uncertainties_dn(darks, drift_dn)
     parameters, covariance, findings = fit_curve(t, warmer_c, y, u)
     if np.unique(t).size == 1:
         covariance += of_unknown_rate(float(t[0]), float(parameters[0]) - darks[0].state.nominal_black_dn)
     else:
         covariance += of_rounding(max(d.rounding_dn2 for d in darks), float(np.ptp(t)))
-    growth = 2 ** (warmer_c * parameters[2])
     doubling_c = float(1 / parameters[2]) if covariance[2, 2] > 0 else None
     if doubling_c is None and reference is not None:
         covariance[2, 2] = (DOUBLING_REL / TYPICAL_DOUBLING_C) ** 2
-    noise = noise_line(darks, growth)
+    noise = noise_line(darks, 2 ** (warmer_c * parameters[2]))
     patterns = [_rms(d.pattern_dn for d in darks if d.exposure_s == e) for e in np.unique(t)]
     model = DarkModel(
         offset_dn=float(parameters[0]),
@@ -214,11 +212,16 @@ def fit_dark(darks: Sequence[DarkObservation], drift_dn: float | None = None) ->
         noise_rate_dn2_s=noise.slope,
         drift_dn=drift_dn,
         drift_dof=drift_dof,
-        line_noise_dn=(_rms(d.line_noise_dn[0] for d in darks), _rms(d.line_noise_dn[1] for d in darks)),
-        line_pattern_dn=(_rms(d.line_pattern_dn[0] for d in darks), _rms(d.line_pattern_dn[1] for d in darks)),
+        line_noise_dn=_rms_of_lines(d.line_noise_dn for d in darks),
+        line_pattern_dn=_rms_of_lines(d.line_pattern_dn for d in darks),
     )
     return model, [*clipping(darks), *findings]
 
 
 def _rms(values: Iterable[float]) -> float:
     return sqrt(float(np.mean(np.square(list(values)))))
+
+
+def _rms_of_lines(values: Iterable[tuple[float, float]]) -> tuple[float, float]:
+    columns, rows = zip(*values, strict=True)
+    return _rms(columns), _rms(rows)

@@ -39,9 +39,8 @@ class DarkCurrent:
         """Return the dark current over that at T_ref; 1 if either temperature is unknown."""
         if temperature_c is None or self.temperature_c is None:
             return 1.0
-        return float(
-            2.0 ** ((temperature_c - self.temperature_c) / (self.doubling_temperature_c or TYPICAL_DOUBLING_C))
-        )
+        doubling_c = self.doubling_temperature_c or TYPICAL_DOUBLING_C
+        return float(2.0 ** ((temperature_c - self.temperature_c) / doubling_c))
 
 
 def fit_curve(

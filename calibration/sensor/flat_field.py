@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from math import hypot, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +13,13 @@ from numpy.typing import NDArray
 from ...core.clock import exposure_text
 from ...core.dn import Response
 from ...core.errors import CalibrationError
-from ...core.result import Finding, FindingValue, info
+from ...core.result import Finding, info
 from ...core.vignetting import FlatField, RadialVignetting, middle_of
 from ..frames.measure import MeasuredFrames
 from .dark_fit import rows_of
 from .flat_structure import block_means, pixel_pattern, structure_findings
+
+Array = NDArray[np.float64]
 
 #: Largest share of pixels without usable values that are treated as defects.
 _MAX_UNKNOWN_SHARE = 0.01
@@ -78,8 +81,7 @@ def measure_vignetting(
         If there are no light frames, dark frames are missing for an exposure, cameras or settings differ, frames are
         not repeated, or too many pixels are clipped at every exposure.
     """
-    net, variance, clipped = _signals(lights, darks, response or Response())
-    level, mean_variance, unknown = _averaged(net, variance, clipped)
+    level, mean_variance, unknown = _averaged(_signals(lights, darks, response or Response()))
     if unknown.mean() > _MAX_UNKNOWN_SHARE:
         raise CalibrationError(
             f"{unknown.mean():.1%} of the pixels are saturated or black in all light frames: add a shorter or longer "
@@ -91,70 +93,70 @@ def measure_vignetting(
     relative /= relative[middle_of(relative.shape)].mean()
     n_frames = sum(light.statistics.n_frames for light in lights)
     flat = FlatField(relative.astype(np.float32), random_rel, source_nonuniformity_rel, n_frames)
-    radial, not_radial_rel = _fit_radial(relative, random_rel, source_nonuniformity_rel)
     prnu_rel = pixel_pattern(relative, random_rel)
-    chosen, reason = _choice(flat, radial, prnu_rel, not_radial_rel)
-    findings = structure_findings(relative, radial, hypot(random_rel, prnu_rel))
-    return MeasuredVignetting(flat, radial, chosen, (reason, *findings))
+    pixel_rel = hypot(random_rel, prnu_rel)
+    radial, not_radial_rel = _fit_radial(relative, pixel_rel, source_nonuniformity_rel)
+    shape = "flat-field-for-shape" if not_radial_rel > random_rel else "flat-field-radial"
+    code = "flat-field-for-pixels" if prnu_rel > random_rel else shape
+    found = {"prnu_rel": prnu_rel, "not_radial_rel": not_radial_rel, "noise_rel": random_rel}
+    findings = info(code, **found, n_frames=n_frames), *structure_findings(relative, radial, pixel_rel)
+    return MeasuredVignetting(flat, radial, radial if code == "flat-field-radial" else flat, findings)
+
+
+class _Signal(NamedTuple):
+    """Linearised signal above dark of one exposure, its variance for a typical pixel, and what is clipped."""
+
+    net: Array
+    variance: float
+    clipped: NDArray[np.bool_]
 
 
 def _signals(
     lights: Sequence[MeasuredFrames], darks: Sequence[MeasuredFrames], response: Response
-) -> tuple[list[NDArray[np.float64]], list[float], list[NDArray[np.bool_]]]:
-    """Linearised signal above dark, its variance for a typical pixel, and what is clipped, for each exposure."""
+) -> Iterator[_Signal]:
     if not lights:
         raise CalibrationError("there is no light frame: take frames of a uniform source")
     by_exposure = {dark.exposure_s: dark for dark in darks}
-    net, variance, clipped = [], [], []
     for light in lights:
-        lights[0].state.require(light.state, "the first light frames", f"the set at {exposure_text(light.exposure_s)}")
-        dark = by_exposure.get(light.exposure_s)
-        if dark is None:
-            raise CalibrationError(
-                f"there are no dark frames at {exposure_text(light.exposure_s)}, the exposure of light frames: "
-                "take at least 2"
-            )
+        at = exposure_text(light.exposure_s)
+        lights[0].state.require(light.state, "the first light frames", f"the set at {at}")
+        if light.exposure_s not in by_exposure:
+            raise CalibrationError(f"there are no dark frames at {at}, the exposure of light frames: take at least 2")
+        dark = by_exposure[light.exposure_s]
         light.state.require_alike([dark], "the light frames")
         if min(light.statistics.n_frames, dark.statistics.n_frames) < 2:
             raise CalibrationError(
-                f"there is a single frame at {exposure_text(light.exposure_s)}: take at least 2 light and 2 dark "
-                "frames, so that noise can be distinguished from pattern"
+                f"there is a single frame at {at}: take at least 2 light and 2 dark frames, so that noise can be "
+                "distinguished from pattern"
             )
         above = light.statistics.image_dn.astype(float) - dark.statistics.image_dn
-        net.append(response.linearise(above))
         slope = float(response.slope(np.median(above)))
         noise = light.statistics.pixel_mean_variance_dn2 + dark.statistics.pixel_mean_variance_dn2
-        variance.append(slope**2 * noise)
-        clipped.append(light.statistics.clipped)
-    return net, variance, clipped
+        yield _Signal(response.linearise(above), slope**2 * noise, light.statistics.clipped)
 
 
-def _averaged(
-    net: list[NDArray[np.float64]], variance: list[float], clipped: list[NDArray[np.bool_]]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+def _averaged(signals: Iterable[_Signal]) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Noise-weighted mean of the exposures at the level of the first usable one, its variance, and what is unknown."""
-    usable = [i for i, mask in enumerate(clipped) if mask.mean() < 1]
-    total, weight = np.zeros(net[0].shape), np.zeros(net[0].shape)
-    if not usable:
-        return total, weight, np.ones(net[0].shape, dtype=np.bool_)
-    first = usable[0]
-    for i in usable:
-        both = ~(clipped[first] | clipped[i])
+    every = [*signals]
+    usable = [one for one in every if one.clipped.mean() < 1]
+    total, weight = np.zeros((2, *every[0].net.shape))
+    for one in usable:
+        both = ~(usable[0].clipped | one.clipped)
         if not both.any():
             continue
         # Ratio of medians over the same pixels, so that clipped pixels of one do not shift it.
-        scale = float(np.median(net[i][both]) / np.median(net[first][both]))
+        scale = float(np.median(one.net[both]) / np.median(usable[0].net[both]))
         if not scale > 0:
             raise CalibrationError("light frames are not brighter than the dark ones: take frames of a uniform source")
-        w = np.where(clipped[i], 0.0, scale**2 / variance[i])
-        total += w * net[i] / scale
+        w = np.where(one.clipped, 0.0, scale**2 / one.variance)
+        total += w * one.net / scale
         weight += w
     unknown = weight == 0
     weight[unknown] = 1.0
     return total / weight, 1 / weight, unknown
 
 
-def _repaired(relative: NDArray[np.float64], unknown: NDArray[np.bool_]) -> NDArray[np.float64]:
+def _repaired(relative: Array, unknown: NDArray[np.bool_]) -> Array:
     """Give pixels without a usable value that of their neighbours."""
     import cv2
 
@@ -165,12 +167,11 @@ def _repaired(relative: NDArray[np.float64], unknown: NDArray[np.bool_]) -> NDAr
     return np.where(bad, around, relative)
 
 
-def _fit_radial(relative: NDArray[np.float64], random_rel: float, slow_rel: float) -> tuple[RadialVignetting, float]:
+def _fit_radial(relative: Array, pixel_rel: float, slow_rel: float) -> tuple[RadialVignetting, float]:
     """Least-squares fit of b0 (1 + a2 r^2 + a4 r^4 + a6 r^6) to means of blocks, with relative errors.
 
-    Residuals are treated as noise.
-
-    The covariance of the coefficients follows from the residuals (GUM, H.3), b0 being fixed by the middle.
+    Residuals are treated as noise, of which a pixel has `pixel_rel`. The covariance of the coefficients follows from
+    the residuals (GUM, H.3), b0 being fixed by the middle.
     """
     shape = (relative.shape[0], relative.shape[1])
     r2 = block_means(RadialVignetting(0, 0, 0).squared_radius(shape))
@@ -186,26 +187,9 @@ def _fit_radial(relative: NDArray[np.float64], random_rel: float, slow_rel: floa
     coefficients = parameters[1:] / parameters[0]
     by_parameter = np.column_stack([-coefficients / parameters[0], np.eye(3) / parameters[0]])
     covariance = by_parameter @ (variance * inverse) @ by_parameter.T
-    pattern = pixel_pattern(relative, random_rel)
-    of_noise = (random_rel**2 + pattern**2) / pixels
+    of_noise = pixel_rel**2 / pixels
     # The standard deviation of a variance is sqrt(2 / dof) of it.
     significant = variance > of_noise * (1 + _SIGNIFICANT * sqrt(2 / dof))
     not_radial = sqrt(variance - of_noise) if significant else 0.0
     a2, a4, a6 = coefficients.tolist()
     return RadialVignetting(a2, a4, a6, None, rows_of(covariance), hypot(slow_rel, not_radial)), not_radial
-
-
-def _choice(
-    flat: FlatField, radial: RadialVignetting, prnu_rel: float, not_radial_rel: float
-) -> tuple[FlatField | RadialVignetting, Finding]:
-    values: dict[str, FindingValue] = {
-        "prnu_rel": prnu_rel,
-        "not_radial_rel": not_radial_rel,
-        "noise_rel": flat.random_rel,
-        "n_frames": flat.n_frames,
-    }
-    if prnu_rel > flat.random_rel:
-        return flat, info("flat-field-for-pixels", **values)
-    if not_radial_rel > flat.random_rel:
-        return flat, info("flat-field-for-shape", **values)
-    return radial, info("flat-field-radial", **values)

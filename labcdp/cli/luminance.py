@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import isclose
 from pathlib import Path
@@ -25,7 +25,7 @@ from ..files.luminance_file import SUFFIXES, metadata, save_luminance
 from ..output import write_file
 from ..report.maps import luminance_picture
 from ..report.text import exposures
-from ..session import FrameRecord, Session
+from ..session import Session
 from .commands import As
 from .options import Force, Json, output_file
 from .terminal import print_result
@@ -75,11 +75,6 @@ class ChosenFrames:
     def wanted(self, exposure_s: float) -> bool:
         """Whether frames of an exposure are converted; cameras apply an exposure in steps of their own."""
         return not self.exposure or any(isclose(exposure_s, one, rel_tol=0.01) for one in self.exposure)
-
-    @property
-    def given(self) -> str:
-        """The exposures, for messages."""
-        return " or ".join(f"{1e3 * one:g}ms" for one in self.exposure)
 
 
 @dataclass(frozen=True)
@@ -168,21 +163,18 @@ def _result(
 ) -> Result:
     n = len(selected.frames)
     title = f"Luminance of {n} frame{'s' if n > 1 else ''} at {exposures(set(bracket.exposures_s))}"
+    taken, gain_db = [(one.exposure_s, one.temperature_c) for one in selected.frames], selected.frames[0].gain_db
+    darks = [plane.setting(gain_db).dark for plane in calibration.planes]
+    warmer = [finding for dark in darks for finding in dark.temperature_findings(taken)]
     return Result(
         "luminance",
         str(output),
         (quantity_table("luminance", title, _quantities(bracket, about)),),
-        unique([*selected.findings, *_temperature_findings(calibration, selected.frames), *bracket.findings]),
+        unique([*selected.findings, *warmer, *bracket.findings]),
         (InputFile.of("calibration", path), *selected.inputs),
         about,
         simulated=calibration.state.camera.simulated,
     )
-
-
-def _temperature_findings(loaded: AnyCalibration, frames: Sequence[Frame]) -> list[Finding]:
-    darks = [plane.setting(frames[0].gain_db).dark for plane in loaded.planes]
-    taken = [(one.exposure_s, one.temperature_c) for one in frames]
-    return [finding for dark in darks for finding in dark.temperature_findings(taken)]
 
 
 def _selected(files: Sequence[Path], chosen: ChosenFrames, calibration: Path, loaded: AnyCalibration) -> _Selected:
@@ -197,8 +189,8 @@ def _selected(files: Sequence[Path], chosen: ChosenFrames, calibration: Path, lo
     read = [(str(path), *_of_file(path, conversion)) for path in files]
     kept = [one for one in read if chosen.wanted(one[1].exposure_s)]
     if not kept:
-        there = _exposures([frame for _, frame, _ in read])
-        raise InputError(f"no file has the exposure {chosen.given}: the files have {there}")
+        there = _in_ms(sorted({frame.exposure_s for _, frame, _ in read}))
+        raise InputError(f"no file has the exposure {_in_ms(chosen.exposure, ' or ')}: the files have {there}")
     names = [name for name, _, _ in kept]
     findings = unique(finding for _, _, found in kept for finding in found)
     inputs = tuple(InputFile.of("picture", name) for name in names)
@@ -222,7 +214,8 @@ def _of_session(path: Path, chosen: ChosenFrames, loaded: AnyCalibration) -> _Se
     kept = [record for record in records if chosen.wanted(record.exposure_s)]
     if not kept:
         raise InputError(
-            f"the session has no such frame at {chosen.given}: it has {_exposures(records)}"
+            f"the session has no such frame at {_in_ms(chosen.exposure, ' or ')}: it has "
+            f"{_in_ms(sorted({record.exposure_s for record in records}))}"
             if records
             else f"{path} has no light frames: resume the acquisition"
         )
@@ -252,8 +245,8 @@ def _of_file(path: Path, conversion: PictureConversion) -> tuple[Frame, tuple[Fi
     return frame, conversion.findings(picture)
 
 
-def _exposures(frames: Sequence[Frame] | Sequence[FrameRecord]) -> str:
-    return ", ".join(f"{1e3 * t:g}ms" for t in sorted({one.exposure_s for one in frames}))
+def _in_ms(exposures_s: Iterable[float], between: str = ", ") -> str:
+    return between.join(f"{1e3 * one:g}ms" for one in exposures_s)
 
 
 def _quantities(result: Bracket, values: Mapping[str, Any]) -> list[Quantity]:

@@ -17,13 +17,11 @@ from ...evaluate.picture.result import PictureTask, picture_folder, summary_file
 from ...evaluate.picture.tables import ReportedPicture
 from ...files.read import picture_paths
 from ...output import ResultsFolder
-from ...regions import load_regions, rois_of
 from ..commands import As
 from ..options import Results
 from ..terminal import print_result, progress_bars, say
-from ..values import parse_pair
 from .batch import each_once, worked_through
-from .options import PairOptions, PictureLightOptions
+from .options import PairOptions, PictureLightOptions, rois_and_pairs
 
 
 def _rectangle(text: str, name: str) -> tuple[int, int, int, int]:
@@ -67,7 +65,11 @@ def image(
     """
     if surface and not pages:
         raise InputError("--surface is a page: leave it out, or --no-pages")
-    request, conversion = _request(pairs, rectangle), light.conversion()
+    if rectangle is not None:
+        pairs = replace(pairs, neighbours=True)
+    rois, chosen = rois_and_pairs(pairs)
+    request = ImageRequest(pairs.contrast, pairs.epsilon, rois, chosen or None, pairs.neighbours, rectangle)
+    conversion = light.conversion()
     paths, options = each_once(picture_paths(files)), conversion.options
     given = {"roi": pairs.roi, "calibration": light.calibration, "camera": light.camera_spec}
     configuration = {
@@ -114,20 +116,3 @@ def _evaluated(
             pictures[index] = ReportedPicture(number, str(path), folder, evaluation, failure)
             bars.update("Pictures", len(pictures), len(paths))
     return [pictures[index] for index in sorted(pictures)]
-
-
-def _request(pairs: PairOptions, rectangle: tuple[int, int, int, int] | None) -> ImageRequest:
-    neighbours = pairs.neighbours or rectangle is not None
-    if pairs.roi is None and not neighbours:
-        raise InputError("no regions given: give a file with --roi (see labcdp rois), or --neighbours")
-    if pairs.roi is None and pairs.pair:
-        raise InputError("--pair names regions: give their file with --roi")
-    rois = () if pairs.roi is None else rois_of(load_regions(pairs.roi))
-    return ImageRequest(
-        contrasts=pairs.contrast,
-        epsilon=pairs.epsilon,
-        rois=rois,
-        pairs=tuple(parse_pair(text, [one.name for one in rois]) for text in pairs.pair) or None,
-        neighbours=neighbours,
-        rectangle=rectangle,
-    )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -159,25 +159,13 @@ class MadeOptions:
     frames: bool = False
 
 
-def rois_and_pairs(
-    path: Path | None, pairs: Sequence[str], neighbours: bool
-) -> tuple[tuple[Roi, ...], tuple[tuple[str, str], ...]]:
-    """Regions, and the pairs of them that are evaluated; none for nearest-neighbour CDP. Raises InputError."""
-    if neighbours:
-        if path is not None or pairs:
-            raise InputError("--neighbours needs no regions: leave --roi and --pair out, or --neighbours")
+def rois_and_pairs(options: PairOptions) -> tuple[tuple[Roi, ...], tuple[tuple[str, str], ...]]:
+    """Regions and the pairs that are given; none for nearest-neighbour CDP alone. Raises InputError."""
+    if options.roi is None:
+        if not options.neighbours:
+            raise InputError("no regions given: give a file with --roi (see labcdp rois), or --neighbours")
+        if options.pair:
+            raise InputError("--pair names regions: give their file with --roi")
         return (), ()
-    if path is None:
-        raise InputError("no regions given: give a file with --roi (see labcdp rois), or --neighbours")
-    found = {one.name: one for one in rois_of(load_regions(path))}
-    if not pairs:
-        if len(found) != 2:
-            raise InputError(
-                f"{path} holds {len(found)} regions ({', '.join(found)}): choose pairs with --pair BRIGHT:DARK"
-                if len(found) > 2
-                else f"{path} holds one region: draw a second one, a CDP is of two"
-            )
-        first, second = found
-        return tuple(found.values()), ((first, second),)
-    chosen = tuple(dict.fromkeys(parse_pair(pair, list(found)) for pair in pairs))
-    return tuple(found.values()), chosen
+    found = rois_of(load_regions(options.roi))
+    return found, tuple(parse_pair(pair, [one.name for one in found]) for pair in options.pair)

@@ -14,6 +14,7 @@ import typer
 from ...core.disk.files import shown
 from ...core.errors import InputError, LabcdpError
 from ...core.result import Result
+from ...core.roi import Roi
 from ...evaluate.video.annotated import AnnotatedVideo, FrameImages
 from ...evaluate.video.archive import archive_tasks, evaluate_archive, require_same_archive
 from ...evaluate.video.archive_page import archive_result, write_archive
@@ -94,8 +95,7 @@ def video(
     files : VIDEO...
         Video files, folders of numbered images, recorded sessions; or a folder of video files.
     """
-    regions, pairs = rois_and_pairs(chosen.roi, chosen.pair, chosen.neighbours)
-    named = {one.name: one for one in regions}
+    named, pairs = _regions(chosen)
     common = _common(chosen, light, frames)
 
     def settings_of(*pair: str) -> VideoSettings:
@@ -122,6 +122,24 @@ def video(
         return
     folder = results.folder(context, files[0] if len(files) == 1 else "videos", resume=True)
     _several(paths, settings, of_pairs, folder, made, where, results)
+
+
+def _regions(chosen: VideoPairOptions) -> tuple[dict[str, Roi], tuple[tuple[str, str], ...]]:
+    """Regions by name, and their pairs: those given, or the only one; none for nearest-neighbour CDP."""
+    if chosen.neighbours and (chosen.roi is not None or chosen.pair):
+        raise InputError("--neighbours needs no regions: leave --roi and --pair out, or --neighbours")
+    rois, pairs = rois_and_pairs(chosen)
+    found = {one.name: one for one in rois}
+    if found and not pairs:
+        if len(found) != 2:
+            raise InputError(
+                f"{chosen.roi} holds {len(found)} regions ({', '.join(found)}): choose pairs with --pair BRIGHT:DARK"
+                if len(found) > 2
+                else f"{chosen.roi} holds one region: draw a second one, a CDP is of two"
+            )
+        first, second = found
+        pairs = ((first, second),)
+    return found, tuple(dict.fromkeys(pairs))
 
 
 def _common(chosen: VideoPairOptions, light: LightOptions, frames: FrameOptions) -> VideoSettings:

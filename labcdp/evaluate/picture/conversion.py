@@ -104,9 +104,8 @@ class PictureConversion:
         """Return the luminance of a frame whose DN are encoded by `encoding`, or a window of it."""
         return light_of_dn(frame, encoding, self.specification, f_number).map_of(frame, window)
 
-    def _refusal(self, picture: Picture) -> str | None:
-        """Why a picture of DN cannot be converted, None if it can."""
-        return None
+    def _require_fit(self, picture: Picture) -> None:
+        """Refuse a picture of DN that cannot be converted; raises CalibrationError."""
 
     def _findings(self, picture: Picture, frame: Frame) -> list[Finding]:
         """Return what a user should know about the result."""
@@ -180,9 +179,7 @@ class PictureConversion:
         """
         if picture.frame is None:
             raise InputError(f"{picture.path} holds no DN, but floats: give a picture as the camera recorded it")
-        reason = self._refusal(picture)
-        if reason is not None:
-            raise CalibrationError(f"{picture.path}: {reason}")
+        self._require_fit(picture)
         return picture.frame
 
     def findings(self, picture: Picture) -> tuple[Finding, ...]:
@@ -239,17 +236,18 @@ class Calibrated(PictureConversion):
     def _map(self, frame: Frame, encoding: Encoding, window: Window, f_number: float | None) -> LuminanceMap:
         return self.calibration.to_luminance(frame, window)
 
-    def _refusal(self, picture: Picture) -> str | None:
+    def _require_fit(self, picture: Picture) -> None:
         if picture.coloured:
-            return (
-                "it is coloured, and the calibration is for the DN of the sensor: give the picture as the camera "
-                "recorded it, grey or RAW"
+            raise CalibrationError(
+                f"{picture.path}: it is coloured, and the calibration is for the DN of the sensor: give the picture as "
+                "the camera recorded it, grey or RAW"
             )
         stated, own = picture.f_number, self.calibration.lens.f_number
-        if stated is None or isclose(stated, own, rel_tol=_F_NUMBER_REL):
-            return None
-        use = "use this f-number, or calibrate the other"
-        return f"it was taken with f/{stated:g}, the calibration is for f/{own:g}: {use}"
+        if stated is not None and not isclose(stated, own, rel_tol=_F_NUMBER_REL):
+            raise CalibrationError(
+                f"{picture.path}: it was taken with f/{stated:g}, the calibration is for f/{own:g}: use this f-number, "
+                "or calibrate the other"
+            )
 
     def _findings(self, picture: Picture, frame: Frame) -> list[Finding]:
         found = []

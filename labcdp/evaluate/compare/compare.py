@@ -52,6 +52,12 @@ class Question:
     contrast: TargetContrasts = None
     epsilon: float = 0.5
 
+    @property
+    def configuration(self) -> dict[str, Any]:
+        """Return it as values JSON can hold."""
+        axes = {axis.parameter: list(axis.values) for axis in self.axes}
+        return {"contrast": self.contrast, "epsilon": self.epsilon, "set": dict(self.changes or {}), "axes": axes}
+
 
 @dataclass(frozen=True, eq=False)
 class Compared:

@@ -7,7 +7,6 @@ from dataclasses import replace
 from itertools import pairwise
 from math import isfinite
 from operator import attrgetter
-from typing import Any
 
 import numpy as np
 
@@ -44,12 +43,7 @@ def compare_result(found: Comparison) -> Result:
     """Return all numbers of a comparison; its first findings are the answer."""
     names = [subject.name for subject in found.subjects]
     tables = [*_ranges(found), *_differences(found), *_cells(found.grid, names), *_settings(found)]
-    question = {} if found.question is None else {
-        "contrast": found.question.contrast,
-        "epsilon": found.question.epsilon,
-        "set": dict(found.question.changes or {}),
-        "axes": {axis.parameter: list(axis.values) for axis in found.question.axes},
-    }  # fmt: skip
+    question = {} if found.question is None else found.question.configuration
     return Result(
         "compare",
         " and ".join(names) if len(names) == 2 else f"{names[0]} and {len(names) - 1} others",
@@ -253,25 +247,24 @@ def _cells(grid: Grid | None, names: list[str]) -> Iterator[Table]:
     if grid is None or np.size(grid.values[0].value) > _MOST_CELLS:
         return
     places = np.meshgrid(*(axis.values for axis in grid.axes), indexing="ij")
-    columns = [Column(axis.name, axis_name(axis), axis_unit(axis)) for axis in grid.axes]
-    data: dict[str, Any] = {axis.name: place.ravel() for axis, place in zip(grid.axes, places, strict=True)}
+    found = [(Column(one.name, axis_name(one), axis_unit(one)), at) for one, at in zip(grid.axes, places, strict=True)]
     for number, (name, one) in enumerate(zip(names, grid.values, strict=True), start=1):
-        columns.append(Column(f"value_{number}", f"{grid.quantity} of {name}"))
-        data[f"value_{number}"] = np.ravel(one.value)
+        found.append((Column(f"value_{number}", f"{grid.quantity} of {name}"), np.asarray(one.value)))
     unit, note = "%" if grid.relative else "", f"From {names[0]}; low and high are the ends of the 95 % interval."
     for number, (name, of) in enumerate(zip(names[1:], grid.differences, strict=True), start=2):
-        for end, values in (("", of.value), ("_low", of.low), ("_high", of.high)):
-            columns.append(Column(f"difference_{number}{end}", f"difference{end} of {name}", unit, note))
-            data[f"difference_{number}{end}"] = np.ravel(values)
-    yield Table("curves", f"{grid.quantity} at all places", tuple(columns), data, detail=True)
+        for end, values in zip(("", "_low", "_high"), of.ends, strict=True):
+            found.append((Column(f"difference_{number}{end}", f"difference{end} of {name}", unit, note), values))
+    data = {column.name: values.ravel() for column, values in found}
+    yield Table("curves", f"{grid.quantity} at all places", tuple(one for one, _ in found), data, detail=True)
 
 
 def _settings(found: Comparison) -> Iterator[Table]:
-    settings = found.settings
-    if not settings:
-        return
-    names = {f"value_{number}": subject.name for number, subject in enumerate(found.subjects, start=1)}
-    columns = (Column("setting", "setting"), *(Column(key, name) for key, name in names.items()))
-    data = {"setting": list(settings), **dict(zip(names, zip(*settings.values(), strict=True), strict=True))}
-    long = len(settings) * len(names) > _PRINTED
-    yield Table("settings", "Settings that differ", columns, data, detail=long)
+    rows = [(name, *texts) for name, texts in found.settings.items()]
+    if rows:
+        subjects = [
+            Column(f"value_{number}", subject.name, value=f"{number}")
+            for number, subject in enumerate(found.subjects, start=1)
+        ]
+        columns = (Column("setting", "setting", value="0"), *subjects)
+        long = len(rows) * len(subjects) > _PRINTED
+        yield Table.of_items("settings", "Settings that differ", columns, rows, detail=long)

@@ -284,7 +284,7 @@ def compare(seed: int, folder: Path) -> TwinEvaluation:
         # As labcdp calibrate does; without a flat field it is the default.
         corrections = with_dark_frames(corrections_of_flat_field(bench), [session]) if bench.flat_field else None
         observed = observe_session(session, corrections=corrections)
-        return twin_session(session, observed, calibrate_session(observed), characterise_session(session))
+        return twin_session(observed, calibrate_session(observed), characterise_session(session))
 
 
 def share_with_uncertainty(agreeing: Sequence[int], compared: Sequence[int]) -> tuple[float, float]:
@@ -343,7 +343,7 @@ def main() -> None:
         *(
             (
                 f"contrast {a:.0%} to {b:.0%}" if b < inf else f"contrast above {a:.0%}",
-                [one for one in pairs if a <= one[1].asked.meter_contrast < b],
+                [one for one in pairs if a <= one[1].meter_contrast < b],
             )
             for a, b in contrasts
         ),
@@ -351,7 +351,7 @@ def main() -> None:
         ("by the focal length", [one for one in pairs if one[0] not in flat]),
         ("with a dark library", [one for one in pairs if one[0] in corrected]),
         ("CDP 0.01 to 0.99", [(seed, pair) for seed, pair in pairs if 0.01 <= pair.predicted <= 0.99]),
-        ("asked for", [(seed, pair) for seed, pair in pairs if pair.asked.epsilon != 0.5]),
+        ("asked for", [(seed, pair) for seed, pair in pairs if pair.epsilon != 0.5]),
         ("pixels not decisive", [(seed, pair) for seed, pair in pairs if pair.u_predicted > pair.u_pixels]),
     ):
         print_share(label, chosen, [seed for seed, _ in results])
@@ -362,7 +362,7 @@ def main() -> None:
         print(f"patches, {kind:12s} z {d.mean():+.2f} +- {d.std():.2f}, within 1.96: {np.mean(abs(d) < 1.96):.1%}")
     for seed, pair in sorted(pairs, key=lambda one: -abs(one[1].z))[:12]:
         print(
-            f"bench {seed:3d} {pair.asked.bright}/{pair.asked.dark} contrast {pair.asked.contrast:7.3g} measured "
+            f"bench {seed:3d} {pair.bright}/{pair.dark} contrast {pair.contrast:7.3g} measured "
             f"{pair.measured.cdp:.4f} predicted {pair.predicted:.4f} z {pair.z:+.1f}: "
             f"{pair.judgement}"
         )

@@ -11,13 +11,9 @@ from ..calibration import AnyCalibration, Calibration, ColourCalibration, load_a
 from ..core.errors import InputError
 from ..core.result import InputFile, html_table
 from ..evaluate.bench.calibrate import calibrate_recorded
-from ..evaluate.bench.corrections import UniformLight, calibration_for, corrections_of, require_same_optics
-from ..evaluate.bench.observe import observe_session
-from ..evaluate.bench.recorded import certificate_of
-from ..evaluate.bench.session import evaluate_session
-from ..evaluate.bench.session_result import session_input
+from ..evaluate.bench.corrections import UniformLight, require_same_optics
+from ..evaluate.bench.session import chosen_contrasts, evaluate_session, observe_calibrated
 from ..report.text import warning_texts
-from ..session import ContrastConfiguration
 from ..session import Session as _Session
 from .arguments import Contrasts, Pairs, PathArgument, as_contrasts, as_names, as_pair_names, as_path
 from .session_result import SessionResult
@@ -73,7 +69,7 @@ class Session(_Session):
         if flat_field is not None:
             flat = flat_field if isinstance(flat_field, _Session) else Session.open(as_path(flat_field, "flat_field"))
             require_same_optics(self, flat)
-            uniform = UniformLight.read(flat, nonuniformity_rel, _silent)
+            uniform = UniformLight.read(flat, nonuniformity_rel)
         calibration, _ = calibrate_recorded(
             [self, *others],
             uniform,
@@ -116,35 +112,17 @@ class Session(_Session):
         InputError
             If an argument cannot be used.
         """
-        asked, inputs = self._asked(contrasts, epsilon, pairs), [session_input(self)]
+        if pairs is not None and contrasts is None:
+            raise InputError("pairs need contrasts: give contrasts, fractions (1.0 is 100 %)")
+        values = as_contrasts(contrasts, 0.5 if epsilon is None else epsilon).values
+        given = None if pairs is None else as_pair_names(pairs, "patches")
+        asked, inputs = chosen_contrasts(self.configuration, given, values, epsilon), []
         if not isinstance(calibration, Calibration | ColourCalibration):
             path = as_path(calibration, "calibration")
             calibration = load_any(path)
             inputs.append(InputFile.of("calibration", path))
-        calibration = calibration_for(self, calibration)
-        observed = observe_session(
-            self, as_names(without, "without"), _silent, corrections_of(calibration), certificate_of(calibration, self)
-        )
-        return SessionResult(evaluate_session(self, observed, calibration, asked), tuple(inputs))
-
-    def _asked(
-        self, contrasts: Contrasts | None, epsilon: float | None, pairs: Pairs | None
-    ) -> list[ContrastConfiguration]:
-        if pairs is not None and contrasts is None:
-            raise InputError("pairs need contrasts: give contrasts, fractions (1.0 is 100 %)")
-        values = as_contrasts(contrasts, 0.5 if epsilon is None else epsilon).values
-        chosen = list(self.configuration.contrasts)
-        if pairs is not None:
-            chosen = [
-                ContrastConfiguration.model_validate({"bright": bright, "dark": dark, "contrast": 1.0})
-                for bright, dark in as_pair_names(pairs, "patches")
-            ]
-        if epsilon is not None:
-            chosen = [one.model_copy(update={"epsilon": float(epsilon)}) for one in chosen]
-        if values is None:
-            return chosen
-        different = {(one.bright, one.dark, one.epsilon): one for one in chosen}.values()
-        return [one.model_copy(update={"contrast": value}) for one in different for value in values]
+        seen = observe_calibrated(self, calibration, as_names(without, "without"))
+        return SessionResult(evaluate_session(*seen, asked), tuple(inputs))
 
     def __repr__(self) -> str:
         patches = len(self.configuration.target.patches)
@@ -208,7 +186,3 @@ class CalibratedSession:
         residuals = self.calibration.residuals
         rows = [(row.patch, f"{100 * row.residual_rel:+.2f} %") for row in residuals]
         return html_table(("patch", "camera from meter"), rows, repr(self)[1:-1])
-
-
-def _silent(_done: int, _total: int) -> None:
-    """Report nothing."""

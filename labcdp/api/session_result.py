@@ -11,8 +11,7 @@ import numpy as np
 from ..core.result import InputFile, html_table, number
 from ..core.table import Column, variables_of
 from ..evaluate.bench.session import SessionEvaluation
-from ..evaluate.bench.session_result import session_result
-from ..evaluate.columns import CONTRAST
+from ..evaluate.bench.session_result import CONTRASTS, LUMINANCES, session_result
 from ..report.files import envelope
 from ..report.text import warning_texts
 from .variables import cdp_variables, described
@@ -20,28 +19,26 @@ from .variables import cdp_variables, described
 if TYPE_CHECKING:
     from xarray import Dataset
 
-_LIGHT = "cd/m^2"
-#: Of a patch.
+#: Columns of the tables by their names.
+_COLUMNS = {column.name: column for column in (*LUMINANCES, *CONTRASTS)}
+
+
+def _renamed(**names: str) -> list[Column]:
+    return [replace(_COLUMNS[column], name=name) for name, column in names.items()]
+
+
+_INTERVAL = "calibrated.interval_95_cd_m2"
+#: Of a patch, and of a contrast of two patches.
 _OF_PATCH = (
-    Column("meter_luminance", "meter", _LIGHT, "Mean of the luminance meter's readings.", value="measured_cd_m2"),
-    Column("meter_U", "U of meter", _LIGHT, "Its expanded uncertainty U (95 %).",
-           value=lambda row: row.measured_half_width_95_rel * row.measured_cd_m2),
-    Column("camera_luminance", "camera", _LIGHT, "By the calibrated camera.", value="calibrated.luminance_cd_m2"),
-    Column("camera_low", "camera, low", _LIGHT, "Lower end of its 95 % interval.",
-           value="calibrated.interval_95_cd_m2.0"),
-    Column("camera_high", "camera, high", _LIGHT, "Upper end of its 95 % interval.",
-           value="calibrated.interval_95_cd_m2.1"),
-    Column("deviation", "deviation", "%", "Deviation of the camera from the meter.", value="deviation_rel"),
-)  # fmt: skip
-#: Of a contrast of two patches.
-_OF_PAIR = (
-    replace(CONTRAST[0], value="camera_contrast"),
-    replace(CONTRAST[2], value="camera_standard_uncertainty"),
-    Column("meter_contrast", "contrast by meter", "%", "By the luminance meter.", value="measured_contrast"),
-    Column("u_meter_contrast", "u of contrast by meter", "%", "Its u.", value="measured_standard_uncertainty"),
-    Column("exposure_s", "exposure", "s", "Exposure time of the frame."),
+    *_renamed(meter_luminance="measured_cd_m2", meter_U="expanded_measured_cd_m2", camera_luminance="calibrated_cd_m2"),
+    Column("camera_low", "calibrated, low", "cd/m²", "Lower end of its 95 % interval.", value=f"{_INTERVAL}.0"),
+    Column("camera_high", "calibrated, high", "cd/m²", "Upper end of its 95 % interval.", value=f"{_INTERVAL}.1"),
+    *_renamed(deviation="deviation_rel"),
 )
-_EPSILON = Column("epsilon", "tolerance", "%", "Relative tolerance of the contrast.", value="cdp.epsilon")
+_OF_PAIR = (
+    *_renamed(measured_contrast="camera_contrast", u_measured_contrast="u_camera_contrast"),
+    *_renamed(meter_contrast="measured_contrast", u_meter_contrast="u_measured_contrast", exposure_s="exposure_s"),
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -53,7 +50,7 @@ class SessionResult:
     evaluation : SessionEvaluation
         All results; its `map` is the target in cd/m^2.
     inputs : tuple of InputFile
-        What it was made from.
+        What it was made from besides the session.
     """
 
     evaluation: SessionEvaluation
@@ -73,19 +70,19 @@ class SessionResult:
         import xarray as xr
 
         found = self.evaluation
-        pairs = list(dict.fromkeys((row.bright, row.dark) for row in found.contrasts))
+        pairs = list(dict.fromkeys((row.asked.bright, row.asked.dark) for row in found.contrasts))
         contrasts = sorted({row.cdp.contrast for row in found.contrasts})
         table: list[list[Any]] = [[None for _ in contrasts] for _ in pairs]
         for row in found.contrasts:
-            table[pairs.index((row.bright, row.dark))][contrasts.index(row.cdp.contrast)] = row
+            table[pairs.index((row.asked.bright, row.asked.dark))][contrasts.index(row.cdp.contrast)] = row
         data = {
             **variables_of(_OF_PATCH, ("patch",), found.patches),
             **cdp_variables(("pair", "contrast"), [[row and row.calibrated_cdp for row in rows] for rows in table]),
-            **variables_of((_EPSILON,), ("pair", "contrast"), table),
+            **variables_of(_renamed(epsilon="epsilon"), ("pair", "contrast"), table),
             **variables_of(_OF_PAIR, ("pair",), [[row for row in rows if row][-1] for rows in table]),
         }
         coordinates = {
-            "patch": [row.region.name for row in found.patches],
+            "patch": [row.patch.name for row in found.patches],
             "pair": [f"{bright} / {dark}" for bright, dark in pairs],
             "contrast": np.array(contrasts, dtype=float),
             "side": ["bright", "dark"],
@@ -117,5 +114,5 @@ class SessionResult:
         for row in self.evaluation.contrasts:
             low, high = row.cdp.confidence_interval
             values = (row.cdp.contrast, row.camera_contrast, row.cdp.cdp, low, high)
-            rows.append((f"{row.bright} / {row.dark}", *(number(value) for value in values)))
+            rows.append((row.name, *(number(value) for value in values)))
         return html_table(("pair", "contrast", "measured", "CDP", "95 % from", "to"), rows, repr(self)[1:-1])

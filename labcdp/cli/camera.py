@@ -19,12 +19,8 @@ from ..calibration.record import save_verification
 from ..calibration.verify.result import require_tolerance
 from ..core.errors import InputError
 from ..core.result import InputFile
-from ..evaluate.bench.calibrate import calibrate_session
 from ..evaluate.bench.certificate import verification_certificate
-from ..evaluate.bench.corrections import calibration_for, corrections_of
-from ..evaluate.bench.observe import observe_session
-from ..evaluate.bench.recorded import certificate_of
-from ..evaluate.bench.session import mismatch
+from ..evaluate.bench.session import mismatch, observe_calibrated
 from ..evaluate.bench.session_result import session_input
 from ..evaluate.bench.verification import verification_result, verify_session
 from ..evaluate.camera.characterise import characterise_session
@@ -125,15 +121,11 @@ def twin(
 def _twin(
     session: Session, calibration: Path | None, without: Sequence[str], contrast: TargetContrasts, epsilon: float
 ) -> TwinEvaluation:
-    loaded = None if calibration is None else calibration_for(session, load(calibration))
-    corrections = None if loaded is None else corrections_of(loaded)
+    loaded = None if calibration is None else load(calibration)
     with progress_bars() as bars:
-        certificate = None if loaded is None else certificate_of(loaded, session)
-        observed = observe_session(session, without, partial(bars.update, "reading"), corrections, certificate)
-        calibrated = calibrate_session(observed) if loaded is None else loaded
+        observed, calibrated = observe_calibrated(session, loaded, without, partial(bars.update, "reading"))
         found = characterise_session(session, partial(bars.update, "characterising"))
-        predicting = partial(bars.update, "predicting")
-        return twin_session(session, observed, calibrated, found, contrast, epsilon, predicting)
+        return twin_session(observed, calibrated, found, contrast, epsilon, partial(bars.update, "predicting"))
 
 
 #: Exit status by verdict.
@@ -207,7 +199,7 @@ def verify(
         save_verification(verification, folder.path(path.name))
         inputs = (session_input(measured), InputFile.of("calibration", calibration))
         result = verification_result(verification, session.resolve().name, inputs)
-        certified = verification_certificate(measured, observed, loaded, verification)
+        certified = verification_certificate(observed, loaded, verification)
         folder.add({"certificate.html": certified, "results.json": envelope_json(result).encode()})
     following = [f"Saved: {path}"]
     if verification.verdict == "not conform":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -16,20 +16,12 @@ from ..calibration import load_any, save
 from ..core.disk import read_json
 from ..core.errors import InputError, SessionError
 from ..core.result import InputFile, Result
-from ..evaluate.bench.calibrate import calibrate_recorded, calibrate_session
+from ..evaluate.bench.calibrate import calibrate_recorded
 from ..evaluate.bench.calibration_page import write_calibration_report
 from ..evaluate.bench.calibration_result import calibration_result
 from ..evaluate.bench.certificate import calibration_certificate
-from ..evaluate.bench.corrections import (
-    PlaneCorrections,
-    UniformLight,
-    calibration_for,
-    corrections_of,
-    require_same_optics,
-)
-from ..evaluate.bench.observe import ObservedSession, observe_session
-from ..evaluate.bench.recorded import certificate_of
-from ..evaluate.bench.session import SessionEvaluation, evaluate_session
+from ..evaluate.bench.corrections import UniformLight, require_same_optics
+from ..evaluate.bench.session import chosen_contrasts, evaluate_session, observe_calibrated
 from ..evaluate.bench.session_page import write_results
 from ..evaluate.bench.session_result import session_input, session_result
 from ..report.files import SCHEMA, envelope_json
@@ -37,7 +29,7 @@ from ..session import ContrastConfiguration, MeterCertificate, Session, SessionC
 from .bench.options import require_apart, require_together
 from .camera import EXIT_STATUS
 from .options import Certificate, Contrasts, Results, Tolerance, Without, default_folder
-from .terminal import progress_bars, say
+from .terminal import progress_bar, progress_bars, say
 from .values import fraction_of_percent, parse_pair
 
 
@@ -100,18 +92,11 @@ class ContrastOptions:
 
     def contrasts(self, configuration: SessionConfiguration) -> list[ContrastConfiguration]:
         """Return pairs and contrasts as given, or else as configured; raises InputError."""
-        chosen: list[dict[str, Any]] = [one.model_dump() for one in configuration.contrasts]
-        if self.pair:
-            if not self.contrast:
-                raise InputError("--pair needs a contrast: give --contrast, for example --contrast 1000%")
-            names = [patch.name for patch in configuration.target.patches]
-            chosen = [dict(zip(("bright", "dark"), parse_pair(text, names), strict=True)) for text in self.pair]
-        if self.epsilon is not None:
-            chosen = [one | {"epsilon": self.epsilon} for one in chosen]
-        if self.contrast:
-            different = list({json.dumps(one | {"contrast": None}): one for one in chosen}.values())
-            chosen = [one | {"contrast": value} for one in different for value in self.contrast]
-        return [ContrastConfiguration(**one) for one in chosen]
+        if self.pair and not self.contrast:
+            raise InputError("--pair needs a contrast: give --contrast, for example --contrast 1000%")
+        names = [patch.name for patch in configuration.target.patches]
+        pairs = [parse_pair(text, names) for text in self.pair] or None
+        return chosen_contrasts(configuration, pairs, self.contrast, self.epsilon)
 
 
 @dataclass(frozen=True)
@@ -184,7 +169,7 @@ def calibrate(
         options = {"output": str(folder.folder), **fit.configuration()}
         result = calibration_result(calibration, opened.configuration.name, inputs, options)
         written = write_calibration_report(calibration, result, folder)
-        certified = calibration_certificate(opened, observed, calibration)
+        certified = calibration_certificate(observed, calibration)
         written += folder.add({"certificate.html": certified, "results.json": envelope_json(result).encode()})
     chosen = "" if results.output is None else f" --calibration {quote(str(path))}"
     following = (
@@ -219,7 +204,10 @@ def evaluate(
     recorded = None if by.against is None else read_json(by.against, "a results.json")
     contrasts = options.contrasts(opened.configuration)
     with results.folder(context, source) as folder:
-        evaluation, result = _evaluated(source, path, options.without, contrasts)
+        with progress_bar("reading") as report:
+            loaded = None if path is None else load_any(path)
+            evaluation = evaluate_session(*observe_calibrated(opened, loaded, options.without, report), contrasts)
+        result = session_result(evaluation, [] if path is None else [InputFile.of("calibration", path)])
         if by.against is not None:
             _require_same(result, recorded, by.against)
         if path is None:
@@ -228,38 +216,11 @@ def evaluate(
     results.print(result, f"Written: {', '.join(map(str, written))}", page=folder.folder / "report.html")
     if by.against is not None:
         say(f"Identical to {by.against}")
-    verdicts = {row.region.name: row.limit_verdict for row in evaluation.patches}
+    verdicts = {row.patch.name: row.limit_verdict for row in evaluation.patches}
     if not set(verdicts.values()) <= {None, "pass"}:
         missed = [f"{name} ({verdict})" for name, verdict in verdicts.items() if verdict not in (None, "pass")]
         say(f"Limits not met: {', '.join(missed)}")
         raise typer.Exit(EXIT_STATUS["not conform" if "fail" in verdicts.values() else "undecided"])
-
-
-def _evaluated(
-    source: Path, calibration: Path | None, without: Sequence[str], contrasts: list[ContrastConfiguration]
-) -> tuple[SessionEvaluation, Result]:
-    """Evaluate a session with a calibration file, or with the calibration made from the session."""
-    if calibration is None:
-        opened, observed = _observe(source, without)
-        evaluation = evaluate_session(opened, observed, calibrate_session(observed), contrasts)
-        return evaluation, session_result(evaluation, [session_input(opened)])
-    session = Session.open(source)
-    loaded = calibration_for(session, load_any(calibration))
-    opened, observed = _observe(source, without, corrections_of(loaded), certificate_of(loaded, session))
-    evaluation = evaluate_session(opened, observed, loaded, contrasts)
-    return evaluation, session_result(evaluation, [session_input(opened), InputFile.of("calibration", calibration)])
-
-
-def _observe(
-    path: Path,
-    without: Sequence[str],
-    corrections: PlaneCorrections | None = None,
-    certificate: MeterCertificate | None = None,
-) -> tuple[Session, ObservedSession]:
-    session = Session.open(path)
-    with progress_bars() as bars:
-        report = partial(bars.update, "reading")
-        return session, observe_session(session, without, report, corrections, certificate)
 
 
 def _require_same(result: Result, recorded: Any, against: Path) -> None:

@@ -64,10 +64,10 @@ def demonstrate(
         calibration = calibrate_session(observed)
         save(calibration, results.path("calibration.json"))
         bars.update("evaluating", 1, 3)
-        evaluation = evaluate_session(session, observed, calibration)
+        evaluation = evaluate_session(observed, calibration)
         bars.update("evaluating", 2, 3)
         inputs = [replace(session_input(session), path=str(results.folder / "session"))]
-        result = session_result(evaluation, inputs, "demo", described.seed)
+        result = replace(session_result(evaluation, (), "demo", described.seed), inputs=tuple(inputs))
         truth = _truth(result, bench, devices.transport)
         largest_rel = max(map(abs, truth["error_rel"]))
         compared = info("simulated-luminance", largest_rel=largest_rel, meter_scale_rel=specimens.meter.scale_rel)

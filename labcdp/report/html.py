@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from base64 import b64encode
-from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -12,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..core.result import unique
 from ..core.table import Table
-from .layout import Block, Facts, Page, ReportFigure, Script, State, Verbatim
+from .layout import Block, Page, ReportFigure, Script, Verbatim
 from .text import finding_sentence, is_number, printable, text_table
 
 if TYPE_CHECKING:
@@ -26,26 +24,24 @@ GENERATOR = '<meta name="generator" content="labcdp">'
 _MOST_ROWS = 2000
 
 
-def render_page(page: Page) -> str:
+def render_page(page: Page, template: str = "page.html", **of_template: Any) -> str:
     """Return a page as HTML 5 with embedded figures and style; all text is escaped, scripts are allowed only if used.
 
     Parameters
     ----------
     page : Page
         The page.
+    template : str
+        Its template; for A4 ``certificate.html``, with identification and picture side by side as the lead.
+    **of_template
+        What else the template shows: of a certificate ``number``, printed on each page, and ``dates``, named texts.
     """
-    severe = [finding for finding in unique(page.findings) if finding.severity != "info"]
-    return (
-        environment()
-        .get_template("page.html")
-        .render(
-            page=page,
-            version=version("labcdp"),
-            scripts=any(isinstance(block, Script) for block in page.blocks),
-            severe=[(finding.severity, finding_sentence(finding)) for finding in severe],
-            notes=[finding_sentence(finding) for finding in unique(page.findings) if finding.severity == "info"],
-        )
-    )
+    findings = unique(page.findings)
+    severe = [(one.severity, finding_sentence(one)) for one in findings if one.severity != "info"]
+    notes = [finding_sentence(one) for one in findings if one.severity == "info"]
+    scripts = any(isinstance(block, Script) for block in page.blocks)
+    shown = {"page": page, "version": version("labcdp"), "scripts": scripts, "severe": severe, "notes": notes}
+    return environment().get_template(template).render(**shown, **of_template)
 
 
 @cache
@@ -93,55 +89,6 @@ def _cells(table: Table) -> dict[str, Any]:
         "rows": rows,
         "left_out": max(0, len(table) - _MOST_ROWS),
     }
-
-
-@dataclass(frozen=True)
-class Certificate:
-    """A certificate.
-
-    Parameters
-    ----------
-    kind, title : str
-        What it certifies, and of which device.
-    number : str
-        Number of the certificate, printed on each page: letters and digits.
-    dates : sequence of (str, str)
-        Dates and operator.
-    identification, conditions : Facts
-        Devices, and how was measured.
-    picture : ReportFigure
-        The target.
-    results : Table or None
-        The results with their uncertainties.
-    statements : sequence of (str, str)
-        Titles and texts, for example on uncertainty and traceability.
-    banner : str
-        Prominent notice, for example that the data is simulated; may be empty.
-    verdict, verdict_text : str
-        Verdict in words; may be empty.
-    state : {'good', 'bad', 'open'}
-        Colour of the verdict.
-    """
-
-    kind: str
-    title: str
-    number: str
-    dates: Sequence[tuple[str, str]]
-    identification: Facts
-    conditions: Facts
-    picture: ReportFigure
-    results: Table | None = None
-    statements: Sequence[tuple[str, str]] = ()
-    banner: str = ""
-    verdict: str = ""
-    verdict_text: str = ""
-    state: State = "open"
-
-
-def render_certificate(sheet: Certificate) -> bytes:
-    """Return a certificate as a self-contained HTML page for A4; all text is escaped."""
-    template = environment().get_template("certificate.html")
-    return template.render(sheet=sheet, version=version("labcdp")).encode()
 
 
 _FONT = 'system-ui, "Segoe UI", Roboto, "Helvetica Neue", Arial, "Liberation Sans", sans-serif'

@@ -112,6 +112,11 @@ def capitalised(text: str) -> str:
     return text[:1].upper() + text[1:] if text.partition(" ")[0].strip(",;:").replace("-", "").isalpha() else text
 
 
+def sentence(text: str) -> str:
+    """Return a text with a capital and a full stop."""
+    return f"{capitalised(text).rstrip('.')}."
+
+
 def day(time: datetime) -> str:
     """Write the day, in UTC."""
     return f"{time.astimezone(UTC):%Y-%m-%d}"

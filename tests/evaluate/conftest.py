@@ -19,4 +19,4 @@ def observed(recorded):
 
 @pytest.fixture(scope="session")
 def evaluation(recorded, observed):
-    return evaluate_session(recorded, observed, calibrate_session(observed))
+    return evaluate_session(observed, calibrate_session(observed))

@@ -77,14 +77,13 @@ def test_a_picture_is_a_video_of_one_frame(tmp_path, smoothing_px, noise_dn, enc
 def test_a_session_a_picture_and_a_video_with_one_calibration_agree(recorded, evaluation, tmp_path):
     save(evaluation.calibration, calibration := tmp_path / "calibration.json")
     files = {record.number: recorded.path / record.file.name for record in recorded.frames()}
-    regions = {row.region.name: row.region for row in evaluation.patches}
     for row in evaluation.contrasts:
-        rois, file = (regions[row.bright], regions[row.dark]), files[row.frame_number]
+        rois, file = (row.bright.region, row.dark.region), files[row.frame_number]
         (asked,) = picture_of(file, rois, (row.cdp.contrast,), calibration, epsilon=row.cdp.epsilon).results
         assert asked.result.cdp == row.cdp.cdp
         assert asked.standard_uncertainty == pytest.approx(row.calibrated_cdp.standard_uncertainty, rel=1e-6)
         assert asked.confidence_interval == pytest.approx(row.cdp.confidence_interval, rel=1e-6)
-        folder = tmp_path / f"{row.bright}-{row.dark}"
+        folder = tmp_path / f"{row.asked.bright}-{row.asked.dark}"
         folder.mkdir()
         shutil.copy(file, folder / "frame.tif")
         assert_same_as_video(picture_of(file, rois, calibration=calibration), folder, rois, calibration=calibration)

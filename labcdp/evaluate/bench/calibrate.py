@@ -54,25 +54,24 @@ def calibrate_session(
     InputError
         If a held-out patch is not known.
     """
-    sessions = [observed, *(_renamed(other, number) for number, other in enumerate(more, start=2))]
-    names = [name for one in sessions for name in one.names]
-    require_patches(held_out, names, "to hold out")
-    for other in sessions[1:]:
+    for other in more:
         _require_alike(observed, other)
-    hashes = tuple(one.input_sha256 for one in sessions)
+    joined = _joined([observed, *more])
+    require_patches(held_out, joined.names, "to hold out")
+    hashes, bench = tuple(one.input_sha256 for one in (observed, *more)), observed.configuration
     setup = Setup(
-        lens=lens_of(observed.configuration),
-        source_spectrum=observed.configuration.source.spectrum,
+        lens=lens_of(bench),
+        source_spectrum=bench.source.spectrum,
         input_sha256=hashlib.sha256("".join(hashes).encode()).hexdigest() if more else hashes[0],
-        measured_spectrum=observed.configuration.source.measured,
+        measured_spectrum=bench.source.measured,
         sessions_sha256=hashes if more else (),
-        certificate=observed.configuration.meter.certificate,
-        meter_f1_prime=observed.configuration.meter.f1_prime,
-        exposure_jitter_s=observed.configuration.camera.exposure_jitter_s,
-        black_level_drift_dn=observed.configuration.camera.black_level_drift_dn,
+        certificate=bench.meter.certificate,
+        meter_f1_prime=bench.meter.f1_prime,
+        exposure_jitter_s=bench.camera.exposure_jitter_s,
+        black_level_drift_dn=bench.camera.black_level_drift_dn,
     )
-    calibration = _fit(sessions, setup, held_out, response)
-    _require_all_used(calibration, sessions)
+    calibration = _fit(joined, setup, held_out, response)
+    _require_all_used(calibration, joined)
     of_corrections = [
         finding if plane is None else finding.within(f"plane {plane}")
         for plane, seen in observed.planes.items()
@@ -82,21 +81,15 @@ def calibrate_session(
 
 
 def _fit(
-    sessions: Sequence[ObservedSession], setup: Setup, held_out: Collection[str], response: ResponseCurve | None
+    observed: ObservedSession, setup: Setup, held_out: Collection[str], response: ResponseCurve | None
 ) -> AnyCalibration:
-    readings = {patch: group for one in sessions for patch, group in one.readings.items()}
-    first, planes = sessions[0], {plane or "": plane for plane in sessions[0].planes}
-    patches = {
-        name: [o for one in sessions for group in one.planes[plane].patches.values() for o in group]
-        for name, plane in planes.items()
-    }
-    darks = {name: [dark for one in sessions for dark in one.planes[plane].darks] for name, plane in planes.items()}
-    corrections = {name: first.planes[plane].corrections for name, plane in planes.items()}
+    seen, darks = observed.by_plane, observed.darks_by_plane
+    corrections = {name or "": one.corrections for name, one in observed.planes.items()}
     defects = {name: one.defects for name, one in corrections.items()}
     libraries = {name: one.dark_library for name, one in corrections.items()}
-    if None in first.planes:
+    if None in observed.planes:
         return fit(
-            patches[""], darks[""], readings, setup,
+            seen[""], darks[""], observed.readings, setup,
             held_out=held_out, defects=defects[""], dark_library=libraries[""], response=response,
         )  # fmt: skip
     if response is not None:
@@ -104,47 +97,46 @@ def _fit(
             "the session was recorded with colour filters: a response by a bracket is for monochrome frames; leave it "
             "out, raw data of a camera are linear"
         )
-    sensitivity = first.configuration.camera.spectral_sensitivity
+    sensitivity = observed.configuration.camera.spectral_sensitivity
     spectra = None if sensitivity is None else sensitivity.spectra
     return fit_colour(
-        patches, darks, readings, setup,
+        seen, darks, observed.readings, setup,
         sensitivities=spectra, held_out=held_out, defects=defects, dark_libraries=libraries,
     )  # fmt: skip
 
 
-def _renamed(observed: ObservedSession, number: int) -> ObservedSession:
-    """Distinguish the patches of a further session from those of the first."""
-    names = {patch: f"{patch} ({number})" for patch in observed.names}
-    planes = {
-        plane: replace(
-            seen, patches={names[p]: [replace(o, patch=names[p]) for o in group] for p, group in seen.patches.items()}
-        )
-        for plane, seen in observed.planes.items()
-    }
-    readings = {names.get(patch, f"{patch} ({number})"): group for patch, group in observed.readings.items()}
-    return replace(observed, planes=planes, readings=readings)
+def _joined(sessions: Sequence[ObservedSession]) -> ObservedSession:
+    """Return the first session with the patches of all; those of others have the session's number in their names."""
+
+    def named(patch: str, number: int) -> str:
+        return patch if number == 1 else f"{patch} ({number})"
+
+    numbered, planes = list(enumerate(sessions, start=1)), {}
+    for plane, first in sessions[0].planes.items():
+        patches = {
+            named(patch, n): [replace(o, patch=named(patch, n)) for o in group]
+            for n, one in numbered
+            for patch, group in one.planes[plane].patches.items()
+        }
+        darks = [dark for one in sessions for dark in one.planes[plane].darks]
+        planes[plane] = replace(first, patches=patches, darks=darks)
+    readings = {named(patch, n): group for n, one in numbered for patch, group in one.readings.items()}
+    return replace(sessions[0], planes=planes, readings=readings)
 
 
 def _require_alike(first: ObservedSession, other: ObservedSession) -> None:
-    def facts(one: ObservedSession) -> dict[str, object]:
-        certificate = one.configuration.meter.certificate
-        return {
-            "colour filter": "none" if None in one.planes else "Bayer",
-            "lens": lens_of(one.configuration),
-            "certificate of the meter": "none"
-            if certificate is None
-            else f"{certificate.number} of {certificate.date}",
-            "source spectrum": one.configuration.source.spectrum,
-        }
-
-    mine, theirs = facts(first), facts(other)
     one, two = first.configuration, other.configuration
-    for what in mine:
-        if mine[what] != theirs[what]:
+    certificates = (of.meter.certificate for of in (one, two))
+    for what, mine, theirs in (
+        ("colour filter", *("none" if None in of.planes else "Bayer" for of in (first, other))),
+        ("lens", lens_of(one), lens_of(two)),
+        ("certificate of the meter", *("none" if c is None else f"{c.number} of {c.date}" for c in certificates)),
+        ("source spectrum", one.source.spectrum, two.source.spectrum),
+    ):
+        if mine != theirs:
             raise CalibrationError(
-                f"the {what} of session {one.name!r} is {mine[what] or 'none'}, that of "
-                f"{two.name!r} {theirs[what] or 'none'}: calibrate "
-                "them apart"
+                f"the {what} of session {one.name!r} is {mine or 'none'}, that of {two.name!r} {theirs or 'none'}: "
+                "calibrate them apart"
             )
     # Light and sensitivity of the camera, as measured if they were; their files' names do not matter.
     sensitivities = [of.camera.spectral_sensitivity and of.camera.spectral_sensitivity.spectra for of in (one, two)]
@@ -155,25 +147,25 @@ def _require_alike(first: ObservedSession, other: ObservedSession) -> None:
         )
 
 
-def _require_all_used(calibration: AnyCalibration, sessions: Sequence[ObservedSession]) -> None:
+def _require_all_used(calibration: AnyCalibration, observed: ObservedSession) -> None:
     """Refuse a patch that was never seen or read well; one whose readings contradict all others is only named."""
     known = {row.patch for row in (*calibration.residuals, *calibration.held_out)}
-    for one in sessions:
-        for name in one.names:
-            if name not in known and _useless(name, calibration, one):
-                left_out = [left for left in calibration.left_out if left.patch == name]
-                unread = all(reading.value == 0 for reading in one.readings.get(name, ()))
-                what = "cannot be used" if unread else "cannot be used at any exposure"
-                remedy = "" if unread else "acquire it with other exposures, or "
-                raise CalibrationError(f"patch {name!r} {what} ({left_out_text(left_out)}): {remedy}leave it out")
-
-
-def _useless(name: str, calibration: AnyCalibration, observed: ObservedSession) -> bool:
-    if not isinstance(calibration, Calibration):
-        return True
-    left_out = {(left.patch, left.exposure_s) for left in calibration.left_out}
-    unseen = all((name, o.exposure_s) in left_out for o in observed.patches[name])
-    return unseen or all(reading.value == 0 for reading in observed.readings.get(name, ()))
+    exposures = {(left.patch, left.exposure_s) for left in calibration.left_out}
+    for name in observed.names:
+        unread = all(reading.value == 0 for reading in observed.readings.get(name, ()))
+        if name in known or not (
+            unread
+            or not isinstance(calibration, Calibration)
+            or all((name, o.exposure_s) in exposures for o in observed.patches[name])
+        ):
+            continue
+        left_out = left_out_text([left for left in calibration.left_out if left.patch == name])
+        if unread:
+            raise CalibrationError(f"patch {name!r} cannot be used ({left_out}): leave it out")
+        raise CalibrationError(
+            f"patch {name!r} cannot be used at any exposure ({left_out}): acquire it with other exposures, or leave it "
+            "out"
+        )
 
 
 def calibrate_recorded(
@@ -223,7 +215,7 @@ def calibrate_recorded(
             observe_session(one, [] if number else without, report("reading"), own, certificate)
             for number, one in enumerate(sessions)
         ]
-        curve = response_of_session(sessions[0], observed[0]) if bracket else None
+        curve = response_of_session(observed[0]) if bracket else None
         return calibrate_session(*observed, held_out=held_out, response=curve), observed[0]
 
     return calibrated(corrections) if uniform is None else _in_turns(calibrated, corrections, lens, uniform)

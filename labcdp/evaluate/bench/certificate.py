@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
-from datetime import datetime
+from collections.abc import Iterator, Sequence
 
 from ...calibration import AnyCalibration, Calibration
 from ...calibration.verify.result import Verdict, Verification
 from ...core.table import Column, Table
-from ...report.html import Certificate, render_certificate
-from ...report.layout import SIMULATED, Facts, ReportFigure, State
+from ...report.html import render_page
+from ...report.layout import SIMULATED, Card, Facts, Page, ReportFigure, Section, State
 from ...report.maps import close_picture
-from ...report.text import capitalised, day, exposures, finding_text, minute, shortened, significant, with_half_width
-from ...session import ConditionsConfiguration, Session
+from ...report.text import day, exposures, finding_text, minute, sentence, shortened, significant, span, with_half_width
+from ...session import ConditionsConfiguration
 from .calibration_result import CAMERA, DEVIATION, METER, PATCH_PIXELS, budget_at
 from .observe import ObservedSession
 from .quantities import lens_text, meter_text, range_text, responsivity, traceability
@@ -27,15 +25,13 @@ _COMBINED = (
 )
 
 
-def calibration_certificate(session: Session, observed: ObservedSession, calibration: AnyCalibration) -> bytes:
+def calibration_certificate(observed: ObservedSession, calibration: AnyCalibration) -> bytes:
     """Return the certificate of a calibration as a page.
 
     Parameters
     ----------
-    session : Session
-        Its first session, for the picture of the target.
     observed : ObservedSession
-        What that session says.
+        What its first session says.
     calibration : Calibration or ColourCalibration
         The calibration.
     """
@@ -43,12 +39,12 @@ def calibration_certificate(session: Session, observed: ObservedSession, calibra
         f"It holds for the mean of {PATCH_PIXELS} pixels of one frame near the optical axis, without glare, within the "
         "calibrated range and at the conditions above. The deviations show how well one fit describes all patches."
     )
-    sheet = _sheet("Calibration certificate", session, observed, calibration)
-    return render_certificate(replace(sheet, results=_calibrated(calibration), statements=_statements(observed, scope)))
+    sections = Section("Results", [_calibrated(calibration)]), *_statements(observed, scope)
+    return _certificate("Calibration certificate", observed, calibration, sections)
 
 
 def verification_certificate(
-    session: Session, observed: ObservedSession, calibration: AnyCalibration, verification: Verification
+    observed: ObservedSession, calibration: AnyCalibration, verification: Verification
 ) -> bytes:
     """Return the certificate of a verification as a page; parameters as for `calibration_certificate`."""
     shown = ("patch", "meter_cd_m2", "expanded_meter_cd_m2", "camera_cd_m2", "deviation_rel", "expanded_deviation_rel")
@@ -60,15 +56,11 @@ def verification_certificate(
         before = verification.calibration_meter
         other = f" The camera was calibrated with {meter_text(before.meter)}; {traceability(before)}."
     scope += ". One meter cannot say whether camera, lens or meter has changed."
-    sheet = replace(
-        _sheet("Verification certificate", session, observed, calibration),
-        results=results,
-        statements=[("Decision rule", decision_rule(verification)), *_statements(observed, scope, other)],
-        verdict=verification.verdict.capitalize(),
-        verdict_text=_verdict_text(verification),
-        state=_STATES[verification.verdict],
-    )
-    return render_certificate(sheet)
+    rule, statements = Section("Decision rule", [decision_rule(verification)]), _statements(observed, scope, other)
+    verdict = verification.verdict
+    card = Card(verdict.capitalize(), _verdict_text(verification), state=_STATES[verdict])
+    sections = Section("Results", [results]), rule, *statements
+    return _certificate("Verification certificate", observed, calibration, sections, [card])
 
 
 def _verdict_text(verification: Verification) -> str:
@@ -85,39 +77,41 @@ def _verdict_text(verification: Verification) -> str:
     parts += ["colour balance not conform"] if verification.balance_not_conform else []
     n = sum(row.verdict == "conform" for row in rows)
     parts.append(f"{n} of {len(rows)} patches conform to ± {significant(100 * verification.tolerance_rel, 2)} %")
-    return _sentence("; ".join(parts))
+    return sentence("; ".join(parts))
 
 
-def _statements(observed: ObservedSession, scope: str, other: str = "") -> list[tuple[str, str]]:
+def _statements(observed: ObservedSession, scope: str, other: str = "") -> tuple[Section, Section]:
     """Return what is said on uncertainty, and on certificate or data sheet of the meter and whether that is overdue."""
-    warnings = [one for one in observed.meter_scale.findings(_measured(observed)) if one.severity == "warning"]
+    warnings = [one for one in observed.meter_scale.findings(observed.times[-1]) if one.severity == "warning"]
     texts = (traceability(observed.meter_scale), *map(finding_text, warnings))
-    return [("Uncertainty", _COMBINED + scope), ("Traceability", " ".join(map(_sentence, texts)) + other)]
+    traced = " ".join(map(sentence, texts)) + other
+    return Section("Uncertainty", [_COMBINED + scope]), Section("Traceability", [traced])
 
 
-def _measured(observed: ObservedSession) -> datetime:
-    return max(reading.timestamp for group in observed.readings.values() for reading in group)
-
-
-def _sheet(kind: str, session: Session, observed: ObservedSession, calibration: AnyCalibration) -> Certificate:
-    """Return a certificate without results and statements."""
+def _certificate(
+    kind: str,
+    observed: ObservedSession,
+    calibration: AnyCalibration,
+    sections: Sequence[Section],
+    cards: Sequence[Card] = (),
+) -> bytes:
     camera = calibration.state.camera
     simulated = camera.simulated or observed.meter_scale.meter.simulated
-    return Certificate(
-        kind=kind,
-        title=f"{camera}",
-        number=observed.input_sha256[:12],
-        dates=[("Measured", day(_measured(observed))), ("Operator", observed.configuration.operator)],
-        identification=Facts(list(_identification(session, observed, calibration))),
-        conditions=Facts(list(_conditions(observed, calibration))),
-        picture=_picture(session, observed, calibration, simulated),
+    identification = Facts(list(_identification(observed, calibration)))
+    conditions = Section("Conditions", [Facts(list(_conditions(observed, calibration)))])
+    page = Page(
+        kind,
+        f"{camera}",
         banner=SIMULATED if simulated else "",
+        cards=cards,
+        lead=(identification, _picture(observed, calibration, simulated)),
+        sections=(conditions, *sections),
     )
+    dates = [("Measured", day(observed.times[-1])), ("Operator", observed.configuration.operator)]
+    return render_page(page, "certificate.html", number=observed.input_sha256[:12], dates=dates).encode()
 
 
-def _identification(
-    session: Session, observed: ObservedSession, calibration: AnyCalibration
-) -> Iterator[tuple[str, str]]:
+def _identification(observed: ObservedSession, calibration: AnyCalibration) -> Iterator[tuple[str, str]]:
     state, own = calibration.state, calibration.provenance.input_sha256
     height, width = state.image_shape
     configuration = observed.configuration
@@ -129,7 +123,7 @@ def _identification(
     yield "Lens", lens_text(calibration.lens)
     yield "Luminance meter", meter_text(observed.meter_scale.meter)
     yield "Target", configuration.target.name
-    yield "Session", f"{session.path.resolve().name}: {configuration.name}"
+    yield "Session", f"{observed.session.path.resolve().name}: {configuration.name}"
     yield "SHA-256 of data", observed.input_sha256
     if own != observed.input_sha256:
         yield "Calibration", f"{day(calibration.provenance.measured)}, SHA-256 of data {own}"
@@ -142,32 +136,27 @@ def _conditions(observed: ObservedSession, calibration: AnyCalibration) -> Itera
     yield "Exposures", exposures(calibration.exposures_s)
     yield "Aperture", f"f/{lens.f_number:g}"
     given = configuration.conditions or ConditionsConfiguration.model_validate({})
-    missing = []
-    for name, value, unit in (
-        ("Focus", lens.focus_distance_m, " m"),
-        ("Camera distance", given.camera_distance_m, " m"),
-        ("Meter distance", given.meter_distance_m, " m"),
-        ("Measuring field", given.measuring_field_deg, "°"),
-        ("Angle", given.angle_deg, "° to the normal"),
-        ("Room", given.temperature_c, " °C"),
-    ):
-        if value is None:
-            missing.append(name.lower())
-        else:
-            yield name, f"{value:g}{unit}"
-    if missing:
+    optional = {
+        "Focus": (lens.focus_distance_m, " m"),
+        "Camera distance": (given.camera_distance_m, " m"),
+        "Meter distance": (given.meter_distance_m, " m"),
+        "Measuring field": (given.measuring_field_deg, "°"),
+        "Angle": (given.angle_deg, "° to the normal"),
+        "Room": (given.temperature_c, " °C"),
+    }
+    yield from ((name, f"{value:g}{unit}") for name, (value, unit) in optional.items() if value is not None)
+    if missing := [name.lower() for name, (value, _) in optional.items() if value is None]:
         yield "Not stated", ", ".join(missing)
-    times = sorted(reading.timestamp for group in observed.readings.values() for reading in group)
-    yield "Readings", f"{len(times)}, {' to '.join(dict.fromkeys(minute(time) for time in (times[0], times[-1])))}"
+    times = observed.times
+    yield "Readings", f"{len(times)}, {span(minute(times[0]), minute(times[-1]))}"
 
 
-def _picture(session: Session, observed: ObservedSession, calibration: AnyCalibration, simulated: bool) -> ReportFigure:
+def _picture(observed: ObservedSession, calibration: AnyCalibration, simulated: bool) -> ReportFigure:
     regions = [patch.region() for patch in observed.configuration.target.patches if patch.name in observed.names]
     names = ", ".join(f"{number} {shortened(region.name, 30)}" for number, region in enumerate(regions, start=1))
-    target = target_map(session, observed, calibration)
     return ReportFigure(
         "target.png",
-        close_picture(target, regions, simulated),
+        close_picture(target_map(observed, calibration), regions, simulated),
         f"Target as the camera sees it, in logarithmic grey levels, with the patches {names}.",
         f"Grey picture of the target with {len(regions)} patches.",
     )
@@ -193,7 +182,3 @@ def _calibrated(calibration: AnyCalibration) -> Table:
         r = responsivity(calibration)
         note = f"Responsivity R = ({with_half_width(r.value or 0.0, r.expanded or 0.0)}) {r.unit}."
     return Table.of_items("certificate", "Results", columns, rows, note).sorted_by("meter_cd_m2")
-
-
-def _sentence(text: str) -> str:
-    return f"{capitalised(text).rstrip('.')}."

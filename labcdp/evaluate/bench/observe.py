@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime
 from functools import partial
 
 import numpy as np
@@ -50,6 +51,8 @@ class ObservedSession:
 
     Parameters
     ----------
+    session : Session
+        To read frames from.
     configuration : SessionConfiguration
         Bench, target and plan.
     planes : dict of (str or None) to ObservedPlane
@@ -60,6 +63,7 @@ class ObservedSession:
         Hash over the hashes of all frames and the readings, in the order of recording.
     """
 
+    session: Session
     configuration: SessionConfiguration
     planes: Mapping[str | None, ObservedPlane]
     readings: Mapping[str, Sequence[Reading]]
@@ -75,6 +79,21 @@ class ObservedSession:
         """The meter with its certificate; raises CalibrationError as `labcdp.calibration.setup.meter_scale`."""
         meter = self.configuration.meter
         return meter_scale(self.readings, meter.certificate, meter.f1_prime, self.configuration.source.spectrum)
+
+    @property
+    def times(self) -> list[datetime]:
+        """Times of all readings of the meter, the first one first."""
+        return sorted(reading.timestamp for group in self.readings.values() for reading in group)
+
+    @property
+    def by_plane(self) -> dict[str, list[PatchObservation]]:
+        """Observations of all patches by colour plane; "" for a monochrome sensor."""
+        return {name or "": [o for group in seen.patches.values() for o in group] for name, seen in self.planes.items()}
+
+    @property
+    def darks_by_plane(self) -> dict[str, Sequence[DarkObservation]]:
+        """Dark observations by colour plane; "" for a monochrome sensor."""
+        return {name or "": seen.darks for name, seen in self.planes.items()}
 
     @property
     def monochrome(self) -> ObservedPlane:
@@ -175,6 +194,7 @@ def observe_session(
         if record.patch not in without:
             readings.setdefault(record.patch, []).append(corrected(record.reading, configuration.meter.certificate))
     return ObservedSession(
+        session,
         configuration,
         {plane: _observe_plane(session, frames, plane, regions, corrections[plane]) for plane in planes},
         readings,
@@ -234,17 +254,15 @@ def input_sha256(session: Session) -> str:
     return digest.hexdigest()
 
 
-def response_of_session(session: Session, observed: ObservedSession) -> ResponseCurve:
+def response_of_session(observed: ObservedSession) -> ResponseCurve:
     """Find the response from a session's light frames, a bracket of the target that stood still.
 
     Where patches were shown one by one, their frames are laid side by side.
 
     Parameters
     ----------
-    session : Session
-        To read the frames from; of a monochrome sensor.
     observed : ObservedSession
-        What `observe_session` returned for it, for the dark signal.
+        Of a monochrome sensor.
 
     Raises
     ------
@@ -254,14 +272,14 @@ def response_of_session(session: Session, observed: ObservedSession) -> Response
         If a file is missing or altered.
     """
     darks = observed.darks  # refuses colour filters
-    groups = by_exposure(session, "light")
+    groups = by_exposure(observed.session, "light")
     if len(groups) < MIN_EXPOSURES:
         there = ", ".join(f"{1e3 * t:g} ms" for t in groups)
         raise CalibrationError(
             f"the session has light frames at {len(groups)} exposure{'s' if len(groups) > 1 else ''} ({there}): the "
             f"response by a bracket needs {MIN_EXPOSURES} or more; record more exposures, a factor of 1.5 to 2.5 apart"
         )
-    frames = [frame for records in groups.values() for frame in _scenes(session, records)]
+    frames = [frame for records in groups.values() for frame in _scenes(observed.session, records)]
     return response_from_bracket(frames, float(np.mean([dark.mean_dn for dark in darks])))
 
 

@@ -6,18 +6,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...calibration import AnyCalibration, Calibration
 from ...calibration.convert.conversion import require_lens
 from ...core.errors import CalibrationError
 from ...core.luminance import Invalid, LuminanceMap, chosen
 from ...core.result import Finding, unique, warning
-from ...core.roi import Roi
-from ...core.spectra import ONLY, SpectralTable, mismatch_findings
-from ...session import ContrastConfiguration, FrameRecord, Session, SessionConfiguration
-from .observe import ObservedSession
-from .recorded import by_exposure, by_patch, lens_of, measured_in, require_patches
+from ...core.spectra import ONLY, mismatch_findings
+from ...session import ContrastConfiguration, FrameRecord, MeterCertificate, Session, SessionConfiguration
+from .calibrate import calibrate_session
+from .corrections import calibration_for, corrections_of
+from .observe import ObservedSession, observe_session
+from .recorded import Report, by_exposure, by_patch, certificate_of, lens_of, measured_in, require_patches
 from .rows import ContrastRow, PatchRow, contrast_row, patch_row
 
 
@@ -60,18 +60,47 @@ class SessionEvaluation:
         return [*parts, "target"] if parts else []
 
 
-def evaluate_session(
+def observe_calibrated(
     session: Session,
-    observed: ObservedSession,
-    calibration: AnyCalibration,
-    contrasts: Sequence[ContrastConfiguration] | None = None,
+    calibration: AnyCalibration | None = None,
+    without: Sequence[str] = (),
+    report: Report = lambda _done, _total: None,
+    certificate: MeterCertificate | None = None,
+) -> tuple[ObservedSession, AnyCalibration]:
+    """Observe a session as its calibration was made; without one calibrate with the session itself.
+
+    Parameters
+    ----------
+    session, without, report, certificate
+        As for `observe_session`; without a certificate that of the calibration holds, if it is the same meter.
+    calibration : Calibration, ColourCalibration or None
+        Of the same camera.
+
+    Returns
+    -------
+    ObservedSession, Calibration or ColourCalibration
+        The session, and the calibration for the part of the sensor that its frames show.
+
+    Raises
+    ------
+    CalibrationError, SessionError, InputError
+        As `observe_session` and `calibrate_session`.
+    """
+    if calibration is None:
+        observed = observe_session(session, without, report, certificate=certificate)
+        return observed, calibrate_session(observed)
+    own = calibration_for(session, calibration)
+    certificate = certificate or certificate_of(own, session)
+    return observe_session(session, without, report, corrections_of(own), certificate), own
+
+
+def evaluate_session(
+    observed: ObservedSession, calibration: AnyCalibration, contrasts: Sequence[ContrastConfiguration] | None = None
 ) -> SessionEvaluation:
     """Evaluate a session.
 
     Parameters
     ----------
-    session : Session
-        To read frames from.
     observed : ObservedSession
         What `observe_session` returned for it.
     calibration : Calibration or ColourCalibration
@@ -86,44 +115,54 @@ def evaluate_session(
     SessionError
         If a file is missing or altered.
     """
-    pairs = observed.configuration.contrasts if contrasts is None else contrasts
-    findings = mismatch(observed.configuration, calibration)
+    configuration, session = observed.configuration, observed.session
+    pairs = configuration.contrasts if contrasts is None else contrasts
+    findings = mismatch(configuration, calibration)
     if measured_in(session, calibration) and not calibration.provenance.comes_from(observed.input_sha256):
         findings = [warning("calibration-before-retake", str(session.path)), *findings]
-    rows = [patch_row(name, observed, calibration) for name in observed.names]
-    luminance = {row.region.name: row for row in rows}
-    require_patches(
-        [name for pair in pairs for name in (pair.bright, pair.dark)],
-        [*luminance],
-        "for the contrast (it may have been left out)",
-    )
+    measured = [patch for patch in configuration.target.patches if patch.name in observed.names]
+    patches = {patch.name: patch_row(patch, observed, calibration) for patch in measured}
+    asked = [name for pair in pairs for name in (pair.bright, pair.dark)]
+    require_patches(asked, [*patches], "for the contrast (it may have been left out)")
     return SessionEvaluation(
-        observed=observed,
-        calibration=calibration,
-        patches=rows,
-        contrasts=[
-            contrast_row(session, observed, calibration, pair, luminance[pair.bright], luminance[pair.dark])
-            for pair in pairs
-        ],
-        map=target_map(session, observed, calibration),
-        findings=unique([*findings, *calibration.findings, *(one for row in rows for one in row.calibrated.findings)]),
+        observed,
+        calibration,
+        [*patches.values()],
+        [contrast_row(observed, calibration, pair, patches[pair.bright], patches[pair.dark]) for pair in pairs],
+        target_map(observed, calibration),
+        unique([*findings, *calibration.findings, *(f for row in patches.values() for f in row.calibrated.findings)]),
     )
+
+
+def chosen_contrasts(
+    configuration: SessionConfiguration,
+    pairs: Sequence[tuple[str, str]] | None,
+    contrasts: Sequence[float] | None,
+    epsilon: float | None,
+) -> list[ContrastConfiguration]:
+    """Return pairs of patches with contrasts and tolerance as given, or else as configured."""
+    chosen = configuration.contrasts
+    if pairs is not None:
+        asked = [{"bright": bright, "dark": dark, "contrast": 1.0} for bright, dark in pairs]
+        chosen = tuple(map(ContrastConfiguration.model_validate, asked))
+    if epsilon is not None:
+        chosen = tuple(one.model_copy(update={"epsilon": float(epsilon)}) for one in chosen)
+    if contrasts is None:
+        return list(chosen)
+    different = dict.fromkeys(one.model_copy(update={"contrast": 1.0}) for one in chosen)
+    return [one.model_copy(update={"contrast": value}) for one in different for value in contrasts]
 
 
 def mismatch(configuration: SessionConfiguration, calibration: AnyCalibration) -> list[Finding]:
     """Refuse a calibration with another lens or f-number; return a finding if the light was another."""
     require_lens(calibration.lens, lens_of(configuration))
-    sensitivity = calibration.sensitivity if not isinstance(calibration, Calibration) else _of_camera(configuration)
+    given = configuration.camera.spectral_sensitivity
+    of_camera = None if given is None else given.spectra.get(ONLY)
+    sensitivity = of_camera if isinstance(calibration, Calibration) else calibration.sensitivity
     return mismatch_findings(calibration.light, configuration.source.light, sensitivity)
 
 
-def _of_camera(configuration: SessionConfiguration) -> SpectralTable | None:
-    """Spectral sensitivity of a monochrome camera, if it is given."""
-    given = configuration.camera.spectral_sensitivity
-    return None if given is None else given.spectra.get(ONLY)
-
-
-def target_map(session: Session, observed: ObservedSession, calibration: AnyCalibration) -> LuminanceMap:
+def target_map(observed: ObservedSession, calibration: AnyCalibration) -> LuminanceMap:
     """Merge the frames of the target, for each pixel from the longest exposure that does not saturate it.
 
     Where patches were shown one by one, each region shows its patch, and the rest what was around the first one;
@@ -137,18 +176,19 @@ def target_map(session: Session, observed: ObservedSession, calibration: AnyCali
         If a file is missing or altered.
     """
     frames: dict[str | None, list[FrameRecord]] = {}
-    for group in by_exposure(session, "light").values():
+    for group in by_exposure(observed.session, "light").values():
         for patch, records in by_patch(group).items():
             frames.setdefault(patch, []).append(records[0])
     if not frames:
         raise CalibrationError("the session has no light frames: uncover the lens and resume the acquisition")
-    first, *others = frames
-    target = _merged(session, calibration, frames[first])
+    merged = ((name, _merged(observed.session, calibration, records)) for name, records in frames.items())
     regions = {patch.name: patch.region() for patch in observed.configuration.target.patches}
-    for name in others:
+    _, target = next(merged)
+    for name, alone in merged:
         assert name is not None, "a session has patches together or one by one"
-        alone = _merged(session, calibration, frames[name])
-        target = chosen(_whole_mask(target.scaled(regions[name]), target.shape), alone, target)
+        region, mask = target.scaled(regions[name]), np.zeros(target.shape, dtype=np.bool_)
+        mask[region.window(target.shape)] = region.mask(target.shape)
+        target = chosen(mask, alone, target)
     return target
 
 
@@ -159,9 +199,3 @@ def _merged(session: Session, calibration: AnyCalibration, records: Sequence[Fra
         longer = calibration.to_luminance(session.load(record))
         merged = chosen(longer.invalid & Invalid.SATURATED == 0, longer, merged)
     return merged
-
-
-def _whole_mask(region: Roi, shape: tuple[int, int]) -> NDArray[np.bool_]:
-    mask = np.zeros(shape, dtype=np.bool_)
-    mask[region.window(shape)] = region.mask(shape)
-    return mask

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ...core.clock import exposure_text
 from ...core.result import Result
+from ...core.table import Table
 from ...metrics import ContrastDistribution
 from ...output import Destination
 from ...report.drawing import reduction
@@ -20,7 +21,6 @@ from .calibration_page import calibration_figures, condition_blocks
 from .quantities import range_text
 from .rows import ContrastRow, Verdict
 from .session import SessionEvaluation
-from .session_result import pair_name, recorded
 
 #: Number of contrast columns that fit next to the picture.
 _BESIDE_PICTURE = (
@@ -62,7 +62,7 @@ def _luminance_figure(evaluation: SessionEvaluation, scale: str) -> ReportFigure
 def _panel(row: ContrastRow, distribution: ContrastDistribution) -> ContrastPanel:
     numbers = dict.fromkeys((row.frame_number, row.dark_frame_number))
     frames = f"{'frames' if len(numbers) > 1 else 'frame'} {' and '.join(map(str, numbers))}"
-    title = f"{shortened(pair_name(row), 60)}, {exposure_text(row.exposure_s)}, {frames}"
+    title = f"{shortened(row.name, 60)}, {exposure_text(row.exposure_s)}, {frames}"
     return ContrastPanel(title, distribution, row.cdp, row.measured_contrast)
 
 
@@ -74,15 +74,14 @@ def write_results(evaluation: SessionEvaluation, result: Result, folder: Destina
     scale = f" Each drawn pixel is the mean of {side} x {side} of the camera's." if side > 1 else ""
     lead, sections = (_target_figure(evaluation, scale), main), _sections(evaluation, result, scale)
     kind = "Luminance and contrast detection probability (CDP)"
-    page = Page.of(result, kind, _summary(evaluation), _cards(evaluation, result), lead, sections)
+    page = Page.of(result, kind, _summary(evaluation), _cards(result.table("contrasts")), lead, sections)
     if evaluation.simulated:
         page = replace(page, banner=f"{SIMULATED[:-1]}: {printable(', '.join(evaluation.simulated))}.")
-    return write_report(result, page, folder, time=recorded(evaluation.observed)[1])
+    return write_report(result, page, folder, time=evaluation.observed.times[-1])
 
 
-def _cards(evaluation: SessionEvaluation, result: Result) -> Iterator[Card]:
-    table = result.table("contrasts")
-    for contrast, row in zip(evaluation.contrasts, table.rows(), strict=True):
+def _cards(table: Table) -> Iterator[Card]:
+    for row in table.rows():
         value, _, interval = cell_text(table.column("cdp"), row).partition(" ")
         yield Card(
             row["pair"],
@@ -94,16 +93,15 @@ def _cards(evaluation: SessionEvaluation, result: Result) -> Iterator[Card]:
                 f"camera {cell_text(table.column('camera_contrast'), row)} %",
                 f"detected if CDP ≥ {row['cdp_limit']:g}",
             ),
-            contrast.verdict,
-            _STATES[contrast.verdict],
+            row["verdict"],
+            _STATES[row["verdict"]],
         )
 
 
 def _summary(evaluation: SessionEvaluation) -> str:
-    configuration, camera = evaluation.observed.configuration, evaluation.calibration.state.camera
-    meter = next(iter(evaluation.observed.readings.values()))[0].meter
-    days = span(*map(day, recorded(evaluation.observed)))
-    n = len(evaluation.patches)
+    observed, camera, n = evaluation.observed, evaluation.calibration.state.camera, len(evaluation.patches)
+    configuration, days = observed.configuration, span(day(observed.times[0]), day(observed.times[-1]))
+    meter = next(iter(observed.readings.values()))[0].meter
     return (
         f"{n} {'patch' if n == 1 else 'patches'} of {configuration.target.name}, {days}, {configuration.operator}; "
         f"{camera.model}, {configuration.lens.model} at f/{configuration.lens.f_number:g}, {meter.model}, "

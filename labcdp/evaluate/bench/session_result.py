@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from datetime import datetime
+from math import hypot
 
-from ...calibration import AnyCalibration
+from ...calibration import AnyCalibration, contrast_half_width_95, contrast_uncertainty
+from ...calibration.uncertainty import expanded_rel
 from ...core.result import Finding, InputFile, Result, info, unique
 from ...core.table import Column, Table, uncertain, with_interval
 from ...report.text import day, exposures, minute, span
@@ -17,10 +18,10 @@ from .rows import ContrastRow, PatchRow
 from .session import SessionEvaluation
 
 #: A contrast and its CDP: the columns of `ContrastRow`.
-_CONTRASTS = (
-    Column("pair", "bright / dark", value=lambda row: pair_name(row)),
-    Column("bright", "bright patch", shown=False),
-    Column("dark", "dark patch", shown=False),
+CONTRASTS = (
+    Column("pair", "bright / dark", value="name"),
+    Column("bright", "bright patch", shown=False, value="asked.bright"),
+    Column("dark", "dark patch", shown=False, value="asked.dark"),
     Column("target_contrast", "target contrast", "%", "Weber contrast to be detected.", 0, value="cdp.contrast"),
     Column("epsilon", "tolerance ε", "%", "Contrasts within the target contrast ± ε of it count.", 0,
            value="cdp.epsilon"),
@@ -31,12 +32,13 @@ _CONTRASTS = (
     *uncertain(
         Column("measured_contrast", "contrast by meter", "%",
                "Of the mean luminances by the meter; its scale error cancels."),
-        "measured_standard_uncertainty",
+        lambda row: (1 + row.measured_contrast) * hypot(row.bright.measured_random_rel, row.dark.measured_random_rel),
     ),
     *uncertain(
         Column("camera_contrast", "contrast by camera", "%",
                "Of the mean luminances by the camera; scale and fit cancel."),
-        "camera_standard_uncertainty", "camera_half_width_95",
+        lambda row: contrast_uncertainty(row.bright.calibrated, row.dark.calibrated),
+        lambda row: contrast_half_width_95(row.bright.calibrated, row.dark.calibrated),
     ),
     *with_interval(Column("cdp", "CDP", "", "Share of pixel pairs whose contrast counts.", value="cdp.cdp"),
                    "cdp.confidence_interval"),
@@ -44,7 +46,8 @@ _CONTRASTS = (
            value="calibrated_cdp.standard_uncertainty"),
     Column("u_cdp_pixels", "u of CDP by pixels", "", "Standard uncertainty, pixels alone.", digits=2, shown=False,
            value="cdp.standard_error"),
-    Column("cdp_limit", "CDP limit", "", "CDP from which the contrast counts as detected.", digits=0, shown=False),
+    Column("cdp_limit", "CDP limit", "", "CDP from which the contrast counts as detected.", digits=0, shown=False,
+           value="asked.cdp_limit"),
     Column("verdict", "detected", "", "Whether the CDP reaches the limit; undecided within its 95 % interval."),
     Column("below", "below", "", "Share of pixel pairs with a lower contrast.", decimals=4, value="cdp.below"),
     Column("above", "above", "", "Share of pixel pairs with a higher contrast.", decimals=4, value="cdp.above"),
@@ -55,6 +58,22 @@ _CONTRASTS = (
     Column("exposure_s", "exposure", "s", "Of the frame: the longest without saturation.", digits=0, time=True),
     Column("frame_number", "frame", "", "Number of the frame with the bright patch.", shown=False),
     Column("dark_frame_number", "frame (dark)", "", "Number of the frame with the dark patch.", shown=False),
+)  # fmt: skip
+
+#: Luminances of a `PatchRow` by meter and camera, and their deviation.
+LUMINANCES = (
+    *uncertain(
+        Column("measured_cd_m2", "measured", "cd/m²", "Mean reading of the meter.", value="reading.luminance_cd_m2"),
+        lambda row: hypot(row.measured_random_rel, row.meter.common_rel) * row.reading.luminance_cd_m2,
+        lambda row: expanded_rel([row.meter], row.measured_random_rel) * row.reading.luminance_cd_m2,
+    ),
+    *uncertain(
+        Column("calibrated_cd_m2", "calibrated", "cd/m²", "By the calibrated camera.",
+               value="calibrated.luminance_cd_m2"),
+        lambda row: row.calibrated.standard_uncertainty_rel * row.calibrated.luminance_cd_m2,
+        lambda row: row.calibrated.half_width_95_rel * row.calibrated.luminance_cd_m2,
+    ),
+    Column("deviation_rel", "deviation", "%", "Relative deviation of the camera from the meter.", decimals=2),
 )  # fmt: skip
 
 
@@ -68,7 +87,7 @@ def session_result(
     evaluation : SessionEvaluation
         What to report.
     inputs : sequence of InputFile
-        What it was made from.
+        What it was made from besides the session.
     kind : str
         Name of the command.
     seed : int or None
@@ -80,7 +99,7 @@ def session_result(
         configuration.name,
         tuple(_tables(evaluation)),
         unique([*summarised(evaluation.findings), _check(evaluation)]),
-        tuple(inputs),
+        (session_input(evaluation.observed.session), *inputs),
         configuration.model_dump(mode="json", by_alias=True, exclude_none=True),
         seed,
         bool(evaluation.simulated),
@@ -92,20 +111,9 @@ def session_input(session: Session) -> InputFile:
     return InputFile("session", str(session.path), InputFile.of("journal", session.path / "journal.jsonl").sha256)
 
 
-def recorded(observed: ObservedSession) -> tuple[datetime, datetime]:
-    """Time of the first and of the last reading of the meter."""
-    times = [reading.timestamp for readings in observed.readings.values() for reading in readings]
-    return min(times), max(times)
-
-
-def pair_name(row: ContrastRow) -> str:
-    """Return "bright / dark"."""
-    return f"{row.bright} / {row.dark}"
-
-
 def _tables(evaluation: SessionEvaluation) -> Iterator[Table]:
     title = "Contrast detection probability (CDP)"
-    yield Table.of_items("contrasts", title, _CONTRASTS, evaluation.contrasts)
+    yield Table.of_items("contrasts", title, CONTRASTS, evaluation.contrasts)
     yield _luminance(evaluation.patches)
     yield _distribution(evaluation.contrasts)
     for table in calibration_tables(evaluation.calibration):
@@ -117,30 +125,21 @@ def _tables(evaluation: SessionEvaluation) -> Iterator[Table]:
 def _luminance(patches: Sequence[PatchRow]) -> Table:
     guessed = any(row.calculated_cd_m2 is not None for row in patches)
     limits = (
-        Column("lowest_cd_m2", "at least", "cd/m²", "Limit of the plan.", value="limits_cd_m2.0"),
-        Column("highest_cd_m2", "at most", "cd/m²", "Limit of the plan.", value="limits_cd_m2.1"),
+        Column("lowest_cd_m2", "at least", "cd/m²", "Limit of the plan.", value="patch.limits_cd_m2.0"),
+        Column("highest_cd_m2", "at most", "cd/m²", "Limit of the plan.", value="patch.limits_cd_m2.1"),
         Column("limit_verdict", "limits", "", "Pass or fail if all of calibrated ± U is within or outside."),
     )  # fmt: skip
     calculated = Column("calculated_cd_m2", "calculated, guessed", "cd/m²", "By guessed parameters of the camera.")
     columns = (
-        Column("patch", "patch", value="region.name"),
-        *uncertain(
-            Column("measured_cd_m2", "measured", "cd/m²", "Mean reading of the meter."),
-            lambda row: row.measured_rel * row.measured_cd_m2,
-            lambda row: row.measured_half_width_95_rel * row.measured_cd_m2,
-        ),
+        Column("patch", "patch", value="patch.name"),
+        *LUMINANCES[:3],
         *((calculated,) if guessed else ()),
-        *uncertain(
-            Column("calibrated_cd_m2", "calibrated", "cd/m²", "By the calibrated camera.",
-                   value="calibrated.luminance_cd_m2"),
-            lambda row: row.calibrated.standard_uncertainty_rel * row.calibrated.luminance_cd_m2,
-            lambda row: row.calibrated.half_width_95_rel * row.calibrated.luminance_cd_m2,
-        ),
-        Column("deviation_rel", "deviation", "%", "Relative deviation of the camera from the meter.", decimals=2),
+        *LUMINANCES[3:],
         Column("expanded_rel", "U of calibrated", "%", "Relative U (95 %), the meter's scale included.", digits=2,
                value="calibrated.half_width_95_rel"),
-        *(limits if any(row.limits_cd_m2 is not None for row in patches) else ()),
-        Column("n_readings", "readings", "", "Number of readings of the meter.", shown=False),
+        *(limits if any(row.patch.limits_cd_m2 for row in patches) else ()),
+        Column("n_readings", "readings", "", "Number of readings of the meter.", shown=False,
+               value="reading.n_readings"),
         Column("exposures", "exposures", "", "Exposures that were used.", shown=False,
                value=lambda row: exposures(row.calibrated.exposures_s)),
     )  # fmt: skip
@@ -151,28 +150,25 @@ def _luminance(patches: Sequence[PatchRow]) -> Table:
 def _distribution(contrasts: Sequence[ContrastRow]) -> Table:
     """Return the distributions of the contrasts in a long table."""
     columns = (
-        Column("pair", "bright / dark"),
-        Column("target_contrast", "target contrast", "%", "Weber contrast to be detected.", digits=0),
-        Column("contrast", "contrast", "%", "Weber contrast.", digits=6),
-        Column("cumulative", "cumulative probability", "", "Share of pixel pairs up to this contrast.", decimals=6),
-    )
-    data: dict[str, list[str | float]] = {column.name: [] for column in columns}
-    for row in contrasts:
-        if row.distribution is None:
-            continue
-        edges, cumulative = row.distribution.edges.tolist(), row.distribution.cumulative.tolist()
-        data["pair"] += [pair_name(row)] * len(edges)
-        data["target_contrast"] += [row.cdp.contrast] * len(edges)
-        data["contrast"] += edges
-        data["cumulative"] += cumulative
-    return Table(
-        "contrast_distribution", "Distribution of the contrasts of all pixel pairs", columns, data, detail=True
-    )
+        Column("pair", "bright / dark", value="0.name"),
+        Column("target_contrast", "target contrast", "%", "Weber contrast to be detected.", 0, value="0.cdp.contrast"),
+        Column("contrast", "contrast", "%", "Weber contrast.", digits=6, value="1"),
+        Column("cumulative", "cumulative probability", "", "Share of pixel pairs up to this contrast.", decimals=6,
+               value="2"),
+    )  # fmt: skip
+    points = [
+        (row, *point)
+        for row in contrasts
+        if (found := row.distribution) is not None
+        for point in zip(found.edges.tolist(), found.cumulative.tolist(), strict=True)
+    ]
+    title = "Distribution of the contrasts of all pixel pairs"
+    return Table.of_items("contrast_distribution", title, columns, points, detail=True)
 
 
 def provenance_table(observed: ObservedSession, calibration: AnyCalibration, simulated: str = "") -> Table:
     """Return who measured what and with which devices, and the hashes of the data, as a table of facts."""
-    configuration, state, (first, last) = observed.configuration, calibration.state, recorded(observed)
+    configuration, state, times = observed.configuration, calibration.state, observed.times
     height, width = state.image_shape
     meters = dict.fromkeys(meter_text(r.meter) for readings in observed.readings.values() for r in readings)
     rows = [
@@ -180,7 +176,7 @@ def provenance_table(observed: ObservedSession, calibration: AnyCalibration, sim
         ("operator", configuration.operator),
         ("notes", configuration.notes),
         ("target", configuration.target.name),
-        ("meter readings", span(minute(first), minute(last))),
+        ("meter readings", span(minute(times[0]), minute(times[-1]))),
         ("camera", str(state.camera)),
         (
             "camera settings",
@@ -206,5 +202,5 @@ def _check(evaluation: SessionEvaluation) -> Finding:
     if not calibration.provenance.comes_from(evaluation.observed.input_sha256):
         return info("checked-by-another-measurement", calibrated=day(calibration.provenance.measured))
     fitted = {row.patch for row in calibration.residuals}
-    held_out = [row.region.name for row in evaluation.patches if row.region.name not in fitted]
+    held_out = [row.patch.name for row in evaluation.patches if row.patch.name not in fitted]
     return info("checked-by-held-out", patches=held_out) if held_out else info("not-checked")

@@ -14,11 +14,10 @@ from ...core.table import Column, Table, uncertain, with_expanded
 from ...report.text import minute, significant
 from ...session import MeterCertificate, Session
 from .calibration_result import CAMERA, DEVIATION, EXPOSURES, METER, PATCH, WITHOUT_SCALE, summarised
-from .corrections import calibration_for, corrections_of
-from .observe import ObservedSession, input_sha256, observe_session
+from .observe import ObservedSession, input_sha256
 from .quantities import RESPONSIVITY
-from .recorded import Report, certificate_of, measured_in, require_patches
-from .session import mismatch
+from .recorded import Report, measured_in, require_patches
+from .session import mismatch, observe_calibrated
 
 
 def verify_session(
@@ -69,17 +68,9 @@ def verify_session(
             f"the calibration was made from session {session.path}, which cannot verify it: measure again in a new "
             "session"
         )
-    calibration = calibration_for(session, calibration)
-    corrections, certificate = corrections_of(calibration), certificate or certificate_of(calibration, session)
-    observed = observe_session(session, without, report, corrections, certificate)
-    result = verify(
-        calibration,
-        {name or "": [o for group in seen.patches.values() for o in group] for name, seen in observed.planes.items()},
-        {name or "": seen.darks for name, seen in observed.planes.items()},
-        observed.readings,
-        observed.meter_scale,
-        tolerance_rel,
-    )
+    observed, calibration = observe_calibrated(session, calibration, without, report, certificate)
+    seen = observed.by_plane, observed.darks_by_plane
+    result = verify(calibration, *seen, observed.readings, observed.meter_scale, tolerance_rel)
     return replace(result, findings=(*result.findings, *mismatch(session.configuration, calibration))), observed
 
 

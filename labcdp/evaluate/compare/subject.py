@@ -12,15 +12,14 @@ from ...calibration import AnyCalibration, Calibration, ColourCalibration, load_
 from ...chain import Chain, preset_names, preset_text
 from ...core.disk import parse_toml, read_json, shortened
 from ...core.errors import InputError
-from ...core.result import InputFile, Result
+from ...core.result import InputFile
 from ...regions import load_regions, rois_of
 from ...report.files import SCHEMA, envelope, read_dataset
 from ...session import Session
 from ...session.journal import JOURNAL
-from ..bench.calibrate import calibrate_recorded
 from ..bench.quantities import conditions
-from ..bench.session import evaluate_session
-from ..bench.session_result import session_input, session_result
+from ..bench.session import evaluate_session, observe_calibrated
+from ..bench.session_result import session_result
 from ..picture.conversion import PictureConversion
 from ..picture.image import ImageRequest
 from ..picture.result import PictureTask
@@ -196,8 +195,7 @@ def damaged(name: str) -> str:
 
 def _session(name: str, session: Session) -> list[Subject]:
     """Evaluate a session with its own calibration."""
-    calibration, observed = calibrate_recorded([session])
-    result: Result = session_result(evaluate_session(session, observed, calibration), [session_input(session)])
+    result = session_result(evaluate_session(*observe_calibrated(session)))
     return _results(name, session.path, envelope(result), result.inputs)
 
 

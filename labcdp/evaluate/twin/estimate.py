@@ -41,15 +41,13 @@ def require_monochrome(session: Session) -> Frame:
     return frame
 
 
-def twin_parameters(
-    session: Session, observed: ObservedSession, calibration: Calibration, found: Characterisation
-) -> TwinParameters:
+def twin_parameters(observed: ObservedSession, calibration: Calibration, found: Characterisation) -> TwinParameters:
     """Turn calibration and noise into the parameters of an imaging chain.
 
     Parameters
     ----------
-    session, observed : Session, ObservedSession
-        To read frames from, and what `observe_session` returned.
+    observed : ObservedSession
+        What `observe_session` returned.
     calibration, found : Calibration, Characterisation
         Of this camera.
 
@@ -59,7 +57,7 @@ def twin_parameters(
         If the camera has colour filters, no quantum efficiency up to 1 gives the calibrated responsivity, or the gain
         was not calibrated.
     """
-    frame, configuration = require_monochrome(session), observed.configuration
+    frame, configuration = require_monochrome(observed.session), observed.configuration
     setting = calibration.settings[index_of_gain(calibration.settings, frame.gain_db)]
     noise, k = noise_of_characterisation(found), found.k_dn_per_e
     findings = [one.within("characterisation") for one in found.findings]

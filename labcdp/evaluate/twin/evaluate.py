@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import TypeAlias
@@ -13,7 +14,6 @@ from ...core.errors import CalibrationError
 from ...core.result import Finding, info, warning
 from ...metrics.contrast import TargetContrast, TargetContrasts, each_contrast
 from ...report.text import finding_text
-from ...session import Session
 from ..bench.observe import ObservedSession
 from ..bench.session import mismatch
 from .estimate import require_monochrome, twin_parameters
@@ -26,8 +26,10 @@ from .regions import TwinPatch, regions_of, seen_regions, twin_patch
 _PAIR = 2
 #: Least Weber contrast, by the meter, of pairs that are compared by default.
 LEAST_CONTRAST = 0.1
-#: Why a pair is not compared, and its patches.
-_LeftOut: TypeAlias = tuple[str, str, str]
+#: Pairs that are not compared, by the code of the finding that says why.
+_LeftOut: TypeAlias = dict[str, list[tuple[str, str]]]
+#: Reasons that need no action.
+_HARMLESS = ("pairs-alike", "pairs-without-patch")
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +67,8 @@ class TwinEvaluation:
 
     def by_contrast(self) -> list[list[TwinPair]]:
         """Return the pairs at each of several contrasts, and all others."""
-        groups = [[pair for pair in self.pairs if pair.asked.contrast == one] for one in self.contrasts]
-        rest = [pair for pair in self.pairs if pair.asked.contrast not in self.contrasts]
+        groups = [[pair for pair in self.pairs if pair.contrast == one] for one in self.contrasts]
+        rest = [pair for pair in self.pairs if pair.contrast not in self.contrasts]
         return [*groups, rest] if rest else groups
 
     def count(self, judgement: Judgement) -> int:
@@ -75,7 +77,6 @@ class TwinEvaluation:
 
 
 def twin_session(
-    session: Session,
     observed: ObservedSession,
     calibration: AnyCalibration,
     characterisation: Characterisation,
@@ -87,8 +88,8 @@ def twin_session(
 
     Parameters
     ----------
-    session, observed : Session, ObservedSession
-        To read frames from, and what `observe_session` returned for it.
+    observed : ObservedSession
+        What `observe_session` returned for it.
     calibration, characterisation : Calibration, Characterisation
         Of this camera and its settings.
     contrast, epsilon : float, tuple of float or None; float
@@ -104,11 +105,11 @@ def twin_session(
     InputError
         If contrast or epsilon is out of range.
     """
-    first = require_monochrome(session)
+    first = require_monochrome(observed.session)
     if not isinstance(calibration, Calibration):
         raise CalibrationError("the calibration is for a camera with colour filters: give that of this camera")
     found = mismatch(observed.configuration, calibration)
-    twin = twin_parameters(session, observed, calibration, characterisation)
+    twin = twin_parameters(observed, calibration, characterisation)
     regions = regions_of(observed, calibration, twin, calibration.to_luminance(first).slow_rel)
     if len(regions) < _PAIR:
         raise CalibrationError(
@@ -116,11 +117,18 @@ def twin_session(
         )
     usable = [o for name in regions for o in observed.patches[name] if o.saturated_share == 0]
     longest = {o.patch: o for o in sorted(usable, key=lambda o: o.exposure_s)}
-    asked, left_out = _asked(observed, regions, contrast, epsilon)
-    compared = _compared(session, observed, calibration, twin, regions, asked, left_out, report)
+    left_out: _LeftOut = defaultdict(list)
+    asked = _asked(observed, regions, contrast, epsilon, left_out)
+    compared = _compared(observed, calibration, twin, regions, asked, left_out, report)
+    of_left_out = []
+    for code, pairs in left_out.items():
+        names = [f"{bright} / {dark}" for bright, dark in dict.fromkeys(pairs)]
+        finding = info if code in _HARMLESS else warning
+        of_left_out.append(
+            finding(code, n_pairs=len(names), example=names[0], pairs=names, least_contrast=LEAST_CONTRAST)
+        )
     if not compared:
-        reasons = "; ".join(finding_text(one) for one in _left_out(left_out))
-        raise CalibrationError(f"no two patches can be compared: {reasons}")
+        raise CalibrationError(f"no two patches can be compared: {'; '.join(map(finding_text, of_left_out))}")
     own = [one for one in calibration.findings if one.severity != "info"]
     corrected = _of_corrections(twin, {o.exposure_s for o in usable})
     response = calibration.response
@@ -131,19 +139,47 @@ def twin_session(
         regions=tuple(regions.values()),
         pairs=tuple(compared[pair] for pair in asked if pair in compared),
         patches=tuple(twin_patch(twin.at(o.exposure_s), regions[n], o, response) for n, o in longest.items()),
-        findings=(*_left_out(left_out), *found, *corrected, *twin.findings, *own),
+        findings=(*of_left_out, *found, *corrected, *twin.findings, *own),
         contrasts=contrast if isinstance(contrast, tuple) else (),
     )
 
 
+def _asked(
+    observed: ObservedSession,
+    regions: dict[str, TwinRegion],
+    contrast: TargetContrasts,
+    epsilon: float,
+    left_out: _LeftOut,
+) -> list[PairAsked]:
+    """Pairs to compare, those of the configuration first; add those that are of no use to `left_out`."""
+    for one in each_contrast(contrast):
+        TargetContrast(LEAST_CONTRAST if one is None else one, epsilon, "weber")
+    level = {name: region.luminance_cd_m2 for name, region in regions.items()}
+    asked: list[PairAsked] = []
+    for pair in observed.configuration.contrasts:
+        if pair.bright not in level or pair.dark not in level:
+            left_out["pairs-without-patch"].append((pair.bright, pair.dark))
+        elif (own := level[pair.bright] / level[pair.dark] - 1) <= 0:
+            left_out["pairs-reversed"].append((pair.bright, pair.dark))
+        else:
+            asked.append(PairAsked(pair.bright, pair.dark, pair.contrast, pair.epsilon, own))
+    for dark, bright in combinations(sorted(level, key=lambda name: level[name]), 2):
+        own = level[bright] / level[dark] - 1
+        values = (round(own, 4) if one is None else one for one in each_contrast(contrast))
+        if own < LEAST_CONTRAST:
+            left_out["pairs-alike"].append((bright, dark))
+        else:
+            asked += [PairAsked(bright, dark, value, epsilon, own) for value in values]
+    return list(dict.fromkeys(asked))
+
+
 def _compared(
-    session: Session,
     observed: ObservedSession,
     calibration: Calibration,
     twin: TwinParameters,
     regions: Mapping[str, TwinRegion],
     asked: Sequence[PairAsked],
-    left_out: list[_LeftOut],
+    left_out: _LeftOut,
     report: Callable[[int, int], None],
 ) -> dict[PairAsked, TwinPair]:
     """Compare each pair in the longest exposure that saturates neither patch; add those without one to `left_out`."""
@@ -151,20 +187,20 @@ def _compared(
     for pair in asked:
         exposure_s = observed.longest_unsaturated_s(calibration, pair.bright, pair.dark)
         if exposure_s is None:
-            left_out.append(("pairs-saturated", pair.bright, pair.dark))
+            left_out["pairs-saturated"].append((pair.bright, pair.dark))
         else:
             at.setdefault(exposure_s, []).append(pair)
     compared: dict[PairAsked, TwinPair] = {}
     for done, (exposure_s, group) in enumerate(sorted(at.items())):
         report(done, len(at))
         names = {name for pair in group for name in (pair.bright, pair.dark)}
-        seen = seen_regions(session, observed, calibration, exposure_s, names)
+        seen = seen_regions(observed, calibration, exposure_s, names)
         shown = [regions[name] for name in regions if name in names]
         predicted = predict_regions(twin.at(exposure_s), shown, exposure_s, calibration.response)
         for pair in group:
             both = seen[pair.bright], seen[pair.dark]
             if max(one.luminance_cd_m2.max() for one in both) <= 0:
-                left_out.append(("pairs-not-above-zero", pair.bright, pair.dark))
+                left_out["pairs-not-above-zero"].append((pair.bright, pair.dark))
             else:
                 compared[pair] = compare_pair(pair, both, (predicted[pair.bright], predicted[pair.dark]))
     report(len(at), len(at))
@@ -178,44 +214,3 @@ def _of_corrections(twin: TwinParameters, exposures_s: Collection[float]) -> Ite
         yield info("twin-dark-library", exposures_s=corrected_s)
     if twin.flat_field is not None:
         yield info("twin-flat-field")
-
-
-def _asked(
-    observed: ObservedSession, regions: dict[str, TwinRegion], contrast: TargetContrasts, epsilon: float
-) -> tuple[list[PairAsked], list[_LeftOut]]:
-    """Pairs to compare, those of the configuration first, and pairs of too little contrast."""
-    for one in each_contrast(contrast):
-        TargetContrast(LEAST_CONTRAST if one is None else one, epsilon, "weber")
-    asked: list[PairAsked] = []
-    left_out: list[_LeftOut] = []
-    for pair in observed.configuration.contrasts:
-        if pair.bright not in regions or pair.dark not in regions:
-            left_out.append(("pairs-without-patch", pair.bright, pair.dark))
-            continue
-        own = _contrast(regions, pair.bright, pair.dark)
-        if own <= 0:
-            left_out.append(("pairs-reversed", pair.bright, pair.dark))
-            continue
-        asked.append(PairAsked(pair.bright, pair.dark, pair.contrast, pair.epsilon, own))
-    for dark, bright in combinations(sorted(regions, key=lambda name: regions[name].luminance_cd_m2), 2):
-        own = _contrast(regions, bright, dark)
-        if own < LEAST_CONTRAST:
-            left_out.append(("pairs-alike", bright, dark))
-        else:
-            for one in each_contrast(contrast):
-                asked.append(PairAsked(bright, dark, round(own, 4) if one is None else one, epsilon, own))
-    return list(dict.fromkeys(asked)), left_out
-
-
-def _left_out(pairs: Iterable[_LeftOut]) -> Iterator[Finding]:
-    """Yield a finding for each reason for omitting pairs."""
-    names: dict[str, list[str]] = {}
-    for code, bright, dark in dict.fromkeys(pairs):
-        names.setdefault(code, []).append(f"{bright} / {dark}")
-    for code, found in names.items():
-        finding = info if code in ("pairs-alike", "pairs-without-patch") else warning
-        yield finding(code, n_pairs=len(found), example=found[0], pairs=found, least_contrast=LEAST_CONTRAST)
-
-
-def _contrast(regions: dict[str, TwinRegion], bright: str, dark: str) -> float:
-    return regions[bright].luminance_cd_m2 / regions[dark].luminance_cd_m2 - 1

@@ -20,7 +20,7 @@ from ..bench.observe import ObservedSession
 from ..camera.sensor import commented_toml
 from .evaluate import TwinEvaluation
 from .parameters import known
-from .result import pair_name, signal_findings, verdict
+from .result import signal_findings, verdict
 
 #: Significant digits of the values in the file.
 _DIGITS = 7
@@ -178,7 +178,7 @@ def _cards(evaluation: TwinEvaluation) -> Iterator[Card]:
     of = f"{evaluation.count('agree')} of {len(evaluation.pairs)}"
     yield Card("Pairs that agree", of, "within the joint 95 % interval", lines, state=state)
     worst = max(evaluation.pairs, key=lambda pair: abs(pair.z))
-    detail, at = f"measured minus predicted CDP of {pair_name(worst)}", percent(worst.asked.contrast)
+    detail, at = f"measured minus predicted CDP of {worst.name}", percent(worst.contrast)
     yield Card("Largest deviation", f"z = {worst.z:.1f}", detail, (f"target contrast {at}",))
 
 

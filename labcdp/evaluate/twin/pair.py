@@ -49,13 +49,11 @@ class PairAsked:
 
 
 @dataclass(frozen=True)
-class TwinPair:
+class TwinPair(PairAsked):
     """CDP of a pair of patches, measured and predicted.
 
     Parameters
     ----------
-    asked : PairAsked
-        Patches and contrast.
     exposure_s : float
         Exposure of the frames.
     frame_number, dark_frame_number : int
@@ -70,7 +68,6 @@ class TwinPair:
         Scatter of the CDP of this number of pixels around its expectation, by the twin.
     """
 
-    asked: PairAsked
     exposure_s: float
     frame_number: int
     dark_frame_number: int
@@ -78,6 +75,11 @@ class TwinPair:
     predicted: float
     u_predicted: float
     u_pixels: float
+
+    @property
+    def name(self) -> str:
+        """Names of both patches."""
+        return f"{self.bright} / {self.dark}"
 
     @property
     def difference(self) -> float:
@@ -151,7 +153,7 @@ def compare_pair(
         for both in _shifted(predicted, seen).values()
     )
     return TwinPair(
-        asked=pair,
+        **vars(pair),
         exposure_s=seen[0].exposure_s,
         frame_number=seen[0].frame_number,
         dark_frame_number=seen[1].frame_number,

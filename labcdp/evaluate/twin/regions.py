@@ -12,14 +12,12 @@ from numpy.typing import NDArray
 from ...calibration import Calibration, PatchObservation
 from ...calibration.colour.patches import uneven_rel
 from ...calibration.frames.rounding import DITHERED_DN2, ROUNDING_DN2
-from ...calibration.readings import combine_readings
 from ...core.dn import Response
-from ...core.errors import CalibrationError
 from ...core.luminance import Invalid, LuminanceMap
 from ...core.roi import Roi
-from ...session import Session
 from ..bench.observe import ObservedSession
 from ..bench.recorded import maps_of
+from ..bench.rows import read_patch
 from .parameters import TwinParameters, known
 from .prediction import TwinRegion
 
@@ -100,10 +98,7 @@ def regions_of(
         group = observed.patches.get(patch.name)
         if not group:
             continue
-        reading, _ = combine_readings(patch.name, observed.readings.get(patch.name, []))
-        if reading.luminance_cd_m2 == 0:
-            raise CalibrationError(f"patch {patch.name!r} reads 0 cd/m², below the meter's range: leave it out")
-        roi = patch.region()
+        reading, roi = read_patch(observed, patch.name), patch.region()
         v = np.asarray(roi.select(vignetting), dtype=float)
         uneven = uneven_rel([calibration], {"": group})
         left, top, right, bottom = roi.bounds
@@ -123,13 +118,13 @@ def regions_of(
 
 
 def seen_regions(
-    session: Session, observed: ObservedSession, calibration: Calibration, exposure_s: float, names: set[str]
+    observed: ObservedSession, calibration: Calibration, exposure_s: float, names: set[str]
 ) -> dict[str, SeenRegion]:
     """Return the calibrated luminance of patches in the first frame of an exposure that shows them, by name."""
     rois = {patch.name: patch.region() for patch in observed.configuration.target.patches if patch.name in names}
     return {
         name: _seen_region(luminance, rois[name], exposure_s, number)
-        for name, (number, luminance) in maps_of(session, calibration, exposure_s, rois).items()
+        for name, (number, luminance) in maps_of(observed.session, calibration, exposure_s, rois).items()
     }
 
 

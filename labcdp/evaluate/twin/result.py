@@ -65,22 +65,15 @@ def _tables(evaluation: TwinEvaluation) -> Iterator[Table]:
     yield provenance_table(evaluation.observed, evaluation.calibration)
 
 
-def pair_name(pair: TwinPair) -> str:
-    """Return "bright / dark"."""
-    return f"{pair.asked.bright} / {pair.asked.dark}"
-
-
 def _pairs(pairs: Sequence[TwinPair]) -> Table:
     difference = Column("difference", "difference", "", "Measured minus predicted; U and u are those of both.")
     columns = (
-        Column("pair", "bright / dark", value=pair_name),
-        Column("target_contrast", "target contrast", "%", "Weber contrast to be detected.", 0, value="asked.contrast"),
-        Column("bright", "bright patch", shown=False, value="asked.bright"),
-        Column("dark", "dark patch", shown=False, value="asked.dark"),
-        Column("epsilon", "tolerance ε", "%", "Contrasts within the target contrast ± ε of it count.", 0,
-               value="asked.epsilon"),
-        Column("meter_contrast", "contrast by meter", "%", "Of the mean luminances by the meter.", shown=False,
-               value="asked.meter_contrast"),
+        Column("pair", "bright / dark", value="name"),
+        Column("target_contrast", "target contrast", "%", "Weber contrast to be detected.", 0, value="contrast"),
+        Column("bright", "bright patch", shown=False),
+        Column("dark", "dark patch", shown=False),
+        Column("epsilon", "tolerance ε", "%", "Contrasts within the target contrast ± ε of it count.", 0),
+        Column("meter_contrast", "contrast by meter", "%", "Of the mean luminances by the meter.", shown=False),
         *with_interval(Column("measured_cdp", "measured CDP", value="measured.cdp",
                               meaning="By the camera; its interval is that of the number of pixels."),
                        "measured.confidence_interval"),

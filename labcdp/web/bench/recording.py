@@ -243,19 +243,15 @@ class Recording:
 def _report(session: Session) -> Path:
     """Calibrate and evaluate a session into a new folder ``NAME-evaluate`` of the current one; returns its page."""
     from ...calibration import save
-    from ...evaluate.bench.calibrate import calibrate_session
-    from ...evaluate.bench.observe import observe_session
-    from ...evaluate.bench.session import evaluate_session
+    from ...evaluate.bench.session import evaluate_session, observe_calibrated
     from ...evaluate.bench.session_page import write_results
-    from ...evaluate.bench.session_result import session_input, session_result
+    from ...evaluate.bench.session_result import session_result
     from ...output import ResultsFolder
 
-    observed = observe_session(session)
-    calibration = calibrate_session(observed)
-    evaluation = evaluate_session(session, observed, calibration)
-    result = session_result(evaluation, [session_input(session)])
+    evaluation = evaluate_session(*observe_calibrated(session))
+    result = session_result(evaluation)
     with ResultsFolder(_new_folder(f"{session.path.name}-evaluate"), "evaluate") as results:
-        save(calibration, results.path("calibration.json"))
+        save(evaluation.calibration, results.path("calibration.json"))
         write_results(evaluation, result, results)
     return results.folder / "report.html"
 

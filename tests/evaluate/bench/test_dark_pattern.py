@@ -43,8 +43,8 @@ def test_pattern_and_hot_pixels_are_found_taken_off_once_everywhere_and_saved(re
         calibrated = calibrate_session(corrected)
         save(calibrated, tmp_path / "calibration.json")
         loaded = load(tmp_path / "calibration.json")
-        first = evaluate_session(session, corrected, calibrated)
-        other = evaluate_session(session, observe_session(session, corrections=corrections_of(loaded)), loaded)
+        first = evaluate_session(corrected, calibrated)
+        other = evaluate_session(observe_session(session, corrections=corrections_of(loaded)), loaded)
         maps = [calibrated.to_luminance(session.load(r)) for r in session.frames("light") if r.exposure_s == 0.032]
     own = corrections[None]
     assert {*zip(own.defects.rows.tolist(), own.defects.columns.tolist(), strict=True)} == set(HOT)

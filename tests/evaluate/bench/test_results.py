@@ -62,7 +62,7 @@ def hostile(recorded, tmp_path_factory):
 @pytest.fixture(scope="module")
 def evaluated(hostile):
     observed = observe_session(hostile)
-    return evaluate_session(hostile, observed, calibrate_session(observed))
+    return evaluate_session(observed, calibrate_session(observed))
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +87,7 @@ def test_results_hold_the_evaluation(evaluated, written):
     patches = {row["patch"]: row for row in values["tables"]["luminance"]["rows"]}
     for patch in evaluated.patches:
         row, u = patches[patch.region.name], patch.calibrated.half_width_95_rel
-        seen = patch.measured_cd_m2, patch.calculated_cd_m2, patch.calibrated.luminance_cd_m2
+        seen = patch.reading.luminance_cd_m2, patch.calculated_cd_m2, patch.calibrated.luminance_cd_m2
         assert (row["measured_cd_m2"], row["calculated_cd_m2"], row["calibrated_cd_m2"]) == seen
         assert row["expanded_calibrated_cd_m2"] == pytest.approx(u * row["calibrated_cd_m2"], rel=1e-12)
         assert row["deviation_rel"] == pytest.approx(seen[2] / seen[0] - 1, abs=1e-15)
@@ -97,13 +97,15 @@ def test_limits_of_cdp_and_luminance_decide_with_the_whole_interval(evaluated):
     contrast = next(row for row in evaluated.contrasts if 0.01 < row.cdp.cdp < 0.99)
     low, high = contrast.cdp.confidence_interval
     limits = {"detected": low / 2, "undecided": (low + high) / 2, "not detected": (1 + high) / 2}
-    assert [replace(contrast, cdp_limit=limit).verdict for limit in limits.values()] == list(limits)
+    asked = [contrast.asked.model_copy(update={"cdp_limit": limit}) for limit in limits.values()]
+    assert [replace(contrast, asked=one).verdict for one in asked] == list(limits)
     row, *others = evaluated.patches
     low, high = row.calibrated.interval_95_cd_m2
     middle = row.calibrated.luminance_cd_m2
     limits = {"pass": (0.9 * low, 1.1 * high), "undecided": (middle, 1.1 * high), "fail": (1.01 * high, 2 * high)}
     for verdict, given in limits.items():
-        judged = session_result(replace(evaluated, patches=[replace(row, limits_cd_m2=given), *others]), [])
+        limited = replace(row, patch=row.patch.model_copy(update={"limits_cd_m2": given}))
+        judged = session_result(replace(evaluated, patches=[limited, *others]))
         assert rows(judged, "luminance", "patch")[row.region.name]["limit_verdict"] == verdict
 
 
@@ -122,13 +124,13 @@ def test_text_of_a_user_is_no_markup_on_any_page(evaluated, hostile, written):
     observed, calibration, plane = evaluated.observed, evaluated.calibration, evaluated.observed.monochrome
     seen = {"": [one for group in plane.patches.values() for one in group]}
     found = verify(calibration, seen, {"": plane.darks}, observed.readings, observed.meter_scale, 0.5)
-    verification = verification_certificate(hostile, observed, calibration, found).decode()
+    verification = verification_certificate(observed, calibration, found).decode()
     assert "<strong>Conform</strong>" in verification
     assert "<dd>&lt;b&gt;Customer&lt;/b&gt;, 1 Street, \\7 Town</dd>" in verification
     for page in (
         (written / "report.html").read_text(encoding="utf-8"),
         render_page(calibration_page(calibration, calibration_result(calibration, "Title <i>here</i>"))),
-        calibration_certificate(hostile, observed, calibration).decode(),
+        calibration_certificate(observed, calibration).decode(),
         verification,
     ):
         body = page[page.index("<body") :]

@@ -77,7 +77,7 @@ def observed(session, calibration):
 
 @pytest.fixture(scope="module")
 def curve(session, observed):
-    return response_of_session(session, observed)
+    return response_of_session(observed)
 
 
 def test_the_curve_is_that_of_the_camera(curve, calibration):
@@ -100,7 +100,7 @@ def test_patches_and_pixels_of_another_scene_are_right_with_their_noise(session,
     columns = seen.valid.all(axis=0)
     means = seen.luminance_cd_m2[:, columns].mean(axis=0) / luminance[0, columns] - 1
     assert np.abs(means - SCALE_ERROR).max() < 0.04  # one column has 160 pixels
-    for row in evaluate_session(session, observed, calibration).patches:
+    for row in evaluate_session(observed, calibration).patches:
         off = row.calibrated.luminance_cd_m2 / LUMINANCES[row.region.name] - 1
         assert abs(off) < row.calibrated.half_width_95_rel < 0.06
     z = ((seen.luminance_cd_m2 / luminance - 1 - SCALE_ERROR) / seen.random_rel)[seen.valid]

@@ -19,4 +19,4 @@ def characterisation(recorded):
 
 @pytest.fixture(scope="session")
 def twin(recorded, observed, calibration, characterisation):
-    return twin_session(recorded, observed, calibration, characterisation)
+    return twin_session(observed, calibration, characterisation)

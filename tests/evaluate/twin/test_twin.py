@@ -47,7 +47,7 @@ def test_the_chain_simulates_the_patches_that_were_measured(twin, calibration, o
 
 def test_all_pairs_and_signals_of_patches_agree(twin, recorded, calibration):
     """The example's 123 pairs; the twin was told none of its bench's parameters."""
-    names = {(pair.asked.bright, pair.asked.dark) for pair in twin.pairs}
+    names = {(pair.bright, pair.dark) for pair in twin.pairs}
     (alike,) = (one.values["pairs"] for one in twin.findings if one.code == "pairs-alike")
     assert len(names) == 16 * 15 / 2 - len(alike)
     assert twin.count("agree") >= 0.93 * len(twin.pairs)
@@ -62,7 +62,7 @@ def test_all_pairs_and_signals_of_patches_agree(twin, recorded, calibration):
     frame = recorded.load(next(r for r in recorded.frames() if r.number == pair.frame_number))
     regions = {p.name: p.region() for p in twin.observed.configuration.target.patches}
     seen = calibration.to_luminance(frame)
-    expected = cdp(*(seen.select(regions[n]) for n in (pair.asked.bright, pair.asked.dark)), pair.asked.contrast)
+    expected = cdp(*(seen.select(regions[n]) for n in (pair.bright, pair.dark)), pair.contrast)
     assert (pair.measured.cdp, pair.measured.confidence_interval) == (expected.cdp, expected.interval)
 
 
@@ -162,9 +162,9 @@ def test_a_bent_response_and_a_large_prnu_are_said(recorded, observed, calibrati
     """The chain cannot hold them; the prediction follows the response: the mean luminance is that of the meter."""
     bent = Response("quadratic", (0.0, 4000.0), (0.0, 4400.0))
     uneven = replace(characterisation, prnu_pixel_rel=replace(characterisation.prnu_rel, value=0.2))
-    of_uneven = twin_parameters(recorded, observed, calibration, uneven)
+    of_uneven = twin_parameters(observed, calibration, uneven)
     assert warning("twin-prnu-limited", prnu_rel=0.2, most_rel=0.1) in of_uneven.findings
-    parameters = twin_parameters(recorded, observed, replace(calibration, response=bent), characterisation)
+    parameters = twin_parameters(observed, replace(calibration, response=bent), characterisation)
     assert info("twin-response-not-linear", response="quadratic") in parameters.findings
     found = predict_regions(parameters, [region("P", 80.0, np.ones(9))], 0.008, bent)["P"].best
     assert found.mean == pytest.approx(80.0, rel=2e-4)
@@ -177,7 +177,7 @@ def test_another_meter_adds_its_scale(recorded, observed, calibration, character
         for name, group in observed.readings.items()
     }
     for of, expected in ((readings, sqrt(2 / 3) * 0.02), (observed.readings, calibration.responsivity.random_rel)):
-        parameters = twin_parameters(recorded, replace(observed, readings=of), calibration, characterisation)
+        parameters = twin_parameters(replace(observed, readings=of), calibration, characterisation)
         rel = parameters.responsivity.standard_uncertainty / parameters.responsivity.value
         assert rel == pytest.approx(expected, rel=0.01)
 
@@ -197,7 +197,7 @@ def test_a_wrong_parameter_shows_in_what_it_determines(
     few = ("P01", "P04", "P09", "upper left") if kind else ("P01", "P02", "P04", "P06", "P09", "P12", "upper left")
     few = {name: observed.patches[name] for name in few}
     wrong = replace(calibration, dark=replace(calibration.dark, offset_dn=calibration.dark.offset_dn + black_dn))
-    result = twin_session(recorded, changed(observed, few), wrong, twice(characterisation, *names), epsilon=0.1)
+    result = twin_session(changed(observed, few), wrong, twice(characterisation, *names), epsilon=0.1)
     assert kind is None or kind in [one.subject for one in signal_findings(result)]
     assert verdict(result).code in ("twin-differs", "twin-signals-differ")
 
@@ -211,7 +211,7 @@ def test_what_cannot_be_compared_is_refused(recorded, observed, calibration, cha
         (changed(observed, camera=small), r"would be 4\.\d+, more than"),
     ):
         with pytest.raises((CalibrationError, InputError), match=message):
-            twin_session(recorded, session, calibration, characterisation)
+            twin_session(session, calibration, characterisation)
 
 
 def measured(pair, value):

@@ -23,7 +23,7 @@ from ...core.reading import Reading
 from ...core.roi import Roi
 from ...session import FrameRecord, MeterCertificate, Session, SessionConfiguration
 from .corrections import Corrections, PlaneCorrections, corrections_of_lens, with_dark_frames
-from .recorded import Report, SessionReader, by_exposure, by_patch, planes_of, regions_without
+from .recorded import Report, SessionReader, by_exposure, by_patch, planes_of, require_patches
 
 
 @dataclass(frozen=True)
@@ -176,7 +176,8 @@ def observe_session(
     if certificate is not None:
         meter = configuration.meter.model_copy(update={"certificate": certificate})
         configuration = configuration.model_copy(update={"meter": meter})
-    regions = regions_without(configuration, without)
+    patches = configuration.target.patches
+    require_patches(without, [patch.name for patch in patches], "to leave out")
     if not session.frames("dark"):
         raise CalibrationError("the session has no dark frames: cover the lens and resume the acquisition")
     planes = planes_of(session)
@@ -189,17 +190,13 @@ def observe_session(
             "filter: use those of this camera"
         )
     frames = partial(SessionReader(report, len(planes) * len(session.frames())).frames, session)
+    regions = [patch.region() for patch in patches if patch.name not in without]
+    seen = {plane: _observe_plane(session, frames, plane, regions, corrections[plane]) for plane in planes}
     readings: dict[str, list[Reading]] = {}
     for record in session.readings():
         if record.patch not in without:
             readings.setdefault(record.patch, []).append(corrected(record.reading, configuration.meter.certificate))
-    return ObservedSession(
-        session,
-        configuration,
-        {plane: _observe_plane(session, frames, plane, regions, corrections[plane]) for plane in planes},
-        readings,
-        input_sha256(session),
-    )
+    return ObservedSession(session, configuration, seen, readings, input_sha256(session))
 
 
 def _observe_plane(

@@ -11,7 +11,6 @@ from ...calibration.frames.measure import plane_of
 from ...core.errors import InputError
 from ...core.frame import PLANES, Frame
 from ...core.luminance import LuminanceMap
-from ...core.roi import Roi
 from ...session import FrameRecord, MeterCertificate, ReadingRecord, Role, Session, SessionConfiguration
 
 Report = Callable[[int, int], None]
@@ -38,12 +37,6 @@ class SessionReader:
             yield plane_of(session.load(record), plane)
             self._done += 1
             self._report(self._done, self._total)
-
-
-def regions_without(configuration: SessionConfiguration, without: Sequence[str]) -> list[Roi]:
-    """Return the patches of the target but some; raises InputError for names that it does not have."""
-    require_patches(without, [patch.name for patch in configuration.target.patches], "to leave out")
-    return [patch.region() for patch in configuration.target.patches if patch.name not in without]
 
 
 def require_patches(asked: Iterable[str], known: Sequence[str], purpose: str) -> None:

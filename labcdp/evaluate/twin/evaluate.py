@@ -120,13 +120,7 @@ def twin_session(
     left_out: _LeftOut = defaultdict(list)
     asked = _asked(observed, regions, contrast, epsilon, left_out)
     compared = _compared(observed, calibration, twin, regions, asked, left_out, report)
-    of_left_out = []
-    for code, pairs in left_out.items():
-        names = [f"{bright} / {dark}" for bright, dark in dict.fromkeys(pairs)]
-        finding = info if code in _HARMLESS else warning
-        of_left_out.append(
-            finding(code, n_pairs=len(names), example=names[0], pairs=names, least_contrast=LEAST_CONTRAST)
-        )
+    of_left_out = list(_findings(left_out))
     if not compared:
         raise CalibrationError(f"no two patches can be compared: {'; '.join(map(finding_text, of_left_out))}")
     own = [one for one in calibration.findings if one.severity != "info"]
@@ -205,6 +199,14 @@ def _compared(
                 compared[pair] = compare_pair(pair, both, (predicted[pair.bright], predicted[pair.dark]))
     report(len(at), len(at))
     return compared
+
+
+def _findings(left_out: _LeftOut) -> Iterator[Finding]:
+    """Yield a finding for each reason for omitting pairs."""
+    for code, pairs in left_out.items():
+        names = [f"{bright} / {dark}" for bright, dark in dict.fromkeys(pairs)]
+        finding = info if code in _HARMLESS else warning
+        yield finding(code, n_pairs=len(names), example=names[0], pairs=names, least_contrast=LEAST_CONTRAST)
 
 
 def _of_corrections(twin: TwinParameters, exposures_s: Collection[float]) -> Iterator[Finding]:

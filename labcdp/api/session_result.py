@@ -24,7 +24,8 @@ _COLUMNS = {column.name: column for column in (*LUMINANCES, *CONTRASTS)}
 
 
 def _renamed(**names: str) -> list[Column]:
-    return [replace(_COLUMNS[column], name=name) for name, column in names.items()]
+    found = ((name, _COLUMNS[column]) for name, column in names.items())
+    return [replace(column, name=name, value=column.value or column.name) for name, column in found]
 
 
 _INTERVAL = "calibrated.interval_95_cd_m2"

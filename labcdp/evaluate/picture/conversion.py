@@ -35,24 +35,14 @@ class PictureSource:
 
     Parameters
     ----------
-    path : Path
-        The file.
-    sha256 : str
-        Hash of its bytes.
-    shape : (int, int)
-        Height and width in pixels.
-    unit : str
-        ``cd/m²``, or ``relative`` without a scale.
-    conversion : str
-        How its values became luminance.
+    path, sha256, shape
+        As of the `Picture`.
+    unit, conversion : str
+        ``cd/m²``, or ``relative`` without a scale; and how values became luminance.
     encoding : str
         How the values of the file are taken to be encoded, such as ``sRGB``; a calibration has a response of its own.
-    exposure_s : float or None
-        Exposure, where it is known.
-    camera : str or None
-        Camera, if known.
-    simulated : bool
-        Whether the camera is simulated.
+    exposure_s, camera, simulated
+        Exposure and camera, None where they are not known, and whether it is a simulated one.
     findings : tuple of Finding
         What a user should know about file and conversion.
     """
@@ -81,10 +71,6 @@ class PictureConversion:
         What pictures to be converted are taken to be where their files do not say.
     specification : CameraSpecification or None
         The guessed parameters; None for relative values.
-
-    Notes
-    -----
-    A calibration has a conversion of its own.
     """
 
     description: str
@@ -156,8 +142,14 @@ class PictureConversion:
         """
         if picture.luminance is not None:
             return picture.luminance
-        if picture.frame is None:
-            return self._of_floats(picture)
+        if picture.light is not None:
+            if self.unit == "cd/m^2" and not picture.light_is_cd_m2:
+                raise InputError(
+                    f"{picture.path} holds floats, and does not say that they are cd/m²: calibration and camera "
+                    "specification convert DN; leave them out for relative values"
+                )
+            invalid = np.where(np.isfinite(picture.light), 0, Invalid.DEFECT).astype(np.uint8)
+            return LuminanceMap(picture.light, np.zeros_like(picture.light), (), invalid)
         frame = self.frame_of(picture)
         if self.unit == "cd/m^2" and not picture.exposure_known:
             raise InputError(f"{picture.path} does not state its exposure time: give it")
@@ -210,16 +202,6 @@ class PictureConversion:
             If the frame is not of the camera, setting or size the calibration is for.
         """
         return self._map(frame, self.options.encoding or "linear", window or WHOLE, None)
-
-    def _of_floats(self, picture: Picture) -> LuminanceMap:
-        assert picture.light is not None
-        if self.unit == "cd/m^2" and not picture.light_is_cd_m2:
-            raise InputError(
-                f"{picture.path} holds floats, and does not say that they are cd/m²: calibration and camera "
-                "specification convert DN; leave them out for relative values"
-            )
-        invalid = np.where(np.isfinite(picture.light), 0, Invalid.DEFECT).astype(np.uint8)
-        return LuminanceMap(picture.light, np.zeros_like(picture.light), (), invalid)
 
 
 @dataclass(frozen=True, kw_only=True)

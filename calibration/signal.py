@@ -204,22 +204,16 @@ def usable(
     """
     kept: list[PatchObservation] = []
     left_out: list[LeftOut] = []
-    reasons: dict[Reason, list[PatchObservation]] = {}
-    for observation in observations:
-        reason = _reason_to_leave_out(observation, settings)
+    exposures_s: dict[Reason, list[float]] = {}
+    for o in observations:
+        reason = _reason_to_leave_out(o, settings)
         if reason is None:
-            kept.append(observation)
+            kept.append(o)
         else:
-            reasons.setdefault(reason, []).append(observation)
-            left_out.append(LeftOut(observation.patch, observation.exposure_s, None, reason))
-    return (
-        kept,
-        left_out,
-        [
-            info(_CODES[reason], group[0].patch, exposures_s=[o.exposure_s for o in group])
-            for reason, group in reasons.items()
-        ],
-    )
+            left_out.append(LeftOut(o.patch, o.exposure_s, None, reason))
+            exposures_s.setdefault(reason, []).append(o.exposure_s)
+    found = [info(_CODES[reason], left_out[0].patch, exposures_s=times) for reason, times in exposures_s.items()]
+    return kept, left_out, found
 
 
 def left_out_text(left_out: Sequence[LeftOut]) -> str:
@@ -248,13 +242,11 @@ def temperature_findings(observations: Sequence[PatchObservation], settings: Seq
     by_gain: dict[int, list[PatchObservation]] = {}
     for o in observations:
         by_gain.setdefault(index_of_gain(settings, o.state.gain_db), []).append(o)
-    return [
-        finding
-        for index, own in by_gain.items()
-        for finding in settings[index].dark.temperature_findings(
-            ((o.exposure_s, o.temperature_c) for o in own), f"patch {own[0].patch}"
-        )
-    ]
+    findings = []
+    for index, own in by_gain.items():
+        frames = [(o.exposure_s, o.temperature_c) for o in own]
+        findings += settings[index].dark.temperature_findings(frames, f"patch {own[0].patch}")
+    return findings
 
 
 def _reason_to_leave_out(observation: PatchObservation, settings: Sequence[GainSetting]) -> Reason | None:

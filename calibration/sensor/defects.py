@@ -141,13 +141,15 @@ def find_defects(dark: FrameStatistics, light: FrameStatistics | None = None) ->
     """
     reasons = np.zeros(dark.shape, dtype=np.uint8)
     deviation = dark.image_dn - np.median(dark.image_dn)
-    reasons[np.abs(deviation) > HOT_LIMIT * _robust_std(deviation, dark)] |= Defect.HOT.value
+    # Not below noise and rounding of a mean over the frames.
+    robust_std = max(1.4826 * float(np.median(np.abs(deviation))), sqrt(dark.pixel_mean_variance_dn2))
+    reasons[np.abs(deviation) > HOT_LIMIT * robust_std] |= Defect.HOT.value
     reasons[_noisy(dark)] |= Defect.NOISY.value
     if light is not None:
         if light.shape != dark.shape:
             raise CalibrationError(f"the dark frames are {dark.shape} pixels, the light frames {light.shape}")
         net = light.image_dn - dark.image_dn
-        around = _median_around(net)
+        around = median_around(net)
         typical = float(np.median(net))
         if typical < 5 * sqrt(dark.typical_variance_dn2 + ROUNDING_DN2):
             raise CalibrationError(
@@ -161,12 +163,6 @@ def find_defects(dark: FrameStatistics, light: FrameStatistics | None = None) ->
         reasons[same | unmoved] |= Defect.STUCK.value
         reasons[_noisy(light)] |= Defect.NOISY.value
     return DefectMap.of(reasons)
-
-
-def _robust_std(deviation: NDArray[np.floating[Any]], statistics: FrameStatistics) -> float:
-    """1.4826 times the median absolute deviation; not below noise and rounding of a mean over the frames."""
-    robust = 1.4826 * float(np.median(np.abs(deviation)))
-    return max(robust, sqrt(statistics.pixel_mean_variance_dn2))
 
 
 def _noisy(statistics: FrameStatistics) -> NDArray[np.bool_]:
@@ -185,7 +181,7 @@ def _noisy(statistics: FrameStatistics) -> NDArray[np.bool_]:
     return noisy
 
 
-def _median_around(image: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+def median_around(image: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
     """Median of the 5 x 5 pixels around each pixel; pixels beyond the edge repeat those at it."""
     import cv2
 

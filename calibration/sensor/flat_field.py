@@ -17,6 +17,7 @@ from ...core.result import Finding, info
 from ...core.vignetting import FlatField, RadialVignetting, middle_of
 from ..frames.measure import MeasuredFrames
 from .dark_fit import rows_of
+from .defects import median_around
 from .flat_structure import block_means, pixel_pattern, structure_findings
 
 Array = NDArray[np.float64]
@@ -158,9 +159,7 @@ def _averaged(signals: Iterable[_Signal]) -> tuple[Array, Array, NDArray[np.bool
 
 def _repaired(relative: Array, unknown: NDArray[np.bool_]) -> Array:
     """Give pixels without a usable value that of their neighbours."""
-    import cv2
-
-    around = cv2.medianBlur(np.where(unknown, 1.0, relative).astype(np.float32), 5).astype(np.float64)
+    around = median_around(np.where(unknown, 1.0, relative))
     bad = unknown | (relative < _DEAD * around)
     if around.min() <= 0:
         raise CalibrationError("parts of the light frames are not brighter than the dark ones: light the whole sensor")

@@ -120,9 +120,8 @@ def fit_noise(
     for o in observations:
         dark_dn = dark.mean_dn(o.exposure_s, o.temperature_c)
         net_dn = o.net_dn_at_pixel(dark_dn)
-        if not noise.covers(net_dn):
-            continue
-        if _unclipped(o) and 0 < net_dn <= FIT_SHARE * (o.state.saturation_dn - dark_dn):
+        in_range = 0 < net_dn <= FIT_SHARE * (o.state.saturation_dn - dark_dn)
+        if in_range and _unclipped(o) and noise.covers(net_dn):
             dark_dn2 = dark.noise_variance_dn2(o.exposure_s, o.temperature_c)
             points.append((net_dn, o.temporal_variance_dn2, (o.n_pixels - 1) * (o.n_frames - 1), dark_dn2))
     if not points:
@@ -150,7 +149,7 @@ def _flicker(observations: Sequence[PatchObservation], dark: DarkModel) -> tuple
     total, freedom = 0.0, 0
     for group in sets.values():
         net = np.array([o.net_dn(dark.mean_dn(o.exposure_s, o.temperature_c)) for o in group])
-        noise = np.array([frame_noise_dn2(o, dark) for o in group])
+        noise = np.array([_frame_noise_dn2(o, dark) for o in group])
         seen = np.array([o.frame_means_variance_dn2 for o in group])
         weight = net**4 / np.maximum(noise, 1e-12) ** 2
         if (net <= 0).all():
@@ -161,7 +160,7 @@ def _flicker(observations: Sequence[PatchObservation], dark: DarkModel) -> tuple
     return (sqrt(max(total / freedom, 0.0)), freedom) if freedom else (0.0, 0)
 
 
-def frame_noise_dn2(o: PatchObservation, dark: DarkModel) -> float:
+def _frame_noise_dn2(o: PatchObservation, dark: DarkModel) -> float:
     """Variance of a patch's mean of DN / V in one frame by noise of the pixels, columns, rows and black level."""
     columns, rows = (part**2 / n for part, n in zip(dark.line_noise_dn, o.n_lines, strict=True))
     return o.mean_inverse_v**2 * (o.temporal_variance_dn2 / o.n_pixels + columns + rows + dark.drift_dn**2)
@@ -171,9 +170,7 @@ def _unclipped(o: PatchObservation) -> bool:
     return max(o.saturated_share, o.black_share) <= MAX_CLIPPED_SHARE
 
 
-def _before_tone(
-    net_dn: NDArray[np.float64], variance_dn2: NDArray[np.float64], dof: NDArray[np.float64], tone: Response
-) -> tuple[float, float]:
+def _before_tone(net_dn: FloatArray, variance_dn2: FloatArray, dof: FloatArray, tone: Response) -> tuple[float, float]:
     """K and read noise of h by least squares; neither is negative."""
     from scipy.optimize import nnls
 

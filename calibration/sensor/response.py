@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import ceil, log, pi, sqrt
@@ -161,10 +161,8 @@ def _by_exposure(frames: Sequence[Frame]) -> dict[float, list[Frame]]:
     for frame in sorted(frames, key=lambda frame: frame.exposure_s):
         groups.setdefault(frame.exposure_s, []).append(frame)
     if len(groups) < MIN_EXPOSURES:
-        raise CalibrationError(
-            f"there are {len(frames)} frames at {len(groups)} exposures: give frames at {MIN_EXPOSURES} or more "
-            "exposures"
-        )
+        given = f"{len(frames)} frames at {len(groups)} exposures"
+        raise CalibrationError(f"there are {given}: give frames at {MIN_EXPOSURES} or more exposures")
     state = CameraState.of(frames[0])
     for frame in frames[1:]:
         state.require(CameraState.of(frame), "the first frame", f"frame {frame.frame_id}")
@@ -203,19 +201,22 @@ def _covered(net_dn: NDArray[np.float64], full_dn: float, step_dn: float) -> tup
     return (float(edges[first]), float(edges[last + 1])), np.count_nonzero(covered) / _LEVELS
 
 
+def _deviations(
+    net_dn: _Array, exposures_s: Sequence[float], response: Response, limits: tuple[float, float]
+) -> Iterator[tuple[_Array, _Array]]:
+    """Signals within limits at the longer of two neighbouring exposures, and ln of their h over what is expected."""
+    for (a, shorter_s), (b, longer_s) in pairwise(zip(net_dn, exposures_s, strict=True)):
+        both = (a >= limits[0]) & (b <= limits[1])
+        yield b[both], np.log(response.linearise(b[both]) / response.linearise(a[both]) * shorter_s / longer_s)
+
+
 def _require_still(
-    net_dn: NDArray[np.float64], exposures_s: Sequence[float], response: Response, limits: tuple[float, float]
+    net_dn: _Array, exposures_s: Sequence[float], response: Response, limits: tuple[float, float]
 ) -> None:
     """Refuse inconsistent pixels, which the means over groups would hide."""
-    # Where noise is small.
-    low, high = max(limits[0], _BRIGHT_SHARE * limits[1]), limits[1]
-    for (a, shorter_s), (b, longer_s) in pairwise(zip(net_dn, exposures_s, strict=True)):
-        both = (a >= low) & (b <= high)
-        if np.count_nonzero(both) < _SEEN:
-            continue
-        ratio = response.linearise(b[both]) / response.linearise(a[both]) * shorter_s / longer_s
-        typical = float(np.median(np.abs(np.log(ratio))))
-        if typical > _MOVED:
+    where_noise_is_small = max(limits[0], _BRIGHT_SHARE * limits[1]), limits[1]
+    for _, deviation in _deviations(net_dn, exposures_s, response, where_noise_is_small):
+        if deviation.size >= _SEEN and (typical := float(np.median(np.abs(deviation)))) > _MOVED:
             raise CalibrationError(_CONTRADICTION.format(typical))
 
 
@@ -242,12 +243,8 @@ def _residuals_rel(
     from scipy.ndimage import uniform_filter1d
 
     squares, seen = np.zeros(_CELLS), np.zeros(_CELLS)
-    for i, j in pairwise(range(len(exposures_s))):
-        a, b = net_dn[i], net_dn[j]
-        both = (a >= limits[0]) & (b <= limits[1])
-        a, b = a[both], b[both]
-        deviation = np.log(response.linearise(b) / response.linearise(a) * exposures_s[i] / exposures_s[j])
-        cell = np.minimum(_CELLS * np.log(b / limits[0]) / log(limits[1] / limits[0]), _CELLS - 1).astype(int)
+    for longer, deviation in _deviations(net_dn, exposures_s, response, limits):
+        cell = np.minimum(_CELLS * np.log(longer / limits[0]) / log(limits[1] / limits[0]), _CELLS - 1).astype(int)
         number = np.bincount(cell, minlength=_CELLS)
         squares += (np.bincount(cell, deviation, _CELLS) / np.maximum(number, 1)) ** 2
         seen += number > 0
@@ -258,9 +255,7 @@ def _residuals_rel(
     return sqrt(squares.sum() / seen.sum()), tuple(np.sqrt(local).tolist())
 
 
-def _debevec(
-    net_dn: NDArray[np.floating[Any]], exposures_s: Sequence[float], limits: tuple[float, float]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _debevec(net_dn: _Array, exposures_s: Sequence[float], limits: tuple[float, float]) -> tuple[_Array, _Array]:
     """Knots between the limits, and h there, rising, with h = n at the first: the least squares of ln h = ln E + ln t.
 
     Equations, hat-shaped weights and second differences are those of P. E. Debevec and J. Malik, "Recovering high
@@ -283,8 +278,7 @@ def _debevec(
     weight = np.maximum(1 - np.abs(2 * place / (_KNOTS - 1) - 1), _LEAST_WEIGHT)
     design[rows] *= weight[:, None]
     wanted[rows] *= weight
-    for knot in range(_KNOTS - 2):
-        design[place.size + knot, knot : knot + 3] = _SMOOTHNESS * np.array([1.0, -2.0, 1.0])
+    design[place.size : -1, :_KNOTS] = _SMOOTHNESS * np.diff(np.eye(_KNOTS), 2, axis=0)
     design[-1, _KNOTS // 2] = 1.0  # the scale is free
     curve = np.linalg.lstsq(design, wanted)[0][:_KNOTS]
     knots = np.exp(np.linspace(low, high, _KNOTS))

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import logging
 import platform
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from importlib.metadata import version
 
 import numpy as np
 
-from ..core.reading import Reading
 from ..core.result import Finding, log_findings, unique
 from ..core.vignetting import AnyVignetting
 from .convert.patch import patch_luminance
@@ -33,7 +32,7 @@ from .sensor.dark_library import DarkLibrary
 from .sensor.defects import DefectMap
 from .sensor.noise import GainSetting
 from .sensor.response import ResponseCurve
-from .setup import Provenance, Setup, meter_scale
+from .setup import Provenance, Readings, Setup, meter_scale
 
 _log = logging.getLogger(__name__)
 
@@ -49,7 +48,7 @@ _TONE_CURVE = 1.5
 def fit(
     observations: Sequence[PatchObservation],
     darks: Sequence[DarkObservation],
-    readings: Mapping[str, Sequence[Reading]],
+    readings: Readings,
     setup: Setup,
     *,
     held_out: Collection[str] = (),
@@ -108,7 +107,7 @@ def fit(
 
 
 def _fitted(
-    intake: Intake, readings: Mapping[str, Sequence[Reading]], setup: Setup, response: ResponseCurve | None
+    intake: Intake, readings: Readings, setup: Setup, response: ResponseCurve | None
 ) -> tuple[Calibration, list[Finding]]:
     """Fit all patches that are not held out."""
     settings = intake.settings

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from math import hypot, inf, isfinite, sqrt
+from typing import TypeAlias
 
 from ..core.errors import CalibrationError, InputError
 from ..core.reading import MeterIdentity, Reading
@@ -16,6 +17,10 @@ from ..session.tables import EXPOSURE_JITTER_S
 
 #: Sources of common errors that belong to the meter and cancel in contrasts.
 METER_SOURCES = ("meter scale", "meter f1'")
+
+
+#: Readings of the meter by patch.
+Readings: TypeAlias = Mapping[str, Sequence[Reading]]
 
 
 @dataclass(frozen=True)
@@ -124,10 +129,7 @@ class MeterScale:
 
 
 def meter_scale(
-    readings: Mapping[str, Sequence[Reading]],
-    certificate: MeterCertificate | None = None,
-    f1_prime: float | None = None,
-    light: str = "",
+    readings: Readings, certificate: MeterCertificate | None = None, f1_prime: float | None = None, light: str = ""
 ) -> MeterScale:
     """Return the one meter of all readings, with its certificate or else the largest scale error stated with them.
 
@@ -136,11 +138,15 @@ def meter_scale(
     CalibrationError
         If there is no reading, or readings come from several meters or have different corrections.
     """
-    every = [reading for group in readings.values() for reading in group]
+    every = [
+        (f"reading {number} of patch {patch!r}", reading)
+        for patch, group in readings.items()
+        for number, reading in enumerate(group, start=1)
+    ]
     if not every:
         raise CalibrationError("there are no meter readings: measure every patch with the luminance meter")
-    first = every[0].meter
-    for reading in every:
+    first = every[0][1].meter
+    for _, reading in every:
         if reading.meter != first and (reading.meter.model, reading.meter.serial) == (first.model, first.serial):
             dates = "; ".join(meter.calibration_date or "date not known" for meter in (first, reading.meter))
             raise CalibrationError(
@@ -152,12 +158,8 @@ def meter_scale(
                 f"readings come from meters {first.model} {first.serial} and {reading.meter.model} "
                 f"{reading.meter.serial}: calibrate with one meter, its scale error is common to all patches"
             )
-    require_one_correction(
-        (f"reading {number} of patch {patch!r}", reading)
-        for patch, group in readings.items()
-        for number, reading in enumerate(group, start=1)
-    )
-    return MeterScale(first, max(r.scale_half_width_rel for r in every), certificate, f1_prime, light)
+    require_one_correction(every)
+    return MeterScale(first, max(r.scale_half_width_rel for _, r in every), certificate, f1_prime, light)
 
 
 def require_one_correction(readings: Iterable[tuple[str, Reading]]) -> None:
@@ -176,12 +178,8 @@ def corrected(reading: Reading, certificate: MeterCertificate | None) -> Reading
     if certificate is None or certificate.correction == 1:
         return reading
     factor = certificate.correction
-    return replace(
-        reading,
-        value=reading.value * factor,
-        resolution=reading.resolution * factor,
-        digits_half_width=reading.digits_half_width * factor,
-    )
+    scaled = {name: getattr(reading, name) * factor for name in ("value", "resolution", "digits_half_width")}
+    return replace(reading, **scaled)
 
 
 @dataclass(frozen=True)

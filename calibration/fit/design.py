@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ...core.vignetting import AnyVignetting
 from ..converter import BLACK_LEVEL, FLAT_FIELD, FLICKER, exposure_time_rel, source_of_place
 from ..frames.nonuniformity import slow_rel, smooth_patterns, vignetting_errors
-from ..frames.observations import PatchObservation
+from ..frames.observations import Groups, PatchObservation
 from ..readings import PatchReading
 from ..sensor.noise import GainSetting
 from ..signal import NetSignals, net_signals
@@ -198,10 +198,7 @@ class Design:
 
 
 def build_design(
-    groups: Mapping[str, Sequence[PatchObservation]],
-    readings: Mapping[str, PatchReading],
-    settings: Sequence[GainSetting],
-    exposure_jitter_s: float,
+    groups: Groups, readings: Mapping[str, PatchReading], settings: Sequence[GainSetting], exposure_jitter_s: float
 ) -> Design:
     """Collect usable observations by patch, and readings.
 

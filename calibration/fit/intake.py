@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 from ...core.clock import exposure_text
 from ...core.dn import Response
 from ...core.errors import CalibrationError
-from ...core.reading import Reading
 from ...core.result import Finding, warning
 from ..findings import LeftOut
-from ..frames.observations import GAIN_TOLERANCE_DB, DarkObservation, PatchObservation
+from ..frames.observations import GAIN_TOLERANCE_DB, DarkObservation, Groups, PatchObservation
 from ..readings import PatchReading, combine_readings
 from ..sensor.dark import DarkModel, fit_dark
 from ..sensor.noise import GainSetting, fit_noise
+from ..setup import Readings
 from ..signal import left_out_text, usable, with_prnu
 from .design import build_design
 from .screening import FitData, full_well
@@ -44,7 +44,7 @@ class Intake:
     settings: tuple[GainSetting, ...]
     findings: list[Finding]
     of_dark: list[Finding]
-    groups: Mapping[str, Sequence[PatchObservation]]
+    groups: Groups
     held_out: Collection[str]
 
     @property
@@ -56,7 +56,7 @@ class Intake:
 def take_in(
     observations: Sequence[PatchObservation],
     darks: Sequence[DarkObservation],
-    readings: Mapping[str, Sequence[Reading]],
+    readings: Readings,
     held_out: Collection[str],
     tone: Response | None = None,
     drift_dn: float | None = None,
@@ -162,7 +162,7 @@ def gain_settings(
 
 
 def group_by_patch(
-    observations: Sequence[PatchObservation], readings: Mapping[str, Sequence[Reading]], held_out: Collection[str]
+    observations: Sequence[PatchObservation], readings: Readings, held_out: Collection[str]
 ) -> dict[str, list[PatchObservation]]:
     """Observations by patch; raises CalibrationError if a patch has no reading, a reading or a name no patch."""
     groups: dict[str, list[PatchObservation]] = {}
@@ -182,7 +182,7 @@ def group_by_patch(
     return groups
 
 
-def take_usable(intake: Intake, readings: Mapping[str, Sequence[Reading]], exposure_jitter_s: float) -> FitData:
+def take_usable(intake: Intake, readings: Readings, exposure_jitter_s: float) -> FitData:
     """Combine readings, and exclude clipped and black exposures and zero readings.
 
     Raises

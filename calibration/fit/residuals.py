@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from math import hypot, inf, sqrt
 
 import numpy as np
 
 from ...core.errors import CalibrationError
-from ...core.reading import Reading
 from ...core.result import Finding, warning
 from ..convert.patch import PatchLuminance
 from ..findings import FitError
-from ..frames.observations import PatchObservation
+from ..frames.observations import Groups
 from ..model import PatchResidual
 from ..readings import combine_readings
+from ..setup import Readings
 from .candidates import CandidateModel
 from .design import Array
 from .problem import Solution
@@ -26,7 +26,7 @@ from .selection import leave_one_out, weights_by_patch
 _N_NODES = 96
 
 
-def fitted_rows(solution: Solution, groups: Mapping[str, Sequence[PatchObservation]]) -> tuple[PatchResidual, ...]:
+def fitted_rows(solution: Solution, groups: Groups) -> tuple[PatchResidual, ...]:
     """One row for each patch of the fit.
 
     Parameters
@@ -49,9 +49,7 @@ def fitted_rows(solution: Solution, groups: Mapping[str, Sequence[PatchObservati
 
 
 def held_out_rows(
-    measure: Callable[[str], PatchLuminance],
-    centres_px: Mapping[str, tuple[float, float]],
-    readings: Mapping[str, Sequence[Reading]],
+    measure: Callable[[str], PatchLuminance], centres_px: Mapping[str, tuple[float, float]], readings: Readings
 ) -> tuple[tuple[PatchResidual, ...], list[Finding]]:
     """One row for each held-out patch, and findings on unusable ones.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import hypot, inf, sqrt
 from typing import Any
@@ -13,9 +13,10 @@ from numpy.typing import ArrayLike
 from ...core.reading import Reading
 from ...core.result import Finding, warning
 from ..findings import LeftOut
-from ..frames.observations import PatchObservation
+from ..frames.observations import Groups
 from ..readings import combine_readings, contradict, contradiction, distinct
 from ..sensor.noise import GainSetting
+from ..setup import Readings
 from ..signal import net_signals, usable
 from ..uncertainty import critical_value
 from .candidates import CandidateModel
@@ -63,7 +64,7 @@ class FitData:
         return FitData(design, (*self.left_out, left_out), (*self.findings, finding))
 
 
-def screen(data: FitData, candidates: Sequence[CandidateModel], readings: Mapping[str, Sequence[Reading]]) -> FitData:
+def screen(data: FitData, candidates: Sequence[CandidateModel], readings: Readings) -> FitData:
     """Exclude readings that contradict camera and other patches.
 
     Of two contradicting readings of one patch, the one closer to the camera is kept. A patch is bad if its standardised
@@ -183,11 +184,7 @@ def plateau_dn(net_dn: ArrayLike, light: ArrayLike, promised_dn: ArrayLike) -> f
     return float(net[full].mean())
 
 
-def full_well(
-    groups: Mapping[str, Sequence[PatchObservation]],
-    readings: Mapping[str, Sequence[Reading]],
-    settings: Sequence[GainSetting],
-) -> tuple[float, Finding] | None:
+def full_well(groups: Groups, readings: Readings, settings: Sequence[GainSetting]) -> tuple[float, Finding] | None:
     """Find the DN from which pixels may be full, below the stated saturation.
 
     Parameters

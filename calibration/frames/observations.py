@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from datetime import datetime
 from math import inf
-from typing import Any
+from typing import Any, TypeAlias
 
 from ...core.clock import exposure_text
 from ...core.errors import CalibrationError
@@ -126,38 +126,58 @@ class CameraState:
         return " or ".join(f"{gain_db:g} dB" for gain_db in allowed), found
 
 
-@dataclass(frozen=True)
-class PatchObservation:
-    """One patch at one exposure.
+@dataclass(frozen=True, kw_only=True)
+class Observation:
+    """Pixels at one exposure.
+
+    Parameters
+    ----------
+    exposure_s : float
+        Exposure time.
+    n_pixels, n_frames : int
+        How many were averaged.
+    temporal_variance_dn2 : float
+        Variance of one pixel's DN from frame to frame.
+    frame_means_variance_dn2 : float
+        Variance of the mean from frame to frame: noise, black level and light.
+    black_share : float
+        Share of the values at DN 0.
+    state : CameraState
+        Camera and settings.
+    temperature_c : float or None
+        Mean device temperature of the frames, None if unknown.
+    """
+
+    exposure_s: float
+    n_pixels: int
+    n_frames: int
+    temporal_variance_dn2: float
+    frame_means_variance_dn2: float = 0.0
+    black_share: float
+    state: CameraState
+    temperature_c: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PatchObservation(Observation):
+    """One patch at one exposure; the mean whose variance is known from frame to frame is that of DN / V.
 
     Parameters
     ----------
     patch : str
         Name of the patch, the region's name.
-    exposure_s : float
-        Exposure time.
     signal_dn : float
         Mean over the region and the frames of DN / V, dark signal included.
     mean_inverse_v : float
         Mean of 1 / V over the region: the factor of the dark signal in `signal_dn`.
-    n_pixels, n_frames : int
-        How many were averaged.
-    temporal_variance_dn2 : float
-        Variance of one pixel's DN from frame to frame (V not applied).
     nonuniformity : Nonuniformity
         Of the mean frame in the region.
-    saturated_share, black_share : float
-        Share of the values at or above saturation, and at DN 0.
-    state : CameraState
-        Camera and settings.
+    saturated_share : float
+        Share of the values at or above saturation.
     vignetting : AnyVignetting or None
         V, None for 1.
-    temperature_c : float or None
-        Mean device temperature of the frames, None if unknown.
     centre_px : (float, float)
         Middle (x, y) of the region in the image.
-    frame_means_variance_dn2 : float
-        Variance of the mean of DN / V from frame to frame: noise, black level and light.
     n_lines : (float, float)
         Effective numbers of columns and rows that were averaged.
     recorded : datetime or None
@@ -165,20 +185,12 @@ class PatchObservation:
     """
 
     patch: str
-    exposure_s: float
     signal_dn: float
     mean_inverse_v: float
-    n_pixels: int
-    n_frames: int
-    temporal_variance_dn2: float
     nonuniformity: Nonuniformity
     saturated_share: float
-    black_share: float
-    state: CameraState
     vignetting: AnyVignetting | None
-    temperature_c: float | None = None
     centre_px: tuple[float, float] = (0.0, 0.0)
-    frame_means_variance_dn2: float = 0.0
     n_lines: tuple[float, float] = (inf, inf)
     recorded: datetime | None = None
 
@@ -209,30 +221,20 @@ class PatchObservation:
         return self.nonuniformity.pixel_variance_dn2(dark_dn) - noise_dn2
 
 
-@dataclass(frozen=True)
-class DarkObservation:
+#: Observations by patch.
+Groups: TypeAlias = Mapping[str, Sequence[PatchObservation]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DarkObservation(Observation):
     """Dark signal at one exposure, over the whole sensor.
 
     Parameters
     ----------
-    exposure_s : float
-        Exposure time.
     mean_dn : float
         Mean over pixels and frames.
-    frame_means_variance_dn2 : float
-        Variance of the mean from frame to frame: the black level of a camera drifts.
-    n_pixels, n_frames : int
-        How many were averaged.
-    temporal_variance_dn2 : float
-        Variance of one pixel from frame to frame.
     nonuniformity_dn : float
         Standard deviation of slow changes of the dark signal across the sensor; 0 if not significant.
-    black_share : float
-        Share of the values at DN 0.
-    state : CameraState
-        Camera and settings.
-    temperature_c : float or None
-        Mean device temperature of the frames, None if unknown.
     pattern_dn : float
         Standard deviation of the dark signal from pixel to pixel, noise removed (EMVA 1288: DSNU, in DN); with a dark
         library, its residual.
@@ -240,16 +242,8 @@ class DarkObservation:
         Parts of noise and pattern that whole columns and rows have in common, as standard deviations.
     """
 
-    exposure_s: float
     mean_dn: float
-    frame_means_variance_dn2: float
-    n_pixels: int
-    n_frames: int
-    temporal_variance_dn2: float
     nonuniformity_dn: float
-    black_share: float
-    state: CameraState
-    temperature_c: float | None = None
     pattern_dn: float = 0.0
     line_noise_dn: tuple[float, float] = (0.0, 0.0)
     line_pattern_dn: tuple[float, float] = (0.0, 0.0)

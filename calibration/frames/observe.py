@@ -77,9 +77,10 @@ def observe_patches(
     if twice:
         raise CalibrationError(f"several regions are called {twice[0]!r}: give each patch its own name")
     measured = measure_frames(frames, regions, defects)
-    pattern = _pattern(measured[0], dark_library) if measured else None
-    shape = measured[0].state.image_shape if measured else (0, 0)
-    inverse_v = None if vignetting is None else 1 / vignetting.relative_illuminance(shape)
+    if not measured:
+        return []
+    pattern = _pattern(measured[0], dark_library)
+    inverse_v = None if vignetting is None else 1 / vignetting.relative_illuminance(measured[0].state.image_shape)
     return [_patch(one, inverse_v, pattern, vignetting) for one in measured]
 
 
@@ -94,22 +95,17 @@ def _patch(
     _require_enough(one)
     factor = np.ones(s.n_pixels) if inverse_v is None else inverse_v[one.window][s.used]
     values = _without(s, None if pattern_dn is None else pattern_dn[one.window]) * factor
+    common = _common(one)
+    common["frame_means_variance_dn2"] *= float(factor.mean()) ** 2
     return PatchObservation(
+        **common,
         patch=region.name,
-        exposure_s=one.exposure_s,
         signal_dn=float(values.mean()),
         mean_inverse_v=float(factor.mean()),
-        n_pixels=s.n_pixels,
-        n_frames=s.n_frames,
-        temporal_variance_dn2=s.temporal_variance_dn2,
         nonuniformity=nonuniformity(values, factor, cells_of(s.used)),
         saturated_share=s.saturated_share,
-        black_share=s.black_share,
-        state=one.state,
         vignetting=vignetting,
-        temperature_c=one.temperature_c,
         centre_px=region.centre,
-        frame_means_variance_dn2=s.frame_means_variance_dn2 * float(factor.mean()) ** 2,
         n_lines=s.n_lines,
         recorded=one.recorded,
     )
@@ -154,20 +150,20 @@ def dark_observation(measured: MeasuredFrames, dark_library: DarkPattern | None 
     column_dn, row_dn = sqrt(s.temporal_parts.column), sqrt(s.temporal_parts.row)
     noise_dn2 = s.temporal_variance_dn2 / s.n_frames
     return DarkObservation(
-        exposure_s=measured.exposure_s,
+        **_common(measured),
         mean_dn=float(values.mean()),
-        frame_means_variance_dn2=s.frame_means_variance_dn2,
-        n_pixels=s.n_pixels,
-        n_frames=s.n_frames,
-        temporal_variance_dn2=s.temporal_variance_dn2,
         nonuniformity_dn=sqrt(spread.slow_variance_dn2(0.0)),
-        black_share=s.black_share,
-        state=measured.state,
-        temperature_c=measured.temperature_c,
         pattern_dn=max(sqrt(max(spread.pixel_variance_dn2(0.0) - noise_dn2, 0.0)), left_dn),
         line_noise_dn=(column_dn, row_dn),
         line_pattern_dn=(max(lines.column.root, left * column_dn), max(lines.row.root, left * row_dn)),
     )
+
+
+def _common(measured: MeasuredFrames) -> dict[str, Any]:
+    """Return what `Observation` has, by its names."""
+    of_pixels = "n_pixels", "n_frames", "temporal_variance_dn2", "frame_means_variance_dn2", "black_share"
+    common = {name: getattr(measured.statistics, name) for name in of_pixels}
+    return common | {name: getattr(measured, name) for name in ("exposure_s", "state", "temperature_c")}
 
 
 def _pattern(measured: MeasuredFrames, dark_library: DarkPattern | None) -> NDArray[np.floating[Any]] | None:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from math import ceil, hypot, sqrt
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.disk.arrays import EqualByContent, StoredArray, content_sha256, read_only
+from ...core.disk.arrays import EqualByContent, StoredArray, read_only
 from ...core.errors import CalibrationError, InputError
 from ...core.result import Finding, info
 from ..frames.measure import MeasuredFrames
@@ -163,15 +163,6 @@ class DarkLibrary(DarkCurrent, EqualByContent):
     ) -> float:
         sensitivity = np.array([1.0, self._time_s(exposure_s, temperature_c)])
         return sqrt(max(float(sensitivity @ np.array(covariance) @ sensitivity), 0.0))
-
-    @cached_property
-    def content_sha256(self) -> str:
-        """Hash over all values."""
-        unknown = float("nan")
-        known = (self.temperature_c, self.doubling_temperature_c, self.only_exposure_s)
-        temperatures = [unknown if v is None else v for v in known]
-        numbers = np.array([*np.ravel(self.noise_covariance), *np.ravel(self.pattern_covariance), *temperatures])
-        return content_sha256(self.offset_dn, self.rate_dn_s, numbers, np.array(self.n_frames))
 
 
 def dark_library(darks: Sequence[MeasuredFrames], defects: DefectMap | None = None) -> DarkLibrary:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntFlag
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from math import sqrt
 from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.disk.arrays import EqualByContent, StoredArray, content_sha256, read_only
+from ...core.disk.arrays import EqualByContent, StoredArray, read_only
 from ...core.errors import CalibrationError, InputError
 from ..frames.rounding import ROUNDING_DN2
 from ..frames.statistics import FrameStatistics
@@ -110,11 +110,6 @@ class DefectMap(EqualByContent):
         mask = np.zeros(shape, dtype=np.bool_)
         mask[self.rows, self.columns] = True
         return mask
-
-    @cached_property
-    def content_sha256(self) -> str:
-        """Hash over all values."""
-        return content_sha256(self.rows, self.columns, self.reasons, np.array(self.image_shape))
 
 
 def find_defects(dark: FrameStatistics, light: FrameStatistics | None = None) -> DefectMap:

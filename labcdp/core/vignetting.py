@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from math import hypot
 from typing import Annotated, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .disk.arrays import EqualByContent, StoredArray, content_sha256, read_only
+from .disk.arrays import EqualByContent, StoredArray, read_only
 from .errors import InputError
 
 #: Side of the middle field a flat field is 1 on, as a share of the sensor's height and width.
@@ -231,12 +230,6 @@ class FlatField(EqualByContent):
                 "this image size"
             )
         return self.relative.astype(np.float64)
-
-    @cached_property
-    def content_sha256(self) -> str:
-        """Hash over all values."""
-        parameters = np.array([self.random_rel, self.slow_rel, self.n_frames])
-        return content_sha256(self.relative, parameters)
 
 
 #: Fall-offs a calibration can have.

@@ -6,7 +6,8 @@ import hashlib
 import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cached_property
 from io import BytesIO
 from math import prod
 from typing import IO, Any
@@ -126,19 +127,21 @@ def read_only(array: NDArray[Any], dtype: DTypeLike) -> NDArray[Any]:
     return values
 
 
-def content_sha256(*arrays: NDArray[Any]) -> str:
-    """Hash over types, shapes and values of arrays."""
-    digest = hashlib.sha256()
-    for array in arrays:
-        digest.update(f"{array.dtype.str}{array.shape}".encode())
-        digest.update(np.ascontiguousarray(array).data)
-    return digest.hexdigest()
-
-
 class EqualByContent:
-    """Values with arrays: two of a class are equal if their `content_sha256` is."""
+    """Dataclass with arrays: two of a class are equal if their `content_sha256` is."""
 
-    content_sha256: Any
+    @cached_property
+    def content_sha256(self) -> str:
+        """Hash over all values, and over types and shapes of arrays."""
+        digest = hashlib.sha256()
+        for value in (getattr(self, one.name) for one in fields(self)):  # type: ignore[arg-type]
+            if isinstance(value, np.ndarray):
+                digest.update(f"{value.dtype.str}{value.shape}".encode())
+                digest.update(np.ascontiguousarray(value).data)
+            else:
+                # A number is the same in NumPy, in Python and read from a file.
+                digest.update(f"{np.asarray(value).tolist()}".encode())
+        return digest.hexdigest()
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, type(self)):

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from math import sqrt
+from operator import attrgetter
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ..frames.rounding import ROUNDING_DN2
 from ..frames.statistics import FrameStatistics
@@ -106,3 +111,8 @@ class SeriesPoint:
     def net_uncertainty_dn(self) -> float:
         """Standard uncertainty of `net_dn` by temporal noise, black level and lamp."""
         return sqrt(self.light.mean_variance_dn2 + self.dark.mean_variance_dn2 + self.frames_variance_dn2)
+
+
+def columns(points: Sequence[object], *names: str) -> NDArray[np.float64]:
+    """Values of points by the names of their attributes, which may be paths, one row for each name."""
+    return np.array([[attrgetter(name)(point) for point in points] for name in names], dtype=np.float64)

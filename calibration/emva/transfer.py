@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ...core.errors import CalibrationError
 from ..sensor.noise import FIT_SHARE, Slope, slope_through_origin, weighted_gain
 from .result import Quantity, SaturationLimit
-from .series import SeriesPoint
+from .series import SeriesPoint, columns
 
 #: Fewest points of a fit.
 MIN_POINTS = 3
@@ -68,14 +68,11 @@ def system_gain(points: Sequence[SeriesPoint], weighted: bool = False) -> Slope:
     CalibrationError
         If K is not above 0: the noise does not grow with the signal.
     """
-    net = np.array([point.net_dn for point in points])
-    excess = np.array([point.net_variance_dn2 for point in points])
+    net, excess, u = columns(points, "net_dn", "net_variance_dn2", "variance_uncertainty_dn2")
     if weighted:
-        of_dark = np.array([point.dark.variance_dn2 for point in points])
-        dof, dark_dof = (np.array(one, float) for one in zip(*((p.light.dof, p.dark.dof) for p in points), strict=True))
-        fit = weighted_gain(net, excess, of_dark, dof, dark_dof)
+        fit = weighted_gain(net, excess, *columns(points, "dark.variance_dn2", "light.dof", "dark.dof"))
     else:
-        fit = slope_through_origin(net, excess, np.array([max(p.variance_uncertainty_dn2, _FLOOR) for p in points]))
+        fit = slope_through_origin(net, excess, np.maximum(u, _FLOOR))
     if not fit.value > 0:
         raise _no_noise(f"K is {fit.value:.3g} DN/e-")
     return fit
@@ -99,11 +96,10 @@ def departure_rel(points: Sequence[SeriesPoint], k_dn_per_e: float) -> float:
 
     Points below a tenth of the brightest one are left out: their noise is mostly that of dark signal.
     """
-    bright = [point for point in points if point.net_dn >= 0.1 * max(other.net_dn for other in points)]
-    expected = np.array([k_dn_per_e * point.net_dn for point in bright])
-    departure = np.array([point.net_variance_dn2 for point in bright]) / expected - 1
-    chance = np.array([point.variance_uncertainty_dn2 for point in bright]) / expected
-    return float(np.sqrt(max(np.mean(departure**2) - np.mean(chance**2), 0.0)))
+    values = columns(points, "net_dn", "net_variance_dn2", "variance_uncertainty_dn2")
+    net, excess, u = values[:, values[0] >= 0.1 * values[0].max()]
+    expected = k_dn_per_e * net
+    return float(np.sqrt(max(np.mean((excess / expected - 1) ** 2) - np.mean((u / expected) ** 2), 0.0)))
 
 
 def responsivity(points: Sequence[SeriesPoint]) -> Slope | None:
@@ -117,9 +113,7 @@ def responsivity(points: Sequence[SeriesPoint]) -> Slope | None:
     """
     if any(point.photons is None for point in points):
         return None
-    photons = np.array([point.photons for point in points], float)
-    net = np.array([point.net_dn for point in points])
-    return slope_through_origin(photons, net, np.array([point.net_uncertainty_dn for point in points]))
+    return slope_through_origin(*columns(points, "photons", "net_dn", "net_uncertainty_dn"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,20 +194,17 @@ def linearity(points: Sequence[SeriesPoint], saturation_net_dn: float) -> Linear
     Linearity or None
         None with fewer than three points.
     """
-    chosen = in_range(points, saturation_net_dn)
-    x = np.array([point.stimulus for point in chosen])
+    x, y, u = columns(in_range(points, saturation_net_dn), "stimulus", "net_dn", "net_uncertainty_dn")
     if x.size < 3 or np.unique(x).size < 2:
         return None
-    y = np.array([point.net_dn for point in chosen])
     scale = x.max()
     design = np.column_stack([1 / y, x / scale / y])
     intercept, slope = np.linalg.lstsq(design, np.ones_like(y))[0]
     fitted = intercept + slope * x / scale
-    noise = np.array([point.net_uncertainty_dn for point in chosen]) / y
     # The fit follows each point by its leverage h: the noise of the deviation is reduced accordingly.
     projection = design @ np.linalg.pinv(design)
     left = np.eye(y.size) - projection
-    uncertainty = np.sqrt((left**2) @ noise**2)
+    uncertainty = np.sqrt((left**2) @ (u / y) ** 2)
     slope = float(slope / scale)
     return Linearity(y, y / fitted - 1, uncertainty, intercept_dn=float(intercept), slope_dn=slope, stimulus=x)
 
@@ -249,8 +240,7 @@ def find_saturation(points: Sequence[SeriesPoint]) -> Saturation:
     points : sequence of SeriesPoint
         At least one, in rising order of signal.
     """
-    excess = np.array([point.net_variance_dn2 for point in points])
-    u = np.array([point.variance_uncertainty_dn2 for point in points])
+    x, excess, u = columns(points, "stimulus", "net_variance_dn2", "variance_uncertainty_dn2")
     index = int(np.argmax(excess))
     falls = excess[index] - excess[index + 1 :] > _SIGNIFICANT * np.hypot(u[index], u[index + 1 :])
     limit: SaturationLimit = "not reached"
@@ -259,7 +249,6 @@ def find_saturation(points: Sequence[SeriesPoint]) -> Saturation:
         limit = "converter" if drop_rel <= _CLIPPED * points[-1].light.saturated_share else "full well"
     level = excess[index] - _MAYBE_PEAK * sqrt(2) * max(float(u[index]), _scatter_dn2(excess[: index + 1]))
     first, last = np.flatnonzero(excess >= level)[[0, -1]]
-    x = np.array([point.stimulus for point in points])
     low, high = x[first] + x[max(first - 1, 0)], x[last] + x[min(last + 1, x.size - 1)]
     return Saturation(index, limit, float((high - low) / 4 / sqrt(3) / x[index]))
 

@@ -117,15 +117,13 @@ def _reference(measured: SessionFrames) -> tuple[dict[float, MeasuredFrames], li
     """Dark frames by exposure, those nearest to the temperature in the light; and findings."""
     known = [level.temperature_c for level in measured.patches if level.temperature_c is not None]
     light_c = float(np.median(known)) if known else None
-    chosen: dict[float, MeasuredFrames] = {}
 
     def distance_k(level: MeasuredFrames) -> float:
         return inf if light_c is None or level.temperature_c is None else abs(level.temperature_c - light_c)
 
-    for level in measured.darks:
-        best = chosen.get(level.exposure_s)
-        if best is None or distance_k(level) < distance_k(best):
-            chosen[level.exposure_s] = level
+    exposures_s = dict.fromkeys(level.exposure_s for level in measured.darks)
+    own = {t: [level for level in measured.darks if level.exposure_s == t] for t in exposures_s}
+    chosen = {t: min(levels, key=distance_k) for t, levels in own.items()}
     findings = list(measured.findings)
     farthest = max(chosen.values(), key=distance_k)
     if light_c is not None and _SAME_TEMPERATURE_K < distance_k(farthest) < inf:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from operator import attrgetter
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...calibration.emva.quantities import fit_dark_current, snr
+from ...calibration.emva.series import columns
 from ...calibration.emva.transfer import Linearity, linearity
 from ...calibration.sensor.noise import FIT_SHARE
 from ...report.drawing import BLUE, GREEN, ORANGE, VERMILLION, finish, logarithmic, new_figure, reported
@@ -62,7 +61,7 @@ def signal_figures(found: Characterisation) -> list[ReportFigure]:
 def _photon_transfer(figure: Figure, result: Characterisation) -> None:
     """Draw temporal variance over signal, with the line whose slope is K."""
     axes = figure.subplots()
-    net, variance = _values(result.series, "net_dn"), _values(result.series, "net_variance_dn2")
+    net, variance = columns(result.series, "net_dn", "net_variance_dn2")
     limit = FIT_SHARE * result.saturation_dn.value
     fitted = (net > 0) & (net <= limit)
     axes.plot(net[~fitted], variance[~fitted], **(_POINTS | {"color": "0.6"}), label="not fitted")
@@ -79,7 +78,7 @@ def _sensitivity(figure: Figure, result: Characterisation) -> None:
     """Draw signal over photons with the line whose slope is R; of a session signal over exposure."""
     axes = figure.subplots()
     if is_series(result):
-        axes.plot(_values(result.series, "photons"), _values(result.series, "net_dn"), **_POINTS, label="measured")
+        axes.plot(*columns(result.series, "photons", "net_dn"), **_POINTS, label="measured")
         r, end = result.responsivity, result.saturation_photons
         if r is not None and end is not None:
             _slope(axes, r, "R", "DN/photon", (0.0, end.value))
@@ -89,8 +88,8 @@ def _sensitivity(figure: Figure, result: Characterisation) -> None:
     for name in dict.fromkeys(point.label for point in result.series):
         own = [point for point in result.series if point.label == name and point.net_dn > 0]
         own.sort(key=lambda point: point.exposure_s)
-        exposure_ms = 1e3 * _values(own, "exposure_s")
-        axes.plot(exposure_ms, _values(own, "net_dn"), "o-", color="0.5", markersize=4, linewidth=0.8)
+        exposure_s, net = columns(own, "exposure_s", "net_dn")
+        axes.plot(1e3 * exposure_s, net, "o-", color="0.5", markersize=4, linewidth=0.8)
     _saturation(axes.axhline, result, result.saturation_dn.value)
     logarithmic(axes.xaxis, axes.yaxis)
     finish(axes, "exposure in ms", "mean above dark in DN", "Sensitivity: each line is a patch")
@@ -103,9 +102,9 @@ def _linearity(figure: Figure, result: Characterisation) -> None:
     assert found is not None
     if isinstance(found, Linearity):
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1.2, 1.0))
-        photons = _values(result.series, "photons")
+        photons, net = columns(result.series, "photons", "net_dn")
         ends = np.array([0.0, photons.max()])
-        above.plot(photons, _values(result.series, "net_dn"), **_POINTS, label="measured")
+        above.plot(photons, net, **_POINTS, label="measured")
         text = f"line: {found.intercept_dn:.4g} DN + {found.slope_dn:.5g} DN/photon"
         above.plot(ends, found.intercept_dn + found.slope_dn * ends, color=BLUE, linewidth=1.5, label=text)
         finish(above, "", "mean above dark in DN", "Linearity, from 5 to 95 % of saturation")
@@ -126,8 +125,8 @@ def _snr(figure: Figure, result: Characterisation) -> None:
     axes = figure.subplots()
     series = is_series(result) and result.quantum_efficiency is not None
     k, qe = result.k_dn_per_e.value, result.quantum_efficiency.value if series and result.quantum_efficiency else 1.0
-    net, variance = _values(result.series, "net_dn"), _values(result.series, "light.variance_dn2")
-    stimulus = _values(result.series, "photons") if series else net / k
+    net, variance, photons = columns(result.series, "net_dn", "light.variance_dn2", "photons")
+    stimulus = photons if series else net / k
     sound = (net > 0) & (variance > 0) & (net <= result.saturation_dn.value) & (stimulus > 0)
     axes.plot(stimulus[sound], net[sound] / np.sqrt(variance[sound]), **_POINTS, label="measured")
     threshold, full = result.sensitivity_threshold_e.value, result.full_well_e.value
@@ -149,7 +148,7 @@ def _snr(figure: Figure, result: Characterisation) -> None:
 def _dark(figure: Figure, result: Characterisation) -> None:
     """Draw mean and variance of the dark signal over the exposure, with the lines of the dark current."""
     above, below = figure.subplots(2, 1, sharex=True)
-    fitted, exposure_ms = fit_dark_current(result.darks), 1e3 * _values(result.darks, "exposure_s")
+    fitted, exposure_ms = fit_dark_current(result.darks), 1e3 * columns(result.darks, "exposure_s")[0]
     ends = np.array([0.0, float(exposure_ms.max())])
     mean, variance = (
         (fitted.model.offset_dn, fitted.model.rate_dn_s),
@@ -161,7 +160,7 @@ def _dark(figure: Figure, result: Characterisation) -> None:
          "exposure in ms", "variance in DN²", ""),
     )  # fmt: skip
     for axes, name, (intercept, slope), current, *labels in rows:
-        axes.plot(exposure_ms, _values(result.darks, name), **_POINTS)
+        axes.plot(exposure_ms, columns(result.darks, name)[0], **_POINTS)
         stated = "" if current is None else f"dark current {_with_expanded(current)} e⁻/s"
         text = stated or "one exposure only: no dark current"
         axes.plot(ends, intercept + slope * ends / 1e3, color=BLUE, linewidth=1.5, label=text)
@@ -184,10 +183,6 @@ def _slope(axes: Axes, slope: Quantity, name: str, unit: str, ends: tuple[float,
 
 def _with_expanded(quantity: Quantity) -> str:
     return with_half_width(quantity.value, Z_95 * quantity.standard_uncertainty)
-
-
-def _values(points: Sequence[object], name: str) -> NDArray[np.float64]:
-    return np.array([attrgetter(name)(point) for point in points], dtype=np.float64)
 
 
 def _saturation(line: Callable[..., object], result: Characterisation, place: float) -> None:

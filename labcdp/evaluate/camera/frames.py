@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from math import hypot, sqrt
+from math import hypot, inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
 
 from ...calibration import CameraState
 from ...calibration.emva.result import Quantity
-from ...calibration.emva.series import SeriesPoint
+from ...calibration.emva.series import SeriesPoint, columns
 from ...calibration.emva.transfer import Deviations, in_range
 from ...calibration.frames.measure import MeasuredFrames, measure_frames, measure_whole, plane_region
 from ...calibration.frames.statistics import MAX_CLIPPED_SHARE
@@ -104,32 +104,29 @@ def measure_session(session: Session, report: Callable[[int, int], None]) -> Ses
 
 def _of_one_gain(records: Sequence[FrameRecord]) -> tuple[list[FrameRecord], list[Finding]]:
     """Frames of the gain that has the most: all quantities belong to one gain."""
-    gains = Counter(record.gain_db for record in records)
-    if len(gains) < 2:
+    others = sorted({record.gain_db for record in records})
+    if len(others) < 2:
         return list(records), []
-    gain_db = gains.most_common(1)[0][0]
-    others = [gain for gain in sorted(gains) if gain != gain_db]
+    gain_db = Counter(record.gain_db for record in records).most_common(1)[0][0]
+    others.remove(gain_db)
     kept = [record for record in records if record.gain_db == gain_db]
     return kept, [info("other-gains-left-out", gain_db=gain_db, left_out_db=others)]
 
 
 def _by_temperature(records: Sequence[FrameRecord]) -> list[list[FrameRecord]]:
     """Split frames where the temperature has changed; those without a temperature come together."""
-    known = sorted((t, r.sequence, r) for r in records if (t := _temperature(r)) is not None)
-    groups: list[list[FrameRecord]] = []
-    first = -np.inf
-    for temperature, _, record in known:
-        if temperature > first + _SAME_TEMPERATURE_K:
-            groups.append([])
-            first = temperature
-        groups[-1].append(record)
-    unknown = [record for record in records if _temperature(record) is None]
-    return [*groups, unknown] if unknown else groups
+    groups: dict[float, list[FrameRecord]] = {}
+    for record in sorted(records, key=lambda one: (_temperature(one), one.sequence)):
+        temperature, first = _temperature(record), next(reversed(groups), -inf)
+        near = temperature <= first + _SAME_TEMPERATURE_K
+        groups.setdefault(first if near else temperature, []).append(record)
+    return [*groups.values()]
 
 
-def _temperature(record: FrameRecord) -> float | None:
+def _temperature(record: FrameRecord) -> float:
+    """Temperature of the device; infinite if it is not known."""
     value = record.metadata.get("temperature_c")
-    return None if value is None else float(value)
+    return inf if value is None else float(value)
 
 
 #: Half widths of what is engraved on a lens: the f-number, and its transmittance. Judged.
@@ -171,7 +168,7 @@ def patch_deviations(points: Sequence[SeriesPoint], saturation_net_dn: float) ->
     several = [own for own in patches.values() if len(own) > 1]
     rows = []
     for own in several:
-        y, t, u = np.array([(point.net_dn, point.exposure_s, point.net_uncertainty_dn) for point in own]).T
+        y, t, u = columns(own, "net_dn", "exposure_s", "net_uncertainty_dn")
         noise = u / y
         weights = (t / y) ** 2 / np.sum((t / y) ** 2)
         slope = float(np.sum(t / y) / np.sum((t / y) ** 2))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot, inf, sqrt
@@ -156,8 +155,7 @@ def _of_ratio(bright: PatchLuminance, dark: PatchLuminance) -> list[tuple[float,
     a, b = numbered(bright.common), numbered(dark.common)
     left = []
     for name in sorted(a.keys() | b.keys()):
-        zero = CommonError(name[0], 0.0)
-        one, other = a.get(name, zero), b.get(name, zero)
+        one, other = (errors.get(name, CommonError(name[0], 0.0)) for errors in (a, b))
         difference = float(one.relative) - float(other.relative)
         left.append(CommonError(name[0], difference, dof=min(one.dof, other.dof)))
     return _parts([bright, dark], left)
@@ -166,14 +164,12 @@ def _of_ratio(bright: PatchLuminance, dark: PatchLuminance) -> list[tuple[float,
 def _parts(patches: Sequence[PatchLuminance], common: Sequence[CommonError]) -> list[tuple[float, float]]:
     """Squares of relative uncertainties with their degrees of freedom, one for all that follow from one estimate."""
     own = [(max(one.random_rel**2 - one.scatter_rel**2, 0.0), inf) for one in patches]
-    scattered = [(one.scatter_rel**2, one.scatter_dof) for one in patches]
-    squares = [(error.source, float(error.relative) ** 2, error.dof) for error in common]
-    alike = {
-        one: [(square, dof) for source, square, dof in squares if source.startswith(one)] for one in ("fit", *OF_FRAMES)
-    }
-    others = [(square, dof) for source, square, dof in squares if not source.startswith(tuple(alike))]
-    alike["fit"] += scattered
-    return [*own, *others, *map(of_one_estimate, alike.values())]
+    alike: dict[str, list[tuple[float, float]]] = {"fit": [], **{source: [] for source in OF_FRAMES}}
+    for error in common:
+        estimate = next((of for source, of in alike.items() if error.source.startswith(source)), own)
+        estimate.append((float(error.relative) ** 2, error.dof))
+    alike["fit"] += [(one.scatter_rel**2, one.scatter_dof) for one in patches]
+    return [*own, *map(of_one_estimate, alike.values())]
 
 
 def _combined(
@@ -261,9 +257,5 @@ def outside_range(
 
 def numbered(common: Sequence[CommonError]) -> dict[tuple[str, int], CommonError]:
     """Errors of a patch by source and number, as several have the same source."""
-    counted: Counter[str] = Counter()
-    values: dict[tuple[str, int], CommonError] = {}
-    for error in common:
-        counted[error.source] += 1
-        values[error.source, counted[error.source]] = error
-    return values
+    sources = [error.source for error in common]
+    return {(source, sources[:i].count(source)): common[i] for i, source in enumerate(sources)}

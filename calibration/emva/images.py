@@ -66,7 +66,6 @@ def read_image(path: Path, shape: tuple[int, int], bits: int) -> NDArray[np.unsi
         raise InputError(f"{path} is no grey image of 8 or 16 bits: give PNG or TIFF files as the camera sent them")
     if dn.ndim != 2:
         raise InputError(f"{path} is a coloured image: give grey ones, as the camera sent them")
-    _require_shape(path, dn.shape[0], dn.shape[1], shape)
     largest = int(dn.max())
     if largest >= 2**bits:
         raise InputError(

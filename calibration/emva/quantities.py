@@ -143,11 +143,10 @@ def snr_max(full_well_e: Quantity, note: str = "") -> Quantity:
 
 def dsnu_e(variance: Estimate, k: Quantity, rounding_e: float, note: str = "", unit: str = "e-") -> Quantity:
     """DSNU in electrons: sqrt(s_dark^2) / K (EMVA 1288 Release 4.0 Linear), with its uncertainty by rounding too."""
-    root, uncertainty = _root(variance)
-    value = root / k.value
-    by_gain = (k.standard_uncertainty / k.value) * value
-    u = hypot(float(np.hypot(uncertainty / k.value, by_gain)), rounding_e)
-    return Quantity(value, u, unit, _note(variance, note))
+    found = _spread(variance, k.value, unit, note)
+    by_gain = (k.standard_uncertainty / k.value) * found.value
+    own = float(np.hypot(found.standard_uncertainty, by_gain))
+    return replace(found, standard_uncertainty=hypot(own, rounding_e))
 
 
 def dsnu_parts(variance: SpatialVariance, k: Quantity, dark: FrameStatistics, note: str) -> dict[str, Quantity]:
@@ -169,7 +168,7 @@ def dsnu_parts(variance: SpatialVariance, k: Quantity, dark: FrameStatistics, no
     found = {"dsnu_e": whole}
     for name in PARTS:
         one: Estimate = getattr(variance, name)
-        share = abs(_root(one)[0] / k.value / whole.value) if whole.value else 1.0
+        share = abs(_spread(one, k.value).value / whole.value) if whole.value else 1.0
         found[f"dsnu_{name}_e"] = dsnu_e(one, k, rounding_e * share)
     return found
 
@@ -184,9 +183,7 @@ def rounding_of_spread_dn(dark: FrameStatistics) -> float:
 
 def prnu_rel(bright: Estimate, dark: Estimate, net_dn: float, note: str = "") -> Quantity:
     """PRNU_1288 as a fraction: sqrt(s_y^2 - s_y.dark^2) / (mu_y - mu_y.dark) (Release 4.0 Linear)."""
-    difference = bright - dark
-    root, uncertainty = _root(difference)
-    return Quantity(root / net_dn, uncertainty / net_dn, "1", _note(difference, note))
+    return _spread(bright - dark, net_dn, "1", note)
 
 
 def prnu_parts(bright: SpatialVariance, dark: SpatialVariance, net_dn: float, note: str) -> dict[str, Quantity]:
@@ -200,21 +197,16 @@ def spatial_variance_of(one: FrameStatistics) -> SpatialVariance:
     return spatial_variance(one.image_dn, one.temporal.scaled(1 / one.n_frames))
 
 
-def _root(variance: Estimate) -> tuple[float, float]:
-    """Square root with its sign and uncertainty; where the variance is not significant, the root of its uncertainty."""
-    root = copysign(sqrt(abs(variance.value)), variance.value)
-    if abs(variance.value) <= variance.uncertainty:
-        return root, sqrt(variance.uncertainty)
-    return root, variance.uncertainty / (2 * abs(root))
-
-
-def _note(variance: Estimate, note: str) -> str:
-    if variance.value > variance.uncertainty:
-        return note
-    found = "not more than temporal noise leaves"
-    if variance.value < 0:
-        found = "less than temporal noise leaves: minus the root of a variance below 0"
-    return f"{note}, {found}" if note else found
+def _spread(variance: Estimate, per: float, unit: str = "", note: str = "") -> Quantity:
+    """Root of a variance with its sign, over `per`; where that is not significant, u is the root of its uncertainty."""
+    root, u = copysign(sqrt(abs(variance.value)), variance.value), variance.uncertainty
+    u_root = sqrt(u) if abs(variance.value) <= u else u / (2 * abs(root))
+    if variance.value <= u:
+        why = "not more than temporal noise leaves"
+        if variance.value < 0:
+            why = "less than temporal noise leaves: minus the root of a variance below 0"
+        note = f"{note}, {why}" if note else why
+    return Quantity(root / per, u_root / per, unit, note)
 
 
 def dark_pattern_variances(

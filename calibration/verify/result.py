@@ -221,10 +221,8 @@ class Verification:
     @property
     def dark_not_conform(self) -> bool:
         """Whether the dark signal at one exposure makes the lowest luminance wrong by more than the tolerance."""
-        at: dict[float, list[VerifiedDark]] = {}
-        for row in self.darks:
-            at.setdefault(row.exposure_s, []).append(row)
-        return any(decide(*_effect(rows), self.tolerance_rel) == "not conform" for rows in at.values())
+        at = [[row for row in self.darks if row.exposure_s == t] for t in {row.exposure_s for row in self.darks}]
+        return any(decide(*_effect(rows), self.tolerance_rel) == "not conform" for rows in at)
 
     @property
     def balance_not_conform(self) -> bool:

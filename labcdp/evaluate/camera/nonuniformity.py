@@ -63,8 +63,7 @@ _CAPTIONS = {
 
 def spatial_figures(found: Characterisation) -> list[ReportFigure]:
     """Draw histograms, spectrograms and profiles, if there are images."""
-    own = patterns(found)
-    drawn = (_histogram, _accumulated, _spectrogram, _profile)
+    own, drawn = patterns(found), (_histogram, _accumulated, _spectrogram, _profile)
     return [
         reported(f"characterise-{name}", _drawn(found, own, draw), caption)
         for (name, caption), draw in zip(_CAPTIONS.items(), drawn, strict=True)

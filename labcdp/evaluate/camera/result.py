@@ -176,18 +176,11 @@ def _cards(result: Result) -> Iterator[Card]:
     table = result.table("characterisation")
     # The unit on the card already says that it is in dB.
     rows = {row["key"]: {**row, "quantity": row["quantity"].removesuffix(" in dB")} for row in table.rows()}
+    texts = {key: cell_text(table.column("value"), row) for key, row in rows.items()}
     for key, beside in _CARDS:
         if key in rows:
-            value, plus_minus, expanded = cell_text(table.column("value"), rows[key]).partition(" ± ")
-            lines = []
-            if beside in rows:
-                other = rows[beside]
-                lines.append(f"{other['quantity']} {cell_text(table.column('value'), other)} {other['unit']}")
-            unit = rows[key]["unit"]
-            detail = f"{plus_minus.strip()} {expanded} {unit}, U (95 %)" if expanded else ""
-            yield Card(
-                capitalised(rows[key]["quantity"]),
-                f"{value} {unit}".strip(),
-                detail,
-                tuple(lines),
-            )
+            name, unit = rows[key]["quantity"], rows[key]["unit"]
+            value, _, expanded = texts[key].partition(" ± ")
+            detail = f"± {expanded} {unit}, U (95 %)" if expanded else ""
+            lines = (f"{rows[beside]['quantity']} {texts[beside]} {rows[beside]['unit']}",) if beside in rows else ()
+            yield Card(capitalised(name), f"{value} {unit}".strip(), detail, lines)

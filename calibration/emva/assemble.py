@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import hypot
 from typing import Any
 
@@ -13,72 +13,14 @@ from ...core.result import Finding, unique
 from ..frames.observations import DarkObservation
 from ..frames.statistics import MAX_CLIPPED_SHARE
 from ..sensor.dark_fit import drift_of_black_level
-from ..sensor.noise import Slope
 from .findings import findings_of
 from .quantities import fit_dark_current, sensitivity_threshold_e, snr_max
 from .result import Characterisation, Quantity
 from .series import SeriesPoint
-from .transfer import Saturation, departure_rel, find_saturation, points_to_fit, require_noise, system_gain
+from .transfer import Transfer, departure_rel
 
 #: The definitions used.
 DEFINITION = "EMVA 1288 Release 4.0 Linear; LE_min and LE_max after Release 3.1"
-#: Saturation of a dense series.
-AT_PEAK = (
-    "saturation capacity of EMVA 1288, at the peak of the temporal variance: the pixel's full well lies several times "
-    "its noise higher"
-)
-
-
-@dataclass(frozen=True)
-class Transfer:
-    """Saturation and system gain of a series.
-
-    Parameters
-    ----------
-    saturation : Saturation
-        End of the range.
-    net_dn, net_uncertainty_dn : float
-        Its signal above dark with its uncertainty.
-    fitted : tuple of SeriesPoint
-        Points up to 70 % of it.
-    slope : Slope
-        The fit of K.
-    definition : str
-        Definition of saturation used.
-    """
-
-    saturation: Saturation
-    net_dn: float
-    net_uncertainty_dn: float
-    fitted: tuple[SeriesPoint, ...]
-    slope: Slope
-    definition: str
-
-    @property
-    def k(self) -> Quantity:
-        """Overall system gain."""
-        note = f"photon transfer over {len(self.fitted)} points up to 70 % of saturation"
-        return Quantity(self.slope.value, self.slope.standard_uncertainty, "DN/e-", note)
-
-
-def photon_transfer(points: Sequence[SeriesPoint]) -> Transfer:
-    """Find saturation and K of a series, by the standard's unweighted fit.
-
-    Parameters
-    ----------
-    points : sequence of SeriesPoint
-        In rising order of signal.
-
-    Raises
-    ------
-    CalibrationError
-        If there are too few points, or K is not above 0.
-    """
-    require_noise(points)
-    saturation = find_saturation(points)
-    net = points[saturation.index].net_dn
-    fitted = points_to_fit(points, net)
-    return Transfer(saturation, net, saturation.uncertainty_rel * net, tuple(fitted), system_gain(fitted), AT_PEAK)
 
 
 def assemble(
@@ -146,15 +88,15 @@ def _saturation(
 
     Electrons are R / K times the photons (mu_e.sat of the standard), or DN over K without photons.
     """
-    net, k = transfer.net_dn, transfer.k
-    relative = transfer.net_uncertainty_dn / net
-    limited = "" if transfer.saturation.limit == "full well" else ", a lower limit of the pixel's full well"
-    photons = points[transfer.saturation.index].photons
+    found, k = transfer.saturation, transfer.k
+    net, relative = found.net_dn, found.net_uncertainty_dn / found.net_dn
+    limited = "" if found.limit == "full well" else ", a lower limit of the pixel's full well"
+    photons = points[found.index].photons
     value = net / k.value
     if photons is not None and responsivity is not None:
         value = responsivity.value * photons / k.value
     return (
         Quantity(net, relative * net, "DN", "above the dark signal"),
         None if photons is None else Quantity(photons, relative * photons, "photons", "known to half a step"),
-        Quantity(value, hypot(relative, k.relative) * value, "e-", transfer.definition + limited),
+        Quantity(value, hypot(relative, k.relative) * value, "e-", found.definition + limited),
     )

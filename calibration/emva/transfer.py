@@ -16,6 +16,11 @@ from .series import SeriesPoint, columns
 
 #: Fewest points of a fit.
 MIN_POINTS = 3
+#: Saturation of a dense series.
+_AT_PEAK = (
+    "saturation capacity of EMVA 1288, at the peak of the temporal variance: the pixel's full well lies several times "
+    "its noise higher"
+)
 #: Uncertainty of variances without noise, which still need one.
 _FLOOR = 1e-9
 #: Share of saturation between which linearity is judged (EMVA 1288 Release 4.0 Linear).
@@ -48,7 +53,7 @@ def points_to_fit(points: Sequence[SeriesPoint], saturation_net_dn: float) -> li
     return chosen
 
 
-def system_gain(points: Sequence[SeriesPoint], weighted: bool = False) -> Slope:
+def system_gain(points: Sequence[SeriesPoint], weighted: bool = False) -> Quantity:
     """Overall system gain K in DN/e-: var - var_dark = K (mean - mean_dark), through the origin.
 
     Parameters
@@ -60,7 +65,7 @@ def system_gain(points: Sequence[SeriesPoint], weighted: bool = False) -> Slope:
 
     Returns
     -------
-    Slope
+    Quantity
         Its uncertainty is based on the variance of the variances, 2 s^4 / dof for each point.
 
     Raises
@@ -75,13 +80,8 @@ def system_gain(points: Sequence[SeriesPoint], weighted: bool = False) -> Slope:
         fit = slope_through_origin(net, excess, np.maximum(u, _FLOOR))
     if not fit.value > 0:
         raise _no_noise(f"K is {fit.value:.3g} DN/e-")
-    return fit
-
-
-def require_noise(points: Sequence[SeriesPoint]) -> None:
-    """Raise CalibrationError if no point has more temporal noise than dark signal."""
-    if not any(point.net_variance_dn2 > 0 for point in points):
-        raise _no_noise("no image has more than the dark images")
+    note = f"photon transfer over {len(points)} points up to 70 % of saturation"
+    return Quantity(fit.value, fit.standard_uncertainty, "DN/e-", note)
 
 
 def _no_noise(found: str) -> CalibrationError:
@@ -220,13 +220,56 @@ class Saturation:
         where no peak was seen.
     limit : {'converter', 'full well', 'not reached'}
         Cause of saturation.
-    uncertainty_rel : float
-        Relative standard uncertainty of its stimulus.
+    net_dn, net_uncertainty_dn : float
+        Its signal above dark with its standard uncertainty.
+    definition : str
+        Definition of saturation used.
     """
 
     index: int
     limit: SaturationLimit
-    uncertainty_rel: float = 0.0
+    net_dn: float
+    net_uncertainty_dn: float
+    definition: str
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """Saturation and system gain of a series.
+
+    Parameters
+    ----------
+    saturation : Saturation
+        End of the range.
+    fitted : sequence of SeriesPoint
+        Points up to 70 % of it.
+    k : Quantity
+        Overall system gain.
+    """
+
+    saturation: Saturation
+    fitted: Sequence[SeriesPoint]
+    k: Quantity
+
+
+def photon_transfer(points: Sequence[SeriesPoint]) -> Transfer:
+    """Find saturation and K of a series, by the standard's unweighted fit.
+
+    Parameters
+    ----------
+    points : sequence of SeriesPoint
+        In rising order of signal.
+
+    Raises
+    ------
+    CalibrationError
+        If there are too few points, or K is not above 0.
+    """
+    if not any(point.net_variance_dn2 > 0 for point in points):
+        raise _no_noise("no image has more than the dark images")
+    saturation = find_saturation(points)
+    fitted = points_to_fit(points, saturation.net_dn)
+    return Transfer(saturation, fitted, system_gain(fitted))
 
 
 def find_saturation(points: Sequence[SeriesPoint]) -> Saturation:
@@ -250,7 +293,8 @@ def find_saturation(points: Sequence[SeriesPoint]) -> Saturation:
     level = excess[index] - _MAYBE_PEAK * sqrt(2) * max(float(u[index]), _scatter_dn2(excess[: index + 1]))
     first, last = np.flatnonzero(excess >= level)[[0, -1]]
     low, high = x[first] + x[max(first - 1, 0)], x[last] + x[min(last + 1, x.size - 1)]
-    return Saturation(index, limit, float((high - low) / 4 / sqrt(3) / x[index]))
+    net, u_rel = points[index].net_dn, float((high - low) / 4 / sqrt(3) / x[index])
+    return Saturation(index, limit, net, u_rel * net, _AT_PEAK)
 
 
 def _scatter_dn2(excess: NDArray[np.float64]) -> float:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...calibration.emva.assemble import Transfer, assemble, with_findings, with_frame_changes
+from ...calibration.emva.assemble import assemble, with_findings, with_frame_changes
 from ...calibration.emva.quantities import (
     combined,
     dark_pattern_variances,
@@ -22,7 +22,7 @@ from ...calibration.emva.quantities import (
 )
 from ...calibration.emva.result import Characterisation, Quantity, SaturationLimit, SpatialImages
 from ...calibration.emva.series import Level, SeriesPoint
-from ...calibration.emva.transfer import Saturation, points_to_fit, system_gain
+from ...calibration.emva.transfer import Saturation, Transfer, points_to_fit, system_gain
 from ...calibration.fit.screening import SAFE_SHARE, plateau_dn
 from ...calibration.frames.measure import MeasuredFrames
 from ...calibration.frames.nonuniformity import Estimate
@@ -169,18 +169,16 @@ def _transfer(points: Sequence[SeriesPoint], black_level_dn: float, bits: int, s
         raise CalibrationError("all patches are saturated at all exposures: record shorter exposures")
     full = [point for point in points if point.light.saturated_share >= _SATURATED_SHARE]
     full_dn = [point.light.mean_dn for point in full]
-    fitted = tuple(points_to_fit(clear, min([saturation_dn, *full_dn]) - clear[0].dark.mean_dn))
-    slope = system_gain(fitted, weighted=True)
-    if not full:
-        last = clear[-1]
-        saturation = Saturation(points.index(last), "not reached")
-        return Transfer(saturation, last.net_dn, last.net_uncertainty_dn, fitted, slope, _BRIGHTEST)
-    level = float(np.mean(full_dn))
-    limit: SaturationLimit = "converter" if level > 2**bits - 2 else "full well"
-    # Rounding hides half a DN; patches at the full well scatter.
-    spread = float(np.std(full_dn, ddof=1)) if len(full) > 1 else 0.0
-    saturation = Saturation(points.index(full[-1]), limit)
-    return Transfer(saturation, level - black_level_dn, max(spread, 0.5), fitted, slope, _SATURATED)
+    fitted = points_to_fit(clear, min([saturation_dn, *full_dn]) - clear[0].dark.mean_dn)
+    last = clear[-1]
+    saturation = Saturation(points.index(last), "not reached", last.net_dn, last.net_uncertainty_dn, _BRIGHTEST)
+    if full:
+        level = float(np.mean(full_dn))
+        limit: SaturationLimit = "converter" if level > 2**bits - 2 else "full well"
+        # Rounding hides half a DN; patches at the full well scatter.
+        u = max(float(np.std(full_dn, ddof=1)) if len(full) > 1 else 0.0, 0.5)
+        saturation = Saturation(points.index(full[-1]), limit, level - black_level_dn, u, _SATURATED)
+    return Transfer(saturation, fitted, system_gain(fitted, weighted=True))
 
 
 def _sensitivity(
@@ -194,7 +192,7 @@ def _sensitivity(
     usable = unsaturated(pairs)
     r = photometric_responsivity(usable, readings, configuration, state)
     efficiency = None if r is None else quantum_efficiency_estimate(r, transfer.k, configuration, state)
-    line = patch_deviations([point for point, _ in usable], transfer.net_dn)
+    line = patch_deviations([point for point, _ in usable], transfer.saturation.net_dn)
     return {"responsivity": r, "quantum_efficiency": efficiency, **(line.errors() if line else {})}
 
 
@@ -210,7 +208,7 @@ def _nonuniformity(
         # Rounding changes each exposure's pattern by some part of its step, 1 DN.
         rounding_e_s = rounding_of_spread_dn(frames[longest_s]) / k.value / longest_s
         found["dsnu_e_s"], note = dsnu_e(of_growth[0].total, k, rounding_e_s, unit="e-/s"), "at zero exposure"
-    found["prnu_rel"] = _prnu(pairs, darks, transfer.net_dn)
+    found["prnu_rel"] = _prnu(pairs, darks, transfer.saturation.net_dn)
     low, high = _PRNU_SHARES
     unknown = found["prnu_rel"] is None
     findings = [warning("prnu-unknown", lowest_share=low, highest_share=high)] if unknown else []

@@ -103,4 +103,5 @@ def test_saturation_is_the_peak_of_the_variance_above_dark_and_known_as_well_as_
     found = find_saturation([point(p, R * p, v + d, d) for p, v, d in zip(photons, flat, dark, strict=True)])
     assert (14 <= found.index <= 17, found.limit) == (True, "full well")
     # From half a step below the first of the four alike to half a step above the last; noise may add a point below.
-    assert found.uncertainty_rel * photons[found.index] == pytest.approx(2000 / sqrt(3), rel=0.26)
+    uncertainty_rel = found.net_uncertainty_dn / found.net_dn
+    assert uncertainty_rel * photons[found.index] == pytest.approx(2000 / sqrt(3), rel=0.26)

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import logging
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import typer
 
+from ...core.computer import Processes, usable_cores
 from ...core.disk.files import shown
-from ...core.errors import InputError
+from ...core.errors import InputError, LabcdpError
 from ...evaluate.picture.image import ImageRequest
 from ...evaluate.picture.result import PictureTask, picture_folder, summary_files
 from ...evaluate.picture.tables import ReportedPicture
@@ -20,8 +22,10 @@ from ...output import ResultsFolder
 from ..commands import As
 from ..options import Results
 from ..terminal import print_result, progress_bars, say
-from .batch import each_once, worked_through
-from .options import PairOptions, PictureLightOptions, rois_and_pairs
+from .options import PairOptions, PictureLightOptions, each_once, rois_and_pairs
+
+_LOGGER = logging.getLogger(__name__)
+_Made = TypeVar("_Made")
 
 
 def _rectangle(text: str, name: str) -> tuple[int, int, int, int]:
@@ -65,28 +69,14 @@ def image(
     """
     if surface and not pages:
         raise InputError("--surface is a page: leave it out, or --no-pages")
-    if rectangle is not None:
-        pairs = replace(pairs, neighbours=True)
-    rois, chosen = rois_and_pairs(pairs)
-    request = ImageRequest(pairs.contrast, pairs.epsilon, rois, chosen or None, pairs.neighbours, rectangle)
-    conversion = light.conversion()
-    paths, options = each_once(picture_paths(files)), conversion.options
-    given = {"roi": pairs.roi, "calibration": light.calibration, "camera": light.camera_spec}
-    configuration = {
-        **request.configuration,
-        "conversion": conversion.description,
-        "encoding": light.encoding,
-        **{name: None if path is None else str(path) for name, path in given.items()},
-        **{name: getattr(options, name) for name in ("exposure_s", "gain_db", "bit_depth", "pixel_format", "size")},
-    }
-    task = PictureTask(request, conversion, configuration, tuple(light.inputs({"regions": pairs.roi})), pairs.roi)
+    task, paths = _task(pairs, light, rectangle), each_once(picture_paths(files))
     with results.folder(context, files[0] if len(files) == 1 else "pictures") as folder:
         pictures = _evaluated(paths, task, pages, surface, folder)
         result = task.result(pictures)
         failed = [picture for picture in pictures if picture.evaluation is None]
         good = len(failed) < len(pictures)
         if good:
-            folder.add(summary_files(pictures, result, conversion.description))
+            folder.add(summary_files(pictures, result, task.conversion.description))
     if good:
         # Failures are reported last.
         shown = tuple(one for one in result.findings if results.as_json or one.severity != "error")
@@ -102,13 +92,31 @@ def image(
         raise typer.Exit(1)
 
 
+def _task(pairs: PairOptions, light: PictureLightOptions, rectangle: tuple[int, int, int, int] | None) -> PictureTask:
+    if rectangle is not None:
+        pairs = replace(pairs, neighbours=True)
+    rois, chosen = rois_and_pairs(pairs)
+    request = ImageRequest(pairs.contrast, pairs.epsilon, rois, chosen or None, pairs.neighbours, rectangle)
+    conversion = light.conversion()
+    options = conversion.options
+    given = {"roi": pairs.roi, "calibration": light.calibration, "camera": light.camera_spec}
+    configuration = {
+        **request.configuration,
+        "conversion": conversion.description,
+        "encoding": light.encoding,
+        **{name: None if path is None else str(path) for name, path in given.items()},
+        **{name: getattr(options, name) for name in ("exposure_s", "gain_db", "bit_depth", "pixel_format", "size")},
+    }
+    return PictureTask(request, conversion, configuration, tuple(light.inputs({"regions": pairs.roi})), pairs.roi)
+
+
 def _evaluated(
     paths: Sequence[Path], task: PictureTask, pages: bool, surface: bool, results: ResultsFolder
 ) -> list[ReportedPicture]:
     """Process the pictures and write their files."""
     pictures: dict[int, ReportedPicture] = {}
     with progress_bars() as bars:
-        for index, made, failure in worked_through(paths, partial(task.made, pages=pages, surface=surface)):
+        for index, made, failure in _worked_through(paths, partial(task.made, pages=pages, surface=surface)):
             path, number = paths[index], index + 1
             folder = picture_folder(number, path) if len(paths) > 1 and pages else ""
             evaluation, files = made or (None, {})
@@ -116,3 +124,52 @@ def _evaluated(
             pictures[index] = ReportedPicture(number, str(path), folder, evaluation, failure)
             bars.update("Pictures", len(pictures), len(paths))
     return [pictures[index] for index in sorted(pictures)]
+
+
+def _worked_through(paths: Sequence[Path], work: Callable[[Path], _Made]) -> Iterator[tuple[int, _Made | None, str]]:
+    """Process files, on all cores if there are enough of them.
+
+    What the caller does with a result is outside: a full disk ends the command, and is no failure of the file.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        The files.
+    work : callable
+        Makes the result of a file; can be sent to another process.
+
+    Yields
+    ------
+    number of the file, its result or None, and why there is none
+        As they come. Whatever the work raises is a reason, in one line; unexpected errors are given with their type.
+        Ctrl-C ends the command.
+    """
+    numbered = list(enumerate(paths))
+    # A process takes about as long to start as two pictures.
+    n_processes = min(usable_cores(), len(paths) // 2)
+    if n_processes < 2:
+        yield from ((number, *_worked((number, path), work)) for number, path in numbered)
+        return
+    for (number, _), answer, error in Processes[tuple[int, Path]](n_processes).run(_worked, numbered, work):
+        yield (number, None, _one_line(error)) if answer is None else (number, *answer)
+
+
+def _worked(numbered: tuple[int, Path], work: Callable[[Path], _Made]) -> tuple[_Made | None, str]:
+    path = numbered[1]
+    try:
+        return work(path), ""
+    except LabcdpError as error:
+        return None, _one_line(error)
+    except OSError as error:
+        return None, f"it cannot be read ({_one_line(error)}): check the file and its permissions"
+    except MemoryError:
+        return None, "not enough memory: use fewer pixels"
+    # An error of a library in one of thousands of files must not lose the results of the others.
+    except Exception as error:
+        _LOGGER.debug("%s failed", path, exc_info=True)
+        what = f"{type(error).__name__}: {_one_line(error)}" if str(error) else type(error).__name__
+        return None, f"unexpected error ({what}): please report it with this file"
+
+
+def _one_line(error: BaseException | None) -> str:
+    return " ".join(str(error).split())

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from ...core.disk import real_path
 from ...core.disk.files import shown
 from ...core.errors import InputError
 from ...core.result import InputFile
@@ -16,6 +17,7 @@ from ...files.video.selection import Position, Selection
 from ...regions import load_regions, rois_of
 from ..commands import As
 from ..options import Contrasts, Seconds, Tolerance
+from ..terminal import say
 from ..values import parse_pair
 
 
@@ -169,3 +171,13 @@ def rois_and_pairs(options: PairOptions) -> tuple[tuple[Roi, ...], tuple[tuple[s
         return (), ()
     found = rois_of(load_regions(options.roi))
     return found, tuple(parse_pair(pair, [one.name for one in found]) for pair in options.pair)
+
+
+def each_once(paths: Sequence[Path], what: str = "file") -> list[Path]:
+    """Return the paths without those of the same file as another one, and say so."""
+    found: dict[Path, Path] = {}
+    for path in paths:
+        first = found.setdefault(real_path(path), path)
+        if first is not path:
+            say(f"Note: {path} is the same {what} as {first} and is evaluated once")
+    return list(found.values())

@@ -30,8 +30,7 @@ from ..commands import As
 from ..options import ClusterOptions, Results
 from ..terminal import progress_bars, say
 from ..values import fraction_of_percent
-from .batch import each_once
-from .options import FrameOptions, LightOptions, MadeOptions, PairOptions, rois_and_pairs
+from .options import FrameOptions, LightOptions, MadeOptions, PairOptions, each_once, rois_and_pairs
 
 
 def _reference(text: str, name: str) -> Reference:

@@ -20,8 +20,7 @@ from ....report.sheets import result_workbook
 from ....report.text import percent, share_percent
 from ..conversion import PictureSource
 from .edges import FALSE_ALARM, EdgeKind
-from .figure import overlay, overlay_figure
-from .interactive import Drawn, edge_script
+from .figure import Drawn, edge_script, overlay, overlay_figure
 from .map import ContrastMap
 from .result import contrast_map_dataset, edge_table
 

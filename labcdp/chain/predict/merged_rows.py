@@ -8,13 +8,11 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache, partial, reduce
 from math import ceil, log2, prod
-from operator import xor
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from ...core.errors import PredictionError
 from ..hdr import ExposureLadder, Method, linear_stage, mix, weighted_stage
 
 FloatArray = NDArray[np.float64]
@@ -22,26 +20,6 @@ FloatArray = NDArray[np.float64]
 #: Logarithms to base 2 of the points for each rate and of the fewest for an offset; offsets share the points. A CDP is
 #: then within 2e-4 of that by all combinations in the usual case (see `predict`).
 _POINTS, _FEWEST = 15, 8
-#: Primitive polynomials modulo 2 and the first direction numbers of a Sobol sequence (Joe and Kuo, SIAM J. Sci. Comput.
-#: 30, 2635, 2008). To load that of `scipy.stats.qmc` would take as long as half a map.
-_POLYNOMIALS: tuple[tuple[int, tuple[int, ...]], ...] = (
-    (0, ()),
-    (0, (1,)),
-    (1, (1, 3)),
-    (1, (1, 3, 1)),
-    (2, (1, 1, 1)),
-    (1, (1, 1, 3, 3)),
-    (4, (1, 3, 5, 13)),
-    (2, (1, 1, 5, 5, 17)),
-    (4, (1, 1, 5, 5, 5)),
-    (7, (1, 1, 7, 11, 19)),
-    (11, (1, 1, 5, 1, 1)),
-    (13, (1, 1, 1, 3, 11)),
-    (14, (1, 3, 5, 5, 31)),
-    (1, (1, 3, 3, 9, 7, 49)),
-    (13, (1, 1, 1, 15, 21, 21)),
-    (16, (1, 3, 1, 13, 27, 49)),
-)
 #: Most combinations of DN that are all merged instead.
 _ALL = 8192
 #: Probability of a DN below which it is left out.
@@ -166,25 +144,13 @@ def _drawn(part: FloatArray, points: NDArray[np.intp], rank: NDArray[np.intp]) -
 @lru_cache(maxsize=64)
 def _ranks(dimensions: int, power: int) -> list[NDArray[np.intp]]:
     """Rank of each of 2^power Sobol points, moved by a random digital shift, along each dimension."""
-    if dimensions > len(_POLYNOMIALS):
-        raise PredictionError(
-            f"{dimensions} exposures are merged, and at most {len(_POLYNOMIALS)} can be predicted: simulate instead"
-        )
-    number, shifts = np.arange(2**power), np.random.default_rng(1).integers(2**power, size=dimensions)
-    ranks = []
-    for (coefficients, begin), shift in zip(_POLYNOMIALS, shifts, strict=False):
-        first = list(begin or [1] * power)
-        degree = len(begin)
-        for k in range(degree, power):
-            terms = [first[k - j] << j for j in range(1, degree) if coefficients >> (degree - 1 - j) & 1]
-            first.append(reduce(xor, terms, first[k - degree] ^ first[k - degree] << degree))
-        rank = np.full(2**power, shift)
-        for k in range(power):
-            rank ^= (number >> k & 1) * (first[k] << (power - 1 - k))
-        ranks.append(rank)
+    from scipy.stats.qmc import Sobol
+
+    points = Sobol(dimensions, scramble=False, bits=power).random_base2(power)
+    shifts = np.random.default_rng(1).integers(2**power, size=dimensions)
+    ranks = (points * 2**power).astype(np.intp) ^ shifts
     # Values that are in order already are quicker to find and to sort.
-    order = ranks[0].argsort()
-    return [rank[order] for rank in ranks]
+    return list(np.ascontiguousarray(ranks[ranks[:, 0].argsort()].T))
 
 
 @lru_cache(maxsize=16)

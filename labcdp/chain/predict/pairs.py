@@ -95,17 +95,10 @@ def evaluate_cells(table: ValueTable, cells: Cells) -> FloatArray:
     """
     bright = _bright_patches(table, cells)
     result = np.empty((len(fields(ExactPrediction)), cells.zero.size))
-    order = _by_rate(cells.dark)
-    for part, first, share, clipped in table.blocks(*(array[order] for array in cells.dark)):
-        chosen = order[part]
+    for chosen, first, share, clipped in table.blocks(*cells.dark):
         found = _evaluate(table, cells.take(chosen), bright, chosen, first, share)
         result[:, chosen] = [*found, np.clip(clipped, 0.0, 1.0)]
     return result
-
-
-def _by_rate(patch: Patch) -> NDArray[np.intp]:
-    """Return the order of rising mean rates."""
-    return np.argsort(np.einsum("np,np->n", *patch), kind="stable")
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,9 +152,8 @@ def _bright_patches(table: ValueTable, cells: Cells) -> _BrightPatches:
     slopes: list[FloatArray] = [np.empty(0)]
     areas: list[FloatArray] = [np.empty(0)]
     filled, starts, all_exact = 0, table.bins.starts, table.bins.exact
-    order = _by_rate(cells.bright)
-    for part, begin, share, clipped in table.blocks(*(array[order] for array in cells.bright)):
-        chosen, width = order[part], share.shape[1]
+    for chosen, begin, share, clipped in table.blocks(*cells.bright):
+        width = share.shape[1]
         start[chosen] = filled + np.arange(len(share)) * (width + 2) + 1
         first[chosen], size[chosen] = begin, width
         mean[chosen], variance[chosen] = _moments(table.bins.values[begin : begin + width], share)

@@ -51,19 +51,19 @@ class ValueTable:
 
     def blocks(
         self, rates_e_s: FloatArray, shares: FloatArray | None = None
-    ) -> Iterator[tuple[slice, int, FloatArray, FloatArray]]:
-        """Distributions at rates of photo-electrons, some at a time.
+    ) -> Iterator[tuple[NDArray[np.intp], int, FloatArray, FloatArray]]:
+        """Distributions at rates of photo-electrons, some at a time, in the order of rising means.
 
         Parameters
         ----------
         rates_e_s : ndarray, shape (n,), or (n, parts)
-            Mean rates; the closer together neighbours are, the quicker.
+            Mean rates.
         shares : ndarray, shape (n, parts), or None
             Share of the pixels that have each of the rates of a row; None where there is one.
 
         Yields
         ------
-        part : slice
+        chosen : ndarray of int
             Which rates.
         first : int
             First value that occurs.
@@ -74,18 +74,18 @@ class ValueTable:
         """
         rates = rates_e_s.reshape(len(rates_e_s), -1)
         shares = np.ones(rates.shape) if shares is None else shares
-        for begin in range(0, len(rates), _BLOCK):
-            part = slice(begin, min(begin + _BLOCK, len(rates)))
-            count = part.stop - begin
-            index, weight = self.grid.stencil(rates[part].ravel())
+        order = np.argsort(np.einsum("np,np->n", rates, shares), kind="stable")
+        for begin in range(0, order.size, _BLOCK):
+            chosen = order[begin : begin + _BLOCK]
+            index, weight = self.grid.stencil(rates[chosen].ravel())
             index = np.searchsorted(self.nodes, index)
-            weight *= shares[part].reshape(-1, 1)
+            weight *= shares[chosen].reshape(-1, 1)
             low, high = int(index.min()), int(index.max()) + 1
             first, rows = dense_rows(self.rows, low, high)
-            starts = np.arange(count + 1) * (index.size // count)
+            starts = np.arange(chosen.size + 1) * (index.size // chosen.size)
             # A product of dense matrices would start threads of its own in each of ours.
-            mix = csr_array((weight.ravel(), index.ravel() - low, starts), shape=(count, high - low))
-            yield part, first, np.asarray(mix @ rows), np.asarray(mix @ self.saturated[low:high])
+            mix = csr_array((weight.ravel(), index.ravel() - low, starts), shape=(chosen.size, high - low))
+            yield chosen, first, np.asarray(mix @ rows), np.asarray(mix @ self.saturated[low:high])
 
 
 def value_table(camera: CameraModel, rates_e_s: FloatArray) -> ValueTable:

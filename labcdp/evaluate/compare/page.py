@@ -20,8 +20,7 @@ from ...report.text import capitalised, finding_text, printable
 from ..sweep.maps.axes import MapAxis
 from ..sweep.maps.labels import at_text, axis_label, axis_unit, ends_text, shown
 from ..sweep.maps.map import MapAnalysis
-from ..sweep.maps.static import set_scale
-from ..sweep.maps.view import COLOURS, MISSING, SCALE, cell_edges
+from ..sweep.maps.view import COLOURS, MISSING, SCALE, cell_edges, set_scale
 from .compare import Comparison
 from .grid import Grid
 from .result import answer

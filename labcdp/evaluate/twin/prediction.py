@@ -226,10 +226,9 @@ def _luminances(
 def _dn_rows(camera: CameraModel, rates_e_s: FloatArray) -> list[tuple[int, FloatArray]]:
     """First DN at each rate, and the probabilities from it on."""
     table = value_table(camera, rates_e_s)
-    order = np.argsort(rates_e_s, kind="stable")
     rows: dict[int, tuple[int, FloatArray]] = {}
-    for part, first, share, _ in table.blocks(rates_e_s[order]):
-        for index, row in zip(order[part], np.maximum(share, 0.0), strict=True):
+    for chosen, first, share, _ in table.blocks(rates_e_s):
+        for index, row in zip(chosen, np.maximum(share, 0.0), strict=True):
             occurring = np.flatnonzero(row > _NEVER)
             begin, end = int(occurring[0]), int(occurring[-1]) + 1
             rows[int(index)] = first + begin, row[begin:end]

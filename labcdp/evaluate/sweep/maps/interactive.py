@@ -4,20 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from plotly.graph_objects import Figure, Heatmap, Scatter
+from plotly.subplots import make_subplots
+from xarray import Dataset
 
 from ....report.html import interactive
 from ....report.layout import Script
 from .axes import At, MapAxis, known_values
 from .labels import axis_label, shown, variable_name, variable_unit
 from .view import MISSING, SCALE, USABLE, WIDEST, Line, MapView, cell_edges
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
-    from xarray import Dataset
-
 
 #: Dashes of the isolines, in rising order of their levels.
 _DASHES = ("dot", "solid", "dash")
@@ -41,8 +39,6 @@ def map_script(view: MapView) -> Script:
 
 def _heat_maps(view: MapView) -> Figure:
     """Draw one heat map for each section, of which one is shown at a time."""
-    from plotly.graph_objects import Figure
-
     assert view.map.y is not None
     figure, owners = Figure(), []
     for number, (at, section) in enumerate(view.parts):
@@ -67,8 +63,6 @@ def _heat_maps(view: MapView) -> Figure:
 
 
 def _heat_map(view: MapView, section: Dataset) -> Any:
-    from plotly.graph_objects import Heatmap
-
     x, y = view.map.x, view.map.y
     assert y is not None
     up, across = np.meshgrid(shown(y, y.values), shown(x, x.values), indexing="ij")
@@ -90,8 +84,6 @@ def _heat_map(view: MapView, section: Dataset) -> Any:
 
 def _overlays(view: MapView, at: At) -> Iterator[Any]:
     """Yield the lines over a section; isolines of one level are one trace, which the legend switches."""
-    from plotly.graph_objects import Scatter
-
     for text, number, lines in view.overlays(at):
         isoline = {"color": "black", "width": 1.5, "dash": _DASHES[(number or 0) % len(_DASHES)]}
         yield Scatter(
@@ -106,9 +98,6 @@ def _overlays(view: MapView, at: At) -> Iterator[Any]:
 
 def _curves(view: MapView) -> Figure:
     """Draw CDP along the axis, and below it the SNR of the map."""
-    from plotly.graph_objects import Scatter
-    from plotly.subplots import make_subplots
-
     cdp, snr = view.curves()
     axis, level = view.map.x, view.analysis.level
     figure = make_subplots(rows=2 if snr else 1, cols=1, shared_xaxes=True, vertical_spacing=0.05)
@@ -141,8 +130,6 @@ def _curves(view: MapView) -> Figure:
 
 def _traces(view: MapView, lines: Sequence[Line]) -> Iterator[Any]:
     """Yield curves with their bands and dips; curves of one section are switched together."""
-    from plotly.graph_objects import Scatter
-
     axis, with_dips = view.map.x, [line for line in lines if line.dips[0].size]
     places = shown(axis, axis.values) if axis.numeric else _texts(axis)
     for line in lines:

@@ -13,10 +13,8 @@ from ....report.layout import SIMULATED, Card, Facts, Page, Section, Verbatim
 from ....report.text import significant
 from .axes import TO_DETECT
 from .dips import SnrDip
-from .interactive import map_script
 from .labels import at_text, axis_name, axis_unit, conditions, ends_text, title, value_text, variable_name, width_text
 from .ranges import UsableRange
-from .static import draw_map
 from .view import MapView
 
 if TYPE_CHECKING:
@@ -38,12 +36,16 @@ def write_map(result: Result, dataset: Dataset, analysis: MapAnalysis, folder: D
     list of Path
         map.nc, map.png, results.json, report.html and results.xlsx.
     """
+    from .static import draw_map
+
     view = MapView.of(dataset, analysis)
     files = {"map.nc": dataset_bytes(dataset, "map"), "map.png": png(draw_map(view))}
     return write_report(result, _page(result, view), folder, files)
 
 
 def _page(result: Result, view: MapView) -> Page:
+    from .interactive import map_script
+
     dataset, n_parts = view.map.dataset, len(view.parts)
     left_out = [info("map-sections-not-drawn", n_drawn=n_parts, n_sections=n_parts + view.left_out)]
     facts = [

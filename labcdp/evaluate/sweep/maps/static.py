@@ -5,19 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import ceil, sqrt
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from ....report import drawing
-from .axes import At, MapAxis
+from .axes import At
 from .labels import axis_label, conditions, title
-from .view import MISSING, SCALE, USABLE, WIDEST, Line, MapView, cell_edges, drawn_places
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
+from .view import MISSING, SCALE, USABLE, WIDEST, Line, MapView, cell_edges, drawn_places, set_scale
 
 #: Line styles of the isolines, in rising order of their levels.
 _STYLES: tuple[Any, ...] = (":", "-", "--")
@@ -69,8 +67,6 @@ def _heat_maps(view: MapView) -> Figure:
 
 def _draw_lines(axes: Axes, view: MapView, at: At) -> dict[str, Any]:
     """Draw isolines and the widest usable range; return what the legend shows."""
-    from matplotlib.lines import Line2D
-
     handles: dict[str, Any] = {}
     for text, number, lines in view.overlays(at):
         style: dict[str, Any] = {"color": "black", "linewidth": 1.3, "linestyle": _STYLES[(number or 0) % len(_STYLES)]}
@@ -120,9 +116,3 @@ def _draw_curves(panel: Axes, view: MapView, lines: Sequence[Line]) -> None:
     for number, dips in enumerate(rings):
         text = "_nolegend_" if number else "dip"
         panel.plot(*dips, "o", color="black", markersize=10, markerfacecolor="none", label=text)
-
-
-def set_scale(axis: MapAxis, drawn: Any) -> None:
-    """Make a drawn axis logarithmic if the map's is."""
-    if axis.log:
-        drawing.logarithmic(drawn)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ....report.drawing import BLUE, GREEN, ORANGE, VERMILLION
+from ....report.drawing import BLUE, GREEN, ORANGE, VERMILLION, logarithmic
 from ....report.text import Z_95
 from .axes import SNR_VARIABLES, TO_DETECT, At, CdpMap, MapAxis, known_values
 from .labels import at_text, axis_unit, ends_text, shown, variable_name
@@ -158,6 +158,12 @@ class MapView:
 def drawn_places(axis: MapAxis) -> Any:
     """Return the places of the values of an axis in the picture; texts are numbered."""
     return shown(axis, axis.values) if axis.numeric else np.arange(axis.values.size)
+
+
+def set_scale(axis: MapAxis, drawn: Any) -> None:
+    """Make a drawn axis logarithmic if the map's is."""
+    if axis.log:
+        logarithmic(drawn)
 
 
 def cell_edges(axis: MapAxis) -> NDArray[np.float64]:

@@ -72,8 +72,15 @@ def predict_chain(
     else:
         dark, bright = (front.values[:, index] * per_lx_s for index in pair)
         rates = PatchRates(dark, bright, veil_e_s)
-    asked = _own_contrast(*(levels[:, index] for index in pair)) if contrast is None else contrast
-    return predict(camera, rates, asked, epsilon)
+    if contrast is None:
+        dark, bright = (levels[:, index] for index in pair)
+        if not (dark > 0).all():
+            raise InputError(
+                "the dark region has a luminance of 0 and its contrast is infinite: give a target contrast"
+            )
+        # 1.3 / 1 - 1 is not 0.3 in binary.
+        contrast = np.round(bright / dark - 1, 12)
+    return predict(camera, rates, contrast, epsilon)
 
 
 def known_transitions(chain: Chain, stage: str | None = None) -> tuple[float, ...]:
@@ -181,10 +188,3 @@ def _veil_lx(front: Signal, cells: int) -> FloatArray:
     # What is subtracted cannot be negative; where nothing is, rounding could make it so.
     veil: FloatArray = np.maximum(-luminance[:, 0] / slope, 0.0)
     return veil
-
-
-def _own_contrast(dark: FloatArray, bright: FloatArray) -> FloatArray:
-    if not (dark > 0).all():
-        raise InputError("the dark region has a luminance of 0 and its contrast is infinite: give a target contrast")
-    # 1.3 / 1 - 1 is not 0.3 in binary.
-    return np.round(bright / dark - 1, 12)

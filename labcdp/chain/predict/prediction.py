@@ -38,7 +38,7 @@ class PatchRates:
     Raises
     ------
     InputError
-        If a rate is negative or not finite, or the shapes do not fit together.
+        If a rate is negative or not finite.
     """
 
     dark_e_s: ArrayLike
@@ -55,15 +55,13 @@ class PatchRates:
                     f"{name} has no value, or one that is negative or not finite: give rates in e⁻/s from 0 on"
                 )
             object.__setattr__(self, name, rates)
-        _broadcast(*map(_mean_rate, self.patches()), self.veil_e_s)
 
     def patches(self) -> tuple[Patch, Patch]:
         """Dark and bright patch; of patches of one rate, the larger is the bright one."""
         dark, bright = np.asarray(self.dark_e_s), np.asarray(self.bright_e_s)
         if self.dark_shares is not None and self.bright_shares is not None:
             return (dark, self.dark_shares), (bright, self.bright_shares)
-        dark, bright = _broadcast(dark, bright)
-        ones = np.ones((*dark.shape, 1))
+        ones = np.ones((*_common_shape(dark, bright), 1))
         return (np.minimum(dark, bright)[..., None], ones), (np.maximum(dark, bright)[..., None], ones)
 
 
@@ -106,24 +104,19 @@ def predict(camera: CameraModel, rates: PatchRates, contrast: ArrayLike, epsilon
         raise InputError("a contrast is not above 0 or not finite: give fractions above 0 (1.0 is 100 %)")
     if not 0 < epsilon <= 1:
         raise InputError(f"epsilon is {epsilon}: give a fraction above 0, up to 1")
-    dark_mean, _, veil, asked = _broadcast(*map(_mean_rate, rates.patches()), rates.veil_e_s, asked)
-    shape, asked = dark_mean.shape, asked.ravel()
-    dark, bright = (_parts_of_cells(patch, shape) for patch in rates.patches())
-    zero = camera.dark_dn + camera.dn_per_e_s * veil.ravel()
+    patches = rates.patches()
+    shape = _common_shape(*(rate[..., 0] for rate, _ in patches), rates.veil_e_s, asked)
+    dark, bright = (_parts_of_cells(patch, shape) for patch in patches)
+    veil, asked = (np.broadcast_to(one, shape).ravel() for one in (rates.veil_e_s, asked))
+    zero = camera.dark_dn + camera.dn_per_e_s * veil
     cells = Cells(dark, bright, zero, asked * (1 - epsilon), asked * (1 + epsilon))
     table = value_table(camera, np.concatenate([dark[0].ravel(), bright[0].ravel()]))
-    order = np.argsort(dark_mean.ravel(), kind="stable")
+    order = np.argsort(np.einsum("np,np->n", *dark), kind="stable")
     chunks = [order[begin : begin + _CHUNK] for begin in range(0, order.size, _CHUNK)]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         evaluated = list(pool.map(lambda chunk: evaluate_cells(table, cells.take(chunk)), chunks))
     result = np.concatenate(evaluated, axis=1)[:, np.argsort(order)]
     return ExactPrediction(*(values.reshape(shape) for values in result))
-
-
-def _mean_rate(patch: Patch) -> FloatArray:
-    """Mean rate of a patch."""
-    mean: FloatArray = np.einsum("...p,...p->...", *patch)
-    return mean
 
 
 def _parts_of_cells(patch: Patch, shape: tuple[int, ...]) -> Patch:
@@ -132,9 +125,9 @@ def _parts_of_cells(patch: Patch, shape: tuple[int, ...]) -> Patch:
     return rates.reshape(-1, rates.shape[-1]), shares.reshape(-1, shares.shape[-1])
 
 
-def _broadcast(*arrays: ArrayLike) -> list[FloatArray]:
+def _common_shape(*arrays: ArrayLike) -> tuple[int, ...]:
+    shapes = [np.shape(array) for array in arrays]
     try:
-        return [np.asarray(array) for array in np.broadcast_arrays(*arrays)]
+        return np.broadcast_shapes(*shapes)
     except ValueError:
-        shapes = [np.shape(array) for array in arrays]
         raise InputError(f"shapes {shapes} do not broadcast together: give arrays of one shape, or numbers") from None

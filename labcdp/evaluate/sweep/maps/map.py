@@ -76,6 +76,7 @@ def analyse_map(dataset: Dataset, level: float = 0.9, expected: Sequence[float] 
     snr = tuple(name for name in SNR_VARIABLES if name in dataset.data_vars)[:1]
     x, y = found.x.name, found.y.name if found.y else ""
     ranges = usable_ranges(found, x, level) if found.x.numeric else ()
+    dips = [dip for name in (*snr, "cdp") if found.x.numeric for dip in find_dips(found, x, name, expected)]
     return MapAnalysis(
         x=x,
         y=y,
@@ -83,11 +84,6 @@ def analyse_map(dataset: Dataset, level: float = 0.9, expected: Sequence[float] 
         usable_ranges=ranges,
         widest=widest_range(ranges),
         dip_variables=(*snr, "cdp"),
-        dips=_dips(found, (*snr, "cdp"), expected) if found.x.numeric else (),
+        dips=tuple(dip for dip in dips if dip.variable != "cdp" or dip.highest >= _LEAST_CDP),
         isolines=isolines(found, x, y, LEVELS) if y else (),
     )
-
-
-def _dips(found: CdpMap, variables: Sequence[str], expected: Sequence[float]) -> tuple[SnrDip, ...]:
-    dips = (dip for variable in variables for dip in find_dips(found, found.x.name, variable, expected))
-    return tuple(dip for dip in dips if dip.variable != "cdp" or dip.highest >= _LEAST_CDP)

@@ -262,8 +262,9 @@ class ChainParts:
     def branches(self) -> dict[str, tuple[str, ...]]:
         """Names of the signals on the way to the last one of each sensor, by its name; "" without a sensor."""
         front = ("scene", *(name for name, _ in self.before))
-        behind = {own: (self.of_sensor(name, own) for name in self.recorded_names) for own, _ in self.sensors}
-        return {own: (*front, *names) for own, names in behind.items()} or {"": front}
+        recorded = self.recorded_names
+        branches = {own: (*front, *[self.of_sensor(name, own) for name in recorded]) for own, _ in self.sensors}
+        return branches or {"": front}
 
     @property
     def final_stages(self) -> tuple[str, ...]:

@@ -30,6 +30,7 @@ def test_key_of_several_sensors_is_that_of_all_or_of_one():
     tables = [SENSOR | {"name": "left"}, SENSOR | {"name": "right"}]
     original = Chain.from_document(DOCUMENT | {"sensor": tables})
     before = deepcopy(original.document)
+    assert original.final_stages == ("isp (left)", "isp (right)")
     assert [sensor.bits for _, sensor in original.with_(**{"sensor.bits": 10}).sensors] == [10, 10]
     both = original.with_(**{"sensor.bits": 10, "sensor.left.bits": 8})
     assert [sensor.bits for _, sensor in both.sensors] == [8, 10]

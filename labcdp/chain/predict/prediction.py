@@ -86,8 +86,7 @@ def predict(camera: CameraModel, rates: PatchRates, contrast: ArrayLike, epsilon
     Raises
     ------
     InputError
-        If contrast or epsilon is out of range, shapes do not fit together, or "linear" or "weighted" have more than 10
-        exposures.
+        If contrast or epsilon is out of range, or shapes do not fit together.
 
     Notes
     -----

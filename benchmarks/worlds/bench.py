@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 import labcdp
+from labcdp.calibration import contrast_half_width_95
 from labcdp.core.errors import LabcdpError
 
 from .camera import Device, make_device
@@ -131,7 +132,7 @@ def _compared(
     true_cdp = cdp(*pixels, pair.contrast, pair.epsilon)
     low, high = single.interval_95_cd_m2
     cdp_low, cdp_high = row.cdp.confidence_interval
-    of_contrast = row.camera_half_width_95
+    of_contrast = contrast_half_width_95(row.bright.calibrated, row.dark.calibrated)
     error = {
         "luminance": single.luminance_cd_m2 / truth_cd_m2 - 1,
         "contrast": (row.camera_contrast - pair.true_contrast) / (1 + pair.true_contrast),

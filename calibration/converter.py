@@ -251,13 +251,12 @@ def common_errors(
         *((CommonError(REFOCUS, calibration.lens.refocus_rel),) if calibration.lens.refocus_rel else ()),
         CommonError("exposure time", exposure_time_rel(exposure_s, calibration.exposure_jitter_s)),
     ]
-    with np.errstate(divide="ignore"):
-        by_dark_dn = -calibration.response.slope(n) / calibration.response.linearise(n)
-    if calibration.responsivity.glare_cd_m2:
-        per_light = calibration.dn_per_cd_m2(exposure_s, setting.gain_db)
-        with np.errstate(divide="ignore"):
-            relative = calibration.responsivity.glare_cd_m2 * per_light / calibration.response.linearise(n)
-        errors.append(CommonError(INTERCEPT, relative))
+    glare_dn = calibration.responsivity.glare_cd_m2 * calibration.dn_per_cd_m2(exposure_s, setting.gain_db)
+    linear_dn = calibration.response.linearise(n)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        by_dark_dn, by_glare = -calibration.response.slope(n) / linear_dn, glare_dn / linear_dn
+    if glare_dn:
+        errors.append(CommonError(INTERCEPT, by_glare))
     sensitivities = setting.dark.sensitivities(exposure_s, temperature_c)
     for error in calibration.fit_errors:
         gain_rel = error.gain_rel[index - 1] if index and error.gain_rel else 0.0

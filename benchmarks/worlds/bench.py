@@ -121,7 +121,7 @@ def _compared(
     device: Device, calibration: Any, evaluation: Any, pair: Pair, target: Target, rng: np.random.Generator
 ) -> Outcome:
     row = evaluation.contrasts[0]
-    single = next(one.calibrated for one in evaluation.patches if one.region.name == "S")
+    single = next(one.calibrated for one in evaluation.patches if one.patch.name == "S")
     truth_cd_m2 = target.luminance_cd_m2["S"]
     findings = {(one.severity, one.code) for one in (*calibration.findings, *evaluation.findings)}
     without = frozenset(_WITHOUT[code] for _, code in findings if code in _WITHOUT)

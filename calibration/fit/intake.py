@@ -10,7 +10,7 @@ from ...core.dn import Response
 from ...core.errors import CalibrationError
 from ...core.result import Finding, warning
 from ..findings import LeftOut
-from ..frames.observations import GAIN_TOLERANCE_DB, DarkObservation, Groups, PatchObservation
+from ..frames.observations import DarkObservation, Groups, PatchObservation
 from ..readings import PatchReading, combine_readings
 from ..sensor.dark import DarkModel, fit_dark
 from ..sensor.noise import GainSetting, fit_noise
@@ -138,19 +138,19 @@ def gain_settings(
     """
     gains_db: list[float] = []
     for o in observations:
-        if not any(abs(o.state.gain_db - known) <= GAIN_TOLERANCE_DB for known in gains_db):
+        if not o.state.has_gain(*gains_db):
             gains_db.append(o.state.gain_db)
     settings: list[GainSetting] = []
     findings: list[Finding] = []
     of_dark: list[Finding] = []
     for gain_db in gains_db:
-        own_darks = [d for d in darks if abs(d.state.gain_db - gain_db) <= GAIN_TOLERANCE_DB]
+        own_darks = [d for d in darks if d.state.has_gain(gain_db)]
         if darks and not own_darks:
             raise CalibrationError(
                 f"there are no dark frames at a gain of {gain_db:g} dB: take some at each exposure, or leave this gain "
                 "out"
             )
-        own = [o for o in observations if abs(o.state.gain_db - gain_db) <= GAIN_TOLERANCE_DB]
+        own = [o for o in observations if o.state.has_gain(gain_db)]
         dark, dark_findings = fit_dark(own_darks, drift_dn)
         noise, noise_findings = fit_noise(own, dark, tone)
         if not settings:

@@ -131,9 +131,8 @@ def _sums(
     if regions is None:
         return [(slice(None), slice(None))], [FrameSums(frame.saturation_dn, sound)]
     windows = [region.window(frame.shape) for region in regions]
-    used = [region.mask(frame.shape) for region in regions]
-    if sound is not None:
-        used = [mask & sound[window] for mask, window in zip(used, windows, strict=True)]
+    parts = [True if sound is None else sound[window] for window in windows]
+    used = [region.mask(frame.shape) & part for region, part in zip(regions, parts, strict=True)]
     return windows, [FrameSums(frame.saturation_dn, mask) for mask in used]
 
 
@@ -144,12 +143,8 @@ def _mean_temperature(temperatures: Sequence[float | None], exposure_s: float) -
             _log.warning("some frames at %g s have no temperature: it is taken as unknown", exposure_s)
         return None
     if max(known) - min(known) > TEMPERATURE_DRIFT_C:
-        _log.warning(
-            "the camera's temperature went from %.1f to %.1f °C over the frames at %g s: let it warm up first",
-            known[0],
-            known[-1],
-            exposure_s,
-        )
+        text = "the camera's temperature went from %.1f to %.1f °C over the frames at %g s: let it warm up first"
+        _log.warning(text, known[0], known[-1], exposure_s)
     return sum(known) / len(known)
 
 

@@ -86,20 +86,21 @@ class CameraState:
         CalibrationError
             If they differ; the message names the first difference.
         """
-        for name, expected, found in (
+        allowed_db, found = (self.gain_db, *gains_db), f"{other.gain_db:g} dB"
+        for name, expected, theirs_is in (
             ("camera", str(self.camera), str(other.camera)),
             ("pixel format", self.pixel_format, other.pixel_format),
             ("colour plane", self.plane, other.plane),
-            ("bit depth", f"{self.bit_depth}", f"{other.bit_depth}"),
+            ("bit depth", self.bit_depth, other.bit_depth),
             ("image size", _size(self.image_shape), _size(other.image_shape)),
             ("region of the sensor", *_where_known(self.readout, other.readout)),
-            ("gain", *self._gains(other.gain_db, gains_db)),
+            ("gain", found if other.has_gain(*allowed_db) else " or ".join(f"{db:g} dB" for db in allowed_db), found),
             ("saturation", f"{self.saturation_dn:g} DN", f"{other.saturation_dn:g} DN"),
             ("black level", *_where_known(self.black_level, other.black_level)),
         ):
-            if expected != found:
+            if expected != theirs_is:
                 raise CalibrationError(
-                    f"{name} of {mine} is {expected}, but {theirs} has {found}: use the same, or calibrate this one"
+                    f"{name} of {mine} is {expected}, but {theirs} has {theirs_is}: use the same, or calibrate this one"
                 )
 
     def require_alike(self, darks: Iterable[Any], mine: str, gains_db: Sequence[float] = ()) -> None:
@@ -117,13 +118,9 @@ class CameraState:
         """Black level in DN where nothing was measured."""
         return nominal_black_dn(self.black_level_dn, self.black_level_register, self.bit_depth)
 
-    def _gains(self, found_db: float, further_db: Sequence[float]) -> tuple[str, str]:
-        """Texts to compare: equal if the gain is one of the allowed."""
-        allowed = (self.gain_db, *further_db)
-        found = f"{found_db:g} dB"
-        if any(abs(found_db - gain_db) <= GAIN_TOLERANCE_DB for gain_db in allowed):
-            return found, found
-        return " or ".join(f"{gain_db:g} dB" for gain_db in allowed), found
+    def has_gain(self, *gains_db: float) -> bool:
+        """Whether its gain is one of these."""
+        return any(abs(self.gain_db - gain_db) <= GAIN_TOLERANCE_DB for gain_db in gains_db)
 
 
 @dataclass(frozen=True, kw_only=True)

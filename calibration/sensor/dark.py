@@ -12,17 +12,14 @@ from numpy.typing import NDArray
 from ...core.errors import CalibrationError
 from ...core.result import Finding, warning
 from ..frames.observations import DarkObservation
+from ..frames.statistics import MAX_CLIPPED_SHARE
 from .dark_fit import (
     DOUBLING_REL,
     TYPICAL_DOUBLING_C,
     DarkCurrent,
-    clipping,
     drift_of_black_level,
     fit_curve,
-    mean_uncertainties_dn,
     noise_line,
-    of_rounding,
-    of_unknown_rate,
     rows_of,
 )
 
@@ -182,29 +179,24 @@ def fit_dark(darks: Sequence[DarkObservation], drift_dn: float | None = None) ->
             "there are no dark frames: cover the lens and take at least 2 at each exposure, they fix the offset"
         )
     darks[0].state.require_alike(darks, "the first dark frames")
-    t = np.array([d.exposure_s for d in darks])
+    exposures_s = sorted({d.exposure_s for d in darks})
     temperatures = [d.temperature_c for d in darks if d.temperature_c is not None]
     reference = float(np.mean(temperatures)) if len(temperatures) == len(darks) else None
-    warmer_c = np.zeros_like(t) if reference is None else np.array(temperatures) - reference
+    warmer_c = np.zeros(len(darks)) if reference is None else np.array(temperatures) - reference
     drift_dn, drift_dof = drift_of_black_level(darks) if drift_dn is None else (drift_dn, 0)
-    y, u = np.array([d.mean_dn for d in darks]), mean_uncertainties_dn(darks, drift_dn)
-    parameters, covariance, findings = fit_curve(t, warmer_c, y, u)
-    if np.unique(t).size == 1:
-        covariance += of_unknown_rate(float(t[0]), float(parameters[0]) - darks[0].state.nominal_black_dn)
-    else:
-        covariance += of_rounding(max(d.rounding_dn2 for d in darks), float(np.ptp(t)))
+    parameters, covariance, findings = fit_curve(darks, warmer_c, drift_dn)
     doubling_c = float(1 / parameters[2]) if covariance[2, 2] > 0 else None
     if doubling_c is None and reference is not None:
         covariance[2, 2] = (DOUBLING_REL / TYPICAL_DOUBLING_C) ** 2
     noise = noise_line(darks, 2 ** (warmer_c * parameters[2]))
-    patterns = [_rms(d.pattern_dn for d in darks if d.exposure_s == e) for e in np.unique(t)]
+    patterns = [_rms(d.pattern_dn for d in darks if d.exposure_s == t) for t in exposures_s]
     model = DarkModel(
         offset_dn=float(parameters[0]),
         rate_dn_s=float(parameters[1]),
         covariance=rows_of(covariance),
         noise_dn=sqrt(max(noise.intercept, 0.0)),
         nonuniformity_dn=_rms(d.nonuniformity_dn for d in darks),
-        exposures_s=tuple(float(v) for v in np.unique(t)),
+        exposures_s=tuple(exposures_s),
         temperatures_c=() if reference is None else tuple(sorted(temperatures)),
         temperature_c=reference,
         doubling_temperature_c=doubling_c,
@@ -215,7 +207,9 @@ def fit_dark(darks: Sequence[DarkObservation], drift_dn: float | None = None) ->
         line_noise_dn=_rms_of_lines(d.line_noise_dn for d in darks),
         line_pattern_dn=_rms_of_lines(d.line_pattern_dn for d in darks),
     )
-    return model, [*clipping(darks), *findings]
+    clipped = [d for d in darks if d.black_share > MAX_CLIPPED_SHARE]
+    of_clipping = [warning("dark-clipped", exposure_s=d.exposure_s, share=float(d.black_share)) for d in clipped]
+    return model, [*of_clipping, *findings]
 
 
 def _rms(values: Iterable[float]) -> float:

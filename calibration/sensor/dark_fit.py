@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from ...core.result import Finding, warning
 from ..frames.observations import DarkObservation
 from ..frames.rounding import ROUNDING_DN2, variance_before_rounding
-from ..frames.statistics import MAX_CLIPPED_SHARE
 from ..uncertainty import SMALL_P_VALUE, p_value_of_chi_squared
 
 #: Smallest temperature difference of dark frames for fitting the temperature dependence of the dark current.
@@ -44,14 +43,19 @@ class DarkCurrent:
 
 
 def fit_curve(
-    t: FloatArray, warmer_c: FloatArray, y: FloatArray, u: FloatArray
+    darks: Sequence[DarkObservation], warmer_c: FloatArray, drift_dn: float
 ) -> tuple[FloatArray, FloatArray, list[Finding]]:
     """Offset, rate and 1 / T_d with their covariance; that of 1 / T_d is 0 where it is not determined."""
-    typical = 1 / TYPICAL_DOUBLING_C
+    t, y = np.array([d.exposure_s for d in darks]), np.array([d.mean_dn for d in darks])
+    u, typical = mean_uncertainties_dn(darks, drift_dn), 1 / TYPICAL_DOUBLING_C
     if np.unique(t).size == 1:
         constant = line(np.zeros_like(t), y, u)
+        # What is above the nominal black level may be dark current.
+        rate_dn_s = max(abs(constant.intercept - darks[0].state.nominal_black_dn), DRIFT_DN) / t[0]
+        error = rate_dn_s * np.array([-t[0], 1.0, 0.0])
+        covariance = np.diag([constant.covariance[0, 0], 0.0, 0.0]) + np.outer(error, error)
         found = [warning("dark-one-exposure", exposure_s=float(t[0]))]
-        return np.array([constant.intercept, 0.0, typical]), np.diag([constant.covariance[0, 0], 0.0, 0.0]), found
+        return np.array([constant.intercept, 0.0, typical]), covariance, found
     fitted = _with_temperature(t, warmer_c, y, u) if np.ptp(warmer_c) >= MIN_TEMPERATURE_SPAN_C else None
     if fitted is None:
         straight = line(t * 2 ** (warmer_c * typical), y, u)
@@ -65,7 +69,9 @@ def fit_curve(
     findings = _contradictions(t, residuals, dof, (grown, y, u))
     if parameters[1] * np.ptp(t) < -DRIFT_DN and parameters[1] < -3 * sqrt(covariance[1, 1]):
         findings.append(warning("dark-falls", rate_dn_s=-float(parameters[1])))
-    return parameters, covariance, findings
+    # Errors by rounding at neighbouring signals are alike and so tilt the line.
+    error = sqrt(max(d.rounding_dn2 for d in darks)) * np.array([1.0, -2 / float(np.ptp(t)), 0.0])
+    return parameters, covariance + np.outer(error, error), findings
 
 
 def _with_temperature(
@@ -94,28 +100,6 @@ def _with_temperature(
     parameters: FloatArray = np.asarray(fit.x, dtype=np.float64) * scale
     known = parameters[2] > _DOUBLING_LIMIT * sqrt(covariance[2, 2]) and parameters[1] > 0
     return (parameters, covariance) if known else None
-
-
-def of_unknown_rate(exposure_s: float, above_black_dn: float) -> FloatArray:
-    """Covariance of a line of unknown rate through the mean at one exposure; shape (3, 3)."""
-    rate_dn_s = max(abs(above_black_dn), DRIFT_DN) / exposure_s
-    error = np.array([-rate_dn_s * exposure_s, rate_dn_s, 0.0])
-    return np.outer(error, error)
-
-
-def of_rounding(rounding_dn2: float, span_s: float) -> FloatArray:
-    """Covariance by rounding, whose errors at neighbouring signals are alike and so tilt the line; shape (3, 3)."""
-    error = sqrt(rounding_dn2) * np.array([1.0, -2 / span_s, 0.0])
-    return np.outer(error, error)
-
-
-def clipping(darks: Sequence[DarkObservation]) -> list[Finding]:
-    """Warn of dark frames with pixels at 0 DN."""
-    return [
-        warning("dark-clipped", exposure_s=d.exposure_s, share=float(d.black_share))
-        for d in darks
-        if d.black_share > MAX_CLIPPED_SHARE
-    ]
 
 
 def _contradictions(

@@ -17,8 +17,7 @@ from ...core.result import Finding, info
 from ...core.vignetting import FlatField, RadialVignetting, middle_of
 from ..frames.measure import MeasuredFrames
 from .dark_fit import rows_of
-from .defects import median_around
-from .flat_structure import block_means, pixel_pattern, structure_findings
+from .defects import block_means, median_around, pixel_pattern, structure_findings
 
 Array = NDArray[np.float64]
 

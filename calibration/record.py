@@ -18,7 +18,7 @@ import numpy as np
 
 from ..core.disk import quoted, read_json, validated_as
 from ..core.disk.arrays import parse_npz
-from ..core.errors import InputError
+from ..core.errors import InputError, naming
 from .colour.model import AnyCalibration, ColourCalibration
 from .model import Calibration
 from .verify.result import Verification
@@ -170,10 +170,8 @@ def _arrays(text: Any) -> dict[str, Any]:
         data = b64decode(text, validate=True)
     except (TypeError, ValueError) as error:
         raise InputError("key arrays: it is no Base64 text") from error
-    try:
+    with naming("key arrays"):
         return dict(parse_npz(data, MOST_BYTES))
-    except InputError as error:
-        raise InputError(f"key arrays: {error}") from error
 
 
 def _digest(document: Any) -> str:

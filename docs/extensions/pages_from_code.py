@@ -36,8 +36,9 @@ MODULES = {
     "labcdp.core.errors": "Errors",
 }
 
-#: Classes, functions, and constants with a comment of their own, of a module that does not list its public names.
-PUBLIC = r"^(?:class |def |#: .*\n(?=[A-Z]))([A-Za-z]\w*)"
+#: Classes, functions, constants with a comment of their own, and what a package imports under its own name, of a module
+#: that does not list its public names.
+PUBLIC = r"^(?:class |def |#: .*\n(?=[A-Z])|from \.\w+ import \w+ as )([A-Za-z]\w*)"
 
 
 def _escaped(text: str) -> str:

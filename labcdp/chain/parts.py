@@ -11,7 +11,7 @@ from typing import Any, Self
 from ..core.disk import parse_toml
 from ..core.disk.files import shown
 from ..core.disk.text import toml_text
-from ..core.errors import ConfigurationError, InputError
+from ..core.errors import ConfigurationError, InputError, naming
 from ..core.photometry import photon_radiance_per_cd_m2
 from ..output import write_file
 from .document import changed, document_of_parts, parts_of_document
@@ -163,10 +163,8 @@ class ChainParts:
     @classmethod
     def from_toml(cls, text: str, source: str = "chain", folder: Path = Path()) -> Self:
         """Make a chain of the text of a chain file; everything else as `from_document`."""
-        try:
+        with naming(source, ConfigurationError):
             document = parse_toml(text)
-        except InputError as error:
-            raise ConfigurationError(f"{source}: {error}") from error
         return cls.from_document(document, source, folder)
 
     @classmethod
@@ -187,10 +185,8 @@ class ChainParts:
         ConfigurationError
             Naming source, table and key of the first thing that cannot be used.
         """
-        try:
+        with naming(source, ConfigurationError):
             return cls(**parts_of_document(document, folder), source=source, folder=folder)
-        except InputError as error:
-            raise ConfigurationError(f"{source}: {error}") from error
 
     @property
     def document(self) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from ..calibration.record import load_verification
 from ..chain import Chain
 from ..core.clock import exposure_text
 from ..core.disk.documents import read_json, read_toml
-from ..core.errors import InputError, LabcdpError
+from ..core.errors import InputError, LabcdpError, naming
 from ..core.frame import Frame
 from ..core.result import Finding, Result
 from ..core.table import Column, Table
@@ -227,10 +227,8 @@ def _netcdf(path: Path) -> Description:
         return Description("results of a video", ("video VIDEO --roi rois.json --reference {file}",), properties)
     if "edge" in dataset.sizes:
         return Description("contrast map of an image", (), properties)
-    try:
+    with naming(f"{path} is no map of labcdp"):
         check_map(dataset)
-    except InputError as error:
-        raise InputError(f"{path} is no map of labcdp: {error}") from error
     return Description("map of a sweep", ("compare {file} OTHER",), properties)
 
 

@@ -8,7 +8,7 @@ import secrets
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
@@ -70,26 +70,6 @@ class Runner(Protocol[_Task]):
         self, function: Callable[..., _Value], tasks: Sequence[_Task], *arguments: Any
     ) -> Iterator[tuple[_Task, _Value | None, BaseException | None]]:
         """Call a function with each task and the arguments, and return results or errors as they come."""
-
-
-@dataclass(frozen=True)
-class Workers:
-    """What works through tasks: this computer, with a worker a core unless told, or a Dask scheduler's workers."""
-
-    address: str | None = None
-    n_workers: int | None = None
-    tls: TlsFiles | None = None
-
-    def opened(
-        self, here: Callable[[int | None], Runner[_Task]], folder: Path | None, versions: Mapping[str, str]
-    ) -> AbstractContextManager[Runner[_Task]]:
-        """Return the context of the workers; `here` makes those of this computer, which open no port.
-
-        Folder, versions and errors are as for `open_cluster`.
-        """
-        if self.address is None:
-            return nullcontext(here(self.n_workers))
-        return open_cluster(self.address, self.tls, folder, versions)
 
 
 class Cluster(Generic[_Task]):
@@ -205,55 +185,74 @@ class Cluster(Generic[_Task]):
             probe.unlink(missing_ok=True)
 
 
-@contextmanager
-def open_cluster(
-    address: str, tls: TlsFiles | None, folder: Path | None, versions: Mapping[str, str]
-) -> Iterator[Cluster[Any]]:
-    """Connect to a cluster.
+@dataclass(frozen=True)
+class Workers:
+    """What works through tasks: this computer, with a worker a core unless told, or a Dask scheduler's workers.
 
     Parameters
     ----------
-    address : str
-        Of a scheduler.
+    address : str or None
+        Of a scheduler; None for this computer.
+    n_workers : int or None
+        Of this computer; None for one a core.
     tls : TlsFiles or None
         For an address ``tls://``; None for a cluster without encryption and passwords.
-    folder : Path or None
-        Where the workers are to write; made if it does not exist. None if they write nothing.
-    versions : mapping of str to str
-        As for `Cluster`.
-
-    Raises
-    ------
-    InputError
-        If the scheduler cannot be reached, or the folder cannot be made.
     """
-    if (tls is not None) != address.startswith("tls://"):
-        raise InputError(
-            f"the cluster is {address}: give its TLS files with an address that begins with tls://, and not else"
-        )
-    try:
-        if folder is not None:
-            folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder} cannot be made ({error.strerror}): give a folder you can write to") from error
-    from distributed import Client
-    from distributed.comm.addressing import parse_address
-    from distributed.comm.registry import get_backend
 
-    with ExitStack() as stack:
-        stack.enter_context(_quiet())
-        try:
-            # A client for an address of unknown kind leaves a task behind that fails later.
-            get_backend(parse_address(address)[0])
-            client = stack.enter_context(
-                Client(address, timeout=_ANSWER_S, security=None if tls is None else tls.security())
-            )
-        except (OSError, ValueError, TimeoutError) as error:
+    address: str | None = None
+    n_workers: int | None = None
+    tls: TlsFiles | None = None
+
+    @contextmanager
+    def opened(
+        self, here: Callable[[int | None], Runner[_Task]], folder: Path | None, versions: Mapping[str, str]
+    ) -> Iterator[Runner[_Task]]:
+        """Start workers of this computer, or connect to a cluster.
+
+        Parameters
+        ----------
+        here : callable
+            Makes those of this computer, which open no port.
+        folder : Path or None
+            Where workers of a cluster are to write; made if it does not exist. None if they write nothing.
+        versions : mapping of str to str
+            As for `Cluster`.
+
+        Raises
+        ------
+        InputError
+            If the scheduler cannot be reached, or the folder cannot be made.
+        """
+        if self.address is None:
+            yield here(self.n_workers)
+            return
+        if (self.tls is not None) != self.address.startswith("tls://"):
             raise InputError(
-                f"no Dask scheduler answers at {address}: start one with dask scheduler, or give its address, for "
-                "example tcp://192.0.2.7:8786"
-            ) from error
-        yield Cluster(client, folder, versions)
+                f"the cluster is {self.address}: give its TLS files with an address that begins with tls://, and not "
+                "else"
+            )
+        try:
+            if folder is not None:
+                folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{folder} cannot be made ({error.strerror}): give a folder you can write to") from error
+        from distributed import Client
+        from distributed.comm.addressing import parse_address
+        from distributed.comm.registry import get_backend
+
+        security = None if self.tls is None else self.tls.security()
+        with ExitStack() as stack:
+            stack.enter_context(_quiet())
+            try:
+                # A client for an address of unknown kind leaves a task behind that fails later.
+                get_backend(parse_address(self.address)[0])
+                client = stack.enter_context(Client(self.address, timeout=_ANSWER_S, security=security))
+            except (OSError, ValueError, TimeoutError) as error:
+                raise InputError(
+                    f"no Dask scheduler answers at {self.address}: start one with dask scheduler, or give its address, "
+                    "for example tcp://192.0.2.7:8786"
+                ) from error
+            yield Cluster(client, folder, versions)
 
 
 @contextmanager

@@ -169,21 +169,11 @@ def usable_cores() -> int:
     return len(os.sched_getaffinity(0))
 
 
-class _Workers(Generic[_Task]):
-    """What works through tasks on this computer.
-
-    Parameters
-    ----------
-    n_workers : int or None
-        How many; None for one a core.
-    """
+class Threads(Generic[_Task]):
+    """Threads of this process, with the interface of `Processes`."""
 
     def __init__(self, n_workers: int | None = None) -> None:
         self._n_workers = n_workers or usable_cores()
-
-
-class Threads(_Workers[_Task]):
-    """Threads of this process, with the interface of `Processes`."""
 
     def run(
         self, function: Callable[..., _Value], tasks: Sequence[_Task], *arguments: Any
@@ -199,11 +189,17 @@ class Threads(_Workers[_Task]):
             pool.shutdown(cancel_futures=True)
 
 
-class Processes(_Workers[_Task]):
-    """Processes of this computer, each with one task at a time; they end with the iteration over their results."""
+class Processes(Generic[_Task]):
+    """Processes of this computer, each with one task at a time; they end with the iteration over their results.
+
+    Parameters
+    ----------
+    n_workers : int or None
+        How many; None for one a core.
+    """
 
     def __init__(self, n_workers: int | None = None) -> None:
-        super().__init__(n_workers)
+        self._n_workers = n_workers or usable_cores()
         #: Number of each process that died, and what it was at.
         self.died: list[tuple[int | None, _Task]] = []
 

@@ -107,12 +107,8 @@ def _unpack12(data: NDArray[np.uint8], n: int, packing: Packing) -> NDArray[np.u
         triples[: data.size] = data
     b0, b1, b2 = (triples[i::3].astype(np.uint16) for i in range(3))
     pixels = np.empty((b0.size, 2), dtype=np.uint16)
-    if packing == "gige12":
-        pixels[:, 0] = b0 << 4 | b1 & 15
-        pixels[:, 1] = b2 << 4 | b1 >> 4
-    else:
-        pixels[:, 0] = b0 | (b1 & 15) << 8
-        pixels[:, 1] = b1 >> 4 | b2 << 4
+    pixels[:, 0] = b0 << 4 | b1 & 15 if packing == "gige12" else b0 | (b1 & 15) << 8
+    pixels[:, 1] = b2 << 4 | b1 >> 4
     # Read-only before a view is made, so a frame need not copy the pixels.
     flat = pixels.reshape(-1)
     pixels.flags.writeable = flat.flags.writeable = False
@@ -123,15 +119,10 @@ def _pack12(dn: NDArray[np.unsignedinteger[Any]], packing: Packing) -> NDArray[n
     pixels = np.zeros(dn.size + dn.size % 2, dtype=np.uint16)
     pixels[: dn.size] = dn
     p0, p1 = pixels[0::2], pixels[1::2]
+    # Eight bits of the first pixel stand alone, four share a byte with the second one.
+    alone, shared = (p0 >> 4, p0 & 15) if packing == "gige12" else (p0 & 255, p0 >> 8)
     triples = np.empty((p0.size, 3), dtype=np.uint8)
-    if packing == "gige12":
-        triples[:, 0] = p0 >> 4
-        triples[:, 1] = p0 & 15 | (p1 & 15) << 4
-        triples[:, 2] = p1 >> 4
-    else:
-        triples[:, 0] = p0 & 255
-        triples[:, 1] = p0 >> 8 | (p1 & 15) << 4
-        triples[:, 2] = p1 >> 4
+    triples[:, 0], triples[:, 1], triples[:, 2] = alone, shared | (p1 & 15) << 4, p1 >> 4
     return triples.ravel()
 
 
@@ -259,16 +250,12 @@ class Response:
             bend = (values[1] / knots[1] - 1) / knots[1]
             value, slope = inside * (1 + bend * inside), 1 + 2 * bend * inside
         elif self.kind != "table":
-            curve = _pchip(knots, values)
+            from scipy.interpolate import PchipInterpolator
+
+            curve = PchipInterpolator(knots, values)
             value, slope = curve(inside), curve(inside, 1)
         else:
             value = np.interp(inside, knots, values)
             steps = np.diff(values) / np.diff(knots)
             slope = steps[np.clip(np.searchsorted(knots, inside, side="right") - 1, 0, steps.size - 1)]
         return value + slope * (n - inside), slope
-
-
-def _pchip(knots: NDArray[np.float64], values: NDArray[np.float64]) -> Any:
-    from scipy.interpolate import PchipInterpolator
-
-    return PchipInterpolator(knots, values)

@@ -1,6 +1,8 @@
 """The error tree: every message says what was wrong, with which value, and what to do."""
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 
 def printable(text: str) -> str:
@@ -63,3 +65,12 @@ class CalibrationError(LabcdpError):
 
 class DeviceError(LabcdpError):
     """A camera or meter is absent, busy, silent or answered with an error."""
+
+
+@contextmanager
+def naming(where: object, kind: type[LabcdpError] = InputError) -> Iterator[None]:
+    """Say first what an InputError is about, such as a file, its line or a key, and raise it as another kind."""
+    try:
+        yield
+    except InputError as error:
+        raise kind(f"{where}: {error}") from error

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..core.clock import exposure_text
 from .disk import quoted, record_of
-from .errors import InputError
+from .errors import InputError, naming
 from .result import html_table
 
 _DN_TYPES = (np.dtype(np.uint8), np.dtype(np.uint16))
@@ -276,10 +276,8 @@ def checked_metadata(metadata: dict[str, Any]) -> dict[str, Any]:
 
 
 def _recorded(metadata: dict[str, Any]) -> dict[str, Any]:
-    try:
+    with naming("frame metadata cannot be read"):
         return record_of(Frame, metadata, "dn", "clipped")
-    except InputError as error:
-        raise InputError(f"frame metadata cannot be read: {error}") from error
 
 
 def nominal_black_dn(stated_dn: float | None, register: float | None, bit_depth: int) -> float:

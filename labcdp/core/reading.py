@@ -9,7 +9,7 @@ from statistics import fmean, stdev
 from typing import Any, ClassVar, Literal
 
 from .disk import quoted, record_of
-from .errors import InputError
+from .errors import InputError, naming
 from .result import html_table, number
 
 #: 1 foot-lambert = (1 / pi) cd / ft^2, with 1 ft = 0.3048 m (exact by definition of the foot).
@@ -145,10 +145,8 @@ class Reading:
         InputError
             If a field is missing, unknown or has an unusable value.
         """
-        try:
+        with naming("reading cannot be read"):
             return cls(**record_of(cls, values))
-        except InputError as error:
-            raise InputError(f"reading cannot be read: {error}") from error
 
 
 @dataclass(frozen=True)

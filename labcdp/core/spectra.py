@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .disk import quoted, read_csv, shortened
-from .errors import InputError
+from .errors import InputError, naming
 from .photometry import THESIS_SPECTRUM, WAVELENGTH_RANGE_NM, spectral_weights
 from .result import Finding, FindingValue, info, warning
 
@@ -128,10 +128,8 @@ def read_spectral_file(path: str | PathLike[str]) -> SpectralFile:
     nm, *values = np.array(rows).T
     columns = {}
     for name, column in zip(names if len(names) > 1 else [ONLY], values, strict=True):
-        try:
+        with naming(f"{path}, column {name}"):
             columns[name] = SpectralTable(tuple(nm.tolist()), tuple(column.tolist()))
-        except InputError as error:
-            raise InputError(f"{path}, column {name}: {error}") from error
         lowest = int(np.argmin(column))
         if column[lowest] < _SMALLEST * column.max():
             raise InputError(

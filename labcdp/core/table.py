@@ -16,8 +16,8 @@ Z_95 = 1.959963984540054
 
 #: What a cell can hold; None and nan are shown as missing.
 Value: TypeAlias = str | int | float | bool | None
-#: How a value is taken of an item: by a path of attributes and indices, on which a missing value stays missing, or by a
-#: function.
+#: How a value is taken of an item: by a path of attributes and indices, on which a missing value stays missing, by the
+#: key of a mapping, or by a function.
 Taken: TypeAlias = str | Callable[[Any], Any]
 
 
@@ -133,6 +133,8 @@ def _expanded(u: float | None) -> float | None:
 def _taken(value: Taken, item: Any) -> Any:
     if not isinstance(value, str):
         return value(item)
+    if isinstance(item, Mapping):
+        return item.get(value)
     for part in value.split("."):
         if item is not None:
             item = item[int(part)] if part.isdigit() else getattr(item, part)
@@ -207,21 +209,6 @@ class Table:
             raise InputError(f"the columns of table {self.name!r} have different lengths")
 
     @classmethod
-    def of_rows(
-        cls,
-        name: str,
-        title: str,
-        columns: Sequence[Column],
-        rows: Iterable[Mapping[str, Any]],
-        note: str = "",
-        detail: bool = False,
-    ) -> Table:
-        """Make a table of rows; a row may lack values, which are missing then."""
-        kept = list(rows)
-        data = {column.name: [row.get(column.name) for row in kept] for column in columns}
-        return cls(name, title, tuple(columns), data, note, detail=detail)
-
-    @classmethod
     def of_facts(cls, name: str, title: str, facts: Iterable[tuple[str, str]], item: str = "item") -> Table:
         """Make a table of named texts, without those that are empty."""
         kept = [(label, text) for label, text in facts if text]
@@ -239,7 +226,7 @@ class Table:
         note: str = "",
         detail: bool = False,
     ) -> Table:
-        """Make a table of items, one a row, whose values the columns take."""
+        """Make a table of items, one a row, whose values the columns take; those that a mapping lacks are missing."""
         shown = tuple(replace(column, value="") for column in columns)
         return cls(name, title, shown, values_of(columns, list(items)), note, detail=detail)
 

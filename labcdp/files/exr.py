@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..core.disk import parse_json, shortened
 from ..core.errors import InputError
 from ..core.result import Finding, info
+from .exif import positive_number
 from .stored_image import BT709_LUMINANCE, StoredImage, decoder_messages, real_numbers, require_size
 
 EXR = b"\x76\x2f\x31\x01"
@@ -53,9 +54,8 @@ def read_exr(_data: bytes, path: Path, max_pixels: int) -> StoredImage:
         )
     if luminance.shape != (height, width):
         raise InputError(f"{path} has a channel of luminance with fewer pixels than the picture: save it in full")
-    return StoredImage(
-        real_numbers(luminance, path), None, changes=tuple(changes), cd_m2_per_value=_white_luminance(header)
-    )
+    white = positive_number(header.get("whiteLuminance"))
+    return StoredImage(real_numbers(luminance, path), None, changes=tuple(changes), cd_m2_per_value=white)
 
 
 def exr_header(path: Path, max_pixels: int) -> dict[str, Any]:
@@ -149,12 +149,6 @@ def luminance_weights(header: dict[str, Any]) -> tuple[tuple[float, float, float
     except np.linalg.LinAlgError:
         return usual
     return (float(weights[0]), float(weights[1]), float(weights[2])), info("colour-to-grey-by-file")
-
-
-def _white_luminance(header: dict[str, Any]) -> float | None:
-    value = header.get("whiteLuminance")
-    known = isinstance(value, int | float) and np.isfinite(value) and value > 0
-    return float(value) if known and value is not None else None
 
 
 def exr_text(path: Path, max_pixels: int) -> dict[str, Any] | None:

@@ -15,7 +15,7 @@ from ..core.disk import quoted
 from ..core.disk.arrays import npy_header, parse_npy
 from ..core.disk.files import damage_reported
 from ..core.dn import pixel_format
-from ..core.errors import InputError
+from ..core.errors import InputError, naming
 from ..core.result import Finding, info, warning
 from .exif import ExifFacts, read_exif
 from .stored_image import (
@@ -153,7 +153,7 @@ def read_npy(data: bytes, path: Path, max_pixels: int) -> StoredImage:
         If it is truncated or damaged, has another number of dimensions, holds something else than real numbers, or is
         larger than `max_pixels`.
     """
-    try:
+    with naming(path):
         header = npy_header(data)
         shape, dtype = header.shape, header.dtype
         if len(shape) != 2:
@@ -165,8 +165,6 @@ def read_npy(data: bytes, path: Path, max_pixels: int) -> StoredImage:
             raise InputError(f"it holds {dtype}: give an array of whole numbers (DN) or floats")
         require_size(path, shape[1], shape[0], max_pixels)
         values = parse_npy(data)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
     if dtype.kind == "f":
         return StoredImage(real_numbers(values, path), None)
     dn, bits, changes = whole_numbers(values, path)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..core.disk import reading
 from ..core.errors import InputError
 from ..core.frame import Frame
 from ..core.result import Finding, info, warning
@@ -190,10 +191,8 @@ def picture_paths(paths: Sequence[str | PathLike[str]]) -> list[Path]:
 
 
 def _in_folder(folder: Path) -> list[Path]:
-    try:
+    with reading(folder, "a folder you can read"):
         files = [path for path in folder.iterdir() if path.is_file() and not path.name.startswith(".")]
-    except OSError as error:
-        raise InputError(f"{folder} cannot be read ({error.strerror}): give a folder you can read") from error
     images = [path for path in files if path.suffix.lower() in (*STATED_SUFFIXES, *DUMP_SUFFIXES)]
     for path in sorted(set(files) - set(images)):
         _log.info("%s is left out: its name is not that of an image", path)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.disk import parse_json
-from ..core.disk.tiff import open_tiff, require_pixels
+from ..core.disk.tiff import open_tiff, pixels_of
 from ..core.errors import InputError
 from ..core.result import Finding, info
 from .exif import ExifFacts, read_exif
@@ -58,7 +58,6 @@ def read_tiff(data: bytes, path: Path, max_pixels: int, number: int | None = Non
         page = pages[number or 0]
         require_size(path, page.imagewidth, page.imagelength, max_pixels)
         _require_kind(page, path)
-        require_pixels(page, path)
         return _read(page, path, facts)
 
 
@@ -111,7 +110,7 @@ def _require_kind(page: Any, path: Path) -> None:
 
 
 def _read(page: Any, path: Path, facts: ExifFacts) -> StoredImage:
-    values = page.asarray()
+    values = pixels_of(page, path)
     if page.planarconfig == 2 and values.ndim == 3:
         values = np.moveaxis(values, 0, -1)
     if values.shape[:2] != (page.imagelength, page.imagewidth) or values.ndim not in (2, 3):

@@ -1,16 +1,10 @@
 """Output: files and folders of results, written whole, and never over what labcdp did not write."""
 
-from .file import write_file
-from .file_list import LIST_FILE, check_file, read_list
-from .folder import Destination, ResultsFolder, open_results, write_files
-
-__all__ = [
-    "LIST_FILE",
-    "Destination",
-    "ResultsFolder",
-    "check_file",
-    "open_results",
-    "read_list",
-    "write_file",
-    "write_files",
-]
+from .file import write_file as write_file
+from .file_list import LIST_FILE as LIST_FILE
+from .file_list import check_file as check_file
+from .file_list import read_list as read_list
+from .folder import Destination as Destination
+from .folder import ResultsFolder as ResultsFolder
+from .folder import open_results as open_results
+from .folder import write_files as write_files

@@ -8,15 +8,15 @@ import os
 import re
 import secrets
 import stat
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path, PurePosixPath
 from typing import TypeAlias
 
-from ..core.disk import open_regular
+from ..core.disk import open_regular, reading
 from ..core.errors import InputError
 
 Buffer: TypeAlias = bytes | memoryview
@@ -85,12 +85,11 @@ def write_file(path: str | PathLike[str], data: Buffer, *, force: bool = False) 
         file is left behind.
     """
     path = Path(path)
-    try:
-        write_several(path.parent, [(path.name, (data,))], force=force)
-    except FileExistsError as error:
-        raise file_exists(path) from error
-    except OSError as error:
-        raise cannot_be_written(path, error) from error
+    with writing(path):
+        try:
+            write_several(path.parent, [(path.name, (data,))], force=force)
+        except FileExistsError as error:
+            raise file_exists(path) from error
 
 
 def write_several(
@@ -245,25 +244,22 @@ def make_folder(folder: Path, end: ExitStack) -> None:
                 one.rmdir()
 
     end.callback(remove_empty)
-    try:
-        made += [path for path in (folder, *folder.parents) if not path.exists()]
-        folder.mkdir(parents=True, exist_ok=True)
-    except FileExistsError as error:
-        raise InputError(f"{folder} is not a folder: give another folder") from error
-    except NotADirectoryError as error:
-        raise InputError(f"{folder} lies in a file: give another folder") from error
-    except OSError as error:
-        raise cannot_be_written(folder, error) from error
+    with writing(folder):
+        try:
+            made += [path for path in (folder, *folder.parents) if not path.exists()]
+            folder.mkdir(parents=True, exist_ok=True)
+        except FileExistsError as error:
+            raise InputError(f"{folder} is not a folder: give another folder") from error
+        except NotADirectoryError as error:
+            raise InputError(f"{folder} lies in a file: give another folder") from error
 
 
 def lock_folder(folder: Path, end: ExitStack) -> bool:
     """Keep other processes of labcdp from writing into a folder until the end; False where there are no such locks."""
     if not hasattr(os, "O_DIRECTORY"):  # Windows
         return False
-    try:
+    with reading(folder, "another folder"):
         descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    except OSError as error:
-        raise InputError(f"{folder} cannot be read ({error.strerror}): give another folder") from error
     end.callback(os.close, descriptor)
     try:
         return lock(descriptor)
@@ -277,9 +273,13 @@ def file_exists(path: Path, option: str = "") -> InputError:
     return InputError(f"{f'{option} {path}'.lstrip()} exists: give another name, or {force} to replace it")
 
 
-def cannot_be_written(path: Path, error: OSError) -> InputError:
-    """Return the error for a file or folder that cannot be written."""
-    return InputError(
-        f"{path} cannot be written ({error.strerror or error}): give a folder you can write to, on a disk with enough "
-        "space"
-    )
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turn an OSError into an InputError that names the file or folder, and says what to do."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(
+            f"{path} cannot be written ({error.strerror or error}): give a folder you can write to, on a disk with "
+            "enough space"
+        ) from error

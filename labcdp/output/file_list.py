@@ -12,9 +12,9 @@ from os import PathLike
 from pathlib import Path, PurePosixPath
 from typing import Any, ClassVar
 
-from ..core.disk import read_json, reason, validated_as
+from ..core.disk import read_json, reading, validated_as
 from ..core.errors import InputError
-from .file import StoredFile, cannot_be_written, file_exists
+from .file import StoredFile, file_exists, writing
 
 #: Name of the list in its folder.
 LIST_FILE = "labcdp-files.json"
@@ -84,12 +84,11 @@ def read_list(folder: Path) -> FileList | None:
     """
     path = folder / LIST_FILE
     remedy = "give another folder"
-    try:
-        state = path.lstat()
-    except FileNotFoundError:
-        return None
-    except OSError as error:
-        raise InputError(f"{path} cannot be read ({reason(error)}): {remedy}") from error
+    with reading(path, "another folder"):
+        try:
+            state = path.lstat()
+        except FileNotFoundError:
+            return None
     if not stat.S_ISREG(state.st_mode) or state.st_size > _MOST_BYTES:
         raise InputError(f"{path} is not a file list of labcdp: {remedy}")
     values = read_json(path, "another folder", _MOST_BYTES)
@@ -133,10 +132,8 @@ def check_file(
     """
     path = Path(path)
     name = f"{option} {path}".lstrip()
-    try:
+    with writing(path):  # as of a name that is too long
         is_folder, has_folder = path.is_dir(), path.parent.is_dir()
-    except OSError as error:  # as of a name that is too long
-        raise cannot_be_written(path, error) from error
     if is_folder:
         raise InputError(f"{name} is a folder: give the name of a file")
     if any(_is_input(path, one) for one in inputs):

@@ -13,17 +13,18 @@ from pathlib import Path, PurePosixPath
 from types import TracebackType
 from typing import Self, TypeAlias
 
+from ..core.disk import reading
 from ..core.errors import InputError
 from .file import (
     Buffer,
     StoredFile,
-    cannot_be_written,
     fsync_folder,
     is_inside,
     lock_folder,
     make_folder,
     put_in_place,
     write_file,
+    writing,
 )
 from .file_list import LIST_FILE, FileList, is_same_file, read_list
 
@@ -82,12 +83,10 @@ class ResultsFolder:
             self._before = self._checked(stale)
             self._staging = self.folder / f".labcdp-{secrets.token_hex(8)}.unfinished"
             end.callback(self._tidy)
-            try:
+            with writing(self.folder):
                 self._staging.mkdir()
                 # The mark of a subfolder that may be removed after a kill.
                 (self._staging / LIST_FILE).touch()
-            except OSError as error:
-                raise cannot_be_written(self.folder, error) from error
             if is_locked:
                 for one in stale:
                     shutil.rmtree(one, ignore_errors=True)
@@ -100,10 +99,8 @@ class ResultsFolder:
         """Put the files in their places; after an error, remove them."""
         with self._end:
             if kind is None and self.names:
-                try:
+                with writing(self.folder):
                     self._finish()
-                except OSError as failure:
-                    raise cannot_be_written(self.folder, failure) from failure
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -120,20 +117,15 @@ class ResultsFolder:
             If they cannot be written.
         """
         for name, data in files.items():
-            try:
-                with open(self.path(name), "xb") as file:
-                    file.write(data)
-            except OSError as error:
-                raise cannot_be_written(self.folder / name, error) from error
+            with writing(self.folder / name), open(self.path(name), "xb") as file:
+                file.write(data)
         return [self.folder / name for name in files]
 
     def path(self, name: str) -> Path:
         """Temporary path of a file, for libraries that write to a path."""
         path = self._staging / name
-        try:
+        with writing(self.folder / name):
             path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise cannot_be_written(self.folder / name, error) from error
         return path
 
     def journal(self, name: str) -> Path:
@@ -167,10 +159,8 @@ class ResultsFolder:
         return tuple(one for one in self._before.files if one.name != self._journal) if self._before else ()
 
     def _entries(self) -> list[Path]:
-        try:
+        with reading(self.folder, "another folder"):
             return [one for one in self.folder.iterdir() if one.name != LIST_FILE]
-        except OSError as error:
-            raise InputError(f"{self.folder} cannot be read ({error.strerror}): give another folder") from error
 
     def _checked(self, stale: list[Path]) -> FileList | None:
         """Read the list of the folder, and refuse what must not be written to."""

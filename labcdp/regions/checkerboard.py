@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..core.errors import InputError
 from ..core.roi import Roi
 from .corners import (
+    LONGEST_PX,
     Corners,
     FloatImage,
     expected,
@@ -20,15 +21,13 @@ from .corners import (
     locally_stretched,
     odd_places,
     real_corners,
+    reduced,
     sampled,
     stretched,
     without_outliers,
 )
 from .geometry import inset
 from .shapes import PolygonShape
-
-#: Corners are searched in an image of at most this many pixels along its longer side, then refined in the whole one.
-_LONGEST_PX = 1600
 
 #: Fewest inner corners along each side of a board, and in all.
 _FEWEST_ALONG, _FEWEST = 3, 9
@@ -71,12 +70,11 @@ def detect_checkerboard(grey: NDArray[Any], *, margin_rel: float = 0.15) -> tupl
     if not 0 <= margin_rel <= 0.45:
         raise InputError(f"margin_rel is {margin_rel:g}: give a part of a square's side from 0 to 0.45")
     values = grey_values(grey)
-    reduced = max(values.shape) > _LONGEST_PX
     for proposal in _proposals(values):
         side_px = _side_px(proposal)
         smooth = _smoothed(values, side_px)
         # Corners of a reduced image, or of few neighbours, are not where the whole one shows them.
-        coarse = reduced or known(proposal).sum() == _FEWEST
+        coarse = max(values.shape) > LONGEST_PX or known(proposal).sum() == _FEWEST
         corners = real_corners(_upright(_sharpened(proposal, side_px, smooth) if coarse else proposal), smooth)
         if known(corners).sum() >= _FEWEST and (found := _squares(without_outliers(corners), smooth, margin_rel)):
             return found
@@ -90,14 +88,12 @@ def _proposals(values: FloatImage) -> Iterator[Corners]:
     """Give what OpenCV finds, in the image as it is and made clearer in several ways."""
     import cv2
 
-    scale = min(1.0, _LONGEST_PX / max(values.shape))
-    if scale < 1:
-        values = cv2.resize(values, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    values, scale = reduced(values)
     yield from _corners(stretched(values), scale)
     # Against noise; against non-uniform light; for squares of few pixels.
     yield from _corners(stretched(cv2.GaussianBlur(values, (0, 0), 2.0)), scale)
     yield from _corners(locally_stretched(values, max(values.shape) / 20), scale)
-    if max(values.shape) <= _LONGEST_PX / 2:
+    if max(values.shape) <= LONGEST_PX / 2:
         twice = cv2.resize(values, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)
         yield from _corners(stretched(twice), 2 * scale)
 

@@ -138,8 +138,8 @@ def odd_places(shape: tuple[int, ...]) -> NDArray[np.bool_]:
     return np.asarray(np.indices(shape).sum(axis=0) % 2 == 1)
 
 
-#: Smaller images hold no target.
-_SMALLEST_PX = 24
+#: Smaller images hold no target; larger ones are reduced to so many pixels along their longer side.
+_SMALLEST_PX, LONGEST_PX = 24, 1600
 
 _TINY = float(np.finfo(np.float32).tiny)
 
@@ -163,6 +163,16 @@ def grey_values(grey: NDArray[Any]) -> NDArray[np.float32]:
     if not finite.any():
         raise InputError("no pixel of the image has a value: nothing can be detected in it")
     return values if finite.all() else np.where(finite, values, np.median(values[finite])).astype(np.float32)
+
+
+def reduced(values: FloatImage) -> tuple[FloatImage, float]:
+    """Return an image in which targets are searched, and its scale."""
+    import cv2
+
+    scale = min(1.0, LONGEST_PX / max(values.shape))
+    if scale == 1:
+        return values, scale
+    return np.asarray(cv2.resize(values, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)), scale
 
 
 def stretched(values: NDArray[np.float32]) -> NDArray[np.uint8]:

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 
 from ..core.disk import parse_json, quoted, read_bytes, shortened
 from ..core.disk.files import suggestion
-from ..core.errors import InputError
+from ..core.errors import InputError, naming
 from ..output import write_file
 from .imagej import imagej_file, parse_imagej
 from .shapes import CompositeShape, EllipseShape, GridShape, PolygonShape, RectangleShape, Shape, rois_of
@@ -115,10 +115,8 @@ def save_regions(
     if suffix not in REGION_SUFFIXES:
         raise InputError(f"{path} ends in {suffix!r}: give a name in {', '.join(REGION_SUFFIXES)}")
     rois_of(shapes)
-    try:
+    with naming(path):
         data = regions_json(shapes, image_size).encode() if suffix == ".json" else imagej_file(shapes, suffix == ".zip")
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
     write_file(path, data, force=force)
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..core.errors import InputError
 from ..core.roi import Roi
-from .corners import FloatImage, grey_values
+from .corners import FloatImage, grey_values, reduced
 from .lattice import largest_lattice, places_between, sides_of
 from .shapes import PolygonShape
 
@@ -31,9 +31,6 @@ _FILLED = 0.9
 
 #: Fewest luminances of a chart, and most areas that are looked at.
 _FEWEST_LEVELS, _MOST_PATCHES = 3, 400
-
-#: Larger images are reduced to this many pixels along their longer side.
-_LONGEST_PX = 1600
 
 
 def detect_step_chart(grey: NDArray[Any]) -> tuple[PolygonShape, ...]:
@@ -56,11 +53,8 @@ def detect_step_chart(grey: NDArray[Any]) -> tuple[PolygonShape, ...]:
     InputError
         If no chart is found for sure.
     """
-    import cv2
-
     image = grey_values(grey)
-    scale = min(1.0, _LONGEST_PX / max(image.shape))
-    values = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else image
+    values, scale = reduced(image)
     # First what the image shows all of; only then what its edge may cut off.
     # A larger window only if it shows more: it takes more off the patches.
     best = next(filter(None, (max((_chart(values, r, whole) for r in _RADII), key=len) for whole in (True, False))), [])

@@ -180,4 +180,4 @@ def _appendix(result: Result, long: Sequence[LongTable]) -> Iterator[Table]:
     rows += [
         {"table": "", "head": one.role, "key": one.path, "meaning": f"SHA-256 {one.sha256}"} for one in result.inputs
     ]
-    yield Table.of_rows("about", "About", columns, rows)
+    yield Table.of_items("about", "About", columns, rows)

@@ -14,7 +14,7 @@ from pydantic import Field, field_validator, model_validator
 from ..core.disk import parse_toml, read_toml
 from ..core.disk.text import toml_text
 from ..core.dn import PIXEL_FORMATS
-from ..core.errors import ConfigurationError, InputError
+from ..core.errors import ConfigurationError, naming
 from ..core.roi import Roi
 from .tables import (
     CameraConfiguration,
@@ -250,10 +250,8 @@ class SessionConfiguration(Table):
             If the text is not TOML (with line and column), or a key or value is wrong (with the key, the value,
             its unit and what to give).
         """
-        try:
+        with naming(source, ConfigurationError):
             document = parse_toml(text)
-        except InputError as error:
-            raise ConfigurationError(f"{source}: {error}") from error
         return validated(cls, document, source, folder=folder)
 
     def to_toml(self) -> str:

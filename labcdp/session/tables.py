@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 
 from ..core.disk import read_toml
-from ..core.errors import ConfigurationError, InputError
+from ..core.errors import ConfigurationError, naming
 from ..core.frame import Frame
 from ..core.reading import MeterIdentity
 from ..core.spectra import SpectralTable, read_spectral_file
@@ -70,10 +70,8 @@ def _read(value: Any, info: ValidationInfo) -> Any:
     """Put the content of a file with spectra in the place of its name; the folder is that of the configuration."""
     if not isinstance(value, str):
         return value
-    try:
+    with naming("names a file that cannot be used"):
         file = read_spectral_file((info.context or {}).get("folder", Path()) / value)
-    except InputError as error:
-        raise ValueError(f"names a file that cannot be used: {error}") from error
     return {
         "file": Path(value).name,
         "sha256": file.sha256,

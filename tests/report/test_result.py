@@ -65,7 +65,7 @@ def test_numbers_are_shown_with_the_digits_that_count(shown, arguments, text):
 @pytest.fixture
 def result(monkeypatch):
     monkeypatch.setitem(digits.templates(), "test-note", "patch {subject} is at {share:percent}")
-    table = Table.of_rows("patches", "Patches", COLUMNS, [ROW, OTHER])
+    table = Table.of_items("patches", "Patches", COLUMNS, [ROW, OTHER])
     return Result("evaluate", "a & b", (table,), (info("test-note", "<i>", share=0.5),), seed=1)
 
 

@@ -17,7 +17,7 @@ from ...core.disk import read_bytes
 from ...core.disk.arrays import parse_npy
 from ...core.disk.files import shortened, shown
 from ...core.disk.tiff import open_tiff, pixels_of
-from ...core.errors import InputError
+from ...core.errors import InputError, naming
 from ..fixed_pattern import kept
 from ..parameters import Number, Oversampling, Parameters
 from ..point_spread import pixel_means
@@ -75,10 +75,8 @@ class ImageScene(Parameters):
         height, width = (size // self.oversampling for size in scene.shape)
         for name in self.regions_xywh:
             rectangle = self._rectangle(name)
-            try:
+            with naming(f"regions_xywh.{shortened(name)}"):
                 rectangle.check_inside(width, height)
-            except InputError as error:
-                raise InputError(f"regions_xywh.{shortened(name)}: {error}") from error
         return scene
 
     def _checked(self, name: str, corners: Any) -> tuple[int, int, int, int]:
@@ -88,10 +86,8 @@ class ImageScene(Parameters):
                 f"regions_xywh.{shortened(name)} is {shown(corners)}: give a list of x, y, width and height in pixels"
             )
         x, y, width, height = corners
-        try:
+        with naming(f"regions_xywh.{shortened(name)}"):
             Patch(x, y, width, height, 0.0)
-        except InputError as error:
-            raise InputError(f"regions_xywh.{shortened(name)}: {error}") from error
         return int(x), int(y), int(width), int(height)
 
     def _rectangle(self, name: str) -> Patch:
@@ -140,12 +136,9 @@ def _state_of(path: Path) -> tuple[int, int] | None:
 @kept
 def _luminance_of(path: Path, _state: tuple[int, int] | None, cd_m2_per_value: float) -> FloatMap:
     values = _read(path)
-    try:
-        # What is not finite is refused then.
-        with np.errstate(over="ignore", invalid="ignore"):
-            scene = luminance_map(values.astype(np.float64) * cd_m2_per_value)
-    except InputError as error:
-        raise InputError(f"path is {str(path)!r}: {error}") from error
+    # What is not finite is refused then.
+    with naming(f"path is {str(path)!r}"), np.errstate(over="ignore", invalid="ignore"):
+        scene = luminance_map(values.astype(np.float64) * cd_m2_per_value)
     scene.flags.writeable = False
     return scene
 

@@ -101,7 +101,7 @@ def _result(groups: list[tuple[str, list[Finding]]], counts: Counter[str]) -> Re
     states = [*_MARKS, "unknown"]
     data: dict[str, list[Any]] = {"state": states, "count": [counts[state] for state in states]}
     count = Table("counts", "Counts", (Column("state", "state"), Column("count", "count")), data)
-    return Result("doctor", "Bench", (Table.of_rows("checks", "Checks", columns, rows), count))
+    return Result("doctor", "Bench", (Table.of_items("checks", "Checks", columns, rows), count))
 
 
 def _report(result: Result, selector: str | None, meter: str | None, model: Literal["LS-110", "LS-100"]) -> bytes:

@@ -89,7 +89,7 @@ def _running(bench: SimulatedBench, address: str, meter: str, port: str) -> Resu
     )
     rising = sorted(bench.luminance_cd_m2.items(), key=lambda item: item[1])
     tables = (
-        Table.of_rows("devices", "Devices", devices, rows),
+        Table.of_items("devices", "Devices", devices, rows),
         Table.of_items("patches", "Patches", patches, rising),
     )
     return Result("simulate-bench", "simulated bench", tables, simulated=True)

@@ -12,7 +12,7 @@ from itertools import accumulate
 from math import isfinite
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar, cast, get_type_hints
 
-from ..errors import ConfigurationError, InputError
+from ..errors import ConfigurationError, InputError, naming
 from .files import MOST_DIGITS, AnyPath, quoted, read_bytes, read_text, reason
 
 if TYPE_CHECKING:
@@ -119,16 +119,15 @@ def parse_toml(text: str) -> dict[str, Any]:
         If it is no TOML (with line and column), a number has more than 40 digits, or tables and lists are nested too
         deep. TOML has nan and inf: that they are no value is for the key they belong to.
     """
-    if long := _LONG_KEY.search(text):
-        raise InputError(f"not valid TOML: {quoted(long[0])} is a key of more than {_MOST_PARTS} parts")
-    try:
-        document = tomllib.loads(text)
+    with naming("not valid TOML"):
+        if long := _LONG_KEY.search(text):
+            raise InputError(f"{quoted(long[0])} is a key of more than {_MOST_PARTS} parts")
+        try:
+            document = tomllib.loads(text)
+        # Also too deep nesting, and numbers and dates that Python cannot represent.
+        except (ValueError, RecursionError) as error:
+            raise InputError(f"{reason(error)}: correct it there") from error
         _require_whole_numbers(document)
-    except InputError as error:
-        raise InputError(f"not valid TOML: {error}") from error
-    # Other errors: too deep nesting, and numbers and dates that Python cannot represent.
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"not valid TOML: {reason(error)}: correct it there") from error
     return document
 
 
@@ -145,10 +144,8 @@ def _require_whole_numbers(value: Any, level: int = 0) -> None:
 def read_toml(path: AnyPath, what: str) -> dict[str, Any]:
     """Read a TOML file; raises ConfigurationError as `read_text` and `parse_toml`, naming the file."""
     text = read_text(path, what, MOST_BYTES_OF_TOML, ConfigurationError)
-    try:
+    with naming(path, ConfigurationError):
         return parse_toml(text)
-    except InputError as error:
-        raise ConfigurationError(f"{path}: {error}") from error
 
 
 def record_of(kind: type, values: Any, *left_out: str) -> dict[str, Any]:

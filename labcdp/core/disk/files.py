@@ -181,12 +181,13 @@ def read_bytes(path: AnyPath, what: str, most_bytes: int, error: type[InputError
     InputError
         If it cannot be read, is no regular file, or is larger.
     """
-    with _reported(path, what, error):
+    with reading(path, what, error):
         return read_at_most(path, most_bytes)
 
 
 @contextmanager
-def _reported(path: AnyPath, what: str, error: type[InputError] = InputError) -> Iterator[None]:
+def reading(path: AnyPath, what: str, error: type[InputError] = InputError) -> Iterator[None]:
+    """Turn an OSError into an InputError that names the file or folder, and what to give instead."""
     try:
         yield
     except OSError as caught:
@@ -204,7 +205,7 @@ def read_text(path: AnyPath, what: str, most_bytes: int, error: type[InputError]
 
 def file_sha256(path: AnyPath, what: str) -> str:
     """Return the hash of a regular file, which is read in pieces; raises InputError as `require_regular`."""
-    with _reported(path, what), open_regular(path) as file:
+    with reading(path, what), open_regular(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
@@ -216,7 +217,7 @@ def require_regular(path: AnyPath, what: str) -> int:
     InputError
         If it cannot be read or is no regular file.
     """
-    with _reported(path, what), open_regular(path) as file:
+    with reading(path, what), open_regular(path) as file:
         return os.fstat(file.fileno()).st_size
 
 

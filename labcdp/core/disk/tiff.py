@@ -96,14 +96,7 @@ def open_tiff(data: bytes, path: Path) -> Iterator[Any]:
 
 
 def pixels_of(page: Any, path: Path) -> NDArray[Any]:
-    """Decode a page of which all pixels are there; raises InputError as `require_pixels`, and what tifffile does."""
-    require_pixels(page, path)
-    values: NDArray[Any] = page.asarray()
-    return values
-
-
-def require_pixels(page: Any, path: Path) -> None:
-    """Refuse a page whose strips or tiles hold fewer or more pixels than they should: decoders take some for 0.
+    """Decode a page, whose strips or tiles must not hold fewer or more pixels than they should: some count as 0.
 
     Parameters
     ----------
@@ -115,7 +108,7 @@ def require_pixels(page: Any, path: Path) -> None:
     Raises
     ------
     InputError
-        If a strip or tile is missing, too short, or inflates to more than it should.
+        If a strip or tile is missing, too short, or inflates to more than it should; else what tifffile does.
     """
     segments = list(zip(page.dataoffsets, page.databytecounts, strict=False))
     if sum(1 for offset, count in segments if offset and count) < prod(page.chunked):
@@ -137,6 +130,8 @@ def require_pixels(page: Any, path: Path) -> None:
                 f"{path} is damaged: its part at byte {offset} holds {'fewer' if found < least else 'more'} pixels "
                 "than it should: copy it again"
             )
+    values: NDArray[Any] = page.asarray()
+    return values
 
 
 def _decoded_bytes(page: Any, offset: int, count: int, most: int) -> int:

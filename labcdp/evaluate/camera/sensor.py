@@ -15,7 +15,7 @@ from ...calibration.frames.rounding import ROUNDING_DN2
 from ...chain import Chain, Sensor
 from ...core.disk import read_json, read_toml
 from ...core.disk.text import toml_text
-from ...core.errors import ConfigurationError, InputError
+from ...core.errors import ConfigurationError, InputError, naming
 from ...report.files import SCHEMA
 from ...session.tables import Number, Positive, Table
 from ...session.validation import validated
@@ -186,10 +186,8 @@ def _of_sheet(path: Path, sensor: Sensor) -> tuple[dict[str, Any], dict[str, str
 
 
 def _with(sensor: Sensor, values: dict[str, Any], source: str) -> Sensor:
-    try:
+    with naming(source, ConfigurationError):
         return replace(sensor, **values)
-    except InputError as error:
-        raise ConfigurationError(f"{source}: {error}") from error
 
 
 def _range_dn(sensor: Sensor) -> float:

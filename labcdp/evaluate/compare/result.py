@@ -239,7 +239,7 @@ def _ranges(found: Comparison) -> Iterator[Table]:
             for row in table.rows()
         ]
         columns = (Column("name", "of"), *tables[0].columns)
-        yield Table.of_rows("usable_ranges", tables[0].title, columns, rows)
+        yield Table.of_items("usable_ranges", tables[0].title, columns, rows)
 
 
 def _cells(grid: Grid | None, names: list[str]) -> Iterator[Table]:

@@ -12,7 +12,7 @@ from ...calibration.sensor.dark_fit import TYPICAL_DOUBLING_C
 from ...calibration.sensor.noise import index_of_gain
 from ...calibration.uncertainty import scales_apart
 from ...chain import Sensor
-from ...core.errors import CalibrationError, InputError
+from ...core.errors import CalibrationError, naming
 from ...core.frame import Frame
 from ...core.result import Finding, info, warning
 from ...core.vignetting import FlatField
@@ -151,10 +151,8 @@ def _responsivity(observed: ObservedSession, calibration: Calibration, gain_fact
 
 def _efficiency(session: SessionConfiguration, area_m2: float, r: float, common_rel: float, k: Quantity) -> Quantity:
     """Quantum efficiency times transmittance that give R with the configured lens, pitch and spectrum."""
-    try:
+    with naming("the twin needs the spectrum of the light", CalibrationError):
         photons = photons_per_cd_m2_s(session.source.spectrum, session.lens.f_number, 1.0, area_m2)
-    except InputError as error:
-        raise CalibrationError(f"the twin needs the spectrum of the light: {error}") from error
     value = r / (k.value * photons)
     if value > 1:
         raise CalibrationError(

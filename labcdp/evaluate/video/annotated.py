@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from ...output.file import cannot_be_written, put_in_place, temporary_name, write_file
+from ...output.file import put_in_place, temporary_name, write_file, writing
 from ...report.text import fixed
 from .findings import note_of
 
@@ -69,10 +69,8 @@ class AnnotatedVideo:
 
     def __enter__(self) -> AnnotatedVideo:
         """Make the folder."""
-        try:
+        with writing(self._path.parent):
             self._path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise cannot_be_written(self._path.parent, error) from error
         return self
 
     def __call__(
@@ -113,15 +111,14 @@ class AnnotatedVideo:
     ) -> None:
         """Give the file its name, or remove it after an error."""
         try:
-            if kind is None and self._writer is None and self._first is not None:
-                self._open(nan)
-            if self._writer is not None:
-                self._writer.release()
-                if kind is None:
-                    self._check()
-                    put_in_place(self._unfinished, self._path)
-        except OSError as failure:
-            raise cannot_be_written(Path(self._path.name), failure) from failure
+            with writing(Path(self._path.name)):
+                if kind is None and self._writer is None and self._first is not None:
+                    self._open(nan)
+                if self._writer is not None:
+                    self._writer.release()
+                    if kind is None:
+                        self._check()
+                        put_in_place(self._unfinished, self._path)
         finally:
             self._unfinished.unlink(missing_ok=True)
 
@@ -188,10 +185,8 @@ class FrameImages:
         done, data = cv2.imencode(".png", grey)
         if not done:
             raise InputError(f"frame {number} cannot be written as PNG: it is of shape {grey.shape}")
-        try:
+        with writing(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise cannot_be_written(self.folder, error) from error
         write_file(self.folder / name, data.tobytes())
 
 

@@ -46,7 +46,7 @@ def archive_result(archive: ArchiveResult) -> Result:
         f"{len(done)} of {len(archive.outcomes)} videos were evaluated, {sum(one.resumed for one in done)} of them in "
         "an earlier run. CDP is that of the reference contrast, or else of the first contrast to be detected."
     )
-    tables = [Table.of_rows("videos", "Videos", _VIDEOS, map(_video, archive.outcomes), text)]
+    tables = [Table.of_items("videos", "Videos", _VIDEOS, map(_video, archive.outcomes), text)]
     for name, title, columns in (
         ("contrasts", "CDP over all frames", CONTRASTS),
         ("regions", "Regions", REGIONS),
@@ -54,7 +54,7 @@ def archive_result(archive: ArchiveResult) -> Result:
     ):
         rows = [{"video": one.task.folder.name, **row} for one in done for row in _rows(one, name)]
         if rows:
-            tables.append(Table.of_rows(name, title, (_VIDEO, *columns), rows, detail=True))
+            tables.append(Table.of_items(name, title, (_VIDEO, *columns), rows, detail=True))
     # Most reasons name the file.
     failures = (
         error("video-failed", reason=one.error if path in one.error else f"{path}: {one.error}", path=path)

@@ -13,7 +13,7 @@ import numpy as np
 from ...core.result import Result
 from ...core.table import Column, LongTable, Table
 from ...output import Destination, open_results
-from ...output.file import cannot_be_written
+from ...output.file import writing
 from ...report.files import envelope_json, write_blocks
 from ...report.html import render_page
 from ...report.layout import Block, Card, Facts, Page, ReportFigure, Section, Verbatim, input_facts
@@ -165,15 +165,13 @@ def write_video(results: Dataset | VideoRows, folder: Destination) -> Result:
     blocks = results.blocks() if isinstance(results, VideoRows) else blocks_of(results)
     with open_results(folder, "video") as files:
         netcdf, spreadsheet = files.path("results.nc"), files.path("results.xlsx")
-        try:
+        with writing(files.folder):
             write_blocks(netcdf, blocks, "frame")
             with xr.open_dataset(netcdf, engine="netcdf4", cache=False) as dataset:
                 result = video_result(dataset)
                 figure = over_time(dataset, result)
                 page = render_page(video_page(dataset, result, figure))
                 write_result(spreadsheet, result, datetime.now(UTC), long_tables(dataset))
-        except OSError as error:
-            raise cannot_be_written(files.folder, error) from error
         files.add(
             {
                 "results.json": envelope_json(result).encode(),

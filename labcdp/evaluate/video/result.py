@@ -124,7 +124,7 @@ def _contrasts(dataset: Dataset) -> Table:
         + " whose Weber contrast is within the tolerance around the contrast to be detected. "
         f"Shares are of all {frames.size} frames; mean and lowest CDP are of those that have one."
     )
-    return Table.of_rows("contrasts", "CDP over all frames", CONTRASTS, rows, note)
+    return Table.of_items("contrasts", "CDP over all frames", CONTRASTS, rows, note)
 
 
 def _over_all(cdp: NDArray[np.float64], frames: NDArray[Any]) -> dict[str, Any]:
@@ -157,7 +157,7 @@ def _regions(dataset: Dataset) -> Table:
     columns = [replace(one, unit=unit) if one.name == "mean" else one for one in REGIONS]
     rows = [_region(dataset.isel(region=number)) for number in range(dataset.sizes.get("region", 0))]
     note = "" if unit else "Means are relative luminance."
-    table = Table.of_rows("regions", "Regions", columns, rows, note)
+    table = Table.of_items("regions", "Regions", columns, rows, note)
     return table.sorted_by("mean", reverse=True)
 
 

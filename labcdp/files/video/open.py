@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
 
-from ...core.errors import InputError
+from ...core.disk import reading
 from ..picture import PictureOptions
 from .source import VideoSource
 
@@ -67,13 +67,9 @@ def video_paths(paths: Sequence[str | PathLike[str]]) -> list[Path]:
     """
     found: list[Path] = []
     for path in map(Path, paths):
-        try:
-            files = (
-                sorted(one for one in path.iterdir() if one.suffix.lower() in VIDEO_SUFFIXES) if path.is_dir() else []
-            )
-        except OSError as error:
-            raise InputError(f"{path} cannot be read ({error.strerror}): give a folder you can read") from error
-        found += files or [path]
+        with reading(path, "a folder you can read"):
+            inside = sorted(path.iterdir()) if path.is_dir() else []
+        found += [one for one in inside if one.suffix.lower() in VIDEO_SUFFIXES] or [path]
     return found
 
 

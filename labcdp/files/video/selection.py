@@ -125,11 +125,7 @@ class Selection:
 
     def to_dict(self) -> dict[str, Any]:
         """Values JSON can hold."""
-        return {
-            "start": str(self.start),
-            "stop": None if self.stop is None else str(self.stop),
-            "every": str(self.every),
-        }
+        return {name: None if at is None else str(at) for name, at in vars(self).items()}
 
 
 def _in_frames(position: Position, frame_rate: float | None) -> int | None:

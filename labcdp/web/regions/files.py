@@ -6,7 +6,7 @@ import errno
 import fcntl
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -195,27 +195,26 @@ def locked(output: Path) -> Iterator[Callable[[str], None]]:
 def _taken(path: Path, output: Path) -> int:
     """Descriptor of the locked lock file."""
     while True:
-        try:
-            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
-        except OSError as error:
-            raise _impossible(path, output, error) from error
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if os.pread(descriptor, len(_OURS), 0) not in (b"", _OURS):
-                raise FileExistsError(errno.EEXIST, "it is no lock of labcdp")
-            if _is_still(path, descriptor):
-                return descriptor
-        except BlockingIOError as error:
-            holder = printable(os.pread(descriptor, _MOST_BYTES, 0).decode(errors="replace")) or "another process"
-            os.close(descriptor)
-            raise InputError(
-                f"{output} is in use by another labcdp ({holder}): end that one first, or give another region file"
-            ) from error
-        except OSError as error:
-            os.close(descriptor)
-            raise _impossible(path, output, error) from error
-        # Removed by its previous holder in the meantime.
-        os.close(descriptor)
+        with ExitStack() as otherwise:
+            try:
+                descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
+                otherwise.callback(os.close, descriptor)
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                if os.pread(descriptor, len(_OURS), 0) not in (b"", _OURS):
+                    raise FileExistsError(errno.EEXIST, "it is no lock of labcdp")
+                # Else it was removed by its previous holder in the meantime.
+                if _is_still(path, descriptor):
+                    otherwise.pop_all()
+                    return descriptor
+            except BlockingIOError as error:
+                holder = printable(os.pread(descriptor, _MOST_BYTES, 0).decode(errors="replace")) or "another process"
+                raise InputError(
+                    f"{output} is in use by another labcdp ({holder}): end that one first, or give another region file"
+                ) from error
+            except OSError as error:
+                raise InputError(
+                    f"{output} cannot be locked ({path.name}: {error.strerror}): give one in another folder"
+                ) from error
 
 
 def _is_still(path: Path, descriptor: int) -> bool:
@@ -223,10 +222,6 @@ def _is_still(path: Path, descriptor: int) -> bool:
         return os.path.samestat(os.stat(path, follow_symlinks=False), os.fstat(descriptor))
     except FileNotFoundError:
         return False
-
-
-def _impossible(path: Path, output: Path, error: OSError) -> InputError:
-    return InputError(f"{output} cannot be locked ({path.name}: {error.strerror}): give one in another folder")
 
 
 def _tell(descriptor: int, text: str) -> None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 from bokeh.core.properties import Float, Int, List, String
 from bokeh.model import DataModel
 
 from ...core.disk import parse_json
-from ...core.errors import InputError
+from ...core.errors import InputError, naming
 from ...regions import PolygonShape, Shape
 from . import shapes as edit
 from .drawing import Drawing
@@ -19,6 +19,7 @@ from .wording import OTHER_COLOUR, PROPOSAL_COLOUR, colour
 
 #: Most corners of a drawn polygon.
 _MOST_CORNERS = 10_000
+_Kind = TypeVar("_Kind")
 
 
 class Link(DataModel):  # type: ignore[misc]
@@ -86,10 +87,8 @@ def state_of(drawing: Drawing, selected: str | None) -> dict[str, Any]:
 
 def parse_message(text: str) -> dict[str, Any]:
     """Parse a message of the page; raises InputError if it is invalid."""
-    try:
+    with naming("the page sent an invalid message"):
         message = parse_json(text)
-    except InputError as error:
-        raise InputError(f"the page sent an invalid message: {error}") from error
     if not isinstance(message, dict) or not isinstance(message.get("do"), str):
         raise InputError("the page sent a message without an action")
     return message
@@ -116,11 +115,11 @@ def change(drawing: Drawing, message: Mapping[str, Any]) -> tuple[Drawing, str |
     if what in ("polygon", "box"):
         name = drawing.new_name()
         return drawing.added(_drawn(what, name, message, size)), name
-    name = _text(message, "name")
+    name = _field(message, "name", str)
     if what == "delete":
         return drawing.deleted(name), None
     if what == "rename":
-        to = _text(message, "to").strip()
+        to = _field(message, "to", str).strip()
         return drawing.renamed(name, to), to
     if what == "accept":
         return drawing.accepted([name]), name
@@ -129,7 +128,9 @@ def change(drawing: Drawing, message: Mapping[str, Any]) -> tuple[Drawing, str |
 
 def _drawn(what: str, name: str, message: Mapping[str, Any], size: ImageSize) -> Shape:
     if what == "box":
-        return edit.box_shape(_text(message, "kind"), name, _place(message, "start"), _place(message, "end"), size)
+        return edit.box_shape(
+            _field(message, "kind", str), name, _place(message, "start"), _place(message, "end"), size
+        )
     corners = message.get("corners")
     if not isinstance(corners, list) or len(corners) > _MOST_CORNERS:
         raise InputError(f"a polygon has 3 to {_MOST_CORNERS} corners: draw it again")
@@ -139,11 +140,11 @@ def _drawn(what: str, name: str, message: Mapping[str, Any], size: ImageSize) ->
 def _edited(what: str, shape: Shape, message: Mapping[str, Any], size: ImageSize) -> Shape:
     match what:
         case "corner":
-            return edit.with_handle(shape, _number(message, "at"), _place(message, "to"), size)
+            return edit.with_handle(shape, _field(message, "at", int), _place(message, "to"), size)
         case "insert":
-            return edit.with_corner(shape, _number(message, "after"), _place(message, "at"), size)
+            return edit.with_corner(shape, _field(message, "after", int), _place(message, "at"), size)
         case "remove corner":
-            return edit.without_corner(shape, _number(message, "at"))
+            return edit.without_corner(shape, _field(message, "at", int))
         case "move":
             return edit.moved(shape, _place(message, "by"), size)
         case "limits":
@@ -158,15 +159,8 @@ def _place(message: Mapping[str, Any], key: str) -> Corner:
     raise InputError(f"the page sent a {key} that is not two numbers: reload it")
 
 
-def _text(message: Mapping[str, Any], key: str) -> str:
+def _field(message: Mapping[str, Any], key: str, kind: type[_Kind]) -> _Kind:
     value = message.get(key)
-    if not isinstance(value, str):
-        raise InputError(f"the page sent no {key}: reload it")
-    return value
-
-
-def _number(message: Mapping[str, Any], key: str) -> int:
-    value = message.get(key)
-    if type(value) is not int:
-        raise InputError(f"the page sent no number for {key}: reload it")
+    if type(value) is not kind:
+        raise InputError(f"the page sent no {key} that can be used: reload it")
     return value

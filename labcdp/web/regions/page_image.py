@@ -187,14 +187,10 @@ class PageImage:
         """Mask of saturated pixels, shape (height, width)."""
         if self.saturation_dn is not None:
             return np.asarray(np.greater_equal(self.values, self.saturation_dn))
-        flags = self._saturated_light
-        step = self.step
-        if step == 1:
-            return flags
-        full: NDArray[np.bool_] = np.zeros(self.values.shape, dtype=np.bool_)
-        repeated = flags.repeat(step, axis=0).repeat(step, axis=1)[: full.shape[0], : full.shape[1]]
-        full[: repeated.shape[0], : repeated.shape[1]] = repeated
-        return full
+        (height, width), step = self.values.shape, self.step
+        flags = self._saturated_light.repeat(step, axis=0).repeat(step, axis=1)[:height, :width]
+        # The last row or column of an odd number is in no pixel of the map.
+        return np.pad(flags, ((0, height - flags.shape[0]), (0, width - flags.shape[1])))
 
     @property
     def _saturated_light(self) -> NDArray[np.bool_]:
@@ -228,9 +224,8 @@ class PageImage:
     def _colour(self, row: int, column: int) -> str:
         if self.colour_filter is None:
             return ""
-        first = self.colour_filter
-        second = {"RG": "GB", "GB": "RG", "GR": "BG", "BG": "GR"}[first]
-        return f" ({(first, second)[row % 2][column % 2]})"
+        pattern = {"RG": "RGGB", "GB": "GBRG", "GR": "GRBG", "BG": "BGGR"}[self.colour_filter]
+        return f" ({pattern[2 * (row % 2) + column % 2]})"
 
 
 def is_video(path: Path) -> bool:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from cmath import rect
-from collections.abc import Iterable
-from dataclasses import fields, replace
+from dataclasses import replace
 from math import isfinite, radians
 from typing import Any, Literal, get_args
 
@@ -22,6 +21,7 @@ Corner = tuple[float, float]
 #: Decimals of corner coordinates in pixels: finer than a mouse, and files stay readable.
 _DECIMALS = 2
 _ROUNDING_PX = 1e-6
+_BOXES: dict[str, type[RectangleShape | EllipseShape]] = {"rectangle": RectangleShape, "ellipse": EllipseShape}
 
 
 def box_shape(kind: str, name: str, start: Corner, end: Corner, size: ImageSize) -> Shape:
@@ -47,11 +47,9 @@ def box_shape(kind: str, name: str, start: Corner, end: Corner, size: ImageSize)
     if xa == xb or ya == yb:
         raise InputError("the box holds no pixel: drag from one corner to the opposite one, or zoom in")
     x, y, width, height = min(xa, xb), min(ya, yb), abs(xb - xa), abs(yb - ya)
-    if kind == "rectangle":
-        return RectangleShape(name, x, y, width, height)
-    if kind == "ellipse":
-        return EllipseShape(name, x, y, width, height)
-    raise InputError(f"kind of a box is {kind!r}: give 'rectangle' or 'ellipse'")
+    if kind not in _BOXES:
+        raise InputError(f"kind of a box is {kind!r}: give 'rectangle' or 'ellipse'")
+    return _BOXES[kind](name, x, y, width, height)
 
 
 def polygon_shape(name: str, corners: tuple[Corner, ...], size: ImageSize) -> PolygonShape:
@@ -206,7 +204,7 @@ def default_size_px(image: PageImage) -> int:
     return max(8, round(max(image.size) / _ALONG))
 
 
-def propose(image: PageImage, method: Method, size_px: int | None = None) -> tuple[Shape, ...]:
+def propose(image: PageImage, method: Method, size_px: int | None = None) -> tuple[PolygonShape, ...]:
     """Find regions in an image.
 
     Parameters
@@ -220,7 +218,7 @@ def propose(image: PageImage, method: Method, size_px: int | None = None) -> tup
 
     Returns
     -------
-    tuple of Shape
+    tuple of PolygonShape
         At least one.
 
     Raises
@@ -231,16 +229,16 @@ def propose(image: PageImage, method: Method, size_px: int | None = None) -> tup
     from ...regions import detect_checkerboard, detect_step_chart
 
     light, step = np.asarray(image.luminance.luminance_cd_m2), image.luminance.step
-    found: Iterable[Shape]
     if method == "superpixels":
         asked_px = default_size_px(image) if size_px is None else size_px
         found = _superpixels(light, max(1, round(asked_px / step)))
     else:
         found = detect_checkerboard(light) if method == "checkerboard" else detect_step_chart(light)
-    return tuple(_enlarged(shape, step) for shape in found)
+    # In pixels of the image, not of the map.
+    return tuple(replace(one, corners=tuple((step * x, step * y) for x, y in one.corners)) for one in found)
 
 
-def _superpixels(light: NDArray[Any], size_px: int) -> tuple[Shape, ...]:
+def _superpixels(light: NDArray[Any], size_px: int) -> tuple[PolygonShape, ...]:
     from ...regions.proposals import propose_regions
 
     found = propose_regions(light, size_px)
@@ -252,16 +250,3 @@ def _superpixels(light: NDArray[Any], size_px: int) -> tuple[Shape, ...]:
             "superpixels"
         )
     return found
-
-
-def _enlarged(shape: Shape, step: int) -> Shape:
-    """Shape of a map, in pixels of the image."""
-    if step == 1:
-        return shape
-    if isinstance(shape, PolygonShape):
-        return replace(shape, corners=tuple((step * x, step * y) for x, y in shape.corners))
-    lengths = {f.name: step * getattr(shape, f.name) for f in fields(shape) if f.name in _LENGTHS}
-    return replace(shape, **lengths)
-
-
-_LENGTHS = ("x", "y", "width", "height", "gap")

@@ -19,7 +19,8 @@ import xarray as xr
 
 from labcdp.cli.pictures.options import MadeOptions
 from labcdp.cli.pictures.video import evaluate_values
-from labcdp.core.cluster import TlsFiles, Workers, open_cluster
+from labcdp.core.cluster import TlsFiles, Workers
+from labcdp.core.computer import Processes
 from labcdp.core.errors import InputError, LabcdpError
 from labcdp.evaluate.sweep.plan import Axis, Sweep
 from labcdp.evaluate.sweep.run import run_sweep
@@ -156,7 +157,7 @@ def test_cluster_with_certificates_until_its_only_worker_dies(
     assert run_sweep(sweep, workers=with_tls).identical(run_sweep(sweep))
     with pytest.raises(InputError, match=r"give its TLS files with an address that begins with tls://"):
         evaluate_videos(videos, settings, tmp_path / "b", workers=Workers(address))
-    with open_cluster(address, tls, tmp_path / "c", {}) as opened:
+    with with_tls.opened(Processes, tmp_path / "c", {}) as opened:
         monkeypatch.setattr("labcdp.core.cluster._WORKER_S", 3)
         with pytest.raises(InputError, match="the cluster has had no worker for 3 s: start workers, and try again"):
             list(opened.run(os._exit, [1]))

@@ -213,7 +213,7 @@ def predicted_result(
     return Result(
         "simulate",
         chain.name or "chain",
-        (Table.of_rows("detection", _TITLE, (_STAGE, *target, *_PREDICTED), rows, note),),
+        (Table.of_items("detection", _TITLE, (_STAGE, *target, *_PREDICTED), rows, note),),
         (*full, *([info("map-on-axis")] if lens else [])),
         tuple(inputs),
         {"chain": chain.document, "contrast": contrast, "epsilon": epsilon, "method": "exact"},

@@ -101,6 +101,8 @@ def _proposals(values: FloatImage) -> Iterator[Corners]:
 def _corners(grey: NDArray[np.uint8], scale: float) -> Iterator[Corners]:
     import cv2
 
+    # OpenCV draws at random: an image has the same corners, whatever was searched before.
+    cv2.setRNGSeed(0)
     flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_EXHAUSTIVE
     found, places, meta = cv2.findChessboardCornersSBWithMeta(grey, (_FEWEST_ALONG, _FEWEST_ALONG), flags)
     if found:

@@ -253,18 +253,12 @@ class GridShape(_Box):
 
     def rois(self) -> tuple[Roi, ...]:
         """Return the rectangles, row by row."""
+        return tuple(self._rectangle(row, column) for row in range(self.rows) for column in range(self.columns))
+
+    def _rectangle(self, row: int, column: int) -> Roi:
         width, height = self._cell
-        return tuple(
-            Roi.rectangle(
-                f"{self.name}-r{row + 1}c{column + 1}",
-                self.x + column * (width + self.gap),
-                self.y + row * (height + self.gap),
-                width,
-                height,
-            )
-            for row in range(self.rows)
-            for column in range(self.columns)
-        )
+        x, y = self.x + column * (width + self.gap), self.y + row * (height + self.gap)
+        return Roi.rectangle(f"{self.name}-r{row + 1}c{column + 1}", x, y, width, height)
 
 
 Shape: TypeAlias = PolygonShape | RectangleShape | EllipseShape | GridShape

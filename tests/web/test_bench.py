@@ -179,7 +179,7 @@ def test_single_saturated_and_black_pixels_are_seen_in_a_picture_that_is_zoomed_
     frame = frame_of(dn, 12, 3600, "Mono12", pattern)
     picture = Picture(PageImage.of_frame("live", frame, picture_conversion(None, None, None)))
     picture.go_live()
-    picture.show_scale(DisplayScale.of_range(4095))
+    picture.show_scale(DisplayScale("gamma", 0.0, 4095))
     for width in (80, 20, 11):
         picture.show_part((0, 0, 80, 61), (width, width))
         (shown,) = picture.figure.renderers[1].data_source.data["image"]

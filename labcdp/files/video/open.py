@@ -35,24 +35,15 @@ def open_video(path: str | PathLike[str], options: PictureOptions | None = None)
     SessionError
         If it is a session that was altered.
     """
+    from ...session.journal import JOURNAL
+    from .file import open_video_file
+    from .sequence import open_sequence, open_session_video, open_stack
+
     path, options = Path(path), options or PictureOptions()
     if path.is_dir():
-        from ...session.journal import JOURNAL
-
-        if (path / JOURNAL).is_file():
-            from .sequence import open_session_video
-
-            return open_session_video(path, options)
-        from .sequence import open_sequence
-
-        return open_sequence(path, options)
-    if path.suffix.lower() in (".tif", ".tiff"):
-        from .sequence import open_stack
-
-        return open_stack(path, options)
-    from .file import open_video_file
-
-    return open_video_file(path, options)
+        return (open_session_video if (path / JOURNAL).is_file() else open_sequence)(path, options)
+    is_stack = path.suffix.lower() in (".tif", ".tiff")
+    return (open_stack if is_stack else open_video_file)(path, options)
 
 
 def video_paths(paths: Sequence[str | PathLike[str]]) -> list[Path]:

@@ -34,7 +34,7 @@ class BenchPage:
         self.bench = bench
         self._page = page = Page(bench.workspace, document, self._may_change)
         self._picture, self._highest = page.picture, bench.images.highest_dn
-        self._picture.show_scale(DisplayScale.of_range(self._highest))
+        self._picture.show_scale(DisplayScale("gamma", 0.0, self._highest))
         self._picture.go_live()
         self._map = MapTab(page, False)
         names = ("strip", "table", "notice", "findings")
@@ -169,7 +169,7 @@ class BenchPage:
         highest = self.bench.images.highest_dn
         if highest != self._highest:
             self._highest = highest
-            self._map.show_range(DisplayScale.of_range(highest))
+            self._map.show_range(DisplayScale("gamma", 0.0, highest))
 
     def _enter(self, text: str) -> None:
         if text and self.bench.enter_reading(text):

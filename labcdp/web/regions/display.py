@@ -88,11 +88,6 @@ class DisplayScale:
         tones[below], tones[above] = 0, 255
         return tones
 
-    @classmethod
-    def of_range(cls, highest: float, name: ScaleName = "gamma") -> DisplayScale:
-        """Return a scale from 0 to the highest value, as of a live image whose brightness means something."""
-        return cls(name, 0.0, highest)
-
     @property
     def _ratio(self) -> float:
         """Ratio of the brightest to the darkest value resolved by the logarithm."""

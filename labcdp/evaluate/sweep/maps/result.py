@@ -215,4 +215,4 @@ def _isolines(found: CdpMap, analysis: MapAnalysis) -> Table:
         for number, line in enumerate(analysis.isolines, start=1)
         for x, y in zip(line.x, line.y, strict=True)
     )
-    return Table.of_rows("isolines", "Isolines of CDP", columns, rows, detail=True)
+    return Table.of_items("isolines", "Isolines of CDP", columns, rows, detail=True)

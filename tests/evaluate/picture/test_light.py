@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from labcdp.chain import Optics, Sensor, Windscreen
+from labcdp.chain.signal import Context, scene_signal
 from labcdp.core.errors import CalibrationError, InputError
 from labcdp.core.luminance import CommonError, Invalid, LuminanceMap
 from labcdp.core.result import warning
@@ -113,7 +114,8 @@ def test_any_camera_is_undone_but_for_rounding(
         k_dn_per_e=1.0, read_noise_e=0.0, dark_current_e_s=50.0, bits=16, black_level_dn=float(black_dn),
     )  # fmt: skip
     scene = np.random.default_rng(1).uniform(1, 10, sensor.shape)
-    lux = optics.apply(windscreen.apply(scene), sensor.pixel_pitch_m)
+    context = Context("D65", pixel_pitch_m=sensor.pixel_pitch_m)
+    lux = optics.process(windscreen.process(scene_signal(scene), context), context).values
     rate = sensor.electron_rate(lux, "D65")
     dark = sensor.dark_current_at(temperature_c)
     # So long that the brightest pixel comes near the end of the converter.

@@ -67,8 +67,7 @@ def compare(
     """
     sources = [one.calibration if isinstance(one, CalibratedSession) else one for one in subjects]
     if regions is not None:
-        pictures = _of_pictures(regions, contrast, epsilon, **options)
-        return Comparison(compare_subjects(sources, None, progress, pictures))
+        return Comparison(compare_subjects(sources, _of_pictures(regions, contrast, epsilon, **options), progress))
     varied = tuple(Axis(name if "." in name else name.replace("__", "."), values) for name, values in options.items())
     asked = contrast is not None or epsilon != 0.5 or varied
     epsilon = as_number(epsilon, "epsilon")

@@ -57,39 +57,26 @@ class QuestionOptions:
     roi: Path | None = None
     changes: Changes = ()
 
-    def asked(self) -> Question | None:
-        """Return what chains are asked; None if no option for them is given."""
-        if self.roi is not None or not (self.over or self.changes or (self.contrast, self.epsilon) != (None, None)):
-            return None
-        return Question(
-            self.over or (LUMINANCES,),
-            dict(self.changes),
-            one_or_all(self.contrast),
-            0.5 if self.epsilon is None else self.epsilon,
-        )
-
-    def of_pictures(self, light: PictureLightOptions) -> PictureTask | None:
-        """Return what pictures are asked; None without regions.
+    def asked(self, light: PictureLightOptions) -> Question | PictureTask | None:
+        """Return what chains or, with regions, pictures are asked; None without an option for either.
 
         Raises
         ------
         InputError
             If there are options for chains beside regions, or options for pictures without.
         """
-        if self.roi is None:
-            given = [f"--{name.replace('_', '-')}" for name, value in vars(light).items() if value is not None]
-            if given:
-                raise InputError(f"{given[0]} is an option for pictures: give their regions with --roi, too")
+        epsilon = 0.5 if self.epsilon is None else self.epsilon
+        if self.roi is not None:
+            if self.over or self.changes:
+                raise InputError("--over and --set are options for chains, --roi is one for pictures: leave one out")
+            inputs = tuple(light.inputs({"regions": self.roi}))
+            return picture_task(self.roi, light.conversion(), inputs, self.contrast, epsilon)
+        given = [f"--{name.replace('_', '-')}" for name, value in vars(light).items() if value is not None]
+        if given:
+            raise InputError(f"{given[0]} is an option for pictures: give their regions with --roi, too")
+        if not (self.over or self.changes or (self.contrast, self.epsilon) != (None, None)):
             return None
-        if self.over or self.changes:
-            raise InputError("--over and --set are options for chains, --roi is one for pictures: leave one out")
-        return picture_task(
-            self.roi,
-            light.conversion(),
-            tuple(light.inputs({"regions": self.roi})),
-            self.contrast,
-            0.5 if self.epsilon is None else self.epsilon,
-        )
+        return Question(self.over or (LUMINANCES,), dict(self.changes), one_or_all(self.contrast), epsilon)
 
 
 def compare(
@@ -113,10 +100,10 @@ def compare(
         Chains (presets or files), maps of sweeps, sessions, calibrations, pictures (with --roi), or results of labcdp
         evaluate, image or characterise; files or folders of results. Each is compared with the first.
     """
-    asked, pictures = question.asked(), question.of_pictures(light)
+    asked = question.asked(light)
     with results.folder(context, subjects[0]) as folder:
         with progress_bar("Cells") as report:
-            found = compare_subjects(subjects, asked, report, pictures)
+            found = compare_subjects(subjects, asked, report)
         result = compare_result(found)
         write_comparison(found, result, folder)
     results.show(result, folder)

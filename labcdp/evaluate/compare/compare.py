@@ -123,9 +123,8 @@ class Comparison:
 
 def compare_subjects(
     sources: Sequence[Any],
-    question: Question | None = None,
+    asked: Question | PictureTask | None = None,
     progress: Callable[[int, int], None] | None = None,
-    pictures: PictureTask | None = None,
 ) -> Comparison:
     """Compare chains, maps, sessions, calibrations, characterisations or pictures; see `read_subjects`.
 
@@ -133,26 +132,27 @@ def compare_subjects(
     ----------
     sources : sequence
         At least two.
-    question : Question or None
-        What chains are asked; None for CDP over the luminance.
+    asked : Question, PictureTask or None
+        What chains or pictures are asked; None for CDP over the luminance.
     progress : callable or None
         Called with the number of cells of a chain's prediction that are done, and of all.
-    pictures : PictureTask or None
-        What pictures are asked.
 
     Raises
     ------
     InputError
         If subjects cannot be read or compared, or there is a question but no chain or no picture.
     """
-    subjects = read_subjects(sources, pictures)
+    subjects = read_subjects(sources, asked if isinstance(asked, PictureTask) else None)
     kind = subjects[0].kind
-    if pictures is not None and kind != "picture":
-        raise InputError(f"regions and light are options for pictures, {subjects[0].name} is a {kind}")
+    what, of_kind = "", kind
+    if isinstance(asked, PictureTask):
+        what, of_kind = "regions and light", "picture"
+    elif asked is not None:
+        what, of_kind = "parameters, contrast and tolerance", "chain"
+    if kind != of_kind:
+        raise InputError(f"{what} are options for {of_kind}s, {subjects[0].name} is a {kind}")
     if kind == "chain":
-        return _chains(subjects, question or Question(), progress)
-    if question is not None:
-        raise InputError(f"parameters, contrast and tolerance are options for chains, {subjects[0].name} is a {kind}")
+        return _chains(subjects, asked if isinstance(asked, Question) else Question(), progress)
     if kind == "sweep":
         maps = [subject.content for subject in subjects]
         return _maps(subjects, maps, [analyse_map(dataset) for dataset in maps])

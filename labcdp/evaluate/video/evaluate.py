@@ -147,7 +147,7 @@ def evaluated_parts(
             except InputError as error:
                 run.failure = error
             runs.append(run)
-        VideoRun(source, runs).go(progress)
+        VideoRun(source, conversion, runs).go(progress)
         yield tuple(partial(_rows, source, conversion, run) for run in runs)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
 from math import isnan, nan
 from typing import NamedTuple
@@ -16,9 +16,9 @@ from ...core.frame import Frame
 from ...core.luminance import WHOLE
 from ...core.result import Finding, warning
 from ...core.roi import Roi
-from ...files.video.source import StoredPixels, VideoFrame
-from ...metrics import CalibratedCdp, Epsilon, cdp_neighbours_range
-from ...metrics.pair import PairResult, evaluate_regions, require_apart
+from ...files.video.source import VideoFrame
+from ...metrics import CalibratedCdp, cdp_neighbours_range
+from ...metrics.pair import evaluate_regions, require_apart
 from ...metrics.region import RegionPixels
 from ...tracking import TrackedRoi
 from ..picture.conversion import PictureConversion
@@ -52,13 +52,15 @@ _FINDINGS, _INVALID, _MEASURED = "findings", "invalid", "measured_contrast"
 class FollowedFrame(NamedTuple):
     """A chosen frame, its place among them, and where the regions are in it.
 
-    `repeats` is the number of the frame before if it has the same pixels.
+    `repeats` is the number of the frame before if it has the same pixels. `light` gives the pixels of a region, which
+    are taken once for all its pairs.
     """
 
     frame: VideoFrame
     place: int
     regions: Mapping[Roi, TrackedRoi]
     repeats: int | None
+    light: Callable[[Roi], RegionPixels]
 
 
 class PartRun:
@@ -118,7 +120,7 @@ class PartRun:
 
     def worked(self, item: FollowedFrame) -> Row | None:
         """Results of a frame; None for one that is done."""
-        return None if item.place < self.n_done else self._row(item.frame, self._regions(item), item.repeats)
+        return None if item.place < self.n_done else self._row(item, self._regions(item))
 
     def take(self, item: FollowedFrame, row: Row | None) -> None:
         """Record the results of a frame, and show it."""
@@ -143,9 +145,8 @@ class PartRun:
         learnt = [one.learn(contrast) for one in (self._measured, self._reference) if one is not None]
         return any(learnt)
 
-    def _row(self, frame: VideoFrame, regions: Sequence[TrackedRoi], repeats: int | None) -> Row:
-        """Evaluate a frame with its regions; `repeats` is the number of the frame before if it has the same pixels."""
-        settings, pixels = self.settings, frame.pixels
+    def _row(self, item: FollowedFrame, regions: Sequence[TrackedRoi]) -> Row:
+        settings, frame, pixels = self.settings, item.frame, item.frame.pixels
         # What is wrong with tables of neighbours is wrong with every frame.
         tables = None if settings.rois or pixels is None else self._neighbour_tables(pixels.frame)
         row: Row = {"frame": frame.number, "time_s": frame.time_s}
@@ -159,7 +160,7 @@ class PartRun:
             return row | _found(reason for one in lost for reason in one.reasons)
         try:
             values, findings = (
-                self._of_pair(frame, pixels, [one.roi for one in regions])
+                self._of_pair(item, [one.roi for one in regions])
                 if settings.rois
                 else (self._of_neighbours(pixels.frame, tables), [])
             )
@@ -170,16 +171,18 @@ class PartRun:
         for region, share in zip(settings.rois, values.get("saturated", ()), strict=False):
             if share > TOO_SATURATED:
                 findings.append(warning("frame-region-saturated", region.name, share=share))
-        if repeats is not None:
-            findings.append(warning("frame-repeated", of_frame=repeats))
+        if item.repeats is not None:
+            findings.append(warning("frame-repeated", of_frame=item.repeats))
         return row | values | _found([*findings, *([] if frame.note is None else [frame.note])])
 
-    def _of_pair(self, frame: VideoFrame, pixels: StoredPixels, rois: Sequence[Roi]) -> tuple[Row, list[Finding]]:
+    def _of_pair(self, item: FollowedFrame, rois: Sequence[Roi]) -> tuple[Row, list[Finding]]:
+        frame, (first, second) = item.frame, map(item.light, rois)
+        require_apart(first.placed, second.placed)
         while True:
             contrasts = [contrast for contrast in self.contrasts if not isnan(contrast)]
             reference, why = (None, None) if self._reference is None else self._reference.of(frame.number, frame.time_s)
             asked = contrasts if reference is None else [*contrasts, reference]
-            found = evaluate_frame_pair(pixels, self._conversion, rois, asked, self.settings.epsilon)
+            found = evaluate_regions(first, second, asked, self.settings.epsilon)
             # The first frame that is measured gives what was not given.
             if not self._learn(found.contrast.value):
                 break
@@ -244,42 +247,18 @@ def variables(row: Row) -> Row:
     return {**values, NOTE.name: note_of(restored(found)), FINDINGS.name: as_json(found) if found else ""}
 
 
-def evaluate_frame_pair(
-    pixels: StoredPixels,
-    conversion: PictureConversion,
-    rois: Sequence[Roi],
-    contrasts: Sequence[float],
-    epsilon: Epsilon,
-) -> PairResult:
-    """Evaluate two regions of a frame as `labcdp.metrics.pair.evaluate_pair` does its whole map.
-
-    Parameters
-    ----------
-    pixels : StoredPixels
-        Of the frame; only what lies around the regions is converted.
-    conversion : PictureConversion
-        To light.
-    rois : sequence of two Roi
-        The regions, in any order.
-    contrasts : sequence of float
-        Contrasts to be detected.
-    epsilon : float or DetectionInterval
-        Their tolerance.
+def light_of(frame: VideoFrame, conversion: PictureConversion, roi: Roi) -> RegionPixels:
+    """Convert a region of a frame and what lies around it, as `RegionPixels.of` takes it from a whole map.
 
     Raises
     ------
     InputError
-        If a region lies outside the frame or holds no pixel, the regions have pixels in common, or neither has a pixel
-        above 0.
+        If it lies outside the frame or holds no pixel.
     CalibrationError
         If the conversion is not for such frames.
     """
-    first, second = (_region(pixels, conversion, roi) for roi in rois)
-    require_apart(first.placed, second.placed)
-    return evaluate_regions(first, second, contrasts, epsilon)
-
-
-def _region(pixels: StoredPixels, conversion: PictureConversion, roi: Roi) -> RegionPixels:
+    assert frame.pixels is not None
+    pixels = frame.pixels
     # Of relative light nothing but the pixel itself decides.
     in_part = pixels.part if conversion.unit == "relative" else None
     # A pixel of the map stands for a group of the colour filter.
@@ -287,9 +266,9 @@ def _region(pixels: StoredPixels, conversion: PictureConversion, roi: Roi) -> Re
     shape = pixels.shape[0] // group, pixels.shape[1] // group
     region = roi if group == 1 else Roi(roi.name, tuple((x / group, y / group) for x, y in roi.corners))
     window = region.window(shape)
-    frame, inner = (pixels.frame, window) if in_part is None else (in_part(window), WHOLE)
-    dn = frame.dn[inner] if group == 1 and frame.dn.dtype == np.uint8 else None
-    return RegionPixels.of_part(conversion.convert(frame, inner), roi, window, _mask(region, shape), dn=dn)
+    part, inner = (pixels.frame, window) if in_part is None else (in_part(window), WHOLE)
+    dn = part.dn[inner] if group == 1 and part.dn.dtype == np.uint8 else None
+    return RegionPixels.of_part(conversion.convert(part, inner), roi, window, _mask(region, shape), dn=dn)
 
 
 @lru_cache(maxsize=16)

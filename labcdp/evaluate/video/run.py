@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import closing
-from functools import partial
+from functools import cache, partial
 from itertools import islice, repeat
 from typing import Any, TypeVar
 
@@ -15,7 +15,8 @@ from ...core.roi import Roi
 from ...files.video.source import StoredPixels, VideoFrame, VideoSource, frames_of
 from ...report.text import finding_text
 from ...tracking import NotFollowedError, TrackedRoi, Tracker, make_tracker
-from .rows import FollowedFrame, PartRun
+from ..picture.conversion import PictureConversion
+from .rows import FollowedFrame, PartRun, light_of
 from .settings import Progress
 
 _Result = TypeVar("_Result")
@@ -31,12 +32,14 @@ class VideoRun:
     ----------
     source : VideoSource
         The video.
+    conversion : PictureConversion
+        Of its frames to light.
     parts : sequence of PartRun
         With the same selection of frames.
     """
 
-    def __init__(self, source: VideoSource, parts: Sequence[PartRun]) -> None:
-        self._source, self._parts = source, parts
+    def __init__(self, source: VideoSource, conversion: PictureConversion, parts: Sequence[PartRun]) -> None:
+        self._source, self._conversion, self._parts = source, conversion, parts
         self._selection = parts[0].settings.selection
         self._n_frames = 0
         self._choose_regions()
@@ -126,7 +129,8 @@ class VideoRun:
             if frame.chosen:
                 repeats = last.number if last is not None and _same_picture(last, frame) else None
                 # Before the first whole frame there is no region.
-                yield FollowedFrame(frame, place, regions, repeats)
+                light = cache(partial(light_of, frame, self._conversion))
+                yield FollowedFrame(frame, place, regions, repeats, light)
                 place, last = place + 1, frame
         if unseen is not None and tracker is None:
             raise InputError(f"{self._why(unseen)}; so are all others")

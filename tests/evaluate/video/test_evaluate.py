@@ -22,13 +22,13 @@ from labcdp.evaluate.picture.conversion import picture_conversion
 from labcdp.evaluate.picture.neighbours import evaluate_neighbours
 from labcdp.evaluate.video.evaluate import Part, evaluate_video, evaluated_parts
 from labcdp.evaluate.video.neighbours import NeighbourTables
-from labcdp.evaluate.video.rows import evaluate_frame_pair
+from labcdp.evaluate.video.rows import light_of
 from labcdp.evaluate.video.settings import VideoSettings
 from labcdp.files.read import PictureOptions, frame_of_pixels, read_picture
 from labcdp.files.video.selection import Position, Selection
-from labcdp.files.video.source import stored_pixels
+from labcdp.files.video.source import VideoFrame, stored_pixels
 from labcdp.metrics import DetectionInterval, cdp_neighbours_range
-from labcdp.metrics.pair import evaluate_pair
+from labcdp.metrics.pair import evaluate_pair, evaluate_regions
 
 from .videos import BRIGHT, CONTRASTS, MOVING, STILL, brute_force, driving, fixed, scenes, write
 
@@ -197,7 +197,8 @@ def test_a_frame_of_a_colour_filter_is_evaluated_by_its_green_pixels() -> None:
     frame = frame_of_pixels(dn, PictureOptions(pixel_format="BayerRG8"), datetime(2026, 1, 1, tzinfo=UTC))
     conversion = picture_conversion(None, None, None)
     rois = Roi.rectangle("a", 4, 4, 20, 20), Roi.rectangle("b", 30, 8, 20, 20)
-    found = evaluate_frame_pair(stored_pixels(frame), conversion, rois, (0.5,), 0.5)
+    shown = VideoFrame(0, 0.0, None, lambda: stored_pixels(frame), pixels=stored_pixels(frame))
+    found = evaluate_regions(*(light_of(shown, conversion, roi) for roi in rois), (0.5,))
     assert found == evaluate_pair(conversion.convert(frame), *rois, (0.5,))
     assert found.a.mean == pytest.approx((dn[4:24:2, 5:24:2].mean() + dn[5:24:2, 4:24:2].mean()) / 2 / 256)
 

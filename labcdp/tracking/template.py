@@ -23,8 +23,9 @@ _NOISE_DN, _NOISY = 6.0, 20
 _MARGIN, _MARGIN_LEAST = 0.08, 3.0
 #: Factor of a step of growth, and pixels up to which it may grow at least.
 _GROWTH, _MARGIN_MOST = 1.25, 48.0
-#: What it takes in beyond what fixes the place, in parts of the margin and in pixels: edges lie at its end else.
-_BEYOND, _BEYOND_PX = 0.15, 2.0
+#: What it takes in beyond what fixes the place, in parts of the margin, and in pixels of frame and template at least:
+#: else edges lie at its end, and half of an edge looks like that of something smaller.
+_BEYOND, _BEYOND_PX, _BEYOND_OWN_PX = 0.15, 2.0, 1.6
 #: Standard deviation in pixels, by noise, with which a window should and must fix a place along its weakest direction.
 _PLACE_PX, _PLACE_MOST_PX = 0.25, 0.5
 #: Factor by which a larger window must fix it better to be worth what else it takes in.
@@ -171,7 +172,8 @@ def make_template(sight: Sight, roi: Roi) -> Template | None:
         return None
     enough = min(max(_PLACE_PX, _WORTH * min(sure)), _PLACE_MOST_PX)
     margin = next(margin for margin, this in zip(margins, sure, strict=True) if this <= enough)
-    return _template(sight, roi, (1 + _BEYOND) * margin + _BEYOND_PX)
+    beyond = max(_BEYOND_OWN_PX / _template(sight, roi, margin).reduction, _BEYOND_PX)
+    return _template(sight, roi, (1 + _BEYOND) * margin + beyond)
 
 
 def place_uncertainty_px(template: Template) -> float:

@@ -8,6 +8,7 @@ from tracking_accuracy import Tally
 from tracking_disturbances import CASES
 from tracking_disturbances import frames_of as disturbed
 
+from labcdp.core.roi import Roi
 from labcdp.metrics import cdp
 from labcdp.tracking import make_tracker
 from tests.files.video_files import frames as decoded
@@ -112,6 +113,16 @@ def test_a_region_of_which_a_strip_is_covered_is_not_measured(cover):
     for a, b in results[3:]:
         assert [one.code for one in a.reasons] == [reason]
         assert (a.lost, b.lost) == (True, False)
+
+
+@pytest.mark.parametrize(("side", "inset"), [(60, 7), (80, 10), (480, 30)])
+def test_regions_keep_their_size_whatever_their_template_is_reduced_by(side, inset):
+    """Sharp edges, at the end of the smallest window that fixes the place."""
+    scene = np.full((3 * side, 3 * side), 90, np.uint8)
+    scene[side - inset : 2 * side + inset, side - inset : 2 * side + inset] = 190
+    results = follow([np.roll(scene, -dx, axis=1) for dx in range(5)], [Roi.rectangle("a", side, side, side, side)])
+    sizes = [found.roi.bounds[2] - found.roi.bounds[0] for (found,) in results]
+    assert sizes == pytest.approx([side] * 4, abs=0.3 + side / 1000)
 
 
 @pytest.mark.parametrize(

@@ -44,13 +44,38 @@ def findings_of(found: Characterisation, departure_rel: float) -> Iterator[Findi
     departure_rel : float
         Relative departure of the photon transfer from its line.
     """
-    yield from _of_scale(found)
-    yield from _of_series(found)
+    points, limit = found.series, found.saturation_limit
+    # Bits that do not match the values.
+    largest_mean_dn, multiple = max(p.light.mean_dn for p in points), min(p.light.multiple for p in points)
+    if multiple > 1:
+        yield warning("bits-shifted", multiple=multiple, bits=found.bits - multiple.bit_length() + 1)
+    elif limit != "not reached" and largest_mean_dn < 2 ** (found.bits - 1):
+        yield warning("bits-unused", saturation_dn=largest_mean_dn, bits=found.bits)
+    if len(points) < _FEWEST_POINTS:
+        yield warning("few-points", count=len(points), least=_FEWEST_POINTS)
+    black = max(points, key=lambda p: p.dark.black_share)
+    if black.dark.black_share > _BLACK_SHARE:
+        yield warning("dark-values-clipped", share=black.dark.black_share, exposure_s=black.exposure_s)
+    if limit == "not reached":
+        # A photon series is recorded up to saturation, a session need not be.
+        series = all(point.photons is not None for point in points)
+        yield (warning if series else info)("saturation-not-reached", net_dn=points[-1].net_dn)
+    if limit == "converter":
+        yield info("converter-saturates")
     yield from _of_dark_current(found)
     if departure_rel > _LARGEST_DEPARTURE:
         yield warning("photon-transfer-not-straight", departure_rel=departure_rel)
-    yield from _of_linearity(found)
-    yield from _of_rounding(found)
+    # Deviations from the line that no usable camera has.
+    errors = [one for one in (found.linearity_error_min_rel, found.linearity_error_max_rel) if one is not None]
+    worst = max(errors, key=lambda error: abs(error.value), default=None)
+    if worst is not None and abs(worst.value) > max(_LARGEST_LINEARITY_ERROR, _CHANCE * worst.standard_uncertainty):
+        yield warning("not-linear", deviation_rel=worst.value, usual_rel=_LARGEST_LINEARITY_ERROR)
+    # Dark signals with too little noise to dither rounding.
+    least = min(dark.temporal_variance_dn2 for dark in found.darks)
+    if least < _DITHERED_DN2:
+        yield warning("dark-noise-rounded", limit_dn=_DITHERED_DN, variance_dn2=least)
+        if min(found.darks, key=lambda dark: dark.exposure_s).temporal_variance_dn2 < LEAST_VARIANCE_DN2:
+            yield info("read-noise-upper-limit")
 
 
 def findings_of_data_set(found: Characterisation) -> Iterator[Finding]:
@@ -74,32 +99,6 @@ def findings_of_data_set(found: Characterisation) -> Iterator[Finding]:
         yield warning("noise-falls", net_dn=found.saturation_dn.value)
 
 
-def _of_scale(found: Characterisation) -> Iterator[Finding]:
-    """Find bits that do not match the values."""
-    largest_mean_dn = max(point.light.mean_dn for point in found.series)
-    multiple = min(point.light.multiple for point in found.series)
-    if multiple > 1:
-        yield warning("bits-shifted", multiple=multiple, bits=found.bits - multiple.bit_length() + 1)
-    elif found.saturation_limit != "not reached" and largest_mean_dn < 2 ** (found.bits - 1):
-        yield warning("bits-unused", saturation_dn=largest_mean_dn, bits=found.bits)
-
-
-def _of_series(found: Characterisation) -> Iterator[Finding]:
-    """Find too few points, clipping at black, and saturation not reached."""
-    points = found.series
-    if len(points) < _FEWEST_POINTS:
-        yield warning("few-points", count=len(points), least=_FEWEST_POINTS)
-    black = max(points, key=lambda p: p.dark.black_share)
-    if black.dark.black_share > _BLACK_SHARE:
-        yield warning("dark-values-clipped", share=black.dark.black_share, exposure_s=black.exposure_s)
-    if found.saturation_limit == "not reached":
-        # A photon series is recorded up to saturation, a session need not be.
-        series = all(point.photons is not None for point in points)
-        yield (warning if series else info)("saturation-not-reached", net_dn=points[-1].net_dn)
-    if found.saturation_limit == "converter":
-        yield info("converter-saturates")
-
-
 def _of_dark_current(found: Characterisation) -> Iterator[Finding]:
     mean, by_variance = found.dark_current_e_s, found.dark_current_by_variance_e_s
     for current, code in ((mean, "dark-current-negative"), (by_variance, "dark-current-by-variance-negative")):
@@ -108,24 +107,6 @@ def _of_dark_current(found: Characterisation) -> Iterator[Finding]:
             yield warning(code, dark_current_e_s=current.value, z=z)
     if mean is not None and mean.value - _CHANCE * mean.standard_uncertainty > _LARGEST_CURRENT_E_S:
         yield warning("dark-current-too-large", dark_current_e_s=mean.value)
-
-
-def _of_linearity(found: Characterisation) -> Iterator[Finding]:
-    """Find deviations from the line that no usable camera has."""
-    known = [one for one in (found.linearity_error_min_rel, found.linearity_error_max_rel) if one is not None]
-    worst = max(known, key=lambda error: abs(error.value), default=None)
-    if worst is not None and abs(worst.value) > max(_LARGEST_LINEARITY_ERROR, _CHANCE * worst.standard_uncertainty):
-        yield warning("not-linear", deviation_rel=worst.value, usual_rel=_LARGEST_LINEARITY_ERROR)
-
-
-def _of_rounding(found: Characterisation) -> Iterator[Finding]:
-    """Find dark signals with too little noise to dither rounding."""
-    least = min(point.temporal_variance_dn2 for point in found.darks)
-    if least < _DITHERED_DN2:
-        shortest = min(found.darks, key=lambda point: point.exposure_s)
-        yield warning("dark-noise-rounded", limit_dn=_DITHERED_DN, variance_dn2=least)
-        if shortest.temporal_variance_dn2 < LEAST_VARIANCE_DN2:
-            yield info("read-noise-upper-limit")
 
 
 def _still_rises(found: Characterisation) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from statistics import median
 
 from ...core.result import Finding, FindingValue, info, warning
@@ -14,25 +15,23 @@ def findings_of(result: Verification) -> tuple[Finding, ...]:
 
 
 def _verdict(result: Verification) -> Finding:
-    of_verdict = {
-        verdict: [row for row in result.patches if row.verdict == verdict] for verdict in ("not conform", "undecided")
-    }
-    if of_verdict["not conform"]:
-        return warning("verification-not-conform", **_values(result, of_verdict["not conform"]))
-    if result.dark_not_conform:
-        return warning("verification-not-conform-dark", **_values(result, result.patches))
-    if result.balance_not_conform:
-        return warning("verification-not-conform-colours", **_values(result, result.patches))
-    if rows := of_verdict["undecided"]:
-        wide = all(row.expanded_rel > row.tolerance_rel for row in rows)
-        code = "verification-undecided-uncertainty" if wide else "verification-undecided-limit"
-        return warning(code, **_values(result, rows))
+    bad, open_ = ([row for row in result.patches if row.verdict == one] for one in ("not conform", "undecided"))
+    wide = all(row.expanded_rel > row.tolerance_rel for row in open_)
+    for holds, rows, code in (
+        (bad, bad, "verification-not-conform"),
+        (result.dark_not_conform, result.patches, "verification-not-conform-dark"),
+        (result.balance_not_conform, result.patches, "verification-not-conform-colours"),
+        (open_ and wide, open_, "verification-undecided-uncertainty"),
+        (open_, open_, "verification-undecided-limit"),
+    ):
+        if holds:
+            return warning(code, **_values(result, rows))
     if result.unusable:
         return warning("verification-undecided-unusable", patches=list(result.unusable))
     return info("verification-conform", **_values(result, result.patches))
 
 
-def _values(result: Verification, rows: list[VerifiedPatch] | tuple[VerifiedPatch, ...]) -> dict[str, FindingValue]:
+def _values(result: Verification, rows: Sequence[VerifiedPatch]) -> dict[str, FindingValue]:
     """Names of the patches, and the numbers of that with the largest deviation in relation to its limits."""
     worst = max(rows, key=lambda row: abs(row.deviation_rel) + row.expanded_rel)
     return {

@@ -146,23 +146,18 @@ class _Merge:
     @classmethod
     def of(cls, conversion: CalibratedCamera, frames: Sequence[Frame]) -> _Merge:
         found: list[_Exposure] = []
-        settings: list[tuple[float, float, float | None]] = []
-        corners, slow_rel, fixed_rel = [], 0.0, 0.0
+        alike: dict[tuple[float, float, float | None], _Exposure] = {}
         for frame in frames:
             setting = frame.exposure_s, frame.gain_db, frame.temperature_c
-            settings.append(setting)
-            first = settings.index(setting)
-            one = conversion.to_luminance(frame)
-            if first == len(found):
+            if setting not in alike:
+                one = conversion.to_luminance(frame)
                 saturation_dn = int(min(frame.saturation_dn, conversion.state.saturation_dn))
                 full = frame.with_pixels(np.full_like(frame.dn, saturation_dn))
-                knots, dark_cd_m2 = _noise(one), conversion.dark_spread_cd_m2(frame)
-            found.append(_Exposure(frame, first, full, *knots, dark_cd_m2))
-            slow_rel, fixed_rel = max(slow_rel, one.slow_rel), max(fixed_rel, one.fixed_rel)
-            corners.append(conversion.to_luminance(frame, (slice(0, 1), slice(0, 1))))
-            shape, step = one.shape, one.step
-        require_alike(corners)
-        return cls(conversion, tuple(found), shape, slow_rel, fixed_rel, step)
+                dark_cd_m2 = conversion.dark_spread_cd_m2(frame)
+                alike[setting] = _Exposure(frame, len(found), full, *_noise(one), dark_cd_m2)
+            found.append(replace(alike[setting], frame=frame))
+        require_alike([conversion.to_luminance(frame, (slice(0, 1), slice(0, 1))) for frame in frames])
+        return cls(conversion, tuple(found), one.shape, one.slow_rel, one.fixed_rel, one.step)
 
     def windows(self) -> Iterator[Window]:
         rows = max(_BLOCK // self.shape[1], 1)

@@ -166,7 +166,7 @@ def variables_of(columns: Sequence[Column], dims: tuple[str, ...], items: Sequen
     for column, values in zip(columns, values_of(columns, flat).values(), strict=True):
         array = np.array([np.nan if value is None else value for value in values]).reshape(shape)
         unit = "1" if column.unit == "%" or (array.dtype.kind in "iuf" and not column.unit) else column.unit
-        attributes = {"long_name": column.label, "units": unit, "description": column.meaning}
+        attributes = {"long_name": column.label, "units": unit.replace("²", "^2"), "description": column.meaning}
         found[column.name] = (dims, array, {key: text for key, text in attributes.items() if text})
     return found
 

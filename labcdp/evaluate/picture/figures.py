@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.roi import Roi
+from ...metrics import ContrastDistribution, contrast_histogram
 from ...report.drawing import (
     BLUE,
     GREEN,
@@ -26,12 +27,13 @@ from ...report.layout import ReportFigure
 from ...report.maps import ImageFigure, drawn_pixels
 from ...report.plots import ContrastPanel, contrast_figures
 from ...report.text import percent, shortened
+from .image import AnyContrast, ImageEvaluation, measured_contrast
+from .neighbours import NeighbourEvaluation, neighbour_distribution
 
 if TYPE_CHECKING:
     from ...core.luminance import LuminanceMap
     from ...files.picture import Picture
     from ...metrics import DetectionResult
-    from .image import ImageEvaluation
 
 #: Most contrasts of a pair with a panel each; of more, only the one closest to the measured contrast is shown.
 _MOST_CONTRASTS = 3
@@ -52,16 +54,24 @@ def image_figures(evaluation: ImageEvaluation, picture: Picture, luminance: Lumi
         (pair, [replace(one.result, confidence_interval=one.confidence_interval) for one in pair.results])
         for pair in evaluation.contrasts
     ]
-    panels = [
-        ContrastPanel(shortened(pair.name, 40), pair.distribution, one, pair.contrast)
-        for pair, results in found
-        if pair.distribution is not None
-        for one in _drawn(results, pair.contrast)
-    ]
+    panels = []
+    for pair, results in found:
+        distribution, measured = distribution_of(pair, luminance), measured_contrast(pair)
+        if distribution is not None:
+            name = shortened(pair.name, 40)
+            panels += [ContrastPanel(name, distribution, one, measured) for one in _drawn(results, measured)]
     figures = [_picture(evaluation, luminance), *contrast_figures(panels[:_MOST_PANELS])]
     if any(len(results) > 1 for _, results in found):
         figures.append(_curves([(pair.name, results) for pair, results in found]))
     return [*figures, _values(evaluation, picture, luminance)]
+
+
+def distribution_of(pair: AnyContrast, luminance: LuminanceMap) -> ContrastDistribution | None:
+    """Return the contrasts of all pairs of pixels; None where no contrast is finite."""
+    if isinstance(pair, NeighbourEvaluation):
+        return neighbour_distribution(luminance, pair)
+    highest = max((one.result.interval[1] for one in pair.results), default=1.0)
+    return contrast_histogram(*(luminance.select(one.roi).astype(np.float64) for one in (pair.a, pair.b)), highest)
 
 
 def _drawn(found: Sequence[DetectionResult], measured: float) -> Sequence[DetectionResult]:
@@ -133,7 +143,7 @@ def _values(evaluation: ImageEvaluation, picture: Picture, luminance: LuminanceM
     """Draw histograms of picture and regions, of the values of the file and of the luminance."""
     native = picture.light if picture.frame is None else picture.frame.dn
     assert native is not None
-    in_pairs = {region.roi.name for pair in evaluation.pairs for region in (pair.result.a, pair.result.b)}
+    in_pairs = {region.roi.name for pair in evaluation.pairs for region in (pair.a, pair.b)}
     rois = [one.roi for one in evaluation.regions if one.roi.name in in_pairs or not in_pairs][: len(_COLOURS)]
     maps = [(np.asarray(luminance.luminance_cd_m2), luminance.scaled, luminance_label(evaluation.source.unit))]
     # Without a scale and a tone curve, luminance has the histogram of the values.

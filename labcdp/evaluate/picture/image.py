@@ -2,52 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
-
-import numpy as np
+from typing import Any, TypeAlias
 
 from ...core.errors import InputError
 from ...core.luminance import LuminanceMap
 from ...core.result import Finding, info, unique, warning
 from ...core.roi import Rectangle, Roi
-from ...metrics import CalibratedCdp, CdpResult, ContrastDistribution, contrast_histogram
 from ...metrics.pair import PairResult, RegionResult, evaluate_pair, evaluate_region
 from .conversion import PictureSource
 from .neighbours import NeighbourEvaluation, evaluate_neighbours
 
+#: Contrast of two regions, or of neighbouring pixels.
+AnyContrast: TypeAlias = PairResult | NeighbourEvaluation
 
-@dataclass(frozen=True)
-class ImagePair:
-    """Two regions of a picture.
 
-    Parameters
-    ----------
-    result : PairResult
-        Their contrast and CDP.
-    distribution : ContrastDistribution or None
-        Of the contrasts of all pairs of pixels, for plots; None where no contrast is finite.
-    """
-
-    result: PairResult
-    distribution: ContrastDistribution | None
-
-    @property
-    def name(self) -> str:
-        """``bright / dark``."""
-        return self.result.name
-
-    @property
-    def contrast(self) -> float:
-        """Measured contrast."""
-        return self.result.contrast.value
-
-    @property
-    def results(self) -> Sequence[CalibratedCdp[CdpResult]]:
-        """CDP of each target contrast."""
-        return self.result.results
+def measured_contrast(found: AnyContrast) -> float:
+    """Return the measured contrast of two regions, or of neighbouring pixels."""
+    return found.contrast.value if isinstance(found, PairResult) else found.contrast
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +33,7 @@ class ImageEvaluation:
         The picture.
     regions : tuple of RegionResult
         All regions, in the order of the request.
-    pairs : tuple of ImagePair
+    pairs : tuple of PairResult
         In the order of the request.
     neighbours : NeighbourEvaluation or None
         Of neighbouring pixels.
@@ -70,12 +43,12 @@ class ImageEvaluation:
 
     source: PictureSource
     regions: tuple[RegionResult, ...]
-    pairs: tuple[ImagePair, ...]
+    pairs: tuple[PairResult, ...]
     neighbours: NeighbourEvaluation | None
     findings: tuple[Finding, ...]
 
     @property
-    def contrasts(self) -> tuple[ImagePair | NeighbourEvaluation, ...]:
+    def contrasts(self) -> tuple[AnyContrast, ...]:
         """The pairs, then the neighbouring pixels."""
         return self.pairs if self.neighbours is None else (*self.pairs, self.neighbours)
 
@@ -98,30 +71,24 @@ def evaluate_image(luminance: LuminanceMap, source: PictureSource, request: Imag
         As `evaluate_pair` and `evaluate_neighbours`.
     """
     rois = {roi.name: roi for roi in request.rois}
-    pairs = [_pair(luminance, rois[a], rois[b], request) for a, b in request.chosen_pairs]
-    evaluated = {region.roi.name: region for pair in pairs for region in (pair.result.a, pair.result.b)}
+    asked = request.contrasts, request.epsilon
+    pairs = [evaluate_pair(luminance, rois[a], rois[b], *asked) for a, b in request.chosen_pairs]
+    evaluated = {region.roi.name: region for pair in pairs for region in (pair.a, pair.b)}
     regions = [evaluated.get(name) or evaluate_region(luminance, roi) for name, roi in rois.items()]
     neighbours = None
     if request.neighbours:
-        neighbours = evaluate_neighbours(luminance, request.contrasts, request.epsilon, request.rectangle)
+        neighbours = evaluate_neighbours(luminance, *asked, request.rectangle)
     found = [*([info("camera-simulated")] if source.simulated else []), *source.findings]
-    if any(pair.result.of_measured_contrast for pair in pairs) and request.contrasts is None:
+    if any(pair.of_measured_contrast for pair in pairs) and request.contrasts is None:
         found.append(info("contrast-is-measured"))
     found += [
-        warning("pair-swapped", bright=pair.result.b.roi.name, dark=pair.result.a.roi.name)
+        warning("pair-swapped", bright=pair.b.roi.name, dark=pair.a.roi.name)
         for pair in pairs
-        if request.pairs is not None and pair.result.bright == "b"
+        if request.pairs is not None and pair.bright == "b"
     ]
-    found += [one for pair in pairs for one in pair.result.findings]
+    found += [one for pair in pairs for one in pair.findings]
     found += neighbours.findings if neighbours is not None else ()
     return ImageEvaluation(source, tuple(regions), tuple(pairs), neighbours, unique(found))
-
-
-def _pair(luminance: LuminanceMap, a: Roi, b: Roi, request: ImageRequest) -> ImagePair:
-    result = evaluate_pair(luminance, a, b, request.contrasts, request.epsilon)
-    first, second = (luminance.select(roi).astype(np.float64) for roi in (a, b))
-    highest = max((one.result.interval[1] for one in result.results), default=1.0)
-    return ImagePair(result, contrast_histogram(first, second, highest))
 
 
 #: Most regions for all pairs; with more, pairs must be selected.

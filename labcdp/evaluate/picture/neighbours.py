@@ -30,8 +30,6 @@ class NeighbourEvaluation:
         nan where no darker one is above 0.
     results : tuple of CalibratedCdp
         One for each contrast.
-    distribution : ContrastDistribution or None
-        Of the contrasts of all neighbours, for plots; None where none is finite.
     findings : tuple of Finding
         What a user should know.
     """
@@ -39,7 +37,6 @@ class NeighbourEvaluation:
     rectangle: Rectangle | None
     contrast: float
     results: tuple[CalibratedCdp[NeighbourCdp], ...]
-    distribution: ContrastDistribution | None
     findings: tuple[Finding, ...]
 
     @property
@@ -99,7 +96,6 @@ def evaluate_neighbours(
         contrast=contrast,
         # One pixel takes part in four pairs.
         results=tuple(CalibratedCdp.of(one, added, one.pairs / 4) for one, added in zip(base, variance, strict=True)),
-        distribution=_distribution(values, MOST_TIMES * max((one.interval[1] for one in base), default=inf)),
         findings=tuple(findings if asked else [warning("contrast-undefined", "nearest-neighbour")]),
     )
 
@@ -140,8 +136,10 @@ def _errors(luminance: LuminanceMap, window: Window, values: NDArray[np.float64]
     return [np.where(np.isfinite(error), error, 0.0) for error in found]
 
 
-def _distribution(values: NDArray[np.float64], most: float) -> ContrastDistribution | None:
-    """Cumulative probability of the contrasts of all neighbours, larger over smaller, up to `most`, for plots."""
+def neighbour_distribution(luminance: LuminanceMap, found: NeighbourEvaluation) -> ContrastDistribution | None:
+    """Cumulative probability of the contrasts of all neighbours, larger over smaller, for plots; None without any."""
+    values = np.asarray(luminance.luminance_cd_m2[_window(luminance, found.rectangle)[0]], dtype=np.float64)
+    most = MOST_TIMES * max((one.result.interval[1] for one in found.results), default=inf)
     contrasts = []
     undefined = pairs = 0
     for larger, smaller in _pairs(values):

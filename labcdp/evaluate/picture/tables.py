@@ -11,8 +11,7 @@ from ...metrics import CalibratedCdp, CdpResult, DetectionInterval, NeighbourCdp
 from ...metrics.pair import PairResult
 from ...metrics.region import REASONS, RegionResult
 from ..columns import CDP, CONTRAST, CSNR, SHARES, TARGET, invalid_share, region_columns
-from .image import ImageEvaluation, ImagePair, ImageRequest
-from .neighbours import NeighbourEvaluation
+from .image import AnyContrast, ImageEvaluation, ImageRequest, measured_contrast
 
 #: CDP of two regions, or of neighbouring pixels.
 AnyCdp: TypeAlias = CalibratedCdp[CdpResult] | CalibratedCdp[NeighbourCdp]
@@ -48,16 +47,16 @@ class _Row:
     """A row: a picture, and two regions or its neighbouring pixels with one of the target contrasts, if any."""
 
     picture: ReportedPicture
-    contrast: ImagePair | NeighbourEvaluation
+    contrast: AnyContrast
     one: AnyCdp | None
 
     @property
     def regions(self) -> PairResult | None:
-        return self.contrast.result if isinstance(self.contrast, ImagePair) else None
+        return self.contrast if isinstance(self.contrast, PairResult) else None
 
     @property
     def of_measured(self) -> bool:
-        return [one.result.contrast for one in self.contrast.results] == [self.contrast.contrast]
+        return [one.result.contrast for one in self.contrast.results] == [measured_contrast(self.contrast)]
 
     def tolerance(self, side: str) -> float | None:
         epsilon = None if self.one is None else self.one.result.epsilon
@@ -82,7 +81,7 @@ _CDP_COLUMNS = (
     Column("bright", "bright region", shown=False, value="regions.bright_region.roi.name"),
     Column("dark", "dark region", shown=False, value="regions.dark_region.roi.name"),
     # That of neighbours has no uncertainty.
-    replace(CONTRAST[0], value="contrast.contrast"),
+    replace(CONTRAST[0], value=lambda row: measured_contrast(row.contrast)),
     *_within("regions", *CONTRAST[1:]),
     Column("u_measured_contrast_pixels", "u of measured contrast, pixels", "%", "Its part by the pixels.", 2,
            shown=False, value="regions.contrast_pixels"),
@@ -126,7 +125,7 @@ def cdp_table(pictures: Sequence[ReportedPicture], several: bool) -> Table:
         if picture.evaluation is not None
         for contrast in picture.evaluation.contrasts
         # Regions without a target contrast have a row for their contrast all the same.
-        for one in contrast.results or ((None,) if isinstance(contrast, ImagePair) else ())
+        for one in contrast.results or ((None,) if isinstance(contrast, PairResult) else ())
     ]
     of_measured = any(row.one is not None and row.of_measured for row in rows)
     hidden = set() if of_measured else {"contrast_origin"}

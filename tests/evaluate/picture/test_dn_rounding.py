@@ -47,7 +47,7 @@ def test_cdp_as_by_brute_force_on_the_integers(tmp_path, bits, camera):
     far = [(bright, dark) for bright in dn[:, 10:].flat for dark in dn[:, :10].flat]
     assert [one.result.cdp for one in found.neighbours.results] == [share(near, one) for one in contrasts]
     expected = [share(far, one) for one in contrasts]
-    assert [one.result.cdp for one in found.pairs[0].result.results] == pytest.approx(expected, rel=1e-14)
+    assert [one.result.cdp for one in found.pairs[0].results] == pytest.approx(expected, rel=1e-14)
 
 
 @pytest.mark.parametrize("noise_dn", [0.0, 0.1, 0.3, 0.5, 2.0])

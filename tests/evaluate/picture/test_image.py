@@ -8,6 +8,7 @@ from labcdp.core.luminance import CommonError, LuminanceMap, PixelErrors
 from labcdp.core.result import Finding, info
 from labcdp.core.roi import Roi
 from labcdp.evaluate.picture.conversion import picture_conversion
+from labcdp.evaluate.picture.figures import distribution_of
 from labcdp.evaluate.picture.image import ImageRequest, evaluate_image
 from labcdp.evaluate.picture.neighbours import evaluate_neighbours
 from labcdp.files.picture import ExifFacts, Picture
@@ -38,9 +39,9 @@ def test_all_pairs_or_the_chosen_ones_each_once_with_their_numbers():
     found = _evaluate(ImageRequest((1.0, 2.0), 0.5, (BRIGHT, DARK, CORNER)))
     assert [pair.name for pair in found.pairs] == ["bright / dark", "bright / corner", "dark / corner"]
     a, b = BRIGHT.select(SCENE), DARK.select(SCENE)
-    assert found.pairs[0].result.results[1].result.cdp == cdp(a, b, 2.0).cdp
+    assert found.pairs[0].results[1].result.cdp == cdp(a, b, 2.0).cdp
     assert found.findings == (info("region-correlation-unknown", "corner", pixels=81, recommended=200),)
-    distribution, contrasts = found.pairs[0].distribution, (a[:, None] / b - 1).ravel()
+    distribution, contrasts = distribution_of(found.pairs[0], _map(SCENE)), (a[:, None] / b - 1).ravel()
     middle = len(distribution.edges) // 2
     assert distribution.cumulative[middle] == np.mean(contrasts <= distribution.edges[middle])
     chosen = _evaluate(ImageRequest((1.0,), 0.5, (BRIGHT, DARK, CORNER), (("dark", "bright"), ("bright", "dark"))))
@@ -53,10 +54,10 @@ def test_all_pairs_or_the_chosen_ones_each_once_with_their_numbers():
 def test_without_contrasts_the_measured_one_of_each_pair_is_used():
     found = _evaluate(ImageRequest(None, 0.5, (BRIGHT, DARK, CORNER), neighbours=True))
     for pair in found.pairs[:2]:
-        (one,) = pair.result.results
-        assert one.result.contrast == pair.result.contrast.value
-        assert one.result.cdp == cdp(BRIGHT.select(SCENE), pair.result.b.roi.select(SCENE), one.result.contrast).cdp
-    assert found.pairs[0].result.results[0].result.cdp > 0.9
+        (one,) = pair.results
+        assert one.result.contrast == pair.contrast.value
+        assert one.result.cdp == cdp(BRIGHT.select(SCENE), pair.b.roi.select(SCENE), one.result.contrast).cdp
+    assert found.pairs[0].results[0].result.cdp > 0.9
     pairs = [np.sort(both, axis=0) for both in ((SCENE[:, 1:], SCENE[:, :-1]), (SCENE[1:], SCENE[:-1]))]
     measured = sum(both[1].sum() for both in pairs) / sum(both[0].sum() for both in pairs) - 1
     assert found.neighbours.contrast == pytest.approx(measured)
@@ -73,7 +74,7 @@ def test_a_measured_contrast_that_is_not_defined_has_no_cdp():
         _evaluate(ImageRequest(None, 0.5, neighbours=True, rectangle=(0, 0, 20, 20)), half + 1).neighbours.results == ()
     )
     dark = _evaluate(ImageRequest(None, 0.5, (BRIGHT, DARK)), half)
-    assert dark.pairs[0].result.results == ()
+    assert dark.pairs[0].results == ()
     assert dark.findings[0] == Finding("contrast-undefined", subject="bright / dark")
 
 
@@ -93,7 +94,7 @@ def test_a_shared_factor_cancels_between_neighbours_and_an_offset_does_not():
 
 def test_the_contrasts_of_all_neighbours_are_counted():
     luminance = np.rint(SCENE[:, :45] - 90)
-    found = evaluate_neighbours(_map(luminance), (0.5,)).distribution
+    found = distribution_of(evaluate_neighbours(_map(luminance), (0.5,)), _map(luminance))
     pairs = [
         *zip(luminance[:, 1:].flat, luminance[:, :-1].flat, strict=True),
         *zip(luminance[1:].flat, luminance[:-1].flat, strict=True),

@@ -71,7 +71,7 @@ def test_json_and_sheets_hold_the_numbers_of_the_evaluation(made):
     values = json.loads(envelope_json(result))
     Draft202012Validator(schema()).validate(values)
     tables = {name: table["rows"] for name, table in values["tables"].items()}
-    first, found = tables["cdp"][1], pictures[0].evaluation.pairs[0].result
+    first, found = tables["cdp"][1], pictures[0].evaluation.pairs[0]
     one = found.results[1]
     assert (first["picture"], first["dark"], first["contrast"]) == ("1.png", HOSTILE, 1.0)
     assert (first["cdp"], first["cdp_low"], first["cdp_high"]) == (one.result.cdp, *one.confidence_interval)
@@ -81,7 +81,7 @@ def test_json_and_sheets_hold_the_numbers_of_the_evaluation(made):
     # As in the program of the 2018 thesis: a column a picture.
     book = openpyxl.load_workbook(BytesIO(result_workbook(result, datetime(2026, 1, 2, tzinfo=UTC))))
     evaluation = pictures[1].evaluation
-    for number, results in ((3, evaluation.pairs[0].result.results), (4, evaluation.neighbours.results)):
+    for number, results in ((3, evaluation.pairs[0].results), (4, evaluation.neighbours.results)):
         _, *lines = ([cell.value for cell in line] for line in book.worksheets[number].iter_rows())
         expected = [(one.result.contrast, pytest.approx(one.result.cdp, rel=1e-14), None) for one in results]
         assert [(line[0], *line[2:]) for line in lines] == expected

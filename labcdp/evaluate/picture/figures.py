@@ -71,7 +71,8 @@ def distribution_of(pair: AnyContrast, luminance: LuminanceMap) -> ContrastDistr
     if isinstance(pair, NeighbourEvaluation):
         return neighbour_distribution(luminance, pair)
     highest = max((one.result.interval[1] for one in pair.results), default=1.0)
-    return contrast_histogram(*(luminance.select(one.roi).astype(np.float64) for one in (pair.a, pair.b)), highest)
+    a, b = (luminance.select(region.roi).astype(np.float64) for region in (pair.a, pair.b))
+    return contrast_histogram(a, b, highest)
 
 
 def _drawn(found: Sequence[DetectionResult], measured: float) -> Sequence[DetectionResult]:

@@ -179,8 +179,8 @@ def _final(
     of_drift = fit_tests.drift(plain)
     of_step, errors = fit_tests.step(plain, limits_rel, of_place, of_drift)
     if glare_cd_m2:
-        zero, width = np.zeros(given.net_dn.size), _FREE if of_glare.significant else 1.0
-        errors.append(SharedError(INTERCEPT, zero, zero, cd_m2=width * glare_cd_m2))
+        width = _FREE if of_glare.significant else 1.0
+        errors.append(SharedError(INTERCEPT, cd_m2=width * glare_cd_m2))
     design = replace(given, shared=(*given.shared, *errors))
     stated = solve(design, first.candidate)
     final = with_scatter(design, first.candidate, by_place=beyond)

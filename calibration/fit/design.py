@@ -38,7 +38,7 @@ class SharedError:
     ----------
     source : str
         Name in the budget.
-    relative, dn : ndarray of float, shape (n,)
+    relative, dn : ndarray of float, shape (n,), or float
         Its effect on each observation, relative to the luminance and in DN, for one standard uncertainty.
     dark, gain_db, dof, pattern : tuple of float, float or None, float, int or None
         As of `FitError`, whose effects on converted frames are those of the same error.
@@ -47,13 +47,18 @@ class SharedError:
     """
 
     source: str
-    relative: Array
-    dn: Array
+    relative: Array | float = 0.0
+    dn: Array | float = 0.0
     dark: tuple[float, ...] = ()
     gain_db: float | None = None
     dof: float = inf
     cd_m2: float = 0.0
     pattern: int | None = None
+
+    def where(self, kept: NDArray[np.bool_]) -> SharedError:
+        """Return the same error of some observations, by a mask."""
+        relative, dn = (one[kept] if isinstance(one, np.ndarray) else one for one in (self.relative, self.dn))
+        return replace(self, relative=relative, dn=dn)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,10 +172,10 @@ class Design:
 
     @cached_property
     def _shared_arrays(self) -> tuple[Array, Array, Array]:
-        """Shared errors relative to the luminance and in DN, shape (k, n), and in cd/m^2, shape (k, 1)."""
+        """Shared errors relative to the luminance, in DN and in cd/m^2, shape (k, n)."""
         names, n = ("relative", "dn", "cd_m2"), self.net_dn.size
-        relative, dn, cd_m2 = (np.array([getattr(e, name) for e in self.shared]) for name in names)
-        return relative.reshape(-1, n), dn.reshape(-1, n), cd_m2.reshape(-1, 1)
+        relative, dn, cd_m2 = (np.array([getattr(e, name) + np.zeros(n) for e in self.shared]) for name in names)
+        return relative.reshape(-1, n), dn.reshape(-1, n), cd_m2.reshape(-1, n)
 
     def without_shared(self, source: str) -> Design:
         """Return the same without the shared errors of a source."""
@@ -185,7 +190,7 @@ class Design:
             patch=self.patch[kept] - (self.patch[kept] > patch),
             exposure=self.exposure[kept],
             signals=self.signals.where(kept),
-            shared=tuple(replace(e, relative=e.relative[kept], dn=e.dn[kept]) for e in self.shared),
+            shared=tuple(e.where(kept) for e in self.shared),
             own_rel=self.own_rel[others],
             uneven_rel=self.uneven_rel[others],
             place=self.place[others],
@@ -213,13 +218,13 @@ def build_design(
     # As in the mean over a patch's exposures: weights are inverse variances of signal over time.
     weight = times**2 / signals.variance_dn2
     total = np.bincount(patch, weight)
-    vignetting, zero = observations[0].vignetting, np.zeros(times.size)
+    vignetting = observations[0].vignetting
     places = observations[0].state.image_shape, [group[0].centre_px for group in groups.values()]
     place = smooth_patterns(*places)
     shared = [
         *_dark_errors(observations, signals.gain_index, settings),
         *(
-            SharedError("exposure time", np.where(times == t, exposure_time_rel(t, exposure_jitter_s), 0.0), zero)
+            SharedError("exposure time", np.where(times == t, exposure_time_rel(t, exposure_jitter_s), 0.0))
             for t in exposures_s
         ),
         *_place_errors(vignetting, place, vignetting_errors(vignetting, *places), patch),
@@ -249,7 +254,7 @@ def _dark_errors(
         for parameters in setting.dark.errors():
             dark_dn = np.where(gain == index, sensitivities @ parameters, 0.0)
             steps = tuple(float(v) for v in parameters)
-            errors.append(SharedError(DARK, np.zeros(len(observations)), dark_dn, steps, setting.gain_db))
+            errors.append(SharedError(DARK, 0.0, dark_dn, steps, setting.gain_db))
     return errors
 
 
@@ -257,10 +262,10 @@ def _place_errors(
     vignetting: AnyVignetting | None, place: Array, of_patterns: Array, patch: NDArray[np.intp]
 ) -> list[SharedError]:
     """Errors of the vignetting: what a flat field leaves may be a slope over the image, beside `Design.field_rel`."""
-    source, zero = source_of_place(vignetting), np.zeros(patch.size)
+    source = source_of_place(vignetting)
     of_field = slow_rel(vignetting) / sqrt(place.shape[1]) * place.T
-    errors = [SharedError(FLAT_FIELD, row[patch], zero) for row in of_field if row.any()]
-    return errors + [SharedError(source, row[patch], zero, pattern=k) for k, row in enumerate(of_patterns)]
+    errors = [SharedError(FLAT_FIELD, row[patch]) for row in of_field if row.any()]
+    return errors + [SharedError(source, row[patch], pattern=k) for k, row in enumerate(of_patterns)]
 
 
 def _frame_errors(
@@ -268,14 +273,13 @@ def _frame_errors(
 ) -> list[SharedError]:
     """Flicker of the light and drift of the black level, common to all patches of the same frames."""
     frames = [o.frames for o in observations]
-    zero = np.zeros(len(frames))
     errors = []
     for one in dict.fromkeys(frames):
         own = np.array([other == one for other in frames])
         flicker, black = np.where(own, signals.flicker_rel, 0.0), np.where(own, signals.black_level_dn, 0.0)
-        errors.append(SharedError(FLICKER, flicker, zero, dof=setting.noise.flicker_dof or inf))
-        errors.append(SharedError(BLACK_LEVEL, zero, black, dof=setting.dark.drift_dof or inf))
-    return [e for e in errors if e.relative.any() or e.dn.any()]
+        errors.append(SharedError(FLICKER, flicker, dof=setting.noise.flicker_dof or inf))
+        errors.append(SharedError(BLACK_LEVEL, dn=black, dof=setting.dark.drift_dof or inf))
+    return [e for e in errors if np.any(e.relative) or np.any(e.dn)]
 
 
 def _drift(observations: Sequence[PatchObservation], read_at: Sequence[datetime]) -> list[SharedError]:
@@ -286,4 +290,4 @@ def _drift(observations: Sequence[PatchObservation], read_at: Sequence[datetime]
     start = min(*recorded, *read_at)
     frames_h, read_h = (np.array([(t - start).total_seconds() / 3600 for t in times]) for times in (recorded, read_at))
     span_h = max(float(frames_h.max()), float(read_h.max()), 1.0)
-    return [SharedError(DRIFT, DRIFT_REL * (read_h - frames_h) / span_h, np.zeros(read_h.size))]
+    return [SharedError(DRIFT, DRIFT_REL * (read_h - frames_h) / span_h)]

@@ -13,6 +13,7 @@ import numpy as np
 
 from ...core.dn import Response
 from ...core.errors import CalibrationError
+from ..uncertainty import expanded_half_width
 from .candidates import CandidateModel, Curve
 from .design import Array, Design
 
@@ -42,14 +43,19 @@ class Shift(NamedTuple):
         Degrees of freedom of the uncertainty.
     """
 
-    value: float
-    uncertainty: float
+    value: float = 0.0
+    uncertainty: float = inf
     dof: float = inf
 
     @property
     def known(self) -> bool:
         """Whether the pattern can be told from the model."""
         return self.uncertainty < inf
+
+    @property
+    def expanded(self) -> float:
+        """Expanded uncertainty U (95 %) if it is normal."""
+        return expanded_half_width(0.0, float(self.uncertainty)) if self.known else inf
 
     @property
     def z(self) -> float:
@@ -140,7 +146,7 @@ class Solution:
         """
         seen = float(pattern @ self.left @ pattern)
         if seen <= 1e-12 * float(pattern @ self.weight @ pattern):
-            return Shift(0.0, inf)
+            return Shift()
         return Shift(float(pattern @ self.left @ self.residual) / seen, seen**-0.5)
 
 

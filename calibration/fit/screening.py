@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from math import hypot, inf, sqrt
+from math import hypot, sqrt
 from typing import Any
 
 import numpy as np
@@ -136,7 +136,7 @@ def _better_of_two(
     if len(pair) != 2 or not contradict([*pair.values()]) or len(design.patches) < _MIN_PATCHES:
         return data
     best = _best_without_one(design, candidates, [patch])
-    shift = Shift(0.0, inf) if best is None else best[0].shift(_pattern(design, patch))
+    shift = Shift() if best is None else best[0].shift(_pattern(design, patch))
     if not shift.known:
         return data
     expected = float(design.reading_cd_m2[patch] + shift.value)

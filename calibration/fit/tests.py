@@ -15,7 +15,7 @@ from ..converter import VIGNETTING
 from ..findings import FitTest
 from ..sensor.dark import DarkModel
 from ..sensor.noise import GainSetting
-from ..uncertainty import FALSE_ALARM, critical_value, expanded_half_width, p_value_of_chi_squared
+from ..uncertainty import FALSE_ALARM, critical_value, p_value_of_chi_squared
 from .design import Design, SharedError
 from .problem import Shift, Solution, solve
 from .scatter import shift_with_scatter, within_patches
@@ -38,20 +38,13 @@ _LIMIT = 3.0
 def glare(solution: Solution, responsivity_dn_s_cd_m2: float) -> FitTest:
     """Free intercept: glare of constant luminance, or a wrong dark signal."""
     readings = solution.design.reading_cd_m2
-    if readings.max() < MIN_SPAN * readings.min():
-        return _untestable("glare", "cd/m²", "span")
-    veil = shift_with_scatter(solution, np.ones_like(solution.luminance))
-    if not veil.known:
-        return _untestable("glare", "cd/m²", "patches")
+    narrow = readings.max() < MIN_SPAN * readings.min()
+    veil = Shift() if narrow else shift_with_scatter(solution, np.ones_like(solution.luminance))
     significant = veil.z > _critical_value(veil.dof) and not _rather_a_wrong_dark(solution)
-    values = {
-        "intercept_cd_m2": veil.value,
-        "expanded_cd_m2": expanded_half_width(0.0, veil.uncertainty),
-        "intercept_dn_s": veil.value * responsivity_dn_s_cd_m2,
-        "z": veil.z,
-    }
-    found = "intercept" if veil.value > 0 else "intercept-negative"
-    return _test("glare", veil, "cd/m²", significant, (found, "no-intercept"), values)
+    intercept = {"intercept_cd_m2": veil.value, "expanded_cd_m2": veil.expanded}
+    values = {**intercept, "intercept_dn_s": veil.value * responsivity_dn_s_cd_m2, "z": veil.z}
+    codes = "intercept" if veil.value > 0 else "intercept-negative", "no-intercept"
+    return _test("glare", veil, "cd/m²", significant, codes, values, "span" if narrow else "patches")
 
 
 def possible_glare_cd_m2(test: FitTest) -> float:
@@ -68,28 +61,22 @@ def _rather_a_wrong_dark(solution: Solution) -> bool:
 
 def exposure_reciprocity(solution: Solution) -> FitTest:
     """Most deviating exposure time relative to the others."""
-    name = "exposure reciprocity"
     rows = [(t, shift_with_scatter(solution, pattern)) for t, pattern in exposure_patterns(solution)]
-    exposure_s, shift = max(rows, key=lambda row: row[1].z, default=(0.0, Shift(0.0, inf)))
-    if not shift.known:
-        return _untestable(name, "", "exposures")
+    exposure_s, shift = max(rows, key=lambda row: row[1].z, default=(0.0, Shift()))
     limit = max(critical_value(len(rows), shift.dof) * shift.uncertainty, EXPOSURE_TOLERANCE_REL)
-    values = {"exposure_s": exposure_s, **_relative(shift)}
-    return _test(name, shift, "", abs(shift.value) > limit, ("exposure-deviates", "exposures-agree"), values)
+    values, codes = {"exposure_s": exposure_s, **_relative(shift)}, ("exposure-deviates", "exposures-agree")
+    return _test("exposure reciprocity", shift, "", abs(shift.value) > limit, codes, values, "exposures")
 
 
 def drift(solution: Solution) -> FitTest:
     """Drift of camera over meter with the time of the readings."""
     pattern = drift_pattern(solution)
-    if not pattern.any():
-        return _untestable("drift", "1/h", "time")
     shift = shift_with_scatter(solution, pattern)
-    if not shift.known:
-        return _untestable("drift", "1/h", "patches")
     other = max(worth_of_place(solution), worth_of_step(solution))
     significant = shift.z > _critical_value(shift.dof) and solution.shift(pattern).z >= other
     values = {"span_h": float(np.ptp(solution.design.read_h)), **_relative(shift)}
-    return _test("drift", shift, "1/h", significant, ("drift", "no-drift"), values)
+    untestable = "patches" if pattern.any() else "time"
+    return _test("drift", shift, "1/h", significant, ("drift", "no-drift"), values, untestable)
 
 
 def step(solution: Solution, limits_rel: float, *others: FitTest) -> tuple[FitTest, list[SharedError]]:
@@ -101,22 +88,20 @@ def step(solution: Solution, limits_rel: float, *others: FitTest) -> tuple[FitTe
     """
     (pattern, first, n), name = strongest_step(solution), "meter step"
     shift = shift_with_scatter(solution, pattern)
-    if not shift.known:
-        return _untestable(name, "", "patches"), []
     rivals = {one.name for one in others if one.significant}
     other = max(
         worth_of_place(solution) if "vignetting" in rivals else 0.0,
         solution.shift(drift_pattern(solution)).z if "drift" in rivals else 0.0,
     )
     significant = shift.z > critical_value(n, shift.dof) and worth_of_step(solution) > other
-    opposite, zero = shift._replace(value=-shift.value), np.zeros_like(pattern)
+    opposite = shift._replace(value=-shift.value)
     values = {"patch": solution.design.patches[first], **_relative(opposite)}
     code = STEP_OF_METER if abs(shift.value) <= limits_rel else "readings-step"
     errors = [shift.value * pattern / solution.luminance] if significant else []
     if significant and code != STEP_OF_METER:
         errors.append(np.full_like(pattern, abs(shift.value) / 2 / sqrt(3)))
     test = _test(name, opposite, "", significant, (code, "no-readings-step"), values)
-    return test, [SharedError(name, one, zero) for one in errors]
+    return test, [SharedError(name, one) for one in errors]
 
 
 def vignetting_left(solution: Solution, vignetting: AnyVignetting | None) -> FitTest:
@@ -134,7 +119,7 @@ def vignetting_left(solution: Solution, vignetting: AnyVignetting | None) -> Fit
         even = solution
     drop, n, deviations = by_place(even)
     if n == 0:
-        return _untestable(name, "", "places")
+        return _test(name, Shift(), "", False, ("", ""), {}, "places")
     # Widened by the residual scatter between the patches, or that of all observations if larger.
     dof = len(design.patches) - solution.candidate.n_parameters - n
     left = even.chi_squared - drop
@@ -182,48 +167,46 @@ def dark_signal(solution: Solution, dark: DarkModel, findings: Sequence[Finding]
     findings : sequence of Finding
         What `fit_dark` found.
     """
-    shift, name = shift_with_scatter(solution, solution.slope), "dark signal"
+    shift = shift_with_scatter(solution, solution.slope)
     against = next((one for one in findings if one.code in ("dark-falls", "dark-contradicts")), None)
-    if against is not None:
-        value, uncertainty = shift[:2] if shift.known else (0.0, 0.0)
-        return FitTest(name, value, uncertainty, "DN", True, against)
-    if not shift.known:
-        return _untestable(name, "DN", "patches")
     significant = shift.z > _critical_value(shift.dof) and _rather_a_wrong_dark(solution)
-    values = {"difference_dn": shift.value, "expanded_dn": expanded_half_width(0.0, shift.uncertainty)}
+    values = {"difference_dn": shift.value, "expanded_dn": shift.expanded}
     agrees = "dark-agrees" if len(dark.exposures_s) > 1 else "dark-agrees-at-one-exposure"
-    return _test(name, shift, "DN", significant, ("dark-differs", agrees), values)
+    test = _test("dark signal", shift, "DN", significant, ("dark-differs", agrees), values)
+    return test if against is None else replace(test, significant=True, finding=against)
 
 
 def gain(gains: Sequence[GainSetting], own_db: float) -> FitTest:
     """Most deviating fitted gain factor relative to 10^(dB / 20) over the calibration's own gain."""
-    if not gains:
-        return _untestable("gain", "", "gains")
     rows = [
         (one.gain_db, Shift(one.factor / 10 ** ((one.gain_db - own_db) / 20) - 1, one.factor_random_rel))
         for one in gains
     ]
-    gain_db, shift = max(rows, key=lambda row: abs(row[1].value) / max(row[1].uncertainty, 1e-12))
+    largest = max(rows, key=lambda row: abs(row[1].value) / max(row[1].uncertainty, 1e-12), default=(own_db, Shift()))
+    gain_db, shift = largest
     limit = max(critical_value(len(rows)) * shift.uncertainty, GAIN_TOLERANCE_REL)
     values = {"gain_db": gain_db, "own_db": own_db, **_relative(shift)}
-    return _test("gain", shift, "", abs(shift.value) > limit, ("gain-deviates", "gain-as-set"), values)
-
-
-def _untestable(name: str, unit: str, why: str) -> FitTest:
-    """Return a test that was not possible."""
-    return FitTest(name, 0.0, 0.0, unit, False, info(f"not-testable-{why}", name))
+    return _test("gain", shift, "", abs(shift.value) > limit, ("gain-deviates", "gain-as-set"), values, "gains")
 
 
 def _test(
-    name: str, found: Shift, unit: str, significant: bool, codes: tuple[str, str], values: Mapping[str, FindingValue]
+    name: str,
+    found: Shift,
+    unit: str,
+    significant: bool,
+    codes: tuple[str, str],
+    values: Mapping[str, FindingValue],
+    untestable: str = "patches",
 ) -> FitTest:
-    """Return a test with the finding of one code if significant, else of the other."""
+    """Return a test with the finding of one code if significant, else of the other; or why it was not possible."""
+    if not found.known:
+        return FitTest(name, 0.0, 0.0, unit, False, info(f"not-testable-{untestable}", name))
     finding = warning(codes[0], **values) if significant else info(codes[1], **values)
     return FitTest(name, float(found.value), float(found.uncertainty), unit, significant, finding)
 
 
 def _relative(found: Shift) -> dict[str, FindingValue]:
-    return {"deviation_rel": float(found.value), "expanded_rel": expanded_half_width(0.0, float(found.uncertainty))}
+    return {"deviation_rel": float(found.value), "expanded_rel": found.expanded}
 
 
 def _p_value_of_ratio(ratio: float, n: int, dof: float) -> float:

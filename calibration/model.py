@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Any, Self, TypeAlias
 
 from ..core.errors import InputError
 from ..core.frame import Frame
@@ -17,6 +17,9 @@ from .findings import FitTest, LeftOut, ModelStep
 from .frames.observations import CameraState
 from .readings import MeasuredPatch, PatchReading
 from .setup import Provenance
+
+#: What a camera sees of a patch: its luminance, by some exposures.
+Seen: TypeAlias = tuple[float, tuple[float, ...]]
 
 
 @dataclass(frozen=True)
@@ -43,23 +46,11 @@ class PatchResidual(MeasuredPatch):
 
     @classmethod
     def compared(
-        cls,
-        reading: PatchReading,
-        seen: tuple[float, tuple[float, ...]],
-        stated_rel: float,
-        centre_px: tuple[float, float],
-        leave_one_out_rel: float | None,
+        cls, reading: PatchReading, seen: Seen, stated_rel: float, centre_px: tuple[float, float], without: float | None
     ) -> PatchResidual:
-        """Row of a reading and of what the camera saw, luminance and exposures; `stated_rel` is over the reading."""
+        """Row of a reading and of what the camera saw; `stated_rel` is over the reading, `without` by other patches."""
         deviation = seen[0] / reading.luminance_cd_m2 - 1
-        return cls.of(
-            reading,
-            *seen,
-            residual_rel=deviation,
-            standardised_residual=deviation / stated_rel,
-            centre_px=centre_px,
-            leave_one_out_rel=leave_one_out_rel,
-        )
+        return cls.of(reading, *seen, deviation, deviation / stated_rel, centre_px, without)
 
 
 def range_of(rows: Sequence[PatchResidual]) -> tuple[float, float]:

@@ -77,10 +77,10 @@ class MeasuredPatch:
     exposures_s: tuple[float, ...]
 
     @classmethod
-    def of(cls, reading: PatchReading, luminance_cd_m2: float, exposures_s: tuple[float, ...], **own: Any) -> Self:
-        """Row of a reading and a luminance, with what else this kind of row has."""
+    def of(cls, reading: PatchReading, *own: Any, **named: Any) -> Self:
+        """Row of a reading, a luminance, its exposures, and what else this kind of row has."""
         of_meter = reading.patch, reading.luminance_cd_m2, reading.random_cd_m2, reading.n_readings
-        return cls(*of_meter, luminance_cd_m2, exposures_s, **own)
+        return cls(*of_meter, *own, **named)
 
 
 def combine_readings(patch: str, readings: Sequence[Reading]) -> tuple[PatchReading, list[Finding]]:

@@ -239,14 +239,10 @@ def _not_radial(flattened: NDArray[np.float64]) -> list[Finding]:
     spread = float(np.ptp(smooth))
     if spread <= 2 * _NOT_RADIAL_REL:
         return []
-    row, column = np.unravel_index(int(np.argmax(np.abs(smooth - np.median(smooth)))), smooth.shape)
-    where = f"{_place(row, smooth.shape[0], 'top', 'bottom')} {_place(column, smooth.shape[1], 'left', 'right')}"
+    place = np.unravel_index(int(np.argmax(np.abs(smooth - np.median(smooth)))), smooth.shape)
+    row, column = (3 * int(at) // n for at, n in zip(place, smooth.shape, strict=True))
+    where = f"{('top', 'middle', 'bottom')[row]} {('left', 'middle', 'right')[column]}"
     return [warning("flat-not-radial", change_rel=spread, where=where)]
-
-
-def _place(index: np.intp, n: int, low: str, high: str) -> str:
-    third = 3 * int(index) // n
-    return low if third == 0 else "middle" if third == 1 else high
 
 
 def _steps(flattened: NDArray[np.float64], pixel_rel: float) -> list[Finding]:

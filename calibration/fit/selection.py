@@ -13,7 +13,6 @@ from ...core.clock import exposure_text
 from ...core.errors import CalibrationError
 from ...core.result import Finding, info
 from ..findings import ModelStep
-from ..sensor.response import ResponseCurve
 from ..uncertainty import SMALL_P_VALUE, p_value_of_chi_squared
 from .candidates import CandidateModel
 from .design import Array, Design
@@ -113,7 +112,10 @@ def select_model(design: Design, candidates: Sequence[CandidateModel]) -> tuple[
     stated = chosen.covariance
     best = leave_one_out(chosen)
     bracket = candidates[0].bracket
-    tried = [(candidates[0], best, info("model-simplest") if bracket is None else _given(bracket))]
+    first = info("model-simplest")
+    if bracket is not None:
+        first = info("model-bracket", n_exposures=len(bracket.exposures_s), residual_rel=bracket.residual_rel)
+    tried = [(candidates[0], best, first)]
     for solution in solutions(design, candidates[1:]):
         left_out = leave_one_out(solution, stated)
         before, after = float(best.score.sum()), float(left_out.score.sum())
@@ -139,10 +141,6 @@ def select_model(design: Design, candidates: Sequence[CandidateModel]) -> tuple[
         ModelStep(candidate.kind, candidate.n_parameters, error, candidate == chosen.candidate, reason)
         for (candidate, _, reason), error in zip(tried, errors, strict=True)
     )
-
-
-def _given(bracket: ResponseCurve) -> Finding:
-    return info("model-bracket", n_exposures=len(bracket.exposures_s), residual_rel=bracket.residual_rel)
 
 
 def _obstacle(simple: Solution, before: LeaveOneOut, better: Solution, after: LeaveOneOut) -> Finding | None:

@@ -130,7 +130,8 @@ def response_from_bracket(frames: Sequence[Frame], dark_dn: float) -> ResponseCu
     groups_of_frames = _by_exposure(frames)
     exposures_s = tuple(groups_of_frames)
     every = max(frames[0].dn.size // _MOST_PIXELS, 1)
-    net_dn = np.stack([_mean_dn(group, every) for group in groups_of_frames.values()]) - dark_dn
+    sampled = [[frame.dn.ravel()[::every] for frame in group] for group in groups_of_frames.values()]
+    net_dn = np.stack([np.mean(group, axis=0) for group in sampled]) - dark_dn
     limits, share = _covered(net_dn, frames[0].saturation_dn - dark_dn, 2.0 ** max(frames[0].bit_depth - 8, 0))
     if share < MIN_COVERED_SHARE:
         raise CalibrationError(
@@ -167,14 +168,6 @@ def _by_exposure(frames: Sequence[Frame]) -> dict[float, list[Frame]]:
     for frame in frames[1:]:
         state.require(CameraState.of(frame), "the first frame", f"frame {frame.frame_id}")
     return groups
-
-
-def _mean_dn(frames: Sequence[Frame], every: int) -> NDArray[np.float64]:
-    """Mean over frames of a subsample of the pixels."""
-    total = np.zeros(frames[0].dn.ravel()[::every].size)
-    for frame in frames:
-        total += frame.dn.ravel()[::every]
-    return total / len(frames)
 
 
 def _covered(net_dn: NDArray[np.float64], full_dn: float, step_dn: float) -> tuple[tuple[float, float], float]:

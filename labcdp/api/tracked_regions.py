@@ -22,8 +22,6 @@ from .variables import described, noted
 if TYPE_CHECKING:
     from xarray import Dataset
 
-_U = "_standard_uncertainty"
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TrackedRegions:
@@ -131,11 +129,6 @@ class TrackedRegions:
         return replace(common, rois=rois, method=method, reference=reference, image_size=self.image_size)
 
 
-def renamed(dataset: Dataset) -> Dataset:
-    """Return the results with u_NAME for the standard uncertainty of NAME."""
-    return dataset.rename({name: f"u_{str(name).removesuffix(_U)}" for name in dataset if str(name).endswith(_U)})
-
-
 def _joined(pairs: Sequence[Dataset]) -> Dataset:
     """Results of the pairs over their names."""
     import xarray as xr
@@ -157,7 +150,6 @@ def _attributes(attributes: Sequence[dict[str, Any]], failed: Sequence[Finding])
 
 def _of_pair(dataset: Dataset, measured: bool) -> Dataset:
     """Results of a pair with its name; with the measured contrast as a coordinate."""
-    dataset = renamed(dataset)
     bright, dark = dataset["region"].values
     dataset = dataset.drop_vars("region").rename({"region": "side"})
     dataset = dataset.expand_dims(pair=[f"{bright} / {dark}"]).assign_coords(

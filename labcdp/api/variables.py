@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..core.result import Finding
-from ..core.table import Column, variables_of
-from ..evaluate.columns import CDP, CONTRAST, CSNR, SHARES, invalid_share, region_columns
+from ..core.table import variables_of
+from ..evaluate.columns import CDP, CONTRAST, CSNR, SHARES, by_itself, invalid_share, region_columns
 from ..report.text import finding_text
 from .arguments import Asked
 
@@ -49,14 +49,9 @@ def pair_variables(pairs: Sequence[Any], unit: str) -> dict[str, Any]:
     sides = [(pair.bright_region, pair.dark_region) for pair in pairs]
     of_region = (*region_columns(unit), invalid_share("saturated"))
     return {
-        **variables_of(_without_expanded(*CONTRAST, *CSNR), ("pair",), pairs),
-        **variables_of(_without_expanded(*of_region), ("pair", "side"), sides),
+        **variables_of(by_itself(*CONTRAST, *CSNR), ("pair",), pairs),
+        **variables_of(by_itself(*of_region), ("pair", "side"), sides),
     }
-
-
-def _without_expanded(*columns: Column) -> list[Column]:
-    """Leave out U, of which there is u."""
-    return [column for column in columns if not column.name.startswith("expanded_")]
 
 
 def at_contrasts(dataset: Dataset, asked: Asked, measured: Any) -> Dataset:

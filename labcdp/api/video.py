@@ -35,7 +35,7 @@ from .arguments import (
     drawn_on,
 )
 from .picture import StatedOfVideo, conversion_of, require_known
-from .tracked_regions import TrackedRegions, renamed
+from .tracked_regions import TrackedRegions
 from .variables import described
 
 if TYPE_CHECKING:
@@ -196,7 +196,7 @@ class Video:
         settings = VideoSettings(asked.values, epsilon=epsilon, selection=_selection(start, stop, every))
         (dataset,) = self.evaluate([settings], progress)
         assert not isinstance(dataset, LabcdpError)
-        dataset = described(renamed(dataset), dataset.attrs["unit"])
+        dataset = described(dataset, dataset.attrs["unit"])
         return dataset.isel(contrast=0) if asked.scalar else dataset
 
     def evaluate(

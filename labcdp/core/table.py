@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from .errors import InputError
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
     from xarray import Dataset
 
 #: 97.5 % quantile of the standard normal distribution: U (95 %) in standard uncertainties.
@@ -165,10 +166,15 @@ def variables_of(columns: Sequence[Column], dims: tuple[str, ...], items: Sequen
     found = {}
     for column, values in zip(columns, values_of(columns, flat).values(), strict=True):
         array = np.array([np.nan if value is None else value for value in values]).reshape(shape)
-        unit = "1" if column.unit == "%" or (array.dtype.kind in "iuf" and not column.unit) else column.unit
-        attributes = {"long_name": column.label, "units": unit.replace("²", "^2"), "description": column.meaning}
-        found[column.name] = (dims, array, {key: text for key, text in attributes.items() if text})
+        found[column.name] = (dims, array, attributes_of(column, array))
     return found
+
+
+def attributes_of(column: Column, array: NDArray[Any]) -> dict[str, str]:
+    """Return unit and meaning of a column's values as attributes of a variable of an `xarray.Dataset`."""
+    unit = "1" if column.unit == "%" or (array.dtype.kind in "iuf" and not column.unit) else column.unit
+    attributes = {"long_name": column.label, "units": unit.replace("²", "^2"), "description": column.meaning}
+    return {key: text for key, text in attributes.items() if text}
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,18 +283,9 @@ class Table:
 
     def to_dataset(self) -> Dataset:
         """Return the table as `xarray.Dataset` with the dimension ``row`` and units and meanings as attributes."""
-        import numpy as np
         from xarray import Dataset
 
-        variables = {}
-        for column in self.columns:
-            values = list(self.data[column.name])
-            numeric = all(value is None or isinstance(value, int | float | np.number) for value in values)
-            known = [np.nan if value is None else value for value in values] if numeric else list(map(str, values))
-            unit = "1" if column.unit == "%" else column.unit
-            attributes = {"long_name": column.label, "units": unit, "description": column.meaning}
-            variables[column.name] = ("row", np.array(known), {key: text for key, text in attributes.items() if text})
-        return Dataset(variables, attrs={"title": self.title})
+        return Dataset(variables_of(self.columns, ("row",), list(self.rows())), attrs={"title": self.title})
 
 
 @dataclass(frozen=True, eq=False)

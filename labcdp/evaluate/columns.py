@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from ..core.table import Column, uncertain
 
 #: Of a `CalibratedCdp`: the probability, and the shares of the pairs to either side.
@@ -52,3 +54,9 @@ def invalid_share(reason: str, shown: bool = False) -> Column:
         reason, reason.replace("_", " "), "%", "Share of the pixels that are not valid for this reason.", 2,
         shown=shown, value=lambda region: float(region.invalid_shares.get(reason, 0.0)),
     )  # fmt: skip
+
+
+def by_itself(*columns: Column) -> tuple[Column, ...]:
+    """Return columns as variables, each by itself: u stays, U goes."""
+    kept = (column for column in columns if not column.name.startswith("expanded_"))
+    return tuple(replace(column, expanded="", low="", high="") for column in kept)

@@ -54,7 +54,9 @@ def archive_result(archive: ArchiveResult) -> Result:
     ):
         rows = [{"video": one.task.folder.name, **row} for one in done for row in _rows(one, name)]
         if rows:
-            tables.append(Table.of_items(name, title, (_VIDEO, *columns), rows, detail=True))
+            # Rows of results that were written hold the values by name.
+            by_name = [replace(column, value="") for column in columns]
+            tables.append(Table.of_items(name, title, (_VIDEO, *by_name), rows, detail=True))
     # Most reasons name the file.
     failures = (
         error("video-failed", reason=one.error if path in one.error else f"{path}: {one.error}", path=path)

@@ -16,58 +16,32 @@ from ...core.disk import parse_json
 from ...core.disk.journal import Row
 from ...core.errors import InputError
 from ...core.result import Finding
-from ...core.table import Column, values_of
+from ...core.table import Column, attributes_of, values_of
+from ..columns import CDP, CONTRAST, CSNR, SHARES, TARGET, by_itself, invalid_share, region_columns
 
 if TYPE_CHECKING:
     from xarray import Dataset
 
 
-def _with_u(column: Column, decimals: int, parts: Sequence[str] = ("value", "standard_error")) -> tuple[Column, ...]:
-    """Columns of an estimate, taken from the column's value, and of its standard uncertainty."""
-    path = f"{column.value}." if column.value else ""
-    name, what = f"{column.name}_standard_uncertainty", f"Standard uncertainty of the {column.label}."
-    u = Column(name, f"u of {column.label}", column.unit, what, decimals=decimals, value=path + parts[1])
-    return replace(column, value=path + parts[0]), u
-
-
 #: Stands for the unit of the video's means: cd/m² or none.
 LIGHT = "light"
-_LOW, _HIGH = (f"{end} end of the 95 % interval of the CDP." for end in ("Lower", "Upper"))
 #: Over frame and contrast; taken from a `CalibratedCdp`.
-OF_CONTRAST = (
-    Column("cdp", "CDP", "", "Contrast detection probability.", decimals=4, value="result.cdp"),
-    Column("cdp_standard_uncertainty", "u of CDP", "", "Standard uncertainty of the CDP.", decimals=4,
-           value="standard_uncertainty"),
-    Column("cdp_low", "CDP, low end of 95 %", "", _LOW, decimals=4, value="confidence_interval.0"),
-    Column("cdp_high", "CDP, high end of 95 %", "", _HIGH, decimals=4, value="confidence_interval.1"),
-    Column("below", "share below", "", "Share of pairs with a lower contrast.", decimals=4, value="result.below"),
-    Column("above", "share above", "", "Share of pairs with a higher contrast.", decimals=4, value="result.above"),
-)  # fmt: skip
+OF_CONTRAST = by_itself(*CDP, *SHARES)
 #: Over frame; taken from a `PairResult`.
-OF_PAIR = (
-    *_with_u(Column("measured_contrast", "measured contrast", "%", "Weber contrast of the regions' means.", decimals=2,
-                    value="contrast"), 2),
-    *_with_u(Column("csnr", "CSNR", "", "Contrast signal-to-noise ratio.", decimals=2, value="csnr"), 3),
-)  # fmt: skip
+OF_PAIR = by_itself(*CONTRAST, *CSNR)
 #: Over frame; taken from the `CalibratedCdp` of the reference contrast.
-OF_REFERENCE = (
-    Column("reference_contrast", "reference contrast", "%", "Contrast the frame is compared with.", decimals=2,
-           value="result.contrast"),
-    Column("reference_cdp", "CDP of reference", "", "CDP of the reference contrast.", decimals=4, value="result.cdp"),
-    Column("reference_cdp_low", "CDP of reference, low end of 95 %", "", "Lower end of its 95 % interval.", decimals=4,
-           value="confidence_interval.0"),
-    Column("reference_cdp_high", "CDP of reference, high end of 95 %", "", "Upper end of its 95 % interval.",
-           decimals=4, value="confidence_interval.1"),
-)  # fmt: skip
+OF_REFERENCE = tuple(
+    replace(one, name=f"reference_{one.name}", label=f"{one.label} of reference")
+    for one in by_itself(replace(TARGET, label="contrast"), *CDP)
+    if one.name != "u_cdp"
+)
 OF_FRAME = (*OF_PAIR, *OF_REFERENCE)
 #: Over frame and region; taken from a `RegionResult`.
-OF_LIGHT = (
-    *_with_u(Column("mean", "mean", LIGHT, "Mean of the region.", decimals=4), 5, ("mean", "standard_uncertainty")),
-    *_with_u(Column("snr", "spatial SNR", "", "Mean over standard deviation of the pixels of the frame.", decimals=2,
-                    value="snr"), 3),
-    Column("saturated", "share saturated", "", "Share of saturated pixels.", decimals=4,
-           value=lambda region: region.invalid_shares.get("saturated", 0.0)),
-)  # fmt: skip
+OF_LIGHT = tuple(
+    one
+    for one in by_itself(*region_columns(LIGHT), invalid_share("saturated"))
+    if one.name in ("mean", "u_mean", "snr", "u_snr", "saturated")
+)
 #: Over frame and region; taken from a `TrackedRoi`.
 OF_PLACE = (
     Column("quality", "tracking quality", "", "Quality of the tracking, 0 to 1.", decimals=3,
@@ -185,10 +159,9 @@ class VideoRows:
             coordinates["region"] = np.array([self.regions[place] for place in order], dtype=object)
         data = {}
         for column, axes, array in (*found, *texts):
-            unit = {LIGHT: self.unit, "%": ""}.get(column.unit, column.unit)
-            attributes = {"long_name": column.meaning.rstrip("."), "units": unit}
+            unit = self.unit if column.unit == LIGHT else column.unit
             array = array.astype(bool) if column.name == "lost" else array
-            data[column.name] = (axes, array, {name: text for name, text in attributes.items() if text})
+            data[column.name] = (axes, array, attributes_of(replace(column, unit=unit), array))
         return xr.Dataset(data, coordinates, dict(self.attrs)).set_coords(TIME.name)
 
     def _corners(self, rows: Sequence[Row], column: Column) -> NDArray[np.float64]:

@@ -134,7 +134,7 @@ def _cdp(dataset: Dataset, rows: list[dict[str, Any]]) -> _Panel:
 
 def _contrast(dataset: Dataset) -> _Panel:
     y = 100 * dataset["measured_contrast"].values
-    half_width = 100 * Z_95 * dataset["measured_contrast_standard_uncertainty"].values
+    half_width = 100 * Z_95 * dataset["u_measured_contrast"].values
     curves = [_Curve("measured", "black", y, y - half_width, y + half_width)]
     if "reference_contrast" in dataset and np.isfinite(dataset["reference_contrast"].values).any():
         y = 100 * dataset["reference_contrast"].values

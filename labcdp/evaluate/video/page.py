@@ -225,7 +225,12 @@ def _frame_rows(dataset: Dataset) -> LongTable:
                 label = f"{name}: corner {corner + 1} {one.label}"
                 named = replace(one, name=f"{one.name}[{name}, {corner}]", label=label)
                 found.append((named, one.name, {"region": region, "corner": corner}))
-    found = [one for one in (*found, (NOTE, NOTE.name, {})) if one[1] in dataset.variables]
+    # One number of decimals for all rows.
+    found = [
+        (one if one.decimals is not None else replace(one, decimals=2 if one.unit == "%" else 4), name, index)
+        for one, name, index in (*found, (NOTE, NOTE.name, {}))
+        if name in dataset.variables
+    ]
 
     def rows() -> Iterator[dict[str, Any]]:
         for block in blocks_of(dataset):

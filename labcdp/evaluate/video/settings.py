@@ -238,7 +238,7 @@ def _load(path: Path) -> Mapping[str, NDArray[Any]]:
 
 
 #: Format of the journal, and packages on which results depend to the last bit.
-_FORMAT = 2
+_FORMAT = 3
 _PACKAGES = ("labcdp", "numpy", "numba", "scipy", "av", "opencv-contrib-python-headless")
 
 

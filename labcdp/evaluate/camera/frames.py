@@ -104,13 +104,13 @@ def measure_session(session: Session, report: Callable[[int, int], None]) -> Ses
 
 def _of_one_gain(records: Sequence[FrameRecord]) -> tuple[list[FrameRecord], list[Finding]]:
     """Frames of the gain that has the most: all quantities belong to one gain."""
-    others = sorted({record.gain_db for record in records})
-    if len(others) < 2:
-        return list(records), []
-    gain_db = Counter(record.gain_db for record in records).most_common(1)[0][0]
-    others.remove(gain_db)
+    gains = Counter(record.gain_db for record in records)
+    if not gains:
+        raise CalibrationError("the session has no frames: start the acquisition")
+    gain_db, _ = gains.most_common(1)[0]
+    others = sorted(gains.keys() - {gain_db})
     kept = [record for record in records if record.gain_db == gain_db]
-    return kept, [info("other-gains-left-out", gain_db=gain_db, left_out_db=others)]
+    return kept, [info("other-gains-left-out", gain_db=gain_db, left_out_db=others)] if others else []
 
 
 def _by_temperature(records: Sequence[FrameRecord]) -> list[list[FrameRecord]]:

@@ -125,6 +125,9 @@ def test_dark_frames_that_do_not_fit_are_told_or_refused(tmp_path):
     assert {point.exposure_s for point in fewer.series} == {0.01, 0.2}
     with pytest.raises(CalibrationError, match=r"all patches are saturated at all exposures: record shorter"):
         characterised(tmp_path / "c", rates=[5e6] * 6)
+    nothing = pytest.raises(CalibrationError, match="the session has no frames")
+    with Session.create(tmp_path / "d", configuration(ROIS)) as empty, nothing:
+        characterise_session(empty)
 
 
 def test_quantities_of_a_data_set_and_all_plots_of_the_standard_are_written(data_set, tmp_path):

@@ -204,8 +204,7 @@ def _colour(by_plane: NDArray[np.float64], noise: NDArray[np.float64]) -> NDArra
     common = np.average(by_plane, weights=1 / noise**2)
     chi_squared = float(np.sum(((by_plane - common) / noise) ** 2))
     left = max(1 - (by_plane.size - 1) / chi_squared, 0.0) if chi_squared > 0 else 0.0
-    colour: NDArray[np.float64] = common + sqrt(left) * (by_plane - common)
-    return colour
+    return common + sqrt(left) * (by_plane - common)
 
 
 def _noise_rel2(plane: Calibration, row: PatchResidual) -> float:

@@ -73,8 +73,7 @@ class _Combined:
 
     @property
     def _magnitude(self) -> _Map:
-        magnitude: _Map = np.maximum(np.abs(self._luminance), np.float32(1e-30))
-        return magnitude
+        return np.maximum(np.abs(self._luminance), np.float32(1e-30))
 
     @property
     def _random_rel(self) -> _Map:

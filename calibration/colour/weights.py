@@ -67,8 +67,7 @@ class ColourData:
     def variance(self, weights: Array, spectral: float) -> Array:
         """Variance of the combination over the reading, shape (n,)."""
         own = (self.relative * self.own_rel) ** 2 @ weights**2
-        variance: Array = own + self.shared_rel**2 + (spectral * self.colourfulness) ** 2
-        return variance
+        return own + self.shared_rel**2 + (spectral * self.colourfulness) ** 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,5 +263,4 @@ def _relative_variance(planes: Sequence[Calibration]) -> Array:
         [max(plane.noise.variance_dn2(n), 1e-12) / n**2 for plane, n in zip(planes, net_dn, strict=True)]
     )
     to_colour = colours_of_planes(planes)
-    result: Array = variance @ to_colour**2
-    return result
+    return variance @ to_colour**2

@@ -128,8 +128,7 @@ class _Exposure:
 
     def variance_at(self, luminance_cd_m2: _Array) -> _Array:
         """Variance of pixels of an expected luminance."""
-        found: _Array = np.interp(luminance_cd_m2, self.luminance_cd_m2, self.variance).astype(np.float32)
-        return found
+        return np.interp(luminance_cd_m2, self.luminance_cd_m2, self.variance).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)

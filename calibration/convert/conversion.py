@@ -230,8 +230,7 @@ class _Conversion:
         """Standard deviation of a pixel, and of the library's pattern, in DN."""
         dark_dn2 = self._setting.dark.noise_variance_dn2(self.frame.exposure_s, self.frame.temperature_c)
         variance_dn2 = self._setting.noise.variances_dn2(self._net_dn, dark_dn2)
-        total: NDArray[np.float64] = np.sqrt(variance_dn2 + self.library_noise_dn**2)
-        return total
+        return np.sqrt(variance_dn2 + self.library_noise_dn**2)
 
     @cached_property
     def _error_by_dn(self) -> NDArray[np.float64]:

@@ -125,8 +125,7 @@ def snr(
         A fraction.
     """
     noise = dark_noise_e**2 + dsnu_e**2 + ROUNDING_DN2 / k_dn_per_e**2
-    result: NDArray[np.float64] = signal_e / np.sqrt(noise + signal_e + (prnu * signal_e) ** 2)
-    return result
+    return signal_e / np.sqrt(noise + signal_e + (prnu * signal_e) ** 2)
 
 
 def sensitivity_threshold_e(dark_noise_dn: Quantity, k: Quantity) -> Quantity:

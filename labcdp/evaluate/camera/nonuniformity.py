@@ -185,8 +185,7 @@ def high_pass(values: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
     from scipy.ndimage import uniform_filter
 
     image = np.asarray(values, dtype=np.float64)
-    filtered: NDArray[np.float64] = image - uniform_filter(image, HIGH_PASS_SIDE, mode="reflect")
-    return filtered
+    return image - uniform_filter(image, HIGH_PASS_SIDE, mode="reflect")
 
 
 def amplitude_spectrum(values: NDArray[np.floating[Any]]) -> NDArray[np.float64]:

@@ -12,20 +12,7 @@ from numpy.typing import NDArray
 
 from ..core.luminance import Invalid, LuminanceMap
 from ..core.roi import Roi
-from .drawing import (
-    LABEL_SIZE,
-    ORANGE,
-    SMALL_SIZE,
-    VERMILLION,
-    add_legend,
-    block_mean,
-    label,
-    new_figure,
-    placed_figure,
-    plain_numbers,
-    png,
-    reduction,
-)
+from . import drawing
 from .text import share_percent, shortened
 
 if TYPE_CHECKING:
@@ -86,19 +73,19 @@ class ImageFigure:
         inside = all(_fits(region, points_per_px) for region in regions)
         beside_in = 0.0 if inside else _names_width_in(regions)
         whole = (_LEFT_IN + _WIDTH_IN + _RIGHT_IN + beside_in, _BELOW_IN + below_in + height_in + _ABOVE_IN)
-        figure = placed_figure(*whole, "bench" if simulated else "")
+        figure = drawing.placed_figure(*whole, "bench" if simulated else "")
         bottom, height = (_BELOW_IN + below_in) / whole[1], height_in / whole[1]
         axes = figure.add_axes((_LEFT_IN / whole[0], bottom, _WIDTH_IN / whole[0], height))
         bar = figure.add_axes(((_LEFT_IN + _WIDTH_IN + 0.15) / whole[0], bottom, 0.2 / whole[0], height))
-        label(axes, "x in pixels", "y in pixels", title)
+        drawing.label(axes, "x in pixels", "y in pixels", title)
         return cls(figure, axes, bar, (0.0, width_px, height_px, 0.0), tuple(regions), inside)
 
     def add_scale(self, shown: Any, text: str, extend: str = "neither") -> None:
         """Draw the scale of what is shown."""
         self.figure.colorbar(shown, cax=self.bar, extend=extend)
-        self.bar.set_ylabel(text, fontsize=LABEL_SIZE)
-        self.bar.tick_params(labelsize=SMALL_SIZE)
-        plain_numbers(self.bar.yaxis)
+        self.bar.set_ylabel(text, fontsize=drawing.LABEL_SIZE)
+        self.bar.tick_params(labelsize=drawing.SMALL_SIZE)
+        drawing.plain_numbers(self.bar.yaxis)
 
     def draw_regions(self) -> None:
         """Draw the regions with their names, or with numbers and a list of names next to the image."""
@@ -121,14 +108,14 @@ class ImageFigure:
             names = [f"{n}  {shortened(one.name, _LONGEST_NAME)}" for n, one in enumerate(self.regions, start=1)]
             lines = [Line2D([], [], linestyle="none") for _ in names]
             how = {"loc": "upper right", "ncols": ceil(len(names) / _NAMES_IN_COLUMN), "frameon": False}
-            add_legend(self.figure, lines, names, handlelength=0, handletextpad=0, **how)
+            drawing.add_legend(self.figure, lines, names, handlelength=0, handletextpad=0, **how)
 
 
 def _outline(axes: Axes, region: Roi, dark: float, light: float) -> None:
     """Draw the outline of a region: a light line inside a dark one is visible on any grey."""
     from matplotlib.patches import Polygon
 
-    for colour, width in (("black", dark), (ORANGE, light)):
+    for colour, width in (("black", dark), (drawing.ORANGE, light)):
         axes.add_patch(Polygon(region.corners, fill=False, edgecolor=colour, linewidth=width))
 
 
@@ -136,7 +123,7 @@ def _names_width_in(regions: Sequence[Roi]) -> float:
     """Width of the list of names, with their numbers, in inches."""
     # Number, gaps, and the dots of a name that is cut.
     longest = min(max(len(region.name) for region in regions), _LONGEST_NAME) + 6
-    return longest * _CHARACTER[0] * SMALL_SIZE / 72 * ceil(len(regions) / _NAMES_IN_COLUMN)
+    return longest * _CHARACTER[0] * drawing.SMALL_SIZE / 72 * ceil(len(regions) / _NAMES_IN_COLUMN)
 
 
 def _fits(region: Roi, points_per_px: float) -> bool:
@@ -148,8 +135,8 @@ def _fits(region: Roi, points_per_px: float) -> bool:
 
 def drawn_pixels(luminance: LuminanceMap) -> tuple[NDArray[np.float64], int]:
     """Return a map downsampled to a figure's resolution, and the number of camera pixels per drawn pixel."""
-    side = reduction(luminance.shape)
-    return block_mean(np.asarray(luminance.luminance_cd_m2), side), side * luminance.step
+    side = drawing.reduction(luminance.shape)
+    return drawing.block_mean(np.asarray(luminance.luminance_cd_m2), side), side * luminance.step
 
 
 def regions_picture(luminance: LuminanceMap, regions: Sequence[Roi], title: str, simulated: bool) -> bytes:
@@ -171,7 +158,7 @@ def regions_picture(luminance: LuminanceMap, regions: Sequence[Roi], title: str,
     figure = ImageFigure.of(luminance, title, simulated, regions)
     _show(figure, luminance, _grey_range(luminance, regions), "gray")
     figure.draw_regions()
-    return png(figure.figure)
+    return drawing.png(figure.figure)
 
 
 def close_picture(luminance: LuminanceMap, regions: Sequence[Roi], simulated: bool) -> bytes:
@@ -196,8 +183,8 @@ def close_picture(luminance: LuminanceMap, regions: Sequence[Roi], simulated: bo
     y = (max(top - margin, 0.0), min(bottom + margin, height_px))
     (first, last), (upper, lower) = ((int(low / luminance.step), ceil(high / luminance.step)) for low, high in (x, y))
     inner = np.asarray(luminance.luminance_cd_m2)[upper:lower, first:last]
-    drawn = np.clip(block_mean(inner, reduction(inner.shape)), *_grey_range(luminance, regions))
-    figure = new_figure(_CLOSE_IN, _CLOSE_IN * (y[1] - y[0]) / (x[1] - x[0]), "bench" if simulated else "")
+    drawn = np.clip(drawing.block_mean(inner, drawing.reduction(inner.shape)), *_grey_range(luminance, regions))
+    figure = drawing.new_figure(_CLOSE_IN, _CLOSE_IN * (y[1] - y[0]) / (x[1] - x[0]), "bench" if simulated else "")
     axes = figure.add_subplot()
     axes.imshow(drawn, cmap="gray", norm=LogNorm(), extent=(x[0], x[1], y[1], y[0]))
     axes.set_axis_off()
@@ -205,7 +192,7 @@ def close_picture(luminance: LuminanceMap, regions: Sequence[Roi], simulated: bo
         _outline(axes, region, 2.0, 0.8)
         box = {"facecolor": "white", "edgecolor": "none", "pad": 1.2, "alpha": 0.85}
         axes.text(*region.centre, str(number), fontsize=8, ha="center", va="center", bbox=box)
-    return png(figure)
+    return drawing.png(figure)
 
 
 def luminance_picture(
@@ -236,8 +223,8 @@ def luminance_picture(
     figure = ImageFigure.of(luminance, title, simulated, below_in=_LEGEND_IN * ceil(len(reasons) / 2))
     _show(figure, luminance, (0.9 * range_cd_m2[0], 1.1 * range_cd_m2[1]), "viridis", linear)
     if reasons:
-        side = reduction(luminance.shape)
-        shares = np.array([block_mean(mask, side) for mask in reasons.values()])
+        side = drawing.reduction(luminance.shape)
+        shares = np.array([drawing.block_mean(mask, side) for mask in reasons.values()])
         # One saturated pixel suffices; it takes precedence over reasons by majority.
         first = np.array([name == _SATURATED for name in reasons])[:, None, None]
         weights = np.where(first, np.ceil(shares), shares)
@@ -247,8 +234,8 @@ def luminance_picture(
         figure.axes.imshow(overlay, extent=figure.extent, interpolation="nearest")
         patches = [Patch(facecolor=_COLOURS[name], edgecolor="black", linewidth=0.6) for name in reasons]
         texts = [f"{name}: {share_percent(float(mask.mean()))} of the pixels" for name, mask in reasons.items()]
-        add_legend(figure.figure, patches, texts, loc="lower center", ncols=2)
-    return png(figure.figure)
+        drawing.add_legend(figure.figure, patches, texts, loc="lower center", ncols=2)
+    return drawing.png(figure.figure)
 
 
 def _show(
@@ -278,7 +265,7 @@ def _size(luminance: LuminanceMap) -> tuple[float, float]:
 _SATURATED = "saturated at every exposure"
 #: Colours of invalid pixels by their reason.
 _COLOURS = {
-    _SATURATED: VERMILLION,
+    _SATURATED: drawing.VERMILLION,
     "below the camera's black": "black",
     "darker than the calibrated range": "#9a9a9a",
     "brighter than the calibrated range": "#CC79A7",

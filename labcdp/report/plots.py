@@ -10,19 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .drawing import (
-    BLUE,
-    GREEN,
-    ORANGE,
-    SMALL_SIZE,
-    TITLE_SIZE,
-    VERMILLION,
-    add_legend,
-    finish,
-    label,
-    placed_figure,
-    png,
-)
+from . import drawing
 from .layout import ReportFigure
 from .text import cdp_decimals, cdp_interval, decimals, fixed, percent, printable, share_percent, shortened, significant
 
@@ -97,7 +85,7 @@ def _draw(panels: Sequence[ContrastPanel], simulated: str) -> bytes:
     cell = (_PANEL_IN[0] + _AROUND_IN[0], _PANEL_IN[1] + _AROUND_IN[1])
     above = _NOTE_IN if simulated else 0.0
     width, height = columns * cell[0] + 0.15, above + rows * cell[1] + _LEGEND_IN
-    figure = placed_figure(width, height, simulated)
+    figure = drawing.placed_figure(width, height, simulated)
     for number, panel in enumerate(panels):
         left = (number % columns) * cell[0] + _AROUND_IN[0] - 0.1
         bottom = height - above - (number // columns + 1) * cell[1] + 0.45
@@ -106,8 +94,8 @@ def _draw(panels: Sequence[ContrastPanel], simulated: str) -> bytes:
     legend = {text: line for axes in figure.axes for line, text in zip(*axes.get_legend_handles_labels(), strict=True)}
     # Two legend entries fit under one panel.
     ncols = 5 if columns > 1 else 2
-    add_legend(figure, list(legend.values()), list(legend), loc="lower center", ncols=ncols, frameon=False)
-    return png(figure)
+    drawing.add_legend(figure, list(legend.values()), list(legend), loc="lower center", ncols=ncols, frameon=False)
+    return drawing.png(figure)
 
 
 def _draw_panel(axes: Axes, panel: ContrastPanel) -> None:
@@ -117,12 +105,13 @@ def _draw_panel(axes: Axes, panel: ContrastPanel) -> None:
     share = np.diff(distribution.cumulative)
     density = share / share.max() if share.any() else share
     low, high = result.interval
-    axes.plot(edges, distribution.cumulative, color=BLUE, linewidth=1.8, label="cumulative probability")
+    axes.plot(edges, distribution.cumulative, color=drawing.BLUE, linewidth=1.8, label="cumulative probability")
     axes.stairs(density, edges, fill=True, color="0.6", label="density, scaled to 1")
-    axes.axvspan(100 * low, 100 * high, color=ORANGE, alpha=0.25, linewidth=0, zorder=0, label="counts as detected")
+    shaded: dict[str, Any] = {"color": drawing.ORANGE, "alpha": 0.25, "linewidth": 0, "zorder": 0}
+    axes.axvspan(100 * low, 100 * high, label="counts as detected", **shaded)
     axes.axvline(100 * result.contrast, color="black", linestyle="--", label="target contrast")
     if isfinite(panel.measured):
-        axes.axvline(100 * panel.measured, color=GREEN, linestyle="-.", label="measured contrast")
+        axes.axvline(100 * panel.measured, color=drawing.GREEN, linestyle="-.", label="measured contrast")
     axes.set_ylim(0.0, 1.05)
     start, stop, beyond = _drawn_contrasts(distribution, result)
     axes.set_xlim(100 * start, 100 * stop)
@@ -131,8 +120,8 @@ def _draw_panel(axes: Axes, panel: ContrastPanel) -> None:
     target = f"target contrast {percent(result.contrast, 4)}"
     above = f"; {share_percent(beyond)} of the pairs are above" if beyond >= _STATED_SHARE else ""
     title = f"{panel.title}\nCDP {cdp}{interval}; {target}"
-    label(axes, f"Weber contrast in %{above}", "probability", title)
-    axes.title.set_fontsize(SMALL_SIZE)
+    drawing.label(axes, f"Weber contrast in %{above}", "probability", title)
+    axes.title.set_fontsize(drawing.SMALL_SIZE)
 
 
 def _drawn_contrasts(distribution: ContrastDistribution, result: DetectionResult) -> tuple[float, float, float]:
@@ -176,8 +165,8 @@ def stage_figure(title: str, native: Distribution, native_label: str, luminance:
     bytes
         PNG.
     """
-    figure = placed_figure(10.0, 5.0)
-    figure.text(0.01, 0.99, "simulated chain", va="top", fontsize=SMALL_SIZE, color=VERMILLION)
+    figure = drawing.placed_figure(10.0, 5.0)
+    figure.text(0.01, 0.99, "simulated chain", va="top", fontsize=drawing.SMALL_SIZE, color=drawing.VERMILLION)
     left = figure.add_axes((0.06, 0.27, 0.45, 0.63))
     panels = (left, figure.add_axes((0.53, 0.27, 0.45, 0.63), sharey=left))
     panels[1].tick_params(labelleft=False)
@@ -186,10 +175,10 @@ def stage_figure(title: str, native: Distribution, native_label: str, luminance:
     ):
         _draw_distribution(panel, values)
         below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16), "frameon": False}
-        finish(panel, text, "probability" if values is native else "", "", **below)
+        drawing.finish(panel, text, "probability" if values is native else "", "", **below)
         panel.xaxis.label.set_parse_math(False)
-    figure.suptitle(shortened(title, 80), fontsize=TITLE_SIZE, parse_math=False)
-    return png(figure)
+    figure.suptitle(shortened(title, 80), fontsize=drawing.TITLE_SIZE, parse_math=False)
+    return drawing.png(figure)
 
 
 def _draw_distribution(axes: Axes, values: Distribution) -> None:
@@ -197,7 +186,7 @@ def _draw_distribution(axes: Axes, values: Distribution) -> None:
     axes.stairs(density / density.max(), edges, fill=True, color="0.6", label="density, scaled to 1")
     cumulative = values.cumulative / values.total
     places = np.concatenate(([edges[0]], values.values, [edges[-1]]))
-    how: dict[str, Any] = {"where": "post", "color": BLUE, "linewidth": 1.8, "label": "cumulative probability"}
+    how: dict[str, Any] = {"where": "post", "color": drawing.BLUE, "linewidth": 1.8, "label": "cumulative probability"}
     axes.step(places, np.concatenate((cumulative, [1.0])), **how)
     axes.set_ylim(0.0, 1.2)
     margin = 0.03 * (edges[-1] - edges[0])

@@ -108,19 +108,15 @@ def budget_tables(found: Sequence[BudgetOfPatch]) -> tuple[Table, Table]:
         Column("luminance_cd_m2", "luminance", "cd/m²", "Lowest, a middle and highest calibrated luminance."),
         Column("exposure_s", "exposure", "s", "Exposure time of the frame.", digits=0, time=True),
         Column("u_rel", "u", "%", "Relative combined standard uncertainty.", 2, value="whole.standard_uncertainty_rel"),
-        Column("effective_dof", "effective dof", "", _DOF, decimals=0, value=_dof),
+        Column("effective_dof", "effective dof", "", _DOF, decimals=0,
+               value=lambda one: dof if (dof := one.whole.effective_degrees_of_freedom) < _UNLIMITED else None),
         Column("expanded_rel", "U (95 %)", "%", "Relative expanded uncertainty.", 2, value="whole.expanded_95_rel"),
-    )
+    )  # fmt: skip
     note = (
         f"Of the mean luminance of a patch of {PATCH_PIXELS} pixels in one frame near the optical axis, "
         "after JCGM 100:2008 (GUM)."
     )
     return Table.of_items("uncertainty", "Uncertainty of a patch", columns, found, note), _sources(found)
-
-
-def _dof(one: BudgetOfPatch) -> float | None:
-    dof = one.whole.effective_degrees_of_freedom
-    return dof if dof < _UNLIMITED else None
 
 
 def _sources(found: Sequence[BudgetOfPatch]) -> Table:
@@ -245,31 +241,29 @@ def _of_planes(
 
 
 def _planes(colour: ColourCalibration) -> Table:
-    weights = dict(zip(map(id, colour.planes), colour.weights, strict=True))
-    us = dict(zip(map(id, colour.planes), np.sqrt(np.diag(colour.weight_covariance)).tolist(), strict=True))
+    us = np.sqrt(np.diag(colour.weight_covariance)).tolist()
+    planes = list(zip(colour.planes, colour.weights, us, colour.rate_weights.values(), strict=True))
     columns = (
-        Column("plane", "plane", value="state.plane"),
-        Column("weight", "weight", "", "Weight of its luminance in the sum.", decimals=3,
-               value=lambda plane: weights[id(plane)]),
-        Column("u_weight", "u of weight", "", "Standard uncertainty of the weight.", 2, shown=False,
-               value=lambda plane: us[id(plane)]),
+        Column("plane", "plane", value="0.state.plane"),
+        Column("weight", "weight", "", "Weight of its luminance in the sum.", decimals=3, value="1"),
+        Column("u_weight", "u of weight", "", "Standard uncertainty of the weight.", 2, shown=False, value="2"),
         *uncertain(
             Column("responsivity", "responsivity", RESPONSIVITY, "U and u without the scale error of the meter.",
-                   value="responsivity.responsivity_dn_s_cd_m2"),
-            lambda plane: plane.responsivity.responsivity_dn_s_cd_m2 * plane.responsivity.random_rel,
-            lambda plane: plane.responsivity.responsivity_dn_s_cd_m2
-            * expanded_rel((), plane.responsivity.random_rel, plane.responsivity.dof or inf),
+                   value="0.responsivity.responsivity_dn_s_cd_m2"),
+            lambda row: (of := row[0].responsivity).responsivity_dn_s_cd_m2 * of.random_rel,
+            lambda row: (of := row[0].responsivity).responsivity_dn_s_cd_m2
+            * expanded_rel((), of.random_rel, of.dof or inf),
         ),
         Column("rate_weight", "weight of its rate", "(cd/m²) / (DN/s)", "Weight over responsivity.", shown=False,
-               value=lambda plane: colour.rate_weights[f"{plane.state.plane}"]),
+               value="3"),
         Column("dark_offset_dn", "dark offset", "DN", "Mean dark signal at exposure time 0.", decimals=2,
-               value="dark.offset_dn"),
-        Column("k_dn_per_e", "K", "DN/e⁻", "Overall system gain.", digits=3, value="noise.k_dn_per_e"),
+               value="0.dark.offset_dn"),
+        Column("k_dn_per_e", "K", "DN/e⁻", "Overall system gain.", digits=3, value="0.noise.k_dn_per_e"),
         Column("largest_deviation_rel", "largest deviation", "%", "Of a patch from the fit of the plane.", digits=2,
-               value=lambda plane: max(abs(row.residual_rel) for row in plane.residuals)),
+               value=lambda row: max(abs(one.residual_rel) for one in row[0].residuals)),
     )  # fmt: skip
     note = (
         "The luminance is a weighted sum of the planes' luminances, with the weights that fit the meter best; a weight "
         "may be negative."
     )
-    return Table.of_items("planes", "Colour planes", columns, colour.planes, note)
+    return Table.of_items("planes", "Colour planes", columns, planes, note)

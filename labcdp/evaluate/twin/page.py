@@ -39,7 +39,7 @@ def twin_chain_text(evaluation: TwinEvaluation) -> str:
     """
     notes = [f"Note: {finding_text(one)}" for one in evaluation.parameters.findings]
     comments = {}
-    for name, one in evaluation.parameters.quantities.items():
+    for name, (_, one) in evaluation.parameters.quantities.items():
         key = "quantum_efficiency" if name.startswith("quantum") else name
         uncertainty = f"u = {known(one):.2g} {one.unit}; " if known(one) > 0 else ""
         comments["sensor", key] = f"{uncertainty}{one.note}".rstrip("; ")

@@ -14,8 +14,8 @@ from ...metrics import CdpResult, Distribution
 from ...metrics.contrast import TargetContrast
 from ...metrics.detection import result_of_tally
 from ...metrics.pairs import PairTally, tally_pairs
-from .prediction import RegionPrediction, Shifted, added, scaled
-from .regions import RegionError, SeenRegion
+from .prediction import RegionPrediction, added, scaled
+from .regions import SeenRegion
 
 #: Whether prediction and measurement agree.
 Judgement: TypeAlias = Literal["agree", "differ", "undecided"]
@@ -177,18 +177,13 @@ def _shifted(
         del bright["dark signal"], dark["dark signal"]
     for number, (a, b) in enumerate(errors):
         name = f"{a.source} of the calibration ({number})"
-        bright[name], dark[name] = _erring(predicted[0].best, a), _erring(predicted[1].best, b)
+        for own, best, error in ((bright, predicted[0].best, a), (dark, predicted[1].best, b)):
+            own[name] = added(best, error.luminance_cd_m2) if error.of_darkness else scaled(best, error.relative)
     unchanged = [(one.best, one.best) for one in predicted]
     return {
         name: list(zip(bright.get(name, unchanged[0]), dark.get(name, unchanged[1]), strict=True))
         for name in bright | dark
     }
-
-
-def _erring(best: Distribution, error: RegionError) -> Shifted:
-    if error.of_darkness:
-        return added(best, -error.luminance_cd_m2), added(best, error.luminance_cd_m2)
-    return scaled(best, -error.relative), scaled(best, error.relative)
 
 
 def sampling_variance(tally: PairTally, bright: Distribution, dark: Distribution, m: int, n: int) -> float:

@@ -21,6 +21,9 @@ from ...core.vignetting import FlatField
 MOST_PRNU_REL = 0.1
 #: Variance of the dark signal above which the steps of the converter are dithered.
 _COARSE_DN2 = 2.0
+#: Values of the sensor of a chain that are parameters as they are.
+_OF_SENSOR = ("k_dn_per_e", "read_noise_e", "dark_current_e_s", "doubling_temperature_c", "full_well_e",
+              "dsnu_e", "column_dsnu_e", "row_dsnu_e")  # fmt: skip
 #: Number of classes of pixels by dark signal, and the golden ratio.
 _DARK_KINDS, _GOLDEN = 21, (1 + sqrt(5)) / 2
 
@@ -105,8 +108,11 @@ class TwinParameters:
         return sqrt(self.dark.variance_dn2(exposure_s, self.temperature_c))
 
     @cached_property
-    def quantities(self) -> dict[str, Quantity]:
-        """All parameters with uncertainties, in electrons and at the session's gain, by their names in a chain file."""
+    def quantities(self) -> dict[str, tuple[str, Quantity]]:
+        """What they are called, and all parameters with uncertainties, by their names in a chain file.
+
+        In electrons and at the session's gain.
+        """
         k = self.k_dn_per_e
 
         def in_electrons(found: Quantity, unit: str = "e-") -> Quantity:
@@ -115,19 +121,19 @@ class TwinParameters:
 
         offset = self.dark.offset_dn, sqrt(self.dark.offset_variance_dn2)
         return {
-            "k_dn_per_e": k,
-            "read_noise_e": in_electrons(self.read_noise_dn),
-            "black_level_dn": Quantity(*offset, "DN", "dark frames at zero exposure"),
-            "dark_current_e_s": self.dark_current_e_s,
-            "doubling_temperature_c": self.doubling_temperature_c,
-            "prnu_rel": self.prnu_rel,
-            "dsnu_e": in_electrons(self.dsnu_dn),
-            "column_dsnu_e": in_electrons(self.column_dsnu_dn),
-            "row_dsnu_e": in_electrons(self.row_dsnu_dn),
-            "dsnu_e_s": in_electrons(self.dsnu_dn_s, "e-/s"),
-            "full_well_e": self.full_well_e,
-            "quantum efficiency x transmittance": self.efficiency,
-            "responsivity": self.responsivity,
+            "k_dn_per_e": ("system gain K", k),
+            "read_noise_e": ("read noise", in_electrons(self.read_noise_dn)),
+            "black_level_dn": ("black level", Quantity(*offset, "DN", "dark frames at zero exposure")),
+            "dark_current_e_s": ("dark current", self.dark_current_e_s),
+            "doubling_temperature_c": ("doubling temperature", self.doubling_temperature_c),
+            "prnu_rel": ("PRNU", self.prnu_rel),
+            "dsnu_e": ("DSNU", in_electrons(self.dsnu_dn)),
+            "column_dsnu_e": ("DSNU of columns", in_electrons(self.column_dsnu_dn)),
+            "row_dsnu_e": ("DSNU of rows", in_electrons(self.row_dsnu_dn)),
+            "dsnu_e_s": ("DSNU of the dark current", in_electrons(self.dsnu_dn_s, "e-/s")),
+            "full_well_e": ("full well", self.full_well_e),
+            "quantum efficiency x transmittance": ("quantum efficiency x transmittance", self.efficiency),
+            "responsivity": ("responsivity", self.responsivity),
         }
 
     def sensor(self, shape: tuple[int, int], exposure_s: float | None = None) -> Sensor:
@@ -149,23 +155,17 @@ class TwinParameters:
         spread_dn2 = sum(part**2 for part in (*of_pixels, *(line.value for line in lines))) + k * k * current_e_s * t
         black_dn = mean_before_rounding(self.dark_dn(t), spread_dn2) - k * current_e_s * t
         height, width = shape
+        same: dict[str, Any] = {name: self.quantities[name][1].value for name in _OF_SENSOR}
         return Sensor(
+            **same,
             pixel_pitch_m=self.pixel_pitch_m,
             width=width,
             height=height,
             quantum_efficiency=self.efficiency.value / self.transmittance,
-            full_well_e=self.full_well_e.value,
-            k_dn_per_e=k,
-            read_noise_e=self.read_noise_dn.value / k,
-            dark_current_e_s=current_e_s,
             bits=self.bits,
             black_level_dn=min(max(black_dn, 0.0), 2.0**self.bits - 1),
             reference_temperature_c=self.temperature_c,
-            doubling_temperature_c=self.doubling_temperature_c.value,
             prnu_rel=min(self.prnu_rel.value, MOST_PRNU_REL),
-            dsnu_e=self.dsnu_dn.value / k,
-            column_dsnu_e=self.column_dsnu_dn.value / k,
-            row_dsnu_e=self.row_dsnu_dn.value / k,
             # A dark current that varies between pixels has a mean above 0.
             dsnu_e_s=self.dsnu_dn_s.value / k if current_e_s > 0 else 0.0,
         )
@@ -198,11 +198,11 @@ class TwinParameters:
         return replace(twin, **exact)
 
 
-def dark_kinds(twin: TwinParameters) -> list[tuple[float, float]] | None:
+def dark_kinds(twin: TwinParameters) -> list[tuple[float, float]]:
     """Equally frequent classes of pixels by dark signal: that of the frames, and that subtracted from them.
 
     Needed only where a pattern is subtracted and the noise does not dither the converter: the values of a pixel then
-    lie on a grid of 1 DN whose offset differs from pixel to pixel. None where noise of more than about a DN makes the
+    lie on a grid of 1 DN whose offset differs from pixel to pixel. Empty where noise of more than about a DN makes the
     offset irrelevant.
 
     Parameters
@@ -213,7 +213,7 @@ def dark_kinds(twin: TwinParameters) -> list[tuple[float, float]] | None:
     from scipy.special import ndtri
 
     if twin.pattern_taken_off_dn == 0 or twin.read_noise_dn.value**2 + twin.dsnu_dn.value**2 >= _COARSE_DN2:
-        return None
+        return []
     # A uniform lattice of two independent normal variables.
     number = np.arange(_DARK_KINDS) + 0.5
     both = ndtri(np.stack([number / _DARK_KINDS, (number * _GOLDEN) % 1]))

@@ -135,27 +135,27 @@ def predict_regions(
     darkness_dn = twin.dark_standard_uncertainty_dn(exposure_s)
     result = {}
     for i, (region, own) in enumerate(zip(regions, best, strict=True)):
-        per_dn = luminance_per_dn(twin, region, exposure_s, response)
+        full = twin.responsivity.value * exposure_s * float(region.vignetting.mean())
+        per_dn = float(response.slope(response.inverse(full * region.luminance_cd_m2))) / full
         shifted = {name: (both[0][i], both[1][i]) for name, both in of_noise.items()}
         shifted["responsivity"] = moved[0][i], moved[2][i]
         shifted[f"meter reading of {region.name}"] = moved[1][i], moved[3][i]
-        for name, error_dn in (("dark signal", darkness_dn), (f"dark signal at {region.name}", region.darkness_dn)):
-            shifted[name] = added(own, -error_dn * per_dn), added(own, error_dn * per_dn)
+        shifted["dark signal"] = added(own, darkness_dn * per_dn)
+        shifted[f"dark signal at {region.name}"] = added(own, region.darkness_dn * per_dn)
         if region.flat_field_rel > 0:
-            rel = region.flat_field_rel
-            shifted[f"flat field at {region.name}"] = scaled(own, -rel), scaled(own, rel)
+            shifted[f"flat field at {region.name}"] = scaled(own, region.flat_field_rel)
         result[region.name] = RegionPrediction(own, shifted)
     return result
 
 
-def added(distribution: Distribution, luminance_cd_m2: float) -> Distribution:
-    """Return a distribution shifted by a luminance."""
-    return distribution.map(lambda values: values + luminance_cd_m2)
+def added(one: Distribution, luminance_cd_m2: float) -> Shifted:
+    """Return a distribution shifted down and up by a luminance."""
+    return one.map(lambda values: values - luminance_cd_m2), one.map(lambda values: values + luminance_cd_m2)
 
 
-def scaled(distribution: Distribution, error_rel: float) -> Distribution:
-    """Return a distribution with its luminances scaled."""
-    return distribution.map(lambda values: values * (1 + error_rel))
+def scaled(one: Distribution, error_rel: float) -> Shifted:
+    """Return a distribution with its luminances scaled down and up."""
+    return one.map(lambda values: values * (1 - error_rel)), one.map(lambda values: values * (1 + error_rel))
 
 
 #: Parameters that are shifted together, by their common name.
@@ -171,13 +171,6 @@ def _shifted(twin: TwinParameters, names: Sequence[str], sign: int) -> TwinParam
     """Return the twin with some of its noise a standard uncertainty lower or higher; in DN, as it was measured."""
     old: dict[str, Quantity] = {name: getattr(twin, name) for name in names}
     return twin.with_noise(**{name: replace(q, value=max(q.value + sign * known(q), 0.0)) for name, q in old.items()})
-
-
-def luminance_per_dn(twin: TwinParameters, region: TwinRegion, exposure_s: float, response: Response) -> float:
-    """Return the change of a region's luminance with its DN, in cd/m^2."""
-    full = twin.responsivity.value * exposure_s * float(region.vignetting.mean())
-    net_dn = response.inverse(full * region.luminance_cd_m2)
-    return float(response.slope(net_dn)) / full
 
 
 def _luminances(
@@ -200,14 +193,14 @@ def _luminances(
     sensor = twin.sensor((1, 1), exposure_s)
     settings = ExposureSettings((exposure_s,), temperature_c=twin.temperature_c)
     dn = np.arange(2.0**twin.bits) - twin.dark_dn(exposure_s)
-    kinds = dark_kinds(twin)
-    if kinds is None:
-        seen = [(_dn_rows(CameraModel(sensor, settings), rates), response.linearise(dn) / r_t)]
-    else:
-        seen = []
-        for frames_dn, taken_off_dn in kinds:
-            one = replace(sensor, dsnu_e=0.0, black_level_dn=max(sensor.black_level_dn + frames_dn, 0.0))
-            seen.append((_dn_rows(CameraModel(one, settings), rates), response.linearise(dn - taken_off_dn) / r_t))
+    kinds = [
+        (replace(sensor, dsnu_e=0.0, black_level_dn=max(sensor.black_level_dn + frames_dn, 0.0)), taken_off_dn)
+        for frames_dn, taken_off_dn in dark_kinds(twin)
+    ]
+    seen = [
+        (_dn_rows(CameraModel(one, settings), rates), response.linearise(dn - taken_off_dn) / r_t)
+        for one, taken_off_dn in kinds or [(sensor, 0.0)]
+    ]
     result, place = [], 0
     for of_set in factors:
         of_regions = []

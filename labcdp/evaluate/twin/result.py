@@ -16,21 +16,6 @@ from .evaluate import TwinEvaluation
 from .pair import TwinPair
 from .regions import KINDS
 
-#: Parameters, by their names in a chain file.
-_NAMES = {
-    "k_dn_per_e": "system gain K",
-    "read_noise_e": "read noise",
-    "black_level_dn": "black level",
-    "dark_current_e_s": "dark current",
-    "doubling_temperature_c": "doubling temperature",
-    "prnu_rel": "PRNU",
-    "dsnu_e": "DSNU",
-    "column_dsnu_e": "DSNU of columns",
-    "row_dsnu_e": "DSNU of rows",
-    "dsnu_e_s": "DSNU of the dark current",
-    "full_well_e": "full well",
-}
-
 
 def twin_result(
     evaluation: TwinEvaluation, inputs: Sequence[InputFile] = (), options: dict[str, Any] | None = None
@@ -60,7 +45,7 @@ def twin_result(
 def _tables(evaluation: TwinEvaluation) -> Iterator[Table]:
     yield _pairs(evaluation.pairs)
     yield _signals(evaluation)
-    rows = (stated(key, _NAMES.get(key, key), one) for key, one in evaluation.parameters.quantities.items())
+    rows = (stated(key, *named) for key, named in evaluation.parameters.quantities.items())
     yield quantity_table("parameters", "Parameters of the twin", rows, detail=True)
     yield provenance_table(evaluation.observed, evaluation.calibration)
 

@@ -28,6 +28,7 @@ _FLATTEST, _TALLEST = 0.3, 1.5
 _LONGEST_NAME, _NAMES_IN_COLUMN = 28, 30
 #: Size of the names in points, and width and height of a character over it.
 _NAME_SIZE, _CHARACTER = 12.0, (0.6, 1.3)
+_IN_REGION: dict[str, Any] = {"fontsize": _NAME_SIZE, "ha": "center", "va": "center"}
 #: Height of a line of the legend; width of a small picture, in inches, and its margin around regions over their extent.
 _LEGEND_IN, _CLOSE_IN, _MARGIN = 0.3, 3.2, 0.08
 
@@ -59,12 +60,7 @@ class ImageFigure:
 
     @classmethod
     def of(
-        cls,
-        luminance: LuminanceMap,
-        title: str,
-        simulated: bool,
-        regions: Sequence[Roi] = (),
-        below_in: float = 0.0,
+        cls, luminance: LuminanceMap, title: str, simulated: bool, regions: Sequence[Roi] = (), below_in: float = 0.0
     ) -> ImageFigure:
         """Make a figure for an image of the size of this map, with room for a legend below it."""
         width_px, height_px = _size(luminance)
@@ -94,16 +90,9 @@ class ImageFigure:
 
         for number, region in enumerate(self.regions, start=1):
             _outline(self.axes, region, 3.0, 1.2)
-            self.axes.text(
-                *region.centre,
-                shortened(region.name, _LONGEST_NAME) if self.names_inside else str(number),
-                color="white",
-                fontsize=_NAME_SIZE,
-                ha="center",
-                va="center",
-                parse_math=False,
-                path_effects=[withStroke(linewidth=2.0, foreground="black")],
-            )
+            name = shortened(region.name, _LONGEST_NAME) if self.names_inside else str(number)
+            outlined = [withStroke(linewidth=2.0, foreground="black")]
+            self.axes.text(*region.centre, name, color="white", parse_math=False, path_effects=outlined, **_IN_REGION)
         if not self.names_inside:
             names = [f"{n}  {shortened(one.name, _LONGEST_NAME)}" for n, one in enumerate(self.regions, start=1)]
             lines = [Line2D([], [], linestyle="none") for _ in names]

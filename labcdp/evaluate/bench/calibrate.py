@@ -153,19 +153,13 @@ def _require_all_used(calibration: AnyCalibration, observed: ObservedSession) ->
     exposures = {(left.patch, left.exposure_s) for left in calibration.left_out}
     for name in observed.names:
         unread = all(reading.value == 0 for reading in observed.readings.get(name, ()))
-        if name in known or not (
-            unread
-            or not isinstance(calibration, Calibration)
-            or all((name, o.exposure_s) in exposures for o in observed.patches[name])
-        ):
-            continue
-        left_out = left_out_text([left for left in calibration.left_out if left.patch == name])
-        if unread:
-            raise CalibrationError(f"patch {name!r} cannot be used ({left_out}): leave it out")
-        raise CalibrationError(
-            f"patch {name!r} cannot be used at any exposure ({left_out}): acquire it with other exposures, or leave it "
-            "out"
+        seen = isinstance(calibration, Calibration) and any(
+            (name, o.exposure_s) not in exposures for o in observed.patches[name]
         )
+        if name not in known and (unread or not seen):
+            left_out = left_out_text([left for left in calibration.left_out if left.patch == name])
+            what, remedy = ("", "") if unread else (" at any exposure", "acquire it with other exposures, or ")
+            raise CalibrationError(f"patch {name!r} cannot be used{what} ({left_out}): {remedy}leave it out")
 
 
 def calibrate_recorded(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from math import dist, hypot
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -32,6 +32,8 @@ _VALID_FOR = (
     "A lens of another focal length, f-number or focus, a filter or a window before the lens needs a calibration of "
     "its own; a camera without a V(λ) filter needs one for each kind of light."
 )
+#: Marks of patches with their uncertainty.
+_BARS: dict[str, Any] = {"fmt": "o", "markersize": 5, "capsize": 2.5, "elinewidth": 1.0}
 #: Largest number of patches whose points are labelled.
 _MOST_NAMES = 14
 
@@ -128,18 +130,10 @@ def _residuals(calibration: AnyCalibration, prefix: str) -> ReportFigure:
         axes.axhline(0.0, color=BLUE, linewidth=1.2)
         for rows, colour, face, label in groups:
             if rows:
-                axes.errorbar(
-                    [place(row) for row in rows],
-                    [100 * row.residual_rel for row in rows],
-                    yerr=[100 * Z_95 * deviation_rel(row) for row in rows],
-                    fmt="o",
-                    markersize=5,
-                    capsize=2.5,
-                    elinewidth=1.0,
-                    markerfacecolor=face,
-                    color=colour,
-                    label=label if axes is panels[0] and calibration.held_out else None,
-                )
+                points = [place(row) for row in rows], [100 * row.residual_rel for row in rows]
+                bars = [100 * Z_95 * deviation_rel(row) for row in rows]
+                named = label if axes is panels[0] and calibration.held_out else None
+                axes.errorbar(*points, bars, markerfacecolor=face, color=colour, label=named, **_BARS)
         finish(axes, name, "deviation from meter in %" if axes in panels[::2] else "", "")
         if end is not None:
             axes.set_xlim(0, end)

@@ -19,7 +19,7 @@ from ...core.frame import Readout
 from ...core.photometry import photon_radiance_per_cd_m2
 from ...core.result import Finding, info
 from ...core.vignetting import AnyVignetting, Cos4Vignetting
-from ...session import Session, SessionConfiguration
+from ...session import Role, Session, SessionConfiguration
 from .recorded import Report, SessionReader, by_exposure, lens_of, planes_of
 
 #: Corrections by colour plane; None stands for a monochrome sensor.
@@ -46,11 +46,6 @@ class Corrections:
     defects: DefectMap | None = None
     dark_library: DarkLibrary | None = None
     findings: tuple[Finding, ...] = ()
-
-    @classmethod
-    def of(cls, calibration: Calibration) -> Corrections:
-        """Those of a calibration: its patches are measured with nothing else."""
-        return cls(calibration.vignetting, calibration.defects, calibration.dark_library)
 
 
 def pixel_area_m2(pixel_pitch_m: float, readout: Readout | None) -> float:
@@ -94,8 +89,11 @@ def _states(session: Session) -> dict[str | None, CameraState]:
 
 
 def corrections_of(calibration: AnyCalibration) -> dict[str | None, Corrections]:
-    """Corrections of each plane of a calibration."""
-    return {plane.state.plane: Corrections.of(plane) for plane in calibration.planes}
+    """Corrections of each plane of a calibration: its patches are measured with nothing else."""
+    return {
+        plane.state.plane: Corrections(plane.vignetting, plane.defects, plane.dark_library)
+        for plane in calibration.planes
+    }
 
 
 def corrections_of_lens(session: Session) -> dict[str | None, Corrections]:
@@ -132,16 +130,19 @@ def with_dark_frames(
     light_s = sorted({t for session in sessions for t in by_exposure(session, "light")})
     result: dict[str | None, Corrections] = {}
     for plane, own in corrections.items():
-        darks = [
-            measure_whole(reader.frames(session, records, plane))
-            for session in sessions
-            for records in by_exposure(session, "dark").values()
-        ]
+        darks = _measured(reader, sessions, "dark", plane)
         defects, of_defects = _defects(own, darks)
         library, of_library = _library(darks, defects, light_s)
         findings = (*own.findings, *of_defects, *of_library)
         result[plane] = replace(own, defects=defects, dark_library=library, findings=findings)
     return result
+
+
+def _measured(
+    reader: SessionReader, sessions: Sequence[Session], role: Role, plane: str | None
+) -> list[MeasuredFrames]:
+    groups = [(session, records) for session in sessions for records in by_exposure(session, role).values()]
+    return [measure_whole(reader.frames(session, records, plane)) for session, records in groups]
 
 
 def _defects(own: Corrections, darks: Sequence[MeasuredFrames]) -> tuple[DefectMap | None, list[Finding]]:
@@ -205,10 +206,8 @@ class UniformLight:
         """
         planes = planes_of(session)
         reader = SessionReader(report, len(planes) * len(session.frames()))
-        lights, darks = (
-            {plane: [measure_whole(reader.frames(session, records, plane)) for records in groups] for plane in planes}
-            for groups in (by_exposure(session, "light").values(), by_exposure(session, "dark").values())
-        )
+        lights = {plane: _measured(reader, [session], "light", plane) for plane in planes}
+        darks = {plane: _measured(reader, [session], "dark", plane) for plane in planes}
         return cls(lights, darks, source_nonuniformity_rel)
 
     @property

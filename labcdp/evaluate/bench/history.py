@@ -43,10 +43,6 @@ class _Row(NamedTuple):
     history: CameraHistory
     point: HistoryPoint
 
-    @property
-    def plane(self) -> str:
-        return self.history.plane or ""
-
 
 def by_camera(found: Sequence[CameraHistory]) -> list[Camera]:
     """Put the planes of each camera, lens and setting together."""
@@ -85,8 +81,9 @@ def history_result(found: Sequence[CameraHistory], inputs: Sequence[InputFile] =
         rows += sorted(own, key=lambda row: (row.point.measured, row.point.source))
     first = (
         Column("number", "number", "", "Number of camera, lens and setting in this result.", shown=len(cameras) > 1),
-        Column("plane", "plane", "", "Colour plane.", shown=any(len(planes) > 1 for planes in cameras)),
-    )
+        Column("plane", "plane", "", "Colour plane.", shown=any(len(planes) > 1 for planes in cameras),
+               value=lambda row: row.history.plane or ""),
+    )  # fmt: skip
     tables = (_changes(first, last), _history(first, rows))
     simulated = any(planes[0].state.camera.simulated for planes in cameras)
     return Result("history", title, tables, _findings(found), inputs=tuple(inputs), simulated=simulated)
@@ -94,11 +91,6 @@ def history_result(found: Sequence[CameraHistory], inputs: Sequence[InputFile] =
 
 def _changes(first: tuple[Column, Column], rows: Sequence[_Row]) -> Table:
     """Return the change of each plane; the rows are of its last point."""
-
-    def changed(row: _Row) -> str | None:
-        change = row.history.change_rel
-        return None if change is None else "yes" if abs(change[0]) > change[1] else "no"
-
     columns = (
         first[0],
         Column("camera", "camera", "", "Model and serial number, lens and setting."),
@@ -112,19 +104,16 @@ def _changes(first: tuple[Column, Column], rows: Sequence[_Row]) -> Table:
                    value="history.change_rel.0"),
             "history.change_rel.1", "expanded_rel",
         ),
-        Column("changed", "changed", "", "Whether the change is more than its U.", value=changed),
+        Column("changed", "changed", "", "Whether the change is more than its U.",
+               value=lambda row: (of := row.history.change_rel) and ("yes" if abs(of[0]) > of[1] else "no")),
     )  # fmt: skip
     return Table.of_items("cameras", "Change of the responsivity", columns, rows)
 
 
 def _history(first: tuple[Column, Column], rows: Sequence[_Row]) -> Table:
     """Return one row for each number of a camera, plane and point."""
-    responsivity, offset, rate = (
-        Column("responsivity", "responsivity", RESPONSIVITY, "U includes the scale of the meter.",
-               value="point.responsivity.0"),
-        Column("dark_offset_dn", "dark offset", "DN", "At exposure time 0.", value="point.dark_offset_dn.0"),
-        Column("dark_rate_dn_s", "dark rate", "DN/s", "Growth with exposure time.", value="point.dark_rate_dn_s.0"),
-    )  # fmt: skip
+    offset = Column("dark_offset_dn", "dark offset", "DN", "At exposure time 0.", value="point.dark_offset_dn.0")
+    rate = Column("dark_rate_dn_s", "dark rate", "DN/s", "Growth with exposure time.", value="point.dark_rate_dn_s.0")
     columns = (
         first[0],
         Column("measured", "measured", "", "Time of the last reading.", value=lambda row: minute(row.point.measured)),
@@ -133,7 +122,11 @@ def _history(first: tuple[Column, Column], rows: Sequence[_Row]) -> Table:
         first[1],
         Column("weight", "weight", "", "Of the plane in the luminance.", decimals=3, shown=first[1].shown,
                value="point.weight"),
-        *with_expanded(responsivity, lambda row: (r := row.point.responsivity) and r[0] * r[2], "expanded_r"),
+        *with_expanded(
+            Column("responsivity", "responsivity", RESPONSIVITY, "U includes the scale of the meter.",
+                   value="point.responsivity.0"),
+            lambda row: (r := row.point.responsivity) and r[0] * r[2], "expanded_r",
+        ),
         Column("expanded_fit_rel", "U without meter scale", "%", "Relative U (95 %), the meter's scale excluded.", 2,
                value="point.responsivity.1"),
         *with_expanded(offset, "point.dark_offset_dn.1"),

@@ -184,6 +184,13 @@ class Result:
     seed: int | None = None
     simulated: bool = False
 
+    @classmethod
+    def of(
+        cls, kind: str, title: str, tables: Iterable[Table], findings: Iterable[Finding], *inputs: InputFile, **how: Any
+    ) -> Result:
+        """Make a result whose findings are named once, the most severe first; `how` are the other parameters."""
+        return cls(kind, title, tuple(tables), unique(findings), inputs, **how)
+
     def table(self, name: str) -> Table:
         """Return the table of a name."""
         return next(table for table in self.tables if table.name == name)

@@ -166,15 +166,9 @@ def calibration_result(
         How it was made; values JSON can hold.
     """
     camera, meter = calibration.state.camera, calibration.meter_scale.meter
-    return Result(
-        "calibrate",
-        title or str(camera),
-        tuple(calibration_tables(calibration)),
-        summarised(calibration.findings),
-        tuple(inputs),
-        options or {},
-        simulated=camera.simulated or meter.simulated,
-    )
+    tables, findings = calibration_tables(calibration), summarised(calibration.findings)
+    more = {"configuration": options or {}, "simulated": camera.simulated or meter.simulated}
+    return Result.of("calibrate", title or str(camera), tables, findings, *inputs, **more)
 
 
 def calibration_tables(calibration: AnyCalibration) -> Iterator[Table]:

@@ -7,7 +7,7 @@ from math import hypot
 
 from ...calibration import AnyCalibration, contrast_half_width_95, contrast_uncertainty
 from ...calibration.uncertainty import expanded_rel
-from ...core.result import Finding, InputFile, Result, info, unique
+from ...core.result import Finding, InputFile, Result, info
 from ...core.table import Column, Table, uncertain, with_interval
 from ...report.text import day, exposures, minute, span
 from ...session import Session
@@ -94,16 +94,10 @@ def session_result(
         Of a simulation.
     """
     configuration = evaluation.observed.configuration
-    return Result(
-        kind,
-        configuration.name,
-        tuple(_tables(evaluation)),
-        unique([*summarised(evaluation.findings), _check(evaluation)]),
-        (session_input(evaluation.observed.session), *inputs),
-        configuration.model_dump(mode="json", by_alias=True, exclude_none=True),
-        seed,
-        bool(evaluation.simulated),
-    )
+    made = configuration.model_dump(mode="json", by_alias=True, exclude_none=True)
+    more = {"configuration": made, "seed": seed, "simulated": bool(evaluation.simulated)}
+    findings, session = [*summarised(evaluation.findings), _check(evaluation)], evaluation.observed.session
+    return Result.of(kind, configuration.name, _tables(evaluation), findings, session_input(session), *inputs, **more)
 
 
 def session_input(session: Session) -> InputFile:

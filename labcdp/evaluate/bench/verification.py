@@ -9,7 +9,7 @@ from ...calibration import AnyCalibration
 from ...calibration.verify.result import Verification
 from ...calibration.verify.verify import verify
 from ...core.errors import CalibrationError
-from ...core.result import InputFile, Result, unique
+from ...core.result import InputFile, Result
 from ...core.table import Column, Table, uncertain, with_expanded
 from ...report.text import minute, significant
 from ...session import MeterCertificate, Session
@@ -86,14 +86,9 @@ def verification_result(verification: Verification, title: str, inputs: Sequence
     inputs : sequence of InputFile
         Session and calibration.
     """
-    return Result(
-        "verify",
-        title,
-        tuple(_tables(verification)),
-        unique(summarised(verification.findings)),
-        tuple(inputs),
-        simulated=verification.state.camera.simulated or verification.meter.meter.simulated,
-    )
+    simulated = verification.state.camera.simulated or verification.meter.meter.simulated
+    found = summarised(verification.findings)
+    return Result.of("verify", title, _tables(verification), found, *inputs, simulated=simulated)
 
 
 def _tables(verification: Verification) -> Iterator[Table]:

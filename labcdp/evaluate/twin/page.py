@@ -55,22 +55,15 @@ def twin_document(evaluation: TwinEvaluation) -> dict[str, Any]:
     del sensor["device_seed"]
     # The chain file states K at 0 dB; the sensor here has K at the session's gain.
     sensor["k_dn_per_e"] /= 10 ** (twin.gain_db / 20)
-    lens = configuration.lens
+    lens, exposure_s = configuration.lens, _exposure_s(evaluation.observed)
+    optics = {"f_number": lens.f_number, "transmittance": twin.transmittance, "focal_length_m": lens.focal_length_m}
     return {
         "name": "twin",
         "description": f"Twin of {evaluation.calibration.state.camera}, from the session {configuration.name}",
         "spectrum": configuration.source.spectrum,
         "scene": _scene(evaluation, shape),
-        "optics": {
-            "f_number": lens.f_number,
-            "transmittance": twin.transmittance,
-            "focal_length_m": lens.focal_length_m,
-        },
-        "exposure": {
-            "exposure_s": _exposure_s(evaluation.observed),
-            "gain_db": twin.gain_db,
-            "temperature_c": twin.temperature_c,
-        },
+        "optics": optics,
+        "exposure": {"exposure_s": exposure_s, "gain_db": twin.gain_db, "temperature_c": twin.temperature_c},
         "sensor": {"type": "emva1288", **{name: _rounded(value) for name, value in sensor.items()}},
     }
 

@@ -102,16 +102,14 @@ def regions_of(
         v = np.asarray(roi.select(vignetting), dtype=float)
         uneven = uneven_rel([calibration], {"": group})
         left, top, right, bottom = roi.bounds
-        row, column = twin.row_dsnu_dn.value, twin.column_dsnu_dn.value
+        lines = (twin.row_dsnu_dn.value, bottom - top), (twin.column_dsnu_dn.value, right - left)
         regions[patch.name] = TwinRegion(
             name=patch.name,
             luminance_cd_m2=reading.luminance_cd_m2,
             reading_rel=hypot(reading.random_cd_m2 / reading.luminance_cd_m2, uneven),
             unevenness_rel=uneven,
             vignetting=v,
-            darkness_dn=hypot(
-                twin.dark.nonuniformity_dn, row / sqrt(max(bottom - top, 1)), column / sqrt(max(right - left, 1))
-            ),
+            darkness_dn=hypot(twin.dark.nonuniformity_dn, *(dsnu_dn / sqrt(max(n, 1)) for dsnu_dn, n in lines)),
             flat_field_rel=flat_field_rel,
         )
     return regions

@@ -8,7 +8,7 @@ from math import comb
 from typing import Any
 
 from ...calibration.uncertainty import critical_value
-from ...core.result import Finding, InputFile, Result, info, quantity_table, unique, warning
+from ...core.result import Finding, InputFile, Result, info, quantity_table, warning
 from ...core.table import Column, Table, uncertain, with_interval
 from ..bench.session_result import provenance_table
 from ..camera.result import stated
@@ -31,15 +31,10 @@ def twin_result(
     options : dict
         Options of the comparison.
     """
-    return Result(
-        "twin",
-        evaluation.observed.configuration.name,
-        tuple(_tables(evaluation)),
-        unique([verdict(evaluation), *signal_findings(evaluation), *evaluation.findings]),
-        tuple(inputs),
-        options or {},
-        simulated=evaluation.calibration.state.camera.simulated,
-    )
+    name = evaluation.observed.configuration.name
+    findings = [verdict(evaluation), *signal_findings(evaluation), *evaluation.findings]
+    more = {"configuration": options or {}, "simulated": evaluation.calibration.state.camera.simulated}
+    return Result.of("twin", name, _tables(evaluation), findings, *inputs, **more)
 
 
 def _tables(evaluation: TwinEvaluation) -> Iterator[Table]:

@@ -126,32 +126,21 @@ def _pack12(dn: NDArray[np.unsignedinteger[Any]], packing: Packing) -> NDArray[n
     return triples.ravel()
 
 
-_MONO: tuple[tuple[str, int, int, Packing], ...] = (
-    ("Mono8", 0x01080001, 8, "byte"),
-    ("Mono10", 0x01100003, 10, "word"),
-    ("Mono12", 0x01100005, 12, "word"),
-    ("Mono12Packed", 0x010C0006, 12, "gige12"),
-    ("Mono12p", 0x010C0047, 12, "lsb12"),
-    ("Mono16", 0x01100007, 16, "word"),
-)
-
-#: Last two hexadecimal digits of the Bayer codes, in the order GR, RG, GB, BG.
-_BAYER: tuple[tuple[str, int, tuple[int, int, int, int], int, Packing], ...] = (
-    ("8", 0x01080000, (0x08, 0x09, 0x0A, 0x0B), 8, "byte"),
-    ("10", 0x01100000, (0x0C, 0x0D, 0x0E, 0x0F), 10, "word"),
-    ("12", 0x01100000, (0x10, 0x11, 0x12, 0x13), 12, "word"),
-    ("12Packed", 0x010C0000, (0x2A, 0x2B, 0x2C, 0x2D), 12, "gige12"),
-    ("12p", 0x010C0000, (0x57, 0x59, 0x55, 0x53), 12, "lsb12"),
-    ("16", 0x01100000, (0x2E, 0x2F, 0x30, 0x31), 16, "word"),
+#: What names end in, bits, packing, and the codes of Mono and of the Bayer patterns GR, RG, GB and BG.
+_LAYOUTS: tuple[tuple[str, int, Packing, tuple[int, ...]], ...] = (
+    ("8", 8, "byte", (0x01080001, 0x01080008, 0x01080009, 0x0108000A, 0x0108000B)),
+    ("10", 10, "word", (0x01100003, 0x0110000C, 0x0110000D, 0x0110000E, 0x0110000F)),
+    ("12", 12, "word", (0x01100005, 0x01100010, 0x01100011, 0x01100012, 0x01100013)),
+    ("12Packed", 12, "gige12", (0x010C0006, 0x010C002A, 0x010C002B, 0x010C002C, 0x010C002D)),
+    ("12p", 12, "lsb12", (0x010C0047, 0x010C0057, 0x010C0059, 0x010C0055, 0x010C0053)),
+    ("16", 16, "word", (0x01100007, 0x0110002E, 0x0110002F, 0x01100030, 0x01100031)),
 )
 
 #: The supported formats by name.
 PIXEL_FORMATS: dict[str, PixelFormat] = {
-    name: PixelFormat(name, code, bits, packing, None) for name, code, bits, packing in _MONO
-} | {
-    f"Bayer{pattern}{suffix}": PixelFormat(f"Bayer{pattern}{suffix}", base | code, bits, packing, pattern)
-    for suffix, base, codes, bits, packing in _BAYER
-    for pattern, code in zip(("GR", "RG", "GB", "BG"), codes, strict=True)
+    f"{kind}{ending}": PixelFormat(f"{kind}{ending}", codes[at], bits, packing, kind[5:] or None)
+    for at, kind in enumerate(("Mono", "BayerGR", "BayerRG", "BayerGB", "BayerBG"))
+    for ending, bits, packing, codes in _LAYOUTS
 }
 
 

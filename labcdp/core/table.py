@@ -288,29 +288,6 @@ class Table:
         return Dataset(variables_of(self.columns, ("row",), list(self.rows())), attrs={"title": self.title})
 
 
-@dataclass(frozen=True, eq=False)
-class LongTable:
-    """A table for spreadsheets alone, whose rows are made while they are written: memory does not grow with them.
-
-    Parameters
-    ----------
-    name, title, columns, matrix
-        As of `Table`.
-    read : callable
-        Begins to make the rows, each with the values by column name.
-    """
-
-    name: str
-    title: str
-    columns: tuple[Column, ...]
-    read: Callable[[], Iterable[Mapping[str, Any]]]
-    matrix: bool = False
-
-    def rows(self) -> Iterator[Mapping[str, Any]]:
-        """Iterate over the rows."""
-        return iter(self.read())
-
-
 def _scalar(value: Any) -> Any:
     """Return a NumPy scalar as Python's."""
     return value.item() if hasattr(value, "item") else value

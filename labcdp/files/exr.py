@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager, redirect_stdout, suppress
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -154,8 +154,7 @@ def luminance_weights(header: dict[str, Any]) -> tuple[tuple[float, float, float
 def exr_text(path: Path, max_pixels: int) -> dict[str, Any] | None:
     """Return what labcdp noted in a file it wrote, None for others; raises InputError as `exr_header`."""
     text = exr_header(path, max_pixels).get("labcdp")
-    try:
+    with suppress(InputError):
         values = parse_json(text) if isinstance(text, str) else None
-    except InputError:
-        return None
-    return values if isinstance(values, dict) else None
+        return values if isinstance(values, dict) else None
+    return None

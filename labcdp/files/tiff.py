@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -63,23 +64,19 @@ def read_tiff(data: bytes, path: Path, max_pixels: int, number: int | None = Non
 
 def tiff_text(data: bytes) -> dict[str, Any] | None:
     """Return what labcdp noted in a file it wrote, None for others."""
-    try:
-        with open_tiff(data, Path()) as tiff:
-            values = parse_json(tiff.pages.first.description)
     # Others write what they like into a description.
-    except InputError:
-        return None
-    return values if isinstance(values, dict) else None
+    with suppress(InputError), open_tiff(data, Path()) as tiff:
+        values = parse_json(tiff.pages.first.description)
+        return values if isinstance(values, dict) else None
+    return None
 
 
 def is_of_a_sensor(data: bytes) -> bool:
     """Whether this is camera RAW in TIFF's form: it has a DNGVersion, or lies behind a colour filter array."""
-    try:
-        with open_tiff(data, Path()) as tiff:
-            page = tiff.pages.first.aspage()
-            return 50706 in page.tags or page.photometric in (32803, 34892)
-    except InputError:
-        return False
+    with suppress(InputError), open_tiff(data, Path()) as tiff:
+        page = tiff.pages.first.aspage()
+        return 50706 in page.tags or page.photometric in (32803, 34892)
+    return False
 
 
 def count_pictures(data: bytes, path: Path) -> int:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
 from io import BytesIO
@@ -13,7 +14,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 from ..core.errors import InputError
 from ..core.result import Result
-from ..core.table import Column, LongTable, Table
+from ..core.table import Column, Table
 from .text import cell_decimals, finding_text, is_number, printable
 
 if TYPE_CHECKING:
@@ -50,6 +51,29 @@ def result_workbook(result: Result, time: datetime) -> bytes:
     file = BytesIO()
     write_result(file, result, time)
     return file.getvalue()
+
+
+@dataclass(frozen=True, eq=False)
+class LongTable:
+    """A table for spreadsheets alone, whose rows are made while they are written: memory does not grow with them.
+
+    Parameters
+    ----------
+    name, title, columns, matrix
+        As of `Table`.
+    read : callable
+        Begins to make the rows, each with the values by column name.
+    """
+
+    name: str
+    title: str
+    columns: tuple[Column, ...]
+    read: Callable[[], Iterable[Mapping[str, Any]]]
+    matrix: bool = False
+
+    def rows(self) -> Iterator[Mapping[str, Any]]:
+        """Iterate over the rows."""
+        return iter(self.read())
 
 
 def write_result(file: Path | IO[bytes], result: Result, time: datetime, long: Sequence[LongTable] = ()) -> None:

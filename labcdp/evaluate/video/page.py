@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...core.result import Result
-from ...core.table import Column, LongTable, Table
+from ...core.table import Column, Table
 from ...output import Destination, open_results
 from ...output.file import writing
 from ...report.files import envelope_json, write_blocks
 from ...report.html import render_page
 from ...report.layout import Block, Card, Facts, Page, ReportFigure, Section, Verbatim, input_facts
-from ...report.sheets import MOST_COLUMNS, write_result
+from ...report.sheets import MOST_COLUMNS, LongTable, write_result
 from ...report.text import cell_text, fixed, percent, printable, significant, span
 from .dataset import LIGHT, NOTE, OF_CONTRAST, OF_CORNER, OF_FRAME, OF_REGION, TIME, VideoRows, blocks_of, check_video
 from .figure import drawn_contrasts, frames_of_a_point, video_figure

@@ -6,6 +6,7 @@ import hashlib
 import os
 import re
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -131,11 +132,10 @@ def _alike(picture: Picture, first: Picture, number: int) -> Frame:
 
 def _read(read: Callable[[int, PictureOptions], Picture], at: int, options: PictureOptions) -> dict[int, Picture]:
     """Image at a place; nothing if it cannot be read or holds floats, as it is a broken frame."""
-    try:
+    with suppress(InputError):
         picture = read(at, options)
-    except InputError:
-        return {}
-    return {} if picture.frame is None else {at: picture}
+        return {} if picture.frame is None else {at: picture}
+    return {}
 
 
 def _one_scale(pictures: Sequence[Picture], options: PictureOptions) -> tuple[tuple[Finding, ...], PictureOptions]:
@@ -161,10 +161,9 @@ def _numbers(images: Sequence[Path]) -> tuple[int, ...]:
 
 def _digest(path: Path) -> bytes:
     """Hash of a file; of one that cannot be read nothing, as it is a broken frame."""
-    try:
+    with suppress(InputError):
         return bytes.fromhex(file_sha256(path, "an image"))
-    except InputError:
-        return b""
+    return b""
 
 
 def open_session_video(path: Path, options: PictureOptions) -> VideoSource:

@@ -17,8 +17,8 @@ Z_95 = 1.959963984540054
 
 #: What a cell can hold; None and nan are shown as missing.
 Value: TypeAlias = str | int | float | bool | None
-#: How a value is taken of an item: by a path of attributes and indices, on which a missing value stays missing, by the
-#: key of a mapping, or by a function.
+#: How a value is taken of an item: by a path of attributes and indices, on which a missing value stays missing, or by a
+#: function.
 Taken: TypeAlias = str | Callable[[Any], Any]
 
 
@@ -134,8 +134,6 @@ def _expanded(u: float | None) -> float | None:
 def _taken(value: Taken, item: Any) -> Any:
     if not isinstance(value, str):
         return value(item)
-    if isinstance(item, Mapping):
-        return item.get(value)
     for part in value.split("."):
         if item is not None:
             item = item[int(part)] if part.isdigit() else getattr(item, part)
@@ -143,8 +141,14 @@ def _taken(value: Taken, item: Any) -> Any:
 
 
 def values_of(columns: Sequence[Column], items: Sequence[Any]) -> dict[str, list[Any]]:
-    """Return the values that columns take from items, a list for each column."""
-    return {column.name: [_taken(column.value or column.name, item) for item in items] for column in columns}
+    """Return the values that columns take from items, a list for each column; of mappings those of its name."""
+    return {column.name: [_value(column, item) for item in items] for column in columns}
+
+
+def _value(column: Column, item: Any) -> Any:
+    if isinstance(item, Mapping) and isinstance(column.value, str):
+        return item.get(column.name)
+    return _taken(column.value or column.name, item)
 
 
 def variables_of(columns: Sequence[Column], dims: tuple[str, ...], items: Sequence[Any]) -> dict[str, Any]:

@@ -89,10 +89,8 @@ def read_exif(data: bytes, path: Path) -> ExifFacts:
         return ExifFacts()
     for tags in directories:
         _require_whole(tags, len(data), path)
-    merged: dict[int, Any] = {}
-    for tags in directories:
-        for code, value in tags.items():
-            merged.setdefault(code, value)
+    # The first directory that has a tag counts.
+    merged = {code: value for tags in reversed(directories) for code, value in tags.items()}
     exif = merged.get(_EXIF)
     if isinstance(exif, dict):
         codes = tifffile.TIFF.EXIF_TAGS

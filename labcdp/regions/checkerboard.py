@@ -88,6 +88,8 @@ def _proposals(values: FloatImage) -> Iterator[Corners]:
     """Give what OpenCV finds, in the image as it is and made clearer in several ways."""
     import cv2
 
+    # It draws at random: an image has the same corners, whatever was searched before.
+    cv2.setRNGSeed(0)
     values, scale = reduced(values)
     yield from _corners(stretched(values), scale)
     # Against noise; against non-uniform light; for squares of few pixels.
@@ -101,8 +103,6 @@ def _proposals(values: FloatImage) -> Iterator[Corners]:
 def _corners(grey: NDArray[np.uint8], scale: float) -> Iterator[Corners]:
     import cv2
 
-    # OpenCV draws at random: an image has the same corners, whatever was searched before.
-    cv2.setRNGSeed(0)
     flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_EXHAUSTIVE
     found, places, meta = cv2.findChessboardCornersSBWithMeta(grey, (_FEWEST_ALONG, _FEWEST_ALONG), flags)
     if found:

@@ -137,18 +137,14 @@ def _edge_px(pixels: _Array, usable: NDArray[np.bool_], depth: NDArray[np.int64]
     # Neighbouring pixels may be alike: the scatter of the middle's own rings says how much means may differ.
     deeper = [rest[ring == n].mean() for n in range(rings + 1, int(ring.max()) + 1) if (ring == n).sum() >= 8]
     scatter = float(np.std(deeper)) if len(deeper) > 2 else 0.0
-    outermost = 0
-    for n in range(1, rings + 1):
-        at = ring == n
-        if not at.any():
-            continue
-        off = float((np.abs(rest[at]) > _OFF_SIGMA * sigma).mean())
-        mean = abs(float(rest[at].mean()))
-        if off > _OFF_SHARE + 5 * off_inside or mean > max(
-            _MEAN_OFF * sigma, _MEAN_OFF_SIGMA * max(scatter, sigma / np.sqrt(at.sum()))
-        ):
-            outermost = n
-    return outermost
+    deepest = 0
+    for n in np.intersect1d(ring, range(1, rings + 1)).tolist():
+        of_ring = rest[ring == n]
+        off = float((np.abs(of_ring) > _OFF_SIGMA * sigma).mean())
+        most = max(_MEAN_OFF * sigma, _MEAN_OFF_SIGMA * max(scatter, sigma / np.sqrt(of_ring.size)))
+        if off > _OFF_SHARE + 5 * off_inside or abs(float(of_ring.mean())) > most:
+            deepest = n
+    return deepest
 
 
 def _plane(x: NDArray[np.int64], y: NDArray[np.int64], inside: NDArray[np.bool_], values: _Array) -> _Array:
@@ -166,21 +162,20 @@ def _trend(x: NDArray[np.int64], y: NDArray[np.int64], values: _Array) -> _Array
     Medians of blocks: a few odd pixels move none of them, and noise that is alike in neighbouring pixels shows in
     their scatter, against which the surface is held.
     """
+    from scipy import ndimage
+
     u, v = _unit(x), _unit(y)
     column, row = (np.minimum(((w + 1) / 2 * _BLOCKS).astype(int), _BLOCKS - 1) for w in (u, v))
     block = column * _BLOCKS + row
     flat = np.full(values.size, np.median(values))
-    order = np.argsort(block, kind="stable")
-    parts = np.split(order, np.flatnonzero(np.diff(block[order])) + 1)
-    parts = [part for part in parts if part.size >= max(3, values.size / _BLOCKS**2 / 4)]
-    if len(parts) < 12:
+    blocks = np.flatnonzero(np.bincount(block) >= max(3, values.size / _BLOCKS**2 / 4))
+    if blocks.size < 12:
         return flat
-    medians = np.array([np.median(values[part]) for part in parts])
-    at = np.array([(u[part].mean(), v[part].mean()) for part in parts])
-    terms = _terms(*at.T)
+    medians = ndimage.median(values, block, blocks)
+    terms = _terms(*(ndimage.mean(w, block, blocks) for w in (u, v)))
     coefficients = np.linalg.lstsq(terms, medians, rcond=None)[0]
     fitted = terms @ coefficients
-    free = len(parts) - terms.shape[1]
+    free = blocks.size - terms.shape[1]
     scatter = float(((medians - fitted) ** 2).sum() / free)
     explained = float(((fitted - medians.mean()) ** 2).sum() / (terms.shape[1] - 1))
     # F of the surface; its standard deviation is about 1 where there is none.

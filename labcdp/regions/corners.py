@@ -61,18 +61,25 @@ def without_outliers(corners: Corners) -> Corners:
 
 
 def expected(corners: Corners) -> Corners:
-    """Return where each corner should be, also those that are not known; nan if the board gives no plane.
+    """Return where each corner should be, also those next to known ones; nan if the board gives no plane.
 
     A homography through all corners known, moved by what those next to the corner deviate from it: a lens bends lines.
     """
+    import cv2
+
     where = known(corners)
-    at, places = np.argwhere(where)[:, ::-1], np.argwhere(np.ones_like(where))[:, ::-1]
-    matrix = homography(at.astype(np.float64), corners[where])
-    deviations = corners[where] - projected(matrix, at)
-    distance = np.abs(places[:, None] - at).max(axis=2)
-    near = distance <= distance.min(axis=1, keepdims=True) + 1
-    moved = near @ deviations / near.sum(axis=1, keepdims=True)
-    return np.asarray((projected(matrix, places) + moved).reshape(corners.shape))
+    at, places = (np.argwhere(one)[:, ::-1].astype(np.float64) for one in (where, np.ones_like(where)))
+    plane = projected(homography(at, corners[where]), places).reshape(corners.shape)
+    deviations = np.where(where[..., None], corners - plane, 0.0)
+
+    def near(size: int) -> NDArray[np.float64]:
+        """Mean deviation of the known corners in a square around each place."""
+        how: dict[str, Any] = {"normalize": False, "borderType": cv2.BORDER_CONSTANT}
+        total, count = (cv2.boxFilter(one, -1, (size, size), **how) for one in (deviations, where.astype(np.float64)))
+        return np.asarray(total / np.maximum(count, 1)[..., None])
+
+    # A corner that is not known is one step further from the others.
+    return np.asarray(plane + np.where(where[..., None], near(3), near(5)))
 
 
 def _off(corners: Corners, places: Corners) -> NDArray[np.float64]:

@@ -72,43 +72,34 @@ class LineJournal:
 
     def _begin(self, head: Row, what: str) -> None:
         first = self._line()
-        found = _decode(first, "")
-        if found is None and _encode(head, "")[0].startswith(first):
-            # No line was finished: there is nothing to keep.
-            self._begin_anew(head)
-            return
-        if found is None:
+        found, at = _decode(first, ""), self._file.tell()
+        if found is None and not _encode(head, "")[0].startswith(first):
             self._file.close()
             raise InputError(
                 f"{self.path} is no journal of this version of labcdp, or its first line was altered: give another "
                 "folder, or remove it"
             )
-        values, self._check = found
-        at = self._file.tell()
-        if values != head and _decode(self._line(), self._check) is None:
-            # It was refused before its first result.
-            self._begin_anew(head)
+        has_result = found is not None and _decode(self._line(), found[1]) is not None
+        if found is None or (found[0] != head and not has_result):
+            # Its first line was not finished, or it was refused before its first result: there is nothing to keep.
+            self._file.seek(0)
+            self._file.truncate()
+            self._write(head)
+            self._ends = [self._file.tell()]
             return
-        self._file.seek(at)
-        if values != head:
+        if found[0] != head:
             self._file.close()
             raise InputError(
-                f"{self.path.parent} holds the results of another {what}{_differing(values, head)}: give another "
+                f"{self.path.parent} holds the results of another {what}{_differing(found[0], head)}: give another "
                 f"folder, or remove {self.path}"
             )
-        self._ends = [at]
+        self._file.seek(at)
+        self._check, self._ends = found[1], [at]
         while (found := _decode(self._line(), self._check)) is not None:
             self._check = found[1]
             self._ends.append(self._file.tell())
         self._file.seek(self._ends[-1])
         self._file.truncate()
-
-    def _begin_anew(self, head: Row) -> None:
-        self._check = ""
-        self._file.seek(0)
-        self._file.truncate()
-        self._write(head)
-        self._ends = [self._file.tell()]
 
     def _line(self) -> bytes:
         return self._file.readline(_MOST_BYTES_OF_LINE)

@@ -116,6 +116,8 @@ def _of_kind(read: ImagejRoi, name: str, where: str) -> Shape:
     kind = read.roitype
     if what := _NO_REGION.get(read.subtype) or _LINES.get(kind):
         raise InputError(f"{where} is of the kind {what}, which has no area: leave it out, or draw an area")
+    if kind is ROI_TYPE.UNKNOWN or read.subtype is ROI_SUBTYPE.UNKNOWN:
+        raise InputError(f"{where} is of the unknown kind {kind.value}, {read.subtype.value}: draw it as a polygon")
     if read.shape_roi_size > 0:
         return CompositeShape(name, in_one_line(_rings(read, where)))
     if kind in (ROI_TYPE.RECT, ROI_TYPE.OVAL):

@@ -21,10 +21,9 @@ from ...core.frame import Frame
 from ...core.luminance import WHOLE, Window
 from ..picture import unused_options
 from ..read import PictureOptions, frame_of_pixels
-from ..stored_image import upright
 from .decoding import Shown, shown_frames
 from .pixels import Pixels, learn_pixels
-from .source import StoredPixels, VideoFrame, VideoSource, require_frames, stored_pixels
+from .source import StoredPixels, VideoFrame, VideoSource, require_frames
 
 #: Whole frames, and broken ones, that are looked at to learn what the numbers are.
 _LOOKED_AT, _MOST_BROKEN = 3, 300
@@ -56,19 +55,15 @@ class _Frames:
                 yield VideoFrame(shown.number, shown.time_s, fault, partial(self.stored, shown), note)
 
     def stored(self, shown: Shown) -> StoredPixels:
-        """Pixels of a decoded frame: only those that are asked for are converted; Y' is followed as it is stored."""
+        """Pixels of a decoded frame: only those that are asked for are converted."""
         if shown.frame is None:
             raise InputError("it cannot be decoded")
         planes, pixels = self.pixels.planes(shown.frame), self.pixels
         if pixels.kind == "luma":
             planes = planes[:1]
         part = partial(self._grey if pixels.kind == "luma" else self._of_colours, planes, shown.number)
-        if pixels.kind == "rgb":
-            return stored_pixels(part(WHOLE))
-        followed = upright(planes[0], pixels.orientation)
-        return StoredPixels(
-            planes, followed, pixels.levels, partial(part, WHOLE), part if pixels.orientation == 1 else None
-        )
+        in_part = part if pixels.orientation == 1 and pixels.kind != "rgb" else None
+        return StoredPixels(planes, pixels.followed(planes), pixels.levels, partial(part, WHOLE), in_part)
 
     def _grey(self, planes: Sequence[NDArray[Any]], number: int, window: Window) -> Frame:
         dn = self.pixels.luma(planes[0][window])

@@ -99,6 +99,13 @@ class Pixels:
             raise InputError(f"its pixels are of the kind {frame.format.name}, not {self.format_name} as before")
         return tuple(planes_of(frame))
 
+    def followed(self, planes: Sequence[NDArray[Any]]) -> NDArray[Any]:
+        """Grey or Y' as it is stored, or Y' of red, green and blue: what trackers look at."""
+        import cv2
+
+        rgb = self.kind == "rgb"
+        return upright(cv2.cvtColor(np.dstack(planes), cv2.COLOR_RGB2GRAY) if rgb else planes[0], self.orientation)
+
     def luma(self, stored: NDArray[Any]) -> NDArray[Any]:
         """Full-range Y' of what is stored of it."""
         if self.limited:

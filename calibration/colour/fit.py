@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from ..findings import LeftOut
 from ..fit.intake import group_by_patch
 from ..fit.residuals import finite, held_out_rows
 from ..frames.observations import DarkObservation, PatchObservation
-from ..model import Calibration, PatchResidual, range_of
+from ..model import Calibration, range_of
 from ..sensor.dark_fit import rows_of
 from ..sensor.dark_library import DarkLibrary
 from ..sensor.defects import DefectMap
@@ -37,6 +38,8 @@ _CLEARLY_BETTER = 0.8
 COMBINATION = "combination"
 #: Largest share of the prior's width at which the patches determine the weights.
 _DETERMINED = 0.5
+#: A combination, the leave-one-out errors of the patches by it, and how it was chosen.
+_Chosen: TypeAlias = tuple[Combination, Array, tuple[CombinationStep, ...]]
 
 
 def fit_colour(
@@ -87,19 +90,16 @@ def fit_colour(
     prior, scaled, of_prior = choose_prior(planes, sensitivities, setup.light)
     fitted = {name: group for name, group in groups.items() if name not in held_out}
     patches, left_out, of_patches = colour_patches(planes, fitted, readings)
-    of_grey = np.array([patch.name in grey for patch in patches])
-    data, scatter = scattered(colour_data(planes, patches), prior.weights, of_grey)
-    chosen, without, ladder = _choose(data, prior)
-    found = zip(patches, chosen.deviation.tolist(), chosen.uncertainty.tolist(), without.tolist(), strict=True)
-    rows = tuple(patch.residual(*of_patch) for patch, *of_patch in found)
-    calibration = _assembled(planes, chosen, rows, scatter, scaled, tuple(left_out), ladder)
+    data, scatter = scattered(colour_data(planes, patches), prior.weights, np.array([p.name in grey for p in patches]))
+    chosen = _choose(data, prior)
+    calibration = _assembled(planes, patches, chosen, scatter, scaled, left_out)
     held, of_held_out = held_out_rows(
         lambda name: colour_patch_luminance(calibration, groups[name]),
         {name: centre_px(group) for name, group in groups.items() if name in held_out},
         readings,
     )
     findings += [*_plane_findings(planes), *of_patches, *of_prior]
-    findings += [*_findings(chosen, patches, prior, scaled is not None), *of_held_out]
+    findings += [*_findings(chosen[0], patches, prior, scaled is not None), *of_held_out]
     log_findings(_log, findings)
     return replace(calibration, held_out=held, findings=unique(findings))
 
@@ -151,7 +151,7 @@ def _plane_findings(planes: Sequence[Calibration]) -> list[Finding]:
     return findings
 
 
-def _choose(data: ColourData, prior: Prior) -> tuple[Combination, Array, tuple[CombinationStep, ...]]:
+def _choose(data: ColourData, prior: Prior) -> _Chosen:
     """Compare the combination with each colour alone by leave-one-out errors; return those of the chosen one too."""
     tried = {COMBINATION: (data, prior)} | {colour: (data.only(i), NO_PRIOR) for i, colour in enumerate(COLOURS)}
     found = {name: combine(*one) for name, one in tried.items()}
@@ -181,29 +181,30 @@ def _rms(deviations: Array) -> float:
 
 def _assembled(
     planes: Sequence[Calibration],
-    chosen: Combination,
-    rows: tuple[PatchResidual, ...],
+    patches: Sequence[ColourPatch],
+    chosen: _Chosen,
     scatter: tuple[float, float],
     sensitivities: Mapping[str, SpectralTable] | None,
-    left_out: tuple[LeftOut, ...],
-    ladder: tuple[CombinationStep, ...],
+    left_out: Sequence[LeftOut],
 ) -> ColourCalibration:
-    to_colour = colours_of_planes(planes)
-    sensitivity = None
+    found, without, ladder = chosen
+    of_patches = zip(patches, found.deviation.tolist(), found.uncertainty.tolist(), without.tolist(), strict=True)
+    rows = tuple(patch.residual(*of_patch) for patch, *of_patch in of_patches)
+    to_colour, sensitivity = colours_of_planes(planes), None
     if sensitivities is not None:
-        sensitivity = weighted_sum(sensitivities, dict(zip(COLOURS, chosen.weights.tolist(), strict=True)))
+        sensitivity = weighted_sum(sensitivities, dict(zip(COLOURS, found.weights.tolist(), strict=True)))
     return ColourCalibration(
         planes=tuple(planes),
-        weights=tuple((to_colour @ chosen.weights).tolist()),
+        weights=tuple((to_colour @ found.weights).tolist()),
         # Scatter of the patches, grey and by colour, is in their variances already.
-        weight_covariance=rows_of(to_colour @ chosen.covariance @ to_colour.T),
-        spectral_rel=chosen.spectral_rel,
+        weight_covariance=rows_of(to_colour @ found.covariance @ to_colour.T),
+        spectral_rel=found.spectral_rel,
         scatter_rel=scatter[0],
         scatter_dof=finite(scatter[1]),
         range_cd_m2=range_of(rows),
         residuals=rows,
         held_out=(),
-        left_out=left_out,
+        left_out=tuple(left_out),
         ladder=ladder,
         sensitivity=sensitivity,
         f1_prime=None if sensitivity is None else f1_prime(sensitivity),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import hypot
 from typing import Any
 
@@ -17,10 +17,47 @@ from .findings import findings_of
 from .quantities import fit_dark_current, sensitivity_threshold_e, snr_max
 from .result import Characterisation, Quantity
 from .series import SeriesPoint
-from .transfer import Transfer, departure_rel
+from .transfer import Saturation, departure_rel, find_saturation, points_to_fit, system_gain
 
 #: The definitions used.
 DEFINITION = "EMVA 1288 Release 4.0 Linear; LE_min and LE_max after Release 3.1"
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """Saturation and system gain of a series.
+
+    Parameters
+    ----------
+    saturation : Saturation
+        End of the range.
+    fitted : sequence of SeriesPoint
+        Points up to 70 % of it.
+    k : Quantity
+        Overall system gain.
+    """
+
+    saturation: Saturation
+    fitted: Sequence[SeriesPoint]
+    k: Quantity
+
+
+def photon_transfer(points: Sequence[SeriesPoint]) -> Transfer:
+    """Find saturation and K of a series, by the standard's unweighted fit.
+
+    Parameters
+    ----------
+    points : sequence of SeriesPoint
+        In rising order of signal.
+
+    Raises
+    ------
+    CalibrationError
+        If there are too few points, or K is not above 0.
+    """
+    saturation = find_saturation(points)
+    fitted = points_to_fit(points, saturation.net_dn)
+    return Transfer(saturation, fitted, system_gain(fitted))
 
 
 def assemble(

@@ -14,14 +14,14 @@ from ..frames.measure import MeasuredFrames
 from ..frames.observations import CameraState, DarkObservation
 from ..frames.observe import dark_observation
 from ..frames.statistics import FrameStatistics, FrameSums
-from .assemble import assemble, with_findings, with_frame_changes
+from .assemble import Transfer, assemble, photon_transfer, with_findings, with_frame_changes
 from .findings import findings_of_data_set
 from .images import ImageCheck, read_image, require_levels
 from .index import DataSetIndex, IndexBlock, load_index
 from .quantities import dsnu_parts, prnu_parts, spatial_variance_of
 from .result import Characterisation, Quantity, SpatialImages
 from .series import Level, SeriesPoint
-from .transfer import MIN_POINTS, Transfer, linearity, photon_transfer, responsivity
+from .transfer import MIN_POINTS, linearity, responsivity
 
 #: Note on the missing uncertainty of the photon numbers.
 _WITHOUT_PHOTONS = "u without that of the photon numbers, which the data set does not state"

@@ -233,45 +233,6 @@ class Saturation:
     definition: str
 
 
-@dataclass(frozen=True)
-class Transfer:
-    """Saturation and system gain of a series.
-
-    Parameters
-    ----------
-    saturation : Saturation
-        End of the range.
-    fitted : sequence of SeriesPoint
-        Points up to 70 % of it.
-    k : Quantity
-        Overall system gain.
-    """
-
-    saturation: Saturation
-    fitted: Sequence[SeriesPoint]
-    k: Quantity
-
-
-def photon_transfer(points: Sequence[SeriesPoint]) -> Transfer:
-    """Find saturation and K of a series, by the standard's unweighted fit.
-
-    Parameters
-    ----------
-    points : sequence of SeriesPoint
-        In rising order of signal.
-
-    Raises
-    ------
-    CalibrationError
-        If there are too few points, or K is not above 0.
-    """
-    if not any(point.net_variance_dn2 > 0 for point in points):
-        raise _no_noise("no image has more than the dark images")
-    saturation = find_saturation(points)
-    fitted = points_to_fit(points, saturation.net_dn)
-    return Transfer(saturation, fitted, system_gain(fitted))
-
-
 def find_saturation(points: Sequence[SeriesPoint]) -> Saturation:
     """Find the point of saturation: the largest temporal variance above dark (EMVA 1288 Release 4.0 Linear).
 
@@ -282,9 +243,16 @@ def find_saturation(points: Sequence[SeriesPoint]) -> Saturation:
     ----------
     points : sequence of SeriesPoint
         At least one, in rising order of signal.
+
+    Raises
+    ------
+    CalibrationError
+        If none has more temporal noise than its dark signal.
     """
     x, excess, u = columns(points, "stimulus", "net_variance_dn2", "variance_uncertainty_dn2")
     index = int(np.argmax(excess))
+    if excess[index] <= 0:
+        raise _no_noise("no image has more than the dark images")
     falls = excess[index] - excess[index + 1 :] > _SIGNIFICANT * np.hypot(u[index], u[index + 1 :])
     limit: SaturationLimit = "not reached"
     if falls.any():

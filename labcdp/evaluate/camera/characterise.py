@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...calibration.emva.assemble import assemble, with_findings, with_frame_changes
+from ...calibration.emva.assemble import Transfer, assemble, with_findings, with_frame_changes
 from ...calibration.emva.quantities import (
     combined,
     dark_pattern_variances,
@@ -22,7 +22,7 @@ from ...calibration.emva.quantities import (
 )
 from ...calibration.emva.result import Characterisation, Quantity, SaturationLimit, SpatialImages
 from ...calibration.emva.series import Level, SeriesPoint
-from ...calibration.emva.transfer import Saturation, Transfer, points_to_fit, system_gain
+from ...calibration.emva.transfer import Saturation, points_to_fit, system_gain
 from ...calibration.fit.screening import SAFE_SHARE, plateau_dn
 from ...calibration.frames.measure import MeasuredFrames
 from ...calibration.frames.nonuniformity import Estimate

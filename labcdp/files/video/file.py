@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
+from datetime import datetime
 from functools import cached_property, partial
 from math import isfinite
 from pathlib import Path
@@ -19,6 +19,7 @@ from ...core.disk import file_sha256, require_regular
 from ...core.errors import InputError
 from ...core.frame import Frame
 from ...core.luminance import WHOLE, Window
+from ..frame import changed_at
 from ..picture import unused_options
 from ..read import PictureOptions, frame_of_pixels
 from .decoding import Shown, shown_frames
@@ -126,9 +127,8 @@ def open_video_file(path: Path, options: PictureOptions) -> VideoSource:
         except InputError as error:
             raise InputError(f"{path}: {error}" if str(error).startswith("its") else f"{path} {error}") from error
     height, width = frames[0].height, frames[0].width
-    modified = datetime.fromtimestamp(path.stat().st_mtime, UTC)
     frame_rate = rate if isfinite(rate) and rate > 0 else None
-    found = _Frames(path, (height, width), frame_rate, pixels, options, modified)
+    found = _Frames(path, (height, width), frame_rate, pixels, options, changed_at(path))
     # Options that do not fit fail at once, and not once for each frame.
     frame = found.stored(Shown(0, 0.0, frames[0], None)).frame
     return VideoSource(

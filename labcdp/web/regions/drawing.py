@@ -8,8 +8,7 @@ from itertools import chain, count
 
 from ...core.errors import InputError
 from ...core.roi import Roi
-from ...regions import Shape, rois_of
-from .shapes import ImageSize
+from ...regions import ImageSize, Shape, rois_of
 
 #: Number of changes that can be undone.
 _MOST_STEPS = 500

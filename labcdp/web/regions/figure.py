@@ -190,9 +190,7 @@ class Picture:
         return 1 if self.image.colour_filter is None else 2
 
     def _put(self, source: ColumnDataSource, part: Tile) -> None:
-        n = self._step
-        x, y, width, height = (n * edge for edge in (part.x, part.y, part.width, part.height))
-        source.data = _image_data(part.pixels, (x, y, width, height), self._n_sent)
+        source.data = _image_data(part, self._step, self._n_sent)
 
     def _new_figure(self) -> Any:
         width, height = self.image.size
@@ -241,9 +239,10 @@ def _source(*columns: str, syncable: bool = True) -> ColumnDataSource:
 
 
 def _image_source() -> ColumnDataSource:
-    return ColumnDataSource(data=_image_data(np.zeros((1, 1), dtype=np.uint8), (0, 0, 1, 1), 0))
+    return ColumnDataSource(data=_image_data(Tile(np.zeros((1, 1), dtype=np.uint8), 0, 0, 1, 1), 1, 0))
 
 
-def _image_data(pixels: NDArray[np.uint8], place: tuple[float, ...], number: int) -> dict[str, list[Any]]:
-    x, y, width, height = place
-    return {"image": [pixels], "x": [x], "y": [y], "dw": [width], "dh": [height], "number": [number]}
+def _image_data(part: Tile, step: int, number: int) -> dict[str, list[Any]]:
+    """Columns of a part whose pixels stand for `step` pixels of the image along each side."""
+    place = {"x": part.x, "y": part.y, "dw": part.width, "dh": part.height}
+    return {"image": [part.pixels], **{name: [step * value] for name, value in place.items()}, "number": [number]}

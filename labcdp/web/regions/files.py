@@ -12,10 +12,9 @@ from pathlib import Path
 
 from ...core.disk import file_sha256
 from ...core.errors import InputError
-from ...regions import REGION_SUFFIXES, Shape, load_regions, save_regions
+from ...regions import REGION_SUFFIXES, ImageSize, Shape, load_regions, save_regions
 from ...report.text import printable
 from .drawing import Drawing, History
-from .shapes import ImageSize
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,10 @@ from bokeh.model import DataModel
 
 from ...core.disk import parse_json
 from ...core.errors import InputError, naming
-from ...regions import PolygonShape, Shape
+from ...regions import ImageSize, PolygonShape, Shape
 from . import shapes as edit
 from .drawing import Drawing
-from .shapes import Corner, ImageSize
+from .shapes import Corner
 from .wording import OTHER_COLOUR, PROPOSAL_COLOUR, colour
 
 #: Most corners of a drawn polygon.

@@ -11,11 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from ...regions import EllipseShape, PolygonShape, RectangleShape, Shape
+from ...regions import EllipseShape, ImageSize, PolygonShape, RectangleShape, Shape
 from .page_image import PageImage
 
-#: Width and height of an image in pixels.
-ImageSize = tuple[int, int]
 Corner = tuple[float, float]
 
 #: Decimals of corner coordinates in pixels: finer than a mouse, and files stay readable.

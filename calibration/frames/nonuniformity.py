@@ -56,9 +56,7 @@ class Nonuniformity:
         return (between - within) / self.cell_pixels
 
 
-def nonuniformity(
-    signal_dn: NDArray[np.floating[Any]], inverse_v: NDArray[np.floating[Any]] | None, cells: NDArray[np.integer[Any]]
-) -> Nonuniformity:
+def nonuniformity(signal_dn: Array, inverse_v: Array | None, cells: NDArray[np.integer[Any]]) -> Nonuniformity:
     """Mean squares of a region's pixels.
 
     Parameters

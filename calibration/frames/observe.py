@@ -15,7 +15,7 @@ from ...core.frame import Frame
 from ...core.roi import Roi
 from ...core.vignetting import AnyVignetting
 from .measure import MIN_FRAMES, Defects, MeasuredFrames, measure_frames, measure_whole
-from .nonuniformity import cells_of, nonuniformity, spatial_variance
+from .nonuniformity import Array, cells_of, nonuniformity, spatial_variance
 from .observations import DarkObservation, PatchObservation
 from .statistics import FrameStatistics
 
@@ -28,7 +28,7 @@ class DarkPattern(Protocol):
 
     def correction_dn(
         self, shape: tuple[int, int], exposure_s: float, temperature_c: float | None = None
-    ) -> NDArray[np.floating[Any]] | None:
+    ) -> Array | None:
         """Pattern to subtract at an exposure and temperature, shape (height, width); None for none."""
 
     def noise_dn(self, exposure_s: float, temperature_c: float | None = None) -> float:
@@ -85,10 +85,7 @@ def observe_patches(
 
 
 def _patch(
-    one: MeasuredFrames,
-    inverse_v: NDArray[np.float64] | None,
-    pattern_dn: NDArray[np.floating[Any]] | None,
-    vignetting: AnyVignetting | None,
+    one: MeasuredFrames, inverse_v: Array | None, pattern_dn: Array | None, vignetting: AnyVignetting | None
 ) -> PatchObservation:
     s, region = one.statistics, one.region
     assert region is not None
@@ -166,13 +163,13 @@ def _common(measured: MeasuredFrames) -> dict[str, Any]:
     return common | {name: getattr(measured, name) for name in ("exposure_s", "state", "temperature_c")}
 
 
-def _pattern(measured: MeasuredFrames, dark_library: DarkPattern | None) -> NDArray[np.floating[Any]] | None:
+def _pattern(measured: MeasuredFrames, dark_library: DarkPattern | None) -> Array | None:
     if dark_library is None:
         return None
     return dark_library.correction_dn(measured.state.image_shape, measured.exposure_s, measured.temperature_c)
 
 
-def _without(s: FrameStatistics, pattern_dn: NDArray[np.floating[Any]] | None) -> NDArray[np.float64]:
+def _without(s: FrameStatistics, pattern_dn: Array | None) -> NDArray[np.float64]:
     """Mean of each used pixel without the dark pattern; their mean is exact."""
     values = s.image_dn[s.used].astype(np.float64)
     values += s.mean_dn - values.mean()

@@ -25,7 +25,7 @@ TYPICAL_DOUBLING_C = 7.5
 DOUBLING_REL = 1 / 3
 #: Largest difference of mean dark signal by normal drift of the black level.
 DRIFT_DN = 0.5
-FloatArray = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 
 class DarkCurrent:
@@ -42,9 +42,7 @@ class DarkCurrent:
         return float(2.0 ** ((temperature_c - self.temperature_c) / doubling_c))
 
 
-def fit_curve(
-    darks: Sequence[DarkObservation], warmer_c: FloatArray, drift_dn: float
-) -> tuple[FloatArray, FloatArray, list[Finding]]:
+def fit_curve(darks: Sequence[DarkObservation], warmer_c: Array, drift_dn: float) -> tuple[Array, Array, list[Finding]]:
     """Offset, rate and 1 / T_d with their covariance; that of 1 / T_d is 0 where it is not determined."""
     t, y = np.array([d.exposure_s for d in darks]), np.array([d.mean_dn for d in darks])
     u, typical = mean_uncertainties_dn(darks, drift_dn), 1 / TYPICAL_DOUBLING_C
@@ -74,9 +72,7 @@ def fit_curve(
     return parameters, covariance + np.outer(error, error), findings
 
 
-def _with_temperature(
-    t: FloatArray, warmer_c: FloatArray, y: FloatArray, u: FloatArray
-) -> tuple[FloatArray, FloatArray] | None:
+def _with_temperature(t: Array, warmer_c: Array, y: Array, u: Array) -> tuple[Array, Array] | None:
     """Least squares of all three parameters; None if the dark frames do not determine them."""
     from scipy.optimize import least_squares
 
@@ -85,9 +81,9 @@ def _with_temperature(
         return None
     scale = np.array([1.0, start.slope, 1.0])
 
-    def residuals(p: FloatArray) -> FloatArray:
+    def residuals(p: Array) -> Array:
         offset, rate, inverse = p * scale
-        model: FloatArray = (offset + rate * t * 2 ** np.clip(warmer_c * inverse, -30, 30) - y) / u
+        model: Array = (offset + rate * t * 2 ** np.clip(warmer_c * inverse, -30, 30) - y) / u
         return model
 
     # EMVA 1288: the dark current doubles every 5 to 10 degC.
@@ -97,14 +93,12 @@ def _with_temperature(
         return None
     birge2 = max(1.0, 2 * fit.cost / (t.size - 3)) if t.size > 3 else 1.0
     covariance = np.asarray(np.linalg.inv(jacobian.T @ jacobian), np.float64) * birge2 * np.outer(scale, scale)
-    parameters: FloatArray = np.asarray(fit.x, dtype=np.float64) * scale
+    parameters: Array = np.asarray(fit.x, dtype=np.float64) * scale
     known = parameters[2] > _DOUBLING_LIMIT * sqrt(covariance[2, 2]) and parameters[1] > 0
     return (parameters, covariance) if known else None
 
 
-def _contradictions(
-    t: FloatArray, residuals: FloatArray, dof: int, points: tuple[FloatArray, FloatArray, FloatArray]
-) -> list[Finding]:
+def _contradictions(t: Array, residuals: Array, dof: int, points: tuple[Array, Array, Array]) -> list[Finding]:
     """Warn of dark frames that scatter around the line more than noise and drift explain.
 
     Parameters
@@ -141,11 +135,11 @@ class Line:
 
     intercept: float
     slope: float
-    covariance: FloatArray
+    covariance: Array
     chi_squared: float
 
 
-def line(x: FloatArray, y: FloatArray, u: FloatArray) -> Line:
+def line(x: Array, y: Array, u: Array) -> Line:
     """Fit a line, points weighted with 1 / u^2; a constant if all x are equal.
 
     Parameters
@@ -187,14 +181,14 @@ def drift_of_black_level(darks: Sequence[DarkObservation]) -> tuple[float, int]:
     return sqrt(max(float(np.average(excess, weights=freedoms)), 0.0)), sum(freedoms)
 
 
-def mean_uncertainties_dn(darks: Sequence[DarkObservation], drift_dn: float) -> FloatArray:
+def mean_uncertainties_dn(darks: Sequence[DarkObservation], drift_dn: float) -> Array:
     """Return the standard uncertainties of means by noise, drift of the black level and rounding."""
     own = [(d.mean_noise_dn2 + drift_dn**2) / d.n_frames + d.rounding_dn2 for d in darks]
     # Frames without noise still need a weight; the floor is far below any real uncertainty.
     return np.sqrt(np.maximum(own, 1e-12))
 
 
-def noise_line(darks: Sequence[DarkObservation], growth: FloatArray) -> Line:
+def noise_line(darks: Sequence[DarkObservation], growth: Array) -> Line:
     """Fit the temporal variance over the exposure, times the growth of the dark current; constant unless it rises."""
     t, variance = np.array([d.exposure_s for d in darks]) * growth, np.array([d.temporal_variance_dn2 for d in darks])
     u = variance_uncertainties_dn2(darks)
@@ -205,7 +199,7 @@ def noise_line(darks: Sequence[DarkObservation], growth: FloatArray) -> Line:
     return line(np.zeros_like(t), variance, u)
 
 
-def variance_uncertainties_dn2(darks: Sequence[DarkObservation]) -> FloatArray:
+def variance_uncertainties_dn2(darks: Sequence[DarkObservation]) -> Array:
     """Return the uncertainties of normal variances, of rounding at least, with what rounding may have changed."""
     variances = [d.temporal_variance_dn2 for d in darks]
     own = [max(v, ROUNDING_DN2) * sqrt(2 / d.dof) for v, d in zip(variances, darks, strict=True)]

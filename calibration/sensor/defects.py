@@ -18,6 +18,8 @@ from ...core.vignetting import RadialVignetting
 from ..frames.rounding import ROUNDING_DN2
 from ..frames.statistics import FrameStatistics
 
+Array = NDArray[np.float64]
+
 #: Robust standard deviations from the median beyond which a pixel of the dark image is hot. None of five million normal
 #: pixels is expected there.
 HOT_LIMIT = 8.0
@@ -188,23 +190,23 @@ def _noisy(statistics: FrameStatistics) -> NDArray[np.bool_]:
     return noisy
 
 
-def median_around(image: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+def median_around(image: NDArray[np.floating[Any]]) -> Array:
     """Median of the 5 x 5 pixels around each pixel; pixels beyond the edge repeat those at it."""
     import cv2
 
-    around: NDArray[np.float64] = cv2.medianBlur(image.astype(np.float32), 5).astype(np.float64)
+    around: Array = cv2.medianBlur(image.astype(np.float32), 5).astype(np.float64)
     return around
 
 
-def block_means(image: NDArray[np.float64]) -> NDArray[np.float64]:
+def block_means(image: Array) -> Array:
     """Means over about 32 blocks along the longer side; a rest at the lower and right edge is left out."""
     side = max(max(image.shape) // _BLOCKS, 1)
     height, width = (n // side * side for n in image.shape)
-    blocks: NDArray[np.float64] = image[:height, :width].reshape(height // side, side, width // side, side).mean((1, 3))
+    blocks: Array = image[:height, :width].reshape(height // side, side, width // side, side).mean((1, 3))
     return blocks
 
 
-def pixel_pattern(relative: NDArray[np.float64], random_rel: float) -> float:
+def pixel_pattern(relative: Array, random_rel: float) -> float:
     """Estimate the standard deviation of the responsivity from pixel to pixel, noise removed.
 
     From second differences along the rows, (1, -2, 1), which suppress smooth changes; the median of their magnitude is
@@ -215,9 +217,7 @@ def pixel_pattern(relative: NDArray[np.float64], random_rel: float) -> float:
     return sqrt(max(together**2 - random_rel**2, 0.0))
 
 
-def structure_findings(
-    relative: NDArray[np.float64], radial: RadialVignetting, pixel_rel: float
-) -> tuple[Finding, ...]:
+def structure_findings(relative: Array, radial: RadialVignetting, pixel_rel: float) -> tuple[Finding, ...]:
     """Return warnings about spots, steps and non-radial changes.
 
     Parameters
@@ -234,7 +234,7 @@ def structure_findings(
     return (*_not_radial(flattened), *_steps(flattened, pixel_rel), *_spots(flattened, pixel_rel))
 
 
-def _not_radial(flattened: NDArray[np.float64]) -> list[Finding]:
+def _not_radial(flattened: Array) -> list[Finding]:
     smooth = block_means(flattened)
     spread = float(np.ptp(smooth))
     if spread <= 2 * _NOT_RADIAL_REL:
@@ -245,7 +245,7 @@ def _not_radial(flattened: NDArray[np.float64]) -> list[Finding]:
     return [warning("flat-not-radial", change_rel=spread, where=where)]
 
 
-def _steps(flattened: NDArray[np.float64], pixel_rel: float) -> list[Finding]:
+def _steps(flattened: Array, pixel_rel: float) -> list[Finding]:
     """Rows or columns of a brightness step, as between sensor taps of different gain."""
     findings = []
     for axis, name in ((0, "column"), (1, "row")):
@@ -266,7 +266,7 @@ def _steps(flattened: NDArray[np.float64], pixel_rel: float) -> list[Finding]:
     return findings
 
 
-def _spots(flattened: NDArray[np.float64], pixel_rel: float) -> list[Finding]:
+def _spots(flattened: Array, pixel_rel: float) -> list[Finding]:
     """Small dark spots, as by dust."""
     import cv2
 

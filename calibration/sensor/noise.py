@@ -21,7 +21,7 @@ from .dark_fit import birge
 
 #: Rounds of weights of a fit with a tone curve.
 _TONE_ROUNDS = 3
-FloatArray = NDArray[np.float64]
+Array = NDArray[np.float64]
 #: Share of saturation up to which photon transfer is a straight line (EMVA 1288 Release 4.0 Linear).
 FIT_SHARE = 0.7
 #: Rounds of weights; they change little after the second.
@@ -170,7 +170,7 @@ def _unclipped(o: PatchObservation) -> bool:
     return max(o.saturated_share, o.black_share) <= MAX_CLIPPED_SHARE
 
 
-def _before_tone(net_dn: FloatArray, variance_dn2: FloatArray, dof: FloatArray, tone: Response) -> tuple[float, float]:
+def _before_tone(net_dn: Array, variance_dn2: Array, dof: Array, tone: Response) -> tuple[float, float]:
     """K and read noise of h by least squares; neither is negative."""
     from scipy.optimize import nnls
 
@@ -192,7 +192,7 @@ class Slope:
     standard_uncertainty: float
 
 
-def slope_through_origin(x: FloatArray, y: FloatArray, u: FloatArray, weighted: bool = False) -> Slope:
+def slope_through_origin(x: Array, y: Array, u: Array, weighted: bool = False) -> Slope:
     """Fit a line through the origin.
 
     Parameters
@@ -217,11 +217,7 @@ def slope_through_origin(x: FloatArray, y: FloatArray, u: FloatArray, weighted: 
 
 
 def weighted_gain(
-    net_dn: FloatArray,
-    excess_dn2: FloatArray,
-    dark_dn2: FloatArray,
-    dof: FloatArray,
-    dark_dof: FloatArray | float = inf,
+    net_dn: Array, excess_dn2: Array, dark_dn2: Array, dof: Array, dark_dof: Array | float = inf
 ) -> Slope:
     """Fit var - var_dark = K (mean - mean_dark) with the variances of the variances, 2 s^4 / dof.
 

@@ -118,14 +118,12 @@ class DarkLibrary(DarkCurrent, EqualByContent):
 
     def noise_dn(self, exposure_s: float, temperature_c: float | None = None) -> float:
         """Return the standard uncertainty of one pixel of the pattern: noise of the frames, and unknown growth."""
-        return hypot(
-            self._standard(self.noise_covariance, exposure_s, temperature_c),
-            self._unknown_growth_dn(exposure_s, temperature_c),
-        )
+        of_frames = _deviation(self.noise_covariance, self._time_s(exposure_s, temperature_c))
+        return hypot(of_frames, self._unknown_growth_dn(exposure_s, temperature_c))
 
     def nonuniformity_dn(self, exposure_s: float, temperature_c: float | None = None) -> float:
         """Return the standard deviation of the pattern itself, noise removed (EMVA 1288: DSNU, in DN)."""
-        return self._standard(self.pattern_covariance, exposure_s, temperature_c)
+        return _deviation(self.pattern_covariance, self._time_s(exposure_s, temperature_c))
 
     def worth_applying(self, exposure_s: float, temperature_c: float | None = None) -> bool:
         """Whether subtracting the pattern helps: its uncertainty is below the pattern itself."""
@@ -158,11 +156,11 @@ class DarkLibrary(DarkCurrent, EqualByContent):
         growth_rel = 2 ** (DOUBLING_REL / TYPICAL_DOUBLING_C * abs(temperature_c - self.temperature_c)) - 1
         return sqrt(max(self.pattern_covariance[1][1], 0.0)) * time_s * growth_rel
 
-    def _standard(
-        self, covariance: tuple[tuple[float, float], ...], exposure_s: float, temperature_c: float | None
-    ) -> float:
-        sensitivity = np.array([1.0, self._time_s(exposure_s, temperature_c)])
-        return sqrt(max(float(sensitivity @ np.array(covariance) @ sensitivity), 0.0))
+
+def _deviation(covariance: tuple[tuple[float, float], ...], time_s: float) -> float:
+    """Return the standard deviation of offset + rate t, by the covariance of the two."""
+    sensitivity = np.array([1.0, time_s])
+    return sqrt(max(float(sensitivity @ np.array(covariance) @ sensitivity), 0.0))
 
 
 def dark_library(darks: Sequence[MeasuredFrames], defects: DefectMap | None = None) -> DarkLibrary:

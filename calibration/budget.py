@@ -25,50 +25,40 @@ from .uncertainty import effective_dof, expanded_of, of_one_estimate
 
 Array = NDArray[np.float64]
 
-#: Order of the rows.
-SOURCES = (
-    "meter scale",
-    "meter digits",
-    "meter repeatability",
-    "meter f1'",
-    "patch uniformity",
-    "exposure scatter",
-    "shot and read noise",
-    "dark non-uniformity",
-    "dark and temperature",
-    BLACK_LEVEL,
-    FLICKER,
-    "linearity",
-    VIGNETTING,
-    FLAT_FIELD,
-    "exposure time",
-    REFOCUS,
-    "gain",
-    "spectral mismatch",
-    INTERCEPT,
-    "drift",
-    "fit",
-)
+#: Order of the rows, and the basis of those that is always the same.
+SOURCES = {
+    "meter scale": "",
+    "meter digits": "",
+    "meter repeatability": "",
+    "meter f1'": "",
+    "patch uniformity": "",
+    "exposure scatter": "",
+    "shot and read noise": "",
+    "dark non-uniformity": "",
+    "dark and temperature": "covariance of the dark signal fitted to the dark frames",
+    BLACK_LEVEL: "",
+    FLICKER: "",
+    "linearity": "residual of the bracket that gives the response, and what its exposures leave open",
+    VIGNETTING: "cos⁴ in the corners of the image, as the configuration states it: here by the places of the patches",
+    FLAT_FIELD: "",
+    "exposure time": "jitter of the exposure time, as the configuration states it",
+    REFOCUS: "lens: standard uncertainty after focus and aperture are set anew, as the configuration states it",
+    "gain": "scatter of the gains around each other",
+    "spectral mismatch": "",
+    INTERCEPT: "free intercept of the fit: glare, or if negative an offset of unknown cause",
+    "drift": "",
+    "fit": "covariance of the fit over the patches, what the meter's scatter makes listed above",
+}
 #: Sources whose uncertainty is not evaluated by statistics.
 _TYPE_B = (*METER_SOURCES, "spectral mismatch", "exposure time", REFOCUS, VIGNETTING)
 #: Sources that follow from one estimate, the scatter of the patches.
 _OF_SCATTER = ("fit", "meter repeatability", "patch uniformity")
 #: Highest preferred signal, as a share of the saturation.
 _BEST_SHARE = 0.8
-_BASIS = {
-    "fit": "covariance of the fit over the patches, what the meter's scatter makes listed above",
-    "dark and temperature": "covariance of the dark signal fitted to the dark frames",
-    REFOCUS: "lens: standard uncertainty after focus and aperture are set anew, as the configuration states it",
-    "exposure time": "jitter of the exposure time, as the configuration states it",
-    VIGNETTING: "cos⁴ in the corners of the image, as the configuration states it: here by the places of the patches",
-    "gain": "scatter of the gains around each other",
-    "linearity": "residual of the bracket that gives the response, and what its exposures leave open",
-    INTERCEPT: "free intercept of the fit: glare, or if negative an offset of unknown cause",
-}
 _EACH = "; each plane with its share of the luminance"
 _BASIS_OF_PLANES = {
-    "dark and temperature": _BASIS["dark and temperature"] + _EACH,
-    "gain": _BASIS["gain"] + _EACH,
+    "dark and temperature": SOURCES["dark and temperature"] + _EACH,
+    "gain": SOURCES["gain"] + _EACH,
     "fit": "covariance of the planes' weights for grey light, what the meter's scatter makes listed above",
     "linearity": "covariance of the responses of the planes that are not straight lines",
 }
@@ -144,7 +134,7 @@ def budget(
         rows[row.source] = replace(row, standard_uncertainty_rel=hypot(u, of_errors))
     if not rows[INTERCEPT].included:
         rows[INTERCEPT] = undetected_intercept(calibration, luminance_cd_m2)
-    return tuple(sorted(rows.values(), key=lambda row: SOURCES.index(row.source)))
+    return tuple(sorted(rows.values(), key=lambda row: [*SOURCES].index(row.source)))
 
 
 def combined(rows: Sequence[BudgetRow]) -> CombinedUncertainty:
@@ -179,7 +169,7 @@ def _of_errors(
         common_errors(plane, np.array([plane.net_dn(luminance_cd_m2, exposure_s)]), exposure_s)
         for plane in calibration.planes
     ]
-    basis, errors, rows = _BASIS, [*of_planes[0]], {}
+    basis, errors, rows = SOURCES, [*of_planes[0]], {}
     if isinstance(calibration, ColourCalibration):
         basis = basis | _BASIS_OF_PLANES
         of_weights = calibration.weight_errors.sum(axis=1) / sum(calibration.weights)

@@ -36,19 +36,19 @@ def assert_same_as_video(picture, path, rois, **settings):
     both = (picture.a, picture.b)
     expected = {
         "cdp": [one.result.cdp for one in picture.results],
-        "cdp_standard_uncertainty": [one.standard_uncertainty for one in picture.results],
+        "u_cdp": [one.standard_uncertainty for one in picture.results],
         "cdp_low": [one.confidence_interval[0] for one in picture.results],
         "cdp_high": [one.confidence_interval[1] for one in picture.results],
         "below": [one.result.below for one in picture.results],
         "above": [one.result.above for one in picture.results],
         "measured_contrast": picture.contrast.value,
-        "measured_contrast_standard_uncertainty": picture.contrast.standard_error,
+        "u_measured_contrast": picture.contrast.standard_error,
         "csnr": picture.csnr.value,
-        "csnr_standard_uncertainty": picture.csnr.standard_error,
+        "u_csnr": picture.csnr.standard_error,
         "mean": [one.mean for one in both],
-        "mean_standard_uncertainty": [one.standard_uncertainty for one in both],
+        "u_mean": [one.standard_uncertainty for one in both],
         "snr": [one.snr.value for one in both],
-        "snr_standard_uncertainty": [one.snr.standard_error for one in both],
+        "u_snr": [one.snr.standard_error for one in both],
     }
     for name, values in expected.items():
         np.testing.assert_allclose(video[name], values, rtol=1e-6, err_msg=name)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from io import BytesIO
 from math import ceil
 from typing import TYPE_CHECKING, Any
@@ -60,7 +58,9 @@ def png(figure: Figure) -> bytes:
     """Draw a figure, cropped to its content unless its axes are fixed."""
     file = BytesIO()
     placed = figure.get_layout_engine() is None
-    with missing_glyphs_allowed():
+    with warnings.catch_warnings():
+        # A character missing in the font is drawn as a box.
+        warnings.filterwarnings("ignore", "Glyph .* missing from|Matplotlib currently does not support", UserWarning)
         # Noise compresses hardly better at a higher level, which takes its time.
         how = {"compress_level": 1} if placed else {}
         margins = None if placed else "tight"
@@ -71,15 +71,6 @@ def png(figure: Figure) -> bytes:
 def reported(name: str, figure: Figure, caption: str, alternative: str = "") -> ReportFigure:
     """Draw a figure for a page; its caption is also its alternative, unless another one is given."""
     return ReportFigure(f"{name}.png", png(figure), caption, alternative or caption)
-
-
-@contextmanager
-def missing_glyphs_allowed() -> Iterator[None]:
-    """Draw a box, without a warning, for a character missing in the font."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
-        warnings.filterwarnings("ignore", "Matplotlib currently does not support", UserWarning)
-        yield
 
 
 def label(axes: Axes, x: str, y: str, title: str) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..core.result import unique
 from ..core.table import Table
-from .layout import Block, Page, ReportFigure, Script, Verbatim
+from .layout import Page, Script, Verbatim
 from .text import finding_sentence, is_number, printable, text_table
 
 if TYPE_CHECKING:
@@ -65,16 +65,13 @@ def environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"data_uri": _data_uri, "block_kind": _block_kind, "cells": _cells, "lines": lines}
+    environment.filters |= {
+        "data_uri": lambda figure: f"data:image/png;base64,{b64encode(figure.png).decode()}",
+        "block_kind": lambda block: "paragraph" if isinstance(block, str) else type(block).__name__,
+        "cells": _cells,
+        "lines": lines,
+    }
     return environment
-
-
-def _data_uri(figure: ReportFigure) -> str:
-    return f"data:image/png;base64,{b64encode(figure.png).decode()}"
-
-
-def _block_kind(block: Block) -> str:
-    return "paragraph" if isinstance(block, str) else type(block).__name__
 
 
 def _cells(table: Table) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from decimal import Decimal
 from functools import cache
@@ -206,6 +206,13 @@ _LONGEST_NAME, _LONGEST_SENTENCE = 100, 500
 _NUMBER = re.compile(r"(\+?)(percent|digits)(\d*)")
 
 
+#: Other formats by their names.
+_FORMATS: dict[str, Callable[[Any], str]] = {
+    "percent": percent, "share": share_percent, "time": exposure_text,
+    "sentence": lambda text: shortened(text, _LONGEST_SENTENCE),
+}  # fmt: skip
+
+
 class _Words(Formatter):
     """Format specifications in addition to those of Python: see `finding_text`."""
 
@@ -216,14 +223,8 @@ class _Words(Formatter):
             return ", ".join(self.format_field(one, format_spec) for one in value)
         if value is None:
             return "unknown"
-        if format_spec == "percent":
-            return percent(value)
-        if format_spec == "share":
-            return share_percent(value)
-        if format_spec == "time":
-            return exposure_text(value)
-        if format_spec == "sentence":
-            return shortened(value, _LONGEST_SENTENCE)
+        if format_spec in _FORMATS:
+            return _FORMATS[format_spec](value)
         number = _NUMBER.fullmatch(format_spec)
         if number is not None:
             sign, kind, n_digits = number.groups()

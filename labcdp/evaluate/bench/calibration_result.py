@@ -132,7 +132,8 @@ def _sources(found: Sequence[BudgetOfPatch]) -> Table:
         Column("distribution", "distribution", "", "Distribution of the error."),
         Column("evaluation", "type", "", "A: from statistics of this measurement; B: from data sheets and the like."),
         Column("common", "common", "", "Whether the error is common to all patches, so that it cancels in a contrast."),
-        Column("included", "included", "", "Whether the stated uncertainty includes it.", value=_included),
+        Column("included", "included", "", "Whether the stated uncertainty includes it.",
+               value=lambda row: "yes" if row.included else f"in {row.contained_in}" if row.contained_in else "no"),
         Column("basis", "basis", "", "Basis of the value."),
     )  # fmt: skip
     return Table.of_items("budget", "Uncertainty budget", columns, found[0].rows, detail=True)
@@ -140,10 +141,6 @@ def _sources(found: Sequence[BudgetOfPatch]) -> Table:
 
 def _u_rel(us_rel: Mapping[str, float], row: BudgetRow) -> float | None:
     return us_rel[row.source] if row.included or row.standard_uncertainty_rel != 0 else None
-
-
-def _included(row: BudgetRow) -> str:
-    return "yes" if row.included else f"in {row.contained_in}" if row.contained_in else "no"
 
 
 def calibration_result(

@@ -51,12 +51,9 @@ class SessionEvaluation:
     @property
     def simulated(self) -> list[str]:
         """What of the bench was simulated, for the user; empty on a real one."""
-        parts = []
-        if self.calibration.state.camera.simulated:
-            parts.append(f"camera {self.calibration.state.camera.model}")
-        meter = self.calibration.meter_scale.meter
-        if meter.simulated:
-            parts.append(f"luminance meter {meter.model}")
+        camera, meter = self.calibration.state.camera, self.calibration.meter_scale.meter
+        named = ((camera, f"camera {camera.model}"), (meter, f"luminance meter {meter.model}"))
+        parts = [name for device, name in named if device.simulated]
         return [*parts, "target"] if parts else []
 
 

@@ -12,9 +12,9 @@ from labcdp.core.errors import CalibrationError
 from labcdp.core.frame import Readout
 from labcdp.core.vignetting import Cos4Vignetting
 from labcdp.evaluate.bench.calibrate import calibrate_session
-from labcdp.evaluate.bench.corrections import UniformLight, calibration_for, corrections_of, require_same_optics
+from labcdp.evaluate.bench.corrections import UniformLight, require_same_optics
 from labcdp.evaluate.bench.observe import observe_session
-from labcdp.evaluate.bench.session import evaluate_session
+from labcdp.evaluate.bench.session import evaluate_session, observe_calibrated
 from labcdp.evaluate.bench.verification import verify_session
 from labcdp.session import Session
 
@@ -85,8 +85,7 @@ def deviations(calibration):
 def evaluated(path, calibration):
     """Evaluation of a session, each of whose patches must lie in its interval."""
     with Session.open(path) as session:
-        own = calibration_for(session, calibration)
-        result = evaluate_session(observe_session(session, corrections=corrections_of(own)), own)
+        result = evaluate_session(*observe_calibrated(session, calibration))
     for row in result.patches:
         low, high = row.calibrated.interval_95_cd_m2
         assert low < LUMINANCES_CD_M2[row.region.name] < high

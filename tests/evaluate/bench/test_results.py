@@ -121,9 +121,9 @@ def test_says_whether_deviations_check_the_calibration(evaluated):
 
 
 def test_text_of_a_user_is_no_markup_on_any_page(evaluated, hostile, written):
-    observed, calibration, plane = evaluated.observed, evaluated.calibration, evaluated.observed.monochrome
-    seen = {"": [one for group in plane.patches.values() for one in group]}
-    found = verify(calibration, seen, {"": plane.darks}, observed.readings, observed.meter_scale, 0.5)
+    observed, calibration = evaluated.observed, evaluated.calibration
+    seen = observed.by_plane, observed.darks_by_plane, observed.readings
+    found = verify(calibration, *seen, observed.meter_scale, 0.5)
     verification = verification_certificate(observed, calibration, found).decode()
     assert "<strong>Conform</strong>" in verification
     assert "<dd>&lt;b&gt;Customer&lt;/b&gt;, 1 Street, \\7 Town</dd>" in verification

@@ -62,10 +62,7 @@ def load_any(path: str | Path) -> AnyCalibration:
     kind = document.get("kind")
     if not isinstance(kind, str) or kind not in _KINDS:
         raise InputError(f"calibration {path} has kind {quoted(kind)}: this labcdp knows {', '.join(_KINDS)}")
-    try:
-        made = _loaded(document.get("calibration"), _KINDS[kind], _arrays(document.get("arrays")))
-    except InputError as error:
-        raise InputError(f"calibration {path}, {error}") from error
+    made = _loaded(path, CALIBRATION, document, _KINDS[kind])
     if document.get("sha256") != _digest(document):
         raise InputError(
             f"calibration {path} was changed after it was written (its sha256 does not match): restore the original, "
@@ -95,11 +92,7 @@ def save_verification(verification: Verification, path: str | Path, *, force: bo
 
 def load_verification(path: str | Path) -> Verification:
     """Read a verification that `save_verification` wrote; raises InputError as `load_any`."""
-    document = _read(Path(path), VERIFICATION)
-    try:
-        return _loaded(document.get("verification"), Verification)
-    except InputError as error:
-        raise InputError(f"verification {path}, {error}") from error
+    return _loaded(path, VERIFICATION, _read(Path(path), VERIFICATION), Verification)
 
 
 @cache
@@ -116,12 +109,14 @@ def _dumped(value: object, arrays: dict[str, Any] | None = None) -> Any:
     return document.model_dump(mode="json", context={"arrays": arrays})["value"]
 
 
-def _loaded(content: Any, kind: type[_T], arrays: dict[str, Any] | None = None) -> _T:
+def _loaded(path: str | Path, file_format: str, document: dict[str, Any], kind: type[_T]) -> _T:
     """Make the dataclass again; raises InputError with the first key that is missing, unknown or wrong."""
+    name = _FORMATS[file_format][0]
     try:
-        made: _T = validated_as(_model_of(cast("Any", kind)), {"value": content}, arrays=arrays or {}).value
+        arrays = _arrays(document.get("arrays"))
+        made: _T = validated_as(_model_of(cast("Any", kind)), {"value": document.get(name)}, arrays=arrays).value
     except InputError as error:
-        raise InputError(str(error).replace("key value.", "key ", 1)) from error
+        raise InputError(f"{name} {path}, {str(error).replace('key value.', 'key ', 1)}") from error
     return made
 
 

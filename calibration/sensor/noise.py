@@ -67,9 +67,7 @@ class TemporalNoise:
         """Variance of one pixel at a signal above dark; as `variances_dn2`."""
         return float(self.variances_dn2(np.array(net_dn), dark_variance_dn2))
 
-    def variances_dn2(
-        self, net_dn: NDArray[np.floating[Any]], dark_variance_dn2: float | None = None
-    ) -> NDArray[np.float64]:
+    def variances_dn2(self, net_dn: NDArray[np.floating[Any]], dark_variance_dn2: float | None = None) -> Array:
         """Variance of one pixel at signals above dark, in DN^2, any shape.
 
         Parameters

@@ -137,12 +137,7 @@ class _TableMaker:
     def _grid(self) -> RateGrid:
         # Quasi-Monte Carlo errs by more than what wider steps do.
         step = 0.4 if self._mixes else 0.25
-        return RateGrid(self.camera.exposures_s, self._certain_e / self._gains[0].min(), step)
-
-    @cached_property
-    def _certain_e(self) -> float:
-        """Mean electrons of a pixel of gain 1 from which on the outcome of an exposure is certain."""
-        return self.camera.readout(all_pixels=True).certain_e(0.0)
+        return RateGrid(self.camera.exposures_s, self.camera.certain_e / self._gains[0].min(), step)
 
     @property
     def _mixes(self) -> bool:
@@ -154,7 +149,7 @@ class _TableMaker:
         """Gains of pixels for light (PRNU)."""
         spread, exposures_s = self.camera.sensor.prnu_rel, self.camera.exposures_s
         # Square root of the most electrons that all exposures not saturated hold together.
-        root = max(sqrt(self._certain_e / t * sum(exposures_s[i:])) for i, t in enumerate(exposures_s))
+        root = max(sqrt(self.camera.certain_e / t * sum(exposures_s[i:])) for i, t in enumerate(exposures_s))
         # Rates just beyond saturation reach back to it.
         nodes, frequency = normal_nodes(spread * (1 + 8 * spread) * root)
         return 1 + spread * nodes, frequency
@@ -187,7 +182,7 @@ class _TableMaker:
         values: FloatArray = np.arange(2.0**camera.sensor.bits)
         net_dn = values - camera.sensor.black_level_dn
         if count == 1:
-            (rows,) = camera.readout(all_pixels=True).dn_rows(totals_e_s * camera.exposures_s[0])
+            (rows,) = camera.dn_rows(totals_e_s * camera.exposures_s[0])
             if hdr is not None:
                 values = merge_dn(hdr.method, hdr.bits, [net_dn], camera.ladder).astype(np.float64)
             return values, rows
@@ -202,7 +197,7 @@ class _TableMaker:
         offsets_e, frequency = self._offsets
         left = np.repeat(frequency[:, None], totals_e_s.size, axis=1)
         for i, (_, taken) in enumerate(stages):
-            exposed = camera.readout(all_pixels=False).dn_rows(totals_e_s * camera.exposures_s[i], offsets_e)
+            exposed = camera.dn_rows(totals_e_s * camera.exposures_s[i], offsets_e)
             for share, open_share in zip(exposed, left, strict=True):
                 place = rank[starts[i] + np.cumsum(taken) - 1]
                 chosen = share @ indicator(place[taken], values.size, np.flatnonzero(taken), taken.size)
@@ -215,8 +210,7 @@ class _TableMaker:
         camera = self.camera
         assert camera.hdr is not None
         ladder, tone_curve, (offsets_e, frequency) = camera.ladder, camera.tone_curve, self._offsets
-        readout = camera.readout(all_pixels=False)
-        exposures = list(zip(*(readout.dn_rows(totals_e_s * t, offsets_e) for t in camera.exposures_s), strict=True))
+        exposures = list(zip(*(camera.dn_rows(totals_e_s * t, offsets_e) for t in camera.exposures_s), strict=True))
         net_dn = np.arange(2.0**camera.sensor.bits) - camera.sensor.black_level_dn
         merge = partial(merged_rows, camera.hdr.method, ladder, exposures, frequency, net_dn)
         if tone_curve is None:

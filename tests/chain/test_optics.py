@@ -11,8 +11,9 @@ from hypothesis.extra.numpy import arrays
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from labcdp.chain import Chain, Checkerboard, Context, ImageScene, Optics, Signal, ThesisWindscreen, Windscreen
+from labcdp.chain import Chain, Checkerboard, Context, ImageScene, Optics, ThesisWindscreen, Windscreen
 from labcdp.chain.point_spread import diffraction_mtf, disc_mtf, gaussian_mtf
+from labcdp.chain.signal import scene_signal
 from labcdp.evaluate.sweep.simulation.evaluation import evaluate_run
 
 PITCH_M = 3e-6
@@ -54,13 +55,9 @@ def test_vignetting_is_cos_4_of_the_angle():
         assert illuminance[row, column] == pytest.approx(expected, rel=1e-12)
 
 
-def scene_signal(luminance_cd_m2, shares=None):
-    return Signal(np.asarray(luminance_cd_m2, float), "luminance", lambda values: values, shares)
-
-
 def test_glare_of_levels_is_of_the_mean_by_their_shares():
     shares = np.array([[0.25, 0.75], [0.5, 0.5]])
-    behind = Windscreen(0.5, 1.0).process(scene_signal([[1.0, 3.0], [1.0, 3.0]], shares), Context("D65"))
+    behind = Windscreen(0.5, 1.0).process(scene_signal(np.array([[1.0, 3.0], [1.0, 3.0]]), shares), Context("D65"))
     np.testing.assert_allclose(behind.values, [[1.75, 2.75], [1.5, 2.5]], rtol=1e-15)
 
 

@@ -137,7 +137,7 @@ def test_frames_of_8_bit_and_colour_cameras_are_shown_and_measured(
     dn = np.random.default_rng(9).integers(20, 200, (60, 80)).astype(np.uint8 if bits == 8 else np.uint16)
     dn[10:20, 10:30] = highest = 2**bits - 1
     frame = frame_of(dn, bits, highest, pixel_format, pattern)
-    image = PageImage.of_frame("live", frame, picture_conversion(None, None, None))
+    image = PageImage.live(frame, picture_conversion(None, None, None))
     drawing = Drawing.of(image.size, [RectangleShape("lit", 10, 10, 20, 10), RectangleShape("dark", 40, 20, 20, 20)])
     (measured,) = LiveMeasurements(image, None).measured(drawing)
     lit, dark = (measured.regions[roi] for roi in drawing.rois)
@@ -177,7 +177,7 @@ def test_single_saturated_and_black_pixels_are_seen_in_a_picture_that_is_zoomed_
     dn = np.full((61, 80), 1000, np.uint16)
     dn[33, 47], dn[5, 8] = 3600, 0
     frame = frame_of(dn, 12, 3600, "Mono12", pattern)
-    picture = Picture(PageImage.of_frame("live", frame, picture_conversion(None, None, None)))
+    picture = Picture(PageImage.live(frame, picture_conversion(None, None, None)))
     picture.go_live()
     picture.show_scale(DisplayScale("gamma", 0.0, 4095))
     for width in (80, 20, 11):

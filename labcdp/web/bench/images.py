@@ -144,13 +144,13 @@ class LiveImages:
         """Return the image of a frame, in relative luminance where the calibration is not for it."""
         self._bit_depth, self.black_dn = frame.bit_depth, frame.nominal_black_dn
         try:
-            image = PageImage.of_frame("live", frame, self._conversion)
+            image = PageImage.live(frame, self._conversion)
             self.mismatch, self._mismatched = "", ()
             self.black_dn = self._conversion.options.black_level_dn or self.black_dn
         except CalibrationError as error:
             from ...evaluate.picture.conversion import picture_conversion
 
-            image = PageImage.of_frame("live", frame, picture_conversion(None, None, None))
+            image = PageImage.live(frame, picture_conversion(None, None, None))
             kind = (frame.shape, frame.pixel_format, frame.gain_db, frame.readout)
             if kind != self._mismatched:
                 # Names one frame: another text for each would not let a person read it.

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from ...files.picture import Picture
 
 
+#: What converts some rows and columns of an image.
+LightOf = Callable[[Window], LuminanceMap]
 #: Text for an invalid pixel under the pointer.
 _REASONS = {
     Invalid.SATURATED: "saturated",
@@ -68,7 +70,7 @@ class PageImage:
     values: NDArray[Any]
     is_dn: bool
     colour_filter: str | None
-    light: LuminanceMap | Callable[[Window], LuminanceMap]
+    light: LuminanceMap | LightOf
     unit: str
     findings: tuple[Finding, ...] = ()
     saturation_dn: float | None = None
@@ -77,35 +79,27 @@ class PageImage:
     @classmethod
     def of(cls, picture: Picture, conversion: PictureConversion) -> PageImage:
         """Convert a picture; raises CalibrationError and InputError as the conversion does."""
-        frame = picture.frame
-        values = picture.light if frame is None else frame.dn
-        assert values is not None, "a picture has a frame or light"
-        return cls(
-            name=picture.path.name,
-            values=values,
-            is_dn=frame is not None,
-            colour_filter=None if frame is None else frame.colour_filter,
-            light=conversion.luminance(picture),
-            unit=conversion.unit_of(picture),
-            findings=unique(conversion.findings(picture)),
-            simulated=frame is not None and frame.camera.simulated,
-        )
+        light, findings = conversion.luminance(picture), unique(conversion.findings(picture))
+        name, unit = picture.path.name, conversion.unit_of(picture)
+        if picture.frame is not None:
+            return cls.of_frame(name, picture.frame, light, unit, findings)
+        assert picture.light is not None, "a picture has a frame or light"
+        return cls(name, picture.light, False, None, light, unit, findings)
 
     @classmethod
-    def of_frame(cls, name: str, frame: Frame, conversion: PictureConversion) -> PageImage:
+    def of_frame(
+        cls, name: str, frame: Frame, light: LuminanceMap | LightOf, unit: str, findings: tuple[Finding, ...] = ()
+    ) -> PageImage:
+        """Join a frame with its luminance."""
+        simulated = frame.camera.simulated
+        return cls(name, frame.dn, True, frame.colour_filter, light, unit, findings, simulated=simulated)
+
+    @classmethod
+    def live(cls, frame: Frame, conversion: PictureConversion) -> PageImage:
         """Prepare to convert a frame; raises CalibrationError if it is not of the calibrated camera or setting."""
         convert = partial(conversion.convert, frame)
         convert((slice(0, 1), slice(0, 1)))
-        return cls(
-            name=name,
-            values=frame.dn,
-            is_dn=True,
-            colour_filter=frame.colour_filter,
-            light=convert,
-            unit=conversion.unit,
-            saturation_dn=frame.saturation_dn,
-            simulated=frame.camera.simulated,
-        )
+        return replace(cls.of_frame("live", frame, convert, conversion.unit), saturation_dn=frame.saturation_dn)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -258,9 +252,9 @@ def video_image(path: Path, at: Position, conversion: PictureConversion) -> Page
 
     source, conversion = opened_video(path, conversion)
     number, frame = _frame(source, at)
-    image = PageImage.of_frame(f"{path.name or path.resolve().name}, frame {number}", frame, conversion)
+    name = f"{path.name or path.resolve().name}, frame {number}"
     findings = unique((*source.findings, *conversion_findings(conversion, source)))
-    return replace(image, light=conversion.convert(frame), saturation_dn=None, findings=findings)
+    return PageImage.of_frame(name, frame, conversion.convert(frame), conversion.unit, findings)
 
 
 def _frame(source: VideoSource, at: Position) -> tuple[int, Frame]:

@@ -185,10 +185,8 @@ def test_several_contrasts_are_asked_of_the_same_edges():
 def test_the_files_hold_the_edges_and_escape_names(tmp_path):
     levels = np.repeat([100.0, 200, 260], (130, 120, 90))
     image = levels + np.where(levels < 250, 4.0, 25.0) * np.random.default_rng(0).normal(size=(300, 340))
-    found, source = (
-        contrast_map(_map(image), ContrastMapSettings(30)),
-        PictureSource(Path("a <b>scene</b>.png"), "0" * 64, (300, 340), "cd/m²", "c"),
-    )
+    found = contrast_map(_map(image), ContrastMapSettings(30))
+    source = PictureSource(Path("a <b>scene</b>.png"), "0" * 64, (300, 340), "cd/m²", "c")
     write_contrast_map(found, source, map_result(found, source), tmp_path)
     values = json.loads((tmp_path / "results.json").read_text())
     Draft202012Validator(schema()).validate(values)

@@ -206,7 +206,7 @@ def _maps(subjects: tuple[Subject, ...], maps: Sequence[Dataset], analyses: Sequ
 def _rows(subjects: tuple[Subject, ...]) -> tuple[tuple[Compared, ...], tuple[str, ...]]:
     first, *others = (values_of(subject) for subject in subjects)
     rows = [
-        Compared(subject.name, first[name], other[name], difference(first[name].value, other[name].value))
+        Compared(subject.name, first[name], other[name], difference(first[name], other[name]))
         for name in first
         for subject, other in zip(subjects[1:], others, strict=True)
         if name in other

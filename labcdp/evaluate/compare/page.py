@@ -74,7 +74,7 @@ def _values(found: Comparison, names: Sequence[str], simulated: str) -> Figure:
         if not rows or (number == 0 and not cdps):
             continue
         places = [drawn.index(row.first.quantity) + step * (number - (len(names) - 1) / 2) for row in rows]
-        own = [row.other.value if number else row.first.value for row in rows]
+        own = [row.other if number else row.first for row in rows]
         style: dict[str, Any] = {"fmt": "o", "markersize": 4, "capsize": 3, "color": COLOURS[number % len(COLOURS)]}
         if cdps:
             style["xerr"] = np.nan_to_num([[one.below for one in own], [one.above for one in own]])

@@ -155,8 +155,8 @@ def _assumptions(found: Comparison) -> Iterator[Finding]:
             yield info("compare-on-axis")
             yield from _scene_of_another_contrast(found)
     else:
-        common = sorted({f"the same {name.split()[0]}" for row in found.rows for name in row.first.value.common
-                         if name in row.other.value.common})  # fmt: skip
+        common = sorted({f"the same {name.split()[0]}" for row in found.rows for name in row.first.common
+                         if name in row.other.common})  # fmt: skip
         if common:
             yield info("compare-common", sources=common)
         yield info("compare-independent")
@@ -217,8 +217,8 @@ def _differences(found: Comparison) -> Iterator[Table]:
     columns = (
         Column("quantity", "quantity", value="first.quantity"),
         Column("name", "of", meaning="What is compared with the first.", shown=several),
-        *_interval("first", first, "Value of the first.", "first.value"),
-        *_interval("value", "value" if several else others[0], "Value of the other.", "other.value"),
+        *_interval("first", first, "Value of the first.", "first"),
+        *_interval("value", "value" if several else others[0], "Value of the other.", "other"),
         *_interval("difference", "difference", "Value of the other minus that of the first.", "difference"),
         Column("unit", "unit", "", "Unit of values and difference.", value="first.unit"),
         Column("z", "z", "", "Difference over its standard uncertainty on the side of 0.", decimals=1,

@@ -17,25 +17,22 @@ from .subject import Subject, damaged
 _Shares: TypeAlias = dict[str, float]
 
 
-@dataclass(frozen=True)
-class Named:
+@dataclass(frozen=True, eq=False)
+class Named(Uncertain):
     """A value that is compared with the one of the same quantity of another subject.
 
     Parameters
     ----------
-    quantity : str
-        What it is.
-    unit : str
-        Its unit; values in ``%`` are fractions.
-    value : Uncertain
-        The value.
+    value, below, above, common, sources
+        As of `Uncertain`.
+    quantity, unit : str
+        What it is, and its unit; values in ``%`` are fractions.
     probability : bool
         Whether it is a CDP.
     """
 
-    quantity: str
-    unit: str
-    value: Uncertain
+    quantity: str = ""
+    unit: str = ""
     probability: bool = False
 
 
@@ -61,10 +58,10 @@ def _session(subject: Subject) -> Iterator[Named]:
     calibration = f"calibration {provenance['SHA-256 of those of the calibration']}"
     for row in tables["contrasts"]["rows"]:
         text = f"CDP of {row['pair']} at {_percent(row['target_contrast'])}, ε {_percent(row['epsilon'])}"
-        yield Named(text, "", _cdp(row, frames, calibration), True)
+        yield _cdp(text, row, frames, calibration)
     for row in {row["pair"]: row for row in tables["contrasts"]["rows"]}.values():
-        value = _symmetric(row["camera_contrast"], row["expanded_camera_contrast"], {}, (frames, calibration))
-        yield Named(f"contrast of {row['pair']}", "%", value)
+        own = row["camera_contrast"], row["expanded_camera_contrast"]
+        yield _symmetric(f"contrast of {row['pair']}", "%", *own, {}, (frames, calibration))
 
 
 def _picture(subject: Subject) -> Iterator[Named]:
@@ -78,19 +75,19 @@ def _picture(subject: Subject) -> Iterator[Named]:
         asked = "its contrast" if measured else _percent(row["contrast"])
         below, above = row["tolerance_below"], row["tolerance_above"]
         ends = [_percent(below) if below == above else f"{_percent(below)}, {_percent(above)}"]
-        yield Named(f"CDP of {row['pair']} at {asked}, ε {ends[0]}", "", _cdp(row, picture, calibration), True)
+        yield _cdp(f"CDP of {row['pair']} at {asked}, ε {ends[0]}", row, picture, calibration)
     for row in {row["pair"]: row for row in rows}.values():
         u, by_pixels = (_number(row[name]) for name in ("u_measured_contrast", "u_measured_contrast_pixels"))
         shares = _shares(u, by_pixels, picture, calibration)
-        value = _symmetric(row["measured_contrast"], row["expanded_measured_contrast"], shares)
-        yield Named(f"contrast of {row['pair']}", "%", value)
+        own = row["measured_contrast"], row["expanded_measured_contrast"]
+        yield _symmetric(f"contrast of {row['pair']}", "%", *own, shares)
 
 
 def _characterisation(subject: Subject) -> Iterator[Named]:
     data = {f"{one['role']} {one['sha256']}": 1.0 for one in subject.content["inputs"][:1]}
     for row in subject.content["tables"]["characterisation"]["rows"]:
         unit = "%" if row["unit"] == "1" else str(row["unit"] or "")
-        yield Named(str(row["quantity"]), unit, _symmetric(row["value"], row["expanded_value"], data))
+        yield _symmetric(str(row["quantity"]), unit, row["value"], row["expanded_value"], data)
 
 
 def _calibration(subject: Subject) -> Iterator[Named]:
@@ -101,24 +98,26 @@ def _calibration(subject: Subject) -> Iterator[Named]:
         assert point.responsivity is not None
         r, own, whole = point.responsivity
         shares = {data: (own / whole) ** 2, f"meter {point.meter}": 1 - (own / whole) ** 2} if whole else {}
-        yield Named(f"responsivity R{plane}", RESPONSIVITY, _symmetric(r, r * whole, shares))
-        yield Named(f"dark offset{plane}", "DN", _symmetric(*point.dark_offset_dn, {data: 1.0}))
+        yield _symmetric(f"responsivity R{plane}", RESPONSIVITY, r, r * whole, shares)
+        yield _symmetric(f"dark offset{plane}", "DN", *point.dark_offset_dn, {data: 1.0})
         if point.dark_rate_dn_s is not None:
-            yield Named(f"dark rate{plane}", "DN/s", _symmetric(*point.dark_rate_dn_s, {data: 1.0}))
+            yield _symmetric(f"dark rate{plane}", "DN/s", *point.dark_rate_dn_s, {data: 1.0})
         if point.k_dn_per_e is not None:
-            yield Named(f"overall system gain K{plane}", "DN/e⁻", _symmetric(point.k_dn_per_e, None, {}))
+            yield _symmetric(f"overall system gain K{plane}", "DN/e⁻", point.k_dn_per_e, None, {})
 
 
-def _symmetric(value: Any, expanded: Any, shares: _Shares, sources: tuple[str, ...] = ()) -> Uncertain:
+def _symmetric(
+    quantity: str, unit: str, value: Any, expanded: Any, shares: _Shares, sources: tuple[str, ...] = ()
+) -> Named:
     u = _number(expanded)
-    return Uncertain(_number(value), u, u, _roots(shares), sources)
+    return Named(_number(value), u, u, _roots(shares), sources, quantity, unit)
 
 
-def _cdp(row: Mapping[str, Any], pixels: str, calibration: str) -> Uncertain:
+def _cdp(quantity: str, row: Mapping[str, Any], pixels: str, calibration: str) -> Named:
     """Return a CDP, whose uncertainty is by its pixels and by the calibration."""
     value, low, high = (_number(row[name]) for name in ("cdp", "cdp_low", "cdp_high"))
     shares = _shares(_number(row["u_cdp"]), _number(row["u_cdp_pixels"]), pixels, calibration)
-    return Uncertain(value, value - low, high - value, _roots(shares))
+    return Named(value, value - low, high - value, _roots(shares), (), quantity, "", True)
 
 
 def _shares(u: float, by_pixels: float, pixels: str, calibration: str) -> _Shares:

@@ -197,12 +197,11 @@ def matrices(pictures: Sequence[ReportedPicture], request: ImageRequest, contras
     """Lay out CDP over contrasts with a column a picture, as the program of the 2018 thesis does, for each pair."""
     names = [(f"{bright} {dark}", f"{bright} / {dark}") for bright, dark in request.chosen_pairs]
     names += [("nearest-neighbour", "nearest-neighbour")] if request.neighbours else []
-    found = [None if one.evaluation is None else one.evaluation.contrasts for one in pictures]
+    found = [() if one.evaluation is None else one.evaluation.contrasts for one in pictures]
     first = Column("contrast", "target contrast", "%", "Contrast whose CDP is computed.")
     columns = [Column(f"picture_{one.number}", f"{one.number} {one.file}", decimals=5) for one in pictures]
     for number, (name, title) in enumerate(names):
         data: dict[str, Sequence[Any]] = {"contrast": list(contrasts)}
         for column, pairs in zip(columns, found, strict=True):
-            missing = [None] * len(contrasts)
-            data[column.name] = missing if pairs is None else [one.result.cdp for one in pairs[number].results]
+            data[column.name] = [one.result.cdp for one in pairs[number].results] if pairs else [None] * len(contrasts)
         yield Table(f"cdp {name}", f"CDP, {title}", (first, *columns), data, matrix=True, detail=True)

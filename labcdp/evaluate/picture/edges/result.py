@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....core.result import InputFile, Quantity, Result, info, quantity_table, unique
-from ....core.table import Z_95, Column, Table
+from ....core.table import Z_95, Column, Table, uncertain
 from ....metrics import DetectionInterval
 from ..conversion import PictureSource
 from .edges import FALSE_ALARM, SATURATED_SHARE, EdgeKind
@@ -150,11 +150,8 @@ def _edges(found: ContrastMap, unit: str) -> Table:
         (Column("border_px", "border", "px", "Length of the border."), edges.border_px * step),
         (Column("bright_mean", "bright side", unit, "Mean of the brighter region."), regions.mean[bright]),
         (Column("dark_mean", "dark side", unit, "Mean of the darker region."), regions.mean[dark]),
-        (Column("contrast", "contrast", "%", "Weber contrast of the means.", expanded="expanded_contrast"),
-         edges.contrast),
-        (Column("expanded_contrast", "U (95 %) of contrast", "%", "Expanded uncertainty (95 %).", 2, shown=False),
-         Z_95 * u_contrast),
-        (Column("u_contrast", "u of contrast", "%", "Standard uncertainty.", 2, shown=False), u_contrast),
+        *zip(uncertain(Column("contrast", "contrast", "%", "Weber contrast of the means.")),
+             (edges.contrast, Z_95 * u_contrast, u_contrast), strict=True),
         (Column("asked_contrast", "target contrast", "%", "Contrast to be detected.", 3, shown=asked),
          edges.asked_contrast),
         (Column("cdp", "CDP", "", "Probability that a pair of pixels shows the target contrast.",

@@ -124,7 +124,11 @@ class Comparison:
 
         grid = self.comparison.grid
         if grid is None:
-            return compare_result(self.comparison).table("differences").to_dataset()
+            dataset = compare_result(self.comparison).table("differences").to_dataset()
+            for variable in dataset.values():
+                # Each row has a unit of its own.
+                variable.attrs.pop("units", None)
+            return dataset
         dims = ["subject", *(axis.name for axis in grid.axes)]
         values = np.stack([np.asarray(one.value) for one in grid.values])
         unknown = np.full_like(values[:1], np.nan)

@@ -60,7 +60,7 @@ def verification_certificate(
     verdict = verification.verdict
     card = Card(verdict.capitalize(), _verdict_text(verification), state=_STATES[verdict])
     sections = Section("Results", [results]), rule, *statements
-    return _certificate("Verification certificate", observed, calibration, sections, [card])
+    return _certificate("Verification certificate", observed, calibration, sections, card)
 
 
 def _verdict_text(verification: Verification) -> str:
@@ -89,24 +89,14 @@ def _statements(observed: ObservedSession, scope: str, other: str = "") -> tuple
 
 
 def _certificate(
-    kind: str,
-    observed: ObservedSession,
-    calibration: AnyCalibration,
-    sections: Sequence[Section],
-    cards: Sequence[Card] = (),
+    kind: str, observed: ObservedSession, calibration: AnyCalibration, sections: Sequence[Section], *cards: Card
 ) -> bytes:
     camera = calibration.state.camera
     simulated = camera.simulated or observed.meter_scale.meter.simulated
-    identification = Facts(list(_identification(observed, calibration)))
-    conditions = Section("Conditions", [Facts(list(_conditions(observed, calibration)))])
-    page = Page(
-        kind,
-        f"{camera}",
-        banner=SIMULATED if simulated else "",
-        cards=cards,
-        lead=(identification, _picture(observed, calibration, simulated)),
-        sections=(conditions, *sections),
-    )
+    banner, conditions = SIMULATED if simulated else "", Facts(list(_conditions(observed, calibration)))
+    lead = Facts(list(_identification(observed, calibration))), _picture(observed, calibration, simulated)
+    sections = Section("Conditions", [conditions]), *sections
+    page = Page(kind, f"{camera}", banner=banner, cards=cards, lead=lead, sections=sections)
     dates = [("Measured", day(observed.times[-1])), ("Operator", observed.configuration.operator)]
     return render_page(page, "certificate.html", number=observed.input_sha256[:12], dates=dates).encode()
 

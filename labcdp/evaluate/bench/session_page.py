@@ -35,24 +35,24 @@ _CDP = (
 )
 
 
-def _target_figure(evaluation: SessionEvaluation, scale: str) -> ReportFigure:
+def _pictures(evaluation: SessionEvaluation) -> tuple[ReportFigure, ReportFigure]:
+    """Draw the target with its patches, and the luminance of each pixel."""
+    seen, simulated, calibrated = evaluation.map, bool(evaluation.simulated), evaluation.calibration
     regions = [row.region for row in evaluation.patches]
     names = ", ".join(printable(region.name) for region in regions)
     title = f"Target: {shortened(evaluation.observed.configuration.target.name, 60)}"
-    return ReportFigure(
+    limits, valid = range_text(calibrated), share_percent(float(seen.valid.mean()))
+    side = seen.step * reduction(seen.shape)
+    scale = f" Each drawn pixel is the mean of {side} x {side} of the camera's." if side > 1 else ""
+    target = ReportFigure(
         "target.png",
-        regions_picture(evaluation.map, regions, title, bool(evaluation.simulated)),
+        regions_picture(seen, regions, title, simulated),
         f"The target as the camera sees it, in logarithmic grey levels, with the patches.{scale}",
         f"Grey picture of the target with the outlines and names of its {len(regions)} patches: {names}.",
     )
-
-
-def _luminance_figure(evaluation: SessionEvaluation, scale: str) -> ReportFigure:
-    limits, title = range_text(evaluation.calibration), "Luminance by the calibrated camera"
-    valid = share_percent(float(evaluation.map.valid.mean()))
-    return ReportFigure(
+    return target, ReportFigure(
         "luminance.png",
-        luminance_picture(evaluation.map, title, bool(evaluation.simulated), evaluation.calibration.range_cd_m2),
+        luminance_picture(seen, "Luminance by the calibrated camera", simulated, calibrated.range_cd_m2),
         f"Luminance of each pixel, from the longest exposure that does not saturate it. {valid} of the pixels "
         f"are valid; the others have the colours of the legend. Calibrated range: {limits}.{scale}",
         f"Luminance map in false colours on a logarithmic scale over {limits}; {valid} of the pixels are valid.",
@@ -70,9 +70,8 @@ def write_results(evaluation: SessionEvaluation, result: Result, folder: Destina
     """Write the results of an evaluated session as `write_report` does."""
     contrasts = result.table("contrasts").only(*_BESIDE_PICTURE)
     main = contrasts if evaluation.contrasts else result.table("luminance")
-    side = evaluation.map.step * reduction(evaluation.map.shape)
-    scale = f" Each drawn pixel is the mean of {side} x {side} of the camera's." if side > 1 else ""
-    lead, sections = (_target_figure(evaluation, scale), main), _sections(evaluation, result, scale)
+    target, luminance = _pictures(evaluation)
+    lead, sections = (target, main), _sections(evaluation, result, luminance)
     kind = "Luminance and contrast detection probability (CDP)"
     page = Page.of(result, kind, _summary(evaluation), _cards(result.table("contrasts")), lead, sections)
     if evaluation.simulated:
@@ -109,8 +108,7 @@ def _summary(evaluation: SessionEvaluation) -> str:
     )
 
 
-def _sections(evaluation: SessionEvaluation, result: Result, scale: str) -> Iterator[Section]:
-    luminance = _luminance_figure(evaluation, scale)
+def _sections(evaluation: SessionEvaluation, result: Result, luminance: ReportFigure) -> Iterator[Section]:
     if evaluation.contrasts:
         panels = [_panel(row, row.distribution) for row in evaluation.contrasts if row.distribution is not None]
         figures = contrast_figures(panels, "bench" if evaluation.simulated else "")

@@ -118,7 +118,7 @@ def twin_session(
     usable = [o for name in regions for o in observed.patches[name] if o.saturated_share == 0]
     longest = {o.patch: o for o in sorted(usable, key=lambda o: o.exposure_s)}
     left_out: _LeftOut = defaultdict(list)
-    asked = _asked(observed, regions, contrast, epsilon, left_out)
+    asked = _asked(observed, {name: one.luminance_cd_m2 for name, one in regions.items()}, contrast, epsilon, left_out)
     compared = _compared(observed, calibration, twin, regions, asked, left_out, report)
     of_left_out = list(_findings(left_out))
     if not compared:
@@ -139,16 +139,11 @@ def twin_session(
 
 
 def _asked(
-    observed: ObservedSession,
-    regions: dict[str, TwinRegion],
-    contrast: TargetContrasts,
-    epsilon: float,
-    left_out: _LeftOut,
+    observed: ObservedSession, level: dict[str, float], contrast: TargetContrasts, epsilon: float, left_out: _LeftOut
 ) -> list[PairAsked]:
     """Pairs to compare, those of the configuration first; add those that are of no use to `left_out`."""
     for one in each_contrast(contrast):
         TargetContrast(LEAST_CONTRAST if one is None else one, epsilon, "weber")
-    level = {name: region.luminance_cd_m2 for name, region in regions.items()}
     asked: list[PairAsked] = []
     for pair in observed.configuration.contrasts:
         if pair.bright not in level or pair.dark not in level:

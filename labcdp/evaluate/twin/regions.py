@@ -178,22 +178,14 @@ class TwinPatch:
         dithered = min(one["temporal_dn"][0] for one in (self.predicted, self.measured)) ** 2 >= DITHERED_DN2
         found: dict[str, float | None] = {}
         for kind in KINDS:
-            (p, u), (m, v) = self.predicted[kind], self.measured[kind]
-            if kind == "mean_dn":
-                found[kind] = _over(m - p, hypot(u, v))
-            else:
-                uncertainty = hypot(_of_square(p, u), _of_square(m, v))
-                found[kind] = _over(m**2 - p**2, uncertainty) if dithered else None
+            both = [self.predicted[kind], self.measured[kind]]
+            if kind != "mean_dn":
+                # Squares, their uncertainty with the second-order term for values near 0.
+                both = [(value**2, max(2 * value * u, u**2)) for value, u in both]
+            (predicted, u), (measured, v) = both
+            z = (measured - predicted) / hypot(u, v) if hypot(u, v) > 0 else 0.0
+            found[kind] = z if dithered or kind == "mean_dn" else None
         return found
-
-
-def _over(difference: float, uncertainty: float) -> float:
-    return difference / uncertainty if uncertainty > 0 else 0.0
-
-
-def _of_square(value: float, uncertainty: float) -> float:
-    """Return the standard uncertainty of the square of a value, with the second-order term for values near 0."""
-    return max(2 * value * uncertainty, uncertainty**2)
 
 
 def twin_patch(twin: TwinParameters, region: TwinRegion, o: PatchObservation, response: Response) -> TwinPatch:

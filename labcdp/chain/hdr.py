@@ -122,10 +122,9 @@ def merge_dn(method: Method, bits: int, exposures_dn: Sequence[NDArray[Any]], la
     -------
     ndarray of int64 for "normal", else float64
     """
-    last = len(ladder) - 1
     if method == "normal":
-        chosen, _ = normal_stage(exposures_dn[last], last, bits, ladder)
-        for i in reversed(range(last)):
+        chosen: NDArray[Any] = np.zeros((), np.int64)
+        for i in reversed(range(len(ladder))):
             own, taken = normal_stage(exposures_dn[i], i, bits, ladder)
             chosen = np.where(taken, own, chosen)
         return chosen

@@ -202,8 +202,7 @@ class Sweep:
 
     def findings(self) -> tuple[Finding, ...]:
         """Return what a user of the map should know."""
-        lens = any(getattr(part, "focal_length_m", None) for _, part in self.chain.before)
-        return (info("map-on-axis"),) if self.exact and lens else ()
+        return on_axis(self.chain) if self.exact else ()
 
     def identity(self) -> dict[str, Any]:
         """Return all that decides the results."""
@@ -220,6 +219,12 @@ class Sweep:
             "seed": self.seed,
             "labcdp": version("labcdp"),
         }
+
+
+def on_axis(chain: Chain) -> tuple[Finding, ...]:
+    """Say of a prediction that it is on the axis, if there is a lens with vignetting."""
+    lens = any(getattr(part, "focal_length_m", None) for _, part in chain.before)
+    return (info("map-on-axis"),) if lens else ()
 
 
 def of_scene(chain: Chain, parameter: str) -> bool:

@@ -16,6 +16,7 @@ from ....core.table import Column, Table, uncertain, with_interval
 from ....metrics.contrast import TargetContrasts, each_contrast
 from ....report.text import percent
 from ..maps.axes import LARGEST_SNR, SNR_VARIABLES
+from ..plan import on_axis
 from .rows import SimulationEvaluation
 
 #: Share of saturated pixels of a region from which on its luminance is too low by more than rounding.
@@ -208,13 +209,12 @@ def predicted_result(
         )
     ]
     note = f"{_NOTE.format(percent(epsilon))}; from the distributions of the values, without random numbers."
-    lens = any(getattr(part, "focal_length_m", None) for _, part in chain.before)
     target = (_TARGET,) if isinstance(contrast, tuple) else ()
     return Result(
         "simulate",
         chain.name or "chain",
         (Table.of_items("detection", _TITLE, (_STAGE, *target, *_PREDICTED), rows, note),),
-        (*full, *([info("map-on-axis")] if lens else [])),
+        (*full, *on_axis(chain)),
         tuple(inputs),
         {"chain": chain.document, "contrast": contrast, "epsilon": epsilon, "method": "exact"},
         simulated=True,

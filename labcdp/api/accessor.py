@@ -144,7 +144,9 @@ class LabcdpAccessor:
         return draw_map(MapView.of(self._dataset, self.analysis(level)))
 
     def save(self, path: PathArgument, *, force: bool = False) -> Path:
-        """Write the dataset as NetCDF; equal datasets give equal bytes. With `force` an existing file is replaced.
+        """Write the dataset as NetCDF; with `force` an existing file is replaced.
+
+        Files of equal datasets differ in the time of writing at most.
 
         Raises
         ------

@@ -161,7 +161,7 @@ def variables_of(columns: Sequence[Column], dims: tuple[str, ...], items: Sequen
     dims : tuple of str
         Names of the dimensions.
     items : sequence
-        Items, or sequences of such for two dimensions; of None all numbers are nan.
+        Items, or sequences of such for two dimensions; of None all numbers are nan. A missing text is empty.
     """
     import numpy as np
 
@@ -169,7 +169,8 @@ def variables_of(columns: Sequence[Column], dims: tuple[str, ...], items: Sequen
     flat = list(np.array(items, dtype=object).ravel())
     found = {}
     for column, values in zip(columns, values_of(columns, flat).values(), strict=True):
-        array = np.array([np.nan if value is None else value for value in values]).reshape(shape)
+        missing = "" if any(isinstance(value, str) for value in values) else np.nan
+        array = np.array([missing if value is None else value for value in values]).reshape(shape)
         found[column.name] = (dims, array, attributes_of(column, array))
     return found
 

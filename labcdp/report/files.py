@@ -153,7 +153,7 @@ _NUMBERS = {"zlib": True, "complevel": 4, "shuffle": True, "fletcher32": True}
 
 
 def dataset_bytes(dataset: Dataset, what: str) -> bytes:
-    """Return a labelled result as content of a NetCDF-4 file; equal results give equal bytes.
+    """Return a labelled result as content of a NetCDF-4 file; equal results differ in the time of writing at most.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def dataset_bytes(dataset: Dataset, what: str) -> bytes:
 
 
 def write_blocks(path: Path, blocks: Iterable[Dataset], along: str) -> None:
-    """Write a Dataset block by block in constant memory; equal blocks give equal bytes.
+    """Write a Dataset block by block in constant memory; equal blocks differ in the time of writing at most.
 
     Parameters
     ----------

@@ -172,8 +172,13 @@ def make_template(sight: Sight, roi: Roi) -> Template | None:
         return None
     enough = min(max(_PLACE_PX, _WORTH * min(sure)), _PLACE_MOST_PX)
     margin = next(margin for margin, this in zip(margins, sure, strict=True) if this <= enough)
-    beyond = max(_BEYOND_OWN_PX / _template(sight, roi, margin).reduction, _BEYOND_PX)
-    return _template(sight, roi, (1 + _BEYOND) * margin + beyond)
+    margin *= 1 + _BEYOND
+    template = _template(sight, roi, margin + _BEYOND_PX)
+    wider = _BEYOND_OWN_PX / template.reduction
+    # What ends a background may move otherwise.
+    if wider <= _BEYOND_PX or is_background(template):
+        return template
+    return _template(sight, roi, margin + wider)
 
 
 def place_uncertainty_px(template: Template) -> float:

@@ -200,6 +200,8 @@ class FrameFolder:
 
     def write(self, frames: Sequence[tuple[Frame, str]]) -> list[StoredFile]:
         """Write frames of a role with the next numbers; raises SessionError, and then none is there."""
+        if not frames:
+            return []
         first = self.next_number
         names = [
             f"{FRAMES}/{_file_name(number, role, frame.exposure_s)}"

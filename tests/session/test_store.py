@@ -85,6 +85,7 @@ def test_any_frame_is_restored_from_its_file_and_other_programs_read_it(frame, c
 def test_a_session_is_resumed_and_read_while_it_is_written(path, configuration, make_frame, new_reading):
     with Session.create(path, configuration, compress=True) as session:
         made = [
+            *session.add_frames([]),
             session.add_frame(make_frame(1)),
             session.add_event("lens covered", {"by": "hand", "seconds": [1, 2.5, None, True], "µ": "ß\n"}),
         ]

@@ -13,6 +13,7 @@ from ..core.result import InputFile, html_table
 from ..evaluate.bench.calibrate import calibrate_recorded
 from ..evaluate.bench.corrections import UniformLight, require_same_optics
 from ..evaluate.bench.session import chosen_contrasts, evaluate_session, observe_calibrated
+from ..evaluate.bench.session_result import session_input
 from ..report.text import warning_texts
 from ..session import Session as _Session
 from .arguments import Contrasts, Pairs, PathArgument, as_contrasts, as_names, as_pair_names, as_path
@@ -116,7 +117,7 @@ class Session(_Session):
             raise InputError("pairs need contrasts: give contrasts, fractions (1.0 is 100 %)")
         values = as_contrasts(contrasts, 0.5 if epsilon is None else epsilon).values
         given = None if pairs is None else as_pair_names(pairs, "patches")
-        asked, inputs = chosen_contrasts(self.configuration, given, values, epsilon), []
+        asked, inputs = chosen_contrasts(self.configuration, given, values, epsilon), [session_input(self)]
         if not isinstance(calibration, Calibration | ColourCalibration):
             path = as_path(calibration, "calibration")
             calibration = load_any(path)

@@ -51,7 +51,7 @@ class SessionResult:
     evaluation : SessionEvaluation
         All results; its `map` is the target in cd/m^2.
     inputs : tuple of InputFile
-        What it was made from besides the session.
+        What it was made from.
     """
 
     evaluation: SessionEvaluation
@@ -64,7 +64,7 @@ class SessionResult:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of results.json."""
-        return envelope(session_result(self.evaluation, self.inputs))
+        return envelope(replace(session_result(self.evaluation), inputs=self.inputs))
 
     def to_dataset(self) -> Dataset:
         """Return a dataset: luminances over patch; CDP over pair and contrast, nan where not requested."""

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
+from itertools import count
+from math import isclose
 from pathlib import Path
 from shlex import quote
 from typing import Any, Literal
@@ -110,7 +112,7 @@ class CalibrationOptions:
     recalibrate
         Calibrate with the session itself instead of loading a calibration.
     against
-        With --recalibrate: results.json to compare with; any difference is an error.
+        With --recalibrate: results.json to compare with; a difference of more than rounding is an error.
     """
 
     calibration: Path | None = None
@@ -215,7 +217,7 @@ def evaluate(
         written = write_results(evaluation, result, folder)
     results.print(result, f"Written: {', '.join(map(str, written))}", page=folder.folder / "report.html")
     if by.against is not None:
-        say(f"Identical to {by.against}")
+        say(f"The same but for rounding as {by.against}")
     verdicts = {row.patch.name: row.limit_verdict for row in evaluation.patches}
     if not set(verdicts.values()) <= {None, "pass"}:
         missed = [f"{name} ({verdict})" for name, verdict in verdicts.items() if verdict not in (None, "pass")]
@@ -224,16 +226,31 @@ def evaluate(
 
 
 def _require_same(result: Result, recorded: Any, against: Path) -> None:
-    """Check that numbers and findings agree; versions and paths may differ, and the demo has more tables."""
+    """Check that numbers and findings agree but for rounding; versions may differ, and the demo has more tables."""
     if not isinstance(recorded, dict) or recorded.get("schema") != SCHEMA:
         raise InputError(f"{against} is no result of this version of labcdp: give a results.json")
     now = json.loads(envelope_json(result))
-    tables, before = now["tables"], recorded.get("tables") or {}
-    differing = sorted(name for name in tables if tables[name] != before.get(name))
-    differing += ["configuration"] if now["configuration"] != recorded.get("configuration") else []
-    differing += ["findings"] if any(one not in recorded.get("findings", []) for one in now["findings"]) else []
+    known = recorded.get("findings", [])
+    differing = [
+        *(found for name in ("tables", "configuration") if (found := _difference(now[name], recorded.get(name), name))),
+        *(f"finding {one['code']}" for one in now["findings"] if all(_difference(one, other) for other in known)),
+    ]
     if differing:
         raise SessionError(
-            f"the result differs from {against} in {', '.join(differing)}: another version of labcdp or of its "
+            f"the result differs from {against}, first in {differing[0]}: another version of labcdp or of its "
             "libraries wrote it, or it belongs to another session"
         )
+
+
+def _difference(now: Any, before: Any, where: str = "value") -> str:
+    """Say where JSON values first differ by more than rounding, such as by another number of threads; else empty."""
+    parts: Iterable[tuple[Any, Any, Any]] = ()
+    if isinstance(now, dict) and isinstance(before, dict):
+        parts = ((key, value, before.get(key)) for key, value in now.items())
+    elif isinstance(now, list) and isinstance(before, list) and len(now) == len(before):
+        parts = zip(count(1), now, before, strict=False)
+    elif isinstance(now, float) and isinstance(before, float):
+        return "" if isclose(now, before, rel_tol=1e-6, abs_tol=1e-9) else f"{where}: {now!r} instead of {before!r}"
+    elif now != before:
+        return f"{where}: {now!r} instead of {before!r}"
+    return next((found for key, a, b in parts if (found := _difference(a, b, f"{where} {key}"))), "")

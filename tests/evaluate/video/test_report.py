@@ -13,6 +13,7 @@ from jsonschema import Draft202012Validator
 
 from labcdp.evaluate.video import dataset as video_dataset
 from labcdp.evaluate.video import page as video_page
+from labcdp.evaluate.video.annotated import AnnotatedVideo
 from labcdp.evaluate.video.archive import ArchiveResult, VideoOutcome, archive_tasks
 from labcdp.evaluate.video.archive_page import archive_result, write_archive
 from labcdp.evaluate.video.page import write_video
@@ -99,3 +100,14 @@ def test_page_and_json_of_an_archive_say_what_became_of_each_video(
     assert (a["video"], a["n_frames"], a["lost_share"], a["resumed"]) == ("a", 24, pytest.approx(lost), True)
     assert (c["error"], c["n_frames"]) == ("no video <at all>", None)
     assert (e["n_detected"], e["n_evaluated"], e["mean_cdp"]) == (0, 0, None)
+
+
+def test_nothing_stays_of_an_annotated_video_after_an_error(tmp_path: Path) -> None:
+    def interrupted() -> None:
+        with AnnotatedVideo(tmp_path / "annotated.mp4") as video:
+            video(0, np.full((121, 161), 90, np.uint8), (), {"time_s": 0.4, "cdp": np.array([0.5, 0.25])})
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert list(tmp_path.iterdir()) == []

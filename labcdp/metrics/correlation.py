@@ -122,9 +122,12 @@ def inflation_of(image: _Array, mask: NDArray[np.bool_]) -> float:
     less = variance - slow_square / (region.n * side**2)
     if min(float(np.vdot(rest, rest)) / region.n, less) <= _ROUNDING * variance:
         return 1.0
+    change = slow_square / (slow_rank - 1) / less if slow_rank > 1 else 0.0
+    # Noise, whose factor is at least 1, may have such a change.
+    if 0 < change <= _USUAL_CHANGE / plain:
+        return _widened(plain, rank - 1, n)
     others = max(square - slow_square, 0.0), rank - slow_rank
     noise = _factor(rest, region, _SLOW_DEGREE + 1, others, less)
-    change = slow_square / (slow_rank - 1) / less if slow_rank > 1 else 0.0
     # The largest factor that noise, and the change on top of it, may have.
     most = max(noise, _USUAL_CHANGE * noise**2 / change if change > 0 else noise)
     return min(_widened(plain, rank - 1, n), _widened(most, rank - slow_rank, n))

@@ -130,10 +130,11 @@ def _lines_count(products: _Array, pairs: _Array, weights: tuple[_Array, _Array]
     """
     far = slice(2 * reach + 3, pairs.shape[0] - 2 * reach - 2)
     far_pairs = float(pairs[far, 0].sum())
-    if far_pairs < 0.5:
+    total = float(products[far, 0].sum())
+    if far_pairs < 0.5 or total <= 0:
         return False
     means, means_across = (
         one / np.maximum(of, 1.0) * (of > 0) for one, of in zip(weights, (pairs[:, 0], pairs[0]), strict=True)
     )
     squares = np.square(pairs[0, 0] * means_across * (means @ products))
-    return bool(products[far, 0].sum() > _LINE_SIGNIFICANT * sqrt(2 * far_pairs * float(squares.sum())))
+    return total > _LINE_SIGNIFICANT * sqrt(2 * far_pairs * float(squares.sum()))

@@ -130,8 +130,7 @@ class FollowingTracker:
         self, grey: NDArray[Any], levels: tuple[float, float], rois: Sequence[Roi], planar: Sequence[bool]
     ) -> None:
         black, scale = levels
-        usual = 1.0 if isnan(scale) else scale
-        self._levels = black, usual if grey.dtype == np.uint8 else scale_of(grey, scale)
+        self._levels = black, scale_of(grey, 1.0 if isnan(scale) and grey.dtype == np.uint8 else scale)
         sight = Sight(grey, *self._levels)
         # Frames so narrow have no structure across.
         if min(sight.shape) * sight.reduction < 2:

@@ -18,8 +18,8 @@ _SMALL = 480
 _ROUNDING_DN = 0.3
 #: Standard deviation of the noise that frames of more than 8 bits are scaled to, in DN.
 _NOISE_DN = 3.2
-#: Least standard deviation that coded frames of more than 8 bits are scaled to, in DN.
-_STRUCTURE_DN = 3.0
+#: Least standard deviation that frames of 8 bits and coded ones are scaled to, in DN, as far as their noise allows.
+_STRUCTURE_DN = 16.0
 #: Pixels of a frame along each side that its noise is estimated from.
 _SAMPLE = 512
 
@@ -87,12 +87,12 @@ class Sight:
 def scale_of(frame: NDArray[Any], usual: float = nan) -> float:
     """Factor that gives a frame the noise of one of 8 bits, estimated from its middle.
 
-    Of a coded frame, whose errors are no noise, it is the `usual` one for its bits, but more in the dark.
+    Of a coded frame, whose errors are no noise, and of one of 8 bits it is the `usual` one, but more in the dark.
     """
     top, left = (max(side - _SAMPLE, 0) // 2 for side in frame.shape)
     middle = frame[top : top + _SAMPLE, left : left + _SAMPLE].astype(np.float32)
     by_noise = _NOISE_DN / noise_dn(middle)
-    return by_noise if isnan(usual) else min(max(usual, _STRUCTURE_DN / max(float(middle.std()), 1e-9)), by_noise)
+    return by_noise if isnan(usual) else max(usual, min(_STRUCTURE_DN / max(float(middle.std()), 1e-9), by_noise))
 
 
 def smooth(image: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -45,6 +45,7 @@ FOLLOWED = {
     "jumps": (lambda t: Moment(pose(90 + 55 * (t // 4 % 2), 75 + 20 * (t // 8 % 2))), {}),
     "light": (lambda t: Moment(drive(t), gain=0.3 if 6 <= t < 14 else 1, veil=0.08 * sin(t / 5) ** 2), {}),
     "partly covered": (lambda t: Moment(drive(t), covers=(Cover(35 + 3 * t, 95, 150, 40, 0.5),)), {}),
+    "dusk": (lambda t: Moment(drive(t), gain=0.1), {"full_scale_e": 8000.0}),
     # About 40 DN of 4095, with a contrast-to-noise ratio of about 5.
     "night": (lambda t: Moment(drive(t), gain=0.0163), {"bits": 12, "full_scale_e": 40000.0, "read_noise_e": 9.0}),
 }
@@ -126,12 +127,13 @@ def test_regions_keep_their_size_whatever_their_template_is_reduced_by(side, ins
 
 
 @pytest.mark.parametrize(
-    ("codec", "kind", "speed"),
-    [("mpeg4", "yuv420p", 0), ("mjpeg", "yuvj420p", 1.5), ("libx265", "yuv420p10le", 1.5), ("libx265", "gbrp10le", 1)],
-)
-def test_regions_are_followed_in_a_coded_video(codec, kind, speed, tmp_path):
-    """Regions well inside their patches, where a coder leaves hardly any noise."""
-    path = lambda t: Moment(pose(100 + speed * t, 80), background=shift(-speed * t / 2, 0))  # noqa: E731
+    ("codec", "kind", "speed", "gain"),
+    [("mpeg4", "yuv420p", 0, 1), ("mjpeg", "yuvj420p", 1.5, 1), ("libx265", "yuv420p10le", 1.5, 1),
+     ("libx265", "gbrp10le", 1, 1), ("prores_ks", "yuv422p10le", 1.5, 0.1)],
+)  # fmt: skip
+def test_regions_are_followed_in_a_coded_video(codec, kind, speed, gain, tmp_path):
+    """Regions well inside their patches, where a coder leaves hardly any noise, or in the dark."""
+    path = lambda t: Moment(pose(100 + speed * t, 80), background=shift(-speed * t / 2, 0), gain=gain)  # noqa: E731
     truth = frames_of(path, 12, inset=5, full_scale_e=4000.0)
     # Cb and Cr are left out, red, green and blue are alike.
     written = [3 ** (kind[0] == "g") * (frame.grey * np.uint16(4 ** kind.endswith("10le")),) for frame in truth]

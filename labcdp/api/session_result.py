@@ -23,22 +23,30 @@ if TYPE_CHECKING:
 _COLUMNS = {column.name: column for column in (*LUMINANCES, *CONTRASTS)}
 
 
-def _renamed(**names: str) -> list[Column]:
-    found = ((name, _COLUMNS[column]) for name, column in names.items())
-    return [replace(column, name=name, value=column.value or column.name) for name, column in found]
+def _variable(name: str, column: str, label: str = "") -> Column:
+    """Return a column of the tables as a variable of a dataset, where labels say of what it is."""
+    found = _COLUMNS[column]
+    return replace(found, name=name, label=label or found.label, value=found.value or found.name)
 
 
 _INTERVAL = "calibrated.interval_95_cd_m2"
 #: Of a patch, and of a contrast of two patches.
 _OF_PATCH = (
-    *_renamed(meter_luminance="measured_cd_m2", meter_U="expanded_measured_cd_m2", camera_luminance="calibrated_cd_m2"),
-    Column("camera_low", "calibrated, low", "cd/m²", "Lower end of its 95 % interval.", value=f"{_INTERVAL}.0"),
-    Column("camera_high", "calibrated, high", "cd/m²", "Upper end of its 95 % interval.", value=f"{_INTERVAL}.1"),
-    *_renamed(deviation="deviation_rel"),
-)
+    _variable("meter_luminance", "measured_cd_m2", "luminance by meter"),
+    _variable("meter_U", "expanded_measured_cd_m2", "U (95 %) of luminance by meter"),
+    _variable("camera_luminance", "calibrated_cd_m2", "luminance by camera"),
+    Column("camera_low", "luminance by camera, low", "cd/m²", "Lower end of its 95 % interval.",
+           value=f"{_INTERVAL}.0"),
+    Column("camera_high", "luminance by camera, high", "cd/m²", "Upper end of its 95 % interval.",
+           value=f"{_INTERVAL}.1"),
+    _variable("deviation", "deviation_rel", "deviation from meter"),
+)  # fmt: skip
 _OF_PAIR = (
-    *_renamed(measured_contrast="camera_contrast", u_measured_contrast="u_camera_contrast"),
-    *_renamed(meter_contrast="measured_contrast", u_meter_contrast="u_measured_contrast", exposure_s="exposure_s"),
+    _variable("measured_contrast", "camera_contrast"),
+    _variable("u_measured_contrast", "u_camera_contrast"),
+    _variable("meter_contrast", "measured_contrast"),
+    _variable("u_meter_contrast", "u_measured_contrast"),
+    _variable("exposure_s", "exposure_s"),
 )
 
 
@@ -79,7 +87,7 @@ class SessionResult:
         data = {
             **variables_of(_OF_PATCH, ("patch",), found.patches),
             **cdp_variables(("pair", "contrast"), [[row and row.calibrated_cdp for row in rows] for rows in table]),
-            **variables_of(_renamed(epsilon="epsilon"), ("pair", "contrast"), table),
+            **variables_of([_variable("epsilon", "epsilon")], ("pair", "contrast"), table),
             **variables_of(_OF_PAIR, ("pair",), [[row for row in rows if row][-1] for rows in table]),
         }
         coordinates = {

@@ -97,7 +97,7 @@ REFUSED = [
     (lambda of: of.cdp([[1.0]]), r"contrasts have the shape \(1, 1\)"),
     (lambda of: of.track(method="magic"), "unknown tracking method 'magic': give one of"),
     (lambda of: of.track(start=1.5), "start is 1.5: give a number of frames, or a time"),
-    (lambda of: of.evaluate(1.0, pairs=[("a", "b")]), "there is no patch 'a'"),
+    (lambda of: of.evaluate(1.0, pairs=[("", "b")]), "there is no patch ''"),
     (lambda of: of.sweep(), "there is nothing to sweep over"),
     (lambda of: of.sweep(scene__contrast=0.3), "scene.contrast is 0.3: give a list"),
     (lambda of: of.sweep(scene__contrst=[0.3]), "did you mean contrast"),

@@ -140,6 +140,8 @@ def chosen_contrasts(
     """Return pairs of patches with contrasts and tolerance as given, or else as configured."""
     chosen = configuration.contrasts
     if pairs is not None:
+        names = [patch.name for patch in configuration.target.patches]
+        require_patches([name for pair in pairs for name in pair], names, "for the contrast")
         asked = [{"bright": bright, "dark": dark, "contrast": 1.0} for bright, dark in pairs]
         chosen = tuple(map(ContrastConfiguration.model_validate, asked))
     if epsilon is not None:

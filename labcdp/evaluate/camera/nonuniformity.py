@@ -166,7 +166,8 @@ def _profile(axes: Axes, pattern: Pattern, values: NDArray[np.float64], directio
         axes.plot(x, profile, color=colour, linewidth=width, label=name)
     # A hot pixel must not flatten all else.
     low, high = np.percentile(values, [0.01, 99.99])
-    axes.set_ylim(low - (high - low) / 2, high + (high - low) / 2)
+    if high > low:
+        axes.set_ylim(low - (high - low) / 2, high + (high - low) / 2)
     place = "column" if direction == "horizontal" else "row"
     finish(axes, place, f"deviation in {pattern.unit}", f"{pattern.name}, {direction} profile")
 

@@ -25,6 +25,7 @@ REFUSED = (
     ("calibrate empty", "empty is not a session"),
     ("calibrate s --output file/results", "file/results lies in a file"),
     ("calibrate cut", "0001_light_2ms.tif"),
+    ("calibrate unlit", "no light frames: uncover the lens"),
     ("evaluate s", "run 'labcdp calibrate"),
     ("evaluate s --recalibrate --contrast 5% --pair P02:P77", "there is no 'P77'"),
     ("acquire s/session.toml own", "no serial port for the meter: give --meter, or meter.port"),
@@ -63,9 +64,10 @@ def folder(inputs, tmp_path_factory):
     save_regions(folder / "three.json", [*regions, RectangleShape("third", 30, 30, 9, 9)])
     frame = min(shutil.copytree(folder / "s", folder / "cut").glob("frames/*"))
     frame.write_bytes(frame.read_bytes()[:-1])
-    with Session.open(shutil.copytree(folder / "s", folder / "dark"), writable=True) as session:
-        session.supersede(session.frames("dark"), "test")
-        reading = session.readings()[0]
+    for name, role in (("dark", "dark"), ("unlit", "light")):
+        with Session.open(shutil.copytree(folder / "s", folder / name), writable=True) as session:
+            session.supersede(session.frames(role), "test")
+            reading = session.readings()[0]
     with Session.create(folder / "begun", SessionConfiguration.load(folder / "s/session.toml")) as begun:
         begun.add_reading(reading.reading, reading.patch)
     return folder

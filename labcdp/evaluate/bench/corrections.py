@@ -20,7 +20,7 @@ from ...core.photometry import photon_radiance_per_cd_m2
 from ...core.result import Finding, info
 from ...core.vignetting import AnyVignetting, Cos4Vignetting
 from ...session import Role, Session, SessionConfiguration
-from .recorded import Report, SessionReader, by_exposure, lens_of, planes_of
+from .recorded import NO_LIGHT, Report, SessionReader, by_exposure, lens_of, planes_of
 
 #: Corrections by colour plane; None stands for a monochrome sensor.
 PlaneCorrections = Mapping[str | None, "Corrections"]
@@ -124,10 +124,12 @@ def with_dark_frames(
     SessionError
         If a file is missing or altered.
     CalibrationError
-        If frames of one exposure differ in camera or setting.
+        If there are no light frames, or frames of one exposure differ in camera or setting.
     """
     reader = SessionReader(report, len(corrections) * sum(len(session.frames("dark")) for session in sessions))
     light_s = sorted({t for session in sessions for t in by_exposure(session, "light")})
+    if not light_s:
+        raise CalibrationError(NO_LIGHT)
     result: dict[str | None, Corrections] = {}
     for plane, own in corrections.items():
         darks = _measured(reader, sessions, "dark", plane)

@@ -15,6 +15,8 @@ from ...session import FrameRecord, MeterCertificate, ReadingRecord, Role, Sessi
 
 Report = Callable[[int, int], None]
 _Key = TypeVar("_Key")
+#: Of a session that was interrupted before its target was seen.
+NO_LIGHT = "the session has no light frames: uncover the lens and resume the acquisition"
 
 
 class SessionReader:

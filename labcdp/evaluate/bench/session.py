@@ -17,7 +17,7 @@ from ...session import ContrastConfiguration, FrameRecord, MeterCertificate, Ses
 from .calibrate import calibrate_session
 from .corrections import calibration_for, corrections_of
 from .observe import ObservedSession, observe_session
-from .recorded import Report, by_exposure, by_patch, certificate_of, lens_of, measured_in, require_patches
+from .recorded import NO_LIGHT, Report, by_exposure, by_patch, certificate_of, lens_of, measured_in, require_patches
 from .rows import ContrastRow, PatchRow, contrast_row, patch_row
 
 
@@ -179,7 +179,7 @@ def target_map(observed: ObservedSession, calibration: AnyCalibration) -> Lumina
         for patch, records in by_patch(group).items():
             frames.setdefault(patch, []).append(records[0])
     if not frames:
-        raise CalibrationError("the session has no light frames: uncover the lens and resume the acquisition")
+        raise CalibrationError(NO_LIGHT)
     merged = ((name, _merged(observed.session, calibration, records)) for name, records in frames.items())
     regions = {patch.name: patch.region() for patch in observed.configuration.target.patches}
     _, target = next(merged)

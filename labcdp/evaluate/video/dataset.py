@@ -31,8 +31,10 @@ OF_CONTRAST = by_itself(*CDP, *SHARES)
 OF_PAIR = by_itself(*CONTRAST, *CSNR)
 #: Over frame; taken from the `CalibratedCdp` of the reference contrast.
 OF_REFERENCE = tuple(
-    replace(one, name=f"reference_{one.name}", label=f"{one.label} of reference")
-    for one in by_itself(replace(TARGET, label="contrast"), *CDP)
+    replace(one, name=f"reference_{one.name}", label=one.label.replace("CDP", "CDP of reference"))
+    for one in by_itself(
+        replace(TARGET, label="reference contrast", meaning="Contrast the frame is compared with."), *CDP
+    )
     if one.name != "u_cdp"
 )
 OF_FRAME = (*OF_PAIR, *OF_REFERENCE)

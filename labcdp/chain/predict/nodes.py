@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import ceil, log, sqrt
+from math import ceil, expm1, log, sqrt
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 #: Error aimed at, relative to what is integrated.
 _ERROR = 1e-7
+#: Logarithm of a share of the mean that is no signal.
+_LOWEST = -60.0
 
 
 def normal_nodes(sharpness: float) -> tuple[FloatArray, FloatArray]:
@@ -63,15 +65,18 @@ def gamma_nodes(order: float, sharpness: float) -> tuple[FloatArray, FloatArray]
     Notes
     -----
     Trapezoidal rule in the logarithm, in which the density exp(order (y - e^y)) is smooth for every order and falls
-    off exponentially on both sides.
+    off exponentially on both sides. Where that takes long, of small orders, the lowest node stands for all below it.
     """
     step = 0.6 / sqrt(1 + order + sharpness**2)
     reach = -log(_ERROR * 1e-2)
     # order (e^y - 1 - y) > reach on both sides.
     low = -(1 + reach / order) if order < reach else -2 * sqrt(2 * reach / order)
+    low = max(low, _LOWEST)
     high = log(1 + sqrt(2 * reach / order) + reach / order)
     logs = np.arange(low, high + step, step)
     weights = np.exp(order * (logs + 1 - np.exp(logs)))
+    # With those below it, a geometric series.
+    weights[0] /= -expm1(-order * step)
     return np.exp(logs), weights / weights.sum()
 
 

@@ -249,8 +249,9 @@ def _difference(now: Any, before: Any, where: str = "value") -> str:
         parts = ((key, value, before.get(key)) for key, value in now.items())
     elif isinstance(now, list) and isinstance(before, list) and len(now) == len(before):
         parts = zip(count(1), now, before, strict=False)
-    elif isinstance(now, float) and isinstance(before, float):
-        return "" if isclose(now, before, rel_tol=1e-6, abs_tol=1e-9) else f"{where}: {now!r} instead of {before!r}"
+    elif isinstance(now, float) and isinstance(before, float) and isclose(now, before, rel_tol=1e-6, abs_tol=1e-9):
+        return ""
     elif now != before:
-        return f"{where}: {now!r} instead of {before!r}"
+        shown = (f"{len(one)} values" if isinstance(one, list | dict) else repr(one) for one in (now, before))
+        return f"{where}: {' instead of '.join(shown)}"
     return next((found for key, a, b in parts if (found := _difference(a, b, f"{where} {key}"))), "")

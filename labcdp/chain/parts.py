@@ -22,7 +22,7 @@ from .signal import UNITS, ExposureSettings, SensorModel, Stage
 
 #: Types of the fields, and what else to give.
 _KINDS: dict[str, tuple[Any, str]] = {
-    **dict.fromkeys(("name", "description", "spectrum", "source"), (str, "text")),
+    **dict.fromkeys(("name", "description", "spectrum", "source"), (str, "text in quotes")),
     "folder": (str | PathLike, "a path"),
     "scene": (Scene, "a scene, such as labcdp.chain.Flat"),
     "settings": (ExposureSettings | None, "labcdp.chain.ExposureSettings, or None without sensors"),

@@ -152,7 +152,10 @@ def parse_regions(text: str) -> tuple[tuple[Shape, ...], ImageSize | None]:
     InputError
         Naming region and key.
     """
-    document = _table(parse_json(text), _KEYS, ("format", "version", "regions"), "")
+    document = parse_json(text)
+    if not isinstance(document, dict):
+        raise InputError(f'it is no region file: give a table with "format": "{FORMAT}"')
+    document = _table(document, _KEYS, ("format", "version", "regions"), "")
     if document["format"] != FORMAT:
         raise InputError(f"format is {quoted(document['format'])}: give {FORMAT!r}")
     version = document["version"]
@@ -180,11 +183,13 @@ def _region(shape: Shape) -> dict[str, Any]:
 
 
 def _shape(at: int, region: object) -> Shape:
-    name = region.get("name") if isinstance(region, dict) else None
+    if not isinstance(region, dict):
+        raise InputError(f"regions[{at}] is no table: give one in curly brackets")
+    name, kind = region.get("name"), region.get("kind")
     where = f"region {quoted(name)}: " if isinstance(name, str) else f"regions[{at}]: "
-    kind = region.get("kind") if isinstance(region, dict) else "polygon"
     if not isinstance(kind, str) or kind not in _KINDS:
-        raise InputError(f"{where}kind is {quoted(kind)}: give one of {', '.join(_KINDS)}")
+        found = quoted(kind) if "kind" in region else "missing"
+        raise InputError(f"{where}kind is {found}: give one of {', '.join(_KINDS)}")
     parameters = fields(_KINDS[kind])
     needed = [field.name for field in parameters if field.default is MISSING]
     table = _table(region, ["kind", *(field.name for field in parameters)], needed, where)
@@ -202,7 +207,7 @@ def _size(image: object) -> ImageSize:
 def _table(table: object, known: Sequence[str], needed: Sequence[str], where: str) -> dict[str, Any]:
     """Return a table that has all keys that are needed, and no unknown one; raises InputError."""
     if not isinstance(table, dict):
-        raise InputError(f"{where or 'it '}is no table: give one in curly brackets, with {', '.join(needed)}")
+        raise InputError(f"{where.removesuffix(': ')} is no table: give {', '.join(needed)} in curly brackets")
     # Unknown keys first: a mistyped key also leaves the right one missing.
     for key in table:
         if key not in known:

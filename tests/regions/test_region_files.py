@@ -30,9 +30,10 @@ def test_the_file_is_as_described(tmp_path):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("{", "not valid JSON"),
         (json.dumps(document(BOX)).replace("50", "NaN"), "NaN stands where a number should"),
         (document(BOX, version=2), "version is 2, this labcdp reads 1"),
+        ("[5]", 'it is no region file: give a table with "format"'),
+        (document({"name": "b"}), "region 'b': kind is missing: give one of polygon"),
         (document({**BOX, "height": -4}), "region 'b': height is -4"),
         (document({**POLYGON, "corners": [[0, 0], [9, 9], [9, 0], [0, 9]]}), "'a' crosses itself at x 4.5, y 4.5"),
         (document({**GRID, "rows": 200, "columns": 200}), "200 rows of 200 columns are 40000 regions"),
@@ -41,8 +42,7 @@ def test_the_file_is_as_described(tmp_path):
     ],
 )
 def test_a_file_that_cannot_be_used_is_refused_with_key_and_region(tmp_path, content, message):
-    path = tmp_path / "rois.json"
-    path.write_text(json.dumps(content) if isinstance(content, dict) else content)
+    (path := tmp_path / "rois.json").write_text(json.dumps(content) if isinstance(content, dict) else content)
     with pytest.raises(InputError, match=rf"^{re.escape(str(path))}.*{message}"):
         load_regions(path, image_size=(60, 95))
 

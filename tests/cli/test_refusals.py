@@ -39,6 +39,7 @@ REFUSED = (
     ("init bench s/session.toml --force", "is part of a recorded session"),
     ("compare a.png a.png", "give its regions, or"),
     ("twin dark", "no dark frames: cover the lens"),
+    ("calibrate begun", "no frames: start the acquisition"),
     (f"info {100_000 * 'a'}", 60 * "a" + "..." + 32 * "a" + " cannot be used (File name too long)"),
     ("image-map a.png --region-size 9", "the size of the regions is 9 pixels"),
     ("video a.avi --roi three.json", "three.json holds 3 regions"),
@@ -67,9 +68,8 @@ def folder(inputs, tmp_path_factory):
     for name, role in (("dark", "dark"), ("unlit", "light")):
         with Session.open(shutil.copytree(folder / "s", folder / name), writable=True) as session:
             session.supersede(session.frames(role), "test")
-            reading = session.readings()[0]
     with Session.create(folder / "begun", SessionConfiguration.load(folder / "s/session.toml")) as begun:
-        begun.add_reading(reading.reading, reading.patch)
+        begun.add_reading(session.readings()[0].reading, "P01")
     return folder
 
 

@@ -18,7 +18,7 @@ from ...core.vignetting import AnyVignetting
 from ...session import MeterCertificate, Session
 from .corrections import Corrections, PlaneCorrections, UniformLight, corrections_of_lens, with_dark_frames
 from .observe import ObservedSession, observe_session, response_of_session
-from .recorded import Report, lens_of, require_patches
+from .recorded import Report, lens_of, planes_of, require_patches
 
 #: Most rounds in which the flat field is linearised by the response, and the response fitted with the flat field.
 _MOST_ROUNDS = 5
@@ -128,7 +128,6 @@ def _require_alike(first: ObservedSession, other: ObservedSession) -> None:
     one, two = first.configuration, other.configuration
     certificates = (of.meter.certificate for of in (one, two))
     for what, mine, theirs in (
-        ("colour filter", *("none" if None in of.planes else "Bayer" for of in (first, other))),
         ("lens", lens_of(one), lens_of(two)),
         ("certificate of the meter", *("none" if c is None else f"{c.number} of {c.date}" for c in certificates)),
         ("source spectrum", one.source.spectrum, two.source.spectrum),
@@ -201,6 +200,8 @@ def calibrate_recorded(
     CalibrationError, SessionError, InputError
         As `measure_vignetting`, `observe_session`, `response_of_session` and `calibrate_session`.
     """
+    if len({planes_of(one) for one in sessions}) > 1:
+        raise CalibrationError("some of the sessions have colour filters, others have none: calibrate them apart")
     lens = corrections_of_lens(sessions[0])
     corrections = with_dark_frames(lens if uniform is None else uniform.corrections, sessions, report("dark frames"))
 

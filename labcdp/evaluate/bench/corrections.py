@@ -20,7 +20,7 @@ from ...core.photometry import photon_radiance_per_cd_m2
 from ...core.result import Finding, info
 from ...core.vignetting import AnyVignetting, Cos4Vignetting
 from ...session import Role, Session, SessionConfiguration
-from .recorded import NO_LIGHT, Report, SessionReader, by_exposure, lens_of, planes_of
+from .recorded import NO_LIGHT, Report, SessionReader, by_exposure, first_frame, lens_of, planes_of
 
 #: Corrections by colour plane; None stands for a monochrome sensor.
 PlaneCorrections = Mapping[str | None, "Corrections"]
@@ -84,7 +84,7 @@ def calibration_for(session: Session, calibration: AnyCalibration) -> AnyCalibra
 
 
 def _states(session: Session) -> dict[str | None, CameraState]:
-    first = session.load(session.frames()[0])
+    first = first_frame(session)
     return {plane: CameraState.of(plane_of(first, plane)) for plane in planes_of(session)}
 
 
@@ -248,7 +248,7 @@ def require_same_optics(session: Session, flat: Session) -> None:
     CalibrationError
         If camera, image size, region of the sensor, pixel format, lens or f-number differ.
     """
-    mine, theirs = (one.load(one.frames()[0]) for one in (session, flat))
+    mine, theirs = (first_frame(one) for one in (session, flat))
     readouts = (mine.readout, theirs.readout)
     for what, a, b in (
         ("camera", str(mine.camera), str(theirs.camera)),

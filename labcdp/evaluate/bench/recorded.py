@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from ...calibration import AnyCalibration, LensIdentity
 from ...calibration.frames.measure import plane_of
-from ...core.errors import InputError
+from ...core.errors import CalibrationError, InputError
 from ...core.frame import PLANES, Frame
 from ...core.luminance import LuminanceMap
 from ...session import FrameRecord, MeterCertificate, ReadingRecord, Role, Session, SessionConfiguration
@@ -71,8 +71,15 @@ def certificate_of(calibration: AnyCalibration, session: Session) -> MeterCertif
 
 def planes_of(session: Session) -> tuple[str | None, ...]:
     """Colour planes of a session's frames, or None for the one of a monochrome sensor."""
-    first = session.load(session.frames()[0])
-    return (None,) if first.colour_filter is None else PLANES
+    return (None,) if first_frame(session).colour_filter is None else PLANES
+
+
+def first_frame(session: Session) -> Frame:
+    """Load the first frame of a session; raises CalibrationError if there is none."""
+    records = session.frames()
+    if not records:
+        raise CalibrationError("the session has no frames: start the acquisition")
+    return session.load(records[0])
 
 
 def by_exposure(records: Session | Iterable[FrameRecord], role: Role) -> dict[float, list[FrameRecord]]:

@@ -20,6 +20,8 @@ _ROUNDING_DN = 0.3
 _NOISE_DN = 3.2
 #: Least standard deviation that frames of 8 bits and coded ones are scaled to, in DN, as far as their noise allows.
 _STRUCTURE_DN = 16.0
+#: Standard deviation, in those of the noise, from which a frame shows more than noise.
+_MORE_THAN_NOISE = 3.0
 #: Pixels of a frame along each side that its noise is estimated from.
 _SAMPLE = 512
 
@@ -91,8 +93,12 @@ def scale_of(frame: NDArray[Any], usual: float = nan) -> float:
     """
     top, left = (max(side - _SAMPLE, 0) // 2 for side in frame.shape)
     middle = frame[top : top + _SAMPLE, left : left + _SAMPLE].astype(np.float32)
-    by_noise = _NOISE_DN / noise_dn(middle)
-    return by_noise if isnan(usual) else max(usual, min(_STRUCTURE_DN / max(float(middle.std()), 1e-9), by_noise))
+    noise, structure = noise_dn(middle), float(middle.std())
+    if isnan(usual):
+        return _NOISE_DN / noise
+    if structure <= _MORE_THAN_NOISE * noise:
+        return usual
+    return max(usual, min(_STRUCTURE_DN / structure, _NOISE_DN / noise))
 
 
 def smooth(image: NDArray[np.float32]) -> NDArray[np.float32]:

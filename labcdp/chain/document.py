@@ -14,6 +14,7 @@ from ..core.disk.files import shortened, shown, suggestion
 from ..core.errors import ConfigurationError, InputError
 from .registry import class_of, type_of
 from .scene.scene import Scene
+from .signal import SensorModel, Stage
 
 _Table = Mapping[str, Any]
 
@@ -21,6 +22,12 @@ _Table = Mapping[str, Any]
 TEXTS = {"name": "", "description": "", "spectrum": "D65"}
 #: Keys of the size, which scene and sensors have in common; a chain file states it once, in the scene if that has it.
 _SIZE = ("width", "height")
+#: What the class of a table must be; of all other tables, a stage.
+_KINDS: dict[str, tuple[Any, str]] = {
+    "scene": (Scene, "scene"),
+    "sensor": (SensorModel, "sensor model"),
+    **dict.fromkeys(("exposure", "hdr"), (object, "")),
+}
 
 
 def parts_of_document(document: _Table, folder: Path = Path()) -> dict[str, Any]:
@@ -157,13 +164,14 @@ def _part(name: str, table: Any, folder: Path, defaults: _Table | None = None) -
     if isinstance(table, Mapping):
         table = {key: value for key, value in table.items() if key != "type"}
     part = _made_of_table(cls, name, table, folder, defaults or {})
+    protocol, kind = _KINDS.get(name, (Stage, "stage"))
     try:
         # A scene from a file reads it for its size, of which it has no attribute without.
-        fits = name != "scene" or isinstance(part, Scene)
+        fits = isinstance(part, protocol)
     except InputError as error:
         raise _located(error, name, [field.name for field in fields(cls)]) from error
     if not fits:
-        raise ConfigurationError(f"{name} is registered as {cls.__name__}, which is no scene")
+        raise ConfigurationError(f"{name} is registered as {cls.__name__}, which is no {kind}")
     return part
 
 

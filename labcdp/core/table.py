@@ -161,7 +161,8 @@ def variables_of(columns: Sequence[Column], dims: tuple[str, ...], items: Sequen
     dims : tuple of str
         Names of the dimensions.
     items : sequence
-        Items, or sequences of such for two dimensions; of None all numbers are nan. A missing text is empty.
+        Items, or sequences of such for two dimensions; of None all numbers are nan. A missing text is empty;
+        what is neither a number nor a text is written as one.
     """
     import numpy as np
 
@@ -169,8 +170,9 @@ def variables_of(columns: Sequence[Column], dims: tuple[str, ...], items: Sequen
     flat = list(np.array(items, dtype=object).ravel())
     found = {}
     for column, values in zip(columns, values_of(columns, flat).values(), strict=True):
-        missing = "" if any(isinstance(value, str) for value in values) else np.nan
-        array = np.array([missing if value is None else value for value in values]).reshape(shape)
+        numeric = all(value is None or isinstance(value, int | float | np.number | np.bool_) for value in values)
+        known = ((np.nan if numeric else "") if value is None else value if numeric else str(value) for value in values)
+        array = np.array(list(known)).reshape(shape)
         found[column.name] = (dims, array, attributes_of(column, array))
     return found
 

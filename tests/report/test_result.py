@@ -84,8 +84,8 @@ def test_text_json_sheet_and_dataset_of_a_table(result):
     sheet = openpyxl.load_workbook(BytesIO(data))["patches"]
     assert [cell.value for cell in sheet[2]] == list(ROW.values())
     assert (sheet["A2"].data_type, sheet["D3"].value) == ("s", None)
-    dataset = result.table("patches").to_dataset()
-    np.testing.assert_array_equal(dataset["luminance_cd_m2"], [103.456, 1e-4])
+    np.testing.assert_array_equal(result.table("patches").to_dataset()["luminance_cd_m2"], [103.456, 1e-4])
+    assert [*Table("size", "", (Column("px", ""),), {"px": [(1, 2), None]}).to_dataset()["px"].values] == ["(1, 2)", ""]
 
 
 def test_a_quantity_in_percent_is_a_fraction_in_data():

@@ -112,7 +112,7 @@ class CalibrationOptions:
     recalibrate
         Calibrate with the session itself instead of loading a calibration.
     against
-        With --recalibrate: results.json to compare with; a difference of more than rounding is an error.
+        With --recalibrate: results.json to compare with; a difference beyond rounding is an error.
     """
 
     calibration: Path | None = None
@@ -217,7 +217,7 @@ def evaluate(
         written = write_results(evaluation, result, folder)
     results.print(result, f"Written: {', '.join(map(str, written))}", page=folder.folder / "report.html")
     if by.against is not None:
-        say(f"The same but for rounding as {by.against}")
+        say(f"Agrees with {by.against} to within rounding")
     verdicts = {row.patch.name: row.limit_verdict for row in evaluation.patches}
     if not set(verdicts.values()) <= {None, "pass"}:
         missed = [f"{name} ({verdict})" for name, verdict in verdicts.items() if verdict not in (None, "pass")]

@@ -1,18 +1,21 @@
 """What a tired person types: each gets one line that names it, exit status 1, and leaves nothing behind."""
 
 import errno
+import json
 import shlex
 import shutil
 import subprocess
+from dataclasses import replace
 from unittest.mock import Mock
 
 import pytest
 
-from labcdp.cli.app import main
+from labcdp.cli.app import app, main
 from labcdp.cli.bench import devices
 from labcdp.regions import RectangleShape, load_regions, save_regions
 from labcdp.session import Session, SessionConfiguration
 
+from ..evaluate.bench.synthetic import again
 from .conftest import only_line
 
 #: Commands and what their refusal names.
@@ -40,6 +43,10 @@ REFUSED = (
     ("compare a.png a.png", "give its regions, or"),
     ("twin dark", "no dark frames: cover the lens"),
     ("calibrate begun", "no frames: start the acquisition"),
+    ("calibrate s coloured", "some of the sessions have colour filters, others have none: calibrate them apart"),
+    ("evaluate s --recalibrate --against rows.json", "in tables luminance rows: 16 values instead of 15 values"),
+    ("evaluate s --recalibrate --against row.json", "in tables luminance rows 2 patch: 'P02' instead of 'P77'"),
+    ("evaluate s --recalibrate --against table.json", "in tables luminance: 3 values instead of None"),
     (f"info {100_000 * 'a'}", 60 * "a" + "..." + 32 * "a" + " cannot be used (File name too long)"),
     ("image-map a.png --region-size 9", "the size of the regions is 9 pixels"),
     ("video a.avi --roi three.json", "three.json holds 3 regions"),
@@ -51,6 +58,18 @@ REFUSED = (
     ("sweep thesis-2018 --exact --over scene.contrast=1,2", "is no EMVA 1288 sensor"),
     ("reproduce paper", "there is nothing to reproduce called 'paper'"),
 )
+
+#: Files of results that differ from those of the session.
+DIFFERENCES = {
+    "table.json": lambda tables: tables.pop("luminance"),
+    "rows.json": lambda tables: tables["luminance"]["rows"].pop(),
+    "row.json": lambda tables: tables["luminance"]["rows"][1].update(patch="P77"),
+}
+
+
+def coloured(frames):
+    """Frames as of a sensor with colour filters."""
+    return ((replace(one, colour_filter="RG", pixel_format="BayerRG12"), role, None) for one, role in frames)
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +89,12 @@ def folder(inputs, tmp_path_factory):
             session.supersede(session.frames(role), "test")
     with Session.create(folder / "begun", SessionConfiguration.load(folder / "s/session.toml")) as begun:
         begun.add_reading(session.readings()[0].reading, "P01")
+    again(folder / "coloured", session, coloured)
+    app(["evaluate", str(folder / "s"), "--recalibrate", "--output", str(folder / "e")], standalone_mode=False)
+    for name, change in DIFFERENCES.items():
+        content = json.loads((folder / "e/results.json").read_text())
+        change(content["tables"])
+        (folder / name).write_text(json.dumps(content))
     return folder
 
 

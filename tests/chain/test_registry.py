@@ -107,7 +107,14 @@ def test_installed_package_makes_its_parts_known(tmp_path, monkeypatch):
         assert len(Chain.from_toml(FLAT + table, "own.toml").run()) == 2
 
 
-def test_package_that_cannot_be_imported_is_named(tmp_path, monkeypatch):
-    install(tmp_path, monkeypatch, "broken_filter", "import not_there_at_all\n")
-    with pytest.raises(ConfigurationError, match=r"entry point 'broken_filter'.*No module named 'not_there_at_all'"):
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("import not_there_at_all\n", r"entry point 'other_filter'.*No module named 'not_there_at_all'"),
+        (MODULE.replace("process", "proceed"), "filter is registered as Filter, which is no stage"),
+    ],
+)
+def test_package_that_cannot_be_imported_or_has_no_stage_is_named(tmp_path, monkeypatch, text, message):
+    install(tmp_path, monkeypatch, "other_filter", text)
+    with pytest.raises(ConfigurationError, match=message):
         Chain.from_toml(FLAT + "[filter]\n", "own.toml")

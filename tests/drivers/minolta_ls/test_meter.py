@@ -1,5 +1,6 @@
 """The LS-100/LS-110 driver: what goes over the wire, what goes wrong there, and how it recovers."""
 
+import json
 import os
 import termios
 import threading
@@ -7,8 +8,10 @@ from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 
 import pytest
+import serial
 
 from labcdp.core.clock import SimulatedClock
+from labcdp.core.errors import InputError
 from labcdp.core.reading import MeterIdentity
 from labcdp.drivers.meter import MeterLostError, MeterProtocolError, MeterReportedError, MeterTimeoutError
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
@@ -18,8 +21,8 @@ from labcdp.drivers.simulated.meter import SimulatedLS
 from labcdp.drivers.simulated.port import Fault, InProcessPort
 from labcdp.drivers.simulated.pty import PtyMeter
 
-#: Short for a test, long for two threads on one machine.
-TIMEOUT_S = 0.4
+#: For a test that waits for it, and for one that does not, however late threads come to run.
+TIMEOUT_S, LONG_S = 2.0, 60.0
 METER = MeterIdentity("LS-110", "73323007", "2018-03-01")
 
 
@@ -42,7 +45,7 @@ def asked(*identity, **options):
     engine = Engine()
     with (
         PtyMeter(engine, response_time_s=0) as port,
-        MinoltaLS110(port.port, *identity, **({"timeout_s": TIMEOUT_S} | options)) as meter,
+        MinoltaLS110(port.port, *identity, timeout_s=LONG_S, **options) as meter,
     ):
         yield engine, port, meter
 
@@ -113,7 +116,8 @@ def test_a_pseudo_terminal_as_of_socat_serves_one_program_after_another():
     ],
 )
 def test_a_reading_is_of_a_command_of_its_own_call_whatever_came_before(fault, error, attempts):
-    with asked(attempts=attempts) as (engine, port, meter):
+    port = InProcessPort(engine := Engine(), SimulatedClock(), 0)
+    with MinoltaLS110(port, timeout_s=TIMEOUT_S, attempts=attempts) as meter:
         port.inject(fault)
         failed = []
         for _ in range(5):
@@ -154,7 +158,7 @@ def test_an_interrupted_measurement_does_not_answer_the_next_one(monkeypatch):
 
 
 def test_a_pulled_cable_is_waited_for_and_the_modes_restored():
-    with asked(patience_s=8, modes=[MeterMode.SLOW]) as (engine, port, meter):
+    with asked(patience_s=LONG_S, modes=[MeterMode.SLOW]) as (engine, port, meter):
         assert meter.measure().value == 1.0
         port.unplug()
         for command in (b"MDS,06\r\n", b"MDS,08\r\n"):
@@ -175,3 +179,38 @@ def test_a_cable_that_stays_pulled_ends_in_one_error_that_names_both_problems():
             meter.measure()
         assert meter.modes == ()
     assert len(os.listdir("/proc/self/fd")) <= before
+
+
+# Its transcript, in JSON lines
+
+
+def test_every_byte_is_written_as_it_happens_also_when_the_meter_is_opened_again(tmp_path):
+    path = tmp_path / "wire.jsonl"
+    with (
+        PtyMeter(SimulatedLS(lambda: 83.02), response_time_s=0) as port,
+        MinoltaLS110(NamedPort(port.port, True), timeout_s=TIMEOUT_S, transcript=path, patience_s=LONG_S) as meter,
+    ):
+        meter.measure()
+        name = port.port
+        header, *entries = map(json.loads, path.read_text().splitlines())
+        port.inject(Fault(n_bytes=7))
+        meter.measure()
+        meter.close()
+        meter.open()
+        port.unplug()
+        port.plug_in()
+        meter.measure()
+    settings = {"baudrate": 4800, "bytesize": 7, "parity": "E", "stopbits": 2, "rtscts": True, "timeout_s": TIMEOUT_S}
+    assert header.items() >= {"format": 1, "meter": "LS-110", "port": name, **settings}.items()
+    times = [entry.pop("t_s") for entry in entries]
+    assert times == sorted(times)
+    # After four modes with their answers.
+    assert entries[8:] == [{"sent": "MES\r\n"}, {"received": "OK00,CcPH 83.02\r\n"}]
+
+    text = path.read_text()
+    assert ('"received": "OK00,Cc"' in text, text.count("MDS,04"), text.count("format")) == (True, 4, 1)
+    with PtyMeter(SimulatedLS(lambda: 1.0), response_time_s=0) as port:
+        with pytest.raises(InputError, match=r"wire\.jsonl exists already: give the transcript another name"):
+            MinoltaLS110(port.port, timeout_s=TIMEOUT_S, transcript=path).open()
+        serial.Serial(port.port, exclusive=True).close()
+    assert path.read_text() == text

@@ -1,5 +1,6 @@
 """Checkerboards in pictures of known ones."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -59,6 +60,14 @@ def test_corners_are_where_they_are():
         off.append(np.hypot(*(meeting - np.array([x / w, y / w]))))
     assert np.median(off) < 0.1
     assert max(off) < 0.3
+
+
+def test_a_picture_has_the_same_squares_whatever_was_searched_before():
+    image, found = random_board(82)[0], []
+    for drawn in (0, 12345):
+        cv2.setRNGSeed(drawn)
+        found.append(detect_checkerboard(image))
+    assert found[0] == found[1]
 
 
 def test_a_board_that_fills_the_image():

@@ -3,7 +3,6 @@
 import re
 import shutil
 import signal
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -82,11 +81,3 @@ def serve(start_in: Any) -> Iterator[Callable[..., Served]]:
     yield start
     for process in running:
         process.end()
-
-
-def wait_until(condition: Callable[[], bool], what: str, patience_s: float = 120) -> None:
-    """Wait for something that another process or thread does."""
-    end = time.monotonic() + patience_s
-    while not condition():
-        assert time.monotonic() < end, f"waited in vain until {what}"
-        time.sleep(0.02)

@@ -31,7 +31,7 @@ from labcdp.web.regions.figure import Picture
 from labcdp.web.regions.page import Page
 from labcdp.web.regions.page_image import PageImage
 
-from .conftest import wait_until
+from ..conftest import wait_until
 from .test_bench_page import small_plan
 from .test_drawing import workspace
 

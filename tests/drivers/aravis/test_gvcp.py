@@ -37,7 +37,7 @@ def test_a_request_is_as_the_standard_has_it_and_repeated_if_it_is_lost():
     """READREG_CMD and READREG_ACK of GigE Vision 2.0, 16.5."""
     seen, answer = [], bytes.fromhex("0000 0081 0004 0003 0000002a")
     with answering(lambda request: seen.append(request) or answer * (len(seen) > 2)):
-        assert gvcp.read_register("127.0.0.1", 0x0A00, timeout_s=0.5).register == 42
+        assert gvcp.read_register("127.0.0.1", 0x0A00, timeout_s=1.0).register == 42
     assert seen == [bytes.fromhex(f"42 01 0080 0004 000{n} 00000a00") for n in (1, 2, 3)]
 
 

@@ -61,10 +61,10 @@ def test_a_camera_that_comes_back_with_another_setting_is_refused(camera_on_loop
 
 
 def test_a_short_silence_is_bridged(camera_on_loopback, trouble):
-    """1.2 s without an answer: Aravis' own requests are repeated for 2.5 s and succeed."""
+    """0.8 s without an answer: Aravis' own requests are repeated for 2.5 s and succeed."""
     with AravisCamera("127.0.0.1") as camera:
         frames = camera.grab(30, on_refused=lambda _: None)  # the silence may begin within a frame
         next(frames)
-        trouble("freeze", 1.2)
+        trouble("freeze", 0.8)
         assert len(list(frames)) == 29
         assert camera.gaps == ()

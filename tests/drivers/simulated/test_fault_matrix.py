@@ -19,6 +19,8 @@ from labcdp.drivers.minolta_ls.meter import MinoltaLS110
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
 from labcdp.session import Session
 
+from ...conftest import wait_until
+
 SHAPE = (400, 480)
 PATIENCE_S = 30.0
 
@@ -72,13 +74,6 @@ def left_behind():
     return len(os.listdir("/proc/self/task")), len(os.listdir("/proc/self/fd"))
 
 
-def wait_until(happened):
-    until_s = time.monotonic() + 120
-    while not happened():
-        assert time.monotonic() < until_s
-        time.sleep(0.02)
-
-
 def a_frame(camera):
     """One whole frame; a busy computer may lose some of its own."""
     return next(camera.grab(1, on_refused=lambda _error: None))
@@ -112,7 +107,9 @@ def act(state, bench, fault, camera, meter, session):
     if state in ("idle", "reading the meter") and "second controller" in fault:
         # While the other program has control, the camera is refused instead of waited for.
         privilege = (bench.server.address, gvcp.CONTROL_CHANNEL_PRIVILEGE)
-        wait_until(lambda: (answer := gvcp.read_register(*privilege)) is not None and not answer.register)
+        wait_until(
+            lambda: (answer := gvcp.read_register(*privilege)) is not None and not answer.register, "it is released"
+        )
     if state != "closing":
         session.add_frame(a_frame(camera))
         session.add_reading(meter.measure(), patch)
@@ -147,4 +144,4 @@ def test_a_fault_in_a_state_ends_in_recovery_or_one_clear_error(bench, fault, st
     with Session.open(tmp_path / "session") as session:
         session.verify()
         assert (len(session.frames()), len(session.readings())) == recorded
-    wait_until(lambda: all(now <= then for now, then in zip(left_behind(), bench.before, strict=True)))
+    wait_until(lambda: all(now <= then for now, then in zip(left_behind(), bench.before, strict=True)), "all ended")

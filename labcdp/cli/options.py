@@ -12,9 +12,10 @@ import typer
 
 from ..core.cluster import TlsFiles, Workers
 from ..core.errors import InputError
+from ..evaluate.contrasts import parse_contrasts
 from .commands import As
 from .terminal import print_result
-from .values import fraction_of_percent, parse_changes, parse_contrasts, parse_seconds, parse_tolerance
+from .values import fraction_of_percent, parse_changes, parse_seconds, parse_tolerance
 
 if TYPE_CHECKING:
     from ..core.result import Result

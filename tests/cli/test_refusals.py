@@ -53,7 +53,7 @@ REFUSED = (
     ("video a.avi --roi rois.json --contrast=-5%", "--contrast is '-5%': give contrasts above 0%"),
     ("rois a.png -o rois.txt", "rois.txt has an unknown suffix"),
     ("rois a.avi --frame 9", "a.avi has 3 frames, 0 to 2, and none at 9: choose another with --frame"),
-    ("bench --simulated --contrast 50%,100%", "'50%,100%': give one contrast, and change it on the page"),
+    ("bench --simulated --contrast 10%:200%:51", "51 target contrasts: the page shows at most 50"),
     ("simulate small.toml --set scene.luminance_cd_m2=nan", "scene.luminance_cd_m2 is nan"),
     ("sweep thesis-2018 --exact --over scene.contrast=1,2", "is no EMVA 1288 sensor"),
     ("reproduce paper", "there is nothing to reproduce called 'paper'"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,8 +11,6 @@ from typing import Annotated, Any
 import typer
 
 from ...acquire.plan import prepare_camera
-from ...core.disk.files import shown
-from ...core.errors import InputError
 from ...core.result import Quantity, Result, quantity_table
 from ...core.table import Column, Table
 from ...drivers.aravis.camera import AravisCamera
@@ -31,9 +29,8 @@ from ...web.regions.files import DrawingFiles, Start, locked
 from ...web.regions.workspace import Workspace
 from ...web.server import Address, Server, Site
 from ..commands import As
-from ..options import Json, MeterModel, PageOptions, Percent, output_file
+from ..options import Contrasts, Json, MeterModel, PageOptions, Tolerance, output_file
 from ..terminal import print_result, say_where
-from ..values import parse_contrasts
 from .connected import note_bench, serial_meter, simulated_bench_file, simulated_devices, with_own_camera
 from .options import BenchDevices, DeviceOptions
 
@@ -71,28 +68,12 @@ class LiveDevices(BenchDevices):
             yield camera, BenchOfPage(meter, plan)
 
 
-def _only_contrast(texts: Sequence[str], name: str) -> float | None:
-    """Turn ``100%`` into 1.0, and no text into None; raises InputError for several."""
-    found = parse_contrasts(texts, name)
-    if len(found) > 1:
-        raise InputError(f"{name} is {shown(', '.join(texts))}: give one contrast, and change it on the page")
-    return found[0] if found else None
-
-
 @dataclass(frozen=True)
 class Detection:
-    """Options for what is to be detected.
+    """Options for what is to be detected, which the page can change."""
 
-    Parameters
-    ----------
-    contrast
-        Target contrast, for example 100%, which the page can change; default: as measured.
-    epsilon
-        Relative tolerance of the contrast.
-    """
-
-    contrast: Annotated[float | None, As(parse=_only_contrast, many=True)] = None
-    epsilon: Percent = 0.5
+    contrast: Contrasts = None
+    epsilon: Tolerance = 0.5
 
 
 @dataclass(frozen=True)
@@ -129,6 +110,7 @@ def bench(
     roi
         Region file to start from and save to; if it does not exist, start with the patches of the plan.
     """
+    target = Target(detection.contrast, detection.epsilon)
     conversion = picture_conversion(calibration, None, None)
     configuration = None if plan is None else SessionConfiguration.load(plan)
     if not roi.exists():
@@ -143,7 +125,6 @@ def bench(
                 typer.launch(where.url)
 
         with chosen.opened(configuration) as (camera, devices):
-            target = Target(detection.contrast, detection.epsilon)
             live, workspace = _bench(camera, devices, conversion, roi, target, server)
             try:
                 server.run(

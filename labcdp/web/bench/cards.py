@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import is_dataclass
 from itertools import starmap
-from math import inf
+from math import inf, isfinite
 from time import monotonic
 from typing import Any
 
 import numpy as np
 from bokeh.models import ColumnDataSource, Range1d, Span
+from bokeh.palettes import Viridis256
 
 from ...core.clock import exposure_text
 from ...report.text import significant
@@ -18,7 +20,7 @@ from ..regions.wording import percent_with_interval
 from .desk import MeterReading
 from .live import Live
 from .live_bench import LiveBench
-from .pair import LIMIT, TRACE_S, is_saturated
+from .pair import LIMIT, TRACE_S, PairPoint, is_saturated
 
 #: Names and units of settings for a person; others have the name of their field.
 _NAMES = {"exposure_s": ("exposure", " s"), "gain_db": ("gain", " dB"), "frame_rate_hz": ("frame rate", " Hz")}
@@ -71,20 +73,50 @@ def pair_card(bench: LiveBench) -> str:
     if len(pair) < 2:
         return _card("CDP", "-", "open", "choose two regions under Regions")
     title = " / ".join(roi.name for roi in pair)
-    found, point = bench.pair, bench.trace.newest
+    found, points = bench.pair, bench.trace.newest
     if found is not None and not found.results:
         return _card(
             title, "saturated" if is_saturated(found.a, found.b) else "no contrast", "bad", "both regions look the same"
         )
-    if found is None or point is None:
+    if found is None or not points:
         return _card(title, "…", "open", _why(bench))
-    asked = ": measured" if bench.target.contrast is None else f" {100 * found.results[0].result.contrast:.4g} %"
-    asked = f"target contrast{asked}, ε {100 * bench.target.epsilon:.3g} %"
-    interval = f"95 % interval {point.low:.4f} to {point.high:.4f}"
+    epsilon = f"ε {100 * bench.target.epsilon:.3g} %"
+    if len(points) == 1:
+        (point,) = points
+        asked = ": measured" if found.of_measured_contrast else f" {_percent(point)}"
+        value, verdict, asked = f"{point.cdp:.4f}", str(point.verdict), f"target contrast{asked}, {epsilon}"
+        words = f"95 % interval {point.low:.4f} to {point.high:.4f}"
+    else:
+        value, verdict = f"{sum(point.verdict == 'detected' for point in points)} of {len(points)}", "detected"
+        if points[0].verdict == "saturated":
+            value, verdict = "saturated", ""
+        asked = f"target contrasts {_percent(points[0])} to {_percent(points[-1])}, {epsilon}"
+        words = "CDP " + ", ".join(f"{point.cdp:.4f}" for point in points)
     if not _seen_now(bench):
-        return _card(title, f"{point.cdp:.4f} <small>not now</small>", "open", "of the last frame", interval, raw=True)
-    words = f"{point.cdp:.4f} <small>{point.verdict}</small>"
-    return _card(title, words, _STATES[point.verdict], interval, asked, raw=True)
+        return _card(title, f"{value} <small>not now</small>", "open", "of the last frame", words, raw=True)
+    states = {_STATES[point.verdict] for point in points}
+    state = states.pop() if len(states) == 1 else "open"
+    return _card(title, f"{value} <small>{verdict}</small>", state, words, asked, raw=True)
+
+
+def contrast_table(bench: LiveBench) -> str:
+    """Write the CDP of each target contrast, with the colour of its line; empty for one, which has a card."""
+    points = bench.trace.newest
+    if len(points) < 2:
+        return ""
+    rows = [
+        table_row(
+            f"<span class='swatch' style='background:{colour}'></span>{_percent(point)}",
+            ((f"{point.cdp:.4f}", "cdp"), f"{point.low:.4f} to {point.high:.4f}", point.verdict),
+        )
+        for point, colour in zip(points, _colours(len(points)), strict=True)
+    ]
+    heads = ("target contrast", "CDP", "95 % interval", "")
+    return f"<div class='contrasts'>{table(heads, rows)}</div>"
+
+
+def _percent(point: PairPoint) -> str:
+    return f"{100 * point.contrast:.4g} %"
 
 
 def contrast_card(bench: LiveBench) -> str:
@@ -170,6 +202,11 @@ _N_BINS, _SAMPLE = 128, 200_000
 _PLOT_S, _MOST_POINTS = 0.5, 400
 
 
+def _colours(n: int) -> list[str]:
+    """Return colours of lines in rising order; without the lightest, which white does not show."""
+    return [_BLUE] if n == 1 else [Viridis256[round(k * 210 / (n - 1))] for k in range(n)]
+
+
 class Plots:
     """The plots of one tab.
 
@@ -180,7 +217,8 @@ class Plots:
     """
 
     def __init__(self, bench: LiveBench) -> None:
-        self._trace = ColumnDataSource(data={"t": [], "cdp": [], "low": [], "high": []})
+        self._trace, self._bands = ColumnDataSource(), ColumnDataSource()
+        self._plot_trace(())
         self._curve = ColumnDataSource(data={"contrast": [], "cdp": []})
         self._histogram = ColumnDataSource(data={"dn": [], "n": []})
         self._measured = Span(location=None, dimension="height", line_color=_RED, line_width=2)
@@ -196,12 +234,8 @@ class Plots:
         if now_s - self._plotted_s < _PLOT_S:
             return False
         self._plotted_s = now_s
-        points = bench.trace.points
-        points = points[:: 1 + len(points) // _MOST_POINTS]
-        self._trace.data = {
-            "t": [one.time_s - now_s for one in points],
-            **{name: [getattr(one, name) for one in points] for name in ("cdp", "low", "high")},
-        }
+        frames = bench.trace.frames
+        self._plot_trace(frames[:: 1 + len(frames) // _MOST_POINTS])
         contrasts, values = bench.curve
         self._curve.data = {"contrast": 100 * contrasts, "cdp": values}
         if contrasts.size:
@@ -215,11 +249,27 @@ class Plots:
         self._histogram.data = _histogram(bench.workspace.image.values, bench.images.highest_dn)
         return True
 
+    def _plot_trace(self, frames: Sequence[Sequence[PairPoint]]) -> None:
+        """Show a line for each target contrast, with its 95 % interval where that is known."""
+        lines, now_s = list(zip(*frames, strict=True)), monotonic()
+        known = [[one for one in line if isfinite(one.low)] for line in lines]
+        colours = _colours(len(lines))
+        self._trace.data = {
+            "t": [[one.time_s - now_s for one in line] for line in lines],
+            "cdp": [[one.cdp for one in line] for line in lines],
+            "colour": colours,
+        }
+        self._bands.data = {
+            "t": [[one.time_s - now_s for one in (*line, *reversed(line))] for line in known],
+            "ends": [[one.low for one in line] + [one.high for one in reversed(line)] for line in known],
+            "colour": colours,
+        }
+
     def _trace_figure(self) -> Any:
         plot = small_plot(120, y_range=Range1d(-0.02, 1.02), x_range=Range1d(-TRACE_S, 0))
         plot.yaxis.axis_label, plot.xaxis.axis_label = "CDP", "time in s"
-        plot.varea("t", "low", "high", source=self._trace, fill_alpha=0.3, fill_color=_BLUE)
-        plot.line("t", "cdp", source=self._trace, line_color=_BLUE, line_width=2)
+        plot.patches("t", "ends", source=self._bands, fill_alpha=0.3, fill_color="colour", line_alpha=0)
+        plot.multi_line("t", "cdp", source=self._trace, line_color="colour", line_width=2)
         plot.add_layout(Span(location=LIMIT, dimension="width", line_dash="dotted"))
         return plot
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 from math import isfinite
 from pathlib import Path
@@ -23,7 +22,7 @@ from ..regions.workspace import Workspace
 from .desk import BenchOfPage, MeterDesk
 from .images import LiveImages, fit_exposure
 from .live_camera import LiveCamera
-from .pair import LiveMeasurements, Target, Trace, cdp_curve, pair_point
+from .pair import LiveMeasurements, Target, Trace, cdp_curve, pair_points
 from .recording import PageOperator, Recording, with_regions
 
 if TYPE_CHECKING:
@@ -88,8 +87,7 @@ class LiveBench:
 
     def measurements(self, image: PageImage) -> LiveMeasurements:
         """Return measurements of an image."""
-        contrasts = None if self.target.contrast is None else (self.target.contrast,)
-        return LiveMeasurements(image, contrasts, self.target.epsilon)
+        return LiveMeasurements(image, self.target.contrasts, self.target.epsilon)
 
     def begin(self, workspace: Workspace) -> None:
         """Start camera and page, in the server's thread."""
@@ -107,9 +105,9 @@ class LiveBench:
             self.recording.ended.wait(_END_S)
         self.camera.stop()
 
-    def aim(self, **changes: float | None) -> None:
-        """Change the target contrast or its tolerance."""
-        self.target = replace(self.target, **changes)  # type: ignore[arg-type]
+    def aim(self, target: Target) -> None:
+        """Change the target contrasts or their tolerance."""
+        self.target = target
         self.trace = Trace()
 
     def take_readings(self, n: int) -> None:
@@ -225,9 +223,9 @@ class LiveBench:
         self._measured, pair = measured, measured.pair
         result, now_s = self.pair, monotonic()
         names = () if pair is None else (pair.first.name, pair.second.name)
-        point = None if result is None else pair_point(result, now_s)
-        self.trace = self.trace.after(point, names)
-        if pair is None or result is None or point is None or now_s - self._curve_s < _CURVE_S:
+        points = () if result is None else pair_points(result, now_s)
+        self.trace = self.trace.after(points, names)
+        if pair is None or result is None or not points or now_s - self._curve_s < _CURVE_S:
             return
         if not isfinite(result.contrast.value):
             return

@@ -2,21 +2,48 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import panel as pn
 from bokeh.models import CustomJS
 
+from ...core.errors import LabcdpError
 from ...drivers.camera_settings import CameraSettings
+from ...evaluate.contrasts import parse_contrasts
 from ..html import TINTED, beside, column, row, text
 from ..regions.display import DisplayScale
 from ..regions.map_tab import MapTab
 from ..regions.page import Page
 from ..regions.wording import warning_list
-from .cards import Plots, camera_card, contrast_card, meter_card, pair_card, reading_table, settings_text
+from .cards import (
+    Plots,
+    camera_card,
+    contrast_card,
+    contrast_table,
+    meter_card,
+    pair_card,
+    reading_table,
+    settings_text,
+)
 from .live import Live
 from .live_bench import LiveBench
+from .pair import Target
 from .tabs import CameraTab, RecordTab
+
+
+def _contrasts(text: str) -> tuple[float, ...] | None:
+    """Return contrasts as typed: a number, also with a decimal comma, or a list of percentages and ranges."""
+    if text.count("%") < 2:
+        text = text.replace("%", "").replace(",", ".").strip()
+        text = f"{text}%" if text else ""
+    return parse_contrasts(text.split(","), "the target contrast") if text else None
+
+
+def _written(target: Target) -> str:
+    """Return the target contrasts as a person would type them."""
+    contrasts = [f"{100 * one:g}" for one in target.contrasts or ()]
+    return "%,".join(contrasts) + "%" * (len(contrasts) > 1)
 
 
 class BenchPage:
@@ -37,8 +64,8 @@ class BenchPage:
         self._picture.show_scale(DisplayScale("gamma", 0.0, self._highest))
         self._picture.go_live()
         self._map = MapTab(page, False)
-        names = ("strip", "table", "notice", "findings")
-        self._strip, self._table, self._notice, self._findings = map(page.text, names)
+        names = ("strip", "table", "notice", "findings", "contrasts")
+        self._strip, self._table, self._notice, self._findings, self._cdp = map(page.text, names)
         self._strip.styles = TINTED
         self._record, self._camera = RecordTab(bench, page), CameraTab(bench.camera, page)
         self._plots = Plots(bench)
@@ -51,8 +78,7 @@ class BenchPage:
         self._pause = field("Toggle", "Pause", lambda on: setattr(bench.images, "paused", on), margin=(3, 4))
         self._n_readings = page.number("Readings", limits=(1, 100), value=1, width=80)
         self._typed = field("TextInput", "Reading of another meter (cd/m²), with Enter", width=260)
-        contrast = "" if bench.target.contrast is None else f"{100 * bench.target.contrast:g}"
-        options: dict[str, Any] = {"placeholder": "measured", "value": contrast, "width": 170}
+        options: dict[str, Any] = {"placeholder": "measured", "value": _written(bench.target), "width": 170}
         self._contrast = field("TextInput", "Target contrast (%)", self._aim_contrast, **options)
         options = {"value": 100 * bench.target.epsilon, "width": 130}
         self._epsilon = page.number("Tolerance ε (%)", self._aim_epsilon, (0.001, 100), **options)
@@ -67,6 +93,7 @@ class BenchPage:
         plots = [pn.pane.Bokeh(one, sizing_mode="stretch_width", margin=(4, 8)) for one in self._plots.figures]
         live = column(
             row(self._contrast, self._epsilon),
+            self._cdp,
             plots[0],
             plots[1],
             row(self._exposure, self._gain),
@@ -105,6 +132,8 @@ class BenchPage:
         workspace = bench.workspace
         self._findings.object = warning_list(workspace.image, workspace.drawing, workspace.measured)
         self._table.object = reading_table(bench)
+        self._cdp.object = contrast_table(bench)
+        self._cdp.visible = bool(self._cdp.object)
         self._show_control()
         self._follow_bits()
         said = (bench.question or bench.busy, bench.images.mismatch, bench.camera.live.error)
@@ -176,18 +205,13 @@ class BenchPage:
             self._typed.value = ""
 
     def _aim_contrast(self, text: str) -> None:
-        words = text.replace("%", "").replace(",", ".").strip()
         try:
-            contrast = float(words) / 100 if words else None
-        except ValueError:
-            contrast = float("nan")
-        if contrast is not None and not 0 < contrast < 1e7:
-            self.bench.workspace.say("The target contrast is a percentage above 0; empty for the measured contrast")
-            return
-        self.bench.aim(contrast=contrast)
+            self.bench.aim(replace(self.bench.target, contrasts=_contrasts(text)))
+        except LabcdpError as error:
+            self.bench.workspace.warn(error)
 
     def _aim_epsilon(self, percent: float) -> None:
-        self.bench.aim(epsilon=percent / 100)
+        self.bench.aim(replace(self.bench.target, epsilon=percent / 100))
 
     def _show_settings(self, live: Live) -> None:
         """Show what was read back when it has changed, also by another program, or when a request was rejected."""

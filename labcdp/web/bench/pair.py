@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.errors import InputError
 from ...core.roi import Roi
 from ...metrics import cdp
 from ...metrics.pair import PairResult
@@ -23,6 +24,8 @@ Verdict = Literal["detected", "too weak", "too strong", "undecided", "saturated"
 LIMIT = 0.9
 #: Length of the trace of the CDP.
 TRACE_S = 180.0
+#: Most contrasts: a row of the table and a line of the trace for each.
+_MOST_CONTRASTS = 50
 #: Share of saturated pixels from which a region's luminance means nothing.
 _SATURATED = 0.001
 #: Range of a curve over the measured contrast, and number of its points.
@@ -35,31 +38,43 @@ class Target:
 
     Parameters
     ----------
-    contrast : float or None
-        Weber contrast, a fraction; None for the measured one.
+    contrasts : sequence of float or None
+        Weber contrasts, fractions, up to 50; None for the measured one.
     epsilon : float
         Relative tolerance.
+
+    Raises
+    ------
+    InputError
+        If there are more contrasts.
     """
 
-    contrast: float | None = None
+    contrasts: Sequence[float] | None = None
     epsilon: float = 0.5
+
+    def __post_init__(self) -> None:
+        if self.contrasts is not None and len(self.contrasts) > _MOST_CONTRASTS:
+            raise InputError(f"{len(self.contrasts)} target contrasts: the page shows at most {_MOST_CONTRASTS}")
 
 
 @dataclass(frozen=True)
 class PairPoint:
-    """The pair in one frame.
+    """The pair in one frame, at one target contrast.
 
     Parameters
     ----------
     time_s : float
         When the frame arrived, by the monotonic clock.
+    contrast : float
+        Target contrast.
     cdp, low, high : float
-        CDP of the first target contrast with its 95 % interval.
+        Its CDP with the 95 % interval.
     verdict : str
         As of `verdict`; ``saturated`` if a region is, whatever its contrast.
     """
 
     time_s: float
+    contrast: float
     cdp: float
     low: float
     high: float
@@ -72,24 +87,25 @@ class Trace:
 
     Parameters
     ----------
-    points : tuple of PairPoint
-        The oldest first.
+    frames : tuple of tuple of PairPoint
+        A point for each target contrast; the oldest frame first.
     pair : tuple of str
         Names of the regions.
-    newest : PairPoint or None
-        That of the newest image; None if it has none.
+    newest : tuple of PairPoint
+        Those of the newest image; empty if it has none.
     """
 
-    points: tuple[PairPoint, ...] = ()
+    frames: tuple[tuple[PairPoint, ...], ...] = ()
     pair: tuple[str, ...] = ()
-    newest: PairPoint | None = None
+    newest: tuple[PairPoint, ...] = ()
 
-    def after(self, point: PairPoint | None, pair: tuple[str, ...]) -> Trace:
-        """Return the trace with another point; it begins anew with another pair."""
-        kept = self.points if pair == self.pair else ()
-        if point is not None:
-            kept = (*(one for one in kept if point.time_s - one.time_s < TRACE_S), point)
-        return Trace(kept, pair, point)
+    def after(self, points: tuple[PairPoint, ...], pair: tuple[str, ...]) -> Trace:
+        """Return the trace with the points of another frame; it begins anew with another pair or number of them."""
+        kept = self.frames if pair == self.pair else ()
+        if points:
+            now_s, n = points[0].time_s, len(points)
+            kept = (*(one for one in kept if now_s - one[0].time_s < TRACE_S and len(one) == n), points)
+        return Trace(kept, pair, points)
 
 
 def is_saturated(*regions: RegionResult) -> bool:
@@ -97,14 +113,13 @@ def is_saturated(*regions: RegionResult) -> bool:
     return any(region.invalid_shares.get("saturated", 0.0) > _SATURATED for region in regions)
 
 
-def pair_point(pair: PairResult, time_s: float) -> PairPoint | None:
-    """Return a pair's point; None without a target contrast."""
-    if not pair.results:
-        return None
-    one = pair.results[0]
-    low, high = one.confidence_interval
-    found = "saturated" if is_saturated(pair.a, pair.b) else verdict(one.result.below, one.result.above, (low, high))
-    return PairPoint(time_s, one.result.cdp, low, high, found)
+def pair_points(pair: PairResult, time_s: float) -> tuple[PairPoint, ...]:
+    """Return a pair's point for each target contrast."""
+    saturated, points = is_saturated(pair.a, pair.b), []
+    for result, (low, high) in ((one.result, one.confidence_interval) for one in pair.results):
+        found = "saturated" if saturated else verdict(result.below, result.above, (low, high))
+        points.append(PairPoint(time_s, result.contrast, result.cdp, low, high, found))
+    return tuple(points)
 
 
 def verdict(below: float, above: float, interval: tuple[float, float]) -> Verdict:

@@ -4,8 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labcdp.cli.values import parse_contrasts, parse_pair
+from labcdp.cli.values import parse_pair
 from labcdp.core.errors import InputError
+from labcdp.evaluate.contrasts import parse_contrasts
 
 
 @given(st.decimals("0.01", "9999", places=2), st.integers(1, 200), st.integers(1, 50), st.integers(1, 60))

@@ -15,8 +15,9 @@ from tempfile import TemporaryDirectory, mkdtemp
 import cv2
 import numpy as np
 
-from labcdp.calibration.emva import INDEX_NAME, characterise_data_set, load_index
+from labcdp.calibration.emva.data_set import characterise_data_set
 from labcdp.calibration.emva.images import read_image
+from labcdp.calibration.emva.index import INDEX_NAME, load_index
 from labcdp.evaluate.camera.result import result, write_characterisation
 
 REFERENCE = "EMVA1288_ReferenceSet_001_CCD_12Bit"

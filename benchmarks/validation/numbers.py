@@ -20,7 +20,7 @@ from worlds.table import HIGHEST, LOWEST, NAMED, binomial_error, summarise
 from worlds.world import WORLDS
 
 import labcdp
-from labcdp.calibration.emva import characterise_data_set
+from labcdp.calibration.emva.data_set import characterise_data_set
 from labcdp.evaluate.sweep.thesis import FIGURE_3_10, TABLE_5_3, ReproducedRow, reproduce_row
 from labcdp.metrics import DetectionInterval, Distribution, d_prime
 from labcdp.tracking import make_tracker

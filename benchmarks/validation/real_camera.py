@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import labcdp
-from labcdp.calibration.emva import Characterisation, IndexBlock, load_index
+from labcdp.calibration.emva.index import IndexBlock, load_index
+from labcdp.calibration.emva.result import Characterisation
 from labcdp.chain.predict.camera import CameraModel
 from labcdp.chain.predict.prediction import PatchRates, predict
 from labcdp.chain.sensor import Sensor

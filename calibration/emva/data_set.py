@@ -13,14 +13,14 @@ from ...core.result import Finding, warning
 from ..frames.measure import MeasuredFrames
 from ..frames.observations import CameraState, DarkObservation
 from ..frames.observe import dark_observation
-from ..frames.statistics import FrameStatistics, FrameSums
+from ..frames.statistics import FrameStatistics, FrameSums, Level
 from .assemble import Transfer, assemble, photon_transfer, with_findings, with_frame_changes
 from .findings import findings_of_data_set
 from .images import ImageCheck, read_image, require_levels
 from .index import DataSetIndex, IndexBlock, load_index
 from .quantities import dsnu_parts, prnu_parts, spatial_variance_of
-from .result import Characterisation, Quantity, SpatialImages
-from .series import Level, SeriesPoint
+from .result import Characterisation, Quantity
+from .series import SeriesPoint
 from .transfer import MIN_POINTS, linearity, responsivity
 
 #: Note on the missing uncertainty of the photon numbers.
@@ -70,7 +70,7 @@ def characterise_data_set(
             done += 1
             report(done, total)
         measured = sums.result()
-        levels.append((block, Level.of(measured)))
+        levels.append((block, measured.level))
         if block.kind == "dark" and (block.exposure_s not in darks or len(block.images) < _STACK):
             darks[block.exposure_s] = dark_observation(MeasuredFrames(measured, block.exposure_s, None, state))
         if block in of_stacks:
@@ -148,7 +148,7 @@ def _nonuniformity(
         dsnu_parts(of_dark, k, dark, f"{dark.n_frames} images at {exposure_text(dark_block.exposure_s)}")
     )
     if not bright:
-        return found | {"spatial": SpatialImages.of(dark)}, [warning("no-bright-stack")]
+        return found | {"spatial": (dark,)}, [warning("no-bright-stack")]
     light_block, light = bright[0]
     findings = []
     if dark_block.exposure_ns != light_block.exposure_ns:
@@ -159,4 +159,4 @@ def _nonuniformity(
         return found, [*findings, warning("bright-stack-not-brighter")]
     note = f"{light.n_frames} images at {net:.4g} DN above the dark signal, non-uniform light included"
     prnu = prnu_parts(spatial_variance_of(light), of_dark, net, note)
-    return found | prnu | {"spatial": SpatialImages.of(dark, light)}, findings
+    return found | prnu | {"spatial": (dark, light)}, findings

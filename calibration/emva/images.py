@@ -15,8 +15,8 @@ from ...core.disk import read_bytes
 from ...core.disk.files import shown
 from ...core.disk.tiff import open_tiff, pixels_of
 from ...core.errors import InputError
+from ..frames.statistics import Level
 from .index import DataSetIndex, IndexBlock
-from .series import Level
 
 #: File signatures: PNG (ISO/IEC 15948), and JPEG, whose compression loses values.
 _PNG, _LOSSY = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
@@ -209,7 +209,7 @@ def require_levels(index: DataSetIndex, measured: Sequence[tuple[IndexBlock, Lev
         means = np.array(found.frame_means_dn)
         usual = np.array([np.median(np.delete(means, i)) for i in range(means.size)])
         signal = float(np.median(means)) - (dark_dn.get(block.exposure_ns, 0.0) if block.kind == "bright" else 0.0)
-        noise = np.sqrt(found.variance_dn2 / found.n_pixels * (1 + 1 / (means.size - 1)))
+        noise = np.sqrt(found.temporal_variance_dn2 / found.n_pixels * (1 + 1 / (means.size - 1)))
         limit = max(_CHANCE * noise, _LARGEST_DIFFERENCE_REL * signal, _LEAST_DIFFERENCE_DN)
         worst = int(np.argmax(np.abs(means - usual)))
         if abs(means[worst] - usual[worst]) > limit:

@@ -53,19 +53,21 @@ class DarkFit:
         The read noise is without rounding, sqrt(sigma_y.dark^2 - 1/12) / K (Release 4.0 Linear). Its uncertainty
         includes rounding: all noise compatible with this variance is equally likely.
         """
-        dark, at_zero = self._noise_dn(), self.variance.intercept
+        dark, model, variance = self._noise_dn(), self.model, self.variance
         own = sqrt(dark.value**2 - ROUNDING_DN2)
         by_noise = dark.value * dark.standard_uncertainty / own
-        by_rounding = variance_before_rounding(at_zero).root().error_of(own)
-        relative = hypot(max(by_noise, by_rounding) / own, k.standard_uncertainty / k.value)
-        rate = self.model.rate_dn_s, sqrt(self.model.rate_variance_dn2_s2)
-        of_variance = self.variance.slope, sqrt(self.variance.covariance[1, 1])
+        by_rounding = variance_before_rounding(variance.intercept).root().error_of(own)
+        noise = Quantity(own, max(by_noise, by_rounding), "DN")
+        rate = Quantity(model.rate_dn_s, sqrt(model.rate_variance_dn2_s2), "DN/s")
+        growth = Quantity(variance.slope, sqrt(variance.covariance[1, 1]), "DN^2/s")
+        by_mean, by_variance = "slope of the mean over the exposure", "slope of the variance over the exposure"
+        several = len(model.exposures_s) > 1
         return {
             "black_level_dn": self.black_level_dn,
             "dark_noise_dn": dark,
-            "dark_noise_e": Quantity(own / k.value, relative * own / k.value, "e-", f"{dark.note}, without rounding"),
-            "dark_current_e_s": self._current(rate, k, 1, "slope of the mean over the exposure"),
-            "dark_current_by_variance_e_s": self._current(of_variance, k, 2, "slope of the variance over the exposure"),
+            "dark_noise_e": noise.over(k, "e-", f"{dark.note}, without rounding"),
+            "dark_current_e_s": rate.over(k, "e-/s", by_mean) if several else None,
+            "dark_current_by_variance_e_s": growth.over(k, "e-/s", by_variance, power=2) if several else None,
         }
 
     def doubling_temperature_c(self) -> Quantity | None:
@@ -83,14 +85,6 @@ class DarkFit:
         if self.variance.intercept < LEAST_VARIANCE_DN2:
             note = "an upper limit: below 0.49 DN rounding hides the noise, this is the least value the standard allows"
         return Quantity(sqrt(variance), sqrt(self.variance.covariance[0, 0]) / (2 * sqrt(variance)), "DN", note)
-
-    def _current(self, slope: tuple[float, float], k: Quantity, power: int, note: str) -> Quantity | None:
-        """Dark current by a slope and its uncertainty, over a power of K; None with one exposure."""
-        if len(self.model.exposures_s) == 1:
-            return None
-        value = slope[0] / k.value**power
-        by_gain = power * value * k.standard_uncertainty / k.value
-        return Quantity(value, hypot(slope[1] / k.value**power, by_gain), "e-/s", note)
 
 
 def fit_dark_current(darks: Sequence[DarkObservation]) -> DarkFit:
@@ -142,10 +136,9 @@ def snr_max(full_well_e: Quantity, note: str = "") -> Quantity:
 
 def dsnu_e(variance: Estimate, k: Quantity, rounding_e: float, note: str = "", unit: str = "e-") -> Quantity:
     """DSNU in electrons: sqrt(s_dark^2) / K (EMVA 1288 Release 4.0 Linear), with its uncertainty by rounding too."""
-    found = _spread(variance, k.value, unit, note)
-    by_gain = (k.standard_uncertainty / k.value) * found.value
-    own = float(np.hypot(found.standard_uncertainty, by_gain))
-    return replace(found, standard_uncertainty=hypot(own, rounding_e))
+    spread = _spread(variance, 1.0, "DN", note)
+    found = spread.over(k, unit, spread.note)
+    return replace(found, standard_uncertainty=hypot(found.standard_uncertainty, rounding_e))
 
 
 def dsnu_parts(variance: SpatialVariance, k: Quantity, dark: FrameStatistics, note: str) -> dict[str, Quantity]:

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from math import hypot, nan
+from math import hypot, isfinite
 from typing import Literal
-
-import numpy as np
-from numpy.typing import NDArray
 
 from ...core.result import Finding
 from ..frames.observations import DarkObservation
@@ -43,46 +40,20 @@ class Quantity:
     expanded: float | None = None
 
     @property
+    def known(self) -> float:
+        """Standard uncertainty, 0 where it is not known."""
+        return self.standard_uncertainty if isfinite(self.standard_uncertainty) else 0.0
+
+    @property
     def relative(self) -> float:
-        """Relative standard uncertainty."""
-        return self.standard_uncertainty / abs(self.value)
+        """Relative standard uncertainty, 0 where it is not known."""
+        return self.known / abs(self.value)
 
-    def over(self, other: Quantity, unit: str, note: str = "") -> Quantity:
-        """Ratio to an independent quantity."""
-        value = self.value / other.value
-        return Quantity(value, abs(value) * hypot(self.relative, other.relative), unit, note)
-
-
-@dataclass(frozen=True, eq=False)
-class SpatialImages:
-    """Mean images, for histograms and profiles.
-
-    Parameters
-    ----------
-    dark_dn : ndarray of float32, shape (height, width)
-        Mean of the dark frames.
-    bright_dn : ndarray of float32, shape (height, width), or None
-        Mean of frames of a uniform light at about half of saturation; None without any.
-    dark_frames, bright_frames : int
-        How many were averaged.
-    dark_variance_dn2, bright_variance_dn2 : float
-        Temporal variance of one pixel in one frame.
-    """
-
-    dark_dn: NDArray[np.float32]
-    bright_dn: NDArray[np.float32] | None
-    dark_frames: int
-    bright_frames: int
-    dark_variance_dn2: float
-    bright_variance_dn2: float
-
-    @classmethod
-    def of(cls, dark: FrameStatistics, bright: FrameStatistics | None = None) -> SpatialImages:
-        """Images of frame statistics."""
-        if bright is None:
-            return cls(dark.image_dn, None, dark.n_frames, 0, dark.temporal_variance_dn2, nan)
-        variances = dark.temporal_variance_dn2, bright.temporal_variance_dn2
-        return cls(dark.image_dn, bright.image_dn, dark.n_frames, bright.n_frames, *variances)
+    def over(self, other: Quantity, unit: str, note: str = "", power: int = 1) -> Quantity:
+        """Ratio to a power of an independent quantity."""
+        divisor = other.value**power
+        value = self.value / divisor
+        return Quantity(value, hypot(self.known / divisor, power * value * other.relative), unit, note)
 
 
 def _called(name: str) -> dict[str, str]:
@@ -164,8 +135,8 @@ class Characterisation:
         DR, saturation over threshold, as a ratio.
     saturation_limit : {'converter', 'full well', 'not reached'}
         Cause of saturation. For 'converter' and 'not reached' the true full well is larger.
-    spatial : SpatialImages or None
-        Mean images.
+    spatial : tuple of FrameStatistics
+        Dark frames, and those of a uniform light at about half of saturation if there are any.
     series : tuple of SeriesPoint
         Points used for all but dark signal and non-uniformity, in increasing order of stimulus or signal.
     darks : tuple of DarkObservation
@@ -211,7 +182,7 @@ class Characterisation:
     sensitivity_threshold_photons: Quantity | None = field(metadata=_called("sensitivity threshold µ_p.min"))
     dynamic_range: Quantity = field(metadata=_called("dynamic range DR"))
     saturation_limit: SaturationLimit
-    spatial: SpatialImages | None = None
+    spatial: tuple[FrameStatistics, ...] = ()
     series: tuple[SeriesPoint, ...]
     darks: tuple[DarkObservation, ...]
     findings: tuple[Finding, ...]

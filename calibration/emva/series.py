@@ -3,63 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from math import sqrt
 from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..frames.rounding import ROUNDING_DN2
-from ..frames.statistics import FrameStatistics
-
-
-@dataclass(frozen=True)
-class Level:
-    """Values of the frames of one condition.
-
-    Parameters
-    ----------
-    mean_dn, variance_dn2 : float
-        Mean, and temporal variance of one pixel.
-    n_pixels : int
-        How many were averaged.
-    frame_means_dn : tuple of float
-        Mean of each frame.
-    saturated_share, black_share : float
-        Share of the values at the last DN of the scale or above saturation, and at DN 0.
-    multiple : int
-        Largest power of two that divides all values, up to 16.
-    """
-
-    mean_dn: float
-    variance_dn2: float
-    n_pixels: int
-    frame_means_dn: tuple[float, ...]
-    saturated_share: float = 0.0
-    black_share: float = 0.0
-    multiple: int = 1
-
-    @classmethod
-    def of(cls, s: FrameStatistics) -> Level:
-        """Values of frame statistics, without their images."""
-        names = (one.name for one in fields(cls) if one.name != "variance_dn2")
-        return cls(variance_dn2=s.temporal_variance_dn2, **{name: getattr(s, name) for name in names})
-
-    @property
-    def n_frames(self) -> int:
-        """How many frames were averaged."""
-        return len(self.frame_means_dn)
-
-    @property
-    def dof(self) -> int:
-        """Degrees of freedom of the variance."""
-        return max((self.n_pixels - 1) * (self.n_frames - 1), 1)
-
-    @property
-    def mean_variance_dn2(self) -> float:
-        """Variance of the mean by temporal noise, with 1/12 DN^2 of rounding as the least."""
-        return max(self.variance_dn2, ROUNDING_DN2) / (self.n_pixels * self.n_frames)
+from ..frames.statistics import Level
 
 
 @dataclass(frozen=True)
@@ -100,12 +51,12 @@ class SeriesPoint:
     @property
     def net_variance_dn2(self) -> float:
         """Temporal variance above that of dark signal."""
-        return self.light.variance_dn2 - self.dark.variance_dn2
+        return self.light.temporal_variance_dn2 - self.dark.temporal_variance_dn2
 
     @property
     def variance_uncertainty_dn2(self) -> float:
         """Standard uncertainty of `net_variance_dn2`: the variance of a normal variance is 2 s^4 / dof."""
-        return sqrt(sum(2 * level.variance_dn2**2 / level.dof for level in (self.light, self.dark)))
+        return sqrt(sum(2 * level.temporal_variance_dn2**2 / level.dof for level in (self.light, self.dark)))
 
     @property
     def net_uncertainty_dn(self) -> float:

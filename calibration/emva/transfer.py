@@ -75,7 +75,7 @@ def system_gain(points: Sequence[SeriesPoint], weighted: bool = False) -> Quanti
     """
     net, excess, u = columns(points, "net_dn", "net_variance_dn2", "variance_uncertainty_dn2")
     if weighted:
-        fit = weighted_gain(net, excess, *columns(points, "dark.variance_dn2", "light.dof", "dark.dof"))
+        fit = weighted_gain(net, excess, *columns(points, "dark.temporal_variance_dn2", "light.dof", "dark.dof"))
     else:
         fit = slope_through_origin(net, excess, np.maximum(u, _FLOOR))
     if not fit.value > 0:
@@ -256,7 +256,7 @@ def find_saturation(points: Sequence[SeriesPoint]) -> Saturation:
     falls = excess[index] - excess[index + 1 :] > _SIGNIFICANT * np.hypot(u[index], u[index + 1 :])
     limit: SaturationLimit = "not reached"
     if falls.any():
-        drop_rel = 1 - points[-1].light.variance_dn2 / points[index].light.variance_dn2
+        drop_rel = 1 - points[-1].light.temporal_variance_dn2 / points[index].light.temporal_variance_dn2
         limit = "converter" if drop_rel <= _CLIPPED * points[-1].light.saturated_share else "full well"
     level = excess[index] - _MAYBE_PEAK * sqrt(2) * max(float(u[index]), _scatter_dn2(excess[: index + 1]))
     first, last = np.flatnonzero(excess >= level)[[0, -1]]

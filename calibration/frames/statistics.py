@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .rounding import quantisation_variance_dn2
+from .rounding import ROUNDING_DN2, quantisation_variance_dn2
 
 #: Share of clipped values (saturated, or at DN 0) whose effect on a mean is negligible compared with the noise.
 MAX_CLIPPED_SHARE = 0.001
@@ -52,9 +52,56 @@ class LineVariances:
         return LineVariances(pixel, self.column - pixel / per_column, self.row - pixel / per_row)
 
 
-@dataclass(frozen=True, eq=False)
-class FrameStatistics:
-    """Statistics of a window of the image over the frames of one exposure.
+@dataclass(frozen=True)
+class Level:
+    """Values of the frames of one condition.
+
+    Parameters
+    ----------
+    mean_dn, temporal_variance_dn2 : float
+        Mean over pixels and frames; variance of one pixel from frame to frame, mean over the pixels.
+    n_pixels : int
+        How many were averaged.
+    frame_means_dn : tuple of float
+        Mean of each frame.
+    saturated_share, black_share : float
+        Share of the values at or above saturation, and at DN 0.
+    multiple : int
+        Largest power of two that divides all values, up to 16; 1 if a value is odd.
+    """
+
+    mean_dn: float
+    temporal_variance_dn2: float
+    n_pixels: int
+    frame_means_dn: tuple[float, ...]
+    saturated_share: float = 0.0
+    black_share: float = 0.0
+    multiple: int = 1
+
+    @property
+    def n_frames(self) -> int:
+        """How many frames."""
+        return len(self.frame_means_dn)
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom of the temporal variance."""
+        return max((self.n_pixels - 1) * (self.n_frames - 1), 1)
+
+    @property
+    def frame_means_variance_dn2(self) -> float:
+        """Variance of the mean from frame to frame: noise, black level and light; 0 for a single frame."""
+        return float(np.var(self.frame_means_dn, ddof=1)) if self.n_frames > 1 else 0.0
+
+    @property
+    def mean_variance_dn2(self) -> float:
+        """Variance of the mean by temporal noise, with 1/12 DN^2 of rounding as the least."""
+        return max(self.temporal_variance_dn2, ROUNDING_DN2) / (self.n_pixels * self.n_frames)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FrameStatistics(Level):
+    """Level of a window of the image at one exposure, and its images.
 
     Parameters
     ----------
@@ -64,48 +111,25 @@ class FrameStatistics:
         The pixels that all else is about.
     clipped : ndarray of bool, shape (height, width)
         Pixels that were saturated or at 0 DN in at least one frame.
-    mean_dn : float
-        Mean over pixels and frames.
-    frame_means_dn : tuple of float
-        Mean of each frame.
     temporal : LineVariances
         Over the frames, changes common to all pixels excluded (EMVA 1288 Release 4.0 Linear).
-    saturated_share, black_share : float
-        Share of the values at or above saturation, and at DN 0.
-    multiple : int
-        Largest power of two that divides all values, up to 16; 1 if a value is odd.
     """
 
     image_dn: NDArray[np.float32]
     variance_image_dn2: NDArray[np.float32]
     used: NDArray[np.bool_]
     clipped: NDArray[np.bool_]
-    mean_dn: float
-    frame_means_dn: tuple[float, ...]
     temporal: LineVariances
-    saturated_share: float
-    black_share: float
-    multiple: int
+
+    @property
+    def level(self) -> Level:
+        """The same without images."""
+        return Level(**{one.name: getattr(self, one.name) for one in fields(Level)})
 
     @property
     def shape(self) -> tuple[int, int]:
         """Height and width of the window."""
         return self.image_dn.shape[0], self.image_dn.shape[1]
-
-    @property
-    def n_frames(self) -> int:
-        """How many frames."""
-        return len(self.frame_means_dn)
-
-    @cached_property
-    def n_pixels(self) -> int:
-        """How many pixels are used."""
-        return int(np.count_nonzero(self.used))
-
-    @property
-    def dof(self) -> int:
-        """Degrees of freedom of the temporal variance."""
-        return max((self.n_pixels - 1) * (self.n_frames - 1), 1)
 
     @cached_property
     def n_lines(self) -> tuple[float, float]:
@@ -113,22 +137,12 @@ class FrameStatistics:
         columns, rows = (float(self.n_pixels**2 / np.sum(self.used.sum(axis=axis) ** 2.0)) for axis in (0, 1))
         return columns, rows
 
-    @property
-    def temporal_variance_dn2(self) -> float:
-        """Variance of one pixel from frame to frame, mean over the pixels."""
-        return self.temporal.pixel
-
     @cached_property
     def temporal_parts(self) -> LineVariances:
         """Noise of single pixels, columns and rows, at least 0."""
         columns, rows = self.n_lines
         parts = self.temporal.parts(self.n_pixels / columns, self.n_pixels / rows)
         return LineVariances(*(max(part, 0.0) for part in (parts.pixel, parts.column, parts.row)))
-
-    @property
-    def frame_means_variance_dn2(self) -> float:
-        """Variance of the mean from frame to frame: noise, black level and light; 0 for a single frame."""
-        return float(np.var(self.frame_means_dn, ddof=1)) if self.n_frames > 1 else 0.0
 
     @cached_property
     def spatial_variance_dn2(self) -> float:
@@ -215,6 +229,8 @@ class FrameSums:
             used=used,
             clipped=self._clipped,
             mean_dn=float(frame_means.mean()),
+            temporal_variance_dn2=own,
+            n_pixels=size,
             frame_means_dn=tuple(frame_means.tolist()),
             temporal=LineVariances(own, *of_lines),
             saturated_share=self._saturated / (size * n),

@@ -13,8 +13,9 @@ import typer
 
 from ..acquire.verify_plan import verification_configuration
 from ..calibration import AnyCalibration, Calibration, load, load_any
-from ..calibration.emva import INDEX_NAME, Characterisation, index_path
 from ..calibration.emva.data_set import characterise_data_set
+from ..calibration.emva.index import INDEX_NAME, index_path
+from ..calibration.emva.result import Characterisation
 from ..calibration.record import save_verification
 from ..calibration.verify.result import require_tolerance
 from ..core.errors import InputError

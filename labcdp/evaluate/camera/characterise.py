@@ -20,8 +20,8 @@ from ...calibration.emva.quantities import (
     prnu_rel,
     rounding_of_spread_dn,
 )
-from ...calibration.emva.result import Characterisation, Quantity, SaturationLimit, SpatialImages
-from ...calibration.emva.series import Level, SeriesPoint
+from ...calibration.emva.result import Characterisation, Quantity, SaturationLimit
+from ...calibration.emva.series import SeriesPoint
 from ...calibration.emva.transfer import Saturation, points_to_fit, system_gain
 from ...calibration.fit.screening import SAFE_SHARE, plateau_dn
 from ...calibration.frames.measure import MeasuredFrames
@@ -136,8 +136,8 @@ def _point(level: MeasuredFrames, dark: MeasuredFrames) -> SeriesPoint:
     assert level.region is not None
     # The mean of dark signal is that of the patch's pixels, with their uncertainty.
     mean_dn = float(dark.statistics.image_dn[level.window][level.statistics.used].mean(dtype=float))
-    below = replace(Level.of(dark.statistics), mean_dn=mean_dn, n_pixels=level.statistics.n_pixels)
-    return SeriesPoint(level.region.name, level.exposure_s, None, Level.of(level.statistics), below)
+    below = replace(dark.statistics.level, mean_dn=mean_dn, n_pixels=level.statistics.n_pixels)
+    return SeriesPoint(level.region.name, level.exposure_s, None, level.statistics.level, below)
 
 
 def _full_marked(pairs: Sequence[MeasuredPoint]) -> list[MeasuredPoint]:
@@ -203,7 +203,7 @@ def _nonuniformity(
     frames = {exposure_s: level.statistics for exposure_s, level in darks.items()}
     variance, *of_growth = dark_pattern_variances([*frames.values()], [*frames])
     note = f"at {exposure_text(longest_s)}, the only exposure of the dark frames"
-    found: dict[str, Any] = {"spatial": SpatialImages.of(frames[longest_s])}
+    found: dict[str, Any] = {"spatial": (frames[longest_s],)}
     if of_growth:
         # Rounding changes each exposure's pattern by some part of its step, 1 DN.
         rounding_e_s = rounding_of_spread_dn(frames[longest_s]) / k.value / longest_s

@@ -125,7 +125,7 @@ def _snr(figure: Figure, result: Characterisation) -> None:
     axes = figure.subplots()
     series = is_series(result) and result.quantum_efficiency is not None
     k, qe = result.k_dn_per_e.value, result.quantum_efficiency.value if series and result.quantum_efficiency else 1.0
-    net, variance, photons = columns(result.series, "net_dn", "light.variance_dn2", "photons")
+    net, variance, photons = columns(result.series, "net_dn", "light.temporal_variance_dn2", "photons")
     stimulus = photons if series else net / k
     sound = (net > 0) & (variance > 0) & (net <= result.saturation_dn.value) & (stimulus > 0)
     axes.plot(stimulus[sound], net[sound] / np.sqrt(variance[sound]), **_POINTS, label="measured")

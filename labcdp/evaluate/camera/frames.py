@@ -251,12 +251,10 @@ def quantum_efficiency_estimate(
         photons = photons_per_cd_m2_s(configuration.source.spectrum, lens.f_number, transmittance, area_m2)
     except InputError:
         return None
-    value = responsivity.value / k.value / photons
-    of_lens = hypot(2 * _F_NUMBER_REL, _TRANSMITTANCE_REL) / sqrt(3)
-    relative = hypot(responsivity.standard_uncertainty / responsivity.value, k.standard_uncertainty / k.value, of_lens)
+    of_lens = Quantity(photons, photons * hypot(2 * _F_NUMBER_REL, _TRANSMITTANCE_REL) / sqrt(3), "photons")
     of_glass = "taken as 1, so that it is part of this value" if lens.transmittance is None else f"{transmittance:g}"
     note = (
         f"estimated from lens data, no photons were measured: f/{lens.f_number:g}, transmittance {of_glass}, mean over "
         f"{configuration.source.spectrum}"
     )
-    return Quantity(value, relative * value, "1", note)
+    return responsivity.over(of_lens, "DN/photon").over(k, "1", note)

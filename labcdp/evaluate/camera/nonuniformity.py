@@ -73,19 +73,18 @@ def spatial_figures(found: Characterisation) -> list[ReportFigure]:
 
 def patterns(result: Characterisation) -> list[Pattern]:
     """Return DSNU, and PRNU if there are bright images, as deviations from the mean."""
-    images = result.spatial
-    if images is None:
+    if not result.spatial:
         return []
-    dark = images.dark_dn
-    dark_noise = images.dark_variance_dn2 / images.dark_frames
-    deviation = dark - dark.mean(dtype=np.float64).astype(np.float32)
-    found = [Pattern("DSNU", "DN", deviation, float(np.sqrt(dark_noise)), 1 / images.dark_frames)]
-    if images.bright_dn is not None:
-        net = images.bright_dn - dark
+    dark, *lit = result.spatial
+    dark_noise = dark.temporal_variance_dn2 / dark.n_frames
+    deviation = dark.image_dn - dark.image_dn.mean(dtype=np.float64).astype(np.float32)
+    found = [Pattern("DSNU", "DN", deviation, float(np.sqrt(dark_noise)), 1 / dark.n_frames)]
+    for bright in lit:
+        net = bright.image_dn - dark.image_dn
         mean = float(net.mean(dtype=np.float64))
-        noise = np.sqrt(images.bright_variance_dn2 / images.bright_frames + dark_noise)
+        noise = np.sqrt(bright.temporal_variance_dn2 / bright.n_frames + dark_noise)
         deviation = (net * np.float32(100 / mean) - np.float32(100)).astype(np.float32)
-        step = 100 / mean / lcm(images.dark_frames, images.bright_frames)
+        step = 100 / mean / lcm(dark.n_frames, bright.n_frames)
         found.append(Pattern("PRNU", "%", deviation, float(100 * noise / mean), step))
     return found
 

@@ -19,7 +19,7 @@ from ...core.vignetting import FlatField
 from ...session import Session, SessionConfiguration
 from ..bench.corrections import photons_per_cd_m2_s, pixel_area_m2
 from ..bench.observe import ObservedSession
-from .parameters import MOST_PRNU_REL, TwinParameters, known
+from .parameters import MOST_PRNU_REL, TwinParameters
 
 #: Factor beyond the converter's range of a full well that was not observed, so that it clips nothing.
 _BEYOND = 1.1
@@ -67,7 +67,7 @@ def twin_parameters(observed: ObservedSession, calibration: Calibration, found: 
         findings.append(info("twin-temperature-assumed", temperature_c=temperature_c))
     transmittance = configuration.lens.transmittance or 1.0
     responsivity = _responsivity(observed, calibration, setting.factor)
-    common_rel = hypot(known(responsivity) / responsivity.value, calibration.meter_scale.common_rel)
+    common_rel = hypot(responsivity.relative, calibration.meter_scale.common_rel)
     area_m2 = pixel_area_m2(configuration.camera.pixel_pitch_m, frame.readout)
     efficiency = _efficiency(configuration, area_m2, responsivity.value, common_rel, k)
     if efficiency.value > transmittance:
@@ -112,8 +112,7 @@ def noise_of_characterisation(found: Characterisation) -> dict[str, Any]:
         if quantity is None or not isfinite(quantity.value):
             return Quantity(0.0, 0.0, unit, "not known")
         # Measured in DN: the uncertainty of K entered with the conversion to electrons, and is removed again.
-        by_k = quantity.value * known(k) / k.value
-        own = sqrt(max(known(quantity) ** 2 - by_k**2, 0.0))
+        own = sqrt(max(quantity.known**2 - (quantity.value * k.relative) ** 2, 0.0))
         return Quantity(max(quantity.value, 0.0) * k.value, own * k.value, unit, quantity.note)
 
     prnu = found.prnu_pixel_rel or found.prnu_rel or Quantity(0.0, 0.0, "1", "not known")
@@ -133,11 +132,10 @@ def _dark_current(dark: DarkModel, temperature_c: float, k: Quantity, findings: 
         findings.append(info("twin-dark-current-unknown"))
         return Quantity(0.0, nan, "e-/s", "not known: dark frames at one exposure")
     rate_dn_s = dark.mean_dn(1.0, temperature_c) - dark.offset_dn
-    value = max(rate_dn_s, 0.0) / k.value
     growth = rate_dn_s / dark.rate_dn_s if dark.rate_dn_s else 1.0
-    uncertainty = hypot(growth * sqrt(dark.rate_variance_dn2_s2), value * known(k)) / k.value
+    rate = Quantity(max(rate_dn_s, 0.0), growth * sqrt(dark.rate_variance_dn2_s2), "DN/s")
     note = "growth of the dark signal over K" if rate_dn_s > 0 else "the dark signal does not grow with the exposure"
-    return Quantity(value, uncertainty, "e-/s", note)
+    return rate.over(k, "e-/s", note)
 
 
 def _responsivity(observed: ObservedSession, calibration: Calibration, gain_factor: float) -> Quantity:
@@ -153,15 +151,15 @@ def _efficiency(session: SessionConfiguration, area_m2: float, r: float, common_
     """Quantum efficiency times transmittance that give R with the configured lens, pitch and spectrum."""
     with naming("the twin needs the spectrum of the light", CalibrationError):
         photons = photons_per_cd_m2_s(session.source.spectrum, session.lens.f_number, 1.0, area_m2)
-    value = r / (k.value * photons)
-    if value > 1:
+    found = Quantity(r / photons, common_rel * r / photons, "DN/photon")
+    efficiency = found.over(k, "1", "from R and K by the configured lens, pixel pitch and spectrum")
+    if efficiency.value > 1:
         raise CalibrationError(
-            f"quantum efficiency times transmittance would be {value:.3g}, more than 1: check the f-number "
+            f"quantum efficiency times transmittance would be {efficiency.value:.3g}, more than 1: check the f-number "
             f"(f/{session.lens.f_number:g}), the pixel pitch ({session.camera.pixel_pitch_m * 1e6:g} µm) and the "
             f"spectrum ({session.source.spectrum}) of the session"
         )
-    rel = hypot(common_rel, known(k) / k.value)
-    return Quantity(value, value * rel, "1", "from R and K by the configured lens, pixel pitch and spectrum")
+    return efficiency
 
 
 def _full_well(

@@ -19,7 +19,6 @@ from ...report.text import Z_95, finding_text, percent
 from ..bench.observe import ObservedSession
 from ..camera.sensor import commented_toml
 from .evaluate import TwinEvaluation
-from .parameters import known
 from .result import signal_findings, verdict
 
 #: Significant digits of the values in the file.
@@ -41,7 +40,7 @@ def twin_chain_text(evaluation: TwinEvaluation) -> str:
     comments = {}
     for name, (_, one) in evaluation.parameters.quantities.items():
         key = "quantum_efficiency" if name.startswith("quantum") else name
-        uncertainty = f"u = {known(one):.2g} {one.unit}; " if known(one) > 0 else ""
+        uncertainty = f"u = {one.known:.2g} {one.unit}; " if one.known > 0 else ""
         comments["sensor", key] = f"{uncertainty}{one.note}".rstrip("; ")
     head = ["The twin of a camera, made by labcdp from a recorded session.", "u is the standard uncertainty.", *notes]
     return commented_toml(head, twin_document(evaluation), comments)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import hypot, isfinite, sqrt
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -26,11 +26,6 @@ _OF_SENSOR = ("k_dn_per_e", "read_noise_e", "dark_current_e_s", "doubling_temper
               "dsnu_e", "column_dsnu_e", "row_dsnu_e")  # fmt: skip
 #: Number of classes of pixels by dark signal, and the golden ratio.
 _DARK_KINDS, _GOLDEN = 21, (1 + sqrt(5)) / 2
-
-
-def known(quantity: Quantity) -> float:
-    """Return the standard uncertainty, 0 where it is not known."""
-    return quantity.standard_uncertainty if isfinite(quantity.standard_uncertainty) else 0.0
 
 
 @dataclass(frozen=True)
@@ -116,8 +111,7 @@ class TwinParameters:
         k = self.k_dn_per_e
 
         def in_electrons(found: Quantity, unit: str = "e-") -> Quantity:
-            u = hypot(known(found), found.value * known(k) / k.value)
-            return Quantity(found.value / k.value, u / k.value, unit, found.note)
+            return found.over(k, unit, found.note)
 
         offset = self.dark.offset_dn, sqrt(self.dark.offset_variance_dn2)
         return {

@@ -16,7 +16,7 @@ from ...chain.predict.camera import CameraModel
 from ...chain.predict.value_table import value_table
 from ...core.dn import Response
 from ...metrics import Distribution
-from .parameters import TwinParameters, dark_kinds, known
+from .parameters import TwinParameters, dark_kinds
 
 FloatArray = NDArray[np.float64]
 
@@ -122,7 +122,7 @@ def predict_regions(
     calibration, which are not shifted with a parameter: the effect of an error of the dark signal is that on the
     measured luminance.
     """
-    rel = known(twin.responsivity) / twin.responsivity.value
+    rel = twin.responsivity.relative
     same = [1.0] * len(regions)
     light = [same]
     for sign in (-1, 1):
@@ -170,7 +170,7 @@ _SHIFTED = {
 def _shifted(twin: TwinParameters, names: Sequence[str], sign: int) -> TwinParameters:
     """Return the twin with some of its noise a standard uncertainty lower or higher; in DN, as it was measured."""
     old: dict[str, Quantity] = {name: getattr(twin, name) for name in names}
-    return twin.with_noise(**{name: replace(q, value=max(q.value + sign * known(q), 0.0)) for name, q in old.items()})
+    return twin.with_noise(**{name: replace(q, value=max(q.value + sign * q.known, 0.0)) for name, q in old.items()})
 
 
 def _luminances(

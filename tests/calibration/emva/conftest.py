@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from labcdp.calibration.emva import INDEX_NAME
+from labcdp.calibration.emva.index import INDEX_NAME
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from labcdp.calibration.emva import characterise_data_set
+from labcdp.calibration.emva.data_set import characterise_data_set
 from labcdp.core.errors import InputError
 
 from .conftest import SHORT, SMALL, KnownCamera, write_data_set, write_image

@@ -6,7 +6,7 @@ from math import sqrt
 import numpy as np
 import pytest
 
-from labcdp.calibration.emva import characterise_data_set
+from labcdp.calibration.emva.data_set import characterise_data_set
 from labcdp.calibration.frames.rounding import mean_before_rounding, rounded_moments
 
 from .conftest import KnownCamera, Recording, write_data_set

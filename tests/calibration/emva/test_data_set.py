@@ -4,7 +4,7 @@ from math import sqrt
 import numpy as np
 import pytest
 
-from labcdp.calibration.emva import characterise_data_set
+from labcdp.calibration.emva.data_set import characterise_data_set
 
 from .conftest import SHORT, SMALL, KnownCamera, write_data_set
 

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from labcdp.calibration import DarkObservation
-from labcdp.calibration.emva import Level, Quantity, SeriesPoint
 from labcdp.calibration.emva.quantities import fit_dark_current
+from labcdp.calibration.emva.result import Quantity
+from labcdp.calibration.emva.series import SeriesPoint
 from labcdp.calibration.emva.transfer import find_saturation, linearity, system_gain
+from labcdp.calibration.frames.statistics import Level
 
 from ..conftest import STATE
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labcdp.calibration.emva import INDEX_NAME, load_index, parse_index
+from labcdp.calibration.emva.index import INDEX_NAME, load_index, parse_index
 from labcdp.core.errors import InputError
 
 HEAD = "v 3.1\nn 12 64 48\n"

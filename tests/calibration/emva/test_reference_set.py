@@ -3,7 +3,7 @@
 import pytest
 from validation.real_camera import real_camera
 
-from labcdp.calibration.emva import characterise_data_set
+from labcdp.calibration.emva.data_set import characterise_data_set
 
 from .conftest import reference_set
 

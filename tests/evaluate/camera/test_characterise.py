@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
 
-from labcdp.calibration.emva import characterise_data_set
+from labcdp.calibration.emva.data_set import characterise_data_set
 from labcdp.chain import Chain, Sensor
 from labcdp.core.errors import CalibrationError
 from labcdp.core.photometry import electron_radiance_per_cd_m2

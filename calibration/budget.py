@@ -10,58 +10,37 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.clock import exposure_text
 from ..core.errors import InputError
 from ..core.luminance import CommonError
+from ..core.result import FindingValue
 from ..core.vignetting import FlatField, RadialVignetting
 from .colour.conversion import errors_of_plane, joined
 from .colour.model import AnyCalibration, ColourCalibration
 from .converter import BLACK_LEVEL, FLAT_FIELD, FLICKER, INTERCEPT, REFOCUS, VIGNETTING, common_errors
 from .excluded import not_included, undetected_intercept
-from .findings import BudgetRow, Distribution
+from .findings import BudgetRow, Distribution, basis
 from .model import Calibration, PatchResidual
 from .setup import METER_SOURCES
 from .uncertainty import effective_dof, expanded_of, of_one_estimate
 
 Array = NDArray[np.float64]
 
-#: Order of the rows, and the basis of those that is always the same.
-SOURCES = {
-    "meter scale": "",
-    "meter digits": "",
-    "meter repeatability": "",
-    "meter f1'": "",
-    "patch uniformity": "",
-    "exposure scatter": "",
-    "shot and read noise": "",
-    "dark non-uniformity": "",
-    "dark and temperature": "covariance of the dark signal fitted to the dark frames",
-    BLACK_LEVEL: "",
-    FLICKER: "",
-    "linearity": "residual of the bracket that gives the response, and what its exposures leave open",
-    VIGNETTING: "cos⁴ in the corners of the image, as the configuration states it: here by the places of the patches",
-    FLAT_FIELD: "",
-    "exposure time": "jitter of the exposure time, as the configuration states it",
-    REFOCUS: "lens: standard uncertainty after focus and aperture are set anew, as the configuration states it",
-    "gain": "scatter of the gains around each other",
-    "spectral mismatch": "",
-    INTERCEPT: "free intercept of the fit: glare, or if negative an offset of unknown cause",
-    "drift": "",
-    "fit": "covariance of the fit over the patches, what the meter's scatter makes listed above",
-}
+#: Order of the rows.
+SOURCES = (
+    "meter scale", "meter digits", "meter repeatability", "meter f1'", "patch uniformity", "exposure scatter",
+    "shot and read noise", "dark non-uniformity", "dark and temperature", BLACK_LEVEL, FLICKER, "linearity", VIGNETTING,
+    FLAT_FIELD, "exposure time", REFOCUS, "gain", "spectral mismatch", INTERCEPT, "drift", "fit",
+)  # fmt: skip
 #: Sources whose uncertainty is not evaluated by statistics.
 _TYPE_B = (*METER_SOURCES, "spectral mismatch", "exposure time", REFOCUS, VIGNETTING)
 #: Sources that follow from one estimate, the scatter of the patches.
 _OF_SCATTER = ("fit", "meter repeatability", "patch uniformity")
+#: Sources that differ between the planes of a camera with colour filters.
+_OF_EACH_PLANE = (
+    "exposure scatter", "shot and read noise", "dark non-uniformity", "dark and temperature", BLACK_LEVEL, "gain",
+)  # fmt: skip
 #: Highest preferred signal, as a share of the saturation.
 _BEST_SHARE = 0.8
-_EACH = "; each plane with its share of the luminance"
-_BASIS_OF_PLANES = {
-    "dark and temperature": SOURCES["dark and temperature"] + _EACH,
-    "gain": SOURCES["gain"] + _EACH,
-    "fit": "covariance of the planes' weights for grey light, what the meter's scatter makes listed above",
-    "linearity": "covariance of the responses of the planes that are not straight lines",
-}
 
 
 @dataclass(frozen=True)
@@ -134,7 +113,13 @@ def budget(
         rows[row.source] = replace(row, standard_uncertainty_rel=hypot(u, of_errors))
     if not rows[INTERCEPT].included:
         rows[INTERCEPT] = undetected_intercept(calibration, luminance_cd_m2)
-    return tuple(sorted(rows.values(), key=lambda row: [*SOURCES].index(row.source)))
+    if len(calibration.planes) > 1:
+        own = [rows[source] for source in _OF_EACH_PLANE if rows[source].included]
+        rows |= {
+            row.source: replace(row, basis=row.basis.within("each plane with its share of the luminance"))
+            for row in own
+        }
+    return tuple(rows[source] for source in SOURCES)
 
 
 def combined(rows: Sequence[BudgetRow]) -> CombinedUncertainty:
@@ -169,9 +154,9 @@ def _of_errors(
         common_errors(plane, np.array([plane.net_dn(luminance_cd_m2, exposure_s)]), exposure_s)
         for plane in calibration.planes
     ]
-    basis, errors, rows = SOURCES, [*of_planes[0]], {}
+    errors, rows, case = [*of_planes[0]], dict[str, BudgetRow](), ""
     if isinstance(calibration, ColourCalibration):
-        basis = basis | _BASIS_OF_PLANES
+        case = "of planes"
         of_weights = calibration.weight_errors.sum(axis=1) / sum(calibration.weights)
         own = [
             [replace(e, source="linearity") if e.source == "fit" else e for e in errors_of_plane(plane, one)]
@@ -183,15 +168,15 @@ def _of_errors(
         group = [error for error in errors if error.source == source]
         variance, dof = of_one_estimate((float(np.sum(np.square(error.relative))), error.dof) for error in group)
         kind: Distribution = "rectangular" if all(error.rectangular for error in group) else "normal"
-        text = basis.get(source) or calibration.meter_scale.basis(source)
+        of = basis(source, case if source in ("fit", "linearity") else "")
+        if source in METER_SOURCES:
+            of = calibration.meter_scale.basis(source)
         evaluation: Literal["A", "B"] = "B" if source in _TYPE_B else "A"
-        rows[source] = BudgetRow(source, sqrt(variance), kind, True, evaluation, text, dof=None if dof == inf else dof)
+        rows[source] = BudgetRow(source, sqrt(variance), of, kind, True, evaluation, dof=None if dof == inf else dof)
     own_scale = calibration.responsivity if isinstance(calibration, Calibration) else calibration
     if own_scale.scatter_rel > 0:
-        text = f"scatter of the {len(calibration.planes[0].residuals)} patches that nothing else explains"
-        rows["patch uniformity"] = BudgetRow(
-            "patch uniformity", own_scale.scatter_rel, "normal", False, "A", text, dof=own_scale.scatter_dof
-        )
+        source, of = "patch uniformity", basis("patch uniformity", n_patches=len(calibration.planes[0].residuals))
+        rows[source] = BudgetRow(source, own_scale.scatter_rel, of, common=False, dof=own_scale.scatter_dof)
     return rows | _split(calibration.residuals, rows["fit"])
 
 
@@ -206,51 +191,43 @@ def _of_frames(
         sqrt(p.noise.variance_dn2(n, p.dark.noise_variance_dn2(exposure_s)) / n_pixels) / sqrt(n_frames)
         for p, n in zip(planes, net, strict=True)
     ]
-    pixels = "one pixel" if n_pixels == 1 else f"{n_pixels} pixels"
-    over = f"{pixels} of {'one frame' if n_frames == 1 else f'{n_frames} frames'} at {exposure_text(exposure_s)}"
     uneven = [p.dark.nonuniformity_dn for p in planes]
-    insignificant = "" if any(uneven) else ": not significant"
     black_level = stretch * [p.dark.drift_dn for p in planes] / sqrt(n_frames)
-    each = _EACH if len(planes) > 1 else ""
+    averaged: dict[str, FindingValue] = {"n_pixels": n_pixels, "n_frames": n_frames, "exposure_s": exposure_s}
 
-    def row(source: str, us: Sequence[float] | Array, basis: str, dof: int = 0) -> BudgetRow:
-        return BudgetRow(source, float(np.linalg.norm(us)), "normal", False, "A", basis, dof=dof or None)
+    def row(source: str, us: Sequence[float] | Array, dof: int = 0, case: str = "") -> BudgetRow:
+        of = basis(source, case, **averaged)
+        return BudgetRow(source, float(np.linalg.norm(us)), of, common=False, dof=dof or None)
 
-    scatter = stretch * [p.responsivity.scatter_dn for p in planes]
-    yield row("exposure scatter", scatter, f"scatter of exposures in DN that nothing else explains{each}")
-    yield row("shot and read noise", stretch * noise, f"photon transfer over the patches, for {over}{each}")
-    of_dark = f"slow change of the dark signal across the sensor{insignificant}{each}"
-    yield row("dark non-uniformity", stretch * uneven, of_dark)
-    of_drift = f"drift from frame to frame, for {n_frames} of them{each}"
-    yield row(BLACK_LEVEL, black_level, of_drift, planes[0].dark.drift_dof)
+    yield row("exposure scatter", stretch * [p.responsivity.scatter_dn for p in planes])
+    yield row("shot and read noise", stretch * noise)
+    yield row("dark non-uniformity", stretch * uneven, case="" if any(uneven) else "not significant")
+    yield row(BLACK_LEVEL, black_level, planes[0].dark.drift_dof)
     # The light is that of all planes.
     flicker = float(shares @ [p.noise.flicker_rel for p in planes]) / sqrt(n_frames)
-    yield row(FLICKER, [flicker], f"light from frame to frame, for {n_frames} of them", planes[0].noise.flicker_dof)
+    yield row(FLICKER, [flicker], planes[0].noise.flicker_dof)
     if isinstance(planes[0].vignetting, FlatField | RadialVignetting):
         # The source of a flat field is that of all planes, the noise of its pixels that of each.
         own = [p.vignetting.random_rel if isinstance(p.vignetting, FlatField) else 0.0 for p in planes]
         us = [max(p.field_rel for p in planes), *shares * own / sqrt(n_pixels)]
-        yield replace(row(FLAT_FIELD, us, "non-uniformity of the uniform source, and noise"), evaluation="B")
+        yield replace(row(FLAT_FIELD, us), evaluation="B")
 
 
 def _of_colour(calibration: ColourCalibration) -> BudgetRow:
-    of_colour = "the uncertainty of the weights"
-    if calibration.spectral_rel > 0:
-        of_colour += f", and {calibration.spectral_rel:.2g} times the standard deviation of its red, green and blue"
-    basis = f"none for a grey patch in {calibration.source_spectrum}; of a coloured one {of_colour}"
-    return BudgetRow("spectral mismatch", 0.0, "normal", False, "A", basis)
+    case = "with scatter" if calibration.spectral_rel > 0 else ""
+    values = {"light": calibration.source_spectrum, "scatter_rel": calibration.spectral_rel}
+    of = basis("spectral mismatch of planes", case, **values)
+    return BudgetRow("spectral mismatch", 0.0, of, common=False)
 
 
 def _split(rows: Sequence[PatchResidual], fit: BudgetRow) -> dict[str, BudgetRow]:
     """Separate the meter's random part from the fit: its share of the variance of a weighted mean over patches."""
     meter = np.array([row.reading_random_cd_m2 / row.reading_cd_m2 for row in rows])
-    scatter = [abs(row.residual_rel / row.standardised_residual) if row.standardised_residual else 0.0 for row in rows]
-    total = np.maximum(scatter, meter)
+    total = np.maximum([row.stated_rel for row in rows], meter)
     weight = 1 / np.maximum(total, 1e-12) ** 2
     share = min(float(np.sum((weight * meter) ** 2) / np.sum((weight * total) ** 2)), 1.0)
-    number = f"{sum(row.n_readings for row in rows)} readings of {len(rows)} patches"
-    of_meter = f"{number}, last digit included; its share of the fit"
     u, source = fit.standard_uncertainty_rel, "meter repeatability"
+    of_meter = basis(source, n_readings=sum(row.n_readings for row in rows), n_patches=len(rows))
     return {
         source: replace(fit, source=source, standard_uncertainty_rel=u * sqrt(share), basis=of_meter),
         "fit": replace(fit, standard_uncertainty_rel=u * sqrt(1 - share)),

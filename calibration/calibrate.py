@@ -192,7 +192,7 @@ def _final(
         of_step,
         of_place,
         fit_tests.scatter(stated),
-        fit_tests.dark_signal(plain, settings[0].dark, intake.of_dark),
+        fit_tests.dark_signal(plain, settings[0].dark, intake.findings),
         fit_tests.gain(gains, settings[0].gain_db),
     )
     return final, replace(_responsivity(stated, final, of_glare), glare_cd_m2=glare_cd_m2), gains, tests

@@ -7,47 +7,37 @@ from math import hypot, sqrt
 from ..core.vignetting import Cos4Vignetting
 from .colour.model import AnyCalibration
 from .converter import FLAT_FIELD, INTERCEPT, REFOCUS, VIGNETTING
-from .findings import BudgetRow
+from .findings import BudgetRow, basis
 from .model import Calibration
 from .uncertainty import expanded_half_width
 
 
 def not_included(plane: Calibration) -> dict[str, BudgetRow]:
     """List sources that common errors and noise may not cover, with the reason; those covered replace these rows."""
-    scale, tests = plane.meter_scale, {test.name: test for test in plane.tests}
-    mismatch = f"none: the light is that of the meter's calibration, {scale.illuminant}"
-    linearity = ("the response is fitted together with the responsivity", "fit")
-    if plane.response.kind == "linear":
-        linearity = ("taken as linear; no candidate model was better", "")
-    uniformity = "the stated errors explain the scatter of the patches"
-    if "scatter" in tests and tests["scatter"].significant:
-        uniformity = "the patches scatter more than stated, by what their exposures disagree"
-    drift = "not tested: read a patch before and after the frames, and verify regularly"
-    if (u := tests["drift"].standard_uncertainty if "drift" in tests else 0.0) > 0:
-        found = f"{100 * tests['drift'].value:+.2g} % ± {100 * expanded_half_width(0.0, u):.2g} % (95 %)"
-        drift = f"{found} an hour during the calibration; a verification shows the drift since then"
-    assumed = "none: measured by a flat field"
-    if plane.vignetting is None:
-        assumed = "not corrected; unknown away from the axis"
-    elif isinstance(plane.vignetting, Cos4Vignetting):
-        assumed = "cos⁴ by focal length and pixel pitch, stated to be exact"
+    scale, tests, curved = plane.meter_scale, {test.name: test for test in plane.tests}, plane.response.kind != "linear"
+    found, vignetting = tests.get("drift"), plane.vignetting
+    more_scatter = "scatter" in tests and tests["scatter"].significant
+    assumed = "exact" if isinstance(vignetting, Cos4Vignetting) else "measured"
+    drift = basis("drift", "not tested")
+    if found is not None and found.standard_uncertainty > 0:
+        drift = basis("drift", value_rel=found.value, expanded_rel=expanded_half_width(0.0, found.standard_uncertainty))
+    f1_prime = "not stated" if scale.f1_prime is None else "none"
     why = {
-        "meter digits": ("a calibration keeps the two together", "meter repeatability"),
-        "meter f1'": (f"not stated for the {scale.meter.model}" if scale.f1_prime is None else mismatch, ""),
-        "patch uniformity": (uniformity, "fit"),
-        "linearity": linearity,
-        VIGNETTING: (assumed, ""),
-        FLAT_FIELD: ("none: no flat field is used", ""),
-        REFOCUS: ("locked, as the configuration states it", ""),
-        "gain": ("one gain only: part of the responsivity", ""),
-        "spectral mismatch": (f"none for {plane.source_spectrum}, unknown for any other light", ""),
-        INTERCEPT: ("not tested: all patches have about the same luminance", ""),
+        "meter digits": (basis("meter digits"), "meter repeatability"),
+        "meter f1'": (basis("meter f1'", f1_prime, model=scale.meter.model, illuminant=scale.illuminant), ""),
+        "patch uniformity": (basis("patch uniformity", "by exposures" if more_scatter else "as stated"), "fit"),
+        "linearity": (basis("linearity", "fitted"), "fit") if curved else (basis("linearity", "straight"), ""),
+        VIGNETTING: (basis(VIGNETTING, "not corrected" if vignetting is None else assumed), ""),
+        FLAT_FIELD: (basis(FLAT_FIELD, "none"), ""),
+        REFOCUS: (basis(REFOCUS, "locked"), ""),
+        "gain": (basis("gain", "one"), ""),
+        "spectral mismatch": (basis("spectral mismatch", light=plane.source_spectrum), ""),
+        INTERCEPT: (basis(INTERCEPT, "not tested"), ""),
         "drift": (drift, ""),
     }
-    texts = {source: f"contained in {inside}: {text}" if inside else text for source, (text, inside) in why.items()}
     return {
-        source: BudgetRow(source, 0.0, "normal", True, "B", texts[source], included=False, contained_in=inside)
-        for source, (_, inside) in why.items()
+        source: BudgetRow(source, 0.0, of, evaluation="B", included=False, contained_in=inside)
+        for source, (of, inside) in why.items()
     }
 
 
@@ -62,6 +52,5 @@ def undetected_intercept(calibration: AnyCalibration, luminance_cd_m2: float) ->
         value += share * fit.intercept_dn_s / fit.responsivity_dn_s_cd_m2
         u2 += (share * fit.intercept_standard_uncertainty_dn_s / fit.responsivity_dn_s_cd_m2) ** 2
     bound_cd_m2 = hypot(value, sqrt(u2))
-    why = "not included, since the fit goes through zero: glare depends on the scene"
-    basis = f"bound by the free intercept, {bound_cd_m2:.2g} cd/m²; {why}"
-    return BudgetRow(INTERCEPT, bound_cd_m2 / luminance_cd_m2, "normal", True, "A", basis, included=False)
+    of = basis(INTERCEPT, "not found", bound_cd_m2=bound_cd_m2)
+    return BudgetRow(INTERCEPT, bound_cd_m2 / luminance_cd_m2, of, included=False)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from ..core.dn import ResponseKind
-from ..core.result import Finding
+from ..core.result import Finding, FindingValue, info
 
 #: Distribution of an error in a budget.
 Distribution: TypeAlias = Literal["normal", "rectangular"]
@@ -116,14 +116,14 @@ class BudgetRow:
         ``fit``.
     standard_uncertainty_rel : float
         Its relative contribution to the luminance.
+    basis : Finding
+        Basis of the value; also why it is 0 where unknown.
     distribution : {'normal', 'rectangular'}
         Of the error.
     common : bool
         True if common to all patches of one calibration, so that it (nearly) cancels in a contrast.
     evaluation : {'A', 'B'}
         A: from statistics of this session. B: from a data sheet, a certificate or judgement.
-    basis : str
-        Basis of the value, in plain words; also why it is 0 where unknown.
     included : bool
         Whether it is part of the stated intervals; `basis` says why if it is not.
     contained_in : str
@@ -134,13 +134,19 @@ class BudgetRow:
 
     source: str
     standard_uncertainty_rel: float
-    distribution: Distribution
-    common: bool
-    evaluation: Literal["A", "B"]
-    basis: str
+    basis: Finding
+    distribution: Distribution = "normal"
+    common: bool = True
+    evaluation: Literal["A", "B"] = "A"
     included: bool = True
     contained_in: str = ""
     dof: float | None = None
+
+
+def basis(source: str, case: str = "", /, **values: FindingValue) -> Finding:
+    """Return what the uncertainty of a source is based on, in one of several cases."""
+    words = f"budget {source} {case}".replace("'", "").split()
+    return info("-".join(words), **values)
 
 
 @dataclass(frozen=True)

@@ -44,6 +44,11 @@ class PatchResidual(MeasuredPatch):
     centre_px: tuple[float, float]
     leave_one_out_rel: float | None
 
+    @property
+    def stated_rel(self) -> float:
+        """Standard deviation of the residual by the stated errors; 0 for a residual of 0, which does not show it."""
+        return abs(self.residual_rel / self.standardised_residual) if self.standardised_residual else 0.0
+
     @classmethod
     def compared(
         cls, reading: PatchReading, seen: Seen, stated_rel: float, centre_px: tuple[float, float], without: float | None

@@ -14,6 +14,7 @@ from ..core.result import Finding, info, warning
 from ..core.spectra import Source, SpectralTable
 from ..session import MeterCertificate
 from ..session.tables import EXPOSURE_JITTER_S
+from .findings import basis
 
 #: Sources of common errors that belong to the meter and cancel in contrasts.
 METER_SOURCES = ("meter scale", "meter f1'")
@@ -101,21 +102,17 @@ class MeterScale:
             return f"certificate {self.certificate.number} of {self.certificate.date}"
         return f"calibrated {self.meter.calibration_date}" if self.meter.calibration_date else "date not known"
 
-    def basis(self, source: str) -> str:
-        """Return where the uncertainty of a source in `METER_SOURCES` comes from, for a budget."""
-        certificate = self.certificate
+    def basis(self, source: str) -> Finding:
+        """Return what the uncertainty of a source in `METER_SOURCES` is based on, for a budget."""
         if source == "meter f1'":
-            limits = f"f1' of {100 * (self.f1_prime or 0):g} % as limits"
-            return f"{limits}: {self.light} light, read by a meter calibrated in illuminant {self.illuminant}"
-        if certificate is None:
-            less = f", less half of a step by {100 * self.step_rel:.2g} %" if self.step_rel else ""
-            limits = f"± {100 * self.limits_rel:g} % (limits) by the data sheet of the {self.meter.model}"
-            return f"{limits}{less}; shared by all its readings"
-        of = f"certificate {certificate.number} of {certificate.laboratory}, {certificate.date}"
-        freedom = certificate.degrees_of_freedom
-        dof = "" if freedom is None else f", {freedom:g} degrees of freedom"
-        u = f"U = {100 * certificate.expanded_uncertainty_rel:g} % with k = {certificate.coverage_factor:g}{dof}"
-        return f"{u} by {of}; shared by all its readings"
+            return basis(source, f1_prime=self.f1_prime, light=self.light, illuminant=self.illuminant)
+        if self.certificate is None:
+            case = "with step" if self.step_rel else ""
+            return basis(source, case, limits_rel=self.limits_rel, model=self.meter.model, step_rel=self.step_rel)
+        one, freedom = self.certificate, self.certificate.degrees_of_freedom
+        stated = {"expanded_rel": one.expanded_uncertainty_rel, "coverage_factor": one.coverage_factor, "dof": freedom}
+        where = {"number": one.number, "laboratory": one.laboratory, "date": f"{one.date}"}
+        return basis(source, f"certificate{'' if freedom is None else ' dof'}", **stated, **where)
 
     def findings(self, measured: datetime) -> list[Finding]:
         """Return what a user should know about the traceability of readings taken at a time."""

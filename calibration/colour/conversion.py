@@ -22,8 +22,8 @@ from ..setup import METER_SOURCES
 #: Common errors of all planes of a frame, which add with their signs.
 _OF_ALL_PLANES = (*METER_SOURCES, "exposure time", FLICKER, REFOCUS, VIGNETTING, INTERCEPT)
 _T = TypeVar("_T")
-#: Observations by the name of the plane, which is empty for a monochrome sensor.
-ByPlane: TypeAlias = Mapping[str, Sequence[_T]]
+#: Observations by the name of the plane, None for a monochrome sensor.
+ByPlane: TypeAlias = Mapping[str | None, Sequence[_T]]
 #: The colours, each of one or two planes.
 COLOURS = ("R", "G", "B")
 #: Harmonics of the hue: mismatch errors of simulated cameras are nearly independent from 45 degrees of hue on.
@@ -141,9 +141,9 @@ class ColourConverter:
 def luminance_of_planes(
     calibration: Calibration | ColourConverter, observations: ByPlane[PatchObservation]
 ) -> PatchLuminance:
-    """Luminance of one patch from its observations by plane, by an empty name for a monochrome sensor."""
+    """Luminance of one patch from its observations by plane."""
     if isinstance(calibration, Calibration):
-        return patch_luminance(calibration, observations.get("", ()))
+        return patch_luminance(calibration, observations.get(None, ()))
     return colour_patch_luminance(calibration, observations)
 
 
@@ -215,7 +215,7 @@ def _noise_rel2(plane: Calibration, row: PatchResidual) -> float:
 
 
 def _of_plane(plane: Calibration, observations: ByPlane[PatchObservation]) -> PatchLuminance:
-    name = f"{plane.state.plane}"
+    name = plane.state.plane
     if name not in observations:
         raise CalibrationError(f"there are no observations of plane {name}: observe all planes of the frames")
     try:

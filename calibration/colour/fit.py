@@ -50,8 +50,8 @@ def fit_colour(
     *,
     sensitivities: Mapping[str, SpectralTable] | None = None,
     held_out: Collection[str] = (),
-    defects: Mapping[str, DefectMap | None] | None = None,
-    dark_libraries: Mapping[str, DarkLibrary | None] | None = None,
+    defects: Mapping[str | None, DefectMap | None] | None = None,
+    dark_libraries: Mapping[str | None, DarkLibrary | None] | None = None,
 ) -> ColourCalibration:
     """Calibrate a camera with colour filters.
 
@@ -109,8 +109,8 @@ def _fit_planes(
     darks: ByPlane[DarkObservation],
     readings: Mapping[str, Sequence[Reading]],
     setup: Setup,
-    defects: Mapping[str, DefectMap | None],
-    dark_libraries: Mapping[str, DarkLibrary | None],
+    defects: Mapping[str | None, DefectMap | None],
+    dark_libraries: Mapping[str | None, DarkLibrary | None],
 ) -> list[Calibration]:
     planes = []
     for plane in PLANES:

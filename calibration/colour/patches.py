@@ -60,10 +60,10 @@ class ColourPatch:
 
 
 def by_patch(
-    observations: ByPlane[PatchObservation], planes: Sequence[str] = PLANES
+    observations: ByPlane[PatchObservation], planes: Sequence[str | None] = PLANES
 ) -> dict[str, ByPlane[PatchObservation]]:
     """Sort observations by patch, then by plane."""
-    groups: dict[str, dict[str, list[PatchObservation]]] = {}
+    groups: dict[str, dict[str | None, list[PatchObservation]]] = {}
     for plane in planes:
         for o in observations.get(plane, ()):
             groups.setdefault(o.patch, {}).setdefault(plane, []).append(o)
@@ -112,7 +112,7 @@ def colour_patches(
             findings.append(warning("patch-reads-zero", name))
             continue
         try:
-            seen = tuple(patch_luminance(plane, group.get(f"{plane.state.plane}", ())) for plane in planes)
+            seen = tuple(patch_luminance(plane, group.get(plane.state.plane, ())) for plane in planes)
         except CalibrationError as error:
             left_out.append(LeftOut(name, None, None, "not usable in all planes"))
             findings.append(warning("patch-not-in-all-planes", name, reason=str(error)))
@@ -139,11 +139,10 @@ def colour_data(planes: Sequence[Calibration], patches: Sequence[ColourPatch]) -
 def uneven_rel(planes: Sequence[Calibration], group: ByPlane[PatchObservation]) -> float:
     """Relative non-uniformity of a patch, which meter and camera view at slightly different positions.
 
-    By the plane that sees the most light, and the exposures that it can use; observations are by the name of the plane,
-    empty for a monochrome sensor.
+    By the plane that sees the most light, and the exposures that it can use.
     """
     plane = max(planes, key=lambda one: one.responsivity.responsivity_dn_s_cd_m2)
-    kept, _, _ = usable(group[plane.state.plane or ""], plane.settings)
+    kept, _, _ = usable(group[plane.state.plane], plane.settings)
     return float(np.mean(net_signals(kept, plane.settings).slow_rel)) if kept else 0.0
 
 
@@ -204,7 +203,7 @@ def _rates(
     """Signal above dark per second, with its relative standard uncertainty; patches that are not usable are missing."""
     if not darks:
         return {}
-    settings, _, _ = gain_settings(observations, darks)
+    settings, _ = gain_settings(observations, darks)
     result = {}
     for name in names:
         kept, _, _ = usable([o for o in observations if o.patch == name], settings[:1])

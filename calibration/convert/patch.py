@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import hypot, inf, sqrt
 
 import numpy as np
@@ -192,24 +192,26 @@ def _combined(
     slow = hypot(calibration.field_rel, calibration.responsivity.scatter_rel)
     random_rel = sqrt((noise + uneven**2) / luminance**2 + pixels**2 + slow**2)
     of_place = vignetting_errors(calibration.vignetting, calibration.state.image_shape, [observations[0].centre_px])
-    shared: dict[str, CommonError] = {}
-    for o, n, share in zip(observations, net, weight * each / luminance, strict=True):
+    shares, shared = weight * each / luminance, dict[str, CommonError]()
+
+    def add(key: str, error: CommonError) -> None:
+        so_far = float(shared[key].relative) if key in shared else 0.0
+        shared[key] = replace(error, relative=so_far + float(error.relative))
+
+    for o, n, share in zip(observations, net, shares, strict=True):
         errors = common_errors(calibration, n, o.exposure_s, o.state.gain_db, o.temperature_c)
         for number, error in enumerate(placed(calibration, errors, list(of_place[:, 0]))):
             exposure = error.source == "exposure time"
             source = f"exposure time {o.exposure_s:g} s" if exposure else error.source
-            key = source if exposure else f"{number}"
-            so_far = float(shared[key].relative) if key in shared else 0.0
-            shared[key] = CommonError(source, so_far + float(share * error.relative), error.rectangular, error.dof)
-    of_flicker, of_black = signals.flicker_rel * (weight * each / luminance), signals.black_level_dn * (weight * slope)
-    for o, index, *parts in zip(observations, signals.gain_index, of_flicker, of_black / luminance, strict=True):
+            add(source if exposure else f"{number}", replace(error, source=source, relative=share * error.relative))
+    of_frames = signals.flicker_rel * shares, signals.black_level_dn * weight * slope / luminance
+    for o, index, *parts in zip(observations, signals.gain_index, *of_frames, strict=True):
         frames = " ".join(f"{part}" for part in o.frames if part is not None)
         setting = calibration.settings[index]
         dofs = setting.noise.flicker_dof, setting.dark.drift_dof
         for source, part, dof in zip(OF_FRAMES, parts, dofs, strict=True):
-            name = f"{source}, frames {frames}"
             if part:
-                shared[name] = CommonError(name, float(part), dof=dof or inf)
+                add(name := f"{source}, frames {frames}", CommonError(name, part, dof=dof or inf))
     patch = observations[0].patch
     return PatchLuminance(
         patch=patch,

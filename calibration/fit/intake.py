@@ -33,8 +33,8 @@ class Intake:
     ----------
     settings : tuple of GainSetting
         One for each gain, the first observation's first; factors are 1.
-    findings, of_dark : list of Finding
-        Findings for the user; those about the dark signal at the first gain.
+    findings : list of Finding
+        Findings for the user.
     groups : dict of str to list of PatchObservation
         By patch, in the order of the observations.
     held_out : collection of str
@@ -43,7 +43,6 @@ class Intake:
 
     settings: tuple[GainSetting, ...]
     findings: list[Finding]
-    of_dark: list[Finding]
     groups: Groups
     held_out: Collection[str]
 
@@ -110,7 +109,7 @@ def gain_settings(
     darks: Sequence[DarkObservation],
     tone: Response | None = None,
     drift_dn: float | None = None,
-) -> tuple[tuple[GainSetting, ...], list[Finding], list[Finding]]:
+) -> tuple[tuple[GainSetting, ...], list[Finding]]:
     """Dark signal and noise of each gain, the first observation's first; factors are 1.
 
     Parameters
@@ -128,8 +127,6 @@ def gain_settings(
         One for each gain.
     list of Finding
         Findings for the user.
-    list of Finding
-        Those about the dark signal at the first gain.
 
     Raises
     ------
@@ -142,7 +139,6 @@ def gain_settings(
             gains_db.append(o.state.gain_db)
     settings: list[GainSetting] = []
     findings: list[Finding] = []
-    of_dark: list[Finding] = []
     for gain_db in gains_db:
         own_darks = [d for d in darks if d.state.has_gain(gain_db)]
         if darks and not own_darks:
@@ -153,12 +149,10 @@ def gain_settings(
         own = [o for o in observations if o.state.has_gain(gain_db)]
         dark, dark_findings = fit_dark(own_darks, drift_dn)
         noise, noise_findings = fit_noise(own, dark, tone)
-        if not settings:
-            of_dark = dark_findings
         found = [*dark_findings, *noise_findings, *_temperature_findings(own, dark)]
         findings += found if len(gains_db) == 1 else [one.within(f"gain {gain_db:g} dB") for one in found]
         settings.append(with_prnu(GainSetting(gain_db, 1.0, 0.0, dark, noise), own))
-    return tuple(settings), findings, of_dark
+    return tuple(settings), findings
 
 
 def group_by_patch(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import exp, inf, log, sqrt
 from typing import Any, Literal, get_args
@@ -17,6 +18,8 @@ from .problem import Shift, Solution, solve
 Kind = Literal["scatter_rel", "scatter_each_rel", "scatter_each_dn"]
 #: Least and largest scatter: relative ones of luminances, those in DN of the largest signal.
 _LEAST, _MOST = 1e-6, 0.5
+#: Relative error of a size: at a minimum differences of the deviance vanish below the root of NumPy's precision.
+_TOLERANCE = 1e-8
 #: Scatter that does not count.
 _NEGLIGIBLE = 1e-4
 #: Decrease of the deviance required of the scatter of patches.
@@ -56,11 +59,7 @@ class _Likelihood:
 
     def best(self, unit: float) -> float:
         """Return the most likely size, in units, between the limits."""
-        from scipy.optimize import minimize_scalar
-
-        limits = log(_LEAST), log(_MOST)
-        found = minimize_scalar(lambda v: self.deviance(unit * exp(v)), bounds=limits, method="bounded")
-        return unit * exp(float(found.x))
+        return unit * exp(_minimum(lambda v: self.deviance(unit * exp(v))))
 
     def dof(self, size: float, unit: float) -> float:
         """Degrees of freedom with which Student's t and the estimate give the error of another patch.
@@ -159,8 +158,6 @@ def shift_with_scatter(solution: Solution, pattern: Array) -> Shift:
 
 def _estimate(solution: Solution, kinds: tuple[Kind, ...]) -> tuple[float, dict[Kind, float]]:
     """Return the least deviance at the solution's luminances, and the sizes of at most two kinds that have it."""
-    from scipy.optimize import minimize_scalar
-
     kind = kinds[0] if kinds else "scatter_rel"
     pattern, unit = _pattern(solution, kind), _unit(solution, kind)
 
@@ -173,9 +170,15 @@ def _estimate(solution: Solution, kinds: tuple[Kind, ...]) -> tuple[float, dict[
     if len(kinds) < 2:
         return of_rest(0.0)
     widest = _unit(solution, kinds[1])
-    limits = log(_LEAST), log(_MOST)
-    found = minimize_scalar(lambda v: of_rest(widest * exp(v))[0], bounds=limits, method="bounded")
-    return of_rest(widest * exp(float(found.x)))
+    return of_rest(widest * exp(_minimum(lambda v: of_rest(widest * exp(v))[0])))
+
+
+def _minimum(deviance: Callable[[float], float]) -> float:
+    """Logarithm of a size, between the limits, at which a deviance is least."""
+    from scipy.optimize import minimize_scalar
+
+    limits, options = (log(_LEAST), log(_MOST)), {"xatol": _TOLERANCE}
+    return float(minimize_scalar(deviance, bounds=limits, method="bounded", options=options).x)
 
 
 def _dof(solution: Solution, sizes: dict[Kind, float], kind: Kind) -> float:

@@ -171,13 +171,8 @@ def strongest_alternative(solution: Solution) -> tuple[str, float] | None:
     step of the meter. Each parameter beyond the first costs `WORTH`.
     """
     candidates = [("a veil of glare", np.ones_like(solution.luminance)), ("a wrong dark", solution.slope)]
-    if solution.design.exposures_s.size > 1:
-        for number, exposure_s in enumerate(solution.design.exposures_s):
-            pattern = np.where(solution.design.exposure == number, solution.luminance, 0.0)
-            candidates.append((f"a wrong exposure time at {exposure_text(exposure_s)}", pattern))
-    times = drift_pattern(solution)
-    if times is not None:
-        candidates.append(("a drift", times))
+    candidates += [(f"a wrong exposure time at {exposure_text(t)}", one) for t, one in exposure_patterns(solution)]
+    candidates.append(("a drift", drift_pattern(solution)))
     found = [(name, solution.shift(pattern).z) for name, pattern in candidates]
     found += [("the place in the image", worth_of_place(solution)), ("a step of the meter", worth_of_step(solution))]
     strongest = max(found, key=lambda row: row[1])

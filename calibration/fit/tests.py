@@ -165,7 +165,7 @@ def dark_signal(solution: Solution, dark: DarkModel, findings: Sequence[Finding]
     dark : DarkModel
         The dark signal.
     findings : sequence of Finding
-        What `fit_dark` found.
+        What `fit_dark` found, among others.
     """
     shift = shift_with_scatter(solution, solution.slope)
     against = next((one for one in findings if one.code in ("dark-falls", "dark-contradicts")), None)

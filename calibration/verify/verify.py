@@ -48,7 +48,7 @@ def verify(
     calibration : Calibration or ColourCalibration
         The one to verify.
     observations, darks : mapping of str to sequence
-        New ones, with the calibration's vignetting, by plane (R, Gr, Gb, B; ``""`` for a monochrome sensor).
+        New ones, with the calibration's vignetting, by plane (R, Gr, Gb, B; None for a monochrome sensor).
     readings : mapping of str to sequence of Reading
         New readings by the name of the patch, with the correction of the meter's certificate.
     meter : MeterScale
@@ -65,7 +65,7 @@ def verify(
         If the tolerance is not above 0 and up to 1.
     """
     stated_rel = None if tolerance_rel is None else require_tolerance(tolerance_rel)
-    groups = by_patch(observations, [_name(plane) for plane in calibration.planes])
+    groups = by_patch(observations, [plane.state.plane for plane in calibration.planes])
     seen, unusable, of_frames = _measured(calibration, groups)
     comparison, of_readings = _compared(calibration, groups, list(seen.values()), readings, meter)
     mean_rel, u = comparison.mean()
@@ -194,13 +194,15 @@ def _planes(
     groups: Mapping[str, ByPlane[PatchObservation]],
 ) -> tuple[VerifiedPlane, ...]:
     """Each plane with its change against the meter, and its deviation from all planes together, by grey patches."""
-    planes = [VerifiedPlane(one.state.plane, _dark(one, darks.get(_name(one), ())), None) for one in calibration.planes]
+    planes = [
+        VerifiedPlane(one.state.plane, _dark(one, darks.get(one.state.plane, ())), None) for one in calibration.planes
+    ]
     if isinstance(calibration, Calibration):
         return (replace(planes[0], drift=comparison.drift(calibration)),)
     seen: list[list[PatchLuminance]] = []
     for group in (group for name, group in groups.items() if name in calibration.grey_patches):
         with suppress(CalibrationError):
-            seen.append([patch_luminance(plane, group[_name(plane)]) for plane in calibration.planes])
+            seen.append([patch_luminance(plane, group[plane.state.plane]) for plane in calibration.planes])
     if not seen:
         return tuple(planes)
     by_plane, weights = list(zip(*seen, strict=True)), np.array(calibration.weights)
@@ -228,10 +230,6 @@ def _own_rel(plane: Calibration, own: Sequence[PatchLuminance]) -> float:
     return sqrt(noise + plane.responsivity.scatter_rel**2 / len(own) + max(one.fit_rel for one in own) ** 2)
 
 
-def _name(plane: Calibration) -> str:
-    return plane.state.plane or ""
-
-
 def _measured(
     calibration: AnyCalibration, groups: Mapping[str, ByPlane[PatchObservation]]
 ) -> tuple[dict[str, PatchLuminance], tuple[str, ...], list[Finding]]:
@@ -248,14 +246,14 @@ def _measured(
             errors[name] = error
             findings.append(warning("patch-not-verified", name, reason=str(error)))
             for plane in calibration.planes:
-                findings += temperature_findings(group.get(_name(plane), ()), plane.settings)
+                findings += temperature_findings(group.get(plane.state.plane, ()), plane.settings)
     if not seen:
         raise next(iter(errors.values()))
     return seen, tuple(errors), findings
 
 
 def _dark(plane: Calibration, darks: Sequence[DarkObservation]) -> DarkModel:
-    of = f"dark frames{_name(plane) and f' of plane {_name(plane)}'}"
+    of = f"dark frames{(plane.state.plane and f' of plane {plane.state.plane}') or ''}"
     if not darks:
         raise CalibrationError(f"there are no {of}: cover the lens and record some")
     for d in darks:
@@ -268,7 +266,7 @@ def _dark_rows(calibration: AnyCalibration, darks: ByPlane[DarkObservation]) -> 
     for plane, weight in zip(calibration.planes, calibration.weights, strict=True):
         # The lowest luminance is measured with the longest exposures.
         effect_rel_per_dn = weight / (calibration.range_cd_m2[0] * plane.dn_per_cd_m2(plane.exposures_s[-1]))
-        for dark in sorted(darks.get(_name(plane), ()), key=lambda one: one.exposure_s):
+        for dark in sorted(darks.get(plane.state.plane, ()), key=lambda one: one.exposure_s):
             model = plane.setting(dark.state.gain_db).dark
             own = dark.mean_variance_dn2 + model.variance_dn2(dark.exposure_s, dark.temperature_c)
             yield VerifiedDark(

@@ -29,15 +29,20 @@ def test_the_dark_error_moves_fit_and_patch_together(camera, setup):
         assert after.luminance_cd_m2 / before.luminance_cd_m2 - 1 == pytest.approx(relative, rel=0.02)
 
 
+def test_the_flicker_of_the_same_frames_counts_once_however_often_they_show_a_patch(calibrated, camera):
+    flickering = replace(calibrated, noise=replace(calibrated.noise, flicker_rel=0.01))
+    patch = patch_luminance(flickering, [camera.observe("wall", 20.0, 0.008, None)] * 3)
+    (flicker,) = [e.relative for e in patch.common if e.source.startswith("lamp flicker")]
+    assert flicker == pytest.approx(0.01 / np.sqrt(4), rel=1e-9)  # of 4 frames
+
+
 def test_the_scale_cancels_in_a_contrast_and_the_dark_signal_does_not(calibrated, camera):
     bright = patch_luminance(calibrated, seen(camera, 200.0))
     dark = patch_luminance(calibrated, seen(camera, 0.5))
     of_dark = [[e.relative for e in patch.common if e.source == "dark and temperature"] for patch in (bright, dark)]
     left = np.sum(np.square(np.subtract(*of_dark)))
-    exposures = [
-        {e.source: e.relative for e in patch.common if e.source.startswith("exposure")} for patch in (bright, dark)
-    ]
-    left += sum((exposures[0].get(k, 0) - exposures[1].get(k, 0)) ** 2 for k in exposures[0] | exposures[1])
+    a, b = ({e.source: e.relative for e in one.common if e.source.startswith("exposure")} for one in (bright, dark))
+    left += sum((a.get(k, 0) - b.get(k, 0)) ** 2 for k in a | b)
     expected = 400 * np.sqrt(bright.random_rel**2 + dark.random_rel**2 + left)
     assert contrast_uncertainty(bright, dark) == pytest.approx(expected, rel=1e-6)
     assert contrast_uncertainty(bright, dark) < 400 * 0.02 / np.sqrt(3)

@@ -31,12 +31,12 @@ def measured(seed=4, camera=CAMERA, meter=METER, luminances=AGAIN):
     """Measure patches again, by a camera and a meter that may have changed."""
     rng = np.random.default_rng(seed)
     observations, darks, readings = bench(camera, lambda v: meter.read(v, rng), rng, luminances, FEW_S, 3)
-    return {"": observations}, {"": darks}, readings, meter_scale(readings)
+    return {None: observations}, {None: darks}, readings, meter_scale(readings)
 
 
 def calibrate(setup, seed=3):
     observations, darks, readings, _ = measured(seed, luminances=FEW_CD_M2)
-    return fit(observations[""], darks[""], readings, setup)
+    return fit(observations[None], darks[None], readings, setup)
 
 
 @pytest.fixture(scope="module")
@@ -143,7 +143,7 @@ def test_assumed_vignetting_is_part_of_the_tolerance_and_not_of_the_deviation(ca
     own = replace(calibration, vignetting=vignetting)
     results = []
     for centre_px in ((width / 2, height / 2), (0.0, 0.0)):
-        seen = {"": [replace(o, vignetting=vignetting, centre_px=centre_px) for o in observations[""]]}
+        seen = {None: [replace(o, vignetting=vignetting, centre_px=centre_px) for o in observations[None]]}
         results.append(verify(own, seen, *others).patches)
     for on_axis, in_corner in zip(*results, strict=True):
         assert in_corner.expanded_rel == pytest.approx(on_axis.expanded_rel)
@@ -152,7 +152,7 @@ def test_assumed_vignetting_is_part_of_the_tolerance_and_not_of_the_deviation(ca
         assert in_corner.tolerance_rel > 0.09
     # So are a flat field's errors, alike at all places.
     flat = replace(own, vignetting=RadialVignetting(0.0, 0.0, 0.0, slow_rel=0.01))
-    seen = {"": [replace(o, vignetting=flat.vignetting) for o in observations[""]]}
+    seen = {None: [replace(o, vignetting=flat.vignetting) for o in observations[None]]}
     for with_flat, without in zip(verify(flat, seen, *others).patches, results[0], strict=True):
         assert with_flat.expanded_rel == pytest.approx(without.expanded_rel)
         assert with_flat.tolerance_rel == pytest.approx(own_tolerance_rel(own, 0.01))
@@ -162,7 +162,7 @@ def test_what_cannot_be_compared_is_refused(calibration, camera):
     observations, darks, readings, meter = measured()
     other = replace(camera, state=replace(camera.state, black_level_dn=32.0))
     for changed, message in (
-        (({"": []}, darks, readings, meter), "there is no patch to verify the calibration with"),
+        (({None: []}, darks, readings, meter), "there is no patch to verify the calibration with"),
         ((observations, darks, {"P0": readings["P0"]}, meter), "patch 'P1' has no meter reading"),
         (measured(camera=other), r"black level of the calibration is 64, but .* has 32"),
     ):

@@ -84,13 +84,12 @@ def _fit(
     observed: ObservedSession, setup: Setup, held_out: Collection[str], response: ResponseCurve | None
 ) -> AnyCalibration:
     seen, darks = observed.by_plane, observed.darks_by_plane
-    corrections = {name or "": one.corrections for name, one in observed.planes.items()}
-    defects = {name: one.defects for name, one in corrections.items()}
-    libraries = {name: one.dark_library for name, one in corrections.items()}
+    defects = {name: one.corrections.defects for name, one in observed.planes.items()}
+    libraries = {name: one.corrections.dark_library for name, one in observed.planes.items()}
     if None in observed.planes:
         return fit(
-            seen[""], darks[""], observed.readings, setup,
-            held_out=held_out, defects=defects[""], dark_library=libraries[""], response=response,
+            seen[None], darks[None], observed.readings, setup,
+            held_out=held_out, defects=defects[None], dark_library=libraries[None], response=response,
         )  # fmt: skip
     if response is not None:
         raise CalibrationError(

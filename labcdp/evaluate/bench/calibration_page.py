@@ -88,13 +88,6 @@ def _fit(calibration: Calibration, prefix: str) -> ReportFigure:
     )
 
 
-def deviation_rel(row: PatchResidual) -> float:
-    """Return the residual's standard deviation by the stated errors, relative to the reading."""
-    if row.standardised_residual != 0:
-        return abs(row.residual_rel / row.standardised_residual)
-    return row.reading_random_cd_m2 / row.reading_cd_m2
-
-
 def _response(calibration: Calibration, prefix: str) -> ReportFigure:
     low, high = calibration.range_net_dn
     net = np.linspace(0, 1.1 * high, 400)[1:]
@@ -131,7 +124,7 @@ def _residuals(calibration: AnyCalibration, prefix: str) -> ReportFigure:
         for rows, colour, face, label in groups:
             if rows:
                 points = [place(row) for row in rows], [100 * row.residual_rel for row in rows]
-                bars = [100 * Z_95 * deviation_rel(row) for row in rows]
+                bars = [100 * Z_95 * (row.stated_rel or row.reading_random_cd_m2 / row.reading_cd_m2) for row in rows]
                 named = label if axes is panels[0] and calibration.held_out else None
                 axes.errorbar(*points, bars, markerfacecolor=face, color=colour, label=named, **_BARS)
         finish(axes, name, "deviation from meter in %" if axes in panels[::2] else "", "")

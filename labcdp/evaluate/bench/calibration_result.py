@@ -134,7 +134,7 @@ def _sources(found: Sequence[BudgetOfPatch]) -> Table:
         Column("common", "common", "", "Whether the error is common to all patches, so that it cancels in a contrast."),
         Column("included", "included", "", "Whether the stated uncertainty includes it.",
                value=lambda row: "yes" if row.included else f"in {row.contained_in}" if row.contained_in else "no"),
-        Column("basis", "basis", "", "Basis of the value."),
+        Column("basis", "basis", "", "Basis of the value.", value=lambda row: finding_text(row.basis)),
     )  # fmt: skip
     return Table.of_items("budget", "Uncertainty budget", columns, found[0].rows, detail=True)
 

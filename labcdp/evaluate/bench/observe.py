@@ -86,14 +86,14 @@ class ObservedSession:
         return sorted(reading.timestamp for group in self.readings.values() for reading in group)
 
     @property
-    def by_plane(self) -> dict[str, list[PatchObservation]]:
-        """Observations of all patches by colour plane; "" for a monochrome sensor."""
-        return {name or "": [o for group in seen.patches.values() for o in group] for name, seen in self.planes.items()}
+    def by_plane(self) -> dict[str | None, list[PatchObservation]]:
+        """Observations of all patches by colour plane."""
+        return {name: [o for group in seen.patches.values() for o in group] for name, seen in self.planes.items()}
 
     @property
-    def darks_by_plane(self) -> dict[str, Sequence[DarkObservation]]:
-        """Dark observations by colour plane; "" for a monochrome sensor."""
-        return {name or "": seen.darks for name, seen in self.planes.items()}
+    def darks_by_plane(self) -> dict[str | None, Sequence[DarkObservation]]:
+        """Dark observations by colour plane."""
+        return {name: seen.darks for name, seen in self.planes.items()}
 
     @property
     def monochrome(self) -> ObservedPlane:

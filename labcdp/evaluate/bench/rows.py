@@ -71,7 +71,7 @@ class PatchRow:
 def patch_row(patch: Patch, observed: ObservedSession, calibration: AnyCalibration) -> PatchRow:
     """Evaluate a patch; raises CalibrationError if it reads 0, or is saturated or black at every exposure."""
     calculated, planes = _calculated_cd_m2(observed, patch.name), observed.planes.items()
-    seen = luminance_of_planes(calibration, {plane or "": seen.patches[patch.name] for plane, seen in planes})
+    seen = luminance_of_planes(calibration, {plane: seen.patches[patch.name] for plane, seen in planes})
     return PatchRow(patch, read_patch(observed, patch.name), observed.meter_scale, calculated, seen)
 
 

@@ -16,7 +16,6 @@ from ...report.drawing import BLUE, VERMILLION, finish, new_figure, reported
 from ...report.files import write_report
 from ...report.layout import Card, Facts, Page, ReportFigure, Section, State, Verbatim
 from ...report.text import Z_95, finding_text, percent
-from ..bench.observe import ObservedSession
 from ..camera.sensor import commented_toml
 from .evaluate import TwinEvaluation
 from .result import signal_findings, verdict
@@ -54,7 +53,10 @@ def twin_document(evaluation: TwinEvaluation) -> dict[str, Any]:
     del sensor["device_seed"]
     # The chain file states K at 0 dB; the sensor here has K at the session's gain.
     sensor["k_dn_per_e"] /= 10 ** (twin.gain_db / 20)
-    lens, exposure_s = configuration.lens, _exposure_s(evaluation.observed)
+    lens, observed = configuration.lens, evaluation.observed
+    exposure_s = observed.longest_unsaturated_s(evaluation.calibration, *observed.names)
+    if exposure_s is None:
+        exposure_s = min(o.exposure_s for group in observed.patches.values() for o in group)
     optics = {"f_number": lens.f_number, "transmittance": twin.transmittance, "focal_length_m": lens.focal_length_m}
     return {
         "name": "twin",
@@ -85,13 +87,6 @@ def _scene(evaluation: TwinEvaluation, shape: tuple[int, int]) -> dict[str, Any]
         size = {"width": min(ceil(right), width) - x, "height": min(ceil(bottom), height) - y}
         patches.append({"x": x, "y": y, **size, "luminance_cd_m2": _rounded(region.luminance_cd_m2)})
     return {"type": "patches", "background_cd_m2": levels[0], "patches": patches}
-
-
-def _exposure_s(observed: ObservedSession) -> float:
-    """Longest exposure that saturates no patch; the shortest one if all of them saturate one."""
-    exposures = sorted({o.exposure_s for group in observed.patches.values() for o in group})
-    saturated = {o.exposure_s for group in observed.patches.values() for o in group if o.saturated_share > 0}
-    return max((t for t in exposures if t not in saturated), default=exposures[0])
 
 
 def twin_figure(evaluation: TwinEvaluation) -> ReportFigure:

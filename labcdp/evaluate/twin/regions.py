@@ -100,7 +100,7 @@ def regions_of(
             continue
         reading, roi = read_patch(observed, patch.name), patch.region()
         v = np.asarray(roi.select(vignetting), dtype=float)
-        uneven = uneven_rel([calibration], {"": group})
+        uneven = uneven_rel([calibration], {None: group})
         left, top, right, bottom = roi.bounds
         lines = (twin.row_dsnu_dn.value, bottom - top), (twin.column_dsnu_dn.value, right - left)
         regions[patch.name] = TwinRegion(

@@ -10,6 +10,7 @@ from scipy.optimize import least_squares
 from labcdp.calibration.fit.candidates import CandidateModel
 from labcdp.calibration.fit.design import Design, SharedError
 from labcdp.calibration.fit.problem import solve
+from labcdp.calibration.fit.scatter import scatter_around_mean
 from labcdp.calibration.readings import PatchReading
 from labcdp.calibration.signal import NetSignals
 
@@ -116,3 +117,8 @@ def test_parameters_scatter_as_stated_and_have_no_bias():
     assert slopes.mean() == pytest.approx(0.01, abs=4 * stated.mean() / np.sqrt(n))
     assert slopes.std() == pytest.approx(stated.mean(), rel=4 / np.sqrt(2 * n))
     assert np.mean(chi_squared) == pytest.approx(17, abs=4 * np.sqrt(2 * 17 / n))
+
+
+def test_scatter_that_is_all_there_is_is_the_standard_deviation():
+    values = np.random.default_rng(3).normal(1, 0.01, 9)
+    assert scatter_around_mean(values, np.full(9, 1e-18)).size == pytest.approx(values.std(ddof=1), rel=1e-7)

@@ -28,8 +28,9 @@ Array = NDArray[np.float64]
 #: Order of the rows.
 SOURCES = (
     "meter scale", "meter digits", "meter repeatability", "meter f1'", "patch uniformity", "exposure scatter",
-    "shot and read noise", "dark non-uniformity", "dark and temperature", BLACK_LEVEL, FLICKER, "linearity", VIGNETTING,
-    FLAT_FIELD, "exposure time", REFOCUS, "gain", "spectral mismatch", INTERCEPT, "drift", "fit",
+    "shot and read noise", "pixel sensitivity", "dark non-uniformity", "dark and temperature", BLACK_LEVEL, FLICKER,
+    "linearity", VIGNETTING, FLAT_FIELD, "exposure time", REFOCUS, "gain", "spectral mismatch", INTERCEPT, "drift",
+    "fit",
 )  # fmt: skip
 #: Sources whose uncertainty is not evaluated by statistics.
 _TYPE_B = (*METER_SOURCES, "spectral mismatch", "exposure time", REFOCUS, VIGNETTING)
@@ -37,7 +38,8 @@ _TYPE_B = (*METER_SOURCES, "spectral mismatch", "exposure time", REFOCUS, VIGNET
 _OF_SCATTER = ("fit", "meter repeatability", "patch uniformity")
 #: Sources that differ between the planes of a camera with colour filters.
 _OF_EACH_PLANE = (
-    "exposure scatter", "shot and read noise", "dark non-uniformity", "dark and temperature", BLACK_LEVEL, "gain",
+    "exposure scatter", "shot and read noise", "pixel sensitivity", "dark non-uniformity", "dark and temperature",
+    BLACK_LEVEL, "gain",
 )  # fmt: skip
 #: Highest preferred signal, as a share of the saturation.
 _BEST_SHARE = 0.8
@@ -193,10 +195,10 @@ def _of_frames(
     ]
     uneven = [p.dark.nonuniformity_dn for p in planes]
     black_level = stretch * [p.dark.drift_dn for p in planes] / sqrt(n_frames)
-    averaged: dict[str, FindingValue] = {"n_pixels": n_pixels, "n_frames": n_frames, "exposure_s": exposure_s}
+    values: dict[str, FindingValue] = {"n_pixels": n_pixels, "n_frames": n_frames, "exposure_s": exposure_s}
 
     def row(source: str, us: Sequence[float] | Array, dof: int = 0, case: str = "") -> BudgetRow:
-        of = basis(source, case, **averaged)
+        of = basis(source, case, **values)
         return BudgetRow(source, float(np.linalg.norm(us)), of, common=False, dof=dof or None)
 
     yield row("exposure scatter", stretch * [p.responsivity.scatter_dn for p in planes])
@@ -206,17 +208,16 @@ def _of_frames(
     # The light is that of all planes.
     flicker = float(shares @ [p.noise.flicker_rel for p in planes]) / sqrt(n_frames)
     yield row(FLICKER, [flicker], planes[0].noise.flicker_dof)
+    yield row("pixel sensitivity", shares * [p.pixel_rel() for p in planes] / sqrt(n_pixels))
     if isinstance(planes[0].vignetting, FlatField | RadialVignetting):
-        # The source of a flat field is that of all planes, the noise of its pixels that of each.
-        own = [p.vignetting.random_rel if isinstance(p.vignetting, FlatField) else 0.0 for p in planes]
-        us = [max(p.field_rel for p in planes), *shares * own / sqrt(n_pixels)]
-        yield replace(row(FLAT_FIELD, us), evaluation="B")
+        # The source of a flat field is that of all planes.
+        yield replace(row(FLAT_FIELD, [max(p.field_rel for p in planes)]), evaluation="B")
 
 
 def _of_colour(calibration: ColourCalibration) -> BudgetRow:
     case = "with scatter" if calibration.spectral_rel > 0 else ""
-    values = {"light": calibration.source_spectrum, "scatter_rel": calibration.spectral_rel}
-    of = basis("spectral mismatch of planes", case, **values)
+    light, scatter_rel = calibration.source_spectrum, calibration.spectral_rel
+    of = basis("spectral mismatch of planes", case, light=light, scatter_rel=scatter_rel)
     return BudgetRow("spectral mismatch", 0.0, of, common=False)
 
 

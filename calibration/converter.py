@@ -15,7 +15,7 @@ from ..core.dn import Response
 from ..core.errors import InputError
 from ..core.frame import Frame
 from ..core.luminance import CommonError
-from ..core.vignetting import AnyVignetting, Cos4Vignetting, cropped
+from ..core.vignetting import AnyVignetting, Cos4Vignetting, FlatField, cropped
 from ..session.tables import EXPOSURE_JITTER_S
 from .findings import FitError, ResponsivityFit
 from .frames.nonuniformity import slow_rel
@@ -131,6 +131,14 @@ class Converter:
     def field_rel(self) -> float:
         """Relative standard uncertainty of slow residuals of a flat field."""
         return slow_rel(self.vignetting)
+
+    def pixel_rel(self, gain_db: float | None = None) -> float:
+        """Relative standard uncertainty of a pixel by its own sensitivity (EMVA 1288: PRNU), the same in all frames.
+
+        That is what the patches show, of which a flat field leaves its noise. None for the calibration's own gain.
+        """
+        noise = self.noise if gain_db is None else self.setting(gain_db).noise
+        return max(noise.prnu_rel, self.vignetting.random_rel if isinstance(self.vignetting, FlatField) else 0.0)
 
     @property
     def settings(self) -> tuple[GainSetting, ...]:

@@ -110,10 +110,7 @@ class BudgetRow:
     Parameters
     ----------
     source : str
-        Source of the error: ``meter scale``, ``meter digits``, ``meter f1'``, ``patch uniformity``, ``shot and read
-        noise``, ``dark and temperature``, ``black level``, ``lamp flicker``, ``linearity``, ``vignetting``, ``flat
-        field``, ``exposure time``, ``focus and aperture``, ``gain``, ``spectral mismatch``, ``glare``, ``drift``,
-        ``fit``.
+        Source of the error, one of `labcdp.calibration.budget.SOURCES`.
     standard_uncertainty_rel : float
         Its relative contribution to the luminance.
     basis : Finding

@@ -50,13 +50,15 @@ class _Combined:
     def map(self) -> LuminanceMap:
         converter, inner = self.converter, self.inner
         scatter_rel = converter.scatter_rel * student_factor(converter.scatter_dof or inf)
+        # Of grey light.
+        shares = np.array(converter.weights) / sum(converter.weights)
         return LuminanceMap(
             self._luminance[inner],
             PixelErrors(
                 lambda: self._random_rel[inner],
                 slow_rel=hypot(converter.field_rel, scatter_rel),
                 slow_cd_m2=self._combined([one.slow_cd_m2 for one in self.maps])[inner],
-                fixed_rel=max(one.fixed_rel for one in self.maps),
+                fixed_rel=float(np.linalg.norm(shares * [one.fixed_rel for one in self.maps])),
                 fixed_cd_m2=lambda: self._combined([one.fixed_cd_m2 for one in self.maps])[inner],
             ),
             self._common,

@@ -15,7 +15,7 @@ from ...core.errors import CalibrationError
 from ...core.frame import Frame
 from ...core.luminance import RANGE_MARGIN, WHOLE, CommonError, Invalid, LuminanceMap, PixelErrors, Window
 from ...core.result import log_findings
-from ...core.vignetting import AnyVignetting, Cos4Vignetting, FlatField, RadialVignetting
+from ...core.vignetting import AnyVignetting, Cos4Vignetting, RadialVignetting
 from ..converter import Converter, common_errors, numbers_by_pattern, placed
 from ..frames.observations import CameraState
 from ..sensor.noise import GainSetting
@@ -124,7 +124,7 @@ class _Conversion:
         return luminance
 
     def _random_rel(self) -> _Maps:
-        """Relative standard uncertainty by noise of pixel, library and flat field."""
+        """Relative standard uncertainty by noise of pixel and library, and by the pixel's sensitivity."""
         if self.dark_pattern_dn is None:
             magnitude = np.abs(self.converter.response.linearise(self._away_from_zero)) / self._scale
             return _look_up(np.hypot(self._error_by_dn / magnitude, self._fixed_rel).astype(np.float32), self._dn)
@@ -203,9 +203,7 @@ class _Conversion:
 
     @property
     def _fixed_rel(self) -> float:
-        """Relative standard uncertainty of a pixel by the noise of the flat field."""
-        vignetting = self.converter.vignetting
-        return vignetting.random_rel if isinstance(vignetting, FlatField) else 0.0
+        return self.converter.pixel_rel(self._setting.gain_db)
 
     @cached_property
     def _net_dn(self) -> NDArray[np.float64]:

@@ -177,8 +177,8 @@ def _minimum(deviance: Callable[[float], float]) -> float:
     """Logarithm of a size, between the limits, at which a deviance is least."""
     from scipy.optimize import minimize_scalar
 
-    limits, options = (log(_LEAST), log(_MOST)), {"xatol": _TOLERANCE}
-    return float(minimize_scalar(deviance, bounds=limits, method="bounded", options=options).x)
+    limits = log(_LEAST), log(_MOST)
+    return float(minimize_scalar(deviance, bounds=limits, method="bounded", options={"xatol": _TOLERANCE}).x)
 
 
 def _dof(solution: Solution, sizes: dict[Kind, float], kind: Kind) -> float:

@@ -75,8 +75,8 @@ class PixelErrors:
     slow_cd_m2 : float or ndarray of float, shape (height, width)
         The same for changes that are not in parts of the luminance (dark signal).
     fixed_rel : float
-        Part of `random_rel` that is the same in every frame (noise of the flat field): several frames do not average
-        it down.
+        Part of `random_rel` that is the same in every frame (sensitivity of the pixel, or noise of the flat field):
+        several frames do not average it down.
     fixed_cd_m2 : float, ndarray of float, shape (height, width), or function without arguments
         The same for what is not in parts of the luminance (noise of a dark library).
     """

@@ -6,8 +6,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
-from ..core.result import Finding, Result
+from ..core.result import Finding, FindingValue, Result, info
 from ..core.table import Table
+from .text import finding_text
+
+
+def page_text(code: str, **values: FindingValue) -> str:
+    """Return a text of a page, such as the caption of a figure, from a template as of a finding."""
+    return finding_text(info(code, **values))
 
 
 @dataclass(frozen=True)

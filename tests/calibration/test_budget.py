@@ -31,7 +31,7 @@ def test_rows_make_the_uncertainty_of_a_patch(calibration, camera, luminance, al
         calibration = replace(
             calibration,
             vignetting=RadialVignetting(0.0, 0.0, 0.0, slow_rel=0.004),
-            noise=replace(calibration.noise, flicker_rel=0.01, flicker_dof=4),
+            noise=replace(calibration.noise, flicker_rel=0.01, flicker_dof=4, prnu_rel=0.02),
             dark=replace(calibration.dark, drift_dn=0.5, drift_dof=3),
             responsivity=replace(calibration.responsivity, scatter_rel=0.005, scatter_dof=3.0, scatter_dn=0.5),
             meter_scale=replace(calibration.meter_scale, certificate=CERTIFICATE),

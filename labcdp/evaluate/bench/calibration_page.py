@@ -16,7 +16,7 @@ from ...core.table import Z_95, Table
 from ...output import Destination, write_files
 from ...report.drawing import BLUE, ORANGE, finish, logarithmic, placed_figure, reported
 from ...report.html import render_page
-from ...report.layout import Block, Card, Facts, Page, ReportFigure, Section
+from ...report.layout import Block, Card, Facts, Page, ReportFigure, Section, page_text
 from ...report.sheets import result_workbook
 from ...report.text import cell_text, day, fixed, listed, printable, shortened, significant, span, with_half_width
 from .calibration_result import PATCH_PIXELS
@@ -28,10 +28,6 @@ if TYPE_CHECKING:
 
 #: Number of columns that fit next to a figure.
 _BESIDE_FIGURE = ("patch", "meter_cd_m2", "expanded_meter_cd_m2", "camera_cd_m2", "deviation_rel", "z")
-_VALID_FOR = (
-    "A lens of another focal length, f-number or focus, a filter or a window before the lens needs a calibration of "
-    "its own; a camera without a V(λ) filter needs one for each kind of light."
-)
 #: Marks of patches with their uncertainty.
 _BARS: dict[str, Any] = {"fmt": "o", "markersize": 5, "capsize": 2.5, "elinewidth": 1.0}
 #: Largest number of patches whose points are labelled.
@@ -83,8 +79,8 @@ def _fit(calibration: Calibration, prefix: str) -> ReportFigure:
     return reported(
         f"{prefix}fit",
         figure,
-        f"{signal.capitalize()} above the dark signal over the luminance by the meter, with the fitted line.",
-        f"Signal over luminance of {len(rows)} patches, with a straight line through zero.",
+        page_text("calibration-fit", signal=signal.capitalize()),
+        page_text("calibration-fit-picture", n_patches=len(rows)),
     )
 
 
@@ -101,8 +97,8 @@ def _response(calibration: Calibration, prefix: str) -> ReportFigure:
     return reported(
         f"{prefix}response",
         figure,
-        "Deviation of the camera's response from a straight line: a signal is multiplied by 1 plus this.",
-        f"Correction of the response, {fixed(float(bend[-1]), 2, sign=True)} % at the highest signal.",
+        page_text("calibration-response"),
+        page_text("calibration-response-picture", percent=float(bend[-1])),
     )
 
 
@@ -136,16 +132,12 @@ def _residuals(calibration: AnyCalibration, prefix: str) -> ReportFigure:
         point = (row.reading_cd_m2, 100 * row.residual_rel)
         offset = {"xytext": (4, 4), "textcoords": "offset points"}
         panels[0].annotate(shortened(row.patch, 14), point, fontsize=7, parse_math=False, **offset)
-    worst = max(calibration.residuals, key=lambda row: abs(row.residual_rel))
+    n, worst = len(calibration.residuals), max(calibration.residuals, key=lambda row: abs(row.residual_rel))
     return reported(
         f"{prefix}residuals",
         figure,
-        "Residuals over luminance and over the place of the patches in the image. The bars are ± U (95 %) by all "
-        "stated errors that differ between patches; the scale error of the meter, common to all, is not in them. A "
-        "trend over luminance indicates glare, a wrong dark signal or a non-linear response; one over the place "
-        "vignetting or non-uniform light.",
-        f"Residuals of {len(calibration.residuals)} patches over luminance, x, y and distance from the middle; the "
-        f"largest is {fixed(100 * worst.residual_rel, 2, sign=True)} % at patch {printable(worst.patch)}.",
+        page_text("calibration-residuals"),
+        page_text("calibration-residuals-picture", n_patches=n, percent=100 * worst.residual_rel, patch=worst.patch),
     )
 
 
@@ -228,4 +220,4 @@ def _sections(calibration: AnyCalibration, result: Result, figures: Sequence[Rep
 
 def condition_blocks(conditions: Table) -> tuple[Block, ...]:
     """Return devices, settings and provenance of a calibration, and the limits of its validity."""
-    return Facts.of(conditions), _VALID_FOR
+    return Facts.of(conditions), page_text("calibration-validity")

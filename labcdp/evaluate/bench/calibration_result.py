@@ -17,6 +17,7 @@ from ...calibration.findings import BudgetRow
 from ...calibration.uncertainty import expanded_rel
 from ...core.result import Finding, InputFile, Result, info, quantity_table
 from ...core.table import Column, Table, uncertain
+from ...report.layout import page_text
 from ...report.text import exposures, finding_text, significant
 from .quantities import RESPONSIVITY, conditions, quantities, response_name
 
@@ -48,7 +49,6 @@ _MODELS = (
     Column("n_parameters", "parameters", "", "Free parameters, the responsivity among them."),
     *_CANDIDATE,
 )
-_MODELS_NOTE = "Each model is judged by how well it predicts patches that were left out of its fit."
 _CHECKS = (
     Column("check", "check", "", "Assumption that is checked.", value="name"),
     *uncertain(
@@ -112,10 +112,7 @@ def budget_tables(found: Sequence[BudgetOfPatch]) -> tuple[Table, Table]:
                value=lambda one: dof if (dof := one.whole.effective_degrees_of_freedom) < _UNLIMITED else None),
         Column("expanded_rel", "U (95 %)", "%", "Relative expanded uncertainty.", 2, value="whole.expanded_95_rel"),
     )  # fmt: skip
-    note = (
-        f"Of the mean luminance of a patch of {PATCH_PIXELS} pixels in one frame near the optical axis, "
-        "after JCGM 100:2008 (GUM)."
-    )
+    note = page_text("uncertainty-of-patch", n_pixels=PATCH_PIXELS)
     return Table.of_items("uncertainty", "Uncertainty of a patch", columns, found, note), _sources(found)
 
 
@@ -182,7 +179,7 @@ def calibration_tables(calibration: AnyCalibration) -> Iterator[Table]:
         title = "The combination against single colours"
         of_step = (Column("luminance_from", "luminance from", value="name"), *_CANDIDATE)
         yield Table.of_items("combinations", title, of_step, calibration.ladder, detail=True)
-    yield _of_planes("models", "Models of the response", _MODELS, planes, "ladder", _MODELS_NOTE)
+    yield _of_planes("models", "Models of the response", _MODELS, planes, "ladder", page_text("models-of-response"))
     yield _of_planes("checks", "Checks of the model's assumptions", _CHECKS, planes, "tests")
     yield sources
     yield _of_planes("left_out", "Left out of the fit", _LEFT_OUT, {"": calibration, **planes}, "left_out")
@@ -253,8 +250,4 @@ def _planes(colour: ColourCalibration) -> Table:
         Column("largest_deviation_rel", "largest deviation", "%", "Of a patch from the fit of the plane.", digits=2,
                value=lambda row: max(abs(one.residual_rel) for one in row[0].residuals)),
     )  # fmt: skip
-    note = (
-        "The luminance is a weighted sum of the planes' luminances, with the weights that fit the meter best; a weight "
-        "may be negative."
-    )
-    return Table.of_items("planes", "Colour planes", columns, planes, note)
+    return Table.of_items("planes", "Colour planes", columns, planes, page_text("weights-of-planes"))

@@ -8,7 +8,7 @@ from ...calibration import AnyCalibration, Calibration
 from ...calibration.verify.result import Verdict, Verification
 from ...core.table import Column, Table
 from ...report.html import render_page
-from ...report.layout import SIMULATED, Card, Facts, Page, ReportFigure, Section, State
+from ...report.layout import SIMULATED, Card, Facts, Page, ReportFigure, Section, State, page_text
 from ...report.maps import close_picture
 from ...report.text import day, exposures, finding_text, minute, sentence, shortened, significant, span, with_half_width
 from ...session import ConditionsConfiguration
@@ -19,10 +19,6 @@ from .session import target_map
 from .verification import decision_rule, verified_patches
 
 _STATES: dict[Verdict, State] = {"conform": "good", "not conform": "bad", "undecided": "open"}
-_COMBINED = (
-    "U is the expanded uncertainty: the combined standard uncertainty times the coverage factor k, for a coverage "
-    "probability of 95 % (JCGM 100:2008). "
-)
 
 
 def calibration_certificate(observed: ObservedSession, calibration: AnyCalibration) -> bytes:
@@ -35,10 +31,7 @@ def calibration_certificate(observed: ObservedSession, calibration: AnyCalibrati
     calibration : Calibration or ColourCalibration
         The calibration.
     """
-    scope = (
-        f"It holds for the mean of {PATCH_PIXELS} pixels of one frame near the optical axis, without glare, within the "
-        "calibrated range and at the conditions above. The deviations show how well one fit describes all patches."
-    )
+    scope = page_text("certificate-of-calibration", n_pixels=PATCH_PIXELS)
     sections = Section("Results", [_calibrated(calibration)]), *_statements(observed, scope)
     return _certificate("Calibration certificate", observed, calibration, sections)
 
@@ -49,13 +42,11 @@ def verification_certificate(
     """Return the certificate of a verification as a page; parameters as for `calibration_certificate`."""
     shown = ("patch", "meter_cd_m2", "expanded_meter_cd_m2", "camera_cd_m2", "deviation_rel", "expanded_deviation_rel")
     results = verified_patches(verification).only(*shown, "tolerance_rel", "verdict")
-    scope = "That of the deviation has the random parts of camera and meter and the fit of the calibration"
-    other = ""
+    scope, other = page_text("certificate-of-verification"), ""
     if not verification.same_meter:
-        scope += ", and the scales of both meters"
+        scope = page_text("certificate-of-verification-other-meter")
         before = verification.calibration_meter
         other = f" The camera was calibrated with {meter_text(before.meter)}; {traceability(before)}."
-    scope += ". One meter cannot say whether camera, lens or meter has changed."
     rule, statements = Section("Decision rule", [decision_rule(verification)]), _statements(observed, scope, other)
     verdict = verification.verdict
     card = Card(verdict.capitalize(), _verdict_text(verification), state=_STATES[verdict])
@@ -85,7 +76,8 @@ def _statements(observed: ObservedSession, scope: str, other: str = "") -> tuple
     warnings = [one for one in observed.meter_scale.findings(observed.times[-1]) if one.severity == "warning"]
     texts = (traceability(observed.meter_scale), *map(finding_text, warnings))
     traced = " ".join(map(sentence, texts)) + other
-    return Section("Uncertainty", [_COMBINED + scope]), Section("Traceability", [traced])
+    uncertainty = f"{page_text('certificate-uncertainty')} {scope}"
+    return Section("Uncertainty", [uncertainty]), Section("Traceability", [traced])
 
 
 def _certificate(

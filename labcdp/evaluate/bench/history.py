@@ -15,7 +15,7 @@ from ...core.table import Column, Table, with_expanded
 from ...output import Destination
 from ...report.drawing import BLUE, GREEN, LABEL_SIZE, TITLE_SIZE, VERMILLION, finish, new_figure, reported
 from ...report.files import write_report
-from ...report.layout import Card, Page, ReportFigure, Section, State
+from ...report.layout import Card, Page, ReportFigure, Section, State, page_text
 from ...report.text import cell_text, minute, printable
 from .quantities import RESPONSIVITY
 
@@ -184,9 +184,8 @@ def history_figure(planes: Camera, number: int = 1) -> ReportFigure:
     return reported(
         f"history-{number}",
         figure,
-        "Filled: calibrations, open: verifications. The thick bar is ± U (95 %) without the scale of the meter, which "
-        "measurements with one meter share; the thin bar includes it.",
-        f"Responsivity and dark signal of {printable(str(first.state.camera))}, {len(first.points)} times.",
+        page_text("history"),
+        page_text("history-picture", camera=str(first.state.camera), n_points=len(first.points)),
     )
 
 

@@ -12,7 +12,8 @@ from ...calibration.uncertainty import expanded_rel
 from ...core.reading import MeterIdentity
 from ...core.result import Quantity
 from ...core.vignetting import Cos4Vignetting, RadialVignetting
-from ...report.text import exposures, fixed, minute, significant, span
+from ...report.layout import page_text
+from ...report.text import exposures, minute, significant
 from ...session import LensConfiguration
 
 #: Unit of a responsivity.
@@ -159,24 +160,15 @@ def _vignetting(calibration: Calibration) -> str:
         # A sensor of one row as long as the diagonal ends as far from the axis as the corner.
         diagonal = round(hypot(shape[0] - 1, shape[1] - 1)) + 1
         corner = vignetting.relative_illuminance((1, diagonal))[0, 0]
-        return (
-            f"cos⁴ of the off-axis angle, by a focal length of {vignetting.focal_length_m * 1e3:g} mm and a pixel "
-            f"pitch of {vignetting.pixel_pitch_m * 1e6:g} µm; {fixed(100 * corner, 1)} % in the corners, "
-            f"uncertain by {significant(100 * vignetting.corner_rel, 2)} % there (u)"
-        )
-    image = vignetting.relative_illuminance(shape)
-    lowest, highest = (fixed(100 * float(end), 1) for end in (image.min(), image.max()))
-    slow = f"uncertain by {significant(100 * vignetting.slow_rel, 2)} % over the image (u)"
+        by = {"focal_length_mm": 1e3 * vignetting.focal_length_m, "pixel_pitch_um": 1e6 * vignetting.pixel_pitch_m}
+        return page_text("vignetting-cos4", corner=100 * float(corner), corner_rel=vignetting.corner_rel, **by)
+    image, slow_rel = vignetting.relative_illuminance(shape), vignetting.slow_rel
+    ends = [100 * float(end) for end in (image.min(), image.max())]
     if isinstance(vignetting, RadialVignetting):
-        return (
-            f"1 {_signed(vignetting.a2)} r² {_signed(vignetting.a4)} r⁴ {_signed(vignetting.a6)} r⁶, with r = 1 in the "
-            f"corners; down to {lowest} %, {slow}"
-        )
-    return f"flat field of every pixel from {vignetting.n_frames} frames, {span(lowest, highest)} %, {slow}"
-
-
-def _signed(value: float) -> str:
-    return f"{'-' if value < 0 else '+'} {significant(abs(value), 3)}"
+        terms = {name: getattr(vignetting, name) for name in ("a2", "a4", "a6")}
+        signed = {name: f"{'-' if a < 0 else '+'} {significant(abs(a), 3)}" for name, a in terms.items()}
+        return page_text("vignetting-radial", **signed, lowest=ends[0], slow_rel=slow_rel)
+    return page_text("vignetting-flat-field", n_frames=vignetting.n_frames, ends=ends, slow_rel=slow_rel)
 
 
 def lens_text(lens: LensIdentity | LensConfiguration) -> str:

@@ -11,7 +11,8 @@ from ...calibration.verify.verify import verify
 from ...core.errors import CalibrationError
 from ...core.result import InputFile, Result
 from ...core.table import Column, Table, uncertain, with_expanded
-from ...report.text import minute, significant
+from ...report.layout import page_text
+from ...report.text import minute
 from ...session import MeterCertificate, Session
 from .calibration_result import CAMERA, DEVIATION, EXPOSURES, METER, PATCH, WITHOUT_SCALE, summarised
 from .observe import ObservedSession, input_sha256
@@ -102,12 +103,7 @@ def _tables(verification: Verification) -> Iterator[Table]:
 def decision_rule(verification: Verification) -> str:
     """Return tolerance and decision rule in words."""
     source = "as stated" if verification.tolerance_stated else "U (95 %) of the calibration"
-    return (
-        f"Tolerance T = ± {significant(100 * verification.tolerance_rel, 2)} %, {source}. Conform if |d| + U ≤ T, not "
-        "conform if |d| - U > T, else undecided, with the deviation d of the camera from the meter and its expanded "
-        "uncertainty U (95 %): guard band w = U (terms of JCGM 106:2012 and ILAC-G8:09/2019), so that the probability "
-        "of a wrong decision is at most 2.5 % for each patch."
-    )
+    return page_text("decision-rule", tolerance_rel=verification.tolerance_rel, source=source)
 
 
 def _verdict(verification: Verification) -> Table:

@@ -12,7 +12,7 @@ from ...calibration.emva.series import columns
 from ...calibration.emva.transfer import Linearity, linearity
 from ...calibration.sensor.noise import FIT_SHARE
 from ...report.drawing import BLUE, GREEN, ORANGE, VERMILLION, finish, logarithmic, new_figure, reported
-from ...report.layout import ReportFigure
+from ...report.layout import ReportFigure, page_text
 from ...report.text import Z_95, with_half_width
 from .frames import patch_deviations
 
@@ -22,19 +22,8 @@ if TYPE_CHECKING:
 
     from ...calibration.emva.result import Characterisation, Quantity
 
-#: Captions of the figures, in the order they are shown.
-_CAPTIONS = {
-    "photon-transfer": "Photon transfer: temporal variance over mean, both above those of the dark frames. The slope "
-    "of the line, fitted up to 70 % of saturation, is the overall system gain K.",
-    "sensitivity": "Sensitivity: mean above the dark signal. The slope over photons, fitted up to 70 % of saturation, "
-    "is the responsivity R.",
-    "linearity": "Linearity: deviation from the line that minimises the relative deviations, 5 to 95 % of saturation.",
-    "snr": "Signal-to-noise ratio: measured, by the linear model, with the fixed pattern of all pixels, and of a "
-    "sensor without noise of its own.",
-    "dark-current": "Dark signal over the exposure. The slope of the mean over K, and that of the variance over K², "
-    "are the dark current.",
-}
-_OF_PATCHES = "Sensitivity: mean above the dark signal over the exposure; each line is a patch."
+#: Figures, in the order they are shown.
+_FIGURES = ("photon-transfer", "sensitivity", "linearity", "snr", "dark-current")
 _POINTS: dict[str, Any] = {"color": "black", "marker": "o", "markersize": 4, "linestyle": "none"}
 _DASHED: dict[str, Any] = {"linewidth": 1.0, "linestyle": "dashed"}
 _BARS: dict[str, Any] = {"fmt": "o", "color": "black", "markersize": 4, "capsize": 2.0}
@@ -49,12 +38,13 @@ def signal_figures(found: Characterisation) -> list[ReportFigure]:
     """Draw photon transfer, sensitivity, linearity where it is known, SNR and dark signal."""
     heights_in = {"linearity": 6.6 if is_series(found) else 4.6, "dark-current": 6.2}
     drawn, figures = (_photon_transfer, _sensitivity, _linearity, _snr, _dark), []
-    for (name, caption), draw in zip(_CAPTIONS.items(), drawn, strict=True):
+    for name, draw in zip(_FIGURES, drawn, strict=True):
         if name != "linearity" or found.linearity_error_min_rel is not None:
             figure = sized(found, heights_in.get(name, 4.6), 6.4 if name == "photon-transfer" else 9.0)
             draw(figure, found)
-            own = _OF_PATCHES if name == "sensitivity" and not is_series(found) else caption
-            figures.append(reported(f"characterise-{name}", figure, own))
+            of_patches = "-of-patches" if name == "sensitivity" and not is_series(found) else ""
+            caption = page_text(f"characterise-{name}{of_patches}")
+            figures.append(reported(f"characterise-{name}", figure, caption))
     return figures
 
 

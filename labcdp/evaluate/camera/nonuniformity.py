@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...report.drawing import BLUE, GREEN, ORANGE, VERMILLION, finish, logarithmic, reported
-from ...report.layout import ReportFigure
+from ...report.layout import ReportFigure, page_text
 from .figures import sized
 
 if TYPE_CHECKING:
@@ -24,7 +24,6 @@ HIGH_PASS_SIDE = 5
 #: Bins of a histogram (EMVA 1288: at most 256).
 _MOST_BINS = 256
 _WIDTH_IN = 10.0
-_BOX = f"{HIGH_PASS_SIDE} x {HIGH_PASS_SIDE} pixels"
 
 
 class Pattern(NamedTuple):
@@ -49,26 +48,14 @@ class Pattern(NamedTuple):
     step: float
 
 
-#: Captions of the figures, in the order they are shown.
-_CAPTIONS = {
-    "histogram": f"Logarithmic histograms of the pixels' deviations, the mean of {_BOX} around each subtracted. Pixels "
-    "far from the normal curve, whose width comes from the middle half of the pixels, are defects.",
-    "accumulated": "Accumulated logarithmic histograms: share of the pixels beyond a deviation, the mean of "
-    f"{_BOX} subtracted.",
-    "spectrogram": "Spectrograms of the rows (horizontal) and columns (vertical): white noise is flat, periodic "
-    "patterns are peaks, slow changes lie at the left.",
-    "profile": "Profiles: mean, middle, lowest and highest row (horizontal) and column (vertical).",
-}
-
-
 def spatial_figures(found: Characterisation) -> list[ReportFigure]:
     """Draw histograms, spectrograms and profiles, if there are images."""
-    own, drawn = patterns(found), (_histogram, _accumulated, _spectrogram, _profile)
-    return [
-        reported(f"characterise-{name}", _drawn(found, own, draw), caption)
-        for (name, caption), draw in zip(_CAPTIONS.items(), drawn, strict=True)
-        if own
-    ]
+    own, figures = patterns(found), []
+    drawn = {"histogram": _histogram, "accumulated": _accumulated, "spectrogram": _spectrogram, "profile": _profile}
+    for name, draw in drawn.items() if own else ():
+        caption = page_text(f"characterise-{name}", side=HIGH_PASS_SIDE)
+        figures.append(reported(f"characterise-{name}", _drawn(found, own, draw), caption))
+    return figures
 
 
 def patterns(result: Characterisation) -> list[Pattern]:

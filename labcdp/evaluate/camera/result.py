@@ -15,7 +15,7 @@ from ...core.result import InputFile, Quantity, Result, quantity_table
 from ...core.table import Column, Table, uncertain
 from ...output import Destination
 from ...report.files import write_report
-from ...report.layout import Card, Facts, Page, ReportFigure, Section
+from ...report.layout import Card, Facts, Page, ReportFigure, Section, page_text
 from ...report.text import capitalised, cell_text
 from ..bench.quantities import RESPONSIVITY
 from .figures import signal_figures
@@ -137,11 +137,6 @@ _CARDS = (
     ("quantum_efficiency", "responsivity"),
     ("linearity_error_rel", ""),
 )
-_NO_COMPLIANCE = (
-    "This is a measurement with the standard's definitions, not a declaration of compliance with it: light source and "
-    "procedure were not checked. U comes from the statistics of the fits: the temporal noise of the points, widened "
-    "where the points scatter more than it explains."
-)
 
 
 def write_characterisation(found: Characterisation, result: Result, folder: Destination) -> list[Path]:
@@ -157,7 +152,7 @@ def write_characterisation(found: Characterisation, result: Result, folder: Dest
 
 def _sections(found: Characterisation, result: Result, size: str, figures: Sequence[ReportFigure]) -> Iterator[Section]:
     meanings = result.table("characterisation").only("quantity", "meaning")
-    yield Section("How the values were found", (_NO_COMPLIANCE, meanings), collapsed=True)
+    yield Section("How the values were found", (page_text("characterise-no-compliance"), meanings), collapsed=True)
     yield Section("Signal and noise", figures)
     spatial = spatial_figures(found)
     if spatial:

@@ -14,7 +14,7 @@ from ...core.result import Result
 from ...output import Destination
 from ...report.drawing import BLUE, VERMILLION, finish, new_figure, reported
 from ...report.files import write_report
-from ...report.layout import Card, Facts, Page, ReportFigure, Section, State, Verbatim
+from ...report.layout import Card, Facts, Page, ReportFigure, Section, State, Verbatim, page_text
 from ...report.text import Z_95, finding_text, percent
 from ..camera.sensor import commented_toml
 from .evaluate import TwinEvaluation
@@ -111,15 +111,9 @@ def twin_figure(evaluation: TwinEvaluation) -> ReportFigure:
     largest = 1.1 * max(3.0, *(abs(pair.z) for pair in evaluation.pairs))
     right.set(xlim=(-0.03, 1.03), ylim=(-largest, largest))
     finish(right, "CDP predicted by the twin", "(measured - predicted) / its standard uncertainty", "Grey: 95 %")
-    return reported(
-        "twin",
-        figure,
-        "Left: measured over predicted CDP of each pair of patches. Bars are 95 % intervals, of the measurement by "
-        "its finite number of pixels, of the prediction by its parameters and the meter's readings. Right: their "
-        "difference in joint standard uncertainties.",
-        f"CDP measured against predicted: of {len(evaluation.pairs)} pairs {evaluation.count('agree')} agree, "
-        f"{evaluation.count('differ')} differ.",
-    )
+    n, agreeing, differing = len(evaluation.pairs), evaluation.count("agree"), evaluation.count("differ")
+    picture = page_text("twin-picture", n_pairs=n, agreeing=agreeing, differing=differing)
+    return reported("twin", figure, page_text("twin"), picture)
 
 
 #: Value and colour of the first card, by the code of the verdict.
@@ -134,16 +128,6 @@ _PAIR = (
     "pair", "target_contrast", "measured_cdp", "measured_cdp_low", "measured_cdp_high", "predicted_cdp",
     "predicted_cdp_low", "predicted_cdp_high", "difference", "expanded_difference", "z", "judgement",
 )  # fmt: skip
-_METHOD = (
-    "The twin is given the luminances by the meter, not by the camera. Its CDP is computed without random numbers "
-    "from the DN distributions that it predicts for these regions and exposures. U includes the number of pixels with "
-    "the fixed pattern of one camera, all parameters and readings, and the dark signal; the scale error of the meter "
-    "cancels. A pair is undecided if 80 % or more of all possible CDPs would agree."
-)
-_SIGNALS = (
-    "Mean values show responsivity, stray light, black level and single readings; temporal noise over the signal shows "
-    "read noise and K, the fixed pattern DSNU and PRNU."
-)
 
 
 def write_twin(evaluation: TwinEvaluation, result: Result, folder: Destination) -> list[Path]:
@@ -171,6 +155,7 @@ def _cards(evaluation: TwinEvaluation) -> Iterator[Card]:
 
 def _sections(result: Result, chain: str) -> Iterator[Section]:
     yield Section("Pairs", (result.table("pairs").only(*_PAIR),))
-    yield Section("Signals of the patches", (_SIGNALS, result.table("signals")))
+    yield Section("Signals of the patches", (page_text("twin-signals"), result.table("signals")))
     yield Section("Parameters of the twin", (result.table("parameters"), Verbatim(chain)), collapsed=True)
-    yield Section("Method and provenance", (_METHOD, Facts.of(result.table("provenance"))), collapsed=True)
+    method = page_text("twin-method"), Facts.of(result.table("provenance"))
+    yield Section("Method and provenance", method, collapsed=True)

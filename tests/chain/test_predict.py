@@ -1,15 +1,19 @@
-"""Exact predictions against closed forms, sums over all outcomes, convolutions and simulations; their memory."""
+"""Exact predictions against closed forms, sums over all outcomes, convolutions and simulations; their memory.
+
+First of all the distribution of DN, against sums over electron counts, integrals over pixels, and exposures.
+"""
 
 import subprocess
 import sys
 from dataclasses import replace
-from math import inf, sqrt
+from math import exp, gamma, inf, log, sqrt
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
 from scipy.signal import fftconvolve
 from scipy.special import ndtr
-from scipy.stats import poisson
+from scipy.stats import norm, poisson
 
 from labcdp import Chain
 from labcdp.chain import ExposureSettings, Hdr, Sensor
@@ -17,6 +21,7 @@ from labcdp.chain.hdr import ExposureLadder, merge_dn
 from labcdp.chain.predict.camera import CameraModel
 from labcdp.chain.predict.prediction import PatchRates, predict
 from labcdp.chain.predict.value_bins import ValueBins
+from labcdp.chain.predict.value_table import value_table
 from labcdp.core.errors import PredictionError
 from labcdp.metrics import Distribution, cdp
 
@@ -25,15 +30,7 @@ QUIET = Sensor(pixel_pitch_m=3e-6, width=100, height=100, full_well_e=50_000, bi
 USUAL = replace(QUIET, full_well_e=7000, k_dn_per_e=0.6, read_noise_e=5.0, bits=12, black_level_dn=64.0)
 
 
-def test_shot_noise_alone():
-    # 250 against 300 quanta, contrasts of 0.1 to 0.3: reference value of exact Poisson sums.
-    prediction = predict(CameraModel(QUIET, ExposureSettings((1.0,))), PatchRates(250.0, 300.0), 0.2)
-    assert float(prediction.cdp) == pytest.approx(0.6706, abs=5e-5)
-    assert float(prediction.snr_dark) == pytest.approx(sqrt(250), rel=1e-6)
-    assert float(prediction.snr_bright) == pytest.approx(sqrt(300), rel=1e-6)
-
-
-def test_contrast_moments_of_shot_noise():
+def test_contrast_and_signal_to_noise_of_shot_noise():
     counts = np.arange(1, 2000)
     dark = poisson.pmf(counts, 60.0)
     inverse, inverse_2 = (dark / counts).sum() / dark.sum(), (dark / counts**2).sum() / dark.sum()
@@ -41,7 +38,61 @@ def test_contrast_moments_of_shot_noise():
     variance = (90**2 + 90) * inverse_2 - (90 * inverse) ** 2
     prediction = predict(CameraModel(QUIET, ExposureSettings((1.0,))), PatchRates(60.0, 90.0), 0.5)
     assert float(prediction.mean_contrast) == pytest.approx(mean, rel=1e-7)
+    assert (float(prediction.snr_dark), float(prediction.snr_bright)) == pytest.approx((sqrt(60), sqrt(90)), rel=1e-6)
     assert float(prediction.csnr) == pytest.approx(mean / sqrt(variance), rel=1e-6)
+
+
+def of(sensor, rate, temperature_c=25.0, gain_db=0.0):
+    """Probability of each DN of the pixels of a uniform patch."""
+    table = value_table(CameraModel(sensor, ExposureSettings((1.0,), gain_db, temperature_c)), np.array([rate]))
+    ((_, first, share, _),) = table.blocks(np.array([rate]))
+    return np.pad(share[0], (first, 2**sensor.bits - first - share.shape[1]))
+
+
+def test_without_noise_dn_are_poisson_counts(sensor):
+    for rate in (0.0, 0.02, 3.0, 40.0, 1000.0, 30_000.0):
+        for one in (sensor, replace(sensor, dark_current_e_s=1e-14, dsnu_e_s=0.1)):
+            np.testing.assert_allclose(np.cumsum(of(one, rate)), poisson.cdf(np.arange(65536), rate), atol=1e-7)
+
+
+@pytest.mark.parametrize(("prnu_rel", "mean_e"), [(0.005, 2000.0), (0.02, 5000.0), (0.08, 9000.0)])
+def test_gains_of_pixels(sensor, prnu_rel, mean_e):
+    device = replace(sensor, prnu_rel=prnu_rel, bits=14)
+    for dn in (int(mean_e * (1 - 1.5 * prnu_rel)), int(mean_e), int(mean_e * (1 + prnu_rel))):
+        expected = norm.expect(lambda z, dn=dn: poisson.cdf(dn, mean_e * (1 + prnu_rel * z)), lb=-8, ub=8, limit=400)
+        assert np.cumsum(of(device, mean_e))[dn] == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("dsnu_e_s", [40.0, 300.0, 900.0])
+def test_dark_currents_of_pixels(sensor, dsnu_e_s):
+    device = replace(sensor, dark_current_e_s=400.0, dsnu_e_s=dsnu_e_s, bits=14)
+    order = (400 / dsnu_e_s) ** 2
+    for dn in (110, 310, 450, 700):
+        # In the logarithm of the dark current, where its gamma density is smooth.
+        of_pixels = lambda y, dn=dn: poisson.cdf(dn, 100 + 400 * exp(y)) * exp(order * (log(order) + y - exp(y)))  # noqa: E731
+        expected = quad(of_pixels, -14 / min(order, 1) - 3, 4, epsabs=1e-11, limit=400)[0] / gamma(order)
+        assert np.cumsum(of(device, 100.0))[dn] == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"prnu_rel": 0.03, "dsnu_e": 6.0, "dark_current_e_s": 300.0, "dsnu_e_s": 200.0},
+        {"k_dn_per_e": 0.02, "bits": 6, "dsnu_e": 30.0},
+    ],
+)
+@pytest.mark.parametrize("mean_e", [0.0, 60.0, 2500.0])
+def test_simulated_exposures_are_distributed_so(sensor, changes, mean_e):
+    device = replace(sensor, k_dn_per_e=0.3, read_noise_e=8.0, bits=11, black_level_dn=5.0, full_well_e=6000)
+    device = replace(device, width=600, height=500, device_seed=7, **changes)
+    dn = device.expose(mean_e, 1.0, temperature_c=25.0, seed=3, exposure_index=0)
+    expected = of(device, mean_e) * dn.size
+    counts = np.bincount(dn.ravel(), minlength=expected.size)
+    usual = expected > 20
+    freedom = usual.sum() - 1
+    chi2 = ((counts - expected) ** 2)[usual] / expected[usual]
+    assert (chi2.sum() - freedom) / sqrt(2 * freedom) < 4
 
 
 def temporal(sensor, mean_e, offset_e=0.0):

@@ -14,15 +14,16 @@ from labcdp.evaluate.sweep.run import JOURNAL as FILE_NAME
 from labcdp.evaluate.sweep.run import run_sweep
 from labcdp.evaluate.sweep.simulation.evaluation import evaluate_pair
 
-from .chains import MERGE, small
+from .chains import small
 
 
 @pytest.fixture(scope="module")
 def chain():
+    merge = {"hdr": {"method": "weighted"}, "isp": {"isp_bits": 16, "bits": 10}}
     size = {"scene.width": 60, "scene.height": 40, "scene.square_px": 10, "scene.contrast": 0.5}
     exposures = {"exposure.exposure_s": [0.01, 0.001], "exposure.temperature_c": 40.0}
     pattern = {"sensor.prnu_rel": 0.01, "sensor.dsnu_e": 2.0, "windscreen.glare_fraction": 0.5}
-    return small(MERGE, scene__luminance_cd_m2=20.0, **size, **exposures, **pattern)
+    return small(merge, scene__luminance_cd_m2=20.0, **size, **exposures, **pattern)
 
 
 LUMINANCE = Axis("scene.luminance_cd_m2", (2.0, 20.0, 200.0))

@@ -1,10 +1,13 @@
-"""The definition of CDP, every pair visited in exact rational arithmetic."""
+"""The definition of CDP, every pair visited in exact rational arithmetic, and its closed form for normal patches."""
 
 from fractions import Fraction
 from math import inf, nan
 
 import numpy as np
 import pytest
+from scipy.stats import norm
+
+from labcdp.core.luminance import LuminanceMap, PixelErrors
 
 
 @pytest.fixture(scope="session")
@@ -34,3 +37,16 @@ def _contrast(bright, dark):
     if dark > 0:
         return Fraction(bright, dark) - 1
     return inf if bright > 0 else nan
+
+
+def share_of_normal(bright, dark, low, high):
+    """Share of the pairs of two normal patches, each a mean and a deviation, whose contrast is from `low` to `high`."""
+    ratio = 1 + np.array([low, high])
+    below, up_to = norm.cdf((ratio * dark[0] - bright[0]) / np.hypot(ratio * dark[1], bright[1]))
+    return up_to - below
+
+
+def map_of(luminance, common=(), invalid=None, random_rel=0.01, **errors):
+    """A luminance map whose pixels are all valid unless told otherwise."""
+    invalid = np.zeros(luminance.shape, dtype=np.uint8) if invalid is None else invalid
+    return LuminanceMap(luminance, PixelErrors(np.full(luminance.shape, random_rel), **errors), common, invalid)

@@ -9,10 +9,12 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from scipy.stats import norm, poisson
+from scipy.stats import poisson
 
 from labcdp.core.errors import InputError
 from labcdp.metrics import DetectionInterval, Distribution, cdp, cdp_neighbours, cdp_range
+
+from .conftest import share_of_normal
 
 # 12-bit values around each other, so that ties, zeros and negative ones (darkness subtracted) are common.
 region = st.lists(st.one_of(st.integers(-3, 12), st.integers(90, 130), st.integers(0, 4095)), min_size=1, max_size=10)
@@ -101,24 +103,16 @@ NORMAL = [
 ]
 
 
-def closed_form(dark, dark_std, bright, bright_std):
-    """CDP of independent normal pixels with the contrast of the means and epsilon 0.5."""
-
-    def up_to(ratio):
-        return norm.cdf((ratio * dark - bright) / np.hypot(ratio * dark_std, bright_std))
-
-    contrast = bright / dark - 1
-    return up_to(1 + 1.5 * contrast) - up_to(1 + 0.5 * contrast)
-
-
 @pytest.mark.parametrize(("patches", "published"), NORMAL)
 def test_normal_patches_give_the_closed_form(patches, published):
     dark, dark_std, bright, bright_std = patches
-    assert closed_form(*patches) == pytest.approx(published, abs=5e-6)
+    contrast = bright / dark - 1
+    closed_form = share_of_normal((bright, bright_std), (dark, dark_std), 0.5 * contrast, 1.5 * contrast)
+    assert closed_form == pytest.approx(published, abs=5e-6)
     rng, n = np.random.default_rng(11), 40_000
-    result = cdp(rng.normal(bright, bright_std, n), rng.normal(dark, dark_std, n), bright / dark - 1)
+    result = cdp(rng.normal(bright, bright_std, n), rng.normal(dark, dark_std, n), contrast)
     assert abs(result.cdp - published) < 4 * result.u
-    exactly = cdp(Distribution.normal(bright, bright_std), Distribution.normal(dark, dark_std), bright / dark - 1)
+    exactly = cdp(Distribution.normal(bright, bright_std), Distribution.normal(dark, dark_std), contrast)
     assert exactly.cdp == pytest.approx(published, abs=1e-5)
 
 

@@ -1,19 +1,27 @@
-"""Contrasts, ranges of them, and their distribution over all pairs."""
+"""Contrasts, ranges of them, and their distribution over all pairs; ratios of signal and noise."""
 
 from fractions import Fraction
-from math import inf
+from math import inf, log10, nan, sqrt
 
 import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from scipy.stats import poisson
 
 from labcdp.core.errors import InputError
 from labcdp.metrics import (
+    Distribution,
+    cnr,
     contrast_distribution,
     contrast_quantile,
     contrast_range,
+    csnr,
+    d_prime,
     michelson_contrast,
+    snr,
+    snr_10log10_db,
+    snr_20log10_db,
     weber_contrast,
     weber_contrast_of_means,
 )
@@ -82,3 +90,71 @@ def test_a_quantile_is_the_smallest_contrast_the_share_reaches(all_contrasts, a,
         assert np.isnan(found)
     else:
         assert found == pytest.approx(float(ordered[max(place, 1) - 1]), rel=1e-11, abs=1e-11)
+
+
+# Signal and noise
+
+several = st.lists(st.integers(90, 130), min_size=2, max_size=8)
+METRICS = {
+    "snr": lambda a, b: snr(a),
+    "snr in dB": lambda a, b: snr_20log10_db(a),
+    "csnr": csnr,
+    "cnr": cnr,
+    "d'": d_prime,
+}
+
+
+@given(several)
+def test_snr_is_mean_over_deviation(pixels):
+    deviation = np.std(pixels, ddof=1)
+    if deviation == 0:
+        assert snr(pixels).value == inf
+        return
+    ratio = np.mean(pixels) / deviation
+    for metric, expected in ((snr, ratio), (snr_20log10_db, 20 * log10(ratio)), (snr_10log10_db, 10 * log10(ratio))):
+        assert metric(pixels).value == pytest.approx(expected)
+
+
+@given(several, several)
+def test_cnr_and_d_prime_are_their_formulas(a, b):
+    bright, dark = (a, b) if sum(a) * len(b) >= sum(b) * len(a) else (b, a)
+    difference = np.mean(bright) - np.mean(dark)
+    pooled = sqrt((np.var(a, ddof=1) + np.var(b, ddof=1)) / 2)
+    if np.std(dark) > 0:
+        assert cnr(a, b).value == pytest.approx(difference / np.std(dark, ddof=1))
+        assert d_prime(a, b).value == pytest.approx(difference / pooled, abs=1e-12)
+
+
+def test_d_prime_of_shot_noise_is_the_published_one():
+    quanta = np.arange(1000)
+    patches = [Distribution(quanta, poisson.pmf(quanta, mean)) for mean in (250, 300)]
+    assert d_prime(*patches).value == pytest.approx(3.015, abs=5e-4)
+    assert snr(patches[0]).value == pytest.approx(sqrt(250))
+
+
+@pytest.mark.parametrize("metric", METRICS)
+def test_the_standard_error_is_the_scatter_of_repeated_measurements(metric):
+    rng = np.random.default_rng(12)
+    repeats, n = 800, 200
+    # Skewed noise, so that the third and fourth moments matter.
+    results = [
+        METRICS[metric](120 + 5 * rng.exponential(size=n), 100 + 5 * rng.exponential(size=n)) for _ in range(repeats)
+    ]
+    scatter = np.std([result.value for result in results])
+    stated = sqrt(np.mean([result.standard_error**2 for result in results]))
+    # 12 %: first order in 1 / n, with the moments of 200 pixels; the scatter itself is known to 3.5 %.
+    assert stated == pytest.approx(scatter, rel=0.12)
+
+
+@pytest.mark.parametrize(
+    ("metric", "regions", "expected"),
+    [
+        *(("snr", [one], value) for one, value in (([7, 7], inf), ([0, 0], nan), ([7], nan))),
+        *(("snr in dB", [one], value) for one, value in (([-1, 1], -inf), ([-5, -4], nan))),
+        *(("csnr", two, value) for two, value in (([[7, 7], [5]], inf), ([[5, 5], [5]], nan), ([[7, 9], [5, 0]], nan))),
+        *(("cnr", two, value) for two, value in (([[7, 9], [5, 5]], inf), ([[7, 9], [5]], nan))),
+        *(("d'", two, value) for two, value in (([[7, 7], [5, 5]], inf), ([[7, 9]] * 2, 0))),
+    ],
+)
+def test_without_scatter_or_light_the_values_say_so(metric, regions, expected):
+    assert METRICS[metric](regions[0], regions[-1]).value == pytest.approx(expected, nan_ok=True)

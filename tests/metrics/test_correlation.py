@@ -6,11 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter, uniform_filter
-from scipy.stats import norm
 
 from labcdp.core.errors import InputError
 from labcdp.metrics import cdp_correlated, variance_inflation
 from labcdp.metrics.lags import inflation_by_lags, products_by_lag
+
+from .conftest import share_of_normal
 
 SIDE = 40
 SHAPE = (SIDE, 2 * SIDE + 6)
@@ -76,8 +77,7 @@ def test_intervals_cover_the_truth_and_are_hardly_wider_than_they_must_be(field,
         for contrast, results in found.items():
             results.append(cdp_correlated(image, LEFT, RIGHT, contrast))
     for contrast, results in found.items():
-        low, high = 1 + contrast / 2, 1 + 1.5 * contrast
-        true = np.subtract(*(norm.cdf((ratio * 100 - 120) / (5 * np.hypot(ratio, 1))) for ratio in (high, low)))
+        true = share_of_normal((120, 5), (100, 5), 0.5 * contrast, 1.5 * contrast)
         ends = np.array([result.confidence_interval for result in results])
         covered.append(np.mean((ends[:, 0] <= true) & (true <= ends[:, 1])))
         scatter = sqrt(np.mean([(result.cdp - true) ** 2 for result in results]))

@@ -3,25 +3,18 @@ from math import inf, isnan, sqrt
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter, uniform_filter
-from scipy.special import ndtr
 
 from labcdp.core.errors import InputError
-from labcdp.core.luminance import CommonError, Invalid, LuminanceMap, PixelErrors
+from labcdp.core.luminance import CommonError, Invalid
 from labcdp.core.roi import Roi
-from labcdp.metrics import cdp, cdp_correlated, cdp_range, cdp_with_common_errors, csnr
+from labcdp.metrics import cdp, cdp_correlated, cdp_with_common_errors, csnr
 from labcdp.metrics.pair import evaluate_pair, evaluate_region
+
+from .conftest import map_of, share_of_normal
 
 SHAPE = (60, 90)
 LEFT, RIGHT = Roi.rectangle("left", 5, 5, 30, 40), Roi.rectangle("right", 50, 10, 30, 40)
-
-
-def _map(luminance, common=(), invalid=None, **more):
-    nothing = np.zeros(luminance.shape, dtype=np.uint8)
-    errors = PixelErrors(np.full(luminance.shape, 0.01), **more)
-    return LuminanceMap(luminance, errors, common, nothing if invalid is None else invalid)
 
 
 def _scene(seed=0, bright=120.0, noise=5.0, shape=SHAPE):
@@ -35,45 +28,26 @@ def _scene(seed=0, bright=120.0, noise=5.0, shape=SHAPE):
 CSNR = csnr(*(np.random.default_rng(0).normal(mean, 5.0, 10**6) for mean in (120, 100))).value
 
 
-def _share(bright, dark, noise, contrast):
-    """CDP of two normal patches in closed form."""
-
-    def up_to(ratio):
-        return ndtr((ratio * dark - bright) / (noise * sqrt(ratio**2 + 1)))
-
-    return up_to(1 + 1.5 * contrast) - up_to(1 + 0.5 * contrast)
-
-
-@given(seed=st.integers(0, 1000), contrast=st.floats(0.02, 3.0), epsilon=st.floats(0.05, 1.0))
-def test_the_cdp_is_that_of_the_pixels_of_the_regions(seed, contrast, epsilon):
-    rng = np.random.default_rng(seed)
-    luminance = np.rint(rng.normal(100, 20, SHAPE))
-    a = Roi("a", tuple(map(tuple, np.array([(2, 3), (38, 8), (20, 50)]) + rng.uniform(-2, 2, (3, 2)))))
-    b = Roi("b", tuple(map(tuple, np.array([(50, 8), (80, 5), (85, 50), (48, 45)]) + rng.uniform(-2, 2, (4, 2)))))
-    found = evaluate_pair(_map(luminance), a, b, (contrast,), epsilon).results[0].result
-    (expected,) = cdp_range(a.select(luminance), b.select(luminance), (contrast,), epsilon)
-    shares = ("cdp", "below", "above", "undefined", "interval", "bright", "bright_size", "dark_size")
-    assert [getattr(found, name) for name in shares] == [getattr(expected, name) for name in shares]
-
-
-def test_without_errors_of_a_calibration_a_pair_is_that_of_cdp_correlated():
+def test_without_errors_of_a_calibration_a_pair_is_that_of_its_pixels_and_of_their_correlation():
     smooth = 100 + 5 * uniform_filter(np.random.default_rng(1).normal(0, 3, SHAPE), 3)
     smooth[:, 45:] *= 1.2
-    for luminance in (_scene(3), smooth):
+    for luminance, left in ((_scene(3), Roi("triangle", ((2, 3), (38, 8), (20.5, 50)))), (smooth, LEFT)):
         masks = np.zeros((2, *SHAPE), dtype=bool)
-        for mask, roi in zip(masks, (LEFT, RIGHT), strict=True):
+        for mask, roi in zip(masks, (left, RIGHT), strict=True):
             mask[roi.window(SHAPE)] = roi.mask(SHAPE)
         for contrast in (0.2, 0.3):
-            found = evaluate_pair(_map(luminance), LEFT, RIGHT, (contrast,)).results[0]
-            assert found.result == cdp_correlated(luminance, *masks, contrast)
-    assert found.result.correlation_inflation > 1.5
+            found = evaluate_pair(map_of(luminance), left, RIGHT, (contrast,), 0.4).results[0].result
+            assert found == cdp_correlated(luminance, *masks, contrast, 0.4)
+            expected = cdp(*(roi.select(luminance) for roi in (left, RIGHT)), contrast, 0.4)
+            assert (found.cdp, found.below, found.above) == (expected.cdp, expected.below, expected.above)
+    assert found.correlation_inflation > 1.5
 
 
 def test_an_error_both_regions_share_cancels_in_contrast_cdp_and_ratios_but_not_in_the_luminance():
     luminance = _scene(2)
-    plain = evaluate_pair(_map(luminance), LEFT, RIGHT, (0.3,))
+    plain = evaluate_pair(map_of(luminance), LEFT, RIGHT, (0.3,))
     for shared in (0.05, np.full(SHAPE, 0.05)):
-        found = evaluate_pair(_map(luminance, (CommonError("scale", shared),)), LEFT, RIGHT, (0.3,))
+        found = evaluate_pair(map_of(luminance, (CommonError("scale", shared),)), LEFT, RIGHT, (0.3,))
         assert found.contrast.standard_error == pytest.approx(plain.contrast.standard_error)
         assert found.csnr.standard_error == pytest.approx(plain.csnr.standard_error)
         assert found.a.snr.standard_error == pytest.approx(plain.a.snr.standard_error)
@@ -81,7 +55,7 @@ def test_an_error_both_regions_share_cancels_in_contrast_cdp_and_ratios_but_not_
         expected = sqrt(plain.a.standard_uncertainty**2 + 5.0**2)
         assert found.a.standard_uncertainty == pytest.approx(expected, rel=0.01)
     # A scale of which nothing is known leaves the luminance alone without an uncertainty.
-    found = evaluate_pair(_map(_scene(2), (CommonError("guess", inf),)), LEFT, RIGHT, (0.3,))
+    found = evaluate_pair(map_of(_scene(2), (CommonError("guess", inf),)), LEFT, RIGHT, (0.3,))
     assert isnan(found.a.standard_uncertainty)
     assert (found.contrast, found.results) == (plain.contrast, plain.results)
 
@@ -89,12 +63,12 @@ def test_an_error_both_regions_share_cancels_in_contrast_cdp_and_ratios_but_not_
 def test_a_slow_change_across_a_region_is_no_noise():
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
     slow = 1 + 0.2 * (x / 90) + 0.1 * (y / 60) ** 2
-    plain, sloped = (evaluate_pair(_map(_scene(8) * factor), LEFT, RIGHT, (0.2,)) for factor in (1, slow))
+    plain, sloped = (evaluate_pair(map_of(_scene(8) * factor), LEFT, RIGHT, (0.2,)) for factor in (1, slow))
     assert sloped.a.standard_uncertainty < 1.5 * plain.a.standard_uncertainty
     assert sloped.results[0].result.correlation_inflation == 1
     # Where all pairs agree too, and where there is no noise at all.
     for luminance in (_scene(8) * slow, np.where(x < 45, 100.0, 120.0) * slow):
-        assert evaluate_pair(_map(luminance), LEFT, RIGHT, (5.0,)).results[0].confidence_interval[1] < 0.01
+        assert evaluate_pair(map_of(luminance), LEFT, RIGHT, (5.0,)).results[0].confidence_interval[1] < 0.01
 
 
 @pytest.mark.parametrize("blurred", [np.asarray, partial(uniform_filter, size=2), partial(gaussian_filter, sigma=2)])
@@ -102,7 +76,7 @@ def test_the_intervals_cover_the_truth(blurred):
     """Noise, blurred or not, and errors of the calibration drawn anew for each image; 3 sigma of 95 %."""
     rng, repeats = np.random.default_rng(20), 150
     contrast, scale, slow, offset = 0.3, 0.05, 0.004, 0.3
-    truth, covered = _share(120.0, 100.0, 5.0, contrast), np.zeros(4)
+    truth, covered = share_of_normal((120, 5), (100, 5), 0.5 * contrast, 1.5 * contrast), np.zeros(4)
     # As large as without blur: by the sum of the squares of the filter.
     impulse = np.pad([[1.0]], 20)
     loss = sqrt(np.square(blurred(impulse)).sum())
@@ -112,7 +86,9 @@ def test_the_intervals_cover_the_truth(blurred):
         luminance[:, 45:] *= 1 + rng.normal(0, slow)
         luminance[:, :45] *= 1 + rng.normal(0, slow)
         luminance = luminance * (1 + rng.normal(0, scale)) + rng.normal(0, offset)
-        image = _map(luminance, (CommonError("scale", scale), CommonError("offset", offset / luminance)), slow_rel=slow)
+        image = map_of(
+            luminance, (CommonError("scale", scale), CommonError("offset", offset / luminance)), slow_rel=slow
+        )
         found = evaluate_pair(image, LEFT, RIGHT, (contrast,))
         of = found.contrast, found.csnr
         values = [*((one.value, one.standard_error) for one in of), (found.b.mean, found.b.standard_uncertainty)]
@@ -125,7 +101,7 @@ def test_the_intervals_cover_the_truth(blurred):
 def test_the_uncertainty_of_the_snr_has_the_dark_signal_in_it():
     luminance = _scene(6, noise=2.0)
     plain, offset = (
-        evaluate_region(_map(luminance, common), LEFT).snr for common in ((), (CommonError("d", 5 / luminance),))
+        evaluate_region(map_of(luminance, common), LEFT).snr for common in ((), (CommonError("d", 5 / luminance),))
     )
     # An offset of 5 changes the mean by 5 and the noise not at all.
     expected = sqrt(plain.standard_error**2 + (5 / LEFT.select(luminance).std(ddof=1)) ** 2)
@@ -138,7 +114,7 @@ def test_pixels_that_are_not_valid_count_and_are_warned_about():
     invalid[10, 50:62] = Invalid.BELOW_BLACK
     invalid[11, 50:53] = Invalid.DEFECT
     luminance = _scene()
-    found = evaluate_pair(_map(luminance, invalid=invalid), LEFT, RIGHT, (0.2,))
+    found = evaluate_pair(map_of(luminance, invalid=invalid), LEFT, RIGHT, (0.2,))
     assert found.a.invalid_shares == {"saturated": 0.25, "outside_calibrated": 0.25}
     assert found.b.invalid_shares == {"below_black": 0.01, "defect": 0.0025}
     assert found.results[0].result.cdp == cdp(LEFT.select(luminance), RIGHT.select(luminance), 0.2).cdp
@@ -148,17 +124,17 @@ def test_pixels_that_are_not_valid_count_and_are_warned_about():
 
 def test_regions_that_overlap_by_their_pixels_or_hold_no_numbers_are_refused():
     with pytest.raises(InputError, match="regions 'left' and 'x' have 24 pixels in common"):
-        evaluate_pair(_map(_scene()), LEFT, Roi.rectangle("x", 29, 41, 10, 10), (0.2,))
+        evaluate_pair(map_of(_scene()), LEFT, Roi.rectangle("x", 29, 41, 10, 10), (0.2,))
     luminance = _scene()
     luminance[12, 55:58] = np.nan, np.inf, 1.0
     with pytest.raises(InputError, match=r"region 'right' has 2 pixels that are not finite: correct the image"):
-        evaluate_pair(_map(luminance), LEFT, RIGHT, (0.2,))
+        evaluate_pair(map_of(luminance), LEFT, RIGHT, (0.2,))
 
 
 def test_a_dark_region_below_the_black_has_no_finite_contrast():
     luminance = _scene() - 100.0
     luminance[:, :45] -= 3
-    found = evaluate_pair(_map(luminance, (CommonError("d", 0.1 / luminance),)), LEFT, RIGHT, (1.0,))
+    found = evaluate_pair(map_of(luminance, (CommonError("d", 0.1 / luminance),)), LEFT, RIGHT, (1.0,))
     assert found.contrast.value == inf
     assert np.isnan([found.contrast.standard_error, found.csnr.value]).all()
     assert found.results[0].result.above > 0.5
@@ -168,7 +144,8 @@ def test_a_small_error_propagates_by_the_derivative_of_the_closed_form():
     n, u, rng = 2000, 0.002, np.random.default_rng(0)
     a, b = rng.normal(120, 5, n), rng.normal(100, 5, n)
     # At a contrast of 30 % the interval's lower end cuts the distribution, the CDP has a slope.
-    expected = (_share(120 * (1 + u), 100, 5, 0.3) - _share(120 * (1 - u), 100, 5, 0.3)) / 2
+    above, below = (share_of_normal((120 * (1 + sign * u), 5), (100, 5), 0.15, 0.45) for sign in (1, -1))
+    expected = (above - below) / 2
     found = cdp_with_common_errors(a, b, 0.3, 0.5, [(u, 0.0)])
     # The slope is a density at the end, which 2000 x 2000 pixels give to about 1 / sqrt(2000 x 0.1).
     assert found.calibration_standard_uncertainty == pytest.approx(abs(expected), rel=4 / sqrt(n * 0.1))

@@ -13,6 +13,8 @@ from scipy.stats import norm
 from labcdp.core.errors import InputError
 from labcdp.metrics import Distribution, cdp, pixels_needed
 
+from .conftest import share_of_normal
+
 several = st.lists(st.integers(90, 130), min_size=2, max_size=5)
 PATCHES = Distribution.normal(120, 5), Distribution.normal(100, 5)
 
@@ -66,10 +68,7 @@ def test_the_standard_error_and_the_pixels_needed_are_those_of_the_closed_form(n
 @pytest.mark.parametrize("std", [10, 3, 1.9])
 @pytest.mark.parametrize("sizes", [(30, 30), (20, 400)])
 def test_the_confidence_interval_covers_the_truth(std, sizes):
-    def up_to(ratio):
-        return norm.cdf((ratio * 100 - 120) / (std * np.hypot(ratio, 1)))
-
-    truth, rng, repeats = up_to(1.3) - up_to(1.1), np.random.default_rng(30), 500
+    truth, rng, repeats = share_of_normal((120, std), (100, std), 0.1, 0.3), np.random.default_rng(30), 500
     found = [cdp(*normal_regions(rng, (100, std, 120, std), *sizes), 0.2) for _ in range(repeats)]
     covered = np.mean([one.interval.low <= truth <= one.interval.high for one in found])
     # At least 93 %, as stated where the interval is made.

@@ -10,9 +10,8 @@ import xarray as xr
 from jsonschema import Draft202012Validator
 from openpyxl import load_workbook
 from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
-from scipy.special import ndtr
 
-from labcdp.core.luminance import CommonError, Invalid, LuminanceMap
+from labcdp.core.luminance import CommonError, Invalid
 from labcdp.evaluate.picture.conversion import PictureSource
 from labcdp.evaluate.picture.edges.edges import ContrastMapSettings, EdgeKind
 from labcdp.evaluate.picture.edges.map import contrast_map
@@ -21,12 +20,7 @@ from labcdp.evaluate.picture.edges.result import contrast_map_dataset, map_resul
 from labcdp.metrics import DetectionInterval, cdp_range, cdp_with_common_errors
 from labcdp.report.files import schema
 
-
-def _map(luminance, common=(), invalid=None, **more):
-    nothing = np.zeros(luminance.shape, dtype=np.uint8)
-    return LuminanceMap(
-        luminance, np.full(luminance.shape, 0.01), common, nothing if invalid is None else invalid, **more
-    )
+from ...metrics.conftest import map_of, share_of_normal
 
 
 def _halves(dark=100.0, bright=150.0, noise=8.0, shape=(400, 480), seed=0):
@@ -51,20 +45,10 @@ def _pixels(found, image, region):
     return image[rows[odd], columns[odd]]
 
 
-def _share(bright, dark, noise, low, high):
-    """Share of the pairs of two normal patches with a contrast of `low` to `high`."""
-
-    def up_to(contrast):
-        ratio = 1 + contrast
-        return ndtr((ratio * dark - bright) / (noise * sqrt(ratio**2 + 1)))
-
-    return up_to(high) - up_to(low)
-
-
 @pytest.mark.parametrize("epsilon", [0.5, 0.2, DetectionInterval.at_least(0.3)])
 def test_contrast_and_cdp_of_an_edge_are_those_of_its_pixels(epsilon):
     image = _halves()
-    found = contrast_map(_map(image), ContrastMapSettings(epsilon=epsilon))
+    found = contrast_map(map_of(image), ContrastMapSettings(epsilon=epsilon))
     edges = found.edges
     assert _across(found).size >= 8
     for edge in _across(found):
@@ -83,10 +67,10 @@ def test_contrast_and_cdp_of_an_edge_are_those_of_its_pixels(epsilon):
 def test_cdp_and_its_interval_agree_with_the_closed_form_for_normal_noise():
     inside, seen, deviations = 0, 0, []
     for seed in range(3):
-        found = contrast_map(_map(_halves(noise=14.0, seed=seed)))
+        found = contrast_map(map_of(_halves(noise=14.0, seed=seed)))
         for edge in _across(found):
             contrast = found.edges.contrast[edge]
-            truth = _share(150.0, 100.0, 14.0, 0.5 * contrast, 1.5 * contrast)
+            truth = share_of_normal((150, 14), (100, 14), 0.5 * contrast, 1.5 * contrast)
             deviations.append(found.edges.cdp[edge] - truth)
             inside += found.edges.cdp_low[edge] <= truth <= found.edges.cdp_high[edge]
             seen += 1
@@ -103,7 +87,7 @@ def test_an_image_of_noise_has_no_edges(size, blur_px):
     for seed in range(4):
         noise = np.random.default_rng(seed).normal(size=(320, 400))
         noise = gaussian_filter(noise, blur_px) if blur_px else noise
-        found = contrast_map(_map(100 + 15 * noise / noise.std()), ContrastMapSettings(size))
+        found = contrast_map(map_of(100 + 15 * noise / noise.std()), ContrastMapSettings(size))
         assert found.count(EdgeKind.NOISE, EdgeKind.SMALL) == found.edges.kind.size
         assert np.isnan(found.edges.cdp).all()
         assert np.isnan(found.detected_share)
@@ -119,7 +103,7 @@ def test_each_edge_is_of_one_kind():
     image[:, 480:] = -0.5  # black
     image += rng.normal(0, 2, image.shape)
     invalid = np.where(image > 2900, Invalid.SATURATED, 0).astype(np.uint8)
-    found = contrast_map(_map(image, invalid=invalid))
+    found = contrast_map(map_of(image, invalid=invalid))
     assert sum(found.count(kind) for kind in EdgeKind) == found.edges.kind.size
     x = np.where(found.of_kind(EdgeKind.SMALL), np.nan, found.edges.middle_px[:, 0])
     for kind, place in ((EdgeKind.FAINT, 160), (EdgeKind.SATURATED, 320), (EdgeKind.SATURATED, 480)):
@@ -135,10 +119,10 @@ def test_each_edge_is_of_one_kind():
 
 def test_errors_alike_for_neighbours_cancel_and_others_count():
     image = _halves(noise=14.0)
-    plain = contrast_map(_map(image))
-    alike = contrast_map(_map(image, (CommonError("meter", 0.05), CommonError("fit", np.full(image.shape, 0.05)))))
+    plain = contrast_map(map_of(image))
+    alike = contrast_map(map_of(image, (CommonError("meter", 0.05), CommonError("fit", np.full(image.shape, 0.05)))))
     pattern = np.where(np.arange(480) >= 249, 0.04, 0.01) * np.ones((400, 1))
-    differing = contrast_map(_map(image, (CommonError("fit", pattern), CommonError("dark", -pattern / 3)))).edges
+    differing = contrast_map(map_of(image, (CommonError("fit", pattern), CommonError("dark", -pattern / 3)))).edges
     edges, across = plain.edges, _across(plain)
     for name in ("contrast_standard_uncertainty", "cdp_standard_error"):
         assert getattr(alike.edges, name)[across] == pytest.approx(getattr(edges, name)[across], rel=1e-9)
@@ -157,7 +141,7 @@ def test_errors_alike_for_neighbours_cancel_and_others_count():
 def test_contrasts_of_a_texture_are_not_called_noise():
     """Clear against the noise of the pixels, and less than the texture of their regions."""
     stones = np.random.default_rng(1).uniform(0.3, 1.7, (50, 60)).repeat(8, axis=0).repeat(8, axis=1)
-    found = contrast_map(_map(_halves(dark=100.0, bright=160.0, noise=0.5) * stones))
+    found = contrast_map(map_of(_halves(dark=100.0, bright=160.0, noise=0.5) * stones))
     high = (found.edges.contrast > 0.1) & ~found.of_kind(EdgeKind.SMALL)
     assert high.sum() > 100
     assert set(found.edges.kind[high]) <= {EdgeKind.SEEN, EdgeKind.UNEVEN}
@@ -166,13 +150,13 @@ def test_contrasts_of_a_texture_are_not_called_noise():
 def test_pixels_that_are_not_finite_are_left_out():
     image = _halves(noise=3.0)
     image[::7, ::11] = np.nan
-    found = contrast_map(_map(image))
+    found = contrast_map(map_of(image))
     assert found.count(EdgeKind.SEEN) >= 8
     assert np.isfinite(found.regions.mean).all()
 
 
 def test_several_contrasts_are_asked_of_the_same_edges():
-    image, source = _map(_halves(noise=3.0)), PictureSource(Path("a.png"), "0" * 64, (300, 340), "cd/m²", "c")
+    image, source = map_of(_halves(noise=3.0)), PictureSource(Path("a.png"), "0" * 64, (300, 340), "cd/m²", "c")
     found = contrast_map(image, ContrastMapSettings(30, contrast=(0.3, 0.5)))
     result = map_result(found, source)
     dataset = contrast_map_dataset(found, source, result)
@@ -185,7 +169,7 @@ def test_several_contrasts_are_asked_of_the_same_edges():
 def test_the_files_hold_the_edges_and_escape_names(tmp_path):
     levels = np.repeat([100.0, 200, 260], (130, 120, 90))
     image = levels + np.where(levels < 250, 4.0, 25.0) * np.random.default_rng(0).normal(size=(300, 340))
-    found = contrast_map(_map(image), ContrastMapSettings(30))
+    found = contrast_map(map_of(image), ContrastMapSettings(30))
     source = PictureSource(Path("a <b>scene</b>.png"), "0" * 64, (300, 340), "cd/m²", "c")
     write_contrast_map(found, source, map_result(found, source), tmp_path)
     values = json.loads((tmp_path / "results.json").read_text())

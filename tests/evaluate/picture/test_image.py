@@ -1,10 +1,11 @@
+from functools import partial
 from math import sqrt
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from labcdp.core.luminance import CommonError, LuminanceMap, PixelErrors
+from labcdp.core.luminance import CommonError
 from labcdp.core.result import Finding, info
 from labcdp.core.roi import Roi
 from labcdp.evaluate.picture.conversion import picture_conversion
@@ -14,15 +15,15 @@ from labcdp.evaluate.picture.neighbours import evaluate_neighbours
 from labcdp.files.picture import ExifFacts, Picture
 from labcdp.metrics import cdp, cdp_neighbours_range
 
+from ...metrics.conftest import map_of
+
 SHAPE = (60, 90)
 BRIGHT, DARK = Roi.rectangle("bright", 50, 10, 30, 40), Roi.rectangle("dark", 5, 5, 30, 40)
 CORNER = Roi.rectangle("corner", 0, 50, 9, 9)
 SCENE = np.random.default_rng(0).normal(100.0, 5.0, SHAPE) + 100 * (np.arange(90) >= 45)
 
 
-def _map(luminance, common=(), **more):
-    errors = PixelErrors(np.zeros(luminance.shape), **more)
-    return LuminanceMap(luminance, errors, common, np.zeros(luminance.shape, dtype=np.uint8))
+_map = partial(map_of, random_rel=0.0)
 
 
 def _evaluate(request, luminance=SCENE):

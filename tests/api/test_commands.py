@@ -50,10 +50,11 @@ def test_regions_of_a_video(video, rois, tables, tmp_path):
 
 def test_sweep(tables, tmp_path):
     arguments = ("--exact", "--over", "scene.luminance_cd_m2=0.1:10000:9:log", "--set", "scene.contrast=0.3")
+    arguments += ("--contrast", "20%,50%")
     tables("sweep", "manta-g505", *arguments, "-o", "out")
     expected = api.read_dataset(tmp_path / "out" / "map.nc")
     chain = api.Chain.load("manta-g505").with_(scene__contrast=0.3)
-    result = chain.sweep(scene__luminance_cd_m2=np.geomspace(0.1, 1e4, 9), exact=True)
+    result = chain.sweep(scene__luminance_cd_m2=np.geomspace(0.1, 1e4, 9), contrast=[0.2, 0.5], exact=True)
     for name in result:
         np.testing.assert_array_equal(result[name], expected[name])
     assert result.attrs["chain"] == expected.attrs["chain"]

@@ -21,6 +21,8 @@ from labcdp.core.frame import CameraIdentity, Frame, Readout
 from labcdp.session import EventRecord, Session
 from labcdp.session.frames import frame_from_tiff, frame_to_tiff
 
+from ..output.test_results_folder import contents
+
 
 @pytest.fixture
 def path(tmp_path):
@@ -31,10 +33,6 @@ def path(tmp_path):
 def session(path, configuration):
     with Session.create(path, configuration) as session:
         yield session
-
-
-def contents(folder):
-    return {str(file.relative_to(folder)): file.read_bytes() for file in folder.rglob("*") if file.is_file()}
 
 
 @pytest.mark.parametrize(("camera_timestamp_ns", "stated", "register"), [(0, 64.0, None), (5, None, 64.0)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from datetime import UTC, datetime
 
@@ -15,7 +16,7 @@ from PIL import Image
 
 from labcdp.chain import Optics, Sensor, Windscreen
 from labcdp.chain.signal import Context, scene_signal
-from labcdp.core.errors import CalibrationError, InputError
+from labcdp.core.errors import CalibrationError, ConfigurationError, InputError
 from labcdp.core.luminance import CommonError, Invalid, LuminanceMap
 from labcdp.core.result import warning
 from labcdp.evaluate.bench.calibrate import calibrate_session
@@ -39,10 +40,10 @@ CHAIN = {
                "read_noise_e": 6.0, "dark_current_e_s": 10000.0, "black_level_dn": 100.0},
 }  # fmt: skip
 CAMERA = {
-    "adc_bits": 12, "quantum_efficiency": 0.6, "pixel_pitch_m": 5e-6, "f_number": 2.0, "k_dn_per_e": 0.12,
-    "lens_transmittance": 0.85, "windscreen_transmittance": 0.8, "glare_fraction": 0.25, "focal_length_m": 2e-3,
-    "black_dn": 100.0, "read_noise_e": 6.0, "dark_current_e_s": 10000.0, "temperature_c": 45.0, "exposure_s": 0.004,
-    "gain_db": 6.0,
+    "adc_bits": 12, "quantum_efficiency": [[379, 0.6], [781, 0.6]], "pixel_pitch_m": 5e-6, "f_number": 2.0,
+    "k_dn_per_e": 0.12, "lens_transmittance": 0.85, "windscreen_transmittance": 0.8, "glare_fraction": 0.25,
+    "focal_length_m": 2e-3, "black_dn": 100.0, "read_noise_e": 6.0, "dark_current_e_s": 10000.0, "temperature_c": 45.0,
+    "exposure_s": 0.004, "gain_db": 6.0,
 }  # fmt: skip
 
 
@@ -135,6 +136,16 @@ def test_any_camera_is_undone_but_for_rounding(
     glare = windscreen.glare_fraction
     per_dn = (scene + glare * scene.mean()) / np.maximum(dn - black_dn - k * dark * exposure_s, 1)
     np.testing.assert_array_less(np.abs(seen.luminance_cd_m2 - scene), 1.1 * per_dn + 1e-5 * (1 + glare) * scene.max())
+
+
+def test_wrong_values_units_and_keys_of_a_specification_are_named(specified):
+    for values, message in (
+        ({"pixel_pitch_m": 3.45}, "pixel_pitch_m is 3.45 m: give a distance of pixel centres above 0 m, up to"),
+        ({"quantum_efficiency": "[[900, 0.4], [950, 0.4]]"}, "quantum_efficiency is 0 wherever 'mono"),
+        ({"pixel_pitch_um": 3.45}, "pixel_pitch_um is not a known key: did you mean pixel_pitch_m?"),
+    ):
+        with pytest.raises(ConfigurationError, match=re.escape(f"camera.toml: {message}")):
+            specified(**values)
 
 
 def test_what_a_file_says_counts_more_than_the_specification(tmp_path, specified):

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -8,7 +9,9 @@ from hypothesis import strategies as st
 
 from labcdp.chain import Chain, ImageScene
 from labcdp.chain.predict.chain import predict_chain
+from labcdp.cli.values import parse_pair
 from labcdp.core.errors import InputError
+from labcdp.evaluate.contrasts import parse_contrasts
 from labcdp.evaluate.sweep.plan import Axis, Sweep, parse_axis
 from labcdp.evaluate.sweep.run import JOURNAL as FILE_NAME
 from labcdp.evaluate.sweep.run import run_sweep
@@ -117,6 +120,9 @@ def test_another_image_is_another_sweep(chain, tmp_path):
         sweep(40.0)
 
 
+# What is typed
+
+
 @given(start=st.floats(1e-6, 1e6), ratio=st.floats(1.01, 1e6), count=st.integers(2, 50), logarithmic=st.booleans())
 def test_spaced_axes_have_their_count_and_ends(start, ratio, count, logarithmic):
     values = parse_axis(f"a.b={start!r}:{start * ratio!r}:{count}" + (":log" if logarithmic else "")).values
@@ -129,3 +135,18 @@ def test_what_is_not_an_axis_is_refused():
     for text in ["a.b=", "=1,2", "a.b=1:2", "a.b=1:2:3:lin", "a.b=1:1:5", "a.b=1:2:1", "a.b=1:inf:5", "a.b=1:2:1e9"]:
         with pytest.raises(InputError, match="give"):
             parse_axis(text)
+
+
+@given(st.decimals("0.01", "9999", places=2), st.integers(1, 200), st.integers(1, 50), st.integers(1, 60))
+def test_contrasts_are_the_floats_nearest_to_what_was_typed_and_each_once(percent, start, step, n):
+    spaced = [Fraction(start + k * step, 100) for k in range(n + 1)]
+    typed = [f" {percent} %,{start}%", f"{start}%:{start + n * step}%:{n + 1}"]
+    assert parse_contrasts(typed) == tuple(map(float, sorted({Fraction(percent) / 100, *spaced})))
+    assert parse_contrasts(["10%:1000%:3:log"]) == pytest.approx((0.1, 1.0, 10.0), rel=1e-15)
+
+
+def test_pairs_are_two_names_that_may_hold_colons():
+    assert parse_pair("a:b:c", ["a:b", "c", "b"]) == ("a:b", "c")
+    for text, message in (("a", "by a colon"), ("a:x", "no 'x'"), ("a:a", "two different")):
+        with pytest.raises(InputError, match=message):
+            parse_pair(text, ["a", "b"])

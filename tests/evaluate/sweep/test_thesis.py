@@ -5,13 +5,10 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from labcdp.evaluate.sweep.thesis import (
-    NEIGHBOUR_PAIRS,
     TABLE_5_3,
-    UNFILLED_SLOTS,
     intensity_sweep,
     reproduce_row,
     reproduce_thesis,
-    thesis_chain,
 )
 from labcdp.evaluate.sweep.thesis_report import thesis_result, write_thesis
 from labcdp.report.files import schema
@@ -28,13 +25,6 @@ def test_published_value_lies_within_two_standard_deviations(row):
     result = reproduce_row(row, range(15))
     assert abs(result.z) <= 2
     assert result.standard_deviation < 0.02
-
-
-def test_pairs_of_neighbours_of_the_thesis_sensor():
-    height, width = thesis_chain(TABLE_5_3[0]).scene.shape
-    assert height * (width - 1) + (height - 1) * width == NEIGHBOUR_PAIRS
-    # The slot of a row's first pixel is written again by the next one, in all rows but the first and the last.
-    assert height - 2 == UNFILLED_SLOTS
 
 
 def test_intensity_sweep_falls_to_zero_where_the_well_is_full_while_snr_rises():

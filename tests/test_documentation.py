@@ -9,8 +9,10 @@ import shutil
 import signal
 import subprocess
 import sys
+from contextlib import redirect_stdout
 from dataclasses import replace
 from importlib import import_module
+from io import StringIO
 from pathlib import Path
 
 import cv2
@@ -64,6 +66,17 @@ BEFORE = {
 def blocks(page, language):
     text = (ROOT / page).read_text(encoding="utf-8")
     return re.findall(rf"^```{language}\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
+
+
+def test_examples_print_what_is_next_to_them():
+    (block,) = blocks("docs/reference/metrics.md", "python")
+    with redirect_stdout(StringIO()) as output:
+        exec(block, {})
+    lines = [line for line in block.splitlines() if line.startswith("print")]
+    both = zip(lines, output.getvalue().splitlines(), strict=True)
+    said = [(line.split("# ")[1], printed) for line, printed in both if "# " in line]
+    assert len(said) >= 2
+    assert all(one == printed for one, printed in said)
 
 
 def commands(page):

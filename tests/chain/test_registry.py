@@ -1,7 +1,5 @@
-import re
 import sys
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +8,7 @@ from labcdp.chain import Chain, register, registry
 from labcdp.chain.parameters import Sized
 from labcdp.core.errors import ConfigurationError
 
-DOCS = Path(__file__).parents[2] / "docs"
+from ..test_documentation import blocks
 
 
 @pytest.fixture(autouse=True)
@@ -48,7 +46,7 @@ dn_per_lx_s = 1e4
 
 def test_programs_of_the_documentation_make_a_chain_with_a_scene_of_ones_own():
     names = {"__name__": "docs_chain"}
-    for page in ("howto/choose-a-sensor.md", "howto/own-stage.md"):
+    for page in ("docs/howto/choose-a-sensor.md", "docs/howto/own-stage.md"):
         for block in blocks(page, "python"):
             exec(compile(block, page, "exec"), names)
     assert names["luminance"].shape == (420, 301)
@@ -91,13 +89,8 @@ def install(folder, monkeypatch, module, text):
     monkeypatch.delitem(sys.modules, module)
 
 
-def blocks(page, language):
-    text = (DOCS / page).read_text(encoding="utf-8")
-    return re.findall(rf"^```{language}\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
-
-
 def test_chain_file_of_the_documentation_runs():
-    run = Chain.from_toml(blocks("reference/chain-files.md", "toml")[0], "example.toml").run()
+    run = Chain.from_toml(blocks("docs/reference/chain-files.md", "toml")[0], "example.toml").run()
     assert list(run)[-2:] == ["hdr", "isp"]
 
 

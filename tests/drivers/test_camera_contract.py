@@ -95,12 +95,6 @@ def transport(request, aravis_tools, small_configuration):
         yield transport
 
 
-#: Aravis' simulator has no faults.
-with_own_simulator = pytest.mark.parametrize(
-    "transport", [on_the_wire, in_process], ids=["wire", "in process"], indirect=True
-)
-
-
 @contextmanager
 def with_fault(transport, fault):
     """Have a fault in the context, and none afterwards."""
@@ -198,7 +192,8 @@ def test_patience_bridges_a_loss_of_power_with_all_settings_and_notes_the_gap(tr
         ("second controller", CameraLostError),
     ],
 )
-@with_own_simulator
+# Aravis' simulator has no faults.
+@pytest.mark.parametrize("transport", [on_the_wire, in_process], ids=["wire", "in process"], indirect=True)
 def test_each_fault_has_its_error_and_leaves_a_camera_that_works(transport, fault, error):
     camera = transport.camera().open()
     frames = camera.grab(100, timeout_s=3.0)

@@ -2,6 +2,7 @@
 
 import struct
 import zlib
+from dataclasses import fields
 
 import cv2
 import numpy as np
@@ -13,12 +14,16 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from PIL import Image, ImageOps
 
-from labcdp.core.dn import PIXEL_FORMATS
+from labcdp.cli.pictures.options import PictureLightOptions
+from labcdp.core.dn import PIXEL_FORMATS, pixel_format
+from labcdp.core.errors import InputError
 from labcdp.core.frame import CameraIdentity
 from labcdp.core.result import info, warning
-from labcdp.files import PictureOptions, read_picture
+from labcdp.files import PictureOptions, read_image, read_picture
 from labcdp.files.exr import luminance_weights
+from labcdp.session.frames import frame_to_tiff
 
+from .conftest import write_dng
 from .png_bytes import png
 
 SHAPES = st.tuples(st.integers(1, 9), st.integers(1, 9))
@@ -78,8 +83,8 @@ def test_each_dn_is_kept(tmp_path_factory, kind, data, shape):
     assert (picture.encoding, bool(picture.findings)) == ("linear", named)
 
 
-def exr(path, **channels):
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage} | channels.pop("header", {})
+def exr(path, header=None, **channels):
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage} | (header or {})
     with OpenEXR.File(header, channels) as file:
         file.write(str(path))
 
@@ -228,3 +233,46 @@ def test_pictures_are_turned_upright_as_pillow_does(tmp_path, orientation, suffi
     with Image.open(tmp_path / "truth.png") as image:
         np.testing.assert_array_equal(picture.frame.dn, np.asarray(ImageOps.exif_transpose(image)))
     assert (info("turned", orientation=orientation) in picture.findings) == (orientation > 1)
+
+
+# What a person gave counts before what a file says; what cannot count is named
+
+
+def codes(source):
+    """Codes of the warnings about a picture or a video."""
+    return [one.code for one in source.findings if one.severity == "warning"]
+
+
+def given(options=None, **changes):
+    """Options as the commands make them of what was typed."""
+    nothing = dict.fromkeys(one.name for one in fields(PictureLightOptions))
+    return (options or PictureOptions()).given(**PictureLightOptions(**nothing | changes).stated())
+
+
+def test_a_typed_exposure_and_gain_count_before_those_of_the_file(tmp_path):
+    """Files of all kinds say 8 ms and 6.02 dB."""
+    block = Image.Exif()
+    # Pillow leaves out a block of which only the directory of EXIF has values.
+    block[271] = "Acme"
+    block.get_ifd(0x8769).update({0x829A: 0.008, 0x8827: 200})
+    for name in ("a.jpg", "a.png"):
+        Image.fromarray(GREY).save(tmp_path / name, exif=block)
+    tags = [(33434, "2I", 1, (1, 125), True), (34855, "H", 1, 200, True)]
+    tifffile.imwrite(tmp_path / "a.tif", GREY, photometric="minisblack", extratags=tags)
+    write_dng(tmp_path / "a.dng", np.tile(GREY.astype(np.uint16), (4, 4)), exposure=(1, 125), iso=200)
+    (tmp_path / "a.tiff").write_bytes(frame_to_tiff(read_picture(tmp_path / "a.tif").frame, compress=False))
+    for path in tmp_path.iterdir():
+        # What a calibration knows does not overrule the file.
+        known = read_picture(path, PictureOptions(exposure_s=0.005, gain_db=12.0))
+        assert (known.frame.exposure_s, codes(known)) == (pytest.approx(0.008), [])
+        picture = read_picture(path, given(exposure=0.005, gain_db=12.0))
+        assert (picture.frame.exposure_s, picture.frame.gain_db) == (0.005, 12.0)
+        assert codes(picture) == ["exposure-replaced", "gain-replaced"]
+
+
+def test_other_images_are_refused_for_a_session(tmp_path):
+    coloured = np.eye(4, dtype=np.uint8)[..., None] * np.uint8([1, 2, 3])
+    for pixels in (coloured, np.zeros((4, 4), dtype=np.float32), np.full((4, 4), 4096, dtype=np.uint16)):
+        tifffile.imwrite(tmp_path / "a.tif", pixels, photometric="rgb" if pixels.ndim == 3 else "minisblack")
+        with pytest.raises(InputError):
+            read_image(tmp_path / "a.tif", pixel_format("BayerGB12"), PictureOptions(exposure_s=0.01))

@@ -27,6 +27,8 @@ from labcdp.files.luminance_file import save_luminance
 
 from .conftest import write_dng
 from .png_bytes import chunk
+from .test_picture import exr
+from .test_picture import tiff as write_tiff
 
 DN = np.random.default_rng(1).integers(0, 4096, (40, 60), dtype=np.uint16)
 GREY = (DN >> 4).astype(np.uint8)
@@ -34,17 +36,12 @@ COLOURS = np.dstack([GREY, GREY // 2, GREY // 3])
 FLOATS = DN.astype(np.float32)
 
 
-def exr(path, compression=OpenEXR.ZIP_COMPRESSION, **channels):
-    with OpenEXR.File({"compression": compression, "type": OpenEXR.scanlineimage}, channels) as file:
-        file.write(str(path))
-
-
 def luminance(path):
     save_luminance(LuminanceMap(FLOATS, FLOATS, 0.1, GREY), path, {}, force=True)
 
 
 def tiff(values, **how):
-    return partial(tifffile.imwrite, data=values, **({"photometric": "minisblack"} | how))
+    return partial(write_tiff, dn=values, **how)
 
 
 def with_opencv(values):
@@ -60,7 +57,7 @@ WRITERS = {
     "rgb.exr": lambda path: exr(path, R=FLOATS, G=FLOATS, B=FLOATS),
     # Heights that end within a chunk too.
     **{f"{kind}{height}.exr": lambda path, kind=kind, height=height:
-       exr(path, getattr(OpenEXR, f"{kind}_COMPRESSION"), Y=np.tile(FLOATS, (1, 2))[:height])
+       exr(path, {"compression": getattr(OpenEXR, f"{kind}_COMPRESSION")}, Y=np.tile(FLOATS, (1, 2))[:height])
        for kind, height in (("NO", 1), ("RLE", 40), ("ZIPS", 33), ("PIZ", 33), ("PXR24", 1), ("B44A", 33),
                             ("DWAB", 33))},
     "array.npy": lambda path: np.save(path, DN),

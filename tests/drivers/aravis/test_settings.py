@@ -7,10 +7,8 @@ from labcdp.core.frame import Readout
 from labcdp.drivers.camera import CameraSettingError, FrameTimeoutError
 from labcdp.drivers.camera_settings import FREE_RUN, SOFTWARE_TRIGGER, Region, Trigger
 
-both_namings = pytest.mark.parametrize("camera", ["prosilica", "sfnc"], indirect=True)
 
-
-@both_namings
+@pytest.mark.parametrize("camera", ["prosilica", "sfnc"], indirect=True)
 def test_all_settings_at_once_are_applied_and_reported(camera):
     wanted = {"exposure_s": 0.002, "gain_db": 3.5, "pixel_format": "Mono8", "region": Region(4, 6, 16, 12)}
     wanted |= {"binning": (2, 2), "black_level": 20, "frame_rate_hz": 40, "trigger": Trigger("Line1", "FallingEdge")}

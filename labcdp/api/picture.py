@@ -16,7 +16,7 @@ from ..calibration import AnyCalibration, Calibration, ColourCalibration
 from ..core.disk.files import shown
 from ..core.errors import InputError
 from ..core.luminance import LuminanceMap
-from ..core.result import Finding, html_table, info, unique
+from ..core.result import Finding, html_table, unique
 from ..core.roi import Rectangle
 from ..evaluate.picture.conversion import PictureConversion, picture_conversion
 from ..evaluate.picture.neighbours import evaluate_neighbours
@@ -148,8 +148,7 @@ class Image:
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
         """What a user should know about the luminance."""
-        source = self.conversion.source(self.picture)
-        return unique([*([info("camera-simulated")] if source.simulated else []), *source.findings])
+        return unique(self.conversion.source(self.picture).findings)
 
     def regions(self, regions: Regions, pairs: Pairs | None = None) -> ImageRegions:
         """Choose regions.

@@ -166,8 +166,11 @@ def variables_of(columns: Sequence[Column], dims: tuple[str, ...], items: Sequen
     """
     import numpy as np
 
-    shape = np.shape(np.array(items, dtype=object)) if len(items) else (0,) * len(dims)
-    flat = list(np.array(items, dtype=object).ravel())
+    # Items may be tuples themselves.
+    flat, shape = list(items), [len(items)]
+    for _ in dims[1:]:
+        shape.append(len(flat[0]) if flat else 0)
+        flat = [item for row in flat for item in row]
     found = {}
     for column, values in zip(columns, values_of(columns, flat).values(), strict=True):
         numeric = all(value is None or isinstance(value, int | float | np.number | np.bool_) for value in values)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from io import BytesIO
+from itertools import islice
 from math import isfinite, log10
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from ..core.errors import InputError
 
 #: ISO speed that counts as a gain of 0 dB.
 _ISO_OF_0_DB = 100.0
-_SUB_IFDS, _EXIF = 330, 34665
+_EXIF = 34665
 _STRIPS, _TILES = (273, 279), (324, 325)
 
 
@@ -82,8 +83,10 @@ def read_exif(data: bytes, path: Path) -> ExifFacts:
     require_end(data, path)
     try:
         with tifffile.TiffFile(BytesIO(data)) as tiff:
-            directories = [_tags(page) for page in tiff.pages]
-            directories += [tags for first in list(directories) for tags in _below(first, tiff)]
+            pages = [page.aspage() for page in tiff.pages]
+            # Of a damaged file the list of those below may be long.
+            pages += [below.aspage() for page in pages for below in islice(page.pages or (), MOST_PAGES)]
+            directories = [{tag.code: tag.value for tag in page.tags.values()} for page in pages]
     # tifffile meets a damaged directory with whatever its parts raise.
     except Exception:
         return ExifFacts()
@@ -98,20 +101,6 @@ def read_exif(data: bytes, path: Path) -> ExifFacts:
         merged |= {codes[name]: value for name, value in exif.items() if len(codes.getall(name, ())) == 1}
     largest = max(directories, key=lambda tags: positive_number(tags.get(256)) or 0, default={})
     return _facts(merged, largest)
-
-
-def _tags(page: Any) -> dict[int, Any]:
-    return {tag.code: tag.value for tag in page.aspage().tags.values()}
-
-
-def _below(tags: Mapping[int, Any], tiff: Any) -> Iterator[dict[int, Any]]:
-    import tifffile
-
-    offsets = tags.get(_SUB_IFDS) or ()
-    # Of a damaged file it may be a long list.
-    for offset in list(dict.fromkeys(offsets if isinstance(offsets, tuple) else (offsets,)))[:MOST_PAGES]:
-        tiff.filehandle.seek(offset)
-        yield _tags(tifffile.TiffPage(tiff, index=0))
 
 
 def _require_whole(tags: Mapping[int, Any], size: int, path: Path) -> None:

@@ -48,10 +48,6 @@ class FileFrame(PictureFile):
     frame: Frame
     clips_at_dn: float | None = None
 
-    def numbered(self, frame_id: int) -> FileFrame:
-        """Return the same with another number of the frame."""
-        return replace(self, frame=replace(self.frame, frame_id=frame_id))
-
 
 def picture_bytes(path: Path, max_pixels: int) -> tuple[bytes, str]:
     """Bytes of a file, and their SHA-256; raises InputError if it cannot be read, is empty, or too large."""
@@ -64,12 +60,8 @@ def picture_bytes(path: Path, max_pixels: int) -> tuple[bytes, str]:
 def facts_over(options: PictureOptions, facts: ExifFacts) -> PictureOptions:
     """Options with what a file says of exposure, gain and camera in place of what is given."""
     known = options.camera or UNKNOWN_CAMERA
-    stated = replace(
-        known,
-        vendor=facts.vendor or known.vendor,
-        model=facts.model or known.model,
-        serial=facts.serial or known.serial,
-    )
+    parts = ("vendor", "model", "serial")
+    stated = replace(known, **{name: getattr(facts, name) or getattr(known, name) for name in parts})
     return replace(
         options,
         exposure_s=facts.exposure_s or options.exposure_s,

@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Mapping
 from io import BytesIO
+from math import inf, isfinite
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -154,7 +155,9 @@ def invalid_shares(luminance: LuminanceMap) -> dict[str, float]:
 
 
 def _median(values: NDArray[Any]) -> float | None:
-    return float(np.median(values)) if values.size else None
+    # JSON has no number for what is not known, such as by guessed camera parameters.
+    median = float(np.median(values)) if values.size else inf
+    return median if isfinite(median) else None
 
 
 def _suffix(path: Path) -> str:

@@ -40,6 +40,12 @@ def test_contrast_and_signal_to_noise_of_shot_noise():
     assert float(prediction.mean_contrast) == pytest.approx(mean, rel=1e-7)
     assert (float(prediction.snr_dark), float(prediction.snr_bright)) == pytest.approx((sqrt(60), sqrt(90)), rel=1e-6)
     assert float(prediction.csnr) == pytest.approx(mean / sqrt(variance), rel=1e-6)
+    # Where all pixels are saturated, no contrast is left, and its noise is rounding.
+    for bits in (8, 10, 12):
+        camera = CameraModel(replace(USUAL, bits=bits), ExposureSettings((1.0,)))
+        prediction = predict(camera, PatchRates(np.geomspace(1e5, 1e8, 9), np.geomspace(2e5, 2e8, 9)), 1.0)
+        assert (prediction.mean_contrast == 0).all()
+        assert np.isnan(prediction.csnr).all()
 
 
 def of(sensor, rate, temperature_c=25.0, gain_db=0.0):

@@ -74,6 +74,31 @@ def test_a_picture_is_a_video_of_one_frame(tmp_path, smoothing_px, noise_dn, enc
         np.testing.assert_allclose(np.transpose(rows), [arrays.cdp, arrays.u, *arrays.interval], rtol=1e-9)
 
 
+@pytest.mark.parametrize("noise", [0.02, 0.15])
+def test_8_12_and_16_bits_of_one_scene_agree_within_quantisation(tmp_path, noise):
+    mean = np.where(np.arange(120) < 50, 0.6, 0.25)[None, :]
+    light = np.clip(mean * (1 + noise * np.random.default_rng(5).normal(size=(80, 120))), 0, 1)
+    bright, dark = (roi.select(light) for roi in (BRIGHT, DARK))
+    low, high = (np.outer(1 + np.array(CONTRASTS) * (1 + sign * 0.5), dark)[:, :, None] for sign in (-1, 1))
+    for bits in (8, 12, 16):
+        dn, half = np.rint(light * (2**bits - 1)), 0.5 / (2**bits - 1)
+        cv2.imwrite(str(tmp_path / "a.png"), dn.astype(np.uint8 if bits == 8 else np.uint16))
+        conversion = picture_conversion(None, None, "linear").given(bit_depth=None if bits == 8 else bits)
+        seen = evaluate_pair(
+            conversion.luminance(read_picture(tmp_path / "a.png", conversion.options)), BRIGHT, DARK, CONTRASTS
+        )
+        # No pixel is off by more than half a step, nor a limit by more than that of the dark one.
+        moved = half * (1 + low / dark[:, None]), half * (1 + high / dark[:, None])
+        least, most = (
+            ((bright >= low - sign * moved[0]) & (bright <= high + sign * moved[1])).mean(axis=(1, 2))
+            for sign in (-1, 1)
+        )
+        cdps = np.array([one.result.cdp for one in seen.results])
+        assert ((least - 1e-12 <= cdps) & (cdps <= most + 1e-12)).all()
+        contrast = bright.mean() / dark.mean() - 1
+        assert seen.contrast.value == pytest.approx(contrast, abs=half * (2 + contrast) / (dark.mean() - half))
+
+
 def test_a_session_a_picture_and_a_video_with_one_calibration_agree(recorded, evaluation, tmp_path):
     save(evaluation.calibration, calibration := tmp_path / "calibration.json")
     files = {record.number: recorded.path / record.file.name for record in recorded.frames()}

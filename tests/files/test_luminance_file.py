@@ -42,6 +42,9 @@ def test_round_trip(luminance, tmp_path, name):
         # An archive keeps common errors apart.
         assert [(e.source, e.rectangular) for e in loaded.common] == [("meter scale", True), ("fit", False)]
         assert (loaded.common[1].relative == luminance.common[1].relative).all()
+    guessed = LuminanceMap(luminance.luminance_cd_m2, luminance.random_rel, np.inf, luminance.invalid)
+    save_luminance(guessed, tmp_path / name, {}, force=True)
+    assert np.isinf(load_luminance(tmp_path / name)[0].common_rel).all()
 
 
 def test_tiff_and_exr_open_elsewhere(luminance, tmp_path):

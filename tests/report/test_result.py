@@ -14,7 +14,7 @@ from jsonschema import Draft202012Validator
 
 from labcdp.core.errors import InputError
 from labcdp.core.result import Finding, InputFile, Quantity, Result, info, quantity_table, unique, warning
-from labcdp.core.table import Column, Table
+from labcdp.core.table import Column, Table, variables_of
 from labcdp.report import text as digits
 from labcdp.report.files import envelope, envelope_json, schema
 from labcdp.report.html import render_page
@@ -86,6 +86,8 @@ def test_text_json_sheet_and_dataset_of_a_table(result):
     assert (sheet["A2"].data_type, sheet["D3"].value) == ("s", None)
     np.testing.assert_array_equal(result.table("patches").to_dataset()["luminance_cd_m2"], [103.456, 1e-4])
     assert [*Table("size", "", (Column("px", ""),), {"px": [(1, 2), None]}).to_dataset()["px"].values] == ["(1, 2)", ""]
+    ((dims, found, _),) = variables_of((Column("x", "", value="0"),), ("a", "b"), [[(1, 2), (3, 4)]]).values()
+    assert (dims, found.tolist()) == (("a", "b"), [[1, 3]])
 
 
 def test_a_quantity_in_percent_is_a_fraction_in_data():

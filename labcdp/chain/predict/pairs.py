@@ -179,9 +179,10 @@ def _bright_patches(table: ValueTable, cells: Cells) -> _BrightPatches:
 
 
 def _moments(values: FloatArray, share: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Mean and variance of each row of probabilities."""
+    """Mean and variance of each row of probabilities, of values that all rows or each row of its own has."""
     # About the likeliest value, so that a patch without noise has a variance of exactly 0.
-    centre = values[share.argmax(axis=1)][:, None]
+    values = np.broadcast_to(values, share.shape)
+    centre = np.take_along_axis(values, share.argmax(axis=1)[:, None], axis=1)
     distance = values - centre
     mean = np.einsum("nk,nk->n", share, distance)
     variance = np.einsum("nk,nk,nk->n", share, distance, distance) - mean**2
@@ -245,11 +246,15 @@ def _lit(bins: ValueBins, zero: FloatArray, first: int, share: FloatArray) -> tu
 def _contrast_moments(
     lit_share: FloatArray, signal: FloatArray, bright_mean: FloatArray, bright_variance: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Mean of bright / dark - 1 and its ratio to the standard deviation, over pairs with a dark value above 0."""
+    """Mean of bright / dark - 1 and its ratio to the standard deviation, over pairs with a dark value above 0.
+
+    Of patches that all have one value, as where both are saturated, the contrast is 0 and the ratio not defined (nan).
+    """
     inverse = np.divide(1.0, signal, out=np.zeros_like(signal), where=signal > 0)
-    lit = lit_share.sum(axis=1)
-    first = np.einsum("nk,nk->n", lit_share, inverse) / lit
-    second = np.einsum("nk,nk,nk->n", lit_share, inverse, inverse) / lit
-    quotient = bright_mean * first
-    variance = (bright_mean**2 + bright_variance) * second - quotient**2
-    return quotient - 1, (quotient - 1) / np.sqrt(np.maximum(variance, 0.0))
+    first, spread = _moments(inverse, lit_share / lit_share.sum(axis=1, keepdims=True))
+    contrast = bright_mean * first - 1
+    # Var(b / d) = Var(b) E[1 / d^2] + E[b]^2 Var(1 / d), which avoids cancellation.
+    variance = bright_variance * (spread + first**2) + bright_mean**2 * spread
+    # Of equal values the rounding of their probabilities leaves something of both.
+    equal = (np.abs(contrast) < _ON_END) & (variance < _ON_END)
+    return np.where(equal, 0.0, contrast), np.where(equal, np.nan, contrast / np.sqrt(variance))

@@ -113,6 +113,7 @@ class PictureConversion:
     def source(self, picture: Picture) -> PictureSource:
         """Return what is known of a picture and its luminance."""
         frame = picture.frame
+        simulated = frame is not None and frame.camera.simulated
         return PictureSource(
             path=picture.path,
             sha256=picture.sha256,
@@ -122,8 +123,8 @@ class PictureConversion:
             encoding=ENCODING_NAMES[picture.encoding],
             exposure_s=frame.exposure_s if frame is not None and picture.exposure_known else None,
             camera=str(frame.camera) if frame is not None and picture.camera_stated else None,
-            simulated=frame is not None and frame.camera.simulated,
-            findings=self.findings(picture),
+            simulated=simulated,
+            findings=(*([info("camera-simulated")] if simulated else ()), *self.findings(picture)),
         )
 
     def unit_of(self, picture: Picture) -> Unit:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from math import inf
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,55 +72,39 @@ class DnLight:
         LuminanceMap
             With ``step`` 2 for a Bayer pattern.
         """
-        whole = _Part(frame.dn, None if self.vignetting is None else _inverse_v(self.vignetting, frame.shape))
-        planes = [whole.within(place) for place in _places(frame)]
-        parts = [plane.within(window) for plane in planes]
-        glare = self._glare(planes)
-        step = 1 if frame.colour_filter is None else 2
-        light = _mean([part.of(self.light) for part in parts])
-        if glare:
-            light = light - np.float32(glare)
+        inverse_v = None if self.vignetting is None else _inverse_v(self.vignetting, frame.shape)
+        planes = [(frame.dn[place], None if inverse_v is None else inverse_v[place]) for place in _places(frame)]
+
+        def of(table: _Light, where: Window = WHOLE, part: Window = window) -> list[_Light]:
+            """Values of a table at the pixels of each plane, in a part of it and there in a part of that."""
+            found = []
+            for dn, inverse in planes:
+                values = looked_up(table, dn[part][where])
+                found.append(values if inverse is None else np.multiply(values, inverse[part][where], out=values))
+            return found
+
+        light = _mean(of(self.light))
+        if self.glare_fraction:
+            # Behind the windscreen is t (L + g mean(L)), whose mean over the image is t (1 + g) mean(L).
+            mean = float(np.mean([one.mean(dtype=float) for one in of(self.light, part=WHOLE)]))
+            light = light - np.float32(mean * self.glare_fraction / (1 + self.glare_fraction))
 
         def random_rel() -> _Maps:
-            squares = [np.square(part.of(self.noise)) for part in parts]
+            squares = [np.square(one) for one in of(self.noise)]
             with np.errstate(divide="ignore"):
-                return np.asarray(np.sqrt(_mean(squares) / len(parts)) / np.abs(light), dtype=np.float32)
+                return np.asarray(np.sqrt(_mean(squares) / len(squares)) / np.abs(light), dtype=np.float32)
 
         def invalid() -> NDArray[np.uint8]:
-            flags: NDArray[np.uint8] = np.bitwise_or.reduce([looked_up(self.flags, part.dn) for part in parts])
+            flags: NDArray[np.uint8] = np.bitwise_or.reduce([looked_up(self.flags, dn[window]) for dn, _ in planes])
             flags[light < 0] |= Invalid.BELOW_BLACK.value
             if frame.clipped is not None:
                 flags[frame.clipped[window]] |= Invalid.SATURATED.value
             return flags
 
-        def dn_step(of_map: Window) -> _Light:
-            return _mean([part.within(of_map).of(self.steps) for part in parts])
-
-        return LuminanceMap(light, random_rel, self.common, invalid, step=step, dn_step=dn_step)
-
-    def _glare(self, parts: list[_Part]) -> float:
-        """Veiling light: behind the windscreen is t (L + g mean(L)), whose mean over the image is t (1 + g) mean(L)."""
-        if self.glare_fraction == 0:
-            return 0.0
-        mean = float(np.mean([part.of(self.light).mean(dtype=float) for part in parts]))
-        return mean * self.glare_fraction / (1 + self.glare_fraction)
-
-
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """Pixels of a frame that make a map, alone or with those of another part."""
-
-    dn: NDArray[np.unsignedinteger[Any]]
-    inverse_v: _Maps | None
-
-    def within(self, window: Window) -> _Part:
-        return _Part(self.dn[window], None if self.inverse_v is None else self.inverse_v[window])
-
-    def of(self, table: _Light) -> _Light:
-        values = looked_up(table, self.dn)
-        if self.inverse_v is not None:
-            values *= self.inverse_v
-        return values
+        step = 1 if frame.colour_filter is None else 2
+        return LuminanceMap(
+            light, random_rel, self.common, invalid, step=step, dn_step=lambda where: _mean(of(self.steps, where))
+        )
 
 
 def _places(frame: Frame) -> list[tuple[slice, slice]]:

@@ -78,7 +78,7 @@ def evaluate_image(luminance: LuminanceMap, source: PictureSource, request: Imag
     neighbours = None
     if request.neighbours:
         neighbours = evaluate_neighbours(luminance, *asked, request.rectangle)
-    found = [*([info("camera-simulated")] if source.simulated else []), *source.findings]
+    found = [*source.findings]
     if any(pair.of_measured_contrast for pair in pairs) and request.contrasts is None:
         found.append(info("contrast-is-measured"))
     found += [

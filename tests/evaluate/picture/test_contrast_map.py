@@ -147,6 +147,25 @@ def test_contrasts_of_a_texture_are_not_called_noise():
     assert set(found.edges.kind[high]) <= {EdgeKind.SEEN, EdgeKind.UNEVEN}
 
 
+def test_shading_is_no_lost_edge_and_contrast_never_survives_a_veil():
+    """Asked for 50 %: light that rises steadily, and a step of 50 % under a veil, which may also be shaded."""
+    noise = 2 * np.random.default_rng(0).normal(size=(400, 480))
+    y, x = np.mgrid[-1:1:400j, -1:1:480j]
+    step, asked = np.where(np.arange(480) < 249, 100.0, 150.0), ContrastMapSettings(contrast=0.5)
+    for light in (150 + 50 * x, 200 / (1 + x**2 + y**2) ** 2):
+        found = contrast_map(_map(light + noise), asked)
+        assert (found.count(EdgeKind.SEEN), found.count(EdgeKind.LOST)) == (0, 0)
+        assert found.count(EdgeKind.UNEVEN) > 100
+    for veil, kind in (
+        (0.0, EdgeKind.SEEN),
+        (100.0, EdgeKind.LOST),
+        (600.0, EdgeKind.LOST),
+        (150 + 30 * y, EdgeKind.LOST),
+    ):
+        found = contrast_map(_map(step + veil + noise), asked)
+        assert set(found.edges.kind[_across(found)]) == {kind}
+
+
 def test_pixels_that_are_not_finite_are_left_out():
     image = _halves(noise=3.0)
     image[::7, ::11] = np.nan

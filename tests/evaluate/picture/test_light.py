@@ -18,13 +18,14 @@ from labcdp.chain import Optics, Sensor, Windscreen
 from labcdp.chain.signal import Context, scene_signal
 from labcdp.core.errors import CalibrationError, ConfigurationError, InputError
 from labcdp.core.luminance import CommonError, Invalid, LuminanceMap
-from labcdp.core.result import warning
+from labcdp.core.result import info, warning
 from labcdp.evaluate.bench.calibrate import calibrate_session
 from labcdp.evaluate.picture.camera_specification import CameraSpecification
 from labcdp.evaluate.picture.conversion import picture_conversion
 from labcdp.evaluate.picture.dn_light import light_of_dn
 from labcdp.files import PictureOptions, frame_of_pixels, read_picture
 from labcdp.files.luminance_file import save_luminance
+from labcdp.files.picture import ExifFacts, Picture
 
 from ..sweep.chains import small
 
@@ -242,6 +243,7 @@ def test_a_calibrated_camera_measures_in_any_grey_file_as_in_its_frames(tmp_path
     written(tmp_path / "a.png", frame.dn)
     tifffile.imwrite(tmp_path / "a.tif", frame.dn, photometric="minisblack")
     (tmp_path / "a.raw").write_bytes(frame.dn.astype("<u2").tobytes())
+    assert calibrated.source(Picture(tmp_path, "", ExifFacts(), frame)).findings[0] == info("camera-simulated")
     options = replace(calibrated.options, exposure_s=frame.exposure_s, size=frame.shape[::-1])
     expected = calibrated.calibration.to_luminance(frame)
     for name in ("a.png", "a.tif", "a.raw"):

@@ -37,6 +37,10 @@ FALSE_ALARM = 0.01
 #: Part of the pairs that miss a contrast which noise must account for; else the regions are not uniform.
 _LEAST_PART_OF_NOISE = 0.5
 
+#: Where the light of two regions, continued to their border, differs by less than this part of their means, it changes
+#: steadily from one to the other, and the border is none of an object.
+_LEAST_STEP = 0.25
+
 #: An error of the calibration beyond the light itself leaves at least this part of it.
 _LEAST_FACTOR = 1e-3
 
@@ -106,8 +110,8 @@ class EdgeKind(IntEnum):
     BLACK = 5
     #: One of the regions has too few pixels, or they touch at a corner only.
     SMALL = 6
-    #: Not significant or probably not detected, but more for what the regions are like (two surfaces, texture) than for
-    #: noise.
+    #: Not significant or probably not detected, but more for what the regions are like (two surfaces, texture, shading)
+    #: than for noise.
     UNEVEN = 7
 
 
@@ -185,7 +189,7 @@ def map_edges(
     contrast, uncertainty, least = _contrasts(regions, sides, by_calibration, noise.inflation)
     # Where there is no light on the whole, there is no contrast either.
     by_calibration = np.where(np.isfinite(by_calibration), by_calibration, 0.0)
-    wanted, significant = contrast, contrast > least
+    wanted, significant, shading = contrast, contrast > least, np.zeros(contrast.size, np.bool_)
     # Regions of a texture differ by more than their noise explains, and by less than their texture does.
     textured = contrast > _contrasts(noise.alone(regions), sides, by_calibration, noise.inflation)[2]
     if isinstance(scene, MapRegions):
@@ -193,12 +197,14 @@ def map_edges(
         significant = wanted > least_of_scene
     elif scene is not None:
         wanted = np.full(contrast.size, scene)
+        step = regions.at(bright, near.middle_px) - regions.at(dark, near.middle_px)
+        shading = step < _LEAST_STEP * (regions.mean[bright] - regions.mean[dark])
     kind = np.full(bright.size, EdgeKind.SEEN, dtype=np.int8)
     # Those that are lost are still among those that are seen; what comes later prevails.
     for found, of_kind in (
         (wanted < asked.minimum_contrast, EdgeKind.FAINT),
         (~significant, EdgeKind.NOISE),
-        (~significant & textured & (wanted >= asked.minimum_contrast), EdgeKind.UNEVEN),
+        ((np.where(significant, shading, textured)) & (wanted >= asked.minimum_contrast), EdgeKind.UNEVEN),
         (~(regions.mean[dark] > 0), EdgeKind.BLACK),
         (np.maximum(*regions.saturated_share[sides]) > SATURATED_SHARE, EdgeKind.SATURATED),
         (np.minimum(*regions.n_pixels[sides]) < FEWEST_PIXELS, EdgeKind.SMALL),

@@ -143,10 +143,10 @@ def _cards(found: ContrastMap) -> list[Card]:
         none = Card("Detected edges", "none", f"No edge has a measurable contrast of at least {least}.")
         return [none, *_left_out(found)]
     of_length = f"{share_percent(1 - found.detected_border_share)} of their length"
-    # Where the contrast of the scene is given, borders of a gradient are asked for it, too.
+    # Where the contrast of the scene is given, borders that hardly show one are asked for it, too.
     pale = int(np.count_nonzero(found.of_kind(EdgeKind.LOST) & (found.edges.contrast < asked.minimum_contrast)))
     scene = f"at least {least}" if found.contrast is None else f"{percent(found.contrast)} in the scene"
-    of_lost = (f"{pale} measure below {least}: shading, or hidden by a veil",) if pale else ()
+    of_lost = (f"{pale} measure below {least}: hidden, as by a veil",) if pale else ()
     return [
         Card(
             "Detected edges", share_percent(found.detected_share), f"{seen} of {seen + lost} edges of objects",

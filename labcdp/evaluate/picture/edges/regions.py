@@ -51,6 +51,9 @@ class MapRegions:
         Middle (x, y) of all pixels of the region.
     values : ndarray of float64, shape (sum of n_pixels,)
         Measured pixels, region after region.
+    middle_px, slope : ndarray of float, shape (n, 2)
+        Middle (x, y) of the measured pixels, and how the light changes there from pixel to pixel along x and y, by
+        least squares; nan where there are too few.
     """
 
     size_px: int
@@ -63,6 +66,13 @@ class MapRegions:
     invalid_share: Floats
     centre_px: Floats
     values: Floats
+    middle_px: Floats
+    slope: Floats
+
+    def at(self, regions: Labels, places_px: Floats) -> Floats:
+        """Light of some regions continued evenly to a place (x, y) each."""
+        way = places_px - self.middle_px[regions]
+        return np.asarray(self.mean[regions] + (self.slope[regions] * way).sum(axis=1))
 
     def distributions(self, wanted: Labels) -> dict[int, Distribution]:
         """Distributions of the measured pixels of some regions."""
@@ -108,6 +118,7 @@ def _measured(luminance: LuminanceMap, labels: Labels, measured: NDArray[np.bool
         invalid_share=mean_of(labels, ~luminance.valid, n),
         centre_px=np.stack(centres, axis=1),
         values=values,
+        **_planes(image, labels, measured, n),
     )
 
 
@@ -145,6 +156,25 @@ def statistics(
         mean = np.bincount(own, weights=values, minlength=n) / n_pixels
         squares = np.bincount(own, weights=(values - mean[own]) ** 2, minlength=n)
         return values, n_pixels, mean, np.where(n_pixels > 1, np.sqrt(squares / (n_pixels - 1)), nan)
+
+
+def _planes(image: NDArray[np.floating[Any]], labels: Labels, measured: NDArray[np.bool_], n: int) -> dict[str, Floats]:
+    """Middle of the measured pixels of each region, and slope of the plane through their light."""
+    own = labels[measured]
+    count = np.bincount(own, minlength=n)
+
+    def mean(values: Floats) -> Floats:
+        return np.asarray(np.bincount(own, weights=values, minlength=n) / count)
+
+    rows, columns = np.nonzero(measured)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        middle = np.stack([mean(columns + 0.5), mean(rows + 0.5)])
+        x, y = np.stack([columns + 0.5, rows + 0.5]) - middle[:, own]
+        xx, xy, yy = mean(x * x), mean(x * y), mean(y * y)
+        light = image[measured].astype(np.float64)
+        along_x, along_y = mean(x * light), mean(y * light)
+        slope = np.stack([yy * along_x - xy * along_y, xx * along_y - xy * along_x]) / (xx * yy - xy**2)
+    return {"middle_px": middle.T, "slope": slope.T}
 
 
 def _noise(image: NDArray[np.floating[Any]], labels: Labels, measured: NDArray[np.bool_], n: int) -> Floats:

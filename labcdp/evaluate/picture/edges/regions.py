@@ -163,7 +163,7 @@ def _planes(image: NDArray[np.floating[Any]], labels: Labels, measured: NDArray[
     own = labels[measured]
     count = np.bincount(own, minlength=n)
 
-    def mean(values: Floats) -> Floats:
+    def mean(values: NDArray[np.floating[Any]]) -> Floats:
         return np.asarray(np.bincount(own, weights=values, minlength=n) / count)
 
     rows, columns = np.nonzero(measured)

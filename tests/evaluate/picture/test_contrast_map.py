@@ -153,7 +153,7 @@ def test_shading_is_no_lost_edge_and_contrast_never_survives_a_veil():
     y, x = np.mgrid[-1:1:400j, -1:1:480j]
     step, asked = np.where(np.arange(480) < 249, 100.0, 150.0), ContrastMapSettings(contrast=0.5)
     for light in (150 + 50 * x, 200 / (1 + x**2 + y**2) ** 2):
-        found = contrast_map(_map(light + noise), asked)
+        found = contrast_map(map_of(light + noise), asked)
         assert (found.count(EdgeKind.SEEN), found.count(EdgeKind.LOST)) == (0, 0)
         assert found.count(EdgeKind.UNEVEN) > 100
     for veil, kind in (
@@ -162,7 +162,7 @@ def test_shading_is_no_lost_edge_and_contrast_never_survives_a_veil():
         (600.0, EdgeKind.LOST),
         (150 + 30 * y, EdgeKind.LOST),
     ):
-        found = contrast_map(_map(step + veil + noise), asked)
+        found = contrast_map(map_of(step + veil + noise), asked)
         assert set(found.edges.kind[_across(found)]) == {kind}
 
 

@@ -6,15 +6,14 @@ from math import inf
 
 import openpyxl
 import pytest
-from jsonschema import Draft202012Validator
 
 from labcdp.chain import Flat, StepChart
 from labcdp.core.table import Column, Table
 from labcdp.evaluate.sweep.simulation.evaluation import evaluate_pair, evaluate_run, evaluate_stage
 from labcdp.evaluate.sweep.simulation.page import write_simulation
 from labcdp.evaluate.sweep.simulation.result import answer, predicted_result, result
-from labcdp.report.files import schema
 
+from ...conftest import valid
 from .chains import small
 
 
@@ -58,7 +57,7 @@ def test_the_files_hold_what_was_evaluated(tmp_path):
     evaluation = evaluate_run(small(scene__square_px=1).run(1))
     write_simulation(result(evaluation), evaluation, tmp_path)
     values = json.loads((tmp_path / "results.json").read_text())
-    Draft202012Validator(schema()).validate(values)
+    valid(values)
     (pair,), row = evaluation.stages[3].pairs, values["tables"]["detection"]["rows"][3]
     assert (row["stage"], row["cdp"], row["u_cdp"]) == ("sensor", pair.cdp.cdp, pair.cdp.standard_error)
     assert (row["cdp_low"], row["cdp_high"]) == pair.cdp.confidence_interval

@@ -113,9 +113,8 @@ def print_result(result: Result, as_json: bool, *following: str) -> None:
         if table.detail or not len(table):
             continue
         heads, rows = text_table(table.select(range(min(len(table), _MOST_ROWS))))
-        print_table(
-            table.title, heads, rows, [is_number(table[column.name]) for column in table.columns if column.shown]
-        )
+        numbers = [is_number(table[column.name]) for column in table.columns if column.shown]
+        _print_table(table.title, heads, rows, numbers)
         if len(table) > _MOST_ROWS:
             say(f"{len(table) - _MOST_ROWS} more rows are in the files")
     if result.simulated:
@@ -126,10 +125,8 @@ def print_result(result: Result, as_json: bool, *following: str) -> None:
         say(line)
 
 
-def print_table(
-    title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[bool] | None = None
-) -> None:
-    """Print a table; columns of numbers, or all but the first if these are not given, are right aligned.
+def _print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[bool]) -> None:
+    """Print a table; columns of numbers are right aligned.
 
     Long texts are wrapped. On a narrow terminal each row is printed as a list, so that no number is split.
     """
@@ -137,9 +134,8 @@ def print_table(
     if not console.is_terminal:
         # A file or a pipe has no width of its own, and a table should not be folded to a guessed one.
         console = Console(highlight=False, width=200)
-    right = numbers or [index > 0 for index in range(len(columns))]
     widths = [max((len(row[index]) for row in rows), default=0) for index in range(len(columns))]
-    widths = [width if number else min(width, _TEXT_WIDTH) for width, number in zip(widths, right, strict=True)]
+    widths = [width if number else min(width, _TEXT_WIDTH) for width, number in zip(widths, numbers, strict=True)]
     # Three characters between two cells, and the frame.
     if sum(widths) + 3 * len(columns) + 1 > console.width:
         console.print(_text(title, "bold"))
@@ -149,7 +145,7 @@ def print_table(
                 console.print(_text(f"    {column}: {cell}"))
         return
     table = Table(title=_text(title), title_justify="left", title_style="bold")
-    for column, is_right, width in zip(columns, right, widths, strict=True):
+    for column, is_right, width in zip(columns, numbers, widths, strict=True):
         # Words of a head may be wrapped, numbers not.
         least = max([width, *map(len, column.split())]) if is_right else min(width, _TEXT_WIDTH)
         table.add_column(_text(column), justify="right" if is_right else "left", overflow="fold", min_width=least)

@@ -127,7 +127,7 @@ def _run_command(bench: SimulatedBench, line: str) -> bool:
     word, _, rest = line.partition(" ")
     if word == "quit":
         return False
-    alone = {"cover": bench.cover_lens, "uncover": bench.uncover_lens, "status": lambda: None}
+    alone = {"cover": bench.cover_lens, "uncover": bench.uncover_lens}
     of_patch = {"point": bench.point_meter, "show": bench.show_patch}
     try:
         if word in alone:
@@ -136,7 +136,7 @@ def _run_command(bench: SimulatedBench, line: str) -> bool:
             of_patch[word](rest.strip())
         elif word in {example.split()[0] for example in EXAMPLES}:
             bench.run_command(line)
-        else:
+        elif word != "status":
             say(_HELP)
             return True
     except LabcdpError as error:

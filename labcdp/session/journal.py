@@ -6,8 +6,6 @@ noticed too. Sessions of format 1 have checks over the check of the line before 
 
 from __future__ import annotations
 
-import hashlib
-import json
 import logging
 import os
 import re
@@ -23,7 +21,8 @@ from typing import Annotated, Any, ClassVar, Self, TypeAlias
 from pydantic import AfterValidator, Field
 
 from ..core.clock import Clock
-from ..core.disk import parse_json, read_at_most, validated_as
+from ..core.disk import read_at_most, validated_as
+from ..core.disk.journal import decoded, encoded
 from ..core.errors import InputError, SessionError
 from ..output.file import StoredFile, lock, write_all, write_several
 from .frames import reported
@@ -37,7 +36,6 @@ CLOCK = "clock"
 _FORMER_START = "0" * 64
 #: Size from which a journal is refused: some 100 000 frames.
 _MOST_BYTES = 2**28
-_LINE = re.compile(rb'(\{.*), "check": "([0-9a-f]{64})"\}', re.DOTALL)
 #: A path that stays inside the session's folder, and can be printed.
 _NAME = re.compile(r"(?:[\w-][\w .-]*/)*[\w-][\w .-]*")
 _LONGEST_NAME = 250
@@ -109,7 +107,7 @@ def read_journal(folder: Path) -> tuple[list[Entry], int, bytes]:
     *lines, torn = text.split(b"\n")
     entries: list[Entry] = []
     for number, line in enumerate(lines, start=1):
-        entry = _decode(line, entries[-1].check if entries else _FORMER_START)
+        entry = _decode(line + b"\n", entries[-1].check if entries else _FORMER_START)
         if entry is None or entry.sequence != number:
             raise SessionError(
                 f"{path} line {number} was altered, or a line there was removed or swapped: restore the journal "
@@ -120,31 +118,27 @@ def read_journal(folder: Path) -> tuple[list[Entry], int, bytes]:
 
 
 def _encode(number: int, time: datetime, line: Line) -> bytes:
-    """Make a line, without its end; raises InputError for what JSON has not."""
+    """Make a line; raises InputError for what JSON has not."""
     kind, content, file = line
     values = {"sequence": number, "time": time.isoformat(timespec="microseconds"), "kind": kind, "content": content}
     if file is not None:
         values |= {"file": file.name, "sha256": file.sha256, "size": file.size}
     try:
-        body = json.dumps(values, ensure_ascii=False, allow_nan=False).encode()
+        return encoded(values, allow_nan=False)[0]
     except (TypeError, ValueError) as error:
         raise InputError(
             f"the content of this {kind} record cannot be written as JSON ({error}): give text, finite numbers, truth "
             "values, lists and tables"
         ) from error
-    return body[:-1] + f', "check": "{hashlib.sha256(body).hexdigest()}"}}'.encode()
 
 
 def _decode(line: bytes, former_check: str = "") -> Entry | None:
     """Return the entry, None if it is no whole line; the check may be over that of the line before as well."""
-    found = _LINE.fullmatch(line)
-    if not found:
+    found = decoded(line, "", former_check, allow_nan=False)
+    if found is None:
         return None
-    body, check = found[1] + b"}", found[2].decode()
-    if check not in (hashlib.sha256(before + body).hexdigest() for before in (b"", former_check.encode())):
-        return None
+    values, check = found
     try:
-        values = parse_json(body)
         if values.get("file") is not None:
             values["file"] = {"name": values["file"], "sha256": values.pop("sha256"), "size": values.pop("size")}
         return validated_as(Entry, values | {"check": check})
@@ -258,10 +252,10 @@ class Journal:
             lines = [(CLOCK, {"set_back_s": round(stepped_back_s, 3)}, None), *lines]
         text, entries = b"", []
         for number, line in enumerate(lines, start=len(self.entries) + 1):
-            encoded = _encode(number, now, line)
-            entry = _decode(encoded)
+            written = _encode(number, now, line)
+            entry = _decode(written)
             assert entry is not None
-            text += encoded + b"\n"
+            text += written
             entries.append(entry)
         with reported(self._folder / JOURNAL, "written"):
             self._require_untouched()

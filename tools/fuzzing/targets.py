@@ -5,6 +5,7 @@ import json
 import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -216,11 +217,12 @@ def _session(folder: Path, _: Path) -> Any:
     return read
 
 
-def _rechecked_session(data: bytes) -> bytes:
-    lines = []
+def _rechecked(data: bytes, *, chained: bool = True) -> bytes:
+    """Give the lines of a journal checks that fit."""
+    check, lines = "", []
     for line in data.split(b"\n")[:-1]:
         body = line.rpartition(b', "check"')[0] + b"}" if b', "check"' in line else line
-        check = hashlib.sha256(body).hexdigest()
+        check = hashlib.sha256(check.encode() * chained + body).hexdigest()
         lines.append(body[:-1] + f', "check": "{check}"}}\n'.encode())
     return b"".join(lines)
 
@@ -244,15 +246,6 @@ def _sweep(folder: Path, file: Path) -> Any:
         return [(first, values.tolist()) for first, values in _recorded(journal, 3)]
     finally:
         journal.close()
-
-
-def _rechecked(data: bytes) -> bytes:
-    check, lines = "", []
-    for line in data.split(b"\n"):
-        text = line.rpartition(b"\t")[0] or line
-        check = hashlib.sha256(check.encode() + text).hexdigest()
-        lines.append(text + f"\t{check}\n".encode())
-    return b"".join(lines)
 
 
 def _calibration(_: Path, path: Path) -> Any:
@@ -323,7 +316,7 @@ TARGETS: dict[str, Target] = {
     "picture": Target(_picture, "*.*", cost=0.01),
     "luminance": Target(_luminance, "*.*", cost=0.01),
     "session": Target(_session, "**/*.*", JSON, strict=True, cost=0.02),
-    "session-rechecked": Target(_session, "journal.jsonl", JSON, repair=_rechecked_session, cost=0.02),
+    "session-rechecked": Target(_session, "journal.jsonl", JSON, repair=partial(_rechecked, chained=False), cost=0.02),
     "journal": Target(_journal, "video.jsonl", JSON, strict=True),
     "sweep": Target(_sweep, "sweep.jsonl", JSON, strict=True),
     "sweep-rechecked": Target(_sweep, "sweep.jsonl", JSON, repair=_rechecked),

@@ -1,10 +1,11 @@
-"""A journal of results: a line of JSON each, chained by hashes, so that interrupted work is resumed."""
+"""Journals: lines of JSON with a check each; that of results chains its checks, so that interrupted work is resumed."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import os
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from time import monotonic
@@ -19,6 +20,7 @@ from .files import open_regular, reason
 _SYNC_S = 2.0
 #: A line that is longer is none of these journals.
 _MOST_BYTES_OF_LINE = 64 * 2**20
+_LINE = re.compile(rb'(\{.*), "check": "([0-9a-f]{64})"\}\n', re.DOTALL)
 
 Row = dict[str, Any]
 
@@ -26,7 +28,7 @@ Row = dict[str, Any]
 class LineJournal:
     """Results in a file, a line each, after a line that says what they are of.
 
-    Each line ends with a check, the SHA-256 of the line before's check and its own text. Where that fails, as in a line
+    The check of a line is over that of the line before, too. Where that fails, as in a line
     that was not finished or was altered, the journal ends, and what follows is computed again.
 
     Parameters
@@ -72,14 +74,14 @@ class LineJournal:
 
     def _begin(self, head: Row, what: str) -> None:
         first = self._line()
-        found, at = _decode(first, ""), self._file.tell()
-        if found is None and not _encode(head, "")[0].startswith(first):
+        found, at = decoded(first, ""), self._file.tell()
+        if found is None and not encoded(head)[0].startswith(first):
             self._file.close()
             raise InputError(
                 f"{self.path} is no journal of this version of labcdp, or its first line was altered: give another "
                 "folder, or remove it"
             )
-        has_result = found is not None and _decode(self._line(), found[1]) is not None
+        has_result = found is not None and decoded(self._line(), found[1]) is not None
         if found is None or (found[0] != head and not has_result):
             # Its first line was not finished, or it was refused before its first result: there is nothing to keep.
             self._file.seek(0)
@@ -95,7 +97,7 @@ class LineJournal:
             )
         self._file.seek(at)
         self._check, self._ends = found[1], [at]
-        while (found := _decode(self._line(), self._check)) is not None:
+        while (found := decoded(self._line(), self._check)) is not None:
             self._check = found[1]
             self._ends.append(self._file.tell())
         self._file.seek(self._ends[-1])
@@ -157,7 +159,7 @@ class LineJournal:
         self.path.unlink(missing_ok=True)
 
     def _write(self, values: Mapping[str, Any]) -> None:
-        line, self._check = _encode(values, self._check)
+        line, self._check = encoded(values, self._check)
         self._file.write(line)
         self._file.flush()
 
@@ -166,35 +168,41 @@ def recorded_head(path: Path) -> Row | None:
     """Return what a journal was begun with, None if there is no journal with a result."""
     try:
         with open_regular(path) as file:
-            head = _decode(file.readline(_MOST_BYTES_OF_LINE), "")
-            return None if head is None or _decode(file.readline(_MOST_BYTES_OF_LINE), head[1]) is None else head[0]
+            head = decoded(file.readline(_MOST_BYTES_OF_LINE), "")
+            return None if head is None or decoded(file.readline(_MOST_BYTES_OF_LINE), head[1]) is None else head[0]
     except OSError:
         return None
 
 
-def _encode(values: Mapping[str, Any], before: str) -> tuple[bytes, str]:
-    """Line with these values, and its check; it follows one with the check `before`."""
-    # Floats are written so that they are read back bit for bit; nan as NaN, which the reader knows.
-    text = json.dumps(values, ensure_ascii=False)
-    check = hashlib.sha256(f"{before}{text}".encode()).hexdigest()
-    return f"{text}\t{check}\n".encode(), check
+def encoded(values: Mapping[str, Any], before: str = "", *, allow_nan: bool = True) -> tuple[bytes, str]:
+    """Return a line with these values and a check over them and the check `before`, and that check.
+
+    Floats are written so that they are read back bit for bit. ValueError is raised for nan and infinities unless they
+    are allowed, and TypeError or ValueError for what JSON has not.
+    """
+    body = json.dumps(values, ensure_ascii=False, allow_nan=allow_nan).encode()
+    check = hashlib.sha256(before.encode() + body).hexdigest()
+    return body[:-1] + f', "check": "{check}"}}\n'.encode(), check
 
 
-def _decode(line: bytes, before: str) -> tuple[Row, str] | None:
-    """Values and check of a line, None if it is not whole or does not follow the one with the check `before`."""
-    text, _, check = line.rpartition(b"\t")
-    expected = hashlib.sha256(before.encode() + text).hexdigest()
-    if check != f"{expected}\n".encode():
+def decoded(line: bytes, *before: str, allow_nan: bool = True) -> tuple[Row, str] | None:
+    """Return values and check of a line, None if it is not whole or follows none of the checks `before`."""
+    found = _LINE.fullmatch(line)
+    if found is None:
+        return None
+    body, check = found[1] + b"}", found[2].decode()
+    if check not in (hashlib.sha256(one.encode() + body).hexdigest() for one in before):
         return None
     try:
-        values = parse_json(text, allow_nan=True)
+        values = parse_json(body, allow_nan=allow_nan)
     except InputError:
         return None
-    return (values, expected) if isinstance(values, dict) else None
+    return (values, check) if isinstance(values, dict) else None
 
 
 def _values(line: bytes) -> Row:
-    values: Row = parse_json(line.rpartition(b"\t")[0], allow_nan=True)
+    values: Row = parse_json(line, allow_nan=True)
+    del values["check"]
     return values
 
 

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ...core.disk.files import shown
-from ...core.disk.journal import LineJournal, recorded_head
+from ...core.disk.journal import recorded_head
 from ...core.errors import InputError
 from ...core.result import Finding, InputFile, info, warning
 from ...files.video.open import open_video
 from ...files.video.source import VideoSource
 from ...metrics.correlated_cdp import size_findings
 from ...metrics.pair import require_apart
-from ...output import Destination, open_results
+from ...output import Destination, results_journal
 from ...report.text import finding_text
 from ..picture.conversion import Calibrated, PictureConversion, picture_conversion
 from .dataset import VideoRows, as_json, recorded
@@ -140,7 +139,7 @@ def evaluated_parts(
             head = {"video": source.sha256, **evaluation_head(part.settings, reference)}
             if len(together) > len(part.settings.rois) > 0:
                 head["followed_together"] = together
-            journal = stack.enter_context(_journal(part.folder, head))
+            journal = stack.enter_context(results_journal(part.folder, "video", JOURNAL, head, "evaluation"))
             run = PartRun(part.settings, conversion, reference, journal, part.observer)
             try:
                 _require_regions(source, part.settings)
@@ -159,20 +158,6 @@ def _opened(path: str | Path, settings: VideoSettings) -> tuple[VideoSource, Pic
     conversion = picture_conversion(settings.calibration, settings.camera, settings.encoding).given(**stated)
     conversion = replace(conversion, options=replace(conversion.options, damaged=settings.damaged))
     return opened_video(Path(path), conversion)
-
-
-@contextmanager
-def _journal(folder: Destination | None, head: Mapping[str, Any]) -> Iterator[LineJournal]:
-    """Open the journal of an evaluation, in a folder of results or one that goes."""
-    with ExitStack() as stack:
-        if folder is None:
-            where = Path(stack.enter_context(TemporaryDirectory(prefix="labcdp-")))
-        else:
-            where = stack.enter_context(open_results(folder, "video")).journal(JOURNAL).parent
-        journal = LineJournal.open(where / JOURNAL, head, "evaluation")
-        # Without a frame there is nothing to resume, and other settings may have the folder.
-        stack.callback(lambda: journal.close() if len(journal) else journal.discard())
-        yield journal
 
 
 def _rows(source: VideoSource, conversion: PictureConversion, run: PartRun) -> VideoRows:

@@ -14,13 +14,11 @@ import time
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
 from functools import partial
-from importlib.resources import files
 from pathlib import Path
 
 import hypothesis
 import numpy as np
 import pytest
-from jsonschema import Draft202012Validator
 
 _LABCDP = Path(sys.executable).with_name("labcdp")
 _CLONE_NEWNET = 0x40000000
@@ -40,13 +38,6 @@ def wait_until(condition, what, patience_s=300):
     while not condition():
         assert time.monotonic() < end, f"waited in vain until {what}"
         time.sleep(0.02)
-
-
-def valid(values):
-    """Return the values of a result, after a check by the schema that ships with labcdp."""
-    schema = files("labcdp").joinpath("data/schema/result.schema.json").read_text(encoding="utf-8")
-    Draft202012Validator(json.loads(schema)).validate(values)
-    return values
 
 
 def _may_have_a_network_of_its_own() -> bool:

@@ -9,13 +9,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from jsonschema import Draft202012Validator
 
 from labcdp.calibration import load, save
 from labcdp.cli.app import app
 from labcdp.regions import RectangleShape, save_regions
+from labcdp.report.files import schema
 from labcdp.session import example_session
 
-from ..conftest import valid
 from ..evaluate.sweep.chains import small
 from ..evaluate.video.videos import write
 
@@ -54,10 +55,17 @@ def inputs(tmp_path_factory):
     return folder
 
 
+def valid(text):
+    """Return the values of a JSON text that follows the schema of results."""
+    values = json.loads(text)
+    Draft202012Validator(schema()).validate(values)
+    return values
+
+
 def results_of(done, status=0):
     """Return what a finished command printed with --json."""
     assert done.returncode == status, done.stderr
-    return valid(json.loads(done.stdout))
+    return valid(done.stdout)
 
 
 def rows_of(done, table):
@@ -92,7 +100,7 @@ def running_bench(aravis, start_in, tmp_path_factory):
         line = bench.stdout.readline()
         assert line, bench.stderr.read()
         text += line
-    yield bench, *valid(json.loads(text))["tables"]["devices"]["rows"]
+    yield bench, *valid(text)["tables"]["devices"]["rows"]
     if bench.poll() is None:
         # A pending fault does not keep it.
         bench.stdin.write("vanish for 1 h\nquit\n")

@@ -1,6 +1,5 @@
 """No command deletes, replaces or alters a file that labcdp did not write, whatever its name."""
 
-import json
 import os
 import shutil
 from pathlib import Path
@@ -12,8 +11,8 @@ from labcdp.core.errors import LabcdpError
 from labcdp.output import LIST_FILE
 from labcdp.regions import RectangleShape, save_regions
 
-from ..conftest import valid
 from ..output.test_results_folder import contents
+from .conftest import valid
 
 #: Commands with folders of results, and their inputs.
 FOLDERS = {
@@ -102,7 +101,7 @@ def test_results_are_replaced_with_force_only_and_other_files_stay(command, work
     command_line = (command, *FOLDERS[command], "--output", "out")
     assert run(*command_line, "--json") == ""
     printed = capsys.readouterr().out
-    assert valid(json.loads(printed))["kind"] == command
+    assert valid(printed)["kind"] == command
     assert (work / "out/results.json").read_text() == printed
     first = contents(work / "out")
     before = put_foreign(work / "out")

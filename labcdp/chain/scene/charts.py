@@ -133,8 +133,12 @@ class Checkerboard(Sized):
         return Level("dark", self.luminance_cd_m2, 1 - share), Level("bright", self.bright_cd_m2, share)
 
     def pairs(self) -> Sequence[tuple[str, str]]:
-        """Return the one pair; dark signal has none."""
-        return (("dark", "bright"),) if self.luminance_cd_m2 > 0 else ()
+        """Return the one pair; dark signal has none, nor have pixels of which half is bright each."""
+        samples = (np.arange(size * self.oversampling) // self._square_samples % 2 for size in self.shape)
+        rows, columns = (one.reshape(-1, self.oversampling).mean(axis=1) - 0.5 for one in samples)
+        # A pixel is bright where odd squares have most of its rows or most of its columns, and not of both.
+        darkness = np.outer((rows.min(), rows.max()), (columns.min(), columns.max()))
+        return (("dark", "bright"),) if self.luminance_cd_m2 > 0 and darkness.min() < 0 < darkness.max() else ()
 
     def is_bright(self) -> Mask:
         """Which samples are bright, shape (height * oversampling, width * oversampling)."""

@@ -20,7 +20,7 @@ from ...report.text import capitalised, finding_text, printable
 from ..sweep.maps.axes import MapAxis
 from ..sweep.maps.labels import at_text, axis_label, axis_unit, ends_text, shown
 from ..sweep.maps.map import MapAnalysis
-from ..sweep.maps.view import COLOURS, MISSING, SCALE, cell_edges, set_scale
+from ..sweep.maps.view import COLOURS, SCALE, heat_map, set_scale
 from .compare import Comparison
 from .grid import Grid
 from .result import answer
@@ -156,12 +156,8 @@ def _maps(grid: Grid, names: Sequence[str], simulated: str) -> Figure:
     rows = ceil(len(maps) / columns)
     figure = new_figure(1.0 + 3.7 * columns, 0.5 + 3.0 * rows, simulated)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
-    edges = cell_edges(x), cell_edges(y)
     for number, (panel, (name, values, how)) in enumerate(zip(panels, maps, strict=False)):
-        panel.set_facecolor(MISSING)
-        mesh = panel.pcolormesh(*edges, np.ma.masked_invalid(values), **how)
-        set_scale(x, panel.xaxis)
-        set_scale(y, panel.yaxis)
+        mesh = heat_map(panel, x, y, values, **how)
         label(panel, axis_label(x), "" if number % columns else axis_label(y), f"{name}\n{at}".rstrip())
         figure.colorbar(mesh, ax=panel).ax.tick_params(labelsize=SMALL_SIZE)
     for empty in panels[len(maps) :]:

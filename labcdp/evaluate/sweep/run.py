@@ -19,19 +19,17 @@ from ...core.disk.journal import LineJournal
 from ...core.errors import InputError
 from ...metrics import Estimate
 from ...metrics.contrast import each_contrast
-from ...output import Destination, open_results
-from .maps.axes import TO_DETECT, VARIABLES
+from ...output import Destination, results_journal
+from .maps.axes import TO_DETECT, UNITS, VARIABLES
 from .plan import Axis, Sweep, of_scene
 from .simulation.evaluation import evaluate_pair
-from .simulation.rows import PairRow, RegionRow
+from .simulation.rows import PairRow, SeenRegion
 
 if TYPE_CHECKING:
     from xarray import Dataset
 
 #: Those that depend on the contrast to be detected.
 _OF_CONTRAST = ("cdp", "standard_error", "below", "above")
-
-_UNITS = {"_cd_m2": "cd/m^2", "_s": "s", "_c": "degC", "_m": "m", "_db": "dB", "_e": "e-", "_e_s": "e-/s", "_dn": "DN"}
 
 
 def labelled(sweep: Sweep, values: NDArray[np.float64]) -> Dataset:
@@ -41,8 +39,8 @@ def labelled(sweep: Sweep, values: NDArray[np.float64]) -> Dataset:
     names = [axis.parameter for axis in sweep.dimensions]
     several = names[-1] == TO_DETECT
     variables = {}
-    for (name, (_, long_name)), column in zip(VARIABLES.items(), values.T, strict=True):
-        cells, described = column.reshape(sweep.shape), {"unit": "1", "long_name": long_name}
+    for (name, column), cells in zip(VARIABLES.items(), values.T.reshape(-1, *sweep.shape), strict=True):
+        described = {"unit": "1", "long_name": f"{column.meaning[0].lower()}{column.meaning[1:-1]}"}
         alike = several and name not in _OF_CONTRAST
         variables[name] = (names[:-1], cells[..., 0], described) if alike else (names, cells, described)
     coordinates = {
@@ -73,11 +71,11 @@ def _scene_contrast(sweep: Sweep) -> float:
 
 def _ending(axis: Axis) -> str:
     """Return the end of a parameter that states its unit; empty without one."""
-    return max((ending for ending in _UNITS if axis.parameter.endswith(ending)), key=len, default="")
+    return max((ending for ending in UNITS if axis.parameter.endswith(ending)), key=len, default="")
 
 
 def _unit(axis: Axis) -> str:
-    return _UNITS.get(_ending(axis), "1") if axis.numeric else ""
+    return UNITS.get(_ending(axis), "1") if axis.numeric else ""
 
 
 def _words(axis: Axis) -> str:
@@ -146,12 +144,7 @@ def run_sweep(
     with ExitStack() as stack:
         journal = None
         if folder is not None:
-            results = stack.enter_context(open_results(folder, "sweep"))
-            path = results.journal(JOURNAL)
-            journal = LineJournal.open(path, sweep.identity(), "sweep")
-            # Without a finished cell there is nothing to resume.
-            stack.callback(lambda: None if done.any() else path.unlink(missing_ok=True))
-            stack.callback(journal.close)
+            journal = stack.enter_context(results_journal(folder, "sweep", JOURNAL, sweep.identity(), "sweep"))
         for first, block in () if journal is None else _recorded(journal, n_cells):
             values[first : first + len(block)] = block
             done[first : first + len(block)] = True
@@ -234,7 +227,7 @@ def _simulated(block: range, sweep: Sweep) -> NDArray[np.float64]:
     return np.stack([_row(pair, *regions) for pair in pairs])
 
 
-def _row(pair: PairRow, dark: RegionRow, bright: RegionRow) -> NDArray[np.float64]:
+def _row(pair: PairRow, dark: SeenRegion, bright: SeenRegion) -> NDArray[np.float64]:
     """Return the variables of `VARIABLES` for one cell; where no pixel is above 0 cd/m^2, nothing is detected."""
     found = pair.cdp
     shares = (0.0, np.nan, 1.0, 0.0) if found is None else (found.cdp, found.standard_error, found.below, found.above)

@@ -6,6 +6,7 @@ from math import log2, pi
 
 import numpy as np
 import pytest
+from jsonschema import Draft202012Validator
 
 from labcdp.calibration.emva.data_set import characterise_data_set
 from labcdp.chain import Chain, Sensor
@@ -13,9 +14,9 @@ from labcdp.core.errors import CalibrationError
 from labcdp.core.photometry import electron_radiance_per_cd_m2
 from labcdp.evaluate.camera.characterise import characterise_session
 from labcdp.evaluate.camera.result import result, write_characterisation
+from labcdp.report.files import schema
 from labcdp.session import Session, example_session
 
-from ...conftest import valid
 from ..bench.synthetic import configuration, exposed, record
 
 SENSOR = Sensor(
@@ -133,7 +134,7 @@ def test_quantities_of_a_data_set_and_all_plots_of_the_standard_are_written(data
     found = characterise_data_set(data_set)
     write_characterisation(found, result(found), tmp_path / "out")
     values = json.loads((tmp_path / "out" / "results.json").read_text())
-    valid(values)
+    Draft202012Validator(schema()).validate(values)
     rows = {row["key"]: row for row in values["tables"]["characterisation"]["rows"]}
     for key, quantity in found.quantities().items():
         if quantity is not None:

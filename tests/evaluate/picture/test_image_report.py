@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import openpyxl
 import pytest
+from jsonschema import Draft202012Validator
 
 from labcdp.core.result import warning
 from labcdp.core.roi import Roi
@@ -20,11 +21,9 @@ from labcdp.evaluate.picture.result import PictureTask
 from labcdp.evaluate.picture.tables import ReportedPicture
 from labcdp.metrics import cdp
 from labcdp.regions import RectangleShape, save_regions
-from labcdp.report.files import envelope_json
+from labcdp.report.files import envelope_json, schema
 from labcdp.report.layout import ReportFigure
 from labcdp.report.sheets import result_workbook
-
-from ...conftest import valid
 
 HOSTILE = "</script><b>=1+1 $x_{$ [a]:*?/\\{{ 7 }}"
 BRIGHT, DARK = Roi.rectangle("bright", 100, 20, 60, 80), Roi.rectangle(HOSTILE, 10, 10, 60, 80)
@@ -70,7 +69,7 @@ def test_json_and_sheets_hold_the_numbers_of_the_evaluation(made):
     pictures, _ = made
     result = TASK.result(pictures)
     values = json.loads(envelope_json(result))
-    valid(values)
+    Draft202012Validator(schema()).validate(values)
     tables = {name: table["rows"] for name, table in values["tables"].items()}
     first, found = tables["cdp"][1], pictures[0].evaluation.pairs[0]
     one = found.results[1]

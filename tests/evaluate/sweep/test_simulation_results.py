@@ -6,14 +6,15 @@ from math import inf
 
 import openpyxl
 import pytest
+from jsonschema import Draft202012Validator
 
 from labcdp.chain import Flat, StepChart
 from labcdp.core.table import Column, Table
 from labcdp.evaluate.sweep.simulation.evaluation import evaluate_pair, evaluate_run, evaluate_stage
 from labcdp.evaluate.sweep.simulation.page import write_simulation
 from labcdp.evaluate.sweep.simulation.result import answer, predicted_result, result
+from labcdp.report.files import schema
 
-from ...conftest import valid
 from .chains import small
 
 
@@ -40,8 +41,7 @@ def test_mean_contrast_is_that_of_all_pairs():
     pairs = luminance[masks["bright"]][:, None] / luminance[masks["dark"]] - 1
     pair = evaluate_stage(done, "sensor").pairs[0]
     assert pair.mean_contrast == pytest.approx(pairs.mean(), rel=1e-9)
-    # It is above the contrast of the means, as 1 / x bends upwards.
-    assert pair.mean_contrast > pair.measured_contrast
+    assert pair.mean_contrast > pair.measured_contrast  # as 1 / x bends upwards
 
 
 def test_no_light_has_no_contrast():
@@ -49,7 +49,7 @@ def test_no_light_has_no_contrast():
     pair = evaluate_run(run).stages[0].pairs[0]
     assert pair.true_contrast == inf
     assert pair.cdp is None
-    # Unless one is asked for: every bright pixel then has an unbounded contrast to a dark one.
+    # Unless one is asked for: each bright pixel then has an unbounded contrast to a dark one.
     assert [pair.cdp.above for pair in evaluate_run(run, (0.5, 1.0)).stages[0].pairs] == [1.0, 1.0]
 
 
@@ -57,7 +57,7 @@ def test_the_files_hold_what_was_evaluated(tmp_path):
     evaluation = evaluate_run(small(scene__square_px=1).run(1))
     write_simulation(result(evaluation), evaluation, tmp_path)
     values = json.loads((tmp_path / "results.json").read_text())
-    valid(values)
+    Draft202012Validator(schema()).validate(values)
     (pair,), row = evaluation.stages[3].pairs, values["tables"]["detection"]["rows"][3]
     assert (row["stage"], row["cdp"], row["u_cdp"]) == ("sensor", pair.cdp.cdp, pair.cdp.standard_error)
     assert (row["cdp_low"], row["cdp_high"]) == pair.cdp.confidence_interval
@@ -89,6 +89,8 @@ def test_saturation_matters_behind_the_last_stage_and_why_there_is_no_cdp():
         (small(exposure__exposure_s=5.0, scene__contrast=1.0), "stage-saturated", "warning"),
         (bracket, "stage-saturated", "info"),
         (replace(small(), scene=Flat(64, 48, 50.0)), "scene-without-contrast", "info"),
+        # Half of each pixel is bright.
+        (small(scene__square_px=0.5, scene__oversampling=2), "scene-without-contrast", "info"),
     ):
         first = result(evaluate_run(chain.run(0))).findings[0]
         assert (first.code, first.severity) == (code, severity)

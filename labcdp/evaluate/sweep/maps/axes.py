@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....core.errors import InputError
+from ....core.table import Column
+from ....report.text import printable
 
 if TYPE_CHECKING:
     from xarray import DataArray, Dataset
@@ -21,11 +23,14 @@ At: TypeAlias = dict[str, float | str]
 
 #: Axis of the contrasts to be detected, and how many of them are a curve or a map each instead of an axis of the map.
 TO_DETECT, _FEW_CONTRASTS = "contrast", 8
+#: Units by the end of a parameter's name, as files have them.
+UNITS = {"_cd_m2": "cd/m^2", "_s": "s", "_c": "degC", "_m": "m", "_db": "dB", "_e": "e-", "_e_s": "e-/s", "_dn": "DN"}
 
-_LUMINANCE_UNITS = ("cd/m^2", "cd/m²", "cd/m2", "cd m-2")
+#: Parts of units in files, and as they are printed.
+_PRINTED = {"cd m-2": "cd/m²", "^2": "²", "^3": "³", "m2": "m²", "degC": "°C"}
 
-#: Units of plain numbers, and of scales on which 0 is a place as any other.
-_PLAIN_UNITS, _SCALE_UNITS = ("", "1"), ("degC", "°C", "dB")
+#: Units of scales on which 0 is a place as any other.
+_SCALE_UNITS = ("°C", "dB")
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +44,7 @@ class MapAxis:
     values : ndarray of float or str, shape (n,)
         Its coordinates; numbers rise.
     unit, long_name : str
-        For labels; empty if unknown.
+        For labels; empty if unknown, the unit as it is printed, also without one.
     numeric : bool
         Whether the coordinates are numbers.
     """
@@ -61,7 +66,7 @@ class MapAxis:
     @property
     def is_luminance(self) -> bool:
         """Whether the values are luminances."""
-        return self.numeric and self.unit in _LUMINANCE_UNITS
+        return self.numeric and self.unit == "cd/m²"
 
     @property
     def is_contrast(self) -> bool:
@@ -76,13 +81,13 @@ class MapAxis:
     @property
     def is_whole(self) -> bool:
         """Whether the values are whole numbers without a unit, as bits are, so that nothing lies between them."""
-        plain = self.numeric and self.unit in _PLAIN_UNITS and not self.is_contrast
+        plain = self.numeric and not self.unit and not self.is_contrast
         return plain and bool((self.values == np.rint(self.values)).all())
 
     @property
     def of_ratios(self) -> bool:
         """Whether a ratio of two values is meaningful: of luminances, and of quantities varied by ratios."""
-        named = self.is_contrast or self.unit not in (*_PLAIN_UNITS, *_SCALE_UNITS)
+        named = self.is_contrast or self.unit not in ("", *_SCALE_UNITS)
         return self.is_luminance or (self.log and named)
 
     @property
@@ -218,24 +223,41 @@ def _described(coordinate: DataArray) -> MapAxis:
             raise InputError(f"the values of axis {name} are not finite or not distinct: give each value once")
     else:
         values = np.array([str(value) for value in values])
-    unit, long_name = (str(coordinate.attrs.get(key, "")) for key in ("unit", "long_name"))
-    return MapAxis(name, values, unit, long_name, numeric)
+    return MapAxis(name, values, unit_of(coordinate), str(coordinate.attrs.get("long_name", "")), numeric)
 
 
-#: Variables of a sweep: names for legends and heads of columns, and descriptions.
+def unit_of(variable: DataArray) -> str:
+    """Return the unit of a variable of a map as in print; a plain ratio has none."""
+    unit = str(variable.attrs.get("unit", ""))
+    printed = "" if unit == "1" else printable(unit)
+    for typed, written in _PRINTED.items():
+        printed = printed.replace(typed, written)
+    return printed
+
+
+#: Variables of a sweep.
 VARIABLES = {
-    "cdp": ("CDP", "contrast detection probability"),
-    "standard_error": ("u of CDP", "standard error of the CDP"),
-    "below": ("below", "share of pairs with a lower contrast"),
-    "above": ("above", "share of pairs with a higher contrast"),
-    "mean_contrast": ("mean contrast", "mean contrast of the pairs with a dark value above 0"),
-    "csnr": ("CSNR", "mean over standard deviation of the contrast"),
-    "snr_dark": ("spatial SNR, dark region", "mean over standard deviation of the dark region's luminance"),
-    "snr_bright": ("spatial SNR, bright region", "mean over standard deviation of the bright region's luminance"),
-    "snr_dark_standard_error": ("u of spatial SNR, dark region", "standard error of the SNR of the dark region"),
-    "snr_bright_standard_error": ("u of spatial SNR, bright region", "standard error of the SNR of the bright region"),
-    "saturated_share": ("saturated, bright region", "saturated share of the bright region"),
-}
+    column.name: column
+    for column in (
+        Column("cdp", "CDP", "", "Contrast detection probability."),
+        Column("standard_error", "u of CDP", "", "Standard error of the CDP.", shown=False),
+        Column("below", "below", "%", "Share of pairs with a lower contrast."),
+        Column("above", "above", "%", "Share of pairs with a higher contrast."),
+        Column("mean_contrast", "mean contrast", "%", "Mean contrast of the pairs with a dark value above 0."),
+        Column("csnr", "CSNR", "", "Mean over standard deviation of the contrast."),
+        *(
+            Column(f"snr_{one}", f"spatial SNR, {one} region", "",
+                   f"Mean over standard deviation of the {one} region's luminance.")
+            for one in ("dark", "bright")
+        ),
+        *(
+            Column(f"snr_{one}_standard_error", f"u of spatial SNR, {one} region", "",
+                   f"Standard error of the SNR of the {one} region.", shown=False)
+            for one in ("dark", "bright")
+        ),
+        Column("saturated_share", "saturated, bright region", "%", "Saturated share of the bright region."),
+    )
+}  # fmt: skip
 
 #: Variables of a map that are ratios of mean to standard deviation.
 SNR_VARIABLES = ("snr_dark", "snr_bright", "csnr")

@@ -14,7 +14,7 @@ from xarray import Dataset
 from ....report.html import interactive
 from ....report.layout import Script
 from .axes import At, MapAxis, known_values
-from .labels import axis_label, shown, variable_name, variable_unit
+from .labels import axis_label, shown, variable_column
 from .view import MISSING, SCALE, USABLE, WIDEST, Line, MapView, cell_edges
 
 #: Dashes of the isolines, in rising order of their levels.
@@ -101,22 +101,18 @@ def _curves(view: MapView) -> Figure:
     cdp, snr = view.curves()
     axis, level = view.map.x, view.analysis.level
     figure = make_subplots(rows=2 if snr else 1, cols=1, shared_xaxes=True, vertical_spacing=0.05)
-    if view.usable:
-        bottom, top = _CDP_ENDS
-        area = {"line": {"width": 0, "color": USABLE}, "fill": "toself", "fillcolor": "rgba(230, 159, 0, 0.15)"}
-        x = [place for low, high in view.usable for place in (low, low, high, high, None)]
-        y = [bottom, top, top, bottom, None] * len(view.usable)
-        figure.add_trace(Scatter(x=x, y=y, mode="lines", name="usable range", hoverinfo="skip", **area), row=1, col=1)
     for row, lines in enumerate((cdp, snr), start=1):
         traces = list(_traces(view, lines))
         if row == 2:  # only what the curves of CDP do not have already
             known = {trace.name for trace in figure.data}
             traces = [trace.update(showlegend=trace.name not in known) for trace in traces]
         figure.add_traces(traces, rows=row, cols=1)
-    places = cell_edges(axis)[[0, -1]] if axis.numeric else _texts(axis)
+    of_cdp = {"row": 1, "col": 1, "layer": "below"}
     line = {"color": "grey", "width": 1, "dash": "dot"}
-    threshold = Scatter(x=places, y=[level] * len(places), mode="lines", line=line, name=f"CDP {level:g}")
-    figure.add_trace(threshold.update(hoverinfo="skip"), row=1, col=1)
+    figure.add_hline(level, line=line, name=f"CDP {level:g}", showlegend=True, **of_cdp)
+    for number, ends in enumerate(view.usable):
+        area = {"fillcolor": USABLE, "opacity": 0.15, "line_width": 0, "name": "usable range", "legendgroup": "usable"}
+        figure.add_vrect(*ends, showlegend=number == 0, **area, **of_cdp)
     figure.update_xaxes(**_axis_settings(axis) | {"title": None})
     figure.update_xaxes(title=_escaped(axis_label(axis)), row=2 if snr else 1, col=1)
     figure.update_yaxes(title="CDP", range=_CDP_ENDS, row=1, col=1)
@@ -178,9 +174,9 @@ def _under_pointer(section: Dataset) -> tuple[list[tuple[str, str]], list[Any]]:
     """Return name and format of each variable, and its values; an SNR without noise is not a number."""
     rows, values = [], []
     for name in map(str, section.data_vars):
-        unit = variable_unit(section, name)
-        rows.append((f"{_escaped(variable_name(section, name))}{unit and f' in {_escaped(unit)}'}: ", ".4~g"))
-        values.append((100 if unit == "%" else 1) * known_values(name, section[name].values))
+        column = variable_column(section, name)
+        rows.append((_escaped(f"{column.label}{column.unit and f' in {column.unit}'}: "), ".4~g"))
+        values.append((100 if column.unit == "%" else 1) * known_values(name, section[name].values))
     return rows, values
 
 

@@ -7,27 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ....core.table import Column
 from ....report.text import percent, printable
-from .axes import VARIABLES, At, MapAxis
+from .axes import VARIABLES, At, MapAxis, unit_of
 from .ranges import UsableInterval
 
 if TYPE_CHECKING:
     from xarray import Dataset
-
-
-#: Variables that are shown in percent.
-_PERCENT = ("below", "above", "mean_contrast", "saturated_share")
-
-#: Parts of units as they are typed, and as they are printed.
-_PRINTED = {"^2": "²", "^3": "³", "m2": "m²", "degC": "°C"}
-
-
-def unit_text(unit: str) -> str:
-    """Write a unit as in print; a plain ratio has none."""
-    printed = "" if unit == "1" else printable(unit)
-    for typed, written in _PRINTED.items():
-        printed = printed.replace(typed, written)
-    return printed
 
 
 def axis_name(axis: MapAxis) -> str:
@@ -37,7 +23,7 @@ def axis_name(axis: MapAxis) -> str:
 
 def axis_unit(axis: MapAxis) -> str:
     """Return the unit in which an axis is shown; contrasts are in percent."""
-    return "%" if axis.is_contrast else unit_text(axis.unit)
+    return "%" if axis.is_contrast else axis.unit
 
 
 def axis_label(axis: MapAxis) -> str:
@@ -87,15 +73,11 @@ def width_text(interval: UsableInterval) -> str:
     return f"{'' if known else 'at least '}{interval.decades:.2f} decades, {interval.range_db:.1f} dB"
 
 
-def variable_name(dataset: Dataset, name: str) -> str:
-    """Name a variable of a map."""
-    short, _ = VARIABLES.get(name, ("", ""))
-    return printable(str(short or dataset[name].attrs.get("long_name") or name.replace("_", " ")))
-
-
-def variable_unit(dataset: Dataset, name: str) -> str:
-    """Return the unit in which a variable of a map is shown."""
-    return "%" if name in _PERCENT else unit_text(str(dataset[name].attrs.get("unit", "")))
+def variable_column(dataset: Dataset, name: str) -> Column:
+    """Describe a variable of a map; those of sweeps are known."""
+    text = printable(str(dataset[name].attrs.get("long_name", "")))
+    meaning = f"{text[0].upper()}{text[1:]}." if text else ""
+    return VARIABLES.get(name) or Column(name, text or name.replace("_", " "), unit_of(dataset[name]), meaning)
 
 
 def title(dataset: Dataset) -> str:

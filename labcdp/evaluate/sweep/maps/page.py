@@ -11,9 +11,9 @@ from ....report.drawing import png
 from ....report.files import dataset_bytes, write_report
 from ....report.layout import SIMULATED, Card, Facts, Page, Section, Verbatim
 from ....report.text import significant
-from .axes import TO_DETECT
+from .axes import TO_DETECT, VARIABLES
 from .dips import SnrDip
-from .labels import at_text, axis_name, axis_unit, conditions, ends_text, title, value_text, variable_name, width_text
+from .labels import at_text, axis_name, axis_unit, conditions, ends_text, title, value_text, width_text
 from .ranges import UsableRange
 from .view import MapView
 
@@ -120,5 +120,5 @@ def _dip(view: MapView, dip: SnrDip) -> Card:
         lines.append(f"change of exposure at {value_text(axis, dip.expected)}")
     if dip.variable != "cdp" and dip.lowest_cdp == dip.lowest_cdp:
         lines.append(f"lowest CDP {dip.lowest_cdp:.3g}")
-    name = f"Deepest dip of {variable_name(view.map.dataset, dip.variable)}"
+    name = f"Deepest dip of {VARIABLES[dip.variable].label}"
     return Card(name, value, f"at {value_text(axis, dip.position)}", tuple(lines))

@@ -10,8 +10,8 @@ import numpy as np
 
 from ....core.result import Finding, InputFile, Result, info
 from ....core.table import Column, Table
-from .axes import At, CdpMap, MapAxis
-from .labels import at_text, axis_name, axis_unit, plain, shown, title, variable_name, variable_unit
+from .axes import VARIABLES, At, CdpMap, MapAxis
+from .labels import at_text, axis_name, axis_unit, plain, shown, title, variable_column
 from .map import MapAnalysis
 from .ranges import UsableInterval, UsableRange
 
@@ -136,7 +136,7 @@ def _dips(found: CdpMap, analysis: MapAnalysis) -> Table:
     columns = (
         *_section_columns(found.axes, analysis.x, lambda dip: dip.at),
         Column("variable", "dip of", meaning="Quantity that falls although the luminance rises, and then rises again.",
-               value=lambda dip: variable_name(found.dataset, dip.variable)),
+               value=lambda dip: VARIABLES[dip.variable].label),
         Column("start", "from", unit, "Where it is highest before the fall."),
         Column("position", "lowest at", unit, "Where it is lowest."),
         Column("recovery", "recovered at", unit, "Where it is again as high as before the fall."),
@@ -159,23 +159,9 @@ def _cells(found: CdpMap) -> Table:
     grids = np.meshgrid(*(axis.values for axis in axes.values()), indexing="ij")
     data: dict[str, Any] = {name: grid.ravel() for name, grid in zip(axes, grids, strict=True)}
     data |= {str(name): variable.transpose(*axes).values.ravel() for name, variable in dataset.data_vars.items()}
-    columns = [
-        Column(
-            name,
-            variable_name(dataset, name),
-            variable_unit(dataset, name),
-            _meaning(dataset, name),
-            shown=not name.endswith("standard_error"),
-        )
-        for name in map(str, dataset.data_vars)
-    ]
+    columns = [variable_column(dataset, str(name)) for name in dataset.data_vars]
     long = dataset["cdp"].size > _PRINTED_CELLS
     return Table("map", "Cells of the map", (*_axis_columns(axes, *axes), *columns), data, detail=long)
-
-
-def _meaning(dataset: Dataset, name: str) -> str:
-    text = str(dataset[name].attrs.get("long_name", ""))
-    return f"{text[:1].upper()}{text[1:]}." if text else ""
 
 
 def _matrices(found: CdpMap) -> Iterator[Table]:

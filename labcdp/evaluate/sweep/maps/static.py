@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from ....report import drawing
 from .axes import At
 from .labels import axis_label, conditions, title
-from .view import MISSING, SCALE, USABLE, WIDEST, Line, MapView, cell_edges, drawn_places, set_scale
+from .view import SCALE, USABLE, WIDEST, Line, MapView, drawn_places, heat_map, set_scale
 
 #: Line styles of the isolines, in rising order of their levels.
 _STYLES: tuple[Any, ...] = (":", "-", "--")
@@ -44,11 +44,7 @@ def _heat_maps(view: MapView) -> Figure:
     grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
     handles: dict[str, Any] = {}
     for number, (place, (at, section)) in enumerate(zip(grid, view.parts, strict=False)):
-        place.set_facecolor(MISSING)
-        cdp = np.ma.masked_invalid(section["cdp"].values)
-        mesh = place.pcolormesh(cell_edges(x), cell_edges(y), cdp, cmap=SCALE, vmin=0, vmax=1)
-        set_scale(x, place.xaxis)
-        set_scale(y, place.yaxis)
+        mesh = heat_map(place, x, y, section["cdp"].values, cmap=SCALE, vmin=0, vmax=1)
         handles |= _draw_lines(place, view, at)
         # With axes shared, only those at the rim are labelled; above a hidden panel is the rim, too.
         rim = number + columns >= n

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import cycle
 from math import prod
 from typing import TYPE_CHECKING, Any
 
@@ -12,11 +13,13 @@ from numpy.typing import NDArray
 
 from ....report.drawing import BLUE, GREEN, ORANGE, VERMILLION, logarithmic
 from ....report.text import Z_95
-from .axes import SNR_VARIABLES, TO_DETECT, At, CdpMap, MapAxis, known_values
-from .labels import at_text, axis_unit, ends_text, shown, variable_name
+from .axes import SNR_VARIABLES, TO_DETECT, VARIABLES, At, CdpMap, MapAxis, known_values
+from .labels import at_text, axis_unit, ends_text, shown
 from .map import MapAnalysis
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.collections import QuadMesh
     from xarray import Dataset
 
 
@@ -26,8 +29,8 @@ MOST_PANELS = 12
 #: Colours of curves: the most that are distinguishable.
 COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, "#CC79A7", "#56B4E9", "#000000", "#8C7500")
 
-#: Colours of the SNR of a single curve, none of them that of its CDP.
-SNR_COLOURS = {"snr_dark": GREEN, "snr_bright": "#CC79A7", "csnr": "#000000"}
+#: Colours of the SNR of a single section, without those of its curves of CDP.
+_SNR_COLOURS = (GREEN, "#CC79A7", "#000000", "#8C7500", "#56B4E9", ORANGE)
 
 #: Colours of missing values, of usable ranges and of the widest one in a heat map, and name of the scale of CDP.
 MISSING, USABLE, WIDEST, SCALE = "#d9d9d9", ORANGE, VERMILLION, "viridis"
@@ -135,11 +138,12 @@ class MapView:
         if len(apart) > 1:
             names = [name for name in names if name in self.analysis.dip_variables]
         several, cdp, snr = len(self.parts) > 1, [], []
+        free = [one for one in _SNR_COLOURS if one not in COLOURS[: len(self.parts)]] or _SNR_COLOURS
         for colour, (at, section) in zip(COLOURS, self.parts, strict=False):
             cdp.append(self._line(at, section, "cdp", self.text_of(at) if several else "CDP", colour))
             own = self.text_of({name: value for name, value in at.items() if name != TO_DETECT}) if several else ""
-            for name in names if at in apart else ():
-                of_name = (own, colour) if own else (variable_name(section, name), SNR_COLOURS[name])
+            for name, other in zip(names, cycle(free), strict=False) if at in apart else ():
+                of_name = (own, colour) if own else (VARIABLES[name].label, other)
                 snr.append(self._line(at, section, name, *of_name))
         return cdp, snr
 
@@ -180,6 +184,15 @@ def cell_edges(axis: MapAxis) -> NDArray[np.float64]:
         edges = axis.unscaled(np.r_[2 * places[0] - middles[0], middles, 2 * places[-1] - middles[-1]])
     drawn: NDArray[np.float64] = shown(axis, np.maximum(edges, 0) if axis.never_negative else edges)
     return drawn
+
+
+def heat_map(panel: Axes, x: MapAxis, y: MapAxis, values: NDArray[np.float64], **how: Any) -> QuadMesh:
+    """Draw values over two axes, shape (up, across), with matplotlib's settings `how`."""
+    panel.set_facecolor(MISSING)
+    mesh = panel.pcolormesh(cell_edges(x), cell_edges(y), np.ma.masked_invalid(values), **how)
+    set_scale(x, panel.xaxis)
+    set_scale(y, panel.yaxis)
+    return mesh
 
 
 def _band(section: Dataset) -> Points | None:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
 from itertools import repeat
 from math import inf, isfinite, nan, sqrt
 from typing import Any
@@ -16,11 +15,7 @@ from ....chain import ChainRun, Checkerboard, Signal
 from ....chain.point_spread import pixel_means
 from ....core.errors import InputError
 from ....metrics.contrast import TargetContrasts, each_contrast
-from .rows import PairRow, RegionRow, SimulationEvaluation, StageRow
-
-#: Values of a distribution that a plot shows; those of a result are reduced to it to save memory.
-_MOST_VALUES = 4096
-
+from .rows import PairRow, RegionRow, SeenRegion, SimulationEvaluation, StageRow
 
 #: Parts of a region, from its edge to the centre of the lens, in each of which the values follow the vignetting along
 #: a line; across all of them a tone curve bends it.
@@ -88,6 +83,19 @@ def without_fall_off(values: NDArray[Any], relative: NDArray[np.float64]) -> NDA
     return noise
 
 
+def pixels_behind(signal: Signal) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.float64] | None]:
+    """Return what pixels have behind a stage: values, the luminance they stand for, and the relative illuminance."""
+    relative = relative_illuminance(signal) if signal.oversampling == 1 else None
+    luminance = axial_where_saturated(signal.luminance_cd_m2, signal, relative)
+    return pixel_means(signal.values, signal.oversampling), pixel_means(luminance, signal.oversampling), relative
+
+
+def distributions(luminance: NDArray[Any], masks: Mapping[str, NDArray[np.bool_]]) -> dict[str, metrics.Distribution]:
+    """Return the distribution of the luminance in each region that has pixels."""
+    found = ((region, luminance[mask]) for region, mask in masks.items())
+    return {region: metrics.Distribution.from_array(pixels) for region, pixels in found if pixels.size}
+
+
 def evaluate_run(run: ChainRun, contrast: TargetContrasts = None, epsilon: float = 0.5) -> SimulationEvaluation:
     """Evaluate every stage of a run.
 
@@ -109,72 +117,63 @@ def evaluate_run(run: ChainRun, contrast: TargetContrasts = None, epsilon: float
     InputError
         If contrast or epsilon are out of their range.
     """
-    final = run.chain.final_stages
-    stages = tuple(evaluate_stage(run, name, contrast, epsilon, plot_contrasts=name in final) for name in run)
-    return SimulationEvaluation(run, contrast, epsilon, stages)
+    return SimulationEvaluation(
+        run, contrast, epsilon, tuple(evaluate_stage(run, one, contrast, epsilon) for one in run)
+    )
 
 
-def evaluate_stage(
-    run: ChainRun, name: str, contrast: TargetContrasts = None, epsilon: float = 0.5, *, plot_contrasts: bool = False
-) -> StageRow:
-    """Evaluate one stage of a run, without the contrasts of all pairs unless they are to be plotted.
-
-    The other parameters and errors as for `evaluate_run`.
-    """
+def evaluate_stage(run: ChainRun, name: str, contrast: TargetContrasts = None, epsilon: float = 0.5) -> StageRow:
+    """Evaluate one stage of a run; the other parameters and errors as for `evaluate_run`."""
     signal, scene = run[name], run.chain.scene
     masks = {region: mask for region, mask in scene.regions().items() if mask.any()}
     true_means = _true_means(run, masks)
-    relative = relative_illuminance(signal) if signal.oversampling == 1 else None
-    luminance = axial_where_saturated(signal.luminance_cd_m2, signal, relative)
-    luminance = pixel_means(luminance, signal.oversampling)
-    values = pixel_means(signal.values, signal.oversampling)
-    luminance_shown = shown_distribution(luminance)
-    seen = {region: metrics.Distribution.from_array(luminance[mask]) for region, mask in masks.items()}
+    values, luminance, relative = pixels_behind(signal)
+    seen = distributions(luminance, masks)
     one_pixel = isinstance(scene, Checkerboard) and scene.square_px == 1
     pixels = luminance if one_pixel else None
     # Free a large frame before its distributions are used.
     del luminance
-    pairs: list[PairRow] = []
-    for dark, bright in scene.pairs():
-        # 1.3 / 1 - 1 is not 0.3 in binary.
-        own = round(true_means[bright] / true_means[dark] - 1, 12) if true_means[dark] else inf
-        asked = [own if one is None else one for one in each_contrast(contrast)]
-        for row in _pairs((name, dark, bright), own, asked, epsilon, seen, pixels):
-            if plot_contrasts and row.cdp is not None:
-                row = replace(row, contrasts=metrics.contrast_histogram(seen[bright], seen[dark], row.cdp.interval[1]))
-            pairs.append(row)
+    asked = contrast, epsilon
+    pairs = [row for pair in scene.pairs() for row in _pairs(name, pair, true_means, asked, seen, pixels)]
     regions = []
     for region, mask in masks.items():
         own_values = values[mask] if relative is None else without_fall_off(values[mask], relative[mask])
-        native, light = metrics.Distribution.from_array(own_values), seen[region]
+        native = metrics.Distribution.from_array(own_values)
         ratios = metrics.snr(native), metrics.snr_10log10_db(native), metrics.snr_20log10_db(native)
-        of_light = light.mean, _deviation(light), metrics.snr(light)
-        saturated = 0.0 if signal.saturated is None else float(signal.saturated[mask].mean())
-        what = name, signal.quantity, signal.unit, region, true_means[region]
-        regions.append(RegionRow(*what, native.mean, _deviation(native), *ratios, *of_light, saturated))
-    return StageRow(
-        name, signal.quantity, signal.unit, shown_distribution(values), luminance_shown, tuple(regions), tuple(pairs)
-    )
+        what = name, signal.quantity, signal.unit, region, true_means[region], native.mean, _deviation(native)
+        regions.append(RegionRow(*(*_seen_region(signal, seen[region], mask), *what, *ratios)))
+    return StageRow(name, tuple(regions), tuple(pairs))
 
 
 def evaluate_pair(
     run: ChainRun, name: str, contrast: TargetContrasts = None, epsilon: float = 0.5
-) -> tuple[tuple[PairRow, ...], RegionRow, RegionRow]:
+) -> tuple[tuple[PairRow, ...], SeenRegion, SeenRegion]:
     """Evaluate the first pair of regions behind one stage of a run: at each contrast, its dark and its bright region.
 
-    Parameters as for `evaluate_stage`.
+    Parameters as for `evaluate_stage`; nearest neighbours are left out.
 
     Raises
     ------
     InputError
         If the scene has no pair; and as `evaluate_run`.
     """
-    stage = evaluate_stage(run, name, contrast, epsilon)
-    if not stage.pairs:
+    signal, scene = run[name], run.chain.scene
+    pair = next(iter(scene.pairs()), None)
+    if pair is None:
         raise InputError("the scene has no two regions of different luminance: give a checkerboard or a step chart")
-    regions = {row.region: row for row in stage.regions}
-    pairs = stage.pairs[: len(each_contrast(contrast))]
-    return pairs, regions[pairs[0].dark], regions[pairs[0].bright]
+    masks = {region: mask for region, mask in scene.regions().items() if region in pair}
+    seen = distributions(pixels_behind(signal)[1], masks)
+    rows = _pairs(name, pair, _true_means(run, masks), (contrast, epsilon), seen)
+    dark, bright = (SeenRegion(*_seen_region(signal, seen[region], masks[region])) for region in pair)
+    return tuple(rows), dark, bright
+
+
+def _seen_region(
+    signal: Signal, light: metrics.Distribution, mask: NDArray[np.bool_]
+) -> tuple[float, float, metrics.Estimate, float]:
+    """Return what `SeenRegion` holds."""
+    saturated = 0.0 if signal.saturated is None else float(signal.saturated[mask].mean())
+    return light.mean, _deviation(light), metrics.snr(light), saturated
 
 
 def _true_means(run: ChainRun, masks: Mapping[str, NDArray[np.bool_]]) -> dict[str, float]:
@@ -188,25 +187,29 @@ def _true_means(run: ChainRun, masks: Mapping[str, NDArray[np.bool_]]) -> dict[s
 
 
 def _pairs(
-    names: tuple[str, str, str],
-    true_contrast: float,
-    asked: Sequence[float],
-    epsilon: float,
+    stage: str,
+    pair: tuple[str, str],
+    true_means: Mapping[str, float],
+    task: tuple[TargetContrasts, float],
     seen: Mapping[str, metrics.Distribution],
-    pixels: NDArray[Any] | None,
+    pixels: NDArray[Any] | None = None,
 ) -> Iterator[PairRow]:
-    """Yield a pair at each contrast."""
-    regions = seen[names[2]], seen[names[1]]
+    """Yield a pair of the dark and the bright region at each contrast to be detected, with its tolerance."""
+    (dark, bright), (contrast, epsilon) = pair, task
+    # 1.3 / 1 - 1 is not 0.3 in binary.
+    true_contrast = round(true_means[bright] / true_means[dark] - 1, 12) if true_means[dark] else inf
+    asked = [true_contrast if one is None else one for one in each_contrast(contrast)]
+    names, regions = (stage, dark, bright), (seen[bright], seen[dark])
     if max(region.values[-1] for region in regions) <= 0 or not all(map(isfinite, asked)):
         nothing = metrics.Estimate(nan, nan)
-        row = PairRow(*names, true_contrast, nan, nan, None, None, nothing, nothing, metrics.d_prime(*regions), None)
+        row = PairRow(*names, true_contrast, nan, nan, None, None, nothing, nothing, metrics.d_prime(*regions))
         yield from repeat(row, len(asked))
         return
     means = metrics.weber_contrast_of_means(*regions), _mean_contrast(*regions)
     ratios = metrics.csnr(*regions), metrics.cnr(*regions), metrics.d_prime(*regions)
     of_pixels = [None] * len(asked) if pixels is None else metrics.cdp_neighbours_range(pixels, asked, epsilon)
     for region_to_region, neighbours in zip(metrics.cdp_range(*regions, asked, epsilon), of_pixels, strict=True):
-        yield PairRow(*names, true_contrast, *means, region_to_region, neighbours, *ratios, None)
+        yield PairRow(*names, true_contrast, *means, region_to_region, neighbours, *ratios)
 
 
 def _mean_contrast(bright: metrics.Distribution, dark: metrics.Distribution) -> float:
@@ -220,23 +223,3 @@ def _mean_contrast(bright: metrics.Distribution, dark: metrics.Distribution) -> 
 def _deviation(region: metrics.Distribution) -> float:
     mean_square = float(np.average((region.values - region.mean) ** 2, weights=region.weights))
     return sqrt(mean_square)
-
-
-def shown_distribution(values: NDArray[Any]) -> metrics.Distribution:
-    """Return the distribution of an image's values for a plot, of floats in at most 4096 bins at their own mean.
-
-    Parameters
-    ----------
-    values : ndarray, shape (height, width)
-        Integers or finite floats.
-    """
-    low, high = float(values.min()), float(values.max())
-    if values.dtype.kind in "iu" or high <= low:
-        return metrics.Distribution.from_array(values)
-    counts, sums = np.zeros(_MOST_VALUES), np.zeros(_MOST_VALUES)
-    for row in values:
-        place = ((row - low) * (_MOST_VALUES * (1 - 1e-6) / (high - low))).astype(np.intp)
-        counts += np.bincount(place, minlength=_MOST_VALUES)
-        sums += np.bincount(place, weights=row, minlength=_MOST_VALUES)
-    hit = counts > 0
-    return metrics.Distribution(sums[hit] / counts[hit], counts[hit].astype(np.int64))

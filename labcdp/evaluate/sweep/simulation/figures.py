@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ....metrics import Distribution, contrast_histogram
 from ....metrics.contrast import each_contrast
 from ....report import drawing
 from ....report.layout import ReportFigure
@@ -17,10 +18,14 @@ from ....report.plots import ContrastPanel, stage_figure
 from ....report.text import percent, printable, shortened, span
 from ..maps.axes import LARGEST_SNR
 from ..maps.view import COLOURS
+from .evaluation import distributions, pixels_behind
 from .rows import PairRow, SimulationEvaluation, StageRow
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+#: Values of a distribution that a plot shows; those of a result are reduced to it to save memory.
+_MOST_VALUES = 4096
 
 #: A picture of a stage is enlarged, by repeating pixels, to at least this many pixels.
 _PICTURE_SIDE = 600
@@ -52,29 +57,57 @@ def along_figures(evaluation: SimulationEvaluation) -> list[ReportFigure]:
 
 def contrast_panels(evaluation: SimulationEvaluation) -> list[ContrastPanel]:
     """Return the contrasts of each pair behind the last stage of each sensor."""
-    final = evaluation.run.chain.final_stages
-    return [
-        ContrastPanel(f"{pair_name(row)}{at}, behind {printable(stage.name)}", row.contrasts, row.cdp)
-        for stage in evaluation.stages
-        if stage.name in final
-        for row in stage.pairs
-        if row.cdp is not None and row.contrasts is not None
-        for at in (f" at {percent(row.cdp.contrast, 4)}" if isinstance(evaluation.contrast, tuple) else "",)
-    ]
+    run = evaluation.run
+    panels: list[ContrastPanel] = []
+    for stage in evaluation.stages:
+        if stage.name not in run.chain.final_stages:
+            continue
+        seen = distributions(pixels_behind(run[stage.name])[1], run.chain.scene.regions())
+        for row in stage.pairs:
+            if row.cdp is None:
+                continue
+            contrasts = contrast_histogram(seen[row.bright], seen[row.dark], row.cdp.interval[1])
+            at = f" at {percent(row.cdp.contrast, 4)}" if isinstance(evaluation.contrast, tuple) else ""
+            title = f"{pair_name(row)}{at}, behind {printable(stage.name)}"
+            panels += [] if contrasts is None else [ContrastPanel(title, contrasts, row.cdp)]
+    return panels
 
 
 def stage_figures(evaluation: SimulationEvaluation) -> list[ReportFigure]:
     """Draw the distribution of the values behind each stage."""
     return [
         ReportFigure(
-            f"stage-{file_name(stage.name)}.png",
-            stage_figure(stage.name, stage.native, f"{stage.quantity} in {stage.unit}", stage.luminance),
-            f"{printable(stage.name)}: cumulative probability (blue) and density (grey, scaled to 1) of the values of "
+            f"stage-{file_name(name)}.png",
+            stage_figure(
+                name, shown_distribution(values), f"{signal.quantity} in {signal.unit}", shown_distribution(luminance)
+            ),
+            f"{printable(name)}: cumulative probability (blue) and density (grey, scaled to 1) of the values of "
             "the whole frame, and of the luminance they stand for.",
-            f"Distribution of the values behind {printable(stage.name)}.",
+            f"Distribution of the values behind {printable(name)}.",
         )
-        for stage in evaluation.stages
+        for name, signal in evaluation.run.items()
+        for values, luminance, _ in (pixels_behind(signal),)
     ]
+
+
+def shown_distribution(values: NDArray[Any]) -> Distribution:
+    """Return the distribution of an image's values for a plot, of floats in at most 4096 bins at their own mean.
+
+    Parameters
+    ----------
+    values : ndarray, shape (height, width)
+        Integers or finite floats.
+    """
+    low, high = float(values.min()), float(values.max())
+    if values.dtype.kind in "iu" or high <= low:
+        return Distribution.from_array(values)
+    counts, sums = np.zeros(_MOST_VALUES), np.zeros(_MOST_VALUES)
+    for row in values:
+        place = ((row - low) * (_MOST_VALUES * (1 - 1e-6) / (high - low))).astype(np.intp)
+        counts += np.bincount(place, minlength=_MOST_VALUES)
+        sums += np.bincount(place, weights=row, minlength=_MOST_VALUES)
+    hit = counts > 0
+    return Distribution(sums[hit] / counts[hit], counts[hit].astype(np.int64))
 
 
 def shown_picture(name: str, values: NDArray[Any]) -> ReportFigure:

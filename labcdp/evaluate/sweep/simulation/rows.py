@@ -5,13 +5,34 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ....chain import ChainRun
-from ....metrics import CdpResult, ContrastDistribution, Distribution, Estimate, NeighbourCdp
+from ....metrics import CdpResult, Estimate, NeighbourCdp
 from ....metrics.contrast import TargetContrasts
 
 
 @dataclass(frozen=True)
-class RegionRow:
-    """One region behind one stage.
+class SeenRegion:
+    """Luminance of one region behind one stage.
+
+    Parameters
+    ----------
+    luminance_cd_m2, luminance_standard_deviation_cd_m2 : float
+        Mean and standard deviation of the luminance the stage's values stand for.
+    luminance_snr : Estimate
+        Mean over standard deviation of that luminance; unlike that of the values it does not gain from a black level,
+        nor from glare that is subtracted.
+    saturated_share : float
+        Share of the region's pixels that are saturated.
+    """
+
+    luminance_cd_m2: float
+    luminance_standard_deviation_cd_m2: float
+    luminance_snr: Estimate
+    saturated_share: float
+
+
+@dataclass(frozen=True)
+class RegionRow(SeenRegion):
+    """One region behind one stage, with its values.
 
     Parameters
     ----------
@@ -27,13 +48,6 @@ class RegionRow:
         Their mean over standard deviation; inf without noise.
     snr_10log10_db, snr_20log10_db : Estimate
         The same in decibels: 10 log10 as in the 2018 thesis (eq. 2.1), 20 log10 as in EMVA 1288.
-    luminance_cd_m2, luminance_standard_deviation_cd_m2 : float
-        Mean and standard deviation of the luminance the stage's values stand for.
-    luminance_snr : Estimate
-        Mean over standard deviation of that luminance; unlike `snr` it does not gain from a black
-        level, nor from glare that is subtracted.
-    saturated_share : float
-        Share of the region's pixels that are saturated.
     """
 
     stage: str
@@ -46,10 +60,6 @@ class RegionRow:
     snr: Estimate
     snr_10log10_db: Estimate
     snr_20log10_db: Estimate
-    luminance_cd_m2: float
-    luminance_standard_deviation_cd_m2: float
-    luminance_snr: Estimate
-    saturated_share: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +82,6 @@ class PairRow:
         Nearest-neighbour over the whole frame, for a checkerboard with squares of one pixel.
     csnr, cnr, d_prime : Estimate
         Contrast signal-to-noise ratio, contrast-to-noise ratio and detectability of the two luminances.
-    contrasts : ContrastDistribution or None
-        Distribution of the contrasts of all pairs of pixels; None if no plot was requested.
     """
 
     stage: str
@@ -87,7 +95,6 @@ class PairRow:
     csnr: Estimate
     cnr: Estimate
     d_prime: Estimate
-    contrasts: ContrastDistribution | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,12 +103,8 @@ class StageRow:
 
     Parameters
     ----------
-    name, quantity, unit : str
-        Name of the stage, what its values are and their unit.
-    native : Distribution
-        Values of the whole frame, of many values a histogram.
-    luminance : Distribution
-        The luminance they stand for, in the same form.
+    name : str
+        Name of the stage.
     regions : tuple of RegionRow
         Each region of the scene.
     pairs : tuple of PairRow
@@ -109,10 +112,6 @@ class StageRow:
     """
 
     name: str
-    quantity: str
-    unit: str
-    native: Distribution
-    luminance: Distribution
     regions: tuple[RegionRow, ...]
     pairs: tuple[PairRow, ...]
 

@@ -152,12 +152,13 @@ def _files(paths: Sequence[Path]) -> Iterable[Path]:
     """Files that were named, and those found in folders, each once."""
     files: dict[Path, Path] = {}
     for path in paths:
-        found = [path]
         if path.is_dir():
-            found = [p for p in sorted(path.rglob("*.json")) if _format(p) in (CALIBRATION, VERIFICATION, _BROKEN)]
-            if not found:
+            inside = [p for p in sorted(path.rglob("*.json")) if _format(p) in (CALIBRATION, VERIFICATION, _BROKEN)]
+            if not inside:
                 raise InputError(f"{path} contains no calibration: give a folder with results of labcdp calibrate")
-        files |= {real_path(one): one for one in found}
+            files |= {real_path(p): p for p in inside}
+        else:
+            files[real_path(path)] = path
     return files.values()
 
 

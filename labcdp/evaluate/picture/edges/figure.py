@@ -233,7 +233,7 @@ def edge_script(drawn: Drawn, source: PictureSource) -> Script:
         title="y in pixels", range=[height, 0], showgrid=False, zeroline=False, scaleanchor="x", constrain="domain"
     )
     scale = [list(pair) for pair in colours(found.settings.detected)]
-    legend = {"orientation": "h", "x": 0, "y": 1.0, "yanchor": "bottom", "bgcolor": "#c8c8c8", "itemsizing": "constant"}
+    legend = {"orientation": "h", "y": 1.02, "yanchor": "bottom", "bgcolor": "#c8c8c8", "itemsizing": "constant"}
     figure.update_layout(
         margin={"t": 50 if len(drawn) == 1 else 110, "r": 20},
         height=min(round(_ABOVE + (_WIDTH - _BESIDE) * max(height / width, 0.3)), _HIGHEST),

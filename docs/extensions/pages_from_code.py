@@ -38,7 +38,7 @@ MODULES = {
 
 #: Classes, functions, constants with a comment of their own, and what a package imports under its own name, of a module
 #: that does not list its public names.
-PUBLIC = r"^(?:class |def |#: .*\n(?=[A-Z])|from \.\w+ import \w+ as )([A-Za-z]\w*)"
+PUBLIC = r"^(?:class |def |#: .*\n(?=[A-Z])|from \.[\w.]+ import \w+ as )([A-Za-z]\w*)"
 
 
 def _escaped(text: str) -> str:

@@ -95,17 +95,10 @@ class Chain(ChainParts):
             If the chain has other stages before the sensor, or not one EMVA 1288 sensor.
         """
         stages = [stage for _, stage in self.before]
-        first = stages[0] if stages else None
-        windscreen = first if isinstance(first, Windscreen) else None
-        if windscreen is not None:
-            del stages[0]
-        if (
-            len(stages) == 1
-            and isinstance(stages[0], Optics)
-            and len(self.sensors) == 1
-            and isinstance(self.sensors[0][1], Sensor)
-        ):
-            return ImagingChain(self.spectrum, windscreen, stages[0], self.sensors[0][1])
+        windscreen = next((stage for stage in stages[:1] if isinstance(stage, Windscreen)), None)
+        match [stage for stage in stages if stage is not windscreen], [sensor for _, sensor in self.sensors]:
+            case [Optics() as optics], [Sensor() as sensor]:
+                return ImagingChain(self.spectrum, windscreen, optics, sensor)
         raise ConfigurationError(
             f"{self.name} is no camera for a bench: give at most a windscreen, optics and one sensor of EMVA 1288"
         )

@@ -58,17 +58,15 @@ def class_of(table: str, type_name: str | None) -> type:
     ConfigurationError
         If table or type are unknown.
     """
-    problem = _unknown(table, type_name)
-    if problem:
-        _load_entry_points(problem)
-        problem = _unknown(table, type_name)
-    types = _CLASSES.get(table, {})
-    if problem:
-        asked, known = (type_name, types) if table in _CLASSES else (table, [*_CLASSES, *_TEXTS])
+    if _unknown(table, type_name):
+        _load_entry_points(_unknown(table, type_name))
+    if problem := _unknown(table, type_name):
+        asked, known = (type_name, _CLASSES[table]) if table in _CLASSES else (table, [*_CLASSES, *_TEXTS])
         raise ConfigurationError(f"{problem}: {suggestion(asked, known, 'give one of')}")
+    types = _CLASSES[table]
     if type_name is None and table == "scene":
         raise ConfigurationError(f"{table}.type is missing: give one of {', '.join(types)}")
-    return types[next(iter(types)) if type_name is None else type_name]
+    return types[type_name or next(iter(types))]
 
 
 def _unknown(table: str, type_name: str | None) -> str:

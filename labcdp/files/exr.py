@@ -37,7 +37,10 @@ def read_exr(_data: bytes, path: Path, max_pixels: int) -> StoredImage:
     """
     header, channels = exr_channels(path, max_pixels)
     width, height = _size(header)
-    changes = _changes(header, channels)
+    others = sorted(set(channels) - set(_LUMINANCE if set(_LUMINANCE) & set(channels) else "RGB"))
+    changes = [info("channels-ignored", channels=others)] if others else []
+    if not np.array_equal(header["dataWindow"], header.get("displayWindow", header["dataWindow"])):
+        changes.append(info("data-window"))
     luminance = next((channels[name] for name in _LUMINANCE if name in channels), None)
     if luminance is None and set("RGB") <= set(channels):
         weights, change = luminance_weights(header)
@@ -119,17 +122,6 @@ def _opened(path: Path, **how: bool) -> Iterator[Any]:
             f"{path} is truncated or damaged, or cannot be read as OpenEXR ({shortened(why) or type(error).__name__}): "
             "save it again"
         ) from error
-
-
-def _changes(header: dict[str, Any], channels: dict[str, NDArray[Any]]) -> list[Finding]:
-    changes = []
-    used = set(_LUMINANCE) if set(_LUMINANCE) & set(channels) else set("RGB")
-    others = sorted(set(channels) - used)
-    if others:
-        changes.append(info("channels-ignored", channels=others))
-    if not np.array_equal(header["dataWindow"], header.get("displayWindow", header["dataWindow"])):
-        changes.append(info("data-window"))
-    return changes
 
 
 def luminance_weights(header: dict[str, Any]) -> tuple[tuple[float, float, float], Finding]:

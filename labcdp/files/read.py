@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from .picture import Picture, PictureOptions, with_overrides
 from .png_jpeg import JPEG, NPY, PNG, read_dump, read_jpeg, read_npy, read_png
 from .raw import read_raw
 from .stored_image import StoredImage, luminance_dn
-from .tiff import TIFF, is_of_a_sensor, read_tiff, tiff_text
+from .tiff import TIFF, looked_at, read_tiff
 
 __all__ = ["Picture", "PictureOptions", "frame_of_pixels", "picture_paths", "read_picture"]
 
@@ -67,11 +68,14 @@ def read_picture(path: str | PathLike[str], options: PictureOptions = NOTHING_KN
             raise InputError(f"{path} is a raw dump: give its pixel format too, for example Mono12Packed")
         stored = read_dump(data, path, options.size, options.pixel_format, options.max_pixels)
         return _picture(stored, path, sha256, options)
-    own = _from_labcdp(data, sha256, path, options.max_pixels)
+    is_tiff = data.startswith(TIFF)
+    noted, of_a_sensor = looked_at(data) if is_tiff else (None, False)
+    if data.startswith(EXR):
+        noted = exr_text(path, options.max_pixels)
+    own = _from_labcdp(noted, data, sha256, path, options.max_pixels)
     if own is not None:
         return with_overrides(own, options, None if own.frame is None else own.frame.bit_depth)
-    is_tiff = data.startswith(TIFF)
-    if is_tiff and suffix not in RAW_SUFFIXES and not is_of_a_sensor(data):
+    if is_tiff and suffix not in RAW_SUFFIXES and not of_a_sensor:
         return _picture(read_tiff(data, path, options.max_pixels), path, sha256, options)
     for signature, read in _READERS.items():
         if data.startswith(signature):
@@ -93,32 +97,23 @@ def read_page(path: Path, data: bytes, number: int, options: PictureOptions) -> 
     return _picture(read_tiff(data, path, options.max_pixels, number), path, "", options)
 
 
-def _from_labcdp(data: bytes, sha256: str, path: Path, max_pixels: int) -> Picture | None:
-    """Read what labcdp wrote, a recorded frame or luminance; return None for any other file."""
-    if data.startswith(_ZIP):
-        # Of archives these are the only ones that are read.
-        return _from_luminance(data, sha256, path, max_pixels)
-    text = exr_text(path, max_pixels) if data.startswith(EXR) else tiff_text(data) if data.startswith(TIFF) else None
-    if text is None:
-        return None
-    if text.get("format") == LUMINANCE:
-        return _from_luminance(data, sha256, path, max_pixels)
-    if not {"exposure_s", "saturation_dn", "camera"} <= set(text):
+def _from_labcdp(noted: dict[str, Any] | None, data: bytes, sha256: str, path: Path, max_pixels: int) -> Picture | None:
+    """Read what labcdp wrote, a recorded frame or luminance, by what it noted; return None for any other file."""
+    # Of archives, luminance is the only one that is read.
+    if data.startswith(_ZIP) or (noted or {}).get("format") == LUMINANCE:
+        luminance, _ = read_luminance(data, path, max_pixels)
+        light = np.asarray(luminance.luminance_cd_m2, dtype=np.float32)
+        findings = (info("luminance-file"),)
+        return Picture(path, sha256, ExifFacts(), None, light, True, findings=findings, luminance=luminance)
+    if noted is None or not {"exposure_s", "saturation_dn", "camera"} <= set(noted):
         return None
     stored = read_tiff(data, path, max_pixels)
     try:
-        frame = Frame.from_metadata(stored.values, text)
+        frame = Frame.from_metadata(stored.values, noted)
     except InputError as error:
         raise InputError(f"{path} is not a frame recorded by labcdp ({error})") from error
     facts = ExifFacts(exposure_s=frame.exposure_s, model=frame.camera.model)
     return Picture(path, sha256, facts, frame, exposure_known=True)
-
-
-def _from_luminance(data: bytes, sha256: str, path: Path, max_pixels: int) -> Picture:
-    luminance, _ = read_luminance(data, path, max_pixels)
-    light = np.asarray(luminance.luminance_cd_m2, dtype=np.float32)
-    findings = (info("luminance-file"),)
-    return Picture(path, sha256, ExifFacts(), None, light, True, findings=findings, luminance=luminance)
 
 
 def _from_raw(path: Path, sha256: str, options: PictureOptions) -> Picture:

@@ -62,21 +62,18 @@ def read_tiff(data: bytes, path: Path, max_pixels: int, number: int | None = Non
         return _read(page, path, facts)
 
 
-def tiff_text(data: bytes) -> dict[str, Any] | None:
-    """Return what labcdp noted in a file it wrote, None for others."""
-    # Others write what they like into a description.
-    with suppress(InputError), open_tiff(data, Path()) as tiff:
-        values = parse_json(tiff.pages.first.description)
-        return values if isinstance(values, dict) else None
-    return None
+def looked_at(data: bytes) -> tuple[dict[str, Any] | None, bool]:
+    """Return what labcdp noted in a TIFF it wrote, None for others; and whether it is camera RAW in TIFF's form.
 
-
-def is_of_a_sensor(data: bytes) -> bool:
-    """Whether this is camera RAW in TIFF's form: it has a DNGVersion, or lies behind a colour filter array."""
+    The latter has a DNGVersion, or lies behind a colour filter array. Of a damaged file nothing is known.
+    """
+    values, of_a_sensor = None, False
     with suppress(InputError), open_tiff(data, Path()) as tiff:
         page = tiff.pages.first.aspage()
-        return 50706 in page.tags or page.photometric in (32803, 34892)
-    return False
+        of_a_sensor = 50706 in page.tags or page.photometric in (32803, 34892)
+        # Others write what they like into a description.
+        values = parse_json(page.description)
+    return values if isinstance(values, dict) else None, of_a_sensor
 
 
 def count_pictures(data: bytes, path: Path) -> int:

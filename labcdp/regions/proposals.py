@@ -73,14 +73,10 @@ def _groups(
     near: Neighbours, n: NDArray[np.float64], mean: NDArray[np.float64], error_variance: NDArray[np.float64]
 ) -> NDArray[np.int32]:
     """Return the number of the group of each label."""
-    parent = np.arange(n.size, dtype=np.int32)
-    n, mean = n.copy(), mean.copy()
+    from scipy.cluster.hierarchy import DisjointSet
 
-    def root(label: int) -> int:
-        while parent[label] != label:
-            parent[label] = parent[parent[label]]
-            label = int(parent[label])
-        return label
+    # By the label that stands for a group.
+    n, mean, error_variance, groups = n.copy(), mean.copy(), error_variance.copy(), DisjointSet(range(n.size))
 
     def unlike(a: int, b: int) -> float:
         limit = max(
@@ -91,13 +87,15 @@ def _groups(
 
     order = np.argsort([unlike(int(a), int(b)) for a, b in near.pairs], kind="stable")
     for first, second in near.pairs[order].tolist():
-        a, b = root(first), root(second)
+        a, b = groups[first], groups[second]
         if a != b and unlike(a, b) <= 1:
-            parent[b] = a
-            mean[a] = (n[a] * mean[a] + n[b] * mean[b]) / (n[a] + n[b])
-            n[a] += n[b]
-    _, groups = np.unique([root(label) for label in range(n.size)], return_inverse=True)
-    return groups.astype(np.int32)
+            groups.merge(a, b)
+            whole = groups[a]
+            mean[whole] = (n[a] * mean[a] + n[b] * mean[b]) / (n[a] + n[b])
+            n[whole] = n[a] + n[b]
+            error_variance[whole] = error_variance[a]
+    _, numbers = np.unique([groups[label] for label in range(n.size)], return_inverse=True)
+    return numbers.astype(np.int32)
 
 
 def _pieces(labels: NDArray[np.int32], size_px: int) -> Iterator[tuple[NDArray[np.uint8], tuple[int, int]]]:

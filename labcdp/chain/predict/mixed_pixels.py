@@ -62,11 +62,10 @@ def mixed_pair(
         raise PredictionError(
             "the scene is sampled finer than the pixels, which needs the standard optics: simulate instead"
         )
-    found: dict[Any, list[tuple[FloatArray, FloatArray]]] = {}
     keys = [_geometry(scene) for scene in scenes]
-    for key, scene in zip(keys, scenes, strict=True):
-        if key not in found:
-            found[key] = _parts(scene, optics, pixel_pitch_m)
+    # Of scenes that differ in brightness only, the first one says it for all.
+    firsts = dict(zip(reversed(keys), reversed(scenes), strict=True))
+    found = {key: _parts(scene, optics, pixel_pitch_m) for key, scene in firsts.items()}
     result = []
     for region in (0, 1):
         most = max(parts[region][1].size for parts in found.values())

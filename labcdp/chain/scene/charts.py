@@ -125,11 +125,11 @@ class Checkerboard(Sized):
 
     def levels(self) -> Sequence[Level]:
         """Return the level of the dark and that of the bright squares."""
-        # Samples in odd rows and columns of squares; a square is bright where one of the two is odd.
-        height, width = (size * self.oversampling for size in self.shape)
-        odd_rows, odd_columns = (self._odd(size) for size in (height, width))
-        bright = odd_rows * (width - odd_columns) + odd_columns * (height - odd_rows)
-        share = bright / (width * height)
+        # A sample is bright where one of row and column is odd.
+        rows, columns = self._odd()
+        odd_rows, odd_columns = int(rows.sum()), int(columns.sum())
+        bright = odd_rows * (columns.size - odd_columns) + odd_columns * (rows.size - odd_rows)
+        share = bright / (columns.size * rows.size)
         return Level("dark", self.luminance_cd_m2, 1 - share), Level("bright", self.bright_cd_m2, share)
 
     def pairs(self) -> Sequence[tuple[str, str]]:
@@ -142,16 +142,14 @@ class Checkerboard(Sized):
 
     def is_bright(self) -> Mask:
         """Which samples are bright, shape (height * oversampling, width * oversampling)."""
-        sides = (size * self.oversampling for size in self.shape)
-        rows, columns = (np.arange(size) // self._square_samples % 2 for size in sides)
+        rows, columns = self._odd()
         return (rows[:, None] ^ columns).astype(bool)
 
     @property
     def _square_samples(self) -> int:
         return round(self.square_px * self.oversampling)
 
-    def _odd(self, size: int) -> int:
-        """Return how many samples of a side lie in every second square."""
-        square = self._square_samples
-        whole, rest = divmod(size, 2 * square)
-        return whole * square + max(0, rest - square)
+    def _odd(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Return 1 for the rows, and the columns, of samples that lie in every second row or column of squares."""
+        height, width = (np.arange(size * self.oversampling) // self._square_samples % 2 for size in self.shape)
+        return height, width

@@ -21,6 +21,7 @@ import numpy as np
 import pytest
 
 _LABCDP = Path(sys.executable).with_name("labcdp")
+CHROMIUM = shutil.which("chromium")
 _CLONE_NEWNET = 0x40000000
 _FORKING = "LABCDP_TESTS_FORKING"
 _SLOW_FIRST = {name: place for place, name in enumerate(("cli", "evaluate", "web", "acquire", "drivers"))}
@@ -250,6 +251,18 @@ def aravis_tools(aravis):
     for name, package in (("arv-tool-0.8", "aravis-tools-cli"), ("arv-camera-test-0.8", "aravis-tools")):
         if shutil.which(name) is None:
             pytest.skip(f"{name} ({package}) is not installed")
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """Chromium without a screen."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        arguments = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=arguments)
+        yield browser
+        browser.close()
 
 
 @pytest.fixture(scope="session")

@@ -1,7 +1,6 @@
 """A picture with known values, and a page served as a person starts it."""
 
 import re
-import shutil
 import signal
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -13,7 +12,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-CHROMIUM = shutil.which("chromium")
 WIDTH, HEIGHT = 640, 400
 
 
@@ -41,17 +39,6 @@ class Served:
         said = self.process.stderr.read()
         assert "Traceback" not in said
         return self.process.wait(300), said.splitlines()
-
-
-@pytest.fixture(scope="session")
-def browser() -> Iterator[Any]:
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        arguments = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=arguments)
-        yield browser
-        browser.close()
 
 
 @pytest.fixture(scope="session")

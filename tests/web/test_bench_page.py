@@ -13,7 +13,8 @@ import pytest
 
 from labcdp.session import Session, SessionConfiguration, example_session
 
-from .conftest import CHROMIUM, Served
+from ..conftest import CHROMIUM
+from .conftest import Served
 
 pytestmark = [
     pytest.mark.usefixtures("aravis"),

@@ -14,8 +14,8 @@ from labcdp.metrics.pair import evaluate_pair
 from labcdp.regions import EllipseShape, PolygonShape, load_regions, rois_of
 from labcdp.web.regions.display import DisplayScale
 
-from ..conftest import wait_until
-from .conftest import CHROMIUM, HEIGHT, WIDTH, Served, known_dn
+from ..conftest import CHROMIUM, wait_until
+from .conftest import HEIGHT, WIDTH, Served, known_dn
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
 

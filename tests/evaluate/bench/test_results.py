@@ -2,6 +2,7 @@
 
 import json
 import re
+from contextlib import closing
 from dataclasses import replace
 
 import pytest
@@ -25,6 +26,7 @@ from labcdp.report.html import render_page
 from labcdp.session import ContrastConfiguration, Session
 from labcdp.session.configuration import PartyConfiguration
 
+from ...conftest import CHROMIUM
 from .synthetic import again
 
 NAMES = {
@@ -33,7 +35,7 @@ NAMES = {
     "upper right": "$\\frac{1}$",
     "P09": '"><img src=x onerror=alert(1)>',
     "P02": "{{ 7 * 7 }}",
-    "P04": "grey & \u7070",
+    "P04": "grey & \u7070" + "W" * 92,
 }
 
 
@@ -139,6 +141,16 @@ def test_text_of_a_user_is_no_markup_on_any_page(evaluated, hostile, written):
         assert not [tag for tag in tags if re.search(r"\s(href|srcset|action|style|on\w+)=", tag)]
         assert page.count("</style>") == 1
         assert "Simulated data" in body
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
+def test_long_names_stay_on_the_paper_of_a_certificate(browser, evaluated):
+    with closing(browser.new_page()) as page:
+        page.set_content(calibration_certificate(evaluated.observed, evaluated.calibration).decode())
+        page.emulate_media(media="print")
+        page.set_viewport_size({"width": 680, "height": 1000})  # 210 mm less margins of 15 mm, at 96 px an inch
+        assert page.get_by_text("WWWWWW").count() > 0
+        assert page.evaluate("document.documentElement.scrollWidth") <= 680
 
 
 def test_budget_and_patches_are_those_of_the_calibration(evaluated):

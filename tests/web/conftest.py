@@ -2,7 +2,6 @@
 
 import re
 import signal
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,12 +9,11 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 WIDTH, HEIGHT = 640, 400
 
 
-def known_dn() -> NDArray[np.uint16]:
+def known_dn():
     """16-bit DN: the left half dark, the right half ten times as bright, with noise; one pixel that differs."""
     rng = np.random.default_rng(7)
     mean = np.where(np.arange(WIDTH) < WIDTH // 2, 3000.0, 30000.0)
@@ -33,7 +31,7 @@ class Served:
     port: int
     lines: list[str]
 
-    def stop(self, number: int = signal.SIGINT) -> tuple[int, list[str]]:
+    def stop(self, number=signal.SIGINT):
         """End it; return its exit status and what it said last."""
         self.process.send_signal(number)
         said = self.process.stderr.read()
@@ -42,21 +40,21 @@ class Served:
 
 
 @pytest.fixture(scope="session")
-def picture(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def picture(tmp_path_factory):
     path = tmp_path_factory.mktemp("picture") / "bench.png"
     assert cv2.imwrite(str(path), known_dn())
     return path
 
 
 @pytest.fixture(scope="module")
-def serve(start_in: Any) -> Iterator[Callable[..., Served]]:
+def serve(start_in):
     """Start a command with arguments, and wait for the address of its page."""
     running = []
 
-    def start(*arguments: str | Path, folder: Path = Path()) -> Served:
+    def start(*arguments, folder=Path()):
         process = start_in(folder.absolute(), *arguments, pipes=True, environment={"OMP_NUM_THREADS": "1"})
         running.append(process)
-        lines: list[str] = []
+        lines = []
         for line in process.stderr:
             lines.append(line.rstrip())
             if line.startswith("Ctrl-C"):

@@ -1,11 +1,9 @@
 """The live bench without a browser: camera thread, exposure, verdict, meter, and frames of all kinds."""
 
 import json
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
 from threading import Thread
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +19,6 @@ from labcdp.regions import RectangleShape
 from labcdp.session import CameraConfiguration, EventRecord, MeterConfiguration, Session
 from labcdp.web.bench.desk import MeterDesk
 from labcdp.web.bench.images import Focus, better_exposure_s
-from labcdp.web.bench.live import Live
 from labcdp.web.bench.live_camera import LiveCamera
 from labcdp.web.bench.pair import LiveMeasurements, verdict
 from labcdp.web.bench.recording import PageOperator, Recording
@@ -37,13 +34,13 @@ from .test_drawing import workspace
 
 
 @pytest.fixture
-def bench(small_configuration: Any) -> Iterator[SimulatedBench]:
+def bench(small_configuration):
     with SimulatedBench(small_configuration, BenchDevices.standard(), (400, 480)) as bench:
         yield bench
 
 
 @pytest.fixture
-def camera(bench: SimulatedBench) -> Iterator[LiveCamera]:
+def camera(bench):
     """Live camera of the bench, saturated from 3000 DN, at which nobody looks."""
     stated = CameraConfiguration(pixel_pitch_m=5e-6, saturation_dn=3000).stated
     camera = LiveCamera(bench.in_process_camera(), {"exposure_s": 0.002}, stated=stated)
@@ -52,10 +49,8 @@ def camera(bench: SimulatedBench) -> Iterator[LiveCamera]:
     camera.stop()
 
 
-def test_a_camera_streams_while_somebody_looks_and_keeps_its_settings_through_a_loss(
-    bench: SimulatedBench, camera: LiveCamera
-) -> None:
-    def wait_for(condition: Callable[[Live], bool]) -> None:
+def test_a_camera_streams_while_somebody_looks_and_keeps_its_settings_through_a_loss(bench, camera):
+    def wait_for(condition):
         wait_until(lambda: condition(camera.live), str(camera.live))
 
     assert camera.live.frame is None
@@ -86,7 +81,7 @@ def test_a_camera_streams_while_somebody_looks_and_keeps_its_settings_through_a_
 
 
 @pytest.mark.parametrize("exposure_s", [20e-6, 1e-3, 0.1, 10.0])
-def test_the_exposure_of_a_linear_camera_is_found(exposure_s: float) -> None:
+def test_the_exposure_of_a_linear_camera_is_found(exposure_s):
     rng = np.random.default_rng(4)
     for _ in range(10):
         mean = 64 + 2e5 * exposure_s
@@ -97,7 +92,7 @@ def test_the_exposure_of_a_linear_camera_is_found(exposure_s: float) -> None:
     assert 0.69 < (mean + 2.33 * np.sqrt(mean)) / 4095 < 0.91
 
 
-def test_a_late_answer_does_not_count_for_the_next_question() -> None:
+def test_a_late_answer_does_not_count_for_the_next_question():
     operator = PageOperator(lambda: None, None)
     person = Thread(target=lambda: (operator.cover_lens(), operator.uncover_lens()))
     person.start()
@@ -113,7 +108,7 @@ def test_a_late_answer_does_not_count_for_the_next_question() -> None:
     assert not person.is_alive()
 
 
-def test_the_verdict_follows_the_interval() -> None:
+def test_the_verdict_follows_the_interval():
     for below, above, interval, expected in (
         (0.01, 0.02, (0.95, 0.99), "detected"),
         (0.9, 0.0, (0.05, 0.15), "too weak"),
@@ -124,16 +119,14 @@ def test_the_verdict_follows_the_interval() -> None:
         assert verdict(below, above, interval) == expected
 
 
-def frame_of(dn: Any, bits: int, saturation_dn: float, pixel_format: str, pattern: str | None) -> Frame:
+def frame_of(dn, bits, saturation_dn, pixel_format, pattern):
     """A frame without a black level."""
     camera, now = CameraIdentity("synthetic", "synthetic", "1"), datetime.now(UTC)
     return Frame(dn, 1e-3, 0.0, bits, saturation_dn, 0.0, pixel_format, pattern, None, now, 0, 1, camera)
 
 
 @pytest.mark.parametrize(("pixel_format", "bits", "pattern"), [("Mono8", 8, None), ("BayerGB12", 12, "GB")])
-def test_frames_of_8_bit_and_colour_cameras_are_shown_and_measured(
-    pixel_format: str, bits: int, pattern: str | None
-) -> None:
+def test_frames_of_8_bit_and_colour_cameras_are_shown_and_measured(pixel_format, bits, pattern):
     dn = np.random.default_rng(9).integers(20, 200, (60, 80)).astype(np.uint8 if bits == 8 else np.uint16)
     dn[10:20, 10:30] = highest = 2**bits - 1
     frame = frame_of(dn, bits, highest, pixel_format, pattern)
@@ -160,7 +153,7 @@ def test_frames_of_8_bit_and_colour_cameras_are_shown_and_measured(
     assert np.abs(image.display - (dn if pattern is None else blocks)).max() <= 0.5
 
 
-def test_sharpness_is_compared_at_one_exposure_and_gain() -> None:
+def test_sharpness_is_compared_at_one_exposure_and_gain():
     dn = np.random.default_rng(9).integers(20, 2000, (60, 80)).astype(np.uint16)
     sharp = frame_of(dn, 12, 4095, "Mono12", None)
     blurred = replace(sharp, dn=np.full_like(dn, 1000) + dn // 50)
@@ -172,7 +165,7 @@ def test_sharpness_is_compared_at_one_exposure_and_gain() -> None:
 
 
 @pytest.mark.parametrize("pattern", [None, "RG"])
-def test_single_saturated_and_black_pixels_are_seen_in_a_picture_that_is_zoomed_out(pattern: str | None) -> None:
+def test_single_saturated_and_black_pixels_are_seen_in_a_picture_that_is_zoomed_out(pattern):
     # 61 rows: with a pattern the last one is no whole block.
     dn = np.full((61, 80), 1000, np.uint16)
     dn[33, 47], dn[5, 8] = 3600, 0
@@ -188,7 +181,7 @@ def test_single_saturated_and_black_pixels_are_seen_in_a_picture_that_is_zoomed_
         assert np.argwhere(shown == 0).tolist() == [[5 // n, 8 // n]]
 
 
-def test_a_saturated_region_says_nothing_about_the_meter() -> None:
+def test_a_saturated_region_says_nothing_about_the_meter():
     flags = np.zeros((8, 8), np.uint8)
     flags[:4] = Invalid.SATURATED
     light = LuminanceMap(np.full((8, 8), 50.0), np.full((8, 8), 0.01), (), flags)
@@ -206,7 +199,7 @@ def test_a_saturated_region_says_nothing_about_the_meter() -> None:
     assert (good.disagrees, unknown.disagrees) == (True, False)
 
 
-def test_a_meter_that_is_unplugged_is_noticed_and_in_a_series_waited_for(bench: SimulatedBench) -> None:
+def test_a_meter_that_is_unplugged_is_noticed_and_in_a_series_waited_for(bench):
     nothing = LuminanceMap(np.zeros((4, 4)), np.zeros((4, 4)), (), np.zeros((4, 4), np.uint8))
     image = PageImage("live", np.zeros((4, 4), np.uint16), True, None, nothing, "relative")
     with MinoltaLS110(bench.in_process_port()) as meter:
@@ -222,16 +215,14 @@ def test_a_meter_that_is_unplugged_is_noticed_and_in_a_series_waited_for(bench: 
     assert [one.n_readings for one in desk.readings] == [1, 2, 3]
 
 
-def test_a_recording_waits_for_what_is_lost_until_it_is_stopped(
-    bench: SimulatedBench, camera: LiveCamera, small_configuration: Any, tmp_path: Any
-) -> None:
+def test_a_recording_waits_for_what_is_lost_until_it_is_stopped(bench, camera, small_configuration, tmp_path):
     plan = small_plan().model_copy(update={"camera": small_configuration.camera})
     operator = PageOperator(lambda: operator.answer(operator.question, "Done"), bench)
     recording = Recording(tmp_path / "mine", plan, operator)
     faults = {("light frames", 2): "vanish for 3 s", ("meter readings", 2): "meter unplug for 1 s"}
     faults["dark frames", 1] = "vanish"
 
-    def report(progress: Any) -> None:
+    def report(progress):
         if fault := faults.pop((progress.step, progress.done), ""):
             bench.run_command(fault)
 
@@ -253,7 +244,7 @@ def test_a_recording_waits_for_what_is_lost_until_it_is_stopped(
 
 
 @pytest.mark.filterwarnings("ignore:.*will be removed in version 2.0:PendingDeprecationWarning")
-def test_many_messages_are_answered_with_one_refresh(tmp_path: Any) -> None:
+def test_many_messages_are_answered_with_one_refresh(tmp_path):
     page = Page(workspace(tmp_path), Document())
     link = page.picture.link
     for n in range(100):
@@ -268,7 +259,7 @@ def test_many_messages_are_answered_with_one_refresh(tmp_path: Any) -> None:
 
 
 @pytest.mark.filterwarnings("ignore:.*will be removed in version 2.0:PendingDeprecationWarning")
-def test_a_number_that_a_field_does_not_take_is_reverted_and_said(tmp_path: Any) -> None:
+def test_a_number_that_a_field_does_not_take_is_reverted_and_said(tmp_path):
     page, taken = Page(workspace(tmp_path), Document()), list[int]()
     empty = page.number("To", limits=(0.0, 9.0))
     for typed in (5.0, None):

@@ -4,17 +4,13 @@ import re
 import shutil
 import signal
 import time
-from collections.abc import Callable, Iterator
 from contextlib import suppress
-from pathlib import Path
-from typing import Any
 
 import pytest
 
 from labcdp.session import Session, SessionConfiguration, example_session
 
 from ..conftest import CHROMIUM
-from .conftest import Served
 
 pytestmark = [
     pytest.mark.usefixtures("aravis"),
@@ -23,7 +19,7 @@ pytestmark = [
 BENCH = ("bench", "plan.toml", "--simulated-bench", "bench.toml", "--no-open")
 
 
-def small_plan() -> SessionConfiguration:
+def small_plan():
     """Four patches and two exposures of the demonstration's target."""
     plan = SessionConfiguration.load(example_session() / "session.toml")
     names = ("upper left", "upper right", "lower left", "lower right")
@@ -41,7 +37,7 @@ def small_plan() -> SessionConfiguration:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     """Where the bench runs."""
     folder = tmp_path_factory.mktemp("bench")
     (folder / "plan.toml").write_text(small_plan().to_toml())
@@ -51,7 +47,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def served(folder: Path, serve: Callable[..., Served]) -> Iterator[Served]:
+def served(folder, serve):
     """A live bench that ends cleanly."""
     served = serve(*BENCH, folder=folder)
     yield served
@@ -61,37 +57,37 @@ def served(folder: Path, serve: Callable[..., Served]) -> Iterator[Served]:
 class Bench:
     """The page in a tab, and a person at it."""
 
-    def __init__(self, page: Any, served: Served) -> None:
+    def __init__(self, page, served):
         self.page = page
         page.set_default_timeout(120_000)
         answer = page.goto(served.url)
         assert "frame-ancestors 'none'" in answer.headers["content-security-policy"]
         self.card_when(0, "fps")
 
-    def card_when(self, index: int, pattern: str) -> str:
+    def card_when(self, index, pattern):
         """Text of a card without its title, once it is as it should become."""
         found = self.page.locator(".card").nth(index).filter(has_text=re.compile(pattern, re.DOTALL))
         found.wait_for()
         return str(found.inner_text()).split("\n", 1)[1]
 
-    def fill(self, label: str, text: str) -> None:
+    def fill(self, label, text):
         field = self.page.get_by_label(label)
         field.fill(text)
         field.press("Enter")
 
-    def button(self, name: str) -> Any:
+    def button(self, name):
         return self.page.get_by_role("button", name=name, exact=True)
 
-    def tab(self, number: int) -> None:
+    def tab(self, number):
         """Show a tab by its key, which is no text in a field."""
         self.page.evaluate("document.activeElement?.blur()")
         self.page.keyboard.press(str(number))
 
-    def expose(self, exposure: str) -> None:
+    def expose(self, exposure):
         self.fill("Exposure (ms)", exposure)
         self.card_when(0, rf"fps\D*{exposure} ms")
 
-    def record(self, name: str, until: Callable[[], bool]) -> list[str]:
+    def record(self, name, until):
         """Record the plan into a folder by Enter alone; return what was asked."""
         self.tab(5)
         self.fill("Folder of the session", name)
@@ -111,25 +107,23 @@ class Bench:
             self.page.wait_for_timeout(100)
         return asked
 
-    def shows(self, text: str) -> bool:
+    def shows(self, text):
         return bool(self.page.get_by_text(text).first.is_visible())
 
 
 @pytest.fixture(scope="module")
-def bench(browser: Any, served: Served) -> Iterator[Bench]:
+def bench(browser, served):
     """A page for all tests: to open one takes longer than most of them."""
     bench = Bench(browser.new_page(viewport={"width": 1280, "height": 800}), served)
     yield bench
     bench.page.close()
 
 
-def number(text: str) -> float:
+def number(text):
     return float(re.findall(r"-?\d+\.?\d*", text)[0])
 
 
-def test_a_recording_goes_on_after_its_server_was_killed(
-    browser: Any, tmp_path: Path, folder: Path, serve: Callable[..., Served]
-) -> None:
+def test_a_recording_goes_on_after_its_server_was_killed(browser, tmp_path, folder, serve):
     # The first test: there is one simulated camera on loopback at a time.
     for name in ("plan.toml", "bench.toml"):
         shutil.copy(folder / name, tmp_path)
@@ -155,7 +149,7 @@ def test_a_recording_goes_on_after_its_server_was_killed(
         assert (len(session.frames("light")), len(session.readings())) == (4, 4)
 
 
-def test_saturation_contrast_and_verdict_follow_the_exposure(bench: Bench) -> None:
+def test_saturation_contrast_and_verdict_follow_the_exposure(bench):
     bench.tab(1)
     bench.expose("32")
     # At 32 ms the brightest patches of the target are saturated, and the page does not call that detected.
@@ -175,7 +169,7 @@ def test_saturation_contrast_and_verdict_follow_the_exposure(bench: Bench) -> No
     bench.card_when(1, r"detected.*target contrast 880\.5 %")
 
 
-def test_the_meter_reads_the_patch_that_is_selected(bench: Bench) -> None:
+def test_the_meter_reads_the_patch_that_is_selected(bench):
     bench.tab(3)
     bench.page.locator("tr[data-region]", has_text="lower left").first.click()
     bench.tab(1)
@@ -190,7 +184,7 @@ def test_the_meter_reads_the_patch_that_is_selected(bench: Bench) -> None:
     assert bench.page.locator("table.readings tbody tr").count() == before + 1
 
 
-def test_a_second_browser_looks_on_until_it_takes_control(bench: Bench, browser: Any, served: Served) -> None:
+def test_a_second_browser_looks_on_until_it_takes_control(bench, browser, served):
     other = Bench(browser.new_page(), served)
     other.button("Take control").wait_for()
     assert other.page.get_by_label("Exposure (ms)").is_disabled()

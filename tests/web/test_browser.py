@@ -2,8 +2,6 @@
 
 import re
 import signal
-from collections.abc import Callable, Iterator
-from typing import Any
 
 import pytest
 
@@ -15,7 +13,7 @@ from labcdp.regions import EllipseShape, PolygonShape, load_regions, rois_of
 from labcdp.web.regions.display import DisplayScale
 
 from ..conftest import CHROMIUM, wait_until
-from .conftest import HEIGHT, WIDTH, Served, known_dn
+from .conftest import HEIGHT, WIDTH, known_dn
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
 
@@ -38,28 +36,28 @@ _DETAIL = """() => {
 class Tab:
     """The page in a tab, and a person at it."""
 
-    def __init__(self, page: Any, served: Served) -> None:
+    def __init__(self, page, served):
         self.page = page
-        self.complaints: list[str] = []
-        self.asked: list[str] = []
+        self.complaints = []
+        self.asked = []
         page.on("request", lambda request: self.asked.append(request.url))
         page.on("pageerror", lambda error: self.complaints.append(str(error)))
         page.on("console", self._console)
         page.goto(served.url)
         page.get_by_text("Drag beside it moves the picture").wait_for()
 
-    def _console(self, message: Any) -> None:
+    def _console(self, message):
         if message.type in ("error", "warning"):
             self.complaints.append(message.text)
 
-    def at(self, x: float, y: float) -> tuple[float, float]:
+    def at(self, x, y):
         sx, sy = self.page.evaluate(ON_SCREEN, [x, y])
         return sx, sy
 
-    def click(self, x: float, y: float) -> None:
+    def click(self, x, y):
         self.page.mouse.click(*self.at(x, y))
 
-    def drag(self, start: tuple[float, float], end: tuple[float, float], hold_ms: int = 0) -> None:
+    def drag(self, start, end, hold_ms=0):
         self.page.mouse.move(*self.at(*start))
         self.page.mouse.down()
         # A hand may stay still for a moment, and moves in steps.
@@ -67,19 +65,19 @@ class Tab:
         self.page.mouse.move(*self.at(*end), steps=4)
         self.page.mouse.up()
 
-    def button(self, name: str) -> None:
+    def button(self, name):
         self.page.get_by_role("button", name=name, exact=True).click()
 
-    def rows(self) -> list[list[str]]:
+    def rows(self):
         """Cells of the table of regions."""
         cells = "rows => rows.map(row => Array.from(row.children, cell => cell.innerText.trim()))"
         return list(self.page.locator("table:not(.dense) tr[data-region]").evaluate_all(cells))
 
-    def rows_when(self, condition: Callable[[list[list[str]]], bool], what: str) -> list[list[str]]:
+    def rows_when(self, condition, what):
         """Cells of the table, once all is measured and it is as it should become."""
-        seen: list[list[str]] = []
+        seen = []
 
-        def met() -> bool:
+        def met():
             seen[:] = self.rows()
             # Cells that are not drawn yet have no text.
             return not any("…" in row or not row[0] for row in seen) and condition(seen)
@@ -87,21 +85,21 @@ class Tab:
         wait_until(met, f"{what}; {self.notice()}")
         return seen
 
-    def wait_for_rows(self, n: int) -> list[list[str]]:
+    def wait_for_rows(self, n):
         return self.rows_when(lambda rows: len(rows) == n, f"there are {n} regions")
 
-    def notice(self) -> str:
+    def notice(self):
         return " ".join(self.page.locator(".notice").all_inner_texts())
 
-    def wait_for_notice(self, pattern: str) -> None:
+    def wait_for_notice(self, pattern):
         self.page.locator(".notice", has_text=re.compile(pattern)).wait_for(timeout=120_000)
 
 
 @pytest.fixture
-def open_tab(browser: Any) -> Iterator[Callable[[Served], Tab]]:
+def open_tab(browser):
     contexts = []
 
-    def new(served: Served) -> Tab:
+    def new(served):
         context = browser.new_context(viewport={"width": 1280, "height": 800})
         context.set_default_timeout(120_000)
         contexts.append(context)

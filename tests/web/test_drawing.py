@@ -1,10 +1,8 @@
 """The drawing with its files, without a browser: what is drawn, refused, undone, kept and saved."""
 
 import json
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 import pytest
@@ -29,14 +27,14 @@ A, B, C = (RectangleShape(name, 5 + 20 * at, 5, 10, 10) for at, name in enumerat
 BOX = {"do": "box", "kind": "rectangle", "start": [10, 10], "end": [60, 70]}
 
 
-def at_once(steps: Iterator[Any], then: Callable[[Any], None], done: Callable[[], None]) -> None:
+def at_once(steps, then, done):
     """Run what the page runs elsewhere."""
     for found in steps:
         then(found)
     done()
 
 
-def workspace(folder: Path) -> Workspace:
+def workspace(folder):
     """Workspace of an empty drawing on an image whose corner is saturated; its output is r.json."""
     flags = np.zeros((HEIGHT, WIDTH), dtype=np.uint8)
     flags[:5, :5] = 1
@@ -49,7 +47,7 @@ def workspace(folder: Path) -> Workspace:
 
 
 @pytest.fixture
-def space(tmp_path: Path) -> Workspace:
+def space(tmp_path):
     return workspace(tmp_path)
 
 
@@ -88,7 +86,7 @@ _GOOD = st.sampled_from(
 
 @given(messages=st.lists(_MESSAGE | _GOOD, max_size=15))
 @settings(max_examples=100)
-def test_whatever_a_page_sends_is_carried_out_or_refused_and_can_be_undone(messages: list[dict[str, Any]]) -> None:
+def test_whatever_a_page_sends_is_carried_out_or_refused_and_can_be_undone(messages):
     with TemporaryDirectory() as folder:
         space = workspace(Path(folder))
         states, at = [space.drawing], 0
@@ -109,12 +107,12 @@ def test_whatever_a_page_sends_is_carried_out_or_refused_and_can_be_undone(messa
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"do": 3}', "[" * 100_000])
-def test_what_is_no_message_is_refused(text: str) -> None:
+def test_what_is_no_message_is_refused(text):
     with pytest.raises(InputError, match="the page sent"):
         parse_message(text)
 
 
-def test_proposals_count_once_they_are_accepted() -> None:
+def test_proposals_count_once_they_are_accepted():
     drawing = Drawing.of(SIZE, (A,)).proposed((RectangleShape("A", 5, 40, 10, 10), B, C))
     assert [shape.name for shape in drawing.proposals] == ["A (2)", "B", "C"]
     assert [roi.name for roi in drawing.rois] == ["A"]
@@ -124,7 +122,7 @@ def test_proposals_count_once_they_are_accepted() -> None:
     assert [shape.name for shape in drawing.deleted("C").proposals] == ["A (2)", "B"]
 
 
-def test_warnings_of_the_checks_are_shown_and_names_are_escaped(space: Workspace) -> None:
+def test_warnings_of_the_checks_are_shown_and_names_are_escaped(space):
     space.do({**BOX, "start": [0, 0]})
     space.do({"do": "rename", "name": "region 1", "to": "<i>&'"})
     said = warning_list(space.image, space.drawing, space.measured)
@@ -132,7 +130,7 @@ def test_warnings_of_the_checks_are_shown_and_names_are_escaped(space: Workspace
     assert "<i>" not in said + region_table(space.image, space.drawing, space.measured, None)
 
 
-def test_a_file_that_somebody_else_changed_is_replaced_only_when_confirmed(space: Workspace, tmp_path: Path) -> None:
+def test_a_file_that_somebody_else_changed_is_replaced_only_when_confirmed(space, tmp_path):
     path = tmp_path / "r.json"
     space.do(dict(BOX))
     # One that appears is another program's, too.
@@ -159,7 +157,7 @@ def test_a_file_that_somebody_else_changed_is_replaced_only_when_confirmed(space
     assert space.last_words() == [f"Saved: {path}", f"Saved: {tmp_path / 'mine.json'}"]
 
 
-def test_regions_of_a_file_are_loaded_and_may_be_saved_there_again(space: Workspace, tmp_path: Path) -> None:
+def test_regions_of_a_file_are_loaded_and_may_be_saved_there_again(space, tmp_path):
     save_regions(tmp_path / "other.zip", (A, B), SIZE)
     space.do(dict(BOX))
     before = space.drawing
@@ -172,7 +170,7 @@ def test_regions_of_a_file_are_loaded_and_may_be_saved_there_again(space: Worksp
     assert space.drawing == before
 
 
-def test_other_files_are_written_next_to_the_output_and_nowhere_else(space: Workspace, tmp_path: Path) -> None:
+def test_other_files_are_written_next_to_the_output_and_nowhere_else(space, tmp_path):
     (tmp_path / "there.json").write_text("mine")
     space.do(dict(BOX))
     for name in ("other.zip", "other.json", "other.roi"):
@@ -184,14 +182,14 @@ def test_other_files_are_written_next_to_the_output_and_nowhere_else(space: Work
     assert not (tmp_path.parent / "r.json").exists()
 
 
-def test_a_kept_drawing_of_another_image_is_refused(tmp_path: Path) -> None:
+def test_a_kept_drawing_of_another_image_is_refused(tmp_path):
     files = DrawingFiles(tmp_path / "r.json", (WIDTH, HEIGHT))
     save_regions(files.unsaved, [A], (50, 50))
     with pytest.raises(InputError, match=r"50 x 50 pixels.*holds what was drawn and not saved"):
         files.kept()
 
 
-def test_superpixels_of_a_colour_sensor_are_joined_and_in_pixels_of_the_image() -> None:
+def test_superpixels_of_a_colour_sensor_are_joined_and_in_pixels_of_the_image():
     light = np.random.default_rng(2).normal(100, 1, (60, 80)).astype(np.float32)
     light[:, 40:] *= 3
     none, dn = np.zeros(light.shape, dtype=np.uint8), light.repeat(2, axis=0).repeat(2, axis=1).astype(np.uint16)

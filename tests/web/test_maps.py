@@ -1,7 +1,6 @@
 """Profile, isolines, scale and export of a luminance map, against what it is made of."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +17,7 @@ HEIGHT, WIDTH = 60, 90
 
 
 @pytest.fixture
-def image() -> PageImage:
+def image():
     """A plane of 1 to 2 cd/m² from left to right, with 3 % of each pixel alone and 4 % of all together."""
     light = np.broadcast_to(np.linspace(1, 2, WIDTH), (HEIGHT, WIDTH)).astype(np.float32)
     invalid = np.zeros((HEIGHT, WIDTH), np.uint8)
@@ -27,7 +26,7 @@ def image() -> PageImage:
     return PageImage("plane", light, False, None, luminance, "cd/m^2")
 
 
-def test_a_profile_reads_the_pixels_along_a_line_with_their_uncertainty(image: PageImage) -> None:
+def test_a_profile_reads_the_pixels_along_a_line_with_their_uncertainty(image):
     along = profile(image, (10.5, 5.5, 40.5, 45.5))
     assert (along.distance_px[0], along.distance_px[-1]) == (0, 50)
     columns = np.floor(10.5 + along.distance_px * 0.6).astype(int)
@@ -44,13 +43,13 @@ def test_a_profile_reads_the_pixels_along_a_line_with_their_uncertainty(image: P
         profile(image, (-20, 5, -2, 5))
 
 
-def _cut(luminance: LuminanceMap, window: tuple[slice, slice]) -> LuminanceMap:
+def _cut(luminance, window):
     return LuminanceMap(
         luminance.luminance_cd_m2[window], luminance.random_rel[window], 0.04, luminance.invalid[window]
     )
 
 
-def test_an_isoline_of_a_plane_is_straight(image: PageImage) -> None:
+def test_an_isoline_of_a_plane_is_straight(image):
     (line,) = isolines(image.luminance, [1.5])
     # The middle of the pixels of 1.5 cd/m².
     assert line.x == pytest.approx(0.5 * (WIDTH - 1) + 0.5, abs=0.01)
@@ -58,14 +57,14 @@ def test_an_isoline_of_a_plane_is_straight(image: PageImage) -> None:
 
 
 @pytest.mark.parametrize("name", ["linear", "logarithm"])
-def test_colours_span_the_range_and_mark_what_is_beyond(image: PageImage, name: str) -> None:
-    scale = DisplayScale(name, 1.25, 1.75, ends_apart=True)  # type: ignore[arg-type]
+def test_colours_span_the_range_and_mark_what_is_beyond(image, name):
+    scale = DisplayScale(name, 1.25, 1.75, ends_apart=True)
     values = np.array([-np.inf, 0.5, 1.25, np.sqrt(1.25 * 1.75) if name == "logarithm" else 1.5, 1.75, 3, np.inf])
     assert np.abs(scale.to_8_bit(values).astype(int) - [0, 1, 1, 127.5, 254, 254, 255]).max() <= 0.5
     assert np.argwhere(~np.isfinite(image.light_display)).tolist() == [[0, 0]]
 
 
-def test_a_map_is_exported_once(image: PageImage, tmp_path: Path) -> None:
+def test_a_map_is_exported_once(image, tmp_path):
     scale = DisplayScale("linear", 1.0, 2.0)
     for name in ("map.csv", "map.png", "map.tif", "map.exr"):
         export_map(image, tmp_path / name, scale)
@@ -79,7 +78,7 @@ def test_a_map_is_exported_once(image: PageImage, tmp_path: Path) -> None:
         export_map(replace(image, unit="relative"), tmp_path / "other.tif", scale)
 
 
-def test_a_map_that_python_saved_is_read(image: PageImage, tmp_path: Path) -> None:
+def test_a_map_that_python_saved_is_read(image, tmp_path):
     export_map(image, tmp_path / "map.tif", DisplayScale("linear", 1.0, 2.0))
     labcdp.read_image(tmp_path / "map.tif").to_dataset().to_netcdf(tmp_path / "map.nc")
     read = dataset_image(tmp_path / "map.nc")

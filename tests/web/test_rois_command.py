@@ -5,11 +5,8 @@ import json
 import re
 import signal
 import socket
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
-from pathlib import Path
-from typing import Any
 from urllib.parse import urlsplit
 
 import cv2
@@ -25,21 +22,21 @@ from labcdp.regions import RectangleShape, load_regions, rois_of, save_regions
 from labcdp.report.files import schema
 from labcdp.web.gate import Gate
 
-from .conftest import HEIGHT, WIDTH, Served
+from .conftest import HEIGHT, WIDTH
 
 
-def run(*arguments: str | Path) -> None:
+def run(*arguments):
     """Run the command in this process."""
     app(["rois", *map(str, arguments)], standalone_mode=False)
 
 
-def refused(*arguments: str | Path) -> str:
+def refused(*arguments):
     with pytest.raises(InputError) as error:
         run(*arguments)
     return str(error.value)
 
 
-def get(port: int, path: str, **headers: str) -> tuple[int, Any, str]:
+def get(port, path, **headers):
     """Status, headers and text of an answer."""
     with closing(http.client.HTTPConnection("127.0.0.1", port, timeout=120)) as connection:
         connection.request("GET", path, headers=headers)
@@ -49,7 +46,7 @@ def get(port: int, path: str, **headers: str) -> tuple[int, Any, str]:
             return response.status, response.headers, text
 
 
-def websocket_status(port: int, token: str, **headers: str) -> int:
+def websocket_status(port, token, **headers):
     """Status that the opening handshake of a websocket gets (RFC 6455): 101 if it is let in."""
     opening = {
         "Upgrade": "websocket",
@@ -62,27 +59,27 @@ def websocket_status(port: int, token: str, **headers: str) -> int:
 
 
 @pytest.fixture(scope="module")
-def served(picture: Path, tmp_path_factory: pytest.TempPathFactory, serve: Callable[..., Served]) -> Served:
+def served(picture, tmp_path_factory, serve):
     output = tmp_path_factory.mktemp("served") / "regions.json"
     save_regions(output, [RectangleShape("begin", 10, 10, 30, 30)], (WIDTH, HEIGHT))
     return serve("rois", picture, "--output", output)
 
 
-def test_nothing_answers_without_the_token(served: Served) -> None:
+def test_nothing_answers_without_the_token(served):
     for path in ("/", "/ws", "/autoload.js", "/metadata", "/static/js/bokeh.min.js", "/?token=wrong", "/x"):
         status, _, text = get(served.port, path)
         assert status == 403
         assert "open the whole address that labcdp printed" in text
 
 
-def test_a_long_body_is_refused_before_it_is_read(served: Served) -> None:
+def test_a_long_body_is_refused_before_it_is_read(served):
     with socket.create_connection(("127.0.0.1", served.port), timeout=60) as line:
         line.sendall(b"POST / HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 10000\r\n\r\n")
         answer = line.recv(100)
     assert answer == b"" or b" 4" in answer.split(b"\r\n")[0]
 
 
-def test_page_and_websocket_open_with_the_token_from_their_own_origin_only(served: Served) -> None:
+def test_page_and_websocket_open_with_the_token_from_their_own_origin_only(served):
     parts = urlsplit(served.url)
     status, headers, _ = get(served.port, f"/?{parts.query}")
     assert (status, headers["Location"]) == (303, "/")
@@ -108,11 +105,11 @@ def test_page_and_websocket_open_with_the_token_from_their_own_origin_only(serve
         assert websocket_status(served.port, session[1], **headers) == status, headers
 
 
-def test_a_tab_that_is_made_anew_for_a_slow_browser_loads_nothing_from_elsewhere(served: Served) -> None:
+def test_a_tab_that_is_made_anew_for_a_slow_browser_loads_nothing_from_elsewhere(served):
     parts = urlsplit(served.url)
     arguments = {"token": parts.query.partition("=")[2]}
 
-    def style_sheets() -> set[str]:
+    def style_sheets():
         import labcdp.web.regions.page  # noqa: F401, its models are those of Panel and its own
 
         # Without the page that comes before: its session was given up meanwhile.
@@ -143,7 +140,7 @@ def test_a_second_process_for_one_port_or_file_is_refused_until_the_first_has_en
     assert [path.name for path in tmp_path.iterdir()] == ["board.png"]
 
 
-def board(path: Path) -> Path:
+def board(path):
     rng = np.random.default_rng(1)
     squares = np.where(np.indices((6, 8)).sum(axis=0) % 2 == 0, 200.0, 40.0).repeat(40, axis=0).repeat(40, axis=1)
     framed = np.pad(squares, 30, constant_values=120)
@@ -151,10 +148,10 @@ def board(path: Path) -> Path:
     return path
 
 
-def test_what_is_found_is_written_without_the_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_found_is_written_without_the_page(tmp_path, capsys):
     file, command = tmp_path / "board.rois.json", (board(tmp_path / "board.png"), "--detect", "checkerboard")
 
-    def new() -> list[bool]:
+    def new():
         run(*command, "--no-page", "--json")
         values = json.loads(capsys.readouterr().out)
         Draft202012Validator(schema()).validate(values)
@@ -169,7 +166,7 @@ def test_what_is_found_is_written_without_the_page(tmp_path: Path, capsys: pytes
     assert len({roi.name for roi in rois_of(load_regions(file))}) == 48
 
 
-def test_other_names_of_the_host_are_refused_unless_another_address_was_asked_for() -> None:
+def test_other_names_of_the_host_are_refused_unless_another_address_was_asked_for():
     gate, host = Gate("secret-token-0123", loopback_only=True), "bench.lab:5006"
     cookie = f"{gate.cookie}={gate.token}"
     assert gate.refusal("[::1]:5006", None, cookie, "") == ""

@@ -1,7 +1,5 @@
 """Pictures to luminance: by a calibration, by guessed parameters against the simulated chain, and RELATIVE."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from datetime import UTC, datetime

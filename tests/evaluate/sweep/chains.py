@@ -1,9 +1,5 @@
 """The chain that the tests of sweeps and simulations change."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from labcdp.chain import Chain
 
 _DOCUMENT = {
@@ -19,6 +15,6 @@ _DOCUMENT = {
 }  # fmt: skip
 
 
-def small(behind: dict[str, Any] | None = None, **changes: Any) -> Chain:
+def small(behind=None, **changes):
     """Return the chain with other parameters, and with tables behind the sensor."""
     return Chain.from_document(_DOCUMENT | (behind or {}), "small").with_(**changes)

@@ -1,7 +1,6 @@
 """Maps of CDP: isolines, usable ranges and dips against closed forms and brute force."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import openpyxl
@@ -10,7 +9,6 @@ import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
-from numpy.typing import ArrayLike, NDArray
 from scipy.stats import norm
 
 from labcdp.core.errors import InputError
@@ -25,7 +23,7 @@ from labcdp.report.files import dataset_bytes, read_dataset, schema
 LUMINANCE, CONTRAST = "scene.luminance_cd_m2", "scene.contrast"
 
 
-def curve(luminance: ArrayLike, unit: str = "cd/m^2", method: str = "exact", **variables: ArrayLike) -> xr.Dataset:
+def curve(luminance, unit="cd/m^2", method="exact", **variables):
     """Map over the luminance alone."""
     values = {name: (LUMINANCE, np.asarray(value, dtype=np.float64)) for name, value in variables.items()}
     dataset = xr.Dataset(values, coords={LUMINANCE: np.asarray(luminance, dtype=np.float64)})
@@ -34,7 +32,7 @@ def curve(luminance: ArrayLike, unit: str = "cd/m^2", method: str = "exact", **v
     return dataset
 
 
-def plane() -> xr.Dataset:
+def plane():
     """Map whose CDP is linear in both logarithms: 0.5 + 0.2 log10(L C), not clipped to 0 and 1."""
     luminance, contrast = np.geomspace(1, 1e3, 13), np.geomspace(0.01, 1, 9)
     cdp = 0.5 + 0.2 * (np.log10(contrast)[:, None] + np.log10(luminance))
@@ -43,7 +41,7 @@ def plane() -> xr.Dataset:
     return dataset
 
 
-def test_isolines_of_a_plane_are_its_straight_lines() -> None:
+def test_isolines_of_a_plane_are_its_straight_lines():
     lines = isolines(CdpMap.of(plane()), LUMINANCE, CONTRAST, (0.5, 0.75))
     assert [(line.level, line.closed) for line in lines] == [(0.5, False), (0.75, False)]
     for line in lines:
@@ -52,11 +50,11 @@ def test_isolines_of_a_plane_are_its_straight_lines() -> None:
         assert max(line.x) == pytest.approx(min(1e3, product / 0.01), rel=1e-12)
 
 
-def test_usable_range_of_a_plane_in_closed_form() -> None:
+def test_usable_range_of_a_plane_in_closed_form():
     ranges = usable_ranges(CdpMap.of(plane()), LUMINANCE, 0.77)
     assert len(ranges) == 9
     for one in ranges:
-        low = 10**1.35 / one.at[CONTRAST]  # type: ignore[operator]
+        low = 10**1.35 / one.at[CONTRAST]
         assert len(one.intervals) == (low <= 1e3)
         for interval in one.intervals:
             ends = interval.low, interval.decades, interval.range_db
@@ -68,7 +66,7 @@ def test_usable_range_of_a_plane_in_closed_form() -> None:
 
 
 @given(st.lists(st.floats(0, 1), min_size=2, max_size=12), st.floats(0.01, 1))
-def test_usable_range_holds_exactly_the_points_that_are_high_enough(cdp: list[float], level: float) -> None:
+def test_usable_range_holds_exactly_the_points_that_are_high_enough(cdp, level):
     luminance = np.arange(1.0, len(cdp) + 1)
     (one,) = usable_ranges(CdpMap.of(curve(luminance, cdp=cdp)), LUMINANCE, level)
     inside = [any(i.low <= place <= i.high for i in one.intervals) for place in luminance]
@@ -82,12 +80,12 @@ def test_usable_range_holds_exactly_the_points_that_are_high_enough(cdp: list[fl
         assert np.interp(end.place, luminance, cdp) == pytest.approx(found, abs=1e-9)
 
 
-def sawtooth(luminance: NDArray[np.float64], place: float, ratio: float) -> NDArray[np.float64]:
+def sawtooth(luminance, place, ratio):
     """SNR by shot noise, sqrt(L), that is divided by a ratio beyond a luminance of change."""
     return np.sqrt(luminance) / np.where(luminance > place, ratio, 1)
 
 
-def test_dip_of_a_change_of_exposure_in_closed_form() -> None:
+def test_dip_of_a_change_of_exposure_in_closed_form():
     luminance = 2.0 ** np.arange(0, 15)
     cdp = np.linspace(0.5, 0.99, luminance.size)
     cdp[7] = 0.3
@@ -100,7 +98,7 @@ def test_dip_of_a_change_of_exposure_in_closed_form() -> None:
     assert (dip.highest, dip.lowest_cdp, dip.lowest_cdp_at) == (8.0, 0.3, 128.0)
 
 
-def test_the_final_saturation_is_not_a_dip_unless_a_change_of_exposure_explains_it() -> None:
+def test_the_final_saturation_is_not_a_dip_unless_a_change_of_exposure_explains_it():
     luminance = 2.0 ** np.arange(0, 8)
     dataset = curve(luminance, cdp=np.ones(8), snr_dark=sawtooth(luminance, 64.0, 8.0))
     assert find_dips(CdpMap.of(dataset), LUMINANCE) == ()
@@ -111,7 +109,7 @@ def test_the_final_saturation_is_not_a_dip_unless_a_change_of_exposure_explains_
 
 @pytest.mark.parametrize("stated", [True, False])
 @pytest.mark.parametrize("fall", [1.0, 3.0])
-def test_noise_of_a_simulated_sweep_makes_no_dip_and_hides_none(stated: bool, fall: float) -> None:
+def test_noise_of_a_simulated_sweep_makes_no_dip_and_hides_none(stated, fall):
     """SNR of 512 normal pixels with shot noise and read noise of 1.5, and its standard error, as a sweep gives them."""
     luminance = np.geomspace(0.02, 2e3, 400)
     spread = np.sqrt(luminance + 1.5**2) * np.where(luminance > 100, fall, 1)
@@ -124,7 +122,7 @@ def test_noise_of_a_simulated_sweep_makes_no_dip_and_hides_none(stated: bool, fa
         assert [dip.expected for dip in find_dips(CdpMap.of(dataset), LUMINANCE, expected=expected)] == expected
 
 
-def test_faults_of_a_map_are_named() -> None:
+def test_faults_of_a_map_are_named():
     for damaged, message in (
         (plane().rename(cdp="csnr"), r"has no variable cdp, only \['csnr'\]: give a map"),
         (plane().assign_coords({CONTRAST: [0.1] * 9}), r"axis scene\.contrast are not finite or not distinct"),
@@ -138,7 +136,7 @@ def test_faults_of_a_map_are_named() -> None:
 HOSTILE = "</script><b>bold</b> =1+1 $x_{$ {{ 7 }}"
 
 
-def shot_noise_map(n_luminance: int = 24, n_contrast: int = 8) -> xr.Dataset:
+def shot_noise_map(n_luminance=24, n_contrast=8):
     """CDP of two patches with shot noise alone, in closed form, with a change of exposure at 500 cd/m^2."""
     luminance, contrast = np.geomspace(0.1, 1e4, n_luminance), np.geomspace(0.02, 1, n_contrast)
     light, k = np.meshgrid(luminance, contrast, indexing="ij")
@@ -157,7 +155,7 @@ def shot_noise_map(n_luminance: int = 24, n_contrast: int = 8) -> xr.Dataset:
     return xr.Dataset({name: ((LUMINANCE, CONTRAST), values) for name, values in data.items()}, axes, attributes)
 
 
-def test_files_hold_each_cell_of_the_dataset_and_escape_names(tmp_path: Path) -> None:
+def test_files_hold_each_cell_of_the_dataset_and_escape_names(tmp_path):
     staged = shot_noise_map(12, 6).expand_dims({"stage": ["sensor", HOSTILE]}).assign_attrs(title=f"=1+1{HOSTILE}")
     analysis = analyse_map(staged)
     write_map(result(staged, analysis), staged, analysis, tmp_path)
@@ -177,7 +175,7 @@ def test_files_hold_each_cell_of_the_dataset_and_escape_names(tmp_path: Path) ->
     np.testing.assert_allclose([line[1:] for line in lines], staged["cdp"].values[0].T, rtol=1e-14)
 
 
-def test_tables_and_findings_are_the_analysis() -> None:
+def test_tables_and_findings_are_the_analysis():
     dataset = shot_noise_map()
     analysis = analyse_map(dataset, expected=[500.0])
     found = result(dataset, analysis)
@@ -191,7 +189,7 @@ def test_tables_and_findings_are_the_analysis() -> None:
     assert (finding.code, finding.values["usable_cdp"]) == ("map-nowhere-usable", 0.9)
 
 
-def test_what_is_written_is_read_again_and_damage_is_noticed(tmp_path: Path) -> None:
+def test_what_is_written_is_read_again_and_damage_is_noticed(tmp_path):
     axes = ("scene.luminance_cd_m2", "stage")
     cdp = np.where(np.arange(600) == 10, np.nan, np.random.default_rng(0).random(600)).reshape(200, 3)
     data = {"cdp": (axes, cdp, {"long_name": "CDP", "unit": "1"}), "snr_dark": (axes, cdp * np.inf)}

@@ -19,6 +19,7 @@ from pathlib import Path
 import hypothesis
 import numpy as np
 import pytest
+from jsonschema import Draft202012Validator
 
 _LABCDP = Path(sys.executable).with_name("labcdp")
 CHROMIUM = shutil.which("chromium")
@@ -230,6 +231,15 @@ def labcdp_in(tmp_path_factory, start_in):
 def labcdp(tmp_path, labcdp_in):
     """Run the command in an empty folder; returns the finished process."""
     return partial(labcdp_in, tmp_path)
+
+
+def valid(values):
+    """Return values, or those of a JSON text, that follow the schema of results."""
+    from labcdp.report.files import schema
+
+    values = json.loads(values) if isinstance(values, str) else values
+    Draft202012Validator(schema()).validate(values)
+    return values
 
 
 @pytest.fixture(scope="session")

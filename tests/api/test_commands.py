@@ -8,17 +8,13 @@ import pytest
 import labcdp as api
 from labcdp.session import example_session
 
+from ..cli.conftest import results_of
+
 
 @pytest.fixture
 def tables(labcdp):
     """Run a command in the test's folder; returns the tables it printed."""
-
-    def run(*arguments):
-        done = labcdp(*arguments, "--json")
-        assert done.returncode == 0, done.stderr
-        return json.loads(done.stdout)["tables"]
-
-    return run
+    return lambda *arguments: results_of(labcdp(*arguments, "--json"))["tables"]
 
 
 def test_regions_of_a_picture(picture, rois, tables):

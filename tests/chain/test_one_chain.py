@@ -4,6 +4,7 @@ import tomllib
 from contextlib import suppress
 from copy import deepcopy
 from dataclasses import fields, replace
+from itertools import product
 from math import sqrt
 from pathlib import Path
 
@@ -12,10 +13,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labcdp.chain import Chain, Checkerboard, ImageScene, Patch, PatchScene, StepChart, ToneCurve, preset_text
+from labcdp.chain import (
+    Chain,
+    Checkerboard,
+    ImageScene,
+    Patch,
+    PatchScene,
+    StepChart,
+    ToneCurve,
+    Windscreen,
+    preset_text,
+)
 from labcdp.chain.predict.chain import predict_chain
 from labcdp.core.disk.text import toml_text
-from labcdp.core.errors import InputError
+from labcdp.core.errors import ConfigurationError, InputError
 from labcdp.evaluate.sweep.simulation.evaluation import evaluate_run
 
 OPTICS = {"f_number": 2.0, "transmittance": 0.8, "focal_length_m": 0.006, "magnification": 0.01}
@@ -147,6 +158,10 @@ def test_values_of_wrong_types_are_refused_by_name_or_are_the_same_everywhere(pr
                 with suppress(InputError):
                     made = replace(owner, **{field.name: value})
                     assert not isinstance(made, Chain) or Chain.from_toml(made.to_toml()) == made
+    keys = [f"{name}.{field.name}" for name, part in parts(chain).items() for field in fields(part)]
+    for key, value in product(keys, WRONG):
+        with suppress(ConfigurationError):
+            chain.with_(**{key: value})
 
 
 def test_lists_are_taken_for_tuples():
@@ -245,3 +260,42 @@ def test_numpy_numbers_are_saved_as_numbers(number):
     chain = Chain.from_document(FULL)
     for changed in (chain.with_(scene__contrast=number), replace(chain, scene=Checkerboard(12, 10, 50.0, number, 3))):
         assert Chain.from_toml(changed.to_toml()).scene.contrast == number
+
+
+# Contrast never survives a veil, whichever way a scene is evaluated
+
+
+GLARES = (0.0, 0.3, 1.0, 4.0)
+
+
+def veiled(glare_fraction, scene=None):
+    """A camera behind a windscreen; 20 and 40 cd/m^2 without black level and dark current."""
+    camera = Chain.load("manta-g505").with_(
+        **{"sensor.width": 128, "sensor.height": 96, "scene.square_px": 16, "sensor.black_level_dn": 0.0},
+        **{"sensor.dsnu_e_s": 0.0, "sensor.dark_current_e_s": 0.0, "optics.focal_length_m": None},
+        **{"exposure.exposure_s": 0.005},
+    )
+    screen = ("windscreen", Windscreen(0.9, glare_fraction))
+    return replace(camera, before=(screen, *camera.before), scene=scene or camera.scene)
+
+
+@pytest.mark.parametrize("chart", [None, StepChart(128, 96, (12.0, 24.0, 40.0, 6.0))])
+def test_contrast_is_what_the_veil_leaves_and_its_probability_of_detection_falls(chart):
+    simulated, predicted = [], []
+    for glare_fraction in GLARES:
+        run = veiled(glare_fraction, chart).run(seed=1)
+        scene, levels = run.chain.scene, {one.name: one.luminance_cd_m2 for one in run.chain.scene.levels()}
+        veil_cd_m2 = glare_fraction * float(scene.luminance_map().mean())
+        stages = evaluate_run(run).stages
+        for stage in stages[1:]:
+            for pair in stage.pairs:
+                left = (levels[pair.bright] - levels[pair.dark]) / (levels[pair.dark] + veil_cd_m2)
+                # Noise of the sensor over 3072 pixels of a region at the least; before it there is none.
+                sigma = 0.0 if stage.name != "sensor" else (1 + left) * sqrt(2 / 3072) / pair.cnr.value * left
+                assert pair.measured_contrast == pytest.approx(left, rel=1e-5, abs=5 * sigma)
+        simulated.append(stages[-1].pairs[0].cdp.cdp)
+        predicted.append(float(predict_chain(run.chain).cdp[0]))
+    for cdps in (simulated, predicted) if chart is None else ():
+        assert cdps == sorted(cdps, reverse=True)
+        assert cdps[0] > 0.99
+        assert cdps[-1] < 0.05

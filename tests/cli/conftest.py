@@ -1,4 +1,3 @@
-import json
 import re
 import shutil
 import sys
@@ -9,14 +8,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from jsonschema import Draft202012Validator
 
 from labcdp.calibration import load, save
 from labcdp.cli.app import app
 from labcdp.regions import RectangleShape, save_regions
-from labcdp.report.files import schema
 from labcdp.session import example_session
 
+from ..conftest import valid
 from ..evaluate.sweep.chains import small
 from ..evaluate.video.videos import write
 
@@ -53,13 +51,6 @@ def inputs(tmp_path_factory):
     (folder / "c" / "calibration.json").unlink()
     save(replace(calibration, provenance=provenance), folder / "c" / "calibration.json")
     return folder
-
-
-def valid(text):
-    """Return the values of a JSON text that follows the schema of results."""
-    values = json.loads(text)
-    Draft202012Validator(schema()).validate(values)
-    return values
 
 
 def results_of(done, status=0):

@@ -11,8 +11,8 @@ from labcdp.core.errors import LabcdpError
 from labcdp.output import LIST_FILE
 from labcdp.regions import RectangleShape, save_regions
 
+from ..conftest import valid
 from ..output.test_results_folder import contents
-from .conftest import valid
 
 #: Commands with folders of results, and their inputs.
 FOLDERS = {

@@ -18,5 +18,10 @@ def observed(recorded):
 
 
 @pytest.fixture(scope="session")
-def evaluation(recorded, observed):
-    return evaluate_session(observed, calibrate_session(observed))
+def calibration(observed):
+    return calibrate_session(observed)
+
+
+@pytest.fixture(scope="session")
+def evaluation(observed, calibration):
+    return evaluate_session(observed, calibration)

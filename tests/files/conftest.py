@@ -1,9 +1,8 @@
 """Synthetic RAW files whose pixels are known bit by bit."""
 
 import shutil
-from dataclasses import dataclass
+from collections import namedtuple
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -73,12 +72,8 @@ WHITE_CD_M2 = 250.0
 K_DN_PER_E, READ_DN, WHITE_LEVEL_DN = 0.8, 3.0, 15000
 
 
-@dataclass(frozen=True)
-class StillCamera:
-    """Files of a RAW-shooting camera before a chart, in a folder, and the truth about them."""
-
-    folder: Path
-    luminance_cd_m2: dict[str, float]
+#: Files of a RAW-shooting camera before a chart, in a folder, and the truth about them.
+StillCamera = namedtuple("StillCamera", "folder luminance_cd_m2")
 
 
 def picture_files(folder):

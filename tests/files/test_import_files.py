@@ -1,14 +1,12 @@
 """A RAW-shooting still camera becomes a luminance meter: import, calibration, evaluation; and what goes wrong."""
 
 import hashlib
-import json
 import shutil
 from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
-from jsonschema import Draft202012Validator
 
 from labcdp.acquire.import_files import import_session
 from labcdp.calibration.colour.conversion import colour_patch_luminance
@@ -17,9 +15,9 @@ from labcdp.core.frame import CameraIdentity
 from labcdp.core.result import info, warning
 from labcdp.evaluate.bench.calibrate import calibrate_session
 from labcdp.evaluate.bench.observe import observe_session
-from labcdp.report.files import schema
 from labcdp.session import EventRecord, Session, SessionConfiguration
 
+from ..conftest import valid
 from .conftest import BLACK_DN, WHITE_LEVEL_DN, picture_files, write_dng
 
 
@@ -49,8 +47,7 @@ def test_a_still_camera_becomes_a_luminance_meter(still_camera, labcdp):
     done = labcdp("import", "bench.toml", "session", "--light", "light", "--dark", "dark", "--readings", "readings.csv",
                   "--json")  # fmt: skip
     assert done.returncode == 0, done.stderr
-    result = json.loads(done.stdout)
-    Draft202012Validator(schema()).validate(result)
+    result = valid(done.stdout)
     counts = {row["quantity"]: row["value"] for row in result["tables"]["imported"]["rows"]}
     assert (counts["frames"], counts["readings"], result["findings"]) == (12, 39, [])
     session = Session.open(still_camera.folder / "session")

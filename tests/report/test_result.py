@@ -10,16 +10,17 @@ import openpyxl
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from jsonschema import Draft202012Validator
 
 from labcdp.core.errors import InputError
 from labcdp.core.result import Finding, InputFile, Quantity, Result, info, quantity_table, unique, warning
 from labcdp.core.table import Column, Table, variables_of
 from labcdp.report import text as digits
-from labcdp.report.files import envelope, envelope_json, schema
+from labcdp.report.files import envelope, envelope_json
 from labcdp.report.html import render_page
 from labcdp.report.layout import Card, Facts, Page, ReportFigure, Section
 from labcdp.report.sheets import result_workbook
+
+from ..conftest import valid
 
 TIME = datetime(2026, 1, 2, tzinfo=UTC)
 COLUMNS = (
@@ -73,8 +74,7 @@ def test_text_json_sheet_and_dataset_of_a_table(result):
     _, rows = digits.text_table(result.table("patches"))
     assert rows[0] == ["=1+1", "103.5 ± 2.0", "0.8591 (0.8510 to 0.8660)", "278.0", "12.3 ms"]
     assert rows[1] == ["<b>", "0.0001000", "-", "∞", "-"]
-    values = envelope(result)
-    Draft202012Validator(schema()).validate(values)
+    values = valid(envelope(result))
     first, second = values["tables"]["patches"]["rows"]
     assert (first, second["cdp"], second["contrast"]) == (ROW, None, None)
     assert values["findings"][0]["text"] == "patch <i> is at 50 %"

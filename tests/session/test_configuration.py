@@ -87,23 +87,6 @@ def test_toml_text_is_read_back_by_the_standard_library(document):
     assert tomllib.loads(toml_text(document)) == document
 
 
-@given(st.data(), TABLES | SCALARS | st.lists(SCALARS))
-def test_any_value_anywhere_is_taken_or_refused_in_one_line(data, value):
-    table = document = tomllib.loads(BENCH)
-    while True:
-        key = data.draw(st.sampled_from(sorted(table)))
-        inner = table[key][0] if isinstance(table[key], list) else table[key]
-        if not isinstance(inner, dict) or data.draw(st.booleans()):
-            break
-        table = inner
-    table[key] = value
-    try:
-        SessionConfiguration.from_toml(toml_text(document), "bench.toml")
-    except ConfigurationError as error:
-        message = str(error)
-        assert re.fullmatch("bench.toml: .+", message)
-
-
 def test_spectra_that_a_configuration_names_become_part_of_it_and_of_the_session(tmp_path):
     (tmp_path / "rgb.csv").write_text("wavelength_nm,R,G,B\n380,0,0,0\n500,0.1,1,0.5\n600,1,0.2,0\n780,0,0,0\n")
     (tmp_path / "lamp.csv").write_text("wavelength_nm,lamp\n380,0\n560,1\n780,0\n")

@@ -1,7 +1,6 @@
 """The command, and who its page lets in."""
 
 import http.client
-import json
 import re
 import signal
 import socket
@@ -14,14 +13,13 @@ import numpy as np
 import pytest
 from bokeh.client import pull_session
 from bokeh.models import ImportedStyleSheet
-from jsonschema import Draft202012Validator
 
 from labcdp.cli.app import app
 from labcdp.core.errors import InputError
 from labcdp.regions import RectangleShape, load_regions, rois_of, save_regions
-from labcdp.report.files import schema
 from labcdp.web.gate import Gate
 
+from ..conftest import valid
 from .conftest import HEIGHT, WIDTH
 
 
@@ -153,8 +151,7 @@ def test_what_is_found_is_written_without_the_page(tmp_path, capsys):
 
     def new():
         run(*command, "--no-page", "--json")
-        values = json.loads(capsys.readouterr().out)
-        Draft202012Validator(schema()).validate(values)
+        values = valid(capsys.readouterr().out)
         return [bool(row["new"]) for row in values["tables"]["regions"]["rows"]]
 
     assert new() == [True] * 48

@@ -1,6 +1,8 @@
 import gc
 import os
+import threading
 from dataclasses import replace
+from ipaddress import IPv4Interface
 from itertools import chain, repeat
 
 import numpy as np
@@ -9,11 +11,13 @@ import pytest
 from labcdp.core.frame import CameraIdentity
 from labcdp.drivers import camera_settings
 from labcdp.drivers.aravis import stream
+from labcdp.drivers.aravis import transport as aravis_transport
 from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.aravis.library import CameraInfo, choose, discover
 from labcdp.drivers.aravis.link import connect
 from labcdp.drivers.camera import CameraError, CameraNotFoundError, CameraSettingError, FrameTimeoutError
-from labcdp.drivers.camera_settings import Trigger
+from labcdp.drivers.camera_settings import Region, Trigger
+from labcdp.drivers.network import Interface
 from labcdp.drivers.simulated.gige_camera import SimulatedGigECamera
 
 from ..conftest import SMALL, Ramp, features, opened
@@ -148,3 +152,108 @@ def test_a_computer_that_becomes_busy_while_a_frame_is_waited_for_gets_more_time
     # Exposure, and as many times 0.1 s as processes wait for each processor.
     with pytest.raises(FrameTimeoutError, match=r"within 0\.7 s"):
         camera.snap()
+
+
+# What becomes of a camera that is lost, taken, or sends what it should not
+
+
+@pytest.fixture
+def trouble(camera_on_loopback):
+    """Begin a trouble that lasts some seconds."""
+    timers = []
+
+    def begin(fault, duration_s):
+        camera_on_loopback.set_faults({fault: 0})
+        timers.append(threading.Timer(duration_s, camera_on_loopback.set_faults, [{}]))
+        timers[-1].start()
+
+    yield begin
+    for timer in timers:
+        timer.join()
+
+
+def test_settings_of_another_program_are_restored_after_a_power_cut(camera_on_loopback, trouble):
+    """A camera keeps settings until it is switched off, and a program that reads them relies on them."""
+    with AravisCamera("127.0.0.1") as earlier:
+        earlier.configure(pixel_format="Mono8", gain_db=6.0, black_level=50)
+    with AravisCamera("127.0.0.1", patience_s=60) as camera:
+        before = camera.configure(binning=(2, 2), region=Region(4, 2, 16, 12))
+        camera.set_feature("ExposureTimeAbs", 3000)
+        everything = camera.features()
+        frames = camera.grab(6)
+        taken = [next(frames)]
+        trouble("vanish", 1.0)
+        taken.extend(frames)
+        assert len(camera.gaps) == 1
+        assert camera.settings == replace(before, exposure_s=0.003)
+        assert camera.features() == everything
+    assert (before.pixel_format, before.gain_db, before.black_level) == ("Mono8", 6.0, 50)
+    assert {(one.shape, one.pixel_format, one.gain_db, one.bit_depth) for one in taken} == {((12, 16), "Mono8", 6.0, 8)}
+
+
+def test_a_camera_that_comes_back_with_another_setting_is_refused(camera_on_loopback, trouble):
+    with AravisCamera("127.0.0.1") as earlier:
+        earlier.configure(black_level=50)
+    with AravisCamera("127.0.0.1", patience_s=60) as camera:
+        frames = camera.grab(20)
+        next(frames)
+        # A replaced or reset device: what it had is out of its range now.
+        other = {"register": "BLACK_LEVEL", "unit": "DN", "steps": 1, "range": [8, 9]}
+        camera_on_loopback.device = replace(SMALL, features=features(BlackLevel=other))
+        trouble("vanish", 1.0)
+        with pytest.raises(CameraSettingError, match=r"has other settings than before.*BlackLevel = 7.0, not 50.0"):
+            list(frames)
+
+
+def test_a_short_silence_is_bridged(camera_on_loopback, trouble):
+    """0.8 s without an answer: Aravis' own requests are repeated for 2.5 s and succeed."""
+    with AravisCamera("127.0.0.1") as camera:
+        frames = camera.grab(30, on_refused=lambda _: None)  # the silence may begin within a frame
+        next(frames)
+        trouble("freeze", 0.8)
+        assert len(list(frames)) == 29
+        assert camera.gaps == ()
+
+
+# Its packets, and its share of the network
+
+
+_GIGABIT = Interface("eth0", IPv4Interface("169.254.0.10/16"), mtu_bytes=1500, speed_mbit_s=1000)
+
+
+def test_two_cameras_share_their_interface(aravis, monkeypatch):
+    monkeypatch.setattr(aravis_transport, "interface_to", lambda _address, _known: replace(_GIGABIT, name="lo"))
+
+    def shares(*cameras):
+        for camera in cameras:
+            camera.snap()
+        return [camera.feature("StreamBytesPerSecond") for camera in cameras]
+
+    with opened() as first:
+        (alone,) = shares(first)
+        other = SimulatedGigECamera(replace(SMALL, serial="SIM-2"), Ramp(), "127.0.0.2")
+        with other, AravisCamera("SIM-2") as second:  # plugged in later
+            # A camera that answers too late, on a busy computer, is seen at a later start.
+            assert any(shares(first, second) == [alone // 2] * 2 for _ in range(100))
+        assert any(shares(first) == [alone] for _ in range(100))
+
+
+@pytest.mark.parametrize(
+    ("camera", "bandwidth"),
+    [("prosilica", "StreamBytesPerSecond"), ("sfnc", "DeviceLinkThroughputLimit")],
+    indirect=["camera"],
+)
+def test_the_plan_is_carried_out_except_what_the_user_has_set(camera, bandwidth, monkeypatch):
+    # As if the camera were behind a network card.
+    narrow = replace(_GIGABIT, mtu_bytes=4000)
+    monkeypatch.setattr(aravis_transport, "interface_to", lambda _address, _known: narrow)
+    camera.snap()
+    features = camera.features()
+    assert (features["GevSCPSPacketSize"], features["GevSCPD"]) == (4000, 0)
+    assert features[bandwidth] == int(125e6 * 4000 / 4038 * 0.95)
+    assert features.get("DeviceLinkThroughputLimitMode", "On") == "On"
+    chosen = {bandwidth: 50_000_000, "GevSCPSPacketSize": 1500}
+    for name, value in chosen.items():
+        camera.set_feature(name, value)
+    camera.snap()
+    assert {name: camera.feature(name) for name in chosen} == chosen

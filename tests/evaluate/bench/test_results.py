@@ -1,12 +1,10 @@
 """Results, pages and certificates: one set of numbers everywhere, and text that is out to do harm stays text."""
 
-import json
 import re
 from contextlib import closing
 from dataclasses import replace
 
 import pytest
-from jsonschema import Draft202012Validator
 
 from labcdp.calibration.budget import budget, combined
 from labcdp.calibration.verify.history import histories
@@ -21,12 +19,12 @@ from labcdp.evaluate.bench.observe import observe_session
 from labcdp.evaluate.bench.session import evaluate_session
 from labcdp.evaluate.bench.session_page import write_results
 from labcdp.evaluate.bench.session_result import session_result
-from labcdp.report.files import envelope, schema
+from labcdp.report.files import envelope
 from labcdp.report.html import render_page
 from labcdp.session import ContrastConfiguration, Session
 from labcdp.session.configuration import PartyConfiguration
 
-from ...conftest import CHROMIUM
+from ...conftest import CHROMIUM, valid
 from .synthetic import again
 
 NAMES = {
@@ -80,8 +78,7 @@ def rows(result, table, key):
 
 
 def test_results_hold_the_evaluation(evaluated, written):
-    values = json.loads((written / "results.json").read_text(encoding="utf-8"))
-    Draft202012Validator(schema()).validate(values)
+    values = valid((written / "results.json").read_text(encoding="utf-8"))
     for row, one in zip(values["tables"]["contrasts"]["rows"], evaluated.contrasts, strict=True):
         assert (row["cdp"], row["below"], row["above"]) == (one.cdp.cdp, one.cdp.below, one.cdp.above)
         assert (row["cdp_low"], row["cdp_high"]) == one.cdp.confidence_interval
@@ -157,7 +154,7 @@ def test_budget_and_patches_are_those_of_the_calibration(evaluated):
     first, *rest = evaluated.calibration.residuals
     calibration = replace(evaluated.calibration, residuals=tuple(rest), held_out=(first,))
     result = calibration_result(calibration, "Title")
-    Draft202012Validator(schema()).validate(envelope(result))
+    valid(envelope(result))
     sources, (low, high) = rows(result, "budget", "source"), calibration.range_cd_m2
     at = zip(("lowest", "middle", "highest"), (low, (low * high) ** 0.5, high), strict=True)
     for (place, luminance), total in zip(at, result.table("uncertainty").rows(), strict=True):

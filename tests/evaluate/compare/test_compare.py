@@ -8,7 +8,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from jsonschema import Draft202012Validator
 from scipy.optimize import brentq
 
 import labcdp
@@ -19,7 +18,9 @@ from labcdp.evaluate.bench.session_result import session_result
 from labcdp.evaluate.compare.compare import compare_subjects
 from labcdp.evaluate.compare.grid import Uncertain, difference
 from labcdp.evaluate.compare.result import compare_result
-from labcdp.report.files import envelope, schema
+from labcdp.report.files import envelope
+
+from ...conftest import valid
 
 LUMINANCES = np.geomspace(0.5, 300, 12)
 
@@ -147,7 +148,7 @@ def test_anything_compared_with_itself_has_no_difference(chains, results, evalua
             assert np.all(one.value == 0)
             assert not np.any(one.significant)
         result = compare_result(found)
-        Draft202012Validator(schema()).validate(envelope(result))
+        valid(envelope(result))
         assert result.findings[0].code == "compare-equal"
 
 

@@ -1,13 +1,11 @@
 """Contrast maps: edges against brute force on their pixels and closed forms, and the files that say the same."""
 
-import json
 from math import sqrt
 from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
-from jsonschema import Draft202012Validator
 from openpyxl import load_workbook
 from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
 
@@ -18,8 +16,8 @@ from labcdp.evaluate.picture.edges.map import contrast_map
 from labcdp.evaluate.picture.edges.page import write_contrast_map
 from labcdp.evaluate.picture.edges.result import contrast_map_dataset, map_result
 from labcdp.metrics import DetectionInterval, cdp_range, cdp_with_common_errors
-from labcdp.report.files import schema
 
+from ...conftest import valid
 from ...metrics.conftest import map_of, share_of_normal
 
 
@@ -191,8 +189,7 @@ def test_the_files_hold_the_edges_and_escape_names(tmp_path):
     found = contrast_map(map_of(image), ContrastMapSettings(30))
     source = PictureSource(Path("a <b>scene</b>.png"), "0" * 64, (300, 340), "cd/m²", "c")
     write_contrast_map(found, source, map_result(found, source), tmp_path)
-    values = json.loads((tmp_path / "results.json").read_text())
-    Draft202012Validator(schema()).validate(values)
+    values = valid((tmp_path / "results.json").read_text())
     said = {row["quantity"]: row["value"] for row in values["tables"]["summary"]["rows"]}
     seen, lost = found.count(EdgeKind.SEEN), found.count(EdgeKind.LOST)
     assert min(seen, lost) > 5

@@ -17,7 +17,6 @@ from labcdp.chain.signal import Context, scene_signal
 from labcdp.core.errors import CalibrationError, ConfigurationError, InputError
 from labcdp.core.luminance import CommonError, Invalid, LuminanceMap
 from labcdp.core.result import info, warning
-from labcdp.evaluate.bench.calibrate import calibrate_session
 from labcdp.evaluate.picture.camera_specification import CameraSpecification
 from labcdp.evaluate.picture.conversion import picture_conversion
 from labcdp.evaluate.picture.dn_light import light_of_dn
@@ -232,8 +231,8 @@ def test_luminance_that_was_saved_needs_no_conversion(tmp_path, specified):
 
 
 @pytest.fixture(scope="module")
-def calibrated(observed):
-    return picture_conversion(calibrate_session(observed), None, None)
+def calibrated(calibration):
+    return picture_conversion(calibration, None, None)
 
 
 def test_a_calibrated_camera_measures_in_any_grey_file_as_in_its_frames(tmp_path, recorded, calibrated):

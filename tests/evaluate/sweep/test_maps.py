@@ -1,14 +1,11 @@
 """Maps of CDP: isolines, usable ranges and dips against closed forms and brute force."""
 
-import json
-
 import numpy as np
 import openpyxl
 import pytest
 import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
-from jsonschema import Draft202012Validator
 from scipy.stats import norm
 
 from labcdp.core.errors import InputError
@@ -18,7 +15,9 @@ from labcdp.evaluate.sweep.maps.map import analyse_map
 from labcdp.evaluate.sweep.maps.page import write_map
 from labcdp.evaluate.sweep.maps.ranges import isolines, usable_ranges, widest_range
 from labcdp.evaluate.sweep.maps.result import result
-from labcdp.report.files import dataset_bytes, read_dataset, schema
+from labcdp.report.files import dataset_bytes, read_dataset
+
+from ...conftest import valid
 
 LUMINANCE, CONTRAST = "scene.luminance_cd_m2", "scene.contrast"
 
@@ -160,8 +159,7 @@ def test_files_hold_each_cell_of_the_dataset_and_escape_names(tmp_path):
     analysis = analyse_map(staged)
     write_map(result(staged, analysis), staged, analysis, tmp_path)
     assert "<b>bold" not in (tmp_path / "report.html").read_text()
-    values = json.loads((tmp_path / "results.json").read_text())
-    Draft202012Validator(schema()).validate(values)
+    values = valid((tmp_path / "results.json").read_text())
     rows = values["tables"]["map"]["rows"]
     expected = staged.stack(row=("stage", LUMINANCE, CONTRAST))
     for name in ("stage", LUMINANCE, CONTRAST, "cdp", "standard_error", "snr_dark"):

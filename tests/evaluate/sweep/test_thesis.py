@@ -1,17 +1,10 @@
-import json
-
 import numpy as np
 import pytest
-from jsonschema import Draft202012Validator
 
-from labcdp.evaluate.sweep.thesis import (
-    TABLE_5_3,
-    intensity_sweep,
-    reproduce_row,
-    reproduce_thesis,
-)
+from labcdp.evaluate.sweep.thesis import TABLE_5_3, intensity_sweep, reproduce_row, reproduce_thesis
 from labcdp.evaluate.sweep.thesis_report import thesis_result, write_thesis
-from labcdp.report.files import schema
+
+from ...conftest import valid
 
 
 @pytest.mark.parametrize(
@@ -41,8 +34,7 @@ def test_the_files_hold_published_values_and_ours(tmp_path):
     last = reproduction.table[7]
     assert last.corrected_exact == pytest.approx(last.corrected_mean, abs=0.001)
     write_thesis(thesis_result(reproduction), tmp_path)
-    values = json.loads((tmp_path / "results.json").read_text())
-    Draft202012Validator(schema()).validate(values)
+    values = valid((tmp_path / "results.json").read_text())
     rows = values["tables"]["table_5_3"]["rows"]
     assert [row["mean"] for row in rows] == [row.mean for row in reproduction.table]
     assert (rows[7]["published_cdp"], rows[7]["z"], rows[7]["all_pairs_mean"]) == (0.99834205, 0.0, 1.0)

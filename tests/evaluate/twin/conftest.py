@@ -2,14 +2,8 @@
 
 import pytest
 
-from labcdp.evaluate.bench.calibrate import calibrate_session
 from labcdp.evaluate.camera.characterise import characterise_session
 from labcdp.evaluate.twin.evaluate import twin_session
-
-
-@pytest.fixture(scope="session")
-def calibration(observed):
-    return calibrate_session(observed)
 
 
 @pytest.fixture(scope="session")

@@ -1,4 +1,4 @@
-"""Network interfaces: as the kernel has them, and what is wrong with them as a way to a camera."""
+"""Checks of the doctor, first of network interfaces: as the kernel has them, and as a way to a camera."""
 
 import os
 import shutil
@@ -6,10 +6,14 @@ import subprocess
 from ipaddress import IPv4Interface
 
 import pytest
+import serial
 
 from labcdp.drivers.aravis import gvcp
+from labcdp.drivers.doctor import computer
 from labcdp.drivers.doctor.camera import check_camera
+from labcdp.drivers.doctor.meter import check_meter
 from labcdp.drivers.network import Interface, interface_findings, interface_to, interfaces, network_finding
+from labcdp.drivers.simulated.pty import PtyMeter
 
 needs_own_network = pytest.mark.skipif(
     os.geteuid() != 0 or shutil.which("ip") is None, reason="making network interfaces needs root and ip"
@@ -114,3 +118,69 @@ def test_what_is_said_of_an_interface(values, state):
 def test_the_address_to_add_is_in_the_cameras_network(camera, own):
     finding = network_finding(camera, eth())
     assert (finding.remedy.split(",")[0] if finding else None) == (own and f"sudo ip addr add {own} dev eth0")
+
+
+# The computer: its receive buffer, from a tree of files
+
+
+def write(root, name, text):
+    path = root / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+
+
+@pytest.mark.parametrize(
+    ("limit", "kept", "may_open_packet_sockets", "state"),
+    [
+        (33554432, 33554432, False, "good"),
+        # Only until the computer starts again.
+        (33554432, 212992, False, "notice"),
+        (212992, 33554432, False, "fault"),
+        (212992, 33554432, True, "notice"),
+    ],
+)
+def test_the_receive_buffer_holds_a_frame(tmp_path, monkeypatch, limit, kept, may_open_packet_sockets, state):
+    write(tmp_path, "proc/sys/net/core/rmem_max", f"{limit}\n")
+    write(tmp_path, "proc/sys/net/core/rmem_default", "212992\n")
+    write(tmp_path, "etc/sysctl.d/90-camera.conf", f"net.core.rmem_max = {kept}\n")
+    monkeypatch.setattr(computer, "may_open_packet_sockets", lambda: may_open_packet_sockets)
+    found = {one.topic: one for one in computer.host_findings(tmp_path)}["receive buffer"]
+    assert (found.state, found.remedy is None) == (state, state == "good")
+    assert found.remedy is None or "net.core.rmem_max=33554432" in found.remedy
+
+
+# The meter, on a pseudo-terminal: a good one, and each way not to work
+
+
+class Scripted:
+    """A meter that takes every mode and shows one thing; it is silent if it shows nothing."""
+
+    def __init__(self, shown):
+        self.shown = shown
+        self.heard = []
+
+    def answer(self, command):
+        self.heard.append(command[:3])
+        return b"OK00\r\n" if self.shown and command.startswith(b"MDS") else self.shown
+
+
+def checked(engine, timeout_s=5.0):
+    with PtyMeter(engine, response_time_s=0) as served:
+        found = check_meter(served.port, timeout_s=timeout_s)
+        # It is closed again: another program may have the port.
+        serial.Serial(served.port, exclusive=True).close()
+    return found
+
+
+def test_a_meter_in_order():
+    engine = Scripted(b"OK00,CcPH 83.02\r\n")
+    assert {one.state for one in checked(engine)} == {"good"}
+    # It changes nothing but modes, and does not measure: too dark a first reading can end remote mode.
+    assert set(engine.heard) == {b"MDS", b"DSR"}
+
+
+def test_a_meter_that_does_not_answer_and_a_port_that_another_program_uses():
+    assert [one.state for one in checked(Scripted(b""), timeout_s=0.2)] == ["good", "fault"]
+    with PtyMeter(Scripted(b"")) as served, serial.Serial(served.port, exclusive=True):
+        _, in_use = check_meter(served.port, timeout_s=0.2)
+    assert str(in_use).endswith("another program uses it: end that program")

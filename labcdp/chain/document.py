@@ -99,8 +99,8 @@ def changed(document: dict[str, Any], values: _Table) -> dict[str, Any]:
         If there is no such table, or the size is given twice.
     """
     sizes: dict[str, Any] = {}
-    for name, value in values.items():
-        path = name if "." in name else name.replace("__", ".")
+    for name, given in values.items():
+        path, value = name if "." in name else name.replace("__", "."), _plain(given)
         table, _, key = path.partition(".")
         own = key.rpartition(".")[2]
         if table in ("scene", "sensor") and own in _SIZE and own in document["scene"]:
@@ -111,7 +111,7 @@ def changed(document: dict[str, Any], values: _Table) -> dict[str, Any]:
             # None means the default, as in a file that leaves the key out.
             place.pop(last, None)
             if value is not None:
-                place[last] = _plain(value)
+                place[last] = value
     return document
 
 

@@ -84,7 +84,7 @@ def test_a_setting_that_the_camera_does_not_keep_is_refused_before_the_first_fra
 
 
 def test_troubles_of_the_meter_are_in_the_journal(changed, on_the_wire):
-    with on_the_wire(changed(), timeout_s=1.0, attempts=2, patience_s=60) as on:
+    with on_the_wire(changed(), timeout_s=10.0, attempts=2, patience_s=60) as on:
         troubles = {
             2: lambda: on.pty.inject(Fault(reply=b"\x00?\r\n")),
             4: lambda: (on.pty.unplug(), threading.Timer(0.5, on.pty.plug_in).start()),

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Self
+from html import escape
+from typing import Any, Self
+
+from xarray import Dataset
 
 from ..chain import Chain as _Chain
+from ..evaluate.camera.sensor import with_emva1288
+from ..evaluate.sweep.plan import Axis, Sweep
+from ..evaluate.sweep.run import run_sweep
+from . import accessor as accessor  # registers it
 from .arguments import Contrasts, PathArgument, as_contrasts, as_number, as_path
-
-if TYPE_CHECKING:
-    from xarray import Dataset
 
 
 @dataclass(frozen=True, repr=False)
@@ -66,10 +70,6 @@ class Chain(_Chain):
         InputError
             If a parameter is unknown, a value out of range, or the chain cannot be predicted.
         """
-        from ..evaluate.sweep.plan import Axis, Sweep
-        from ..evaluate.sweep.run import run_sweep
-        from . import accessor as accessor  # registers it
-
         over = tuple(Axis(name if "." in name else name.replace("__", "."), values) for name, values in axes.items())
         asked = as_contrasts(contrast, epsilon).one_or_all
         wanted = Sweep(self, over, exact, stage, asked, as_number(epsilon, "epsilon"), seed)
@@ -88,8 +88,6 @@ class Chain(_Chain):
         InputError
             If the file cannot be used, or the chain has no single EMVA 1288 sensor.
         """
-        from ..evaluate.camera.sensor import with_emva1288
-
         return with_emva1288(self, as_path(path, "the EMVA 1288 results"))[0]
 
     def __repr__(self) -> str:
@@ -98,6 +96,4 @@ class Chain(_Chain):
 
     def _repr_html_(self) -> str:
         """Chain file for notebooks."""
-        from html import escape
-
         return f"<details><summary>{escape(repr(self))}</summary><pre>{escape(self.to_toml())}</pre></details>"

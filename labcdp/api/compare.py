@@ -6,9 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Unpack
+from typing import Any, Literal, Unpack
 
 import numpy as np
+from xarray import Dataset
 
 from ..calibration import AnyCalibration
 from ..core.result import InputFile, html_table
@@ -23,9 +24,6 @@ from ..report.text import finding_text, text_table
 from .arguments import Contrasts, PathArgument, as_contrasts, as_number, as_path
 from .picture import Stated, conversion_of, require_known
 from .session import CalibratedSession
-
-if TYPE_CHECKING:
-    from xarray import Dataset
 
 
 def compare(
@@ -120,8 +118,6 @@ class Comparison:
 
     def to_dataset(self) -> Dataset:
         """Return values and differences: of curves and maps over subject and axes, else a row for each quantity."""
-        import xarray as xr
-
         grid = self.comparison.grid
         if grid is None:
             dataset = compare_result(self.comparison).table("differences").to_dataset()
@@ -139,7 +135,7 @@ class Comparison:
         coordinates: dict[str, Any] = {"subject": [subject.name for subject in self.comparison.subjects]}
         coordinates |= {axis.name: axis.values for axis in grid.axes}
         attributes = {"title": grid.quantity, "relative": int(grid.relative)}
-        return xr.Dataset({"value": (dims, values), **data}, coordinates, attributes)
+        return Dataset({"value": (dims, values), **data}, coordinates, attributes)
 
     def __repr__(self) -> str:
         names = ", ".join(subject.name for subject in self.comparison.subjects)

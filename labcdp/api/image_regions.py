@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from xarray import Dataset
 
 from ..core.luminance import LuminanceMap
 from ..core.result import Finding
@@ -13,9 +15,6 @@ from ..metrics import Epsilon
 from ..metrics.pair import evaluate_pair
 from .arguments import Contrasts, as_contrasts
 from .variables import at_contrasts, cdp_variables, described, pair_variables
-
-if TYPE_CHECKING:
-    from xarray import Dataset
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -67,8 +66,6 @@ class ImageRegions:
         InputError
             If an argument cannot be used, or regions overlap or hold no light.
         """
-        import xarray as xr
-
         asked = as_contrasts(contrasts, epsilon)
         rois = {roi.name: roi for roi in self.rois}
         found = [evaluate_pair(self.luminance, rois[a], rois[b], asked.values, epsilon) for a, b in self.pairs]
@@ -78,7 +75,7 @@ class ImageRegions:
         coordinates = {"pair": [pair.name for pair in found], "side": ["bright", "dark"], "region": data.pop("region")}
         attributes = self.attributes(epsilon, [one for pair in found for one in pair.findings])
         measured = ("pair", [pair.contrast.value for pair in found])
-        return described(at_contrasts(xr.Dataset(data, coordinates, attributes), asked, measured))
+        return described(at_contrasts(Dataset(data, coordinates, attributes), asked, measured))
 
     def __repr__(self) -> str:
         return f"<labcdp.ImageRegions of {self.name}: regions: {len(self.rois)}, pairs: {len(self.pairs)}>"

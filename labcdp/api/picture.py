@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
+from typing import Any, Literal, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
+from xarray import Dataset
 
 from ..calibration import AnyCalibration, Calibration, ColourCalibration
 from ..core.disk.files import shown
@@ -27,9 +28,6 @@ from ..report.text import finding_text
 from .arguments import Contrasts, Pairs, PathArgument, Regions, as_contrasts, as_list, as_pairs, as_path, as_rois
 from .image_regions import ImageRegions
 from .variables import at_contrasts, cdp_variables, described, noted
-
-if TYPE_CHECKING:
-    from xarray import Dataset
 
 
 class StatedOfVideo(TypedDict, total=False):
@@ -195,21 +193,17 @@ class Image:
         InputError
             If an argument cannot be used.
         """
-        import xarray as xr
-
         asked = as_contrasts(contrasts, epsilon)
         corners = None if rectangle is None else as_list(rectangle, "rectangle", "x0, y0, x1, y1")
         if corners is not None and len(corners) != 4:
             raise InputError(f"rectangle is {shown(rectangle)}: give x0, y0, x1, y1")
         found = evaluate_neighbours(self.luminance, asked.values, epsilon, None if corners is None else tuple(corners))
         data = cdp_variables(("contrast",), found.results or (None,))
-        dataset = xr.Dataset(data, attrs=self.attributes(epsilon, found.findings))
+        dataset = Dataset(data, attrs=self.attributes(epsilon, found.findings))
         return described(at_contrasts(dataset, asked, found.contrast))
 
     def to_dataset(self) -> Dataset:
         """Return luminance, its standard uncertainty and flags over y and x."""
-        import xarray as xr
-
         luminance = self.luminance.luminance_cd_m2
         u = np.abs(luminance) * self.luminance.random_rel
         what_u = "standard uncertainty of the luminance that differs from pixel to pixel"
@@ -219,7 +213,7 @@ class Image:
             "u_luminance": (("y", "x"), u, {"long_name": what_u, "units": self.unit}),
             "invalid": (("y", "x"), self.luminance.invalid, {"long_name": what_invalid}),
         }
-        return described(xr.Dataset(data, attrs=self.attributes(None)))
+        return described(Dataset(data, attrs=self.attributes(None)))
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
         """Return the luminance."""

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from xarray import Dataset
 
 from ..core.result import InputFile, html_table, number
 from ..core.table import Column, variables_of
@@ -15,9 +16,6 @@ from ..evaluate.bench.session_result import CONTRASTS, LUMINANCES, session_resul
 from ..report.files import envelope
 from ..report.text import warning_texts
 from .variables import cdp_variables, described
-
-if TYPE_CHECKING:
-    from xarray import Dataset
 
 #: Columns of the tables by their names.
 _COLUMNS = {column.name: column for column in (*LUMINANCES, *CONTRASTS)}
@@ -76,8 +74,6 @@ class SessionResult:
 
     def to_dataset(self) -> Dataset:
         """Return a dataset: luminances over patch; CDP over pair and contrast, nan where not requested."""
-        import xarray as xr
-
         found = self.evaluation
         pairs = list(dict.fromkeys((row.asked.bright, row.asked.dark) for row in found.contrasts))
         contrasts = sorted({row.cdp.contrast for row in found.contrasts})
@@ -97,7 +93,7 @@ class SessionResult:
             "side": ["bright", "dark"],
             "region": (("pair", "side"), np.array(pairs, dtype=object).reshape(-1, 2)),
         }
-        return described(xr.Dataset(data, coordinates, self._attributes()))
+        return described(Dataset(data, coordinates, self._attributes()))
 
     def _attributes(self) -> dict[str, Any]:
         found = self.evaluation

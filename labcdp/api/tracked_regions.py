@@ -6,7 +6,9 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
+
+from xarray import Dataset, concat
 
 from ..core.errors import InputError, LabcdpError
 from ..core.result import Finding, error, unique
@@ -18,9 +20,6 @@ from ..metrics import Epsilon
 from ..tracking import method_among
 from .arguments import Contrasts, PathArgument, as_contrasts, as_path
 from .variables import described, noted
-
-if TYPE_CHECKING:
-    from xarray import Dataset
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -131,11 +130,9 @@ class TrackedRegions:
 
 def _joined(pairs: Sequence[Dataset]) -> Dataset:
     """Results of the pairs over their names."""
-    import xarray as xr
-
     most = max(one.sizes["corner"] for one in pairs)
     padded = [one.pad(corner=(0, most - one.sizes["corner"])) for one in pairs]
-    dataset = xr.concat(
+    dataset = concat(
         padded, "pair", data_vars="all", coords="different", compat="equals", join="exact", combine_attrs="override"
     )
     return dataset.transpose("frame", "pair", "contrast", "side", "corner", missing_dims="ignore")

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from xarray import Dataset
 
 from ..core.result import Finding
 from ..core.table import variables_of
 from ..evaluate.columns import CDP, CONTRAST, CSNR, SHARES, by_itself, invalid_share, region_columns
 from ..report.text import finding_text
+from . import accessor as accessor  # registers it
 from .arguments import Asked
-
-if TYPE_CHECKING:
-    from xarray import Dataset
 
 #: What dimensions are, and other coordinates.
 _COORDINATES = {
@@ -28,8 +27,6 @@ _COORDINATES = {
 
 def described(dataset: Dataset, unit: str = "cd/m^2") -> Dataset:
     """Return the dataset with what its coordinates are, and a unit for each number; `unit` is that of luminances."""
-    from . import accessor as accessor  # registers it
-
     for name in dataset.variables:
         one, attributes = dataset[name], dataset[name].attrs
         if name in _COORDINATES:

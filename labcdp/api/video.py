@@ -6,9 +6,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Literal, Unpack
+from typing import Any, Literal, Unpack
 
 import numpy as np
+from xarray import Dataset
 
 from ..calibration import AnyCalibration, Calibration, ColourCalibration, save
 from ..core.errors import InputError, LabcdpError
@@ -37,9 +38,6 @@ from .arguments import (
 from .picture import StatedOfVideo, conversion_of, require_known
 from .tracked_regions import TrackedRegions
 from .variables import described
-
-if TYPE_CHECKING:
-    from xarray import Dataset
 
 
 def open_video(

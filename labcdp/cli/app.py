@@ -68,8 +68,9 @@ def unwinding() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def what_is_left(command: str | None) -> str:
+def what_is_left() -> str:
     """Return a message on what an interrupted command leaves."""
+    command = next((one for one in sys.argv[1:] if not one.startswith("-")), "")
     if command in _RESUMED:
         return "labcdp: stopped; recorded data are safe, and the same command resumes"
     return "labcdp: stopped; the same command starts again from the beginning"
@@ -90,12 +91,6 @@ app = typer.Typer(
 _OUTPUT_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
-class _Chosen:
-    """The command that is run, once it is known."""
-
-    command: str | None = None
-
-
 def _version(wanted: bool) -> None:
     if wanted:
         from importlib.metadata import version
@@ -106,13 +101,10 @@ def _version(wanted: bool) -> None:
 
 @app.callback()
 def _options(
-    context: typer.Context,
     verbose: bool = typer.Option(False, "--verbose", "-v", help="Also log what happens with devices and files."),
     _: bool = typer.Option(False, "--version", help="Show the version and exit.", is_eager=True, callback=_version),
 ) -> None:
     log_to_terminal(verbose)
-    if isinstance(context.obj, _Chosen):
-        context.obj.command = context.invoked_subcommand
 
 
 def _require_no_empty_argument() -> None:
@@ -130,11 +122,10 @@ def main() -> None:
         if isinstance(stream, TextIOWrapper):
             # A terminal that does not know a character such as a superscript 2 shows a question mark.
             stream.reconfigure(errors="replace")
-    chosen = _Chosen()
     try:
         _require_no_empty_argument()
         with unwinding():
-            app(obj=chosen)
+            app()
         sys.stdout.flush()
     except MemoryError:
         say("labcdp: not enough memory: use fewer pixels or fewer values")
@@ -145,11 +136,11 @@ def main() -> None:
     except SystemExit as end:
         # Typer turns Ctrl-C into this status without a message.
         if end.code == _INTERRUPTED:
-            say(what_is_left(chosen.command))
+            say(what_is_left())
         raise
     except EndedBySignal as ended:
         with suppress(OSError):  # the terminal may be gone
-            say(what_is_left(chosen.command))
+            say(what_is_left())
         sys.exit(128 + ended.number)
     except BrokenPipeError:
         # The reader of a pipe went away, for example `head`.

@@ -152,13 +152,12 @@ def _files(paths: Sequence[Path]) -> Iterable[Path]:
     """Files that were named, and those found in folders, each once."""
     files: dict[Path, Path] = {}
     for path in paths:
+        found = [path]
         if path.is_dir():
-            inside = [p for p in sorted(path.rglob("*.json")) if _format(p) in (CALIBRATION, VERIFICATION, _BROKEN)]
-            if not inside:
+            found = [p for p in sorted(path.rglob("*.json")) if _format(p) in (CALIBRATION, VERIFICATION, _BROKEN)]
+            if not found:
                 raise InputError(f"{path} contains no calibration: give a folder with results of labcdp calibrate")
-            files |= {real_path(p): p for p in inside}
-        else:
-            files[real_path(path)] = path
+        files |= {real_path(one): one for one in found}
     return files.values()
 
 

@@ -9,16 +9,15 @@ from dataclasses import dataclass, field
 from html import unescape
 from io import BytesIO
 from pathlib import Path
-from typing import Any
 
-from ..core.disk import read_bytes, validated_as
+from ..core.disk import read_bytes
 from ..core.disk.journal import recorded_head
 from ..core.errors import InputError
-from ..core.result import InputFile
 from ..core.table import Table
 from ..evaluate.sweep.run import JOURNAL as SWEEP_JOURNAL
 from ..evaluate.video.evaluate import JOURNAL as VIDEO_JOURNAL
 from ..output import LIST_FILE, read_list
+from ..report.files import whole_result
 from ..report.html import GENERATOR
 
 #: Largest workbook and page, and what is read of their descriptions.
@@ -49,31 +48,9 @@ class Description:
     tables: tuple[Table, ...] = ()
 
 
-@dataclass(frozen=True)
-class _WrittenTable:
-    title: str
-    columns: list[dict[str, Any]]
-    rows: list[dict[str, Any]]
-
-
-@dataclass(frozen=True)
-class _WrittenResult:
-    kind: str
-    title: str
-    tables: dict[str, _WrittenTable]
-    inputs: list[InputFile]
-
-
 def describe_result(path: Path, content: dict[str, object]) -> Description:
     """Describe results as JSON; raises InputError if they are incomplete or damaged."""
-    try:
-        found = validated_as(_WrittenResult, content)
-        for name, table in found.tables.items():
-            names = {one.get("name") for one in table.columns}
-            if any(set(row) != names for row in table.rows):
-                raise InputError(f"table {name!r} has rows that do not fit its columns")
-    except InputError as error:
-        raise InputError(f"{path} is damaged ({error}): restore it from a copy, or evaluate again") from error
+    found = whole_result(path, content)
     tables = (f"{name} ({len(table.rows)} row{'s' * (len(table.rows) != 1)})" for name, table in found.tables.items())
     properties = {
         "command": found.kind,

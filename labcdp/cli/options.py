@@ -6,21 +6,20 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
 from ..core.cluster import TlsFiles, Workers
 from ..core.errors import InputError
+from ..core.result import Result
 from ..evaluate.contrasts import parse_contrasts
+from ..metrics.contrast import TargetContrasts
+from ..output import ResultsFolder, check_file
+from ..session.journal import JOURNAL
 from .commands import As
 from .terminal import print_result
 from .values import fraction_of_percent, parse_changes, parse_seconds, parse_tolerance
-
-if TYPE_CHECKING:
-    from ..core.result import Result
-    from ..metrics.contrast import TargetContrasts
-    from ..output import ResultsFolder
 
 #: Parameters of commands that name what is written.
 _WRITTEN = {"output", "preview", "transcript"}
@@ -112,8 +111,6 @@ class Results:
         resume : bool
             Whether finished results are completed.
         """
-        from ..output import ResultsFolder
-
         command = str(context.info_name)
         folder = self.output or default_folder(source, command)
         return ResultsFolder(folder, command, force=self.force, resume=resume, inputs=_inputs(context, "--output"))
@@ -139,9 +136,6 @@ def default_folder(source: str | Path, command: str) -> Path:
 
 def output_file(context: typer.Context, path: Path, force: bool, option: str = "--output") -> Path:
     """Check, before any work, that a file can be written and is no input of the command; see `check_file`."""
-    from ..output import check_file
-    from ..session.journal import JOURNAL
-
     check_file(path, force=force, inputs=_inputs(context, option), option=option)
     # The files of a session are a record, which no option replaces.
     if os.path.lexists(path) and any((folder / JOURNAL).is_file() for folder in path.absolute().parents[:2]):

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
 from functools import partial
-from itertools import count
 from math import isclose
 from pathlib import Path
 from shlex import quote
@@ -26,7 +24,7 @@ from ..evaluate.bench.corrections import UniformLight, require_same_optics
 from ..evaluate.bench.session import chosen_contrasts, evaluate_session, observe_calibrated
 from ..evaluate.bench.session_page import write_results
 from ..evaluate.bench.session_result import session_input, session_result
-from ..report.files import SCHEMA, envelope_json
+from ..report.files import SCHEMA, WrittenResult, envelope, envelope_json, whole_result
 from ..session import ContrastConfiguration, MeterCertificate, Session, SessionConfiguration, example_session
 from .bench.options import require_apart, require_together
 from .camera import EXIT_STATUS
@@ -131,6 +129,15 @@ class CalibrationOptions:
             )
         return None if self.recalibrate else path
 
+    def recorded(self) -> WrittenResult | None:
+        """Return the results to compare with; raises InputError."""
+        if self.against is None:
+            return None
+        content = read_json(self.against, "a results.json")
+        if not isinstance(content, dict) or content.get("schema") != SCHEMA:
+            raise InputError(f"{self.against} is no result of this version of labcdp: give a results.json")
+        return whole_result(self.against, content)
+
 
 def calibrate(
     context: typer.Context, fit: FitOptions, results: Results, session: Path, more: tuple[Path, ...] = ()
@@ -203,14 +210,14 @@ def evaluate(
         raise InputError("no session given: give its folder, or --recalibrate for the session that ships with labcdp")
     source = session or example_session()
     path, opened = by.file(source), Session.open(source)
-    recorded = None if by.against is None else read_json(by.against, "a results.json")
+    recorded = by.recorded()
     contrasts = options.contrasts(opened.configuration)
     with results.folder(context, source) as folder:
         with progress_bar("reading") as report:
             loaded = None if path is None else load_any(path)
             evaluation = evaluate_session(*observe_calibrated(opened, loaded, options.without, report), contrasts)
         result = session_result(evaluation, [] if path is None else [InputFile.of("calibration", path)])
-        if by.against is not None:
+        if by.against is not None and recorded is not None:
             _require_same(result, recorded, by.against)
         if path is None:
             save(evaluation.calibration, folder.path("calibration.json"))
@@ -225,33 +232,32 @@ def evaluate(
         raise typer.Exit(EXIT_STATUS["not conform" if "fail" in verdicts.values() else "undecided"])
 
 
-def _require_same(result: Result, recorded: Any, against: Path) -> None:
-    """Check that numbers and findings agree but for rounding; versions may differ, and the demo has more tables."""
-    if not isinstance(recorded, dict) or recorded.get("schema") != SCHEMA:
-        raise InputError(f"{against} is no result of this version of labcdp: give a results.json")
-    now = json.loads(envelope_json(result))
-    known = recorded.get("findings", [])
-    differing = [
-        *(found for name in ("tables", "configuration") if (found := _difference(now[name], recorded.get(name), name))),
-        *(f"finding {one['code']}" for one in now["findings"] if all(_difference(one, other) for other in known)),
-    ]
-    if differing:
+def _require_same(result: Result, recorded: WrittenResult, against: Path) -> None:
+    """Check that numbers and findings agree but for rounding; versions may differ, and the demo has more of both."""
+    now, before = (
+        {name: asdict(values)[name] for name in ("tables", "configuration", "findings")}
+        for values in (whole_result(against, envelope(result)), recorded)
+    )
+    if recorded.kind == "demo":
+        codes = {one["code"] for one in now["findings"]}
+        before["tables"] = {name: before["tables"].get(name) for name in now["tables"]}
+        before["findings"] = [one for one in before["findings"] if one.get("code") in codes]
+    differing = next(_differences(now, before), None)
+    if differing is not None:
         raise SessionError(
-            f"the result differs from {against}, first in {differing[0]}: another version of labcdp or of its "
-            "libraries wrote it, or it belongs to another session"
+            f"the result differs from {against}, first in {differing}: another version of labcdp or of its libraries "
+            "wrote it, or it belongs to another session"
         )
 
 
-def _difference(now: Any, before: Any, where: str = "value") -> str:
-    """Say where JSON values first differ by more than rounding, such as by another number of threads; else empty."""
-    parts: Iterable[tuple[Any, Any, Any]] = ()
+def _differences(now: Any, before: Any, where: str = "") -> Iterator[str]:
+    """Say where JSON values differ by more than rounding, such as by another number of threads."""
+    if isinstance(now, list) and isinstance(before, list) and len(now) == len(before):
+        now, before = (dict(enumerate(one, start=1)) for one in (now, before))
+    floats = isinstance(now, float) and isinstance(before, float)
     if isinstance(now, dict) and isinstance(before, dict):
-        parts = ((key, value, before.get(key)) for key, value in now.items())
-    elif isinstance(now, list) and isinstance(before, list) and len(now) == len(before):
-        parts = zip(count(1), now, before, strict=False)
-    elif isinstance(now, float) and isinstance(before, float) and isclose(now, before, rel_tol=1e-6, abs_tol=1e-9):
-        return ""
-    elif now != before:
+        for key in now | before:
+            yield from _differences(now.get(key), before.get(key), f"{where} {key}".lstrip())
+    elif now != before and not (floats and isclose(now, before, rel_tol=1e-6, abs_tol=1e-9)):
         shown = (f"{len(one)} values" if isinstance(one, list | dict) else repr(one) for one in (now, before))
-        return f"{where}: {' instead of '.join(shown)}"
-    return next((found for key, a, b in parts if (found := _difference(a, b, f"{where} {key}"))), "")
+        yield f"{where}: {' instead of '.join(shown)}"

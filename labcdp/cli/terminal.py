@@ -7,15 +7,18 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from rich.console import Console, RenderableType
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.table import Table
+from rich.text import Text
 
 from ..core.clock import exposure_text
 from ..core.errors import printable
 from ..core.result import unique
 
 if TYPE_CHECKING:
-    from rich.text import Text
-
     from ..acquire import Live, PatchNumbers
     from ..acquire import Progress as AcquisitionProgress
     from ..core.result import Result
@@ -51,10 +54,8 @@ def live_line(live: Live) -> str:
     return ", ".join(parts)
 
 
-def live_table(live: Live) -> Any:
+def live_table(live: Live) -> Table:
     """Make a rich table, one row a patch."""
-    from rich.table import Table
-
     table = Table("patch", "mean DN", "saturated", "noise DN", "drift", box=None, padding=(0, 2, 0, 0))
     for column in table.columns[1:]:
         column.justify = "right"
@@ -112,9 +113,8 @@ def print_result(result: Result, as_json: bool, *following: str) -> None:
         if table.detail or not len(table):
             continue
         heads, rows = text_table(table.select(range(min(len(table), _MOST_ROWS))))
-        print_table(
-            table.title, heads, rows, [is_number(table[column.name]) for column in table.columns if column.shown]
-        )
+        numbers = [is_number(table[column.name]) for column in table.columns if column.shown]
+        _print_table(table.title, heads, rows, numbers)
         if len(table) > _MOST_ROWS:
             say(f"{len(table) - _MOST_ROWS} more rows are in the files")
     if result.simulated:
@@ -125,23 +125,17 @@ def print_result(result: Result, as_json: bool, *following: str) -> None:
         say(line)
 
 
-def print_table(
-    title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[bool] | None = None
-) -> None:
-    """Print a table; columns of numbers, or all but the first if these are not given, are right aligned.
+def _print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[bool]) -> None:
+    """Print a table; columns of numbers are right aligned.
 
     Long texts are wrapped. On a narrow terminal each row is printed as a list, so that no number is split.
     """
-    from rich.console import Console
-    from rich.table import Table
-
     console = Console(highlight=False)
     if not console.is_terminal:
         # A file or a pipe has no width of its own, and a table should not be folded to a guessed one.
         console = Console(highlight=False, width=200)
-    right = numbers or [index > 0 for index in range(len(columns))]
     widths = [max((len(row[index]) for row in rows), default=0) for index in range(len(columns))]
-    widths = [width if number else min(width, _TEXT_WIDTH) for width, number in zip(widths, right, strict=True)]
+    widths = [width if number else min(width, _TEXT_WIDTH) for width, number in zip(widths, numbers, strict=True)]
     # Three characters between two cells, and the frame.
     if sum(widths) + 3 * len(columns) + 1 > console.width:
         console.print(_text(title, "bold"))
@@ -151,7 +145,7 @@ def print_table(
                 console.print(_text(f"    {column}: {cell}"))
         return
     table = Table(title=_text(title), title_justify="left", title_style="bold")
-    for column, is_right, width in zip(columns, right, widths, strict=True):
+    for column, is_right, width in zip(columns, numbers, widths, strict=True):
         # Words of a head may be wrapped, numbers not.
         least = max([width, *map(len, column.split())]) if is_right else min(width, _TEXT_WIDTH)
         table.add_column(_text(column), justify="right" if is_right else "left", overflow="fold", min_width=least)
@@ -161,17 +155,30 @@ def print_table(
 
 
 def _text(text: str, style: str = "") -> Text:
-    from rich.text import Text
-
     return Text(printable(text), style)
+
+
+class _LiveProgress(Progress):
+    """Progress bars, and below them the numbers of the frames that are being taken."""
+
+    live_numbers: Live | None = None
+
+    def get_renderables(self) -> Iterable[RenderableType]:
+        yield self.make_tasks_table(self.tasks)
+        live = self.live_numbers
+        if live is not None:
+            yield Text(live_line(live))
+            # Room for its heading, the bars and some earlier lines.
+            if len(live.patches) + 10 <= self.console.height:
+                yield live_table(live)
 
 
 class Bars:
     """Progress bars by name, created at their first update."""
 
-    def __init__(self, progress: Any) -> None:
-        self._progress = progress
-        self._tasks: dict[str, Any] = {}
+    def __init__(self) -> None:
+        self._progress = _progress()
+        self._tasks: dict[str, TaskID] = {}
 
     def update(self, name: str, done: int, total: int) -> None:
         """Set a bar."""
@@ -237,7 +244,7 @@ def say_where(page: Address) -> None:
 @contextmanager
 def progress_bars() -> Iterator[Bars]:
     """Show progress bars on standard error while the context lasts."""
-    bars = Bars(_progress())
+    bars = Bars()
     try:
         yield bars
     finally:
@@ -251,28 +258,10 @@ def progress_bar(name: str) -> Iterator[Callable[[int, int], None]]:
         yield partial(bars.update, name)
 
 
-def _progress(before: Any = None) -> Any:
+def _progress(before: _LiveProgress | None = None) -> _LiveProgress:
     """Make bars, like those that were stopped if there are any."""
-    from rich.console import Console, RenderableType
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-    from rich.text import Text
-
-    class WithLiveNumbers(Progress):
-        """Progress bars, and below them the numbers of the frames that are being taken."""
-
-        live_numbers: Live | None = None
-
-        def get_renderables(self) -> Iterable[RenderableType]:
-            yield self.make_tasks_table(self.tasks)
-            live = self.live_numbers
-            if live is not None:
-                yield Text(live_line(live))
-                # Room for its heading, the bars and some earlier lines.
-                if len(live.patches) + 10 <= self.console.height:
-                    yield live_table(live)
-
     columns = (TextColumn("{task.description:<16}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    progress = WithLiveNumbers(*columns, console=Console(stderr=True))
+    progress = _LiveProgress(*columns, console=Console(stderr=True))
     if before is not None:
         progress.live_numbers = before.live_numbers
         for task in before.tasks:

@@ -184,7 +184,8 @@ class Threads(Generic[_Task]):
             running = {pool.submit(function, task, *arguments): task for task in tasks}
             for future in as_completed(running):
                 error = future.exception()
-                yield running[future], None if error else future.result(), error
+                # Results are not kept: there may be many, and large ones.
+                yield running.pop(future), None if error else future.result(), error
         finally:
             pool.shutdown(cancel_futures=True)
 

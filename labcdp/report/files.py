@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
-from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..core.disk import read_bytes, reason
+from ..core.disk import read_bytes, reason, validated_as
 from ..core.disk.text import json_values, results_json
 from ..core.disk.tiff import read_in_child
 from ..core.errors import InputError
-from ..core.result import Result
+from ..core.result import InputFile, Result
 from ..core.table import Table
 from ..output import Destination, write_files
 from .html import render_page
@@ -61,10 +59,35 @@ def envelope_json(result: Result) -> str:
     return results_json(envelope(result))
 
 
-def schema() -> dict[str, Any]:
-    """Return the JSON Schema (draft 2020-12) of the envelope."""
-    text = files("labcdp").joinpath("data/schema/result.schema.json").read_text(encoding="utf-8")
-    found: dict[str, Any] = json.loads(text)
+@dataclass(frozen=True)
+class _WrittenTable:
+    title: str
+    columns: list[dict[str, Any]]
+    rows: list[dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class WrittenResult:
+    """What `envelope` returned, as it is read from a file; parameters are the keys."""
+
+    kind: str
+    title: str
+    tables: dict[str, _WrittenTable]
+    inputs: list[InputFile]
+    findings: list[dict[str, Any]]
+    configuration: dict[str, Any]
+
+
+def whole_result(path: Path, content: Any) -> WrittenResult:
+    """Return what the JSON content of a file is a result of; raises InputError if it is incomplete or damaged."""
+    try:
+        found = validated_as(WrittenResult, content)
+        for name, table in found.tables.items():
+            names = {one.get("name") for one in table.columns}
+            if any(set(row) != names for row in table.rows):
+                raise InputError(f"table {name!r} has rows that do not fit its columns")
+    except InputError as error:
+        raise InputError(f"{path} is damaged ({error}): restore it from a copy, or evaluate again") from error
     return found
 
 

@@ -46,6 +46,7 @@ REFUSED = (
     ("calibrate s coloured", "some of the sessions have colour filters, others have none: calibrate them apart"),
     ("evaluate s --recalibrate --against rows.json", "in tables luminance rows: 16 values instead of 15 values"),
     ("evaluate s --recalibrate --against row.json", "in tables luminance rows 2 patch: 'P02' instead of 'P77'"),
+    ("evaluate s --recalibrate --against finding.json", "first in findings"),
     ("evaluate s --recalibrate --against table.json", "in tables luminance: 3 values instead of None"),
     (f"info {100_000 * 'a'}", 60 * "a" + "..." + 32 * "a" + " cannot be used (File name too long)"),
     ("image-map a.png --region-size 9", "the size of the regions is 9 pixels"),
@@ -61,9 +62,10 @@ REFUSED = (
 
 #: Files of results that differ from those of the session.
 DIFFERENCES = {
-    "table.json": lambda tables: tables.pop("luminance"),
-    "rows.json": lambda tables: tables["luminance"]["rows"].pop(),
-    "row.json": lambda tables: tables["luminance"]["rows"][1].update(patch="P77"),
+    "table.json": lambda content: content["tables"].pop("luminance"),
+    "rows.json": lambda content: content["tables"]["luminance"]["rows"].pop(),
+    "row.json": lambda content: content["tables"]["luminance"]["rows"][1].update(patch="P77"),
+    "finding.json": lambda content: content["findings"].append({**content["findings"][0], "subject": "another"}),
 }
 
 
@@ -93,7 +95,7 @@ def folder(inputs, tmp_path_factory):
     app(["evaluate", str(folder / "s"), "--recalibrate", "--output", str(folder / "e")], standalone_mode=False)
     for name, change in DIFFERENCES.items():
         content = json.loads((folder / "e/results.json").read_text())
-        change(content["tables"])
+        change(content)
         (folder / name).write_text(json.dumps(content))
     return folder
 

@@ -167,28 +167,16 @@ def _only_port() -> str:
 def _result(series: ReadingSeries) -> Result:
     columns = (
         Column("number", "number", value=lambda reading: 1 + series.readings.index(reading)),
-        Column(
-            "as_sent",
-            "as sent",
-            "",
-            "Value and unit on the display of the meter.",
-            value=lambda reading: f"{reading.value:g} {reading.unit}",
-        ),
-        *uncertain(
-            Column(
-                "luminance_cd_m2",
-                "luminance",
-                "cd/m²",
-                "U and u without the scale error of the meter.",
-            ),
-            "standard_uncertainty_random_cd_m2",
-        ),
+        Column("as_sent", "as sent", "", "Value and unit on the display of the meter.",
+               value=lambda reading: f"{reading.value:g} {reading.unit}"),
+        *uncertain(Column("luminance_cd_m2", "luminance", "cd/m²", "U and u without the scale error of the meter."),
+                   "standard_uncertainty_random_cd_m2"),
         Column("time", "time", "", "Time of the reading.", value=lambda reading: reading.timestamp.isoformat()),
         Column("value", "value", "", "Value on the display.", shown=False),
         Column("unit", "unit", "", "Unit on the display.", shown=False),
         Column("peak", "peak", "", "Whether it is a held peak.", shown=False),
         Column("raw", "raw", "", "Bytes on the wire.", shown=False),
-    )
+    )  # fmt: skip
     several = len(series.readings) > 1
     quantities = [
         Quantity("mean", series.mean_cd_m2, "cd/m²", "scale excluded", series.standard_uncertainty_random_cd_m2),
@@ -196,13 +184,9 @@ def _result(series: ReadingSeries) -> Result:
         Quantity("relative scatter", series.scatter_rel if several else None, "%"),
         Quantity("u of the meter's scale", series.standard_uncertainty_common_rel, "%", "common to all readings"),
     ]
-    meter = series.readings[0].meter
-    return Result(
-        "meter",
-        f"{meter.model} {meter.serial}",
-        (
-            Table.of_items("readings", "Readings", columns, series.readings),
-            quantity_table("series", "All readings", quantities),
-        ),
-        simulated=meter.simulated,
+    tables = (
+        Table.of_items("readings", "Readings", columns, series.readings),
+        quantity_table("series", "All readings", quantities),
     )
+    meter = series.readings[0].meter
+    return Result("meter", f"{meter.model} {meter.serial}", tables, simulated=meter.simulated)

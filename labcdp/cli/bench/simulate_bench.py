@@ -127,23 +127,18 @@ def _run_command(bench: SimulatedBench, line: str) -> bool:
     word, _, rest = line.partition(" ")
     if word == "quit":
         return False
+    alone = {"cover": bench.cover_lens, "uncover": bench.uncover_lens}
+    of_patch = {"point": bench.point_meter, "show": bench.show_patch}
     try:
-        match word:
-            case "cover":
-                bench.cover_lens()
-            case "uncover":
-                bench.uncover_lens()
-            case "point":
-                bench.point_meter(rest.strip())
-            case "show":
-                bench.show_patch(rest.strip())
-            case "status":
-                pass
-            case _ if word in {example.split()[0] for example in EXAMPLES}:
-                bench.run_command(line)
-            case _:
-                say(_HELP)
-                return True
+        if word in alone:
+            alone[word]()
+        elif word in of_patch:
+            of_patch[word](rest.strip())
+        elif word in {example.split()[0] for example in EXAMPLES}:
+            bench.run_command(line)
+        elif word != "status":
+            say(_HELP)
+            return True
     except LabcdpError as error:
         say(str(error))
         return True

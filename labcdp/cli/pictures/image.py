@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated
 
 import typer
 
-from ...core.computer import Processes, usable_cores
+from ...core.cluster import Runner
+from ...core.computer import Processes, Threads, usable_cores
 from ...core.disk.files import shown
 from ...core.errors import InputError, LabcdpError
 from ...evaluate.picture.image import ImageRequest
@@ -25,7 +26,6 @@ from ..terminal import print_result, progress_bars, say
 from .options import PairOptions, PictureLightOptions, each_once, rois_and_pairs
 
 _LOGGER = logging.getLogger(__name__)
-_Made = TypeVar("_Made")
 
 
 def _rectangle(text: str, name: str) -> tuple[int, int, int, int]:
@@ -113,63 +113,37 @@ def _task(pairs: PairOptions, light: PictureLightOptions, rectangle: tuple[int, 
 def _evaluated(
     paths: Sequence[Path], task: PictureTask, pages: bool, surface: bool, results: ResultsFolder
 ) -> list[ReportedPicture]:
-    """Process the pictures and write their files."""
+    """Process the pictures, on all cores if there are enough of them, and write their files.
+
+    What is done with a result is outside: a full disk ends the command, and is no failure of the picture.
+    """
+    # A process takes about as long to start as two pictures.
+    n_processes = min(usable_cores(), len(paths) // 2)
+    workers: Runner[Path] = Threads(1) if n_processes < 2 else Processes(n_processes)
+    numbers = {path: number for number, path in enumerate(paths, start=1)}
     pictures: dict[int, ReportedPicture] = {}
     with progress_bars() as bars:
-        for index, made, failure in _worked_through(paths, partial(task.made, pages=pages, surface=surface)):
-            path, number = paths[index], index + 1
+        for path, made, error in workers.run(partial(task.made, pages=pages, surface=surface), paths):
+            number = numbers[path]
             folder = picture_folder(number, path) if len(paths) > 1 and pages else ""
             evaluation, files = made or (None, {})
             results.add({f"{folder}/{name}" if folder else name: data for name, data in files.items()})
-            pictures[index] = ReportedPicture(number, str(path), folder, evaluation, failure)
+            failure = "" if error is None else _failure(error, path)
+            pictures[number] = ReportedPicture(number, str(path), folder, evaluation, failure)
             bars.update("Pictures", len(pictures), len(paths))
-    return [pictures[index] for index in sorted(pictures)]
+    return [pictures[number] for number in sorted(pictures)]
 
 
-def _worked_through(paths: Sequence[Path], work: Callable[[Path], _Made]) -> Iterator[tuple[int, _Made | None, str]]:
-    """Process files, on all cores if there are enough of them.
-
-    What the caller does with a result is outside: a full disk ends the command, and is no failure of the file.
-
-    Parameters
-    ----------
-    paths : sequence of Path
-        The files.
-    work : callable
-        Makes the result of a file; can be sent to another process.
-
-    Yields
-    ------
-    number of the file, its result or None, and why there is none
-        As they come. Whatever the work raises is a reason, in one line; unexpected errors are given with their type.
-        Ctrl-C ends the command.
-    """
-    numbered = list(enumerate(paths))
-    # A process takes about as long to start as two pictures.
-    n_processes = min(usable_cores(), len(paths) // 2)
-    if n_processes < 2:
-        yield from ((number, *_worked((number, path), work)) for number, path in numbered)
-        return
-    for (number, _), answer, error in Processes[tuple[int, Path]](n_processes).run(_worked, numbered, work):
-        yield (number, None, _one_line(error)) if answer is None else (number, *answer)
-
-
-def _worked(numbered: tuple[int, Path], work: Callable[[Path], _Made]) -> tuple[_Made | None, str]:
-    path = numbered[1]
-    try:
-        return work(path), ""
-    except LabcdpError as error:
-        return None, _one_line(error)
-    except OSError as error:
-        return None, f"it cannot be read ({_one_line(error)}): check the file and its permissions"
-    except MemoryError:
-        return None, "not enough memory: use fewer pixels"
-    # An error of a library in one of thousands of files must not lose the results of the others.
-    except Exception as error:
-        _LOGGER.debug("%s failed", path, exc_info=True)
-        what = f"{type(error).__name__}: {_one_line(error)}" if str(error) else type(error).__name__
-        return None, f"unexpected error ({what}): please report it with this file"
-
-
-def _one_line(error: BaseException | None) -> str:
-    return " ".join(str(error).split())
+def _failure(error: BaseException, path: Path) -> str:
+    """Say in a line why a picture has no result; an unexpected error is given with its type."""
+    text = " ".join(str(error).split())
+    if isinstance(error, LabcdpError):
+        return text
+    if isinstance(error, OSError):
+        return f"it cannot be read ({text}): check the file and its permissions"
+    if isinstance(error, MemoryError):
+        return "not enough memory: use fewer pixels"
+    # An error of a library in one of thousands of files does not lose the results of the others.
+    _LOGGER.debug("%s failed", path, exc_info=error)
+    what = f"{type(error).__name__}: {text}" if text else type(error).__name__
+    return f"unexpected error ({what}): please report it with this file"

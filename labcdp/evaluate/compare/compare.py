@@ -144,12 +144,9 @@ def compare_subjects(
     """
     subjects = read_subjects(sources, asked if isinstance(asked, PictureTask) else None)
     kind = subjects[0].kind
-    what, of_kind = "", kind
-    if isinstance(asked, PictureTask):
-        what, of_kind = "regions and light", "picture"
-    elif asked is not None:
-        what, of_kind = "parameters, contrast and tolerance", "chain"
-    if kind != of_kind:
+    of_pictures = "regions and light", "picture"
+    what, of_kind = of_pictures if isinstance(asked, PictureTask) else ("parameters, contrast and tolerance", "chain")
+    if asked is not None and kind != of_kind:
         raise InputError(f"{what} are options for {of_kind}s, {subjects[0].name} is a {kind}")
     if kind == "chain":
         return _chains(subjects, asked if isinstance(asked, Question) else Question(), progress)

@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import nan, sqrt
-from typing import Any, TypeAlias
+from typing import Any
 
 from ...calibration.verify.history import histories
 from ...core.errors import InputError
 from ..bench.quantities import RESPONSIVITY
 from .grid import Uncertain
 from .subject import Subject, damaged
-
-#: Part of the uncertainty that other values may have, too: by what identifies it, the share of the variance.
-_Shares: TypeAlias = dict[str, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,9 +75,9 @@ def _picture(subject: Subject) -> Iterator[Named]:
         yield _cdp(f"CDP of {row['pair']} at {asked}, ε {ends[0]}", row, picture, calibration)
     for row in {row["pair"]: row for row in rows}.values():
         u, by_pixels = (_number(row[name]) for name in ("u_measured_contrast", "u_measured_contrast_pixels"))
-        shares = _shares(u, by_pixels, picture, calibration)
+        parts = _parts(u, by_pixels, picture, calibration)
         own = row["measured_contrast"], row["expanded_measured_contrast"]
-        yield _symmetric(f"contrast of {row['pair']}", "%", *own, shares)
+        yield _symmetric(f"contrast of {row['pair']}", "%", *own, parts)
 
 
 def _characterisation(subject: Subject) -> Iterator[Named]:
@@ -97,8 +94,8 @@ def _calibration(subject: Subject) -> Iterator[Named]:
         plane = f" of plane {history.plane}" if history.plane else ""
         assert point.responsivity is not None
         r, own, whole = point.responsivity
-        shares = {data: (own / whole) ** 2, f"meter {point.meter}": 1 - (own / whole) ** 2} if whole else {}
-        yield _symmetric(f"responsivity R{plane}", RESPONSIVITY, r, r * whole, shares)
+        parts = _parts(whole, own, data, f"meter {point.meter}") if whole else {}
+        yield _symmetric(f"responsivity R{plane}", RESPONSIVITY, r, r * whole, parts)
         yield _symmetric(f"dark offset{plane}", "DN", *point.dark_offset_dn, {data: 1.0})
         if point.dark_rate_dn_s is not None:
             yield _symmetric(f"dark rate{plane}", "DN/s", *point.dark_rate_dn_s, {data: 1.0})
@@ -107,27 +104,24 @@ def _calibration(subject: Subject) -> Iterator[Named]:
 
 
 def _symmetric(
-    quantity: str, unit: str, value: Any, expanded: Any, shares: _Shares, sources: tuple[str, ...] = ()
+    quantity: str, unit: str, value: Any, expanded: Any, common: dict[str, float], sources: tuple[str, ...] = ()
 ) -> Named:
     u = _number(expanded)
-    return Named(_number(value), u, u, _roots(shares), sources, quantity, unit)
+    return Named(_number(value), u, u, common, sources, quantity, unit)
 
 
 def _cdp(quantity: str, row: Mapping[str, Any], pixels: str, calibration: str) -> Named:
     """Return a CDP, whose uncertainty is by its pixels and by the calibration."""
     value, low, high = (_number(row[name]) for name in ("cdp", "cdp_low", "cdp_high"))
-    shares = _shares(_number(row["u_cdp"]), _number(row["u_cdp_pixels"]), pixels, calibration)
-    return Named(value, value - low, high - value, _roots(shares), (), quantity, "", True)
+    parts = _parts(_number(row["u_cdp"]), _number(row["u_cdp_pixels"]), pixels, calibration)
+    return Named(value, value - low, high - value, parts, (), quantity, "", True)
 
 
-def _shares(u: float, by_pixels: float, pixels: str, calibration: str) -> _Shares:
+def _parts(u: float, u_own: float, own: str, other: str) -> dict[str, float]:
+    """Return the parts of an uncertainty by an error of its own and by another one, over the whole."""
     # Of a CDP of 0 or 1 both are 0, and the interval is by the number of pixels.
-    share = min(by_pixels / u, 1.0) ** 2 if u > 0 else 1.0
-    return {pixels: share, calibration: 1 - share}
-
-
-def _roots(shares: _Shares) -> dict[str, float]:
-    return {name: sqrt(share) for name, share in shares.items()}
+    part = min(u_own / u, 1.0) if u > 0 else 1.0
+    return {own: part, other: sqrt(1 - part**2)}
 
 
 def _number(value: Any) -> float:

@@ -9,7 +9,6 @@ import numpy as np
 import openpyxl
 import pytest
 import xarray as xr
-from jsonschema import Draft202012Validator
 
 from labcdp.evaluate.video import dataset as video_dataset
 from labcdp.evaluate.video import page as video_page
@@ -18,7 +17,9 @@ from labcdp.evaluate.video.archive import ArchiveResult, VideoOutcome, archive_t
 from labcdp.evaluate.video.archive_page import archive_result, write_archive
 from labcdp.evaluate.video.page import write_video
 from labcdp.evaluate.video.result import video_result
-from labcdp.report.files import envelope, schema
+from labcdp.report.files import envelope
+
+from ...conftest import valid
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +51,7 @@ def test_netcdf_written_in_blocks_comes_back_equal(
 
 def test_json_counts_detected_and_lost_frames(followed: xr.Dataset, written: Path) -> None:
     values = json.loads((written / "results.json").read_text())
-    Draft202012Validator(schema()).validate(values)
+    valid(values)
     tables = {name: table["rows"] for name, table in values["tables"].items()}
     for row, cdp in zip(tables["contrasts"], [followed["reference_cdp"], *followed["cdp"].T], strict=True):
         known = cdp.values[np.isfinite(cdp)]
@@ -92,7 +93,7 @@ def test_page_and_json_of_an_archive_say_what_became_of_each_video(
     links = re.findall(r'<a href="([^"]*)">', page)
     assert links == ["a/report.html", "b/report.html", "e%20%231/report.html"]
     found = json.loads((tmp_path / "archive.json").read_text())
-    Draft202012Validator(schema()).validate(found)
+    valid(found)
     a, _, c, e = found["tables"]["videos"]["rows"]
     first = values[0]["tables"]["contrasts"]["rows"][0]
     assert {name: a[name] for name in first} == first

@@ -171,8 +171,12 @@ def write_comparison(found: Comparison, result: Result, folder: Destination) -> 
     axes = [axis.name for axis in found.grid.axes] if found.grid else []
     kept = ("quantity", "name", "difference", "unit", "z", "differs", "low", "low_end", "high", "high_end", *axes)
     brief = [tables[name].showing(*kept) for name in ("usable_ranges", "differences") if name in tables]
-    lead: list[Block] = [*_figures(found), *(table for table in brief if len(table) <= _BRIEF)]
-    titles = {"differences": "Values", "settings": "Settings that differ", "curves": "All places"}
+    # Beside a table, several maps would be too small to read.
+    wide = found.grid is not None and found.grid.spanned == 2
+    beside = [table for table in brief if len(table) <= _BRIEF and not wide]
+    lead: list[Block] = [*_figures(found), *beside]
+    titles = {} if beside else {"usable_ranges": "Usable ranges"}
+    titles |= {"differences": "Values", "settings": "Settings that differ", "curves": "All places"}
     sections = [
         Section(title, (tables[name],), name == "curves" or (name == "differences" and len(tables[name]) <= _BRIEF))
         for name, title in titles.items()

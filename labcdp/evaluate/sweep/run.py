@@ -44,8 +44,7 @@ def labelled(sweep: Sweep, values: NDArray[np.float64]) -> Dataset:
         alike = several and name not in _OF_CONTRAST
         variables[name] = (names[:-1], cells[..., 0], described) if alike else (names, cells, described)
     coordinates = {
-        axis.parameter: ([axis.parameter], np.array(axis.values), {"unit": _unit(axis), "long_name": _words(axis)})
-        for axis in sweep.dimensions
+        axis.parameter: ([axis.parameter], np.array(axis.values), _described(axis)) for axis in sweep.dimensions
     }
     asked = {} if several else {"contrast": _scene_contrast(sweep) if sweep.contrast is None else sweep.contrast}
     attributes: Mapping[str, Any] = {
@@ -69,20 +68,13 @@ def _scene_contrast(sweep: Sweep) -> float:
     return float(getattr(sweep.chain.scene, "contrast", float("nan")))
 
 
-def _ending(axis: Axis) -> str:
-    """Return the end of a parameter that states its unit; empty without one."""
-    return max((ending for ending in UNITS if axis.parameter.endswith(ending)), key=len, default="")
-
-
-def _unit(axis: Axis) -> str:
-    return UNITS.get(_ending(axis), "1") if axis.numeric else ""
-
-
-def _words(axis: Axis) -> str:
-    if axis.parameter == TO_DETECT:
-        return "target contrast"
-    table, _, key = axis.parameter.removesuffix(_ending(axis)).partition(".")
-    return f"{'' if key == table else table} {key}".replace("_", " ").strip()
+def _described(axis: Axis) -> dict[str, str]:
+    """Return unit and name of a parameter, whose end states its unit, as attributes of its coordinate."""
+    ending = max((ending for ending in UNITS if axis.parameter.endswith(ending)), key=len, default="")
+    table, _, key = axis.parameter.removesuffix(ending).partition(".")
+    words = "target contrast" if axis.parameter == TO_DETECT else f"{'' if key == table else table} {key}"
+    unit = UNITS.get(ending, "1") if axis.numeric else ""
+    return {"unit": unit, "long_name": words.replace("_", " ").strip()}
 
 
 #: Name of the journal in the folder of the results.

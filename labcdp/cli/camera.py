@@ -42,7 +42,7 @@ from .terminal import progress_bar, progress_bars, say
 from .values import fraction_of_percent
 
 
-def characterise(context: typer.Context, results: Results, path: Path) -> None:
+def characterise(results: Results, path: Path) -> None:
     """Measure a camera's gain, noise, dark current, non-uniformity and linearity after EMVA 1288.
 
     Uses the dark frames and patches of a session, or an EMVA 1288 data set: images and a text file whose lines state
@@ -57,7 +57,7 @@ def characterise(context: typer.Context, results: Results, path: Path) -> None:
     if not path.exists():
         raise InputError(f"{path} does not exist: give a session, or the index of a data set")
     source = path if path.is_dir() else path.resolve().parent
-    with results.folder(context, source) as folder:
+    with results.folder(source) as folder:
         characterised, inputs, title = _characterised(path)
         found = characterisation_result(characterised, title, inputs)
         write_characterisation(characterised, found, folder)
@@ -79,7 +79,6 @@ def _characterised(path: Path) -> tuple[Characterisation, list[InputFile], str]:
 
 
 def twin(
-    context: typer.Context,
     results: Results,
     session: Path,
     *,
@@ -109,7 +108,7 @@ def twin(
     inputs = [] if calibration is None else [InputFile.of("calibration", calibration)]
     opened = Session.open(session)
     require_monochrome(opened)
-    with results.folder(context, session) as folder:
+    with results.folder(session) as folder:
         asked = one_or_all(contrast)
         evaluation = _twin(opened, calibration, without, asked, epsilon)
         options = {"contrast": asked, "epsilon": epsilon, "without": without}
@@ -156,7 +155,6 @@ class Judgement:
 
 
 def verify(
-    context: typer.Context,
     judgement: Judgement,
     devices: DeviceOptions,
     results: Results,
@@ -183,7 +181,7 @@ def verify(
         raise InputError(
             "options of devices cannot be used with a recorded session: leave them out, or give a configuration too"
         )
-    with results.folder(context, session) as folder:
+    with results.folder(session) as folder:
         path = folder.folder / "verification.json"
         if configuration is not None:
             _acquire(configuration, session, loaded, judgement.patch, devices)

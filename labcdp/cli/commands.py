@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextvars import ContextVar
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cache, wraps
 from importlib import import_module
@@ -86,8 +87,6 @@ class _Parameter:
         names = how.names or (f"--{name}/--no-{name}" if default is True else f"--{name}",)
         self.names = tuple(one.replace("_", "-") for one in names)
         made = typer.Option(default, *self.names, **about_it) if is_option else typer.Argument(default, **about_it)
-        if hint is typer.Context:
-            made = inspect.Parameter.empty
         self.declared = inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=made, annotation=kind)
 
     def value(self, given: Any) -> Any:
@@ -118,7 +117,26 @@ def _about(*documented: Any) -> dict[str, tuple[str, str]]:
     return found
 
 
-def as_command(function: Callable[..., None]) -> Callable[..., None]:
+@dataclass(frozen=True)
+class Running:
+    """The command that runs.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    given : mapping
+        What it was given, by name of the parameter.
+    """
+
+    name: str
+    given: Mapping[str, Any]
+
+
+RUNNING: ContextVar[Running] = ContextVar("command")
+
+
+def as_command(command: str, function: Callable[..., None]) -> Callable[..., None]:
     """Return the function of a command as Typer takes it."""
     parameters: list[_Parameter] = []
     groups: dict[str, tuple[Any, list[_Parameter]]] = {}
@@ -136,6 +154,7 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(function)
     def call(**given: Any) -> None:
+        RUNNING.set(Running(command, given))
         values = {one.name: one.value(given[one.name]) for one in parameters}
         made = {name: group(**{one.name: values.pop(one.name) for one in ms}) for name, (group, ms) in groups.items()}
         function(**values, **made)
@@ -194,7 +213,7 @@ def all_commands() -> dict[str, Any]:
 def _command(name: str) -> Any:
     function = getattr(import_module(f".{_module(name)}", __package__), _function(name))
     alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-    alone.command(name, help=_paragraphs(function.__doc__), rich_help_panel=_GROUP_OF[name])(as_command(function))
+    alone.command(name, help=_paragraphs(function.__doc__), rich_help_panel=_GROUP_OF[name])(as_command(name, function))
     return typer.main.get_command(alone)
 
 

@@ -6,8 +6,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import typer
-
 from ..calibration import AnyCalibration, load_any
 from ..calibration.record import CALIBRATION, MOST_BYTES, VERIFICATION, load_verification
 from ..calibration.verify.history import histories
@@ -80,7 +78,6 @@ class QuestionOptions:
 
 
 def compare(
-    context: typer.Context,
     question: QuestionOptions,
     light: PictureLightOptions,
     results: Results,
@@ -101,7 +98,7 @@ def compare(
         evaluate, image or characterise; files or folders of results. Each is compared with the first.
     """
     asked = question.asked(light)
-    with results.folder(context, subjects[0]) as folder:
+    with results.folder(subjects[0]) as folder:
         with progress_bar("Cells") as report:
             found = compare_subjects(subjects, asked, report)
         result = compare_result(found)
@@ -109,7 +106,7 @@ def compare(
     results.show(result, folder)
 
 
-def history(context: typer.Context, results: Results, paths: tuple[Path, ...]) -> None:
+def history(results: Results, paths: tuple[Path, ...]) -> None:
     """List how responsivity, dark signal and gain change between calibrations.
 
     Each camera, lens, f-number and gain has its own table and plot. Writes a page, a spreadsheet and pictures.
@@ -119,7 +116,7 @@ def history(context: typer.Context, results: Results, paths: tuple[Path, ...]) -
     paths : FOLDER_OR_FILE...
         Calibration and verification files, or folders to search for them.
     """
-    with results.folder(context, paths[0]) as folder:
+    with results.folder(paths[0]) as folder:
         calibrations, verifications = _read(paths)
         found = histories(calibrations, verifications)
         inputs = [InputFile.of("calibration", path) for path in calibrations]

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import typer
 
 from ..calibration.colour.model import AnyCalibration
 from ..calibration.convert.bracket import Bracket, bracket_luminance
@@ -93,17 +92,16 @@ class WrittenFiles:
     preview: Path | None = None
     force: Force = False
 
-    def require_writable(self, context: typer.Context) -> None:
+    def require_writable(self) -> None:
         """Check the files before any work; raises InputError."""
         for path, name, suffixes in ((self.output, "--output", SUFFIXES), (self.preview, "--preview", (".png",))):
             if path is not None:
                 if path.suffix.lower() not in suffixes:
                     raise InputError(f"{name} is {path}: give a name that ends in {', '.join(suffixes)}")
-                output_file(context, path, self.force, name)
+                output_file(path, self.force, name)
 
 
 def luminance(
-    context: typer.Context,
     chosen: ChosenFrames,
     written: WrittenFiles,
     calibration: Path,
@@ -124,7 +122,7 @@ def luminance(
         Folder of a recorded session; or frames of one still scene: TIFF files that labcdp recorded, camera RAW, or
         other pictures that state their exposure.
     """
-    written.require_writable(context)
+    written.require_writable()
     loaded = load_any(calibration)
     selected = _selected(files, chosen, calibration, loaded)
     result = bracket_luminance(loaded, selected.frames)

@@ -17,7 +17,7 @@ from ..evaluate.contrasts import parse_contrasts
 from ..metrics.contrast import TargetContrasts
 from ..output import ResultsFolder, check_file
 from ..session.journal import JOURNAL
-from .commands import As
+from .commands import RUNNING, As
 from .terminal import print_result
 from .values import fraction_of_percent, parse_changes, parse_seconds, parse_tolerance
 
@@ -97,23 +97,22 @@ class Results:
     open_page: Open = False
     as_json: Json = False
 
-    def folder(self, context: typer.Context, source: str | Path, *, resume: bool = False) -> ResultsFolder:
+    def folder(self, source: str | Path, *, resume: bool = False) -> ResultsFolder:
         """Return the folder of a command's results: ``NAME-COMMAND`` in the current directory, or as given.
 
-        Entering it refuses, before any work, a folder with anything that must not be replaced.
+        Entering it refuses, before any work, a folder with anything that must not be replaced, such as what the command
+        was given.
 
         Parameters
         ----------
-        context : typer.Context
-            Of the command that runs; its arguments are never replaced.
         source : str or Path
             What the results are of; a file gives its name without suffix, a folder its name.
         resume : bool
             Whether finished results are completed.
         """
-        command = str(context.info_name)
+        command = RUNNING.get().name
         folder = self.output or default_folder(source, command)
-        return ResultsFolder(folder, command, force=self.force, resume=resume, inputs=_inputs(context, "--output"))
+        return ResultsFolder(folder, command, force=self.force, resume=resume, inputs=_inputs("--output"))
 
     def show(self, result: Result, folder: ResultsFolder, page: str = "report.html", also: str = "") -> None:
         """Print a result and where its page is, and open the page if that is wanted."""
@@ -134,19 +133,19 @@ def default_folder(source: str | Path, command: str) -> Path:
     return Path(f"{name or 'root'}-{command}")
 
 
-def output_file(context: typer.Context, path: Path, force: bool, option: str = "--output") -> Path:
+def output_file(path: Path, force: bool, option: str = "--output") -> Path:
     """Check, before any work, that a file can be written and is no input of the command; see `check_file`."""
-    check_file(path, force=force, inputs=_inputs(context, option), option=option)
+    check_file(path, force=force, inputs=_inputs(option), option=option)
     # The files of a session are a record, which no option replaces.
     if os.path.lexists(path) and any((folder / JOURNAL).is_file() for folder in path.absolute().parents[:2]):
         raise InputError(f"{option} {path} is part of a recorded session: give another name")
     return path
 
 
-def _inputs(context: typer.Context, option: str) -> Iterator[Path]:
+def _inputs(option: str) -> Iterator[Path]:
     """Files and folders that a command was given to read, and texts that may name one; not what `option` names."""
     written = _WRITTEN | {option.lstrip("-").lower()}
-    for name, value in context.params.items():
+    for name, value in RUNNING.get().given.items():
         for one in value if isinstance(value, list | tuple) else (value,):
             if name not in written and isinstance(one, str | Path) and str(one):
                 yield Path(one)

@@ -139,9 +139,7 @@ class CalibrationOptions:
         return whole_result(self.against, content)
 
 
-def calibrate(
-    context: typer.Context, fit: FitOptions, results: Results, session: Path, more: tuple[Path, ...] = ()
-) -> None:
+def calibrate(fit: FitOptions, results: Results, session: Path, more: tuple[Path, ...] = ()) -> None:
     """Fit the camera's conversion from DN to cd/m², save it, and report its uncertainty.
 
     Hot pixels and the dark pattern are measured in the session's dark frames. The pattern is subtracted, also from
@@ -156,7 +154,7 @@ def calibrate(
     """
     opened = Session.open(session)
     of_meter = None if fit.certificate is None else MeterCertificate.load(fit.certificate)
-    with results.folder(context, session) as folder:
+    with results.folder(session) as folder:
         with progress_bars() as bars:
 
             def report(what: str) -> Callable[[int, int], None]:
@@ -189,7 +187,6 @@ def calibrate(
 
 
 def evaluate(
-    context: typer.Context,
     by: CalibrationOptions,
     options: ContrastOptions,
     results: Results,
@@ -212,7 +209,7 @@ def evaluate(
     path, opened = by.file(source), Session.open(source)
     recorded = by.recorded()
     contrasts = options.contrasts(opened.configuration)
-    with results.folder(context, source) as folder:
+    with results.folder(source) as folder:
         with progress_bar("reading") as report:
             loaded = None if path is None else load_any(path)
             evaluation = evaluate_session(*observe_calibrated(opened, loaded, options.without, report), contrasts)

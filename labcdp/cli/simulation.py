@@ -78,10 +78,10 @@ def presets(name: str | None = None, *, as_json: Json = False) -> None:
     print_result(Result("presets", name or "presets", (table,), (), (), documents), as_json, following)
 
 
-def simulate(context: typer.Context, options: ChainOptions, results: Results, chain: ChainName) -> None:
+def simulate(options: ChainOptions, results: Results, chain: ChainName) -> None:
     """Simulate an imaging chain; compute signal, contrast and CDP after each stage."""
     loaded, asked = Chain.load(chain).with_(**dict(options.changes)), (one_or_all(options.contrast), options.epsilon)
-    with results.folder(context, chain) as folder:
+    with results.folder(chain) as folder:
         if options.exact:
             found = predicted_result(loaded, *asked, _inputs(chain, loaded))
             write_prediction(found, loaded, folder)
@@ -93,7 +93,6 @@ def simulate(context: typer.Context, options: ChainOptions, results: Results, ch
 
 
 def sweep(
-    context: typer.Context,
     options: ChainOptions,
     where: ClusterOptions,
     results: Results,
@@ -118,7 +117,7 @@ def sweep(
 
     loaded = Chain.load(chain).with_(**dict(options.changes))
     wanted = Sweep(loaded, over, options.exact, stage, one_or_all(options.contrast), options.epsilon, options.seed)
-    with results.folder(context, chain) as folder:
+    with results.folder(chain) as folder:
         with progress_bar("Cells") as report:
             dataset = run_sweep(wanted, folder, report, where.chosen())
         analysis = analyse_map(dataset, expected=known_transitions(loaded, wanted.stage))
@@ -127,7 +126,7 @@ def sweep(
     results.show(found, folder)
 
 
-def reproduce(context: typer.Context, results: Results, what: str, *, seeds: Annotated[int, As(least=5)] = 30) -> None:
+def reproduce(results: Results, what: str, *, seeds: Annotated[int, As(least=5)] = 30) -> None:
     """Reproduce the published values of the 2018 thesis, with its physics and with corrected physics.
 
     Parameters
@@ -139,7 +138,7 @@ def reproduce(context: typer.Context, results: Results, what: str, *, seeds: Ann
     """
     if what != "thesis":
         raise InputError(f"there is nothing to reproduce called {what!r}: give thesis")
-    with results.folder(context, what) as folder:
+    with results.folder(what) as folder:
         with progress_bar("Settings") as report:
             found = thesis_result(reproduce_thesis(seeds, report))
         write_thesis(found, folder)

@@ -7,8 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
-import typer
-
 from ..acquire import acquire
 from ..calibration import save
 from ..chain import preset_text
@@ -33,7 +31,7 @@ from .options import Force, Json, Results, Seed, output_file
 from .terminal import print_result, progress_bars
 
 
-def demo(context: typer.Context, results: Results, *, seed: Seed = 0) -> None:
+def demo(results: Results, *, seed: Seed = 0) -> None:
     """Record, calibrate and evaluate the target of the 2018 thesis on the simulated bench, into labcdp-demo.
 
     Parameters
@@ -43,7 +41,7 @@ def demo(context: typer.Context, results: Results, *, seed: Seed = 0) -> None:
     """
     started = time.monotonic()
     configuration = SessionConfiguration.from_toml(example_configuration(), "the demonstration's configuration")
-    with results.folder(context, "labcdp") as folder:
+    with results.folder("labcdp") as folder:
         result, written = demonstrate(configuration, simulated_bench_file(None, seed), folder)
     following = f"Written in {time.monotonic() - started:.0f} s: {', '.join(str(path) for path in written)}"
     results.print(result, following, page=folder.folder / "report.html")
@@ -109,7 +107,6 @@ _TEMPLATES = {
 
 
 def init(
-    context: typer.Context,
     template: Literal["bench", "chain", "camera", "simulated-bench"],
     file: Path,
     *,
@@ -134,7 +131,7 @@ def init(
         For a chain: EMVA 1288 results for its sensor, from labcdp characterise (results.json or folder) or from a data
         sheet (TOML with a table emva1288); the preset gives the rest.
     """
-    path = output_file(context, file, force, option="FILE")
+    path = output_file(file, force, option="FILE")
     for option, given in (("--preset", preset), ("--sensor", sensor)):
         if given is not None and template != "chain":
             raise InputError(f"{option} is {str(given)!r}, but only a chain has one: leave it out")

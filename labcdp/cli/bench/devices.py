@@ -7,7 +7,6 @@ from typing import Annotated
 
 import cv2
 import numpy as np
-import typer
 
 from ...core.errors import InputError
 from ...core.frame import Frame
@@ -63,7 +62,6 @@ def devices(*, set_address: str | None = None, as_json: Json = False) -> None:
 
 
 def snap(
-    context: typer.Context,
     file: Path,
     *,
     camera: str | None = None,
@@ -89,7 +87,7 @@ def snap(
     if picture == file:
         raise InputError(f"{file} is the name of the picture to look at: give a name that ends with .tif")
     for path in (file, picture):
-        output_file(context, path, force, option="FILE")
+        output_file(path, force, option="FILE")
     with AravisCamera(camera, patience_s=DeviceOptions.patience) as opened:
         opened.configure(exposure_s=exposure, pixel_format=pixel_format)
         frame = opened.snap(on_refused=take_again)

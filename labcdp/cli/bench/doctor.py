@@ -43,7 +43,6 @@ _log = logging.getLogger(__name__)
 
 
 def doctor(
-    context: typer.Context,
     *,
     camera: str | None = None,
     meter: str | None = None,
@@ -71,7 +70,7 @@ def doctor(
     """
     require_apart(("--camera", camera is not None, "--stream-test", stream_test is not None))
     if report is not None:
-        output_file(context, report, force, option="--report")
+        output_file(report, force, option="--report")
     computer = _attempt(host_findings)
     groups = [("This computer", computer), *_cameras(stream_test or camera, stream_test is not None)]
     if meter is not None:

@@ -84,7 +84,6 @@ class LivePage(PageOptions):
 
 
 def bench(
-    context: typer.Context,
     chosen: LiveDevices,
     detection: Detection,
     page: LivePage,
@@ -114,7 +113,7 @@ def bench(
     conversion = picture_conversion(calibration, None, None)
     configuration = None if plan is None else SessionConfiguration.load(plan)
     if not roi.exists():
-        output_file(context, roi, False, "--roi")
+        output_file(roi, False, "--roi")
     with locked(roi) as tell_others:
         server = Server(page.address, page.port)
 

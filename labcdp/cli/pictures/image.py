@@ -39,7 +39,6 @@ def _rectangle(text: str, name: str) -> tuple[int, int, int, int]:
 
 
 def image(
-    context: typer.Context,
     pairs: PairOptions,
     light: PictureLightOptions,
     results: Results,
@@ -70,7 +69,7 @@ def image(
     if surface and not pages:
         raise InputError("--surface is a page: leave it out, or --no-pages")
     task, paths = _task(pairs, light, rectangle), each_once(picture_paths(files))
-    with results.folder(context, files[0] if len(files) == 1 else "pictures") as folder:
+    with results.folder(files[0] if len(files) == 1 else "pictures") as folder:
         pictures = _evaluated(paths, task, pages, surface, folder)
         result = task.result(pictures)
         failed = [picture for picture in pictures if picture.evaluation is None]

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import typer
-
 from ...evaluate.picture.edges.edges import ContrastMapSettings
 from ...evaluate.picture.edges.map import contrast_map
 from ...evaluate.picture.edges.page import write_contrast_map
@@ -43,7 +41,6 @@ class EdgeOptions:
 
 
 def image_map(
-    context: typer.Context,
     light: PictureLightOptions,
     edges: EdgeOptions,
     results: Results,
@@ -73,7 +70,7 @@ def image_map(
     )
     conversion = light.conversion()
     inputs = light.inputs({"reference": reference})
-    with results.folder(context, file) as folder:
+    with results.folder(file) as folder:
         picture = read_picture(file, conversion.options)
         scene = None if reference is None else conversion.luminance(read_picture(reference, conversion.options))
         found = contrast_map(conversion.luminance(picture), settings, scene)

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import typer
-
 from ...core.errors import InputError
 from ...core.result import Finding, Result, info
 from ...core.table import Column, Table
@@ -28,7 +26,7 @@ from ...web.regions.page_image import PageImage, is_video, video_image
 from ...web.regions.shapes import propose
 from ...web.regions.workspace import Workspace
 from ...web.server import Address, Server, Site
-from ..commands import As
+from ..commands import RUNNING, As
 from ..options import Contrasts, Force, Json, PageOptions, output_file
 from ..terminal import print_result, say, say_where
 from .options import PictureLightOptions, Place
@@ -65,7 +63,7 @@ class RegionFiles:
     roi: Path | None = None
     force: Force = False
 
-    def target(self, context: typer.Context, file: Path, page: bool) -> Path:
+    def target(self, file: Path, page: bool) -> Path:
         """Return the file that is written, checked before any work; raises InputError."""
         roi = self.roi if page else None
         name = file.name if file.is_dir() else file.stem
@@ -76,12 +74,11 @@ class RegionFiles:
         # A region file of labcdp is edited in place; other programs' files are never.
         is_edited = target.suffix == ".json" and (self.roi is None or (roi is not None and is_same_file(roi, target)))
         if not (target.exists() and is_edited) or is_same_file(file, target):
-            output_file(context, target, self.force)
+            output_file(target, self.force)
         return target
 
 
 def rois(
-    context: typer.Context,
     regions: RegionFiles,
     light: PictureLightOptions,
     shown: RegionPage,
@@ -113,7 +110,7 @@ def rois(
         raise InputError("--size and --pixel-format are for raw dumps: leave them out for a video")
     if frame is not None and not is_video(file):
         raise InputError(f"--frame chooses a frame of a video, and {file} is none: leave it out")
-    target = regions.target(context, file, shown.page)
+    target = regions.target(file, shown.page)
     image = _image(file, frame, light.conversion())
     files = DrawingFiles(target, image.size)
     found = () if detect is None else propose(image, detect)
@@ -127,7 +124,7 @@ def rois(
         workspace = Workspace(Measurements(image, shown.contrast), files, start, server.elsewhere)
 
         def tab(document: Any) -> Any:
-            return map_page(workspace, document, map_first=context.info_name == "view")
+            return map_page(workspace, document, map_first=RUNNING.get().name == "view")
 
         def ready(where: Address) -> None:
             tell_others(where.place)
@@ -218,7 +215,6 @@ def _count(n: int) -> str:
 
 
 def view(
-    context: typer.Context,
     light: PictureLightOptions,
     page: PageOptions,
     file: Path,
@@ -245,4 +241,4 @@ def view(
         Region file to start from.
     """
     shown = RegionPage(page.port, page.address)
-    rois(context, RegionFiles(roi=roi), light, shown, file, frame=frame, as_json=as_json)
+    rois(RegionFiles(roi=roi), light, shown, file, frame=frame, as_json=as_json)

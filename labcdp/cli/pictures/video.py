@@ -71,7 +71,6 @@ class VideoPairOptions(PairOptions):
 
 
 def video(
-    context: typer.Context,
     chosen: VideoPairOptions,
     light: LightOptions,
     frames: FrameOptions,
@@ -108,7 +107,7 @@ def video(
     paths = _paths(files)
     of_pairs = {":".join(pair): settings_of(*pair) for pair in (pairs if len(pairs) > 1 else ())}
     if len(paths) == 1 and where.cluster is None and not of_pairs:
-        folder = results.folder(context, paths[0])
+        folder = results.folder(paths[0])
         with folder, progress_bars() as bars:
 
             def progress(done: int, total: int | None) -> None:
@@ -119,7 +118,7 @@ def video(
                 raise result
         results.show(result, folder, also="; also results.xlsx, results.nc and results.json")
         return
-    folder = results.folder(context, files[0] if len(files) == 1 else "videos", resume=True)
+    folder = results.folder(files[0] if len(files) == 1 else "videos", resume=True)
     _several(paths, settings, of_pairs, folder, made, where, results)
 
 

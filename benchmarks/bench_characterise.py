@@ -18,7 +18,8 @@ import numpy as np
 from labcdp.calibration.emva.data_set import characterise_data_set
 from labcdp.calibration.emva.images import read_image
 from labcdp.calibration.emva.index import INDEX_NAME, load_index
-from labcdp.evaluate.camera.result import result, write_characterisation
+from labcdp.evaluate.camera.result import characterisation_files, result
+from labcdp.output import ResultsFolder
 
 REFERENCE = "EMVA1288_ReferenceSet_001_CCD_12Bit"
 REPEATS = 3
@@ -61,7 +62,8 @@ def read_all(folder: Path) -> None:
 
 def reported(folder: Path, place: Path) -> None:
     found = characterise_data_set(folder)
-    write_characterisation(found, result(found), Path(mkdtemp(dir=place)) / "results")
+    with ResultsFolder(Path(mkdtemp(dir=place)) / "results", "characterise") as results:
+        results.add(characterisation_files(found, result(found)))
 
 
 def main() -> None:

@@ -20,7 +20,7 @@ import scipy
 import labcdp
 from labcdp.core.result import Result
 from labcdp.core.table import Column, Table
-from labcdp.output import ResultsFolder, write_files
+from labcdp.output import ResultsFolder
 from labcdp.report.files import result_files
 from labcdp.report.layout import Card, Facts, Page, Section
 
@@ -113,7 +113,7 @@ def main() -> None:
     provenance = Section("Date and versions", (Facts(tuple(facts.items())),))
     page = Page("validation", title, facts["Date"], cards=tuple(map(card, tables)), sections=[provenance, *sections])
     with ResultsFolder(given.output, "validate", force=True) as folder:
-        write_files(folder, "validate", result_files(result, page))
+        folder.add(result_files(result, page))
     print(f"Report: {given.output / 'report.html'}")
 
 

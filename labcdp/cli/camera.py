@@ -25,11 +25,11 @@ from ..evaluate.bench.session import mismatch, observe_calibrated
 from ..evaluate.bench.session_result import session_input
 from ..evaluate.bench.verification import verification_result, verify_session
 from ..evaluate.camera.characterise import characterise_session
+from ..evaluate.camera.result import characterisation_files
 from ..evaluate.camera.result import result as characterisation_result
-from ..evaluate.camera.result import write_characterisation
 from ..evaluate.twin.estimate import require_monochrome
 from ..evaluate.twin.evaluate import TwinEvaluation, twin_session
-from ..evaluate.twin.page import write_twin
+from ..evaluate.twin.page import twin_files
 from ..evaluate.twin.result import twin_result
 from ..metrics.contrast import TargetContrasts
 from ..report.files import envelope_json
@@ -60,7 +60,7 @@ def characterise(results: Results, path: Path) -> None:
     with results.folder(source) as folder:
         characterised, inputs, title = _characterised(path)
         found = characterisation_result(characterised, title, inputs)
-        write_characterisation(characterised, found, folder)
+        folder.add(characterisation_files(characterised, found))
     results.show(found, folder)
 
 
@@ -113,7 +113,7 @@ def twin(
         evaluation = _twin(opened, calibration, without, asked, epsilon)
         options = {"contrast": asked, "epsilon": epsilon, "without": without}
         result = twin_result(evaluation, [session_input(opened), *inputs], options)
-        write_twin(evaluation, result, folder)
+        folder.add(twin_files(evaluation, result))
     results.show(result, folder)
     say(f"Next: labcdp simulate {quote(str(folder.folder / 'chain.toml'))}")
 

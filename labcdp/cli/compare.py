@@ -13,9 +13,9 @@ from ..calibration.verify.result import Verification
 from ..core.disk import read_json, real_path
 from ..core.errors import InputError
 from ..core.result import InputFile
-from ..evaluate.bench.history import history_result, write_history
+from ..evaluate.bench.history import history_files, history_result
 from ..evaluate.compare.compare import LUMINANCES, Question, compare_subjects
-from ..evaluate.compare.page import write_comparison
+from ..evaluate.compare.page import comparison_files
 from ..evaluate.compare.result import compare_result
 from ..evaluate.compare.subject import picture_task
 from ..evaluate.picture.result import PictureTask
@@ -102,7 +102,7 @@ def compare(
         with progress_bar("Cells") as report:
             found = compare_subjects(subjects, asked, report)
         result = compare_result(found)
-        write_comparison(found, result, folder)
+        folder.add(comparison_files(found, result))
     results.show(result, folder)
 
 
@@ -122,7 +122,7 @@ def history(results: Results, paths: tuple[Path, ...]) -> None:
         inputs = [InputFile.of("calibration", path) for path in calibrations]
         inputs += [InputFile.of("verification", path) for path in verifications]
         result = history_result(found, inputs)
-        write_history(found, result, folder)
+        folder.add(history_files(found, result))
     results.show(result, folder)
 
 

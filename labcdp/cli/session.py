@@ -17,12 +17,12 @@ from ..core.disk import read_json
 from ..core.errors import InputError, SessionError
 from ..core.result import InputFile, Result
 from ..evaluate.bench.calibrate import calibrate_recorded
-from ..evaluate.bench.calibration_page import write_calibration_report
+from ..evaluate.bench.calibration_page import calibration_files
 from ..evaluate.bench.calibration_result import calibration_result
 from ..evaluate.bench.certificate import calibration_certificate
 from ..evaluate.bench.corrections import UniformLight, require_same_optics
 from ..evaluate.bench.session import chosen_contrasts, evaluate_session, observe_calibrated
-from ..evaluate.bench.session_page import write_results
+from ..evaluate.bench.session_page import session_files
 from ..evaluate.bench.session_result import session_input, session_result
 from ..report.files import SCHEMA, WrittenResult, envelope, envelope_json, whole_result
 from ..session import ContrastConfiguration, MeterCertificate, Session, SessionConfiguration, example_session
@@ -175,7 +175,7 @@ def calibrate(fit: FitOptions, results: Results, session: Path, more: tuple[Path
         inputs = [session_input(opened), *(session_input(Session.open(one)) for one in more)]
         options = {"output": str(folder.folder), **fit.configuration()}
         result = calibration_result(calibration, opened.configuration.name, inputs, options)
-        written = write_calibration_report(calibration, result, folder)
+        written = folder.add(calibration_files(calibration, result))
         certified = calibration_certificate(observed, calibration)
         written += folder.add({"certificate.html": certified, "results.json": envelope_json(result).encode()})
     chosen = "" if results.output is None else f" --calibration {quote(str(path))}"
@@ -218,7 +218,7 @@ def evaluate(
             _require_same(result, recorded, by.against)
         if path is None:
             save(evaluation.calibration, folder.path("calibration.json"))
-        written = write_results(evaluation, result, folder)
+        written = folder.add(session_files(evaluation, result))
     results.print(result, f"Written: {', '.join(map(str, written))}", page=folder.folder / "report.html")
     if by.against is not None:
         say(f"Agrees with {by.against} to within rounding")

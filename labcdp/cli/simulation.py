@@ -14,16 +14,16 @@ from ..core.errors import InputError
 from ..core.result import InputFile, Result
 from ..core.table import Column, Table
 from ..evaluate.sweep.maps.map import analyse_map
-from ..evaluate.sweep.maps.page import write_map
+from ..evaluate.sweep.maps.page import map_files
 from ..evaluate.sweep.maps.result import result as sweep_result
 from ..evaluate.sweep.plan import Axis, Sweep, parse_axis
 from ..evaluate.sweep.run import run_sweep
 from ..evaluate.sweep.simulation.evaluation import evaluate_run
-from ..evaluate.sweep.simulation.page import write_prediction, write_simulation
+from ..evaluate.sweep.simulation.page import prediction_files, simulation_files
 from ..evaluate.sweep.simulation.result import predicted_result
 from ..evaluate.sweep.simulation.result import result as simulation_result
 from ..evaluate.sweep.thesis import reproduce_thesis
-from ..evaluate.sweep.thesis_report import thesis_result, write_thesis
+from ..evaluate.sweep.thesis_report import thesis_files, thesis_result
 from .commands import As
 from .options import Changes, ClusterOptions, Contrasts, Json, Percent, Results, Seed, one_or_all
 from .terminal import print_result, progress_bar
@@ -84,11 +84,11 @@ def simulate(options: ChainOptions, results: Results, chain: ChainName) -> None:
     with results.folder(chain) as folder:
         if options.exact:
             found = predicted_result(loaded, *asked, _inputs(chain, loaded))
-            write_prediction(found, loaded, folder)
+            folder.add(prediction_files(found, loaded))
         else:
             evaluation = evaluate_run(loaded.run(options.seed), *asked)
             found = simulation_result(evaluation, _inputs(chain, loaded))
-            write_simulation(found, evaluation, folder)
+            folder.add(simulation_files(found, evaluation))
     results.show(found, folder)
 
 
@@ -122,7 +122,7 @@ def sweep(
             dataset = run_sweep(wanted, folder, report, where.chosen())
         analysis = analyse_map(dataset, expected=known_transitions(loaded, wanted.stage))
         found = sweep_result(dataset, analysis, _inputs(chain, loaded), wanted.findings())
-        write_map(found, dataset, analysis, folder)
+        folder.add(map_files(found, dataset, analysis))
     results.show(found, folder)
 
 
@@ -141,7 +141,7 @@ def reproduce(results: Results, what: str, *, seeds: Annotated[int, As(least=5)]
     with results.folder(what) as folder:
         with progress_bar("Settings") as report:
             found = thesis_result(reproduce_thesis(seeds, report))
-        write_thesis(found, folder)
+        folder.add(thesis_files(found))
     results.show(found, folder)
 
 

@@ -16,11 +16,11 @@ from ..core.table import Column, Table
 from ..drivers.simulated.bench import SimulatedBench
 from ..drivers.simulated.devices import SimulatedBenchFile
 from ..evaluate.bench.calibrate import calibrate_session
-from ..evaluate.bench.calibration_page import write_calibration_report
+from ..evaluate.bench.calibration_page import calibration_files
 from ..evaluate.bench.calibration_result import calibration_result
 from ..evaluate.bench.observe import observe_session
 from ..evaluate.bench.session import evaluate_session
-from ..evaluate.bench.session_page import write_results
+from ..evaluate.bench.session_page import session_files
 from ..evaluate.bench.session_result import session_input, session_result
 from ..evaluate.camera.sensor import chain_text
 from ..output import ResultsFolder, write_file
@@ -72,8 +72,8 @@ def demonstrate(
         result = replace(result, tables=(*result.tables, truth), findings=(*result.findings, compared))
         of_calibration = calibration_result(calibration, configuration.name, inputs)
         written = [
-            *write_calibration_report(calibration, of_calibration, results),
-            *write_results(evaluation, result, results),
+            *results.add(calibration_files(calibration, of_calibration)),
+            *results.add(session_files(evaluation, result)),
         ]
         bars.update("evaluating", 3, 3)
     return result, [results.folder / "session", results.folder / "calibration.json", *written]

@@ -7,5 +7,4 @@ from .file_list import read_list as read_list
 from .folder import Destination as Destination
 from .folder import ResultsFolder as ResultsFolder
 from .folder import open_results as open_results
-from .folder import write_files as write_files
 from .journal import results_journal as results_journal

@@ -260,18 +260,6 @@ def open_results(destination: Destination, command: str) -> AbstractContextManag
     return ResultsFolder(destination, command)
 
 
-def write_files(destination: Destination, command: str, files: Mapping[str, Buffer]) -> list[Path]:
-    """Write files that are made already into a folder of results, and return their paths.
-
-    Raises
-    ------
-    InputError
-        As `ResultsFolder`, or if a file cannot be written.
-    """
-    with open_results(destination, command) as results:
-        return results.add(files)
-
-
 def _is_staging(path: Path) -> bool:
     """Whether this is a subfolder in which files waited, left behind by a kill: by its name and its mark."""
     is_named = path.name.startswith(".labcdp-") and path.name.endswith(".unfinished")

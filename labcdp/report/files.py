@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -15,7 +15,6 @@ from ..core.disk.tiff import read_in_child
 from ..core.errors import InputError
 from ..core.result import InputFile, Result
 from ..core.table import Table
-from ..output import Destination, write_files
 from .html import render_page
 from .layout import Page, ReportFigure
 from .sheets import result_workbook
@@ -135,37 +134,6 @@ def result_files(
         "results.xlsx": result_workbook(result, time or datetime.now(UTC)),
         **{f"figures/{figure.file_name}": figure.png for figure in figures},
     }
-
-
-def write_report(
-    result: Result,
-    page: Page,
-    folder: Destination,
-    files: Mapping[str, bytes] | None = None,
-    time: datetime | None = None,
-) -> list[Path]:
-    """Write a result into a folder as `write_files` takes it; everything is made before the first file is written.
-
-    Parameters
-    ----------
-    result, page, time
-        As for `result_files`; the figures are those of the page.
-    folder : Destination
-        Where to.
-    files : mapping of str to bytes, or None
-        Further files by their names.
-
-    Returns
-    -------
-    list of Path
-        results.json, report.html, results.xlsx, figures/*.png and the further files.
-
-    Raises
-    ------
-    InputError
-        If one cannot be written.
-    """
-    return write_files(folder, result.kind, {**(files or {}), **result_files(result, page, time=time)})
 
 
 #: Largest size of a file, and signatures of HDF5 and classic NetCDF.

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labcdp.core.errors import InputError
-from labcdp.output import LIST_FILE, ResultsFolder, check_file, write_file, write_files
+from labcdp.output import LIST_FILE, ResultsFolder, check_file, write_file
 
 #: Names as commands and people choose them.
 NAMES = (
@@ -87,12 +87,12 @@ def test_files_of_others_stay_whatever_happens(steps):
 
 def write(folder, files, command="image", **options):
     with ResultsFolder(folder, command, **options) as results:
-        results.add(files)
+        return results.add(files)
 
 
 def test_a_folder_holds_the_files_and_their_list_and_force_replaces_them(tmp_path):
     folder, files = tmp_path / "a" / "out", {"x": b"1", "s/y": b"2", "t/z": b"3"}
-    assert write_files(folder, "image", files) == [folder / name for name in files]
+    assert write(folder, files) == [folder / name for name in files]
     listed = json.loads((folder / LIST_FILE).read_bytes())
     assert (listed["command"], listed["finished"]) == ("image", True)
     assert [one["name"] for one in listed["files"]] == sorted(files)

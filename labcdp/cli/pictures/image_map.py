@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ...evaluate.picture.edges.edges import ContrastMapSettings
 from ...evaluate.picture.edges.map import contrast_map
-from ...evaluate.picture.edges.page import write_contrast_map
+from ...evaluate.picture.edges.page import contrast_map_files
 from ...evaluate.picture.edges.result import map_result
 from ...files.read import read_picture
 from ..options import Contrasts, Percent, Results, one_or_all
@@ -76,5 +76,5 @@ def image_map(
         found = contrast_map(conversion.luminance(picture), settings, scene)
         source = conversion.source(picture)
         result = map_result(found, source, inputs)
-        write_contrast_map(found, source, result, folder)
+        folder.add(contrast_map_files(found, source, result))
     results.show(result, folder, also="; also contrast-map.png, results.xlsx, results.nc and results.json")

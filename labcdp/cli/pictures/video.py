@@ -17,7 +17,7 @@ from ...core.result import Result
 from ...core.roi import Roi
 from ...evaluate.video.annotated import AnnotatedVideo, FrameImages
 from ...evaluate.video.archive import archive_tasks, evaluate_archive, require_same_archive
-from ...evaluate.video.archive_page import archive_result, write_archive
+from ...evaluate.video.archive_page import archive_files, archive_result
 from ...evaluate.video.evaluate import Part, evaluated_parts, require_same_evaluation
 from ...evaluate.video.page import write_video
 from ...evaluate.video.settings import Observer, Progress, Reference, VideoSettings, make_reference, video_configuration
@@ -240,7 +240,7 @@ def _several(
                 )
             folder.complete = not archive.failures
             result = archive_result(archive)
-            write_archive(result, folder)
+            folder.add(archive_files(result))
     finally:
         # The outcomes are printed even if the disk is full.
         if result is not None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from math import dist, hypot
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +12,6 @@ from ...calibration import AnyCalibration, Calibration, PatchResidual
 from ...core.clock import exposure_text
 from ...core.result import Result
 from ...core.table import Z_95, Table
-from ...output import Destination, write_files
 from ...report.drawing import BLUE, ORANGE, finish, logarithmic, placed_figure, reported
 from ...report.html import render_page
 from ...report.layout import Block, Card, Facts, Page, ReportFigure, Section, page_text
@@ -141,13 +139,12 @@ def _residuals(calibration: AnyCalibration, prefix: str) -> ReportFigure:
     )
 
 
-def write_calibration_report(calibration: AnyCalibration, result: Result, folder: Destination) -> list[Path]:
-    """Write calibration.html and calibration.xlsx as `write_files` does, all made before the first is written."""
-    files = {
+def calibration_files(calibration: AnyCalibration, result: Result) -> dict[str, bytes]:
+    """Return calibration.html and calibration.xlsx by their names."""
+    return {
         "calibration.html": render_page(calibration_page(calibration, result)).encode(),
         "calibration.xlsx": result_workbook(result, calibration.provenance.measured),
     }
-    return write_files(folder, "calibrate", files)
 
 
 def calibration_page(calibration: AnyCalibration, result: Result) -> Page:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -12,9 +11,8 @@ import numpy as np
 from ...calibration.verify.history import CameraHistory, HistoryPoint
 from ...core.result import Finding, InputFile, Result, unique, warning
 from ...core.table import Column, Table, with_expanded
-from ...output import Destination
 from ...report.drawing import BLUE, GREEN, LABEL_SIZE, TITLE_SIZE, VERMILLION, finish, new_figure, reported
-from ...report.files import write_report
+from ...report.files import result_files
 from ...report.layout import Card, Page, ReportFigure, Section, State, page_text
 from ...report.text import cell_text, minute, printable
 from .quantities import RESPONSIVITY
@@ -220,10 +218,10 @@ def _draw(axes: Axes, one: CameraHistory, values: Sequence[_Value], place: float
         axes.plot([day], [value], mark, markersize=6, color=edge, markerfacecolor=face, zorder=4, label=name)
 
 
-def write_history(found: Sequence[CameraHistory], result: Result, folder: Destination) -> list[Path]:
-    """Write histories as `write_report` does; at least one."""
+def history_files(found: Sequence[CameraHistory], result: Result) -> dict[str, bytes]:
+    """Return the files of histories as `result_files` does; at least one."""
     newest = max(point.measured for one in found for point in one.points)
-    return write_report(result, _page(by_camera(found), result), folder, time=newest)
+    return result_files(result, _page(by_camera(found), result), time=newest)
 
 
 def _page(cameras: Sequence[Camera], result: Result) -> Page:

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 from ...core.clock import exposure_text
 from ...core.result import Result
 from ...core.table import Table
 from ...metrics import ContrastDistribution
-from ...output import Destination
 from ...report.drawing import reduction
-from ...report.files import write_report
+from ...report.files import result_files
 from ...report.layout import SIMULATED, Card, Facts, Page, ReportFigure, Section, State, Verbatim
 from ...report.maps import luminance_picture, regions_picture
 from ...report.plots import ContrastPanel, contrast_figures
@@ -66,8 +64,8 @@ def _panel(row: ContrastRow, distribution: ContrastDistribution) -> ContrastPane
     return ContrastPanel(title, distribution, row.cdp, row.measured_contrast)
 
 
-def write_results(evaluation: SessionEvaluation, result: Result, folder: Destination) -> list[Path]:
-    """Write the results of an evaluated session as `write_report` does."""
+def session_files(evaluation: SessionEvaluation, result: Result) -> dict[str, bytes]:
+    """Return the files of an evaluated session as `result_files` does."""
     contrasts = result.table("contrasts").only(*_BESIDE_PICTURE)
     main = contrasts if evaluation.contrasts else result.table("luminance")
     target, luminance = _pictures(evaluation)
@@ -76,7 +74,7 @@ def write_results(evaluation: SessionEvaluation, result: Result, folder: Destina
     page = Page.of(result, kind, _summary(evaluation), _cards(result.table("contrasts")), lead, sections)
     if evaluation.simulated:
         page = replace(page, banner=f"{SIMULATED[:-1]}: {printable(', '.join(evaluation.simulated))}.")
-    return write_report(result, page, folder, time=evaluation.observed.times[-1])
+    return result_files(result, page, time=evaluation.observed.times[-1])
 
 
 def _cards(table: Table) -> Iterator[Card]:

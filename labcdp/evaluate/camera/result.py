@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from math import isfinite, log, log10
-from pathlib import Path
 
 from ...calibration import DarkObservation
 from ...calibration.emva.result import QUANTITY_NAMES, Characterisation
@@ -13,8 +12,7 @@ from ...calibration.emva.series import SeriesPoint
 from ...calibration.sensor.dark_fit import drift_of_black_level, mean_uncertainties_dn, variance_uncertainties_dn2
 from ...core.result import InputFile, Quantity, Result, quantity_table
 from ...core.table import Column, Table, uncertain
-from ...output import Destination
-from ...report.files import write_report
+from ...report.files import result_files
 from ...report.layout import Card, Facts, Page, ReportFigure, Section, page_text
 from ...report.text import capitalised, cell_text
 from ..bench.quantities import RESPONSIVITY
@@ -139,15 +137,15 @@ _CARDS = (
 )
 
 
-def write_characterisation(found: Characterisation, result: Result, folder: Destination) -> list[Path]:
-    """Write a characterisation as `write_report` does."""
+def characterisation_files(found: Characterisation, result: Result) -> dict[str, bytes]:
+    """Return the files of a characterisation as `result_files` does."""
     size = f"{found.image_shape[1]} x {found.image_shape[0]} pixels, {found.bits} bits"
     summary = ", ".join(part for part in (found.camera, size) if part)
     transfer, *others = signal_figures(found)
     lead = (transfer, result.table("characterisation").only("quantity", "value", "expanded_value", "unit"))
     sections = _sections(found, result, size, others)
     page = Page.of(result, "Characterisation after EMVA 1288", summary, _cards(result), lead, sections)
-    return write_report(result, page, folder)
+    return result_files(result, page)
 
 
 def _sections(found: Characterisation, result: Result, size: str, figures: Sequence[ReportFigure]) -> Iterator[Section]:

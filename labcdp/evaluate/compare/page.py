@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import ceil
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.result import Result
-from ...output import Destination
 from ...report.drawing import SMALL_SIZE, finish, label, new_figure, reported
-from ...report.files import write_report
+from ...report.files import result_files
 from ...report.layout import Block, Card, Facts, Page, ReportFigure, Section, State, input_facts
 from ...report.text import capitalised, finding_text, printable
 from ..sweep.maps.axes import MapAxis
@@ -165,8 +163,8 @@ def _maps(grid: Grid, names: Sequence[str], simulated: str) -> Figure:
     return figure
 
 
-def write_comparison(found: Comparison, result: Result, folder: Destination) -> list[Path]:
-    """Write a comparison as `write_report` does."""
+def comparison_files(found: Comparison, result: Result) -> dict[str, bytes]:
+    """Return the files of a comparison as `result_files` does."""
     said, tables = answer(found), {table.name: table for table in result.tables}
     axes = [axis.name for axis in found.grid.axes] if found.grid else []
     kept = ("quantity", "name", "difference", "unit", "z", "differs", "low", "low_end", "high", "high_end", *axes)
@@ -186,7 +184,7 @@ def write_comparison(found: Comparison, result: Result, folder: Destination) -> 
     summary = " ".join(f"{capitalised(finding_text(one))}." for one in said)
     page = Page.of(result, f"Comparison of {found.kind}s", summary, _cards(found), lead, sections)
     page = replace(page, findings=[one for one in result.findings if one not in said])
-    return write_report(result, page, folder)
+    return result_files(result, page)
 
 
 def _cards(found: Comparison) -> Iterator[Card]:

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...core.result import Finding, Result, info
 from ...core.table import Column, Table
-from ...output import Destination
 from ...report.drawing import BLUE, VERMILLION, finish, new_figure, reported
-from ...report.files import write_report
+from ...report.files import result_files
 from ...report.layout import Card, Facts, Page, ReportFigure, Section
 from .thesis import NEIGHBOUR_PAIRS, UNFILLED_SLOTS, ThesisReproduction
 
@@ -85,14 +83,12 @@ def _findings(reproduction: ThesisReproduction) -> Iterator[Finding]:
 _SHORT = ("row", "contrast", "luminance_cd_m2", "published_cdp", "mean", "standard_deviation", "z", "corrected_mean")
 
 
-def write_thesis(result: Result, folder: Destination) -> list[Path]:
-    """Write the reproduction of the 2018 thesis into a folder as `write_files` takes it.
-
-    Everything is made before the first file is written; InputError is raised if one cannot be written.
+def thesis_files(result: Result) -> dict[str, bytes]:
+    """Return the files of the reproduction of the 2018 thesis by their names.
 
     Returns
     -------
-    list of Path
+    dict of str to bytes
         results.json, report.html, results.xlsx and figures/intensity-sweep.png.
     """
     figure = reported(
@@ -102,7 +98,7 @@ def write_thesis(result: Result, folder: Destination) -> list[Path]:
         "full well nothing is detected although the thesis' SNR is infinite there, which is why it asks for CDP.",
         "Two curves each of CDP and of SNR over luminance, with the thesis' physics and with the correct one.",
     )
-    return write_report(result, _page(result, figure), folder)
+    return result_files(result, _page(result, figure))
 
 
 def _page(result: Result, figure: ReportFigure) -> Page:

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import asdict
 from math import ceil, floor
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ...core.result import Result
-from ...output import Destination
 from ...report.drawing import BLUE, VERMILLION, finish, new_figure, reported
-from ...report.files import write_report
+from ...report.files import result_files
 from ...report.layout import Card, Facts, Page, ReportFigure, Section, State, Verbatim, page_text
 from ...report.text import Z_95, finding_text, percent
 from ..camera.sensor import commented_toml
@@ -130,14 +128,14 @@ _PAIR = (
 )  # fmt: skip
 
 
-def write_twin(evaluation: TwinEvaluation, result: Result, folder: Destination) -> list[Path]:
-    """Write a twin, its chain file and its comparison with the camera as `write_report` does."""
+def twin_files(evaluation: TwinEvaluation, result: Result) -> dict[str, bytes]:
+    """Return the files of a twin and its comparison with the camera as `result_files` does, and chain.toml."""
     chain, configuration = twin_chain_text(evaluation), evaluation.observed.configuration
     camera, n = evaluation.calibration.state.camera, len(evaluation.regions)
     summary = f"{camera.model}, {n} patches of {configuration.target.name}, {configuration.operator}."
     lead, sections = [twin_figure(evaluation)], _sections(result, chain)
     page = Page.of(result, "A camera and its simulated twin", summary, _cards(evaluation), lead, sections)
-    return write_report(result, page, folder, {"chain.toml": chain.encode()})
+    return {"chain.toml": chain.encode(), **result_files(result, page)}
 
 
 def _cards(evaluation: TwinEvaluation) -> Iterator[Card]:

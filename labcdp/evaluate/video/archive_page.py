@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 
 from ...core.result import InputFile, Result, error
 from ...core.table import Column, Table
-from ...output import Destination, write_files
 from ...report.files import envelope_json
 from ...report.html import render_page
 from ...report.layout import Card, Links, Page, Section, State
@@ -105,22 +103,19 @@ def _inputs(done: list[VideoOutcome]) -> Iterator[InputFile]:
     yield from found.values()
 
 
-def write_archive(result: Result, folder: Destination) -> list[Path]:
-    """Write what became of the videos of an archive, each of which has its own folder.
-
-    Everything is made before the first file is written; InputError is raised if one cannot be written.
+def archive_files(result: Result) -> dict[str, bytes]:
+    """Return the files that say what became of the videos of an archive, each of which has its own folder.
 
     Returns
     -------
-    list of Path
+    dict of str to bytes
         archive.json, archive.html and archive.xlsx.
     """
-    files = {
+    return {
         "archive.json": envelope_json(result).encode(),
         "archive.html": render_page(archive_page(result)).encode(),
         "archive.xlsx": result_workbook(result, datetime.now(UTC)),
     }
-    return write_files(folder, "video", files)
 
 
 def archive_page(result: Result) -> Page:

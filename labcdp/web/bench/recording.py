@@ -244,7 +244,7 @@ def _report(session: Session) -> Path:
     """Calibrate and evaluate a session into a new folder ``NAME-evaluate`` of the current one; returns its page."""
     from ...calibration import save
     from ...evaluate.bench.session import evaluate_session, observe_calibrated
-    from ...evaluate.bench.session_page import write_results
+    from ...evaluate.bench.session_page import session_files
     from ...evaluate.bench.session_result import session_result
     from ...output import ResultsFolder
 
@@ -252,7 +252,7 @@ def _report(session: Session) -> Path:
     result = session_result(evaluation)
     with ResultsFolder(_new_folder(f"{session.path.name}-evaluate"), "evaluate") as results:
         save(evaluation.calibration, results.path("calibration.json"))
-        write_results(evaluation, result, results)
+        results.add(session_files(evaluation, result))
     return results.folder / "report.html"
 
 

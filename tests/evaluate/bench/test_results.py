@@ -14,10 +14,10 @@ from labcdp.evaluate.bench.calibrate import calibrate_session
 from labcdp.evaluate.bench.calibration_page import calibration_page
 from labcdp.evaluate.bench.calibration_result import PATCH_PIXELS, calibration_result
 from labcdp.evaluate.bench.certificate import calibration_certificate, verification_certificate
-from labcdp.evaluate.bench.history import by_camera, history_result, write_history
+from labcdp.evaluate.bench.history import by_camera, history_files, history_result
 from labcdp.evaluate.bench.observe import observe_session
 from labcdp.evaluate.bench.session import evaluate_session
-from labcdp.evaluate.bench.session_page import write_results
+from labcdp.evaluate.bench.session_page import session_files
 from labcdp.evaluate.bench.session_result import session_result
 from labcdp.report.files import envelope
 from labcdp.report.html import render_page
@@ -25,6 +25,7 @@ from labcdp.session import ContrastConfiguration, Session
 from labcdp.session.configuration import PartyConfiguration
 
 from ...conftest import CHROMIUM, valid
+from ...output.test_results_folder import write
 from .synthetic import again
 
 NAMES = {
@@ -69,7 +70,7 @@ def evaluated(hostile):
 def written(evaluated, tmp_path_factory):
     """Folder with the results of the evaluation."""
     folder = tmp_path_factory.mktemp("results")
-    write_results(evaluated, session_result(evaluated), folder)
+    write(folder, session_files(evaluated, session_result(evaluated)))
     return folder
 
 
@@ -187,5 +188,5 @@ def test_a_history_has_a_row_for_each_plane_and_measurement(evaluated, tmp_path)
     seen = [(row["plane"], row["responsivity"]) for row in history_result(planes).table("history").rows()]
     r = first.responsivity[0]
     assert seen == [(p, r) for p in PLANES] + [(p, None if p == "R" else r) for p in PLANES]
-    write_history([*planes, mono], history_result([*planes, mono]), tmp_path / "two")
+    write(tmp_path / "two", history_files([*planes, mono], history_result([*planes, mono])))
     assert [one.name for one in sorted((tmp_path / "two/figures").iterdir())] == ["history-1.png", "history-2.png"]

@@ -14,12 +14,13 @@ from labcdp.chain import Chain, Sensor
 from labcdp.core.errors import CalibrationError, InputError
 from labcdp.core.photometry import electron_radiance_per_cd_m2
 from labcdp.evaluate.camera.characterise import characterise_session
-from labcdp.evaluate.camera.result import result, write_characterisation
+from labcdp.evaluate.camera.result import characterisation_files, result
 from labcdp.evaluate.camera.sensor import chain_text
 from labcdp.report.files import SCHEMA, envelope_json
 from labcdp.session import Session, example_session
 
 from ...conftest import valid
+from ...output.test_results_folder import write
 from ..bench.synthetic import configuration, exposed, record
 
 SENSOR = Sensor(
@@ -135,7 +136,7 @@ def test_dark_frames_that_do_not_fit_are_told_or_refused(tmp_path):
 
 def test_quantities_of_a_data_set_and_all_plots_of_the_standard_are_written(data_set, tmp_path):
     found = characterise_data_set(data_set)
-    write_characterisation(found, result(found), tmp_path / "out")
+    write(tmp_path / "out", characterisation_files(found, result(found)))
     values = valid((tmp_path / "out" / "results.json").read_text())
     rows = {row["key"]: row for row in values["tables"]["characterisation"]["rows"]}
     for key, quantity in found.quantities().items():

@@ -13,12 +13,13 @@ from labcdp.core.luminance import CommonError, Invalid
 from labcdp.evaluate.picture.conversion import PictureSource
 from labcdp.evaluate.picture.edges.edges import ContrastMapSettings, EdgeKind
 from labcdp.evaluate.picture.edges.map import contrast_map
-from labcdp.evaluate.picture.edges.page import write_contrast_map
+from labcdp.evaluate.picture.edges.page import contrast_map_files
 from labcdp.evaluate.picture.edges.result import contrast_map_dataset, map_result
 from labcdp.metrics import DetectionInterval, cdp_range, cdp_with_common_errors
 
 from ...conftest import valid
 from ...metrics.conftest import map_of, share_of_normal
+from ...output.test_results_folder import write
 
 
 def _halves(dark=100.0, bright=150.0, noise=8.0, shape=(400, 480), seed=0):
@@ -188,7 +189,7 @@ def test_the_files_hold_the_edges_and_escape_names(tmp_path):
     image = levels + np.where(levels < 250, 4.0, 25.0) * np.random.default_rng(0).normal(size=(300, 340))
     found = contrast_map(map_of(image), ContrastMapSettings(30))
     source = PictureSource(Path("a <b>scene</b>.png"), "0" * 64, (300, 340), "cd/m²", "c")
-    write_contrast_map(found, source, map_result(found, source), tmp_path)
+    write(tmp_path, contrast_map_files(found, source, map_result(found, source)))
     values = valid((tmp_path / "results.json").read_text())
     said = {row["quantity"]: row["value"] for row in values["tables"]["summary"]["rows"]}
     seen, lost = found.count(EdgeKind.SEEN), found.count(EdgeKind.LOST)

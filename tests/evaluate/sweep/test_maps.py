@@ -12,12 +12,13 @@ from labcdp.core.errors import InputError
 from labcdp.evaluate.sweep.maps.axes import CdpMap
 from labcdp.evaluate.sweep.maps.dips import find_dips
 from labcdp.evaluate.sweep.maps.map import analyse_map
-from labcdp.evaluate.sweep.maps.page import write_map
+from labcdp.evaluate.sweep.maps.page import map_files
 from labcdp.evaluate.sweep.maps.ranges import isolines, usable_ranges, widest_range
 from labcdp.evaluate.sweep.maps.result import result
 from labcdp.report.files import dataset_bytes, read_dataset
 
 from ...conftest import valid
+from ...output.test_results_folder import write
 
 LUMINANCE, CONTRAST = "scene.luminance_cd_m2", "scene.contrast"
 
@@ -157,7 +158,7 @@ def shot_noise_map(n_luminance=24, n_contrast=8):
 def test_files_hold_each_cell_of_the_dataset_and_escape_names(tmp_path):
     staged = shot_noise_map(12, 6).expand_dims({"stage": ["sensor", HOSTILE]}).assign_attrs(title=f"=1+1{HOSTILE}")
     analysis = analyse_map(staged)
-    write_map(result(staged, analysis), staged, analysis, tmp_path)
+    write(tmp_path, map_files(result(staged, analysis), staged, analysis))
     assert "<b>bold" not in (tmp_path / "report.html").read_text()
     values = valid((tmp_path / "results.json").read_text())
     rows = values["tables"]["map"]["rows"]

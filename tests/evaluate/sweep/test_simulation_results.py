@@ -8,10 +8,11 @@ import pytest
 from labcdp.chain import Flat, StepChart
 from labcdp.core.table import Column, Table
 from labcdp.evaluate.sweep.simulation.evaluation import evaluate_pair, evaluate_run, evaluate_stage
-from labcdp.evaluate.sweep.simulation.page import write_simulation
+from labcdp.evaluate.sweep.simulation.page import simulation_files
 from labcdp.evaluate.sweep.simulation.result import answer, predicted_result, result
 
 from ...conftest import valid
+from ...output.test_results_folder import write
 from .chains import small
 
 
@@ -52,7 +53,7 @@ def test_no_light_has_no_contrast():
 
 def test_the_files_hold_what_was_evaluated(tmp_path):
     evaluation = evaluate_run(small(scene__square_px=1).run(1))
-    write_simulation(result(evaluation), evaluation, tmp_path)
+    write(tmp_path, simulation_files(result(evaluation), evaluation))
     values = valid((tmp_path / "results.json").read_text())
     (pair,), row = evaluation.stages[3].pairs, values["tables"]["detection"]["rows"][3]
     assert (row["stage"], row["cdp"], row["u_cdp"]) == ("sensor", pair.cdp.cdp, pair.cdp.standard_error)

@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 
 from labcdp.evaluate.sweep.thesis import TABLE_5_3, intensity_sweep, reproduce_row, reproduce_thesis
-from labcdp.evaluate.sweep.thesis_report import thesis_result, write_thesis
+from labcdp.evaluate.sweep.thesis_report import thesis_files, thesis_result
 
 from ...conftest import valid
+from ...output.test_results_folder import write
 
 
 @pytest.mark.parametrize(
@@ -33,7 +34,7 @@ def test_the_files_hold_published_values_and_ours(tmp_path):
     # Where rows and columns share no pattern, neighbours are as any two pixels of the regions.
     last = reproduction.table[7]
     assert last.corrected_exact == pytest.approx(last.corrected_mean, abs=0.001)
-    write_thesis(thesis_result(reproduction), tmp_path)
+    write(tmp_path, thesis_files(thesis_result(reproduction)))
     values = valid((tmp_path / "results.json").read_text())
     rows = values["tables"]["table_5_3"]["rows"]
     assert [row["mean"] for row in rows] == [row.mean for row in reproduction.table]

@@ -14,12 +14,13 @@ from labcdp.evaluate.video import dataset as video_dataset
 from labcdp.evaluate.video import page as video_page
 from labcdp.evaluate.video.annotated import AnnotatedVideo
 from labcdp.evaluate.video.archive import ArchiveResult, VideoOutcome, archive_tasks
-from labcdp.evaluate.video.archive_page import archive_result, write_archive
+from labcdp.evaluate.video.archive_page import archive_files, archive_result
 from labcdp.evaluate.video.page import write_video
 from labcdp.evaluate.video.result import video_result
 from labcdp.report.files import envelope
 
 from ...conftest import valid
+from ...output.test_results_folder import write
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +88,7 @@ def test_page_and_json_of_an_archive_say_what_became_of_each_video(
     values = [envelope(video_result(one)) for one in (followed, near, nothing)]
     errors = ["", "", "no video <at all>", ""]
     outcomes = zip(tasks, (*values[:2], None, values[2]), errors, (True, False, False, False), strict=True)
-    write_archive(archive_result(ArchiveResult(tuple(VideoOutcome(*one) for one in outcomes), ())), tmp_path)
+    write(tmp_path, archive_files(archive_result(ArchiveResult(tuple(VideoOutcome(*one) for one in outcomes), ()))))
     page = (tmp_path / "archive.html").read_text()
     assert "c &amp; d.avi: no video &lt;at all&gt;" in page
     links = re.findall(r'<a href="([^"]*)">', page)

@@ -6,13 +6,11 @@ from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
 from math import ceil
-from pathlib import Path
 
 import numpy as np
 
 from ....core.result import Result, info
 from ....metrics import DetectionInterval, Epsilon
-from ....output import Destination, write_files
 from ....report.files import dataset_bytes, envelope_json
 from ....report.html import render_page
 from ....report.layout import Block, Card, Facts, Page, Section, input_facts
@@ -47,19 +45,14 @@ _LEFT_OUT = {
 }
 
 
-def write_contrast_map(found: ContrastMap, source: PictureSource, result: Result, folder: Destination) -> list[Path]:
-    """Write a contrast map with all that it shows, into a folder as `write_files` takes it.
+def contrast_map_files(found: ContrastMap, source: PictureSource, result: Result) -> dict[str, bytes]:
+    """Return the files of a contrast map with all that it shows by their names.
 
     Returns
     -------
-    list of Path
+    dict of str to bytes
         report.html, contrast-map.png, of further contrasts contrast-map-2.png and so on, results.xlsx with a row for
         each edge, results.nc and results.json.
-
-    Raises
-    ------
-    InputError
-        If the folder cannot be made or a file cannot be written.
     """
     drawn = {one: overlay(one) for one in found.each[:: ceil(len(found.each) / _MOST_MAPS)]}
     edges = replace(result, tables=(*result.tables[:-1], edge_table(found, source)))
@@ -72,14 +65,13 @@ def write_contrast_map(found: ContrastMap, source: PictureSource, result: Result
         )
         for number, (one, picture) in enumerate(drawn.items(), start=1)
     }
-    files = {
+    return {
         "report.html": map_page(found, drawn, source, result).encode(),
         **pictures,
         "results.xlsx": result_workbook(edges, datetime.now(UTC)),
         "results.nc": dataset_bytes(contrast_map_dataset(found, source, result), "contrast map"),
         "results.json": envelope_json(result).encode(),
     }
-    return write_files(folder, "image-map", files)
 
 
 def map_page(found: ContrastMap, drawn: Drawn, source: PictureSource, result: Result) -> str:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ....core.result import Result, info
-from ....output import Destination
 from ....report.drawing import png
-from ....report.files import dataset_bytes, write_report
+from ....report.files import dataset_bytes, result_files
 from ....report.layout import SIMULATED, Card, Facts, Page, Section, Verbatim
 from ....report.text import significant
 from .axes import TO_DETECT, VARIABLES
@@ -26,21 +24,19 @@ if TYPE_CHECKING:
 _MOST_CARDS = 4
 
 
-def write_map(result: Result, dataset: Dataset, analysis: MapAnalysis, folder: Destination) -> list[Path]:
-    """Write a map with all that it shows into a folder as `write_files` takes it.
-
-    Everything is made before the first file is written; InputError is raised if one cannot be written.
+def map_files(result: Result, dataset: Dataset, analysis: MapAnalysis) -> dict[str, bytes]:
+    """Return the files of a map with all that it shows by their names.
 
     Returns
     -------
-    list of Path
+    dict of str to bytes
         map.nc, map.png, results.json, report.html and results.xlsx.
     """
     from .static import draw_map
 
     view = MapView.of(dataset, analysis)
     files = {"map.nc": dataset_bytes(dataset, "map"), "map.png": png(draw_map(view))}
-    return write_report(result, _page(result, view), folder, files)
+    return {**files, **result_files(result, _page(result, view))}
 
 
 def _page(result: Result, view: MapView) -> Page:

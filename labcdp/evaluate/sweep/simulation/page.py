@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from ....chain import Chain
 from ....core.result import Result
 from ....core.table import Table
 from ....metrics.contrast import TargetContrasts
-from ....output import Destination, write_files
-from ....report.files import result_files, write_report
+from ....report.files import result_files
 from ....report.layout import Block, Card, Facts, Page, Section, Verbatim
 from ....report.plots import contrast_figures
 from ....report.text import cell_text, percent
@@ -28,14 +26,12 @@ _RATIOS = (
 )
 
 
-def write_simulation(result: Result, evaluation: SimulationEvaluation, folder: Destination) -> list[Path]:
-    """Write a simulated image, with the pictures of its run, into a folder as `write_files` takes it.
-
-    Everything is made before the first file is written; InputError is raised if one cannot be written.
+def simulation_files(result: Result, evaluation: SimulationEvaluation) -> dict[str, bytes]:
+    """Return the files of a simulated image, with the pictures of its run, by their names.
 
     Returns
     -------
-    list of Path
+    dict of str to bytes
         results.json, report.html, results.xlsx, chain.toml, figures/*.png and images/*.png.
     """
     run, chain = evaluation.run, evaluation.run.chain
@@ -65,14 +61,14 @@ def write_simulation(result: Result, evaluation: SimulationEvaluation, folder: D
     page = _page("simulated imaging chain", result, chain, final, (pictures[final[-1]], short), sections)
     images = {f"images/{file_name(name)}.png": picture(signal.values) for name, signal in run.items()}
     files = result_files(result, page, [*along, *contrasts, *stages])
-    return write_files(folder, "simulate", {**files, "chain.toml": chain.to_toml().encode(), **images})
+    return {**files, "chain.toml": chain.to_toml().encode(), **images}
 
 
-def write_prediction(result: Result, chain: Chain, folder: Destination) -> list[Path]:
-    """Write results.json, report.html, results.xlsx and chain.toml into a folder as `write_files` takes it."""
+def prediction_files(result: Result, chain: Chain) -> dict[str, bytes]:
+    """Return results.json, report.html, results.xlsx and chain.toml by their names."""
     detection = result.table("detection")
     page = _page("predicted imaging chain", result, chain, detection["stage"][-1:], (detection,), [])
-    return write_report(result, page, folder, {"chain.toml": chain.to_toml().encode()})
+    return {"chain.toml": chain.to_toml().encode(), **result_files(result, page)}
 
 
 def _page(

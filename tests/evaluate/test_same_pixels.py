@@ -1,6 +1,7 @@
 """The same pixels have the same numbers and uncertainties as a picture, as a video and in a session."""
 
 import shutil
+from itertools import product
 
 import cv2
 import numpy as np
@@ -80,13 +81,18 @@ def test_8_12_and_16_bits_of_one_scene_agree_within_quantisation(tmp_path, noise
     light = np.clip(mean * (1 + noise * np.random.default_rng(5).normal(size=(80, 120))), 0, 1)
     bright, dark = (roi.select(light) for roi in (BRIGHT, DARK))
     low, high = (np.outer(1 + np.array(CONTRASTS) * (1 + sign * 0.5), dark)[:, :, None] for sign in (-1, 1))
-    for bits in (8, 12, 16):
-        dn, half = np.rint(light * (2**bits - 1)), 0.5 / (2**bits - 1)
-        cv2.imwrite(str(tmp_path / "a.png"), dn.astype(np.uint8 if bits == 8 else np.uint16))
-        conversion = picture_conversion(None, None, "linear").given(bit_depth=None if bits == 8 else bits)
-        seen = evaluate_pair(
-            conversion.luminance(read_picture(tmp_path / "a.png", conversion.options)), BRIGHT, DARK, CONTRASTS
-        )
+    for bits, encoding in product((8, 12, 16), ("linear", "srgb")):
+        stored, half = light if encoding == "linear" else 1.055 * light ** (1 / 2.4) - 0.055, 0.5 / (2**bits - 1)
+        dn = np.rint(stored * (2**bits - 1)).astype(np.uint8 if bits == 8 else np.uint16)
+        cv2.imwrite(str(tmp_path / "a.png"), dn)
+        conversion = picture_conversion(None, None, encoding).given(bit_depth=None if bits == 8 else bits)
+        picture = read_picture(tmp_path / "a.png", conversion.options)
+        seen = evaluate_pair(conversion.luminance(picture), BRIGHT, DARK, CONTRASTS)
+        # Linear DN end a step below 1; sRGB is steepest there, with 2.4 / 1.055.
+        end, half = (1 - 2.0**-bits, half) if encoding == "linear" else (1.0, 2.3 * half)
+        assert (seen.a.mean, seen.b.mean) == pytest.approx((end * bright.mean(), end * dark.mean()), abs=half)
+        contrast = bright.mean() / dark.mean() - 1
+        assert seen.contrast.value == pytest.approx(contrast, abs=half * (2 + contrast) / (dark.mean() - half))
         # No pixel is off by more than half a step, nor a limit by more than that of the dark one.
         moved = half * (1 + low / dark[:, None]), half * (1 + high / dark[:, None])
         least, most = (
@@ -95,8 +101,6 @@ def test_8_12_and_16_bits_of_one_scene_agree_within_quantisation(tmp_path, noise
         )
         cdps = np.array([one.result.cdp for one in seen.results])
         assert ((least - 1e-12 <= cdps) & (cdps <= most + 1e-12)).all()
-        contrast = bright.mean() / dark.mean() - 1
-        assert seen.contrast.value == pytest.approx(contrast, abs=half * (2 + contrast) / (dark.mean() - half))
 
 
 def test_a_session_a_picture_and_a_video_with_one_calibration_agree(recorded, evaluation, tmp_path):

@@ -200,7 +200,7 @@ class Image:
         found = evaluate_neighbours(self.luminance, asked.values, epsilon, None if corners is None else tuple(corners))
         data = cdp_variables(("contrast",), found.results or (None,))
         dataset = Dataset(data, attrs=self.attributes(epsilon, found.findings))
-        return described(at_contrasts(dataset, asked, found.contrast))
+        return described(at_contrasts(dataset, asked, found.contrast.value))
 
     def to_dataset(self) -> Dataset:
         """Return luminance, its standard uncertainty and flags over y and x."""

@@ -27,7 +27,7 @@ from ...report.layout import ReportFigure
 from ...report.maps import ImageFigure, drawn_pixels
 from ...report.plots import ContrastPanel, contrast_figures
 from ...report.text import percent, shortened
-from .image import AnyContrast, ImageEvaluation, measured_contrast
+from .image import AnyContrast, ImageEvaluation
 from .neighbours import NeighbourEvaluation, neighbour_distribution
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def image_figures(evaluation: ImageEvaluation, picture: Picture, luminance: Lumi
     ]
     panels = []
     for pair, results in found:
-        distribution, measured = distribution_of(pair, luminance), measured_contrast(pair)
+        distribution, measured = distribution_of(pair, luminance), pair.contrast.value
         if distribution is not None:
             name = shortened(pair.name, 40)
             panels += [ContrastPanel(name, distribution, one, measured) for one in _drawn(results, measured)]

@@ -18,11 +18,6 @@ from .neighbours import NeighbourEvaluation, evaluate_neighbours
 AnyContrast: TypeAlias = PairResult | NeighbourEvaluation
 
 
-def measured_contrast(found: AnyContrast) -> float:
-    """Return the measured contrast of two regions, or of neighbouring pixels."""
-    return found.contrast.value if isinstance(found, PairResult) else found.contrast
-
-
 @dataclass(frozen=True, eq=False)
 class ImageEvaluation:
     """Contrasts of a picture.

@@ -14,6 +14,7 @@ from ...core.result import Finding, info, warning
 from ...core.roi import Rectangle, clipped_rectangle
 from ...metrics import CalibratedCdp, ContrastDistribution, Distribution, Epsilon, NeighbourCdp, cdp_neighbours_range
 from ...metrics.detection import variance_of_changes
+from ...metrics.signal_to_noise import Estimate
 from ...metrics.spread import CUT_OFF, MOST_BINS, MOST_TIMES, spacing
 
 
@@ -25,9 +26,9 @@ class NeighbourEvaluation:
     ----------
     rectangle : (int, int, int, int) or None
         Corner pixels of the rectangle, both in; None for the whole picture.
-    contrast : float
+    contrast : Estimate
         Measured contrast of the neighbours: mean of the brighter over mean of the darker pixels of all pairs, minus 1;
-        nan where no darker one is above 0.
+        nan where no darker one is above 0. Its standard error is not known (nan).
     results : tuple of CalibratedCdp
         One for each contrast.
     findings : tuple of Finding
@@ -35,7 +36,7 @@ class NeighbourEvaluation:
     """
 
     rectangle: Rectangle | None
-    contrast: float
+    contrast: Estimate
     results: tuple[CalibratedCdp[NeighbourCdp], ...]
     findings: tuple[Finding, ...]
 
@@ -93,7 +94,7 @@ def evaluate_neighbours(
     findings = [info("neighbour-contrast-is-measured")] if contrasts is None else []
     return NeighbourEvaluation(
         rectangle=inside,
-        contrast=contrast,
+        contrast=Estimate(contrast, nan),
         # One pixel takes part in four pairs.
         results=tuple(CalibratedCdp.of(one, added, one.pairs / 4) for one, added in zip(base, variance, strict=True)),
         findings=tuple(findings if asked else [warning("contrast-undefined", "nearest-neighbour")]),

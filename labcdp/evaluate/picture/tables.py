@@ -11,7 +11,7 @@ from ...metrics import CalibratedCdp, CdpResult, DetectionInterval, NeighbourCdp
 from ...metrics.pair import PairResult
 from ...metrics.region import REASONS, RegionResult
 from ..columns import CDP, CONTRAST, CSNR, SHARES, TARGET, invalid_share, region_columns
-from .image import AnyContrast, ImageEvaluation, ImageRequest, measured_contrast
+from .image import AnyContrast, ImageEvaluation, ImageRequest
 
 #: CDP of two regions, or of neighbouring pixels.
 AnyCdp: TypeAlias = CalibratedCdp[CdpResult] | CalibratedCdp[NeighbourCdp]
@@ -56,7 +56,7 @@ class _Row:
 
     @property
     def of_measured(self) -> bool:
-        return [one.result.contrast for one in self.contrast.results] == [measured_contrast(self.contrast)]
+        return [one.result.contrast for one in self.contrast.results] == [self.contrast.contrast.value]
 
     def tolerance(self, side: str) -> float | None:
         epsilon = None if self.one is None else self.one.result.epsilon
@@ -81,7 +81,7 @@ _CDP_COLUMNS = (
     Column("bright", "bright region", shown=False, value="regions.bright_region.roi.name"),
     Column("dark", "dark region", shown=False, value="regions.dark_region.roi.name"),
     # That of neighbours has no uncertainty.
-    replace(CONTRAST[0], value=lambda row: measured_contrast(row.contrast)),
+    CONTRAST[0].within("contrast"),
     *_within("regions", *CONTRAST[1:]),
     Column("u_measured_contrast_pixels", "u of measured contrast, pixels", "%", "Its part by the pixels.", 2,
            shown=False, value="regions.contrast_pixels"),

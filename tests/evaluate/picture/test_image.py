@@ -78,8 +78,8 @@ def test_without_contrasts_the_measured_one_of_each_pair_is_used():
     assert found.pairs[0].results[0].result.cdp > 0.9
     pairs = [np.sort(both, axis=0) for both in ((SCENE[:, 1:], SCENE[:, :-1]), (SCENE[1:], SCENE[:-1]))]
     measured = sum(both[1].sum() for both in pairs) / sum(both[0].sum() for both in pairs) - 1
-    assert found.neighbours.contrast == pytest.approx(measured)
-    assert found.neighbours.results[0].result == _near(SCENE, found.neighbours.contrast)
+    assert found.neighbours.contrast.value == pytest.approx(measured)
+    assert found.neighbours.results[0].result == _near(SCENE, found.neighbours.contrast.value)
     for corners in ((3, 4, 40, 30), (40, 30, 3, 4), (3, 30, 40, 4)):
         inside = evaluate_neighbours(_map(SCENE), (0.05,), 0.5, corners)
         assert (inside.results[0].result, inside.rectangle) == (_near(SCENE[4:31, 3:41], 0.05), (3, 4, 40, 30))

@@ -88,7 +88,7 @@ def test_without_a_contrast_that_of_the_first_measured_frame_is_to_be_detected(t
     conversion = picture_conversion(None, None, None)
     cv2.imwrite(str(tmp_path / "0.png"), frames[1])
     picture = evaluate_neighbours(conversion.luminance(read_picture(tmp_path / "0.png", conversion.options)))
-    assert near["contrast"].values == pytest.approx([picture.contrast])
+    assert near["contrast"].values == pytest.approx([picture.contrast.value])
     assert near["cdp"].values[0] == pytest.approx([one.result.cdp for one in picture.results])
     assert found(near, "neighbour-contrast-measured")["frame"] == 0
 

@@ -13,17 +13,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labcdp.chain import (
-    Chain,
-    Checkerboard,
-    ImageScene,
-    Patch,
-    PatchScene,
-    StepChart,
-    ToneCurve,
-    Windscreen,
-    preset_text,
-)
+from labcdp.chain import Chain, Checkerboard, ImageScene, Patch, PatchScene, StepChart, ToneCurve, preset_text
+from labcdp.chain.optics import Windscreen
 from labcdp.chain.predict.chain import predict_chain
 from labcdp.core.disk.text import toml_text
 from labcdp.core.errors import ConfigurationError, InputError

@@ -7,10 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from labcdp.chain import Chain, register, registry
 from labcdp.chain.parameters import Sized
-from labcdp.core.errors import ConfigurationError
+from labcdp.core.errors import ConfigurationError, InputError
 
 from ..test_documentation import blocks
 
@@ -63,6 +65,39 @@ REFUSED = [
 def test_what_cannot_be_used_is_refused_in_one_line(document, message):
     with pytest.raises(ConfigurationError, match=f"^x: {re.escape(message)}"):
         Chain.from_document(document, "x")
+
+
+values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5) | st.dates(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=3), inner, max_size=2),
+    max_leaves=4,
+)
+CHAINS = {name: Chain.load(name) for name in ("manta-g505", "thesis-2018")}
+PATHS = [
+    (name, f"{table}.{key}")
+    for name, chain in CHAINS.items()
+    for table, held in chain.document.items()
+    if isinstance(held, dict)
+    for key in held
+]
+
+
+@given(path=st.sampled_from(PATHS), value=values)
+def test_any_value_for_any_key_makes_a_chain_or_one_line_of_text(path, value):
+    name, parameter = path
+    message = ""
+    try:
+        CHAINS[name].with_(**{parameter: value})
+    except ConfigurationError as error:
+        message = str(error)
+    assert message.startswith(f"{CHAINS[name].source}: ") or not message
+    assert "\n" not in message
+
+
+@given(document=st.dictionaries(st.sampled_from(["scene", "sensor", "hdr", "exposure", "optics", "name", "x"]), values))
+def test_any_document_makes_a_chain_or_an_error(document):
+    with pytest.raises(InputError, match=r"^any: "):
+        Chain.from_document(document, "any")
 
 
 # Parts of one's own, in chain files and in packages

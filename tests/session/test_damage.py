@@ -49,6 +49,15 @@ def test_any_damage_is_noticed_and_the_other_frames_are_loaded(sound, make_frame
         file.write_bytes(text)
 
 
+def test_a_changed_digit_anywhere_in_the_journal_is_noticed(sound, tmp_path):
+    journal = shutil.copytree(sound, tmp_path / "session") / JOURNAL
+    text = journal.read_bytes()
+    for found in [*re.finditer(rb"[0-9]", text)][::11]:
+        journal.write_bytes(text[: found.start()] + b"%d" % (9 - int(found[0])) + text[found.end() :])
+        with pytest.raises(SessionError):
+            Session.open(journal.parent).verify()
+
+
 @pytest.mark.parametrize("order", [(1,), (1, 0)], ids=["removed", "swapped"])
 def test_a_removed_line_and_swapped_ones_are_noticed(sound, tmp_path, order):
     damaged = shutil.copytree(sound, tmp_path / "session")

@@ -108,7 +108,7 @@ def test_a_session_a_picture_and_a_video_with_one_calibration_agree(recorded, ev
     files = {record.number: recorded.path / record.file.name for record in recorded.frames()}
     for row in evaluation.contrasts:
         rois, file = (row.bright.region, row.dark.region), files[row.frame_number]
-        (asked,) = picture_of(file, rois, (row.cdp.contrast,), calibration, epsilon=row.cdp.epsilon).results
+        (asked,) = picture_of(file, rois, (row.asked.contrast,), calibration, epsilon=row.asked.epsilon).results
         assert asked.result.cdp == row.cdp.cdp
         assert asked.standard_uncertainty == pytest.approx(row.calibrated_cdp.standard_uncertainty, rel=1e-6)
         assert asked.confidence_interval == pytest.approx(row.cdp.confidence_interval, rel=1e-6)

@@ -119,15 +119,12 @@ def _spaced(parameter: str, given: str) -> tuple[Value, ...]:
         raise InputError(
             f"{parameter}={given}: give two different finite ends and a whole count of 2 to {_MOST_VALUES}"
         )
-    if not logarithmic:
-        values = np.linspace(start, stop, int(count))
-        if all(isinstance(number, int) for number in numbers[:2]) and (values == values.round()).all():
-            # Parameters such as bits take whole numbers only.
-            return tuple(int(value) for value in values)
-        return tuple(float(value) for value in values)
-    if not (start > 0 and stop > 0):
+    if logarithmic and not (start > 0 and stop > 0):
         raise InputError(f"{parameter}={given}: a logarithmic axis needs ends above 0")
-    return tuple(float(value) for value in np.geomspace(start, stop, int(count)))
+    values = (np.geomspace if logarithmic else np.linspace)(start, stop, int(count))
+    # Parameters such as bits take whole numbers only.
+    whole = not logarithmic and all(isinstance(number, int) for number in numbers[:2]) and (values % 1 == 0).all()
+    return tuple((values.astype(int) if whole else values).tolist())
 
 
 #: Cells of a map that a computer holds and the user reads.

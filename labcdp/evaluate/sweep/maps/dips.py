@@ -111,10 +111,10 @@ def _dips_of(curve: Curve, at: At, variable: str, expected: list[float]) -> list
     dips = []
     for number, (peak, trough, expected_at) in enumerate(joined):
         recovery = _recovery(curve, peak, trough)
-        next_peak = joined[number + 1][0] if number + 1 < len(joined) else curve.places.size - 1
-        inside = np.flatnonzero((curve.places >= curve.places[peak]) & ~(curve.places > recovery))
-        inside = inside[(inside <= next_peak) & np.isfinite(curve.cdp[inside])]
-        lowest = int(inside[np.argmin(curve.cdp[inside])]) if inside.size else None
+        end = joined[number + 1][0] if number + 1 < len(joined) else curve.places.size - 1
+        inside = slice(peak, 1 + min(end, int(np.searchsorted(curve.places, recovery, side="right")) - 1))
+        cdp = curve.cdp[inside]
+        lowest = peak + int(np.nanargmin(cdp)) if np.isfinite(cdp).any() else None
         ratio = float(curve.values[peak] / curve.values[trough]) if curve.values[trough] > 0 else inf
         dips.append(
             SnrDip(
@@ -137,22 +137,19 @@ def _dips_of(curve: Curve, at: At, variable: str, expected: list[float]) -> list
 def _falls(curve: Curve) -> tuple[list[tuple[int, int]], bool]:
     """Find indices of peak and trough of each fall, and whether the last one is followed by a rise."""
     falls: list[tuple[int, int]] = []
-    peak = trough = 0
-    falling = False
+    peak, trough = 0, None
     for i in range(1, curve.values.size):
-        if falling:
-            if curve.values[i] < curve.values[trough]:
+        if trough is None:
+            if curve.values[i] >= curve.values[peak]:
+                peak = i
+            elif curve.lies_below(i, peak, _LEAST_FALL):
                 trough = i
-            elif curve.lies_below(trough, i, _LEAST_FALL):
-                falls.append((peak, trough))
-                falling, peak = False, i
-        elif curve.values[i] >= curve.values[peak]:
-            peak = i
-        elif curve.lies_below(i, peak, _LEAST_FALL):
-            falling, trough = True, i
-    if falling:
-        falls.append((peak, trough))
-    return falls, not falling
+        elif curve.values[i] < curve.values[trough]:
+            trough = i
+        elif curve.lies_below(trough, i, _LEAST_FALL):
+            falls.append((peak, trough))
+            peak, trough = i, None
+    return falls if trough is None else [*falls, (peak, trough)], trough is None
 
 
 def _explained(curve: Curve, falls: list[tuple[int, int]], expected: list[float]) -> dict[int, float]:

@@ -39,6 +39,12 @@ def _contrast(bright, dark):
     return inf if bright > 0 else nan
 
 
+def neighbours_of(image):
+    """Each pixel with its right and its lower neighbour, the darker one first."""
+    both = (image[:, :-1], image[:, 1:]), (image[:-1], image[1:])
+    return [tuple(sorted(pair)) for one, other in both for pair in zip(one.flat, other.flat, strict=True)]
+
+
 def share_of_normal(bright, dark, low, high):
     """Share of the pairs of two normal patches, each a mean and a deviation, whose contrast is from `low` to `high`."""
     ratio = 1 + np.array([low, high])

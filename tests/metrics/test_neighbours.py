@@ -10,6 +10,8 @@ from hypothesis.extra import numpy as hnp
 from labcdp.core.errors import InputError
 from labcdp.metrics import DetectionInterval, cdp_neighbours, cdp_neighbours_range, cdp_rectangle
 
+from .conftest import neighbours_of
+
 levels = st.one_of(st.integers(-2, 6), st.integers(90, 130))
 images = hnp.arrays(np.int32, st.tuples(st.integers(1, 7), st.integers(2, 7)), elements=levels).filter(
     lambda image: image.max() > 0
@@ -24,15 +26,8 @@ epsilons = st.one_of(
 
 def neighbour_contrasts(image):
     """Weber contrast of each pixel with its right and its lower neighbour: Fraction, inf or nan."""
-    found = []
-    height, width = image.shape
-    for y in range(height):
-        for x in range(width):
-            for other in ((y, x + 1), (y + 1, x)):
-                if other[0] < height and other[1] < width:
-                    small, large = sorted((int(image[y, x]), int(image[other])))
-                    found.append(Fraction(large, small) - 1 if small > 0 else inf if large > 0 else nan)
-    return found
+    pairs = ((int(small), int(large)) for small, large in neighbours_of(image))
+    return [Fraction(large, small) - 1 if small > 0 else inf if large > 0 else nan for small, large in pairs]
 
 
 def interval(contrast, epsilon):

@@ -14,6 +14,7 @@ import pytest
 from bokeh.client import pull_session
 from bokeh.models import ImportedStyleSheet
 
+from labcdp.chain import Checkerboard
 from labcdp.cli.app import app
 from labcdp.core.errors import InputError
 from labcdp.regions import RectangleShape, load_regions, rois_of, save_regions
@@ -139,10 +140,8 @@ def test_a_second_process_for_one_port_or_file_is_refused_until_the_first_has_en
 
 
 def board(path):
-    rng = np.random.default_rng(1)
-    squares = np.where(np.indices((6, 8)).sum(axis=0) % 2 == 0, 200.0, 40.0).repeat(40, axis=0).repeat(40, axis=1)
-    framed = np.pad(squares, 30, constant_values=120)
-    assert cv2.imwrite(str(path), np.clip(rng.normal(framed, 4), 0, 255).astype(np.uint8))
+    """A board of 6 x 8 squares."""
+    assert cv2.imwrite(str(path), Checkerboard(400, 300, 40.0, 4.0, 50).luminance_map().astype(np.uint8))
     return path
 
 

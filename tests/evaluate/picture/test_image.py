@@ -32,7 +32,7 @@ from labcdp.report.layout import ReportFigure
 from labcdp.report.sheets import result_workbook
 
 from ...conftest import valid
-from ...metrics.conftest import map_of
+from ...metrics.conftest import map_of, neighbours_of
 
 SHAPE = (60, 90)
 BRIGHT, DARK = Roi.rectangle("bright", 50, 10, 30, 40), Roi.rectangle("dark", 5, 5, 30, 40)
@@ -76,8 +76,8 @@ def test_without_contrasts_the_measured_one_of_each_pair_is_used():
         assert one.result.contrast == pair.contrast.value
         assert one.result.cdp == cdp(BRIGHT.select(SCENE), pair.b.roi.select(SCENE), one.result.contrast).cdp
     assert found.pairs[0].results[0].result.cdp > 0.9
-    pairs = [np.sort(both, axis=0) for both in ((SCENE[:, 1:], SCENE[:, :-1]), (SCENE[1:], SCENE[:-1]))]
-    measured = sum(both[1].sum() for both in pairs) / sum(both[0].sum() for both in pairs) - 1
+    small, large = np.sum(neighbours_of(SCENE), axis=0)
+    measured = large / small - 1
     assert found.neighbours.contrast.value == pytest.approx(measured)
     assert found.neighbours.results[0].result == _near(SCENE, found.neighbours.contrast.value)
     for corners in ((3, 4, 40, 30), (40, 30, 3, 4), (3, 30, 40, 4)):
@@ -113,13 +113,10 @@ def test_a_shared_factor_cancels_between_neighbours_and_an_offset_does_not():
 def test_the_contrasts_of_all_neighbours_are_counted():
     luminance = np.rint(SCENE[:, :45] - 90)
     found = distribution_of(evaluate_neighbours(_map(luminance), (0.5,)), _map(luminance))
-    pairs = [
-        *zip(luminance[:, 1:].flat, luminance[:, :-1].flat, strict=True),
-        *zip(luminance[1:].flat, luminance[:-1].flat, strict=True),
-    ]
-    undefined = sum(max(pair) <= 0 for pair in pairs)
-    unbounded = sum(min(pair) <= 0 < max(pair) for pair in pairs)
-    contrasts = np.array([max(pair) / min(pair) - 1 for pair in pairs if min(pair) > 0], np.float32)
+    pairs = neighbours_of(luminance)
+    undefined = sum(large <= 0 for _, large in pairs)
+    unbounded = sum(small <= 0 < large for small, large in pairs)
+    contrasts = np.array([large / small - 1 for small, large in pairs if small > 0], np.float32)
     assert (found.undefined, found.unbounded) == (undefined / len(pairs), unbounded / len(pairs))
     assert unbounded > 0
     for k in np.linspace(0, found.edges.size - 1, 4).astype(int):
@@ -257,8 +254,7 @@ def test_cdp_as_by_brute_force_on_the_integers(tmp_path, bits, camera):
     request = ImageRequest(tuple(map(float, contrasts)), 0.5, rois, neighbours=True)
     found = evaluate_image(conversion.luminance(picture), conversion.source(picture), request)
     dn = dn - black_dn
-    near = [*zip(dn[:, :-1].flat, dn[:, 1:].flat, strict=True), *zip(dn[:-1].flat, dn[1:].flat, strict=True)]
-    near = [(max(pair), min(pair)) for pair in near]
+    near = [(large, small) for small, large in neighbours_of(dn)]
     far = [(bright, dark) for bright in dn[:, 10:].flat for dark in dn[:, :10].flat]
     assert [one.result.cdp for one in found.neighbours.results] == [share(near, one) for one in contrasts]
     expected = [share(far, one) for one in contrasts]

@@ -18,12 +18,10 @@ import sys
 import traceback
 from contextlib import suppress
 
-#: What commands import, beside labcdp's own modules.
+#: What commands import only where they need it.
 _HEAVY = (
-    *("colour", "cv2", "dask.array", "distributed", "jinja2", "matplotlib.backends.backend_agg", "matplotlib.figure"),
-    *("netCDF4", "numpy", "openpyxl", "PIL.Image", "plotly.graph_objects", "pydantic", "rich.markdown"),
-    *("rich.progress", "scipy.interpolate", "scipy.optimize", "scipy.special", "scipy.stats"),
-    *("tifffile", "xarray", "xlsxwriter"),
+    *("colour", "dask.array", "distributed", "matplotlib.backends.backend_agg", "netCDF4", "openpyxl", "rich.markdown"),
+    *("scipy.interpolate", "scipy.optimize", "scipy.special", "scipy.stats", "tifffile", "xlsxwriter"),
 )
 #: Packages whose modules are imported, too; not those that start threads or compile.
 _OWN = ("acquire", "chain", "cli", "evaluate", "files", "output", "regions", "report", "session")

@@ -64,7 +64,7 @@ def info(file: Path, *, source: str = "A", as_json: Json = False) -> None:
     properties = {"kind": found.kind, **found.properties}
     columns = (Column("property", "property", value="0"), Column("value", "value", value="1"))
     first = Table.of_items("properties", str(file), columns, properties.items())
-    names = {"file": quote(str(file)), "folder": quote(str(file.parent))}
+    names = {"file": quote(str(file)), "folder": quote(str(file if file.is_dir() else file.parent))}
     following = (f"Next: labcdp {one.format(**names)}" for one in found.commands)
     print_result(Result("info", str(file), (first, *found.tables)), as_json, *following)
 
@@ -106,8 +106,7 @@ def _folder(path: Path) -> Description:
         return _session(path)
     if (path / LIST_FILE).is_file():
         names = sorted(one.name for one in path.iterdir() if one.name != LIST_FILE)
-        found = describe_list(path, "folder of results", names)
-        return replace(found, commands=tuple(one.replace("{folder}", "{file}") for one in found.commands))
+        return describe_list(path, "folder of results", names)
     if (path / INDEX_NAME).is_file():
         return _data_set(path)
     if any(one.suffix.lower() in VIDEO_SUFFIXES for one in path.iterdir()):
@@ -125,9 +124,7 @@ def _folder(path: Path) -> Description:
 def _journal(path: Path) -> Description:
     if path.name != JOURNAL:
         return describe_journal(path)
-    found = _session(path.parent)
-    commands = tuple(one.replace("{file}", "{folder}") for one in found.commands)
-    return replace(found, kind="journal of a session", commands=commands)
+    return replace(_session(path.parent), kind="journal of a session")
 
 
 def _session(path: Path) -> Description:
@@ -141,7 +138,7 @@ def _session(path: Path) -> Description:
             "dark frames": str(len(session.frames("dark"))),
             "meter readings": str(len(session.readings())),
         }
-    commands = ("calibrate {file}", "evaluate {file} --recalibrate", "characterise {file}", "twin {file}")
+    commands = ("calibrate {folder}", "evaluate {folder} --recalibrate", "characterise {folder}", "twin {folder}")
     return Description("session", commands, properties)
 
 
@@ -245,9 +242,7 @@ def _picture(path: Path) -> Description:
         "size": "{1} x {0} pixels".format(*found.shape),
         "values": "floats" if frame is None else f"{frame.bit_depth} bits, {frame.pixel_format}",
         "encoding": found.encoding,
-        "exposure": f"{exposure_text(frame.exposure_s)}"
-        if frame is not None and found.exposure_known
-        else "not stated",
+        "exposure": exposure_text(frame.exposure_s) if frame is not None and found.exposure_known else "not stated",
         "camera": str(frame.camera) if frame is not None and found.camera_stated else "not stated",
         **_notes(found.findings),
     }

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
+from decimal import Decimal
 from math import isfinite, nan
 from typing import Any
 
@@ -19,11 +21,12 @@ def fraction_of_percent(text: str, name: str) -> float:
         If it is not a number with a percent sign.
     """
     try:
-        fraction = float(text[:-1].strip()) / 100 if text.isascii() and text.endswith("%") else nan
+        # 2.3 / 100 is not the float nearest to 0.023.
+        fraction = float(Decimal(text[:-1].strip()).scaleb(-2)) if text.isascii() and text.endswith("%") else nan
         if not isfinite(fraction):
             raise ValueError
         return fraction
-    except ValueError:
+    except (ValueError, ArithmeticError):
         raise InputError(f"{name} is {shown(text)}: give a number with a percent sign, for example 50%") from None
 
 
@@ -47,6 +50,10 @@ def parse_pair(text: str, names: Sequence[str], name: str = "--pair") -> tuple[s
     raise InputError(f"{name} is {shown(text)}, but there is no {missing!r}: choose from {', '.join(names)}")
 
 
+#: Units of a time, in seconds.
+_SCALES = {"ms": 1e-3, "us": 1e-6, "s": 1.0}
+
+
 def parse_seconds(text: str, name: str) -> float:
     """Turn ``5ms`` into 0.005.
 
@@ -55,15 +62,11 @@ def parse_seconds(text: str, name: str) -> float:
     InputError
         If it is not a number above 0 with s, ms or us.
     """
-    for unit, scale in (("ms", 1e-3), ("us", 1e-6), ("s", 1.0)):
-        if text.endswith(unit):
-            try:
-                value = float(text.removesuffix(unit)) * scale
-            except ValueError:
-                break
-            if isfinite(value) and value > 0:
-                return value
-            break
+    unit = next((one for one in _SCALES if text.endswith(one)), "")
+    with suppress(ValueError):
+        value = float(text.removesuffix(unit)) * _SCALES.get(unit, nan)
+        if isfinite(value) and value > 0:
+            return value
     raise InputError(f"{name} is {shown(text)}: give a number above 0 with s, ms or us, for example 5ms")
 
 

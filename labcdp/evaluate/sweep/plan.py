@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from decimal import Decimal
 from hashlib import sha256
 from importlib.metadata import version
 from math import prod
@@ -103,8 +104,9 @@ def parse_value(text: str) -> Value:
     except ValueError:
         pass
     try:
-        return float(text[:-1]) / 100 if text.endswith("%") else float(text)
-    except ValueError:
+        # 2.3 / 100 is not the float nearest to 0.023.
+        return float(Decimal(text[:-1]).scaleb(-2)) if text.endswith("%") else float(text)
+    except (ValueError, ArithmeticError):
         return text
 
 

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from labcdp.chain import Chain, ImageScene
 from labcdp.chain.predict.chain import predict_chain
-from labcdp.cli.values import parse_pair
+from labcdp.cli.values import fraction_of_percent, parse_pair
 from labcdp.core.errors import InputError
 from labcdp.evaluate.contrasts import parse_contrasts
-from labcdp.evaluate.sweep.plan import Axis, Sweep, parse_axis
+from labcdp.evaluate.sweep.plan import Axis, Sweep, parse_axis, parse_value
 from labcdp.evaluate.sweep.run import JOURNAL as FILE_NAME
 from labcdp.evaluate.sweep.run import run_sweep
 from labcdp.evaluate.sweep.simulation.evaluation import evaluate_pair
@@ -138,7 +138,9 @@ def test_what_is_not_an_axis_is_refused():
 
 
 @given(st.decimals("0.01", "9999", places=2), st.integers(1, 200), st.integers(1, 50), st.integers(1, 60))
-def test_contrasts_are_the_floats_nearest_to_what_was_typed_and_each_once(percent, start, step, n):
+def test_percentages_are_the_floats_nearest_to_what_was_typed_and_contrasts_each_once(percent, start, step, n):
+    nearest = float(Fraction(percent) / 100)
+    assert fraction_of_percent(f"{percent}%", "--epsilon") == parse_value(f"{percent}%") == nearest
     spaced = [Fraction(start + k * step, 100) for k in range(n + 1)]
     typed = [f" {percent} %,{start}%", f"{start}%:{start + n * step}%:{n + 1}"]
     assert parse_contrasts(typed) == tuple(map(float, sorted({Fraction(percent) / 100, *spaced})))

@@ -2,7 +2,8 @@
 
 An argument of a command is a positional parameter of its function, an option one that is given by name. A parameter
 that is a dataclass stands for an option for each of its fields. Their help are the sections Parameters of the
-docstrings, in which a name may be followed by what the help shows for its value: ``pair : BRIGHT:DARK``.
+docstrings, in which a name may be followed by what the help shows for its value: ``pair : BRIGHT:DARK``. Every command
+has ``--json``, which `labcdp.cli.terminal.print_result` heeds.
 """
 
 from __future__ import annotations
@@ -132,8 +133,16 @@ class Running:
     name: str
     given: Mapping[str, Any]
 
+    @property
+    def as_json(self) -> bool:
+        """Whether its result is printed as JSON."""
+        return bool(self.given["as_json"])
+
 
 RUNNING: ContextVar[Running] = ContextVar("command")
+
+#: Option of every command; those with other options for results have it among these.
+Json = Annotated[bool, As("Print the result as JSON.", ("--json",))]
 
 
 def as_command(command: str, function: Callable[..., None]) -> Callable[..., None]:
@@ -151,12 +160,15 @@ def as_command(command: str, function: Callable[..., None]) -> Callable[..., Non
         else:
             is_option = one.kind is inspect.Parameter.KEYWORD_ONLY
             parameters.append(_Parameter(name, hints[name], one.default, about, is_option))
+    if all(one.name != "as_json" for one in parameters):
+        parameters.append(_Parameter("as_json", Json, False, {}, True))
 
     @wraps(function)
     def call(**given: Any) -> None:
         RUNNING.set(Running(command, given))
         values = {one.name: one.value(given[one.name]) for one in parameters}
         made = {name: group(**{one.name: values.pop(one.name) for one in ms}) for name, (group, ms) in groups.items()}
+        values.pop("as_json", None)
         function(**values, **made)
 
     call.__signature__ = inspect.Signature([one.declared for one in parameters])  # type: ignore[attr-defined]

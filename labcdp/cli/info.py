@@ -40,11 +40,10 @@ from .info_results import (
     describe_result,
     describe_workbook,
 )
-from .options import Json
 from .terminal import print_result
 
 
-def info(file: Path, *, source: str = "A", as_json: Json = False) -> None:
+def info(file: Path, *, source: str = "A") -> None:
     """Identify a file, and list its content and the commands that use it.
 
     For a camera's spectral sensitivity (CSV with wavelength_nm and R, G, B, or one column), compute f1' and the
@@ -66,7 +65,7 @@ def info(file: Path, *, source: str = "A", as_json: Json = False) -> None:
     first = Table.of_items("properties", str(file), columns, properties.items())
     names = {"file": quote(str(file)), "folder": quote(str(file if file.is_dir() else file.parent))}
     following = (f"Next: labcdp {one.format(**names)}" for one in found.commands)
-    print_result(Result("info", str(file), (first, *found.tables)), as_json, *following)
+    print_result(Result("info", str(file), (first, *found.tables)), *following)
 
 
 def describe(path: Path, source: str) -> Description:

@@ -26,7 +26,7 @@ from ..report.maps import luminance_picture
 from ..report.text import exposures
 from ..session import Session
 from .commands import As
-from .options import Force, Json, output_file
+from .options import Force, output_file
 from .terminal import print_result
 from .values import parse_seconds
 
@@ -106,8 +106,6 @@ def luminance(
     written: WrittenFiles,
     calibration: Path,
     files: tuple[Path, ...],
-    *,
-    as_json: Json = False,
 ) -> None:
     """Convert frames to luminance in cd/m² with its uncertainty.
 
@@ -148,7 +146,7 @@ def luminance(
         write_file(written.preview, picture, force=written.force)
         paths.append(written.preview)
     found = _result(result, selected, loaded, metadata(result.map, about), calibration, written.output)
-    print_result(found, as_json, f"Written: {', '.join(map(str, paths))}")
+    print_result(found, f"Written: {', '.join(map(str, paths))}")
 
 
 def _result(

@@ -17,14 +17,13 @@ from ..evaluate.contrasts import parse_contrasts
 from ..metrics.contrast import TargetContrasts
 from ..output import ResultsFolder, check_file
 from ..session.journal import JOURNAL
-from .commands import RUNNING, As
+from .commands import RUNNING, As, Json
 from .terminal import print_result
 from .values import fraction_of_percent, parse_changes, parse_seconds, parse_tolerance
 
 #: Parameters of commands that name what is written.
 _WRITTEN = {"output", "preview", "transcript"}
 
-Json = Annotated[bool, As("Print the result as JSON.", ("--json",))]
 Force = Annotated[bool, As("Replace earlier results of the same command, or an existing output file; never an input.")]
 Open = Annotated[bool, As("Open the page in the browser.", ("--open",))]
 Output = Annotated[
@@ -120,7 +119,7 @@ class Results:
 
     def print(self, result: Result, *following: str, page: Path) -> None:
         """Print a result and, unless as JSON, the lines that follow; open the page if that is wanted."""
-        print_result(result, self.as_json, *following)
+        print_result(result, *following)
         if self.open_page and page.suffix == ".html":
             typer.launch(str(page))
 

@@ -24,8 +24,8 @@ from ..evaluate.sweep.simulation.result import predicted_result
 from ..evaluate.sweep.simulation.result import result as simulation_result
 from ..evaluate.sweep.thesis import reproduce_thesis
 from ..evaluate.sweep.thesis_report import thesis_files, thesis_result
-from .commands import As
-from .options import Changes, ClusterOptions, Contrasts, Json, Percent, Results, Seed, one_or_all
+from .commands import RUNNING, As
+from .options import Changes, ClusterOptions, Contrasts, Percent, Results, Seed, one_or_all
 from .terminal import print_result, progress_bar
 
 ChainName = Annotated[str, As("Name of a preset (see labcdp presets), or chain file.")]
@@ -58,7 +58,7 @@ class ChainOptions:
     seed: Seed = 0
 
 
-def presets(name: str | None = None, *, as_json: Json = False) -> None:
+def presets(name: str | None = None) -> None:
     """List the imaging chains that ship with labcdp, or print one.
 
     Parameters
@@ -66,7 +66,7 @@ def presets(name: str | None = None, *, as_json: Json = False) -> None:
     name
         Preset to print; default: list all.
     """
-    if name is not None and not as_json:
+    if name is not None and not RUNNING.get().as_json:
         typer.echo(preset_text(name), nl=False)
         return
     chains = {one: Chain.load(one) for one in (preset_names() if name is None else (name,))}
@@ -75,7 +75,7 @@ def presets(name: str | None = None, *, as_json: Json = False) -> None:
     documents = {} if name is None else {"chain": chains[name].document}
     table = Table("presets", "Presets", columns, data)
     following = "Next: labcdp simulate NAME, or labcdp init chain my.toml --preset NAME to change one"
-    print_result(Result("presets", name or "presets", (table,), (), (), documents), as_json, following)
+    print_result(Result("presets", name or "presets", (table,), (), (), documents), following)
 
 
 def simulate(options: ChainOptions, results: Results, chain: ChainName) -> None:

@@ -27,7 +27,7 @@ from ..output import ResultsFolder, write_file
 from ..session import Session, SessionConfiguration, example_configuration
 from ..session.configuration import example_camera, example_simulated_bench
 from .bench.connected import simulated_bench_file, simulated_devices
-from .options import Force, Json, Results, Seed, output_file
+from .options import Force, Results, Seed, output_file
 from .terminal import print_result, progress_bars
 
 
@@ -113,7 +113,6 @@ def init(
     preset: str | None = None,
     sensor: Path | None = None,
     force: Force = False,
-    as_json: Json = False,
 ) -> None:
     """Write a commented template of a bench plan, an imaging chain, a camera specification or a simulated bench.
 
@@ -144,4 +143,4 @@ def init(
     command = following.format(file=file)
     columns = (Column("template", "template"), Column("next_command", "next command"))
     table = Table("template", "Template", columns, {"template": [template], "next_command": [command]}, detail=True)
-    print_result(Result("init", str(file), (table,)), as_json, f"Written: {file}", f"Next: {command}")
+    print_result(Result("init", str(file), (table,)), f"Written: {file}", f"Next: {command}")

@@ -17,6 +17,7 @@ from rich.text import Text
 from ..core.clock import exposure_text
 from ..core.errors import printable
 from ..core.result import unique
+from .commands import RUNNING
 
 if TYPE_CHECKING:
     from ..acquire import Live, PatchNumbers
@@ -100,9 +101,9 @@ def say(text: str) -> None:
     print("\n".join(printable(line) for line in text.split("\n")), file=sys.stderr, flush=True)
 
 
-def print_result(result: Result, as_json: bool, *following: str) -> None:
+def print_result(result: Result, *following: str) -> None:
     """Print a result as JSON on standard output; or its tables, and say its findings and the `following` lines."""
-    if as_json:
+    if RUNNING.get().as_json:
         from ..report.files import envelope_json
 
         sys.stdout.write(envelope_json(result))

@@ -24,7 +24,6 @@ from ...core.table import Column, Table
 from ...regions import load_regions
 from ...session import EventRecord, FrameRecord, ReadingRecord, Role, Session, SessionConfiguration
 from ...web.bench.recording import with_regions
-from ..options import Json
 from ..terminal import print_result, progress_bars, say
 from ..values import parse_seconds
 from .connected import connected
@@ -44,7 +43,6 @@ def acquire(
     session: Path,
     *,
     roi: Path | None = None,
-    as_json: Json = False,
 ) -> None:
     """Record the planned frames and meter readings; resume an interrupted session.
 
@@ -75,7 +73,7 @@ def acquire(
         following.append(f"Remaining manual step, {hand}: {', '.join(thing.what for thing in of_hand)}")
     resumed = "Resume with the same command without --unattended"
     following.append(resumed if left else f"Next: labcdp calibrate {quote(str(session))}")
-    print_result(Result("acquire", str(session), tables, inputs=inputs, simulated=simulated), as_json, *following)
+    print_result(Result("acquire", str(session), tables, inputs=inputs, simulated=simulated), *following)
 
 
 def record(
@@ -186,7 +184,6 @@ def import_files(
     dark: tuple[str, ...] = (),
     readings: Path,
     exposure: tuple[str, ...] = (),
-    as_json: Json = False,
 ) -> None:
     """Create a session from camera RAW files, or grey TIFF and PNG files, and a list of meter readings.
 
@@ -230,7 +227,7 @@ def import_files(
     inputs = (InputFile.of("configuration", configuration), InputFile.of("readings", readings))
     table = quantity_table("imported", f"Imported into {session}", counts)
     result = Result("import", str(session), (table,), done.findings, inputs)
-    print_result(result, as_json, f"Next: labcdp calibrate {quote(str(session))}")
+    print_result(result, f"Next: labcdp calibrate {quote(str(session))}")
 
 
 def _of_patch(text: str) -> tuple[str, str]:

@@ -23,12 +23,12 @@ from ...drivers.minolta_ls.protocol import MeterMode
 from ...output import write_file
 from ...session.frames import frame_to_tiff
 from ..commands import As
-from ..options import Force, Json, MeterModel, MeterPort, Seconds, output_file
+from ..options import Force, MeterModel, MeterPort, Seconds, output_file
 from ..terminal import print_result, say
 from .options import DeviceOptions
 
 
-def devices(*, set_address: str | None = None, as_json: Json = False) -> None:
+def devices(*, set_address: str | None = None) -> None:
     """List cameras and serial ports.
 
     Parameters
@@ -58,7 +58,7 @@ def devices(*, set_address: str | None = None, as_json: Json = False) -> None:
         Table.of_items("cameras", "Cameras", [Column(name, name) for name in names], cameras),
         Table.of_items("serial_ports", "Serial ports", of_ports, ports),
     )
-    print_result(Result("devices", "Connected devices", tables, tuple(findings)), as_json)
+    print_result(Result("devices", "Connected devices", tables, tuple(findings)))
 
 
 def snap(
@@ -68,7 +68,6 @@ def snap(
     exposure: Seconds = 0.01,
     pixel_format: str = "Mono12",
     force: Force = False,
-    as_json: Json = False,
 ) -> None:
     """Take one frame, to draw the regions of the patches in it.
 
@@ -105,7 +104,7 @@ def snap(
     ]
     table = quantity_table("frame", f"{frame.camera}, {frame.pixel_format}", quantities)
     result = Result("snap", str(file), (table,), configuration=frame.metadata(), simulated=frame.camera.simulated)
-    print_result(result, as_json, f"Written: {file}, {picture}")
+    print_result(result, f"Written: {file}, {picture}")
 
 
 def _picture(frame: Frame) -> bytes:
@@ -131,7 +130,6 @@ def meter(
     slow: bool = False,
     peak: bool = False,
     transcript: Path | None = None,
-    as_json: Json = False,
 ) -> None:
     """Take readings of a luminance meter, with their mean and scatter.
 
@@ -150,7 +148,7 @@ def meter(
     with DRIVERS[model](port or _only_port(), modes=modes, transcript=transcript) as opened:
         opened.ask_if_simulated()
         series = measure_series(opened, n)
-    print_result(_result(series), as_json)
+    print_result(_result(series))
 
 
 def _only_port() -> str:

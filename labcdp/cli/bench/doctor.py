@@ -31,7 +31,8 @@ from ...drivers.doctor.report import camera_files, meter_files
 from ...drivers.network import interfaces
 from ...output import write_file
 from ...report.files import envelope_json
-from ..options import Force, Json, MeterModel, output_file
+from ..commands import RUNNING
+from ..options import Force, MeterModel, output_file
 from ..terminal import print_result, say
 from .options import require_apart
 
@@ -50,7 +51,6 @@ def doctor(
     stream_test: str | None = None,
     report: Path | None = None,
     force: Force = False,
-    as_json: Json = False,
 ) -> None:
     """Check this computer, the cameras and the meter; list faults and the commands that fix them.
 
@@ -77,8 +77,8 @@ def doctor(
         groups.append((f"Luminance meter on {meter}", _attempt(lambda: check_meter(meter, meter_model))))
     counts: Counter[str] = Counter(finding.state for _, findings in groups for finding in findings)
     result = _result(groups, counts)
-    if as_json:
-        print_result(result, as_json)
+    if RUNNING.get().as_json:
+        print_result(result)
     else:
         _print(groups, counts)
     if report is not None:

@@ -29,7 +29,7 @@ from ...web.regions.files import DrawingFiles, Start, locked
 from ...web.regions.workspace import Workspace
 from ...web.server import Address, Server, Site
 from ..commands import As
-from ..options import Contrasts, Json, MeterModel, PageOptions, Tolerance, output_file
+from ..options import Contrasts, MeterModel, PageOptions, Tolerance, output_file
 from ..terminal import print_result, say_where
 from .connected import note_bench, serial_meter, simulated_bench_file, simulated_devices, with_own_camera
 from .options import BenchDevices, DeviceOptions
@@ -91,7 +91,6 @@ def bench(
     *,
     calibration: Path | None = None,
     roi: Path = Path("bench.rois.json"),
-    as_json: Json = False,
 ) -> None:
     """Show camera and meter live in the browser: regions, luminance and CDP of the current image.
 
@@ -139,7 +138,7 @@ def bench(
                 )
             finally:
                 live.end()
-    print_result(_result(live, roi), as_json, *workspace.last_words())
+    print_result(_result(live, roi), *workspace.last_words())
 
 
 def _bench(

@@ -19,7 +19,7 @@ from ...drivers.simulated.commands import EXAMPLES, parse_schedule
 from ...drivers.simulated.control import free_loopback_address
 from ...session import SessionConfiguration, example_configuration
 from ..commands import As
-from ..options import Json, NonNegative, SimulatedBenchPath
+from ..options import NonNegative, SimulatedBenchPath
 from ..terminal import print_result, say
 from .connected import simulated_bench_file, with_own_camera
 
@@ -34,7 +34,6 @@ def simulate_bench(
     simulated_bench: SimulatedBenchPath = None,
     seed: Annotated[int | None, As(least=0)] = None,
     faults: Path | None = None,
-    as_json: Json = False,
 ) -> None:
     """Run a simulated GigE Vision camera and luminance meter that view one simulated target.
 
@@ -64,7 +63,7 @@ def simulate_bench(
     parse_schedule(schedule, str(faults))
     with bench, bench.gige_camera(address), bench.pty_meter(response_s) as meter:
         bench.schedule(schedule, str(faults))
-        print_result(_running(bench, address, loaded.meter.model, meter.port), as_json, _HELP)
+        print_result(_running(bench, address, loaded.meter.model, meter.port), _HELP)
         sys.stdout.flush()
         _serve(bench)
 

@@ -82,7 +82,7 @@ def image(
         page = "report.html" if pages or len(paths) > 1 else "results.xlsx"
         results.show(replace(result, findings=shown), folder, page, "; also results.xlsx and results.json")
     elif results.as_json:
-        print_result(result, as_json=True)
+        print_result(result)
     if failed:
         # Most messages already name the file.
         lines = [one.failure if one.file in one.failure else f"{one.file}: {one.failure}" for one in failed]

@@ -27,7 +27,7 @@ from ...web.regions.shapes import propose
 from ...web.regions.workspace import Workspace
 from ...web.server import Address, Server, Site
 from ..commands import RUNNING, As
-from ..options import Contrasts, Force, Json, PageOptions, output_file
+from ..options import Contrasts, Force, PageOptions, output_file
 from ..terminal import print_result, say, say_where
 from .options import PictureLightOptions, Place
 
@@ -86,7 +86,6 @@ def rois(
     *,
     frame: Place | None = None,
     detect: Literal["checkerboard", "step-chart", "superpixels"] | None = None,
-    as_json: Json = False,
 ) -> None:
     """Draw regions in an image or video frame, on a page in the browser.
 
@@ -118,7 +117,7 @@ def rois(
         read = () if regions.roi in (None, target) else load_regions(regions.roi, files.size)
         start = Start.of(files, read, found)
         if not shown.page:
-            _write(files, start, as_json)
+            _write(files, start)
             return
         server = Server(shown.address, shown.port)
         workspace = Workspace(Measurements(image, shown.contrast), files, start, server.elsewhere)
@@ -135,7 +134,7 @@ def rois(
     if workspace.unsaved and files.unsaved.exists():
         states[str(files.unsaved)] = "unsaved"
     result = _result(files, workspace.drawing, [], states, server.address.url)
-    print_result(result, as_json, *workspace.last_words())
+    print_result(result, *workspace.last_words())
 
 
 def _image(file: Path, frame: Position | None, conversion: PictureConversion) -> PageImage:
@@ -146,7 +145,7 @@ def _image(file: Path, frame: Position | None, conversion: PictureConversion) ->
     return PageImage.of(read_picture(file, conversion.options), conversion)
 
 
-def _write(files: DrawingFiles, start: Start, as_json: bool) -> None:
+def _write(files: DrawingFiles, start: Start) -> None:
     before, found = start.read or start.saved, start.proposals
     drawing = Drawing.of(files.size, before)
     new = new_shapes(found, drawing.shapes)
@@ -166,7 +165,7 @@ def _write(files: DrawingFiles, start: Start, as_json: bool) -> None:
     if changed:
         following = f"Written: {files.output} with {_count(len(drawing.shapes))}, {len(names)} of them new"
     result = _result(files, drawing, names, {str(files.output): state}, findings=findings)
-    print_result(result, as_json, following)
+    print_result(result, following)
 
 
 def _result(
@@ -221,7 +220,6 @@ def view(
     *,
     frame: Place | None = None,
     roi: Path | None = None,
-    as_json: Json = False,
 ) -> None:
     """View luminance in false colours, on a page in the browser.
 
@@ -241,4 +239,4 @@ def view(
         Region file to start from.
     """
     shown = RegionPage(page.port, page.address)
-    rois(RegionFiles(roi=roi), light, shown, file, frame=frame, as_json=as_json)
+    rois(RegionFiles(roi=roi), light, shown, file, frame=frame)

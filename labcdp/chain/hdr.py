@@ -273,7 +273,8 @@ class Hdr(Parameters):
             black_level_dn=0.0,
             dark_dn=longest.dark_dn - longest.black_level_dn,
             saturation_dn=self.saturation_dn(ladder),
-            dark_noise_dn=longest.dark_noise_dn * self._noise_factor(ladder),
+            dark_noise_dn=longest.dark_noise_dn
+            * (1.0 if self.method == "normal" else hypot(*ladder.factors(self.method))),
         )
 
     def saturation_dn(self, ladder: ExposureLadder) -> float:
@@ -281,10 +282,6 @@ class Hdr(Parameters):
         if self.method == "normal":
             return float(min(ladder.merged_saturation_dn // 1, 2**self.bits - 1))
         return ladder.merged_saturation_dn
-
-    def _noise_factor(self, ladder: ExposureLadder) -> float:
-        """Noise in dark signal over that of the longest exposure."""
-        return 1.0 if self.method == "normal" else hypot(*ladder.factors(self.method))
 
 
 def _check_alike(captures: Sequence[Capture]) -> None:

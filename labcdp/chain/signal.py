@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Annotated, Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
@@ -249,13 +248,9 @@ def digital_signal(capture: Capture, before: Signal) -> Signal:
         before,
         values=capture.dn,
         quantity="digital number",
-        to_luminance=partial(_luminance_of_dn, without_dn, before),
+        to_luminance=lambda dn: before.to_luminance(without_dn.illuminance_lx(dn)),
         saturated=capture.saturated,
     )
-
-
-def _luminance_of_dn(capture: Capture, before: Signal, dn: NDArray[Any]) -> NDArray[Any]:
-    return before.to_luminance(capture.illuminance_lx(dn))
 
 
 def check_shape(signal: Signal, shape: tuple[int, int]) -> None:

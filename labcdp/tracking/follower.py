@@ -177,11 +177,15 @@ class Follower(Followed):
         return off < _NEAR_AGAIN and self._lost_for * speed < _MOVED_AGAIN * scale * self._looks.repeat_px
 
     def _light_in(self, scene: SceneNow) -> tuple[float, float]:
-        """Light that is expected of it: the one it had, less or more of it where the scene's changed at once."""
-        then = self._rest[1].light
-        change = scene.light / then if min(scene.light, then) >= _LIGHT_LEAST_DN else 1.0
-        if scene.change == "cut" or 1 / _LIGHT_MOST < change < _LIGHT_MOST:
+        """Light that is expected of it: the one it had, less or more of it where the scene's changed."""
+        then = self._rest[1]
+        if scene.change == "cut" or min(scene.light, then.light) < _LIGHT_LEAST_DN:
             return self._light
+        change = scene.light / then.light
+        if 1 / _LIGHT_MOST < change < _LIGHT_MOST:
+            # Light on everything changes the contrast as much, a veil against it, and what comes into sight either way.
+            low, high = sorted((change, scene.contrast / max(then.contrast, 1e-9)))
+            change = min(max(low, 1.0), high)
         return self._light[0] * change, self._light[1] * change
 
     def _lit(self, fit: Fit) -> bool:
@@ -258,6 +262,10 @@ class Follower(Followed):
         elif fit.covered > COVERED_MOST:
             reason = self._finding("tracking-region-covered", covered_share=float(fit.covered))
             self.result = TrackedRoi(roi, fit.quality, True, (reason,))
+        elif fit.light[0] < self._template.shown_from:
+            # What is learnt of a place must be certain.
+            self._found = None
+            self.result = TrackedRoi(roi, fit.quality, True, (self._finding("tracking-region-faint"),))
         else:
             self.result = TrackedRoi(roi, fit.quality, False)
 

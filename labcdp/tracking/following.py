@@ -15,7 +15,7 @@ from .follower import Follower
 from .geometry import Matrix, carried, inverse
 from .looks import COVERED_MOST, GOOD
 from .scene import SceneNow, SceneWatch
-from .sight import Sight, scale_of, view_around
+from .sight import Levels, Sight, scale_of, view_around
 from .template import Followed, NotFollowedError, Template, TrackedRoi, is_background, make_template, plain_template
 
 #: Deviation of a pixel from which on something else is seen there: times the noise, and in parts of its brightness.
@@ -47,6 +47,7 @@ class Resting(Followed):
         super().__init__(template)
         self._mover, self._moving = mover, 0
         self._rest, self._then = template.to_image, scene
+        self._contrast_least = template.light_to_show(scene.contrast) * scene.contrast
         self._inside = template.inside
         own = template.values.ravel()[self._inside]
         self._texture = own - np.median(own)
@@ -73,6 +74,9 @@ class Resting(Followed):
     def _look(self, sight: Sight, scene: SceneNow) -> None:
         if scene.change == "blank":
             self._lose(self._finding("tracking-frame-blank"), 0.0)
+            return
+        if scene.contrast < self._contrast_least:
+            self._lose(self._finding("tracking-region-faint"), 0.0)
             return
         motion = scene.moved_since(self._then)
         if motion is None:
@@ -126,11 +130,11 @@ class Resting(Followed):
 class FollowingTracker:
     """Follows each region; a lost one is also searched at the position predicted by the others."""
 
-    def __init__(
-        self, grey: NDArray[Any], levels: tuple[float, float], rois: Sequence[Roi], planar: Sequence[bool]
-    ) -> None:
-        black, scale = levels
-        self._levels = black, scale_of(grey, 1.0 if isnan(scale) and grey.dtype == np.uint8 else scale)
+    def __init__(self, grey: NDArray[Any], levels: Levels, rois: Sequence[Roi], planar: Sequence[bool]) -> None:
+        black, usual, coded = levels
+        usual = 1.0 if isnan(usual) and grey.dtype == np.uint8 else usual
+        scale = scale_of(grey, usual)
+        self._levels = black, scale, scale / usual if coded else 0.0
         sight = Sight(grey, *self._levels)
         # Frames so narrow have no structure across.
         if min(sight.shape) * sight.reduction < 2:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..core.errors import InputError
 from ..core.roi import Roi
 from .following import FollowingTracker
+from .sight import Levels
 from .template import TrackedRoi
 
 #: Pixels around a region at rest that are compared with the first frame.
@@ -76,7 +77,7 @@ def make_tracker(
     method: str | Sequence[str],
     grey: NDArray[Any],
     rois: Sequence[Roi],
-    levels: tuple[float, float] = (0.0, nan),
+    levels: Levels = (0.0, nan, False),
 ) -> Tracker:
     """Make a tracker that has seen the first frame.
 
@@ -97,9 +98,9 @@ def make_tracker(
         First frame.
     rois : sequence of Roi
         Regions in it.
-    levels : (float, float)
-        Black level of the frames, and steps of 8 bits for each of theirs: 16 and 255/219 of limited Y'; nan if of more
-        bits the noise is to decide, as it should where no codec changed them.
+    levels : (float, float, bool)
+        Black level of the frames, steps of 8 bits for each of theirs, and whether a codec changed them: 16, 255/219 and
+        True of limited Y'; steps of nan if of more bits the noise is to decide, as it should where none did.
 
     Returns
     -------
@@ -127,9 +128,7 @@ def make_tracker(
 class Tracker:
     """Finds regions in frame after frame; made by `make_tracker`."""
 
-    def __init__(
-        self, first: NDArray[Any], rois: Sequence[Roi], methods: Sequence[str], levels: tuple[float, float]
-    ) -> None:
+    def __init__(self, first: NDArray[Any], rois: Sequence[Roi], methods: Sequence[str], levels: Levels) -> None:
         self._shape, self._dtype = (first.shape[0], first.shape[1]), first.dtype
         self._fixed = [
             _Fixed(first, roi) if method == "fixed" else None for roi, method in zip(rois, methods, strict=True)

@@ -39,14 +39,16 @@ class SceneNow:
     ----------
     change : str
         ``blank`` for a frame with nothing in it, ``cut`` for another scene, else an empty text.
-    light : float
-        Median of the frame in DN.
+    light, contrast : float
+        Median and standard deviation of the frame in DN.
     motion : callable
         Finds the scene's number and how things at rest moved since it was first seen, in pixels; None if not known.
     """
 
-    def __init__(self, change: str, light: float, motion: Callable[[], tuple[int, Matrix] | None]) -> None:
-        self.change, self.light = change, light
+    def __init__(
+        self, change: str, light: float, contrast: float, motion: Callable[[], tuple[int, Matrix] | None]
+    ) -> None:
+        self.change, self.light, self.contrast = change, light, contrast
         self._motion: Callable[[], tuple[int, Matrix] | None] | None = motion
         self._found: tuple[int, Matrix] | None = None
 
@@ -85,7 +87,7 @@ class SceneWatch:
         this = _tiny(sight)
         power = float(np.vdot(this, this))
         if power < _BLANK_DN**2 * this.size:
-            return SceneNow("blank", self._median, lambda: None)
+            return SceneNow("blank", self._median, 0.0, lambda: None)
         last, self._last = self._last, this
         powers = power * float(np.vdot(last, last))
         self._median = float(np.median(sight.small[::3, ::3]))
@@ -99,7 +101,7 @@ class SceneWatch:
                 moved = self._begun_again(grey)
             return self._epoch, inverse(factor) @ moved @ factor
 
-        now = SceneNow("cut" if cut else "", self._median, motion)
+        now = SceneNow("cut" if cut else "", self._median, (power / this.size) ** 0.5, motion)
         # Another scene begins with its first frame; points that are not followed for long are not found again.
         self._frames += 1
         if cut or self._frames % _FOLLOWED_EVERY == 0:
@@ -122,7 +124,7 @@ class SceneWatch:
     @property
     def now(self) -> SceneNow:
         """The first frame."""
-        return SceneNow("", self._median, lambda: (0, np.eye(3)))
+        return SceneNow("", self._median, float(self._last.std()), lambda: (0, np.eye(3)))
 
     @property
     def holds(self) -> bool:

@@ -26,6 +26,10 @@ _MORE_THAN_NOISE = 3.0
 _SAMPLE = 512
 
 
+#: What the DN of frames are: see `labcdp.tracking.make_tracker`.
+Levels = tuple[float, float, bool]
+
+
 @dataclass(frozen=True, eq=False)
 class Sight:
     """A frame.
@@ -36,11 +40,14 @@ class Sight:
         Its DN.
     black, scale : float
         Level that is subtracted from them, and factor on the rest.
+    step_dn : float
+        DN of the result for one of 8 bits, where a codec may have changed them; else 0.
     """
 
     frame: NDArray[Any]
     black: float
     scale: float
+    step_dn: float
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -34,6 +34,9 @@ _WORTH = 2.0
 _UNLIKE_DN = 1.0
 #: Least noise of a template in DN, standard deviation: what the coding of a video leaves even of a smoothed image.
 _CODING_DN = 1.2
+#: Contrast of a thing with its surroundings, standard deviation in DN of 8 bits, below which a codec may leave it where
+#: it was although it moves; and noise in these DN that tells that it leaves out nothing.
+_HELD_BACK_DN, _KEPT_DN = 4.0, 0.4
 #: Variance of the gradient of a smoothed image (see `smooth` and `gradients`) with noise of variance 1.
 _GRADIENT_NOISE = 0.0586
 
@@ -56,12 +59,18 @@ class Template:
         Template pixels to pixels of the first frame.
     noise_dn : float
         Standard deviation of the noise of `values`, at least what the coding of a video makes of it.
+    own_noise_dn : float
+        The same of the region's pixels in the first frame.
+    step_dn : float
+        DN for one of 8 bits where a codec may have changed them; else 0.
     """
 
     roi: Roi
     values: NDArray[np.float32]
     to_image: Matrix
     noise_dn: float
+    own_noise_dn: float
+    step_dn: float
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -96,6 +105,20 @@ class Template:
         there = np.unique(labels[inside & alike])
         patch: NDArray[np.bool_] = np.isin(labels, there[there > 0]) | inside
         return patch
+
+    @cached_property
+    def shown_from(self) -> float:
+        """Light over that of the first frame from which on a codec shows where the region is."""
+        weights = self.trust**2
+        deviations = self.values - np.average(self.values, weights=weights)
+        return self.light_to_show(float(np.average(np.square(deviations), weights=weights)) ** 0.5)
+
+    def light_to_show(self, contrast_dn: float) -> float:
+        """Light from which on a codec shows what has a contrast, standard deviation in DN, in that of the first frame.
+
+        It leaves out what differs little, such as the motion of a faint thing, unless it keeps even the noise.
+        """
+        return self.step_dn * min(_HELD_BACK_DN / max(contrast_dn, 1e-9), _KEPT_DN / self.own_noise_dn)
 
     @property
     def reduction(self) -> float:
@@ -219,6 +242,7 @@ def _template(sight: Sight, roi: Roi, margin: float) -> Template:
     left, top = max(floor(x0 - margin), 0), max(floor(y0 - margin), 0)
     right, bottom = min(ceil(x1 + margin), width), min(ceil(y1 + margin), height)
     window = sight.part(left, top, right, bottom)
+    own = sight.part(max(floor(x0), 0), max(floor(y0), 0), ceil(x1), ceil(y1))
     noise = noise_dn(window)
     reduction = min(LONGEST / max(window.shape), max(_NOISE_DN / noise, _NOISY / max(window.shape)), 1.0)
     size = max(round(reduction * window.shape[1]), 3), max(round(reduction * window.shape[0]), 3)
@@ -226,7 +250,8 @@ def _template(sight: Sight, roi: Roi, margin: float) -> Template:
     factors = window.shape[1] / small.shape[1], window.shape[0] / small.shape[0]
     # Averaging leaves less noise, as long as it is not correlated.
     noise = noise / (factors[0] * factors[1]) ** 0.5 * SMOOTHED_NOISE
-    return Template(roi, smooth(small), shift(left, top) @ scaling(*factors), max(noise, _CODING_DN))
+    to_image = shift(left, top) @ scaling(*factors)
+    return Template(roi, smooth(small), to_image, max(noise, _CODING_DN), noise_dn(own), sight.step_dn)
 
 
 @dataclass(frozen=True)

@@ -126,6 +126,16 @@ def test_regions_keep_their_size_whatever_their_template_is_reduced_by(side, ins
     assert sizes == pytest.approx([side] * 4, abs=0.3 + side / 1000)
 
 
+def followed_in(file, codec, kind, path, n_frames):
+    """True regions of a coded video, and what is found of them, behind the first frame."""
+    truth = frames_of(path, n_frames, inset=5, full_scale_e=4000.0)
+    # Cb and Cr are left out, red, green and blue are alike.
+    written = [3 ** (kind[0] == "g") * (frame.grey * np.uint16(4 ** kind.endswith("10le")),) for frame in truth]
+    video = [one.pixels for one in decoded(write(file, codec, kind, written, {"crf": "30"}))]
+    results = follow([one.followed for one in video], truth[0].rois, levels=video[0].levels)
+    return [(frame.rois, found) for frame, found in zip(truth[1:], results, strict=True)]
+
+
 @pytest.mark.parametrize(
     ("codec", "kind", "speed", "gain"),
     [("mpeg4", "yuv420p", 0, 1), ("mjpeg", "yuvj420p", 1.5, 1), ("libx265", "yuv420p10le", 1.5, 1),
@@ -134,10 +144,23 @@ def test_regions_keep_their_size_whatever_their_template_is_reduced_by(side, ins
 def test_regions_are_followed_in_a_coded_video(codec, kind, speed, gain, tmp_path):
     """Regions well inside their patches, where a coder leaves hardly any noise, or in the dark."""
     path = lambda t: Moment(pose(100 + speed * t, 80), background=shift(-speed * t / 2, 0), gain=gain)  # noqa: E731
-    truth = frames_of(path, 12, inset=5, full_scale_e=4000.0)
-    # Cb and Cr are left out, red, green and blue are alike.
-    written = [3 ** (kind[0] == "g") * (frame.grey * np.uint16(4 ** kind.endswith("10le")),) for frame in truth]
-    video = [one.pixels for one in decoded(write(tmp_path / "video.mkv", codec, kind, written, {"crf": "30"}))]
-    results = follow([one.followed for one in video], truth[0].rois, levels=video[0].levels)
-    for found, frame in zip(results, truth[1:], strict=True):
-        assert near(found, frame.rois, 0.5)
+    for rois, found in followed_in(tmp_path / "video.mkv", codec, kind, path, 12):
+        assert near(found, rois, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("codec", "kind", "gain"),
+    [("libsvtav1", "yuv420p10le", 0.05), ("libx264", "yuv420p10le", 0.05), ("mjpeg", "yuvj420p", 0.05),
+     ("libx265", "yuv420p10le", 0.1), ("libx264", "yuv420p", None)],
+)  # fmt: skip
+def test_a_region_whose_motion_a_codec_may_have_left_out_is_lost(codec, kind, gain, tmp_path):
+    """In the dark, and when the light goes down to a tenth."""
+    light = lambda t: max(0.1, 1 - t / 14) if gain is None else gain  # noqa: E731
+    path = lambda t: Moment(pose(90 + 1.5 * t, 80), background=shift(-0.75 * t, 0), gain=light(t))  # noqa: E731
+    places = [
+        (one.lost or np.hypot(*np.subtract(one.roi.centre, roi.centre)) < 2, {reason.code for reason in one.reasons})
+        for rois, found in followed_in(tmp_path / "video.mkv", codec, kind, path, 20)
+        for one, roi in zip(found, rois, strict=True)
+    ]
+    assert np.mean([right for right, _ in places]) >= 0.98
+    assert any("tracking-region-faint" in codes for _, codes in places)

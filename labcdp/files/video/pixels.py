@@ -78,14 +78,14 @@ class Pixels:
         return self.stored if self.kind == "luma" else "linear"
 
     @property
-    def levels(self) -> tuple[float, float]:
-        """Stored Y' of black, and full-range Y' of 8 bits for each step of it.
+    def levels(self) -> tuple[float, float, bool]:
+        """Stored Y' of black, full-range Y' of 8 bits for each step of it, and whether a codec changed it.
 
         nan for more bits without a loss: of these the noise decides. A codec's errors are those of 8 bits for all.
         """
         unit = 2 ** (self.bits - 8)
         black, steps = (16.0 * unit, 219.0 * unit) if self.limited else (0.0, 2.0**self.bits - 1)
-        return black, 255 / steps if self.bits == 8 or self.lossy else nan
+        return black, 255 / steps if self.bits == 8 or self.lossy else nan, self.lossy
 
     def planes(self, frame: Any) -> tuple[NDArray[Any], ...]:
         """Numbers of a decoded frame as they are stored.

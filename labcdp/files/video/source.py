@@ -40,7 +40,7 @@ class StoredPixels:
 
     planes: tuple[NDArray[Any], ...]
     followed: NDArray[Any]
-    levels: tuple[float, float]
+    levels: tuple[float, float, bool]
     whole: Callable[[], Frame]
     part: Callable[[Window], Frame] | None = None
 
@@ -68,7 +68,7 @@ def stored_pixels(frame: Frame) -> StoredPixels:
         import cv2
 
         followed = np.asarray(cv2.blur(frame.dn, (2, 2)))
-    return StoredPixels((frame.dn,), followed, (0.0, nan), lambda: frame)
+    return StoredPixels((frame.dn,), followed, (0.0, nan, False), lambda: frame)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import hypot, isfinite
+from math import hypot, isfinite, isnan, nan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,39 +106,28 @@ class Aligner:
         other._spread_trust()
         return other
 
-    def align(self, view: View, to_image: Matrix, light: GainOffset | None = None) -> Fit | None:
-        """Improve a guess `to_image` (template pixels to pixels of the frame); None if it leads nowhere.
+    def align(
+        self, view: View, to_image: Matrix, light: GainOffset | None = None, *, improve: bool = True
+    ) -> Fit | None:
+        """Improve a guess `to_image` (template pixels to pixels of the frame), or judge it as it is.
 
-        `light` is a guess of gain and offset, as of the frame before.
+        `light` is a guess of gain and offset, as of the frame before. None if the guess leads nowhere, or if hardly
+        anything of the template can be seen there.
         """
-        coarse = self._coarse.improve(view, view.from_image @ to_image, _COARSE_STEPS, light)
-        fine = coarse and self._fine.improve(view, coarse[0], _FINE_STEPS, coarse[1])
-        return fine and self._judged(view, fine[0], fine[1])
-
-    def judge(self, view: View, to_image: Matrix, light: GainOffset | None = None) -> Fit | None:
-        """How well the template fits where it is put; None if hardly any of it can be seen."""
-        return self._judged(view, view.from_image @ to_image, light)
-
-    def vanished(self, fit: Fit) -> float:
-        """Share of the region's outline that had edges until now and has none where it was found."""
-        return self._outline.gone(fit.heights)
-
-    def learn(self, fit: Fit) -> None:
-        """Learn from an accepted fit which pixels move with the region: the others belong to something else."""
-        self._outline.learn(fit.heights)
-        self._learnt = min(self._learnt + 1, _LEARNT_AT_MOST)
-        known = ~np.isnan(fit.agrees)
-        new = self._trust + (fit.agrees - self._trust) / np.float32(self._learnt)
-        self._trust = np.where(known, np.maximum(new, self._trust_least), self._trust)
-        self._spread_trust()
-
-    def _judged(self, view: View, place: Matrix, light: GainOffset | None) -> Fit | None:
         from .judging_kernel import agreement
+        from .level_kernel import improved
 
-        seen = self._fine.look(view, place, light)
-        if seen is None:
-            return None
-        noise, structure = self._fine.noise * (1 + 1 / seen.gain**2) ** 0.5, self._fine.structure
+        fine = self._fine.arrays
+        better = ((self._coarse.arrays, _COARSE_STEPS), (fine, _FINE_STEPS)) if improve else ()
+        place, (gain, offset) = view.from_image @ to_image, light or (nan, 0.0)
+        for level, n_steps in (*better, (fine, 0)):
+            place, gain, offset, values, trusted, residuals = improved(
+                level, view.values, view.bounds, place, gain, offset, n_steps
+            )
+            if isnan(gain):
+                return None
+        seen = Seen(gain, offset, values, trusted, residuals)
+        noise, structure = fine.noise * (1 + 1 / seen.gain**2) ** 0.5, fine.structure
         factor = 1 / hypot(_AGREES_NOISE * noise, _AGREES_STRUCTURE * structure)
         agrees, found, n_inside = agreement(seen.residuals, seen.trusted, self._carries, factor)
         # Whatever there is agrees with noise as strong as the structure.
@@ -154,6 +143,19 @@ class Aligner:
             self._outline.heights(seen),
         )
 
+    def vanished(self, fit: Fit) -> float:
+        """Share of the region's outline that had edges until now and has none where it was found."""
+        return self._outline.gone(fit.heights)
+
+    def learn(self, fit: Fit) -> None:
+        """Learn from an accepted fit which pixels move with the region: the others belong to something else."""
+        self._outline.learn(fit.heights)
+        self._learnt = min(self._learnt + 1, _LEARNT_AT_MOST)
+        known = ~np.isnan(fit.agrees)
+        new = self._trust + (fit.agrees - self._trust) / np.float32(self._learnt)
+        self._trust = np.where(known, np.maximum(new, self._trust_least), self._trust)
+        self._spread_trust()
+
     def _covered(self, seen: Seen, most: float) -> float:
         """Share of the region's own pixels in the image that are more than `most` off their median."""
         there = seen.trusted[self._own] > 0
@@ -161,14 +163,16 @@ class Aligner:
 
     def changed(self, before: NDArray[np.float32], after: NDArray[np.float32]) -> float:
         """Share of the region's own pixels that changed from one frame to the next, both in the light of the first."""
-        most = hypot(_COVERED_NOISE * 2**0.5 * self._fine.noise, _COVERED_STRUCTURE * self._fine.structure)
+        most = hypot(
+            _COVERED_NOISE * 2**0.5 * self._fine.arrays.noise, _COVERED_STRUCTURE * self._fine.arrays.structure
+        )
         return _share_off((after - before).ravel()[self._own], most + self._uneven)
 
     def _spread_trust(self) -> None:
         trust = self._trust.reshape(self.template.shape)
         self._coarse.trust_in(trust)
         self._fine.trust_in(trust)
-        self._carried = max(float(self._carries @ self._fine.trust), 1e-9)
+        self._carried = max(float(self._carries @ self._fine.arrays.trust), 1e-9)
 
 
 def _share_off(values: NDArray[np.float32], most: NDArray[np.float32]) -> float:

@@ -279,7 +279,7 @@ class Follower(Followed):
             return False
         place = motion @ self._template.to_image
         view = view_around(sight, self._template.shape, place, self._looks.reach(place))
-        fit = None if view is None else self._found.aligner.judge(view, place, self._expected_light)
+        fit = None if view is None else self._found.aligner.align(view, place, self._expected_light, improve=False)
         if fit is None or fit.quality < self._found.fit.quality - _AS_GOOD or not self._possible(fit):
             return False
         before = self._before

@@ -15,7 +15,7 @@ from .follower import Follower
 from .geometry import Matrix, carried, inverse
 from .looks import COVERED_MOST, GOOD
 from .scene import SceneNow, SceneWatch
-from .sight import Levels, Sight, scale_of, view_around
+from .sight import Levels, Sight, median, scale_of, view_around
 from .template import Followed, NotFollowedError, Template, TrackedRoi, is_background, make_template, plain_template
 
 #: Deviation of a pixel from which on something else is seen there: times the noise, and in parts of its brightness.
@@ -50,8 +50,8 @@ class Resting(Followed):
         self._contrast_least = template.light_to_show(scene.contrast) * scene.contrast
         self._inside = template.inside
         own = template.values.ravel()[self._inside]
-        self._texture = own - np.median(own)
-        self._light = float(np.median(own)), scene.light
+        self._texture = own - np.float32(median(own))
+        self._light = median(own), scene.light
 
     @property
     def seen(self) -> bool:
@@ -98,7 +98,7 @@ class Resting(Followed):
         if covered > COVERED_MOST:
             self._lose(self._finding("tracking-region-covered", covered_share=covered), 1 - covered, roi)
             return
-        self._light = float(np.median(own)), scene.light
+        self._light = median(own), scene.light
         self.result = TrackedRoi(roi, 1 - covered, False)
 
     def look_again(self, sight: Sight, scene: SceneNow, predicted: list[Matrix]) -> None:
@@ -115,7 +115,7 @@ class Resting(Followed):
     def _covered(self, own: NDArray[np.float32], scene: SceneNow) -> float:
         """Share of its pixels before which something else is."""
         light, of_scene = self._light
-        middle = float(np.median(own))
+        middle = median(own)
         noise = self._template.noise_dn
         expected = light * scene.light / max(of_scene, 1e-6)
         if abs(middle - expected) > _SUDDEN * expected + _OFF_NOISE * noise:

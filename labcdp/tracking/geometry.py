@@ -48,11 +48,14 @@ def transform(matrix: Matrix, points: NDArray[Any]) -> NDArray[np.float64]:
     return result
 
 
-def moved(matrix: Matrix, x: float, y: float) -> tuple[float, float]:
-    """Point moved by `matrix`, as `transform` does, without arrays; nan where that has no end."""
+def moved(matrix: Matrix, *points: tuple[float, float]) -> list[tuple[float, float]]:
+    """Points moved by `matrix`, as `transform` does, without arrays; nan where that has no end."""
     a, b, c, d, e, f, g, h, i = matrix.ravel().tolist()
-    w = g * x + h * y + i
-    return ((a * x + b * y + c) / w, (d * x + e * y + f) / w) if w else (nan, nan)
+    there = []
+    for x, y in points:
+        w = g * x + h * y + i
+        there.append(((a * x + b * y + c) / w, (d * x + e * y + f) / w) if w else (nan, nan))
+    return there
 
 
 def local_scale(matrix: Matrix, point: Sequence[float]) -> float:
@@ -65,27 +68,27 @@ def local_scale(matrix: Matrix, point: Sequence[float]) -> float:
 
 def carried(roi: Roi, matrix: Matrix) -> Roi:
     """Region whose corners are moved by `matrix`."""
-    return Roi(roi.name, tuple(moved(matrix, *corner) for corner in roi.corners))
+    return Roi(roi.name, tuple(moved(matrix, *roi.corners)))
 
 
 def box_of(matrix: Matrix, width: float, height: float) -> tuple[float, float, float, float]:
     """Left, top, right and bottom end of a rectangle of `width` x `height` moved by `matrix`; nan if not finite."""
-    corners = [moved(matrix, x, y) for x, y in ((0, 0), (width, 0), (width, height), (0, height))]
-    if not all(isfinite(x) and isfinite(y) for x, y in corners):
-        return nan, nan, nan, nan
-    xs, ys = zip(*corners, strict=True)
-    return min(xs), min(ys), max(xs), max(ys)
+    xs, ys = zip(*moved(matrix, (0, 0), (width, 0), (width, height), (0, height)), strict=True)
+    # A sum is finite if all are.
+    return (min(xs), min(ys), max(xs), max(ys)) if isfinite(sum(xs) + sum(ys)) else (nan, nan, nan, nan)
 
 
-def shape_change(before: Matrix, after: Matrix, to_centred: Matrix) -> tuple[float, float, float, float]:
+def shape_change(
+    before: Matrix, after: Matrix, to_centred: Matrix, from_centred: Matrix
+) -> tuple[float, float, float, float]:
     """How the shape of a template changed between two matrices that put it into the image, wherever it went.
 
     Parameters
     ----------
     before, after : ndarray of float, shape (3, 3)
         Template pixels to image pixels.
-    to_centred : ndarray of float, shape (3, 3)
-        Template pixels to coordinates of -1 to 1 along its longer side.
+    to_centred, from_centred : ndarray of float, shape (3, 3)
+        Template pixels to coordinates of -1 to 1 along its longer side, and back.
 
     Returns
     -------
@@ -96,7 +99,7 @@ def shape_change(before: Matrix, after: Matrix, to_centred: Matrix) -> tuple[flo
     tilted : float
         Perspective over half its size.
     """
-    change = to_centred @ inverse(before) @ after @ inverse(to_centred)
+    change = to_centred @ inverse(before) @ after @ from_centred
     a, b, x, c, d, y, g, h, whole = change.ravel().tolist()
     if whole == 0:
         return nan, nan, nan, nan

@@ -109,7 +109,7 @@ def _distinct(found: list[tuple[float, float, Matrix]], most: int) -> list[Matri
     """Keep the best of each place."""
     kept: list[tuple[tuple[float, float], Matrix]] = []
     for _, size, matrix in sorted(found, key=lambda item: -item[0]):
-        middle = moved(matrix, 0, 0)
+        (middle,) = moved(matrix, (0, 0))
         if all(dist(middle, other) > _APART * size / 2 for other, _ in kept):
             kept.append((middle, matrix))
     return [matrix for _, matrix in kept[:most]]

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import isnan, nan
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .geometry import Matrix, inverse, scaling
-from .sight import View
+from .geometry import Matrix, scaling
 from .template import Template, gradients
 
 #: Generators of the ways a target may move: right, down, larger, turned; and sheared, stretched and tilted.
@@ -33,8 +31,6 @@ _STILL_PX = 0.02
 _Pixels = NDArray[np.float32]
 #: Gain and offset of a frame's light: DN = gain * DN of the first frame + offset.
 GainOffset = tuple[float, float]
-
-_UNKNOWN: GainOffset = nan, 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,42 +66,24 @@ class Level:
         size = (max((width + 1) // 2, 3), max((height + 1) // 2, 3)) if coarse else (width, height)
         if coarse:
             values = np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA))
-        # Level pixels to template pixels, and these to coordinates of about -1 to 1.
-        to_template, half = scaling(width / size[0], height / size[1]), max(width, height) / 2
-        centred = scaling(1 / half)
-        centred[:2, 2] = -width / 2 / half, -height / 2 / half
+        to_template = scaling(width / size[0], height / size[1])
         generators = np.array(_PLANAR if planar else _SIMILAR, dtype=float)
         self._size = size
-        self._arrays = LevelArrays(
+        self.arrays = LevelArrays(
             values.ravel(),
             np.ones(values.size, np.float32),
             size[0],
-            _jacobian(values, centred @ to_template, generators),
+            _jacobian(values, template.to_centred @ to_template, generators),
             float(values.mean()),
             float(values.std()),
             float(template.noise_dn),
             generators,
             np.array([*(1 / np.square(_STEPS[: len(generators)])), 0.0, 0.0]),
             to_template,
-            centred,
-            inverse(centred),
-            _STILL_PX / half,
+            template.to_centred,
+            template.from_centred,
+            _STILL_PX * 2 / max(width, height),
         )
-
-    @property
-    def trust(self) -> _Pixels:
-        """Weight of each pixel, shape (n,)."""
-        return self._arrays.trust
-
-    @property
-    def structure(self) -> float:
-        """Standard deviation of the pixels."""
-        return self._arrays.structure
-
-    @property
-    def noise(self) -> float:
-        """Standard deviation of their noise."""
-        return self._arrays.noise
 
     def trust_in(self, trust: _Pixels) -> None:
         """Let each template pixel count as far as it is trusted."""
@@ -113,29 +91,7 @@ class Level:
 
         if trust.shape[::-1] != self._size:
             trust = np.asarray(cv2.resize(trust, self._size, interpolation=cv2.INTER_AREA))
-        self._arrays = self._arrays._replace(trust=np.square(trust).ravel())
-
-    def improve(
-        self, view: View, place: Matrix, steps: int, light: GainOffset | None
-    ) -> tuple[Matrix, GainOffset] | None:
-        """Make up to `steps` steps from `place`; the new place, and the light before the last one. None: led nowhere.
-
-        `light` is a guess.
-        """
-        from .level_kernel import improved
-
-        place, gain, offset, *_ = improved(self._arrays, view.values, view.bounds, place, *(light or _UNKNOWN), steps)
-        return None if isnan(gain) else (place, (gain, offset))
-
-    def look(self, view: View, place: Matrix, light: GainOffset | None) -> Seen | None:
-        """Compare the view at a place with the template, starting from a guess of the light.
-
-        A large bright thing in front of the target spoils a start from all pixels, but not one from a known light.
-        """
-        from .level_kernel import improved
-
-        seen = Seen(*improved(self._arrays, view.values, view.bounds, place, *(light or _UNKNOWN), 0)[1:])
-        return None if isnan(seen.gain) else seen
+        self.arrays = self.arrays._replace(trust=np.square(trust).ravel())
 
 
 def _jacobian(values: _Pixels, to_centred: Matrix, generators: NDArray[np.float64]) -> _Pixels:

@@ -28,16 +28,12 @@ def _product(one: _Matrix, other: _Matrix) -> _Matrix:
 
 @compiled_part
 def _inverse(matrix: _Matrix) -> _Matrix:
-    """Inverse by cofactors, not finite if there is none."""
+    """Inverse by cofactors, times the determinant, which moves points to the same places."""
     result = np.empty((3, 3))
     for row in range(3):
         for column in range(3):
             a, b, c, d = (column + 1) % 3, (column + 2) % 3, (row + 1) % 3, (row + 2) % 3
             result[row, column] = matrix[a, c] * matrix[b, d] - matrix[a, d] * matrix[b, c]
-    whole = matrix[0, 0] * result[0, 0] + matrix[0, 1] * result[1, 0] + matrix[0, 2] * result[2, 0]
-    for row in range(3):
-        for column in range(3):
-            result[row, column] /= whole
     return result
 
 

@@ -9,7 +9,7 @@ from math import dist, inf, isfinite
 import numpy as np
 
 from .alignment import Aligner, Fit
-from .geometry import Matrix, box_of, local_scale, moved, scaling, shape_change, shift
+from .geometry import Matrix, box_of, local_scale, moved, shape_change
 from .glances import candidates, look_at
 from .sight import Sight, view_around
 from .template import Template
@@ -77,7 +77,7 @@ class Looks:
 
     def middle(self, to_image: Matrix) -> tuple[float, float]:
         """Middle of the region at a place."""
-        return moved(to_image, *self.centre)
+        return moved(to_image, self.centre)[0]
 
     def reach(self, to_image: Matrix) -> float:
         """Pixels around a place that are looked at."""
@@ -189,9 +189,7 @@ def shape_allows(template: Template, before: Matrix, fit: Fit, frames: int) -> b
     if fit.in_image < _IN_IMAGE_LEAST:
         return False
     height, width = template.shape
-    # Template pixels to coordinates of -1 to 1 along its longer side.
-    to_centred = scaling(2 / max(width, height)) @ shift(-width / 2, -height / 2)
-    long, short, turned, tilted = shape_change(before, fit.to_image, to_centred)
+    long, short, turned, tilted = shape_change(before, fit.to_image, template.to_centred, template.from_centred)
     size = (long * short) ** 0.5
     over_all = local_scale(fit.to_image, (width / 2, height / 2)) * template.reduction
     return (

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .geometry import Matrix, inverse, scaling, shift, transform
-from .sight import Sight, noise_dn
+from .sight import Sight, median, noise_dn
 
 #: Most rows and columns of the picture that is compared from frame to frame.
 _SIZE = 32, 48
@@ -77,7 +77,7 @@ class SceneWatch:
         self._last = _tiny(sight)
         self._last_cells = sight.shape[0] * sight.shape[1] / self._last.size
         self._epoch = self._epochs = self._frames = 0
-        self._median = float(np.median(sight.small))
+        self._median = median(sight.small)
         self._noise = noise_dn(sight.part(0, 0, min(sight.shape[1], _SAMPLE), min(sight.shape[0], _SAMPLE)))
         self._start(_grey(sight.small), np.eye(3))
         self._beginning = self._key, self._points
@@ -90,7 +90,7 @@ class SceneWatch:
             return SceneNow("blank", self._median, 0.0, lambda: None)
         last, self._last = self._last, this
         powers = power * float(np.vdot(last, last))
-        self._median = float(np.median(sight.small[::3, ::3]))
+        self._median = median(sight.small[::3, ::3])
         cut = powers == 0 or float(np.vdot(this, last)) < _LEAST_CORRELATION * powers**0.5
         small, factor = sight.small, scaling(sight.reduction)
 
@@ -182,7 +182,7 @@ class SceneWatch:
         if motion is None:
             return None
         # A few points turn and stretch a scene that only moves.
-        plain = shift(*np.median((after - before)[near_of(motion)], axis=0))
+        plain = shift(*(median(steps) for steps in (after - before)[near_of(motion)].T))
         if float(near_of(plain).mean()) > share - _LEAD / 2:
             motion = plain
         self._since_key = motion
@@ -219,10 +219,10 @@ def common_motion(before: NDArray[Any], after: NDArray[Any]) -> Matrix:
     """
     # A point as a complex number: turning and scaling are a factor.
     a, b = (points.astype(np.float64) @ (1, 1j) for points in (before, after))
-    turn, step = 1 + 0j, complex(np.median((b - a).real), np.median((b - a).imag))
+    turn, step = 1 + 0j, complex(median((b - a).real), median((b - a).imag))
     for _ in range(8):
         off = np.abs(turn * a + step - b)
-        weights = 1 / np.square(1 + np.square(off / max(2.0 * float(np.median(off)), 0.2)))
+        weights = 1 / np.square(1 + np.square(off / max(2.0 * median(off), 0.2)))
         middle_a, middle_b = (complex(weights @ one) / float(weights.sum()) for one in (a, b))
         u, v = a - middle_a, b - middle_b
         spread = float(weights @ np.square(np.abs(u)))

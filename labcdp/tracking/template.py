@@ -132,6 +132,18 @@ class Template:
         x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
         return np.stack([x.ravel(), y.ravel()], axis=1)
 
+    @cached_property
+    def to_centred(self) -> Matrix:
+        """Template pixels to coordinates of -1 to 1 along its longer side, from the middle."""
+        height, width = self.shape
+        centred: Matrix = scaling(2 / max(width, height)) @ shift(-width / 2, -height / 2)
+        return centred
+
+    @cached_property
+    def from_centred(self) -> Matrix:
+        """These coordinates to template pixels."""
+        return inverse(self.to_centred)
+
     @property
     def corners(self) -> NDArray[np.float64]:
         """Corners of the region in template pixels, shape (n, 2)."""

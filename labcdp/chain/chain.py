@@ -48,8 +48,7 @@ class Chain(ChainParts):
             If a part cannot use its input.
         """
         COUNT.check("seed", seed)
-        if threads is not None:
-            THREADS.check("threads", threads)
+        THREADS.check("threads", 1 if threads is None else threads)
         samples = luminance_map(self.scene.luminance_map())
         scene = scene_signal(samples, oversampling=getattr(self.scene, "oversampling", 1))
         stages = {"scene": scene}

@@ -25,6 +25,7 @@ from .parameters import COUNT, GAIN, TEMPERATURE, THREADS, Bits, ElectronRate, N
 from .signal import Capture, Context, Signal, check_shape, settings_of
 
 FloatMap = NDArray[np.float32]
+FloatArray = NDArray[np.floating[Any]]
 
 
 def collect_electrons(mean_e: FloatMap, full_well_e: float, rng: np.random.Generator) -> FloatMap:
@@ -55,8 +56,6 @@ def digitise(signal_e: FloatMap, k_dn_per_e: float, black_level_dn: float, bits:
     np.clip(dn, 0, 2**bits - 1, out=dn)
     return dn.astype(np.uint16)
 
-
-FloatArray = NDArray[np.floating[Any]]
 
 #: Variance of rounding to whole digital numbers, DN^2; EMVA 1288 Release 3.1, section 2.2.
 QUANTISATION_VARIANCE_DN2 = 1 / 12
@@ -243,8 +242,7 @@ class Sensor(Sized):
         Number("s", 0, above=True).check("exposure_s", exposure_s)
         COUNT.check("seed", seed)
         COUNT.check("exposure_index", exposure_index)
-        if threads is not None:
-            THREADS.check("threads", threads)
+        THREADS.check("threads", 1 if threads is None else threads)
         rate = self._checked_rate(electron_rate)
         k_dn_per_e = self.system_gain_dn_per_e(gain_db)
         dark_e = np.float32(self.dark_current_at(temperature_c) * exposure_s)
@@ -296,8 +294,7 @@ class Sensor(Sized):
                 f"electron_rate has the shape {rate.shape}, the sensor has {self.shape}: give one value for each "
                 "pixel, or a single number"
             )
-        if not (rate.min() >= 0 and rate.max() < np.inf):
-            raise InputError(
-                f"electron_rate is from {rate.min():g} to {rate.max():g} e⁻/s: give finite numbers of at least 0"
-            )
+        low, high = rate.min(), rate.max()
+        if not (low >= 0 and high < np.inf):
+            raise InputError(f"electron_rate is from {low:g} to {high:g} e⁻/s: give finite numbers of at least 0")
         return np.broadcast_to(rate, self.shape)

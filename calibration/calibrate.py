@@ -26,10 +26,10 @@ from .fit.residuals import finite, fit_errors, fitted_rows, held_out_rows
 from .fit.scatter import fit_dof, scatter_of_one, with_scatter
 from .fit.screening import screen
 from .fit.selection import select_model
+from .frames.defects import DefectMap
 from .frames.observations import DarkObservation, PatchObservation
 from .model import Calibration, range_of
 from .sensor.dark_library import DarkLibrary
-from .sensor.defects import DefectMap
 from .sensor.noise import GainSetting
 from .sensor.response import ResponseCurve
 from .setup import Provenance, Readings, Setup, meter_scale

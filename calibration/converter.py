@@ -18,11 +18,11 @@ from ..core.luminance import CommonError
 from ..core.vignetting import AnyVignetting, Cos4Vignetting, FlatField, cropped
 from ..session.tables import EXPOSURE_JITTER_S
 from .findings import FitError, ResponsivityFit
+from .frames.defects import DefectMap
 from .frames.nonuniformity import slow_rel
 from .frames.observations import CameraState
 from .sensor.dark import DarkModel
 from .sensor.dark_library import DarkLibrary
-from .sensor.defects import DefectMap
 from .sensor.noise import GainSetting, TemporalNoise, index_of_gain
 from .setup import LensIdentity, MeterScale
 
@@ -121,11 +121,6 @@ class Converter:
         responsivity = self.responsivity.responsivity_dn_s_cd_m2
         if not (isfinite(responsivity) and responsivity > 0):
             raise InputError(f"responsivity_dn_s_cd_m2 is {responsivity}: a camera that sees light has a positive one")
-
-    @property
-    def responsivity_common_rel(self) -> float:
-        """Relative standard uncertainty of R: meter scale and fit."""
-        return hypot(self.meter_scale.common_rel, self.responsivity.random_rel)
 
     @property
     def field_rel(self) -> float:

@@ -11,7 +11,7 @@ from typing import TypeAlias
 from ..core.errors import CalibrationError, InputError
 from ..core.reading import MeterIdentity, Reading
 from ..core.result import Finding, info, warning
-from ..core.spectra import Source, SpectralTable
+from ..core.spectra import SpectralTable
 from ..session import MeterCertificate
 from ..session.tables import EXPOSURE_JITTER_S
 from .findings import basis
@@ -262,11 +262,6 @@ class Setup:
     meter_f1_prime: float | None = None
     exposure_jitter_s: float = EXPOSURE_JITTER_S
     black_level_drift_dn: float | None = None
-
-    @property
-    def light(self) -> Source:
-        """The spectrum as measured, else its name."""
-        return self.source_spectrum if self.measured_spectrum is None else self.measured_spectrum
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from ..core.result import Finding, info
 from .findings import LeftOut, Reason
 from .frames.observations import PatchObservation
 from .frames.rounding import ROUNDING_DN2, quantisation_variance_dn2
-from .frames.statistics import MAX_CLIPPED_SHARE, MIN_NET_SIGNAL
+from .frames.statistics import MAX_CLIPPED_SHARE, MIN_NET_SIGNAL, lines_variance_dn2
 from .sensor.noise import GainSetting, TemporalNoise, index_of_gain
 
 Array = NDArray[np.float64]
@@ -117,20 +117,20 @@ def _net_signal(o: PatchObservation, settings: Sequence[GainSetting]) -> dict[st
     dark_pattern_dn = dark.pattern_dn(o.exposure_s)
     sensitivity_dn2 = o.fixed_pattern_variance_dn2(level_dn) - (dark_pattern_dn * o.mean_inverse_v) ** 2
     rounding = quantisation_variance_dn2(o.temporal_variance_dn2 + pattern_dn2)
+    uneven_dn2 = dark.nonuniformity_dn**2 + dark_pattern_dn**2 / o.n_pixels
+    uneven_dn2 += lines_variance_dn2(dark.line_pattern_dn, o.n_lines)
     on_axis = max(abs(o.net_dn(dark_dn)), 1e-12)
     of_pixels = noise.variance_dn2(net_dn, dark_dn2) / o.n_pixels
     flicker_rel, black_level_dn = noise.flicker_rel / sqrt(o.n_frames), dark.drift_dn / sqrt(o.n_frames)
     return {
         "net_dn": net_dn,
         "scale_per_s": o.mean_inverse_v / o.exposure_s,
-        "noise_variance_dn2": (of_pixels + _of_lines(dark.line_noise_dn, o)) / o.n_frames + rounding,
+        "noise_variance_dn2": (of_pixels + lines_variance_dn2(dark.line_noise_dn, o.n_lines)) / o.n_frames + rounding,
         "flicker_rel": flicker_rel,
         "black_level_dn": black_level_dn,
         "frames_variance_dn2": (flicker_rel * net_dn / power) ** 2 + black_level_dn**2,
         "dark_variance_dn2": dark.variance_dn2(o.exposure_s, o.temperature_c),
-        "dark_nonuniformity_dn": sqrt(
-            dark.nonuniformity_dn**2 + dark_pattern_dn**2 / o.n_pixels + _of_lines(dark.line_pattern_dn, o)
-        ),
+        "dark_nonuniformity_dn": sqrt(uneven_dn2),
         "pixels_rel": noise.prnu_rel / sqrt(o.n_pixels),
         "pixels_variance_rel": (power / on_axis) ** 2 * sensitivity_dn2,
         "slow_rel": power * sqrt(o.nonuniformity.slow_variance_dn2(level_dn)) / on_axis,
@@ -150,11 +150,6 @@ def with_prnu(setting: GainSetting, observations: Sequence[PatchObservation]) ->
     weight = (signals.net_dn**2 / signals.noise_variance_dn2) ** 2 / np.array([o.n_pixels for o in kept])
     prnu_rel = sqrt(max(sum(weight * signals.pixels_variance_rel), 0.0) / sum(weight)) if kept else 0.0
     return replace(setting, noise=replace(setting.noise, prnu_rel=prnu_rel))
-
-
-def _of_lines(deviations_dn: tuple[float, float], o: PatchObservation) -> float:
-    """Variance of a patch's mean by columns and rows."""
-    return sum(one**2 / n for one, n in zip(deviations_dn, o.n_lines, strict=True))
 
 
 def _before_tone(

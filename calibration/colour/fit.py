@@ -18,11 +18,11 @@ from ..calibrate import fit
 from ..findings import LeftOut
 from ..fit.intake import group_by_patch
 from ..fit.residuals import finite, held_out_rows
+from ..frames.defects import DefectMap
 from ..frames.observations import DarkObservation, PatchObservation
 from ..model import Calibration, range_of
 from ..sensor.dark_fit import rows_of
 from ..sensor.dark_library import DarkLibrary
-from ..sensor.defects import DefectMap
 from ..setup import Setup
 from .conversion import COLOURS, ByPlane, colour_patch_luminance, colours_of_planes
 from .model import ColourCalibration, CombinationStep
@@ -87,7 +87,7 @@ def fit_colour(
     of_grey_patches = {name: readings[name] for name in grey}
     planes = _fit_planes(observations, darks, of_grey_patches, setup, defects or {}, dark_libraries or {})
     groups = by_patch(observations)
-    prior, scaled, of_prior = choose_prior(planes, sensitivities, setup.light)
+    prior, scaled, of_prior = choose_prior(planes, sensitivities, planes[0].light)
     fitted = {name: group for name, group in groups.items() if name not in held_out}
     patches, left_out, of_patches = colour_patches(planes, fitted, readings)
     data, scatter = scattered(colour_data(planes, patches), prior.weights, np.array([p.name in grey for p in patches]))

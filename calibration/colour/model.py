@@ -219,14 +219,6 @@ class ColourCalibration(ColourConverter):
         """Exposures that were used in any plane, ascending."""
         return tuple(sorted({t for plane in self.planes for t in plane.exposures_s}))
 
-    @property
-    def rate_weights(self) -> dict[str, float]:
-        """w_p / R_p by the name of the plane, in (cd/m^2) / (DN/s): L is the sum of these times the rates S_p."""
-        return {
-            f"{plane.state.plane}": weight / plane.responsivity.responsivity_dn_s_cd_m2
-            for plane, weight in zip(self.planes, self.weights, strict=True)
-        }
-
     def dark_spread_cd_m2(self, frame: Frame) -> float:
         """Return what dark signal non-uniformity and drift of the black level make of a dark pixel's luminance."""
         return hypot(*(w * plane.dark_spread_cd_m2(frame) for w, plane in zip(self.weights, self.planes, strict=True)))

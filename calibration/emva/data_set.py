@@ -9,18 +9,16 @@ from typing import Any
 from ...core.clock import exposure_text
 from ...core.errors import CalibrationError, InputError
 from ...core.frame import CameraIdentity
-from ...core.result import Finding, warning
+from ...core.result import Finding, info, warning
 from ..frames.measure import MeasuredFrames
 from ..frames.observations import CameraState, DarkObservation
 from ..frames.observe import dark_observation
 from ..frames.statistics import FrameStatistics, FrameSums, Level
-from .assemble import Transfer, assemble, photon_transfer, with_findings, with_frame_changes
-from .findings import findings_of_data_set
+from .assemble import Transfer, assemble, findings_of_data_set, photon_transfer, with_findings, with_frame_changes
 from .images import ImageCheck, read_image, require_levels
 from .index import DataSetIndex, IndexBlock, load_index
 from .quantities import dsnu_parts, prnu_parts, spatial_variance_of
-from .result import Characterisation, Quantity
-from .series import SeriesPoint
+from .result import Characterisation, Quantity, SeriesPoint
 from .transfer import MIN_POINTS, linearity, responsivity
 
 #: Note on the missing uncertainty of the photon numbers.
@@ -36,7 +34,7 @@ def characterise_data_set(
     """Characterise a camera from a photon series after EMVA 1288.
 
     Two images at a level give mean and temporal noise; the level with the most images, at least 3, gives the spatial
-    non-uniformity, with the dark stack of its exposure.
+    non-uniformity, with the dark stack of its exposure. Of several the one nearest to half of the brightest level.
 
     Parameters
     ----------
@@ -59,7 +57,7 @@ def characterise_data_set(
     levels: list[tuple[IndexBlock, Level]] = []
     darks: dict[float, DarkObservation] = {}
     stacks: dict[IndexBlock, FrameStatistics] = {}
-    of_stacks = _stacks(index)
+    of_stacks, of_choice = _stacks(index)
     check = ImageCheck(index.path)
     for block in index.blocks:
         sums = FrameSums(state.saturation_dn)
@@ -72,7 +70,9 @@ def characterise_data_set(
         measured = sums.result()
         levels.append((block, measured.level))
         if block.kind == "dark" and (block.exposure_s not in darks or len(block.images) < _STACK):
-            darks[block.exposure_s] = dark_observation(MeasuredFrames(measured, block.exposure_s, None, state))
+            darks[block.exposure_s] = dark_observation(
+                MeasuredFrames(**vars(measured), exposure_s=block.exposure_s, state=state)
+            )
         if block in of_stacks:
             stacks[block] = measured
     require_levels(index, levels)
@@ -83,19 +83,30 @@ def characterise_data_set(
     nonuniformity, findings = _nonuniformity([(block, stacks[block]) for block in of_stacks], transfer.k)
     origin = {"source": str(index.path), "bits": index.bits, "image_shape": shape}
     found = assemble(origin, points, own_darks, transfer, _sensitivity(points, transfer) | nonuniformity)
-    return with_findings(found, [*findings_of_data_set(found), *findings])
+    return with_findings(found, [*findings_of_data_set(found), *of_choice, *findings])
 
 
-def _stacks(index: DataSetIndex) -> list[IndexBlock]:
+def _stacks(index: DataSetIndex) -> tuple[list[IndexBlock], list[Finding]]:
     """Blocks for the spatial quantities: the dark one with the most images, and the bright one, if there are any."""
     most: dict[str, list[IndexBlock]] = {"bright": [], "dark": []}
     for kind, blocks in most.items():
         own = [block for block in index.blocks if block.kind == kind and len(block.images) >= _STACK]
         blocks += [block for block in own if len(block.images) == max(len(other.images) for other in own)]
-    bright = most["bright"][:1]
+    # EMVA 1288 Release 4.0 Linear: at about half of saturation.
+    half = max(_stimulus(block) for block in index.blocks if block.kind == "bright") / 2
+    bright = sorted(most["bright"], key=lambda block: abs(_stimulus(block) - half))
+    findings = []
+    if len(bright) > 1:
+        chosen = {"photons": bright[0].photons, "exposure_s": bright[0].exposure_s}
+        findings.append(info("bright-stacks-alike", count=len(bright), n_images=len(bright[0].images), **chosen))
     # The dark one of the same exposure, if that has as many.
     most["dark"].sort(key=lambda block: bool(bright) and block.exposure_ns != bright[0].exposure_ns)
-    return [*most["dark"][:1], *bright] if most["dark"] else []
+    return [*most["dark"][:1], *bright[:1]] if most["dark"] else [], findings
+
+
+def _stimulus(block: IndexBlock) -> float:
+    """Photons, or the exposure where they are not known."""
+    return block.photons or block.exposure_ns
 
 
 def _series(index: DataSetIndex, levels: Sequence[tuple[IndexBlock, Level]]) -> list[SeriesPoint]:

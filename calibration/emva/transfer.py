@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from ...core.errors import CalibrationError
 from ..sensor.noise import FIT_SHARE, Slope, slope_through_origin, weighted_gain
-from .result import Quantity, SaturationLimit
-from .series import SeriesPoint, columns
+from .result import Quantity, SaturationLimit, SeriesPoint, columns
 
 #: Fewest points of a fit.
 MIN_POINTS = 3

@@ -18,8 +18,8 @@ from .problem import Shift, Solution, solve
 Kind = Literal["scatter_rel", "scatter_each_rel", "scatter_each_dn"]
 #: Least and largest scatter: relative ones of luminances, those in DN of the largest signal.
 _LEAST, _MOST = 1e-6, 0.5
-#: Relative error of a size: at a minimum differences of the deviance vanish below the root of NumPy's precision.
-_TOLERANCE = 1e-8
+#: Relative distance from the least deviance that was found within which its slope is 0.
+_NEAR = 1e-3
 #: Scatter that does not count.
 _NEGLIGIBLE = 1e-4
 #: Decrease of the deviance required of the scatter of patches.
@@ -58,8 +58,16 @@ class _Likelihood:
         return self.constant + float(self._deviances(np.array([size]))[0])
 
     def best(self, unit: float) -> float:
-        """Return the most likely size, in units, between the limits."""
-        return unit * exp(_minimum(lambda v: self.deviance(unit * exp(v))))
+        """Return the most likely size, in units, between the limits: where the slope of the deviance is 0."""
+        from scipy.optimize import brentq
+
+        def slope(v: float) -> float:
+            grown = (unit * exp(v)) ** 2 * self.values
+            return float(np.sum(grown / (1 + grown) * (1 - self.squares / (1 + grown))))
+
+        found = _minimum(lambda v: self.deviance(unit * exp(v)))
+        low, high = found - _NEAR, found + _NEAR
+        return unit * exp(brentq(slope, low, high, xtol=1e-14) if slope(low) < 0 < slope(high) else found)
 
     def dof(self, size: float, unit: float) -> float:
         """Degrees of freedom with which Student's t and the estimate give the error of another patch.
@@ -177,8 +185,7 @@ def _minimum(deviance: Callable[[float], float]) -> float:
     """Logarithm of a size, between the limits, at which a deviance is least."""
     from scipy.optimize import minimize_scalar
 
-    limits = log(_LEAST), log(_MOST)
-    return float(minimize_scalar(deviance, bounds=limits, method="bounded", options={"xatol": _TOLERANCE}).x)
+    return float(minimize_scalar(deviance, bounds=(log(_LEAST), log(_MOST)), method="bounded").x)
 
 
 def _dof(solution: Solution, sizes: dict[Kind, float], kind: Kind) -> float:

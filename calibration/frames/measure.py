@@ -6,16 +6,16 @@ import logging
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
-from typing import Any, Protocol
+from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from ...core.clock import exposure_text
 from ...core.errors import CalibrationError
 from ...core.frame import PLANES, Frame
 from ...core.roi import Roi
-from .observations import CameraState
+from .defects import DefectMap
+from .observations import CameraState, Observation
 from .statistics import FrameStatistics, FrameSums
 
 _log = logging.getLogger(__name__)
@@ -34,37 +34,18 @@ _POSITIONS: dict[str, dict[str, tuple[int, int]]] = {
 }
 
 
-class Defects(Protocol):
-    """Mask of pixels that must not be used."""
-
-    def mask(self, shape: tuple[int, int]) -> NDArray[np.bool_]:
-        """Return True where a pixel is defect, shape (height, width)."""
-
-
-@dataclass(frozen=True, eq=False)
-class MeasuredFrames:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MeasuredFrames(FrameStatistics, Observation):
     """The frames of one exposure, in a region or as a whole.
 
     Parameters
     ----------
-    statistics : FrameStatistics
-        Of the pixels.
-    exposure_s : float
-        Exposure time.
-    temperature_c : float or None
-        Mean temperature of the device; None if unknown for a frame.
-    state : CameraState
-        Camera and settings.
     recorded : datetime or None
         When the first frame was recorded; None if unknown.
     region : Roi or None
         The region; None for the whole image.
     """
 
-    statistics: FrameStatistics
-    exposure_s: float
-    temperature_c: float | None
-    state: CameraState
     recorded: datetime | None = None
     region: Roi | None = None
 
@@ -75,7 +56,7 @@ class MeasuredFrames:
 
 
 def measure_frames(
-    frames: Iterable[Frame], regions: Sequence[Roi] | None = None, defects: Defects | None = None
+    frames: Iterable[Frame], regions: Sequence[Roi] | None = None, defects: DefectMap | None = None
 ) -> list[MeasuredFrames]:
     """Measure the pixels of frames of one exposure; the frames are processed one by one and not stored.
 
@@ -85,7 +66,7 @@ def measure_frames(
         At least one, all of one exposure, camera and setting.
     regions : sequence of Roi or None
         What to measure; None for the whole image.
-    defects : Defects or None
+    defects : DefectMap or None
         Pixels to leave out.
 
     Raises
@@ -113,19 +94,20 @@ def measure_frames(
     if first is None:
         raise CalibrationError(f"there is no frame: give at least {MIN_FRAMES} frames of one exposure")
     temperature_c = _mean_temperature(temperatures, first.exposure_s)
+    taken: dict[str, Any] = {"exposure_s": first.exposure_s, "temperature_c": temperature_c, "state": state}
     return [
-        MeasuredFrames(one.result(), first.exposure_s, temperature_c, state, first.timestamp, region)
+        MeasuredFrames(**vars(one.result()), **taken, recorded=first.timestamp, region=region)
         for region, one in zip([None] if regions is None else regions, sums, strict=True)
     ]
 
 
-def measure_whole(frames: Iterable[Frame], defects: Defects | None = None) -> MeasuredFrames:
+def measure_whole(frames: Iterable[Frame], defects: DefectMap | None = None) -> MeasuredFrames:
     """Measure the whole image in frames of one exposure; as `measure_frames`."""
     return measure_frames(frames, None, defects)[0]
 
 
 def _sums(
-    frame: Frame, regions: Sequence[Roi] | None, defects: Defects | None
+    frame: Frame, regions: Sequence[Roi] | None, defects: DefectMap | None
 ) -> tuple[list[tuple[slice, slice]], list[FrameSums]]:
     sound = None if defects is None else ~defects.mask(frame.shape)
     if regions is None:

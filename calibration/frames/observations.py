@@ -14,6 +14,7 @@ from ...core.frame import CameraIdentity, Frame, Readout, nominal_black_dn
 from ...core.vignetting import AnyVignetting
 from .nonuniformity import Nonuniformity
 from .rounding import ROUNDING_DN2, quantisation_variance_dn2
+from .statistics import Level, lines_variance_dn2
 
 #: Largest difference of equal gains, which cameras report rounded.
 GAIN_TOLERANCE_DB = 1e-6
@@ -124,21 +125,13 @@ class CameraState:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Observation:
-    """Pixels at one exposure.
+class Observation(Level):
+    """Level at one exposure.
 
     Parameters
     ----------
     exposure_s : float
         Exposure time.
-    n_pixels, n_frames : int
-        How many were averaged.
-    temporal_variance_dn2 : float
-        Variance of one pixel's DN from frame to frame.
-    frame_means_variance_dn2 : float
-        Variance of the mean from frame to frame: noise, black level and light.
-    black_share : float
-        Share of the values at DN 0.
     state : CameraState
         Camera and settings.
     temperature_c : float or None
@@ -146,31 +139,22 @@ class Observation:
     """
 
     exposure_s: float
-    n_pixels: int
-    n_frames: int
-    temporal_variance_dn2: float
-    frame_means_variance_dn2: float = 0.0
-    black_share: float
     state: CameraState
     temperature_c: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class PatchObservation(Observation):
-    """One patch at one exposure; the mean whose variance is known from frame to frame is that of DN / V.
+    """One patch at one exposure; the mean is that of DN / V, dark signal included, those of single frames of DN.
 
     Parameters
     ----------
     patch : str
         Name of the patch, the region's name.
-    signal_dn : float
-        Mean over the region and the frames of DN / V, dark signal included.
     mean_inverse_v : float
-        Mean of 1 / V over the region: the factor of the dark signal in `signal_dn`.
+        Mean of 1 / V over the region: the factor of the dark signal in the mean.
     nonuniformity : Nonuniformity
         Of the mean frame in the region.
-    saturated_share : float
-        Share of the values at or above saturation.
     vignetting : AnyVignetting or None
         V, None for 1.
     centre_px : (float, float)
@@ -182,10 +166,8 @@ class PatchObservation(Observation):
     """
 
     patch: str
-    signal_dn: float
     mean_inverse_v: float
     nonuniformity: Nonuniformity
-    saturated_share: float
     vignetting: AnyVignetting | None
     centre_px: tuple[float, float] = (0.0, 0.0)
     n_lines: tuple[float, float] = (inf, inf)
@@ -206,11 +188,11 @@ class PatchObservation(Observation):
 
     def net_dn(self, dark_dn: float) -> float:
         """Mean of (DN - d) / V: signal above dark, as on the optical axis."""
-        return self.signal_dn - dark_dn * self.mean_inverse_v
+        return self.mean_dn - dark_dn * self.mean_inverse_v
 
     def net_dn_at_pixel(self, dark_dn: float) -> float:
         """Signal above dark of the region's pixels, V not removed."""
-        return self.signal_dn / self.mean_inverse_v - dark_dn
+        return self.mean_dn / self.mean_inverse_v - dark_dn
 
     def fixed_pattern_variance_dn2(self, dark_dn: float) -> float:
         """Variance of (DN - d) / V from pixel to pixel, noise removed; below 0 by chance."""
@@ -228,8 +210,6 @@ class DarkObservation(Observation):
 
     Parameters
     ----------
-    mean_dn : float
-        Mean over pixels and frames.
     nonuniformity_dn : float
         Standard deviation of slow changes of the dark signal across the sensor; 0 if not significant.
     pattern_dn : float
@@ -239,22 +219,16 @@ class DarkObservation(Observation):
         Parts of noise and pattern that whole columns and rows have in common, as standard deviations.
     """
 
-    mean_dn: float
     nonuniformity_dn: float
     pattern_dn: float = 0.0
     line_noise_dn: tuple[float, float] = (0.0, 0.0)
     line_pattern_dn: tuple[float, float] = (0.0, 0.0)
 
     @property
-    def dof(self) -> int:
-        """Degrees of freedom of the temporal variance."""
-        return max((self.n_pixels - 1) * (self.n_frames - 1), 1)
-
-    @property
     def mean_noise_dn2(self) -> float:
         """Variance of the mean of one frame by noise of pixels, columns and rows, with rounding as the least noise."""
         rows, columns = self.state.image_shape
-        of_lines = self.line_noise_dn[0] ** 2 / columns + self.line_noise_dn[1] ** 2 / rows
+        of_lines = lines_variance_dn2(self.line_noise_dn, (columns, rows))
         return max(self.temporal_variance_dn2, ROUNDING_DN2) / self.n_pixels + of_lines
 
     @property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import fields
 from math import sqrt
 from typing import Any, Protocol
 
@@ -14,9 +15,10 @@ from ...core.errors import CalibrationError
 from ...core.frame import Frame
 from ...core.roi import Roi
 from ...core.vignetting import AnyVignetting
-from .measure import MIN_FRAMES, Defects, MeasuredFrames, measure_frames, measure_whole
+from .defects import DefectMap
+from .measure import MIN_FRAMES, MeasuredFrames, measure_frames, measure_whole
 from .nonuniformity import Array, cells_of, nonuniformity, spatial_variance
-from .observations import DarkObservation, PatchObservation
+from .observations import DarkObservation, Observation, PatchObservation
 from .statistics import FrameStatistics
 
 #: Fewest pixels of a region: below, its noise and its non-uniformity cannot be distinguished.
@@ -40,7 +42,7 @@ def observe_patches(
     regions: Sequence[Roi],
     vignetting: AnyVignetting | None = None,
     *,
-    defects: Defects | None = None,
+    defects: DefectMap | None = None,
     dark_library: DarkPattern | None = None,
 ) -> list[PatchObservation]:
     """Measure patches in the light frames of one exposure.
@@ -55,7 +57,7 @@ def observe_patches(
         One for each patch, with different names.
     vignetting : AnyVignetting or None
         Vignetting of the lens, removed before averaging; None for none.
-    defects : Defects or None
+    defects : DefectMap or None
         Pixels to leave out of the regions.
     dark_library : DarkPattern or None
         Dark pattern to subtract; its mean, the dark signal itself, stays in.
@@ -87,29 +89,24 @@ def observe_patches(
 def _patch(
     one: MeasuredFrames, inverse_v: Array | None, pattern_dn: Array | None, vignetting: AnyVignetting | None
 ) -> PatchObservation:
-    s, region = one.statistics, one.region
-    assert region is not None
+    assert one.region is not None
     _require_enough(one)
-    factor = np.ones(s.n_pixels) if inverse_v is None else inverse_v[one.window][s.used]
-    values = _without(s, None if pattern_dn is None else pattern_dn[one.window]) * factor
-    common = _common(one)
-    common["frame_means_variance_dn2"] *= float(factor.mean()) ** 2
+    factor = np.ones(one.n_pixels) if inverse_v is None else inverse_v[one.window][one.used]
+    values = _without(one, None if pattern_dn is None else pattern_dn[one.window]) * factor
     return PatchObservation(
-        **common,
-        patch=region.name,
-        signal_dn=float(values.mean()),
+        **(_common(one) | {"mean_dn": float(values.mean())}),
+        patch=one.region.name,
         mean_inverse_v=float(factor.mean()),
-        nonuniformity=nonuniformity(values, factor, cells_of(s.used)),
-        saturated_share=s.saturated_share,
+        nonuniformity=nonuniformity(values, factor, cells_of(one.used)),
         vignetting=vignetting,
-        centre_px=region.centre,
-        n_lines=s.n_lines,
+        centre_px=one.region.centre,
+        n_lines=one.n_lines,
         recorded=one.recorded,
     )
 
 
 def observe_dark(
-    frames: Iterable[Frame], *, defects: Defects | None = None, dark_library: DarkPattern | None = None
+    frames: Iterable[Frame], *, defects: DefectMap | None = None, dark_library: DarkPattern | None = None
 ) -> DarkObservation:
     """Measure the dark signal in the dark frames of one exposure, over the whole sensor.
 
@@ -117,7 +114,7 @@ def observe_dark(
     ----------
     frames : iterable of Frame
         At least two, all of one exposure, camera and setting; processed one by one.
-    defects : Defects or None
+    defects : DefectMap or None
         Pixels to leave out, as at the patches: hot ones would bias the dark signal.
     dark_library : DarkPattern or None
         Dark pattern to subtract, as at the patches.
@@ -133,7 +130,7 @@ def observe_dark(
 def dark_observation(measured: MeasuredFrames, dark_library: DarkPattern | None = None) -> DarkObservation:
     """Dark signal of measured frames of the whole sensor; as `observe_dark`."""
     _require_enough(measured)
-    s, pattern = measured.statistics, _pattern(measured, dark_library)
+    s, pattern = measured, _pattern(measured, dark_library)
     values = _without(s, pattern)
     spread = nonuniformity(values, None, cells_of(s.used))
     image = np.full(s.shape, values.mean())
@@ -147,8 +144,7 @@ def dark_observation(measured: MeasuredFrames, dark_library: DarkPattern | None 
     column_dn, row_dn = sqrt(s.temporal_parts.column), sqrt(s.temporal_parts.row)
     noise_dn2 = s.temporal_variance_dn2 / s.n_frames
     return DarkObservation(
-        **_common(measured),
-        mean_dn=float(values.mean()),
+        **(_common(measured) | {"mean_dn": float(values.mean())}),
         nonuniformity_dn=sqrt(spread.slow_variance_dn2(0.0)),
         pattern_dn=max(sqrt(max(spread.pixel_variance_dn2(0.0) - noise_dn2, 0.0)), left_dn),
         line_noise_dn=(column_dn, row_dn),
@@ -158,9 +154,7 @@ def dark_observation(measured: MeasuredFrames, dark_library: DarkPattern | None 
 
 def _common(measured: MeasuredFrames) -> dict[str, Any]:
     """Return what `Observation` has, by its names."""
-    of_pixels = "n_pixels", "n_frames", "temporal_variance_dn2", "frame_means_variance_dn2", "black_share"
-    common = {name: getattr(measured.statistics, name) for name in of_pixels}
-    return common | {name: getattr(measured, name) for name in ("exposure_s", "state", "temperature_c")}
+    return {one.name: getattr(measured, one.name) for one in fields(Observation)}
 
 
 def _pattern(measured: MeasuredFrames, dark_library: DarkPattern | None) -> Array | None:
@@ -177,11 +171,11 @@ def _without(s: FrameStatistics, pattern_dn: Array | None) -> NDArray[np.float64
 
 
 def _require_enough(one: MeasuredFrames) -> None:
-    name, s = "whole sensor" if one.region is None else one.region.name, one.statistics
-    if s.n_pixels < MIN_PIXELS:
-        raise CalibrationError(f"region {name!r} holds {s.n_pixels} pixels: make it at least {MIN_PIXELS}")
-    if s.n_frames < MIN_FRAMES:
+    name = "whole sensor" if one.region is None else one.region.name
+    if one.n_pixels < MIN_PIXELS:
+        raise CalibrationError(f"region {name!r} holds {one.n_pixels} pixels: make it at least {MIN_PIXELS}")
+    if one.n_frames < MIN_FRAMES:
         raise CalibrationError(
-            f"region {name!r} was given {s.n_frames} frame at {exposure_text(one.exposure_s)}: take at least "
+            f"region {name!r} was given {one.n_frames} frame at {exposure_text(one.exposure_s)}: take at least "
             f"{MIN_FRAMES} of each exposure, the noise comes from their difference"
         )

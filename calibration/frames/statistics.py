@@ -52,7 +52,12 @@ class LineVariances:
         return LineVariances(pixel, self.column - pixel / per_column, self.row - pixel / per_row)
 
 
-@dataclass(frozen=True)
+def lines_variance_dn2(deviations_dn: tuple[float, float], n_lines: tuple[float, float]) -> float:
+    """Variance of a mean over numbers of columns and rows, by standard deviations of what each has in common."""
+    return sum(one**2 / n for one, n in zip(deviations_dn, n_lines, strict=True))
+
+
+@dataclass(frozen=True, eq=False)
 class Level:
     """Values of the frames of one condition.
 

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from ...core.disk.arrays import EqualByContent, StoredArray, read_only
 from ...core.errors import CalibrationError, InputError
 from ...core.result import Finding, info
+from ..frames.defects import DefectMap
 from ..frames.measure import MeasuredFrames
 from ..frames.observe import dark_observation
 from ..frames.rounding import quantisation_variance_dn2
 from .dark import fit_dark
 from .dark_fit import DOUBLING_REL, TYPICAL_DOUBLING_C, DarkCurrent, rows_of
-from .defects import DefectMap
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +183,7 @@ def dark_library(darks: Sequence[MeasuredFrames], defects: DefectMap | None = No
     InputError
         If the defects are of another image size.
     """
-    repeated = [d for d in darks if d.statistics.n_frames > 1]
+    repeated = [d for d in darks if d.n_frames > 1]
     if not repeated:
         raise CalibrationError(
             "a dark library needs at least 2 dark frames at an exposure: noise cannot be measured with fewer"
@@ -193,19 +193,19 @@ def dark_library(darks: Sequence[MeasuredFrames], defects: DefectMap | None = No
     time_s = np.array([d.exposure_s * model.growth(d.temperature_c) for d in darks])
     one_exposure = np.ptp([d.exposure_s for d in darks]) == 0
     design = np.ones((time_s.size, 1)) if one_exposure else np.column_stack([np.ones_like(time_s), time_s])
-    frames = np.array([d.statistics.n_frames for d in darks], dtype=float)
+    frames = np.array([d.n_frames for d in darks], dtype=float)
     solve = np.linalg.inv(design.T @ (frames[:, None] * design)) @ (design.T * frames)
     shape = darks[0].state.image_shape
     sound = np.ones(shape, np.bool_) if defects is None else ~defects.mask(shape)
     maps = np.zeros((2, *shape))
     for weights, d in zip(solve.T, darks, strict=True):
-        image = d.statistics.image_dn
+        image = d.image_dn
         maps[: weights.size] += weights[:, None, None] * (image - image[sound].mean(dtype=np.float64))
     # Noise differs between sets, as dark current adds to it; it cannot be estimated from a single frame.
-    dof, typical_dn2 = zip(*((d.statistics.dof, d.statistics.typical_variance_dn2) for d in repeated), strict=True)
+    dof, typical_dn2 = zip(*((d.dof, d.typical_variance_dn2) for d in repeated), strict=True)
     average_dn2 = float(np.average(typical_dn2, weights=dof))
     of_one = average_dn2 + quantisation_variance_dn2(average_dn2)
-    variances = [d.statistics.pixel_mean_variance_dn2 if d.statistics.n_frames > 1 else of_one for d in darks]
+    variances = [d.pixel_mean_variance_dn2 if d.n_frames > 1 else of_one for d in darks]
     noise = np.zeros((2, 2))
     noise[: len(solve), : len(solve)] = (solve * np.array(variances)) @ solve.T
     return DarkLibrary(

@@ -15,9 +15,9 @@ from ...core.dn import Response
 from ...core.errors import CalibrationError
 from ...core.result import Finding, info
 from ...core.vignetting import FlatField, RadialVignetting, middle_of
+from ..frames.defects import block_means, median_around, pixel_pattern, structure_findings
 from ..frames.measure import MeasuredFrames
 from .dark_fit import rows_of
-from .defects import block_means, median_around, pixel_pattern, structure_findings
 
 Array = NDArray[np.float64]
 
@@ -91,7 +91,7 @@ def measure_vignetting(
     relative = _repaired(level / scale, unknown)
     random_rel = float(np.median(np.sqrt(mean_variance) / scale / relative))
     relative /= relative[middle_of(relative.shape)].mean()
-    n_frames = sum(light.statistics.n_frames for light in lights)
+    n_frames = sum(light.n_frames for light in lights)
     flat = FlatField(relative.astype(np.float32), random_rel, source_nonuniformity_rel, n_frames)
     prnu_rel = pixel_pattern(relative, random_rel)
     pixel_rel = hypot(random_rel, prnu_rel)
@@ -124,15 +124,15 @@ def _signals(
             raise CalibrationError(f"there are no dark frames at {at}, the exposure of light frames: take at least 2")
         dark = by_exposure[light.exposure_s]
         light.state.require_alike([dark], "the light frames")
-        if min(light.statistics.n_frames, dark.statistics.n_frames) < 2:
+        if min(light.n_frames, dark.n_frames) < 2:
             raise CalibrationError(
                 f"there is a single frame at {at}: take at least 2 light and 2 dark frames, so that noise can be "
                 "distinguished from pattern"
             )
-        above = light.statistics.image_dn.astype(float) - dark.statistics.image_dn
+        above = light.image_dn.astype(float) - dark.image_dn
         slope = float(response.slope(np.median(above)))
-        noise = light.statistics.pixel_mean_variance_dn2 + dark.statistics.pixel_mean_variance_dn2
-        yield _Signal(response.linearise(above), slope**2 * noise, light.statistics.clipped)
+        noise = light.pixel_mean_variance_dn2 + dark.pixel_mean_variance_dn2
+        yield _Signal(response.linearise(above), slope**2 * noise, light.clipped)
 
 
 def _averaged(signals: Iterable[_Signal]) -> tuple[Array, Array, NDArray[np.bool_]]:

@@ -121,7 +121,7 @@ def fit_noise(
         in_range = 0 < net_dn <= FIT_SHARE * (o.state.saturation_dn - dark_dn)
         if in_range and _unclipped(o) and noise.covers(net_dn):
             dark_dn2 = dark.noise_variance_dn2(o.exposure_s, o.temperature_c)
-            points.append((net_dn, o.temporal_variance_dn2, (o.n_pixels - 1) * (o.n_frames - 1), dark_dn2))
+            points.append((net_dn, o.temporal_variance_dn2, o.dof, dark_dn2))
     if not points:
         return noise, [warning("k-unknown", share=FIT_SHARE)]
     net, variance, dof, dark_dn2 = np.array(points).T
@@ -148,7 +148,7 @@ def _flicker(observations: Sequence[PatchObservation], dark: DarkModel) -> tuple
     for group in sets.values():
         net = np.array([o.net_dn(dark.mean_dn(o.exposure_s, o.temperature_c)) for o in group])
         noise = np.array([_frame_noise_dn2(o, dark) for o in group])
-        seen = np.array([o.frame_means_variance_dn2 for o in group])
+        seen = np.array([o.frame_means_variance_dn2 * o.mean_inverse_v**2 for o in group])
         weight = net**4 / np.maximum(noise, 1e-12) ** 2
         if (net <= 0).all():
             continue

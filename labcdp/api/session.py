@@ -71,7 +71,7 @@ class Session(_Session):
             flat = flat_field if isinstance(flat_field, _Session) else Session.open(as_path(flat_field, "flat_field"))
             require_same_optics(self, flat)
             uniform = UniformLight.read(flat, nonuniformity_rel)
-        calibration, _ = calibrate_recorded(
+        _, calibration = calibrate_recorded(
             [self, *others],
             uniform,
             without=as_names(without, "without"),

@@ -29,8 +29,7 @@ from ..evaluate.camera.result import characterisation_files
 from ..evaluate.camera.result import result as characterisation_result
 from ..evaluate.twin.estimate import require_monochrome
 from ..evaluate.twin.evaluate import TwinEvaluation, twin_session
-from ..evaluate.twin.page import twin_files
-from ..evaluate.twin.result import twin_result
+from ..evaluate.twin.result import twin_files, twin_result
 from ..metrics.contrast import TargetContrasts
 from ..report.files import envelope_json
 from ..session import MeterCertificate, Session, SessionConfiguration

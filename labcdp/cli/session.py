@@ -161,7 +161,7 @@ def calibrate(fit: FitOptions, results: Results, session: Path, more: tuple[Path
                 return partial(bars.update, what)
 
             uniform = fit.uniform_light(opened, report("flat field"))
-            calibration, observed = calibrate_recorded(
+            observed, calibration = calibrate_recorded(
                 [opened, *(Session.open(path) for path in more)],
                 uniform,
                 without=fit.without,

@@ -48,33 +48,34 @@ class SimulatedCamera:
         mean, variance = self.mean_dn(luminance_cd_m2, exposure_s), self.pixel_variance_dn2(luminance_cd_m2, exposure_s)
         saturated = mean + 4 * sqrt(variance) >= self.state.saturation_dn
         dof = (n_pixels - 1) * (n_frames - 1)
+        mean += rng.normal(0, sqrt(variance / (n_pixels * n_frames))) if rng else 0.0
         return PatchObservation(
             patch=patch,
             exposure_s=exposure_s,
-            signal_dn=mean + (rng.normal(0, sqrt(variance / (n_pixels * n_frames))) if rng else 0.0),
+            mean_dn=mean,
+            frame_means_dn=(mean,) * n_frames,
             mean_inverse_v=1.0,
             n_pixels=n_pixels,
-            n_frames=n_frames,
             temporal_variance_dn2=variance * (rng.chisquare(dof) / dof if rng else 1.0),
             nonuniformity=EVEN,
             saturated_share=1.0 if saturated else 0.0,
-            black_share=0.0,
             state=self.state,
             vignetting=None,
         )
 
     def dark(self, exposure_s, rng, size=(3072, 4)):
         n_pixels, n_frames = size
-        variance = self.dark_noise_dn**2 / (n_pixels * n_frames)
+        variance = self.dark_noise_dn**2 / n_pixels
+        mean = self.mean_dn(0.0, exposure_s) + (rng.normal(0, sqrt(variance / n_frames)) if rng else 0.0)
+        # Their variance from frame to frame is that of noise.
+        means = mean + sqrt(variance * (n_frames - 1) / n_frames) * np.resize([-1.0, 1.0], n_frames)
         return DarkObservation(
             exposure_s=exposure_s,
-            mean_dn=self.mean_dn(0.0, exposure_s) + (rng.normal(0, sqrt(variance)) if rng else 0.0),
-            frame_means_variance_dn2=self.dark_noise_dn**2 / n_pixels,
+            mean_dn=mean,
+            frame_means_dn=tuple(means.tolist()),
             n_pixels=n_pixels,
-            n_frames=n_frames,
             temporal_variance_dn2=self.dark_noise_dn**2,
             nonuniformity_dn=0.0,
-            black_share=0.0,
             state=self.state,
         )
 

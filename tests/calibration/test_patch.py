@@ -63,5 +63,5 @@ def test_saturated_exposures_are_left_out_and_luminances_outside_the_range_named
 )
 def test_a_signal_above_the_calibrated_ones_is_confirmed_by_lower_ones(calibrated, camera, exposures_s, bend, warned):
     seen = [camera.observe("wall", 390.0, t, None) for t in exposures_s]
-    bent = [replace(o, signal_dn=o.signal_dn * (bend if o.exposure_s == 0.008 else 1.0)) for o in seen]
+    bent = [replace(o, mean_dn=o.mean_dn * (bend if o.exposure_s == 0.008 else 1.0)) for o in seen]
     assert ("signal-outside-range" in codes(patch_luminance(calibrated, bent))) == warned

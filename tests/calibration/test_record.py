@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labcdp.calibration import load, save
-from labcdp.calibration.sensor.defects import Defect, DefectMap
+from labcdp.calibration.frames.defects import Defect, DefectMap
 from labcdp.core.errors import InputError
 from labcdp.core.result import warning
 from labcdp.core.vignetting import Cos4Vignetting, RadialVignetting

@@ -55,7 +55,7 @@ def test_vignetting_is_not_unevenness_behind_a_tone_curve(camera):
     net_dn = 1000 * v ** (1 / 2.2)
     seen = nonuniformity((net_dn + 64.4) / v, 1 / v, np.arange(400) // 25)
     exact = replace(camera.observe("grey", 10.0, 0.01, None), nonuniformity=seen, temporal_variance_dn2=1e-6)
-    even = replace(exact, signal_dn=float(np.mean((net_dn + 64.4) / v)), mean_inverse_v=float(np.mean(1 / v)))
+    even = replace(exact, mean_dn=float(np.mean((net_dn + 64.4) / v)), mean_inverse_v=float(np.mean(1 / v)))
     for curve, least, most in ((tone, 0.0, 0.002), (None, 0.02, 1.0)):
         setting = replace(SETTINGS[0], noise=TemporalNoise(0.0, 0.0, curve))
         assert least <= net_signals([even], [setting]).slow_rel < most

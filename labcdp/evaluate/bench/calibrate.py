@@ -169,7 +169,7 @@ def calibrate_recorded(
     bracket: bool = False,
     certificate: MeterCertificate | None = None,
     report: Callable[[str], Report] = lambda _what: lambda _done, _total: None,
-) -> tuple[AnyCalibration, ObservedSession]:
+) -> tuple[ObservedSession, AnyCalibration]:
     """Calibrate a camera from recorded sessions.
 
     The flat field of a camera with a curved response must be linearised: both are found in turns.
@@ -191,8 +191,8 @@ def calibrate_recorded(
 
     Returns
     -------
-    Calibration or ColourCalibration, ObservedSession
-        The calibration, and the first session with its corrections.
+    ObservedSession, Calibration or ColourCalibration
+        The first session with its corrections, and the calibration.
 
     Raises
     ------
@@ -204,44 +204,44 @@ def calibrate_recorded(
     lens = corrections_of_lens(sessions[0])
     corrections = with_dark_frames(lens if uniform is None else uniform.corrections, sessions, report("dark frames"))
 
-    def calibrated(own: PlaneCorrections) -> tuple[AnyCalibration, ObservedSession]:
+    def calibrated(own: PlaneCorrections) -> tuple[ObservedSession, AnyCalibration]:
         observed = [
             observe_session(one, [] if number else without, report("reading"), own, certificate)
             for number, one in enumerate(sessions)
         ]
         curve = response_of_session(observed[0]) if bracket else None
-        return calibrate_session(*observed, held_out=held_out, response=curve), observed[0]
+        return observed[0], calibrate_session(*observed, held_out=held_out, response=curve)
 
     return calibrated(corrections) if uniform is None else _in_turns(calibrated, corrections, lens, uniform)
 
 
 def _in_turns(
-    calibrated: Callable[[PlaneCorrections], tuple[AnyCalibration, ObservedSession]],
+    calibrated: Callable[[PlaneCorrections], tuple[ObservedSession, AnyCalibration]],
     corrections: PlaneCorrections,
     lens: PlaneCorrections,
     uniform: UniformLight,
-) -> tuple[AnyCalibration, ObservedSession]:
+) -> tuple[ObservedSession, AnyCalibration]:
     """Linearise the flat field by the response and calibrate anew, until the flat field settles."""
     try:
-        calibration, observed = calibrated(corrections)
+        observed, calibration = calibrated(corrections)
     except CalibrationError:
         # Of a camera with a tone curve the flat field itself may be so wrong that nothing fits.
         corrections = {plane: replace(own, vignetting=lens[plane].vignetting) for plane, own in corrections.items()}
-        calibration, observed = calibrated(corrections)
+        observed, calibration = calibrated(corrections)
         if _is_linear(calibration):
             raise
     change = inf
     for _ in range(_MOST_ROUNDS):
         if _is_linear(calibration):
-            return calibration, observed
+            return observed, calibration
         linearised = uniform.linearised({plane.state.plane: plane.response for plane in calibration.planes})
         change = max(_change(corrections[plane], linearised[plane], uniform) for plane in corrections)
         if change <= _SETTLED_REL:
-            return calibration, observed
+            return observed, calibration
         corrections = {plane: replace(own, vignetting=linearised[plane]) for plane, own in corrections.items()}
-        calibration, observed = calibrated(corrections)
+        observed, calibration = calibrated(corrections)
     unsettled = warning("flat-field-not-settled", change_rel=change)
-    return replace(calibration, findings=unique([*calibration.findings, unsettled])), observed
+    return observed, replace(calibration, findings=unique([*calibration.findings, unsettled]))
 
 
 def _is_linear(calibration: AnyCalibration) -> bool:

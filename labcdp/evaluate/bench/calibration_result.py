@@ -230,7 +230,7 @@ def _of_planes(
 
 def _planes(colour: ColourCalibration) -> Table:
     us = np.sqrt(np.diag(colour.weight_covariance)).tolist()
-    planes = list(zip(colour.planes, colour.weights, us, colour.rate_weights.values(), strict=True))
+    planes = list(zip(colour.planes, colour.weights, us, strict=True))
     columns = (
         Column("plane", "plane", value="0.state.plane"),
         Column("weight", "weight", "", "Weight of its luminance in the sum.", decimals=3, value="1"),
@@ -243,7 +243,7 @@ def _planes(colour: ColourCalibration) -> Table:
             * expanded_rel((), of.random_rel, of.dof or inf),
         ),
         Column("rate_weight", "weight of its rate", "(cd/m²) / (DN/s)", "Weight over responsivity.", shown=False,
-               value="3"),
+               value=lambda row: row[1] / row[0].responsivity.responsivity_dn_s_cd_m2),
         Column("dark_offset_dn", "dark offset", "DN", "Mean dark signal at exposure time 0.", decimals=2,
                value="0.dark.offset_dn"),
         Column("k_dn_per_e", "K", "DN/e⁻", "Overall system gain.", digits=3, value="0.noise.k_dn_per_e"),

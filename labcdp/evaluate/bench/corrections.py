@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from math import prod, sqrt
 
 from ...calibration import AnyCalibration, Calibration
+from ...calibration.frames.defects import DefectMap, find_defects
 from ...calibration.frames.measure import MeasuredFrames, measure_whole, plane_of, plane_offset_px
 from ...calibration.frames.observations import CameraState
 from ...calibration.sensor.dark_library import DarkLibrary, dark_library
-from ...calibration.sensor.defects import DefectMap, find_defects
 from ...calibration.sensor.flat_field import MeasuredVignetting, measure_vignetting
 from ...chain.optics import axial_illuminance_per_cd_m2
 from ...core.dn import Response
@@ -148,11 +148,11 @@ def _measured(
 
 
 def _defects(own: Corrections, darks: Sequence[MeasuredFrames]) -> tuple[DefectMap | None, list[Finding]]:
-    repeated = [dark for dark in darks if dark.statistics.n_frames > 1]
+    repeated = [dark for dark in darks if dark.n_frames > 1]
     if not repeated:
         return own.defects, []
     # Hot pixels show best in the longest dark signal.
-    found = find_defects(max(repeated, key=lambda dark: dark.exposure_s).statistics)
+    found = find_defects(max(repeated, key=lambda dark: dark.exposure_s))
     if found.n_pixels == 0:
         return own.defects, []
     return found if own.defects is None else own.defects.joined(found), [info("hot-pixels", count=found.n_pixels)]
@@ -161,7 +161,7 @@ def _defects(own: Corrections, darks: Sequence[MeasuredFrames]) -> tuple[DefectM
 def _library(
     darks: Sequence[MeasuredFrames], defects: DefectMap | None, light_s: Sequence[float]
 ) -> tuple[DarkLibrary | None, list[Finding]]:
-    if not any(dark.statistics.n_frames > 1 for dark in darks) or len({dark.state.gain_db for dark in darks}) > 1:
+    if not any(dark.n_frames > 1 for dark in darks) or len({dark.state.gain_db for dark in darks}) > 1:
         return None, []
     library = dark_library(darks, defects)
     worth = [t for t in light_s if library.worth_applying(t)]
@@ -223,11 +223,11 @@ class UniformLight:
         result = {}
         for plane, lights in self.lights.items():
             vignetting = self._vignetting(plane, Response())
-            unclipped = [light for light in lights if light.statistics.clipped.mean() < 0.01] or lights
+            unclipped = [light for light in lights if light.clipped.mean() < 0.01] or lights
             # Hot pixels show best in the longest dark signal, dead ones in the brightest light.
             defects = find_defects(
-                max(self.darks[plane], key=lambda s: s.exposure_s).statistics,
-                max(unclipped, key=lambda s: s.statistics.mean_dn).statistics,
+                max(self.darks[plane], key=lambda s: s.exposure_s),
+                max(unclipped, key=lambda s: s.mean_dn),
             )
             result[plane] = Corrections(vignetting.chosen, defects, findings=vignetting.findings)
         return result

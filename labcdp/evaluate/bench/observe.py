@@ -133,11 +133,6 @@ class ObservedSession:
         """Observations of a monochrome sensor by patch; raises CalibrationError as `monochrome`."""
         return self.monochrome.patches
 
-    @property
-    def darks(self) -> Sequence[DarkObservation]:
-        """Dark observations of a monochrome sensor; raises CalibrationError as `monochrome`."""
-        return self.monochrome.darks
-
 
 def observe_session(
     session: Session,
@@ -237,7 +232,7 @@ def _of_one_frame(
     (frame,) = frames
     twice = observed([frame, frame], regions)
     if all(o.saturated_share > MAX_CLIPPED_SHARE for o in twice):
-        return [replace(o, n_frames=1) for o in twice]
+        return [replace(o, frame_means_dn=o.frame_means_dn[:1]) for o in twice]
     return observed([frame], regions)  # says what is missing
 
 
@@ -268,7 +263,7 @@ def response_of_session(observed: ObservedSession) -> ResponseCurve:
     SessionError
         If a file is missing or altered.
     """
-    darks = observed.darks  # refuses colour filters
+    darks = observed.monochrome.darks
     groups = by_exposure(observed.session, "light")
     if len(groups) < MIN_EXPOSURES:
         there = ", ".join(f"{1e3 * t:g} ms" for t in groups)

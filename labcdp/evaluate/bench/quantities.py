@@ -58,7 +58,7 @@ def responsivity(calibration: Calibration) -> Quantity:
     fit = calibration.responsivity
     r = fit.responsivity_dn_s_cd_m2
     expanded = r * expanded_rel([calibration.meter_scale], fit.random_rel, fit.dof or inf)
-    u = r * calibration.responsivity_common_rel
+    u = r * hypot(calibration.meter_scale.common_rel, fit.random_rel)
     return Quantity("responsivity R", r, RESPONSIVITY, "fit and meter scale", u, expanded)
 
 

@@ -20,14 +20,12 @@ from ...calibration.emva.quantities import (
     prnu_rel,
     rounding_of_spread_dn,
 )
-from ...calibration.emva.result import Characterisation, Quantity, SaturationLimit
-from ...calibration.emva.series import SeriesPoint
+from ...calibration.emva.result import Characterisation, Quantity, SaturationLimit, SeriesPoint
 from ...calibration.emva.transfer import Saturation, points_to_fit, system_gain
 from ...calibration.fit.screening import SAFE_SHARE, plateau_dn
 from ...calibration.frames.measure import MeasuredFrames
 from ...calibration.frames.nonuniformity import Estimate
 from ...calibration.frames.observe import dark_observation
-from ...calibration.frames.statistics import MAX_CLIPPED_SHARE
 from ...calibration.setup import corrected
 from ...core.clock import exposure_text
 from ...core.errors import CalibrationError
@@ -35,8 +33,8 @@ from ...core.reading import Reading
 from ...core.result import Finding, warning
 from ...session import Session
 from .frames import (
-    MeasuredPoint,
     SessionFrames,
+    SessionPoint,
     measure_session,
     patch_deviations,
     photometric_responsivity,
@@ -93,12 +91,11 @@ def characterise_session(
     if not usable:
         raise CalibrationError("the session has no light and dark frames at the same exposure: record both")
     changed = with_frame_changes([_point(level, reference[level.exposure_s]) for level in usable], darks)
-    pairs = _full_marked(sorted(map(MeasuredPoint, changed, usable), key=lambda pair: pair.point.net_dn))
-    points = [pair.point for pair in pairs]
+    points = _full_marked(sorted(changed, key=lambda point: point.net_dn))
     dark = fit_dark_current(darks)
     transfer = _transfer(points, dark.black_level_dn.value, state.bit_depth, state.saturation_dn)
-    quantities, more = _nonuniformity(reference, pairs, transfer)
-    quantities |= _sensitivity(session, pairs, transfer, measured)
+    quantities, more = _nonuniformity(reference, points, transfer)
+    quantities |= _sensitivity(session, points, transfer, measured)
     every = fit_dark_current([dark_observation(level) for level in measured.darks])
     quantities["doubling_temperature_c"] = every.doubling_temperature_c()
     origin = {
@@ -132,26 +129,26 @@ def _reference(measured: SessionFrames) -> tuple[dict[float, MeasuredFrames], li
     return chosen, findings
 
 
-def _point(level: MeasuredFrames, dark: MeasuredFrames) -> SeriesPoint:
+def _point(level: MeasuredFrames, dark: MeasuredFrames) -> SessionPoint:
     assert level.region is not None
     # The mean of dark signal is that of the patch's pixels, with their uncertainty.
-    mean_dn = float(dark.statistics.image_dn[level.window][level.statistics.used].mean(dtype=float))
-    below = replace(dark.statistics.level, mean_dn=mean_dn, n_pixels=level.statistics.n_pixels)
-    return SeriesPoint(level.region.name, level.exposure_s, None, level.statistics.level, below)
+    mean_dn = float(dark.image_dn[level.window][level.used].mean(dtype=float))
+    below = replace(dark.level, mean_dn=mean_dn, n_pixels=level.n_pixels)
+    return SessionPoint(level.region.name, level.exposure_s, None, level, below)
 
 
-def _full_marked(pairs: Sequence[MeasuredPoint]) -> list[MeasuredPoint]:
+def _full_marked(points: Sequence[SessionPoint]) -> list[SessionPoint]:
     """Mark points of pixels that are full below the stated saturation as saturated, and leave out those near it."""
-    usable = [point for point, _ in unsaturated(pairs) if point.net_dn > 0]
+    usable = [point for point in unsaturated(points) if point.net_dn > 0]
     shortest = {p.label: p for p in sorted(usable, key=lambda p: -p.exposure_s)}
     promised = [shortest[p.label].net_dn * p.exposure_s / shortest[p.label].exposure_s for p in usable]
     level = plateau_dn([p.net_dn for p in usable], promised, promised)
     if level is None:
-        return list(pairs)
+        return list(points)
     full = _FULL_SHARE * level
     return [
-        MeasuredPoint(replace(p, light=replace(p.light, saturated_share=1.0)) if p.net_dn >= full else p, frames)
-        for p, frames in pairs
+        replace(p, light=replace(p.light, saturated_share=1.0)) if p.net_dn >= full else p
+        for p in points
         if not SAFE_SHARE * level < p.net_dn < full
     ]
 
@@ -164,7 +161,7 @@ def _transfer(points: Sequence[SeriesPoint], black_level_dn: float, bits: int, s
     The points of a session lie far apart and differ in their pixels: weights make the most of them, where the standard
     with its dense series has none.
     """
-    clear = [point for point in points if point.light.saturated_share <= MAX_CLIPPED_SHARE]
+    clear = unsaturated(points)
     if not clear:
         raise CalibrationError("all patches are saturated at all exposures: record shorter exposures")
     full = [point for point in points if point.light.saturated_share >= _SATURATED_SHARE]
@@ -182,53 +179,52 @@ def _transfer(points: Sequence[SeriesPoint], black_level_dn: float, bits: int, s
 
 
 def _sensitivity(
-    session: Session, pairs: Sequence[MeasuredPoint], transfer: Transfer, measured: SessionFrames
+    session: Session, points: Sequence[SessionPoint], transfer: Transfer, measured: SessionFrames
 ) -> dict[str, Any]:
     configuration, state, readings = session.configuration, measured.state, dict[str, list[Reading]]()
     for record in session.readings():
         if record.reading.unit != "%":
             own = corrected(record.reading, configuration.meter.certificate)
             readings.setdefault(record.patch, []).append(own)
-    usable = unsaturated(pairs)
+    usable = unsaturated(points)
     r = photometric_responsivity(usable, readings, configuration, state)
     efficiency = None if r is None else quantum_efficiency_estimate(r, transfer.k, configuration, state)
-    line = patch_deviations([point for point, _ in usable], transfer.saturation.net_dn)
+    line = patch_deviations(usable, transfer.saturation.net_dn)
     return {"responsivity": r, "quantum_efficiency": efficiency, **(line.errors() if line else {})}
 
 
 def _nonuniformity(
-    darks: Mapping[float, MeasuredFrames], pairs: Sequence[MeasuredPoint], transfer: Transfer
+    darks: Mapping[float, MeasuredFrames], points: Sequence[SessionPoint], transfer: Transfer
 ) -> tuple[dict[str, Any], list[Finding]]:
     k, longest_s = transfer.k, max(darks)
-    frames = {exposure_s: level.statistics for exposure_s, level in darks.items()}
-    variance, *of_growth = dark_pattern_variances([*frames.values()], [*frames])
+    variance, *of_growth = dark_pattern_variances([*darks.values()], [*darks])
     note = f"at {exposure_text(longest_s)}, the only exposure of the dark frames"
-    found: dict[str, Any] = {"spatial": (frames[longest_s],)}
+    found: dict[str, Any] = {"spatial": (darks[longest_s],)}
     if of_growth:
         # Rounding changes each exposure's pattern by some part of its step, 1 DN.
-        rounding_e_s = rounding_of_spread_dn(frames[longest_s]) / k.value / longest_s
+        rounding_e_s = rounding_of_spread_dn(darks[longest_s]) / k.value / longest_s
         found["dsnu_e_s"], note = dsnu_e(of_growth[0].total, k, rounding_e_s, unit="e-/s"), "at zero exposure"
-    found["prnu_rel"] = _prnu(pairs, darks, transfer.saturation.net_dn)
+    found["prnu_rel"] = _prnu(points, darks, transfer.saturation.net_dn)
     low, high = _PRNU_SHARES
     unknown = found["prnu_rel"] is None
     findings = [warning("prnu-unknown", lowest_share=low, highest_share=high)] if unknown else []
-    return found | dsnu_parts(variance, k, frames[min(frames)], note), findings
+    return found | dsnu_parts(variance, k, darks[min(darks)], note), findings
 
 
 def _prnu(
-    pairs: Sequence[MeasuredPoint], darks: Mapping[float, MeasuredFrames], saturation_net_dn: float
+    points: Sequence[SessionPoint], darks: Mapping[float, MeasuredFrames], saturation_net_dn: float
 ) -> Quantity | None:
     """PRNU of the patches, each at its brightest exposure below saturation: other exposures show the same pixels."""
     low, high = (share * saturation_net_dn for share in _PRNU_SHARES)
     chosen = {
-        point.label: (point, level)
-        for point, level in pairs
-        if low <= point.net_dn <= high and point.light.saturated_share == 0 and level.statistics.n_pixels >= 4 * 6
+        point.label: point
+        for point in points
+        if low <= point.net_dn <= high and point.light.saturated_share == 0 and point.light.n_pixels >= 4 * 6
     }
     estimates = []
-    for point, level in chosen.values():
-        dark, s = darks[level.exposure_s].statistics, level.statistics
-        net = (s.image_dn.astype(float) - dark.image_dn[level.window])[s.used]
+    for point in chosen.values():
+        dark, s = darks[point.exposure_s], point.light
+        net = (s.image_dn.astype(float) - dark.image_dn[s.window])[s.used]
         noise = s.temporal_variance_dn2 / s.n_frames + dark.temporal_variance_dn2 / dark.n_frames
         rows, columns = np.nonzero(s.used)
         found = flat_variance(net, rows, columns, noise)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...calibration.emva.quantities import fit_dark_current, snr
-from ...calibration.emva.series import columns
+from ...calibration.emva.result import columns
 from ...calibration.emva.transfer import Linearity, linearity
 from ...calibration.sensor.noise import FIT_SHARE
 from ...report.drawing import BLUE, GREEN, ORANGE, VERMILLION, finish, logarithmic, new_figure, reported

@@ -6,13 +6,12 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import hypot, inf, sqrt
-from typing import NamedTuple
+from typing import TypeVar
 
 import numpy as np
 
 from ...calibration import CameraState
-from ...calibration.emva.result import Quantity
-from ...calibration.emva.series import SeriesPoint, columns
+from ...calibration.emva.result import Quantity, SeriesPoint, columns
 from ...calibration.emva.transfer import Deviations, in_range
 from ...calibration.frames.measure import MeasuredFrames, measure_frames, measure_whole, plane_region
 from ...calibration.frames.statistics import MAX_CLIPPED_SHARE
@@ -27,6 +26,7 @@ from ...session import FrameRecord, Session, SessionConfiguration
 from ..bench.corrections import natural_vignetting, photons_per_cd_m2_s, pixel_area_m2
 from ..bench.recorded import SessionReader, by_exposure, by_patch, planes_of
 
+_Point = TypeVar("_Point", bound=SeriesPoint)
 #: Colour plane of a Bayer sensor that is characterised: of the planes the one with the most light from any source.
 COLOUR_PLANE = "Gr"
 #: Dark frames of one exposure whose temperatures differ by more, in kelvin, are taken apart.
@@ -135,16 +135,16 @@ _F_NUMBER_REL, _TRANSMITTANCE_REL = 0.05, 0.1
 _READING_REL = 0.003
 
 
-class MeasuredPoint(NamedTuple):
-    """A point of a session's series, and the frames it is of."""
+@dataclass(frozen=True)
+class SessionPoint(SeriesPoint):
+    """A point of a session's series; its light is what was measured of a patch."""
 
-    point: SeriesPoint
-    frames: MeasuredFrames
+    light: MeasuredFrames
 
 
-def unsaturated(pairs: Sequence[MeasuredPoint]) -> list[MeasuredPoint]:
+def unsaturated(points: Sequence[_Point]) -> list[_Point]:
     """Points whose clipped values do not matter."""
-    return [pair for pair in pairs if pair.point.light.saturated_share <= MAX_CLIPPED_SHARE]
+    return [point for point in points if point.light.saturated_share <= MAX_CLIPPED_SHARE]
 
 
 def patch_deviations(points: Sequence[SeriesPoint], saturation_net_dn: float) -> Deviations | None:
@@ -162,9 +162,8 @@ def patch_deviations(points: Sequence[SeriesPoint], saturation_net_dn: float) ->
         Signal above dark signal at saturation.
     """
     patches: dict[str, list[SeriesPoint]] = {}
-    for point in in_range(points, saturation_net_dn):
-        if point.light.saturated_share <= MAX_CLIPPED_SHARE:
-            patches.setdefault(point.label, []).append(point)
+    for point in unsaturated(in_range(points, saturation_net_dn)):
+        patches.setdefault(point.label, []).append(point)
     several = [own for own in patches.values() if len(own) > 1]
     rows = []
     for own in several:
@@ -182,7 +181,7 @@ def patch_deviations(points: Sequence[SeriesPoint], saturation_net_dn: float) ->
 
 
 def photometric_responsivity(
-    pairs: Sequence[MeasuredPoint],
+    points: Sequence[SessionPoint],
     readings: Mapping[str, Sequence[Reading]],
     configuration: SessionConfiguration,
     state: CameraState,
@@ -191,8 +190,8 @@ def photometric_responsivity(
 
     Parameters
     ----------
-    pairs : sequence of MeasuredPoint
-        Unsaturated points.
+    points : sequence of SessionPoint
+        Unsaturated ones.
     readings : mapping of str to sequence of Reading
         Luminances by the meter, by patch, with the correction of its certificate.
     configuration : SessionConfiguration
@@ -209,13 +208,13 @@ def photometric_responsivity(
     v_image = natural_vignetting(configuration, state).relative_illuminance(state.image_shape)
     values, weights = [], []
     for name, group in readings.items():
-        own = [pair for pair in pairs if pair[0].label == name and pair[0].net_dn > 0]
+        own = [point for point in points if point.label == name and point.net_dn > 0]
         luminance = float(np.mean([reading.luminance_cd_m2 for reading in group]))
         if not own or luminance <= 0:
             continue
         # The brightest exposure below saturation knows the patch best.
-        point, level = max(own, key=lambda pair: pair[0].net_dn)
-        v = float(v_image[level.window][level.statistics.used].mean())
+        point = max(own, key=lambda point: point.net_dn)
+        v = float(v_image[point.light.window][point.light.used].mean())
         values.append(point.net_dn / (point.exposure_s * v * luminance))
         noise_rel = hypot(point.net_uncertainty_dn / point.net_dn, _READING_REL / sqrt(len(group)))
         weights.append(1 / noise_rel**2)

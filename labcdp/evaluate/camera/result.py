@@ -6,9 +6,8 @@ from collections.abc import Iterator, Sequence
 from math import isfinite, log, log10
 
 from ...calibration import DarkObservation
-from ...calibration.emva.result import QUANTITY_NAMES, Characterisation
+from ...calibration.emva.result import QUANTITY_NAMES, Characterisation, SeriesPoint
 from ...calibration.emva.result import Quantity as Stated
-from ...calibration.emva.series import SeriesPoint
 from ...calibration.sensor.dark_fit import drift_of_black_level, mean_uncertainties_dn, variance_uncertainties_dn2
 from ...core.result import InputFile, Quantity, Result, quantity_table
 from ...core.table import Column, Table, uncertain

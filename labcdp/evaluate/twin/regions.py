@@ -242,7 +242,7 @@ def _measured_signal(o: PatchObservation, twin: TwinParameters) -> dict[str, Val
     temporal = o.temporal_variance_dn2
     pattern = max(o.fixed_pattern_variance_dn2(twin.dark_dn(o.exposure_s)), 0.0) / o.mean_inverse_v**2
     mean_u = sqrt(temporal / (o.n_pixels * o.n_frames) + pattern / o.n_pixels)
-    dof = (o.n_pixels - 1) * (o.n_frames - 1)
+    dof = o.dof
     by_noise = temporal / o.n_frames * sqrt(2 / dof)
     pattern_u = hypot((pattern + temporal / o.n_frames) * sqrt(2 / o.n_pixels), by_noise)
     spatial = sqrt(pattern)

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
-from math import comb
+from dataclasses import asdict, replace
+from math import ceil, comb, floor
 from typing import Any
+
+import numpy as np
 
 from ...calibration.uncertainty import critical_value
 from ...core.result import Finding, InputFile, Result, info, quantity_table, warning
 from ...core.table import Column, Table, uncertain, with_interval
+from ...report.drawing import BLUE, VERMILLION, finish, new_figure, reported
+from ...report.files import result_files
+from ...report.layout import Card, Facts, Page, ReportFigure, Section, State, Verbatim, page_text
+from ...report.text import Z_95, finding_text, percent
 from ..bench.session_result import provenance_table
 from ..camera.result import stated
+from ..camera.sensor import commented_toml
 from .evaluate import TwinEvaluation
 from .pair import TwinPair
 from .regions import KINDS
@@ -126,3 +133,144 @@ def signal_findings(evaluation: TwinEvaluation) -> Iterator[Finding]:
         if z:
             worst = max(z, key=lambda patch: abs(z[patch]))
             yield warning("signal-differs", name, patches=list(z), worst=worst, z=z[worst])
+
+
+#: Significant digits of the values in the file.
+_DIGITS = 7
+
+
+def twin_chain_text(evaluation: TwinEvaluation) -> str:
+    """Write the twin as TOML: the camera of a session before the session's patches, at an exposure of the session.
+
+    Patches shown together keep their positions; the surroundings, which were not measured, get the luminance of the
+    darkest patch. Patches shown one by one become stripes. The values carry their standard uncertainties as comments.
+
+    Parameters
+    ----------
+    evaluation : TwinEvaluation
+        The twin.
+    """
+    notes = [f"Note: {finding_text(one)}" for one in evaluation.parameters.findings]
+    comments = {}
+    for name, (_, one) in evaluation.parameters.quantities.items():
+        key = "quantum_efficiency" if name.startswith("quantum") else name
+        uncertainty = f"u = {one.known:.2g} {one.unit}; " if one.known > 0 else ""
+        comments["sensor", key] = f"{uncertainty}{one.note}".rstrip("; ")
+    head = ["The twin of a camera, made by labcdp from a recorded session.", "u is the standard uncertainty.", *notes]
+    return commented_toml(head, twin_document(evaluation), comments)
+
+
+def twin_document(evaluation: TwinEvaluation) -> dict[str, Any]:
+    """Tables of the chain file."""
+    twin, configuration = evaluation.parameters, evaluation.observed.configuration
+    shape = evaluation.calibration.state.image_shape
+    sensor = asdict(twin.sensor(shape))
+    del sensor["device_seed"]
+    # The chain file states K at 0 dB; the sensor here has K at the session's gain.
+    sensor["k_dn_per_e"] /= 10 ** (twin.gain_db / 20)
+    lens, observed = configuration.lens, evaluation.observed
+    exposure_s = observed.longest_unsaturated_s(evaluation.calibration, *observed.names)
+    if exposure_s is None:
+        exposure_s = min(o.exposure_s for group in observed.patches.values() for o in group)
+    optics = {"f_number": lens.f_number, "transmittance": twin.transmittance, "focal_length_m": lens.focal_length_m}
+    return {
+        "name": "twin",
+        "description": f"Twin of {evaluation.calibration.state.camera}, from the session {configuration.name}",
+        "spectrum": configuration.source.spectrum,
+        "scene": _scene(evaluation, shape),
+        "optics": optics,
+        "exposure": {"exposure_s": exposure_s, "gain_db": twin.gain_db, "temperature_c": twin.temperature_c},
+        "sensor": {"type": "emva1288", **{name: _rounded(value) for name, value in sensor.items()}},
+    }
+
+
+def _rounded(value: Any) -> Any:
+    return float(f"{value:.{_DIGITS}g}") if isinstance(value, float) else value
+
+
+def _scene(evaluation: TwinEvaluation, shape: tuple[int, int]) -> dict[str, Any]:
+    height, width = shape
+    levels = sorted(_rounded(region.luminance_cd_m2) for region in evaluation.regions)
+    configuration = evaluation.observed.configuration
+    if configuration.target.presentation == "one by one":
+        return {"type": "step-chart", "luminances_cd_m2": levels}
+    bounds = {patch.name: patch.region().bounds for patch in configuration.target.patches}
+    patches = []
+    for region in evaluation.regions:
+        left, top, right, bottom = bounds[region.name]
+        x, y = max(floor(left), 0), max(floor(top), 0)
+        size = {"width": min(ceil(right), width) - x, "height": min(ceil(bottom), height) - y}
+        patches.append({"x": x, "y": y, **size, "luminance_cd_m2": _rounded(region.luminance_cd_m2)})
+    return {"type": "patches", "background_cd_m2": levels[0], "patches": patches}
+
+
+def twin_figure(evaluation: TwinEvaluation) -> ReportFigure:
+    """Draw all pairs: measured over predicted CDP with 95 % bars, and the standardised differences."""
+    figure = new_figure(11.0, 5.2, "bench" if evaluation.calibration.state.camera.simulated else "")
+    left, right = figure.subplots(1, 2)
+    for name, colour, marker in (("agree", BLUE, "o"), ("differ", VERMILLION, "s"), ("undecided", "0.5", "^")):
+        pairs = [pair for pair in evaluation.pairs if pair.judgement == name]
+        if not pairs:
+            continue
+        style = {"fmt": marker, "markersize": 5, "color": colour, "markerfacecolor": "none"}
+        measured = np.array([[pair.measured.cdp, *pair.measured.confidence_interval] for pair in pairs]).T
+        predicted = np.array([[pair.predicted, *pair.predicted_interval] for pair in pairs]).T
+        x, y = (np.maximum([one[0] - one[1], one[2] - one[0]], 0) for one in (predicted, measured))
+        left.errorbar(predicted[0], measured[0], y, x, elinewidth=0.8, label=name, **style)
+        right.errorbar(predicted[0], [pair.z for pair in pairs], **style)
+    left.plot([0, 1], [0, 1], color="0.5", linewidth=1, zorder=0)
+    left.set(xlim=(-0.03, 1.03), ylim=(-0.03, 1.03), aspect="equal")
+    finish(left, "CDP predicted by the twin", "CDP measured", "Pairs of patches, with 95 % bars")
+    right.axhspan(-Z_95, Z_95, color="0.93", zorder=0)
+    right.axhline(0, color="0.5", linewidth=1, zorder=0)
+    largest = 1.1 * max(3.0, *(abs(pair.z) for pair in evaluation.pairs))
+    right.set(xlim=(-0.03, 1.03), ylim=(-largest, largest))
+    finish(right, "CDP predicted by the twin", "(measured - predicted) / its standard uncertainty", "Grey: 95 %")
+    n, agreeing, differing = len(evaluation.pairs), evaluation.count("agree"), evaluation.count("differ")
+    picture = page_text("twin-picture", n_pairs=n, agreeing=agreeing, differing=differing)
+    return reported("twin", figure, page_text("twin"), picture)
+
+
+#: Value and colour of the first card, by the code of the verdict.
+_VERDICTS: dict[str, tuple[str, State]] = {
+    "twin-describes-camera": ("agree", "good"),
+    "twin-differs": ("differ", "bad"),
+    "twin-signals-differ": ("differ", "bad"),
+    "twin-undecided": ("undecided", "open"),
+}
+#: Columns of pairs that fit on a page.
+_PAIR = (
+    "pair", "target_contrast", "measured_cdp", "measured_cdp_low", "measured_cdp_high", "predicted_cdp",
+    "predicted_cdp_low", "predicted_cdp_high", "difference", "expanded_difference", "z", "judgement",
+)  # fmt: skip
+
+
+def twin_files(evaluation: TwinEvaluation, result: Result) -> dict[str, bytes]:
+    """Return the files of a twin and its comparison with the camera as `result_files` does, and chain.toml."""
+    chain, configuration = twin_chain_text(evaluation), evaluation.observed.configuration
+    camera, n = evaluation.calibration.state.camera, len(evaluation.regions)
+    summary = f"{camera.model}, {n} patches of {configuration.target.name}, {configuration.operator}."
+    lead, sections = [twin_figure(evaluation)], _sections(result, chain)
+    page = Page.of(result, "A camera and its simulated twin", summary, _cards(evaluation), lead, sections)
+    return {"chain.toml": chain.encode(), **result_files(result, page)}
+
+
+def _cards(evaluation: TwinEvaluation) -> Iterator[Card]:
+    value, state = _VERDICTS[verdict(evaluation).code]
+    differing = [f"{one.subject}" for one in signal_findings(evaluation)]
+    signals = f"signals of the patches differ: {', '.join(differing)}" if differing else "signals of the patches agree"
+    yield Card("Camera and twin", value, signals, state=state)
+    lines = (f"{evaluation.count('differ')} differ, {evaluation.count('undecided')} undecided",)
+    of = f"{evaluation.count('agree')} of {len(evaluation.pairs)}"
+    yield Card("Pairs that agree", of, "within the joint 95 % interval", lines, state=state)
+    worst = max(evaluation.pairs, key=lambda pair: abs(pair.z))
+    detail, at = f"measured minus predicted CDP of {worst.name}", percent(worst.contrast)
+    yield Card("Largest deviation", f"z = {worst.z:.1f}", detail, (f"target contrast {at}",))
+
+
+def _sections(result: Result, chain: str) -> Iterator[Section]:
+    yield Section("Pairs", (result.table("pairs").only(*_PAIR),))
+    yield Section("Signals of the patches", (page_text("twin-signals"), result.table("signals")))
+    yield Section("Parameters of the twin", (result.table("parameters"), Verbatim(chain)), collapsed=True)
+    method = page_text("twin-method"), Facts.of(result.table("provenance"))
+    yield Section("Method and provenance", method, collapsed=True)

@@ -46,4 +46,4 @@ def test_a_region_of_a_plane_shows_the_same_light():
     region = plane_region(Roi.rectangle("patch", 20, 10, 30, 20))
     reds = [split(frame)["R"], split(replace(frame, frame_id=1))["R"]]
     (observed,) = observe_patches(reds, [region])
-    assert (observed.signal_dn, observed.n_pixels) == (1000, 150)
+    assert (observed.mean_dn, observed.n_pixels) == (1000, 150)

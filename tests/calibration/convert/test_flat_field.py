@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from labcdp.calibration.frames.defects import Defect, find_defects
 from labcdp.calibration.frames.measure import measure_whole
 from labcdp.calibration.sensor.dark_library import dark_library
-from labcdp.calibration.sensor.defects import Defect, find_defects
 from labcdp.calibration.sensor.flat_field import measure_vignetting
 from labcdp.core.vignetting import FlatField, RadialVignetting
 
@@ -71,7 +71,7 @@ def test_defects_are_found_with_their_reason():
             dn[30, 31] = 500
             dn[40, 41] += rng.integers(0, 60, dtype=np.uint16)
             group.append(frame.with_pixels(dn))
-    found = find_defects(measure_whole(darks).statistics, measure_whole(lights).statistics)
+    found = find_defects(measure_whole(darks), measure_whole(lights))
     named = {(int(r), int(c)): Defect(int(f)) for r, c, f in zip(found.rows, found.columns, found.reasons, strict=True)}
     expected = {(10, 11): Defect.HOT, (20, 21): Defect.DEAD, (30, 31): Defect.STUCK, (40, 41): Defect.NOISY}
     assert set(named) == set(expected)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from labcdp.calibration import CameraState
+from labcdp.calibration.frames.defects import DefectMap
 from labcdp.calibration.frames.measure import split
-from labcdp.calibration.sensor.defects import DefectMap
 from labcdp.core.errors import CalibrationError
 from labcdp.core.frame import Readout
 from labcdp.core.vignetting import Cos4Vignetting, RadialVignetting

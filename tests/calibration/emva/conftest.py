@@ -47,6 +47,7 @@ class Recording:
     levels: int = 16
     last_photons: float = 40_000.0
     stack: int = 12
+    images: int = 2
     exposure_unit_s: float = 1e-9
     photon_factor: float = 1.0
     bits_told: int | None = None
@@ -64,7 +65,7 @@ def write_data_set(folder, camera=KnownCamera(), how=Recording()):
     (folder / "images").mkdir(parents=True)
     exposures_s = np.linspace(1e-3, 20e-3, how.levels)
     photons = np.linspace(how.last_photons / how.levels / 4, how.last_photons, how.levels)
-    blocks = [(photons[i], exposures_s[i], 2) for i in range(how.levels)]
+    blocks = [(photons[i], exposures_s[i], how.images) for i in range(how.levels)]
     middle = min(range(how.levels), key=lambda i: abs(photons[i] - 14_000))
     blocks += [(photons[middle], exposures_s[middle], how.stack)] if how.stack else []
     for number, (light, exposure_s, count) in enumerate(blocks):

@@ -5,8 +5,7 @@ import pytest
 
 from labcdp.calibration import DarkObservation
 from labcdp.calibration.emva.quantities import fit_dark_current
-from labcdp.calibration.emva.result import Quantity
-from labcdp.calibration.emva.series import SeriesPoint
+from labcdp.calibration.emva.result import Quantity, SeriesPoint
 from labcdp.calibration.emva.transfer import find_saturation, linearity, system_gain
 from labcdp.calibration.frames.statistics import Level
 
@@ -44,12 +43,10 @@ def drawn_dark(rng, exposure_s, mean_dn, variance, drift_dn=0.0):
     return DarkObservation(
         exposure_s=exposure_s,
         mean_dn=means.mean(),
-        frame_means_variance_dn2=means.var(ddof=1),
+        frame_means_dn=tuple(means),
         n_pixels=PIXELS,
-        n_frames=2,
         temporal_variance_dn2=variance * rng.chisquare(PIXELS - 1) / (PIXELS - 1),
         nonuniformity_dn=0.0,
-        black_share=0.0,
         state=STATE,
     )
 

@@ -72,7 +72,7 @@ def test_dark_error_is_shared_by_the_patches(camera, setup):
     """Twelve patches do not average the error of one dark down."""
     observations, darks, readings = bench(camera, exact, luminances=(1.0, 1.5, 2.5) * 4, exposures_s=(0.01,))
     # One frame of few pixels.
-    vague = [replace(darks[0], n_pixels=225, n_frames=1, frame_means_variance_dn2=0.0)]
+    vague = [replace(darks[0], n_pixels=225, frame_means_dn=(darks[0].mean_dn,))]
     calibration = fit(observations, vague, readings, setup)
     # As if all patches were one with their weighted mean: generalised least squares, error over the signal.
     signal = 1200 * 0.01 * np.array([1.0, 1.5, 2.5] * 4)
@@ -85,7 +85,7 @@ def test_dark_error_is_shared_by_the_patches(camera, setup):
 def test_a_wrong_exposure_time_is_reported(camera, setup):
     observations, darks, readings = bench(camera, exact)
     late = [
-        replace(o, signal_dn=64.04 + (o.signal_dn - 64.04) * 1.05) if o.exposure_s == 0.001 else o for o in observations
+        replace(o, mean_dn=64.04 + (o.mean_dn - 64.04) * 1.05) if o.exposure_s == 0.001 else o for o in observations
     ]
     calibration = fit(late, darks, readings, setup)
     reciprocity = found(calibration, "exposure reciprocity")
@@ -129,7 +129,7 @@ def all_with(ones, **changes):
 LEFT_OUT = {
     "exposure-saturated": lambda o, d, r: (o, d, r),
     "exposure-clipped": lambda o, d, r: ([replace(o[0], black_share=0.5), *o[1:]], d, r),
-    "exposure-not-above-dark": lambda o, d, r: (all_with(o[:3], signal_dn=64.0) + o[3:], d, r),
+    "exposure-not-above-dark": lambda o, d, r: (all_with(o[:3], mean_dn=64.0) + o[3:], d, r),
     "patch-not-usable": lambda o, d, r: (o[:-3] + all_with(o[-3:], saturated_share=0.5), d, r),
     "patch-reads-zero": lambda o, d, r: (o, d, r | {"P0": [exact(0.0)]}),
     "dark-extrapolated": lambda o, d, r: (o, d[:2], r),
@@ -165,8 +165,8 @@ def test_a_kinked_camera_is_straightened(camera, setup):
     """Above 2000 DN it gives only 85 % of what light adds: no quadratic."""
 
     def kinked(observation):
-        net = observation.signal_dn - 64.0 - 40.0 * observation.exposure_s
-        return replace(observation, signal_dn=observation.signal_dn - 0.15 * max(net - 2000.0, 0.0))
+        net = observation.mean_dn - 64.0 - 40.0 * observation.exposure_s
+        return replace(observation, mean_dn=observation.mean_dn - 0.15 * max(net - 2000.0, 0.0))
 
     exposures_s = (0.001, 0.004, 0.016, 0.064)
     observations, *others = bench(camera, luminances=np.geomspace(0.5, 2000, 14), exposures_s=exposures_s)

@@ -49,7 +49,7 @@ def test_a_bent_curve_of_a_linear_camera_contradicts_the_patches(data, setup, po
 
 def test_signals_outside_the_curve_are_left_out(data, setup):
     calibration = fit(*data, setup, response=curve(covers=(40, 2000)))
-    signals = {(o.patch, o.exposure_s): o.signal_dn - 64 - 40 * o.exposure_s for o in data[0]}
+    signals = {(o.patch, o.exposure_s): o.mean_dn - 64 - 40 * o.exposure_s for o in data[0]}
     left = [row for row in calibration.left_out if row.reason == "outside the response of the bracket"]
     assert left
     assert not any(42 < signals[row.patch, row.exposure_s] < 1950 for row in left)
@@ -68,7 +68,7 @@ def test_noise_is_that_of_the_light_before_the_curve(camera):
     n = np.sqrt(400 * light)
     variance, one = (0.25 * light + 4.0) / (n / 200) ** 2 + 1 / 12, camera.observe("P", 1.0, 0.008, None)
     seen = [
-        replace(one, signal_dn=model.mean_dn(0.008) + x, temporal_variance_dn2=v)
+        replace(one, mean_dn=model.mean_dn(0.008) + x, temporal_variance_dn2=v)
         for x, v in zip(n, variance, strict=True)
     ]
     noise, _ = fit_noise(seen, model, square_root(20, 2000))
@@ -84,6 +84,6 @@ def test_the_mean_over_noisy_pixels_is_that_of_the_light(camera):
     light = 40 + 6 * np.random.default_rng(3).normal(size=2_000_000)
     n = np.sqrt(400 * light)
     o = camera.observe("grey", 1.0, 0.008, None)
-    o = replace(o, signal_dn=model.mean_dn(0.008) + n.mean(), temporal_variance_dn2=n.var() + 1 / 12)
+    o = replace(o, mean_dn=model.mean_dn(0.008) + n.mean(), temporal_variance_dn2=n.var() + 1 / 12)
     assert float(tone.linearise(n.mean())) == pytest.approx(40 - 0.225, abs=0.03)
     assert tone.linearise(net_signals([o], settings).net_dn) == pytest.approx(light.mean(), abs=0.03)

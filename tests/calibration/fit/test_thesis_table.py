@@ -20,8 +20,8 @@ RATIOS = np.array([CALCULATED[patch] / MEASURED[patch] for patch in MEASURED])
 CAMERA = SimulatedCamera(dark_offset_dn=0.0, dark_rate_dn_s=0.0)
 
 
-def seen(patch, signal_dn):
-    return replace(CAMERA.observe(patch, 0.0, 1.0, None), signal_dn=signal_dn)
+def seen(patch, mean_dn):
+    return replace(CAMERA.observe(patch, 0.0, 1.0, None), mean_dn=mean_dn)
 
 
 def test_one_gain_brings_all_four_within_8_percent_and_a_further_patch_is_known_to_21_percent(setup):

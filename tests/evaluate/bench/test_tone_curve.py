@@ -67,7 +67,7 @@ def uniform(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def calibration(session, uniform):
-    return calibrate_recorded([session], uniform, bracket=True)[0]
+    return calibrate_recorded([session], uniform, bracket=True)[1]
 
 
 @pytest.fixture(scope="module")

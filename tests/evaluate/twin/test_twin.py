@@ -11,11 +11,10 @@ from labcdp.core.errors import CalibrationError, InputError
 from labcdp.core.result import info, warning
 from labcdp.evaluate.twin.estimate import twin_parameters
 from labcdp.evaluate.twin.evaluate import twin_session
-from labcdp.evaluate.twin.page import twin_chain_text
 from labcdp.evaluate.twin.pair import sampling_variance
 from labcdp.evaluate.twin.prediction import TwinRegion, predict_regions
 from labcdp.evaluate.twin.regions import KINDS, predicted_signal
-from labcdp.evaluate.twin.result import signal_findings, twin_result, verdict
+from labcdp.evaluate.twin.result import signal_findings, twin_chain_text, twin_result, verdict
 from labcdp.metrics import Distribution, cdp
 from labcdp.metrics.contrast import TargetContrast
 from labcdp.metrics.pairs import tally_pairs

@@ -15,8 +15,8 @@ from ...core.disk.arrays import EqualByContent, StoredArray, read_only
 from ...core.errors import CalibrationError, InputError
 from ...core.result import Finding, warning
 from ...core.vignetting import RadialVignetting
-from ..frames.rounding import ROUNDING_DN2
-from ..frames.statistics import FrameStatistics
+from .rounding import ROUNDING_DN2
+from .statistics import FrameStatistics
 
 Array = NDArray[np.float64]
 

@@ -161,7 +161,7 @@ def test_pattern_and_hot_pixels_are_found_taken_off_once_everywhere_and_saved(re
         assert by_map * dn_per_cd_m2 == pytest.approx(net_dn, abs=1e-3)
         # What the sensor's pattern adds to the region's mean is gone, but for the library's noise over its pixels.
         noise = own.dark_library.noise_dn(0.032) / np.sqrt(seen.n_pixels)
-        assert net_dn == pytest.approx(even.net_dn(observed.darks[-1].mean_dn), abs=5 * noise + 0.1)
+        assert net_dn == pytest.approx(even.net_dn(observed.monochrome.darks[-1].mean_dn), abs=5 * noise + 0.1)
     assert (loaded.dark_library, loaded.defects) == (calibrated.dark_library, calibrated.defects)
     assert envelope(session_result(first)) == envelope(session_result(other))
     assert first.map.invalid[HOT[0]] & Invalid.DEFECT

@@ -13,7 +13,7 @@ from .correlated_cdp import cdp_correlated
 from .correlation import variance_inflation
 from .detection import CalibratedCdp, cdp, cdp_range, cdp_with_common_errors
 from .distribution import Distribution, Region
-from .neighbours import cdp_neighbours, cdp_neighbours_range, cdp_rectangle
+from .neighbours.cdp import cdp_neighbours, cdp_neighbours_range, cdp_rectangle
 from .result import CdpResult, DetectionProbability, DetectionResult, Interval, NeighbourCdp
 from .signal_to_noise import Estimate, cnr, csnr, d_prime, snr, snr_10log10_db, snr_20log10_db
 from .spread import ContrastDistribution, contrast_distribution, contrast_histogram, contrast_quantile

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core.errors import InputError
-from .distribution import Region, numeric_array
+from .arrays import numeric_array
+from .distribution import Region
 from .pairs import bright_and_dark
 
 #: Contrasts to be detected, fractions: one, or several; None for the one that a pair has.

@@ -13,10 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 from ..core.errors import InputError
 from ..core.luminance import Window
 from ..core.result import Finding, info
+from .arrays import image_array, mask_array, window_of
 from .contrast import ContrastDefinition, Epsilon, TargetContrast
 from .correlation import inflation_of
 from .detection import result_of_tally
-from .distribution import Distribution, image_array, mask_array, window_of
+from .distribution import Distribution
 from .pairs import PairTally, bright_and_dark, tally_pairs
 from .result import CdpResult
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core.errors import InputError
-from .distribution import image_array, mask_array, window_of
-from .lags import inflation_by_lags, products_by_lag
+from .arrays import image_array, mask_array, window_of
+from .lags import Lags
 
 #: Ratio of mean squares from which on a change across a region is not noise. Smooth noise exceeds 13 in 1 % of cases.
 _USUAL_CHANGE = 36.0
@@ -28,7 +28,7 @@ _SLOW_DEGREE, _NOISE_DEGREE = 2, 4
 #: Relative size below which a surface is linearly dependent on others in a region of few rows or columns.
 _SAME_SURFACE = 1e-10
 #: Number of masks that are kept for the next frames of a video, and pixels from which one is not, to limit memory.
-_MASKS, _TOO_LARGE = 16, 2**18
+_MASKS, _TOO_LARGE = 32, 2**18
 #: Degrees along y and x of the terms of each surface.
 _TERMS = {
     degree: np.nonzero(np.add.outer(*2 * [np.arange(_NOISE_DEGREE + 1)]) <= degree)
@@ -95,29 +95,22 @@ def variance_inflation(image: ArrayLike, mask: ArrayLike) -> float:
 
 def inflation_of(image: _Array, mask: NDArray[np.bool_]) -> float:
     """Return `variance_inflation` of a region whose pixels are known to be finite."""
-    window = window_of(mask)
-    image, mask = image[window], mask[window]
-    level, any_differ = _centred(image, mask)
-    n = int(np.count_nonzero(mask))
+    place = _place_of(mask)
+    image, region, side = image[place.window], place.region, place.side
+    level, any_differ = _centred(image, place.mask)
+    n = place.n
     variance = float(np.vdot(level, level)) / n
-    side, inside = max(isqrt(n // _FEWEST_BLOCKS), 1), mask
     if side > 1:
-        blocks, whole = _in_blocks(level, mask, side)
-        # A thin region contains no blocks.
-        if np.count_nonzero(whole) * side**2 >= _IN_BLOCKS_LEAST * n:
-            (level, any_differ), inside = _centred(blocks, whole), whole
-        else:
-            side = 1
+        level, any_differ = _centred(_block_sums(level, side) / side, place.inside)
     if not any_differ:
         return 1.0
-    region = _region_of(inside)
     level = np.ascontiguousarray(level[region.window])
     slow, slow_square, square = region.fit(level)
     slow_rank, rank = region.ranks
     plain = _factor(level, region, 1, (square, rank - 1), variance)
     if plain == 1:
         return 1.0
-    rest = np.where(region.mask, level - slow, 0.0)
+    rest = (level - slow) * region.mask
     # Scaled blocks of noise scatter as pixels do; the mean square of a surface grows with the pixels per block.
     less = variance - slow_square / (region.n * side**2)
     if min(float(np.vdot(rest, rest)) / region.n, less) <= _ROUNDING * variance:
@@ -137,22 +130,15 @@ def _centred(image: _Array, mask: NDArray[np.bool_]) -> tuple[_Array, bool]:
     """Image less the mean of its pixels in a mask, 0 outside; and whether these are not all equal."""
     values = image[mask]
     level = np.zeros(image.shape)
-    level[mask] = values - values.mean()
+    level[mask] = values - values.sum() / values.size
     return level, bool(values.min() < values.max())
 
 
-def _in_blocks(level: _Array, mask: NDArray[np.bool_], side: int) -> tuple[_Array, NDArray[np.bool_]]:
-    """Means of square blocks, times the root of their pixels, so that independent pixels keep their variance.
-
-    Also returns which blocks lie entirely in the mask; the means of others would be biased by a gradient of the light.
-    """
+def _block_sums(level: _Array, side: int) -> _Array:
+    """Return sums of square blocks; divided by `side`, those of independent pixels have the variance of a pixel."""
     height, width = level.shape[0] // side * side, level.shape[1] // side * side
-    sums, whole = np.zeros((height // side, width // side)), np.ones((height // side, width // side), np.bool_)
-    for y in range(side):
-        for x in range(side):
-            sums += level[y:height:side, x:width:side]
-            whole &= mask[y:height:side, x:width:side]
-    return np.where(whole, sums / side, 0.0), whole
+    starts = ((y, x) for y in range(side) for x in range(side))
+    return sum((level[y:height:side, x:width:side] for y, x in starts), np.zeros((height // side, width // side)))
 
 
 def _factor(level: _Array, region: _Region, known: int, surfaces: tuple[float, int], variance: float) -> float:
@@ -166,7 +152,7 @@ def _factor(level: _Array, region: _Region, known: int, surfaces: tuple[float, i
     for sums, lines in zip((level.sum(axis=0), level.sum(axis=1)), region.lines, strict=True):
         powers.append((float(sums @ sums) * lines / region.n, lines - known))
     means = [(total / freedom, 2 / (9 * freedom)) for total, freedom in powers if freedom > 0]
-    near = inflation_by_lags(level, region.pairs)
+    near = region.lags.inflation(level)
     by_lags = near * square / (region.n * variance) if near > 1 else 1.0
     # 99 % quantile for independent values (Wilson and Hilferty 1931).
     chance = any(mean > variance * (1 - spread + _Z_99 * sqrt(spread)) ** 3 for mean, spread in means)
@@ -202,8 +188,8 @@ class _Region:
         Of each degree of surface, the inverse of the products of its terms with each other.
     ranks : (int, int)
         Independent terms of the slow surface and of that of all degrees; fewer in a region of few rows or columns.
-    pairs : ndarray of float, shape (2 height, 2 width)
-        Number of pairs of its pixels by lag; see `products_by_lag`.
+    lags : Lags
+        Lags between its pixels.
     """
 
     window: tuple[slice, slice]
@@ -213,7 +199,7 @@ class _Region:
     polynomials: tuple[_Array, _Array]
     inverses: dict[int, _Array]
     ranks: tuple[int, int]
-    pairs: _Array
+    lags: Lags
 
     def fit(self, level: _Array) -> tuple[_Array, float, float]:
         """Slow surface by least squares, and the sums of squares over the region of it and of that of all degrees."""
@@ -225,13 +211,55 @@ class _Region:
         return down.T @ factors @ right, float(np.vdot(factors, products)), square
 
 
-def _region_of(mask: NDArray[np.bool_]) -> _Region:
-    return _region(mask) if mask.size >= _TOO_LARGE else _kept(mask.shape, mask.tobytes())
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """A region of n pixels in a mask, and what of it is looked at: its pixels, or blocks of them.
+
+    Parameters
+    ----------
+    window : tuple of slice
+        Its bounding box.
+    mask : ndarray of bool
+        Mask of its pixels in the box.
+    side : int
+        Pixels of a block along each side.
+    inside : ndarray of bool
+        Which blocks of the box lie entirely in the mask; the means of others would be biased by a gradient of the
+        light.
+    region : _Region
+        Of these blocks.
+    """
+
+    window: tuple[slice, slice]
+    mask: NDArray[np.bool_]
+    n: int
+    side: int
+    inside: NDArray[np.bool_]
+    region: _Region
+
+
+def _place_of(mask: NDArray[np.bool_]) -> _Place:
+    return _place(mask) if mask.size >= _TOO_LARGE else _kept(mask.shape, mask.tobytes())
 
 
 @lru_cache(maxsize=_MASKS)
-def _kept(shape: tuple[int, ...], pixels: bytes) -> _Region:
-    return _region(np.frombuffer(pixels, dtype=np.bool_).reshape(shape))
+def _kept(shape: tuple[int, ...], pixels: bytes) -> _Place:
+    return _place(np.frombuffer(pixels, dtype=np.bool_).reshape(shape))
+
+
+def _place(mask: NDArray[np.bool_]) -> _Place:
+    window = window_of(mask)
+    inside = mask = mask[window].copy()
+    n = int(np.count_nonzero(mask))
+    side = max(isqrt(n // _FEWEST_BLOCKS), 1)
+    if side > 1:
+        whole = _block_sums(mask.astype(float), side) == side**2
+        # A thin region contains no blocks.
+        if np.count_nonzero(whole) * side**2 >= _IN_BLOCKS_LEAST * n:
+            inside = whole
+        else:
+            side = 1
+    return _Place(window, mask, n, side, inside, _region(inside))
 
 
 def _region(mask: NDArray[np.bool_]) -> _Region:
@@ -247,8 +275,10 @@ def _region(mask: NDArray[np.bool_]) -> _Region:
     for degree in (_SLOW_DEGREE, _NOISE_DEGREE):
         y, x = _TERMS[degree]
         products = each_other[y[:, None], x[:, None], y, x]
-        inverses[degree] = np.linalg.pinv(products, rcond=_SAME_SURFACE, hermitian=True)
-        ranks.append(int(np.linalg.matrix_rank(products, hermitian=True, rtol=_SAME_SURFACE)))
+        sizes, directions = np.linalg.eigh(products)
+        kept = np.abs(sizes) > _SAME_SURFACE * np.abs(sizes).max()
+        inverses[degree] = directions[:, kept] / sizes[kept] @ directions[:, kept].T
+        ranks.append(int(np.count_nonzero(kept)))
     return _Region(
         window=window,
         mask=inside,
@@ -257,5 +287,5 @@ def _region(mask: NDArray[np.bool_]) -> _Region:
         polynomials=(down, right),
         inverses=inverses,
         ranks=(ranks[0], ranks[1]),
-        pairs=np.rint(products_by_lag(inside.astype(float))),
+        lags=Lags.of(inside),
     )

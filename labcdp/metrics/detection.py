@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core.errors import InputError
+from .arrays import numeric_array
 from .contrast import ContrastDefinition, Epsilon, TargetContrast
-from .distribution import Distribution, Region, numeric_array
+from .distribution import Distribution, Region
 from .pairs import PairTally, bright_and_dark, tally_pairs
 from .result import CdpResult, DetectionProbability, DetectionResult, asked_contrasts, joined
 from .uncertainty import confidence_interval, unbiased_variance

@@ -5,18 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import nan
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core.errors import InputError
-
-#: Largest integer below which float64 holds every integer.
-_LARGEST_INTEGER = 2**53
+from .arrays import check_exact, numeric_array
 
 #: Longest histogram counted by index, whatever the size of the region (that of a 16-bit image).
 _SHORT_HISTOGRAM = 2**16
+#: Of a sum of products of so many factors and weights.
+_SUBSCRIPTS = ("i->", "i,i->", "i,i,i->")
 #: Number of steps that represent a normal distribution.
 _NORMAL_STEPS = 2**15
 
@@ -160,6 +161,19 @@ class Distribution:
         return weighted_sum(self.weights, self.values) / self.total
 
     @property
+    def deviations(self) -> NDArray[np.float64]:
+        """Deviation of each value from the mean, shape (n,)."""
+        return self.values - self.mean
+
+    @cached_property
+    def variance(self) -> float:
+        """Variance, with n - 1 for n pixels; nan for one."""
+        if self.values.size == 1 and self.size != 1:
+            return 0.0
+        freedom = self.total if self.size is None else self.size - 1
+        return weighted_sum(self.weights, self.deviations, self.deviations) / freedom if freedom else nan
+
+    @property
     def not_positive(self) -> float:
         """Share of the values that are 0 or below."""
         return weight_not_positive(self) / self.total
@@ -204,21 +218,7 @@ def weight_not_positive(distribution: Distribution) -> float:
 
 def weighted_sum(weights: NDArray[np.float64], *factors: NDArray[np.float64]) -> float:
     """Sum of the products of weights and factors, all of shape (n,); single-threaded, hence reproducible."""
-    return float(np.einsum(",".join("i" * (1 + len(factors))) + "->", weights, *factors))
-
-
-def check_exact(integers: NDArray[Any], name: str) -> tuple[int, int]:
-    """Return the smallest and the largest of an array of integers, at least one.
-
-    Raises
-    ------
-    InputError
-        If one is beyond 2^53, which float64 would round.
-    """
-    lowest, highest = int(integers.min()), int(integers.max())
-    if max(-lowest, highest) > _LARGEST_INTEGER:
-        raise InputError(f"{name} spans {lowest} to {highest}: give integers up to 2^53, or floating-point numbers")
-    return lowest, highest
+    return float(np.einsum(_SUBSCRIPTS[len(factors)], weights, *factors))
 
 
 def _count_by_sorting(flat: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -239,60 +239,3 @@ def _read_only(array: NDArray[Any]) -> NDArray[np.float64]:
     copy = array.astype(np.float64)
     copy.flags.writeable = False
     return copy
-
-
-def numeric_array(values: ArrayLike, name: str) -> NDArray[Any]:
-    """Return an array of integers or floats of at most 64 bit.
-
-    Raises
-    ------
-    InputError
-        If the values are anything else, or a masked array, whose mask would silently be dropped.
-    """
-    if isinstance(values, np.ma.MaskedArray):
-        raise InputError(f"{name} is a masked array: give its valid pixels with .compressed()")
-    try:
-        array = np.asarray(values)
-    except ValueError as error:
-        raise InputError(f"{name} is not an array: {error}") from error
-    if array.dtype.kind not in "iuf" or array.dtype.itemsize > 8:
-        raise InputError(f"{name} has type {array.dtype}: give integers or floats of at most 64 bit")
-    return array
-
-
-def image_array(image: ArrayLike) -> NDArray[Any]:
-    """Return an image as an array of integers or floats of two dimensions.
-
-    Raises
-    ------
-    InputError
-        If it has another number of dimensions, is masked, or is not of integers or floats of at most 64 bit.
-    """
-    array = numeric_array(image, "image")
-    if array.ndim != 2:
-        raise InputError(f"the image has {array.ndim} dimensions: give one of shape (height, width)")
-    return array
-
-
-def mask_array(mask: ArrayLike, shape: tuple[int, ...], name: str) -> NDArray[np.bool_]:
-    """Return a mask of an image as a boolean array.
-
-    Raises
-    ------
-    InputError
-        If it is not boolean, not of the image's `shape`, or marks no pixel.
-    """
-    array = np.asarray(mask)
-    if array.dtype != np.bool_ or array.shape != shape:
-        raise InputError(
-            f"{name} has type {array.dtype} and shape {array.shape}: give booleans of the image's shape {shape}"
-        )
-    if not array.any():
-        raise InputError(f"{name} marks no pixel: mark at least one")
-    return array
-
-
-def window_of(mask: NDArray[np.bool_]) -> tuple[slice, slice]:
-    """Bounding box of a mask, as slices of rows and columns."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)

@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.computer import each_in_thread
+from ..core.computer import LONG, each_in_thread
 from ..core.errors import InputError
 from .distribution import Distribution, Region, as_distribution, weighted_sum
 
@@ -86,15 +86,17 @@ def tally_pairs(bright: Distribution, dark: Distribution, ratios: tuple[float, f
 
     Ends are 0 or more; -inf or inf for an open one (see `TargetContrast.ratios`).
     """
-    middle = dark.values.size // 2
-    parts = [slice(0, middle), slice(middle, dark.values.size)]
-    tallies = each_in_thread(lambda part: _tally_part(bright, dark, part, ratios), parts, dark.values.size)
+    n = dark.values.size
+    # Each part takes a thread.
+    parts = [slice(0, n // 2), slice(n // 2, n)] if n >= LONG else [slice(0, n)]
+    tallies = each_in_thread(lambda part: _tally_part(bright, dark, part, ratios), parts, n)
     pairs = bright.total * dark.total
     below, inside, above = (sum(weights) / pairs for weights in zip(*(tally[:3] for tally in tallies), strict=True))
     inside_per_dark = np.concatenate([tally.inside_per_dark for tally in tallies])
     inside_per_dark /= bright.total
     flow = tallies[0].flow
-    flow += tallies[1].flow
+    for other in tallies[1:]:
+        flow += other.flow
     inside_per_bright = np.cumsum(flow[:-1], out=flow[:-1])
     inside_per_bright /= dark.total
     return PairTally(below, inside, above, inside_per_dark, inside_per_bright)

@@ -118,7 +118,7 @@ class RegionPixels(NoisyRegion):
                 f"region {roi.name!r} has {unusable} pixels that are not finite: correct the image, or draw the "
                 "region without them"
             )
-        distribution = None if dn is None else _by_level(dn, image, mask)
+        distribution = None if dn is None else _by_level(dn[mask], values)
         return cls(image, mask, distribution or Distribution.from_array(values), window, roi, luminance, part)
 
     @property
@@ -150,20 +150,23 @@ class RegionPixels(NoisyRegion):
     @cached_property
     def own(self) -> list[_Array]:
         """Relative errors common to its pixels only: vignetting and dark signal."""
-        darkness = np.broadcast_to(self.luminance.slow_cd_m2, self.luminance.shape)[self.part][self.mask]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            errors = [np.asarray(self.luminance.slow_rel), darkness / np.abs(self.values)]
+        slow_rel, slow_cd_m2 = self.luminance.slow_rel, self.luminance.slow_cd_m2
+        errors = [np.asarray(slow_rel)] if slow_rel else []
+        if np.any(slow_cd_m2):
+            darkness = np.broadcast_to(slow_cd_m2, self.luminance.shape)[self.part][self.mask]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                errors.append(darkness / np.abs(self.values))
         return [finite_errors(error) for error in errors if np.any(error)]
 
-    @cached_property
+    @property
     def mean(self) -> float:
         """Mean of the pixels."""
-        return float(self.values.mean())
+        return self.distribution.mean
 
-    @cached_property
+    @property
     def std(self) -> float:
         """Standard deviation of the pixels with n - 1; nan for one."""
-        return float(self.values.std(ddof=1)) if self.values.size > 1 else nan
+        return sqrt(self.distribution.variance)
 
     @property
     def random(self) -> float:
@@ -191,16 +194,15 @@ class RegionPixels(NoisyRegion):
         return Distribution.from_array(self.values * (1 + relative))
 
 
-def _by_level(dn: NDArray[np.unsignedinteger[Any]], image: _Array, mask: NDArray[np.bool_]) -> Distribution | None:
+def _by_level(dn: NDArray[np.unsignedinteger[Any]], light: _Array) -> Distribution | None:
     """Distribution, without sorting, of 8-bit pixels whose luminance depends only on the DN; None for others."""
-    of_pixel, light = dn[mask], image[mask]
-    of_level = np.full(256, np.nan)
-    of_level[of_pixel] = light
-    counts = np.bincount(of_pixel, minlength=256)
+    of_level = np.empty(256)
+    of_level[dn] = light
+    counts = np.bincount(dn, minlength=256)
     levels = np.flatnonzero(counts)
     values = of_level[levels]
     # Several DN may have the same luminance, and a response may decrease.
-    alike = np.isfinite(values).all() and np.array_equal(of_level[of_pixel], light)
+    alike = np.array_equal(of_level[dn], light)
     return Distribution(values, counts[levels]) if alike and (values[1:] > values[:-1]).all() else None
 
 

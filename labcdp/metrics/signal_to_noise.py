@@ -53,7 +53,7 @@ def snr(region: Region) -> Estimate:
     its standard error is sqrt((1 + SNR^2 / 2) / n); here skewness and kurtosis are those of the region.
     """
     pixels = as_distribution(region, "region")
-    deviations, variance = _scatter(pixels)
+    deviations, variance = pixels.deviations, pixels.variance
     ratio = _over(pixels.mean, sqrt(variance))
     if not np.isfinite(ratio):
         return Estimate(ratio, nan)
@@ -153,7 +153,7 @@ def cnr(a: Region, b: Region) -> Estimate:
     for that of both regions see `d_prime`.
     """
     bright, dark, _ = bright_and_dark(a, b)
-    off, variance = _scatter(dark)
+    off, variance = dark.deviations, dark.variance
     ratio = _over(bright.mean - dark.mean, sqrt(variance))
     if not np.isfinite(ratio):
         return Estimate(ratio, nan)
@@ -188,16 +188,15 @@ def d_prime(a: Region, b: Region) -> Estimate:
     error assumes different means: where they are equal, d' only reflects scatter.
     """
     first, second = as_distribution(a, "region a"), as_distribution(b, "region b")
-    scatters = _scatter(first), _scatter(second)
-    variance = (scatters[0][1] + scatters[1][1]) / 2
+    variance = (first.variance + second.variance) / 2
     difference = first.mean - second.mean
     value = _over(abs(difference), sqrt(variance))
     if not np.isfinite(value):
         return Estimate(value, nan)
     influences = []
-    for region, sign, (off, own_variance) in zip((first, second), (1, -1), scatters, strict=True):
-        direction = sign * (1 if difference >= 0 else -1)
-        influence = direction * off / sqrt(variance) - value / (4 * variance) * (off**2 - own_variance)
+    for region, sign in ((first, 1), (second, -1)):
+        off, direction = region.deviations, sign * (1 if difference >= 0 else -1)
+        influence = direction * off / sqrt(variance) - value / (4 * variance) * (off**2 - region.variance)
         influences.append((region, influence))
     return Estimate(value, _standard_error(*influences))
 
@@ -207,15 +206,6 @@ def _moments(region: Distribution, values: NDArray[np.float64]) -> tuple[float, 
     mean = weighted_sum(region.weights, values) / region.total
     off = values - mean
     return mean, weighted_sum(region.weights, off, off) / region.total
-
-
-def _scatter(region: Distribution) -> tuple[NDArray[np.float64], float]:
-    """Deviation of each value from the mean, and their variance (with n - 1 for n pixels; nan for one)."""
-    off = region.values - region.mean
-    if region.values.size == 1 and region.size != 1:
-        return off, 0.0
-    freedom = region.total if region.size is None else region.size - 1
-    return off, weighted_sum(region.weights, off, off) / freedom if freedom else nan
 
 
 def _over(signal: float, noise: float) -> float:

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core.errors import InputError
+from .arrays import numeric_array
 from .contrast import decimal_fraction
-from .distribution import Distribution, Region, numeric_array, weight_not_positive
+from .distribution import Distribution, Region, weight_not_positive
 from .pairs import bright_and_dark, weight_up_to
 
 #: Share of the finite contrasts outside bins of equal width: a few pairs with a dark pixel close to 0 have contrasts

@@ -12,6 +12,7 @@ import labcdp
 from labcdp.calibration import save
 from labcdp.core.roi import Roi
 from labcdp.evaluate.picture.conversion import picture_conversion
+from labcdp.evaluate.picture.neighbours import evaluate_neighbours
 from labcdp.evaluate.video.evaluate import evaluate_video
 from labcdp.evaluate.video.settings import VideoSettings
 from labcdp.files.read import read_picture
@@ -116,3 +117,9 @@ def test_a_session_a_picture_and_a_video_with_one_calibration_agree(recorded, ev
         folder.mkdir()
         shutil.copy(file, folder / "frame.tif")
         assert_same_as_video(picture_of(file, rois, calibration=calibration), folder, rois, calibration=calibration)
+    conversion = picture_conversion(calibration, None, None)
+    near = evaluate_neighbours(conversion.luminance(read_picture(file, conversion.options)), CONTRASTS).results
+    video = evaluate_video(folder, VideoSettings(CONTRASTS, calibration=calibration)).isel(frame=0)
+    assert max(one.calibration_standard_uncertainty for one in near) > 0
+    np.testing.assert_allclose(video["cdp"], [one.result.cdp for one in near], rtol=1e-9)
+    np.testing.assert_allclose(video["u_cdp"], [one.standard_uncertainty for one in near], rtol=1e-6)

@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter, uniform_filter
 
 from labcdp.core.errors import InputError
 from labcdp.metrics import cdp_correlated, variance_inflation
-from labcdp.metrics.lags import inflation_by_lags, products_by_lag
+from labcdp.metrics.lags import Lags, products_by_lag
 
 from .conftest import share_of_normal
 
@@ -34,7 +34,7 @@ def gaussian(sigma):
 
 def by_lags(image, mask=None):
     mask = np.ones(image.shape, dtype=bool) if mask is None else mask
-    return inflation_by_lags(np.where(mask, image - image[mask].mean(), 0), products_by_lag(mask.astype(float)).round())
+    return Lags.of(mask).inflation(np.where(mask, image - image[mask].mean(), 0))
 
 
 @given(shape=st.tuples(st.integers(1, 9), st.integers(1, 9)), seed=st.integers(0, 2**32 - 1))

@@ -5,17 +5,22 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite, nan
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.frame import Frame
 from ...core.luminance import LuminanceMap, Window
 from ...core.result import Finding, info, warning
 from ...core.roi import Rectangle, clipped_rectangle
 from ...metrics import CalibratedCdp, ContrastDistribution, Distribution, Epsilon, NeighbourCdp, cdp_neighbours_range
 from ...metrics.detection import variance_of_changes
+from ...metrics.neighbours.tables import neighbour_tables
 from ...metrics.signal_to_noise import Estimate
 from ...metrics.spread import CUT_OFF, MOST_BINS, MOST_TIMES, spacing
+from .conversion import Calibrated, PictureConversion
+from .dn_light import light_of_dn
 
 
 @dataclass(frozen=True)
@@ -95,10 +100,43 @@ def evaluate_neighbours(
     return NeighbourEvaluation(
         rectangle=inside,
         contrast=Estimate(contrast, nan),
-        # One pixel takes part in four pairs.
-        results=tuple(CalibratedCdp.of(one, added, one.pairs / 4) for one, added in zip(base, variance, strict=True)),
+        results=_calibrated(base, variance),
         findings=tuple(findings if asked else [warning("contrast-undefined", "nearest-neighbour")]),
     )
+
+
+def neighbours_of_frame(
+    frame: Frame, conversion: PictureConversion, contrasts: tuple[float, ...] | None, epsilon: Epsilon
+) -> NeighbourEvaluation:
+    """Evaluate a frame as `evaluate_neighbours`; faster, without its measured contrast, if its DN alone decide.
+
+    Raises
+    ------
+    InputError
+        As `evaluate_neighbours`, and for more contrasts than tables of pairs of DN hold.
+    CalibrationError
+        If the conversion is not for such frames.
+    """
+    light = None if contrasts is None else _light_by_dn(frame, conversion)
+    if contrasts is None or light is None:
+        return evaluate_neighbours(conversion.convert(frame), contrasts, epsilon)
+    found = neighbour_tables(light, contrasts, epsilon).evaluate(frame.dn)
+    return NeighbourEvaluation(None, Estimate(nan, nan), _calibrated(found, np.zeros(len(found))), ())
+
+
+def _light_by_dn(frame: Frame, conversion: PictureConversion) -> NDArray[np.floating[Any]] | None:
+    """Light of each DN of 8-bit frames; None for others, or if more than the DN decides."""
+    if frame.dn.dtype != np.uint8 or frame.bit_depth != 8 or frame.colour_filter or isinstance(conversion, Calibrated):
+        return None
+    found = light_of_dn(frame, conversion.options.encoding or "linear", conversion.specification)
+    return found.light if found.vignetting is None and found.glare_fraction == 0 else None
+
+
+def _calibrated(
+    found: Sequence[NeighbourCdp], variance: NDArray[np.float64]
+) -> tuple[CalibratedCdp[NeighbourCdp], ...]:
+    # One pixel takes part in four pairs.
+    return tuple(CalibratedCdp.of(one, added, one.pairs / 4) for one, added in zip(found, variance, strict=True))
 
 
 def neighbour_contrast(values: NDArray[np.float64]) -> float:

@@ -17,12 +17,11 @@ from ...core.luminance import WHOLE
 from ...core.result import Finding, warning
 from ...core.roi import Roi
 from ...files.video.source import VideoFrame
-from ...metrics import CalibratedCdp, cdp_neighbours_range
 from ...metrics.pair import evaluate_regions, require_apart
 from ...metrics.region import RegionPixels
 from ...tracking import TrackedRoi
 from ..picture.conversion import PictureConversion
-from ..picture.neighbours import neighbour_contrast
+from ..picture.neighbours import neighbours_of_frame
 from .dataset import (
     FINDINGS,
     NOTE,
@@ -41,7 +40,6 @@ from .dataset import (
     taken,
 )
 from .findings import TOO_SATURATED, note_of
-from .neighbours import NeighbourTables, light_by_dn
 from .settings import Observer, ReferenceContrast, VideoSettings
 
 #: Keys of a row that are no variables, and that of the contrast that is measured in a frame; for nearest neighbours in
@@ -96,7 +94,6 @@ class PartRun:
         self._conversion, self._reference = conversion, reference
         #: The contrast to be detected if none is given: that of the first frame that is measured.
         self._measured = ReferenceContrast(None) if settings.contrasts is None else None
-        self._tables: tuple[tuple[float | None, ...], NeighbourTables | None] | None = None
         self.n_done = len(journal)
         self.end: Row | None = None
         if self.n_done and is_end(last := journal.row(self.n_done - 1)):
@@ -147,8 +144,6 @@ class PartRun:
 
     def _row(self, item: FollowedFrame, regions: Sequence[TrackedRoi]) -> Row:
         settings, frame, pixels = self.settings, item.frame, item.frame.pixels
-        # What is wrong with tables of neighbours is wrong with every frame.
-        tables = None if settings.rois or pixels is None else self._neighbour_tables(pixels.frame)
         row: Row = {"frame": frame.number, "time_s": frame.time_s}
         row |= {name: [nan] * settings.n_contrasts for name in names(OF_CONTRAST)}
         if settings.rois:
@@ -162,7 +157,7 @@ class PartRun:
             values, findings = (
                 self._of_pair(item, [one.roi for one in regions])
                 if settings.rois
-                else (self._of_neighbours(pixels.frame, tables), [])
+                else (self._of_neighbours(pixels.frame), [])
             )
         except InputError as error:
             return row | _found([warning("frame-not-evaluated", reason=" ".join(str(error).split()))])
@@ -193,33 +188,14 @@ class PartRun:
         row |= {name: values[0] for name, values in taken(OF_REFERENCE, found.results[n:]).items() if values}
         return row, [] if why is None else [why]
 
-    def _of_neighbours(self, frame: Frame, tables: NeighbourTables | None) -> Row:
-        measured: Row = {}
-        if tables is not None:
-            found = tables.evaluate(frame.dn)
-        else:
-            light = self._conversion.convert(frame).luminance_cd_m2.astype(np.float64)
-            if isnan(self.contrasts[0]):
-                measured = {_MEASURED: neighbour_contrast(light)}
-                self._learn(measured[_MEASURED])
-                if isnan(self.contrasts[0]):
-                    return measured
-            found = cdp_neighbours_range(light, self.contrasts, self.settings.epsilon)
-        # One pixel takes part in four pairs.
-        return measured | taken(OF_CONTRAST, [CalibratedCdp.of(one, 0.0, one.pairs / 4) for one in found])
-
-    def _neighbour_tables(self, frame: Frame) -> NeighbourTables | None:
-        """Tables for frames of this setting; None if more than the DN decides, or nothing is to be detected yet."""
-        if isnan(self.contrasts[0]):
-            return None
-        black_dn, top = frame.nominal_black_dn, (frame.bit_depth, frame.saturation_dn)
-        setting = (frame.exposure_s, frame.gain_db, black_dn, *top, frame.temperature_c)
-        known = self._tables
-        if known is None or known[0] != setting:
-            light = light_by_dn(frame, self._conversion)
-            known = setting, light if light is None else NeighbourTables(light, self.contrasts, self.settings.epsilon)
-            self._tables = known
-        return known[1]
+    def _of_neighbours(self, frame: Frame) -> Row:
+        given = None if isnan(self.contrasts[0]) else self.contrasts
+        found = neighbours_of_frame(frame, self._conversion, given, self.settings.epsilon)
+        row = taken(OF_CONTRAST, found.results) if found.results else {}
+        if given is None:
+            row[_MEASURED] = found.contrast.value
+            self._learn(found.contrast.value)
+        return row
 
 
 def _places(regions: Sequence[TrackedRoi], rois: Sequence[Roi]) -> Row:

@@ -21,13 +21,13 @@ from labcdp.core.roi import Roi
 from labcdp.evaluate.picture.conversion import picture_conversion
 from labcdp.evaluate.picture.neighbours import evaluate_neighbours
 from labcdp.evaluate.video.evaluate import Part, evaluate_video, evaluated_parts
-from labcdp.evaluate.video.neighbours import NeighbourTables
 from labcdp.evaluate.video.rows import light_of
 from labcdp.evaluate.video.settings import VideoSettings
 from labcdp.files.read import PictureOptions, frame_of_pixels, read_picture
 from labcdp.files.video.selection import Position, Selection
 from labcdp.files.video.source import VideoFrame, stored_pixels
 from labcdp.metrics import DetectionInterval, cdp_neighbours_range
+from labcdp.metrics.neighbours.tables import NeighbourTables
 from labcdp.metrics.pair import evaluate_pair, evaluate_regions
 
 from .videos import BRIGHT, CONTRASTS, MOVING, STILL, brute_force, driving, fixed, scenes, write

@@ -1,62 +1,22 @@
-"""Nearest-neighbour CDP of 8-bit frames, at the speed of a video."""
+"""Nearest-neighbour CDP of 8-bit images, at the speed of a video."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from ...core.frame import Frame
-from ...metrics import Epsilon, NeighbourCdp
-from ...metrics.contrast import TargetContrast
-from ...metrics.neighbours import MarkSums, result_of_counts
-from ...metrics.pairs import RELATIVE_TOLERANCE
-from ..picture.conversion import PictureConversion
+from ..contrast import Epsilon, TargetContrast
+from ..pairs import RELATIVE_TOLERANCE
+from ..result import NeighbourCdp
+from .marks import MarkSums, result_of_counts
 
 #: Contrasts at once: each has two ends, and a class has one byte.
 _MOST_CONTRASTS = 120
-
-
-def light_by_dn(frame: Frame, conversion: PictureConversion) -> NDArray[np.floating[Any]] | None:
-    """Light of each DN of frames such as this one.
-
-    Frames of all DN, each at many places, are converted to see it: vignetting, flat field or dark pattern make the
-    light depend on the position, veiling glare on the rest of the picture.
-
-    Parameters
-    ----------
-    frame : Frame
-        One of the frames.
-    conversion : PictureConversion
-        Their conversion.
-
-    Returns
-    -------
-    ndarray of float, shape (256,), or None
-        None for frames of more than 8 bits or with a colour filter, or if more than the DN decides.
-
-    Raises
-    ------
-    CalibrationError
-        If the conversion is not for such frames.
-    """
-    if frame.dn.dtype != np.uint8 or frame.colour_filter is not None or frame.dn.size < 512:
-        return None
-    tables = []
-    for highest in (255, 63):
-        # Values where they have nothing to do with rows and columns.
-        dn = np.random.default_rng(0).permutation(np.resize(np.arange(highest + 1, dtype=np.uint8), frame.dn.size))
-        dn = dn.reshape(frame.shape)
-        light = conversion.convert(frame.with_pixels(dn)).luminance_cd_m2
-        table = np.zeros(highest + 1, light.dtype)
-        table[dn] = light
-        if not np.array_equal(table[dn], light):
-            return None
-        tables.append(table)
-    return tables[0] if np.array_equal(tables[0][: tables[1].size], tables[1]) else None
 
 
 class NeighbourTables:
@@ -65,7 +25,7 @@ class NeighbourTables:
     There are 2^16 pairs of DN, so that it is known beforehand between which of all ends of the intervals the contrast
     of a pair lies: one look-up a pair, whatever the number of contrasts, and none where neighbours differ less than
     any contrast asks for. All sums are those of integers; results are those of
-    `labcdp.metrics.cdp_neighbours_range` to the rounding of its floats.
+    `cdp_neighbours_range` to the rounding of its floats.
 
     Parameters
     ----------
@@ -118,7 +78,7 @@ class NeighbourTables:
         InputError
             If it has fewer than two pixels, or none with light.
         """
-        from .neighbours_kernel import Pairs, Sums, sum_marks
+        from .tables_kernel import Pairs, Sums, sum_marks
 
         if dn.size < 2:
             raise InputError(f"the image holds {dn.size} pixels: give at least two, or there is no neighbour")
@@ -143,6 +103,18 @@ class NeighbourTables:
             counts = n_pairs - n_lit, n_pairs - exceeding[low], n_pairs - exceeding[high]
             found.append(result_of_counts(one, n_pairs, counts, MarkSums(*own)))
         return tuple(found)
+
+
+def neighbour_tables(
+    light: NDArray[np.floating[Any]], contrasts: tuple[float, ...], epsilon: Epsilon
+) -> NeighbourTables:
+    """Return tables as `NeighbourTables`, those of the frame before if they are the same."""
+    return _kept(light.tobytes(), light.dtype.str, contrasts, epsilon)
+
+
+@lru_cache(maxsize=4)
+def _kept(light: bytes, dtype: str, contrasts: tuple[float, ...], epsilon: Epsilon) -> NeighbourTables:
+    return NeighbourTables(np.frombuffer(light, dtype), contrasts, epsilon)
 
 
 def _classes(light: NDArray[np.float64], ends: Sequence[float]) -> NDArray[np.uint8]:

@@ -36,7 +36,7 @@ from ..session import MeterCertificate, Session, SessionConfiguration
 from .bench.acquire import record
 from .bench.options import DeviceOptions
 from .commands import As
-from .options import Certificate, Contrasts, Percent, Results, Without, one_or_all
+from .options import Certificate, Contrasts, Results, Tolerance, Without, one_or_all
 from .terminal import progress_bar, progress_bars, say
 from .values import fraction_of_percent
 
@@ -84,7 +84,7 @@ def twin(
     calibration: Path | None = None,
     without: Without = (),
     contrast: Contrasts = None,
-    epsilon: Percent = 0.5,
+    epsilon: Tolerance = 0.5,
 ) -> None:
     """Estimate a simulated twin of a session's camera and compare its CDP with the measured CDP.
 
@@ -101,8 +101,6 @@ def twin(
     contrast
         Target contrasts in all pairs: 100%, a list such as 50%,100%, or a range START:STOP:COUNT[:log] such as
         10%:200%:20. May be repeated; default: contrast of each pair by the meter.
-    epsilon
-        Relative tolerance of the contrast.
     """
     inputs = [] if calibration is None else [InputFile.of("calibration", calibration)]
     opened = Session.open(session)

@@ -19,7 +19,7 @@ from ..evaluate.compare.page import comparison_files
 from ..evaluate.compare.result import compare_result
 from ..evaluate.compare.subject import picture_task
 from ..evaluate.picture.result import PictureTask
-from .options import Changes, Contrasts, Percent, Results, one_or_all
+from .options import Changes, Contrasts, Results, Tolerance, one_or_all
 from .pictures.options import PictureLightOptions
 from .simulation import Axes
 from .terminal import progress_bar, say
@@ -51,7 +51,7 @@ class QuestionOptions:
 
     over: Axes = ()
     contrast: Contrasts = None
-    epsilon: Percent | None = None
+    epsilon: Tolerance | None = None
     roi: Path | None = None
     changes: Changes = ()
 

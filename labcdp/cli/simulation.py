@@ -25,7 +25,7 @@ from ..evaluate.sweep.simulation.result import result as simulation_result
 from ..evaluate.sweep.thesis import reproduce_thesis
 from ..evaluate.sweep.thesis_report import thesis_files, thesis_result
 from .commands import RUNNING, As
-from .options import Changes, ClusterOptions, Contrasts, Percent, Results, Seed, one_or_all
+from .options import Changes, ClusterOptions, Contrasts, Results, Seed, Tolerance, one_or_all
 from .terminal import print_result, progress_bar
 
 ChainName = Annotated[str, As("Name of a preset (see labcdp presets), or chain file.")]
@@ -45,15 +45,13 @@ class ChainOptions:
     contrast
         Target contrasts: 100%, a list such as 50%,100%, or a range START:STOP:COUNT[:log] such as 10%:200%:20. May
         be repeated; default: that of the scene.
-    epsilon
-        Relative tolerance of the contrast.
     changes
         Set a parameter, for example exposure.exposure_s=0.01; may be repeated.
     """
 
     exact: bool = False
     contrast: Contrasts = None
-    epsilon: Percent = 0.5
+    epsilon: Tolerance = 0.5
     changes: Changes = ()
     seed: Seed = 0
 

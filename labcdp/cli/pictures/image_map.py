@@ -10,7 +10,7 @@ from ...evaluate.picture.edges.map import contrast_map
 from ...evaluate.picture.edges.page import contrast_map_files
 from ...evaluate.picture.edges.result import map_result
 from ...files.read import read_picture
-from ..options import Contrasts, Percent, Results, one_or_all
+from ..options import Contrasts, Percent, Results, Tolerance, one_or_all
 from .options import PictureLightOptions
 
 
@@ -22,8 +22,6 @@ class EdgeOptions:
     ----------
     region_size
         Side of the regions in pixels, at least 10: about half the size of the smallest relevant object.
-    epsilon
-        Relative tolerance of the contrast.
     minimum_contrast
         Smallest contrast of an edge; weaker edges are ignored.
     contrast
@@ -34,7 +32,7 @@ class EdgeOptions:
     """
 
     region_size: int = 40
-    epsilon: Percent = 0.5
+    epsilon: Tolerance = 0.5
     minimum_contrast: Percent = 0.1
     contrast: Contrasts = None
     detected: float = 0.9

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import fcntl
 import os
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -12,6 +11,7 @@ from pathlib import Path
 
 from ...core.disk import file_sha256
 from ...core.errors import InputError
+from ...output.file import lock
 from ...regions import REGION_SUFFIXES, ImageSize, Shape, load_regions, save_regions
 from ...report.text import printable
 from .drawing import Drawing, History
@@ -177,7 +177,8 @@ def locked(output: Path) -> Iterator[Callable[[str], None]]:
 
     Notes
     -----
-    The kernel releases the lock (flock) when the process ends, so a file left by a killed process locks nothing.
+    The kernel releases the lock when the process ends, so a file left by a killed process locks nothing. Where
+    there are no locks, as on some network file systems, nothing is locked.
     """
     path = output.with_name(f".{output.name}.lock")
     descriptor = _taken(path, output)
@@ -198,7 +199,7 @@ def _taken(path: Path, output: Path) -> int:
             try:
                 descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
                 otherwise.callback(os.close, descriptor)
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                lock(descriptor)
                 if os.pread(descriptor, len(_OURS), 0) not in (b"", _OURS):
                     raise FileExistsError(errno.EEXIST, "it is no lock of labcdp")
                 # Else it was removed by its previous holder in the meantime.

@@ -65,7 +65,7 @@ for command in commands:
             raise
 """
     commands = (
-        "--help",
+        "rois --help",
         f"image {picture} --roi {rois} -o i",
         f"video {video} --roi {rois} --method fixed --stop 2 -o v",
         "simulate manta-g505 --set sensor.width=320 --set sensor.height=240 --set scene.square_px=32 -o c",

@@ -125,7 +125,7 @@ def open_video_file(path: Path, options: PictureOptions) -> VideoSource:
         try:
             pixels, findings = learn_pixels(frames, stream.codec_context.codec, options.encoding)
         except InputError as error:
-            raise InputError(f"{path}: {error}" if str(error).startswith("its") else f"{path} {error}") from error
+            raise InputError(f"{path} {error}") from error
     height, width = frames[0].height, frames[0].width
     frame_rate = rate if isfinite(rate) and rate > 0 else None
     found = _Frames(path, (height, width), frame_rate, pixels, options, changed_at(path))

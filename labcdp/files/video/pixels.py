@@ -261,7 +261,7 @@ def planes_of(frame: Any) -> list[NDArray[Any]]:
     across = -(-frame.width // max(form.chroma_width(frame.width), 1))
     down = -(-frame.height // max(form.chroma_height(frame.height), 1))
     if not 8 <= bits <= 16 or form.is_bayer or form.is_bit_stream or form.name.startswith("xyz"):
-        raise InputError(f"its pixels are of the kind {form.name}, which is not read: convert it to FFV1")
+        raise InputError(f"has pixels of the kind {form.name}, which are not read: convert it to FFV1")
     depth = "" if bits == 8 else f"{bits}le"
     order: tuple[int, ...] = (0, 1, 2)
     if _kind(form) == "rgb":

@@ -92,7 +92,7 @@ def warning_list(image: PageImage, drawing: Drawing, measured: Measured) -> str:
         numbers = measured.regions.get(roi, RegionNumbers())
         findings += numbers.findings
         if error := numbers.error:
-            errors.append(capitalised(error) if roi.name in error else f"{roi.name}: {error}")
+            errors.append(capitalised(error))
     pair = measured.pair
     if pair is not None and pair.result is not None and pair.first in rois and pair.second in rois:
         # Those of a region are already shown above.

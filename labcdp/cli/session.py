@@ -119,8 +119,8 @@ class CalibrationOptions:
 
     def file(self, session: Path) -> Path | None:
         """Return the calibration file, None for a calibration with the session itself; raises InputError."""
-        require_apart(("--recalibrate", self.recalibrate, "--calibration", self.calibration is not None))
-        require_together(("--against", self.against is not None, "--recalibrate", self.recalibrate))
+        require_apart({"--recalibrate": self.recalibrate}, {"--calibration": self.calibration})
+        require_together({"--against": self.against}, {"--recalibrate": self.recalibrate})
         path = self.calibration or default_folder(session, "calibrate") / "calibration.json"
         if not self.recalibrate and self.calibration is None and not path.exists():
             raise InputError(

@@ -68,7 +68,7 @@ def doctor(
     report
         .zip file for a problem report: findings, GenICam description and features, bytes of the meter.
     """
-    require_apart(("--camera", camera is not None, "--stream-test", stream_test is not None))
+    require_apart({"--camera": camera}, {"--stream-test": stream_test})
     if report is not None:
         output_file(report, force, option="--report")
     computer = _attempt(host_findings)

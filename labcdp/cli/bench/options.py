@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -12,18 +13,20 @@ from ...session import MeterConfiguration
 from ..options import MeterPort, NonNegative, SimulatedBenchPath
 
 
-def require_together(*pairs: tuple[str, bool, str, bool]) -> None:
-    """Refuse options that require others: (option, whether given, required option, whether given)."""
-    for option, given, required, there in pairs:
-        if given and not there:
-            raise InputError(f"{option} requires {required}: give both or neither")
+def _given(options: Mapping[str, object]) -> list[str]:
+    return [option for option, value in options.items() if value is not None and value is not False]
 
 
-def require_apart(*pairs: tuple[str, bool, str, bool]) -> None:
-    """Refuse options that exclude each other: (option, whether given, other option, whether given)."""
-    for option, given, other, there in pairs:
-        if given and there:
-            raise InputError(f"{option} cannot be combined with {other}: leave one out")
+def require_together(options: Mapping[str, object], required: Mapping[str, object]) -> None:
+    """Refuse options, by name with their values, that require another one that is not given."""
+    for option in _given(options) if not _given(required) else ():
+        raise InputError(f"{option} requires {', '.join(required)}: give both or neither")
+
+
+def require_apart(options: Mapping[str, object], others: Mapping[str, object]) -> None:
+    """Refuse options, by name with their values, that exclude another one that is given."""
+    for option in _given(options) if _given(others) else ():
+        raise InputError(f"{option} cannot be combined with {', '.join(others)}: leave one out")
 
 
 @dataclass(frozen=True)
@@ -45,8 +48,7 @@ class BenchDevices:
 
     def __post_init__(self) -> None:
         if self.simulating:
-            given = (("--camera", self.camera), ("--meter", self.meter))
-            require_apart(*((name, one is not None, self.simulating, True) for name, one in given))
+            require_apart({"--camera": self.camera, "--meter": self.meter}, {self.simulating: True})
 
     @property
     def simulating(self) -> str:
@@ -79,11 +81,8 @@ class DeviceOptions(BenchDevices):
     rehearse: bool = False
 
     def __post_init__(self) -> None:
-        simulated = bool(self.simulating)
-        require_together(
-            ("--virtual-clock", self.virtual_clock, "--simulated", simulated),
-            ("--faults", self.faults is not None, "--simulated", simulated),
-        )
+        simulated = {"--virtual-clock": self.virtual_clock, "--faults": self.faults}
+        require_together(simulated, {"--simulated": bool(self.simulating)})
         super().__post_init__()
 
     @property
@@ -125,11 +124,9 @@ class Replay:
 
     def check(self, devices: DeviceOptions) -> None:
         """Check that no devices are named besides; raises InputError."""
-        there = self.replay is not None
-        require_together(("--speed", self.speed is not None, "--replay", there))
+        require_together({"--speed": self.speed}, {"--replay": self.replay})
         named = {"--camera": devices.camera, "--meter": devices.meter, "--transcript": devices.transcript}
-        require_apart((devices.simulating, bool(devices.simulating), "--replay", there))
-        require_apart(*((option, given is not None, "--replay", there) for option, given in named.items()))
+        require_apart({devices.simulating: bool(devices.simulating), **named}, {"--replay": self.replay})
 
 
 @dataclass(frozen=True)
@@ -165,6 +162,6 @@ class Person:
 
     def operator(self, rehearse: bool) -> Unattended | None:
         """Return the operator of an unattended run; raises InputError if options contradict each other."""
-        require_apart(("--rehearse", rehearse, "--unattended", self.unattended))
-        require_together(("--lens", self.lens is not None, "--unattended", self.unattended))
+        require_apart({"--rehearse": rehearse}, {"--unattended": self.unattended})
+        require_together({"--lens": self.lens}, {"--unattended": self.unattended})
         return Unattended(self.lens or "uncovered") if self.unattended else None

@@ -10,6 +10,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from rich.console import Console, RenderableType
+from rich.live import Live as Display
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
@@ -178,7 +179,8 @@ class Bars:
     """Progress bars by name, created at their first update."""
 
     def __init__(self) -> None:
-        self._progress = _progress()
+        columns = (TextColumn("{task.description:<16}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+        self._progress = _LiveProgress(*columns, console=Console(stderr=True))
         self._tasks: dict[str, TaskID] = {}
 
     def update(self, name: str, done: int, total: int) -> None:
@@ -218,18 +220,19 @@ class Bars:
     @contextmanager
     def paused(self) -> Iterator[None]:
         """Hide the bars during a question to the operator."""
-        before = self._progress
-        started = before.live.is_started
+        progress = self._progress
+        started = progress.live.is_started
         if started:
-            before.live.transient = True
-            before.stop()
+            progress.live.transient = True
+            progress.stop()
         try:
             yield
         finally:
             if started:
-                # Bars that are started again would first erase as many lines as they had: the question and findings.
-                self._progress = _progress(before)
-                self._progress.start()
+                # A display that is started again would first erase as many lines as it had: the question and findings.
+                get = progress.get_renderable
+                progress.live = Display(console=progress.console, refresh_per_second=10, get_renderable=get)
+                progress.start()
 
 
 def say_where(page: Address) -> None:
@@ -257,16 +260,3 @@ def progress_bar(name: str) -> Iterator[Callable[[int, int], None]]:
     """Show one progress bar while the context lasts; yields what sets it."""
     with progress_bars() as bars:
         yield partial(bars.update, name)
-
-
-def _progress(before: _LiveProgress | None = None) -> _LiveProgress:
-    """Make bars, like those that were stopped if there are any."""
-    columns = (TextColumn("{task.description:<16}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    progress = _LiveProgress(*columns, console=Console(stderr=True))
-    if before is not None:
-        progress.live_numbers = before.live_numbers
-        for task in before.tasks:
-            progress.add_task(task.description, total=task.total, completed=int(task.completed))
-            new = progress.tasks[-1]
-            new.start_time, new.stop_time, new.finished_time = task.start_time, task.stop_time, task.finished_time
-    return progress

@@ -151,11 +151,6 @@ class Sensor(Sized):
             draw_offset(self.shape, self.device_seed, self.dsnu_e, self.column_dsnu_e, self.row_dsnu_e),
         )
 
-    @property
-    def offset_spread_e(self) -> float:
-        """Standard deviation of the offsets over pixels, columns and rows together, electrons."""
-        return hypot(self.dsnu_e, self.column_dsnu_e, self.row_dsnu_e)
-
     def system_gain_dn_per_e(self, gain_db: float = 0.0) -> float:
         """K at a gain in dB: K(0 dB) * 10^(gain / 20); raises InputError beyond 100 dB."""
         GAIN.check("gain_db", gain_db)
@@ -180,7 +175,8 @@ class Sensor(Sized):
         A full pixel still has the noise of reading and its offset; all but 1 in 10^9 lie above the limit. A merge takes
         those below for pixels that are not full.
         """
-        full_e = self.full_well_e - self.SPREADS_BELOW_FULL * hypot(self.read_noise_e, self.offset_spread_e)
+        spread_e = hypot(self.read_noise_e, self.dsnu_e, self.column_dsnu_e, self.row_dsnu_e)
+        full_e = self.full_well_e - self.SPREADS_BELOW_FULL * spread_e
         full_dn = self.black_level_dn + self.system_gain_dn_per_e(gain_db) * full_e
         return float(min(2**self.bits - 1, full_dn))
 

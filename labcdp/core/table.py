@@ -161,16 +161,13 @@ def variables_of(columns: Sequence[Column], dims: tuple[str, ...], items: Sequen
     dims : tuple of str
         Names of the dimensions.
     items : sequence
-        Items, or sequences of such for two dimensions; of None all numbers are nan. A missing text is empty;
-        what is neither a number nor a text is written as one.
+        Items, also tuples, or sequences of such for two dimensions; of None all numbers are nan. A missing text is
+        empty; what is neither a number nor a text is written as one.
     """
     import numpy as np
 
-    # Items may be tuples themselves.
-    flat, shape = list(items), [len(items)]
-    for _ in dims[1:]:
-        shape.append(len(flat[0]) if flat else 0)
-        flat = [item for row in flat for item in row]
+    flat = list(items) if len(dims) == 1 else [item for row in items for item in row]
+    shape = (len(items),) if len(dims) == 1 else (len(items), len(flat) // max(len(items), 1))
     found = {}
     for column, values in zip(columns, values_of(columns, flat).values(), strict=True):
         numeric = all(value is None or isinstance(value, int | float | np.number | np.bool_) for value in values)

@@ -68,6 +68,11 @@ class CameraModel:
         return self.sensor.system_gain_dn_per_e(self.settings.gain_db)
 
     @property
+    def offset_spread_e(self) -> float:
+        """Standard deviation of the offsets over pixels, columns and rows, electrons."""
+        return hypot(self.sensor.dsnu_e, self.sensor.column_dsnu_e, self.sensor.row_dsnu_e)
+
+    @property
     def full_well_e(self) -> float:
         """Full well as a simulated exposure has it, in float32."""
         return float(np.float32(self.sensor.full_well_e))
@@ -75,7 +80,7 @@ class CameraModel:
     @property
     def all_noise_e(self) -> float:
         """Standard deviation of read noise and all offsets together, electrons."""
-        return hypot(self.sensor.read_noise_e, self.sensor.offset_spread_e)
+        return hypot(self.sensor.read_noise_e, self.offset_spread_e)
 
     @property
     def certain_e(self) -> float:

@@ -138,7 +138,7 @@ class ValueBins:
         assert camera.hdr is not None
         method, ladder, black_dn = camera.hdr.method, camera.ladder, camera.sensor.black_level_dn
         read_dn = ladder.k_dn_per_e * camera.sensor.read_noise_e
-        all_dn = hypot(read_dn, ladder.k_dn_per_e * camera.sensor.offset_spread_e)
+        all_dn = hypot(read_dn, ladder.k_dn_per_e * camera.offset_spread_e)
         top = ladder.merged_saturation_dn
         dn = np.linspace(0, 1, 4001) ** 2 * top
         spread = _spread(method, ladder, dn, all_dn)

@@ -232,7 +232,7 @@ class _TableMaker:
     @cached_property
     def _offsets(self) -> tuple[FloatArray, FloatArray]:
         """Offsets of pixels in electrons, and how frequent each is."""
-        spread_e = self.camera.sensor.offset_spread_e
+        spread_e = self.camera.offset_spread_e
         if spread_e == 0:
             return np.zeros(1), np.ones(1)
         read_noise_e, step_e = self.camera.sensor.read_noise_e, 1 / self.camera.k_dn_per_e

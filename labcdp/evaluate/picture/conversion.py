@@ -233,9 +233,8 @@ class Calibrated(PictureConversion):
             )
 
     def _findings(self, picture: Picture, frame: Frame) -> list[Finding]:
-        found = []
-        if not picture.camera_stated:
-            found.append(warning("camera-assumed", camera=str(self.calibration.state.camera)))
+        assumed = warning("camera-assumed", camera=str(self.calibration.state.camera))
+        found = [] if picture.camera_stated else [assumed]
         return found + ([warning("srgb-taken-as-dn")] if picture.encoding != "linear" else [])
 
 
@@ -265,9 +264,9 @@ def picture_conversion(
             raise InputError(f"the encoding is {encoding}: a calibration includes the encoding, leave it out")
         from ...calibration import load_any
 
-        name = calibration.name if isinstance(calibration, Path) else "in memory"
-        loaded = load_any(calibration) if isinstance(calibration, Path) else calibration
-        return calibrated_conversion(loaded, name, stated)
+        if isinstance(calibration, Path):
+            return calibrated_conversion(load_any(calibration), calibration.name, stated)
+        return calibrated_conversion(calibration, "in memory", stated)
     if camera is None:
         return PictureConversion("relative values, proportional to light", stated)
     from .camera_specification import CameraSpecification

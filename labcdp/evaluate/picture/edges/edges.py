@@ -179,8 +179,7 @@ def map_edges(
     asked : ContrastMapSettings
         How they are judged.
     scene : MapRegions, float or None
-        What is known of the scene: the same regions in an image without what took contrast, the contrast of all its
-        objects, or nothing.
+        Known of the scene: the same regions without what took contrast, the contrast of its objects, or nothing.
     """
     known = scene if isinstance(scene, MapRegions) else regions
     swapped = np.greater(*known.mean[near.pairs.T[::-1]])
@@ -197,8 +196,7 @@ def map_edges(
         significant = wanted > least_of_scene
     elif scene is not None:
         wanted = np.full(contrast.size, scene)
-        step = regions.at(bright, near.middle_px) - regions.at(dark, near.middle_px)
-        shading = step < _LEAST_STEP * (regions.mean[bright] - regions.mean[dark])
+        shading = regions.steps(sides, near.middle_px) < _LEAST_STEP
     kind = np.full(bright.size, EdgeKind.SEEN, dtype=np.int8)
     # Those that are lost are still among those that are seen; what comes later prevails.
     for found, of_kind in (

@@ -69,10 +69,13 @@ class MapRegions:
     middle_px: Floats
     slope: Floats
 
-    def at(self, regions: Labels, places_px: Floats) -> Floats:
-        """Light of some regions continued evenly to a place (x, y) each."""
-        way = places_px - self.middle_px[regions]
-        return np.asarray(self.mean[regions] + (self.slope[regions] * way).sum(axis=1))
+    def steps(self, sides: Labels, places_px: Floats) -> Floats:
+        """Difference of two regions' light, each continued evenly to a place (x, y), over that of their means."""
+        bright, dark = (
+            self.mean[one] + (self.slope[one] * (places_px - self.middle_px[one])).sum(axis=1) for one in sides
+        )
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray((bright - dark) / -np.diff(self.mean[sides], axis=0)[0])
 
     def distributions(self, wanted: Labels) -> dict[int, Distribution]:
         """Distributions of the measured pixels of some regions."""

@@ -109,10 +109,10 @@ class MeterScale:
         if self.certificate is None:
             case = "with step" if self.step_rel else ""
             return basis(source, case, limits_rel=self.limits_rel, model=self.meter.model, step_rel=self.step_rel)
-        one, freedom = self.certificate, self.certificate.degrees_of_freedom
-        stated = {"expanded_rel": one.expanded_uncertainty_rel, "coverage_factor": one.coverage_factor, "dof": freedom}
+        one, dof = self.certificate, self.certificate.degrees_of_freedom
+        stated = {"expanded_rel": one.expanded_uncertainty_rel, "coverage_factor": one.coverage_factor, "dof": dof}
         where = {"number": one.number, "laboratory": one.laboratory, "date": f"{one.date}"}
-        return basis(source, f"certificate{'' if freedom is None else ' dof'}", **stated, **where)
+        return basis(source, f"certificate{'' if dof is None else ' dof'}", **stated, **where)
 
     def findings(self, measured: datetime) -> list[Finding]:
         """Return what a user should know about the traceability of readings taken at a time."""

@@ -117,8 +117,8 @@ def _net_signal(o: PatchObservation, settings: Sequence[GainSetting]) -> dict[st
     dark_pattern_dn = dark.pattern_dn(o.exposure_s)
     sensitivity_dn2 = o.fixed_pattern_variance_dn2(level_dn) - (dark_pattern_dn * o.mean_inverse_v) ** 2
     rounding = quantisation_variance_dn2(o.temporal_variance_dn2 + pattern_dn2)
-    uneven_dn2 = dark.nonuniformity_dn**2 + dark_pattern_dn**2 / o.n_pixels
-    uneven_dn2 += lines_variance_dn2(dark.line_pattern_dn, o.n_lines)
+    nonuniformity_dn2 = dark.nonuniformity_dn**2 + dark_pattern_dn**2 / o.n_pixels
+    nonuniformity_dn2 += lines_variance_dn2(dark.line_pattern_dn, o.n_lines)
     on_axis = max(abs(o.net_dn(dark_dn)), 1e-12)
     of_pixels = noise.variance_dn2(net_dn, dark_dn2) / o.n_pixels
     flicker_rel, black_level_dn = noise.flicker_rel / sqrt(o.n_frames), dark.drift_dn / sqrt(o.n_frames)
@@ -130,7 +130,7 @@ def _net_signal(o: PatchObservation, settings: Sequence[GainSetting]) -> dict[st
         "black_level_dn": black_level_dn,
         "frames_variance_dn2": (flicker_rel * net_dn / power) ** 2 + black_level_dn**2,
         "dark_variance_dn2": dark.variance_dn2(o.exposure_s, o.temperature_c),
-        "dark_nonuniformity_dn": sqrt(uneven_dn2),
+        "dark_nonuniformity_dn": sqrt(nonuniformity_dn2),
         "pixels_rel": noise.prnu_rel / sqrt(o.n_pixels),
         "pixels_variance_rel": (power / on_axis) ** 2 * sensitivity_dn2,
         "slow_rel": power * sqrt(o.nonuniformity.slow_variance_dn2(level_dn)) / on_axis,

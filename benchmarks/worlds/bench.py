@@ -87,7 +87,7 @@ def _measured(world: World, rng: np.random.Generator, folder: Path) -> Outcome:
     ):
         calibration = session.calibrate(
             flat_field=flat,
-            nonuniformity_rel=world.unevenness_rel,
+            nonuniformity_rel=world.nonuniformity_rel,
             response="debevec" if world.bracket else None,
         ).calibration
     pair, single_cd_m2 = asked_pair(device, rng), float(np.exp(rng.uniform(*np.log(measured_range(world)))))
@@ -112,7 +112,7 @@ def _flat_field(recorder: Recorder, rng: np.random.Generator) -> labcdp.Session:
         for k in range(3)
         if i + k > 0
     )
-    source = 0.8 * BRIGHTEST_CD_M2 * (1 + world.unevenness_rel * pattern / np.std(pattern))
+    source = 0.8 * BRIGHTEST_CD_M2 * (1 + world.nonuniformity_rel * pattern / np.std(pattern))
     target = Target({"source": (0, 0, WIDTH, HEIGHT)}, {}, {}, source)
     return recorder.record("flat", target, (), frames=FLAT_FRAMES, exposures_s=(min(world.exposures_s),), after=1.0)
 

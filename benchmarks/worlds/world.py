@@ -44,8 +44,8 @@ class World:
         Of the lens: cos^4; cos^4 but for 5 % in the corners (standard deviation over lenses); or falling faster, off
         centre, by mechanical vignetting too.
     correction : {'none', 'cos4', 'flat'}
-        What the user takes: nothing, the lens' cos^4, or a flat field with a source uniform to `unevenness_rel`.
-    unevenness_rel : float
+        What the user takes: nothing, the lens' cos^4, or a flat field with a source uniform to `nonuniformity_rel`.
+    nonuniformity_rel : float
         Standard deviation of the flat field's source, as the user states it.
     bracket : bool
         Whether the user takes the response from the exposures as a bracket.
@@ -99,7 +99,7 @@ class World:
     coloured: float = 0.0
     vignetting: Literal["cos4", "near cos4", "lens"] = "cos4"
     correction: Literal["none", "cos4", "flat"] = "cos4"
-    unevenness_rel: float = 0.005
+    nonuniformity_rel: float = 0.005
     bracket: bool = False
     glare_rel: float = 0.0
     scatter_rel: float = 0.0

@@ -117,7 +117,7 @@ def colour_patches(
             left_out.append(LeftOut(name, None, None, "not usable in all planes"))
             findings.append(warning("patch-not-in-all-planes", name, reason=str(error)))
             continue
-        shared_rel = hypot(reading.random_cd_m2 / reading.luminance_cd_m2, uneven_rel(planes, group), of_field)
+        shared_rel = hypot(reading.random_cd_m2 / reading.luminance_cd_m2, nonuniformity_rel(planes, group), of_field)
         kept.append(ColourPatch(reading, seen, centre_px(group), shared_rel))
     if not kept:
         raise CalibrationError(f"no patch is usable in all planes ({left_out_text(left_out)}): acquire other exposures")
@@ -136,7 +136,7 @@ def colour_data(planes: Sequence[Calibration], patches: Sequence[ColourPatch]) -
     return ColourData(by_colour / reading[:, None], error / np.abs(by_colour), shared_rel, colourfulness(by_colour))
 
 
-def uneven_rel(planes: Sequence[Calibration], group: ByPlane[PatchObservation]) -> float:
+def nonuniformity_rel(planes: Sequence[Calibration], group: ByPlane[PatchObservation]) -> float:
     """Relative non-uniformity of a patch, which meter and camera view at slightly different positions.
 
     By the plane that sees the most light, and the exposures that it can use.

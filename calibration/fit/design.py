@@ -23,7 +23,7 @@ from ..uncertainty import NO_SCATTER, Scatter
 
 Array = NDArray[np.floating[Any]]
 
-#: Sources of shared errors.
+#: Sources of common errors.
 DARK, DRIFT = "dark and temperature", "drift"
 #: Relative standard uncertainty of light, camera and meter by their drift within an hour, or a longer session, unless
 #: the readings show more: lamps that have warmed up keep to about 1 %.
@@ -79,7 +79,7 @@ class Design:
         Errors of dark signal, exposure times, vignetting, light and black level of the same frames, and drift.
     own_rel : ndarray of float, shape (P,)
         Relative standard uncertainty by the sensitivity of its pixels.
-    uneven_rel : ndarray of float, shape (P,)
+    nonuniformity_rel : ndarray of float, shape (P,)
         The same by the non-uniformity of the patch, which meter and camera view at slightly different positions.
     place : ndarray of float, shape (P, 3)
         Smooth patterns over the image, see `smooth_patterns`.
@@ -98,7 +98,7 @@ class Design:
     signals: NetSignals
     shared: tuple[SharedError, ...]
     own_rel: Array
-    uneven_rel: Array
+    nonuniformity_rel: Array
     place: Array
     field_rel: float = 0.0
     scatter_rel: Scatter = NO_SCATTER
@@ -144,7 +144,7 @@ class Design:
     @cached_property
     def patch_rel(self) -> Array:
         """Independent relative standard uncertainty of each patch, shape (P,)."""
-        return np.hypot(np.hypot(self.own_rel, self.uneven_rel), self.field_rel)
+        return np.hypot(np.hypot(self.own_rel, self.nonuniformity_rel), self.field_rel)
 
     @cached_property
     def same_patch(self) -> NDArray[np.bool_]:
@@ -166,19 +166,19 @@ class Design:
         return covariance
 
     def patterns(self, level: Array, slope: Array) -> Array:
-        """Effects of the shared errors on the luminances, shape (k, n)."""
+        """Effects of the common errors on the luminances, shape (k, n)."""
         relative, dn, cd_m2 = self._shared_arrays
         return relative * level + dn * slope + cd_m2
 
     @cached_property
     def _shared_arrays(self) -> tuple[Array, Array, Array]:
-        """Shared errors relative to the luminance, in DN and in cd/m^2, shape (k, n)."""
+        """Common errors relative to the luminance, in DN and in cd/m^2, shape (k, n)."""
         names, n = ("relative", "dn", "cd_m2"), self.net_dn.size
         relative, dn, cd_m2 = (np.array([getattr(e, name) + np.zeros(n) for e in self.shared]) for name in names)
         return relative.reshape(-1, n), dn.reshape(-1, n), cd_m2.reshape(-1, n)
 
     def without_shared(self, source: str) -> Design:
-        """Return the same without the shared errors of a source."""
+        """Return the same without the common errors of a source."""
         return replace(self, shared=tuple(one for one in self.shared if one.source != source))
 
     def without(self, patch: int) -> Design:
@@ -192,7 +192,7 @@ class Design:
             signals=self.signals.where(kept),
             shared=tuple(e.where(kept) for e in self.shared),
             own_rel=self.own_rel[others],
-            uneven_rel=self.uneven_rel[others],
+            nonuniformity_rel=self.nonuniformity_rel[others],
             place=self.place[others],
         )
 
@@ -240,7 +240,7 @@ def build_design(
         shared=tuple(shared),
         own_rel=np.bincount(patch, weight * signals.pixels_rel) / total,
         field_rel=slow_rel(vignetting),
-        uneven_rel=np.bincount(patch, weight * signals.slow_rel) / total,
+        nonuniformity_rel=np.bincount(patch, weight * signals.slow_rel) / total,
         place=place,
     )
 

@@ -1,4 +1,4 @@
-"""The fit as one nonlinear least-squares problem, with errors in both variables and shared errors."""
+"""The fit as one nonlinear least-squares problem, with errors in both variables and common errors."""
 
 from __future__ import annotations
 

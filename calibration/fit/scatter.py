@@ -122,7 +122,7 @@ def with_scatter(design: Design, candidate: CandidateModel, *, by_place: bool = 
     """
     design = replace(design, field_rel=0.0)
     if by_place:
-        design = replace(design, uneven_rel=np.zeros(len(design.patches)))
+        design = replace(design, nonuniformity_rel=np.zeros(len(design.patches)))
     first = solve(design, candidate)
     choices: list[tuple[Kind, ...]] = [("scatter_rel",)]
     inside = within_patches(first, first.covariance)

@@ -71,7 +71,7 @@ def leave_one_out(solution: Solution, covariance: Array | None = None) -> LeaveO
 
 
 def weights_by_patch(solution: Solution) -> list[tuple[NDArray[np.intp], Array]]:
-    """Observations of each patch, and weights of sum 1: inverse variances by noise, dark signal and shared errors."""
+    """Observations of each patch, and weights of sum 1: inverse variances by noise, dark signal and common errors."""
     design, signals = solution.design, solution.design.signals
     variance = solution.slope**2 * (signals.noise_variance_dn2 + signals.dark_nonuniformity_dn**2)
     variance = variance + (design.patterns(solution.luminance, solution.slope) ** 2).sum(axis=0)

@@ -113,7 +113,7 @@ def vignetting_left(solution: Solution, vignetting: AnyVignetting | None) -> Fit
     name, design = "vignetting", solution.design
     try:
         # cos^4 itself is tested, whatever its stated uncertainty.
-        tested = replace(design.without_shared(VIGNETTING), uneven_rel=np.zeros(len(design.patches)))
+        tested = replace(design.without_shared(VIGNETTING), nonuniformity_rel=np.zeros(len(design.patches)))
         even = solve(tested, solution.candidate)
     except CalibrationError:
         even = solution

@@ -144,7 +144,7 @@ def _flicker(observations: Sequence[PatchObservation], dark: DarkModel) -> tuple
     for o in observations:
         if _unclipped(o):
             sets.setdefault(o.exposure_s if o.recorded is None else o.recorded, []).append(o)
-    total, freedom = 0.0, 0
+    total, all_dof = 0.0, 0
     for group in sets.values():
         net = np.array([o.net_dn(dark.mean_dn(o.exposure_s, o.temperature_c)) for o in group])
         noise = np.array([_frame_noise_dn2(o, dark) for o in group])
@@ -154,8 +154,8 @@ def _flicker(observations: Sequence[PatchObservation], dark: DarkModel) -> tuple
             continue
         dof = group[0].n_frames - 1
         total += dof * float(np.sum(weight * (seen - noise) / net**2) / weight.sum())
-        freedom += dof
-    return (sqrt(max(total / freedom, 0.0)), freedom) if freedom else (0.0, 0)
+        all_dof += dof
+    return (sqrt(max(total / all_dof, 0.0)), all_dof) if all_dof else (0.0, 0)
 
 
 def _frame_noise_dn2(o: PatchObservation, dark: DarkModel) -> float:

@@ -17,7 +17,7 @@ from ..setup import LensIdentity, MeterScale
 from ..uncertainty import expanded_half_width
 
 #: Bound of normal black level drift (rectangular).
-WANDER_DN = 0.5
+DRIFT_DN = 0.5
 #: Standard uncertainties beyond which a difference is reported as a change; it is no part of the decision.
 CLEAR_Z = 3.0
 Verdict = Literal["conform", "undecided", "not conform"]
@@ -70,7 +70,7 @@ class VerifiedDark:
     mean_dn, expected_dn : float
         By the new dark frames, and by the calibration.
     standard_uncertainty_dn : float
-        Of the difference: both statistics, and normal black level drift (`WANDER_DN`).
+        Of the difference: both statistics, and normal black level drift (`DRIFT_DN`).
     effect_rel_per_dn : float
         Relative error of the lowest calibrated luminance by a difference of 1 DN; for a plane, in the combination.
     """

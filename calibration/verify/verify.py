@@ -16,7 +16,7 @@ from ...core.reading import Reading
 from ...core.result import Finding, warning
 from ..colour.conversion import ByPlane, luminance_of_planes, own_rel
 from ..colour.model import AnyCalibration
-from ..colour.patches import by_patch, uneven_rel
+from ..colour.patches import by_patch, nonuniformity_rel
 from ..convert.patch import PatchLuminance, numbered, patch_luminance
 from ..converter import FLAT_FIELD, VIGNETTING
 from ..frames.observations import DarkObservation, PatchObservation
@@ -27,7 +27,7 @@ from ..setup import METER_SOURCES, MeterScale
 from ..signal import temperature_findings
 from ..uncertainty import effective_dof, expanded_half_width, expanded_rel, of_one_estimate, scales_apart
 from .findings import findings_of
-from .result import WANDER_DN, Drift, Verification, VerifiedDark, VerifiedPatch, VerifiedPlane, require_tolerance
+from .result import DRIFT_DN, Drift, Verification, VerifiedDark, VerifiedPatch, VerifiedPlane, require_tolerance
 
 
 def verify(
@@ -111,7 +111,7 @@ class _Comparison:
 
     seen: Sequence[PatchLuminance]
     read: Mapping[str, PatchReading]
-    uneven_rel: Mapping[str, float]
+    nonuniformity_rel: Mapping[str, float]
     meter: MeterScale
     scales: Sequence[MeterScale]
     field_rel: float
@@ -123,7 +123,9 @@ class _Comparison:
     @property
     def covariance(self) -> NDArray[np.float64]:
         of_reading = [self.read[one.patch].random_cd_m2 / self.read[one.patch].luminance_cd_m2 for one in self.seen]
-        own = [hypot(s.random_rel, r, self.uneven_rel[s.patch]) for s, r in zip(self.seen, of_reading, strict=True)]
+        own = [
+            hypot(s.random_rel, r, self.nonuniformity_rel[s.patch]) for s, r in zip(self.seen, of_reading, strict=True)
+        ]
         covariance = np.diag(np.square(own))
         common = [numbered(one.common) for one in self.seen]
         apart = (*METER_SOURCES, VIGNETTING)
@@ -183,7 +185,7 @@ def _compared(
     if (meter.meter.model, meter.meter.serial) == (calibrated.meter.model, calibrated.meter.serial):
         # One instrument: its spectral mismatch is the same in the same light.
         scales = tuple(replace(one, f1_prime=None) for one in scales)
-    uneven = {patch: uneven_rel(calibration.planes, groups[patch]) for patch in read}
+    uneven = {patch: nonuniformity_rel(calibration.planes, groups[patch]) for patch in read}
     return _Comparison(seen, read, uneven, meter, scales, calibration.field_rel), findings
 
 
@@ -274,6 +276,6 @@ def _dark_rows(calibration: AnyCalibration, darks: ByPlane[DarkObservation]) -> 
                 exposure_s=dark.exposure_s,
                 mean_dn=dark.mean_dn,
                 expected_dn=model.mean_dn(dark.exposure_s, dark.temperature_c),
-                standard_uncertainty_dn=hypot(sqrt(own), WANDER_DN / sqrt(3)),
+                standard_uncertainty_dn=hypot(sqrt(own), DRIFT_DN / sqrt(3)),
                 effect_rel_per_dn=effect_rel_per_dn,
             )

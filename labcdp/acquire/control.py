@@ -228,11 +228,11 @@ def holds_something(path: Path) -> bool:
 @contextmanager
 def warnings_to(tell: Callable[[str], None]) -> Iterator[None]:
     """Pass on warnings logged inside the block, such as a lost device; each kind of warning only once."""
-    told: set[str] = set()
+    logged: set[str] = set()
 
     def emit(record: logging.LogRecord) -> None:
-        if record.msg not in told:
-            told.add(record.msg)
+        if record.msg not in logged:
+            logged.add(record.msg)
             tell(record.getMessage())
 
     handler = logging.Handler(logging.WARNING)

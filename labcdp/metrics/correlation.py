@@ -151,7 +151,7 @@ def _factor(level: _Array, region: _Region, known: int, surfaces: tuple[float, i
     powers = [(square, float(region.n)), surfaces]
     for sums, lines in zip((level.sum(axis=0), level.sum(axis=1)), region.lines, strict=True):
         powers.append((float(sums @ sums) * lines / region.n, lines - known))
-    means = [(total / freedom, 2 / (9 * freedom)) for total, freedom in powers if freedom > 0]
+    means = [(total / dof, 2 / (9 * dof)) for total, dof in powers if dof > 0]
     near = region.lags.inflation(level)
     by_lags = near * square / (region.n * variance) if near > 1 else 1.0
     # 99 % quantile for independent values (Wilson and Hilferty 1931).
@@ -159,12 +159,12 @@ def _factor(level: _Array, region: _Region, known: int, surfaces: tuple[float, i
     return max(1.0, by_lags, *(mean / variance for mean, _ in means)) if chance or by_lags > 1 else 1.0
 
 
-def _widened(inflation: float, freedom: float, n: int) -> float:
+def _widened(inflation: float, dof: float, n: int) -> float:
     """Raise a factor for its own uncertainty."""
     if inflation == 1:
         return 1.0
-    freedom = max(freedom, _FEWEST)
-    inflation *= freedom / (freedom - 2)
+    dof = max(dof, _FEWEST)
+    inflation *= dof / (dof - 2)
     independent = max(n / inflation, _FEWEST)
     return inflation * (independent - 1) / (independent - 3)
 

@@ -170,8 +170,8 @@ class Distribution:
         """Variance, with n - 1 for n pixels; nan for one."""
         if self.values.size == 1 and self.size != 1:
             return 0.0
-        freedom = self.total if self.size is None else self.size - 1
-        return weighted_sum(self.weights, self.deviations, self.deviations) / freedom if freedom else nan
+        dof = self.total if self.size is None else self.size - 1
+        return weighted_sum(self.weights, self.deviations, self.deviations) / dof if dof else nan
 
     @property
     def not_positive(self) -> float:

@@ -178,8 +178,8 @@ def _zetas(bright: Distribution, dark: Distribution, asked: TargetContrast) -> t
         if region.size == 1:
             raise InputError("a region of the pilot has one pixel only: give two or more")
         inverse_sizes += 0.0 if region.size is None else 1 / region.size
-        freedom = region.total if region.size is None else region.size - 1
-        variances += scatter(shares, region.weights, tally.inside) / freedom
+        dof = region.total if region.size is None else region.size - 1
+        variances += scatter(shares, region.weights, tally.inside) / dof
     pair = tally.inside * (1 - tally.inside)
     # Expected: variances = single + (pair - single) * inverse_sizes.
     single = pair - (pair - variances) / (1 - inverse_sizes) if inverse_sizes < 1 else pair

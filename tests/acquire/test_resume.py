@@ -1,6 +1,6 @@
 """An acquisition that ends after any record, with whatever a kill leaves, is resumed and has the same data.
 
-That a session itself survives a kill at every call of the system is shown by its own tests.
+A session that is killed at each call of the system is tested with sessions.
 """
 
 import shutil

@@ -47,7 +47,7 @@ def test_the_dark_part_of_a_fixed_pattern_is_an_offset(camera):
     assert signal.dark_nonuniformity_dn == pytest.approx(hypot(0.2, 3 / sqrt(400)))
 
 
-def test_vignetting_is_not_unevenness_behind_a_tone_curve(camera):
+def test_vignetting_is_not_nonuniformity_behind_a_tone_curve(camera):
     """Uniform light through a lens that darkens by 20 %: h / V is even where DN / V is not."""
     knots = np.geomspace(20, 3000, 400)
     tone = Response("table", (0.0, *knots.tolist()), (0.0, *(20 * (knots / 20) ** 2.2).tolist()))

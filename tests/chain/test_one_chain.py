@@ -204,7 +204,7 @@ def cameras(draw):
 @settings(max_examples=40)
 @given(chain=cameras(), seed=st.integers(0, 2**31))
 def test_exact_and_simulated_agree(chain, seed):
-    """Within five standard errors, and what the classes of mixed pixels and the fall-off to the corners may differ."""
+    """Within five standard errors, and what the classes of mixed pixels and the vignetting may differ."""
     stage = evaluate_run(chain.run(seed=seed, threads=1)).stages[-1]
     pair, rows = stage.pairs[0], {row.region: row for row in stage.regions}
     exact = predict_chain(chain, contrast=pair.true_contrast)
@@ -253,7 +253,7 @@ def test_numpy_numbers_are_saved_as_numbers(number):
         assert Chain.from_toml(changed.to_toml()).scene.contrast == number
 
 
-# Contrast never survives a veil, whichever way a scene is evaluated
+# A veil always lowers contrast, whichever way a scene is evaluated
 
 
 GLARES = (0.0, 0.3, 1.0, 4.0)

@@ -96,9 +96,9 @@ def test_simulated_exposures_are_distributed_so(sensor, changes, mean_e):
     expected = of(device, mean_e) * dn.size
     counts = np.bincount(dn.ravel(), minlength=expected.size)
     usual = expected > 20
-    freedom = usual.sum() - 1
+    dof = usual.sum() - 1
     chi2 = ((counts - expected) ** 2)[usual] / expected[usual]
-    assert (chi2.sum() - freedom) / sqrt(2 * freedom) < 4
+    assert (chi2.sum() - dof) / sqrt(2 * dof) < 4
 
 
 def temporal(sensor, mean_e, offset_e=0.0):

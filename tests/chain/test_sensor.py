@@ -106,7 +106,7 @@ def chain():
     ("windscreen", "passed", "glare"), [(None, 1.0, 0.0), (Windscreen(0.8, glare_fraction=0.5), 0.8, 1.25)]
 )
 def test_light_reaches_the_pixels_with_its_shot_noise_once(sensor, windscreen, passed, glare):
-    # Columns of 1 and 4 cd/m^2, 2.5 on average; so far behind the lens there is no fall-off.
+    # Columns of 1 and 4 cd/m^2, 2.5 on average; so far behind the lens there is no vignetting.
     chain = ImagingChain("monochromatic 555 nm", windscreen, Optics(2.0, 0.9, focal_length_m=1.0), sensor)
     scene = np.broadcast_to(np.where(np.arange(sensor.width) % 2, 4.0, 1.0), sensor.shape)
     mean_e = passed * (scene + glare) * 0.9 * pi / 16 * PHOTONS * 9e-12 * 0.5
@@ -188,14 +188,14 @@ def test_dark_signal_varies_over_rows_columns_and_pixels_as_the_rate_does():
     dn = capture(thesis_sensor(), exposure_s=scale).dn.astype(float)
     rows, columns = dn.mean(axis=1), dn.mean(axis=0)
     pixels = dn - rows[:, None] - columns + dn.mean()
-    for values, variance, freedom in (
+    for values, variance, dof in (
         (rows, 5 + 5**2 + (35 + 5**2) / 300, 199),
         (columns, 10 + 10**2 + (35 + 5**2) / 200, 299),
         (pixels, 35 + 5**2, 199 * 299),
     ):
-        measured = ((values - values.mean()) ** 2).sum() / freedom
+        measured = ((values - values.mean()) ** 2).sum() / dof
         # The excess of a Poisson number, 1 / mean, is small beside the 2 of the normal distribution.
-        assert measured == pytest.approx(variance * scale**2, rel=5 * sqrt(2.5 / freedom))
+        assert measured == pytest.approx(variance * scale**2, rel=5 * sqrt(2.5 / dof))
 
 
 def test_light_has_no_shot_noise_and_is_cut_off_not_rounded():

@@ -76,7 +76,7 @@ def test_regions_of_a_grid_are_named_by_row_and_column():
     assert (rois[0].bounds, rois[5].bounds) == ((10, 20, 18, 28), (34, 32, 42, 40))
 
 
-# ImageJ's files: what ImageJ writes is read as ImageJ means it, and the way back
+# ImageJ's files: what ImageJ writes is read as ImageJ means it, and the inverse
 
 
 SHAPE = (120, 120)

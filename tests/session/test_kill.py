@@ -1,4 +1,4 @@
-"""A session survives its writer's end at any moment.
+"""A session is complete whenever its writer ends.
 
 Run as a program, this file is the writer's nursery: it forks a writer for each line on its standard input, so
 that a writer costs milliseconds and not an interpreter's start.

@@ -151,14 +151,11 @@ def test_a_recording_goes_on_after_its_server_was_killed(browser, tmp_path, fold
 
 def test_saturation_contrast_and_verdict_follow_the_exposure(bench):
     bench.tab(1)
-    bench.expose("32")
-    # At 32 ms the brightest patches of the target are saturated, and the page does not call that detected.
-    bench.card_when(1, "saturated")
-    # At 500 ms both regions are, and there is no contrast at all.
-    bench.expose("500")
-    bench.card_when(1, "saturated.*look the same")
-    bench.expose("2")
-    bench.card_when(1, "detected")
+    # At 32 ms the brightest patches of the target are saturated, and the page does not call that detected. At 500 ms
+    # both regions are, and there is no contrast at all.
+    for exposure, verdict in (("32", "saturated"), ("500", "saturated.*look the same"), ("2", "detected")):
+        bench.expose(exposure)
+        bench.card_when(1, verdict)
     # The true contrast of upper left and lower right is 358 / 33.8 - 1, less the vignetting of the lens.
     assert number(bench.card_when(2, r"[89]\d\d")) == pytest.approx(880, rel=0.1)
     # A list has a row for each contrast, also a range; a comma in a single number is that of decimals.

@@ -120,7 +120,7 @@ def _mean(values: list[_Light]) -> _Light:
 
 @lru_cache(maxsize=4)
 def _inverse_v(vignetting: Cos4Vignetting, shape: tuple[int, int]) -> _Maps:
-    """Return the fall-off of an image size, which a video asks for again and again."""
+    """Return the vignetting of an image size, which a video asks for again and again."""
     return np.reciprocal(vignetting.relative_illuminance(shape)).astype(np.float32)
 
 

@@ -41,7 +41,7 @@ class TwinRegion:
     reading_rel : float
         Relative standard uncertainty of it as the luminance of this region: meter without its scale, and
         non-uniformity.
-    unevenness_rel : float
+    nonuniformity_rel : float
         Relative standard deviation of slow changes of the light across the region.
     vignetting : ndarray of float, shape (n,)
         V of its pixels.
@@ -54,7 +54,7 @@ class TwinRegion:
     name: str
     luminance_cd_m2: float
     reading_rel: float
-    unevenness_rel: float
+    nonuniformity_rel: float
     vignetting: FloatArray
     darkness_dn: float
     flat_field_rel: float
@@ -67,8 +67,8 @@ class TwinRegion:
         parts = np.array_split(np.sort(self.vignetting), count)
         v = np.array([part.mean() for part in parts])
         share = np.array([part.size for part in parts]) / self.vignetting.size
-        nodes = _NODES if self.unevenness_rel > 0 else ((0.0, 1.0),)
-        light = np.array([1 + self.unevenness_rel * node for node, _ in nodes])
+        nodes = _NODES if self.nonuniformity_rel > 0 else ((0.0, 1.0),)
+        light = np.array([1 + self.nonuniformity_rel * node for node, _ in nodes])
         frequency = np.array([weight for _, weight in nodes])
         return np.repeat(v, light.size), np.tile(light, v.size), np.outer(share, frequency).ravel()
 

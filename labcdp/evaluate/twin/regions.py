@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...calibration import Calibration, PatchObservation
-from ...calibration.colour.patches import uneven_rel
+from ...calibration.colour.patches import nonuniformity_rel
 from ...calibration.frames.rounding import DITHERED_DN2, ROUNDING_DN2
 from ...core.dn import Response
 from ...core.luminance import Invalid, LuminanceMap
@@ -100,14 +100,14 @@ def regions_of(
             continue
         reading, roi = read_patch(observed, patch.name), patch.region()
         v = np.asarray(roi.select(vignetting), dtype=float)
-        uneven = uneven_rel([calibration], {None: group})
+        uneven = nonuniformity_rel([calibration], {None: group})
         left, top, right, bottom = roi.bounds
         lines = (twin.row_dsnu_dn.value, bottom - top), (twin.column_dsnu_dn.value, right - left)
         regions[patch.name] = TwinRegion(
             name=patch.name,
             luminance_cd_m2=reading.luminance_cd_m2,
             reading_rel=hypot(reading.random_cd_m2 / reading.luminance_cd_m2, uneven),
-            unevenness_rel=uneven,
+            nonuniformity_rel=uneven,
             vignetting=v,
             darkness_dn=hypot(twin.dark.nonuniformity_dn, *(dsnu_dn / sqrt(max(n, 1)) for dsnu_dn, n in lines)),
             flat_field_rel=flat_field_rel,

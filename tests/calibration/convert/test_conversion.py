@@ -69,7 +69,7 @@ def test_a_quadratic_response_is_linearised_and_not_continued(make_calibration):
     assert (seen.invalid == flags | np.where(beyond, 4, 0)).all()
 
 
-def test_uneven_darkness_counts_by_the_slope_at_each_signal(make_calibration):
+def test_dark_signal_nonuniformity_counts_by_the_slope_at_each_signal(make_calibration):
     dark = DarkModel(OFFSET, RATE, ((0.04, 0, 0), (0, 0, 0), (0, 0, 0)), S, 0.3, (0.001, 0.064))
     response = Response("quadratic", (0.0, 4000.0), (0.0, 4800.0))
     frame = make_frame(np.full(SHAPE, 2000), 0.008)

@@ -1,4 +1,4 @@
-"""Errors that go with the place of a patch: the flat field's own, and a fall-off that is not taken off."""
+"""Errors that go with the place of a patch: the flat field's own, and a vignetting that is not taken off."""
 
 from dataclasses import replace
 

@@ -28,7 +28,7 @@ EVEN = np.full((HEIGHT, WIDTH), 150.0)
 ROIS = {f"P{i}": [i % COLUMNS * 40 + 6, i // COLUMNS * 60 + 6, 28, 48] for i in range(COLUMNS * ROWS)}
 CONTRAST = {"bright": "P9", "dark": "P2", "contrast": 10.0, "epsilon": 0.5}
 LENS = {"model": "Prime", "serial": "7", "focal_length_m": 0.002, "f_number": 2.8}
-#: Fall-off of a lens that is not the cos^4 of its focal length: a third more in the corners.
+#: Vignetting of a lens that is not the cos^4 of its focal length: a third more in the corners.
 EXTRA = 1 - 0.3 * ((X - (WIDTH - 1) / 2) ** 2 + (Y - (HEIGHT - 1) / 2) ** 2) / (HEIGHT**2 + WIDTH**2) * 4
 #: Of a wide lens there are left 0.44 of the light in the corners; a part without the first column of patches.
 WIDE, WHOLE, PART = LENS | {"focal_length_m": 0.00066}, np.s_[:HEIGHT, :WIDTH], np.s_[4:HEIGHT, 40:WIDTH]
@@ -36,7 +36,7 @@ WIDE, WHOLE, PART = LENS | {"focal_length_m": 0.00066}, np.s_[:HEIGHT, :WIDTH], 
 
 def bench_of(path, of=SCENE, n=2, exposures_s=(0.002, 0.008, 0.032), first=0, window=WHOLE, sensor=None, seen=None,
              **changes):  # fmt: skip
-    """Write a session of the ten patches, or of another scene, by a camera with more fall-off than its lens has."""
+    """Write a session of the ten patches, or of another scene, by a camera with more vignetting than its lens has."""
     lens = changes.setdefault("lens", LENS)
     made = {
         "pixel_pitch_m": 4e-6, "quantum_efficiency": 0.5, "full_well_e": 3e4, "k_dn_per_e": 0.2, "read_noise_e": 6.0,
@@ -95,7 +95,7 @@ def evaluated(path, calibration):
 def test_a_measured_flat_field_takes_off_what_cos4_does_not_know(bench, observed, corrections, tmp_path):
     plain, calibration = calibrate_session(observed), calibrate_session(observe(bench, corrections))
     assert not isinstance(calibration.vignetting, Cos4Vignetting)
-    # What is left is noise and the readings' scatter; without the flat field it is the fall-off, up to 20 %.
+    # What is left is noise and the readings' scatter; without the flat field it is the vignetting, up to 20 %.
     assert np.abs(deviations(calibration)).max() < 0.01
     assert np.abs(deviations(plain)).max() > 0.03
     save(calibration, tmp_path / "calibration.json")
@@ -111,7 +111,7 @@ def test_sessions_with_two_gains_become_one_calibration(observed, tmp_path):
     (gain,) = both.gains
     assert (gain.gain_db, gain.factor) == (6.0, pytest.approx(10 ** (6 / 20), abs=8 * gain.factor_random_rel))
     assert {row.patch for row in both.residuals} >= {"P0", "P0 (2)", "P9 (2)"}
-    # The fall-off it is not told stays; with it aside both say the same.
+    # The vignetting it is not told stays; with it aside both say the same.
     r, r_alone = both.responsivity.responsivity_dn_s_cd_m2, alone.responsivity.responsivity_dn_s_cd_m2
     assert r == pytest.approx(r_alone, rel=4 * both.responsivity.random_rel)
     assert both.provenance.input_sha256 not in (observed.input_sha256, second.input_sha256)
@@ -138,7 +138,7 @@ def test_a_camera_that_is_full_before_its_converter_ends_is_used_below(full_well
 def test_calibration_of_the_whole_sensor_measures_a_part_of_it_and_no_other_part(tmp_path):
     def of(name, first, window=WHOLE, at=(0, 0)):
         readout = Readout(*at, sensor_size=(WIDTH, HEIGHT))
-        # Without more fall-off than the lens has.
+        # Without more vignetting than the lens has.
         of = {"of": SCENE / EXTRA, "lens": WIDE, "window": window, "seen": {"readout": readout}}
         return bench_of(tmp_path / name, n=6, first=first, **of)
 

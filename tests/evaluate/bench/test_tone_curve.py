@@ -1,4 +1,4 @@
-"""A camera with a tone curve (8 bit, gamma) and a lens with fall-off: both are found, and measurements are right."""
+"""A camera with a tone curve (8 bit, gamma) and a lens with vignetting: both are found, and measurements are right."""
 
 from dataclasses import replace
 
@@ -43,7 +43,7 @@ def tone_frames(luminance_cd_m2, exposure_s, n, seed):
 
 
 def bench_of(path, scene=SCENE, exposures_s=EXPOSURES_S, n=4, seed=5):
-    """Write a session; pixels are so small that the lens has no fall-off of its own."""
+    """Write a session; pixels are so small that the lens has no vignetting of its own."""
     lights = (("light", scene * V, seed), ("dark", np.zeros(SHAPE), seed + 50))
     frames = [(one, role) for k, t in enumerate(exposures_s) for role, light, first in lights
               for one in tone_frames(light, t, n, first + k)]  # fmt: skip

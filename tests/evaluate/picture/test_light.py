@@ -28,7 +28,7 @@ from ..sweep.chains import small
 
 RELATIVE = picture_conversion(None, None, None)
 NOW = datetime(2026, 1, 1, tzinfo=UTC)
-#: A windscreen, a lens with fall-off and a warm sensor.
+#: A windscreen, a lens with vignetting and a warm sensor.
 CHAIN = {
     "scene": {"width": 200, "height": 160, "square_px": 40, "luminance_cd_m2": 40.0, "contrast": 4.0},
     "windscreen": {"transmittance": 0.8, "glare_fraction": 0.25},

@@ -235,9 +235,9 @@ def _contrasts(
         rel = np.sqrt(of_bright / means[0] ** 2 + of_dark / means[1] ** 2 + by_calibration**2)
         # Without a contrast the bright region is as bright as the dark one.
         rel_without = np.sqrt((of_bright + of_dark) / means[1] ** 2 + by_calibration**2)
-        freedom = (of_bright + of_dark) ** 2 / (of_bright**2 / (n_bright - 1) + of_dark**2 / (n_dark - 1))
+        dof = (of_bright + of_dark) ** 2 / (of_bright**2 / (n_bright - 1) + of_dark**2 / (n_dark - 1))
         # Regions without any scatter have no degrees of freedom, and need none.
-        k = stdtrit(np.where(np.isfinite(freedom), freedom, 1.0), 1 - FALSE_ALARM / (2 * max(of_dark.size, 1)))
+        k = stdtrit(np.where(np.isfinite(dof), dof, 1.0), 1 - FALSE_ALARM / (2 * max(of_dark.size, 1)))
         least = np.where(of_bright + of_dark > 0, k, 1.0) * rel_without
     known = means[1] > 0
     return contrast, np.where(known, (1 + contrast) * rel, nan), np.where(known, least, nan)

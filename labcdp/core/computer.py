@@ -169,6 +169,14 @@ def usable_cores() -> int:
     return len(os.sched_getaffinity(0))
 
 
+def _tried(function: Callable[..., _Value], *arguments: Any) -> tuple[_Value | None, BaseException | None]:
+    """Return the value of a function, or the error that it ended with."""
+    try:
+        return function(*arguments), None
+    except Exception as error:
+        return None, error
+
+
 class Threads(Generic[_Task]):
     """Threads of this process, with the interface of `Processes`."""
 
@@ -179,6 +187,10 @@ class Threads(Generic[_Task]):
         self, function: Callable[..., _Value], tasks: Sequence[_Task], *arguments: Any
     ) -> Iterator[tuple[_Task, _Value | None, BaseException | None]]:
         """Call a function with each task and the arguments, and return results or errors as they come."""
+        if self._n_workers == 1:
+            # In this thread, which Ctrl-C interrupts.
+            yield from ((task, *_tried(function, task, *arguments)) for task in tasks)
+            return
         pool = ThreadPoolExecutor(self._n_workers)
         try:
             running = {pool.submit(function, task, *arguments): task for task in tasks}
@@ -254,12 +266,7 @@ def _serve(pipe: Connection) -> None:
     with suppress(EOFError, OSError):
         while True:
             function, task, arguments = pipe.recv()
-            answer: tuple[Any, BaseException | None]
             try:
-                answer = function(task, *arguments), None
-            except Exception as error:
-                answer = None, error
-            try:
-                pipe.send(answer)
+                pipe.send(_tried(function, task, *arguments))
             except (pickle.PicklingError, TypeError, AttributeError) as error:
                 pipe.send((None, InputError(f"its result cannot be handed on ({error})")))

@@ -1,9 +1,12 @@
-"""What is compiled gives the same results whether it was compiled before or not, and where it cannot be kept."""
+"""What is compiled gives the same results compiled before or not; a single thread is that of the caller."""
 
 import json
 import os
 import subprocess
 import sys
+from threading import get_ident
+
+from labcdp.core.computer import Threads
 
 PROGRAM = """
 import sys; sys.path.insert(0, sys.argv[1])
@@ -32,3 +35,9 @@ def test_results_are_the_same_whether_what_is_compiled_is_new_kept_or_cannot_be_
         results.add(json.loads(subprocess.run(command, env=environment, capture_output=True, check=True).stdout))
         assert list(kept.rglob("*.nbc"))
     assert len(results) == 1
+
+
+def test_a_single_worker_is_the_calling_thread_which_ctrl_c_interrupts():
+    run = Threads[int](1).run(lambda task: (get_ident(), 1 / task), [2, 0])
+    assert next(run) == (2, (get_ident(), 0.5), None)
+    assert isinstance(next(run)[2], ZeroDivisionError)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import hypot
 from typing import Any, TypeVar
 
 import numpy as np
@@ -129,13 +128,11 @@ def _saturation(
     net, relative = found.net_dn, found.net_uncertainty_dn / found.net_dn
     limited = "" if found.limit == "full well" else ", a lower limit of the pixel's full well"
     photons = points[found.index].photons
-    value = net / k.value
-    if photons is not None and responsivity is not None:
-        value = responsivity.value * photons / k.value
+    full_dn = net if photons is None or responsivity is None else responsivity.value * photons
     return (
         Quantity(net, relative * net, "DN", "above the dark signal"),
         None if photons is None else Quantity(photons, relative * photons, "photons", "known to half a step"),
-        Quantity(value, hypot(relative, k.relative) * value, "e-", found.definition + limited),
+        Quantity(full_dn, relative * full_dn, "DN").over(k, "e-", found.definition + limited),
     )
 
 

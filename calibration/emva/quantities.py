@@ -136,8 +136,8 @@ def snr_max(full_well_e: Quantity, note: str = "") -> Quantity:
 
 def dsnu_e(variance: Estimate, k: Quantity, rounding_e: float, note: str = "", unit: str = "e-") -> Quantity:
     """DSNU in electrons: sqrt(s_dark^2) / K (EMVA 1288 Release 4.0 Linear), with its uncertainty by rounding too."""
-    spread = _spread(variance, 1.0, "DN", note)
-    found = spread.over(k, unit, spread.note)
+    in_dn = spread(variance, 1.0, "DN", note)
+    found = in_dn.over(k, unit, in_dn.note)
     return replace(found, standard_uncertainty=hypot(found.standard_uncertainty, rounding_e))
 
 
@@ -160,7 +160,7 @@ def dsnu_parts(variance: SpatialVariance, k: Quantity, dark: FrameStatistics, no
     found = {"dsnu_e": whole}
     for name in PARTS:
         one: Estimate = getattr(variance, name)
-        share = abs(_spread(one, k.value).value / whole.value) if whole.value else 1.0
+        share = abs(spread(one, k.value).value / whole.value) if whole.value else 1.0
         found[f"dsnu_{name}_e"] = dsnu_e(one, k, rounding_e * share)
     return found
 
@@ -173,15 +173,13 @@ def rounding_of_spread_dn(dark: FrameStatistics) -> float:
     return left.error_of(sqrt(spatial_dn2))
 
 
-def prnu_rel(bright: Estimate, dark: Estimate, net_dn: float, note: str = "") -> Quantity:
-    """PRNU_1288 as a fraction: sqrt(s_y^2 - s_y.dark^2) / (mu_y - mu_y.dark) (Release 4.0 Linear)."""
-    return _spread(bright - dark, net_dn, "1", note)
-
-
 def prnu_parts(bright: SpatialVariance, dark: SpatialVariance, net_dn: float, note: str) -> dict[str, Quantity]:
-    """PRNU_1288 and its parts; the note is that of the total."""
-    parts = {f"prnu_{name}_rel": prnu_rel(getattr(bright, name), getattr(dark, name), net_dn) for name in PARTS}
-    return {"prnu_rel": prnu_rel(bright.total, dark.total, net_dn, note), **parts}
+    """PRNU_1288 as a fraction, sqrt(s_y^2 - s_y.dark^2) / (mu_y - mu_y.dark) (Release 4.0 Linear), and its parts.
+
+    The note is that of the total.
+    """
+    parts = {f"prnu_{name}_rel": spread(getattr(bright, name) - getattr(dark, name), net_dn, "1") for name in PARTS}
+    return {"prnu_rel": spread(bright.total - dark.total, net_dn, "1", note), **parts}
 
 
 def spatial_variance_of(one: FrameStatistics) -> SpatialVariance:
@@ -189,7 +187,7 @@ def spatial_variance_of(one: FrameStatistics) -> SpatialVariance:
     return spatial_variance(one.image_dn, one.temporal.scaled(1 / one.n_frames))
 
 
-def _spread(variance: Estimate, per: float, unit: str = "", note: str = "") -> Quantity:
+def spread(variance: Estimate, per: float, unit: str = "", note: str = "") -> Quantity:
     """Root of a variance with its sign, over `per`; where that is not significant, u is the root of its uncertainty."""
     root, u = copysign(sqrt(abs(variance.value)), variance.value), variance.uncertainty
     u_root = sqrt(u) if abs(variance.value) <= u else u / (2 * abs(root))

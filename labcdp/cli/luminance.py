@@ -10,8 +10,8 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from ..calibration.bracket import Bracket, bracket_luminance
 from ..calibration.colour.model import AnyCalibration
-from ..calibration.convert.bracket import Bracket, bracket_luminance
 from ..calibration.record import calibration_sha256, load_any
 from ..core.errors import InputError
 from ..core.frame import Frame

@@ -15,7 +15,7 @@ from worlds.target import calibration_target
 from worlds.truth import PIXELS, cdp
 from worlds.world import HEIGHT, WIDTH, WORLDS, World
 
-from labcdp.calibration.convert.bracket import bracket_luminance
+from labcdp.calibration.bracket import bracket_luminance
 
 #: Worlds in which labcdp's intervals hold, or a finding names the effect; `benchmarks/worlds` has 400 of each.
 HOLDING = ("ideal", "gamma 2.2", "cubic response 1 %", "vignetting, flat field", "vignetting, no correction")

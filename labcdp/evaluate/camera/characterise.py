@@ -17,8 +17,8 @@ from ...calibration.emva.quantities import (
     dsnu_parts,
     fit_dark_current,
     flat_variance,
-    prnu_rel,
     rounding_of_spread_dn,
+    spread,
 )
 from ...calibration.emva.result import Characterisation, Quantity, SaturationLimit, SeriesPoint
 from ...calibration.emva.transfer import Saturation, points_to_fit, system_gain
@@ -232,4 +232,4 @@ def _prnu(
     if not estimates:
         return None
     note = f"within {len(estimates)} patches, slow gradients subtracted; includes the patches' own texture"
-    return prnu_rel(combined(estimates), Estimate(0.0, 0.0), 1.0, note)
+    return spread(combined(estimates), 1.0, "1", note)

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from labcdp.calibration.convert.bracket import bracket_luminance
+from labcdp.calibration.bracket import bracket_luminance
 from labcdp.calibration.sensor.dark_library import DarkLibrary
 from labcdp.core.luminance import Invalid
 from labcdp.core.vignetting import FlatField

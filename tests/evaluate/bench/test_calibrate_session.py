@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from labcdp.calibration import contrast_uncertainty, load, save
-from labcdp.calibration.convert.bracket import bracket_luminance
+from labcdp.calibration.bracket import bracket_luminance
 from labcdp.chain import ImagingChain, Optics, Sensor
 from labcdp.core.errors import CalibrationError
 from labcdp.core.frame import Readout

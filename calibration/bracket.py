@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import CalibrationError
-from ...core.frame import Frame
-from ...core.luminance import WHOLE, CommonError, Conversion, Invalid, LuminanceMap, PixelErrors, Window, require_alike
-from ...core.result import Finding, warning
-from ..frames.observations import CameraState
+from ..core.errors import CalibrationError
+from ..core.frame import Frame
+from ..core.luminance import WHOLE, CommonError, Invalid, LuminanceMap, PixelErrors, Window, require_alike
+from ..core.result import Finding, warning
+from .colour.model import AnyCalibration
 
 #: Required distance of a pixel's expected value from saturation, in standard deviations of its noise.
 _SATURATION_MARGIN = 3.0
@@ -57,21 +57,7 @@ class Bracket:
     findings: tuple[Finding, ...]
 
 
-class CalibratedCamera(Conversion, Protocol):
-    """Conversion of a camera in one state."""
-
-    @property
-    def state(self) -> CameraState:
-        """Camera and settings."""
-
-    def to_luminance(self, frame: Frame, window: Window = WHOLE) -> LuminanceMap:
-        """Convert a frame, or a window of it."""
-
-    def dark_spread_cd_m2(self, frame: Frame) -> float:
-        """Return what dark signal non-uniformity and drift of the black level make of a pixel's luminance."""
-
-
-def bracket_luminance(conversion: CalibratedCamera, frames: Sequence[Frame]) -> Bracket:
+def bracket_luminance(conversion: AnyCalibration, frames: Sequence[Frame]) -> Bracket:
     """Luminance of a still scene from frames at several exposures.
 
     Each pixel is the mean of its exposures with the inverse of their variances as weights, which minimises its
@@ -135,7 +121,7 @@ class _Exposure:
 class _Merge:
     """Frames to be merged block by block: at once they would take 100 times the memory of the result."""
 
-    conversion: CalibratedCamera
+    conversion: AnyCalibration
     exposures: tuple[_Exposure, ...]
     shape: tuple[int, int]
     slow_rel: float
@@ -143,7 +129,7 @@ class _Merge:
     step: int
 
     @classmethod
-    def of(cls, conversion: CalibratedCamera, frames: Sequence[Frame]) -> _Merge:
+    def of(cls, conversion: AnyCalibration, frames: Sequence[Frame]) -> _Merge:
         found: list[_Exposure] = []
         alike: dict[tuple[float, float, float | None], _Exposure] = {}
         for frame in frames:

@@ -114,8 +114,7 @@ class Aligner:
         `light` is a guess of gain and offset, as of the frame before. None if the guess leads nowhere, or if hardly
         anything of the template can be seen there.
         """
-        from .judging_kernel import agreement
-        from .level_kernel import improved
+        from .level_kernel import agreement, improved
 
         fine = self._fine.arrays
         better = ((self._coarse.arrays, _COARSE_STEPS), (fine, _FINE_STEPS)) if improve else ()
@@ -209,7 +208,7 @@ class Outline:
     def __init__(self, template: Template, values: NDArray[np.float32]) -> None:
         import cv2
 
-        from .judging_kernel import Edges
+        from .level_kernel import Edges
 
         patch = template.patch.astype(np.uint8)
         square = np.ones((5, 5), np.uint8)
@@ -232,7 +231,7 @@ class Outline:
 
     def heights(self, seen: Seen) -> NDArray[np.float64]:
         """Heights in what is seen under the template over those in the first frame; nan outside the image."""
-        from .judging_kernel import height_sums
+        from .level_kernel import height_sums
 
         sums = height_sums(seen.values, seen.trusted, self._width, self._edges, _PARTS)
         # Before a background that moves otherwise an edge may change its sign.

@@ -9,11 +9,12 @@ from math import dist, hypot, isfinite
 from ..core.result import Finding
 from ..core.roi import Roi
 from .alignment import Fit
+from .followed import Followed, TrackedRoi
 from .geometry import Matrix, carried, local_scale, shift
 from .looks import COVERED_MOST, FOUND_FROM, GOOD, LOST_BELOW, Found, Looks, shape_allows
 from .scene import SceneNow
 from .sight import Sight, view_around
-from .template import Followed, Template, TrackedRoi
+from .template import Template
 
 #: Fall of the quality in one frame up to which a place near the expected one is believed.
 _STEADY = 0.08
@@ -34,9 +35,8 @@ _LAST_STEP = 0.6
 _CHANGES, _CERTAIN = 0.8, 0.92
 #: Quality that a place may lack which a region that moves along shows.
 _AS_GOOD = 0.1
-#: Most change of the light of a region that is found again elsewhere, and of the scene's that is none at once; the
-#: scene's in DN below which it tells nothing.
-_LIGHT_MOST, _LIGHT_LEAST_DN = 1.6, 1.0
+#: Most change of the light of a region that is found again elsewhere.
+_LIGHT_MOST = 1.6
 
 
 class Follower(Followed):
@@ -178,14 +178,7 @@ class Follower(Followed):
 
     def _light_in(self, scene: SceneNow) -> tuple[float, float]:
         """Light that is expected of it: the one it had, less or more of it where the scene's changed."""
-        then = self._rest[1]
-        if scene.change == "cut" or min(scene.light, then.light) < _LIGHT_LEAST_DN:
-            return self._light
-        change = scene.light / then.light
-        if 1 / _LIGHT_MOST < change < _LIGHT_MOST:
-            # Light on everything changes the contrast as much, a veil against it, and what comes into sight either way.
-            low, high = sorted((change, scene.contrast / max(then.contrast, 1e-9)))
-            change = min(max(low, 1.0), high)
+        change = scene.light_over(self._rest[1])
         return self._light[0] * change, self._light[1] * change
 
     def _lit(self, fit: Fit) -> bool:

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from ..core.result import Finding
 from ..core.roi import Roi
+from .followed import Followed, NotFollowedError, TrackedRoi
 from .follower import Follower
 from .geometry import Matrix, carried, inverse
 from .looks import COVERED_MOST, GOOD
 from .scene import SceneNow, SceneWatch
 from .sight import Levels, Sight, median, scale_of, view_around
-from .template import Followed, NotFollowedError, Template, TrackedRoi, is_background, make_template, plain_template
+from .template import Template, is_background, make_template, plain_template
 
 #: Deviation of a pixel from which on something else is seen there: times the noise, and in parts of its brightness.
 _OFF_NOISE, _OFF_LIGHT = 6.0, 0.12

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from ..core.errors import InputError
 from ..core.roi import Roi
+from .followed import TrackedRoi
 from .following import FollowingTracker
 from .sight import Levels
-from .template import TrackedRoi
 
 #: Pixels around a region at rest that are compared with the first frame.
 _MARGIN_PX = 8

@@ -28,6 +28,8 @@ _CORNER, _LOCAL, _CONTRAST_DN = 5e-4, (17, 17), 3.0
 _WITH_PX, _SHARE_LEAST, _SHARE_NEW = 1.0, 0.2, 0.5
 #: Lead in this share that another motion needs over rest, and over that of the frame before.
 _LEAD = 0.2
+#: Light in DN below which it tells nothing; factor from which on it changed at once, whatever the contrast did.
+_LIGHT_LEAST_DN, _AT_ONCE = 1.0, 1.6
 #: Frames after which the points are followed if nothing asked for the motion before.
 _FOLLOWED_EVERY = 4
 
@@ -60,6 +62,17 @@ class SceneNow:
             return None
         motion: Matrix = now[1] @ inverse(before[1])
         return motion
+
+    def light_over(self, then: SceneNow) -> float:
+        """Light over that of an earlier frame, 1 if it is not known."""
+        if self.change == "cut" or min(self.light, then.light) < _LIGHT_LEAST_DN:
+            return 1.0
+        change = self.light / then.light
+        if not 1 / _AT_ONCE < change < _AT_ONCE:
+            return change
+        # Light on everything changes the contrast as much, a veil against it, and what comes into sight either way.
+        low, high = sorted((change, self.contrast / max(then.contrast, 1e-9)))
+        return min(max(low, 1.0), high)
 
     def _at(self) -> tuple[int, Matrix] | None:
         if self._motion is not None:

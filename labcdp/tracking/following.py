@@ -132,10 +132,11 @@ class FollowingTracker:
     """Follows each region; a lost one is also searched at the position predicted by the others."""
 
     def __init__(self, grey: NDArray[Any], levels: Levels, rois: Sequence[Roi], planar: Sequence[bool]) -> None:
-        black, usual, coded = levels
+        black, usual, faint_dn = levels
         usual = 1.0 if isnan(usual) and grey.dtype == np.uint8 else usual
         scale = scale_of(grey, usual)
-        self._levels = black, scale, scale / usual if coded else 0.0
+        step_dn = 1.0 if isnan(usual) else scale / usual
+        self._levels = black, scale, step_dn, faint_dn * step_dn
         sight = Sight(grey, *self._levels)
         # Frames so narrow have no structure across.
         if min(sight.shape) * sight.reduction < 2:

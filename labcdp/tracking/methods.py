@@ -77,7 +77,7 @@ def make_tracker(
     method: str | Sequence[str],
     grey: NDArray[Any],
     rois: Sequence[Roi],
-    levels: Levels = (0.0, nan, False),
+    levels: Levels = (0.0, nan, 0.0),
 ) -> Tracker:
     """Make a tracker that has seen the first frame.
 
@@ -98,9 +98,10 @@ def make_tracker(
         First frame.
     rois : sequence of Roi
         Regions in it.
-    levels : (float, float, bool)
-        Black level of the frames, steps of 8 bits for each of theirs, and whether a codec changed them: 16, 255/219 and
-        True of limited Y'; steps of nan if of more bits the noise is to decide, as it should where none did.
+    levels : (float, float, float)
+        Black level of the frames; steps of 8 bits for each of theirs; and contrast in these steps (standard deviation)
+        below which a codec may leave a thing where it was although it moves, 0 if none changed the frames: 16, 255/219
+        and 4 of limited Y' in H.264. Steps of nan if of more bits the noise is to decide, as it should without a codec.
 
     Returns
     -------

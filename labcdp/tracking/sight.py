@@ -27,7 +27,7 @@ _SAMPLE = 512
 
 
 #: What the DN of frames are: see `labcdp.tracking.make_tracker`.
-Levels = tuple[float, float, bool]
+Levels = tuple[float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,13 +41,16 @@ class Sight:
     black, scale : float
         Level that is subtracted from them, and factor on the rest.
     step_dn : float
-        DN of the result for one of 8 bits, where a codec may have changed them; else 0.
+        DN of the result for one of 8 bits.
+    faint_dn : float
+        Contrast in the result below which a codec may not show where a thing is.
     """
 
     frame: NDArray[Any]
     black: float
     scale: float
     step_dn: float
+    faint_dn: float
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -32,9 +32,8 @@ _WORTH = 2.0
 _UNLIKE_DN = 1.0
 #: Least noise of a template in DN, standard deviation: what the coding of a video leaves even of a smoothed image.
 _CODING_DN = 1.2
-#: Contrast of a thing with its surroundings, standard deviation in DN of 8 bits, below which a codec may leave it where
-#: it was although it moves; and noise in these DN that tells that it leaves out nothing.
-_HELD_BACK_DN, _KEPT_DN = 4.0, 0.4
+#: Noise in DN of 8 bits that tells that a codec leaves out nothing, standard deviation.
+_KEPT_DN = 0.4
 #: Variance of the gradient of a smoothed image (see `smooth` and `gradients`) with noise of variance 1.
 _GRADIENT_NOISE = 0.0586
 
@@ -57,18 +56,18 @@ class Template:
         Template pixels to pixels of the first frame.
     noise_dn : float
         Standard deviation of the noise of `values`, at least what the coding of a video makes of it.
-    own_noise_dn : float
-        The same of the region's pixels in the first frame.
-    step_dn : float
-        DN for one of 8 bits where a codec may have changed them; else 0.
+    faint_dn : float
+        Contrast below which a codec may not show where a thing is.
+    kept_from : float
+        Light over that of the first frame from which on it leaves the noise, and with it everything else.
     """
 
     roi: Roi
     values: NDArray[np.float32]
     to_image: Matrix
     noise_dn: float
-    own_noise_dn: float
-    step_dn: float
+    faint_dn: float
+    kept_from: float
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -116,7 +115,7 @@ class Template:
 
         It leaves out what differs little, such as the motion of a faint thing, unless it keeps even the noise.
         """
-        return self.step_dn * min(_HELD_BACK_DN / max(contrast_dn, 1e-9), _KEPT_DN / self.own_noise_dn)
+        return min(self.faint_dn / max(contrast_dn, 1e-9), self.kept_from)
 
     @property
     def reduction(self) -> float:
@@ -261,4 +260,5 @@ def _template(sight: Sight, roi: Roi, margin: float) -> Template:
     # Averaging leaves less noise, as long as it is not correlated.
     noise = noise / (factors[0] * factors[1]) ** 0.5 * SMOOTHED_NOISE
     to_image = shift(left, top) @ scaling(*factors)
-    return Template(roi, smooth(small), to_image, max(noise, _CODING_DN), noise_dn(own), sight.step_dn)
+    kept_from = _KEPT_DN * sight.step_dn / noise_dn(own)
+    return Template(roi, smooth(small), to_image, max(noise, _CODING_DN), sight.faint_dn, kept_from)

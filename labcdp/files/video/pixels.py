@@ -36,6 +36,8 @@ _LIMITED, _FULL = 1, 2
 _HD_ROWS = 720
 #: Cb and Cr of grey differ by no more from the middle, in steps of 8 bits.
 _COLOURED = 1
+#: What is faint where each frame is coded by itself, and where changes are, of which the codec leaves out small ones.
+_FAINT_DN, _FAINT_MOVING_DN = 2.0, 4.0
 _SUBSAMPLING = {(1, 1): "444", (2, 1): "422", (2, 2): "420", (4, 1): "411", (4, 4): "410", (1, 2): "440"}
 
 
@@ -59,8 +61,9 @@ class Pixels:
         How grey or colours are encoded.
     orientation : int
         EXIF's number of how the frames lie in the file.
-    lossy : bool
-        Whether the codec changed the numbers.
+    faint_dn : float
+        Contrast, standard deviation in DN of 8 bits, below which the codec may not show where a thing is: see
+        `labcdp.tracking.make_tracker`; 0 if it changed no number.
     """
 
     format_name: str
@@ -70,7 +73,7 @@ class Pixels:
     weights: tuple[float, float]
     stored: Encoding
     orientation: int
-    lossy: bool
+    faint_dn: float
 
     @property
     def encoding(self) -> Encoding:
@@ -78,14 +81,15 @@ class Pixels:
         return self.stored if self.kind == "luma" else "linear"
 
     @property
-    def levels(self) -> tuple[float, float, bool]:
-        """Stored Y' of black, full-range Y' of 8 bits for each step of it, and whether a codec changed it.
+    def levels(self) -> tuple[float, float, float]:
+        """Stored Y' of black, full-range Y' of 8 bits for each step of it, and the contrast of what is faint.
 
-        nan for more bits without a loss: of these the noise decides. A codec's errors are those of 8 bits for all.
+        Steps of nan for more bits without a loss: of these the noise decides. A codec's errors are those of 8 bits for
+        all.
         """
         unit = 2 ** (self.bits - 8)
         black, steps = (16.0 * unit, 219.0 * unit) if self.limited else (0.0, 2.0**self.bits - 1)
-        return black, 255 / steps if self.bits == 8 or self.lossy else nan, self.lossy
+        return black, 255 / steps if self.bits == 8 or self.faint_dn else nan, self.faint_dn
 
     def planes(self, frame: Any) -> tuple[NDArray[Any], ...]:
         """Numbers of a decoded frame as they are stored.
@@ -196,8 +200,8 @@ def learn_pixels(frames: Sequence[Any], codec: Any, encoding: Encoding | None) -
     if coloured:
         found.append(info("srgb-colour-to-grey" if stored == "srgb" else "colour-to-grey"))
     seen = kind if coloured else "luma"
-    lossy = bool(codec.lossy)
-    return Pixels(first.format.name, seen, bits, limited, weights, stored, orientation or 1, lossy), found
+    faint_dn = (_FAINT_DN if codec.intra_only else _FAINT_MOVING_DN) if codec.lossy else 0.0
+    return Pixels(first.format.name, seen, bits, limited, weights, stored, orientation or 1, faint_dn), found
 
 
 #: EXIF orientations by the display rotation in degrees, counter-clockwise.

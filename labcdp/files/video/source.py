@@ -30,8 +30,8 @@ class StoredPixels:
         All numbers that decide them.
     followed : ndarray of uint8 or uint16, shape (height, width)
         What trackers look at.
-    levels : (float, float)
-        Black level of that, and DN of 8 bits for each of its own; nan where of more bits its noise is to decide.
+    levels : (float, float, float)
+        What the DN of that are, as `labcdp.tracking.make_tracker` takes it.
     whole : callable
         Makes the frame.
     part : callable or None
@@ -40,7 +40,7 @@ class StoredPixels:
 
     planes: tuple[NDArray[Any], ...]
     followed: NDArray[Any]
-    levels: tuple[float, float, bool]
+    levels: tuple[float, float, float]
     whole: Callable[[], Frame]
     part: Callable[[Window], Frame] | None = None
 
@@ -68,7 +68,7 @@ def stored_pixels(frame: Frame) -> StoredPixels:
         import cv2
 
         followed = np.asarray(cv2.blur(frame.dn, (2, 2)))
-    return StoredPixels((frame.dn,), followed, (0.0, nan, False), lambda: frame)
+    return StoredPixels((frame.dn,), followed, (0.0, nan, 0.0), lambda: frame)
 
 
 @dataclass(frozen=True, eq=False)

@@ -61,7 +61,7 @@ def envelope_json(result: Result) -> str:
 @dataclass(frozen=True)
 class _WrittenTable:
     title: str
-    columns: list[dict[str, Any]]
+    columns: list[dict[str, str]]
     rows: list[dict[str, Any]]
 
 

@@ -48,6 +48,7 @@ REFUSED = (
     ("evaluate s --recalibrate --against row.json", "in tables luminance rows 2 patch: 'P02' instead of 'P77'"),
     ("evaluate s --recalibrate --against finding.json", "first in findings"),
     ("evaluate s --recalibrate --against table.json", "in tables luminance: 3 values instead of None"),
+    ("info column.json", "column.json is damaged (key tables.luminance.columns.0.name"),
     (f"info {100_000 * 'a'}", 60 * "a" + "..." + 32 * "a" + " cannot be used (File name too long)"),
     ("image-map a.png --region-size 9", "the size of the regions is 9 pixels"),
     ("video a.avi --roi three.json", "three.json holds 3 regions"),
@@ -65,6 +66,7 @@ DIFFERENCES = {
     "table.json": lambda content: content["tables"].pop("luminance"),
     "rows.json": lambda content: content["tables"]["luminance"]["rows"].pop(),
     "row.json": lambda content: content["tables"]["luminance"]["rows"][1].update(patch="P77"),
+    "column.json": lambda content: content["tables"]["luminance"]["columns"][0].update(name=[]),
     "finding.json": lambda content: content["findings"].append({**content["findings"][0], "subject": "another"}),
 }
 

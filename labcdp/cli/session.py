@@ -236,7 +236,7 @@ def _require_same(result: Result, recorded: WrittenResult, against: Path) -> Non
         for values in (whole_result(against, envelope(result)), recorded)
     )
     if recorded.kind == "demo":
-        codes = {one["code"] for one in now["findings"]}
+        codes = [one["code"] for one in now["findings"]]
         before["tables"] = {name: before["tables"].get(name) for name in now["tables"]}
         before["findings"] = [one for one in before["findings"] if one.get("code") in codes]
     differing = next(_differences(now, before), None)

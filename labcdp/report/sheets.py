@@ -77,26 +77,18 @@ class LongTable:
 
 
 def write_result(file: Path | IO[bytes], result: Result, time: datetime, long: Sequence[LongTable] = ()) -> None:
-    """Write the workbook of a result with further, possibly long tables; see `result_workbook`."""
-    tables: list[Table | LongTable] = [*result.tables, *long, *_appendix(result, long)]
-    write_workbook(file, tables, f"{result.title}: {result.kind}", time)
+    """Write the tables of a result as sheets, with others; a table longer than a sheet is continued in the next one.
 
-
-def write_workbook(file: Path | IO[bytes], tables: Sequence[Table | LongTable], title: str, time: datetime) -> None:
-    """Write tables as sheets; a table longer than a sheet is continued in the next one.
-
-    Equal tables, titles and times give equal bytes. Text stays text, even if it looks like a formula.
+    Equal results and times give equal bytes. Text stays text, even if it looks like a formula.
 
     Parameters
     ----------
     file : Path or binary file
         Written incrementally: give a temporary name and rename.
-    tables : sequence of Table or LongTable
-        One or more sheets each.
-    title : str
-        For the file's properties.
-    time : datetime
-        For the file's properties.
+    result, time
+        As for `result_workbook`.
+    long : sequence of LongTable
+        Further tables.
 
     Raises
     ------
@@ -108,6 +100,7 @@ def write_workbook(file: Path | IO[bytes], tables: Sequence[Table | LongTable], 
     from xlsxwriter import Workbook
     from xlsxwriter.exceptions import FileCreateError
 
+    tables: list[Table | LongTable] = [*result.tables, *long, *_appendix(result, long)]
     for table in tables:
         if len(table.columns) > MOST_COLUMNS:
             raise InputError(
@@ -118,9 +111,8 @@ def write_workbook(file: Path | IO[bytes], tables: Sequence[Table | LongTable], 
     options = {"constant_memory": True, "nan_inf_to_errors": False, "strings_to_formulas": False}
     try:
         with Workbook(target, {**options, "strings_to_urls": False, "strings_to_numbers": False}) as book:
-            book.set_properties(
-                {"title": printable(title), "author": "labcdp", "created": time.astimezone(UTC).replace(tzinfo=None)}
-            )
+            title, created = printable(f"{result.title}: {result.kind}"), time.astimezone(UTC).replace(tzinfo=None)
+            book.set_properties({"title": title, "author": "labcdp", "created": created})
             # Each format is made once.
             formats = cache(lambda **properties: book.add_format({"valign": "top", **properties}))
             names: set[str] = set()

@@ -8,7 +8,7 @@ from labcdp.calibration.sensor.dark_library import DarkLibrary
 from labcdp.core.luminance import Invalid
 from labcdp.core.vignetting import FlatField
 
-from ..conftest import expose, make_frame
+from .conftest import expose, make_frame
 
 SHAPE = (60, 80)
 EXPOSURES = (0.0005, 0.002, 0.008, 0.032, 0.128)

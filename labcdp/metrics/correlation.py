@@ -107,7 +107,7 @@ def inflation_of(image: _Array, mask: NDArray[np.bool_]) -> float:
     level = np.ascontiguousarray(level[region.window])
     slow, slow_square, square = region.fit(level)
     slow_rank, rank = region.ranks
-    plain = _factor(level, region, 1, (square, rank - 1), variance)
+    plain = _with_lags(level, region, _by_lines(level, region, 1, (square, rank - 1), variance), variance)
     if plain == 1:
         return 1.0
     rest = (level - slow) * region.mask
@@ -116,14 +116,21 @@ def inflation_of(image: _Array, mask: NDArray[np.bool_]) -> float:
     if min(float(np.vdot(rest, rest)) / region.n, less) <= _ROUNDING * variance:
         return 1.0
     change = slow_square / (slow_rank - 1) / less if slow_rank > 1 else 0.0
+    all_of_it = _widened(plain, rank - 1, n)
     # Noise, whose factor is at least 1, may have such a change.
     if 0 < change <= _USUAL_CHANGE / plain:
-        return _widened(plain, rank - 1, n)
+        return all_of_it
+
+    def most(noise: float) -> float:
+        """Return the largest factor that noise, and the change on top of it, may have."""
+        return _widened(max(noise, _USUAL_CHANGE * noise**2 / change if change > 0 else noise), rank - slow_rank, n)
+
     others = max(square - slow_square, 0.0), rank - slow_rank
-    noise = _factor(rest, region, _SLOW_DEGREE + 1, others, less)
-    # The largest factor that noise, and the change on top of it, may have.
-    most = max(noise, _USUAL_CHANGE * noise**2 / change if change > 0 else noise)
-    return min(_widened(plain, rank - 1, n), _widened(most, rank - slow_rank, n))
+    by_lines = _by_lines(rest, region, _SLOW_DEGREE + 1, others, less)
+    # Lags, which take most of the time, can only raise it.
+    if by_lines[1] and most(max(by_lines[0], 1.0)) >= all_of_it:
+        return all_of_it
+    return min(all_of_it, most(_with_lags(rest, region, by_lines, less)))
 
 
 def _centred(image: _Array, mask: NDArray[np.bool_]) -> tuple[_Array, bool]:
@@ -141,22 +148,29 @@ def _block_sums(level: _Array, side: int) -> _Array:
     return sum((level[y:height:side, x:width:side] for y, x in starts), np.zeros((height // side, width // side)))
 
 
-def _factor(level: _Array, region: _Region, known: int, surfaces: tuple[float, int], variance: float) -> float:
-    """Largest factor by lags, surfaces, columns and rows; 1 where none is significant.
+def _by_lines(
+    level: _Array, region: _Region, known: int, surfaces: tuple[float, int], variance: float
+) -> tuple[float, bool]:
+    """Largest factor by surfaces, columns and rows, and whether any is significant.
 
     `known` degrees of freedom were subtracted along each axis. `surfaces` are the sum of squares of their coefficients
     and its degrees of freedom. `variance` is that of the pixels, for comparison with that of blocks.
     """
-    square = float(np.vdot(level, level))
-    powers = [(square, float(region.n)), surfaces]
+    powers = [(float(np.vdot(level, level)), float(region.n)), surfaces]
     for sums, lines in zip((level.sum(axis=0), level.sum(axis=1)), region.lines, strict=True):
         powers.append((float(sums @ sums) * lines / region.n, lines - known))
-    means = [(total / dof, 2 / (9 * dof)) for total, dof in powers if dof > 0]
-    near = region.lags.inflation(level)
-    by_lags = near * square / (region.n * variance) if near > 1 else 1.0
+    means = [(total / dof / variance, 2 / (9 * dof)) for total, dof in powers if dof > 0]
     # 99 % quantile for independent values (Wilson and Hilferty 1931).
-    chance = any(mean > variance * (1 - spread + _Z_99 * sqrt(spread)) ** 3 for mean, spread in means)
-    return max(1.0, by_lags, *(mean / variance for mean, _ in means)) if chance or by_lags > 1 else 1.0
+    chance = any(mean > (1 - spread + _Z_99 * sqrt(spread)) ** 3 for mean, spread in means)
+    return max(mean for mean, _ in means), chance
+
+
+def _with_lags(level: _Array, region: _Region, by_lines: tuple[float, bool], variance: float) -> float:
+    """Largest factor by lags, surfaces, columns and rows; 1 where none is significant."""
+    near = region.lags.inflation(level)
+    by_lags = near * float(np.vdot(level, level)) / (region.n * variance) if near > 1 else 1.0
+    largest, significant = by_lines
+    return max(1.0, by_lags, largest) if significant or by_lags > 1 else 1.0
 
 
 def _widened(inflation: float, dof: float, n: int) -> float:

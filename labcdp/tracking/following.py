@@ -23,6 +23,9 @@ from .template import Template, is_background, make_template, plain_template
 _OFF_NOISE, _OFF_LIGHT = 6.0, 0.12
 #: Change of the region's brightness against that of the scene between two frames that only another thing explains.
 _SUDDEN = 0.2
+#: Times the contrast of what is faint that a scene must have for a region to be a plain part of it: else it may as well
+#: be a part of something that is faint itself.
+_SCENE_CLEAR = 2.0
 #: Frames in a row in which its surroundings are clearly seen elsewhere before it is taken for a thing that moves.
 _MOVES_FOR = 3
 
@@ -48,7 +51,7 @@ class Resting(Followed):
         super().__init__(template)
         self._mover, self._moving = mover, 0
         self._rest, self._then = template.to_image, scene
-        self._contrast_least = template.light_to_show(scene.contrast) * scene.contrast
+        self._contrast_least = template.light_to_show(scene.contrast / _SCENE_CLEAR) * scene.contrast
         self._inside = template.inside
         own = template.values.ravel()[self._inside]
         self._texture = own - np.float32(median(own))

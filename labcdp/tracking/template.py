@@ -33,7 +33,7 @@ _UNLIKE_DN = 1.0
 #: Least noise of a template in DN, standard deviation: what the coding of a video leaves even of a smoothed image.
 _CODING_DN = 1.2
 #: Noise in DN of 8 bits that tells that a codec leaves out nothing, standard deviation.
-_KEPT_DN = 0.4
+_KEPT_DN = 0.6
 #: Variance of the gradient of a smoothed image (see `smooth` and `gradients`) with noise of variance 1.
 _GRADIENT_NOISE = 0.0586
 

@@ -110,16 +110,12 @@ def read_luminance(data: bytes, path: Path, max_pixels: int) -> tuple[LuminanceM
         if not isinstance(values, dict) or values.get("format") != FORMAT:
             raise ValueError("its metadata is not that of labcdp")
         if values.get("version") != VERSION:
-            raise InputError(
-                f"luminance {path} has version {quoted(values.get('version'))}, this labcdp reads version {VERSION}: "
-                "use the labcdp that wrote it"
-            )
+            version = quoted(values.get("version"))
+            raise ValueError(f"its version is {version}, this labcdp reads {VERSION}: use the labcdp that wrote it")
         return _map(arrays, values), values
     # Damaged archives, codecs and directories raise what their libraries do.
     except Exception as error:
-        if isinstance(error, InputError) and str(path) in str(error):
-            raise
-        raise InputError(f"{path} is no luminance map that labcdp saved ({reason(error)})") from error
+        raise InputError(f"{path} is no luminance map that this labcdp reads ({reason(error)})") from error
 
 
 def metadata(luminance: LuminanceMap, about: Mapping[str, Any]) -> dict[str, Any]:

@@ -126,7 +126,7 @@ DUMP = {"size": (60, 40), "pixel_format": "Mono8"}
 REFUSED = [
     ("a.png", b"", {}, r"a\.png is empty"),
     ("a.jpg", b"GIF89a and so on", {}, r"a\.jpg is no image that labcdp reads"),
-    ("a.npz", b"PK\x03\x04" + bytes(50), {}, r"a\.npz is no luminance map that labcdp saved"),
+    ("a.npz", b"PK\x03\x04" + bytes(50), {}, r"a\.npz is no luminance map that this labcdp reads"),
     ("a.png", os.mkfifo, {}, r"a\.png cannot be read \(it is a pipe"),
     ("a.npy", lambda path: np.save(path, np.full((2, 2), -1)), {}, r"has values from -1 to -1"),
     # A pickle is never opened.

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .geometry import Matrix
-from .level import GainOffset, Level, Seen
+from .level import GainOffset, Level
 from .sight import View
 from .template import Template, gradients
 
@@ -125,21 +125,20 @@ class Aligner:
             )
             if isnan(gain):
                 return None
-        seen = Seen(gain, offset, values, trusted, residuals)
-        noise, structure = fine.noise * (1 + 1 / seen.gain**2) ** 0.5, fine.structure
+        noise, structure = fine.noise * (1 + 1 / gain**2) ** 0.5, fine.structure
         factor = 1 / hypot(_AGREES_NOISE * noise, _AGREES_STRUCTURE * structure)
-        agrees, found, n_inside = agreement(seen.residuals, seen.trusted, self._carries, factor)
+        agrees, found, n_inside = agreement(residuals, trusted, self._carries, factor)
         # Whatever there is agrees with noise as strong as the structure.
         quality = found / self._carried * min(1.0, (structure / max(_AGREES_NOISE * noise, 1e-9)) ** 2)
         return Fit(
             view.to_image @ place,
             quality,
-            (seen.gain, seen.offset),
-            self._covered(seen, hypot(_COVERED_NOISE * noise, _COVERED_STRUCTURE * structure)),
+            (gain, offset),
+            self._covered(residuals, trusted, hypot(_COVERED_NOISE * noise, _COVERED_STRUCTURE * structure)),
             n_inside / agrees.size,
             agrees,
-            seen.values.reshape(self.template.shape),
-            self._outline.heights(seen),
+            values.reshape(self.template.shape),
+            self._outline.heights(values, trusted, gain),
         )
 
     def vanished(self, fit: Fit) -> float:
@@ -155,10 +154,10 @@ class Aligner:
         self._trust = np.where(known, np.maximum(new, self._trust_least), self._trust)
         self._spread_trust()
 
-    def _covered(self, seen: Seen, most: float) -> float:
+    def _covered(self, residuals: NDArray[np.float32], trusted: NDArray[np.float32], most: float) -> float:
         """Share of the region's own pixels in the image that are more than `most` off their median."""
-        there = seen.trusted[self._own] > 0
-        return _share_off(seen.residuals[self._own][there], most + self._uneven[there])
+        there = trusted[self._own] > 0
+        return _share_off(residuals[self._own][there], most + self._uneven[there])
 
     def changed(self, before: NDArray[np.float32], after: NDArray[np.float32]) -> float:
         """Share of the region's own pixels that changed from one frame to the next, both in the light of the first."""
@@ -229,13 +228,13 @@ class Outline:
         self._enough = _LEAST * float(length.sum())
         self._usual = np.ones(_PARTS)
 
-    def heights(self, seen: Seen) -> NDArray[np.float64]:
+    def heights(self, values: NDArray[np.float32], trusted: NDArray[np.float32], gain: float) -> NDArray[np.float64]:
         """Heights in what is seen under the template over those in the first frame; nan outside the image."""
         from .level_kernel import height_sums
 
-        sums = height_sums(seen.values, seen.trusted, self._width, self._edges, _PARTS)
+        sums = height_sums(values, trusted, self._width, self._edges, _PARTS)
         # Before a background that moves otherwise an edge may change its sign.
-        heights: NDArray[np.float64] = np.abs(sums) / (seen.gain * np.maximum(self._energies, 1e-9))
+        heights: NDArray[np.float64] = np.abs(sums) / (gain * np.maximum(self._energies, 1e-9))
         return heights
 
     def gone(self, heights: NDArray[np.float64]) -> float:

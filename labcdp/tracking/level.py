@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,27 +29,6 @@ _STILL_PX = 0.02
 _Pixels = NDArray[np.float32]
 #: Gain and offset of a frame's light: DN = gain * DN of the first frame + offset.
 GainOffset = tuple[float, float]
-
-
-@dataclass(frozen=True, eq=False)
-class Seen:
-    """What a view shows under a template.
-
-    Parameters
-    ----------
-    gain, offset : float
-        Light: DN = gain * DN of the first frame + offset.
-    values, trusted : ndarray of float32, shape (n,)
-        The view there, and how far each pixel counts: 0 outside the image.
-    residuals : ndarray of float32, shape (n,)
-        What is left of the view in the template's DN.
-    """
-
-    gain: float
-    offset: float
-    values: _Pixels
-    trusted: _Pixels
-    residuals: _Pixels
 
 
 class Level:

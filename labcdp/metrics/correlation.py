@@ -293,13 +293,5 @@ def _region(mask: NDArray[np.bool_]) -> _Region:
         kept = np.abs(sizes) > _SAME_SURFACE * np.abs(sizes).max()
         inverses[degree] = directions[:, kept] / sizes[kept] @ directions[:, kept].T
         ranks.append(int(np.count_nonzero(kept)))
-    return _Region(
-        window=window,
-        mask=inside,
-        n=n,
-        lines=(n**2 / float(np.square(in_columns).sum()), n**2 / float(np.square(in_rows).sum())),
-        polynomials=(down, right),
-        inverses=inverses,
-        ranks=(ranks[0], ranks[1]),
-        lags=Lags.of(inside),
-    )
+    lines = n**2 / float(np.square(in_columns).sum()), n**2 / float(np.square(in_rows).sum())
+    return _Region(window, inside, n, lines, (down, right), inverses, (ranks[0], ranks[1]), Lags.of(inside))

@@ -20,17 +20,7 @@ from .contrast import TargetContrast
 from .correlated_cdp import cdp_of_regions, size_findings
 from .detection import PairError, joined_errors, variance_of_changes
 from .pairs import bright_and_dark, tally_pairs
-from .region import RegionPixels, RegionResult, evaluate_region, region_result, with_uncertainty
-
-__all__ = [
-    "PairResult",
-    "RegionResult",
-    "evaluate_pair",
-    "evaluate_region",
-    "evaluate_regions",
-    "paired_errors",
-    "require_apart",
-]
+from .region import RegionPixels, RegionResult, region_result, with_uncertainty
 
 _Array = NDArray[np.float64]
 #: A region with its bounding box in the image and its mask in the box.

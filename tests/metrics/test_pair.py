@@ -9,7 +9,8 @@ from labcdp.core.errors import InputError
 from labcdp.core.luminance import CommonError, Invalid
 from labcdp.core.roi import Roi
 from labcdp.metrics import cdp, cdp_correlated, cdp_with_common_errors, csnr
-from labcdp.metrics.pair import evaluate_pair, evaluate_region
+from labcdp.metrics.pair import evaluate_pair
+from labcdp.metrics.region import evaluate_region
 
 from .conftest import map_of, share_of_normal
 

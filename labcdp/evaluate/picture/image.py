@@ -10,7 +10,8 @@ from ...core.errors import InputError
 from ...core.luminance import LuminanceMap
 from ...core.result import Finding, info, unique, warning
 from ...core.roi import Rectangle, Roi
-from ...metrics.pair import PairResult, RegionResult, evaluate_pair, evaluate_region
+from ...metrics.pair import PairResult, evaluate_pair
+from ...metrics.region import RegionResult, evaluate_region
 from .conversion import PictureSource
 from .neighbours import NeighbourEvaluation, evaluate_neighbours
 

@@ -113,7 +113,7 @@ class Pixels:
     def luma(self, stored: NDArray[Any]) -> NDArray[Any]:
         """Full-range Y' of what is stored of it."""
         if self.limited:
-            stored = looked_up(np.rint(self._grey.clip(0, 2**self.bits - 1)).astype(stored.dtype), stored)
+            stored = looked_up(self._full_range, stored)
         return upright(np.ascontiguousarray(stored), self.orientation)
 
     def luminance(
@@ -143,6 +143,12 @@ class Pixels:
         luminance, clipped = luminance_of_ycbcr(luma, blue, red, (down, across), self._parts, light)
         inner = np.s_[rows.start - top * down :, columns.start - left * across :]
         return luminance[inner], clipped[inner]
+
+    @cached_property
+    def _full_range(self) -> NDArray[Any]:
+        """Full-range Y' of each stored value, as integers."""
+        dtype = np.uint8 if self.bits == 8 else np.uint16
+        return np.asarray(np.rint(self._grey.clip(0, 2**self.bits - 1)), dtype)
 
     @cached_property
     def _grey(self) -> NDArray[np.float64]:

@@ -16,7 +16,7 @@ from ...core.disk import parse_json
 from ...core.disk.journal import Row
 from ...core.errors import InputError
 from ...core.result import Finding
-from ...core.table import Column, attributes_of, values_of
+from ...core.table import Column, attributes_of
 from ..columns import CDP, CONTRAST, CSNR, SHARES, TARGET, by_itself, invalid_share, region_columns
 
 if TYPE_CHECKING:
@@ -68,11 +68,6 @@ FINDINGS = Column("findings", "findings", meaning="The notes with code, subject 
 def names(columns: tuple[Column, ...]) -> tuple[str, ...]:
     """Return the names of columns."""
     return tuple(column.name for column in columns)
-
-
-def taken(columns: tuple[Column, ...], items: Sequence[Any]) -> Row:
-    """Return the values of columns, each a list with one for each item."""
-    return values_of(columns, items)
 
 
 def as_json(values: Any) -> str:

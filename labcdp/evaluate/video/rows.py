@@ -16,6 +16,7 @@ from ...core.frame import Frame
 from ...core.luminance import WHOLE
 from ...core.result import Finding, warning
 from ...core.roi import Roi
+from ...core.table import values_of
 from ...files.video.source import VideoFrame
 from ...metrics.pair import evaluate_regions, require_apart
 from ...metrics.region import RegionPixels
@@ -37,7 +38,6 @@ from .dataset import (
     names,
     recorded,
     restored,
-    taken,
 )
 from .findings import TOO_SATURATED, note_of
 from .settings import Observer, ReferenceContrast, VideoSettings
@@ -182,16 +182,16 @@ class PartRun:
             if not self._learn(found.contrast.value):
                 break
         n, both = len(contrasts), (found.a, found.b)
-        row: Row = {name: values[0] for name, values in taken(OF_PAIR, [found]).items()}
-        row |= taken(OF_LIGHT, both) | {_INVALID: [region.invalid_shares for region in both]}
-        row |= taken(OF_CONTRAST, found.results[:n]) if n else {}
-        row |= {name: values[0] for name, values in taken(OF_REFERENCE, found.results[n:]).items() if values}
+        row: Row = {name: values[0] for name, values in values_of(OF_PAIR, [found]).items()}
+        row |= values_of(OF_LIGHT, both) | {_INVALID: [region.invalid_shares for region in both]}
+        row |= values_of(OF_CONTRAST, found.results[:n]) if n else {}
+        row |= {name: values[0] for name, values in values_of(OF_REFERENCE, found.results[n:]).items() if values}
         return row, [] if why is None else [why]
 
     def _of_neighbours(self, frame: Frame) -> Row:
         given = None if isnan(self.contrasts[0]) else self.contrasts
         found = neighbours_of_frame(frame, self._conversion, given, self.settings.epsilon)
-        row = taken(OF_CONTRAST, found.results) if found.results else {}
+        row: Row = {**values_of(OF_CONTRAST, found.results)} if found.results else {}
         if given is None:
             row[_MEASURED] = found.contrast.value
             self._learn(found.contrast.value)
@@ -202,7 +202,7 @@ def _places(regions: Sequence[TrackedRoi], rois: Sequence[Roi]) -> Row:
     """Where the regions are; nan in a damaged frame."""
     row: Row = dict.fromkeys(names(OF_FRAME), nan) | {name: [nan, nan] for name in names(OF_REGION)}
     if regions:
-        return row | taken((*OF_PLACE, *OF_CORNER), regions)
+        return row | values_of((*OF_PLACE, *OF_CORNER), regions)
     nothing = [[nan] * len(roi.corners) for roi in rois]
     return row | {"lost": [False, False]} | dict.fromkeys(names(OF_CORNER), nothing)
 
@@ -240,7 +240,7 @@ def light_of(frame: VideoFrame, conversion: PictureConversion, roi: Roi) -> Regi
     # A pixel of the map stands for a group of the colour filter.
     group = 2 if in_part is None and pixels.frame.colour_filter is not None else 1
     shape = pixels.shape[0] // group, pixels.shape[1] // group
-    region = roi if group == 1 else Roi(roi.name, tuple((x / group, y / group) for x, y in roi.corners))
+    region = roi.divided(group)
     window = region.window(shape)
     part, inner = (pixels.frame, window) if in_part is None else (in_part(window), WHOLE)
     dn = part.dn[inner] if group == 1 and part.dn.dtype == np.uint8 else None

@@ -13,7 +13,7 @@ from ...core.errors import InputError
 from ..contrast import Epsilon, TargetContrast
 from ..pairs import RELATIVE_TOLERANCE
 from ..result import NeighbourCdp
-from .marks import MarkSums, result_of_counts
+from .cdp import MarkSums, result_of_counts
 
 #: Contrasts at once: each has two ends, and a class has one byte.
 _MOST_CONTRASTS = 120

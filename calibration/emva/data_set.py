@@ -93,20 +93,19 @@ def _stacks(index: DataSetIndex) -> tuple[list[IndexBlock], list[Finding]]:
         own = [block for block in index.blocks if block.kind == kind and len(block.images) >= _STACK]
         blocks += [block for block in own if len(block.images) == max(len(other.images) for other in own)]
     # EMVA 1288 Release 4.0 Linear: at about half of saturation.
-    half = max(_stimulus(block) for block in index.blocks if block.kind == "bright") / 2
-    bright = sorted(most["bright"], key=lambda block: abs(_stimulus(block) - half))
-    findings = []
-    if len(bright) > 1:
-        chosen = {"photons": bright[0].photons, "exposure_s": bright[0].exposure_s}
-        findings.append(info("bright-stacks-alike", count=len(bright), n_images=len(bright[0].images), **chosen))
+    lit = [block for block in index.blocks if block.kind == "bright"]
+    known = any(block.photons > 0 for block in lit)
+    stimuli = {block: block.photons if known else block.exposure_ns for block in lit}
+    half = max(stimuli.values()) / 2
+    bright = sorted(most["bright"], key=lambda block: abs(stimuli[block] - half))[:1]
     # The dark one of the same exposure, if that has as many.
-    most["dark"].sort(key=lambda block: bool(bright) and block.exposure_ns != bright[0].exposure_ns)
-    return [*most["dark"][:1], *bright[:1]] if most["dark"] else [], findings
-
-
-def _stimulus(block: IndexBlock) -> float:
-    """Photons, or the exposure where they are not known."""
-    return block.photons or block.exposure_ns
+    dark = sorted(most["dark"], key=lambda block: bool(bright) and block.exposure_ns != bright[0].exposure_ns)[:1]
+    findings = []
+    if dark and len(most["bright"]) > 1:
+        chosen = {"photons": bright[0].photons if known else None, "exposure_s": bright[0].exposure_s}
+        of = {"count": len(most["bright"]), "n_images": len(bright[0].images)}
+        findings.append(info("bright-stacks-alike", **of, **chosen))
+    return [*dark, *bright] if dark else [], findings
 
 
 def _series(index: DataSetIndex, levels: Sequence[tuple[IndexBlock, Level]]) -> list[SeriesPoint]:

@@ -207,7 +207,8 @@ def _of_frames(
     # The light is that of all planes.
     flicker = float(shares @ [p.noise.flicker_rel for p in planes]) / sqrt(n_frames)
     yield row(FLICKER, [flicker], planes[0].noise.flicker_dof)
-    yield row("pixel sensitivity", shares * [p.pixel_rel() for p in planes] / sqrt(n_pixels))
+    of_flat_field = "flat field" if isinstance(planes[0].vignetting, FlatField) else ""
+    yield row("pixel sensitivity", shares * [p.pixel_rel() for p in planes] / sqrt(n_pixels), case=of_flat_field)
     if isinstance(planes[0].vignetting, FlatField | RadialVignetting):
         # The source of a flat field is that of all planes.
         yield replace(row(FLAT_FIELD, [max(p.field_rel for p in planes)]), evaluation="B")

@@ -9,7 +9,7 @@ import pytest
 from labcdp.calibration import fit, patch_luminance
 from labcdp.calibration.budget import SOURCES, budget, budget_exposure_s, combined
 from labcdp.calibration.converter import common_errors
-from labcdp.core.vignetting import RadialVignetting
+from labcdp.core.vignetting import FlatField, RadialVignetting
 
 from .conftest import FEW_CD_M2, FEW_S, SimulatedMeter, bench, row
 from .test_verify import CERTIFICATE
@@ -55,3 +55,11 @@ def test_every_source_has_a_row_that_is_a_common_error_or_says_why_it_is_not_kno
     assert u["dark and temperature"] == pytest.approx(sqrt(squares["dark and temperature"]))
     assert hypot(u["fit"], u["meter repeatability"]) == pytest.approx(sqrt(squares["fit"]))
     assert not row(rows, "intercept").included
+
+
+def test_a_flat_field_leaves_at_least_its_own_noise_of_the_pixels_sensitivity(calibration):
+    flat = replace(calibration, vignetting=FlatField(np.ones((4, 4), np.float32), 0.004, 0.0, 9))
+    for one, code in ((calibration, "budget-pixel-sensitivity"), (flat, "budget-pixel-sensitivity-flat-field")):
+        found = row(budget(one, 8.0, 0.01, 4), "pixel sensitivity")
+        assert (found.standard_uncertainty_rel, found.basis.code) == (pytest.approx(one.pixel_rel() / 2), code)
+    assert flat.pixel_rel() == 0.004 > flat.noise.prnu_rel

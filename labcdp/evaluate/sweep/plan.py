@@ -126,7 +126,7 @@ def _spaced(parameter: str, given: str) -> tuple[Value, ...]:
     values = (np.geomspace if logarithmic else np.linspace)(start, stop, int(count))
     # Parameters such as bits take whole numbers only.
     whole = not logarithmic and all(isinstance(number, int) for number in numbers[:2]) and (values % 1 == 0).all()
-    return tuple((values.astype(int) if whole else values).tolist())
+    return tuple(map(int if whole else float, values))
 
 
 #: Cells of a map that a computer holds and the user reads.

@@ -163,6 +163,9 @@ def test_shading_is_no_lost_edge_and_contrast_never_survives_a_veil():
     ):
         found = contrast_map(map_of(step + veil + noise), asked)
         assert set(found.edges.kind[_across(found)]) == {kind}
+    # So faint that regions do not follow the step, which runs through those of one side.
+    found = contrast_map(map_of(np.where(np.arange(480) < 256, 100.0, 150.0) + 1900 + noise), asked)
+    assert set(found.edges.kind[_across(found, 256)]) == {EdgeKind.LOST}
 
 
 def test_pixels_that_are_not_finite_are_left_out():

@@ -129,6 +129,7 @@ def test_spaced_axes_have_their_count_and_ends(start, ratio, count, logarithmic)
     steps = np.diff(np.log(values) if logarithmic else values)
     assert (values[0], values[-1], len(values)) == (pytest.approx(start), pytest.approx(start * ratio), count)
     assert steps == pytest.approx(steps.mean(), rel=1e-6)
+    assert parse_axis(f"a.b=0:{2**70}:2").values == (0, 2**70)
 
 
 def test_what_is_not_an_axis_is_refused():

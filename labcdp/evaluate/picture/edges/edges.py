@@ -37,10 +37,6 @@ FALSE_ALARM = 0.01
 #: Part of the pairs that miss a contrast which noise must account for; else the regions are not uniform.
 _LEAST_PART_OF_NOISE = 0.5
 
-#: Where the light of two regions, continued to their border, differs by less than this part of their means, it changes
-#: steadily from one to the other, and the border is none of an object.
-_LEAST_STEP = 0.25
-
 #: An error of the calibration beyond the light itself leaves at least this part of it.
 _LEAST_FACTOR = 1e-3
 
@@ -196,7 +192,7 @@ def map_edges(
         significant = wanted > least_of_scene
     elif scene is not None:
         wanted = np.full(contrast.size, scene)
-        shading = regions.steps(sides, near.middle_px) < _LEAST_STEP
+        shading = regions.steady(sides, near.middle_px)
     kind = np.full(bright.size, EdgeKind.SEEN, dtype=np.int8)
     # Those that are lost are still among those that are seen; what comes later prevails.
     for found, of_kind in (

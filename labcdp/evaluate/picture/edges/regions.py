@@ -26,6 +26,10 @@ _SMALL_SIZE_PX = 20
 #: of the rest for noise of a standard deviation of 1, 2 (pdf(0) - pdf(z)) / (1 - share) with cdf(z) = 1 - share / 2.
 _TRIMMED, _MEAN_OF_TRIMMED = 0.5, 0.32466
 
+#: A step between regions is one of an object if it is at least this part of the difference of their means. Light that
+#: changes steadily changes in both by at least this part; the outline of a faint object may run through one of them.
+_LEAST_STEP, _LEAST_CHANGE = 0.25, 0.05
+
 
 @dataclass(frozen=True, eq=False)
 class MapRegions:
@@ -69,13 +73,15 @@ class MapRegions:
     middle_px: Floats
     slope: Floats
 
-    def steps(self, sides: Labels, places_px: Floats) -> Floats:
-        """Difference of two regions' light, each continued evenly to a place (x, y), over that of their means."""
-        bright, dark = (
-            self.mean[one] + (self.slope[one] * (places_px - self.middle_px[one])).sum(axis=1) for one in sides
-        )
+    def steady(self, sides: Labels, places_px: Floats) -> NDArray[np.bool_]:
+        """Whether the light changes as steadily within two regions as to a place (x, y) between them, as shading does.
+
+        The bright and the dark region both change towards it, and leave no step there.
+        """
+        changes = (self.slope[sides] * (places_px - self.middle_px[sides])).sum(axis=2)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray((bright - dark) / -np.diff(self.mean[sides], axis=0)[0])
+            parts = changes * [[-1], [1]] / -np.diff(self.mean[sides], axis=0)
+        return np.asarray((1 - parts.sum(axis=0) < _LEAST_STEP) & (parts.min(axis=0) > _LEAST_CHANGE))
 
     def distributions(self, wanted: Labels) -> dict[int, Distribution]:
         """Distributions of the measured pixels of some regions."""

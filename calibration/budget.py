@@ -194,7 +194,7 @@ def _of_frames(
     ]
     uneven = [p.dark.nonuniformity_dn for p in planes]
     black_level = stretch * [p.dark.drift_dn for p in planes] / sqrt(n_frames)
-    values: dict[str, FindingValue] = {"n_pixels": n_pixels, "n_frames": n_frames, "exposure_s": exposure_s}
+    values: dict[str, FindingValue] = {"n_pixels": n_pixels, "n_frames": n_frames}
 
     def row(source: str, us: Sequence[float] | Array, dof: int = 0, case: str = "") -> BudgetRow:
         of = basis(source, case, **values)

@@ -21,6 +21,7 @@ from labcdp.evaluate.bench.session_page import session_files
 from labcdp.evaluate.bench.session_result import session_result
 from labcdp.report.files import envelope
 from labcdp.report.html import render_page
+from labcdp.report.text import finding_text
 from labcdp.session import ContrastConfiguration, Session
 from labcdp.session.configuration import PartyConfiguration
 
@@ -164,6 +165,8 @@ def test_budget_and_patches_are_those_of_the_calibration(evaluated):
         for row in found:
             if row.included:
                 assert sources[row.source][f"u_{place}_rel"] == pytest.approx(row.standard_uncertainty_rel)
+                # One basis stands for all three luminances, whose exposures differ.
+                assert sources[row.source]["basis"] == finding_text(row.basis)
     patches = rows(result, "calibration_patches", "patch")
     for use, group in (("fit", rest), ("held out", [first])):
         for patch in group:

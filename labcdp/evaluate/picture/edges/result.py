@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 KINDS = {
     EdgeKind.LOST: ("lost", "contrast of an object, and a CDP below the limit"),
     EdgeKind.SEEN: ("detected", "contrast of an object, and a CDP of at least the limit"),
-    EdgeKind.UNEVEN: ("not uniform", "more than noise, but the regions vary as much: texture, or several surfaces"),
+    EdgeKind.UNEVEN: ("not uniform", "more than noise, but regions vary as much: texture, shading, or two surfaces"),
     EdgeKind.FAINT: ("faint", "contrast below that of an object"),
     EdgeKind.NOISE: ("noise", "not distinguishable from noise: no edge of an object"),
     EdgeKind.SATURATED: ("saturated", f"a region has more than {SATURATED_SHARE:.0%} of its pixels saturated"),

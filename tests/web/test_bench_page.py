@@ -164,6 +164,8 @@ def test_saturation_contrast_and_verdict_follow_the_exposure(bench):
     assert bench.page.locator(".contrasts tbody tr").first.inner_text().endswith("too strong")
     bench.fill("Target contrast", "880,5")
     bench.card_when(1, r"detected.*target contrast 880\.5 %")
+    bench.fill("Target contrast", "88%,100")
+    bench.page.get_by_text("The target contrast is '100'").wait_for()
 
 
 def test_the_meter_reads_the_patch_that_is_selected(bench):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -34,10 +35,11 @@ from .tabs import CameraTab, RecordTab
 
 def _contrasts(text: str) -> tuple[float, ...] | None:
     """Return contrasts as typed: a number, also with a decimal comma, or a list of percentages and ranges."""
-    if text.count("%") < 2:
-        text = text.replace("%", "").replace(",", ".").strip()
-        text = f"{text}%" if text else ""
-    return parse_contrasts(text.split(","), "the target contrast") if text else None
+    single = text.strip().removesuffix("%").strip().replace(",", ".")
+    with suppress(ValueError):
+        float(single)
+        text = f"{single}%"
+    return parse_contrasts(text.split(","), "the target contrast") if text.strip() else None
 
 
 def _written(target: Target) -> str:

@@ -151,6 +151,9 @@ def test_an_altered_row_and_those_behind_it_are_not_read(tmp_path_factory, data)
     whole[at] ^= data.draw(st.integers(1, 255))
     path.write_bytes(whole)
     assert read(path) == [json.dumps(row) for row in ROWS[:n_before]]
+    # Each line follows the one before: without that one, it is none of them.
+    path.write_bytes(lines[0] + lines[2])
+    assert read(path) == []
 
 
 @pytest.mark.parametrize(

@@ -40,6 +40,7 @@ def test_full_well_is_clipped_before_read_noise_and_lies_above_saturation(sensor
     dn, sigma = expose(device, 5000.0), sqrt(100 + 1 / 12)
     assert dn.mean() == pytest.approx(1100, abs=5 * sigma / sqrt(N))
     assert dn.std() == pytest.approx(sigma, abs=5 * sigma / sqrt(2 * N))
+    assert device.dark_noise_dn() == pytest.approx(sigma)
     noisy = replace(device, read_noise_e=20.0, dsnu_e=15.0)
     assert noisy.saturation_dn() == pytest.approx(1100 - 6 * 25)
     assert np.all(expose(noisy, 3000.0) >= noisy.saturation_dn())

@@ -132,7 +132,7 @@ def test_regions_keep_their_size_whatever_their_template_is_reduced_by(side, ins
      ("libx265", "gbrp10le", 1, 1, True), ("prores_ks", "yuv422p10le", 1.5, 0.1, True),
      ("libsvtav1", "yuv420p10le", 1.5, 0.05, False), ("libx264", "yuv420p10le", 1.5, 0.05, False),
      ("mjpeg", "yuvj420p", 1.5, 0.05, False), ("libx265", "yuv420p10le", 1.5, 0.1, False),
-     ("libx264", "yuv420p", 1.5, None, False)],
+     ("libx264", "yuv420p", 1.5, None, False), ("libx264", "yuv420p10le", 1.5, 0.15, True)],
 )  # fmt: skip
 def test_regions_of_a_coded_video_are_followed_or_lost_where_it_may_not_show_their_motion(
     codec, kind, speed, gain, shown, tmp_path
@@ -143,7 +143,8 @@ def test_regions_of_a_coded_video_are_followed_or_lost_where_it_may_not_show_the
     truth = frames_of(path, 20, inset=5, full_scale_e=4000.0)
     # Cb and Cr are left out, red, green and blue are alike.
     written = [3 ** (kind[0] == "g") * (frame.grey * np.uint16(4 ** kind.endswith("10le")),) for frame in truth]
-    video = [one.pixels for one in decoded(write(tmp_path / "video.mkv", codec, kind, written, {"crf": "30"}))]
+    quality = {"crf": "18" if gain == 0.15 else "30"}
+    video = [one.pixels for one in decoded(write(tmp_path / "video.mkv", codec, kind, written, quality))]
     results = follow([one.followed for one in video], truth[0].rois, levels=video[0].levels)
     places = [
         both for found, frame in zip(results, truth[1:], strict=True) for both in zip(found, frame.rois, strict=True)

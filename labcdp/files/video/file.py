@@ -24,6 +24,7 @@ from ..picture import unused_options
 from ..read import PictureOptions, frame_of_pixels
 from .decoding import Shown, shown_frames
 from .pixels import Pixels, learn_pixels
+from .quantiser import PARAMETERS
 from .source import StoredPixels, VideoFrame, VideoSource, require_frames
 
 #: Whole frames, and broken ones, that are looked at to learn what the numbers are.
@@ -113,6 +114,7 @@ def open_video_file(path: Path, options: PictureOptions) -> VideoSource:
     broken: list[Any] = []
     with _opened(path, options.max_pixels) as container:
         stream = container.streams.video[0]
+        stream.codec_context.options = {**stream.codec_context.options, **PARAMETERS}
         for shown in shown_frames(container, None, None):
             (frames if shown.fault is None else broken).append(shown.frame)
             if len(frames) == _LOOKED_AT or len(broken) == _MOST_BROKEN:

@@ -24,6 +24,7 @@ from ..stored_image import (
     orientation_of_matrix,
     upright,
 )
+from .quantiser import faint_dn
 
 # Codes of ITU-T H.273: transfer characteristics (table 3) and matrix coefficients (table 4) with weights of R and B.
 _UNSTATED = 2
@@ -36,8 +37,6 @@ _LIMITED, _FULL = 1, 2
 _HD_ROWS = 720
 #: Cb and Cr of grey differ by no more from the middle, in steps of 8 bits.
 _COLOURED = 1
-#: What is faint where each frame is coded by itself, and where changes are, of which the codec leaves out small ones.
-_FAINT_DN, _FAINT_MOVING_DN = 2.0, 4.0
 _SUBSAMPLING = {(1, 1): "444", (2, 1): "422", (2, 2): "420", (4, 1): "411", (4, 4): "410", (1, 2): "440"}
 
 
@@ -206,8 +205,8 @@ def learn_pixels(frames: Sequence[Any], codec: Any, encoding: Encoding | None) -
     if coloured:
         found.append(info("srgb-colour-to-grey" if stored == "srgb" else "colour-to-grey"))
     seen = kind if coloured else "luma"
-    faint_dn = (_FAINT_DN if codec.intra_only else _FAINT_MOVING_DN) if codec.lossy else 0.0
-    return Pixels(first.format.name, seen, bits, limited, weights, stored, orientation or 1, faint_dn), found
+    faint = faint_dn(frames, codec, bits)
+    return Pixels(first.format.name, seen, bits, limited, weights, stored, orientation or 1, faint), found
 
 
 #: EXIF orientations by the display rotation in degrees, counter-clockwise.

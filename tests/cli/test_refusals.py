@@ -58,6 +58,7 @@ REFUSED = (
     ("bench --simulated --contrast 10%:200%:51", "51 target contrasts: the page shows at most 50"),
     ("simulate small.toml --set scene.luminance_cd_m2=nan", "scene.luminance_cd_m2 is nan"),
     ("sweep thesis-2018 --exact --over scene.contrast=1,2", "is no EMVA 1288 sensor"),
+    ("simulate small.toml --epsilon 200%", "--epsilon is '200%': give a percentage above 0%, up to 100%"),
     ("reproduce paper", "there is nothing to reproduce called 'paper'"),
 )
 

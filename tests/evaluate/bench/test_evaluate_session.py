@@ -40,6 +40,14 @@ def test_every_patch_lies_within_its_interval(evaluation):
             assert expanded_rel([row.meter], row.measured_random_rel) == pytest.approx(0.019, abs=0.001)
 
 
+def test_a_contrast_is_that_of_the_longest_exposure_that_saturates_neither_patch(recorded, observed, evaluation):
+    exposures = {frame.number: frame.exposure_s for frame in recorded.frames()}
+    for row in evaluation.contrasts:
+        seen = [o for name in (row.asked.bright, row.asked.dark) for o in observed.patches[name]]
+        saturated = {o.exposure_s for o in seen if o.saturated_share > 0}
+        assert exposures[row.frame_number] == row.exposure_s == max({o.exposure_s for o in seen} - saturated)
+
+
 def test_a_calibration_from_before_parts_were_taken_again_is_no_check(recorded, evaluation, tmp_path):
     shutil.copytree(recorded.path, tmp_path / "s")
     with Session.open(tmp_path / "s", writable=True) as session:

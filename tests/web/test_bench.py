@@ -20,7 +20,7 @@ from labcdp.session import CameraConfiguration, EventRecord, MeterConfiguration,
 from labcdp.web.bench.desk import MeterDesk
 from labcdp.web.bench.images import Focus, better_exposure_s
 from labcdp.web.bench.live_camera import LiveCamera
-from labcdp.web.bench.pair import LiveMeasurements, verdict
+from labcdp.web.bench.pair import TRACE_S, LiveMeasurements, PairPoint, Trace, verdict
 from labcdp.web.bench.recording import PageOperator, Recording
 from labcdp.web.regions.display import DisplayScale
 from labcdp.web.regions.drawing import Drawing
@@ -117,6 +117,18 @@ def test_the_verdict_follows_the_interval():
         (0.0, 0.0, (float("nan"), float("nan")), "undecided"),
     ):
         assert verdict(below, above, interval) == expected
+
+
+def test_a_trace_has_three_minutes_of_one_pair_at_one_number_of_contrasts():
+    def at(time_s, n):
+        return tuple(PairPoint(time_s, 0.5 * (k + 1), 1.0, 1.0, 1.0, "detected") for k in range(n))
+
+    pair = ("a", "b")
+    trace = Trace().after(at(0, 2), pair).after(at(1, 2), pair)
+    assert trace.after(at(TRACE_S, 2), pair).frames == (at(1, 2), at(TRACE_S, 2))
+    assert trace.after(at(2, 1), pair).frames == (at(2, 1),)
+    assert trace.after(at(2, 2), ("a", "c")).frames == (at(2, 2),)
+    assert trace.after((), pair) == Trace(trace.frames, pair, ())
 
 
 def frame_of(dn, bits, saturation_dn, pixel_format, pattern):

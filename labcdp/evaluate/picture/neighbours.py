@@ -16,7 +16,7 @@ from ...core.result import Finding, info, warning
 from ...core.roi import Rectangle, clipped_rectangle
 from ...metrics import CalibratedCdp, ContrastDistribution, Distribution, Epsilon, NeighbourCdp, cdp_neighbours_range
 from ...metrics.detection import variance_of_changes
-from ...metrics.neighbours.tables import neighbour_tables
+from ...metrics.neighbours.tables import MOST_CONTRASTS, neighbour_tables
 from ...metrics.signal_to_noise import Estimate
 from ...metrics.spread import CUT_OFF, MOST_BINS, MOST_TIMES, spacing
 from .conversion import Calibrated, PictureConversion
@@ -113,11 +113,12 @@ def neighbours_of_frame(
     Raises
     ------
     InputError
-        As `evaluate_neighbours`, and for more contrasts than tables of pairs of DN hold.
+        As `evaluate_neighbours`.
     CalibrationError
         If the conversion is not for such frames.
     """
-    light = None if contrasts is None else _light_by_dn(frame, conversion)
+    few = contrasts is not None and len(contrasts) <= MOST_CONTRASTS
+    light = _light_by_dn(frame, conversion) if few else None
     if contrasts is None or light is None:
         return evaluate_neighbours(conversion.convert(frame), contrasts, epsilon)
     found = neighbour_tables(light, contrasts, epsilon).evaluate(frame.dn)

@@ -16,7 +16,7 @@ from ..result import NeighbourCdp
 from .cdp import MarkSums, result_of_counts
 
 #: Contrasts at once: each has two ends, and a class has one byte.
-_MOST_CONTRASTS = 120
+MOST_CONTRASTS = 120
 
 
 class NeighbourTables:
@@ -43,8 +43,8 @@ class NeighbourTables:
     """
 
     def __init__(self, light: NDArray[np.floating[Any]], contrasts: Sequence[float], epsilon: Epsilon) -> None:
-        if len(contrasts) > _MOST_CONTRASTS:
-            raise InputError(f"{len(contrasts)} contrasts are given: give up to {_MOST_CONTRASTS}")
+        if len(contrasts) > MOST_CONTRASTS:
+            raise InputError(f"{len(contrasts)} contrasts are given: give up to {MOST_CONTRASTS}")
         if not np.isfinite(light).all():
             raise InputError("the light of a DN is not finite: check calibration or camera specification")
         self._asked = [TargetContrast(contrast, epsilon, "weber") for contrast in contrasts]

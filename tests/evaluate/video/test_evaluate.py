@@ -120,6 +120,13 @@ def test_tables_give_what_the_metric_gives(
         )
 
 
+def test_neighbours_take_any_number_of_contrasts(tmp_path: Path) -> None:
+    path, contrasts = write(tmp_path / "a.mkv", scenes()[:1]), tuple(np.linspace(0.01, 2, 130).tolist())
+    many = evaluate_video(path, VideoSettings(contrasts))
+    few = evaluate_video(path, VideoSettings(contrasts[::10]))
+    np.testing.assert_allclose(many["cdp"].values[:, ::10], few["cdp"].values, rtol=1e-12)
+
+
 def test_broken_frames_are_nan_and_cost_only_themselves(tmp_path: Path) -> None:
     frames = scenes()
     for number, image in enumerate(frames):

@@ -162,6 +162,13 @@ def test_saturation_contrast_and_verdict_follow_the_exposure(bench):
     bench.fill("Target contrast", "88%,700%:1100%:3")
     bench.card_when(1, r"3 of 4\s*detected")
     assert bench.page.locator(".contrasts tbody tr").first.inner_text().endswith("too strong")
+    # A long list keeps its place while frames come.
+    bench.fill("Target contrast", "700%:1100%:20")
+    bench.card_when(1, "of 20")
+    pane = bench.page.locator(".contrasts").evaluate_handle("one => one.getRootNode().host")
+    pane.evaluate("one => one.scrollTop = 99")
+    bench.page.wait_for_timeout(2000)
+    assert pane.evaluate("one => one.scrollTop") == 99
     bench.fill("Target contrast", "880,5")
     bench.card_when(1, r"detected.*target contrast 880\.5 %")
     bench.fill("Target contrast", "88%,100")

@@ -69,6 +69,8 @@ class BenchPage:
         names = ("strip", "table", "notice", "findings", "contrasts")
         self._strip, self._table, self._notice, self._findings, self._cdp = map(page.text, names)
         self._strip.styles = TINTED
+        # The pane scrolls, not its content, which each frame replaces.
+        self._cdp.styles = {"overflow": "auto", "max-height": "9.6rem"}
         self._record, self._camera = RecordTab(bench, page), CameraTab(bench.camera, page)
         self._plots = Plots(bench)
         self._control = pn.widgets.Button(name="Take control", button_type="primary", margin=(3, 8))

@@ -10,7 +10,7 @@ import pytest
 
 from labcdp.session import Session, SessionConfiguration, example_session
 
-from ..conftest import CHROMIUM
+from ..conftest import CHROMIUM, valid
 
 pytestmark = [
     pytest.mark.usefixtures("aravis"),
@@ -49,9 +49,10 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def served(folder, serve):
     """A live bench that ends cleanly."""
-    served = serve(*BENCH, folder=folder)
+    served = serve(*BENCH, "--json", folder=folder)
     yield served
     assert served.stop()[0] == 0
+    assert valid(served.process.stdout.read())["simulated"]
 
 
 class Bench:

@@ -138,7 +138,7 @@ def bench(
                 )
             finally:
                 live.end()
-    print_result(_result(live, roi), *workspace.last_words())
+    print_result(_result(live, roi, bool(chosen.simulating)), *workspace.last_words())
 
 
 def _bench(
@@ -191,8 +191,9 @@ def _start(files: DrawingFiles, configuration: SessionConfiguration | None) -> S
     return replace(start, history=replace(start.history, present=drawing))
 
 
-def _result(live: LiveBench, roi: Path) -> Result:
+def _result(live: LiveBench, roi: Path, simulated: bool) -> Result:
     state = live.camera.live
+    simulated |= state.frame is not None and state.frame.camera.simulated
     received = [Quantity("frames received", state.n_frames), Quantity("incomplete frames", state.n_incomplete)]
     columns = (
         Column("region", "region"),
@@ -201,4 +202,4 @@ def _result(live: LiveBench, roi: Path) -> Result:
     )
     readings = Table.of_items("readings", "Readings", columns, reversed(live.desk.readings), detail=True)
     tables = (quantity_table("frames", "Frames", received, detail=True), readings)
-    return Result("bench", str(roi), tables, configuration={"roi": str(roi)})
+    return Result("bench", str(roi), tables, configuration={"roi": str(roi)}, simulated=simulated)

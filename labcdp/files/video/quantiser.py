@@ -13,12 +13,12 @@ PARAMETERS = {"export_side_data": "venc_params"}
 #: What is faint where each frame is coded by itself, and where changes are, of which a codec leaves out small ones;
 #: standard deviation in DN of 8 bits.
 _FAINT_DN, _FAINT_CHANGES_DN = 2.0, 4.0
-#: The same, as a part of the least change of a frequency that is coded: found with the known places of
-#: ``benchmarks/tracking_coded.py``.
-_FAINT_PART = 0.16
+#: FFmpeg's kinds of parameters, and what is faint in quantiser steps, found with the known places of
+#: ``benchmarks/tracking_coded.py``. Encoders of MPEG-4 round more of a step to nothing.
+_H264, _MPEG2 = 1, 2
+_FAINT_STEPS = {_H264: 0.1, _MPEG2: 0.2}
 #: FFmpeg's AVVideoEncParams: number of blocks, where they begin, size of each, kind, base; in a block where its own is.
 _HEADER, _OWN_AT = struct.Struct("@IQQii"), 16
-_H264, _MPEG2 = 1, 2
 
 
 def faint_dn(frames: Sequence[Any], codec: Any, bits: int) -> float:
@@ -41,13 +41,13 @@ def faint_dn(frames: Sequence[Any], codec: Any, bits: int) -> float:
     if not codec.lossy:
         return 0.0
     usual = _FAINT_DN if codec.intra_only else _FAINT_CHANGES_DN
-    least = [_least_coded_dn(frame) for frame in frames]
-    known = [one for one in least if one is not None]
-    return min(usual, _FAINT_PART * max(known) / 2 ** (bits - 8)) if len(known) == len(least) else usual
+    faint = [_faint_dn(frame) for frame in frames]
+    known = [one for one in faint if one is not None]
+    return min(usual, max(known) / 2 ** (bits - 8)) if len(known) == len(faint) else usual
 
 
-def _least_coded_dn(frame: Any) -> float | None:
-    """Least change of a frequency that is coded, in DN, by the mean quantiser; None where the decoder does not tell."""
+def _faint_dn(frame: Any) -> float | None:
+    """Return what is faint by the mean quantiser step of a frame, in its DN; None where the decoder does not tell."""
     try:
         found = frame.side_data.get("VIDEO_ENC_PARAMS")
     # PyAV reads nothing of what comes with a frame if it does not know all of it.
@@ -57,10 +57,10 @@ def _least_coded_dn(frame: Any) -> float | None:
         return None
     data = bytes(found)
     n_blocks, begin, size, kind, base = _HEADER.unpack_from(data)
-    if kind not in (_H264, _MPEG2) or n_blocks == 0:
+    if kind not in _FAINT_STEPS or n_blocks == 0:
         return None
     block = np.dtype({"names": ["own"], "formats": ["i4"], "offsets": [_OWN_AT], "itemsize": size})
     quantiser: float = base + float(np.frombuffer(data, block, n_blocks, begin)["own"].mean())
-    # Steps are 0.625 at 0 and double with 6 in H.264 (ITU-T H.264, 8.5.9), and are given themselves of the others. The
-    # encoders of the standards leave out less than 5/6 and, between key frames of MPEG-4, 5/4 of a step.
-    return 5 / 6 * 0.625 * 2.0 ** (quantiser / 6) if kind == _H264 else 5 / 4 * quantiser
+    # In H.264 six more double the step, which is 0.625 at 0 (ITU-T H.264, 8.5.9); else it is the step itself.
+    step_dn = 0.625 * 2.0 ** (quantiser / 6) if kind == _H264 else quantiser
+    return _FAINT_STEPS[kind] * step_dn

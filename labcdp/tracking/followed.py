@@ -40,7 +40,7 @@ class NotFollowedError(InputError):
     def __init__(self, region: str) -> None:
         super().__init__(
             f"region {region!r} cannot be followed: neither it and its surroundings nor the rest of the image have "
-            "enough structure in both directions; choose one with edges or texture nearby, or the method fixed"
+            "enough structure in both directions; choose one with edges or texture nearby, or the method 'fixed'"
         )
         self.region = region
 

@@ -13,11 +13,14 @@ import json
 import os
 import pkgutil
 import select
+import signal
 import socket
 import sys
 import traceback
 from contextlib import suppress
 
+#: Variable of the environment that says at which call that changes the disk a command is killed.
+KILLED_AT = "LABCDP_TESTS_KILLED_AT"
 #: What commands import only where they need it.
 _HEAVY = (
     *("colour", "dask.array", "distributed", "matplotlib.backends.backend_agg", "netCDF4", "openpyxl", "rich.markdown"),
@@ -96,6 +99,8 @@ def _become(request, main) -> None:
             setattr(sys, name, os.fdopen(descriptor, "w" if descriptor else "r", buffering, encoding, closefd=False))
         sys.argv = request["arguments"]
         status = 0
+        if KILLED_AT in os.environ:
+            _kill_at(int(os.environ[KILLED_AT]))
         main()
     except SystemExit as end:
         status = end.code if isinstance(end.code, int) else int(end.code is not None)
@@ -106,6 +111,28 @@ def _become(request, main) -> None:
         for stream in (sys.stdout, sys.stderr):
             stream.flush()
         os._exit(status)
+
+
+def _kill_at(call: int) -> None:
+    """Let this process be killed at a given call of the system that changes the disk; a write gets half done."""
+    left = call
+
+    def counted(name):
+        function = getattr(os, name)
+
+        def wrapper(*arguments, **keywords):
+            nonlocal left
+            left -= 1
+            if left == 0:
+                if name == "write":
+                    function(arguments[0], bytes(arguments[1])[: len(arguments[1]) // 2])
+                os.kill(os.getpid(), signal.SIGKILL)
+            return function(*arguments, **keywords)
+
+        setattr(os, name, wrapper)
+
+    for name in ("write", "fsync", "link", "replace", "rename", "mkdir", "rmdir", "unlink"):
+        counted(name)
 
 
 def _wait(process: int, timeout_s: float) -> int | None:

@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from pathlib import Path
@@ -260,9 +260,18 @@ def _answer(pipe: Connection) -> tuple[Any, BaseException | None, bool]:
         return None, InputError(f"it failed with an error that cannot be handed on ({error})"), False
 
 
+def _end_with_parent() -> None:
+    """End with the process that began this one: what it still wrote would be in the way of a resumption."""
+    parent = parent_process()
+    assert parent is not None, "it was started by another process"
+    parent.join()
+    os._exit(1)
+
+
 def _serve(pipe: Connection) -> None:
     """Work through what comes, until the pipe ends; what is interrupted is ended by the process that began it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    Thread(target=_end_with_parent, name="parent", daemon=True).start()
     with suppress(EOFError, OSError):
         while True:
             function, task, arguments = pipe.recv()

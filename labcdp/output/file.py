@@ -17,6 +17,7 @@ from pathlib import Path, PurePosixPath
 from typing import TypeAlias
 
 from ..core.disk import open_regular, reading
+from ..core.disk.files import FILE_KINDS
 from ..core.errors import InputError
 
 Buffer: TypeAlias = bytes | memoryview
@@ -159,10 +160,13 @@ def put_in_place(part: Path, path: Path, *, force: bool = False) -> None:
     ------
     FileExistsError
         If there is a file of that name, and `force` is false.
+    InputError
+        If `force` is true, and what has that name is no file, as `require_replaceable`.
     OSError
         If it cannot be done.
     """
     if force:
+        require_replaceable(path)
         part.replace(path)
         return
     try:
@@ -178,6 +182,23 @@ def put_in_place(part: Path, path: Path, *, force: bool = False) -> None:
         part.rename(path)
     else:
         part.unlink()
+
+
+def require_replaceable(path: Path, name: str = "") -> None:
+    """Raise InputError if a path, called `name` in messages, leads to anything but a regular file or to nothing at all.
+
+    Devices, pipes and sockets are never replaced, nor are links to them or to nowhere.
+    """
+    if not os.path.lexists(path):
+        return
+    try:
+        mode = path.stat().st_mode
+    except OSError as error:
+        why = "is a link that leads nowhere" if path.is_symlink() else f"cannot be looked at ({error.strerror})"
+        raise InputError(f"{name or path} {why}: give another name") from error
+    if not stat.S_ISREG(mode):
+        kind = FILE_KINDS.get(stat.S_IFMT(mode), "not a regular file")
+        raise InputError(f"{name or path} is {kind}, and labcdp replaces only files: give another name")
 
 
 def temporary_name(path: Path) -> Path:
@@ -269,7 +290,7 @@ def lock_folder(folder: Path, end: ExitStack) -> bool:
 
 def file_exists(path: Path, option: str = "") -> InputError:
     """Return the error for a file that exists and is not to be replaced; `option` named it on the command line."""
-    force = "--force" if option else "force=True"
+    force = "--force" if option else "use force"
     return InputError(f"{f'{option} {path}'.lstrip()} exists: give another name, or {force} to replace it")
 
 

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 from ..core.disk import read_json, reading, validated_as
 from ..core.errors import InputError
-from .file import StoredFile, file_exists, writing
+from .file import StoredFile, file_exists, require_replaceable, writing
 
 #: Name of the list in its folder.
 LIST_FILE = "labcdp-files.json"
@@ -139,6 +139,7 @@ def check_file(
     if any(_is_input(path, one) for one in inputs):
         raise InputError(f"{name} is an input of this command: give another name")
     if os.path.lexists(path):
+        require_replaceable(path, name)
         if not force:
             raise file_exists(path, option)
         _require_no_result(path, name)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import secrets
 import shutil
 from collections.abc import Iterable, Mapping
@@ -79,7 +80,9 @@ class ResultsFolder:
         with ExitStack() as end:
             make_folder(self.folder, end)
             is_locked = lock_folder(self.folder, end)
-            stale = [one for one in self._entries() if _is_staging(one)]
+            stale = [path for path in self._entries() if is_staging(path)]
+            for path in stale if is_locked else ():
+                _remove_staging(path)
             self._before = self._checked(stale)
             self._staging = self.folder / f".labcdp-{secrets.token_hex(8)}.unfinished"
             end.callback(self._tidy)
@@ -87,9 +90,6 @@ class ResultsFolder:
                 self._staging.mkdir()
                 # The mark of a subfolder that may be removed after a kill.
                 (self._staging / LIST_FILE).touch()
-            if is_locked:
-                for one in stale:
-                    shutil.rmtree(one, ignore_errors=True)
             self._end = end.pop_all()
         return self
 
@@ -175,7 +175,7 @@ class ResultsFolder:
         if before.command != self._command:
             raise InputError(f"{folder} has results of labcdp {before.command}: give another folder")
         if before.finished and not (self._force or self._resume):
-            raise InputError(f"{folder} already has results: give another folder, or force to replace them")
+            raise InputError(f"{folder} already has results: give another folder, or use force to replace them")
         listed = before.by_name
         for path in {folder, *((folder / name).parent for name in listed), *(folder / name for name in listed)}:
             if any(is_same_file(path, one) for one in self._inputs):
@@ -233,20 +233,28 @@ class ResultsFolder:
                 (self.folder / parent).rmdir()
 
     def _write_list(self, files: tuple[StoredFile, ...], journal: str | None, finished: bool = False) -> None:
-        listed = FileList(self._command, finished, files, journal)
-        write_file(self.folder / LIST_FILE, listed.encode(), force=True)
+        self._put_list(FileList(self._command, finished, files, journal))
+
+    def _put_list(self, listed: FileList) -> None:
+        # It waits in the subfolder too, so that a kill leaves no temporary file outside it.
+        waiting = self._staging / f"new-{LIST_FILE}"
+        write_file(waiting, listed.encode(), force=True)
+        with writing(self.folder / LIST_FILE):
+            put_in_place(waiting, self.folder / LIST_FILE, force=True)
+            fsync_folder(self.folder)
 
     def _tidy(self) -> None:
         """Remove what is not in its place, and the list if there is nothing to resume."""
-        shutil.rmtree(self._staging, ignore_errors=True)
-        if not self._begun:
-            return
-        with suppress(OSError, InputError):
-            if self._journal is not None and not (self.folder / self._journal).exists() and self._before is not None:
-                listed = replace(self._before, files=self._files_before, journal=None)
-                write_file(self.folder / LIST_FILE, listed.encode(), force=True)
-            elif self._before is None and not self._entries():
-                (self.folder / LIST_FILE).unlink()
+        if self._begun:
+            with suppress(OSError, InputError):
+                self._tidy_list()
+        _remove_staging(self._staging)
+
+    def _tidy_list(self) -> None:
+        if self._journal is not None and not (self.folder / self._journal).exists() and self._before is not None:
+            self._put_list(replace(self._before, files=self._files_before, journal=None))
+        elif self._before is None and self._entries() == [self._staging]:
+            (self.folder / LIST_FILE).unlink()
 
 
 #: Where results may go: a path, or a folder of results that is open already.
@@ -260,10 +268,23 @@ def open_results(destination: Destination, command: str) -> AbstractContextManag
     return ResultsFolder(destination, command)
 
 
-def _is_staging(path: Path) -> bool:
-    """Whether this is a subfolder in which files waited, left behind by a kill: by its name and its mark."""
-    is_named = path.name.startswith(".labcdp-") and path.name.endswith(".unfinished")
-    return is_named and not path.is_symlink() and (path / LIST_FILE).is_file()
+def is_staging(path: Path) -> bool:
+    """Whether this is a subfolder in which files wait, or waited until a kill: by its name, and empty or marked."""
+    if re.fullmatch(r"\.labcdp-[0-9a-f]{16}\.unfinished", path.name) is None or path.is_symlink() or not path.is_dir():
+        return False
+    return (path / LIST_FILE).is_file() or not any(path.iterdir())
+
+
+def _remove_staging(folder: Path) -> None:
+    """Remove a subfolder, its mark last: what a kill leaves of it is still known to be one."""
+    with suppress(OSError):
+        for path in folder.iterdir():
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path, ignore_errors=True)
+            elif path.name != LIST_FILE:
+                path.unlink()
+        (folder / LIST_FILE).unlink(missing_ok=True)
+        folder.rmdir()
 
 
 def _foreign(path: Path) -> InputError:

@@ -105,7 +105,7 @@ def test_results_are_replaced_with_force_only_and_other_files_stay(command, work
     assert (work / "out/results.json").read_text() == printed
     first = contents(work / "out")
     before = put_foreign(work / "out")
-    assert "out already has results: give another folder, or force" in run(*command_line)
+    assert "out already has results: give another folder, or use force" in run(*command_line)
     assert contents(work / "out") == before
     assert run(*command_line, "--force") == ""
     after = contents(work / "out")

@@ -3,9 +3,11 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -97,7 +99,7 @@ def test_a_folder_holds_the_files_and_their_list_and_force_replaces_them(tmp_pat
     assert (listed["command"], listed["finished"]) == ("image", True)
     assert [one["name"] for one in listed["files"]] == sorted(files)
     (folder / "t/mine").write_bytes(b"mine")
-    with pytest.raises(InputError, match="already has results: give another folder, or force"):
+    with pytest.raises(InputError, match="already has results: give another folder, or use force"):
         write(folder, {"x": b"2"})
     write(folder, {"x": b"2"}, force=True)
     assert set(contents(folder)) == {"x", "t/mine", LIST_FILE}
@@ -230,3 +232,21 @@ def test_a_file_is_written_whole_and_replaced_with_force_only(tmp_path, monkeypa
     for wrong, words in ((path, "is an input"), (tmp_path, "is a folder")):
         with pytest.raises(InputError, match=words):
             check_file(wrong, force=True, inputs=[tmp_path / "." / "a.tif"])
+
+
+def test_only_files_and_links_to_files_are_replaced(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind(str(tmp_path / "socket"))
+        (tmp_path / "to a device").symlink_to(os.devnull)
+        (tmp_path / "to nowhere").symlink_to("gone")
+        before = sorted((path.name, path.lstat().st_mode, path.lstat().st_ino) for path in tmp_path.iterdir())
+        for name in ("pipe", "socket", "to a device", "to nowhere"):
+            for attempt in (check_file, partial(write_file, data=b"1")):
+                with pytest.raises(InputError, match=f"{name} is a .*: give another name"):
+                    attempt(tmp_path / name, force=True)
+        assert sorted((path.name, path.lstat().st_mode, path.lstat().st_ino) for path in tmp_path.iterdir()) == before
+    (tmp_path / "file").write_bytes(b"1")
+    (tmp_path / "to a file").symlink_to("file")
+    write_file(check_file(tmp_path / "to a file", force=True), b"2", force=True)
+    assert (tmp_path / "to a file").read_bytes() == b"2"

@@ -94,12 +94,13 @@ def damage_reported(text: str, remedy: str = "") -> Iterator[None]:
 
 AnyPath: TypeAlias = str | PathLike[str]
 
-_KINDS = {
-    stat.S_IFDIR: "it is a folder",
-    stat.S_IFIFO: "it is a pipe, not a file",
-    stat.S_IFCHR: "it is a device, not a file",
-    stat.S_IFBLK: "it is a device, not a file",
-    stat.S_IFSOCK: "it is a socket, not a file",
+#: What a path leads to where it is no regular file.
+FILE_KINDS = {
+    stat.S_IFDIR: "a folder",
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+    stat.S_IFSOCK: "a socket",
 }
 #: What is read of a file that does not say its size.
 _UNSIZED_BYTES = 2**20
@@ -142,7 +143,9 @@ def _require_regular(path: AnyPath, missing_is_good: bool) -> None:
 
 def _require_kind(mode: int, path: AnyPath) -> None:
     if not stat.S_ISREG(mode):
-        raise OSError(errno.EINVAL, _KINDS.get(stat.S_IFMT(mode), "it is not a regular file"), str(path))
+        kind = FILE_KINDS.get(stat.S_IFMT(mode))
+        not_file = "it is a folder" if kind == "a folder" else f"it is {kind}, not a file" if kind else "it is no file"
+        raise OSError(errno.EINVAL, not_file, str(path))
 
 
 def read_at_most(path: AnyPath, most_bytes: int) -> bytes:

@@ -25,6 +25,7 @@ from ...core.result import Finding, warning
 from ...output import LIST_FILE, ResultsFolder
 from ...output.file import is_temporary
 from ...output.file_list import read_list
+from ...output.folder import is_staging
 from .settings import package_versions
 
 #: Evaluates one video into the folders of the results of its parts, and returns what became of each: the result as
@@ -178,7 +179,8 @@ def archive_tasks(videos: Sequence[Path], folder: Path, parts: Sequence[str] = (
 
 def require_same_archive(tasks: Sequence[ArchiveTask], folder: Path) -> None:
     """Refuse a folder with results of videos that are not among the tasks; raises InputError."""
-    others = {path.parent.name for path in folder.glob(f"*/{LIST_FILE}")} - {task.folder.name for task in tasks}
+    finished = {path.parent for path in folder.glob(f"*/{LIST_FILE}")}
+    others = {path.name for path in finished if not is_staging(path)} - {task.folder.name for task in tasks}
     if others:
         remedy = "give them too, or another folder"
         raise InputError(f"{folder} has results of other videos, such as {min(others)}: {remedy}")

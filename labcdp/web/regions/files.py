@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import stat
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ from pathlib import Path
 
 from ...core.disk import file_sha256
 from ...core.errors import InputError
-from ...output.file import lock
+from ...output.file import lock, require_replaceable
 from ...regions import REGION_SUFFIXES, ImageSize, Shape, load_regions, save_regions
 from ...report.text import printable
 from .drawing import Drawing, History
@@ -52,6 +53,7 @@ class DrawingFiles:
         if shapes:
             save_regions(self.unsaved, shapes, self.size, force=True)
             return
+        require_replaceable(self.unsaved)
         try:
             self.unsaved.unlink(missing_ok=True)
         except OSError as error:
@@ -199,8 +201,9 @@ def _taken(path: Path, output: Path) -> int:
             try:
                 descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
                 otherwise.callback(os.close, descriptor)
+                is_file = stat.S_ISREG(os.fstat(descriptor).st_mode)
                 lock(descriptor)
-                if os.pread(descriptor, len(_OURS), 0) not in (b"", _OURS):
+                if not is_file or os.pread(descriptor, len(_OURS), 0) not in (b"", _OURS):
                     raise FileExistsError(errno.EEXIST, "it is no lock of labcdp")
                 # Else it was removed by its previous holder in the meantime.
                 if _is_still(path, descriptor):

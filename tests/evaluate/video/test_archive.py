@@ -14,6 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 import xarray as xr
 
@@ -36,6 +37,7 @@ from labcdp.evaluate.video.evaluate import evaluate_video
 from labcdp.evaluate.video.settings import VideoSettings
 from labcdp.output import ResultsFolder
 
+from ...conftest import wait_until
 from ..sweep.chains import small
 from .videos import MOVING, STILL, driving, write
 
@@ -112,6 +114,29 @@ def test_workers_that_die_are_named_and_their_videos_tried_once_more_without_a_p
     assert (good.values, once.values) == ({"kind": "good", "ports": 0}, {"kind": "once", "ports": 0})
     died = [Path(str(one.values["video"])).name for one in result.findings if one.code == "worker-died"]
     assert sorted(died) == ["always.avi", "always.avi", "once.avi"]
+
+
+def test_workers_end_with_a_process_that_is_killed(tmp_path: Path) -> None:
+    module = """
+        import os, time
+        from pathlib import Path
+        from labcdp.core.computer import Processes
+
+        def work(folder):
+            Path(folder, "new").write_text(str(os.getpid()))
+            Path(folder, "new").rename(Path(folder, "worker"))
+            time.sleep(900)
+
+        if __name__ == "__main__":
+            import sys
+            list(Processes(1).run(work, [sys.argv[1]]))
+        """
+    (tmp_path / "program.py").write_text(textwrap.dedent(module))
+    with subprocess.Popen([sys.executable, tmp_path / "program.py", tmp_path]) as process:
+        wait_until((tmp_path / "worker").exists, "the worker works")
+        worker = psutil.Process(int((tmp_path / "worker").read_text()))
+        process.kill()
+    wait_until(lambda: not worker.is_running() or worker.status() == psutil.STATUS_ZOMBIE, "the worker ended")
 
 
 @pytest.fixture

@@ -1,0 +1,108 @@
+"""Commands that resume: killed at any moment, they end as if nothing had happened, without --force."""
+
+import json
+import shutil
+import signal
+from itertools import accumulate
+
+import numpy as np
+import pytest
+
+from labcdp.regions import save_regions
+from labcdp.regions.shapes import RectangleShape
+
+from ..conftest import wait_until
+from ..evaluate.video.videos import MOVING, STILL, driving, write
+from ..forking import KILLED_AT
+
+#: What differs between two runs of the same command.
+TIMES = ("created", "elapsed_s", "duration_s")
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory):
+    """Two videos with their regions."""
+    folder = tmp_path_factory.mktemp("inputs")
+    for seed, name in enumerate(("first.avi", "second.avi", "third.avi")):
+        write(folder / name, driving(12, 1, 2.0, seed), "MJPG")
+    shapes = [RectangleShape(roi.name, *map(int, roi.corners[0]), 30, 30) for roi in (MOVING, STILL)]
+    save_regions(folder / "rois.json", shapes, (160, 120))
+    return folder
+
+
+@pytest.fixture
+def work(tmp_path, inputs):
+    for path in inputs.iterdir():
+        shutil.copy2(path, tmp_path)
+    return tmp_path
+
+
+VIDEO = ("--roi", "rois.json", "--contrast", "20%,100%", "-o", "out")
+COMMANDS = {
+    "video": ("video", "first.avi", *VIDEO),
+    "archive": ("video", "first.avi", "second.avi", "third.avi", *VIDEO, "--workers", "1"),
+    "sweep": ("sweep", "manta-g505", "--exact", "--over", "scene.contrast=10%:100%:5", "-o", "out"),
+}
+
+
+def outcome(folder):
+    """All that a run left: names of files, what journals hold, and the values of results."""
+    names = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+    assert not [name for name in names if ".labcdp-" in name]
+    left = {"names": names}
+    for name in names:
+        if name.endswith(".jsonl"):
+            left[name] = (folder / name).read_bytes()
+        elif name.endswith("results.json"):
+            values = json.loads((folder / name).read_text())
+            left[name] = {key: values[key] for key in ("tables", "findings")}
+    return left
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(tmp_path_factory, inputs, labcdp_in):
+    """What each command leaves that nothing interrupts."""
+    left = {}
+
+    def run(command):
+        if command not in left:
+            folder = tmp_path_factory.mktemp(command)
+            for path in inputs.iterdir():
+                shutil.copy2(path, folder)
+            done = labcdp_in(folder, *COMMANDS[command])
+            assert done.returncode == 0, done.stderr
+            left[command] = outcome(folder / "out")
+        return left[command]
+
+    return run
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_killed_again_and_again_at_calls_that_change_the_disk_it_ends_the_same(command, work, uninterrupted, labcdp):
+    steps = np.random.default_rng(7).integers(1, 9, 100)
+    n_kills = 0
+    for call in accumulate(steps.tolist()):
+        done = labcdp(*COMMANDS[command], environment={KILLED_AT: str(call)})
+        # Killed when all was written, it has nothing left to resume.
+        if done.returncode == 0 or "already has results" in done.stderr:
+            break
+        assert done.returncode == -signal.SIGKILL, done.stderr
+        n_kills += 1
+    assert n_kills >= 3
+    assert outcome(work / "out") == uninterrupted(command)
+
+
+@pytest.mark.parametrize("n_lines", [2, 9])
+def test_an_archive_killed_while_its_workers_work_is_resumed_at_once(n_lines, work, uninterrupted, labcdp, start):
+    started = start(*COMMANDS["archive"])
+
+    def is_midway():
+        journals = [path.read_bytes().count(b"\n") for path in (work / "out").glob("second/*.jsonl")]
+        return started.poll() is not None or any(n >= n_lines for n in journals)
+
+    wait_until(is_midway, "the second video is evaluated")
+    started.send_signal(signal.SIGKILL)
+    assert started.wait() == -signal.SIGKILL
+    done = labcdp(*COMMANDS["archive"])
+    assert done.returncode == 0, done.stderr
+    assert outcome(work / "out") == uninterrupted("archive")

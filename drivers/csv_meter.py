@@ -47,6 +47,7 @@ class CsvMeter(Meter):
         self._identity = identity
         self._accuracy = accuracy
         self._readings: dict[str, list[Reading]] | None = None
+        self._has_times = False
         self._given: Counter[str] = Counter()
         self._patch: str | None = None
 
@@ -62,6 +63,11 @@ class CsvMeter(Meter):
         """Model, serial number and calibration date, as given."""
         return self._identity
 
+    @property
+    def has_times(self) -> bool:
+        """Whether the file says when each reading was taken; raises MeterError if it is not open."""
+        return bool(self.readings) and self._has_times
+
     def open(self) -> Self:
         """Read the file.
 
@@ -73,7 +79,7 @@ class CsvMeter(Meter):
             If its content is invalid; the message names line and value.
         """
         if self._readings is None:
-            self._readings = _read(self._path, self._identity, self._accuracy)
+            self._readings, self._has_times = _read(self._path, self._identity, self._accuracy)
         return self
 
     def close(self) -> None:
@@ -110,7 +116,8 @@ class CsvMeter(Meter):
         return of_patch[given]
 
 
-def _read(path: Path, identity: MeterIdentity, accuracy: MeterAccuracy) -> dict[str, list[Reading]]:
+def _read(path: Path, identity: MeterIdentity, accuracy: MeterAccuracy) -> tuple[dict[str, list[Reading]], bool]:
+    """Return the readings by patch, and whether the file has their times."""
     try:
         changed = datetime.fromtimestamp(path.stat().st_mtime, UTC)
     except OSError as error:
@@ -147,7 +154,7 @@ def _read(path: Path, identity: MeterIdentity, accuracy: MeterAccuracy) -> dict[
         raise InputError(f"{path}, line {line}: {error}") from error
     if not readings:
         raise InputError(f"{path} has a header and no reading: add readings below it")
-    return readings
+    return readings, "time" in names
 
 
 def _luminance_column(names: Sequence[str]) -> str:

@@ -88,13 +88,18 @@ class CameraHistory:
         return self.state.plane
 
     @property
+    def n_measurements(self) -> int:
+        """Number of measurements: calibrations whose last reading is the same are one, however they were fitted."""
+        return len({(p.measured, p.verdict is None) for p in self.points})
+
+    @property
     def change_rel(self) -> tuple[float, float] | None:
-        """Change of the responsivity from the first to the last point, with U (95 %); None for one point.
+        """Change of the responsivity from the first to the last point, with U (95 %); None for one measurement.
 
         The scale of the meter cancels if it is one meter in one state of adjustment, but for half of a step of it.
         """
         known = [(p.responsivity, p.meter) for p in self.points if p.responsivity]
-        if len(known) < 2:
+        if self.n_measurements < 2 or len(known) < 2:
             return None
         (before, first_meter), (after, last_meter) = known[0], known[-1]
         which = 1 if first_meter.is_as_in(last_meter) else 2

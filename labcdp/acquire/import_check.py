@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +9,7 @@ from pathlib import Path
 from ..core.clock import exposure_text
 from ..core.dn import pixel_format
 from ..core.errors import InputError
-from ..core.frame import CameraIdentity, Frame
+from ..core.frame import CameraIdentity, Frame, pixels_sha256
 from ..core.result import Finding, info, warning
 from ..files import IMAGE_SUFFIXES, FileFrame, PictureOptions, read_image, read_raw
 from ..session import Role, SessionConfiguration
@@ -66,7 +65,7 @@ def check_files(
             first = read
             _require_bench(configuration, first)
         _require_alike(first, read)
-        key = frame_key(read.frame)
+        key = pixels_sha256(read.frame)
         if key in seen:
             same = seen[key]
             if (same.role, same.patch) != (file.role, file.patch):
@@ -192,10 +191,3 @@ def _require_alike(first: FileFrame, read: FileFrame) -> None:
             f"black level of {read.path} is {theirs:g} DN, that of {first.path} is {mine:g} DN: give pictures with one "
             "setting"
         )
-
-
-def frame_key(frame: Frame) -> str:
-    """Hash of pixels and exposure, unique to each picture by its noise."""
-    digest = hashlib.sha256(f"{frame.shape} {frame.dn.dtype.name} {frame.exposure_s!r}".encode())
-    digest.update(frame.dn.tobytes())
-    return digest.hexdigest()

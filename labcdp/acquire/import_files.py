@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..core.errors import InputError, SessionError
-from ..core.frame import Frame
+from ..core.frame import Frame, pixels_sha256
 from ..core.reading import Reading
 from ..core.result import Finding, warning
 from ..drivers.csv_meter import CsvMeter
@@ -15,20 +16,20 @@ from ..drivers.manual import MeterAccuracy, stated_accuracy
 from ..drivers.minolta_ls.protocol import LS100, LS110, LSDataSheet
 from ..session import Session, SessionConfiguration
 from ..session.records import EXPOSURES
-from .import_check import ImportFile, check_files, frame_key, read_picture
+from .import_check import ImportFile, check_files, read_picture
 
 _DATA_SHEETS = {sheet.model: sheet for sheet in (LS100, LS110)}
 
 
 def read_readings(configuration: SessionConfiguration, path: Path) -> tuple[list[tuple[str, Reading]], list[Finding]]:
-    """Return the readings with their patches, each line once, and findings."""
+    """Return the readings with their patches, and findings; lines that are equal, with their time, are one reading."""
     described = configuration.meter
     sheet = _DATA_SHEETS.get(described.model) if described.entry == "serial" else None
     accuracy = stated_accuracy(described)
     if sheet is not None:
         accuracy = MeterAccuracy(sheet.scale_half_width_rel, sheet.repeatability_rel, 1)
     with CsvMeter(path, described.identity, accuracy) as meter:
-        by_patch = meter.readings
+        by_patch, has_times = meter.readings, meter.has_times
     names = [patch.name for patch in configuration.target.patches]
     for name in by_patch:
         if name not in names:
@@ -40,7 +41,7 @@ def read_readings(configuration: SessionConfiguration, path: Path) -> tuple[list
     findings = []
     result = []
     for patch, readings in by_patch.items():
-        once = list({reading.raw: reading for reading in readings}.values())
+        once = list({reading.raw: reading for reading in readings}.values()) if has_times else readings
         if len(once) < len(readings):
             findings.append(warning("lines-repeated", patch, path=str(path), count=len(readings) - len(once)))
         result += [(patch, reading if sheet is None else _with_digits(reading, sheet, finest)) for reading in once]
@@ -92,7 +93,7 @@ def import_session(
     """Create a session from pictures and meter readings, or complete an existing one.
 
     Everything is read and checked before the first byte is written. Frames with the same pixels and readings with the
-    same line are not added twice, so an interrupted import can be repeated.
+    same line are not added again, so an interrupted import can be repeated.
 
     Parameters
     ----------
@@ -127,8 +128,7 @@ def import_session(
         known = _known(session, frame, report)
         lacking = [(key, file) for key, file in checked.items() if key not in known]
         _write_frames(session, lacking, configuration, frame, report)
-        there = {(record.patch, record.reading.raw) for record in session.readings()}
-        new_readings = [(patch, reading) for patch, reading in given if (patch, reading.raw) not in there]
+        new_readings = _new_readings(given, session)
         for patch, reading in new_readings:
             session.add_reading(reading, patch)
         exposures_s = sorted({record.exposure_s for record in session.frames("light")})
@@ -154,9 +154,20 @@ def _known(session: Session, frame: Frame, report: Callable[[str, int, int], Non
             raise InputError(f"{session.path} holds frames of {there}, the pictures are of {here}: give a new folder")
     keys = set()
     for done, record in enumerate(records, start=1):
-        keys.add(frame_key(session.load(record)))
+        keys.add(pixels_sha256(session.load(record)))
         report("comparing", done, len(records))
     return keys
+
+
+def _new_readings(given: Sequence[tuple[str, Reading]], session: Session) -> list[tuple[str, Reading]]:
+    """Return the readings that a session lacks; of equal lines as many as it has fewer."""
+    known = Counter((record.patch, record.reading.raw) for record in session.readings())
+    new = []
+    for patch, reading in given:
+        known[patch, reading.raw] -= 1
+        if known[patch, reading.raw] < 0:
+            new.append((patch, reading))
+    return new
 
 
 def _write_frames(
@@ -172,7 +183,7 @@ def _write_frames(
         frames, sources = [], []
         for number, (key, file) in enumerate(batch, start=begun + start + 1):
             read = read_picture(file, configuration)
-            if frame_key(read.frame) != key:
+            if pixels_sha256(read.frame) != key:
                 raise SessionError(f"{file.path} changed while it was imported: import it again")
             sources.append({"file": str(file.path), "sha256": read.sha256})
             # The nominal black level of the first for all; the dark signal is taken from the dark frames.

@@ -10,7 +10,7 @@ from ..calibration import AnyCalibration, load_any
 from ..calibration.record import CALIBRATION, MOST_BYTES, VERIFICATION, load_verification
 from ..calibration.verify.history import histories
 from ..calibration.verify.result import Verification
-from ..core.disk import read_json, real_path
+from ..core.disk import file_sha256, read_json, real_path
 from ..core.errors import InputError
 from ..core.result import InputFile
 from ..evaluate.bench.history import history_files, history_result
@@ -130,8 +130,13 @@ def _read(paths: Sequence[Path]) -> tuple[dict[str, AnyCalibration], dict[str, V
     calibrations: dict[str, AnyCalibration] = {}
     verifications: dict[str, Verification] = {}
     named = {real_path(path) for path in paths}
+    read: dict[str, Path] = {}
     for path in _files(paths):
         try:
+            same = read.setdefault(file_sha256(path, "a calibration"), path)
+            if same is not path:
+                say(f"Left out: {path} is a copy of {same}")
+                continue
             if _format(path) == VERIFICATION:
                 verifications[str(path)] = load_verification(path)
             else:

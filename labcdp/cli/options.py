@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -18,14 +19,18 @@ from ..metrics.contrast import TargetContrasts
 from ..output import ResultsFolder, check_file
 from ..session.journal import JOURNAL
 from .commands import RUNNING, As, Json
-from .terminal import print_result
+from .terminal import print_result, say_where
 from .values import fraction_of_percent, parse_changes, parse_seconds, parse_tolerance
+
+if TYPE_CHECKING:
+    from ..web.server import Address
 
 #: Parameters of commands that name what is written.
 _WRITTEN = {"output", "preview", "transcript"}
 
 Force = Annotated[bool, As("Replace earlier results of the same command, or an existing output file; never an input.")]
 Open = Annotated[bool, As("Open the page in the browser.", ("--open",))]
+OpenAtOnce = Annotated[bool, As("Open the page in the browser.", ("--open/--no-open",))]
 Output = Annotated[
     Path | None, As("New folder for the results; default: NAME-COMMAND, named after the input.", ("--output", "-o"))
 ]
@@ -85,6 +90,15 @@ class PageOptions:
 
     port: Port = 0
     address: PageAddress = "127.0.0.1"
+    open_page: OpenAtOnce = True
+
+    def served(self, end: ExitStack, address: Address) -> None:
+        """Say where the page is, and open it in the browser, until `end`, if that is wanted."""
+        from ..web.browser import opened_in_browser
+
+        say_where(address)
+        if self.open_page:
+            end.enter_context(opened_in_browser(address))
 
 
 @dataclass(frozen=True)

@@ -206,7 +206,8 @@ def evaluate(
     if session is None and not by.recalibrate:
         raise InputError("no session given: give its folder, or --recalibrate for the session that ships with labcdp")
     source = session or example_session()
-    path, opened = by.file(source), Session.open(source)
+    opened = Session.open(source)
+    path = by.file(source)
     recorded = by.recorded()
     contrasts = options.contrasts(opened.configuration)
     with results.folder(source) as folder:

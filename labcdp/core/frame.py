@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -295,3 +296,10 @@ def black_levels(metadata: dict[str, Any]) -> dict[str, float | None]:
     # Files have no clock of a camera.
     of_file = metadata["camera_timestamp_ns"] == 0
     return {"black_level_dn": stated if of_file else None, "black_level_register": None if of_file else stated}
+
+
+def pixels_sha256(frame: Frame) -> str:
+    """Return a hash of shape, type, exposure and pixels, which noise makes unique to each frame."""
+    digest = hashlib.sha256(f"{frame.shape} {frame.dn.dtype.name} {frame.exposure_s!r}".encode())
+    digest.update(frame.dn.tobytes())
+    return digest.hexdigest()

@@ -71,10 +71,15 @@ def facts_over(options: PictureOptions, facts: ExifFacts) -> PictureOptions:
     )
 
 
+def no_exposure(path: Path) -> str:
+    """Say that the exposure time of a file is not known, and how it is given."""
+    return f"{path} does not state its exposure time: give it with --exposure (exposure_s in Python)"
+
+
 def require_exposure(path: Path, known: PictureOptions) -> None:
     """Raise InputError if neither a file nor the options say its exposure time."""
     if known.exposure_s is None:
-        raise InputError(f"{path} does not state its exposure time: give it")
+        raise InputError(no_exposure(path))
 
 
 def changed_at(path: Path) -> datetime:

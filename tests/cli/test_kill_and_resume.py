@@ -1,6 +1,7 @@
 """Commands that resume: killed at any moment, they end as if nothing had happened, without --force."""
 
 import json
+import os
 import shutil
 import signal
 from itertools import accumulate
@@ -10,13 +11,12 @@ import pytest
 
 from labcdp.regions import save_regions
 from labcdp.regions.shapes import RectangleShape
+from labcdp.session import Session
 
 from ..conftest import wait_until
 from ..evaluate.video.videos import MOVING, STILL, driving, write
 from ..forking import KILLED_AT
-
-#: What differs between two runs of the same command.
-TIMES = ("created", "elapsed_s", "duration_s")
+from .importable import write_importable
 
 
 @pytest.fixture(scope="module")
@@ -106,3 +106,27 @@ def test_an_archive_killed_while_its_workers_work_is_resumed_at_once(n_lines, wo
     done = labcdp(*COMMANDS["archive"])
     assert done.returncode == 0, done.stderr
     assert outcome(work / "out") == uninterrupted("archive")
+
+
+def recorded(session):
+    """Pixels of the frames and values of the readings, with what they are of."""
+    session.verify()
+    frames = [(one.role, one.exposure_s, session.load(one).dn.tobytes()) for one in session.frames()]
+    return frames, [(one.patch, one.reading.value) for one in session.readings()]
+
+
+def test_an_import_that_is_killed_again_and_again_is_complete_in_the_end(tmp_path, labcdp):
+    arguments = write_importable(tmp_path)
+    assert labcdp("import", "plan.toml", "whole", *arguments).returncode == 0
+    names = sorted(os.listdir(tmp_path))
+    n_kills = 0
+    for call in accumulate(np.random.default_rng(8).integers(1, 15, 100).tolist()):
+        done = labcdp("import", "plan.toml", "out", *arguments, environment={KILLED_AT: str(call)})
+        if done.returncode == 0:
+            break
+        assert done.returncode == -signal.SIGKILL, done.stderr
+        n_kills += 1
+    assert n_kills >= 3
+    assert recorded(Session.open(tmp_path / "out")) == recorded(Session.open(tmp_path / "whole"))
+    assert not list((tmp_path / "out").rglob(".labcdp-*"))
+    assert sorted(name for name in os.listdir(tmp_path) if not name.startswith(".")) == sorted([*names, "out"])

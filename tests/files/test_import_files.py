@@ -118,6 +118,15 @@ def test_what_does_not_belong_together_is_refused_and_nothing_is_written(folder,
     assert not (folder / "session").exists()
 
 
+def test_equal_readings_without_a_time_are_readings_of_their_own(folder, imported, files):
+    path = folder / "readings.csv"
+    lines = [line.rpartition(";")[0] for line in path.read_text(encoding="utf-8").splitlines()]
+    path.write_text("\n".join([*lines, lines[1]]), encoding="utf-8")
+    done, again = imported(files[:1]), imported(files[:1])
+    assert (done.readings, again.readings, again.known_readings) == (40, 0, 40)
+    assert not {one.code for one in done.findings} & {"lines-repeated"}
+
+
 def test_readings_have_the_digits_and_accuracy_of_the_meter_in_any_unit(imported, still_camera, folder, files):
     """LS-110: +-1 digit, with 2 % and 0.2 %; a list in which some number has two decimals was not rounded."""
     luminances = still_camera.luminance_cd_m2
@@ -143,7 +152,7 @@ def test_images_of_other_programs_are_imported(folder, labcdp):
     for name in ("a", "b", "c", "dark"):
         cv2.imwrite(str(folder / f"{name}.png"), rng.integers(50, 70, (56, 312)).astype(np.uint16))
     arguments = ["import", "bench.toml", "s", "--readings", "readings.csv", "--dark", "dark.png", "--light", "?.png"]
-    assert "a.png does not state its exposure time: give it" in labcdp(*arguments).stderr
+    assert "a.png does not state its exposure time: give it with --exposure" in labcdp(*arguments).stderr
     done = labcdp(*arguments, "--exposure", "10ms", "--exposure", "c.png=20ms")
     assert done.returncode == 0, done.stderr
     frames = Session.open(folder / "s").frames("light")

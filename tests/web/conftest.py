@@ -51,8 +51,10 @@ def serve(start_in):
     """Start a command with arguments, and wait for the address of its page."""
     running = []
 
-    def start(*arguments, folder=Path()):
-        process = start_in(folder.absolute(), *arguments, pipes=True, environment={"OMP_NUM_THREADS": "1"})
+    def start(*arguments, folder=Path(), environment=(), opened=False):
+        shown = () if opened else ("--no-open",)
+        environment = {"OMP_NUM_THREADS": "1", **dict(environment)}
+        process = start_in(folder.absolute(), *arguments, *shown, pipes=True, environment=environment)
         running.append(process)
         lines = []
         for line in process.stderr:

@@ -16,7 +16,7 @@ pytestmark = [
     pytest.mark.usefixtures("aravis"),
     pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed"),
 ]
-BENCH = ("bench", "plan.toml", "--simulated-bench", "bench.toml", "--no-open")
+BENCH = ("bench", "plan.toml", "--simulated-bench", "bench.toml")
 
 
 def small_plan():

@@ -1,11 +1,13 @@
 """The command, and who its page lets in."""
 
 import http.client
+import os
 import re
 import signal
 import socket
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
+from pathlib import Path
 from urllib.parse import urlsplit
 
 import cv2
@@ -20,7 +22,7 @@ from labcdp.core.errors import InputError
 from labcdp.regions import RectangleShape, load_regions, rois_of, save_regions
 from labcdp.web.gate import Gate
 
-from ..conftest import valid
+from ..conftest import valid, wait_until
 from .conftest import HEIGHT, WIDTH
 
 
@@ -170,3 +172,24 @@ def test_other_names_of_the_host_are_refused_unless_another_address_was_asked_fo
         assert "loopback only" in gate.refusal(name, None, cookie, "")
     assert Gate(gate.token, loopback_only=False).refusal(host, f"http://{host}", cookie, "") == ""
     assert "lacks its token" in gate.refusal("127.0.0.1:5006", None, "", "token=%C3%A4%00")
+
+
+@pytest.mark.parametrize(
+    "command", [("rois",), ("view",), ("bench", "--simulated", "--roi", "rois.json")], ids=lambda command: command[0]
+)
+def test_the_browser_is_opened_without_the_token_on_its_command_line(command, serve, picture, tmp_path):
+    """Every user of a computer can read the command lines of all programs; the file that leads to the page, none."""
+    browser = tmp_path / "xdg-open"
+    browser.write_text(f"#!/bin/sh\nstat -c '%a %n' \"$1\" \"${{1%/*}}\" >{tmp_path}/new; cat \"$1\" >>{tmp_path}/new\n"
+                       f"mv {tmp_path}/new {tmp_path}/opened\n")  # fmt: skip
+    browser.chmod(0o755)
+    files = () if command[0] == "bench" else (picture,)
+    environment = {"PATH": f"{tmp_path}:{os.environ['PATH']}"}
+    served = serve(*command, *files, folder=tmp_path, environment=environment, opened=True)
+    wait_until((tmp_path / "opened").exists, "the browser is opened")
+    file, folder, *page = (tmp_path / "opened").read_text().splitlines()
+    assert (file.split()[0], folder.split()[0]) == ("600", "700")
+    assert "token" not in file
+    assert f'url={served.url}"' in "".join(page)
+    served.stop()
+    assert not Path(folder.split()[1]).exists()

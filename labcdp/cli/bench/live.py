@@ -6,9 +6,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 from ...acquire.plan import prepare_camera
 from ...core.result import Quantity, Result, quantity_table
@@ -28,9 +26,8 @@ from ...web.bench.pair import Target
 from ...web.regions.files import DrawingFiles, Start, locked
 from ...web.regions.workspace import Workspace
 from ...web.server import Address, Server, Site
-from ..commands import As
 from ..options import Contrasts, MeterModel, PageOptions, Tolerance, output_file
-from ..terminal import print_result, say_where
+from ..terminal import print_result
 from .connected import note_bench, serial_meter, simulated_bench_file, simulated_devices, with_own_camera
 from .options import BenchDevices, DeviceOptions
 
@@ -76,17 +73,10 @@ class Detection:
     epsilon: Tolerance = 0.5
 
 
-@dataclass(frozen=True)
-class LivePage(PageOptions):
-    """Options of a page that is opened at once."""
-
-    open_page: Annotated[bool, As("Open the page in the browser.", ("--open/--no-open",))] = True
-
-
 def bench(
     chosen: LiveDevices,
     detection: Detection,
-    page: LivePage,
+    page: PageOptions,
     plan: Path | None = None,
     *,
     calibration: Path | None = None,
@@ -113,14 +103,12 @@ def bench(
     configuration = None if plan is None else SessionConfiguration.load(plan)
     if not roi.exists():
         output_file(roi, False, "--roi")
-    with locked(roi) as tell_others:
+    with locked(roi) as tell_others, ExitStack() as end:
         server = Server(page.address, page.port)
 
         def ready(where: Address) -> None:
             tell_others(where.place)
-            say_where(where)
-            if page.open_page:
-                typer.launch(where.url)
+            page.served(end, where)
 
         with chosen.opened(configuration) as (camera, devices):
             live, workspace = _bench(camera, devices, conversion, roi, target, server)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -28,7 +29,7 @@ from ...web.regions.workspace import Workspace
 from ...web.server import Address, Server, Site
 from ..commands import RUNNING, As
 from ..options import Contrasts, Force, PageOptions, output_file
-from ..terminal import print_result, say, say_where
+from ..terminal import print_result, say
 from .options import PictureLightOptions, Place
 
 
@@ -113,7 +114,7 @@ def rois(
     image = _image(file, frame, light.conversion())
     files = DrawingFiles(target, image.size)
     found = () if detect is None else propose(image, detect)
-    with locked(target) as tell_others:
+    with locked(target) as tell_others, ExitStack() as end:
         read = () if regions.roi in (None, target) else load_regions(regions.roi, files.size)
         start = Start.of(files, read, found)
         if not shown.page:
@@ -127,7 +128,8 @@ def rois(
 
         def ready(where: Address) -> None:
             tell_others(where.place)
-            _tell(image, files, start, where)
+            _tell(image, files, start)
+            shown.served(end, where)
 
         server.run(Site(f"{image.name} - labcdp regions", tab, workspace.begin, workspace.warn), ready)
     states = {str(path): "written" for path in workspace.written}
@@ -195,7 +197,7 @@ def _result(
     return Result("rois", files.output.name, tables, findings=tuple(findings), configuration=configuration)
 
 
-def _tell(image: PageImage, files: DrawingFiles, start: Start, where: Address) -> None:
+def _tell(image: PageImage, files: DrawingFiles, start: Start) -> None:
     width, height = image.size
     say(f"{image.name}: {width} x {height} pixels")
     for finding in image.findings:
@@ -206,7 +208,6 @@ def _tell(image: PageImage, files: DrawingFiles, start: Start, where: Address) -
     elif start.read and start.saved:
         say(f"warning: {files.output} exists; Save replaces it")
     say(f"Save writes {files.output}; until then the drawing is kept in {files.unsaved}")
-    say_where(where)
 
 
 def _count(n: int) -> str:
@@ -238,5 +239,5 @@ def view(
     roi
         Region file to start from.
     """
-    shown = RegionPage(page.port, page.address)
+    shown = RegionPage(**vars(page))
     rois(RegionFiles(roi=roi), light, shown, file, frame=frame)

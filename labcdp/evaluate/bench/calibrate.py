@@ -18,7 +18,7 @@ from ...core.vignetting import AnyVignetting
 from ...session import MeterCertificate, Session
 from .corrections import Corrections, PlaneCorrections, UniformLight, corrections_of_lens, with_dark_frames
 from .observe import ObservedSession, observe_session, response_of_session
-from .recorded import Report, lens_of, planes_of, require_patches
+from .recorded import Report, lens_of, planes_of, require_distinct, require_patches
 
 #: Most rounds in which the flat field is linearised by the response, and the response fitted with the flat field.
 _MOST_ROUNDS = 5
@@ -197,8 +197,9 @@ def calibrate_recorded(
     Raises
     ------
     CalibrationError, SessionError, InputError
-        As `measure_vignetting`, `observe_session`, `response_of_session` and `calibrate_session`.
+        As `require_distinct`, `measure_vignetting`, `observe_session`, `response_of_session` and `calibrate_session`.
     """
+    require_distinct(sessions)
     if len({planes_of(one) for one in sessions}) > 1:
         raise CalibrationError("some of the sessions have colour filters, others have none: calibrate them apart")
     lens = corrections_of_lens(sessions[0])

@@ -93,8 +93,8 @@ def _changes(first: tuple[Column, Column], rows: Sequence[_Row]) -> Table:
         first[0],
         Column("camera", "camera", "", "Model and serial number, lens and setting."),
         first[1],
-        Column("n_points", "points", "", "Number of calibrations and verifications.",
-               value=lambda row: len(row.history.points)),
+        Column("n_points", "points", "", "Number of measurements, for calibrations or verifications.",
+               value="history.n_measurements"),
         Column("first", "first", "", "Time of the first.", value=lambda row: minute(row.history.points[0].measured)),
         Column("last", "last", "", "Time of the last one.", value=lambda row: minute(row.point.measured)),
         *with_expanded(
@@ -139,13 +139,17 @@ def _history(first: tuple[Column, Column], rows: Sequence[_Row]) -> Table:
 
 
 def _findings(found: Sequence[CameraHistory]) -> tuple[Finding, ...]:
-    """Name meters that were calibrated again: a change between such points may be theirs."""
-    pairs = [(a.meter, b.meter) for one in found for a, b in pairwise(one.points) if not b.meter.is_as_in(a.meter)]
-    return unique(
+    """Name meters that were calibrated again, whose change a change may be, and calibrations of one measurement."""
+    points = [pair for history in found for pair in pairwise(history.points)]
+    pairs = [(a.meter, b.meter) for a, b in points if not b.meter.is_as_in(a.meter)]
+    recalibrated = [
         warning("meter-recalibrated", f"{b.meter.model} {b.meter.serial}", now=b.state, then=a.state)
         for a, b in pairs
         if (a.meter.model, a.meter.serial) == (b.meter.model, b.meter.serial)
-    )
+    ]
+    calibrations = [(a, b) for a, b in points if not (a.verdict or b.verdict)]
+    same = [warning("measured-once", b.source, other=a.source) for a, b in calibrations if a.measured == b.measured]
+    return unique([*recalibrated, *same])
 
 
 def history_figure(planes: Camera, number: int = 1) -> ReportFigure:

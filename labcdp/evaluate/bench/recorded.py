@@ -9,7 +9,7 @@ from typing import TypeVar
 from ...calibration import AnyCalibration, LensIdentity
 from ...calibration.frames.measure import plane_of
 from ...core.errors import CalibrationError, InputError
-from ...core.frame import PLANES, Frame
+from ...core.frame import PLANES, Frame, pixels_sha256
 from ...core.luminance import LuminanceMap
 from ...session import FrameRecord, MeterCertificate, ReadingRecord, Role, Session, SessionConfiguration
 
@@ -46,6 +46,31 @@ def require_patches(asked: Iterable[str], known: Sequence[str], purpose: str) ->
     unknown = sorted(set(asked) - set(known))
     if unknown:
         raise InputError(f"there is no patch {unknown[0]!r} {purpose}: choose from {', '.join(known)}")
+
+
+def require_distinct(sessions: Sequence[Session]) -> None:
+    """Refuse sessions that share frames or readings: given twice, they would count as measured twice.
+
+    Frames are the same if their pixels and exposures are, whatever their files and times; those of one value
+    throughout, dark or saturated, may be alike. Readings are the same if their text and time are.
+
+    Raises
+    ------
+    InputError
+        If two sessions share any.
+    """
+    seen: dict[str, Session] = {}
+    for session in sessions if len(sessions) > 1 else ():
+        frames = (session.load(record) for record in session.frames())
+        keys = [pixels_sha256(frame) for frame in frames if frame.dn.min() < frame.dn.max()]
+        keys += [f"{one.patch}\n{one.reading.raw}\n{one.reading.timestamp}" for one in session.readings()]
+        shared = [seen[key] for key in keys if key in seen]
+        if shared:
+            raise InputError(
+                f"{len(shared)} of the {len(keys)} frames and readings of session {session.path} are also in "
+                f"{shared[0].path}: nothing new was measured; give each session once, and no copy of it"
+            )
+        seen |= dict.fromkeys(keys, session)
 
 
 def measured_in(session: Session, calibration: AnyCalibration) -> bool:

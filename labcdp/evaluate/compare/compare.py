@@ -208,8 +208,14 @@ def _rows(subjects: tuple[Subject, ...]) -> tuple[tuple[Compared, ...], tuple[st
         for subject, other in zip(subjects[1:], others, strict=True)
         if name in other
     ]
+    for subject, values in zip(subjects, (first, *others), strict=True):
+        if not values:
+            raise InputError(
+                f"{subject.name} has no values to compare: the plan names no pairs of patches; evaluate it with --pair "
+                "and --contrast, and compare the results"
+            )
     if not rows:
-        ours, theirs = (", ".join(list(one)[:3]) for one in (first, others[0]))
+        ours, theirs = (", ".join(list(values)[:3]) for values in (first, others[0]))
         raise InputError(f"{subjects[0].name} and {subjects[1].name} have no quantity in common ({ours}; {theirs})")
     every = dict.fromkeys(name for one in (first, *others) for name in one)
     return tuple(rows), tuple(name for name in every if not all(name in one for one in (first, *others)))

@@ -14,6 +14,7 @@ from ...core.errors import CalibrationError, InputError
 from ...core.frame import Frame
 from ...core.luminance import WHOLE, Invalid, LuminanceMap, Window
 from ...core.result import Finding, info, warning
+from ...files.frame import no_exposure
 from ...files.picture import Picture
 from ...files.read import PictureOptions
 from ...files.stored_image import ENCODING_NAMES, Encoding
@@ -153,7 +154,7 @@ class PictureConversion:
             return LuminanceMap(picture.light, np.zeros_like(picture.light), (), invalid)
         frame = self.frame_of(picture)
         if self.unit == "cd/m^2" and not picture.exposure_known:
-            raise InputError(f"{picture.path} does not state its exposure time: give it")
+            raise InputError(no_exposure(picture.path))
         encoding: Encoding = "linear" if picture.coloured else picture.encoding
         try:
             return self._map(frame, encoding, WHOLE, picture.f_number)

@@ -14,6 +14,7 @@ from ...core.disk.files import shown
 from ...core.disk.journal import recorded_head
 from ...core.errors import InputError
 from ...core.result import Finding, InputFile, info, warning
+from ...files.frame import no_exposure
 from ...files.video.open import open_video
 from ...files.video.source import VideoSource
 from ...metrics.correlated_cdp import size_findings
@@ -245,7 +246,7 @@ def opened_video(path: Path, conversion: PictureConversion) -> tuple[VideoSource
     """
     source = open_video(path, conversion.options)
     if conversion.unit == "cd/m^2" and conversion.options.exposure_s is None and not source.exposure_stated:
-        raise InputError(f"{path} does not state its exposure time: give it")
+        raise InputError(no_exposure(path))
     return source, replace(conversion, options=replace(conversion.options, encoding=source.encoding))
 
 

@@ -199,9 +199,9 @@ def calibrate_recorded(
     CalibrationError, SessionError, InputError
         As `require_distinct`, `measure_vignetting`, `observe_session`, `response_of_session` and `calibrate_session`.
     """
-    require_distinct(sessions)
     if len({planes_of(one) for one in sessions}) > 1:
         raise CalibrationError("some of the sessions have colour filters, others have none: calibrate them apart")
+    require_distinct(sessions)
     lens = corrections_of_lens(sessions[0])
     corrections = with_dark_frames(lens if uniform is None else uniform.corrections, sessions, report("dark frames"))
 

@@ -1,10 +1,13 @@
 """Videos, and images as videos: every pixel, number and time against what was written."""
 
 import io
+from contextlib import suppress
 
+import av
 import numpy as np
 import pytest
 import tifffile
+from av.stream import Disposition
 from PIL import Image
 
 from labcdp.core.errors import InputError
@@ -16,7 +19,7 @@ from labcdp.files.video.open import open_video
 from labcdp.files.video.selection import Position, Selection
 from labcdp.files.video.source import VideoFrame, VideoSource, frames_of
 
-from .video_files import N, bars, frames, moving, mux_jpegs, write
+from .video_files import SIZE, N, bars, frames, moving, mux_jpegs, remux, write
 
 #: Numbers of ITU-T H.273: transfer, matrix, range of FFmpeg.
 BT709, SMPTE170M, LINEAR, SRGB = 1, 6, 8, 13
@@ -180,6 +183,72 @@ def test_times_are_those_of_the_container_and_frames_of_another_size_are_named(t
         assert [one.time_s for one in found] == pytest.approx([time / 1000 for time in times])
     found = frames(mux_jpegs(tmp_path / "sizes.mkv", images, times))
     assert [one.fault and one.fault.code for one in found] == [None] * 3 + ["frame-size-differs"] * 2 + [None]
+
+
+KEYS = "keyint=4:min-keyint=4:scenecut=0:open-gop=1"
+
+
+@pytest.mark.parametrize(
+    ("codec", "suffix", "options", "remuxed"),
+    [
+        # An edit list that starts after five frames; one with a delay; packets of frames that others only refer to.
+        ("libx264", "mp4", {"x264-params": KEYS}, {"earlier_by": 5}),
+        ("libx264", "mov", {"x264-params": KEYS}, {"earlier_by": -7}),
+        ("libvpx-vp9", "webm", {"lag-in-frames": "16", "auto-alt-ref": "1"}, {"bsf": "vp9_superframe_split"}),
+        # Cut from a longer video: at a key frame that others before it in time refer past, and between key frames.
+        *[(codec, suffix, {f"{codec[3:]}-params": KEYS}, {"first": first})
+          for codec, suffix in (("libx264", "ts"), ("libx264", "mkv"), ("libx265", "mkv")) for first in ("key", 2)],
+        ("mpeg2video", "ts", {"bf": "2", "g": "6"}, {"first": 4}),
+    ],
+)  # fmt: skip
+def test_frames_that_are_not_shown_are_not_counted(tmp_path, codec, suffix, options, remuxed):
+    """As another program counts them: PyAV with its own settings; and the others are sound."""
+    # Matroska does not state the order of decoding.
+    whole = write(
+        tmp_path / f"whole.{suffix.replace('mkv', 'mp4')}", codec, "yuv420p", bars(), options | {"b": "4000000"}
+    )
+    path = remux(whole, tmp_path / f"a.{suffix}", **remuxed)
+    with av.open(str(path)) as container:
+        others = [one.to_ndarray(format="gray")[:, 3:10].mean() for one in decoded(container)]
+    source, found = open_video(path), frames(path, encoding="linear")
+    assert [(one.number, one.fault) for one in found] == [(number, None) for number in range(len(others))]
+    assert found[0].time_s == 0
+    assert [one.grey[:, 3:10].mean() for one in found] == pytest.approx(others, abs=1.5)
+    if suffix in ("mp4", "mov"):
+        assert source.frame_count == len(others) == N - max(remuxed["earlier_by"], 0)
+    selected = frames(path, Selection(Position(seconds=0.08), Position(frames=4)))
+    assert [one.number for one in selected] == [2, 3]
+
+
+def decoded(container):
+    """Frames that PyAV decodes; a packet that cannot be decoded costs no other."""
+    for packet in container.demux(container.streams.video[0]):
+        with suppress(av.FFmpegError):
+            yield from packet.decode()
+
+
+def test_frames_that_build_on_what_was_cut_off_are_marked(tmp_path):
+    """Decoders of MPEG-4 show them, without a mark."""
+    whole = write(tmp_path / "whole.mkv", "mpeg4", "yuv420p", moving(12), {"g": "6"})
+    found = frames(remux(whole, tmp_path / "a.mkv", first=2))
+    assert [one.fault and one.fault.code for one in found] == ["frame-builds-on-broken"] * 4 + [None] * 6
+
+
+def test_the_picture_of_a_cover_is_no_video(tmp_path):
+    path, jpeg_data = tmp_path / "a.m4a", jpeg(bars(1)[0])
+    with av.open(str(path), "w", format="mp4") as container:
+        sound = container.add_stream("aac", rate=48000)
+        cover = container.add_stream("mjpeg", rate=25)
+        cover.width, cover.height, cover.pix_fmt, cover.disposition = *SIZE, "yuvj420p", Disposition.attached_pic
+        packet = av.Packet(jpeg_data)
+        packet.pts = packet.dts = 0
+        packet.stream = cover
+        container.mux(packet)
+        silence = av.AudioFrame.from_ndarray(np.zeros((1, 1024), np.float32), "fltp", "mono")
+        silence.sample_rate = 48000
+        container.mux([*sound.encode(silence), *sound.encode(None)])
+    with pytest.raises(InputError, match=r"a\.m4a holds a cover picture, but no video: give a video"):
+        open_video(path)
 
 
 # What is refused

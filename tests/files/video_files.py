@@ -71,6 +71,31 @@ def fill(frame, planes):
         plane.update(padded.tobytes())
 
 
+def remux(source, path, *, first=0, earlier_by=0, bsf=None):
+    """Packets of a video in another file: without the first ones ("key": up to the second key frame), or earlier by a
+    number of frames, or filtered.
+
+    What is then before 0 is left out by an edit list.
+    """
+    options = {"avoid_negative_ts": "disabled"} if earlier_by else {}
+    with av.open(str(source)) as whole, av.open(str(path), "w", options=options) as container:
+        stream = whole.streams.video[0]
+        copy = container.add_stream_from_template(stream)
+        packets = [packet for packet in whole.demux(stream) if packet.size]
+        keys = [number for number, packet in enumerate(packets) if packet.is_keyframe]
+        packets = packets[keys[1] if first == "key" else first :]
+        if bsf:
+            bsf = av.BitStreamFilterContext(bsf, stream)
+            packets = [part for packet in packets for part in bsf.filter(packet)]
+        for packet in packets:
+            if earlier_by:
+                ticks = int(earlier_by / 25 / stream.time_base)
+                packet.pts, packet.dts = packet.pts - ticks, packet.dts - ticks
+            packet.stream = copy
+            container.mux(packet)
+    return path
+
+
 def mux_jpegs(path, images, times_ms, size=SIZE):
     """JPEG images as the packets of Motion JPEG, with time stamps of their own."""
     with av.open(str(path), "w") as container:

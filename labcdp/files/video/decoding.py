@@ -1,4 +1,9 @@
-"""Frames of a video file in the order they are shown: their times, and what is missing or damaged."""
+"""Frames of a video file in the order they are shown: their times, and what is missing or damaged.
+
+Packets that are not to be shown count for nothing, as in other programs that decode with FFmpeg: those before the start
+of an edit list, frames of VP8 and VP9 that others only refer to, placeholders of MPEG-4, and frames before the first
+key frame of a file that was cut from a longer one.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +12,13 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 from av import FFmpegError
 from av import logging as av_logging
 from av.codec.context import Flags
+from av.stream import Disposition
 
 from ...core.result import Finding, warning
 from .source import size_differs
@@ -23,8 +30,11 @@ _MARKING = ("flv", "h261", "h263", "h264", "mjpeg", "mpeg1video", "mpeg2video", 
 _STRICT = {"mjpeg": "crccheck+bitstream+buffer+explode", "h264": "crccheck+aggressive"}
 #: Frames that wait at least, as decoders reorder by more than they say at first.
 _HELD = 3
-#: Packets of which the place is known; no codec reorders by more.
+#: Packets of which the place is known; no codec reorders by more. The first key frame is among as many.
 _REMEMBERED = 1000
+#: Size of a packet of MPEG-4 from which it holds a picture; encoders fill up with smaller ones, which give no frame
+#: (FFmpeg's filter mpeg4_unpack_bframes).
+_LEAST_MPEG4_BYTES = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +59,13 @@ class Shown:
     fault: Finding | None
 
 
+def video_stream(container: Any) -> Any:
+    """Return the first video stream of an opened file that is no picture of its cover; None if there is none."""
+    return next((one for one in container.streams.video if not one.disposition & Disposition.attached_pic), None)
+
+
 def shown_frames(container: Any, shape: tuple[int, int] | None, frame_rate: float | None) -> Iterator[Shown]:
-    """Decode all frames of the first video stream.
+    """Decode all frames of the video stream.
 
     Parameters
     ----------
@@ -61,7 +76,7 @@ def shown_frames(container: Any, shape: tuple[int, int] | None, frame_rate: floa
     frame_rate : float or None
         For files without time stamps.
     """
-    stream = container.streams.video[0]
+    stream = video_stream(container)
     context = stream.codec_context
     if context.codec.name in _STRICT:
         context.options = {**context.options, "err_detect": _STRICT[context.codec.name]}
@@ -89,11 +104,43 @@ def shown_frames(container: Any, shape: tuple[int, int] | None, frame_rate: floa
         yield Shown(number, time_s, frame, fault)
 
 
-class _Packets:
-    """Packets in the order of decoding: which of them gave no frame, and which frames are damaged by others."""
+def _is_shown(packet: Any, codec: str) -> bool:
+    """Whether a packet should give a frame."""
+    if packet.is_discard:
+        return False
+    data = memoryview(packet)
+    if codec == "vp8":
+        # A frame that is only referred to (RFC 6386, 9.1).
+        return bool(data[0] & 0x10)
+    if codec == "vp9":
+        return _is_shown_vp9(data)
+    return not (codec == "mpeg4" and len(data) < _LEAST_MPEG4_BYTES)
 
-    def __init__(self, context: Any) -> None:
+
+def _is_shown_vp9(data: memoryview) -> bool:
+    """Whether a packet of VP9 shows a frame (VP9 Bitstream Specification 0.6, 6.2 and annex B); a superframe does."""
+    if data[-1] & 0xE0 == 0xC0:
+        return True
+    bits = f"{int.from_bytes(data[:2].tobytes().ljust(2, bytes(1)), 'big'):016b}"
+    # Behind marker and profile, of which the last has one bit more: show_existing_frame, frame_type, show_frame.
+    at = 5 if bits[2:4] == "11" else 4
+    return bits[at] == "1" or bits[at + 2] == "1"
+
+
+class _Packets:
+    """Packets in the order of decoding: which of them gave no frame, and which frames are damaged by others.
+
+    Parameters
+    ----------
+    context : av.CodecContext
+        Their decoder.
+    first_key : (int, int or None)
+        Place and time of the first key frame; (0, None) if there is nothing before it.
+    """
+
+    def __init__(self, context: Any, first_key: tuple[int, int | None]) -> None:
         self._context = context
+        self._first_key = first_key
         self._waiting: list[int] = []
         self._place: dict[int, int] = {}
         self._keys: list[tuple[int, int]] = []
@@ -109,8 +156,7 @@ class _Packets:
         self.ordered = self.ordered and packet.pts is not None
         if packet.is_corrupt:
             self._damage.append(self._count)
-        # A frame of VP8 that is only referred to is never shown (RFC 6386, 9.1).
-        if at is not None and not (self._context.codec.name == "vp8" and not bytes(packet)[0] & 0x10):
+        if at is not None and _is_shown(packet, self._context.codec.name):
             heapq.heappush(self._waiting, at)
             self._place[at] = self._count
             if len(self._place) > _REMEMBERED:
@@ -126,7 +172,7 @@ class _Packets:
         place = self._place.get(frame.pts, self._count - 1)
         if frame.key_frame:
             self._keys.append((place, frame.pts or 0))
-        if frame.is_corrupt:
+        if frame.is_corrupt and not self.is_before_first_key(frame.pts, place):
             self._damage.append(place)
         self.ordered = self.ordered and frame.pts is not None and (self._last is None or frame.pts > self._last)
         self._last = frame.pts
@@ -136,12 +182,26 @@ class _Packets:
         """Take the next time."""
         return heapq.heappop(self._waiting) if self._waiting else None
 
+    def time_of(self, frame: Any) -> int | None:
+        """Take the time of a frame, before which there is none left."""
+        if not self.ordered or (self._waiting and self._waiting[0] <= frame.pts):
+            return self.time()
+        # A packet that was not expected to give one.
+        return int(frame.pts)
+
     def lost_before(self, frame: Any) -> Iterator[int]:
         """Take the times before that of a frame: packets that gave none."""
         while self.ordered and self._waiting and self._waiting[0] < frame.pts:
             at = heapq.heappop(self._waiting)
-            self._damage.append(self._place.get(at, 0))
-            yield at
+            place = self._place.get(at, 0)
+            if not self.is_before_first_key(at, place):
+                self._damage.append(place)
+                yield at
+
+    def is_before_first_key(self, at: int | None, place: int) -> bool:
+        """Whether a packet was to be shown, or decoded, before the first key frame: what it refers to was cut off."""
+        key_place, key_at = self._first_key
+        return place < key_place or (None not in (at, key_at) and at < key_at)  # type: ignore[operator]
 
     def damage_of(self, frame: Any, place: int) -> str:
         """Code of what is wrong with a frame, empty for nothing."""
@@ -155,21 +215,30 @@ class _Packets:
             self._damage = [one for one in self._damage if one >= self._keys[0][0]]
         if place in self._damage:
             return "frame-damaged"
+        if place < self._first_key[0]:
+            return "frame-builds-on-broken"
         return "frame-builds-on-broken" if any(since <= one < place for one in self._damage) else ""
 
 
 def _in_order(container: Any, stream: Any) -> Iterator[tuple[int | None, Any, str]]:
     """Time stamp, frame and code of the damage of each frame; no frame where a packet gave none."""
-    packets = _Packets(stream.codec_context)
+    is_marking = stream.codec_context.codec.name in _MARKING
+    begin, first_key = _until_first_key(demuxed := container.demux(stream))
+    if not is_marking and first_key[0]:
+        # These decoders give nothing before a key frame but messages, which would count for it.
+        begin, first_key = begin[-1:], (0, first_key[1])
+    packets = _Packets(stream.codec_context, first_key)
     held: deque[tuple[Any, int]] = deque()
 
     def released() -> Iterator[tuple[int | None, Any, str]]:
         frame, place = held.popleft()
         yield from ((at, None, "frame-not-decoded") for at in packets.lost_before(frame))
-        yield packets.time(), frame, packets.damage_of(frame, place)
+        at = packets.time_of(frame)
+        if not (frame.is_corrupt and packets.is_before_first_key(frame.pts, place)):
+            yield at, frame, packets.damage_of(frame, place)
 
-    with _messages(stream.codec_context.codec.name not in _MARKING) as n_messages:
-        for packet in container.demux(stream):
+    with _messages(not is_marking) as n_messages:
+        for packet in chain(begin, demuxed):
             before = n_messages()
             if packet.size:
                 packets.sent(packet)
@@ -187,6 +256,18 @@ def _in_order(container: Any, stream: Any) -> Iterator[tuple[int | None, Any, st
             yield from released()
         while (at := packets.time()) is not None:
             yield at, None, "frame-not-decoded"
+
+
+def _until_first_key(packets: Iterator[Any]) -> tuple[list[Any], tuple[int, int | None]]:
+    """Take packets up to the first key frame; return them, and its place and time, (0, None) if none is a key frame."""
+    begin: list[Any] = []
+    for packet in packets:
+        begin.append(packet)
+        if packet.is_keyframe:
+            return begin, (sum(1 for one in begin if one.size) - 1, packet.pts)
+        if len(begin) == _REMEMBERED:
+            break
+    return begin, (0, None)
 
 
 @contextmanager

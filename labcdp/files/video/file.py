@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -22,7 +23,7 @@ from ...core.luminance import WHOLE, Window
 from ..frame import changed_at
 from ..picture import unused_options
 from ..read import PictureOptions, frame_of_pixels
-from .decoding import Shown, shown_frames
+from .decoding import Shown, shown_frames, video_stream
 from .pixels import Pixels, learn_pixels
 from .quantiser import PARAMETERS
 from .source import StoredPixels, VideoFrame, VideoSource, require_frames
@@ -113,7 +114,7 @@ def open_video_file(path: Path, options: PictureOptions) -> VideoSource:
     frames: list[Any] = []
     broken: list[Any] = []
     with _opened(path, options.max_pixels) as container:
-        stream = container.streams.video[0]
+        stream = video_stream(container)
         stream.codec_context.options = {**stream.codec_context.options, **PARAMETERS}
         for shown in shown_frames(container, None, None):
             (frames if shown.fault is None else broken).append(shown.frame)
@@ -123,7 +124,7 @@ def open_video_file(path: Path, options: PictureOptions) -> VideoSource:
         frames = frames or [frame for frame in broken if frame is not None]
         require_frames(bool(frames), path)
         rate = float(stream.average_rate or stream.guessed_rate or 0)
-        count = stream.frames or round((container.duration or 0) / av.time_base * rate)
+        count = _announced(stream) or round((container.duration or 0) / av.time_base * rate)
         try:
             pixels, findings = learn_pixels(frames, stream.codec_context.codec, options.encoding)
         except InputError as error:
@@ -146,20 +147,33 @@ def open_video_file(path: Path, options: PictureOptions) -> VideoSource:
     )
 
 
+def _announced(stream: Any) -> int:
+    """Return the number of frames that a file announces, 0 if it does not; an edit list leaves some out."""
+    entries = stream.index_entries
+    if stream.frames and len(entries) and "mov" in stream.container.format.name:
+        return sum(1 for entry in entries if not entry.is_discard)
+    return int(stream.frames)
+
+
 @contextmanager
 def _opened(path: Path, max_pixels: int) -> Iterator[Any]:
     """Open a file whose frames have at most so many pixels; whatever goes wrong becomes one InputError."""
     try:
         limits = {"protocol_whitelist": "file", "format_whitelist": _CONTAINERS}
-        container = av.open(str(path), container_options=limits, metadata_errors="replace")
+        # As an absolute path, FFmpeg takes no part of the name as a protocol.
+        container = av.open(os.path.abspath(path), container_options=limits, metadata_errors="replace")
     except (av.FFmpegError, ValueError, OverflowError) as error:
         raise InputError(
             f"{path} is no video that FFmpeg reads, or is cut off: copy it again, or convert it to FFV1 or MJPEG"
         ) from error
     with container:
-        if not container.streams.video or container.streams.video[0].codec_context is None:
-            raise InputError(f"{path} holds no pictures that FFmpeg decodes: convert it to FFV1 or MJPEG")
-        context = container.streams.video[0].codec_context
+        stream = video_stream(container)
+        if stream is None:
+            what = "a cover picture, but no video" if container.streams.video else "no video"
+            raise InputError(f"{path} holds {what}: give a video")
+        context = stream.codec_context
+        if context is None:
+            raise InputError(f"{path} holds a video that FFmpeg does not decode: convert it to FFV1 or MJPEG")
         if context.width * context.height > max_pixels:
             raise InputError(
                 f"{path} has frames of {context.width} x {context.height} pixels, more than {max_pixels / 1e6:g} "

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ..web.server import Address
 
 #: Loggers whose warnings are shown at once; those of the calibration are in its result.
-_SHOWN = ("labcdp.acquire", "labcdp.drivers", "labcdp.session")
+_SHOWN = ("labcdp.acquire", "labcdp.drivers", "labcdp.files", "labcdp.session")
 #: Width in characters to which texts in a table may be wrapped.
 _TEXT_WIDTH = 24
 #: Rows of a table that are printed.

@@ -119,8 +119,8 @@ def _opened(path: Path, **how: bool) -> Iterator[Any]:
     except Exception as error:
         why = str(error).partition("\n")[0].rpartition(" - ")[2].replace(f"'{path}'", "it")
         raise InputError(
-            f"{path} is truncated or damaged, or cannot be read as OpenEXR ({shortened(why) or type(error).__name__}): "
-            "save it again"
+            f"{path} cannot be read as OpenEXR ({shortened(why) or type(error).__name__}): if another program opens "
+            "it, save it there again; else copy it again"
         ) from error
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
 from dataclasses import replace
 from io import BytesIO
 from math import isclose
@@ -50,7 +52,7 @@ def read_png(data: bytes, path: Path, max_pixels: int) -> StoredImage:
     import imagecodecs
     from PIL.PngImagePlugin import PngImageFile
 
-    with damage_reported(f"{path} is damaged, truncated or no PNG", ": copy or save it again"):
+    with damage_reported(f"{path} cannot be read as PNG", ": if another program opens it, save it there again"):
         header = PngImageFile(BytesIO(data))
         require_size(path, *header.size, max_pixels)
         if getattr(header, "n_frames", 1) > 1:
@@ -109,12 +111,19 @@ def _encoding(about: dict[Any, Any], coloured: bool, bits: int) -> tuple[Encodin
 
 
 JPEG = b"\xff\xd8\xff"
-#: Markers of a scan and of the end (ITU-T T.81, table B.1), which do not occur in coded data.
-_SCAN, _JPEG_END = b"\xff\xda", b"\xff\xd9"
+#: Markers (ITU-T T.81, table B.1): end, scan; those without a length, RST0 to SOI and TEM.
+_JPEG_END, _SCAN, _ALONE = 0xD9, 0xDA, (*range(0xD0, 0xD9), 0x01)
+#: Kinds of coding by the marker of a frame (table B.1; JPEG-LS: ITU-T T.87) that FFmpeg and libjpeg decode; others.
+_HUFFMAN = (0xC0, 0xC1, 0xC2)
+_RARE = {
+    0xC3: "lossless JPEG", 0xF7: "JPEG-LS", **dict.fromkeys((0xC5, 0xC6, 0xC7), "hierarchical JPEG"),
+    **dict.fromkeys((0xC9, 0xCA, 0xCB, 0xCD, 0xCE, 0xCF), "arithmetic-coded JPEG"),
+}  # fmt: skip
+_TO_TIFF = "which labcdp does not read: convert it to 16-bit TIFF"
 
 
 def read_jpeg(data: bytes, path: Path, max_pixels: int) -> StoredImage:
-    """Read a JPEG of 8 bits, grey or coloured.
+    """Read a JPEG of 8 bits, grey or coloured; of several pictures, or one with a film behind it, the first picture.
 
     Raises
     ------
@@ -124,21 +133,54 @@ def read_jpeg(data: bytes, path: Path, max_pixels: int) -> StoredImage:
     import cv2
     from PIL.JpegImagePlugin import JpegImageFile
 
-    with damage_reported(f"{path} cannot be read as JPEG", ": copy it again from the camera"):
+    whole, kind = data, None
+    for marker, at in _jpeg_segments(data):
+        if marker in (*_HUFFMAN, *_RARE) and kind is None:
+            kind = _RARE.get(marker) or (f"JPEG of {data[at + 4]} bits" if data[at + 4 : at + 5] > b"\x08" else "")
+        # What follows, such as a film or a second picture, is not of it.
+        data = data[: at + 2] if marker == _JPEG_END else data
+    if kind:
+        raise InputError(f"{path} is {kind}, {_TO_TIFF}")
+    with damage_reported(f"{path} cannot be read as JPEG", ": if another program opens it, convert it to PNG"):
         header = JpegImageFile(BytesIO(data))
     require_size(path, *header.size, max_pixels)
     if header.mode not in ("L", "RGB"):
         raise InputError(f"{path} has the colours {header.mode}, as for print: save it as grey or RGB")
-    if data.rfind(_JPEG_END) < data.rfind(_SCAN):
-        raise InputError(f"{path} is truncated: it has no end mark in {len(data)} bytes: copy it again")
+    if data[-2:] != bytes((0xFF, _JPEG_END)):
+        raise InputError(f"{path} is truncated: it has no end mark in {len(whole)} bytes: copy it again")
     # Pillow does not say what libjpeg has to say of damage.
     with decoder_messages() as messages:
         values = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
     if values is None or values.shape[:2] != header.size[::-1] or values.dtype != np.uint8:
-        raise InputError(f"{path} cannot be read as JPEG (its data are damaged or of a rare kind): copy it again")
+        raise InputError(
+            f"{path} cannot be decoded as JPEG: if another program opens it, convert it to PNG; else copy it again"
+        )
     values = values if values.ndim == 2 else np.ascontiguousarray(values[..., ::-1])
     doubts = tuple(warning("decoder-message", message=message) for message in messages)
     return StoredImage(values, 8, "srgb", _facts(header, path), (info("jpeg-compressed"),), doubts).upright()
+
+
+def _jpeg_segments(data: bytes) -> Iterator[tuple[int, int]]:
+    """Marker and place of each segment up to the end mark, or where the data stop being such (ITU-T T.81, B.1)."""
+    at = 2
+    while at + 1 < len(data) and data[at] == 0xFF:
+        marker = data[at + 1]
+        if marker == 0xFF:
+            # Markers may be filled up.
+            at += 1
+            continue
+        yield marker, at
+        if marker == _JPEG_END:
+            return
+        at += 2 if marker in _ALONE else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
+        if marker == _SCAN:
+            # In coded data, 0xFF is followed by 0 or the marker of a restart.
+            found = _IN_SCAN.search(data, at)
+            at = len(data) if found is None else found.start()
+
+
+#: A marker that ends a scan.
+_IN_SCAN = re.compile(rb"\xff+[^\x00\xd0-\xd7\xff]")
 
 
 NPY = b"\x93NUMPY"

@@ -86,7 +86,10 @@ def _opened(path: Path) -> Iterator[Any]:
     except rawpy.LibRawError as error:
         text = error.args[0] if error.args else error
         why = text.decode() if isinstance(text, bytes) else str(text)
-        raise InputError(f"{path} cannot be read as RAW ({why}): copy it again from the camera") from error
+        raise InputError(
+            f"{path} cannot be read as camera RAW ({why}): if another program opens it, convert it to DNG or 16-bit "
+            "TIFF; else copy it again from the camera"
+        ) from error
 
 
 def _pattern(raw: Any, path: Path, facts: ExifFacts) -> tuple[str | None, tuple[float, float, float, float]]:

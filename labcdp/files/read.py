@@ -18,7 +18,18 @@ from ..core.frame import Frame
 from ..core.result import Finding, info, warning
 from .exif import ExifFacts
 from .exr import EXR, exr_text, read_exr
-from .frame import NO_EXPOSURE_S, Scale, changed_at, facts_over, frame_of_pixels, make_frame, picture_bytes, scale_of
+from .frame import (
+    IMAGE_SUFFIXES,
+    NO_EXPOSURE_S,
+    Scale,
+    changed_at,
+    facts_over,
+    frame_of_pixels,
+    make_frame,
+    picture_bytes,
+    scale_of,
+)
+from .kinds import HEAD_BYTES, no_picture
 from .luminance_file import FORMAT as LUMINANCE
 from .luminance_file import read_luminance
 from .picture import Picture, PictureOptions, with_overrides
@@ -86,7 +97,7 @@ def read_picture(path: str | PathLike[str], options: PictureOptions = NOTHING_KN
         raise InputError(
             f"{path} does not say what it is: for a raw dump give its size and pixel format, for example Mono12Packed"
         )
-    raise InputError(
+    raise no_picture(path, data[:HEAD_BYTES]) or InputError(
         f"{path} is no image that labcdp reads: give PNG, JPEG, TIFF, OpenEXR, NPY, camera RAW, or a raw dump with its "
         "size"
     )
@@ -167,12 +178,29 @@ RAW_SUFFIXES = (
 STATED_SUFFIXES = (".exr", ".jpeg", ".jpg", ".npy", ".npz", ".png", ".tif", ".tiff", *RAW_SUFFIXES)
 #: Usual endings of raw dumps; with a size given, any other ending is a dump too.
 DUMP_SUFFIXES = (".bin", ".dat", ".raw")
+#: Endings of names of what can be imported into a session: some cameras' RAW files end in .raw, and many write a JPEG
+#: besides.
+IMPORTED_SUFFIXES = (*IMAGE_SUFFIXES, *RAW_SUFFIXES, ".raw")
 
 
-def picture_paths(paths: Sequence[str | PathLike[str]]) -> list[Path]:
+#: Files that are left out and named.
+_MOST_NAMED = 5
+
+
+def picture_paths(
+    paths: Sequence[str | PathLike[str]], suffixes: Sequence[str] = (*STATED_SUFFIXES, *DUMP_SUFFIXES)
+) -> list[Path]:
     """Files to read: those given, and of folders the images they hold, by name with numbers in order.
 
-    A file that is given itself is kept whatever it is, so that reading it says what is wrong with it.
+    A file that is given itself is kept whatever it is, so that reading it says what is wrong with it. What a folder
+    holds besides is left out, with a warning in the log.
+
+    Parameters
+    ----------
+    paths : sequence of path
+        Files and folders.
+    suffixes : sequence of str
+        Endings of the names of images, in lower case.
 
     Raises
     ------
@@ -181,16 +209,19 @@ def picture_paths(paths: Sequence[str | PathLike[str]]) -> list[Path]:
     """
     found: list[Path] = []
     for path in map(Path, paths):
-        found += _in_folder(path) if path.is_dir() else [path]
+        found += _in_folder(path, suffixes) if path.is_dir() else [path]
     return list(dict.fromkeys(found))
 
 
-def _in_folder(folder: Path) -> list[Path]:
+def _in_folder(folder: Path, suffixes: Sequence[str]) -> list[Path]:
     with reading(folder, "a folder you can read"):
         files = [path for path in folder.iterdir() if path.is_file() and not path.name.startswith(".")]
-    images = [path for path in files if path.suffix.lower() in (*STATED_SUFFIXES, *DUMP_SUFFIXES)]
-    for path in sorted(set(files) - set(images)):
-        _log.info("%s is left out: its name is not that of an image", path)
+    images = [path for path in files if path.suffix.lower() in suffixes]
+    others = sorted(path.name for path in set(files) - set(images))
+    if others:
+        named = ", ".join(others[:_MOST_NAMED]) + (", ..." if len(others) > _MOST_NAMED else "")
+        text = "%s: %d left out, as the names are not those of the pictures that are read: %s"
+        _log.warning(text, folder, len(others), named)
     if not images:
         raise InputError(f"{folder} holds no image: give a folder with some, or files")
     return sorted(images, key=_natural)

@@ -86,9 +86,7 @@ def _pages(tiff: Any, path: Path) -> list[Any]:
     # Small copies for previews are no pictures of their own.
     pages = [page for page in (page.aspage() for page in tiff.pages) if not page.subfiletype & 1]
     if not pages:
-        raise InputError(
-            f"{path} is truncated or damaged: it has no picture in {tiff.filehandle.size} bytes: copy it again"
-        )
+        raise InputError(f"{path} holds no picture in {tiff.filehandle.size} bytes: give one with a picture")
     return pages
 
 
@@ -96,6 +94,9 @@ def _require_kind(page: Any, path: Path) -> None:
     samples, extra = page.samplesperpixel, len(page.extrasamples)
     colours = samples - extra
     known = {_WHITE_IS_ZERO: 1, _BLACK_IS_ZERO: 1, _PALETTE: 1, _RGB: 3}.get(page.photometric)
+    if page.dtype is None or page.dtype.kind not in "buif":
+        what = "complex numbers" if page.dtype is not None else f"values of {page.bitspersample} bits"
+        raise InputError(f"{path} holds {what}, which labcdp does not read: save it as whole numbers or floats")
     if known != colours or extra > 1 or page.imagedepth != 1:
         raise InputError(
             f"{path} holds {samples} values a pixel as {getattr(page.photometric, 'name', page.photometric)}: save it "
@@ -145,7 +146,7 @@ def _resolved(indices: NDArray[Any], page: Any) -> tuple[NDArray[Any], int]:
         palette, bits = low.astype(np.uint8), 8
     elif np.array_equal(low, high) or not low.any():
         palette, bits = high.astype(np.uint8), 8
-    return np.moveaxis(palette[:, indices], 0, -1), bits
+    return np.moveaxis(palette[:, indices.astype(np.intp)], 0, -1), bits
 
 
 def _encoding(page: Any, coloured: bool) -> Encoding:

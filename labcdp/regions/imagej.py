@@ -83,7 +83,7 @@ def parse_imagej(data: bytes, name: str) -> tuple[Shape, ...]:
 def _entries(data: bytes) -> Iterator[tuple[str, bytes]]:
     """Give name and content of each region in a .zip."""
     left = _MOST_BYTES
-    damage = damage_reported("it is a damaged .zip file", ": save it again in ImageJ")
+    damage = damage_reported("its .zip archive cannot be read", ": save it again in ImageJ")
     with damage, zipfile.ZipFile(BytesIO(data)) as archive:
         names = [name for name in archive.namelist() if name.lower().endswith(".roi") and "__MACOSX" not in name]
         if len(names) > MOST_REGIONS:
@@ -106,7 +106,7 @@ def _shape(data: bytes, entry: str) -> Shape:
     """Read one region."""
     where = f"ImageJ region {quoted(entry)}"
     _require_name(data, where)
-    with damage_reported(f"{where} is damaged", ": save it again in ImageJ"):
+    with damage_reported(f"{where} cannot be read", ": save it again in ImageJ, or draw it as a polygon"):
         read = ImagejRoi.frombytes(data)
         name = _clean(read.name) or _clean(entry)
         return _of_kind(read, name, f"ImageJ region {quoted(name)}")
@@ -165,7 +165,15 @@ def _turned(read: ImagejRoi, name: str) -> Shape:
 
 
 def _rings(read: ImagejRoi, where: str) -> list[list[tuple[float, float]]]:
-    found = [[(float(x), float(y)) for x, y in ring] for ring in read.coordinates(multi=True)]
+    try:
+        coordinates = read.coordinates(multi=True)
+    except NotImplementedError as error:
+        # Segments SEG_QUADTO and SEG_CUBICTO of java.awt.geom.PathIterator.
+        raise InputError(
+            f"{where} is a composite selection with curves, which labcdp does not read: make it a polygon "
+            "(Edit > Selection > Interpolate)"
+        ) from error
+    found = [[(float(x), float(y)) for x, y in ring] for ring in coordinates]
     rings = [ring for ring in (one[:-1] if one and one[0] == one[-1] else one for one in found) if len(ring) > 2]
     if not rings or len(rings) > _MOST_RINGS or not all(isfinite(v) for ring in rings for one in ring for v in one):
         raise InputError(f"{where} has {len(rings)} parts that can be used: give 1 to {_MOST_RINGS}")

@@ -44,9 +44,13 @@ def imported(folder, files):
 
 
 def test_a_still_camera_becomes_a_luminance_meter(still_camera, labcdp):
+    # What systems and cameras put there besides.
+    for name in ("Thumbs.db", "desktop.ini", "notes.txt", ".DS_Store", "IMG_1.JPG"):
+        (still_camera.folder / "light" / name).write_bytes(b"nothing")
     done = labcdp("import", "bench.toml", "session", "--light", "light", "--dark", "dark", "--readings", "readings.csv",
                   "--json")  # fmt: skip
     assert done.returncode == 0, done.stderr
+    assert "light: 4 left out, as the names are not those of the pictures that are read: IMG_1.JPG, " in done.stderr
     result = valid(done.stdout)
     counts = {row["quantity"]: row["value"] for row in result["tables"]["imported"]["rows"]}
     assert (counts["frames"], counts["readings"], result["findings"]) == (12, 39, [])

@@ -185,6 +185,38 @@ def test_a_png_says_how_its_values_follow_light(tmp_path, chunks, encoding, find
     assert (picture.encoding, picture.findings, info("linear-assumed") in told.findings) == (encoding, findings, False)
 
 
+@pytest.mark.parametrize("bits", [1, 2, 4, 8])
+@pytest.mark.parametrize(("order", "orientation"), [("<", 1), (">", 6)])
+def test_palettes_of_any_depth_are_resolved(tmp_path, bits, order, orientation):
+    index = np.random.default_rng(bits).integers(0, 2**bits, (6, 16), dtype=np.uint8)
+    grey = np.random.default_rng(9).permutation(256)[: 2**bits].astype(f"{order}u2")
+    entries = np.unpackbits(index[..., None], axis=2)[..., 8 - bits :]
+    data, palette = np.packbits(entries).tobytes(), np.tile(257 * grey, 3).tobytes()
+    tags = {
+        256: 16,
+        257: 6,
+        258: bits,
+        259: 1,
+        262: 3,
+        273: 0,
+        274: orientation,
+        277: 1,
+        278: 6,
+        279: len(data),
+        320: 0,
+    }
+    behind = 8 + 2 + 12 * len(tags) + 4
+    tags |= {273: behind + len(palette), 320: behind}
+    kinds = {320: (3, 3 * 2**bits)}
+    counted = [struct.pack(f"{order}HHII", code, *kinds.get(code, (4, 1)), tags[code]) for code in sorted(tags)]
+    head = (b"II*\0" if order == "<" else b"MM\0*") + struct.pack(f"{order}IH", 8, len(tags))
+    (tmp_path / "a.tif").write_bytes(head + b"".join(counted) + bytes(4) + palette + data)
+    picture = read_picture(tmp_path / "a.tif")
+    expected = grey[index] if orientation == 1 else np.rot90(grey[index], -1)
+    assert np.array_equal(picture.frame.dn, expected)
+    assert "palette-resolved" in [one.code for one in picture.findings]
+
+
 @pytest.mark.parametrize(
     ("top", "shift", "bits", "saturation_dn", "finding"),
     [

@@ -125,7 +125,18 @@ PICKLE = np.array([[print]], dtype=object)
 DUMP = {"size": (60, 40), "pixel_format": "Mono8"}
 REFUSED = [
     ("a.png", b"", {}, r"a\.png is empty"),
-    ("a.jpg", b"GIF89a and so on", {}, r"a\.jpg is no image that labcdp reads"),
+    ("a.jpg", b"GIF89a and so on", {}, r"a\.jpg is a GIF file, which labcdp does not read: convert it to PNG or"),
+    ("a.jpg", b"neither this nor that", {}, r"a\.jpg is no image that labcdp reads"),
+    ("a.heic", b"\0\0\0\x18ftypheic\0\0\0\0mif1heic", {}, r"a\.heic is a HEIC file, which labcdp does not read"),
+    ("a.avif", b"\0\0\0\x1cftypmif1\0\0\0\0avifmif1miaf", {}, r"a\.avif is a HEIF file, which labcdp does not read"),
+    ("a.webp", b"RIFF\x9a\0\0\0WEBPVP8X\n\0\0\0\x02", {}, r"a\.webp is a WebP file, which labcdp does not read"),
+    ("a.png", b"\0\0\0\x0cJXL \r\n\x87\n", {}, r"a\.png is a JPEG XL file, which labcdp does not read"),
+    ("a.mp4", b"\0\0\0\x20ftypisom\0\0\2\0isomiso2avc1", {}, r"a\.mp4 is a video \(MP4 or QuickTime\), no picture"),
+    *[("a.jpg", b"\xff\xd8\xff" + sof + b"\0\x0b" + bits + bytes(8) + b"\xff\xd9", {},
+       rf"a\.jpg is {kind}, which labcdp does not read: convert it to 16-bit TIFF")
+      for sof, bits, kind in ((b"\xc1", b"\x0c", "JPEG of 12 bits"), (b"\xc3", b"\x10", "lossless JPEG"),
+                              (b"\xf7", b"\x08", "JPEG-LS"), (b"\xc9", b"\x08", "arithmetic-coded JPEG"))],
+    ("a.tif", tiff(np.zeros((8, 8), np.complex64)), {}, r"a\.tif holds complex numbers, which labcdp does not read"),
     ("a.npz", b"PK\x03\x04" + bytes(50), {}, r"a\.npz is no luminance map that this labcdp reads"),
     ("a.png", os.mkfifo, {}, r"a\.png cannot be read \(it is a pipe"),
     ("a.npy", lambda path: np.save(path, np.full((2, 2), -1)), {}, r"has values from -1 to -1"),
@@ -139,7 +150,7 @@ REFUSED = [
     ("a.tif", circle, {}, r"a\.tif is damaged: its list of pages leads back to byte \d+"),
     ("a.raw", bytes(3600), DUMP, r"a\.raw has 3600 bytes, 60 x 40 pixels of Mono8 take 2400"),
     ("a.raw", b"\xff" * 4800, DUMP | {"pixel_format": "Mono12"}, r"a\.raw has values up to 65535, Mono12 ends at 4095"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("name", "content", "options", "message"), REFUSED)
@@ -210,3 +221,17 @@ def test_a_bomb_is_refused_before_memory_is_taken(tmp_path, name):
     finally:
         tracemalloc.stop()
     assert peak < 20e6
+
+
+@pytest.mark.parametrize(
+    "more", [b"", b"ftypmp42 a film \xff\xda without an end", b"\xff\xd8\xff\xda\0\x0c another picture"]
+)
+def test_what_follows_the_picture_of_a_jpeg_is_not_of_it(tmp_path, more):
+    """The film of a motion photo, a second picture, or a maker's trailer."""
+    Image.fromarray(COLOURS).save(tmp_path / "a.jpg", restart_marker_rows=1)
+    alone = read_picture(tmp_path / "a.jpg")
+    with open(tmp_path / "a.jpg", "ab") as file:
+        file.write(more)
+    picture = read_picture(tmp_path / "a.jpg")
+    assert np.array_equal(picture.frame.dn, alone.frame.dn)
+    assert picture.findings == alone.findings

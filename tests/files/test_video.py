@@ -261,12 +261,26 @@ def test_the_picture_of_a_cover_is_no_video(tmp_path):
         # Lists name other files.
         ("list.m3u8", b"#EXTM3U\n#EXTINF:1,\n/etc/hostname\n#EXT-X-ENDLIST\n"),
         ("list.txt", b"ffconcat version 1.0\nfile /etc/hostname\n"),
+        # Of a photograph, FFmpeg would show the first tile.
+        ("a.heic", b"\0\0\0\x18ftypheic\0\0\0\0mif1heic"),
+        ("a.mp4", b"\0\0\0\x1cftypmif1\0\0\0\0avifmif1miaf"),
+        ("a.webp", b"RIFF\x9a\0\0\0WEBPVP8X\n\0\0\0\x02"),
+        ("a.png", b"\x89PNG\r\n\x1a\n"),
     ],
 )
 def test_what_is_not_a_video_is_refused(tmp_path, name, data):
     (tmp_path / name).write_bytes(data)
-    with pytest.raises(InputError, match=r"is empty|is no video"):
+    with pytest.raises(InputError, match=r"is empty|is no video|which labcdp does not read|, no video: evaluate it"):
         open_video(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    "name", ["10:15:00.mp4", "http:a.mp4", "%03d.mp4", "concat:a|b.mp4", "-", "a\nb.mp4", "Pr\udcfcf.mp4"]
+)
+def test_no_name_is_taken_for_more_than_a_name(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / "a.mp4", "mpeg4", "yuv420p", bars(2)).rename(name)
+    assert [one.fault for one in frames(name)] == [None, None]
 
 
 def test_interlaced_and_too_large_frames_are_refused(tmp_path):

@@ -156,12 +156,13 @@ TRIANGLE = imagej(0, (0, 0, 9, 9), corners=[(0, 0), (9, 0), (9, 9)])
     [
         (imagej(3, (0, 0, 9, 9), more=(2, 0, 0)), r"'a' is of the kind arrow"),
         (imagej(1, (0, 5, 9, 5)), r"region 'a': width is 0"),
-        (TRIANGLE[:70], r"'a' is damaged"),
+        (TRIANGLE[:70], r"'a' cannot be read"),
+        (imagej(1, (0, 0, 9, 9), path=[0, 1, 1, 3, 1, 2, 3, 4, 5, 6, 4]), r"'a' is a composite selection with curves"),
         (imagej(7, (0, 0, 9, 9), floats=(nan,) * 4, more=(5, 0, 0)), r"region 'a': x is nan"),
         ({"a.roi": b"Iout" + bytes(5 * 2**20)}, r"'a\.roi' unpacks to more than 4 MiB"),
         ({f"{n}.roi": TRIANGLE + bytes(2**22 - 999) for n in range(17)}, r"or all to more than 64 MiB"),
     ],
-    ids=["arrow", "empty", "cut", "nan", "bomb", "bomb of many"],
+    ids=["arrow", "empty", "cut", "curves", "nan", "bomb", "bomb of many"],
 )
 def test_a_file_without_a_region_is_refused_by_kind_and_name(tmp_path, content, message):
     path = tmp_path / "a.roi"

@@ -21,6 +21,7 @@ from ...core.disk.files import shown
 from ...core.errors import InputError, SessionError
 from ...core.result import InputFile, Quantity, Result, quantity_table
 from ...core.table import Column, Table
+from ...files.read import IMPORTED_SUFFIXES, picture_paths
 from ...regions import load_regions
 from ...session import EventRecord, FrameRecord, ReadingRecord, Role, Session, SessionConfiguration
 from ...web.bench.recording import with_regions
@@ -244,7 +245,7 @@ def _pictures(patch: str, text: str, role: Role, exposures_s: dict[str, float]) 
     """Return the files of a name, a folder or a pattern, by name."""
     path = Path(text)
     if path.is_dir():
-        paths = sorted(one for one in path.iterdir() if one.is_file() and not one.name.startswith("."))
+        paths = picture_paths([path], IMPORTED_SUFFIXES)
     elif any(mark in text for mark in "*?[") and not path.exists():
         paths = sorted(Path(path.anchor).glob(str(path.relative_to(path.anchor))))
     else:

@@ -90,7 +90,9 @@ def open_tiff(data: bytes, path: Path) -> Iterator[Any]:
     import tifffile
 
     require_end(data, path)
-    damage = damage_reported(f"{path} cannot be read as TIFF", ": save it again, without compression")
+    damage = damage_reported(
+        f"{path} cannot be read as TIFF", ": if another program opens it, save it there again, without compression"
+    )
     with damage, tifffile.TiffFile(BytesIO(data)) as tiff:
         yield tiff
 
@@ -192,9 +194,9 @@ def read_in_child(reader: str, data: bytes) -> Any:
             command, input=data, capture_output=True, timeout=10 * seconds, env=environment, check=False
         )
     except subprocess.TimeoutExpired as error:
-        raise InputError("it is not read in a reasonable time: it is damaged") from error
+        raise InputError("it is not read in a reasonable time") from error
     if done.returncode != 0:
-        raise InputError("it is damaged, or larger than the memory: the library that reads it stopped")
+        raise InputError("the library that reads it stopped, as of damage, or for lack of memory")
     succeeded, result = pickle.loads(done.stdout)  # noqa: S301 (written by `_work`)
     if not succeeded:
         raise InputError(result)

@@ -16,11 +16,12 @@ import av
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.disk import file_sha256, require_regular
+from ...core.disk import file_sha256, open_regular, reading, reason, require_regular
 from ...core.errors import InputError
 from ...core.frame import Frame
 from ...core.luminance import WHOLE, Window
 from ..frame import changed_at
+from ..kinds import HEAD_BYTES, no_video
 from ..picture import unused_options
 from ..read import PictureOptions, frame_of_pixels
 from .decoding import Shown, shown_frames, video_stream
@@ -158,13 +159,17 @@ def _announced(stream: Any) -> int:
 @contextmanager
 def _opened(path: Path, max_pixels: int) -> Iterator[Any]:
     """Open a file whose frames have at most so many pixels; whatever goes wrong becomes one InputError."""
+    with reading(path, "a file you can read"), open_regular(path) as file:
+        if error := no_video(path, file.read(HEAD_BYTES)):
+            raise error
     try:
         limits = {"protocol_whitelist": "file", "format_whitelist": _CONTAINERS}
         # As an absolute path, FFmpeg takes no part of the name as a protocol.
         container = av.open(os.path.abspath(path), container_options=limits, metadata_errors="replace")
     except (av.FFmpegError, ValueError, OverflowError) as error:
         raise InputError(
-            f"{path} is no video that FFmpeg reads, or is cut off: copy it again, or convert it to FFV1 or MJPEG"
+            f"{path} is no video that FFmpeg reads ({reason(error)}): if another program plays it, convert it to FFV1 "
+            "or MJPEG; else copy it again"
         ) from error
     with container:
         stream = video_stream(container)

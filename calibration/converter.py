@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from math import hypot, inf, isfinite
+from math import hypot, inf
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core.dn import Response
-from ..core.errors import InputError
+from ..core.errors import InputError, require_not_negative
 from ..core.frame import Frame
 from ..core.luminance import CommonError
 from ..core.vignetting import AnyVignetting, Cos4Vignetting, FlatField, cropped
@@ -92,7 +92,7 @@ class Converter:
     Raises
     ------
     InputError
-        If the responsivity is not positive, the range not ascending, or there is no exposure.
+        If the range is not ascending, there is no exposure, or one is not positive.
     """
 
     state: CameraState
@@ -118,9 +118,9 @@ class Converter:
             raise InputError(f"range_cd_m2 is {low:g} to {high:g}: give two positive luminances, the lower first")
         if not self.exposures_s:
             raise InputError("a calibration has at least one exposure in exposures_s")
-        responsivity = self.responsivity.responsivity_dn_s_cd_m2
-        if not (isfinite(responsivity) and responsivity > 0):
-            raise InputError(f"responsivity_dn_s_cd_m2 is {responsivity}: a camera that sees light has a positive one")
+        if min(self.exposures_s) <= 0:
+            raise InputError(f"exposures_s has {min(self.exposures_s):g} s: give times above 0 s")
+        require_not_negative(exposure_jitter_s=self.exposure_jitter_s)
 
     @property
     def field_rel(self) -> float:

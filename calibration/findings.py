@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 from typing import Literal, TypeAlias
 
 from ..core.dn import ResponseKind
+from ..core.errors import InputError, require_not_negative
 from ..core.result import Finding, FindingValue, info
 
 #: Distribution of an error in a budget.
@@ -208,6 +210,11 @@ class ResponsivityFit:
         any luminance.
     dof, scatter_dof : float or None
         Degrees of freedom of `random_rel` and `scatter_rel` (Welch and Satterthwaite); None if they are known.
+
+    Raises
+    ------
+    InputError
+        If the responsivity is not positive, or an uncertainty negative.
     """
 
     responsivity_dn_s_cd_m2: float
@@ -221,3 +228,15 @@ class ResponsivityFit:
     dof: float | None = None
     scatter_dof: float | None = None
     glare_cd_m2: float = 0.0
+
+    def __post_init__(self) -> None:
+        r = self.responsivity_dn_s_cd_m2
+        if not 0 < r < inf:
+            raise InputError(f"responsivity_dn_s_cd_m2 is {r:g}: a camera that sees light has a positive one")
+        require_not_negative(
+            random_rel=self.random_rel,
+            chi_squared=self.chi_squared,
+            degrees_of_freedom=self.degrees_of_freedom,
+            scatter_rel=self.scatter_rel,
+            scatter_dn=self.scatter_dn,
+        )

@@ -8,7 +8,7 @@ from datetime import datetime
 from math import hypot, inf, isfinite, sqrt
 from typing import TypeAlias
 
-from ..core.errors import CalibrationError, InputError
+from ..core.errors import CalibrationError, InputError, require_not_negative
 from ..core.reading import MeterIdentity, Reading
 from ..core.result import Finding, info, warning
 from ..core.spectra import SpectralTable
@@ -50,6 +50,9 @@ class MeterScale:
     f1_prime: float | None = None
     light: str = ""
     step_rel: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_not_negative(limits_rel=self.limits_rel, step_rel=self.step_rel, f1_prime=self.f1_prime or 0.0)
 
     def __str__(self) -> str:
         return f"{self.meter.model} {self.meter.serial}, {self.state}"

@@ -9,7 +9,7 @@ from math import log, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import CalibrationError
+from ...core.errors import CalibrationError, require_not_negative
 from ...core.result import Finding, warning
 from ..frames.observations import DarkObservation
 from ..frames.statistics import MAX_CLIPPED_SHARE
@@ -64,6 +64,11 @@ class DarkModel(DarkCurrent):
         Degrees of freedom of `drift_dn`; 0 if it is known.
     line_noise_dn, line_pattern_dn : (float, float)
         Standard deviation of temporal noise and of the pattern that whole columns, and whole rows, have in common.
+
+    Raises
+    ------
+    InputError
+        If a variance or standard deviation is negative.
     """
 
     offset_dn: float
@@ -81,6 +86,19 @@ class DarkModel(DarkCurrent):
     drift_dof: int = 0
     line_noise_dn: tuple[float, float] = (0.0, 0.0)
     line_pattern_dn: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        require_not_negative(
+            **{"variances in covariance": (self.covariance[0][0], self.covariance[1][1], self.covariance[2][2])},
+            noise_dn=self.noise_dn,
+            nonuniformity_dn=self.nonuniformity_dn,
+            patterns_dn=self.patterns_dn,
+            noise_rate_dn2_s=self.noise_rate_dn2_s,
+            drift_dn=self.drift_dn,
+            drift_dof=self.drift_dof,
+            line_noise_dn=self.line_noise_dn,
+            line_pattern_dn=self.line_pattern_dn,
+        )
 
     def mean_dn(self, exposure_s: float, temperature_c: float | None = None) -> float:
         """d(t, T) in DN; an unknown temperature is assumed to be T_ref."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.dn import Response
-from ...core.errors import CalibrationError
+from ...core.errors import CalibrationError, InputError, require_not_negative
 from ...core.result import Finding, warning
 from ..frames.observations import GAIN_TOLERANCE_DB, PatchObservation
 from ..frames.rounding import ROUNDING_DN2
@@ -49,6 +49,11 @@ class TemporalNoise:
         Degrees of freedom of `flicker_rel`.
     prnu_rel : float
         Relative standard deviation of the pixels' sensitivities (EMVA 1288: PRNU), of what vignetting leaves.
+
+    Raises
+    ------
+    InputError
+        If a value is negative.
     """
 
     k_dn_per_e: float
@@ -57,6 +62,15 @@ class TemporalNoise:
     flicker_rel: float = 0.0
     flicker_dof: int = 0
     prnu_rel: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_not_negative(
+            k_dn_per_e=self.k_dn_per_e,
+            dark_noise_dn=self.dark_noise_dn,
+            flicker_rel=self.flicker_rel,
+            flicker_dof=self.flicker_dof,
+            prnu_rel=self.prnu_rel,
+        )
 
     def covers(self, net_dn: float) -> bool:
         """Whether the tone curve is known at a signal: that of a bracket is over the bracket's range only."""
@@ -252,6 +266,11 @@ class GainSetting:
         d(t, T) at this gain.
     noise : TemporalNoise
         Noise of a pixel at this gain.
+
+    Raises
+    ------
+    InputError
+        If the factor is not positive, or its uncertainty negative.
     """
 
     gain_db: float
@@ -259,6 +278,11 @@ class GainSetting:
     factor_random_rel: float
     dark: DarkModel
     noise: TemporalNoise
+
+    def __post_init__(self) -> None:
+        require_not_negative(factor=self.factor, factor_random_rel=self.factor_random_rel)
+        if self.factor == 0:
+            raise InputError("factor is 0: more gain does not take all signal away; give a positive number")
 
 
 def index_of_gain(settings: Sequence[GainSetting], gain_db: float) -> int:

@@ -89,6 +89,8 @@ app = typer.Typer(
 
 #: Errors without a file name that come of writing the output and of nothing else; a device, too, gives EIO.
 _OUTPUT_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+#: A library that is there is not loaded where a limit of memory is too low.
+_NO_LIBRARY = "raise the limit of memory (ulimit -v), or install labcdp again"
 
 
 def _version(wanted: bool) -> None:
@@ -114,8 +116,23 @@ def _require_no_empty_argument() -> None:
             raise InputError(f"the argument after {shortened(before)} is empty: give a value, or leave it out")
 
 
+def _open_standard_streams() -> None:
+    """Open the standard streams that are closed, or the next file would get their number and what is printed."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            # The lowest free number is given.
+            os.open(os.devnull, os.O_RDWR)
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(number, "w" if number else "r", encoding="utf-8", closefd=False))
+
+
 def main() -> None:
     """Run the command; an error is one line on standard error and exit status 1."""
+    _open_standard_streams()
+    # Figures are drawn into files only: whatever a notebook or a desktop sets is of no use here.
+    os.environ["MPLBACKEND"] = "agg"
     # Imports make many objects that stay; looking through them again and again takes a twentieth of a short command.
     gc.set_threshold(10_000, 10, 10)
     for stream in (sys.stdout, sys.stderr):
@@ -146,7 +163,13 @@ def main() -> None:
         # The reader of a pipe went away, for example `head`.
         sys.stderr.close()
         sys.exit(141)
+    except ImportError as error:
+        say(f"labcdp: a library cannot be loaded ({reason(error)}): {_NO_LIBRARY}")
+        sys.exit(1)
     except OSError as error:
+        if error.errno is None:
+            say(f"labcdp: a library cannot be loaded ({reason(error)}): {_NO_LIBRARY}")
+            sys.exit(1)
         if error.filename is not None:
             name = short_words(os.fsdecode(error.filename))
             say(f"labcdp: {name} cannot be used ({reason(error)}): check name, folder and permissions")

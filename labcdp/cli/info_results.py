@@ -11,6 +11,7 @@ from io import BytesIO
 from pathlib import Path
 
 from ..core.disk import read_bytes
+from ..core.disk.files import damage_reported
 from ..core.disk.journal import recorded_head
 from ..core.errors import InputError
 from ..core.table import Table
@@ -67,11 +68,11 @@ def describe_result(path: Path, content: dict[str, object]) -> Description:
 def describe_workbook(path: Path) -> Description:
     """Describe a spreadsheet that labcdp wrote; raises InputError for any other."""
     data = read_bytes(path, "a spreadsheet of labcdp", _MOST_BYTES)
-    try:
-        with zipfile.ZipFile(BytesIO(data)) as parts:
-            about, book = (_beginning(parts, name) for name in ("docProps/core.xml", "xl/workbook.xml"))
-    except (zipfile.BadZipFile, KeyError, OSError, NotImplementedError, RuntimeError, EOFError, ValueError) as error:
-        raise InputError(f"{path} is damaged or no spreadsheet: give one that labcdp wrote (.xlsx)") from error
+    with (
+        damage_reported(f"{path} is damaged or no spreadsheet", ": give one that labcdp wrote (.xlsx)"),
+        zipfile.ZipFile(BytesIO(data)) as parts,
+    ):
+        about, book = (_beginning(parts, name) for name in ("docProps/core.xml", "xl/workbook.xml"))
     if "<dc:creator>labcdp</dc:creator>" not in about:
         raise InputError(f"{path} was not written by labcdp, which reads no spreadsheets: save readings as CSV")
     title = re.search("<dc:title>([^<]*)</dc:title>", about)

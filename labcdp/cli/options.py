@@ -19,7 +19,7 @@ from ..metrics.contrast import TargetContrasts
 from ..output import ResultsFolder, check_file
 from ..session.journal import JOURNAL
 from .commands import RUNNING, As, Json
-from .terminal import print_result, say_where
+from .terminal import print_result, say, say_where
 from .values import fraction_of_percent, parse_changes, parse_seconds, parse_tolerance
 
 if TYPE_CHECKING:
@@ -185,4 +185,10 @@ class ClusterOptions:
     def chosen(self) -> Workers:
         """Return the workers of this computer or the cluster."""
         tls = None if self.cluster_tls is None else TlsFiles(*self.cluster_tls)
-        return Workers(self.cluster, self.workers, tls)
+        workers = Workers(self.cluster, self.workers, tls)
+        if workers.is_open_to_others:
+            say(
+                f"warning: {self.cluster} is not encrypted and has no passwords: anyone on its network can run "
+                "programs on all its computers; use tls:// with --cluster-tls, or an isolated network"
+            )
+        return workers

@@ -11,8 +11,11 @@ from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from ssl import SSLError
 from typing import Any, Generic, Protocol, TypeVar
+from urllib.parse import urlsplit
 
+from .disk.files import reason
 from .errors import InputError
 
 #: Loggers that Dask gives levels and outputs of their own.
@@ -248,11 +251,38 @@ class Workers:
                 get_backend(parse_address(self.address)[0])
                 client = stack.enter_context(Client(self.address, timeout=_ANSWER_S, security=security))
             except (OSError, ValueError, TimeoutError) as error:
-                raise InputError(
-                    f"no Dask scheduler answers at {self.address}: start one with dask scheduler, or give its address, "
-                    "for example tcp://192.0.2.7:8786"
-                ) from error
+                raise InputError(self._not_connected(error)) from error
             yield Cluster(client, folder, versions)
+
+    def _not_connected(self, error: BaseException) -> str:
+        """Say why there is no connection: certificates that do not fit, or no scheduler."""
+        from distributed.comm.core import FatalCommClosedError
+
+        if any(isinstance(one, SSLError | FatalCommClosedError) for one in _causes(error)):
+            return (
+                f"the certificates of this computer and of the scheduler at {self.address} do not fit "
+                f"({reason(error)}): both must be signed by the authority that is given first, and the key must be "
+                "that of the certificate"
+            )
+        scheme = "tcp" if self.tls is None else "tls"
+        return (
+            f"no Dask scheduler answers at {self.address}: start one with dask scheduler, or give its address, for "
+            f"example {scheme}://192.0.2.7:8786"
+        )
+
+    @property
+    def is_open_to_others(self) -> bool:
+        """Whether the cluster has neither encryption nor passwords, and is not on this computer alone."""
+        host = urlsplit(self.address or "").hostname or ""
+        return self.address is not None and self.tls is None and host not in ("127.0.0.1", "localhost", "::1")
+
+
+def _causes(error: BaseException) -> Iterator[BaseException]:
+    """Yield an error and those that it came of."""
+    cause: BaseException | None = error
+    while cause is not None:
+        yield cause
+        cause = cause.__cause__ or cause.__context__
 
 
 @contextmanager

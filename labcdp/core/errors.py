@@ -1,8 +1,9 @@
 """The error tree: every message says what was wrong, with which value, and what to do."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from math import inf
 
 
 def printable(text: str) -> str:
@@ -65,6 +66,14 @@ class CalibrationError(LabcdpError):
 
 class DeviceError(LabcdpError):
     """A camera or meter is absent, busy, silent or answered with an error."""
+
+
+def require_not_negative(**values: float | Iterable[float]) -> None:
+    """Raise InputError for a number, or one of several, that is negative or not finite; by its name."""
+    for name, value in values.items():
+        for number in value if isinstance(value, Iterable) else (value,):
+            if not 0 <= number < inf:
+                raise InputError(f"{name} is {number:g}: give 0 or a positive number")
 
 
 @contextmanager

@@ -82,3 +82,30 @@ def test_altered_values_and_arrays_are_refused(calibrated, tmp_path, place, valu
     path.write_text(json.dumps(documents[1]))
     with pytest.raises(InputError, match=message):
         load(path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"noise": {"k_dn_per_e": -0.4}}, "k_dn_per_e"),
+        ({"noise": {"prnu_rel": -0.01}}, "prnu_rel"),
+        ({"dark": {"noise_dn": -1.0}}, "noise_dn"),
+        ({"dark": {"covariance": [[-1.0, 0, 0], [0, 1, 0], [0, 0, 1]]}}, "variances in covariance"),
+        ({"responsivity": {"random_rel": -0.01}}, "random_rel"),
+        ({"responsivity": {"responsivity_dn_s_cd_m2": -5.0}}, "responsivity_dn_s_cd_m2"),
+        ({"meter_scale": {"limits_rel": -0.02}}, "limits_rel"),
+        ({"exposures_s": [-0.01]}, "exposures_s"),
+    ],
+)
+def test_what_no_camera_has_is_refused_before_the_hash_is_compared(calibrated, tmp_path, changes, named):
+    path = tmp_path / "c.json"
+    save(calibrated, path)
+    document = json.loads(path.read_text())
+    for key, values in changes.items():
+        if isinstance(values, dict):
+            document["calibration"][key] |= values
+        else:
+            document["calibration"][key] = values
+    path.write_text(json.dumps(document))
+    with pytest.raises(InputError, match=named):
+        load(path)

@@ -1,8 +1,10 @@
 import json
 import os
 import re
+import resource
 import shutil
 import signal
+import subprocess
 from importlib.metadata import version
 
 import cv2
@@ -88,3 +90,35 @@ def test_signals_that_nohup_ignores_are_ignored_and_forked_processes_end():
         assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
     finally:
         signal.signal(signal.SIGHUP, before)
+
+
+def limited(*limits):
+    """Set limits of resources in a child process."""
+    return lambda: [resource.setrlimit(kind, (value, value)) for kind, value in limits]
+
+
+@pytest.mark.parametrize(
+    ("closed", "environment", "limits", "status"),
+    [
+        ("<&-", {}, (), 0),
+        ("<&- >&- 2>&-", {}, (), 0),
+        ("", {"MPLBACKEND": "nonsense"}, (), 0),
+        ("", {"LC_ALL": "C", "PYTHONIOENCODING": "ascii"}, (), 0),
+        ("", {}, ((resource.RLIMIT_AS, 300 * 2**20),), 1),
+    ],
+)
+def test_a_command_runs_with_closed_streams_odd_settings_or_says_what_limits_it(
+    labcdp_path, inputs, tmp_path, closed, environment, limits, status
+):
+    command = f'exec "$0" image {inputs}/a.png --roi {inputs}/rois.json -o out {closed}'
+    done = subprocess.run(
+        ["sh", "-c", command, labcdp_path], cwd=tmp_path, env=os.environ | environment, capture_output=True,
+        text=True, check=False, preexec_fn=limited(*limits),
+    )  # fmt: skip
+    assert done.returncode == status, done.stderr
+    assert "Traceback" not in done.stderr
+    if status == 0:
+        assert json.loads((tmp_path / "out/results.json").read_text())["kind"] == "image"
+    else:
+        assert done.stderr.splitlines()[-1].startswith("labcdp: ")
+        assert "memory" in done.stderr

@@ -248,12 +248,15 @@ def _results(folder: Path) -> None:
     from labcdp.evaluate.camera.characterise import characterise_session
     from labcdp.evaluate.camera.result import result
     from labcdp.report.files import envelope_json
+    from labcdp.report.sheets import result_workbook
     from labcdp.session import Session, example_session
 
     evaluated = labcdp.Session.open(example_session()).calibrate().evaluate()
     _write(folder / "results" / "results.json", json.dumps(evaluated.to_dict()))
     found = characterise_session(Session.open(example_session()))
-    _write(folder / "characterisation" / "results.json", envelope_json(result(found)))
+    described = result(found)
+    _write(folder / "characterisation" / "results.json", envelope_json(described))
+    _write(folder / "info" / "results.xlsx", result_workbook(described, datetime.now(UTC)))
 
 
 def _emva(folder: Path) -> None:

@@ -95,6 +95,12 @@ def _results(_: Path, file: Path) -> Any:
     return repr(describe(file, "A")), envelope_json(compare_result(compare_subjects([str(file), str(file)])))
 
 
+def _info(_: Path, file: Path) -> Any:
+    from labcdp.cli.info import describe
+
+    return repr(describe(file, "A"))
+
+
 def _sensor(_: Path, file: Path) -> Any:
     from labcdp.chain import Chain
     from labcdp.core.disk.text import toml_text
@@ -302,6 +308,7 @@ TARGETS: dict[str, Target] = {
     "simulated-bench": Target(_simulated_bench, "*.toml", TEXTS, cost=0.01),
     "certificate": Target(_certificate, "*.toml", TEXTS),
     "results": Target(_results, "*.json", JSON, cost=0.02),
+    "info": Target(_info, "*.*"),
     "characterisation": Target(_results, "*.json", JSON, cost=0.02),
     "sensor": Target(_sensor, "*.json", JSON, cost=0.02),
     "sheet": Target(_sensor, "*.toml", TEXTS, cost=0.02),

@@ -138,6 +138,8 @@ def _failure(error: BaseException, path: Path) -> str:
     text = " ".join(str(error).split())
     if isinstance(error, LabcdpError):
         return text
+    if isinstance(error, ImportError):
+        raise error
     if isinstance(error, OSError):
         return f"it cannot be read ({text}): check the file and its permissions"
     if isinstance(error, MemoryError):

@@ -180,6 +180,12 @@ def test_cluster_with_certificates_until_its_only_worker_dies(
     assert_as_one_by_one(evaluate_videos(videos, settings, tmp_path / "a", workers=with_tls), videos, settings)
     sweep = Sweep(small(), (Axis("scene.contrast", (0.2, 1.0)),), exact=False, seed=5)
     assert run_sweep(sweep, workers=with_tls).identical(run_sweep(sweep))
+    other = tmp_path / "other.pem"
+    request = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-subj", "/CN=other", "-days", "2"]
+    subprocess.run([*request, "-keyout", tmp_path / "other-key.pem", "-out", other], check=True, capture_output=True)
+    for wrong in (TlsFiles(other, other, tmp_path / "other-key.pem"), replace(tls, key=tmp_path / "other-key.pem")):
+        with pytest.raises(InputError, match=r"certificates of this computer and of the scheduler at .* do not fit"):
+            evaluate_videos(videos, settings, tmp_path / "b", workers=Workers(address, tls=wrong))
     with pytest.raises(InputError, match=r"give its TLS files with an address that begins with tls://"):
         evaluate_videos(videos, settings, tmp_path / "b", workers=Workers(address))
     with with_tls.opened(Processes, tmp_path / "c", {}) as opened:
@@ -238,3 +244,11 @@ def test_a_part_that_fails_leaves_the_others_their_results(task: ArchiveTask) ->
     assert good.values == {"n_frames": 6}
     assert (good.task.folder / "results.nc").exists()
     assert not (bad.task.folder / "results.nc").exists()
+
+
+@pytest.mark.parametrize(
+    ("address", "is_open"),
+    [(None, False), ("tcp://127.0.0.1:8786", False), ("tcp://[::1]:8786", False), ("tcp://192.0.2.7:8786", True)],
+)
+def test_a_cluster_without_encryption_is_warned_of(address: str | None, is_open: bool) -> None:
+    assert Workers(address).is_open_to_others is is_open

@@ -41,8 +41,7 @@ COLUMNS = (
 
 def table(part: str, title: str, checks: Sequence[Check]) -> Table:
     """Return the checks of a part as a table."""
-    names = [column.name for column in COLUMNS]
-    return Table.of_rows(part, title, COLUMNS, [{name: getattr(one, name) for name in names} for one in checks])
+    return Table.of_items(part, title, COLUMNS, checks)
 
 
 def card(one: Table) -> Card:

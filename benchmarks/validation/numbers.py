@@ -39,7 +39,10 @@ def closed_forms() -> Iterator[Check]:
     """Compare with distributions whose CDP is known in closed form."""
     for patches, _ in NORMAL:
         dark, dark_std, bright, bright_std = patches
-        regions, contrast = (Distribution.normal(bright, bright_std), Distribution.normal(dark, dark_std)), bright / dark - 1
+        regions, contrast = (
+            (Distribution.normal(bright, bright_std), Distribution.normal(dark, dark_std)),
+            bright / dark - 1,
+        )
         found = labcdp.cdp(*regions, contrast).cdp
         truth = share_of_normal((bright, bright_std), (dark, dark_std), 0.5 * contrast, 1.5 * contrast)
         name = f"normal {bright} ± {bright_std} against {dark} ± {dark_std}, ε 50 %"

@@ -21,8 +21,41 @@ from .import_check import ImportFile, check_files, read_picture
 _DATA_SHEETS = {sheet.model: sheet for sheet in (LS100, LS110)}
 
 
-def read_readings(configuration: SessionConfiguration, path: Path) -> tuple[list[tuple[str, Reading]], list[Finding]]:
-    """Return the readings with their patches, and findings; lines that are equal, with their time, are one reading."""
+@dataclass(frozen=True)
+class ReadingList:
+    """Readings of a file.
+
+    Parameters
+    ----------
+    readings : tuple of (str, Reading)
+        Each with its patch; equal ones with equal times are one.
+    has_times : bool
+        Whether the file says when they were taken.
+    findings : tuple of Finding
+        Findings for the user.
+    """
+
+    readings: tuple[tuple[str, Reading], ...]
+    has_times: bool
+    findings: tuple[Finding, ...]
+
+    def new(self, session: Session) -> list[tuple[str, Reading]]:
+        """Return the readings that a session lacks; of equal ones without a time as many as it has fewer."""
+
+        def key(patch: str, reading: Reading) -> tuple[object, ...]:
+            return patch, reading.value, reading.unit, *([reading.timestamp] if self.has_times else [])
+
+        known = Counter(key(record.patch, record.reading) for record in session.readings())
+        new = []
+        for patch, reading in self.readings:
+            known[key(patch, reading)] -= 1
+            if known[key(patch, reading)] < 0:
+                new.append((patch, reading))
+        return new
+
+
+def read_readings(configuration: SessionConfiguration, path: Path) -> ReadingList:
+    """Read a list of readings, for all patches of the target and no others; raises InputError."""
     described = configuration.meter
     sheet = _DATA_SHEETS.get(described.model) if described.entry == "serial" else None
     accuracy = stated_accuracy(described)
@@ -41,11 +74,11 @@ def read_readings(configuration: SessionConfiguration, path: Path) -> tuple[list
     findings = []
     result = []
     for patch, readings in by_patch.items():
-        once = list({reading.raw: reading for reading in readings}.values()) if has_times else readings
+        once = list({(r.value, r.unit, r.timestamp): r for r in readings}.values()) if has_times else readings
         if len(once) < len(readings):
             findings.append(warning("lines-repeated", patch, path=str(path), count=len(readings) - len(once)))
         result += [(patch, reading if sheet is None else _with_digits(reading, sheet, finest)) for reading in once]
-    return result, findings
+    return ReadingList(tuple(result), has_times, tuple(findings))
 
 
 def _with_digits(reading: Reading, sheet: LSDataSheet, finest: float) -> Reading:
@@ -92,8 +125,8 @@ def import_session(
 ) -> Imported:
     """Create a session from pictures and meter readings, or complete an existing one.
 
-    Everything is read and checked before the first byte is written. Frames with the same pixels and readings with the
-    same line are not added again, so an interrupted import can be repeated.
+    Everything is read and checked before the first byte is written. Frames with the same pixels, and readings with the
+    same value and time, are not added again, so an interrupted import can be repeated.
 
     Parameters
     ----------
@@ -116,9 +149,8 @@ def import_session(
     SessionError
         If the session cannot be written, or was created with another configuration.
     """
-    given, findings = read_readings(configuration, readings)
-    checked, frame, more = check_files(configuration, files, report)
-    findings += more
+    given = read_readings(configuration, readings)
+    checked, frame, findings = check_files(configuration, files, report)
     exists = path.is_dir() and any(path.iterdir())
     with Session.open(path, writable=True) if exists else Session.create(path, configuration) as session:
         if session.configuration != configuration:
@@ -128,7 +160,7 @@ def import_session(
         known = _known(session, frame, report)
         lacking = [(key, file) for key, file in checked.items() if key not in known]
         _write_frames(session, lacking, configuration, frame, report)
-        new_readings = _new_readings(given, session)
+        new_readings = given.new(session)
         for patch, reading in new_readings:
             session.add_reading(reading, patch)
         exposures_s = sorted({record.exposure_s for record in session.frames("light")})
@@ -138,8 +170,8 @@ def import_session(
         frames=len(lacking),
         readings=len(new_readings),
         known_frames=len(checked) - len(lacking),
-        known_readings=len(given) - len(new_readings),
-        findings=tuple(findings),
+        known_readings=len(given.readings) - len(new_readings),
+        findings=(*given.findings, *findings),
     )
 
 
@@ -157,17 +189,6 @@ def _known(session: Session, frame: Frame, report: Callable[[str, int, int], Non
         keys.add(pixels_sha256(session.load(record)))
         report("comparing", done, len(records))
     return keys
-
-
-def _new_readings(given: Sequence[tuple[str, Reading]], session: Session) -> list[tuple[str, Reading]]:
-    """Return the readings that a session lacks; of equal lines as many as it has fewer."""
-    known = Counter((record.patch, record.reading.raw) for record in session.readings())
-    new = []
-    for patch, reading in given:
-        known[patch, reading.raw] -= 1
-        if known[patch, reading.raw] < 0:
-            new.append((patch, reading))
-    return new
 
 
 def _write_frames(

@@ -131,6 +131,15 @@ def test_equal_readings_without_a_time_are_readings_of_their_own(folder, importe
     assert not {one.code for one in done.findings} & {"lines-repeated"}
 
 
+def test_the_same_readings_in_another_table_are_not_new(folder, imported, files):
+    first = imported(files[:1])
+    _, *rows = (line.split(";") for line in (folder / "readings.csv").read_text(encoding="utf-8").splitlines())
+    table = ["time\tpatch\tluminance_cd_m2", *("\t".join((time, patch, value)) for patch, value, time in rows)]
+    (folder / "again.csv").write_text("\n".join(table), encoding="utf-16")
+    again = imported(files[:1], readings="again.csv")
+    assert (first.readings, again.readings, again.known_readings) == (39, 0, 39)
+
+
 def test_readings_have_the_digits_and_accuracy_of_the_meter_in_any_unit(imported, still_camera, folder, files):
     """LS-110: +-1 digit, with 2 % and 0.2 %; a list in which some number has two decimals was not rounded."""
     luminances = still_camera.luminance_cd_m2

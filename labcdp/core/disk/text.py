@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import date
@@ -91,6 +92,8 @@ def _value(value: object) -> str:
     raise TypeError(f"TOML has no value for {type(value).__name__}")
 
 
+#: First line that states the separator of a CSV file.
+_SEPARATOR = re.compile('"?sep=([,;\t])"?', re.IGNORECASE)
 #: Size from which a table is refused, columns and rows.
 _MOST_BYTES, _MOST_COLUMNS, _MOST_ROWS = 16 * 2**20, 1000, 200_000
 
@@ -137,7 +140,10 @@ class CsvTable:
 
 
 def read_csv(path: AnyPath, what: str) -> CsvTable:
-    """Read a CSV file of UTF-8 text with a header; semicolon or tab separate if the header has one, else comma.
+    """Read a CSV file with a header; semicolon or tab separate if the header has one, else comma.
+
+    The text is UTF-8, or UTF-16 with a byte order mark, as Excel saves "Unicode text". A first line such as ``sep=;``,
+    as Excel knows it, states the separator.
 
     Parameters
     ----------
@@ -153,10 +159,14 @@ def read_csv(path: AnyPath, what: str) -> CsvTable:
     """
     data = read_bytes(path, what, _MOST_BYTES)
     try:
-        lines = data.decode("utf-8-sig").splitlines()
+        lines = data.decode("utf-16" if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "utf-8-sig").splitlines()
     except UnicodeDecodeError as caught:
         raise InputError(f"{path} is not UTF-8 text (byte {caught.start}): save it as CSV in UTF-8") from caught
-    separator = next((one for one in ";\t" if lines and one in lines[0]), ",")
+    stated = _SEPARATOR.fullmatch(lines[0]) if lines else None
+    if stated is not None:
+        # An empty line is left out, and lines keep their numbers.
+        lines[0] = ""
+    separator = stated[1] if stated else next((mark for mark in ";\t" if lines and mark in lines[0]), ",")
     rows = tuple(_rows(lines, separator, path))
     if not rows:
         raise InputError(f"{path} is empty: give {what}")

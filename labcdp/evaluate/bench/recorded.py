@@ -52,7 +52,7 @@ def require_distinct(sessions: Sequence[Session]) -> None:
     """Refuse sessions that share frames or readings: given twice, they would count as measured twice.
 
     Frames are the same if their pixels and exposures are, whatever their files and times; those of one value
-    throughout, dark or saturated, may be alike. Readings are the same if their text and time are.
+    throughout, dark or saturated, may be alike. Readings are the same if their value and time are.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def require_distinct(sessions: Sequence[Session]) -> None:
     for session in sessions if len(sessions) > 1 else ():
         frames = (session.load(record) for record in session.frames())
         keys = [pixels_sha256(frame) for frame in frames if frame.dn.min() < frame.dn.max()]
-        keys += [f"{one.patch}\n{one.reading.raw}\n{one.reading.timestamp}" for one in session.readings()]
+        keys += [f"{one.patch}\n{one.reading.value} {one.reading.timestamp}" for one in session.readings()]
         shared = [seen[key] for key in keys if key in seen]
         if shared:
             raise InputError(

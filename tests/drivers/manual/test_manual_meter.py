@@ -149,3 +149,16 @@ def test_every_reading_of_a_file_is_given_once_in_the_order_of_its_patch(meter_o
             meter.point(patch.strip())
             given_back.append((patch, round(meter.measure().value * 1000)))
     assert given_back == order
+
+
+@pytest.mark.parametrize("separator", [";", "\t", ","])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-be"])
+@pytest.mark.parametrize("head", ["", "sep={}", '"sep={}"', "SEP={}"])
+def test_lists_as_spreadsheet_programs_save_them(tmp_path, separator, encoding, head):
+    number = '"12,5"' if separator == "," else "12,5"
+    lines = [*([head.format(separator)] if head else []), separator.join(("patch", "luminance_cd_m2")),
+             separator.join(("white", number))]  # fmt: skip
+    mark = b"\xfe\xff" if encoding == "utf-16-be" else b""
+    (tmp_path / "a.csv").write_bytes(mark + "\r\n".join(lines).encode(encoding))
+    with CsvMeter(tmp_path / "a.csv", METER, ACCURACY) as meter:
+        assert [reading.value for reading in meter.readings["white"]] == [12.5]

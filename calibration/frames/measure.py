@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...core.clock import exposure_text
 from ...core.errors import CalibrationError
-from ...core.frame import PLANES, Frame
+from ...core.frame import PLANES, BlackPattern, Frame
 from ...core.roi import Roi
 from .defects import DefectMap
 from .observations import CameraState, Observation
@@ -158,21 +158,30 @@ def split(frame: Frame) -> dict[str, Frame]:
         )
     if height % 2 or width % 2:
         _log.info("frame %d has %d x %d pixels: the odd row or column is left out", frame.frame_id, width, height)
-    black_dn = frame.plane_black_levels_dn or (frame.black_level_dn,) * len(PLANES)
+    black = {plane: _black_of_plane(frame, *_POSITIONS[frame.colour_filter][plane]) for plane in PLANES}
     even = frame.dn[: height // 2 * 2, : width // 2 * 2]
     positions = _POSITIONS[frame.colour_filter]
     return {
         plane: replace(
             frame,
             dn=_own(even[positions[plane][0] :: 2, positions[plane][1] :: 2]),
-            black_level_dn=black,
+            black_level_dn=black[plane][0],
+            black_pattern=black[plane][1],
             colour_filter=None,
             plane=plane,
-            plane_black_levels_dn=None,
             readout=frame.readout and frame.readout.in_larger_pixels(2),
         )
-        for plane, black in zip(PLANES, black_dn, strict=True)
+        for plane in PLANES
     }
+
+
+def _black_of_plane(frame: Frame, row: int, column: int) -> tuple[float | None, BlackPattern | None]:
+    """Black level of a plane, and the pattern around it."""
+    if frame.black_level_dn is None or frame.black_pattern is None:
+        return frame.black_level_dn, None
+    height, width = (n // 2 * 2 for n in frame.shape)
+    mean_dn, pattern = frame.black_pattern.of_plane((height, width), row, column)
+    return frame.black_level_dn + mean_dn, pattern
 
 
 def plane_of(frame: Frame, plane: str | None) -> Frame:

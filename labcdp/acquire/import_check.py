@@ -83,7 +83,7 @@ def check_files(
     if first is None:
         raise InputError("there is no picture to import: give pictures of light and dark frames")
     _require_light_brighter(levels)
-    return seen, first.frame, findings + _too_few(counts)
+    return seen, first.frame, [*first.findings, *findings, *_too_few(counts)]
 
 
 def _require_light_brighter(levels: Mapping[float, Mapping[Role, Sequence[float]]]) -> None:

@@ -208,8 +208,8 @@ def _write_frames(
                 raise SessionError(f"{file.path} changed while it was imported: import it again")
             sources.append({"file": str(file.path), "sha256": read.sha256})
             # The nominal black level of the first for all; the dark signal is taken from the dark frames.
-            black_dn, planes_dn = first.black_level_dn, first.plane_black_levels_dn
-            frame = replace(read.frame, frame_id=number, black_level_dn=black_dn, plane_black_levels_dn=planes_dn)
+            black_dn, pattern = first.black_level_dn, first.black_pattern
+            frame = replace(read.frame, frame_id=number, black_level_dn=black_dn, black_pattern=pattern)
             frames.append((frame, file.role, file.patch))
         records = session.add_frames(frames)
         numbered = [{"number": r.number, **source} for r, source in zip(records, sources, strict=True)]

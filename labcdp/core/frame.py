@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime
+from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -21,6 +22,8 @@ _DN_TYPES = (np.dtype(np.uint8), np.dtype(np.uint16))
 
 #: Colour filter patterns of the GenICam Bayer pixel formats, named by the first two pixels.
 COLOUR_FILTERS = ("RG", "GB", "GR", "BG")
+#: Place of the red pixel in the first 2 x 2, row by row.
+_RED_AT = {"RG": 0, "GR": 1, "GB": 2, "BG": 3}
 _NOT_RECORDED = ("dn", "camera", "clipped")
 #: Depth of the DN in which the register of a Manta counts.
 _REGISTER_BITS = 12
@@ -117,6 +120,87 @@ class Readout:
         return slice(int(row), int(row) + shape[0]), slice(int(column), int(column) + shape[1])
 
 
+@dataclass(frozen=True)
+class BlackPattern:
+    """What the black levels of pixels add to that of their frame, in DN: a group that repeats, columns and rows.
+
+    Parameters
+    ----------
+    group : tuple of tuple of float
+        Rows of a group of pixels, which repeats from the first pixel of the frame on.
+    columns, rows : tuple of float
+        What all pixels of each column, and of each row, have in common besides; empty for nothing.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    group: tuple[tuple[float, ...], ...]
+    columns: tuple[float, ...] = ()
+    rows: tuple[float, ...] = ()
+
+    @classmethod
+    def split(
+        cls, group: NDArray[Any], columns: NDArray[Any] | None = None, rows: NDArray[Any] | None = None
+    ) -> tuple[float, BlackPattern | None]:
+        """Split black levels into their mean, and the pattern around it; None if all pixels have the same.
+
+        Parameters
+        ----------
+        group : ndarray of float, shape (m, n)
+            Levels of a group of pixels, which repeats.
+        columns, rows : ndarray of float, shape (width,) and (height,), or None
+            What is added by columns and rows; None for nothing.
+        """
+        parts = [np.asarray(one, float) for one in (group, *(one for one in (columns, rows) if one is not None))]
+        mean_dn = sum(float(one.mean()) for one in parts)
+        around = [one - one.mean() for one in (group, columns, rows) if one is not None]
+        if not any(np.any(one) for one in around):
+            return mean_dn, None
+        of_lines = [
+            () if one is None or not np.ptp(one) else tuple((one - one.mean()).tolist()) for one in (columns, rows)
+        ]
+        return mean_dn, cls(tuple(tuple(row) for row in around[0].tolist()), *of_lines)
+
+    def offsets_dn(self, shape: tuple[int, int]) -> NDArray[np.float32]:
+        """Return it for each pixel of a frame; shape (height, width)."""
+        return _offsets_dn(self, shape)
+
+    def require_fit(self, shape: tuple[int, int]) -> None:
+        """Refuse a frame of another size; raises InputError."""
+        lengths = {len(row) for row in self.group}
+        fits = (
+            len(lengths) == 1
+            and 0 not in lengths
+            and all(len(one) in (0, size) for one, size in ((self.rows, shape[0]), (self.columns, shape[1])))
+        )
+        if not fits:
+            raise InputError(f"the black pattern does not fit a frame of {shape[1]} x {shape[0]} pixels")
+
+    def of_plane(self, shape: tuple[int, int], row: int, column: int) -> tuple[float, BlackPattern | None]:
+        """Return mean and pattern of every second pixel of every second row of a frame, from a place on."""
+        group = np.array(self.group)
+        # A group of an odd size repeats after twice as many pixels of the plane.
+        twice = np.tile(group, [1 + size % 2 for size in group.shape])
+        starts, lines = (column, row), (self.columns, self.rows)
+        columns, rows = (
+            np.array(values[start:end:2]) if values else None
+            for values, start, end in zip(lines, starts, (shape[1], shape[0]), strict=True)
+        )
+        return self.split(twice[row::2, column::2], columns, rows)
+
+
+@lru_cache(maxsize=8)
+def _offsets_dn(pattern: BlackPattern, shape: tuple[int, int]) -> NDArray[np.float32]:
+    group = np.array(pattern.group, dtype=np.float32)
+    height, width = shape
+    tiled = np.tile(group, (-(-height // group.shape[0]), -(-width // group.shape[1])))[:height, :width]
+    for values, axes in ((pattern.columns, (None, slice(None))), (pattern.rows, (slice(None), None))):
+        if values:
+            tiled = tiled + np.array(values, dtype=np.float32)[axes]
+    tiled.flags.writeable = False
+    return tiled
+
+
 @dataclass(frozen=True, eq=False)
 class Frame:
     """An immutable image in DN, from a camera, recorded session, file or simulation.
@@ -156,8 +240,8 @@ class Frame:
     black_level_register : float or None
         Black level that is set in the camera, in the register's own unit, which is not that of the DN; None if it is
         not from a camera.
-    plane_black_levels_dn : tuple of float or None
-        Black levels of the planes R, Gr, Gb and B of a Bayer frame where they differ, in this order.
+    black_pattern : BlackPattern or None
+        What the black levels of pixels add to `black_level_dn`; None if all pixels have the same.
     clipped : ndarray of bool, shape (height, width), or None
         Of DN that were made of colours: pixels of which a colour was at its highest value. Not recorded.
 
@@ -181,7 +265,7 @@ class Frame:
     frame_id: int
     camera: CameraIdentity
     plane: str | None = None
-    plane_black_levels_dn: tuple[float, float, float, float] | None = None
+    black_pattern: BlackPattern | None = None
     clipped: NDArray[np.bool_] | None = None
     readout: Readout | None = None
     black_level_register: float | None = None
@@ -206,12 +290,8 @@ class Frame:
                 f"plane is {quoted(self.plane)} with colour_filter {quoted(self.colour_filter)}: give one of {PLANES} "
                 "without a colour filter, or None"
             )
-        planes_dn = self.plane_black_levels_dn
-        if planes_dn is not None and (self.colour_filter is None or len(planes_dn) != len(PLANES)):
-            raise InputError(
-                f"plane_black_levels_dn is {planes_dn} with colour_filter {quoted(self.colour_filter)}: give one for "
-                f"each of {PLANES} of a Bayer frame, or None"
-            )
+        if self.black_pattern is not None:
+            self.black_pattern.require_fit((dn.shape[0], dn.shape[1]))
         if self.timestamp.tzinfo is None:
             raise InputError("timestamp has no time zone: give an aware datetime")
         if dn.flags.writeable or (isinstance(dn.base, np.ndarray) and dn.base.flags.writeable):
@@ -246,12 +326,13 @@ class Frame:
     def metadata(self) -> dict[str, Any]:
         """Everything but the pixels, as values JSON can hold; the inverse is `from_metadata`."""
         values = {name: getattr(self, name) for name in self.__dataclass_fields__ if name not in _NOT_RECORDED}
-        for name in ("plane", "plane_black_levels_dn", "readout"):
+        for name in ("plane", "black_pattern", "readout"):
             # What a frame lacks is not written: its files stay as they always were.
             if values[name] is None:
                 del values[name]
-        if self.readout is not None:
-            values["readout"] = asdict(self.readout)
+        for name in ("black_pattern", "readout"):
+            if values.get(name) is not None:
+                values[name] = asdict(values[name])
         return values | {"timestamp": self.timestamp.isoformat(), "camera": asdict(self.camera)}
 
     @classmethod
@@ -266,8 +347,8 @@ class Frame:
         return cls(dn=dn, **_recorded(metadata) | black_levels(metadata))
 
     def with_pixels(self, dn: NDArray[np.unsignedinteger[Any]]) -> Frame:
-        """Return the same frame with other pixels."""
-        return replace(self, dn=dn)
+        """Return the same frame with other pixels; of another size, they have no black pattern."""
+        return replace(self, dn=dn, black_pattern=self.black_pattern if dn.shape == self.dn.shape else None)
 
 
 def checked_metadata(metadata: dict[str, Any]) -> dict[str, Any]:
@@ -278,7 +359,33 @@ def checked_metadata(metadata: dict[str, Any]) -> dict[str, Any]:
 
 def _recorded(metadata: dict[str, Any]) -> dict[str, Any]:
     with naming("frame metadata cannot be read"):
-        return record_of(Frame, metadata, "dn", "clipped")
+        return record_of(Frame, _with_pattern(metadata), "dn", "clipped")
+
+
+def _with_pattern(metadata: dict[str, Any]) -> dict[str, Any]:
+    """Metadata that have the black levels of the planes R, Gr, Gb and B, as those once had, with their pattern."""
+    levels, filter_name = metadata.get("plane_black_levels_dn"), metadata.get("colour_filter")
+    if levels is None or filter_name not in COLOUR_FILTERS:
+        return metadata
+    with naming("plane_black_levels_dn"):
+        if not (
+            isinstance(levels, list | tuple) and len(levels) == 4 and all(isinstance(v, int | float) for v in levels)
+        ):
+            raise InputError(f"it is {quoted(levels)}: restore the file from a copy")
+    kept = {name: value for name, value in metadata.items() if name != "plane_black_levels_dn"}
+    _, pattern = BlackPattern.split(plane_group(filter_name, levels))
+    return kept if pattern is None else kept | {"black_pattern": asdict(pattern)}
+
+
+def plane_group(colour_filter: str, levels: Sequence[float]) -> NDArray[np.float64]:
+    """Return values of the planes R, Gr, Gb and B by their places in the first 2 x 2 pixels."""
+    row, column = divmod(_RED_AT[colour_filter], 2)
+    group = np.empty((2, 2))
+    # Gr shares the row of R, Gb its column.
+    places = ((row, column), (row, 1 - column), (1 - row, column), (1 - row, 1 - column))
+    for place, level in zip(places, levels, strict=True):
+        group[place] = level
+    return group
 
 
 def nominal_black_dn(stated_dn: float | None, register: float | None, bit_depth: int) -> float:

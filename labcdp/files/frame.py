@@ -20,7 +20,7 @@ from ..core.result import Finding, info, warning
 from .exif import ExifFacts
 from .picture import PictureFile, PictureOptions
 from .png_jpeg import PNG, read_png
-from .stored_image import MAX_PIXELS
+from .stored_image import MAX_PIXELS, StoredImage
 from .tiff import TIFF, read_tiff
 
 #: Bytes of a pixel at the most, four doubles, and of what else may be in a file.
@@ -43,10 +43,13 @@ class FileFrame(PictureFile):
         Its pixels, DN as stored.
     clips_at_dn : float or None
         DN below its saturation from which the pixels are clipped, by their histogram.
+    findings : tuple of Finding
+        What the file states of its values and what was made of it.
     """
 
     frame: Frame
     clips_at_dn: float | None = None
+    findings: tuple[Finding, ...] = ()
 
 
 def picture_bytes(path: Path, max_pixels: int) -> tuple[bytes, str]:
@@ -87,6 +90,8 @@ def changed_at(path: Path) -> datetime:
     return datetime.fromtimestamp(path.stat().st_mtime, UTC)
 
 
+#: Codes of what a file states beside its values.
+_LEAVES_VALUES = ("sensor-corrections-not-applied", "black-level-from-xmp", "black-pattern")
 #: Endings of the names of the files this module reads.
 IMAGE_SUFFIXES = (".tif", ".tiff", ".png")
 
@@ -118,8 +123,10 @@ def read_image(path: str | PathLike[str], layout: PixelFormat, options: PictureO
     else:
         raise InputError(f"{path} is neither a TIFF nor a PNG file: give one of these, or a camera RAW file")
     kind = "of floats" if stored.bits is None else f"of {stored.bits} bits"
-    if stored.coloured or stored.bits not in (8, 16) or stored.changes:
-        changes = [one.code.replace("-", " ") for one in stored.changes]
+    # What labcdp does not apply leaves the values as they are, and their black level is beside them.
+    altered = [one for one in stored.changes if one.code not in _LEAVES_VALUES]
+    if stored.coloured or stored.bits not in (8, 16) or altered:
+        changes = [one.code.replace("-", " ") for one in altered]
         what = [*(["coloured"] if stored.coloured else []), kind, *changes]
         raise InputError(f"{path} is {', '.join(what)}: give a grey image of 8 or 16 bits, one number a pixel")
     dn, facts = stored.values, stored.facts
@@ -132,7 +139,7 @@ def read_image(path: str | PathLike[str], layout: PixelFormat, options: PictureO
     known = replace(facts_over(options, facts), pixel_format=layout.name)
     require_exposure(path, known)
     frame = make_frame(dn, Scale(layout.bit_depth, float(largest)), known, facts.taken or changed_at(path))
-    return FileFrame(path, sha256, facts, frame)
+    return FileFrame(path, sha256, facts, with_stated_levels(frame, stored))
 
 
 def frame_of_pixels(
@@ -217,6 +224,15 @@ def make_frame(
         frame_id=frame_id,
         camera=options.camera or UNKNOWN_CAMERA,
     )
+
+
+def with_stated_levels(frame: Frame, stored: StoredImage) -> Frame:
+    """Frame of stored values with the black level and the saturation that their file states."""
+    if stored.black is not None:
+        black_dn, pattern = stored.black
+        frame = replace(frame, black_level_dn=black_dn, black_pattern=pattern)
+    white_dn = frame.saturation_dn if stored.white_dn is None else stored.white_dn
+    return replace(frame, saturation_dn=min(frame.saturation_dn, white_dn))
 
 
 #: Bits of converters whose DN are kept in 16 bits.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from io import BytesIO
 from itertools import combinations
 from os import PathLike
 from pathlib import Path
@@ -14,20 +15,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import InputError
+from ..core.frame import BlackPattern
+from ..core.result import Finding, info
 from .exif import ExifFacts, positive_number, read_exif
 from .frame import FileFrame, Scale, changed_at, facts_over, make_frame, picture_bytes, require_exposure
 from .picture import PictureOptions
+from .sensor_tags import (
+    CFA,
+    SensorTags,
+    float_values,
+    masked_findings,
+    masked_level,
+    pattern_findings,
+    sensor_tags,
+)
 from .stored_image import MAX_PIXELS, require_size
-
-#: Photometric interpretation of a picture behind a colour filter array (Adobe DNG 1.7, chapter 3).
-_BEHIND_CFA = 32803
 
 
 def read_raw(path: str | PathLike[str], options: PictureOptions, max_pixels: int = MAX_PIXELS) -> FileFrame:
     """Read a camera RAW file (CR2, CR3, NEF, ARW, DNG and whatever else LibRaw knows).
 
-    The pixels are those of the visible area, not corrected in any way. `black_level_dn` is the mean of the planes'
-    black levels, and `saturation_dn` the lowest of their white levels. The gain is 20 log10(ISO / 100).
+    The pixels are those of the visible area, not corrected in any way but by the table of linearisation of the file;
+    floats are scaled to 16 bits. `black_level_dn` is the mean of the pixels' black levels, `black_pattern` what each
+    adds to it, and `saturation_dn` the lowest of the white levels. The gain is 20 log10(ISO / 100).
 
     Parameters
     ----------
@@ -47,34 +57,84 @@ def read_raw(path: str | PathLike[str], options: PictureOptions, max_pixels: int
     path = Path(path)
     data, sha256 = picture_bytes(path, max_pixels)
     facts = read_exif(data, path)
-    with _opened(path) as raw:
+    stated = sensor_tags(data, path)
+    with _opened(data, path) as raw:
         require_size(path, raw.sizes.raw_width, raw.sizes.raw_height, max_pixels)
-        colour_filter, black_dn = _pattern(raw, path, facts)
-        dn = np.array(raw.raw_image_visible)
-        white = int(raw.white_level)
-        saturation_dn = float(min([white, *(level for level in raw.camera_white_level_per_channel or () if level > 0)]))
+        colour_filter, group = _pattern(raw, path, facts)
+        whole, white = np.array(raw.raw_image), int(raw.white_level)
+        corner = raw.sizes.top_margin, raw.sizes.left_margin
+        shape = raw.raw_image_visible.shape
+        levels = (level for level in raw.camera_white_level_per_channel or () if level > 0)
+        saturation_dn = float(min([white, *levels]))
         facts = _completed(facts, raw.other)
+    per_value, findings = 1.0, list[Finding]()
+    if stated is not None and stated.is_dng and stated.is_float:
+        whole, per_value = _scaled(float_values(data, path), stated.white or 1.0)
+        white, saturation_dn = _TOP_DN, float(_TOP_DN)
+        group = np.zeros((1, 1))
+        findings.append(info("float-raw-scaled", white=stated.white or 1.0, top_dn=_TOP_DN))
+    dn = whole[corner[0] : corner[0] + shape[0], corner[1] : corner[1] + shape[1]].copy()
     dn.flags.writeable = False
-    bit_depth, mean_black_dn = min(max(white.bit_length(), 8), 16), float(np.mean(black_dn))
-    known = replace(facts_over(options, facts), black_level_dn=mean_black_dn, saturation_dn=None, pixel_format=None)
+    bit_depth = min(max(white.bit_length(), 8), 16)
+    (black_dn, pattern), more = _black(whole, corner, (dn.shape[0], dn.shape[1]), group, white, stated, path, per_value)
+    known = replace(facts_over(options, facts), black_level_dn=black_dn, saturation_dn=None, pixel_format=None)
     require_exposure(path, known)
     frame = replace(
         make_frame(dn, Scale(bit_depth, saturation_dn), known, facts.taken or changed_at(path)),
         pixel_format=f"{f'Bayer{colour_filter}' if colour_filter else 'Mono'}{bit_depth}",
         colour_filter=colour_filter,
-        plane_black_levels_dn=black_dn if colour_filter and len(set(black_dn)) > 1 else None,
+        black_pattern=pattern,
     )
-    clips_at_dn = clipping_dn(dn, colour_filter, mean_black_dn, white)
+    clips_at_dn = clipping_dn(dn, colour_filter, black_dn, white)
     early = clips_at_dn is not None and clips_at_dn < saturation_dn
-    return FileFrame(path, sha256, facts, frame, clips_at_dn if early else None)
+    return FileFrame(path, sha256, facts, frame, clips_at_dn if early else None, (*findings, *more))
+
+
+#: Highest DN of floats, which are scaled to 16 bits.
+_TOP_DN = 65535
+
+
+def _scaled(values: NDArray[np.float64], white: float) -> tuple[NDArray[np.uint16], float]:
+    """DN of floats of which this one is saturated, and DN a float stands for; what is no number is 0."""
+    per_value = _TOP_DN / white
+    scaled = np.clip(np.nan_to_num(values * per_value, nan=0.0, posinf=_TOP_DN), 0, _TOP_DN)
+    return np.rint(scaled).astype(np.uint16), per_value
+
+
+def _black(
+    whole: NDArray[Any],
+    corner: tuple[int, int],
+    shape: tuple[int, int],
+    of_libraw: NDArray[np.float64],
+    white: int,
+    stated: SensorTags | None,
+    path: Path,
+    per_value: float,
+) -> tuple[tuple[float, BlackPattern | None], tuple[Finding, ...]]:
+    """Black level of the visible part and the pattern around it: by the tags of DNG, masked pixels, or LibRaw."""
+    if stated is None or not stated.is_dng:
+        found = BlackPattern.split(of_libraw)
+        return found, pattern_findings(found[1]) if of_libraw.shape != (2, 2) else ()
+    measured = masked_level(whole, stated.masked, (2, 2)) if stated.masked else None
+    black = stated.black_of(corner, shape, path, per_value)
+    if black is None and measured is not None:
+        black = BlackPattern.split(np.roll(measured, (-corner[0], -corner[1]), (0, 1)))
+        return black, (*stated.findings, info("black-level-measured", black_dn=black[0]))
+    if black is None:
+        black = BlackPattern.split(of_libraw)
+    doubts = () if measured is None else masked_findings(black[0], float(measured.mean()), white - black[0])
+    beyond_colours = stated.black is not None and (
+        stated.black[0].size > 4 or any(one is not None for one in stated.black[1:])
+    )
+    return black, (*stated.findings, *(pattern_findings(black[1]) if beyond_colours else ()), *doubts)
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Any]:
+def _opened(data: bytes, path: Path) -> Iterator[Any]:
     import rawpy
 
     try:
-        with rawpy.imread(str(path)) as raw:
+        with rawpy.imread(BytesIO(data)) as raw:
             if raw.raw_type != rawpy.RawType.Flat:
                 raise InputError(
                     f"{path} holds several values for each pixel (a linear DNG or a layered sensor), which is no "
@@ -92,11 +152,11 @@ def _opened(path: Path) -> Iterator[Any]:
         ) from error
 
 
-def _pattern(raw: Any, path: Path, facts: ExifFacts) -> tuple[str | None, tuple[float, float, float, float]]:
-    """Name of the Bayer pattern, None for a monochrome sensor; black levels of R, Gr, Gb and B."""
+def _pattern(raw: Any, path: Path, facts: ExifFacts) -> tuple[str | None, NDArray[np.float64]]:
+    """Name of the Bayer pattern, None for a monochrome sensor; LibRaw's black levels of the first 2 x 2 pixels."""
     black = [float(level) for level in raw.black_level_per_channel]
-    if raw.num_colors == 1 and not (facts.photometric == _BEHIND_CFA and not facts.has_cfa_pattern):
-        return None, (black[0], black[0], black[0], black[0])
+    if raw.num_colors == 1 and not (facts.photometric == CFA and not facts.has_cfa_pattern):
+        return None, np.array([[black[0]]])
     colours: NDArray[np.uint8] = raw.raw_colors_visible
     letters = raw.color_desc.decode()
     group = colours[:2, :2]
@@ -109,10 +169,7 @@ def _pattern(raw: Any, path: Path, facts: ExifFacts) -> tuple[str | None, tuple[
             f"{path} has no Bayer pattern of red, green and blue: give a RAW file of a camera with one, or of a "
             "monochrome camera"
         )
-    # Channels by the position of the red pixel: Gr shares its row, Gb its column.
-    y, x = divmod(names.index("R"), 2)
-    r, gr, gb, b = (black[group[row, column]] for row, column in ((y, x), (y, 1 - x), (1 - y, x), (1 - y, 1 - x)))
-    return names[:2], (r, gr, gb, b)
+    return names[:2], np.array(black)[group]
 
 
 def _completed(facts: ExifFacts, other: Any) -> ExifFacts:

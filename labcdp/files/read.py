@@ -15,7 +15,7 @@ import numpy as np
 from ..core.disk import reading
 from ..core.errors import InputError
 from ..core.frame import Frame
-from ..core.result import Finding, info, warning
+from ..core.result import info, warning
 from .exif import ExifFacts
 from .exr import EXR, exr_text, read_exr
 from .frame import (
@@ -28,6 +28,7 @@ from .frame import (
     make_frame,
     picture_bytes,
     scale_of,
+    with_stated_levels,
 )
 from .kinds import HEAD_BYTES, no_picture
 from .luminance_file import FORMAT as LUMINANCE
@@ -130,9 +131,9 @@ def _from_labcdp(noted: dict[str, Any] | None, data: bytes, sha256: str, path: P
 def _from_raw(path: Path, sha256: str, options: PictureOptions) -> Picture:
     known = replace(options, exposure_s=options.exposure_s or NO_EXPOSURE_S)
     taken = read_raw(path, known, options.max_pixels)
-    frame, findings = taken.frame, list[Finding]()
+    frame, findings = taken.frame, [*taken.findings]
     if taken.clips_at_dn is not None:
-        findings = [warning("raw-clips-early", found_dn=taken.clips_at_dn, stated_dn=frame.saturation_dn)]
+        findings += [warning("raw-clips-early", found_dn=taken.clips_at_dn, stated_dn=frame.saturation_dn)]
         frame = replace(frame, saturation_dn=taken.clips_at_dn)
     exposure_known = (taken.facts.exposure_s or options.exposure_s) is not None
     picture = Picture(path, sha256, taken.facts, frame, findings=tuple(findings), exposure_known=exposure_known)
@@ -154,14 +155,15 @@ def _picture(stored: StoredImage, path: Path, sha256: str, options: PictureOptio
         picture = replace(picture, light=light, light_is_cd_m2=is_cd_m2, encoding="linear", findings=findings)
         return with_overrides(picture, options, None)
     scale = scale_of(stored.values, stored.bits, options, str(path))
-    findings = (*findings, *scale.findings)
+    stated = stored.white_dn is not None
+    findings = (*findings, *(one for one in scale.findings if not (stated and one.code == "bit-depth-unknown")))
     if stored.coloured:
         dn = luminance_dn(stored.values, scale.bits, encoding)
         frame = make_frame(dn, Scale(16, 65535.0), replace(known, pixel_format=None, saturation_dn=None), taken)
         frame = replace(frame, clipped=np.any(stored.values >= scale.saturation_dn, axis=2))
         findings = (*findings, info("srgb-colour-to-grey" if encoding == "srgb" else "colour-to-grey"))
     else:
-        frame = make_frame(stored.values, scale, known, taken)
+        frame = with_stated_levels(make_frame(stored.values, scale, known, taken), stored)
     guessed = stored.bits == 16 and options.stated_bits is None
     picture = replace(picture, frame=frame, findings=findings, coloured=stored.coloured, scale_guessed=guessed)
     return with_overrides(picture, options, scale.bits)

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import InputError
+from ..core.frame import BlackPattern
 from ..core.result import Finding, info, warning
 from .exif import ExifFacts
 
@@ -115,6 +116,10 @@ class StoredImage:
         What is not certain about the values, such as how they are encoded.
     cd_m2_per_value : float or None
         Luminance of the value 1, of float files that state it.
+    black : (float, BlackPattern or None) or None
+        Black level that the file states, and the pattern of the pixels around it.
+    white_dn : float or None
+        DN that the file states to be saturated.
     """
 
     values: NDArray[Any]
@@ -124,10 +129,16 @@ class StoredImage:
     changes: tuple[Finding, ...] = ()
     doubts: tuple[Finding, ...] = ()
     cd_m2_per_value: float | None = None
+    black: tuple[float, BlackPattern | None] | None = None
+    white_dn: float | None = None
 
     def upright(self) -> StoredImage:
-        """Turn the picture as its EXIF says, and without colours if all of them are grey."""
-        values, orientation, changes = self.values, self.facts.orientation, self.changes
+        """Turn the picture as its EXIF says, and without colours if all of them are grey.
+
+        Values of a sensor whose pixels have black levels of their own stay as they are, as in camera RAW.
+        """
+        values, changes = self.values, self.changes
+        orientation = 1 if self.black is not None and self.black[1] is not None else self.facts.orientation
         if orientation != 1:
             values, changes = upright(values, orientation), (*changes, info("turned", orientation=orientation))
         return replace(self, values=grey_if_colourless(values), changes=changes)

@@ -14,6 +14,7 @@ from ..core.disk.tiff import open_tiff, pixels_of
 from ..core.errors import InputError
 from ..core.result import Finding, info
 from .exif import ExifFacts, read_exif
+from .sensor_tags import pattern_findings, tags_of
 from .stored_image import (
     BT709_LUMINANCE,
     SCREEN_BITS,
@@ -115,7 +116,15 @@ def _read(page: Any, path: Path, facts: ExifFacts) -> StoredImage:
         opaque = float(np.iinfo(values.dtype).max) if values.dtype.kind in "ui" else 1.0
         values, change = without_alpha(values, opaque)
         changes.append(change)
+    stated = tags_of(page, path) if values.ndim == 2 and page.photometric == _BLACK_IS_ZERO else None
+    black = None if stated is None else stated.black_of((0, 0), values.shape, path)
+    if stated is not None:
+        changes += stated.findings
     if values.dtype.kind == "f":
+        if black is not None:
+            level, pattern = black
+            values = values - np.float64(level) - (0 if pattern is None else pattern.offsets_dn(values.shape))
+            changes.append(info("black-level-subtracted", black_dn=level))
         if values.ndim == 3:
             values = values.astype(np.float64) @ BT709_LUMINANCE
             changes.append(info("linear-colour-to-grey"))
@@ -131,9 +140,18 @@ def _read(page: Any, path: Path, facts: ExifFacts) -> StoredImage:
     if page.photometric == _WHITE_IS_ZERO:
         values = (2**bits - 1 - values).astype(values.dtype)
         changes.append(info("white-is-zero"))
+    if stated is not None and stated.linearization is not None:
+        table = stated.linearization.clip(0, 65535).astype(np.uint16)
+        values, bits = table[np.minimum(values, table.size - 1)], 16
+        changes.append(info("linearization-applied"))
+    if black is not None:
+        changes += pattern_findings(black[1])
+    white_dn = None if stated is None else stated.white
     encoding = _encoding(page, values.ndim == 3)
     doubts = (info("linear-assumed"),) if values.ndim == 2 and bits <= SCREEN_BITS else ()
-    return StoredImage(np.ascontiguousarray(values), bits, encoding, facts, tuple(changes), doubts).upright()
+    return StoredImage(
+        np.ascontiguousarray(values), bits, encoding, facts, tuple(changes), doubts, black=black, white_dn=white_dn
+    ).upright()
 
 
 def _resolved(indices: NDArray[Any], page: Any) -> tuple[NDArray[Any], int]:

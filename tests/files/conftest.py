@@ -1,6 +1,7 @@
 """Synthetic RAW files whose pixels are known bit by bit."""
 
 import shutil
+import struct
 from collections import namedtuple
 from functools import partial
 
@@ -15,11 +16,11 @@ PATTERNS = {"RG": (0, 1, 1, 2), "GB": (1, 2, 0, 1), "GR": (1, 0, 2, 1), "BG": (2
 CFA = 32803
 
 
-def write_dng(path, dn, cfa="RG", *, black=(64,), white=4095, exposure=(1, 125), iso=200, serial="0815"):
+def write_dng(path, dn, cfa="RG", *, black=(64,), white=4095, exposure=(1, 125), iso=200, serial="0815", more=()):
     """Write an uncompressed DNG in the byte order of `dn`.
 
-    `black` has one level, or those of the upper left 2 x 2 pixels; `cfa` is a Bayer pattern, size and colours of
-    another one, or None for a picture without.
+    `black` has one level, or those of the upper left 2 x 2 pixels, and is None for no such tag; `cfa` is a Bayer
+    pattern, size and colours of another one, or None for a picture without. `more` are tags of tifffile.
     """
     tags = [
         (50706, "B", 4, bytes((1, 4, 0, 0))),
@@ -32,20 +33,29 @@ def write_dng(path, dn, cfa="RG", *, black=(64,), white=4095, exposure=(1, 125),
         (36867, "s", 0, "2026:03:01 12:00:00"),
         (36881, "s", 0, "+01:00"),
         (50717, "I", 1, white),
-        (50714, "H", len(black), tuple(black) if len(black) > 1 else black[0]),
+        *([(50714, "H", len(black), tuple(black) if len(black) > 1 else black[0])] if black is not None else []),
         (50721, "2i", 9, (1, 1, 0, 1, 0, 1, 0, 1, 1, 1, 0, 1, 0, 1, 0, 1, 1, 1)),
         (34855, "H", 1, iso),
     ]
-    if len(black) > 1:
+    if black is not None and len(black) > 1:
         tags.append((50713, "H", 2, (2, 2)))
     if exposure is not None:
         tags.append((33434, "2I", 1, exposure))
     if cfa is not None:
         size, colours = (2, PATTERNS[cfa]) if isinstance(cfa, str) else cfa
         tags += [(33421, "H", 2, (size, size)), (33422, "B", size * size, bytes(colours))]
-    tags = [(*tag, True) for tag in tags]
+    tags = [(*tag, True) for tag in (*tags, *more)]
     stored = {"photometric": CFA if cfa else "minisblack", "byteorder": ">" if dn.dtype.byteorder == ">" else "<"}
     tifffile.imwrite(path, dn, metadata=None, extratags=tags, **stored)
+    return path
+
+
+def write_mono_dng(path, dn, **how):
+    """Write the DNG of a monochrome sensor, whose kind tifffile writes for three samples only: linear raw."""
+    data = bytearray(write_dng(path, dn, cfa=None, **how).read_bytes())
+    with tifffile.TiffFile(path) as tiff:
+        struct.pack_into("<H", data, tiff.pages.first.tags[262].valueoffset, 34892)
+    path.write_bytes(data)
     return path
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from labcdp.acquire.import_files import import_session
 from labcdp.calibration.colour.conversion import colour_patch_luminance
+from labcdp.calibration.frames.measure import split
 from labcdp.core.errors import InputError
 from labcdp.core.frame import CameraIdentity
 from labcdp.core.result import info, warning
@@ -80,7 +81,7 @@ def test_what_is_imported_in_parts_and_again_is_there_once(folder, imported, fil
     session = Session.open(folder / "session")
     frame = session.load(session.frames("light")[0])
     assert (frame.exposure_s, frame.gain_db, frame.colour_filter, frame.saturation_dn) == (1 / 100, 0.0, "RG", 15000)
-    assert frame.plane_black_levels_dn == (510, 512, 512, 515)
+    assert tuple(one.black_level_dn for one in split(frame).values()) == (510, 512, 512, 515)
     assert session.exposures_s == (1 / 400, 1 / 100, 1 / 25)
     events = [one for one in session.records if isinstance(one, EventRecord) and one.kind == "imported"]
     sources = [file for event in events for file in event.content["files"]]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from math import inf
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,13 +73,21 @@ class DnLight:
             With ``step`` 2 for a Bayer pattern.
         """
         inverse_v = None if self.vignetting is None else _inverse_v(self.vignetting, frame.shape)
-        planes = [(frame.dn[place], None if inverse_v is None else inverse_v[place]) for place in _places(frame)]
+        offsets = None if frame.black_pattern is None else frame.black_pattern.offsets_dn(frame.shape)
+        planes = [
+            (
+                frame.dn[place],
+                None if inverse_v is None else inverse_v[place],
+                None if offsets is None else offsets[place],
+            )
+            for place in _places(frame)
+        ]
 
         def of(table: _Light, where: Window = WHOLE, part: Window = window) -> list[_Light]:
             """Values of a table at the pixels of each plane, in a part of it and there in a part of that."""
             found = []
-            for dn, inverse in planes:
-                values = looked_up(table, dn[part][where])
+            for dn, inverse, offset in planes:
+                values = _values(table, dn[part][where], None if offset is None else offset[part][where])
                 found.append(values if inverse is None else np.multiply(values, inverse[part][where], out=values))
             return found
 
@@ -95,7 +103,7 @@ class DnLight:
                 return np.asarray(np.sqrt(_mean(squares) / len(squares)) / np.abs(light), dtype=np.float32)
 
         def invalid() -> NDArray[np.uint8]:
-            flags: NDArray[np.uint8] = np.bitwise_or.reduce([looked_up(self.flags, dn[window]) for dn, _ in planes])
+            flags: NDArray[np.uint8] = np.bitwise_or.reduce([looked_up(self.flags, dn[window]) for dn, *_ in planes])
             flags[light < 0] |= Invalid.BELOW_BLACK.value
             if frame.clipped is not None:
                 flags[frame.clipped[window]] |= Invalid.SATURATED.value
@@ -105,6 +113,18 @@ class DnLight:
         return LuminanceMap(
             light, random_rel, self.common, invalid, step=step, dn_step=lambda where: _mean(of(self.steps, where))
         )
+
+
+def _values(table: _Light, dn: NDArray[np.unsignedinteger[Any]], offset_dn: _Maps | None) -> _Light:
+    """Values of a table at DN less what the black level of each pixel adds, by straight lines between and beyond DN."""
+    if offset_dn is None:
+        return looked_up(table, dn)
+    at = dn - offset_dn.astype(np.float64)
+    below = np.clip(np.floor(at), 0, table.size - 2).astype(np.uint16)
+    low = looked_up(table, below).astype(np.float64)
+    between = (at - below) * (looked_up(table, below + np.uint16(1)) - low)
+    values: _Light = (low + between).astype(table.dtype)
+    return values
 
 
 def _places(frame: Frame) -> list[tuple[slice, slice]]:

@@ -127,7 +127,8 @@ def neighbours_of_frame(
 
 def _light_by_dn(frame: Frame, conversion: PictureConversion) -> NDArray[np.floating[Any]] | None:
     """Light of each DN of 8-bit frames; None for others, or if more than the DN decides."""
-    if frame.dn.dtype != np.uint8 or frame.bit_depth != 8 or frame.colour_filter or isinstance(conversion, Calibrated):
+    others = frame.colour_filter or frame.black_pattern or isinstance(conversion, Calibrated)
+    if frame.dn.dtype != np.uint8 or frame.bit_depth != 8 or others:
         return None
     found = light_of_dn(frame, conversion.options.encoding or "linear", conversion.specification)
     return found.light if found.vignetting is None and found.glare_fraction == 0 else None

@@ -243,7 +243,7 @@ def light_of(frame: VideoFrame, conversion: PictureConversion, roi: Roi) -> Regi
     region = roi.divided(group)
     window = region.window(shape)
     part, inner = (pixels.frame, window) if in_part is None else (in_part(window), WHOLE)
-    dn = part.dn[inner] if group == 1 and part.dn.dtype == np.uint8 else None
+    dn = part.dn[inner] if group == 1 and part.dn.dtype == np.uint8 and part.black_pattern is None else None
     return RegionPixels.of_part(conversion.convert(part, inner), roi, window, _mask(region, shape), dn=dn)
 
 

@@ -1,5 +1,6 @@
 """Contrast metrics: arrays of DN or cd/m^2 in, numbers out. Contrast is a fraction (1.0 is 100 %)."""
 
+from .arrays_cdp import cdp
 from .contrast import (
     ContrastDefinition,
     DetectionInterval,
@@ -11,7 +12,7 @@ from .contrast import (
 )
 from .correlated_cdp import cdp_correlated
 from .correlation import variance_inflation
-from .detection import CalibratedCdp, cdp, cdp_range, cdp_with_common_errors
+from .detection import CalibratedCdp, cdp_range, cdp_with_common_errors
 from .distribution import Distribution, Region
 from .neighbours.cdp import cdp_neighbours, cdp_neighbours_range, cdp_rectangle
 from .result import CdpResult, DetectionProbability, DetectionResult, Interval, NeighbourCdp

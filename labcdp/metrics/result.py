@@ -132,6 +132,9 @@ class DetectionProbability(Generic[_T]):
         Number of pairs; None where the weights of a `Distribution` are not counts.
     swapped : bool
         Whether the region given as dark has the larger mean and was used as the bright one; False for neighbours.
+    findings : tuple of Finding
+        ``pixels-correlated`` with the factor by which correlated noise raised `u`, and ``region-correlation-unknown``
+        for a region of too few pixels; for parts of images only.
     """
 
     cdp: _T
@@ -146,6 +149,7 @@ class DetectionProbability(Generic[_T]):
     definition: ContrastDefinition
     pairs: int | None
     swapped: bool = False
+    findings: tuple[Finding, ...] = ()
 
     def _repr_html_(self) -> str:
         """Table for notebooks."""
@@ -183,6 +187,7 @@ def joined(
     epsilon: Epsilon,
     definition: ContrastDefinition,
     pairs: int | None,
+    findings: tuple[Finding, ...] = (),
     swapped: bool = False,
 ) -> DetectionProbability[Any]:
     """Join the results of contrasts, scalars for the shape ()."""
@@ -205,6 +210,7 @@ def joined(
         definition=definition,
         pairs=pairs,
         swapped=swapped,
+        findings=findings,
     )
 
 

@@ -1,0 +1,110 @@
+"""Contrast detection probability of arrays of pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..core.result import Finding, info
+from .contrast import ContrastDefinition, Epsilon
+from .correlated_cdp import NoisyRegion, cdp_of_regions, size_findings
+from .detection import results_of
+from .distribution import Distribution, Region
+from .pairs import bright_and_dark
+from .result import CdpResult, DetectionProbability, asked_contrasts, joined
+
+
+@overload
+def cdp(
+    bright: Region, dark: Region, contrast: float, epsilon: Epsilon = ..., *, definition: ContrastDefinition = ...
+) -> DetectionProbability[float]: ...
+@overload
+def cdp(
+    bright: Region,
+    dark: Region,
+    contrast: Sequence[float] | NDArray[Any],
+    epsilon: Epsilon = ...,
+    *,
+    definition: ContrastDefinition = ...,
+) -> DetectionProbability[NDArray[np.float64]]: ...
+def cdp(
+    bright: Region,
+    dark: Region,
+    contrast: ArrayLike,
+    epsilon: Epsilon = 0.5,
+    *,
+    definition: ContrastDefinition = "weber",
+) -> DetectionProbability[Any]:
+    """Contrast detection probability between two regions, over every pixel of one against every pixel of the other.
+
+    Parameters
+    ----------
+    bright, dark : array_like of int or float of any shape, or Distribution
+        Pixels of the two regions in one linear unit, best cd/m^2. Arrays of two dimensions are taken as parts of an
+        image, whose noise may be correlated from pixel to pixel, all others as independent pixels.
+    contrast : float or array_like of float
+        Contrast K to be detected, a fraction above 0 (1.0 is 100 %), or several; the pixels are then counted once.
+    epsilon : float or DetectionInterval
+        Relative tolerance of the contrast, above 0 and up to 1; a `DetectionInterval` for one that differs below and
+        above or has one end only.
+    definition : {'weber', 'michelson'}
+        Definition of the contrast of K and of the pairs. Michelson contrasts are below 1.
+
+    Returns
+    -------
+    DetectionProbability
+        With floats for a number, and arrays of the contrasts' shape for an array. `findings` says by how much
+        correlated noise raises `u`, and which regions are too small to tell.
+
+    Raises
+    ------
+    InputError
+        If contrast or epsilon is out of range, or a region is empty, holds values that are not finite or are
+        not integers or floats, or neither region holds a value above 0.
+
+    Notes
+    -----
+    CDP = P(K (1 - eps) <= bright / dark - 1 <= K (1 + eps)) (L. Ebbert, Implementierung von CDP, 2018, eq. 2.2 and
+    2.3). The region with the larger mean is the bright one, in whichever order they are given. Both ends are included.
+    No quotient is rounded: the bright value is compared with (1 + K_low) and (1 + K_high) times the dark one, within a
+    relative tolerance of 8 * 2^-52, and contrast and epsilon are taken as the decimals they are written as. For
+    integers the result is thus that of exact arithmetic (see `pairs.RELATIVE_TOLERANCE` for the limits). Values in
+    float32 come with their own rounding of 6e-8, beyond that tolerance, and are compared as they are.
+
+    Where the dark value is 0 or below, a bright value above 0 has an unbounded contrast and is `above` (detected if the
+    interval has no upper end); with both at 0 or below the contrast is undefined. Such pairs count as `below`, and
+    their share is reported.
+    """
+    asked, shape = asked_contrasts(contrast, epsilon, definition)
+    upper, lower, name = bright_and_dark(bright, dark, ("bright region", "dark region"))
+    pairs = None if upper.size is None or lower.size is None else upper.size * lower.size
+    images = None if isinstance(bright, Distribution) or isinstance(dark, Distribution) else _images(bright, dark)
+    if images is None:
+        results, findings = results_of(upper, lower, name, asked), ()
+    else:
+        first, second = images if name == "a" else images[::-1]
+        regions = _region(first, upper, 0), _region(second, lower, first.shape[0] + first.shape[1])
+        results = tuple(cdp_of_regions(*regions, name, one) for one in asked)
+        findings = _findings(results, dict(zip(("bright", "dark"), images, strict=True)))
+    return joined(results, asked, shape, epsilon, definition, pairs, findings, swapped=name == "b")
+
+
+def _images(bright: ArrayLike, dark: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Return the regions if both are parts of an image; those of one pixel or of one line have no second dimension."""
+    images = [np.asarray(region, dtype=np.float64) for region in (bright, dark)]
+    return (images[0], images[1]) if all(image.ndim == 2 and min(image.shape) > 1 for image in images) else None
+
+
+def _region(image: NDArray[np.float64], distribution: Distribution, start: int) -> NoisyRegion:
+    """Take all pixels of an image; regions in rows and columns of their own have none in common."""
+    window = slice(start, start + image.shape[0]), slice(start, start + image.shape[1])
+    return NoisyRegion(image, np.ones(image.shape, dtype=np.bool_), distribution, window)
+
+
+def _findings(results: Sequence[CdpResult], images: Mapping[str, NDArray[np.float64]]) -> tuple[Finding, ...]:
+    found = [finding for name, image in images.items() for finding in size_findings(name, image.size)]
+    inflation = max((result.correlation_inflation for result in results), default=1.0)
+    return (*found, *([info("pixels-correlated", inflation=inflation)] if inflation > 1 else []))

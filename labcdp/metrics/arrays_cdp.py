@@ -82,8 +82,9 @@ def cdp(
     upper, lower, name = bright_and_dark(bright, dark, ("bright region", "dark region"))
     pairs = None if upper.size is None or lower.size is None else upper.size * lower.size
     images = None if isinstance(bright, Distribution) or isinstance(dark, Distribution) else _images(bright, dark)
+    findings: tuple[Finding, ...] = ()
     if images is None:
-        results, findings = results_of(upper, lower, name, asked), ()
+        results = results_of(upper, lower, name, asked)
     else:
         first, second = images if name == "a" else images[::-1]
         regions = _region(first, upper, 0), _region(second, lower, first.shape[0] + first.shape[1])

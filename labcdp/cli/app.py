@@ -137,7 +137,7 @@ def main() -> None:
     gc.set_threshold(10_000, 10, 10)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
-            # A terminal that does not know a character such as a superscript 2 shows a question mark.
+            # A terminal that does not know a character such as a superscript 2 shows a question mark; JSON has escapes.
             stream.reconfigure(errors="replace")
     try:
         _require_no_empty_argument()

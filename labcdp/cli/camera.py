@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from shlex import quote
 from typing import Annotated
 
 import typer
@@ -18,6 +17,7 @@ from ..calibration.emva.index import INDEX_NAME, index_path
 from ..calibration.emva.result import Characterisation
 from ..calibration.record import save_verification
 from ..calibration.verify.result import require_tolerance
+from ..core.disk.files import shell_word
 from ..core.errors import InputError
 from ..core.result import InputFile
 from ..evaluate.bench.certificate import verification_certificate
@@ -112,7 +112,7 @@ def twin(
         result = twin_result(evaluation, [session_input(opened), *inputs], options)
         folder.add(twin_files(evaluation, result))
     results.show(result, folder)
-    say(f"Next: labcdp simulate {quote(str(folder.folder / 'chain.toml'))}")
+    say(f"Next: labcdp simulate {shell_word(folder.folder / 'chain.toml')}")
 
 
 def _twin(
@@ -199,7 +199,7 @@ def verify(
         folder.add({"certificate.html": certified, "results.json": envelope_json(result).encode()})
     following = [f"Saved: {path}"]
     if verification.verdict == "not conform":
-        history = f"labcdp history {quote(str(path.parent))}"
+        history = f"labcdp history {shell_word(path.parent)}"
         following.append(f"Next: labcdp acquire and labcdp calibrate, then {history}")
     results.print(result, *following, page=folder.folder / "certificate.html")
     raise typer.Exit(EXIT_STATUS[verification.verdict])

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from shlex import quote
 
 from ..calibration import load_any
 from ..calibration.emva.index import INDEX_NAME, load_index
@@ -14,6 +13,7 @@ from ..calibration.record import load_verification
 from ..chain import Chain
 from ..core.clock import exposure_text
 from ..core.disk.documents import read_json, read_toml
+from ..core.disk.files import shell_word
 from ..core.errors import InputError, LabcdpError, naming
 from ..core.frame import Frame
 from ..core.result import Finding, Result
@@ -63,7 +63,7 @@ def info(file: Path, *, source: str = "A") -> None:
     properties = {"kind": found.kind, **found.properties}
     columns = (Column("property", "property", value="0"), Column("value", "value", value="1"))
     first = Table.of_items("properties", str(file), columns, properties.items())
-    names = {"file": quote(str(file)), "folder": quote(str(file if file.is_dir() else file.parent))}
+    names = {"file": shell_word(file), "folder": shell_word(file if file.is_dir() else file.parent)}
     following = (f"Next: labcdp {one.format(**names)}" for one in found.commands)
     print_result(Result("info", str(file), (first, *found.tables)), *following)
 

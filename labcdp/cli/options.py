@@ -138,11 +138,17 @@ class Results:
             typer.launch(str(page))
 
 
+#: Length of a name that file systems allow.
+_MOST_NAME_BYTES = 255
+
+
 def default_folder(source: str | Path, command: str) -> Path:
     """Return the folder in which a command writes its results unless another one is given."""
     path = Path(source)
     # The name of "." or ".." is that of the folder it stands for.
     name = path.resolve().name if path.is_dir() else path.stem
+    while len(os.fsencode(f"{name}-{command}")) > _MOST_NAME_BYTES:
+        name = name[:-1]
     return Path(f"{name or 'root'}-{command}")
 
 

@@ -7,13 +7,13 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from math import isclose
 from pathlib import Path
-from shlex import quote
 from typing import Any, Literal
 
 import typer
 
 from ..calibration import load_any, save
 from ..core.disk import read_json
+from ..core.disk.files import shell_word
 from ..core.errors import InputError, SessionError
 from ..core.result import InputFile, Result
 from ..evaluate.bench.calibrate import calibrate_recorded
@@ -124,7 +124,7 @@ class CalibrationOptions:
         path = self.calibration or default_folder(session, "calibrate") / "calibration.json"
         if not self.recalibrate and self.calibration is None and not path.exists():
             raise InputError(
-                f"{path} does not exist: run 'labcdp calibrate {quote(str(session))}' in this folder first, or give "
+                f"{path} does not exist: run 'labcdp calibrate {shell_word(session)}' in this folder first, or give "
                 "--calibration or --recalibrate"
             )
         return None if self.recalibrate else path
@@ -178,10 +178,10 @@ def calibrate(fit: FitOptions, results: Results, session: Path, more: tuple[Path
         written = folder.add(calibration_files(calibration, result))
         certified = calibration_certificate(observed, calibration)
         written += folder.add({"certificate.html": certified, "results.json": envelope_json(result).encode()})
-    chosen = "" if results.output is None else f" --calibration {quote(str(path))}"
+    chosen = "" if results.output is None else f" --calibration {shell_word(path)}"
     following = (
         f"Saved: {', '.join(str(p) for p in (path, *written))}",
-        f"Next: labcdp evaluate {quote(str(session))}{chosen}",
+        f"Next: labcdp evaluate {shell_word(session)}{chosen}",
     )
     results.print(result, *following, page=folder.folder / "calibration.html")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -107,7 +108,13 @@ def print_result(result: Result, *following: str) -> None:
     if RUNNING.get().as_json:
         from ..report.files import envelope_json
 
-        sys.stdout.write(envelope_json(result))
+        text = envelope_json(result)
+        try:
+            text.encode(sys.stdout.encoding or "utf-8")
+        except UnicodeEncodeError:
+            # Escapes, which JSON has for all characters, and not question marks.
+            text = json.dumps(json.loads(text), indent=2) + "\n"
+        sys.stdout.write(text)
         return
     from ..report.text import finding_text, is_number, text_table
 
@@ -124,7 +131,8 @@ def print_result(result: Result, *following: str) -> None:
     for finding in unique(result.findings):
         say(f"{finding.severity}: {finding_text(finding)}")
     for line in following:
-        say(line)
+        # A name in it may hold a line break.
+        say(printable(line))
 
 
 def _print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[bool]) -> None:

@@ -12,7 +12,19 @@ def printable(text: str) -> str:
 
 
 def _escaped(character: str) -> str:
+    if "\udc80" <= character <= "\udcff":
+        # A byte of a file name that is no UTF-8 (PEP 383).
+        return f"\\x{ord(character) - 0xDC00:02x}"
     return character if character.isprintable() else character.encode("unicode_escape").decode()
+
+
+#: What UTF-8 cannot encode: bytes of file names that are none, and halves of characters.
+_SURROGATE = re.compile("[\ud800-\udfff]")
+
+
+def encodable(text: str) -> str:
+    r"""Return the text with what UTF-8 cannot encode escaped: ``\\xfc`` for a byte of a file name that is no UTF-8."""
+    return text if text.isascii() else _SURROGATE.sub(lambda found: _escaped(found[0]), text)
 
 
 #: Characters of one word of a message, as of a path: what is left out of a longer one is its middle.

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.disk import parse_json, shortened
+from ..core.disk.files import named_plainly
 from ..core.errors import InputError
 from ..core.result import Finding, info
 from .exif import positive_number
@@ -108,8 +109,8 @@ def _opened(path: Path, **how: bool) -> Iterator[Any]:
 
     printed = StringIO()
     try:
-        with redirect_stdout(printed), decoder_messages():
-            file = OpenEXR.File(str(path), **how)
+        with named_plainly(path) as name, redirect_stdout(printed), decoder_messages():
+            file = OpenEXR.File(str(name), **how)
         if not file.parts:
             raise ValueError(printed.getvalue() or "it holds no picture")
         with file:

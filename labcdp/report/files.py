@@ -9,10 +9,13 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from ..core.disk import read_bytes, reason, validated_as
+from ..core.disk.files import named_plainly
 from ..core.disk.text import json_values, results_json
 from ..core.disk.tiff import read_in_child
-from ..core.errors import InputError
+from ..core.errors import InputError, encodable
 from ..core.result import InputFile, Result
 from ..core.table import Table
 from .html import render_page
@@ -161,12 +164,26 @@ def dataset_bytes(dataset: Dataset, what: str) -> bytes:
     encoding = {
         name: _NUMBERS for name, variable in dataset.data_vars.items() if variable.ndim and variable.dtype.kind in "iuf"
     }
+    dataset = _encodable(dataset)
     try:
         return bytes(dataset.to_netcdf(engine="netcdf4", format="NETCDF4", encoding=encoding))
     except (TypeError, ValueError, AttributeError, RuntimeError) as error:
         raise InputError(
             f"the {what} holds what NetCDF cannot ({reason(error)}): give attributes that are texts or numbers"
         ) from error
+
+
+def _encodable(dataset: Dataset) -> Dataset:
+    """Dataset with what UTF-8 cannot encode in its texts escaped."""
+    texts = {}
+    for name, variable in dataset.variables.items():
+        values = variable.values.ravel() if variable.dtype.kind in "OU" else ()
+        if any(isinstance(one, str) and encodable(one) != one for one in values):
+            escaped = np.array([encodable(one) if isinstance(one, str) else one for one in values], dtype=object)
+            texts[name] = variable.copy(data=escaped.reshape(variable.shape))
+    made = dataset.assign(texts)
+    made.attrs = {key: encodable(value) if isinstance(value, str) else value for key, value in dataset.attrs.items()}
+    return made
 
 
 def write_blocks(path: Path, blocks: Iterable[Dataset], along: str) -> None:
@@ -181,6 +198,11 @@ def write_blocks(path: Path, blocks: Iterable[Dataset], along: str) -> None:
     along : str
         The dimension.
     """
+    with named_plainly(path) as name:
+        _write_blocks(name, map(_encodable, blocks), along)
+
+
+def _write_blocks(path: Path, blocks: Iterable[Dataset], along: str) -> None:
     from netCDF4 import Dataset as File
 
     size = 0

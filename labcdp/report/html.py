@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from base64 import b64encode
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import quote_from_bytes
 
 from ..core.result import unique
 from ..core.table import Table
@@ -70,6 +72,8 @@ def environment() -> Environment:
         "block_kind": lambda block: "paragraph" if isinstance(block, str) else type(block).__name__,
         "cells": _cells,
         "lines": lines,
+        # As browsers ask for names of files, which may be no UTF-8.
+        "urlencode": lambda path: quote_from_bytes(os.fsencode(str(path))),
     }
     return environment
 

@@ -11,11 +11,11 @@ import struct
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from shlex import quote
 
 import numpy as np
 
 from ..core.disk import open_regular, parse_json, reason
+from ..core.disk.files import shell_word
 from ..core.disk.tiff import open_tiff, pixels_of
 from ..core.errors import InputError, SessionError
 from ..core.frame import Frame
@@ -55,7 +55,7 @@ def _again(folder: Path, stored: StoredFile) -> str:
     remedy = "restore it from a copy of the session"
     if not stored.name.startswith(f"{FRAMES}/"):
         return remedy
-    command = f"labcdp acquire {quote(str(folder / 'session.toml'))} {quote(str(folder))} --replace-damaged"
+    command = f"labcdp acquire {shell_word(folder / 'session.toml')} {shell_word(folder)} --replace-damaged"
     return f"{remedy}, or record it again, with the options of its devices: {command}"
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from threading import Thread
 from typing import Any
 
-from ..core.errors import InputError
+from ..core.errors import InputError, printable
 from .gate import TOKEN, Gate, guard
 
 _log = logging.getLogger(__name__)
@@ -156,7 +156,7 @@ class Server:
             if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
                 self._loop.add_signal_handler(number, stopped.set)
         application = BokehTornado(
-            build_applications({"/": self._tab}, title=site.title, location=False),
+            build_applications({"/": self._tab}, title=printable(site.title), location=False),
             # The gate checks the origin of every request, also behind a tunnel with another port.
             extra_websocket_origins=["*"],
             extra_patterns=[*get_static_routes({}), results_route(site.results)],

@@ -308,3 +308,26 @@ def test_other_images_are_refused_for_a_session(tmp_path):
         tifffile.imwrite(tmp_path / "a.tif", pixels, photometric="rgb" if pixels.ndim == 3 else "minisblack")
         with pytest.raises(InputError):
             read_image(tmp_path / "a.tif", pixel_format("BayerGB12"), PictureOptions(exposure_s=0.01))
+
+
+@pytest.mark.parametrize("name", ["Pr\udcfcf", "a\n\x1bb", "10:15 %03d *", "-", "x" * 250])
+def test_a_picture_may_have_any_name(tmp_path, name):
+    dn = np.arange(1200, dtype=np.uint16).reshape(30, 40)
+    kinds = {
+        "png": lambda path: path.write_bytes(cv2.imencode(".png", dn)[1].tobytes()),
+        "tif": lambda path: tifffile.imwrite(path, dn),
+        "npy": lambda path: np.save(path, dn),
+        "dng": lambda path: write_dng(path, dn),
+        "exr": lambda path: path.write_bytes(exr_file(tmp_path / "plain.exr", dn.astype(np.float32))),
+    }
+    for suffix, write in kinds.items():
+        path = tmp_path / f"{name}.{suffix}"
+        write(path)
+        picture = read_picture(path, PictureOptions(bit_depth=16))
+        assert np.array_equal(picture.light if picture.frame is None else picture.frame.dn, dn)
+
+
+def exr_file(path, values):
+    with OpenEXR.File({"type": OpenEXR.scanlineimage}, {"Y": values}) as file:
+        file.write(str(path))
+    return path.read_bytes()

@@ -7,7 +7,6 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from itertools import groupby
 from pathlib import Path
-from shlex import quote
 
 import typer
 
@@ -17,7 +16,7 @@ from ...acquire.control import holds_something, no_bare_session
 from ...acquire.import_check import ImportFile
 from ...acquire.import_files import import_session
 from ...core.clock import Clock, SimulatedClock, SystemClock
-from ...core.disk.files import shown
+from ...core.disk.files import shell_word, shown
 from ...core.errors import InputError, SessionError
 from ...core.result import InputFile, Quantity, Result, quantity_table
 from ...core.table import Column, Table
@@ -73,7 +72,7 @@ def acquire(
     for hand, of_hand in groupby(left, key=lambda thing: thing.hand):
         following.append(f"Remaining manual step, {hand}: {', '.join(thing.what for thing in of_hand)}")
     resumed = "Resume with the same command without --unattended"
-    following.append(resumed if left else f"Next: labcdp calibrate {quote(str(session))}")
+    following.append(resumed if left else f"Next: labcdp calibrate {shell_word(session)}")
     print_result(Result("acquire", str(session), tables, inputs=inputs, simulated=simulated), *following)
 
 
@@ -228,7 +227,7 @@ def import_files(
     inputs = (InputFile.of("configuration", configuration), InputFile.of("readings", readings))
     table = quantity_table("imported", f"Imported into {session}", counts)
     result = Result("import", str(session), (table,), done.findings, inputs)
-    print_result(result, f"Next: labcdp calibrate {quote(str(session))}")
+    print_result(result, f"Next: labcdp calibrate {shell_word(session)}")
 
 
 def _of_patch(text: str) -> tuple[str, str]:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from ...core.disk.files import plain_name
 from ...core.errors import InputError
 from ...core.result import Finding, Result, info
 from ...core.table import Column, Table
@@ -69,7 +70,7 @@ class RegionFiles:
         roi = self.roi if page else None
         name = file.name if file.is_dir() else file.stem
         edited = roi if roi is not None and roi.suffix == ".json" else None
-        target = self.output or edited or file.parent / f"{name or 'video'}.rois.json"
+        target = self.output or edited or file.parent / f"{plain_name(name) or 'video'}.rois.json"
         if target.parent.is_dir() and not os.access(target.parent, os.W_OK):
             raise InputError(f"{target.parent} may not be written to: give --output in another folder")
         # A region file of labcdp is edited in place; other programs' files are never.

@@ -12,6 +12,8 @@ from difflib import get_close_matches
 from io import BufferedRandom, BufferedReader
 from os import PathLike
 from pathlib import Path
+from shlex import quote
+from tempfile import TemporaryDirectory
 from typing import TypeAlias
 
 from ..errors import InputError, printable
@@ -222,6 +224,37 @@ def require_regular(path: AnyPath, what: str) -> int:
     """
     with reading(path, what), open_regular(path) as file:
         return os.fstat(file.fileno()).st_size
+
+
+def plain_name(name: str) -> str:
+    """Return the name of a file for another one that is written: what cannot be printed as its digits."""
+    return name if name.isprintable() else printable(name).replace("\\", "-")
+
+
+def shell_word(path: AnyPath) -> str:
+    r"""Return a path as a shell takes it, in one printable line: what cannot be printed as in ``$'Pr\\xfcf.png'``."""
+    text = os.fspath(path)
+    if text.isprintable():
+        return quote(text)
+    marks = {"\\": "\\\\", "'": "\\'"}
+    return f"$'{''.join(marks.get(one) or printable(one) for one in text)}'"
+
+
+#: What libraries take for patterns, numbers and protocols in a name, on systems that allow them.
+_MARKS = frozenset("%*?:|") if os.name == "posix" else frozenset()
+
+
+@contextmanager
+def named_plainly(path: AnyPath) -> Iterator[Path]:
+    """Give a name of a file, there or to be made, to libraries that take UTF-8 only, or patterns: a link if need be."""
+    full = os.path.abspath(path)
+    if full.isprintable() and not _MARKS.intersection(full):
+        yield Path(path)
+        return
+    with TemporaryDirectory(prefix="labcdp-") as folder:
+        link = Path(folder, f"file{plain_name(Path(path).suffix)}")
+        link.symlink_to(full)
+        yield link
 
 
 def real_path(path: AnyPath) -> Path:

@@ -11,7 +11,7 @@ from pathlib import Path
 from time import monotonic
 from typing import IO, Any
 
-from ..errors import InputError
+from ..errors import InputError, encodable
 from .documents import parse_json
 from .files import open_regular, reason
 
@@ -67,7 +67,7 @@ class LineJournal:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             journal = cls(path, open_regular(path, writable=True))
-            journal._begin(json.loads(json.dumps(dict(head))), what)
+            journal._begin(stored_values(head), what)
         except OSError as error:
             raise InputError(f"{path} cannot be used ({reason(error)}): give a folder you can write to") from error
         return journal
@@ -164,6 +164,21 @@ class LineJournal:
         self._file.flush()
 
 
+def stored_values(values: Mapping[str, Any]) -> Row:
+    """Return values as they are read back from a journal."""
+    row: Row = _encodable(json.loads(json.dumps(dict(values))))
+    return row
+
+
+def _encodable(values: Any) -> Any:
+    """Values JSON can hold, with what UTF-8 cannot encode escaped."""
+    if isinstance(values, Mapping):
+        return {encodable(str(key)): _encodable(value) for key, value in values.items()}
+    if isinstance(values, list | tuple):
+        return [_encodable(value) for value in values]
+    return encodable(values) if isinstance(values, str) else values
+
+
 def recorded_head(path: Path) -> Row | None:
     """Return what a journal was begun with, None if there is no journal with a result."""
     try:
@@ -180,7 +195,11 @@ def encoded(values: Mapping[str, Any], before: str = "", *, allow_nan: bool = Tr
     Floats are written so that they are read back bit for bit. ValueError is raised for nan and infinities unless they
     are allowed, and TypeError or ValueError for what JSON has not.
     """
-    body = json.dumps(values, ensure_ascii=False, allow_nan=allow_nan).encode()
+    text = json.dumps(values, ensure_ascii=False, allow_nan=allow_nan)
+    try:
+        body = text.encode()
+    except UnicodeEncodeError:
+        body = json.dumps(_encodable(values), ensure_ascii=False, allow_nan=allow_nan).encode()
     check = hashlib.sha256(before.encode() + body).hexdigest()
     return body[:-1] + f', "check": "{check}"}}\n'.encode(), check
 

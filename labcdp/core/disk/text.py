@@ -12,7 +12,7 @@ from datetime import date
 from math import isfinite
 from typing import Any
 
-from ..errors import InputError
+from ..errors import InputError, encodable
 from .files import AnyPath, quoted, read_bytes, reason
 
 
@@ -22,16 +22,19 @@ def results_json(values: Any) -> str:
 
 
 def json_values(values: Any) -> Any:
-    """Return what JSON can hold: no types of NumPy; infinity and nan become null, anything unknown its text."""
+    """Return what JSON can hold: no types of NumPy; infinity and nan become null, anything unknown its text.
+
+    Texts are such as UTF-8 can encode.
+    """
     if isinstance(values, Mapping):
-        return {str(key): json_values(value) for key, value in values.items()}
+        return {encodable(str(key)): json_values(value) for key, value in values.items()}
     if isinstance(values, list | tuple):
         return [json_values(value) for value in values]
     if hasattr(values, "tolist"):
         return json_values(values.tolist())
     if isinstance(values, float) and not isfinite(values):
         return None
-    return values if isinstance(values, str | int | float | bool) or values is None else str(values)
+    return values if isinstance(values, int | float | bool) or values is None else encodable(str(values))
 
 
 _BARE_KEY = re.compile("[A-Za-z0-9_-]+")

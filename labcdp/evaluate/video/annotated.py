@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.disk.files import named_plainly, plain_name
 from ...core.errors import InputError
 from ...output.file import put_in_place, temporary_name, write_file, writing
 from ...report.text import fixed
@@ -134,7 +135,8 @@ class AnnotatedVideo:
         height, width = picture.shape[:2]
         # MPEG-4 part 2: every player knows it, and OpenCV brings it everywhere.
         codec = cv2.VideoWriter.fourcc(*"mp4v")
-        self._writer = cv2.VideoWriter(str(self._unfinished), codec, fps, (width, height))
+        with named_plainly(self._unfinished) as name:
+            self._writer = cv2.VideoWriter(str(name), codec, fps, (width, height))
         if not self._writer.isOpened():
             raise InputError(
                 f"{self._path.name} cannot be written as an MPEG-4 video of {width} x {height} pixels: give a folder "
@@ -146,9 +148,10 @@ class AnnotatedVideo:
         """Compare what is in the file with what was written: OpenCV does not report a full disk."""
         import cv2
 
-        reader = cv2.VideoCapture(str(self._unfinished))
-        n_frames = int(reader.get(cv2.CAP_PROP_FRAME_COUNT)) if reader.isOpened() else 0
-        reader.release()
+        with named_plainly(self._unfinished) as name:
+            reader = cv2.VideoCapture(str(name))
+            n_frames = int(reader.get(cv2.CAP_PROP_FRAME_COUNT)) if reader.isOpened() else 0
+            reader.release()
         if n_frames != self._n_frames:
             raise InputError(
                 f"{self._path.name} would have {n_frames} of {self._n_frames} frames: give a folder on a disk with "
@@ -173,7 +176,7 @@ class FrameImages:
     @classmethod
     def of_video(cls, folder: Path, video: Path) -> FrameImages:
         """Put the images of a video into a folder of its name below `folder`."""
-        return cls(folder / (video.stem or "video"))
+        return cls(folder / (plain_name(video.stem) or "video"))
 
     def __call__(
         self, number: int, grey: NDArray[np.uint8], regions: Sequence[TrackedRoi], row: Mapping[str, Any]

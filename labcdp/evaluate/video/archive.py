@@ -19,6 +19,7 @@ from pydantic import BaseModel, ConfigDict
 from ...core.cluster import Workers
 from ...core.computer import Processes
 from ...core.disk import open_regular, read_json, validated_as
+from ...core.disk.files import plain_name
 from ...core.disk.text import results_json
 from ...core.errors import InputError, LabcdpError
 from ...core.result import Finding, warning
@@ -171,7 +172,7 @@ def archive_tasks(videos: Sequence[Path], folder: Path, parts: Sequence[str] = (
     ends = {part: f"-{number}-{name}" for number, (part, name) in enumerate(zip(parts, named, strict=True), start=1)}
     below = Path(os.path.abspath(folder))
     return tuple(
-        ArchiveTask.of(path, below / f"{name}{end}", part)
+        ArchiveTask.of(path, below / f"{plain_name(name)}{end}", part)
         for path, name in zip(paths, names, strict=True)
         for part, end in (ends or {"": ""}).items()
     )

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ...core.disk import parse_json
 from ...core.disk.journal import Row
+from ...core.disk.text import json_values
 from ...core.errors import InputError
 from ...core.result import Finding
 from ...core.table import Column, attributes_of
@@ -72,7 +73,7 @@ def names(columns: tuple[Column, ...]) -> tuple[str, ...]:
 
 def as_json(values: Any) -> str:
     """Attribute of a dataset that holds more than a text or a number."""
-    return json.dumps(values, ensure_ascii=False, sort_keys=True)
+    return json.dumps(json_values(values), ensure_ascii=False, sort_keys=True)
 
 
 def recorded(findings: Iterable[Finding]) -> list[dict[str, Any]]:

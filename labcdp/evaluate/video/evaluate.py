@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
@@ -11,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ...core.disk.files import shown
-from ...core.disk.journal import recorded_head
+from ...core.disk.journal import recorded_head, stored_values
 from ...core.errors import InputError
 from ...core.result import Finding, InputFile, info, warning
 from ...files.frame import no_exposure
@@ -227,7 +226,7 @@ def require_same_evaluation(folders: Iterable[Path], settings: VideoSettings) ->
     InputError
         If one does.
     """
-    head = json.loads(json.dumps(evaluation_head(settings, make_reference(settings))))
+    head = stored_values(evaluation_head(settings, make_reference(settings)))
     for folder in folders:
         recorded = recorded_head(folder / JOURNAL)
         if recorded is not None and any(recorded.get(name) != value for name, value in head.items()):

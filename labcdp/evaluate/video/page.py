@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...core.disk.files import named_plainly
 from ...core.result import Result
 from ...core.table import Column, Table
 from ...output import Destination, open_results
@@ -167,7 +168,7 @@ def write_video(results: Dataset | VideoRows, folder: Destination) -> Result:
         netcdf, spreadsheet = files.path("results.nc"), files.path("results.xlsx")
         with writing(files.folder):
             write_blocks(netcdf, blocks, "frame")
-            with xr.open_dataset(netcdf, engine="netcdf4", cache=False) as dataset:
+            with named_plainly(netcdf) as name, xr.open_dataset(name, engine="netcdf4", cache=False) as dataset:
                 result = video_result(dataset)
                 figure = over_time(dataset, result)
                 page = render_page(video_page(dataset, result, figure))

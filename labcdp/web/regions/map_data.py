@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import InputError
+from ...core.errors import InputError, printable
 from ...core.luminance import LuminanceMap
 from ...files.luminance_file import SUFFIXES, save_luminance
 from ...output import write_file
@@ -78,7 +78,7 @@ def dataset_image(path: Path) -> PageImage:
     with np.errstate(divide="ignore", invalid="ignore"):
         random_rel = dataset["u_luminance"].to_numpy() / np.abs(light)
     luminance = LuminanceMap(light, random_rel, (), dataset["invalid"].to_numpy().astype(np.uint8))
-    return PageImage(path.name, light, False, None, luminance, str(dataset.attrs.get("unit", "relative")))
+    return PageImage(printable(path.name), light, False, None, luminance, str(dataset.attrs.get("unit", "relative")))
 
 
 #: Most points along the longer side of the map of which isolines are made, and fewest points of a line that is shown:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import InputError
+from ...core.errors import InputError, printable
 from ...core.luminance import WHOLE, Invalid, LuminanceMap, Window
 from ...core.result import Finding, unique
 from ...core.roi import Roi
@@ -80,7 +80,7 @@ class PageImage:
     def of(cls, picture: Picture, conversion: PictureConversion) -> PageImage:
         """Convert a picture; raises CalibrationError and InputError as the conversion does."""
         light, findings = conversion.luminance(picture), unique(conversion.findings(picture))
-        name, unit = picture.path.name, conversion.unit_of(picture)
+        name, unit = printable(picture.path.name), conversion.unit_of(picture)
         if picture.frame is not None:
             return cls.of_frame(name, picture.frame, light, unit, findings)
         assert picture.light is not None, "a picture has a frame or light"
@@ -252,7 +252,7 @@ def video_image(path: Path, at: Position, conversion: PictureConversion) -> Page
 
     source, conversion = opened_video(path, conversion)
     number, frame = _frame(source, at)
-    name = f"{path.name or path.resolve().name}, frame {number}"
+    name = printable(f"{path.name or path.resolve().name}, frame {number}")
     findings = unique((*source.findings, *conversion_findings(conversion, source)))
     return PageImage.of_frame(name, frame, conversion.convert(frame), conversion.unit, findings)
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ....core.disk.text import json_values
 from ....core.result import InputFile, Quantity, Result, info, quantity_table, unique
 from ....core.table import Z_95, Column, Table, uncertain
 from ....metrics import DetectionInterval
@@ -217,6 +218,6 @@ def contrast_map_dataset(found: ContrastMap, source: PictureSource, result: Resu
             "image_pixels_per_label": step,
             "detected_edges": seen if several else seen[0],
             "lost_edges": lost if several else lost[0],
-            "configuration": json.dumps(dict(result.configuration), ensure_ascii=False),
+            "configuration": json.dumps(json_values(result.configuration), ensure_ascii=False),
         },
     )

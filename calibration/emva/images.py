@@ -104,13 +104,13 @@ def _require_shape(path: Path, height: int, width: int, shape: tuple[int, int]) 
 def _tiff(data: bytes, path: Path, shape: tuple[int, int]) -> NDArray[Any]:
     with open_tiff(data, path) as file:
         if not file.pages:
-            raise _damaged(path)
+            raise InputError(f"{path} holds no picture: give a TIFF with one")
         page = file.pages.first.aspage()
         if int(page.compression) in _LOSSY_TIFF:
             raise InputError(f"{path} is compressed with loss, which alters the noise: give PNG or TIFF files")
         _require_shape(path, page.imagelength, page.imagewidth, shape)
         if any(a + n > len(data) for a, n in zip(page.dataoffsets, page.databytecounts, strict=False)):
-            raise _damaged(path)
+            raise InputError(f"{path} is truncated: its pixels reach beyond its {len(data)} bytes: copy it again")
         image = pixels_of(page, path)
     return image.astype(image.dtype.newbyteorder("="), copy=False)
 

@@ -69,7 +69,7 @@ def describe_workbook(path: Path) -> Description:
     """Describe a spreadsheet that labcdp wrote; raises InputError for any other."""
     data = read_bytes(path, "a spreadsheet of labcdp", _MOST_BYTES)
     with (
-        damage_reported(f"{path} is damaged or no spreadsheet", ": give one that labcdp wrote (.xlsx)"),
+        damage_reported(f"{path} cannot be read as a spreadsheet", ": give one that labcdp wrote (.xlsx)"),
         zipfile.ZipFile(BytesIO(data)) as parts,
     ):
         about, book = (_beginning(parts, name) for name in ("docProps/core.xml", "xl/workbook.xml"))

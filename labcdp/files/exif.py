@@ -58,8 +58,8 @@ class ExifFacts:
         return 20 * log10(self.iso / _ISO_OF_0_DB) if self.iso else None
 
 
-def read_exif(data: bytes, path: Path) -> ExifFacts:
-    """Read the tags, and check that all pixels they point to are in the file.
+def read_exif(data: bytes, path: Path, whole: bool = True) -> ExifFacts:
+    """Read the tags, and check that all pixels they point to are in the file if it is the whole one.
 
     Parameters
     ----------
@@ -67,6 +67,8 @@ def read_exif(data: bytes, path: Path) -> ExifFacts:
         The whole file, or the EXIF block of one.
     path : Path
         For messages.
+    whole : bool
+        Whether `data` is the whole file; the block of one may name pixels of another, of which it was made.
 
     Returns
     -------
@@ -90,7 +92,7 @@ def read_exif(data: bytes, path: Path) -> ExifFacts:
     # tifffile meets a damaged directory with whatever its parts raise.
     except Exception:
         return ExifFacts()
-    for tags in directories:
+    for tags in directories if whole else ():
         _require_whole(tags, len(data), path)
     # The first directory that has a tag counts.
     merged = {code: value for tags in reversed(directories) for code, value in tags.items()}

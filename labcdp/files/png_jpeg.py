@@ -70,7 +70,7 @@ def _facts(header: Any, path: Path) -> ExifFacts:
     from PIL import ExifTags
 
     block = header.info.get("exif")
-    facts = read_exif(block.removeprefix(b"Exif\0\0"), path) if isinstance(block, bytes) else ExifFacts()
+    facts = read_exif(block.removeprefix(b"Exif\0\0"), path, whole=False) if isinstance(block, bytes) else ExifFacts()
     try:
         # Of PNG some programs write EXIF as a text (ImageMagick), or the orientation as XMP.
         orientation = header.getexif().get(ExifTags.Base.Orientation, 1)
@@ -163,7 +163,8 @@ def read_jpeg(data: bytes, path: Path, max_pixels: int) -> StoredImage:
 def _jpeg_segments(data: bytes) -> Iterator[tuple[int, int]]:
     """Marker and place of each segment up to the end mark, or where the data stop being such (ITU-T T.81, B.1)."""
     at = 2
-    while at + 1 < len(data) and data[at] == 0xFF:
+    # What no marker begins is passed over, as by other readers.
+    while 0 < (at := data.find(b"\xff", at)) < len(data) - 1:
         marker = data[at + 1]
         if marker == 0xFF:
             # Markers may be filled up.

@@ -112,9 +112,9 @@ def _black(
     per_value: float,
 ) -> tuple[tuple[float, BlackPattern | None], tuple[Finding, ...]]:
     """Black level of the visible part and the pattern around it: by the tags of DNG, masked pixels, or LibRaw."""
-    if stated is None or not stated.is_dng:
-        found = BlackPattern.split(of_libraw)
-        return found, pattern_findings(found[1]) if of_libraw.shape != (2, 2) else ()
+    beyond_colours = stated is not None and stated.beyond_colours
+    if stated is None or not (stated.is_dng or beyond_colours):
+        return BlackPattern.split(of_libraw), ()
     measured = masked_level(whole, stated.masked, (2, 2)) if stated.masked else None
     black = stated.black_of(corner, shape, path, per_value)
     if black is None and measured is not None:
@@ -123,9 +123,6 @@ def _black(
     if black is None:
         black = BlackPattern.split(of_libraw)
     doubts = () if measured is None else masked_findings(black[0], float(measured.mean()), white - black[0])
-    beyond_colours = stated.black is not None and (
-        stated.black[0].size > 4 or any(one is not None for one in stated.black[1:])
-    )
     return black, (*stated.findings, *(pattern_findings(black[1]) if beyond_colours else ()), *doubts)
 
 
@@ -142,7 +139,9 @@ def _opened(data: bytes, path: Path) -> Iterator[Any]:
                 )
             yield raw
     except rawpy.LibRawFileUnsupportedError as error:
-        raise InputError(f"{path} is not a camera RAW file that LibRaw knows: give one, or a TIFF or PNG") from error
+        raise InputError(
+            f"{path} is not a camera RAW file that LibRaw knows: give one, or convert it to 16-bit TIFF"
+        ) from error
     except rawpy.LibRawError as error:
         text = error.args[0] if error.args else error
         why = text.decode() if isinstance(text, bytes) else str(text)

@@ -93,6 +93,14 @@ class SensorTags:
     masked: tuple[tuple[int, ...], ...]
     findings: tuple[Finding, ...]
 
+    @property
+    def beyond_colours(self) -> bool:
+        """Whether black levels are stated that differ by more than the colour of the pixel."""
+        if self.black is None:
+            return False
+        group, *lines = self.black
+        return max(group.shape) > 2 or any(one is not None for one in lines)
+
     def black_of(
         self, corner: tuple[int, int], shape: tuple[int, int], path: Path, per_value: float = 1.0
     ) -> tuple[float, BlackPattern | None] | None:

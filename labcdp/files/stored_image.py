@@ -158,11 +158,11 @@ def require_size(path: Path, width: int, height: int, max_pixels: int) -> None:
         If it has no pixel, or more than `max_pixels`.
     """
     if width < 1 or height < 1:
-        raise InputError(f"{path} announces {width} x {height} pixels: it is damaged, save it again")
+        raise InputError(f"{path} announces {width} x {height} pixels: give a picture with some")
     if width * height > max_pixels:
         raise InputError(
-            f"{path} announces {width} x {height} pixels, more than the limit of {max_pixels / 1e6:g} megapixels: it "
-            "is damaged or not meant for this; raise the limit if it is really that large"
+            f"{path} announces {width} x {height} pixels, more than the limit of {max_pixels / 1e6:g} megapixels: "
+            "give a smaller part of it, or raise the limit if it is really that large"
         )
 
 

@@ -100,7 +100,7 @@ def read_list(folder: Path) -> FileList | None:
     try:
         return validated_as(FileList, values)
     except InputError as error:
-        raise InputError(f"{path} is damaged ({error}): {remedy}") from error
+        raise InputError(f"{path} is not as labcdp wrote it ({error}): {remedy}") from error
 
 
 def check_file(

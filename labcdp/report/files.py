@@ -89,7 +89,9 @@ def whole_result(path: Path, content: Any) -> WrittenResult:
             if any(set(row) != names for row in table.rows):
                 raise InputError(f"table {name!r} has rows that do not fit its columns")
     except InputError as error:
-        raise InputError(f"{path} is damaged ({error}): restore it from a copy, or evaluate again") from error
+        raise InputError(
+            f"{path} is not as labcdp writes results ({error}): restore it from a copy, or evaluate again"
+        ) from error
     return found
 
 
@@ -240,7 +242,7 @@ def read_dataset(path: Path, what: str) -> Dataset:
         dataset: Dataset = read_in_child(f"{__name__}:_load", data)
     except InputError as error:
         raise InputError(
-            f"{path} is damaged or no NetCDF file ({error}): restore it from a copy, or make the {what} again"
+            f"{path} cannot be read as NetCDF ({error}): restore it from a copy, or make the {what} again"
         ) from error
     return dataset
 

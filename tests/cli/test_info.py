@@ -42,7 +42,7 @@ def test_every_file_of_results_is_named(results, inputs, capsys):
 def test_incomplete_results_are_called_damaged(results, tmp_path, damage):
     content = json.loads((results / "out/results.json").read_text())
     (tmp_path / "results.json").write_text(json.dumps(content | damage))
-    with pytest.raises(InputError, match=r"results\.json is damaged"):
+    with pytest.raises(InputError, match=r"results\.json is not as labcdp writes results"):
         app(["info", str(tmp_path / "results.json")], standalone_mode=False)
     name = next(iter(content["tables"]))
     content["tables"][name]["rows"][0].popitem()

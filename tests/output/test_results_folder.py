@@ -122,7 +122,10 @@ def linked(folder):
         (lambda folder: (folder / "mine.png").mkdir(parents=True), f"has files and no {LIST_FILE}"),
         (changed, "x was changed since labcdp wrote it"),
         (linked, "x was changed since labcdp wrote it"),
-        (lambda folder: changed(folder, LIST_FILE, '{"format": "labcdp-files", "version": 1}'), "is damaged"),
+        (
+            lambda folder: changed(folder, LIST_FILE, '{"format": "labcdp-files", "version": 1}'),
+            "is not as labcdp wrote it",
+        ),
         (lambda folder: write(folder, {"x": b"1"}, "video"), "has results of labcdp video"),
         (lambda folder: folder.write_text("mine"), "is not a folder"),
         (lambda folder: folder.symlink_to("nowhere"), "is not a folder"),

@@ -63,7 +63,10 @@ def require_end(data: bytes, path: Path) -> None:
                 "again"
             )
         if len(seen) == MOST_PAGES:
-            raise InputError(f"{path} holds more than {MOST_PAGES} pages: give files of one picture each")
+            raise InputError(
+                f"{path} holds more than {MOST_PAGES} pages, which labcdp does not read: split it, or convert it to a "
+                "video in FFV1"
+            )
         seen.add(directory)
         if directory + count_size > len(data):
             return
@@ -114,7 +117,11 @@ def pixels_of(page: Any, path: Path) -> NDArray[Any]:
     """
     segments = list(zip(page.dataoffsets, page.databytecounts, strict=False))
     if sum(1 for offset, count in segments if offset and count) < prod(page.chunked):
-        raise InputError(f"{path} is damaged: it has data for a part of its pixels only: copy it again")
+        # Programs of maps leave out parts without data (GDAL, SPARSE_OK).
+        raise InputError(
+            f"{path} has data for a part of its pixels only, as it is cut off or made without empty parts: copy it "
+            "again, or save it in full"
+        )
     samples = page.samplesperpixel if page.planarconfig == 1 else 1
     columns, rows = page.tilewidth, page.tilelength
     if not page.is_tiled:

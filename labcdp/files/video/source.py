@@ -176,7 +176,9 @@ def _roots() -> NDArray[np.uint8]:
 def require_frames(found: bool, path: Path) -> None:
     """Raise InputError if nothing of a video could be read."""
     if not found:
-        raise InputError(f"{path} holds no frame that can be read: copy it again, or give another video")
+        raise InputError(
+            f"{path} holds no frame that can be read: if another program shows it, convert it to FFV1 or MJPEG"
+        )
 
 
 def size_differs(shape: tuple[int, int], expected: tuple[int, int]) -> Finding:

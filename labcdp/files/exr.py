@@ -16,7 +16,8 @@ from ..core.disk.files import named_plainly
 from ..core.errors import InputError
 from ..core.result import Finding, info
 from .exif import positive_number
-from .stored_image import BT709_LUMINANCE, StoredImage, decoder_messages, real_numbers, require_size
+from .stored_image import StoredImage, decoder_messages, real_numbers, require_size
+from .transfer import BT709_LUMINANCE, Weights, luminance_weights
 
 EXR = b"\x76\x2f\x31\x01"
 #: Channels of a picture of the largest size, and of any.
@@ -44,7 +45,7 @@ def read_exr(_data: bytes, path: Path, max_pixels: int) -> StoredImage:
         changes.append(info("data-window"))
     luminance = next((channels[name] for name in _LUMINANCE if name in channels), None)
     if luminance is None and set("RGB") <= set(channels):
-        weights, change = luminance_weights(header)
+        weights, change = weights_of_header(header)
         # Infinite and undefined values stay so.
         with np.errstate(invalid="ignore"):
             luminance = np.tensordot(
@@ -125,23 +126,13 @@ def _opened(path: Path, **how: bool) -> Iterator[Any]:
         ) from error
 
 
-def luminance_weights(header: dict[str, Any]) -> tuple[tuple[float, float, float], Finding]:
+def weights_of_header(header: dict[str, Any]) -> tuple[Weights, Finding]:
     """Weights of red, green and blue in luminance: by the chromaticities of the file, else ITU-R BT.709."""
     given = header.get("chromaticities")
-    usual = BT709_LUMINANCE, info("colour-to-grey")
-    if given is None:
-        return usual
-    xy = np.array(given, dtype=float).reshape(-1, 2)
-    # Primaries may be no colours: y is 0 for X and Z, and below 0 for the blue of ACES.
-    if xy.shape != (4, 2) or not (np.isfinite(xy).all() and xy[3, 1] > 0):
-        return usual
-    xyz = np.column_stack([xy, 1 - xy.sum(axis=1)])
-    try:
-        # Luminances of the primaries that add up to the white point (SMPTE RP 177-1993).
-        weights = np.linalg.solve(xyz[:3].T, xyz[3] / xy[3, 1]) * xy[:3, 1]
-    except np.linalg.LinAlgError:
-        return usual
-    return (float(weights[0]), float(weights[1]), float(weights[2])), info("colour-to-grey-by-file")
+    weights = None if given is None else luminance_weights(np.array(given, dtype=float).reshape(-1, 2).tolist())
+    if weights is None:
+        return BT709_LUMINANCE, info("colour-to-grey")
+    return weights, info("colour-to-grey-by-file")
 
 
 def exr_text(path: Path, max_pixels: int) -> dict[str, Any] | None:

@@ -193,11 +193,7 @@ def scale_of(values: NDArray[Any], bits: int, options: PictureOptions, source: s
     given, largest = options.stated_bits, int(values.max())
     if given is None:
         return guessed_scale(largest, int(np.bitwise_or.reduce(values, axis=None)), bits)
-    if largest >= 2**given:
-        raise InputError(
-            f"{source} has values up to {largest}, above {given} bits: give the bit depth it was written with"
-        )
-    return Scale(given, 2.0**given - 1)
+    return Scale(given, 2.0**given - 1).for_values(values, source)
 
 
 def make_frame(
@@ -246,6 +242,15 @@ class Scale:
     bits: int
     saturation_dn: float
     findings: tuple[Finding, ...] = ()
+
+    def for_values(self, values: NDArray[Any], source: str) -> Scale:
+        """Return it for values that are on it; raises InputError, naming their `source`, for others."""
+        if int(values.max()) >= 2**self.bits:
+            raise InputError(
+                f"{source} has values up to {values.max()}, above {self.bits} bits: give the bit depth it was written "
+                "with"
+            )
+        return self
 
 
 def guessed_scale(largest: int, in_use: int, bits: int) -> Scale:

@@ -17,7 +17,8 @@ from ..core.frame import CameraIdentity, Frame
 from ..core.luminance import LuminanceMap
 from ..core.result import Finding, warning
 from .exif import ExifFacts
-from .stored_image import MAX_PIXELS, Encoding
+from .stored_image import MAX_PIXELS
+from .transfer import Encoding
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +74,8 @@ class Picture(PictureFile):
         Values of a file of floats, None for integers.
     light_is_cd_m2 : bool
         Whether the file says that the floats are luminance in cd/m^2.
-    encoding : {'linear', 'srgb'}
-        How the values of the file are encoded, by its kind or as requested.
+    encoding : str
+        How the values of the file are encoded, as it states, by its kind or as requested.
     findings : tuple of Finding
         What was done with the values, and what the user gave that the file contradicts or that cannot count for it.
     exposure_known : bool
@@ -123,8 +124,8 @@ class PictureOptions:
         Width and height of raw dumps.
     saturation_dn, black_level_dn : float or None
         DN from which a pixel is saturated, and of dark signal; None for the highest DN, and for 0.
-    encoding : {'linear', 'srgb', 'bt709'} or None
-        How values are encoded; None for what the file or its kind suggests.
+    encoding : str or None
+        How values are encoded, see `labcdp.files.transfer`; None for what the file states or its kind suggests.
     overrides : frozenset of str
         Names of the options that the user gave explicitly: these count before what a file says, with a finding where
         it says otherwise or the option cannot count. The others count where the file does not say.

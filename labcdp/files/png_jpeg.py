@@ -6,7 +6,6 @@ import re
 from collections.abc import Iterator
 from dataclasses import replace
 from io import BytesIO
-from math import isclose
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +19,9 @@ from ..core.dn import pixel_format
 from ..core.errors import InputError, naming
 from ..core.result import Finding, info, warning
 from .exif import ExifFacts, read_exif
+from .statements import stated_by_exif, stated_by_png, stated_by_profile, with_statement
 from .stored_image import (
-    ENCODING_NAMES,
     SCREEN_BITS,
-    Encoding,
     StoredImage,
     decoder_messages,
     real_numbers,
@@ -37,8 +35,6 @@ PNG = b"\x89PNG\r\n\x1a\n"
 _PNG_END = b"IEND\xaeB`\x82"
 #: Colour types (ISO/IEC 15948:2004, table 11.1).
 _GREY, _PALETTE, _GREY_ALPHA = 0, 3, 4
-#: gAMA of sRGB values (ISO/IEC 15948:2004, 11.3.3.5), which some write as 0.45454.
-_GAMMA_SRGB, _ROUNDED = 0.45455, 0.0005
 
 
 def read_png(data: bytes, path: Path, max_pixels: int) -> StoredImage:
@@ -62,8 +58,15 @@ def read_png(data: bytes, path: Path, max_pixels: int) -> StoredImage:
         values = imagecodecs.png_decode(data)
     depth, colour_type = data[24], data[25]
     values, bits, changes = _resolved(values, depth, colour_type)
-    encoding, doubts = _encoding(header.info, values.ndim == 3, bits)
-    return StoredImage(values, bits, encoding, _facts(header, path), changes, doubts).upright()
+    coloured, chunks = values.ndim == 3, _chunks(data)
+    statement = stated_by_png(chunks, header.info.get("icc_profile"), coloured, bits)
+    doubts = [warning("png-calibration-not-used")] if b"pCAL" in chunks else []
+    if statement.by == "its chunk cICP" and chunks[b"cICP"][3] == 0 and bits >= SCREEN_BITS:
+        values, changes = _full_range(values, bits), (*changes, info("limited-range"))
+    if not statement.states_curve and not coloured and bits <= SCREEN_BITS:
+        doubts.append(info("linear-assumed"))
+    stored = StoredImage(values, bits, "linear", _facts(header, path), changes, tuple(doubts))
+    return with_statement(stored, statement, "srgb" if coloured else "linear").upright()
 
 
 def _facts(header: Any, path: Path) -> ExifFacts:
@@ -94,20 +97,24 @@ def _resolved(values: NDArray[Any], depth: int, colour_type: int) -> tuple[NDArr
     return np.ascontiguousarray(values), bits, tuple(changes)
 
 
-def _encoding(about: dict[Any, Any], coloured: bool, bits: int) -> tuple[Encoding, tuple[Finding, ...]]:
-    """Return what the file states (sRGB, gAMA), else sRGB for colours and linear for grey; and what is not used."""
-    if "srgb" in about:
-        return "srgb", ()
-    gamma = about.get("gamma")
-    encoding: Encoding = "srgb" if (coloured if gamma is None else gamma != 1) else "linear"
-    doubts = []
-    if gamma is None and "icc_profile" not in about and not coloured and bits <= SCREEN_BITS:
-        doubts.append(info("linear-assumed"))
-    if gamma not in (None, 1) and not isclose(gamma, _GAMMA_SRGB, abs_tol=_ROUNDED):
-        doubts.append(warning("png-gamma", gamma=gamma, encoding=ENCODING_NAMES[encoding]))
-    if "icc_profile" in about and (gamma is None or coloured):
-        doubts.append(warning("png-icc-profile", encoding=ENCODING_NAMES[encoding]))
-    return encoding, tuple(doubts)
+def _chunks(data: bytes) -> dict[bytes, bytes]:
+    """Chunks before the pixels by name; the first of a name counts."""
+    chunks: dict[bytes, bytes] = {}
+    at = len(PNG)
+    while at + 8 <= len(data):
+        size, name = int.from_bytes(data[at : at + 4], "big"), data[at + 4 : at + 8]
+        if name == b"IDAT":
+            break
+        chunks.setdefault(name, data[at + 8 : at + 8 + size])
+        at += 12 + size
+    return chunks
+
+
+def _full_range(values: NDArray[Any], bits: int) -> NDArray[Any]:
+    """Values of limited range, 16 to 235 of 8 bits, spread over all of it (ITU-T H.273, 8.3)."""
+    top = 2**bits - 1
+    spread = (values / 2 ** (bits - 8) - 16) * top / 219
+    return np.asarray(np.rint(spread.clip(0, top)), values.dtype)
 
 
 JPEG = b"\xff\xd8\xff"
@@ -119,6 +126,8 @@ _RARE = {
     0xC3: "lossless JPEG", 0xF7: "JPEG-LS", **dict.fromkeys((0xC5, 0xC6, 0xC7), "hierarchical JPEG"),
     **dict.fromkeys((0xC9, 0xCA, 0xCB, 0xCD, 0xCE, 0xCF), "arithmetic-coded JPEG"),
 }  # fmt: skip
+#: What files with a gain map for brighter displays hold (Ultra HDR; ISO 21496-1).
+_GAIN_MAPS = (b"http://ns.adobe.com/hdr-gain-map/1.0/", b"urn:iso:std:iso:ts:21496:-1")
 _TO_TIFF = "which labcdp does not read: convert it to 16-bit TIFF"
 
 
@@ -156,8 +165,14 @@ def read_jpeg(data: bytes, path: Path, max_pixels: int) -> StoredImage:
             f"{path} cannot be decoded as JPEG: if another program opens it, convert it to PNG; else copy it again"
         )
     values = values if values.ndim == 2 else np.ascontiguousarray(values[..., ::-1])
-    doubts = tuple(warning("decoder-message", message=message) for message in messages)
-    return StoredImage(values, 8, "srgb", _facts(header, path), (info("jpeg-compressed"),), doubts).upright()
+    doubts = [warning("decoder-message", message=message) for message in messages]
+    if any(mark in data for mark in _GAIN_MAPS):
+        doubts.append(info("gain-map-not-used"))
+    statement = stated_by_profile(header.info.get("icc_profile"), values.ndim == 3, 8)
+    if not statement.states_curve:
+        statement = replace(stated_by_exif(header), findings=statement.findings)
+    stored = StoredImage(values, 8, "srgb", _facts(header, path), (info("jpeg-compressed"),), tuple(doubts))
+    return with_statement(stored, statement, "srgb").upright()
 
 
 def _jpeg_segments(data: bytes) -> Iterator[tuple[int, int]]:

@@ -36,8 +36,9 @@ from .luminance_file import read_luminance
 from .picture import Picture, PictureOptions, with_overrides
 from .png_jpeg import JPEG, NPY, PNG, read_dump, read_jpeg, read_npy, read_png
 from .raw import read_raw
-from .stored_image import StoredImage, luminance_dn
+from .stored_image import StoredImage, decoded_by_table, grey_finding, luminance_dn
 from .tiff import TIFF, looked_at, read_tiff
+from .transfer import encoding_name
 
 __all__ = ["Picture", "PictureOptions", "frame_of_pixels", "picture_paths", "read_picture"]
 
@@ -49,6 +50,8 @@ _READERS: dict[bytes, Callable[[bytes, Path, int], StoredImage]] = {
     EXR: read_exr,
     NPY: read_npy,
 }
+#: Codes of what is said of an encoding that was not given.
+_ASSUMED_OR_STATED = ("linear-assumed", "encoding-stated", "encoding-pq", "encoding-hlg")
 #: Options of files that say all that is needed.
 NOTHING_KNOWN = PictureOptions()
 
@@ -143,8 +146,11 @@ def _from_raw(path: Path, sha256: str, options: PictureOptions) -> Picture:
 def _picture(stored: StoredImage, path: Path, sha256: str, options: PictureOptions) -> Picture:
     facts, findings = stored.facts, (*stored.changes, *stored.doubts)
     if options.encoding is not None:
-        findings = tuple(one for one in findings if one.code != "linear-assumed")
+        findings = tuple(one for one in findings if one.code not in _ASSUMED_OR_STATED)
     encoding = options.encoding or stored.encoding
+    by_file = None if stored.light_table is not None else stored.encoding
+    if stored.stated_by and options.override("encoding") not in (None, by_file):
+        findings = (*findings, warning("encoding-replaced", given=encoding_name(encoding), by=stored.stated_by))
     known, taken = facts_over(options, facts), facts.taken or changed_at(path)
     picture = Picture(path, sha256, facts, encoding=encoding, exposure_known=known.exposure_s is not None)
     if stored.bits is None:
@@ -154,14 +160,17 @@ def _picture(stored: StoredImage, path: Path, sha256: str, options: PictureOptio
         is_cd_m2 = stored.cd_m2_per_value is not None
         picture = replace(picture, light=light, light_is_cd_m2=is_cd_m2, encoding="linear", findings=findings)
         return with_overrides(picture, options, None)
-    scale = scale_of(stored.values, stored.bits, options, str(path))
+    if stored.light_table is not None and options.encoding is None:
+        stored = decoded_by_table(stored)
+        encoding = "linear"
+    scale = scale_of(stored.values, stored.bits or 16, options, str(path))
     stated = stored.white_dn is not None
     findings = (*findings, *(one for one in scale.findings if not (stated and one.code == "bit-depth-unknown")))
     if stored.coloured:
-        dn = luminance_dn(stored.values, scale.bits, encoding)
+        dn = luminance_dn(stored.values, scale.bits, encoding, stored.weights)
         frame = make_frame(dn, Scale(16, 65535.0), replace(known, pixel_format=None, saturation_dn=None), taken)
         frame = replace(frame, clipped=np.any(stored.values >= scale.saturation_dn, axis=2))
-        findings = (*findings, info("srgb-colour-to-grey" if encoding == "srgb" else "colour-to-grey"))
+        findings = (*findings, grey_finding(encoding, stored.weights))
     else:
         frame = with_stated_levels(make_frame(stored.values, scale, known, taken), stored)
     guessed = stored.bits == 16 and options.stated_bits is None

@@ -8,11 +8,10 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryFile
 from threading import Lock
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,34 +20,18 @@ from ..core.errors import InputError
 from ..core.frame import BlackPattern
 from ..core.result import Finding, info, warning
 from .exif import ExifFacts
+from .transfer import BT709_LUMINANCE, Encoding, Weights, light_tables
 
-#: How values are encoded: in proportion to light, or by the curve of IEC 61966-2-1 (sRGB) or of ITU-R BT.709.
-Encoding = Literal["linear", "srgb", "bt709"]
-#: What findings call them.
-ENCODING_NAMES: dict[Encoding, str] = {"linear": "linear", "srgb": "sRGB", "bt709": "BT.709"}
 #: Most bits of grey values that may be made for screens as well as by a camera, where a file does not say it.
 SCREEN_BITS = 8
 #: Pixels that are looked up at a time: few enough to stay in the processor's cache.
 _BLOCK = 2**15
-#: Weights of linear red, green and blue in luminance (ITU-R BT.709-6, item 3.2; sRGB has the same primaries).
-BT709_LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 
-def decoded_table(bits: int, encoding: Encoding) -> NDArray[np.float64]:
-    """Linear light, from 0 to 1, of each DN of a scale of `bits` bits; shape (2**bits,).
-
-    IEC 61966-2-1:1999, 5.2, for sRGB; the inverse of ITU-R BT.709-6, item 1.2, for BT.709.
-    """
-    values: NDArray[np.float64] = np.arange(2**bits) / (2**bits - 1)
-    if encoding == "srgb":
-        values = np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
-    elif encoding == "bt709":
-        values = np.where(values < 0.081, values / 4.5, ((values + 0.099) / 1.099) ** (1 / 0.45))
-    return values
-
-
-def luminance_dn(rgb: NDArray[Any], bits: int, encoding: Encoding) -> NDArray[np.uint16]:
-    """Luminance of an image in 65535ths of its white, by the weights of ITU-R BT.709.
+def luminance_dn(
+    rgb: NDArray[Any], bits: int, encoding: Encoding, weights: Weights = BT709_LUMINANCE
+) -> NDArray[np.uint16]:
+    """Luminance of an image in 65535ths of its white.
 
     Parameters
     ----------
@@ -56,26 +39,26 @@ def luminance_dn(rgb: NDArray[Any], bits: int, encoding: Encoding) -> NDArray[np
         Red, green and blue.
     bits : int
         Bits of their scale.
-    encoding : {'linear', 'srgb', 'bt709'}
+    encoding : str
         How they are encoded.
+    weights : (float, float, float)
+        Of linear red, green and blue; those of ITU-R BT.709 by default.
 
     Returns
     -------
     ndarray of uint16, shape (height, width)
     """
-    tables = light_tables(bits, encoding)
+    return weighted(rgb, light_tables(bits, encoding, weights))
+
+
+def weighted(rgb: NDArray[Any], tables: NDArray[np.float32]) -> NDArray[np.uint16]:
+    """Sum of what tables, shape (3, n), have for red, green and blue, from 0 to 65535."""
     luminance = np.empty(rgb.shape[:2], np.uint16)
     # Row by row, what is looked up stays in the processor's cache.
     for row, colours in zip(luminance, rgb, strict=True):
         total = sum(table.take(colours[:, channel], mode="clip") for channel, table in enumerate(tables))
-        row[:] = np.minimum(np.rint(total), 65535)
+        row[:] = np.clip(np.rint(total), 0, 65535)
     return luminance
-
-
-@lru_cache(maxsize=4)
-def light_tables(bits: int, encoding: Encoding) -> NDArray[np.float32]:
-    """Part of each DN of red, green and blue in the luminance, in 65535ths of white; shape (3, 2**bits)."""
-    return np.outer(BT709_LUMINANCE, 65535 * decoded_table(bits, encoding)).astype(np.float32)
 
 
 def looked_up(table: NDArray[Any], dn: NDArray[np.unsignedinteger[Any]]) -> NDArray[Any]:
@@ -106,8 +89,8 @@ class StoredImage:
         Grey, or red, green and blue.
     bits : int or None
         Bits of the scale of integers as the file states it; None for floats.
-    encoding : {'linear', 'srgb'}
-        How values are encoded, as the file or its kind suggests.
+    encoding : str
+        How values are encoded, as the file states or its kind suggests.
     facts : ExifFacts
         What the file says about how it was taken.
     changes : tuple of Finding
@@ -120,6 +103,13 @@ class StoredImage:
         Black level that the file states, and the pattern of the pixels around it.
     white_dn : float or None
         DN that the file states to be saturated.
+    stated_by : str
+        What of the file states the encoding, such as ``its ICC profile``; empty if nothing does.
+    light_table : ndarray of uint16, shape (1 or 3, 2**bits), or None
+        Light of each value of grey, or of red, green and blue, in 65535ths of white, by a curve that the file states
+        and that is no `encoding`.
+    weights : (float, float, float)
+        Of linear red, green and blue in luminance.
     """
 
     values: NDArray[Any]
@@ -131,6 +121,9 @@ class StoredImage:
     cd_m2_per_value: float | None = None
     black: tuple[float, BlackPattern | None] | None = None
     white_dn: float | None = None
+    stated_by: str = ""
+    light_table: NDArray[np.uint16] | None = None
+    weights: Weights = BT709_LUMINANCE
 
     def upright(self) -> StoredImage:
         """Turn the picture as its EXIF says, and without colours if all of them are grey.
@@ -147,6 +140,25 @@ class StoredImage:
     def coloured(self) -> bool:
         """Whether there are three values a pixel."""
         return self.values.ndim == 3
+
+
+def decoded_by_table(stored: StoredImage) -> StoredImage:
+    """Return the light of an image whose file states a table, as linear values of 16 bits."""
+    assert stored.light_table is not None
+    tables, values = stored.light_table, stored.values
+    if values.ndim == 2:
+        light = looked_up(tables[0], values)
+    else:
+        channels = (tables[at] if len(tables) == 3 else tables[0] for at in range(3))
+        light = np.dstack([looked_up(table, values[..., at]) for at, table in enumerate(channels)])
+    return replace(stored, values=light, bits=16, encoding="linear", white_dn=65535.0, light_table=None)
+
+
+def grey_finding(encoding: Encoding, weights: Weights) -> Finding:
+    """Return the finding that colours became luminance, and how."""
+    if weights != BT709_LUMINANCE:
+        return info("colour-to-grey-by-file")
+    return info("srgb-colour-to-grey" if encoding == "srgb" else "colour-to-grey")
 
 
 def require_size(path: Path, width: int, height: int, max_pixels: int) -> None:

@@ -12,19 +12,13 @@ from numpy.typing import NDArray
 from ..core.disk import parse_json
 from ..core.disk.tiff import open_tiff, pixels_of
 from ..core.errors import InputError
-from ..core.result import Finding, info
+from ..core.result import Finding, info, warning
 from .exif import ExifFacts, read_exif
 from .sensor_tags import pattern_findings, tags_of
-from .stored_image import (
-    BT709_LUMINANCE,
-    SCREEN_BITS,
-    Encoding,
-    StoredImage,
-    real_numbers,
-    require_size,
-    whole_numbers,
-    without_alpha,
-)
+from .statements import with_statement
+from .stored_image import SCREEN_BITS, StoredImage, real_numbers, require_size, whole_numbers, without_alpha
+from .tiff_statements import nodata_findings, share_at_end, statements_of
+from .transfer import BT709_LUMINANCE, Encoding
 
 TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _PALETTE = 0, 1, 2, 3
@@ -120,15 +114,26 @@ def _read(page: Any, path: Path, facts: ExifFacts) -> StoredImage:
     black = None if stated is None else stated.black_of((0, 0), values.shape, path)
     if stated is not None:
         changes += stated.findings
-    if values.dtype.kind == "f":
+    is_float, coloured = values.dtype.kind == "f", values.ndim == 3 or page.photometric == _PALETTE
+    states = statements_of(page, coloured, None if is_float else page.bitspersample)
+    doubts = [*states.findings, *nodata_findings(values, states.nodata)]
+    if is_float:
         if black is not None:
             level, pattern = black
             values = values - np.float64(level) - (0 if pattern is None else pattern.offsets_dn(values.shape))
             changes.append(info("black-level-subtracted", black_dn=level))
         if values.ndim == 3:
-            values = values.astype(np.float64) @ BT709_LUMINANCE
-            changes.append(info("linear-colour-to-grey"))
-        return StoredImage(real_numbers(values, path), None, "linear", facts, tuple(changes)).upright()
+            values = values.astype(np.float64) @ states.curve.weights
+            usual = states.curve.weights == BT709_LUMINANCE
+            changes.append(info("linear-colour-to-grey" if usual else "colour-to-grey-by-file"))
+        if states.scale is not None:
+            values = states.scale.values(values)
+            changes.append(states.scale.finding)
+        doubts += states.curve.findings
+        per_value = 1.0 if states.scale is not None and states.scale.is_luminance else states.cd_m2_per_value
+        return StoredImage(
+            real_numbers(values, path), None, "linear", facts, tuple(changes), tuple(doubts), per_value
+        ).upright()
     if page.photometric == _PALETTE:
         values, bits = _resolved(values, page)
         changes.append(info("palette-resolved"))
@@ -137,6 +142,8 @@ def _read(page: Any, path: Path, facts: ExifFacts) -> StoredImage:
         changes += more
         if page.bitspersample < 16:
             bits = page.bitspersample
+        if states.bits is not None and int(values.max()) < 2**states.bits:
+            bits = states.bits
     if page.photometric == _WHITE_IS_ZERO:
         values = (2**bits - 1 - values).astype(values.dtype)
         changes.append(info("white-is-zero"))
@@ -147,11 +154,23 @@ def _read(page: Any, path: Path, facts: ExifFacts) -> StoredImage:
     if black is not None:
         changes += pattern_findings(black[1])
     white_dn = None if stated is None else stated.white
-    encoding = _encoding(page, values.ndim == 3)
-    doubts = (info("linear-assumed"),) if values.ndim == 2 and bits <= SCREEN_BITS else ()
-    return StoredImage(
-        np.ascontiguousarray(values), bits, encoding, facts, tuple(changes), doubts, black=black, white_dn=white_dn
-    ).upright()
+    if states.scale is not None:
+        zero_dn = states.scale.black_dn(2.0**bits - 1)
+        changes.append(states.scale.finding)
+        if zero_dn is None or black is not None or states.scale.is_luminance:
+            if (share := share_at_end(values, bits)) > 0:
+                doubts.append(warning("values-at-end", share=share))
+            light = real_numbers(states.scale.values(values), path)
+            per_value = 1.0 if states.scale.is_luminance else None
+            return StoredImage(light, None, "linear", facts, tuple(changes), tuple(doubts), per_value).upright()
+        black = zero_dn, None
+    if values.ndim == 2 and bits <= SCREEN_BITS and not states.curve.states_curve:
+        doubts.append(info("linear-assumed"))
+    stored = StoredImage(
+        np.ascontiguousarray(values), bits, "linear", facts, tuple(changes), tuple(doubts), black=black,
+        white_dn=white_dn,
+    )  # fmt: skip
+    return with_statement(stored, states.curve, _usual_encoding(page, values.ndim == 3)).upright()
 
 
 def _resolved(indices: NDArray[Any], page: Any) -> tuple[NDArray[Any], int]:
@@ -167,7 +186,7 @@ def _resolved(indices: NDArray[Any], page: Any) -> tuple[NDArray[Any], int]:
     return np.moveaxis(palette[:, indices.astype(np.intp)], 0, -1), bits
 
 
-def _encoding(page: Any, coloured: bool) -> Encoding:
-    """Colours of 8 bits, and those with a profile, are made for screens."""
+def _usual_encoding(page: Any, coloured: bool) -> Encoding:
+    """Colours of 8 bits, and those with a profile that does not tell the curve, are made for screens."""
     eight = page.bitspersample <= 8
     return "srgb" if coloured and (eight or _ICC_PROFILE in page.tags) else "linear"

@@ -20,7 +20,7 @@ from labcdp.core.errors import InputError
 from labcdp.core.frame import CameraIdentity
 from labcdp.core.result import info, warning
 from labcdp.files import PictureOptions, read_image, read_picture
-from labcdp.files.exr import luminance_weights
+from labcdp.files.exr import weights_of_header
 from labcdp.session.frames import frame_to_tiff
 
 from .conftest import write_dng
@@ -157,7 +157,7 @@ def test_exr_colours_follow_their_chromaticities(tmp_path):
     xyz = (1, 0, 0, 1, 0, 0, 1 / 3, 1 / 3)
     ap0 = (0.7347, 0.2653, 0.0, 1.0, 0.0001, -0.077, 0.32168, 0.33767)
     for xy, expected in ((xyz, (0, 1, 0)), (ap0, (0.3439664498, 0.7281660966, -0.0721325464))):
-        weights, finding = luminance_weights({"chromaticities": xy})
+        weights, finding = weights_of_header({"chromaticities": xy})
         np.testing.assert_allclose(weights, expected, atol=1e-9)
         assert finding == info("colour-to-grey-by-file")
 
@@ -173,10 +173,10 @@ GAMMA = {value: (b"gAMA", struct.pack(">I", value)) for value in (45_454, 55_556
     [
         ((), "linear", (info("linear-assumed"),)),
         (((b"sRGB", b"\0"),), "srgb", ()),
-        ((GAMMA[45_454],), "srgb", ()),
-        ((GAMMA[55_556],), "srgb", (warning("png-gamma", gamma=0.55556, encoding="sRGB"),)),
+        ((GAMMA[45_454],), "gamma 2.2", (info("encoding-stated", encoding="gamma 2.2", by="its chunk gAMA"),)),
+        ((GAMMA[55_556],), "gamma 1.8", (info("encoding-stated", encoding="gamma 1.8", by="its chunk gAMA"),)),
         (((b"iCCP", b"grey\0\0" + zlib.compress(bytes(400))),), "linear",
-         (warning("png-icc-profile", encoding="linear"),)),
+         (info("linear-assumed"), warning("icc-profile-not-used", reason="it is no ICC profile"))),
     ],
 )  # fmt: skip
 def test_a_png_says_how_its_values_follow_light(tmp_path, chunks, encoding, findings):

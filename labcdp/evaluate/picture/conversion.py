@@ -17,7 +17,7 @@ from ...core.result import Finding, info, warning
 from ...files.frame import no_exposure
 from ...files.picture import Picture
 from ...files.read import PictureOptions
-from ...files.stored_image import ENCODING_NAMES, Encoding
+from ...files.transfer import Encoding, encoding_name
 from .dn_light import light_of_dn
 
 if TYPE_CHECKING:
@@ -121,7 +121,7 @@ class PictureConversion:
             shape=picture.shape,
             unit=self.unit_of(picture).replace("^2", "²"),
             conversion=self.description,
-            encoding=ENCODING_NAMES[picture.encoding],
+            encoding=encoding_name(picture.encoding),
             exposure_s=frame.exposure_s if frame is not None and picture.exposure_known else None,
             camera=str(frame.camera) if frame is not None and picture.camera_stated else None,
             simulated=simulated,

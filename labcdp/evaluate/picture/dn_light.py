@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from ...core.frame import Frame
 from ...core.luminance import WHOLE, CommonError, Invalid, LuminanceMap, Window
 from ...core.vignetting import Cos4Vignetting
-from ...files.stored_image import Encoding, decoded_table, looked_up
+from ...files.stored_image import looked_up
+from ...files.transfer import Encoding, decoded_table
 
 if TYPE_CHECKING:
     from .camera_specification import CameraSpecification
@@ -188,7 +189,7 @@ def light_of_dn(
     ----------
     frame : Frame
         Of any camera, with its black level, exposure and gain, and temperature where it is known.
-    encoding : {'linear', 'srgb', 'bt709'}
+    encoding : str
         How its DN are encoded.
     specification : CameraSpecification or None
         The parameters; None for relative light.

@@ -20,7 +20,7 @@ from ...core.disk import file_sha256, open_regular, reading, reason, require_reg
 from ...core.errors import InputError
 from ...core.frame import Frame
 from ...core.luminance import WHOLE, Window
-from ..frame import changed_at
+from ..frame import Scale, changed_at, make_frame, scale_of
 from ..kinds import HEAD_BYTES, no_video
 from ..picture import unused_options
 from ..read import PictureOptions, frame_of_pixels
@@ -48,6 +48,8 @@ class _Frames:
     pixels: Pixels
     options: PictureOptions
     modified: datetime
+    #: Of grey of more than 8 bits: one for all frames.
+    scale: Scale
 
     def entries(self) -> Iterator[VideoFrame]:
         """Go through all frames; one that cannot be decoded has a fault, and costs no other."""
@@ -75,9 +77,7 @@ class _Frames:
         dn.flags.writeable = False
         if dn.dtype == np.uint8:
             return replace(self._example, dn=dn, frame_id=number)
-        stated = 16 if self.pixels.bits == 16 and self.options.bit_depth is None else self.pixels.bits
-        options = self.options if stated == 16 else replace(self.options, bit_depth=stated)
-        return frame_of_pixels(dn, options, self.modified, number)
+        return make_frame(dn, self.scale.for_values(dn, str(self.path)), self.options, self.modified, number)
 
     def _of_colours(self, planes: Sequence[NDArray[Any]], number: int, window: Window) -> Frame:
         dn, clipped = self.pixels.luminance(planes, window)
@@ -132,7 +132,9 @@ def open_video_file(path: Path, options: PictureOptions) -> VideoSource:
             raise InputError(f"{path} {error}") from error
     height, width = frames[0].height, frames[0].width
     frame_rate = rate if isfinite(rate) and rate > 0 else None
-    found = _Frames(path, (height, width), frame_rate, pixels, options, changed_at(path))
+    scale = _scale(frames, pixels, options, path)
+    pixels, findings = replace(pixels, scale_bits=scale.bits), [*findings, *scale.findings]
+    found = _Frames(path, (height, width), frame_rate, pixels, options, changed_at(path), scale)
     # Options that do not fit fail at once, and not once for each frame.
     frame = found.stored(Shown(0, 0.0, frames[0], None)).frame
     return VideoSource(
@@ -142,10 +144,19 @@ def open_video_file(path: Path, options: PictureOptions) -> VideoSource:
         frame_rate=frame_rate,
         exposure_stated=False,
         encoding=pixels.encoding,
-        findings=(*findings, *unused_options(frame, pixels.bits, options)),
+        findings=(*findings, *unused_options(frame, scale.bits, options)),
         entries=found.entries,
         hashed=partial(file_sha256, path, "a file you can read"),
     )
+
+
+def _scale(frames: Sequence[Any], pixels: Pixels, options: PictureOptions, path: Path) -> Scale:
+    """Bits and saturation of the numbers, of 16-bit grey or RGB as given or estimated from the first frames."""
+    if pixels.bits != 16 or pixels.limited or pixels.kind == "ycbcr":
+        return Scale(pixels.bits, 2.0**pixels.bits - 1)
+    n_planes = 3 if pixels.kind == "rgb" else 1
+    values = np.concatenate([plane.ravel() for frame in frames for plane in pixels.planes(frame)[:n_planes]])
+    return scale_of(values, 16, options, str(path))
 
 
 def _announced(stream: Any) -> int:

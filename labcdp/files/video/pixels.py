@@ -15,20 +15,27 @@ from ...core.errors import InputError
 from ...core.luminance import WHOLE, Window
 from ...core.result import Finding, info, warning
 from ..stored_image import (
-    ENCODING_NAMES,
-    Encoding,
+    grey_finding,
     grey_if_colourless,
-    light_tables,
     looked_up,
     luminance_dn,
     orientation_of_matrix,
     upright,
 )
+from ..transfer import (
+    BT709_LUMINANCE,
+    ENCODING_OF_CODE,
+    PRIMARIES_OF_CODE,
+    UNSPECIFIED,
+    Encoding,
+    Weights,
+    encoding_name,
+    light_tables,
+    luminance_weights,
+)
 from .quantiser import faint_dn
 
-# Codes of ITU-T H.273: transfer characteristics (table 3) and matrix coefficients (table 4) with weights of R and B.
-_UNSTATED = 2
-_ENCODINGS: dict[int, Encoding] = {1: "bt709", 6: "bt709", 8: "linear", 13: "srgb", 14: "bt709", 15: "bt709"}
+#: Weights of R' and B' in Y' by matrix coefficients (ITU-T H.273, table 4).
 _BT601, _BT709 = (0.299, 0.114), (0.2126, 0.0722)
 _MATRICES = {1: _BT709, 4: (0.3, 0.11), 5: _BT601, 6: _BT601, 7: (0.212, 0.087), 9: (0.2627, 0.0593)}
 #: FFmpeg's codes of the range.
@@ -56,13 +63,17 @@ class Pixels:
         Whether Y' goes from 16 to 235 of 8 bits.
     weights : (float, float)
         Of red and blue in Y'.
-    stored : {'linear', 'srgb', 'bt709'}
+    stored : str
         How grey or colours are encoded.
     orientation : int
         EXIF's number of how the frames lie in the file.
     faint_dn : float
         Contrast, standard deviation in DN of 8 bits, below which the codec may not show where a thing is: see
         `labcdp.tracking.make_tracker`; 0 if it changed no number.
+    of_light : (float, float, float)
+        Weights of linear red, green and blue in luminance.
+    scale_bits : int or None
+        Bits of the scale that numbers of 16 bits are on, if it is another one.
     """
 
     format_name: str
@@ -73,6 +84,8 @@ class Pixels:
     stored: Encoding
     orientation: int
     faint_dn: float
+    of_light: Weights = BT709_LUMINANCE
+    scale_bits: int | None = None
 
     @property
     def encoding(self) -> Encoding:
@@ -120,8 +133,9 @@ class Pixels:
     ) -> tuple[NDArray[np.uint16], NDArray[np.bool_]]:
         """Luminance of colours, and which pixels have one at its end; of Y', Cb and Cr also of a window as stored."""
         if self.kind == "rgb":
-            rgb = np.dstack(planes)
-            luminance, clipped = luminance_dn(rgb, self.bits, self.stored), np.any(rgb >= 2**self.bits - 1, axis=2)
+            rgb, bits = np.dstack(planes), self.scale_bits or self.bits
+            luminance = luminance_dn(rgb, bits, self.stored, self.of_light)
+            clipped = np.any(rgb >= 2**bits - 1, axis=2)
         else:
             luminance, clipped = self._of_ycbcr(planes, window)
         return upright(luminance, self.orientation), upright(clipped, self.orientation)
@@ -138,7 +152,7 @@ class Pixels:
         luma = planes[0][top * down : rows.stop, left * across : columns.stop]
         # Copies are of one kind, whether the decoder's memory is read-only or not: there is one kernel to compile.
         luma, blue, red = (one.copy() for one in (luma, planes[1][of_colour], planes[2][of_colour]))
-        light = light_tables(self.bits, self.stored)
+        light = light_tables(self.bits, self.stored, self.of_light)
         luminance, clipped = luminance_of_ycbcr(luma, blue, red, (down, across), self._parts, light)
         inner = np.s_[rows.start - top * down :, columns.start - left * across :]
         return luminance[inner], clipped[inner]
@@ -172,8 +186,8 @@ def learn_pixels(frames: Sequence[Any], codec: Any, encoding: Encoding | None) -
     """Learn what the numbers of a file are from its first frames, and what there is to say about it.
 
     Range, transfer and matrix are as stated. Where they are not, the range is full for grey, Motion JPEG and colours,
-    else limited; the transfer that of sRGB as for pictures, but linear for grey that no codec changed; the matrix
-    that of BT.601 for JPEG and less than 720 rows, else that of BT.709.
+    else limited; the transfer that of sRGB as for pictures, but linear for grey values that no codec changed, whatever
+    pixel format they are in; the matrix that of BT.601 for JPEG and less than 720 rows, else that of BT.709.
 
     Raises
     ------
@@ -190,7 +204,12 @@ def learn_pixels(frames: Sequence[Any], codec: Any, encoding: Encoding | None) -
     limited, range_stated = kind != "rgb" and not (grey or jpeg), first.color_range in (_LIMITED, _FULL)
     if range_stated and kind != "rgb":
         limited = first.color_range == _LIMITED
-    stored, found = _encoding(int(first.color_trc), grey and not codec.lossy, encoding)
+    stored, found = _encoding(int(first.color_trc), not (coloured or codec.lossy), encoding)
+    primaries = int(first.color_primaries)
+    of_light = luminance_weights(PRIMARIES_OF_CODE[primaries]) if primaries in PRIMARIES_OF_CODE else None
+    if coloured and of_light is None and primaries != UNSPECIFIED:
+        found.append(warning("primaries-code-unknown", code=primaries))
+    of_light = of_light or BT709_LUMINANCE
     matrix = _MATRICES.get(int(first.colorspace))
     weights = matrix or (_BT601 if jpeg or first.height < _HD_ROWS else _BT709)
     orientation = _orientation(first)
@@ -203,10 +222,10 @@ def learn_pixels(frames: Sequence[Any], codec: Any, encoding: Encoding | None) -
     if coloured and kind != "rgb":
         found.append(info("video-matrix", red=weights[0], blue=weights[1], how=_how(matrix is not None)))
     if coloured:
-        found.append(info("srgb-colour-to-grey" if stored == "srgb" else "colour-to-grey"))
+        found.append(grey_finding(stored, of_light))
     seen = kind if coloured else "luma"
     faint = faint_dn(frames, codec, bits)
-    return Pixels(first.format.name, seen, bits, limited, weights, stored, orientation or 1, faint), found
+    return Pixels(first.format.name, seen, bits, limited, weights, stored, orientation or 1, faint, of_light), found
 
 
 #: EXIF orientations by the display rotation in degrees, counter-clockwise.
@@ -226,11 +245,16 @@ def _orientation(frame: Any) -> int | None:
 def _encoding(code: int, measured: bool, given: Encoding | None) -> tuple[Encoding, list[Finding]]:
     """Return the encoding as given, as stated, or as is usual, and findings that say so."""
     usual: Encoding = "linear" if measured else "srgb"
-    found = given or _ENCODINGS.get(code, usual)
-    how = "as given" if given else _how(code in _ENCODINGS)
-    findings = [info("video-encoding", encoding=ENCODING_NAMES[found], how=how)]
-    if not given and code not in (*_ENCODINGS, _UNSTATED):
-        findings.append(warning("video-transfer-unknown", code=code, encoding=ENCODING_NAMES[found]))
+    stated = ENCODING_OF_CODE.get(code)
+    found = given or stated or usual
+    how = "as given" if given else _how(stated is not None)
+    findings = [info("video-encoding", encoding=encoding_name(found), how=how)]
+    if given and stated not in (None, given):
+        findings.append(warning("encoding-replaced", given=encoding_name(given), by="the file"))
+    if not given and stated is None and code != UNSPECIFIED:
+        findings.append(warning("video-transfer-unknown", code=code, encoding=encoding_name(found)))
+    if found in ("pq", "hlg"):
+        findings.append(info(f"encoding-{found}"))
     return found, findings
 
 

@@ -22,8 +22,8 @@ from ...session import FrameRecord, Session
 from ..frame import guessed_scale, picture_bytes
 from ..picture import Picture, PictureOptions, contradictions, overridden_frame
 from ..read import picture_paths, read_page, read_picture
-from ..stored_image import decoded_table
 from ..tiff import count_pictures
+from ..transfer import decoded_table
 from .source import StoredPixels, VideoFrame, VideoSource, require_frames, stored_pixels
 
 #: Largest number in a name that can be one of a frame; others are times or dates.

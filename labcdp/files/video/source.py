@@ -16,7 +16,7 @@ from ...core.errors import InputError, LabcdpError
 from ...core.frame import Frame
 from ...core.luminance import Window
 from ...core.result import Finding, warning
-from ..stored_image import Encoding
+from ..transfer import Encoding
 from .selection import TIME_TOLERANCE_S, Selection
 
 

@@ -1,0 +1,254 @@
+"""What a TIFF states of its values: curve and colours, functions of calibration, scale, offset, unit and bits."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.disk.files import shortened
+from ..core.result import Finding, info, warning
+from .exif import positive_number
+from .statements import NOTHING_STATED, Statement, stated_by_profile
+from .transfer import BT709_LUMINANCE, known_encoding, luminance_weights
+
+# Tags (TIFF 6.0, sections 20 and 22; TIFF Technical Note on SGI LogLuv; GDAL's own).
+_TRANSFER_FUNCTION, _WHITE_POINT, _PRIMARIES, _REFERENCE, _STONITS = 301, 318, 319, 532, 37439
+_GDAL_METADATA, _GDAL_NODATA, _ICC_PROFILE = 42112, 42113, 34675
+#: Units of luminance as programs write them.
+_LUMINANCE = re.compile(r"(cd|candela)\s*[/·. ]?\s*m\s*(\^?-?2|²|⁻²)|nits?|cd/m\^2|cd\.m-2", re.IGNORECASE)
+#: Functions of calibration by ImageJ's number (its `CurveFitter`), of stored values x and parameters p.
+_FUNCTIONS: dict[int, Any] = {
+    **dict.fromkeys((1, 2, 3), lambda x, p: np.polynomial.polynomial.polyval(x, p)),
+    4: lambda x, p: p[0] * np.exp(p[1] * x),
+    5: lambda x, p: p[0] * x ** p[1],
+    6: lambda x, p: p[0] * np.log(p[1] * x),
+    7: lambda x, p: p[3] + (p[0] - p[3]) / (1 + (x / p[2]) ** p[1]),
+    8: lambda x, p: p[0] * (x - p[1]) ** p[2] * np.exp(-(x - p[1]) / p[3]),
+    9: lambda x, p: p[0] + p[1] * np.log(x - p[2]),
+    11: lambda x, p: p[0] * np.exp(-p[1] * x) + p[2],
+    13: lambda x, p: p[0] * (1 - np.exp(-p[1] * x)) + p[2],
+}
+_STRAIGHT_LINE = 0
+
+
+@dataclass(frozen=True)
+class ValueScale:
+    """What stored values stand for.
+
+    Parameters
+    ----------
+    by : str
+        What of the file states it.
+    parameters : tuple of float
+        Of the function, offset and factor of a straight line.
+    function : int
+        ImageJ's number; 0 for a straight line.
+    unit : str
+        Unit of the values, empty if none is stated.
+    """
+
+    by: str
+    parameters: tuple[float, ...]
+    function: int = _STRAIGHT_LINE
+    unit: str = ""
+
+    @property
+    def is_luminance(self) -> bool:
+        """Whether the unit is that of luminance."""
+        return _LUMINANCE.fullmatch(self.unit.strip()) is not None
+
+    @property
+    def changes(self) -> bool:
+        """Whether values differ from those that are stored."""
+        return self.function != _STRAIGHT_LINE or self.parameters != (0.0, 1.0)
+
+    def black_dn(self, top_dn: float) -> float | None:
+        """Return the stored value that stands for 0 on a rising straight line; None if none from 0 to the top does."""
+        if self.function != _STRAIGHT_LINE or not self.parameters[1] > 0:
+            return None
+        zero = -self.parameters[0] / self.parameters[1]
+        return zero if 0 <= zero <= top_dn else None
+
+    def values(self, stored: NDArray[Any]) -> NDArray[np.float64]:
+        """Return the values of what is stored; not finite where the function is not defined."""
+        x = stored.astype(np.float64)
+        if self.function == _STRAIGHT_LINE:
+            return np.asarray(self.parameters[0] + self.parameters[1] * x)
+        with np.errstate(all="ignore"):
+            return np.asarray(_FUNCTIONS[self.function](x, self.parameters))
+
+    @property
+    def finding(self) -> Finding:
+        """Return what was done with the values."""
+        unit = shortened(self.unit, 30) or "none"
+        if self.function != _STRAIGHT_LINE:
+            return info("values-by-function", by=self.by, function=self.function, unit=unit)
+        offset, factor = self.parameters
+        return info("values-scaled", by=self.by, offset=offset, factor=factor, unit=unit)
+
+
+@dataclass(frozen=True)
+class TiffStatements:
+    """What a page states.
+
+    Parameters
+    ----------
+    curve : Statement
+        Curve and colours.
+    scale : ValueScale or None
+        What stored values stand for.
+    bits : int or None
+        Bits that are used.
+    cd_m2_per_value : float or None
+        Luminance of the value 1.
+    nodata : float or None
+        Value of pixels without data.
+    findings : tuple of Finding
+        What is not used.
+    """
+
+    curve: Statement = NOTHING_STATED
+    scale: ValueScale | None = None
+    bits: int | None = None
+    cd_m2_per_value: float | None = None
+    nodata: float | None = None
+    findings: tuple[Finding, ...] = field(default=())
+
+
+def statements_of(page: Any, coloured: bool, bits: int | None) -> TiffStatements:
+    """Return what a page states of its values.
+
+    Parameters
+    ----------
+    page : tifffile.TiffPage
+        The page; a description counts for all pages of a file.
+    coloured : bool
+        Whether it has red, green and blue.
+    bits : int or None
+        Bits of its whole numbers, None for floats.
+    """
+    text = str(page.parent.pages.first.aspage().description or "")
+    tags = {code: tag.value for code in _READ if (tag := page.tags.get(code)) is not None}
+    scale, findings = _imagej(text) if text.startswith("ImageJ=") else (None, ())
+    scale = scale or _gdal(str(tags.get(_GDAL_METADATA, "")))
+    if coloured and scale is not None and scale.changes:
+        findings, scale = (*findings, warning("value-scale-not-used", by=scale.by)), None
+    reference = tags.get(_REFERENCE)
+    if coloured and bits is not None and reference is not None and _is_other_range(reference, bits):
+        findings = (*findings, warning("reference-black-white-not-used"))
+    significant = re.search(r'\bSignificantBits="(\d{1,2})"', text) if "<OME" in text[:2000] else None
+    used = int(significant[1]) if significant else 0
+    stonits = positive_number(tags.get(_STONITS))
+    if stonits is not None and bits is not None:
+        findings = (*findings, warning("stonits-not-used", cd_m2=stonits))
+    nodata = None
+    with suppress(ValueError):
+        nodata = float(str(tags.get(_GDAL_NODATA, "")).strip("\0 "))
+    return TiffStatements(
+        curve=_curve(tags, coloured, bits),
+        scale=scale if scale is not None and (scale.changes or scale.is_luminance) else None,
+        bits=used if bits is not None and 0 < used < bits else None,
+        cd_m2_per_value=stonits,
+        nodata=nodata,
+        findings=findings,
+    )
+
+
+_READ = (_TRANSFER_FUNCTION, _WHITE_POINT, _PRIMARIES, _REFERENCE, _STONITS, _GDAL_METADATA, _GDAL_NODATA, _ICC_PROFILE)
+
+
+def _curve(tags: dict[int, Any], coloured: bool, bits: int | None) -> Statement:
+    profile = tags.get(_ICC_PROFILE)
+    stated = stated_by_profile(profile if isinstance(profile, bytes) else None, coloured, bits or 8)
+    if bits is None:
+        # Floats are linear; of a profile only the colours count.
+        curved = stated.states_curve and stated.encoding != "linear"
+        unused = (warning("icc-profile-not-used", reason="the values are floats, which are linear"),) if curved else ()
+        return Statement(weights=stated.weights, findings=(*stated.findings, *unused))
+    if stated.states_curve:
+        return stated
+    table = _transfer_table(tags.get(_TRANSFER_FUNCTION), bits)
+    if table is None:
+        return stated
+    encodings = {known_encoding(channel) for channel in table / 65535.0}
+    encoding = encodings.pop() if len(encodings) == 1 else None
+    white, primaries = (_numbers(tags.get(code)) for code in (_WHITE_POINT, _PRIMARIES))
+    weights = None
+    if len(white) == 2 and len(primaries) == 6:
+        weights = luminance_weights([primaries[:2], primaries[2:4], primaries[4:], white])
+    own_table = table if encoding is None else None
+    by = "its tag TransferFunction"
+    return Statement(encoding, by, own_table, weights or BT709_LUMINANCE, stated.findings)
+
+
+def _transfer_table(value: Any, bits: int) -> NDArray[np.uint16] | None:
+    """Table of light, shape (1 or 3, 2**bits), of a tag that has as many values; None for any other."""
+    try:
+        table = np.asarray(value, dtype=np.uint16).ravel()
+    except (TypeError, ValueError, OverflowError):
+        return None
+    n = 2**bits
+    return table.reshape(-1, n) if table.size in (n, 3 * n) and table.max() > 0 else None
+
+
+def _numbers(value: Any) -> list[float]:
+    """Numbers of a tag of fractions, as tifffile gives them: numerators and denominators in turn."""
+    try:
+        parts = [float(one) for one in value]
+        return [a / b for a, b in zip(parts[::2], parts[1::2], strict=True)]
+    except (TypeError, ValueError, ZeroDivisionError):
+        return []
+
+
+def _is_other_range(value: Any, bits: int) -> bool:
+    numbers, top = _numbers(value), 2.0**bits - 1
+    return len(numbers) == 6 and numbers != [0.0, top] * 3
+
+
+def _imagej(text: str) -> tuple[ValueScale | None, tuple[Finding, ...]]:
+    """Return ImageJ's function of calibration (keys cf, c0 to c4, vunit), and a finding if it is not read."""
+    lines = dict(line.partition("=")[::2] for line in text.splitlines())
+    if "cf" not in lines:
+        return None, ()
+    by, unit = "ImageJ's calibration function", lines.get("vunit", "").strip()
+    try:
+        function = int(float(lines["cf"]))
+        parameters = tuple(float(lines[f"c{number}"]) for number in range(5) if f"c{number}" in lines)
+        fewest = {_STRAIGHT_LINE: 2, 1: 3, 2: 4, 3: 5, 4: 2, 5: 2, 6: 2, 7: 4, 8: 4, 9: 3, 11: 3, 13: 3}[function]
+        if len(parameters) < fewest or not np.isfinite(parameters).all():
+            raise ValueError
+    except (ValueError, KeyError, OverflowError):
+        return None, (warning("value-scale-not-used", by=f"{by} {shortened(lines['cf'], 20)}"),)
+    return ValueScale(by, parameters[:fewest], function, "" if unit.lower() == "gray value" else unit), ()
+
+
+def _gdal(text: str) -> ValueScale | None:
+    """Return scale and offset of GDAL's metadata, an XML text with items of these roles."""
+    items: dict[str, float] = {"scale": 1.0, "offset": 0.0}
+    found = False
+    for attributes, value in re.findall(r"<Item\b([^>]*)>([^<]*)</Item>", text[:100_000]):
+        role = re.search(r'role="(scale|offset|unittype)"', attributes)
+        if role is not None and role[1] in items:
+            with suppress(ValueError):
+                items[role[1]], found = float(value), True
+    unit = re.search(r'role="unittype"[^>]*>([^<]*)<', text[:100_000])
+    by = "GDAL's scale and offset"
+    return ValueScale(by, (items["offset"], items["scale"]), unit=unit[1] if unit else "") if found else None
+
+
+def share_at_end(stored: NDArray[Any], bits: int) -> float:
+    """Share of the pixels at the end of the scale, which are saturated."""
+    return float(np.mean(stored >= 2**bits - 1))
+
+
+def nodata_findings(values: NDArray[Any], nodata: float | None) -> Sequence[Finding]:
+    """Return a finding if pixels have the value that stands for none."""
+    if nodata is None or not (share := float(np.mean(values == nodata))) > 0:
+        return ()
+    return (warning("nodata-values", value=nodata, share=share),)

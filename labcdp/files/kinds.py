@@ -69,9 +69,12 @@ def no_picture(path: object, head: bytes) -> InputError | None:
     return None
 
 
-def no_video(path: object, head: bytes) -> InputError | None:
-    """Return the error of a file that no reader of videos is for; None where it may be one."""
-    if kind := _first(_READ, head):
+def no_video(path: object, head: bytes, refused: bool = False) -> InputError | None:
+    """Return the error of a file that no reader of videos is for; None where it may be one.
+
+    Motion JPEG begins as a JPEG does: that it is a picture counts where FFmpeg `refused` it.
+    """
+    if kind := _first(_READ, head) or ("JPEG" if refused and head.startswith(b"\xff\xd8\xff") else None):
         return InputError(f"{path} is a picture ({kind}), no video: evaluate it with labcdp image")
     kind = unread_picture(head)
     # Of GIF, FFmpeg reads all pictures.

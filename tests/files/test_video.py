@@ -275,6 +275,7 @@ def test_the_picture_of_a_cover_is_no_video(tmp_path):
         ("a.mp4", b"\0\0\0\x1cftypmif1\0\0\0\0avifmif1miaf"),
         ("a.webp", b"RIFF\x9a\0\0\0WEBPVP8X\n\0\0\0\x02"),
         ("a.png", b"\x89PNG\r\n\x1a\n"),
+        ("a.jpg", jpeg(bars(1)[0])),
     ],
 )
 def test_what_is_not_a_video_is_refused(tmp_path, name, data):
@@ -364,10 +365,11 @@ def test_a_black_frame_among_coloured_ones_is_black(tmp_path):
     assert [(one.bit_depth, bool(one.dn.mean() > 0)) for one in found] == [(16, False), (16, True), (16, True)]
 
 
-def test_pages_of_a_tiff_are_frames(tmp_path):
+@pytest.mark.parametrize("name", ["a.tif", "a.stk"])
+def test_pages_of_a_tiff_are_frames(tmp_path, name):
     stack = np.random.default_rng(2).integers(0, 4096, (5, 20, 30), dtype=np.uint16)
     stack[0, 0, 0] = 4095
-    tifffile.imwrite(tmp_path / "stack.tif", stack, photometric="minisblack", compression="zlib")
-    found = [one.frame for one in frames(tmp_path / "stack.tif")]
+    tifffile.imwrite(tmp_path / name, stack, photometric="minisblack", compression="zlib")
+    found = [one.frame for one in frames(tmp_path / name)]
     np.testing.assert_array_equal([one.dn for one in found], stack)
     assert {one.bit_depth for one in found} == {12}

@@ -171,15 +171,17 @@ def _announced(stream: Any) -> int:
 def _opened(path: Path, max_pixels: int) -> Iterator[Any]:
     """Open a file whose frames have at most so many pixels; whatever goes wrong becomes one InputError."""
     with reading(path, "a file you can read"), open_regular(path) as file:
-        if error := no_video(path, file.read(HEAD_BYTES)):
-            raise error
+        head = file.read(HEAD_BYTES)
+    if refusal := no_video(path, head):
+        raise refusal
     try:
         limits = {"protocol_whitelist": "file", "format_whitelist": _CONTAINERS}
         # As an absolute path, FFmpeg takes no part of the name as a protocol.
         container = av.open(os.path.abspath(path), container_options=limits, metadata_errors="replace")
     except (av.FFmpegError, ValueError, OverflowError) as error:
-        raise InputError(
-            f"{path} is no video that FFmpeg reads ({reason(error)}): if another program plays it, convert it to FFV1 "
+        why = getattr(error, "strerror", None) or reason(error)
+        raise no_video(path, head, refused=True) or InputError(
+            f"{path} is no video that FFmpeg reads ({why}): if another program plays it, convert it to FFV1 "
             "or MJPEG; else copy it again"
         ) from error
     with container:

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
 
-from ...core.disk import reading
+from ...core.disk import open_regular, reading
 from ..picture import PictureOptions
+from ..tiff import TIFF
 from .source import VideoSource
 
 #: Endings of the names of video files in a folder; a file that is given itself may have any.
@@ -36,14 +37,21 @@ def open_video(path: str | PathLike[str], options: PictureOptions | None = None)
         If it is a session that was altered.
     """
     from ...session.journal import JOURNAL
+    from ..read import RAW_SUFFIXES
     from .file import open_video_file
     from .sequence import open_sequence, open_session_video, open_stack
 
     path, options = Path(path), options or PictureOptions()
     if path.is_dir():
         return (open_session_video if (path / JOURNAL).is_file() else open_sequence)(path, options)
-    is_stack = path.suffix.lower() in (".tif", ".tiff")
+    suffix = path.suffix.lower()
+    is_stack = suffix in (".tif", ".tiff") or (suffix not in RAW_SUFFIXES and _begins_as_tiff(path))
     return (open_stack if is_stack else open_video_file)(path, options)
+
+
+def _begins_as_tiff(path: Path) -> bool:
+    with reading(path, "a video, a folder of images, or a recorded session"), open_regular(path) as file:
+        return file.read(len(TIFF[0])) in TIFF
 
 
 def video_paths(paths: Sequence[str | PathLike[str]]) -> list[Path]:

@@ -15,6 +15,7 @@ from PIL import Image
 from labcdp.chain import Optics, Sensor, Windscreen
 from labcdp.chain.signal import Context, scene_signal
 from labcdp.core.errors import CalibrationError, ConfigurationError, InputError
+from labcdp.core.frame import BlackPattern
 from labcdp.core.luminance import CommonError, Invalid, LuminanceMap
 from labcdp.core.result import info, warning
 from labcdp.evaluate.picture.camera_specification import CameraSpecification
@@ -264,3 +265,31 @@ def test_pictures_the_calibration_is_not_for_are_refused(tmp_path, recorded, cal
             calibrated.luminance(picture)
     with pytest.raises(CalibrationError, match=r"taken with f/1\.2, the calibration is for f/"):
         calibrated.luminance(replace(picture, coloured=False, facts=replace(picture.facts, f_number=1.2)))
+
+
+@pytest.mark.parametrize("colour_filter", [None, "GR"])
+@pytest.mark.parametrize("with_camera", [False, True])
+def test_a_pixels_own_black_level_is_taken_off_and_saturation_is_of_what_is_stored(
+    specified, with_camera, colour_filter
+):
+    """As of the frame whose pixels all have one black level."""
+    rng = np.random.default_rng(5)
+    dn = rng.integers(400, 3000, (40, 60)).astype(np.uint16)
+    _, pattern = BlackPattern.split(4 * rng.integers(0, 60, (3, 4)), rng.integers(-9, 9, 60), rng.integers(-9, 9, 40))
+    offsets = pattern.offsets_dn(dn.shape)
+    whole = replace(pattern, group=tuple(tuple(map(round, row)) for row in pattern.group), columns=(), rows=())
+    plain = replace(frame_of_pixels(dn, PictureOptions(bit_depth=12), NOW), colour_filter=colour_filter)
+    plain = replace(plain, black_level_dn=100.0)
+    stored = replace(plain, dn=(dn + whole.offsets_dn(dn.shape)).astype(np.uint16), black_pattern=whole)
+    conversion = specified() if with_camera else RELATIVE
+    one, other = conversion.convert(plain), conversion.convert(stored)
+    np.testing.assert_allclose(other.luminance_cd_m2, one.luminance_cd_m2, rtol=2e-5)
+    np.testing.assert_allclose(other.random_rel, one.random_rel, rtol=1e-3)
+    part = conversion.convert(stored, (slice(4, 9), slice(2, 7)))
+    np.testing.assert_array_equal(part.luminance_cd_m2, other.luminance_cd_m2[4:9, 2:7])
+    # Of fractions the light is between that of two DN.
+    light = conversion.convert(replace(plain, black_pattern=pattern)).luminance_cd_m2
+    if colour_filter is None and not with_camera:
+        np.testing.assert_allclose(light, (dn - offsets - 100.0) / 4096, rtol=1e-4)
+    full = replace(stored, dn=np.full_like(dn, 4094), saturation_dn=4095.0)
+    assert not (conversion.convert(full).invalid & Invalid.SATURATED).any()

@@ -91,6 +91,46 @@ class Meter(Device, Protocol):
         """Take one reading."""
 
 
+def require_mode(
+    reading: Reading, *, ratio: bool = False, peak: bool = False, correction: str | None = "preset"
+) -> None:
+    """Refuse a reading in another mode than the wanted one.
+
+    The flags of a reading state its mode; keys of the meter change modes unnoticed.
+
+    Parameters
+    ----------
+    reading : Reading
+        As the meter gave it.
+    ratio : bool
+        Whether a ratio in % is wanted instead of a luminance.
+    peak : bool
+        Whether the highest value is wanted instead of the present one.
+    correction : {'preset', 'luminance', 'colour', 'both'} or None
+        The correction that the meter should apply; None accepts each. A meter that states none is accepted.
+
+    Raises
+    ------
+    MeterError
+        If the reading is in another mode.
+    """
+    problems = {
+        "a ratio in %": reading.unit == "%" and not ratio,
+        "a luminance, not a ratio in %": reading.unit != "%" and ratio,
+        "a held peak": reading.peak and not peak,
+        "the present value, not the peak": peak and not reading.peak,
+        f"a reading with the correction {reading.correction!r}, not {correction!r}": None
+        not in (reading.correction, correction)
+        and reading.correction != correction,
+    }
+    for problem, applies in problems.items():
+        if applies:
+            raise MeterError(
+                f"the meter gave {problem} ({reading.raw}): the reading is not used; set the mode back at the meter, or "
+                "switch it off and on with F held, then repeat"
+            )
+
+
 def measure_series(meter: Meter, n: int) -> ReadingSeries:
     """Take several readings of the same light.
 

@@ -9,7 +9,7 @@ import stat
 from typing import Literal
 
 from ..device import Finding, State
-from ..meter import MeterError, MeterNotFoundError, MeterReportedError, MeterTimeoutError
+from ..meter import MeterError, MeterNotFoundError, MeterReportedError, MeterTimeoutError, require_mode
 from ..minolta_ls.meter import DRIVERS, MinoltaLS
 
 #: Debian's group with access to serial ports.
@@ -114,6 +114,11 @@ def _unit(meter: MinoltaLS) -> Finding:
             return Finding("unit", "unknown", "the meter holds no reading, which would tell its unit", remedy)
         # A value out of range is not a fault of the meter; an empty battery is.
         return Finding.of_error("unit", error, "fault" if error.code in ("ER20", "ER30") else "notice")
+    if shown.unit != "%":
+        try:
+            require_mode(shown)
+        except MeterError as error:
+            return Finding.of_error("mode", error, "notice")
     if shown.unit == "cd/m2":
         return Finding("unit", "good", f"cd/m²; it shows {shown.value:g}")
     if shown.unit == "fL":

@@ -18,12 +18,20 @@ from serial.tools.list_ports_common import ListPortInfo
 
 from ...core.errors import InputError
 from ...core.reading import MeterIdentity, Reading
-from ..meter import Meter, MeterIncident
+from ..meter import Meter, MeterIncident, require_mode
 from .line import MeterLine
 from .port import SETTINGS, NamedPort, Port, TranscriptWriter
 from .protocol import LS100, LS110, MODE_GROUPS, POWER_ON, LSDataSheet, MeterMode, parse_reading
 
 _log = logging.getLogger(__name__)
+
+#: Correction of the readings in each of the first modes.
+_CORRECTIONS: Final = {
+    MeterMode.PRESET: "preset",
+    MeterMode.VARI_CCF: "colour",
+    MeterMode.VARI_LUMI: "luminance",
+    MeterMode.VARI_CCF_LUMI: "both",
+}
 
 
 class MinoltaLS(Meter):
@@ -172,12 +180,15 @@ class MinoltaLS(Meter):
         MeterLostError
             If the connection was lost; the port is then closed.
         MeterError
-            If the meter is not open.
+            If the meter is not open, or its reading is in another mode than those set: its keys change modes unnoticed.
         """
-        return self._reading("MES")
+        reading = self._reading("MES")
+        ratio, peak = MeterMode.RATIO in self._modes, MeterMode.PEAK in self._modes
+        require_mode(reading, ratio=ratio, peak=peak, correction=_CORRECTIONS[self._modes[0]])
+        return reading
 
     def read_held(self) -> Reading:
-        """Read the value on the display, without measuring.
+        """Read the value on the display, without measuring; it may have been taken in other modes than those set.
 
         Raises
         ------

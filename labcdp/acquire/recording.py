@@ -15,8 +15,8 @@ from ..core.errors import SessionError
 from ..core.frame import Frame
 from ..core.reading import Reading
 from ..drivers.computer import raise_priority
-from ..drivers.meter import Meter, MeterError
-from ..session import MeterConfiguration, Role, Session
+from ..drivers.meter import Meter, require_mode
+from ..session import Role, Session
 from .control import Control, Progress, Report
 from .operator import Operator
 from .plan import readings_wanted, remaining
@@ -238,7 +238,7 @@ class ReadingRecorder:
                 reading = self._meter.measure()
             finally:
                 self._note_incidents(patch)
-            _require_mode(reading, self._session.configuration.meter)
+            require_mode(reading, correction=self._session.configuration.meter.correction)
             self._session.add_reading(reading, patch)
             done += 1
             self._report(Progress("meter readings", done, total, reading=(patch, reading)))
@@ -251,19 +251,3 @@ class ReadingRecorder:
 
     def _recorded(self, patch: str) -> int:
         return sum(record.patch == patch for record in self._session.readings())
-
-
-def _require_mode(reading: Reading, wanted: MeterConfiguration) -> None:
-    """Refuse a reading in another mode: its flags say so, and keys of the meter change modes unnoticed."""
-    problems = {
-        "a ratio in %": reading.unit == "%",
-        "a held peak": reading.peak,
-        f"a reading with the correction {reading.correction!r}, not {wanted.correction!r}": reading.correction
-        not in (None, wanted.correction),
-    }
-    for problem, there in problems.items():
-        if there:
-            raise MeterError(
-                f"the meter gave {problem} ({reading.raw}): it is not recorded; set the mode back at the meter, "
-                "or switch it off and on with F held, then resume"
-            )

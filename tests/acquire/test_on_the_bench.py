@@ -177,7 +177,7 @@ class Changed:
 def test_a_reading_in_another_mode_is_not_recorded(changed, on_bench, changes):
     with on_bench(changed(FAR)) as on:
         meter, on.meter = on.meter, Changed(on.meter, **changes)
-        with pytest.raises(MeterError, match="it is not recorded"):
+        with pytest.raises(MeterError, match="the reading is not used"):
             on.acquire()
         assert on.counts == (6, 0, 0)
         on.meter = meter

@@ -126,8 +126,8 @@ def require_mode(
     for problem, applies in problems.items():
         if applies:
             raise MeterError(
-                f"the meter gave {problem} ({reading.raw}): the reading is not used; set the mode back at the meter, or "
-                "switch it off and on with F held, then repeat"
+                f"the meter gave {problem} ({reading.raw}): the reading is not used; set the mode back at the meter, "
+                "or switch it off and on with F held, then repeat"
             )
 
 

@@ -19,7 +19,7 @@ from ..camera_settings import CameraSettings, CameraSetup, FeatureDescription, F
 from .connection import Connection, require_kept, take_snapshot
 from .features import described_features, read_feature, readable_features, write_feature
 from .known_state import not_understood
-from .settings import SettingChanges, change_setting, exposure_range_s, read_settings, temperature_c
+from .settings import SettingChanges, change_setting, exposure_range_s, read_settings, temperature_c, understood_gains
 from .settings import configure as change_settings
 from .stream import FrameStream
 
@@ -207,7 +207,8 @@ class AravisCamera(Camera):
     @property
     def not_understood(self) -> tuple[str, ...]:
         """Names of writable features of which labcdp does not know what they do to a picture."""
-        return not_understood(self._connection.retry_after_reconnect(take_snapshot))
+        gains = self._connection.ask("its gain cannot be read", understood_gains)
+        return not_understood(self._connection.retry_after_reconnect(take_snapshot), gains)
 
     def grab(self, n: int, timeout_s: float | None = None, on_refused: Refused | None = None) -> Iterator[Frame]:
         """Take `n` complete consecutive frames, yielding each as it arrives.

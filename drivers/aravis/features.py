@@ -159,6 +159,13 @@ def available(camera: Any, *names: str) -> str | None:
     return next((name for name in names if _is_there(device.get_feature(name))), None)
 
 
+def unit_of(camera: Any, name: str) -> str:
+    """Return the unit of a feature, empty if the camera does not state it."""
+    node = camera.get_device().get_feature(name)
+    kind = _kind(node)
+    return getattr(aravis(), kind).get_unit(node) or "" if kind in ("GcInteger", "GcFloat") else ""
+
+
 def text_of(camera: Any, name: str) -> str:
     """Return the text of a feature; empty if the camera does not have it."""
     return device_text(camera.get_string, name) if available(camera, name) is not None else ""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import Any
 
 from ..camera import CameraSettingError
@@ -38,22 +38,49 @@ _STATE: tuple[tuple[str, FeatureValue], ...] = (
     ("TestImageSelector", "Off"),
 )
 
+_STATE_NAMES = frozenset(name for name, _ in _STATE)
 #: Names and beginnings of names of what `settings` and the plan set, of what has no effect in the state above or on raw
 #: pixels, and of what changes no picture, such as lines, timers and counters.
 _UNDERSTOOD = (
-    *(name for name, _ in _STATE),
-    *("Acquisition", "Binning", "BlackLevel", "Exposure", "Gain", "Height", "Offset", "Pixel", "Trigger", "Width"),
-    *("Auto", "Color", "DSPSubregion", "Gamma", "GrayValueAdjustment", "Hue", "LUT", "LightSource", "RgbTransform"),
-    *("Saturation", "Sequence", "Sharp", "BalanceWhite", "TestPattern", "pgrExposureCompensation", "pgrHDR"),
+    *("Acquisition", "Binning", "BlackLevel", "Exposure", "Height", "OffsetX", "OffsetY", "Trigger", "Width"),
+    *("PixelFormat", "PixelColorFilter", "PixelCoding", "PixelDynamicRange", "PixelSize"),
+    *("Auto", "Color", "DSPSubregion", "GainAuto", "GrayValueAdjustment", "Hue", "LightSource", "RgbTransform"),
+    *("Saturation", "Sequence", "BalanceWhite", "TestPattern", "pgrExposureCompensation", "pgrHDR"),
     *("BandwidthControlMode", "Counter", "Device", "ExpertFeature", "Line", "LogicBlock", "ParameterSelector"),
     *("Recorder", "RemoveLimits", "Serial", "SoftwareSignal", "Strobe", "Sync", "Timer", "Transfer", "UserDefined"),
     "UserOutput",
 )
 
 
-def not_understood(names: Iterable[str]) -> tuple[str, ...]:
-    """Return those of a camera's writable features of which labcdp does not know what they do to a picture."""
-    return tuple(name for name in names if not name.startswith(_UNDERSTOOD))
+#: Beginnings of names of what has no effect where the camera has one of these switches, which are off.
+_SWITCHED_OFF = {
+    "Gamma": ("GammaEnable", "GammaEnabled"),
+    "LUT": ("LUTEnable",),
+    "Sharp": ("SharpeningEnable", "SharpnessEnabled"),
+}
+#: In names of what multiplies the DN, whatever the name begins with.
+_GAIN = "gain"
+
+
+def not_understood(names: Iterable[str], gains: Collection[str] = ()) -> tuple[str, ...]:
+    """Return those of a camera's writable features of which labcdp does not know what they do to a picture.
+
+    Parameters
+    ----------
+    names : iterable of str
+        All of them.
+    gains : collection of str
+        Those of the gain that is read in dB; any other gain is not understood.
+    """
+    every = tuple(names)
+    off = tuple(start for start, switches in _SWITCHED_OFF.items() if not set(switches).isdisjoint(every))
+
+    def is_understood(name: str) -> bool:
+        if _GAIN in name.casefold() and not name.startswith(("GainAuto", "Auto")):
+            return name in gains
+        return name in _STATE_NAMES or name.startswith((*_UNDERSTOOD, *off))
+
+    return tuple(name for name in every if not is_understood(name))
 
 
 def bring_to_known_state(camera: Any) -> None:

@@ -16,15 +16,16 @@ from ...core.errors import InputError
 from ...core.frame import Readout
 from ..camera import CameraSettingError
 from ..camera_settings import CameraSettings, Region, Trigger
-from .features import available, read_feature, require_range, text_of, writable, write_feature
+from .features import available, read_feature, require_range, text_of, unit_of, writable, write_feature
 from .known_state import show_whole_sensor
 from .link import Link
 from .trigger import change_trigger, read_trigger
 
 _EXPOSURES = ("ExposureTime", "ExposureTimeAbs", "ExposureTimeRaw")
-#: The gain in dB; GainRaw, which older cameras have instead, counts in steps of their own, but in dB in those of the
-#: vendors whose names begin so.
-_GAIN, _RAW_GAIN = "Gain", "GainRaw"
+#: The gain, in dB unless its unit says otherwise, and its name in the SFNC 1, in dB only if its unit says so. GainRaw,
+#: which older cameras have instead, counts in steps of their own, but in dB in those of these vendors.
+_GAIN, _ABSOLUTE_GAIN, _RAW_GAIN = "Gain", "GainAbs", "GainRaw"
+_GAIN_SELECTOR = "GainSelector"
 _RAW_GAIN_IN_DB = ("Allied Vision", "AVT", "Prosilica")
 #: The last is that of old Mantas, where the first is a category.
 _BLACK_LEVELS = ("BlackLevel", "BlackLevelRaw", "BlackLevelValue")
@@ -75,8 +76,22 @@ def _frame_rate_hz(camera: Any) -> float | None:
 
 def _gain(camera: Any) -> str | None:
     """Name of the gain in dB, None if the camera has none."""
+    if available(camera, _GAIN) is not None:
+        # A unit that is none may be that of a factor, which begins at 1.
+        unit = unit_of(camera, _GAIN).casefold()
+        return _GAIN if unit == "db" or (not unit and _bounds(camera, _GAIN)[0] != 1) else None
+    if available(camera, _ABSOLUTE_GAIN) is not None and unit_of(camera, _ABSOLUTE_GAIN).casefold() == "db":
+        return _ABSOLUTE_GAIN
     raw_in_db = text_of(camera, "DeviceVendorName").startswith(_RAW_GAIN_IN_DB)
-    return available(camera, _GAIN, *([_RAW_GAIN] if raw_in_db else []))
+    return available(camera, _RAW_GAIN) if raw_in_db else None
+
+
+def understood_gains(camera: Any) -> tuple[str, ...]:
+    """Return the features of the gain that `read_settings` reads; the selector where there is one gain to select."""
+    gain = _gain(camera)
+    selector = available(camera, _GAIN_SELECTOR)
+    is_only = selector is not None and len(camera.dup_available_enumerations_as_strings(selector)) < 2
+    return tuple(name for name in (gain, _GAIN_SELECTOR if is_only else None) if name is not None)
 
 
 def _black_level(camera: Any) -> float:
@@ -245,8 +260,8 @@ def _change_gain(camera: Any, gain_db: float) -> None:
     name = _gain(camera)
     if name is None:
         if gain_db != 0:
-            raw = available(camera, _RAW_GAIN)
-            own = "no gain" if raw is None else f"its gain not in dB but as {raw}, a feature to set by name"
+            other = available(camera, _GAIN, _ABSOLUTE_GAIN, _RAW_GAIN)
+            own = "no gain" if other is None else f"its gain not in dB but as {other}, a feature to set by name"
             raise CameraSettingError(f"the camera has {own}: ask for 0 dB, not {gain_db:g} dB")
         return
     require_range("gain_db", gain_db, _bounds(camera, name), "dB")

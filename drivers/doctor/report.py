@@ -16,6 +16,7 @@ from ..aravis.features import readable_features
 from ..aravis.known_state import not_understood
 from ..aravis.library import CameraInfo, genicam_xml
 from ..aravis.link import connect
+from ..aravis.settings import understood_gains
 from ..meter import MeterError
 from ..minolta_ls.meter import DRIVERS
 from .computer import debian_packages
@@ -39,7 +40,7 @@ def camera_files(info: CameraInfo) -> dict[str, bytes]:
         writable = take_snapshot(link)
         with link.using("it cannot be read") as camera:
             features = dict(readable_features(camera))
-            xml = genicam_xml(camera)
+            xml, gains = genicam_xml(camera), understood_gains(camera)
     about = {
         "camera": asdict(info),
         "versions": {
@@ -50,7 +51,7 @@ def camera_files(info: CameraInfo) -> dict[str, bytes]:
         },
         "features": features,
         "writable": list(writable),
-        "not understood": list(not_understood(writable)),
+        "not understood": list(not_understood(writable, gains)),
     }
     name = "camera-" + re.sub(r"\W", "_", info.serial or info.address)
     text = json.dumps(about, indent=1, default=repr)

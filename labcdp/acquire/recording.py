@@ -13,7 +13,6 @@ from ..core.clock import Clock
 from ..core.computer import InterruptSafeThread
 from ..core.errors import SessionError
 from ..core.frame import Frame
-from ..core.reading import Reading
 from ..drivers.computer import raise_priority
 from ..drivers.meter import Meter, require_mode
 from ..session import Role, Session

@@ -7,6 +7,7 @@ from enum import IntEnum
 from functools import cache
 from importlib.resources import files
 from typing import Any, Final, Literal
+from xml.sax.saxutils import quoteattr
 
 from ...core.disk import parse_toml
 from ...core.dn import PIXEL_FORMATS
@@ -98,7 +99,7 @@ def description(vendor: str, model: str, table: FeatureTable) -> str:
         nodes.append(_category(name, [each for each, values in features.items() if not values.get("hidden")]))
         nodes += [_nodes(each, values) for each, values in features.items()]
     return f"""<?xml version="1.0" encoding="utf-8"?>
-<RegisterDescription ModelName="{model.replace(" ", "")}" VendorName="{vendor.replace(" ", "")}"
+<RegisterDescription ModelName={_identifier(model)} VendorName={_identifier(vendor)}
   StandardNameSpace="None" SchemaMajorVersion="1" SchemaMinorVersion="0" SchemaSubMinorVersion="1"
   MajorVersion="1" MinorVersion="0" SubMinorVersion="0" ProductGuid="0" VersionGuid="0"
   xmlns="http://www.genicam.org/GenApi/Version_1_0"
@@ -108,6 +109,11 @@ def description(vendor: str, model: str, table: FeatureTable) -> str:
 <Port Name="Chunk" NameSpace="Standard"><ChunkID>1</ChunkID></Port>
 </RegisterDescription>
 """
+
+
+def _identifier(text: str) -> str:
+    """Write a text without blanks as the value of an attribute in XML."""
+    return quoteattr(text.replace(" ", ""))
 
 
 def initial_values(table: FeatureTable) -> dict[int, int]:

@@ -167,15 +167,13 @@ def main() -> None:
         say(f"labcdp: a library cannot be loaded ({reason(error)}): {_NO_LIBRARY}")
         sys.exit(1)
     except OSError as error:
-        if error.errno is None:
-            say(f"labcdp: a library cannot be loaded ({reason(error)}): {_NO_LIBRARY}")
-            sys.exit(1)
         if error.filename is not None:
             name = short_words(os.fsdecode(error.filename))
             say(f"labcdp: {name} cannot be used ({reason(error)}): check name, folder and permissions")
             sys.exit(1)
         if error.errno not in _OUTPUT_ERRORS:
-            say(f"labcdp: the system refuses ({reason(error)}): check network, devices and limits, then repeat")
+            advice = "check network, devices, and limits such as that of memory (ulimit -v), then repeat"
+            say(f"labcdp: the system refuses ({reason(error)}): {advice}")
             sys.exit(1)
         say(f"labcdp: the output cannot be written ({error.strerror}): free some disk space")
         # What is left in the buffer would fail again at exit.

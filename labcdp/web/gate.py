@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from hmac import compare_digest
 from http.cookies import CookieError, SimpleCookie
+from ipaddress import ip_address
 from secrets import token_urlsafe
 from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, urlsplit
@@ -15,8 +16,6 @@ if TYPE_CHECKING:
 
 #: Name of the token in the address, and prefix of the cookie's name.
 TOKEN = "token"  # noqa: S105 - its name
-#: Host names of the loopback interface.
-_LOOPBACK = ("127.0.0.1", "localhost", "::1")
 #: What the page may load, and who may show it. Bokeh makes functions of text, and modules of blobs.
 _POLICY = (
     "default-src 'self' 'unsafe-inline' 'unsafe-eval' blob: data:; connect-src 'self' ws: wss:; "
@@ -63,7 +62,7 @@ class Gate:
         query : str
             Query string of the address.
         """
-        if self.loopback_only and _name(host) not in _LOOPBACK:
+        if self.loopback_only and not is_loopback(_name(host)):
             return "this page is served on loopback only: open the address that labcdp printed"
         if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
             return "this page answers no other page"
@@ -134,6 +133,16 @@ def guard(application: Application, gate: Gate) -> None:
 
     application.transforms.append(Headers)
     application.add_handlers(r".*", [Rule(NotAllowed(), Refused), Rule(WithToken(), Enter)])
+
+
+def is_loopback(host: str) -> bool:
+    """Whether an address is reachable only from this computer."""
+    if host == "localhost":
+        return True
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:
+        return False
 
 
 def _name(host: str) -> str:

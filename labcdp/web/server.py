@@ -11,13 +11,12 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from ipaddress import ip_address
 from pathlib import Path
 from threading import Thread
 from typing import Any
 
 from ..core.errors import InputError, printable
-from .gate import TOKEN, Gate, guard
+from .gate import TOKEN, Gate, guard, is_loopback
 
 _log = logging.getLogger(__name__)
 
@@ -68,16 +67,6 @@ class Address:
         if self.host in ("0.0.0.0", "::"):  # noqa: S104 - compared, not bound
             return socket.gethostname()
         return f"[{self.host}]" if ":" in self.host else self.host
-
-
-def is_loopback(host: str) -> bool:
-    """Whether an address is reachable only from this computer."""
-    if host == "localhost":
-        return True
-    try:
-        return ip_address(host).is_loopback
-    except ValueError:
-        return False
 
 
 @dataclass(frozen=True)

@@ -166,6 +166,10 @@ def test_what_is_found_is_written_without_the_page(tmp_path, capsys):
 
 def test_other_names_of_the_host_are_refused_unless_another_address_was_asked_for():
     gate, host = Gate("secret-token-0123", loopback_only=True), "bench.lab:5006"
+    for own in ("127.0.0.1", "127.0.0.2", "localhost", "[::1]"):
+        assert gate.refusal(f"{own}:5006", f"http://{own}:5006", "", f"token={gate.token}") == ""
+    for other in ("127.0.0.2.example.org", "192.0.2.7", "[::2]", ""):
+        assert "on loopback only" in gate.refusal(f"{other}:5006", None, "", f"token={gate.token}")
     cookie = f"{gate.cookie}={gate.token}"
     assert gate.refusal("[::1]:5006", None, cookie, "") == ""
     for name in (host, "[bad"):

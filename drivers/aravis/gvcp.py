@@ -30,15 +30,18 @@ STREAM_CHANNEL_PORT = 0x0D00
 #: Tries of 0.25 s after which a camera is lost: as long as Aravis retries itself (5 x 500 ms).
 PATIENT_TRIES = 10
 
-_KEY = 0x42
+#: First byte of each request.
+KEY = 0x42
 _ACKNOWLEDGE = 0x01
 #: Flag of a request that may be answered by broadcast.
 _ANSWER_ALL = 0x10
 _EVERYBODY = ("255.255.255.255", GVCP_PORT)
-_DISCOVERY = 0x0002
+DISCOVERY = 0x0002
 _FORCE_IP = 0x0004
 READ_REGISTER = 0x0080
 WRITE_REGISTER = 0x0082
+READ_MEMORY = 0x0084
+WRITE_MEMORY = 0x0086
 #: The acknowledgement of a command has the next number; a busy camera sends PENDING_ACK first.
 _PENDING = 0x0089
 _LARGEST_MESSAGE = 576
@@ -85,7 +88,7 @@ def ask(address: str, command: int, payload: bytes = b"", timeout_s: float = 0.2
 
 def request(client: socket.socket, command: int, payload: bytes, request_id: int, timeout_s: float) -> Answer | None:
     """Send one request on a connected socket; the answer may be that to an earlier one. Raises OSError."""
-    client.send(struct.pack(">BBHHH", _KEY, _ACKNOWLEDGE, command, len(payload), request_id) + payload)
+    client.send(struct.pack(">BBHHH", KEY, _ACKNOWLEDGE, command, len(payload), request_id) + payload)
     return _wait_for(client, command, request_id, time.monotonic() + timeout_s)
 
 
@@ -140,7 +143,7 @@ def is_controlled(address: str, tries: int = PATIENT_TRIES) -> bool | None:
 
 def announce(address: str, timeout_s: float = 0.25, tries: int = 3) -> CameraInfo | None:
     """Query one address for a camera; None if none answers. Parameters as `read_register`."""
-    answer = ask(address, _DISCOVERY, b"", timeout_s, tries)
+    answer = ask(address, DISCOVERY, b"", timeout_s, tries)
     return None if answer is None else _announced(answer)
 
 
@@ -164,7 +167,7 @@ def announce_all(interface: str, timeout_s: float = 1.0) -> list[CameraInfo]:
     OSError
         If the interface cannot be used.
     """
-    seen = map(_announced, _ask_all(interface, _DISCOVERY, b"", timeout_s))
+    seen = map(_announced, _ask_all(interface, DISCOVERY, b"", timeout_s))
     # Simulated cameras of one computer share its hardware address.
     return list({(one.mac, one.address): one for one in seen if one is not None}.values())
 
@@ -176,7 +179,7 @@ def _ask_all(interface: str, command: int, payload: bytes, timeout_s: float) -> 
         client.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
         client.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, interface.encode() + b"\0")
         flags = _ACKNOWLEDGE | _ANSWER_ALL
-        client.sendto(struct.pack(">BBHHH", _KEY, flags, command, len(payload), 1) + payload, _EVERYBODY)
+        client.sendto(struct.pack(">BBHHH", KEY, flags, command, len(payload), 1) + payload, _EVERYBODY)
         while (answer := _wait_for(client, command, 1, until_s)) is not None:
             yield answer
 

@@ -2,30 +2,74 @@
 
 from __future__ import annotations
 
-import ctypes
 import errno
 import os
 import socket
 import struct
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from typing import Final
 
+from .. import packet_filter
 from ..aravis import gvcp
 from ..aravis.gvcp import GVCP_PORT
 from ..camera import CameraError
 from ..computer import own_udp_sockets
 from ..network import interfaces
+from ..packet_filter import ABOVE, AT_LEAST, DROP, EQUAL, KEEP, UDP_HEADER_BYTES
+from .genicam import Values
 
-#: Socket options of Linux (asm-generic/socket.h) that Python's socket module has no names for.
-_SO_ATTACH_FILTER, _SO_DETACH_FILTER = 26, 27
+#: Size of the registers of Aravis' simulator; its description follows (ARV_FAKE_CAMERA_MEMORY_SIZE).
+_REGISTERS_BYTES: Final = 0x10000
+
+#: Bootstrap registers that a client writes: heartbeat time-out, control, and port and address of the stream.
+_CLIENT_REGISTERS: Final = (0x0938, gvcp.CONTROL_CHANNEL_PRIVILEGE, gvcp.STREAM_CHANNEL_PORT, 0x0D18)
+
+#: Most bytes that a READMEM may ask for (GigE Vision 2.0, 16.3).
+_MOST_READ_BYTES: Final = 536
 
 
-#: A classic Berkeley packet filter of one instruction, "return 0": keep no byte of any packet (struct sock_filter).
-_KEEP_NOTHING = ctypes.create_string_buffer(struct.pack("HBBI", 0x06, 0, 0, 0))
-#: The filter with its length (struct sock_fprog).
-_FILTER = struct.pack("HP", 1, ctypes.addressof(_KEEP_NOTHING))
+def request_filter(writable: Mapping[int, Values], description_bytes: int) -> packet_filter.Program:
+    """Return the filter that lets the requests through which Aravis' simulator answers.
+
+    It does not check them: a read beyond the description ends its process, as may sizes that a client writes.
+
+    Parameters
+    ----------
+    writable : mapping
+        Values that the registers of the camera's features take, by address.
+    description_bytes : int
+        Size of its GenICam description.
+    """
+    header, known = UDP_HEADER_BYTES, {**writable, **{address: Values() for address in _CLIENT_REGISTERS}}
+
+    def sized(n_bytes: int) -> packet_filter.Program:
+        """Require a request with so many bytes after its header of 8."""
+        length = packet_filter.load_length() + packet_filter.require(EQUAL, header + 8 + n_bytes)
+        return length + packet_filter.load(header + 4, 2) + packet_filter.require(EQUAL, n_bytes)
+
+    address = packet_filter.load(header + 8, 4)
+    inside = address + packet_filter.refuse(AT_LEAST, _REGISTERS_BYTES + description_bytes) + KEEP
+    count = packet_filter.load(header + 14, 2)
+    count += packet_filter.require(AT_LEAST, 1) + packet_filter.refuse(ABOVE, _MOST_READ_BYTES)
+    command = packet_filter.load(header, 1) + packet_filter.require(EQUAL, gvcp.KEY)
+    command += packet_filter.load(header + 2, 2)
+    program = command + packet_filter.when(EQUAL, gvcp.DISCOVERY, sized(0) + KEEP)
+    program += packet_filter.when(EQUAL, gvcp.READ_REGISTER, sized(4) + inside)
+    program += packet_filter.when(EQUAL, gvcp.READ_MEMORY, sized(8) + count + inside)
+    # Both write four bytes behind an address: no feature has more.
+    program += packet_filter.require(EQUAL, gvcp.WRITE_REGISTER, gvcp.WRITE_MEMORY) + sized(8)
+    for register, values in known.items():
+        program += address + packet_filter.when(EQUAL, register, _written(header + 12, values))
+    return program + DROP
+
+
+def _written(offset: int, values: Values) -> packet_filter.Program:
+    value = packet_filter.load(offset, 4) + packet_filter.masked(values.mask)
+    if values.choices:
+        return value + packet_filter.require(EQUAL, *values.choices) + KEEP
+    return value + packet_filter.require(AT_LEAST, values.low) + packet_filter.refuse(ABOVE, values.high) + KEEP
 
 
 def check_free(address: str) -> None:
@@ -76,15 +120,18 @@ class ControlPort:
     ----------
     address : str
         Loopback address of the camera.
+    requests : tuple
+        Filter of the requests that it answers; see `request_filter`.
     """
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, requests: packet_filter.Program) -> None:
         self._address = address
+        self._requests = requests
         self._others = {_inode(listener) for listener, _ in self._bound()}
         self._own: set[int] = set()
 
     def find(self) -> None:
-        """Find the sockets that the camera has opened, and let only loopback discover it.
+        """Find the sockets that the camera has opened, filter their requests, and let only loopback discover it.
 
         Aravis' simulator also listens to broadcasts, which come from every network. Answering there would show the
         camera to other machines, and make clients on this one look for its frames on the wrong interface.
@@ -92,6 +139,7 @@ class ControlPort:
         for listener, address in self._bound():
             if _inode(listener) not in self._others:
                 self._own.add(_inode(listener))
+                packet_filter.attach(listener, self._requests)
                 if address == "255.255.255.255":
                     listener.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, b"lo\0")
 
@@ -99,11 +147,7 @@ class ControlPort:
         """Drop all requests, or receive them again."""
         for listener, _ in self._bound():
             if _inode(listener) in self._own:
-                if deaf:
-                    listener.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, _FILTER)
-                else:
-                    with suppress(FileNotFoundError):  # it was not deaf
-                        listener.setsockopt(socket.SOL_SOCKET, _SO_DETACH_FILTER, b"\0\0\0\0")
+                packet_filter.attach(listener, DROP if deaf else self._requests)
 
     @staticmethod
     def _bound() -> Iterator[tuple[socket.socket, str]]:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cache
 from importlib.resources import files
+from math import ceil, floor
 from typing import Any, Final, Literal
 from xml.sax.saxutils import quoteattr
 
@@ -120,6 +122,74 @@ def initial_values(table: FeatureTable) -> dict[int, int]:
     """Return what registers hold after power-on, by address."""
     features = [values for category in table.values() for values in category.values()]
     return {_address(values): values["value"] for values in features if "value" in values}
+
+
+@dataclass(frozen=True)
+class Values:
+    """Values that a register takes, of 32 bits without a sign.
+
+    Parameters
+    ----------
+    low, high : int
+        Bounds.
+    choices : frozenset of int
+        The only ones; empty for all within the bounds.
+    mask : int
+        Bits that are compared.
+    """
+
+    low: int = 0
+    high: int = 0xFFFFFFFF
+    choices: frozenset[int] = frozenset()
+    mask: int = 0xFFFFFFFF
+
+
+def writable_registers(table: FeatureTable, width: int, height: int) -> dict[int, Values]:
+    """Return the values that the registers of writable features take, by address.
+
+    Parameters
+    ----------
+    table : FeatureTable
+        Features of the camera.
+    width, height : int
+        Size of its sensor in pixels.
+    """
+    registers: dict[int, Values] = {}
+    for category in table.values():
+        for values in category.values():
+            if "register" in values and "length" not in values and values.get("access") != "RO":
+                address = _address(values)
+                taken = _taken(values)
+                # Two commands may share a register.
+                before = registers.get(address, taken)
+                registers[address] = replace(taken, choices=taken.choices | before.choices)
+    # Aravis' simulator allocates frames of these sizes.
+    sizes = {Address.WIDTH: Values(1, width), Address.HEIGHT: Values(1, height)}
+    return registers | {address: size for address, size in sizes.items() if address in registers}
+
+
+def _taken(values: Mapping[str, Any]) -> Values:
+    if "choices" in values:
+        return Values(choices=frozenset(values["choices"].values()))
+    if "command" in values:
+        return Values(choices=frozenset({values["command"]}))
+    if "range" not in values:
+        return Values(0, 1) if "switch" in values else Values()
+    low, high = values["range"]
+    # Where another feature bounds it, what follows from frames of any size and rate is harmless.
+    bounds = [_in_register(limit, values) for limit in ([high, low] if values.get("period") else [low, high])]
+    least, most = (None if bound is None or bound < 0 else bound for bound in bounds)
+    mask = 0xFFFF if values.get("lower_half") else 0xFFFFFFFF
+    return Values(0 if least is None else floor(least), 0xFFFFFFFF if most is None else ceil(most), mask=mask)
+
+
+def _in_register(limit: float | str, values: Mapping[str, Any]) -> float | None:
+    """Return what a register holds at a limit of its feature; None if it depends on another one."""
+    if isinstance(limit, str):
+        return None
+    if values.get("period"):
+        return 1e6 / limit
+    return limit * values["steps"] if "unit" in values else limit
 
 
 def _category(name: str, members: Any) -> str:

@@ -22,9 +22,9 @@ from ..aravis.library import aravis
 from ..camera import CameraError
 from ..device import Device, on_error
 from .commands import CameraFaults
-from .control import ControlPort, SecondController, check_free
+from .control import ControlPort, SecondController, check_free, request_filter
 from .device import TEMPERATURE_STEPS_PER_C, FrameRenderer, FrameSource, Registers, SimulatedDevice, Wanted
-from .genicam import Address, description
+from .genicam import Address, description, writable_registers
 
 __all__ = ["SimulatedDevice", "SimulatedGigECamera"]
 
@@ -162,10 +162,12 @@ class SimulatedGigECamera(Device):
         arv = aravis()
         check_free(self.address)
         device = self.device
-        control = ControlPort(self.address)
+        text = description(device.vendor, device.model, device.features).encode()
+        writable = writable_registers(device.features, device.width, device.height)
+        control = ControlPort(self.address, request_filter(writable, len(text)))
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder, "camera.xml")
-            path.write_text(description(device.vendor, device.model, device.features), encoding="utf-8")
+            path.write_bytes(text)
             gv = arv.GvFakeCamera.new_full(self.address, device.serial, str(path))
         if not gv.is_running():
             raise CameraError(f"the simulated camera cannot use {self.address}: no network interface has this address")

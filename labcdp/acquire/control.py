@@ -5,14 +5,14 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable, Generator, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
 from typing import Any, cast
 
 from ..core.clock import Clock
-from ..core.errors import LabcdpError
+from ..core.errors import LabcdpError, SessionError
 from ..core.frame import Frame
 from ..core.reading import Reading
 from ..drivers.camera import Camera, IncompleteFrameError, Refused, take_again
@@ -213,10 +213,12 @@ def no_bare_session(path: Path) -> Iterator[None]:
     try:
         yield
     except LabcdpError:
-        if new and holds_something(path):
-            session = Session.open(path)
-            if all(isinstance(one, EventRecord) and one.kind in _OF_A_NEW_SESSION for one in session.records):
-                session.remove()
+        # Another process that has begun the session meanwhile holds it: it is that one's to remove.
+        with suppress(SessionError):
+            if new and holds_something(path):
+                with Session.open(path, writable=True) as session:
+                    if all(isinstance(one, EventRecord) and one.kind in _OF_A_NEW_SESSION for one in session.records):
+                        session.remove()
         raise
 
 

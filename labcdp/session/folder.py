@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import platform
+import re
 import secrets
 import shutil
 from collections.abc import Iterable, Sequence
+from contextlib import ExitStack, suppress
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 
 from ..core.clock import Clock
 from ..core.errors import SessionError
-from ..output.file import fsync_folder, is_temporary, write_several
+from ..output.file import fsync_folder, is_temporary, lock, write_several
 from .configuration import SessionConfiguration
 from .frames import FRAMES, read_checked, reported
 from .journal import FORMER_END, JOURNAL, Entry, Journal, read_journal
@@ -52,26 +55,77 @@ def read_configuration(path: Path, entries: Sequence[Entry]) -> SessionConfigura
     return SessionConfiguration.from_toml(text, str(path / first.file.name))
 
 
-def create_folder(path: Path, configuration: SessionConfiguration, compress: bool, clock: Clock) -> None:
-    """Make a session without records; raises SessionError if there is something already, or it cannot be written."""
+def create_folder(path: Path, configuration: SessionConfiguration, compress: bool, clock: Clock) -> Journal:
+    """Make a session without records and return its journal, open for writing.
+
+    Of several processes that begin the same session at once, one gets it: it is locked before it has its name.
+
+    Raises
+    ------
+    SessionError
+        If there is something already, or it cannot be written.
+    """
     if path.resolve() == Path.cwd():
         raise SessionError("the current folder cannot become a session: give the name of a new folder in it")
-    # Made under a temporary name, so that a session is there with all it needs or not at all.
-    making = path.parent / f".{path.name}.{secrets.token_hex(4)}.part"
-    try:
-        with reported(path, "written"):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            if path.exists() and not (path.is_dir() and not any(path.iterdir())):
-                raise SessionError(f"{path} exists already: give a new folder, or open the session in it")
-            _make(making, configuration, compress, clock)
-            os.rename(making, path)
+    with reported(path, "written"), ExitStack() as end:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.exists() and not (path.is_dir() and not any(path.iterdir())):
+            raise _exists(path)
+        _remove_unfinished(path)
+        # Made under a temporary name, so that a session is there with all it needs or not at all.
+        making = _temporary_folder(path, end)
+        journal = _make(making, configuration, compress, clock)
+        with ExitStack() as undo:
+            undo.callback(journal.close)
+            try:
+                os.rename(making, path)
+            except OSError as error:
+                if error.errno in (errno.ENOTEMPTY, errno.EEXIST):
+                    raise _exists(path) from error
+                raise
+            journal.moved_to(path)
             fsync_folder(path.parent)
-    finally:
-        shutil.rmtree(making, ignore_errors=True)
+            undo.pop_all()
+    return journal
 
 
-def _make(folder: Path, configuration: SessionConfiguration, compress: bool, clock: Clock) -> None:
-    (folder / FRAMES).mkdir(parents=True)
+def _exists(path: Path) -> SessionError:
+    return SessionError(f"{path} exists already: give a new folder, or open the session in it")
+
+
+def _temporary_folder(path: Path, end: ExitStack) -> Path:
+    """Make a locked folder beside `path`, whatever is left of which is removed at the end."""
+    while True:
+        making = path.parent / f".{path.name}.{secrets.token_hex(4)}.part"
+        making.mkdir()
+        end.callback(shutil.rmtree, making, ignore_errors=True)
+        # Another process may have removed it before it was locked, as an unfinished one.
+        with suppress(FileNotFoundError, BlockingIOError):
+            _lock_folder(making, end)
+            if making.exists():
+                return making
+
+
+def _remove_unfinished(path: Path) -> None:
+    """Remove what processes left that were killed while they made this session; what a process holds is kept."""
+    name = re.compile(re.escape(f".{path.name}.") + "[0-9a-f]{8}[.]part")
+    for unfinished in [one for one in path.parent.iterdir() if name.fullmatch(one.name)]:
+        with suppress(OSError), ExitStack() as end:
+            if _lock_folder(unfinished, end):
+                shutil.rmtree(unfinished, ignore_errors=True)
+
+
+def _lock_folder(folder: Path, end: ExitStack) -> bool:
+    """Lock a folder until the end; False where there are no such locks; raises OSError, BlockingIOError if locked."""
+    if not hasattr(os, "O_DIRECTORY"):  # Windows
+        return False
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    end.callback(os.close, descriptor)
+    return lock(descriptor)
+
+
+def _make(folder: Path, configuration: SessionConfiguration, compress: bool, clock: Clock) -> Journal:
+    (folder / FRAMES).mkdir()
     text = files("labcdp").joinpath("data/session-readme.txt").read_bytes()
     toml, readme = write_several(folder, [(CONFIGURATION, (configuration.to_toml().encode(),)), (README, (text,))])
     versions = {"labcdp": version("labcdp"), "numpy": version("numpy"), "python": platform.python_version()}
@@ -79,8 +133,10 @@ def _make(folder: Path, configuration: SessionConfiguration, compress: bool, clo
     try:
         journal.append("session", {"format": FORMAT, "compress": compress, "versions": versions}, toml)
         journal.append("readme", {}, readme)
-    finally:
+    except BaseException:
         journal.close()
+        raise
+    return journal
 
 
 def remove_session(folder: Path, recorded: Iterable[str]) -> None:

@@ -210,6 +210,10 @@ class Journal:
         """Release the lock; may be called twice."""
         self._file.close()
 
+    def moved_to(self, folder: Path) -> None:
+        """Take note that the session's folder was renamed."""
+        self._folder = folder
+
     def set_torn_line_aside(self) -> None:
         """Move what follows the last whole line to a file of its own, and record that file."""
         number = len(self.entries) + 1

@@ -91,8 +91,13 @@ class Session:
         SessionError
             If there is something at `path` already, or it cannot be written.
         """
-        create_folder(Path(path), configuration, compress, clock)
-        return cls.open(path, writable=True, clock=clock)
+        path = Path(path)
+        journal = create_folder(path, configuration, compress, clock)
+        try:
+            return cls(path, journal.entries, journal)
+        except BaseException:
+            journal.close()
+            raise
 
     @classmethod
     def open(cls, path: str | PathLike[str], writable: bool = False, clock: Clock = _SYSTEM_CLOCK) -> Self:

@@ -1,7 +1,9 @@
 """What goes into a session comes out again, and nothing else is touched."""
 
 import json
+import os
 import resource
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import timedelta
@@ -18,6 +20,7 @@ from hypothesis.extra import numpy as arrays
 from labcdp.core.clock import SimulatedClock
 from labcdp.core.errors import InputError, SessionError
 from labcdp.core.frame import CameraIdentity, Frame, Readout
+from labcdp.output.file import lock
 from labcdp.session import EventRecord, Session
 from labcdp.session.frames import frame_from_tiff, frame_to_tiff
 
@@ -234,3 +237,35 @@ def test_no_space_for_a_frame_or_for_a_line_of_the_journal(path, configuration, 
     Session.open(path).verify()
     names = sorted(file.name for file in (path / "frames").iterdir())
     assert names == ["0001_light_5ms.tif", "0002_light_5ms.tif", "0003_light_5ms.tif"]
+
+
+def test_of_many_that_make_one_session_at_once_one_gets_it(path, configuration):
+    def create(_):
+        try:
+            return Session.create(path, configuration)
+        except SessionError as error:
+            return str(error)
+
+    with ThreadPoolExecutor(8) as pool:
+        made = list(pool.map(create, range(8)))
+    (session,) = [one for one in made if isinstance(one, Session)]
+    session.add_event("begun", {})
+    session.close()
+    assert {one for one in made if one is not session} == {
+        f"{path} exists already: give a new folder, or open the session in it"
+    }
+    assert os.listdir(path.parent) == [path.name]
+
+
+def test_what_was_left_of_a_session_that_was_being_made_is_removed_unless_it_still_is(path, configuration):
+    names = [f".{path.name}.{end}" for end in ("0123abcd.part", "4567abcd.part", "notes.part")]
+    left, held, other = (path.parent / name for name in names)
+    for folder in (left, held, other):
+        (folder / "frames").mkdir(parents=True)
+    descriptor = os.open(held, os.O_RDONLY)
+    try:
+        assert lock(descriptor)
+        Session.create(path, configuration).close()
+    finally:
+        os.close(descriptor)
+    assert sorted(os.listdir(path.parent)) == sorted([held.name, other.name, path.name])

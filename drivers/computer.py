@@ -117,6 +117,19 @@ def own_udp_sockets() -> Iterator[tuple[socket.socket, tuple[str, int]]]:
 
     The socket object is a duplicate that is closed afterwards; options set on it persist.
     """
+    for own in _own_sockets():
+        if own.family == socket.AF_INET and own.type == socket.SOCK_DGRAM:
+            yield own, own.getsockname()
+
+
+def own_packet_sockets() -> Iterator[tuple[int, socket.socket]]:
+    """Yield each packet socket of this process with the kernel's number (inode); duplicates as `own_udp_sockets`."""
+    for own in _own_sockets():
+        if own.family == socket.AF_PACKET:
+            yield os.fstat(own.fileno()).st_ino, own
+
+
+def _own_sockets() -> Iterator[socket.socket]:
     for entry in Path("/proc/self/fd").iterdir():
         try:
             if not entry.is_socket():
@@ -125,8 +138,7 @@ def own_udp_sockets() -> Iterator[tuple[socket.socket, tuple[str, int]]]:
         except OSError:
             continue  # closed by another thread in the meantime
         with duplicate:
-            if duplicate.family == socket.AF_INET and duplicate.type == socket.SOCK_DGRAM:
-                yield duplicate, duplicate.getsockname()
+            yield duplicate
 
 
 def udp_socket_numbers() -> frozenset[int]:
@@ -153,7 +165,8 @@ def enlarge_receive_buffer(port: int, wanted_bytes: int) -> int | None:
     """
     for receiver, (_, bound) in own_udp_sockets():
         if bound == port:
-            return _enlarge(receiver, wanted_bytes)
+            # Small frames would otherwise get less than a socket has from the start.
+            return _enlarge(receiver, max(wanted_bytes, receiver.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2))
     return None
 
 

@@ -66,6 +66,12 @@ def refuse(comparison: int, number: int) -> Program:
     return ((comparison, 0, 1, number), *DROP)
 
 
+def require_sum(number: int, other: Program, *, or_more: bool = False) -> Program:
+    """Drop the packet unless what `other` loads is the loaded number plus `number`, or more if so wanted."""
+    # Add, transfer to the second register, and compare with that.
+    return ((0x04, 0, 0, number), (0x07, 0, 0, 0), *other, (0x3D if or_more else 0x1D, 1, 0, 0), *DROP)
+
+
 def when(comparison: int, number: int, block: Program) -> Program:
     """Run a block of up to 255 instructions only if the loaded number compares so."""
     return ((comparison, 0, len(block), number), *block)

@@ -208,16 +208,16 @@ class FrameCheck:
         self._success = aravis().BufferStatus.SUCCESS
         self._size = (settings.width, settings.height)
         self._layout = layout
-        self._n_bytes = layout.payload_bytes(settings.width * settings.height)
+        self.pixel_bytes = layout.payload_bytes(settings.width * settings.height)
         self._ids = FrameIds(reserves_zero)
         self.n_left_out = 0
 
     def require_payload(self, payload_bytes: int) -> None:
         """Refuse a camera whose PayloadSize is less than its pixels; raises CameraSettingError."""
-        if payload_bytes < self._n_bytes:
+        if payload_bytes < self.pixel_bytes:
             raise CameraSettingError(
                 f"PayloadSize is {payload_bytes} bytes, but {self._size[0]} x {self._size[1]} pixels of "
-                f"{self._layout.name} are {self._n_bytes}: choose another pixel format or region"
+                f"{self._layout.name} are {self.pixel_bytes}: choose another pixel format or region"
             )
 
     def fault(self, buffer: Any, received_bytes: int) -> tuple[str, str] | None:
@@ -234,8 +234,8 @@ class FrameCheck:
         if size != self._size:
             wanted = " x ".join(map(str, self._size))
             return "SIZE_MISMATCH", f"it has {size[0]} x {size[1]} pixels, not {wanted}"
-        if received_bytes < self._n_bytes:
-            return "SIZE_MISMATCH", f"{received_bytes} bytes of {self._n_bytes} came"
+        if received_bytes < self.pixel_bytes:
+            return "SIZE_MISMATCH", f"{received_bytes} bytes of {self.pixel_bytes} came"
         code = buffer.get_image_pixel_format()
         if code != self._layout.code:
             return (

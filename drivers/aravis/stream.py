@@ -17,6 +17,7 @@ from .frames import BufferPool, FrameCheck, arrival, gather_s, pool_size, refusa
 from .library import aravis, received_bytes
 from .link import Link
 from .settings import layout_of, temperature_c
+from .stream_filter import filtered_stream
 from .transport import ask_neighbours, find_neighbours, set_up_transport
 
 _log = logging.getLogger(__name__)
@@ -116,7 +117,11 @@ class FrameStream:
         self._packet_bytes = camera.gv_get_packet_size() if is_gige else None
         self._payload_bytes = camera.get_payload()
         self._check.require_payload(self._payload_bytes)
-        self._stream = camera.create_stream(None, None)
+        if is_gige:
+            address, pixel_bytes = self._link.info.address, self._check.pixel_bytes
+            self._stream = filtered_stream(camera, address, self._payload_bytes, pixel_bytes)
+        else:
+            self._stream = camera.create_stream(None, None)
         n_buffers = pool_size(self._payload_bytes, settings.frame_rate_hz, self._n_frames)
         typestr = self._layout.typestr
         shape = (self._payload_bytes,) if typestr is None else (settings.height, settings.width)

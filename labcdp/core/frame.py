@@ -369,7 +369,9 @@ def _with_pattern(metadata: dict[str, Any]) -> dict[str, Any]:
         return metadata
     with naming("plane_black_levels_dn"):
         if not (
-            isinstance(levels, list | tuple) and len(levels) == 4 and all(isinstance(v, int | float) for v in levels)
+            isinstance(levels, list | tuple)
+            and len(levels) == 4
+            and all(isinstance(v, int | float) and not isinstance(v, bool) for v in levels)
         ):
             raise InputError(f"it is {quoted(levels)}: restore the file from a copy")
     kept = {name: value for name, value in metadata.items() if name != "plane_black_levels_dn"}

@@ -96,8 +96,9 @@ def as_quantum_efficiency(value: float | Sequence[tuple[float, float]]) -> Quant
         table = np.asarray(value)
     except ValueError:
         table = np.empty((0, 0))
-    # NumPy would take text and booleans for numbers.
-    table = table.astype(float) if table.dtype.kind in "iuf" else np.empty((0, 0))
+    # NumPy would take text and truth values for numbers, the latter also among numbers.
+    numeric = table.dtype.kind in "iuf" and not _holds_truth_value(value)
+    table = table.astype(float) if numeric else np.empty((0, 0))
     if table.ndim == 0:
         if not 0 < table <= 1:
             raise InputError(f"quantum_efficiency is {value}: give a fraction above 0, up to 1")
@@ -116,6 +117,13 @@ def as_quantum_efficiency(value: float | Sequence[tuple[float, float]]) -> Quant
     if not ((fractions >= 0) & (fractions <= 1)).all():
         raise InputError(f"quantum_efficiency has the values {shown(fractions.tolist())}: give fractions from 0 to 1")
     return tuple((float(wavelength), float(fraction)) for wavelength, fraction in table)
+
+
+def _holds_truth_value(value: object) -> bool:
+    """Whether a value, or one in its lists, is true or false."""
+    if isinstance(value, list | tuple):
+        return any(map(_holds_truth_value, value))
+    return isinstance(value, bool | np.bool_)
 
 
 @lru_cache(maxsize=64)

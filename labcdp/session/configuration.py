@@ -19,6 +19,7 @@ from ..core.roi import Roi
 from .tables import (
     CameraConfiguration,
     Count,
+    Format,
     Fraction,
     LensConfiguration,
     MeterConfiguration,
@@ -177,7 +178,7 @@ class GuessConfiguration(Table):
 class SessionConfiguration(Table):
     """All that is known before the first frame; `load` and `from_toml` read it, `to_toml` writes it."""
 
-    format: Literal[1] = Field(1, description="1, the format this labcdp knows, or update labcdp")
+    format: Format = Field(1, description="1, the format this labcdp knows, or update labcdp")
     name: Text = Field(description="a name as text")
     operator: Text = Field(description="the operator's name as text")
     notes: str = Field("", strict=True, description="text")

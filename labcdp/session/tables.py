@@ -24,6 +24,8 @@ NotNegative = Annotated[Number, Field(ge=0)]
 Positive = Annotated[Number, Field(gt=0)]
 Fraction = Annotated[Number, Field(gt=0, le=1)]
 Whole = Annotated[int, Field(strict=True, ge=0)]
+#: Not Literal[1], which takes true.
+Format = Annotated[int, Field(strict=True, ge=1, le=1)]
 FeatureName = Annotated[str, Field(pattern=r"^[A-Za-z_]\w*$", max_length=255)]
 Count = Annotated[int, Field(strict=True, ge=1)]
 Several = Annotated[int, Field(strict=True, ge=2)]
@@ -146,10 +148,10 @@ class LensConfiguration(Table):
     focal_length_m: Positive = Field(description="a focal length above 0 m")
     f_number: Positive = Field(description="an f-number above 0")
     focus_distance_m: Positive | None = Field(None, description="a distance of focus above 0 m")
-    refocus_rel: float = Field(
+    refocus_rel: Number = Field(
         REFOCUS_REL, ge=0, le=1, description="a fraction from 0 (focus and aperture are locked) to 1"
     )
-    vignetting_rel: float = Field(
+    vignetting_rel: Number = Field(
         VIGNETTING_REL, ge=0, le=1, description="a fraction from 0 (the vignetting is exactly cos⁴) to 1"
     )
     transmittance: Fraction | None = Field(None, description="a fraction above 0, up to 1")

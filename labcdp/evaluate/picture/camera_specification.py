@@ -11,7 +11,7 @@ from ...chain.optics import Optics, Windscreen
 from ...core.disk import read_toml
 from ...core.errors import InputError
 from ...core.photometry import QuantumEfficiency, as_quantum_efficiency, electron_radiance_per_cd_m2
-from ...session.tables import Fraction, NotNegative, Number, Positive, Table, Text
+from ...session.tables import Format, Fraction, NotNegative, Number, Positive, Table, Text
 from ...session.validation import validated
 
 Bits = Annotated[int, Field(strict=True, ge=1, le=16)]
@@ -23,7 +23,7 @@ class CameraSpecification(Table):
     Keys of the TOML file are the fields; with units in their names.
     """
 
-    format: Literal[1] = Field(1, description="1, the format this labcdp knows, or update labcdp")
+    format: Format = Field(1, description="1, the format this labcdp knows, or update labcdp")
     name: Text = Field(description="a name as text")
     adc_bits: Bits = Field(description="the bits of the converter, 1 to 16")
     exposure_s: Positive | None = Field(None, description="an exposure time above 0 s")

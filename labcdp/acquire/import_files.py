@@ -166,6 +166,7 @@ def import_session(
         exposures_s = sorted({record.exposure_s for record in session.frames("light")})
         if configuration.plan.exposures_s is None and session.exposures_s != tuple(exposures_s):
             session.add_event(EXPOSURES, {"exposures_s": exposures_s})
+        session.require_files()
     return Imported(
         frames=len(lacking),
         readings=len(new_readings),

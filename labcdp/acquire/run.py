@@ -102,12 +102,13 @@ def acquire(
     DeviceError
         If a device fails.
     SessionError
-        If data cannot be recorded, or the disk is full.
+        If data cannot be recorded, the disk is full, or recorded files are missing or have another size at the end.
     AcquisitionStoppedError
         If `control` requests a stop.
     """
     check_devices(camera, meter, session.configuration)
     if is_complete(session):
+        session.require_files()
         return ()
     _begin(session, camera, meter)
     control = control or Control()
@@ -121,6 +122,8 @@ def acquire(
         except HandNeededError as hand:
             left.append(Left("exposure search", str(hand)))
     left += run.all_units()
+    # Anything may have been deleted since it was recorded.
+    session.require_files()
     if not left:
         session.add_event("complete", {})
     return tuple(left)

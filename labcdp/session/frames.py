@@ -51,6 +51,24 @@ def read_checked(folder: Path, stored: StoredFile) -> bytes:
     raise SessionError(f"{path} {fault}; {_again(folder, stored)}")
 
 
+def require_sizes(folder: Path, files: Sequence[StoredFile]) -> None:
+    """Raise SessionError unless all recorded files are there with the recorded sizes; their content is not read."""
+    wrong = [stored for stored in files if not _has_its_size(folder, stored)]
+    if wrong:
+        several = f" (file 1 of {len(wrong)})" if len(wrong) > 1 else ""
+        raise SessionError(
+            f"{folder / wrong[0].name} is missing or was altered since it was recorded{several}: "
+            + _again(folder, wrong[0])
+        )
+
+
+def _has_its_size(folder: Path, stored: StoredFile) -> bool:
+    try:
+        return os.stat(folder / stored.name).st_size == stored.size
+    except OSError:
+        return False
+
+
 def _again(folder: Path, stored: StoredFile) -> str:
     remedy = "restore it from a copy of the session"
     if not stored.name.startswith(f"{FRAMES}/"):

@@ -16,7 +16,7 @@ from ..core.frame import Frame
 from ..core.reading import Reading
 from .configuration import SessionConfiguration
 from .folder import create_folder, given_up, problems, read_configuration, remove_session, require_session, unrecorded
-from .frames import FrameFolder, frame_from_tiff, read_checked
+from .frames import FrameFolder, frame_from_tiff, read_checked, require_sizes
 from .journal import CLOCK, JOURNAL, Entry, Journal, read_journal
 from .records import (
     EXPOSURES,
@@ -178,6 +178,18 @@ class Session:
             except SessionError as error:
                 found.append((frame, str(error)))
         return found
+
+    def require_files(self) -> None:
+        """Check that every recorded file is there with its size, without reading it; `verify` reads them all.
+
+        Raises
+        ------
+        SessionError
+            If one is not; names the first and how many there are.
+        """
+        lost = given_up(self._entries)
+        files = [entry.file for entry in self._entries if entry.file is not None and entry.sequence not in lost]
+        require_sizes(self.path, files)
 
     def unrecorded(self) -> list[str]:
         """Files in the folder that the journal does not know, also of a writer that was killed, as names inside it."""

@@ -1,5 +1,6 @@
 """Whole acquisitions on the simulated bench, in simulated time, and what they refuse and find in their data."""
 
+import os
 import threading
 from dataclasses import replace
 from datetime import datetime, timedelta
@@ -8,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from labcdp.acquire import AcquisitionStoppedError, Control
+from labcdp.acquire import AcquisitionStoppedError, Control, is_complete
 from labcdp.core.errors import InputError, SessionError
 from labcdp.drivers.camera import MOST_REFUSED, CameraNotFoundError, CameraSettingError, IncompleteFrameError
 from labcdp.drivers.meter import MeterError
@@ -191,3 +192,16 @@ def test_frames_that_repeat_are_found(changed, on_bench):
         on.acquire(Hands(on.bench))
         (light,) = (check for check in on.events("check") if check["unit"] == "light frames")
     assert "repeated frames" in [finding["check"] for finding in light["findings"]]
+
+
+@pytest.mark.parametrize("change", ["unlink", "truncate"])
+def test_frames_that_are_deleted_or_cut_while_others_are_taken_are_named_at_the_end(changed, on_bench, change):
+    def spoil(progress):
+        path = next((on.session.path / "frames").glob("0003_*"), None)
+        if path is not None and progress.step == "dark frames":
+            path.unlink() if change == "unlink" else os.truncate(path, 100)
+
+    with on_bench(changed()) as on:
+        with pytest.raises(SessionError, match=r"is missing or was altered since it was recorded.*--replace-damaged"):
+            on.acquire(report=spoil)
+        assert not is_complete(on.session)

@@ -127,6 +127,8 @@ def record(
                 ):
                     forget(opened, again.retake)
                     left = run(opened, there.camera, there.meter, there.operator, bars.acquisition, pace, control)
+            else:
+                opened.require_files()
             return left, len(opened.frames()), len(opened.readings()), _is_simulated(opened)
     except AcquisitionStoppedError:
         # The message is that of Ctrl-C.

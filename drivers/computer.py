@@ -177,6 +177,8 @@ def receive_buffer_limit(wanted_bytes: int) -> int:
 
 
 def _enlarge(receiver: socket.socket, wanted_bytes: int) -> int:
+    # The kernel takes half of what 32 bits hold.
+    wanted_bytes = min(wanted_bytes, 2**30)
     try:
         receiver.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, wanted_bytes)
     except OSError:

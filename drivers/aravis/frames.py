@@ -21,6 +21,8 @@ _log = logging.getLogger(__name__)
 #: Time the caller may be busy without losing a frame, in a short and in a long grab, and the memory limit for it.
 _SHORT_S, _LONG_S = 0.5, 1.0
 _POOL_BYTES = 256 * 2**20
+#: Largest frame that is received; those of 150 megapixels in 16 bits have 300 MB.
+_MOST_PAYLOAD_BYTES = 2**30
 _FEWEST, _MOST = 6, 512
 #: Time over which fast frames are gathered: waking for each costs several times as much as a frame that waits already.
 _GATHERED_S = 0.05
@@ -213,7 +215,12 @@ class FrameCheck:
         self.n_left_out = 0
 
     def require_payload(self, payload_bytes: int) -> None:
-        """Refuse a camera whose PayloadSize is less than its pixels; raises CameraSettingError."""
+        """Refuse empty or huge frames, and a PayloadSize less than their pixels; raises CameraSettingError."""
+        if min(self._size) < 1 or payload_bytes > _MOST_PAYLOAD_BYTES:
+            raise CameraSettingError(
+                f"it states {self._size[0]} x {self._size[1]} pixels and a PayloadSize of {payload_bytes} bytes: "
+                "set Width and Height to those of its sensor"
+            )
         if payload_bytes < self.pixel_bytes:
             raise CameraSettingError(
                 f"PayloadSize is {payload_bytes} bytes, but {self._size[0]} x {self._size[1]} pixels of "

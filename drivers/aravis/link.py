@@ -13,6 +13,7 @@ from ..camera import CameraBusyError, CameraError, CameraLostError, CameraNotFou
 from ..computer import shut_down, udp_socket_numbers
 from ..device import on_error
 from . import gvcp
+from .description import check_description
 from .features import text_of
 from .known_state import bring_to_known_state
 from .library import CameraInfo, aravis, camera_errors, gerror, is_of_transport
@@ -195,6 +196,7 @@ def connect(info: CameraInfo, *, prepare: bool = True) -> Link:
     is_gige = info.protocol == "GigEVision"
     if is_gige:
         _require_free(info)
+        check_description(info.address)
     with _opening, camera_errors(f"camera {info.serial} at {info.address} cannot be opened", CameraNotFoundError):
         before = udp_socket_numbers()
         camera = arv.Camera.new(info.address if is_gige else info.device_id)

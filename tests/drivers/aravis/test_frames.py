@@ -50,3 +50,10 @@ def test_frames_with_fewer_bytes_than_their_pixels_are_refused(aravis, name, n_b
     assert check.fault(buffer, n_bytes) is None
     with pytest.raises(CameraSettingError, match=f"PayloadSize is {n_bytes - 1} bytes, but 64 x 48 pixels of {name}"):
         check.require_payload(n_bytes - 1)
+
+
+@pytest.mark.parametrize(("width", "height", "payload_bytes"), [(0, 48, 0), (64, 0, 0), (2**31, 2**31, 2**62)])
+def test_empty_and_huge_frames_are_refused(aravis, width, height, payload_bytes):
+    check = FrameCheck(CameraSettings(0.01, 0.0, "Mono8", width, height), pixel_format("Mono8"), reserves_zero=True)
+    with pytest.raises(CameraSettingError, match=f"states {width} x {height} pixels"):
+        check.require_payload(payload_bytes)

@@ -7,10 +7,12 @@ from hmac import compare_digest
 from http.cookies import CookieError, SimpleCookie
 from ipaddress import ip_address
 from secrets import token_urlsafe
+from time import monotonic
 from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, urlsplit
 
 if TYPE_CHECKING:
+    from bokeh.server.tornado import BokehTornado
     from tornado.httputil import HTTPHeaders, HTTPServerRequest
     from tornado.web import Application
 
@@ -21,6 +23,10 @@ _POLICY = (
     "default-src 'self' 'unsafe-inline' 'unsafe-eval' blob: data:; connect-src 'self' ws: wss:; "
     "frame-ancestors 'none'; base-uri 'self'; object-src 'none'"
 )
+
+
+#: Paths that open a tab, and the time a browser takes to connect afterwards.
+_OPENING, _CONNECTING_MS = ("/", "/autoload.js"), 10_000
 
 
 @dataclass(frozen=True)
@@ -143,6 +149,55 @@ def is_loopback(host: str) -> bool:
         return ip_address(host).is_loopback
     except ValueError:
         return False
+
+
+def limit_viewers(application: BokehTornado, most: int) -> None:
+    """Answer a page beyond a number of open tabs with status 503; closed tabs make room.
+
+    Parameters
+    ----------
+    application : BokehTornado
+        The server's application.
+    most : int
+        Number of tabs.
+    """
+    from tornado.routing import Matcher, Rule
+    from tornado.web import RequestHandler
+
+    coming: list[float] = []
+    known: set[str] = set()
+
+    class Full(Matcher):
+        def match(self, request: HTTPServerRequest) -> dict[str, Any] | None:
+            if request.path not in _OPENING:
+                return None
+            sessions, now_s = application.get_sessions("/"), monotonic()
+            # Sessions are made after the request was let in.
+            ids = {session.id for session in sessions}
+            del coming[: len(ids - known)]
+            known.clear()
+            known.update(ids)
+            coming[:] = [time_s for time_s in coming if 1000 * (now_s - time_s) < _CONNECTING_MS]
+            n_open = len(coming)
+            for session in sessions:
+                if session.connection_count > 0 or session.milliseconds_since_last_unsubscribe < _CONNECTING_MS:
+                    n_open += 1
+                elif len(sessions) >= most:
+                    # Of a closed tab, which can reconnect as long as nobody needs its room.
+                    session.request_expiration()
+            if n_open >= most or len(sessions) >= 2 * most:
+                return {}
+            coming.append(now_s)
+            return None
+
+    class TooMany(RequestHandler):
+        def prepare(self) -> None:
+            self.set_status(503)
+            self.set_header("Content-Type", "text/plain; charset=utf-8")
+            self.set_header("Retry-After", str(_CONNECTING_MS // 1000))
+            self.finish(f"labcdp: too many viewers, this page serves {most} tabs: close others, then reload\n")
+
+    application.add_handlers(r".*", [Rule(Full(), TooMany)])
 
 
 def _name(host: str) -> str:

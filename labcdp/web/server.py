@@ -16,12 +16,14 @@ from threading import Thread
 from typing import Any
 
 from ..core.errors import InputError, printable
-from .gate import TOKEN, Gate, guard, is_loopback
+from .gate import TOKEN, Gate, guard, is_loopback, limit_viewers
 
 _log = logging.getLogger(__name__)
 
 #: Largest message of the page, and body of a request, in bytes: the page sends no bodies.
 _MOST_BYTES, _MOST_BODY_BYTES = 4 * 2**20, 1024
+#: Most tabs of a page: each holds its own pictures, 25 MB with a camera of 5 megapixels.
+_MOST_TABS = 20
 
 
 @dataclass(frozen=True)
@@ -152,11 +154,13 @@ class Server:
             websocket_max_message_size_bytes=_MOST_BYTES,
             use_index=False,
             unused_session_lifetime_milliseconds=round(1000 * site.lifetime_s),
-            check_unused_sessions_milliseconds=min(17_000, round(500 * site.lifetime_s)),
+            check_unused_sessions_milliseconds=min(1_000, round(500 * site.lifetime_s)),
             include_headers=[],
             include_cookies=[],
         )
         guard(application, self._gate)
+        # After it: requests without the token take no place.
+        limit_viewers(application, _MOST_TABS)
         # Nobody has a token before the request is read: neither long bodies nor idle connections are kept.
         http = HTTPServer(application, max_body_size=_MOST_BODY_BYTES, idle_connection_timeout=60, body_timeout=60)
         http.add_socket(self._socket)

@@ -1,10 +1,12 @@
 """The command, and who its page lets in."""
 
+import contextlib
 import http.client
 import os
 import re
 import signal
 import socket
+import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
@@ -47,16 +49,20 @@ def get(port, path, **headers):
             return response.status, response.headers, text
 
 
-def websocket_status(port, token, **headers):
-    """Status that the opening handshake of a websocket gets (RFC 6455): 101 if it is let in."""
-    opening = {
+def opening(token):
+    """Headers of the opening handshake of a websocket (RFC 6455)."""
+    return {
         "Upgrade": "websocket",
         "Connection": "Upgrade",
         "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
         "Sec-WebSocket-Version": "13",
         "Sec-WebSocket-Protocol": f"bokeh, {token}",
     }
-    return get(port, "/ws", **{**opening, **headers})[0]
+
+
+def websocket_status(port, token, **headers):
+    """Status that the opening of a websocket gets: 101 if it is let in."""
+    return get(port, "/ws", **{**opening(token), **headers})[0]
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +84,46 @@ def test_a_long_body_is_refused_before_it_is_read(served):
         line.sendall(b"POST / HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 10000\r\n\r\n")
         answer = line.recv(100)
     assert answer == b"" or b" 4" in answer.split(b"\r\n")[0]
+
+
+def test_tabs_beyond_a_limit_are_refused_until_others_are_closed(serve, picture, tmp_path):
+    served = serve("rois", picture, "--output", tmp_path / "regions.json")
+    cookie = get(served.port, f"/?{urlsplit(served.url).query}")[1]["Set-Cookie"].split("; ")[0]
+
+    def status():
+        return get(served.port, "/", Cookie=cookie)[0]
+
+    assert {get(served.port, "/")[0] for _ in range(30)} == {403}
+    with ThreadPoolExecutor(4) as pool:
+        statuses = list(pool.map(lambda _: status(), range(30)))
+    assert statuses.count(200) == 20
+    assert statuses.count(503) == 10
+    assert "too many viewers" in get(served.port, "/", Cookie=cookie)[2]
+    # Those tabs never connected.
+    wait_until(lambda: status() == 200, "there is room again")
+
+
+def test_connected_tabs_keep_their_room_and_closed_ones_make_it(serve, picture, tmp_path):
+    served = serve("rois", picture, "--output", tmp_path / "regions.json")
+    cookie = get(served.port, f"/?{urlsplit(served.url).query}")[1]["Set-Cookie"].split("; ")[0]
+
+    def status():
+        return get(served.port, "/", Cookie=cookie)[0]
+
+    with contextlib.ExitStack() as tabs:
+        for _ in range(20):
+            text = get(served.port, "/", Cookie=cookie)[2]
+            token = re.search(r'"token":"([^"]+)"', text)[1]
+            headers = {**opening(token), "Cookie": cookie, "Origin": f"http://127.0.0.1:{served.port}"}
+            connection = tabs.enter_context(
+                closing(http.client.HTTPConnection("127.0.0.1", served.port, timeout=120))
+            )
+            connection.request("GET", "/ws", headers=headers)
+            assert tabs.enter_context(closing(connection.getresponse())).status == 101
+        # Longer than a tab that never connected keeps its place.
+        time.sleep(12)
+        assert status() == 503
+    wait_until(lambda: status() == 200, "there is room again")
 
 
 def test_page_and_websocket_open_with_the_token_from_their_own_origin_only(served):

@@ -109,6 +109,20 @@ def test_colours_become_the_luminance_of_their_matrix_and_transfer(tmp_path, kin
     np.testing.assert_array_equal(found.pixels.part(np.s_[3:17, 5:22]).dn, found.frame.dn[3:17, 5:22])
 
 
+@pytest.mark.parametrize("code", [8, 10, 14])
+def test_colours_of_another_matrix_are_refused_and_greys_read(tmp_path, code):
+    y = np.full((16, 16), 100, np.uint8)
+    grey, coloured = (y, y * 0 + 128, y * 0 + 128), (y, y * 0 + 90, y * 0 + 160)
+    assert read(write(tmp_path / "a.mkv", "ffv1", "yuv444p", [grey], color_range=FULL, colorspace=code))[0][0, 0] == 100
+    with pytest.raises(InputError, match=f"matrix coefficients {code} .*ffmpeg"):
+        read(write(tmp_path / "b.mkv", "ffv1", "yuv444p", [coloured], color_range=FULL, colorspace=code))
+
+
+def test_a_limited_range_of_red_green_and_blue_is_named(tmp_path):
+    rgb = np.full((16, 16, 4), 100, np.uint8)
+    assert "video-rgb-range" in codes(write(tmp_path / "a.mkv", "ffv1", "bgr0", [rgb], color_range=LIMITED))
+
+
 @pytest.mark.parametrize(
     ("codec", "suffix", "kind", "bits"),
     [("ffv1", "mkv", "gbrp10le", 10), ("png", "mov", "rgb48be", 16), ("rawvideo", "avi", "bgr24", 8),

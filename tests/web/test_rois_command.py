@@ -115,9 +115,7 @@ def test_connected_tabs_keep_their_room_and_closed_ones_make_it(serve, picture, 
             text = get(served.port, "/", Cookie=cookie)[2]
             token = re.search(r'"token":"([^"]+)"', text)[1]
             headers = {**opening(token), "Cookie": cookie, "Origin": f"http://127.0.0.1:{served.port}"}
-            connection = tabs.enter_context(
-                closing(http.client.HTTPConnection("127.0.0.1", served.port, timeout=120))
-            )
+            connection = tabs.enter_context(closing(http.client.HTTPConnection("127.0.0.1", served.port, timeout=120)))
             connection.request("GET", "/ws", headers=headers)
             assert tabs.enter_context(closing(connection.getresponse())).status == 101
         # Longer than a tab that never connected keeps its place.

@@ -38,6 +38,11 @@ from .quantiser import faint_dn
 #: Weights of R' and B' in Y' by matrix coefficients (ITU-T H.273, table 4).
 _BT601, _BT709 = (0.299, 0.114), (0.2126, 0.0722)
 _MATRICES = {1: _BT709, 4: (0.3, 0.11), 5: _BT601, 6: _BT601, 7: (0.212, 0.087), 9: (0.2627, 0.0593)}
+#: Matrix coefficients of colours that are no Y', Cb and Cr of R', G' and B' (the same table): YCgCo and its reversible
+#: forms, Y'D'zD'x, constant luminance, ICtCp and IPT-C2.
+_OTHER_MATRICES = frozenset({8, 10, 11, 13, 14, 15, 16, 17})
+#: Code of the matrix that follows from the primaries (ITU-T H.273, 8.3).
+_OF_PRIMARIES = 12
 #: FFmpeg's codes of the range.
 _LIMITED, _FULL = 1, 2
 #: Rows from which Y' without a stated matrix is that of HDTV.
@@ -182,6 +187,20 @@ class Pixels:
         return parts.astype(np.float32)
 
 
+def _matrix(frame: Any, coloured: bool) -> tuple[float, float] | None:
+    """Weights of R' and B' in Y' that a file states."""
+    code, primaries = int(frame.colorspace), PRIMARIES_OF_CODE.get(int(frame.color_primaries))
+    if coloured and code in _OTHER_MATRICES:
+        raise InputError(
+            f"states matrix coefficients {code} of ITU-T H.273, which labcdp does not read: convert it to those of "
+            "BT.709 (ffmpeg -i IN -vf scale=out_color_matrix=bt709 -c:v ffv1 OUT.mkv)"
+        )
+    of_light = luminance_weights(primaries) if primaries and code == _OF_PRIMARIES else None
+    if of_light:
+        return of_light[0], of_light[2]
+    return _MATRICES.get(code)
+
+
 def learn_pixels(frames: Sequence[Any], codec: Any, encoding: Encoding | None) -> tuple[Pixels, list[Finding]]:
     """Learn what the numbers of a file are from its first frames, and what there is to say about it.
 
@@ -192,7 +211,7 @@ def learn_pixels(frames: Sequence[Any], codec: Any, encoding: Encoding | None) -
     Raises
     ------
     InputError
-        If they are interlaced, or of a kind that is not read.
+        If they are interlaced, or of a kind or a matrix that is not read.
     """
     first = frames[0]
     if any(frame.interlaced_frame for frame in frames):
@@ -210,7 +229,7 @@ def learn_pixels(frames: Sequence[Any], codec: Any, encoding: Encoding | None) -
     if coloured and of_light is None and primaries != UNSPECIFIED:
         found.append(warning("primaries-code-unknown", code=primaries))
     of_light = of_light or BT709_LUMINANCE
-    matrix = _MATRICES.get(int(first.colorspace))
+    matrix = _matrix(first, coloured and kind != "rgb")
     weights = matrix or (_BT601 if jpeg or first.height < _HD_ROWS else _BT709)
     orientation = _orientation(first)
     if orientation is None:
@@ -223,6 +242,8 @@ def learn_pixels(frames: Sequence[Any], codec: Any, encoding: Encoding | None) -
         found.append(info("video-matrix", red=weights[0], blue=weights[1], how=_how(matrix is not None)))
     if coloured:
         found.append(grey_finding(stored, of_light))
+    if kind == "rgb" and first.color_range == _LIMITED:
+        found.append(warning("video-rgb-range"))
     seen = kind if coloured else "luma"
     faint = faint_dn(frames, codec, bits)
     return Pixels(first.format.name, seen, bits, limited, weights, stored, orientation or 1, faint, of_light), found

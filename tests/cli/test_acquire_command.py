@@ -53,6 +53,24 @@ def test_a_recorded_session_in_place_of_devices(labcdp, tmp_path):
     assert "[plan] of the configuration differs from the recording" in line
 
 
+def test_of_several_that_begin_a_session_at_once_one_gets_it(labcdp_path, tmp_path):
+    """The others say so; none undoes what the one has recorded."""
+    example = example_session()
+    for attempt in range(3):
+        command = [labcdp_path, "acquire", example / "session.toml", f"own{attempt}", "--replay", example]
+        begun = [
+            subprocess.Popen(command, cwd=tmp_path, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+            for _ in range(3)
+        ]
+        done = [(one.communicate(timeout=300)[1], one.returncode) for one in begun]
+        # One that begins when another is complete finds nothing left to do.
+        assert 0 in {status for _, status in done}, done
+        for text, status in done:
+            assert status == 0 or f"own{attempt}" in text.splitlines()[-1], text
+        with Session.open(tmp_path / f"own{attempt}") as new, Session.open(example) as old:
+            assert [r.reading for r in new.readings()] == [r.reading for r in old.readings()]
+
+
 def test_what_was_refused_is_corrected_in_its_folder_and_done_in_two_runs_in_spite_of_a_fault(labcdp, bench, tmp_path):
     wide = example_configuration().replace("[416, 218, 300, 300]", "[2400, 218, 300, 300]")
     (tmp_path / "wide.toml").write_text(wide)

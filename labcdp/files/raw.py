@@ -73,6 +73,11 @@ def read_raw(path: str | PathLike[str], options: PictureOptions, max_pixels: int
         white, saturation_dn = _TOP_DN, float(_TOP_DN)
         group = np.zeros((1, 1))
         findings.append(info("float-raw-scaled", white=stated.white or 1.0, top_dn=_TOP_DN))
+    if whole.ndim != 2:
+        raise InputError(
+            f"{path} holds no rows and columns of one value a pixel, which labcdp does not read: convert it to 16-bit "
+            "TIFF"
+        )
     dn = whole[corner[0] : corner[0] + shape[0], corner[1] : corner[1] + shape[1]].copy()
     dn.flags.writeable = False
     bit_depth = min(max(white.bit_length(), 8), 16)
@@ -156,7 +161,10 @@ def _pattern(raw: Any, path: Path, facts: ExifFacts) -> tuple[str | None, NDArra
     black = [float(level) for level in raw.black_level_per_channel]
     if raw.num_colors == 1 and not (facts.photometric == CFA and not facts.has_cfa_pattern):
         return None, np.array([[black[0]]])
-    colours: NDArray[np.uint8] = raw.raw_colors_visible
+    try:
+        colours: NDArray[np.uint8] = raw.raw_colors_visible
+    except NotImplementedError:  # Of a filter that rawpy does not know.
+        colours = np.zeros((1, 1), np.uint8)
     letters = raw.color_desc.decode()
     group = colours[:2, :2]
     repeats = group.shape == (2, 2) and all(

@@ -192,7 +192,12 @@ def _sensor_page(tiff: Any) -> Any:
     """Return the largest picture of a sensor's values; None if there is none."""
     pages = [page.aspage() for page in tiff.pages]
     pages += [below.aspage() for page in pages for below in page.pages or ()]
-    found = [page for page in pages if page.photometric in (CFA, _LINEAR_RAW)]
+    # A size of a wrong type is text: times another it fills the memory.
+    found = [
+        page
+        for page in pages
+        if page.photometric in (CFA, _LINEAR_RAW) and {type(page.imagewidth), type(page.imagelength)} == {int}
+    ]
     return max(found, key=lambda page: page.imagewidth * page.imagelength, default=None)
 
 

@@ -2,11 +2,13 @@
 
 import io
 import shutil
-from contextlib import redirect_stdout
+from contextlib import redirect_stdout, suppress
+from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
+import tifffile
 
 from labcdp.cli.app import app
 from labcdp.core.errors import InputError
@@ -114,3 +116,17 @@ def test_a_colon_in_a_name_changes_nothing(tmp_path):
         for one in (path, OUTSIDE / "trimmed-edit-list.mp4")
     ]
     assert given[0] == given[1]
+
+
+def test_any_changed_byte_of_the_tags_of_a_raw_file_ends_in_one_line(tmp_path):
+    """No other error than labcdp's own, such as one of NumPy or of the memory."""
+    path = tmp_path / "a.dng"
+    for name in ("dng-float-black.dng", "dng-black-4x4.dng"):
+        content = (OUTSIDE / name).read_bytes()
+        with tifffile.TiffFile(OUTSIDE / name) as tiff:
+            tags = [tag.offset for tag in tiff.pages.first.tags]
+        for at in tags:
+            for changed, value in product(range(at, at + 12), (0, 2, 7, 255)):
+                path.write_bytes(content[:changed] + bytes([value]) + content[changed + 1 :])
+                with suppress(InputError):
+                    read_picture(path)

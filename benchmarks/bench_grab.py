@@ -55,7 +55,11 @@ class Still:
     def __init__(self, height: int, width: int) -> None:
         self._dn = np.random.default_rng(1).integers(0, 4096, (height, width), dtype=np.uint16)
 
-    def expose(self, exposure_s: float, gain_db: float, index: int) -> NDArray[np.uint16]:
+    def next_key(self) -> tuple[int, ...]:
+        """Return the key of a noise that is not there."""
+        return (0,)
+
+    def expose(self, exposure_s: float, gain_db: float, key: tuple[int, ...]) -> NDArray[np.uint16]:
         """Return the picture."""
         self.n_sent += 1
         return self._dn

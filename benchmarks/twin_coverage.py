@@ -208,7 +208,7 @@ def record(bench: RandomBench, path: Path) -> Session:
                 index += 1
                 frames.append(
                     (
-                        frame_of(bench, target.expose(exposure_s, 0.0, index), exposure_s, index),
+                        frame_of(bench, target.expose(exposure_s, 0.0, (index,)), exposure_s, index),
                         "dark" if covered else "light",
                     )
                 )

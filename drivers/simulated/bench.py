@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Self
-
-import numpy as np
 
 from ...chain import ImagingChain, Optics
 from ...core.clock import Clock, SystemClock
@@ -45,8 +43,8 @@ class SimulatedBench:
         Height and width for a smaller sensor; None keeps the camera's own.
     clock : Clock or None
         Clock of drifts, schedules and the devices in this process; None for the system clock.
-    n_records : int
-        What was recorded before with the same seed: a resumed acquisition has other noise than its beginning.
+    repeated : iterable of str
+        Units that `repeat` has had repeated, in an earlier run of a resumed acquisition.
 
     Raises
     ------
@@ -60,11 +58,11 @@ class SimulatedBench:
         devices: BenchDevices,
         sensor_shape: tuple[int, int] | None = None,
         clock: Clock | None = None,
-        n_records: int = 0,
+        repeated: Iterable[str] = (),
     ) -> None:
-        devices = _resumed(devices, n_records)
         self._clock = SystemClock() if clock is None else clock
         self._configuration = configuration
+        self._plan = configuration.model_dump_json()
         self._devices = devices
         self._chain = _chain(configuration, devices.chain, sensor_shape)
         self._drifts = Drifts(self._clock, devices.temperature_c)
@@ -72,7 +70,8 @@ class SimulatedBench:
         self.luminance_cd_m2 = self._source.luminance_cd_m2
         self.pointed_at = configuration.target.patches[0].name
         self._misfortune = Misfortune(self._clock, self._drifts, devices.seed)
-        self._repeated: set[str] = set()
+        self._repeated = set(repeated)
+        self._meters: list[SimulatedLS] = []
 
     def __enter__(self) -> Self:
         """Return itself."""
@@ -139,7 +138,9 @@ class SimulatedBench:
         if model not in DRIVERS:
             raise ConfigurationError(f"meter.model is {model!r}: the simulated bench has an LS-100 or an LS-110")
         sheet, errors = DRIVERS[model].data_sheet, self._devices.meter
-        return SimulatedLS(lambda: self._source.seen_cd_m2(self.pointed_at), sheet, errors)
+        meter = SimulatedLS(lambda: self._source.seen_cd_m2(self.pointed_at), sheet, errors)
+        self._meters.append(meter)
+        return meter
 
     @property
     def light_rel(self) -> float:
@@ -198,6 +199,25 @@ class SimulatedBench:
         self._repeated.add(what)
         return first
 
+    def announce_frames(self, series: str, first: int, n_before: int) -> None:
+        """Let the next frames have the noise of a series of this configuration, in whichever run they are taken.
+
+        Parameters
+        ----------
+        series : str
+            What they show; each series has noise of its own.
+        first : int
+            Number in the series of the first one that counts.
+        n_before : int
+            How many are taken before it that do not count.
+        """
+        self._source.announce(f"{self._plan}, {series}", first, n_before)
+
+    def announce_reading(self, series: str, number: int) -> None:
+        """Let the next reading have the noise of a number in a series, likewise."""
+        for meter in self._meters:
+            meter.announce(f"{self._plan}, {series}", number)
+
     def run_command(self, text: str) -> None:
         """Start a fault, for example ``lose 5% for 20 s``.
 
@@ -222,14 +242,6 @@ class SimulatedBench:
         for item in scheduled:
             self._misfortune.schedule(item)
         return scheduled
-
-
-def _resumed(devices: BenchDevices, n_records: int) -> BenchDevices:
-    """Return the same specimens with the noise that follows after `n_records`."""
-    if n_records == 0:
-        return devices
-    seeds = np.random.SeedSequence((devices.seed, devices.meter.seed, n_records)).generate_state(2)
-    return replace(devices, seed=int(seeds[0]), meter=replace(devices.meter, seed=int(seeds[1])))
 
 
 def _chain(

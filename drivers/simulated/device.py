@@ -30,8 +30,11 @@ class FrameSource(Protocol):
     def state(self) -> Hashable:
         """State that the pixels depend on besides exposure and gain; frames rendered ahead in another are dropped."""
 
-    def expose(self, exposure_s: float, gain_db: float, index: int) -> NDArray[np.uint16]:
-        """Render exposure number `index`: 12-bit DN, shape (sensor height, sensor width)."""
+    def next_key(self) -> tuple[int, ...]:
+        """Return the key of the noise of the next exposure."""
+
+    def expose(self, exposure_s: float, gain_db: float, key: tuple[int, ...]) -> NDArray[np.uint16]:
+        """Render an exposure with the noise of a key: 12-bit DN, shape (sensor height, sensor width)."""
 
 
 @dataclass(frozen=True)
@@ -235,11 +238,10 @@ class FrameRenderer:
         self._executor: ThreadPoolExecutor | None = None
         self._kind: Hashable = None
         self._coming: deque[Future[_Rendered]] = deque()
-        self._n_begun = 0
 
     def open(self) -> None:
         """Start rendering, once what is compiled or calculated for the first frame is there: it may take long."""
-        self._source.expose(_FIRST_EXPOSURE_S, 0.0, 0)
+        self._source.expose(_FIRST_EXPOSURE_S, 0.0, (0,))
         self._executor = ThreadPoolExecutor(1, "simulated camera")
 
     def close(self) -> None:
@@ -262,13 +264,12 @@ class FrameRenderer:
             shown, rendered = self._coming.popleft().result()
             frame = rendered if shown == state else None
         while len(self._coming) < _AHEAD and self._executor is not None:
-            self._coming.append(self._executor.submit(self._render, wanted, self._n_begun))
-            self._n_begun += 1
+            self._coming.append(self._executor.submit(self._render, wanted, self._source.next_key()))
         return frame
 
-    def _render(self, wanted: Wanted, index: int) -> _Rendered:
+    def _render(self, wanted: Wanted, key: tuple[int, ...]) -> _Rendered:
         state = self._source.state
-        dn = self._source.expose(wanted.exposure_us * 1e-6, wanted.gain_steps / _GAIN_STEPS_PER_DB, index)
+        dn = self._source.expose(wanted.exposure_us * 1e-6, wanted.gain_steps / _GAIN_STEPS_PER_DB, key)
         if self._source.state != state:
             return state, None
         return state, wanted.readout.payload(dn, FORMATS[wanted.format_code])

@@ -231,7 +231,7 @@ class InProcessCamera(Reach, Camera):
             self._statistics = replace(counted, failed=counted.failed + 1, missing=counted.missing + n_missing)
             text = f"frame {frame_id} from {self._name} is incomplete, {problem}: it is refused"
             raise IncompleteFrameError(text, status, frame_id, stamp_ns, clock.now())
-        dn = self._source.expose(settings.exposure_s, settings.gain_db, frame_id - 1)
+        dn = self._source.expose(settings.exposure_s, settings.gain_db, self._source.next_key())
         self._statistics = replace(counted, completed=counted.completed + 1)
         return Frame(
             dn=dn,

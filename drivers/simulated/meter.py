@@ -21,6 +21,7 @@ from ..minolta_ls.protocol import (
     MeterMode,
     four_digits,
 )
+from .noise import announced, running
 from .port import CRLF
 
 _CORRECTION_FLAGS: Final = {MeterMode.PRESET: "P", MeterMode.VARI_CCF: "K"}
@@ -94,7 +95,7 @@ class SimulatedLS:
         self._luminance = luminance
         self._data_sheet = data_sheet
         self._errors = errors
-        self._rng = np.random.default_rng(errors.seed)
+        self._keys = running()
         self._modes = POWER_ON
         self._held = "ER11"
 
@@ -112,6 +113,10 @@ class SimulatedLS:
             The reply with CR LF: ``OK00`` and data, or an error code; empty out of remote mode.
         """
         return self._execute(command).encode("ascii") + CRLF if self.remote else b""
+
+    def announce(self, series: str, number: int) -> None:
+        """Let the next measurement have the noise of a reading in a series."""
+        self._keys = announced(f"{series}, reading {number}", 0)
 
     def _execute(self, command: bytes) -> str:
         words = command.removesuffix(CRLF).decode("ascii", "replace") if command.endswith(CRLF) else ""
@@ -132,7 +137,8 @@ class SimulatedLS:
         luminance = float(self._luminance())
         if not (isfinite(luminance) and luminance >= 0):
             raise InputError(f"the simulated meter is pointed at {luminance} cd/m²: give a number of at least 0")
-        noise = self._errors.repeatability_rel * self._rng.standard_normal()
+        drawn = np.random.default_rng(np.random.SeedSequence(self._errors.seed, spawn_key=next(self._keys)))
+        noise = self._errors.repeatability_rel * drawn.standard_normal()
         seen = max(0.0, luminance * (1 + self._errors.scale_rel) * (1 + noise))
         sheet = self._data_sheet
         _, highest = sheet.slow_range_cd_m2 if MeterMode.SLOW in self._modes else sheet.fast_range_cd_m2

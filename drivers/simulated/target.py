@@ -17,6 +17,7 @@ from ...core.errors import ConfigurationError
 from ...core.photometry import electron_radiance_per_cd_m2
 from ...session import Patch, SessionConfiguration
 from .faults import Drifts
+from .noise import announced, running
 
 #: Wavelength in nm and transmittance of pigment filters as of Bayer sensors, behind the infrared block of a colour
 #: camera: their typical shape, not a measurement.
@@ -122,6 +123,7 @@ class SimulatedTarget:
             self.shown = next(iter(self._bounds))
         else:
             _refuse_overlap(self._bounds)
+        self._keys = running()
         self._rendered: tuple[str | None, NDArray[np.float32]] | None = None
         self._kept: tuple[Hashable, NDArray[np.float32]] | None = None
 
@@ -156,14 +158,22 @@ class SimulatedTarget:
     def state(self) -> Hashable:
         """State that the pixels depend on besides exposure and gain, in steps of 0.1 % of light and 0.1 degrees C."""
         drifts = self._drifts
-        return self.covered, self.shown, round(drifts.light_rel(), 3), round(drifts.temperature_c(), 1)
+        return self.covered, self.shown, round(drifts.light_rel(), 3), round(drifts.temperature_c(), 1), self._keys
 
-    def expose(self, exposure_s: float, gain_db: float, index: int) -> NDArray[np.uint16]:
-        """Render exposure number `index`, with noise of its own."""
+    def announce(self, series: str, first: int, n_before: int) -> None:
+        """Let the next exposures have the noise of a series, see `labcdp.drivers.simulated.noise.announced`."""
+        self._keys = announced(series, first, n_before)
+
+    def next_key(self) -> tuple[int, ...]:
+        """Return the key of the noise of the next exposure."""
+        return next(self._keys)
+
+    def expose(self, exposure_s: float, gain_db: float, key: tuple[int, ...]) -> NDArray[np.uint16]:
+        """Render an exposure, with the noise of a key."""
         from .noise_kernel import QUANTILES, draw_exposure
 
         sensor = self._chain.sensor
-        key = np.random.SeedSequence(self._seed, spawn_key=(index,)).generate_state(1, np.uint64)[0]
+        noise = np.random.SeedSequence(self._seed, spawn_key=key).generate_state(1, np.uint64)[0]
         return draw_exposure(
             self._mean_e(exposure_s),
             sensor.fixed_pattern.offset_e,
@@ -171,7 +181,7 @@ class SimulatedTarget:
             sensor.read_noise_e,
             sensor.system_gain_dn_per_e(gain_db),
             sensor.black_level_dn,
-            key,
+            noise,
             QUANTILES,
         )
 

@@ -1,14 +1,15 @@
 """Acquisition: record the frames and readings of a plan, and resume it after an interruption."""
 
 from .checks import CheckFinding
-from .control import AcquisitionStoppedError, Control, Progress
+from .control import AcquisitionStoppedError, Announced, Control, Progress
 from .live import Live, PatchNumbers
 from .operator import AskedOperator, HandNeededError, Operator, Unattended
-from .plan import forget, remaining
+from .plan import forget, remaining, repeated_units
 from .run import Left, acquire, is_complete
 
 __all__ = [
     "AcquisitionStoppedError",
+    "Announced",
     "AskedOperator",
     "CheckFinding",
     "Control",
@@ -23,4 +24,5 @@ __all__ = [
     "forget",
     "is_complete",
     "remaining",
+    "repeated_units",
 ]

@@ -9,7 +9,7 @@ from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Protocol, cast
 
 from ..core.clock import Clock
 from ..core.errors import LabcdpError, SessionError
@@ -17,7 +17,7 @@ from ..core.frame import Frame
 from ..core.reading import Reading
 from ..drivers.camera import Camera, IncompleteFrameError, Refused, take_again
 from ..session import EventRecord, Session
-from ..session.records import SIMULATED_BENCH
+from ..session.records import REFUSED, SIMULATED_BENCH
 from .live import Live
 
 
@@ -123,7 +123,7 @@ def noted(note: Callable[[str, dict[str, Any]], object], content: dict[str, Any]
 
     def refuse(error: IncompleteFrameError) -> None:
         found = {"reason": str(error), "status": error.status, "frame_id": error.frame_id}
-        note("refused frame", content | found)
+        note(REFUSED, content | found)
         take_again(error)
 
     return refuse
@@ -164,12 +164,18 @@ class Schedule:
 
 
 def take_frames(
-    camera: Camera, n: int, schedule: Schedule | None, control: Control, on_refused: Refused, discard: int = 0
+    camera: Camera,
+    n: int,
+    schedule: Schedule | None,
+    control: Control,
+    on_refused: Refused,
+    discard: int = 0,
+    on_start: Callable[[int], None] = lambda _taken: None,
 ) -> Generator[Frame, None, None]:
     """Yield `n` complete frames, consecutive without a schedule.
 
     The stream is off during a pause: otherwise the buffers would overrun. The first `discard` frames after each start
-    of the stream are dropped.
+    of the stream are dropped. `on_start` is told before each start how many frames were taken.
 
     Raises
     ------
@@ -184,6 +190,7 @@ def take_frames(
             control.checkpoint()
         else:
             schedule.wait()
+        on_start(n - left)
         stream = camera.grab(discard + (left if schedule is None else 1), on_refused=on_refused)
         # Iterators of drivers are generators: closing one stops its stream.
         with closing(cast(Generator[Frame, None, None], stream)) as frames:
@@ -194,6 +201,19 @@ def take_frames(
                 yield frame
                 if control.interrupts:
                     break
+
+
+class Announced(Protocol):
+    """A simulated bench that is told what is recorded next.
+
+    With that, an acquisition that was interrupted and resumed has the same noise as an uninterrupted one.
+    """
+
+    def announce_frames(self, series: str, first: int, n_before: int) -> None:
+        """Let the next frames be those of a series from number `first` on, after `n_before` that are dropped."""
+
+    def announce_reading(self, series: str, number: int) -> None:
+        """Let the next reading be the one with a number in a series."""
 
 
 #: Records with which every session begins.

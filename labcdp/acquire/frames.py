@@ -13,10 +13,11 @@ from ..core.clock import Clock, exposure_text
 from ..core.errors import SessionError
 from ..core.frame import Frame
 from ..core.roi import Roi
-from ..drivers.camera import Camera, CameraLostError
+from ..drivers.camera import Camera, CameraLostError, IncompleteFrameError, Refused
 from ..drivers.camera_settings import CameraSettings
-from ..session import Role, Session
-from .control import Control, Progress, Report, Schedule, noted, take_frames
+from ..session import EventRecord, FrameRecord, Role, Session
+from ..session.records import CAMERA_LOST, CAMERA_RETURNED, LOSSES
+from .control import Announced, Control, Progress, Report, Schedule, noted, take_frames
 from .live import Live, LiveNumbers, PatchNumbers, measured_black_dn
 from .plan import frames_at, remaining, same_exposure, shown_patches
 from .recording import FrameWriter
@@ -49,22 +50,38 @@ class FrameRecorder:
         Clock for the schedule of the frames.
     control : Control
         Polled between frames.
+    bench : Announced or None
+        Told which frames follow.
     """
 
-    def __init__(self, session: Session, camera: Camera, report: Report, clock: Clock, control: Control) -> None:
+    def __init__(
+        self,
+        session: Session,
+        camera: Camera,
+        report: Report,
+        clock: Clock,
+        control: Control,
+        bench: Announced | None,
+    ) -> None:
         self._session = session
         self._camera = camera
         self._report = report
         self._clock = clock
         self._control = control
         self._plan = session.configuration.plan
+        self._bench = bench
         self._gaps_noted = len(camera.gaps)
+        self._n_looks = 0
+        self._n_losses = sum(isinstance(r, EventRecord) and r.kind in LOSSES for r in session.records)
         self._numbers: dict[tuple[Role, str | None, float], LiveNumbers] = {}
 
     def look(self, exposure_s: float) -> Frame:
         """Take a frame without recording it; raises AcquisitionStoppedError."""
         self.configure(exposure_s)
         refused = noted(self._session.add_event, {"role": "light", "exposure_s": exposure_s})
+        if self._bench is not None:
+            self._bench.announce_frames("look", self._n_looks, 0)
+        self._n_looks += 1
         with closing(take_frames(self._camera, 1, None, self._control, refused)) as frames:
             return self._session.configuration.camera.stated(next(frames))
 
@@ -124,8 +141,9 @@ class FrameRecorder:
             with FrameWriter(self._session, self._clock) as writer:
                 for exposure_s, n in lacking.items():
                     self._apply(exposure_s, role, writer)
-                    refused = noted(writer.put_event, {"role": role, "exposure_s": exposure_s})
-                    taking = take_frames(self._camera, n, self._schedule(), self._control, refused, discard)
+                    refused = self._noting(writer, role, exposure_s)
+                    starts = self._announcing(role, shown, exposure_s, discard)
+                    taking = take_frames(self._camera, n, self._schedule(), self._control, refused, discard, starts)
                     with closing(taking) as frames:
                         stated = map(self._session.configuration.camera.stated, frames)
                         for taken, frame in enumerate(stated, start=1):
@@ -136,7 +154,7 @@ class FrameRecorder:
                             now = Live(role, exposure_s, numbers, frame.temperature_c, finished=taken == n)
                             self._report(Progress(f"{role} frames", done, total, now))
         except CameraLostError as error:
-            self._session.add_event("camera lost", {"reason": str(error)})
+            self._session.add_event(CAMERA_LOST, {"reason": str(error)})
             raise
         finally:
             self._note_gaps(self._session.add_event)
@@ -200,12 +218,37 @@ class FrameRecorder:
             )
         writer.put_event("camera settings", {"role": role, "settings": asdict(applied)})
 
+    def _noting(self, writer: FrameWriter, role: Role, exposure_s: float) -> Refused:
+        """Return what records incomplete frames, and counts them."""
+        note = noted(writer.put_event, {"role": role, "exposure_s": exposure_s})
+
+        def refuse(error: IncompleteFrameError) -> None:
+            self._n_losses += 1
+            note(error)
+
+        return refuse
+
+    def _announcing(self, role: Role, shown: str | None, exposure_s: float, discard: int) -> Callable[[int], None]:
+        """Return what tells a simulated bench, before each start of a stream, which frames follow."""
+        # With those that no longer count: what is taken again has other noise.
+        known = [r for r in self._session.records if isinstance(r, FrameRecord) and r.role == role]
+        n_recorded = len(frames_at(known, exposure_s, shown))
+
+        def announce(n_taken: int) -> None:
+            if self._bench is not None:
+                # Nobody knows how many exposures a loss took: what follows it has other noise.
+                series = f"{role}, {shown}, {exposure_s} s, {self._n_losses} losses"
+                self._bench.announce_frames(series, n_recorded + n_taken, discard)
+
+        return announce
+
     def _note_gaps(self, add_event: Callable[[str, Mapping[str, Any]], object]) -> None:
         for gap in self._camera.gaps[self._gaps_noted :]:
             self._gaps_noted += 1
+            self._n_losses += 1
             times = {"lost_at": gap.lost_at.isoformat(), "back_at": gap.back_at.isoformat()}
             content = times | {"duration_s": gap.duration_s, "reason": gap.reason}
-            add_event("camera lost and back", content)
+            add_event(CAMERA_RETURNED, content)
             _log.warning("the camera was lost for %.1f s and is connected again (%s)", gap.duration_s, gap.reason)
 
     def _note_throughput(self, writer: FrameWriter) -> None:

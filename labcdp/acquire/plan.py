@@ -199,6 +199,12 @@ def was_checked(session: Session, unit: Unit) -> bool:
     return last_check > max((r.sequence for r in records_of(session, unit)), default=0)
 
 
+def repeated_units(session: Session) -> list[str]:
+    """Names of the units that were repeated after a check."""
+    checks = [r for r in session.records if isinstance(r, EventRecord) and r.kind == CHECK]
+    return [r.content["unit"] for r in checks if r.content["repeat"]]
+
+
 #: Most bytes of a frame beyond its pixels: header, description, and its line in the journal.
 _FILE_BYTES = 8192
 #: Relative tolerance of a camera's exposure limits, against rounding of units.

@@ -15,8 +15,8 @@ from ..core.errors import SessionError
 from ..core.frame import Frame
 from ..drivers.computer import raise_priority
 from ..drivers.meter import Meter, require_mode
-from ..session import Role, Session
-from .control import Control, Progress, Report
+from ..session import ReadingRecord, Role, Session
+from .control import Announced, Control, Progress, Report
 from .operator import Operator
 from .plan import readings_wanted, remaining
 
@@ -198,14 +198,25 @@ class ReadingRecorder:
         Called after each reading.
     control : Control
         Polled between readings.
+    bench : Announced or None
+        Told which reading follows.
     """
 
-    def __init__(self, session: Session, meter: Meter, operator: Operator, report: Report, control: Control) -> None:
+    def __init__(
+        self,
+        session: Session,
+        meter: Meter,
+        operator: Operator,
+        report: Report,
+        control: Control,
+        bench: Announced | None,
+    ) -> None:
         self._session = session
         self._meter = meter
         self._operator = operator
         self._report = report
         self._control = control
+        self._bench = bench
         self._begun = False
         self._incidents_noted = len(meter.incidents)
 
@@ -233,6 +244,7 @@ class ReadingRecorder:
             self._report(Progress("meter readings", done, total))
         for _ in range(lacking):
             self._control.checkpoint()
+            self._announce(patch)
             try:
                 reading = self._meter.measure()
             finally:
@@ -241,6 +253,12 @@ class ReadingRecorder:
             self._session.add_reading(reading, patch)
             done += 1
             self._report(Progress("meter readings", done, total, reading=(patch, reading)))
+
+    def _announce(self, patch: str) -> None:
+        if self._bench is not None:
+            # With those that no longer count: what is taken again has other noise.
+            known = [r for r in self._session.records if isinstance(r, ReadingRecord) and r.patch == patch]
+            self._bench.announce_reading(f"reading, {patch}", len(known))
 
     def _note_incidents(self, patch: str) -> None:
         for incident in self._meter.incidents[self._incidents_noted :]:

@@ -23,7 +23,7 @@ from .checks import (
     check_repeats,
     check_scatter,
 )
-from .control import Control, Progress, Report
+from .control import Announced, Control, Progress, Report
 from .frames import FrameRecorder
 from .live import measured_black_dn
 from .operator import HandNeededError, LensCap, Operator
@@ -72,6 +72,7 @@ def acquire(
     report: Report = lambda _progress: None,
     clock: Clock | None = None,
     control: Control | None = None,
+    bench: Announced | None = None,
 ) -> tuple[Left, ...]:
     """Record the missing parts of a session's plan.
 
@@ -91,6 +92,8 @@ def acquire(
         Clock for the schedule of the frames; None for the system clock.
     control : Control or None
         Pauses or stops the run from another thread.
+    bench : Announced or None
+        Simulated bench whose noise is to be the same in a resumed run.
 
     Returns
     -------
@@ -112,9 +115,9 @@ def acquire(
         return ()
     _begin(session, camera, meter)
     control = control or Control()
-    frames = FrameRecorder(session, camera, report, clock or SystemClock(), control)
+    frames = FrameRecorder(session, camera, report, clock or SystemClock(), control, bench)
     frames.warm_up()
-    run = _Run(session, operator, frames, ReadingRecorder(session, meter, operator, report, control))
+    run = _Run(session, operator, frames, ReadingRecorder(session, meter, operator, report, control, bench))
     left: list[Left] = []
     if session.exposures_s is None:
         try:

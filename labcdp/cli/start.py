@@ -56,7 +56,7 @@ def demonstrate(
     with Session.create(results.path("session"), configuration) as session, progress_bars() as bars:
         session.add_event("simulated bench", described.model_dump(mode="json"))
         with simulated_devices(configuration, bench) as devices:
-            acquire(session, devices.camera, devices.meter, devices.operator, bars.acquisition)
+            acquire(session, devices.camera, devices.meter, devices.operator, bars.acquisition, bench=devices.bench)
         observed = observe_session(session, report=lambda done, total: bars.update("reading", done, total))
         bars.update("evaluating", 0, 3)
         calibration = calibrate_session(observed)

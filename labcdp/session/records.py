@@ -24,6 +24,9 @@ ROLES: tuple[Role, ...] = get_args(Role)
 SUPERSEDED = "superseded"
 #: Kind of the event that says which exposures were found where the plan has none.
 EXPOSURES = "exposures"
+#: Kinds of the events after which some exposures of the camera are missing.
+REFUSED, CAMERA_LOST, CAMERA_RETURNED = "refused frame", "camera lost", "camera lost and back"
+LOSSES = (REFUSED, CAMERA_LOST, CAMERA_RETURNED)
 #: Kind of the event that says which simulated bench it is.
 SIMULATED_BENCH = "simulated bench"
 

@@ -13,26 +13,15 @@ import labcdp
 from labcdp.acquire import acquire, remaining
 from labcdp.core.clock import SimulatedClock
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
-from labcdp.drivers.simulated.in_process import InProcessCamera
 from labcdp.drivers.simulated.meter import MeterErrorModel
 from labcdp.session import Session
 
 from .conftest import SHAPE
 
 
-class Continued:
-    """The exposures of a target after the first `n`: a frame has the same noise in whichever run it is taken."""
-
-    def __init__(self, source, n):
-        self._source, self._n, self.state = source, n, source.state
-
-    def expose(self, exposure_s, gain_db, index):
-        return self._source.expose(exposure_s, gain_db, index + self._n)
-
-
 @pytest.fixture(scope="module")
 def bench(small_configuration):
-    devices = replace(BenchDevices.standard(), meter=MeterErrorModel(scale_rel=0.006))
+    devices = replace(BenchDevices.standard(), meter=MeterErrorModel(0.006, 0.001, seed=2))
     with SimulatedBench(small_configuration, devices, SHAPE, clock=SimulatedClock()) as bench:
         yield bench
 
@@ -40,9 +29,8 @@ def bench(small_configuration):
 def resumed(path, bench):
     """The session, complete."""
     with Session.open(path, writable=True) as session:
-        source = Continued(bench._source, len(session.frames()))
-        with InProcessCamera(bench.device, source, SimulatedClock()) as camera, bench.in_process_meter(0) as meter:
-            acquire(session, camera, meter, bench)
+        with bench.in_process_camera() as camera, bench.in_process_meter(0) as meter:
+            acquire(session, camera, meter, bench, bench=bench)
         assert remaining(session).complete
         session.verify()
     return Session.open(path)

@@ -82,7 +82,7 @@ def test_devices_are_found_checked_and_read(labcdp, running_bench, tmp_path):
 def odd_camera(aravis):
     """A camera beside that of the bench, whose names are no UTF-8 and would colour the terminal."""
     device = SimulatedDevice("SIM-2", width=64, height=48)
-    flat = SimpleNamespace(state=0, expose=lambda *_: np.full((48, 64), 100, np.uint16))
+    flat = SimpleNamespace(state=0, next_key=lambda: (0,), expose=lambda *_: np.full((48, 64), 100, np.uint16))
     with SimulatedGigECamera(device, flat, "127.0.0.2") as served:
         served._registers.write(Address.MODEL, int.from_bytes(b"\xff\x1b[3", "big"))
         served._registers.write(Address.MODEL + 4, int.from_bytes(b"1m\x07\0", "big"))

@@ -16,6 +16,7 @@ from labcdp.session import Session
 from ..conftest import wait_until
 from ..evaluate.video.videos import MOVING, STILL, driving, write
 from ..forking import KILLED_AT
+from .conftest import SIMULATED, plan
 from .importable import write_importable
 
 
@@ -130,3 +131,24 @@ def test_an_import_that_is_killed_again_and_again_is_complete_in_the_end(tmp_pat
     assert recorded(Session.open(tmp_path / "out")) == recorded(Session.open(tmp_path / "whole"))
     assert not list((tmp_path / "out").rglob(".labcdp-*"))
     assert sorted(os.listdir(tmp_path)) == sorted([*names, "out"])
+
+
+@pytest.mark.parametrize(
+    ("devices", "calls"), [(SIMULATED, (10, 40)), (SIMULATED[:2], (30, 70))], ids=["in this process", "on the wire"]
+)
+def test_a_simulated_acquisition_that_is_killed_again_and_again_has_the_data_of_an_uninterrupted_one(
+    devices, calls, aravis, tmp_path, labcdp
+):
+    # The exposures are found by looks, and the first frames of each stream are dropped.
+    searched = plan("P07|P12", []).replace("exposures_s = []\n", "discard_frames = 1\n")
+    (tmp_path / "plan.toml").write_text(searched)
+    assert labcdp("acquire", "plan.toml", "whole", *devices).returncode == 0
+    n_kills = 0
+    for call in np.random.default_rng(9).integers(*calls, 100).tolist():
+        done = labcdp("acquire", "plan.toml", "out", *devices, environment={KILLED_AT: str(call)})
+        if done.returncode == 0:
+            break
+        assert done.returncode == -signal.SIGKILL, done.stderr
+        n_kills += 1
+    assert n_kills >= 2
+    assert recorded(Session.open(tmp_path / "out")) == recorded(Session.open(tmp_path / "whole"))

@@ -9,6 +9,7 @@ import pytest
 from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.simulated.genicam import standard_features
 from labcdp.drivers.simulated.gige_camera import SimulatedDevice, SimulatedGigECamera
+from labcdp.drivers.simulated.noise import running
 
 
 class Ramp:
@@ -17,10 +18,14 @@ class Ramp:
     def __init__(self, shape=(48, 64)):
         self.state = 0
         self.shape = shape
+        self._keys = running()
 
-    def expose(self, exposure_s, gain_db, index):
+    def next_key(self):
+        return next(self._keys)
+
+    def expose(self, exposure_s, gain_db, key):
         dn = np.zeros(self.shape, dtype=np.uint16) + np.arange(self.shape[1], dtype=np.uint16)
-        dn[0, :3] = round(exposure_s * 1e6) % 4096, round(gain_db * 10), index % 4096
+        dn[0, :3] = round(exposure_s * 1e6) % 4096, round(gain_db * 10), key[0] % 4096
         return dn
 
 

@@ -126,7 +126,16 @@ def record(
                     keys,
                 ):
                     forget(opened, again.retake)
-                    left = run(opened, there.camera, there.meter, there.operator, bars.acquisition, pace, control)
+                    left = run(
+                        opened,
+                        there.camera,
+                        there.meter,
+                        there.operator,
+                        bars.acquisition,
+                        pace,
+                        control,
+                        there.bench,
+                    )
             else:
                 opened.require_files()
             return left, len(opened.frames()), len(opened.readings()), _is_simulated(opened)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from ipaddress import AddressValueError, IPv4Address
 from pathlib import Path
 
-from ...acquire import Operator, Unattended
+from ...acquire import Announced, Operator, Unattended, repeated_units
 from ...core.clock import Clock
 from ...core.disk import read_text
 from ...core.errors import InputError
@@ -51,12 +51,15 @@ class Devices:
         The user, or the simulated bench.
     transport : str
         Description of how the camera is connected.
+    bench : Announced or None
+        The simulated bench, which is told what is recorded next.
     """
 
     camera: Camera
     meter: Meter
     operator: Operator
     transport: str
+    bench: Announced | None = None
 
 
 @contextmanager
@@ -166,7 +169,7 @@ def _simulated(session: Session, options: DeviceOptions, clock: Clock, console: 
         described = with_own_camera(described, options.simulated_bench)
     devices = described.devices(options.simulated_bench)
     with (
-        SimulatedBench(session.configuration, devices, clock=clock, n_records=len(session.records)) as bench,
+        SimulatedBench(session.configuration, devices, clock=clock, repeated=repeated_units(session)) as bench,
         simulated_devices(session.configuration, bench, options) as opened,
     ):
         note_bench(session, described)
@@ -223,7 +226,7 @@ def simulated_devices(
                 say(f"The camera is simulated in this process, where [camera] of the plan sets nothing: {error}")
         if camera is None:
             camera = stack.enter_context(bench.in_process_camera(patience_s=options.patience))
-        yield Devices(camera, meter, bench, transport)
+        yield Devices(camera, meter, bench, transport, bench)
 
 
 def _gige_camera(bench: SimulatedBench, stack: ExitStack, patience_s: float) -> Camera:

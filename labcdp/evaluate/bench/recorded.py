@@ -11,7 +11,8 @@ from ...calibration.frames.measure import plane_of
 from ...core.errors import CalibrationError, InputError
 from ...core.frame import PLANES, Frame, pixels_sha256
 from ...core.luminance import LuminanceMap
-from ...session import FrameRecord, MeterCertificate, ReadingRecord, Role, Session, SessionConfiguration
+from ...session import EventRecord, FrameRecord, MeterCertificate, ReadingRecord, Role, Session, SessionConfiguration
+from ...session.records import SIMULATED_BENCH
 
 Report = Callable[[int, int], None]
 _Key = TypeVar("_Key")
@@ -66,9 +67,11 @@ def require_distinct(sessions: Sequence[Session]) -> None:
         keys += [f"{one.patch}\n{one.reading.value} {one.reading.timestamp}" for one in session.readings()]
         shared = [seen[key] for key in keys if key in seen]
         if shared:
+            simulated = any(isinstance(r, EventRecord) and r.kind == SIMULATED_BENCH for r in session.records)
+            other = "; the simulated bench has other noise with another seed in its file" if simulated else ""
             raise InputError(
                 f"{len(shared)} of the {len(keys)} frames and readings of session {session.path} are also in "
-                f"{shared[0].path}: nothing new was measured; give each session once, and no copy of it"
+                f"{shared[0].path}: nothing new was measured; give each session once, and no copy of it{other}"
             )
         seen |= dict.fromkeys(keys, session)
 

@@ -2,7 +2,7 @@ import re
 import signal
 import subprocess
 from dataclasses import replace
-from itertools import pairwise, product
+from itertools import combinations, pairwise, product
 
 import numpy as np
 import pytest
@@ -175,17 +175,28 @@ def test_pixels_of_one_frame_do_not_depend_on_each_other():
     assert power[-1] < np.log(power.size) + 8
 
 
-def test_a_resumed_bench_has_other_noise(small_configuration):
+def test_a_series_that_is_continued_on_another_bench_has_the_noise_that_it_would_have_had(small_configuration):
     brightest = max(small_configuration.target.patches, key=lambda patch: patch.nominal_luminance_cd_m2).name
 
-    def started(n_records):
-        bench = SimulatedBench(small_configuration, BenchDevices.standard(), SHAPE, n_records=n_records)
+    def taken(series, first, n, n_before=0):
+        bench = SimulatedBench(small_configuration, BenchDevices.standard(), SHAPE)
         with bench.in_process_camera() as camera, bench.in_process_meter(0) as meter:
             bench.point_meter(brightest)
             camera.configure(exposure_s=0.001)
-            return camera.snap().dn, [meter.measure().value for _ in range(5)]
+            # Whatever was taken before.
+            _, _ = camera.snap(), meter.measure()
+            bench.announce_frames(series, first, n_before)
+            frames = [frame.dn for frame in camera.grab(n_before + n)]
+            readings = []
+            for number in range(first, first + n):
+                bench.announce_reading(series, number)
+                readings.append(meter.measure().value)
+        return np.array(frames), readings
 
-    first, again, resumed = started(0), started(0), started(17)
-    np.testing.assert_array_equal(first[0], again[0])
-    assert first[1] == again[1] != resumed[1]
-    assert (first[0] != resumed[0]).mean() > 0.2
+    whole, rest, other = taken("a", 0, 5), taken("a", 2, 3, n_before=2), taken("b", 0, 5)
+    np.testing.assert_array_equal(rest[0][2:], whole[0][2:])
+    assert rest[1] == whole[1][2:]
+    assert len(set(whole[1])) > 1
+    seen = np.concatenate([whole[0], rest[0][:2], other[0]])
+    for one, another in combinations(seen, 2):
+        assert (one != another).mean() > 0.2

@@ -24,7 +24,12 @@ from .genicam import Values
 _REGISTERS_BYTES: Final = 0x10000
 
 #: Bootstrap registers that a client writes: heartbeat time-out, control, and port and address of the stream.
-_CLIENT_REGISTERS: Final = (0x0938, gvcp.CONTROL_CHANNEL_PRIVILEGE, gvcp.STREAM_CHANNEL_PORT, 0x0D18)
+_CLIENT_REGISTERS: Final = (
+    0x0938,
+    gvcp.CONTROL_CHANNEL_PRIVILEGE,
+    gvcp.STREAM_CHANNEL_PORT,
+    gvcp.STREAM_CHANNEL_ADDRESS,
+)
 
 #: Most bytes that a READMEM may ask for (GigE Vision 2.0, 16.3).
 _MOST_READ_BYTES: Final = 536

@@ -25,6 +25,7 @@ from .commands import CameraFaults
 from .control import ControlPort, SecondController, check_free, request_filter
 from .device import TEMPERATURE_STEPS_PER_C, FrameRenderer, FrameSource, Registers, SimulatedDevice, Wanted
 from .genicam import Address, description, writable_registers
+from .last_packet import LastPacket
 
 __all__ = ["SimulatedDevice", "SimulatedGigECamera"]
 
@@ -83,6 +84,7 @@ class SimulatedGigECamera(Device):
         self.device = device
         self.address = address
         self._renderer = FrameRenderer(source)
+        self._last_packet = LastPacket(address)
         self._temperature = temperature
         self._frame_id: int | None = None
         self._exposing: Hashable = None
@@ -125,6 +127,7 @@ class SimulatedGigECamera(Device):
         self._let_go()
         self._switch_off()
         self._renderer.close()
+        self._last_packet.close()
 
     def set_faults(self, faults: CameraFaults) -> None:
         """Replace the current faults.
@@ -240,9 +243,9 @@ class SimulatedGigECamera(Device):
 
     def _send(self, registers: Registers, buffer: int, exposure_us: int, gain_steps: int, format_code: int) -> None:
         triggered = registers.read(Address.TRIGGER_MODE) != 0
-        payload = None
+        payload, wanted = None, Wanted(exposure_us, gain_steps, format_code, registers.readout(self.device))
         if not (self._exposing_triggered(exposure_us) if triggered else self._exposing_freely(registers, exposure_us)):
-            payload = self._renderer.next(Wanted(exposure_us, gain_steps, format_code, registers.readout(self.device)))
+            payload = self._renderer.next(wanted)
         if payload is None:
             self._lose(1.0)
             if triggered:  # repeat
@@ -252,8 +255,13 @@ class SimulatedGigECamera(Device):
         self._exposed_at_s = time.monotonic()
         self._lose(self._share_lost())
         self.follow_temperature()
-        ctypes.memmove(_aravis_c().arv_buffer_get_data(buffer, None), payload.ctypes.data, payload.nbytes)
-        _aravis_c().arv_buffer_set_frame_id(buffer, self._next_id(buffer))
+        # Bits of a pixel stand in the code of its format (PFNC 2.1); Aravis' simulator rounds the size down.
+        n_bytes = wanted.readout.width * wanted.readout.height * (format_code >> 16 & 0xFF) // 8
+        frame_id = self._next_id(buffer)
+        ctypes.memmove(_aravis_c().arv_buffer_get_data(buffer, None), payload.ctypes.data, n_bytes)
+        _aravis_c().arv_buffer_set_frame_id(buffer, frame_id)
+        if n_bytes < payload.nbytes and self._share_lost() == 0:
+            self._last_packet.send(registers, payload, frame_id)
 
     def _exposing_triggered(self, exposure_us: int) -> bool:
         """Whether the exposure of a triggered frame is in progress; triggers are ignored meanwhile."""

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from labcdp.drivers.aravis.camera import AravisCamera
-from labcdp.drivers.camera import CameraSettingError
 from labcdp.drivers.simulated.genicam import description, standard_features
 from labcdp.drivers.simulated.gige_camera import SimulatedDevice, SimulatedGigECamera
 
@@ -25,17 +24,12 @@ def test_any_vendor_and_model_is_one(aravis, name):
         assert camera.snap().shape == (48, 64)
 
 
-@pytest.mark.parametrize(("width", "height"), [(63, 47), (64, 47), (63, 48)])
+@pytest.mark.parametrize(("width", "height"), [(63, 47), (64, 47), (63, 48), (251, 203)])
 def test_odd_sizes_in_all_formats(aravis, width, height):
-    """Half a byte of an odd number of packed pixels is nothing that Aravis' simulator sends: it says so at once."""
     device = SimulatedDevice("SIM-1", width=width, height=height, frame_rate_hz=50)
     with SimulatedGigECamera(device, Ramp((height, width))), AravisCamera("127.0.0.1") as camera:
         for pixel_format in ("Mono8", "Mono12", "Mono16", "Mono12Packed"):
             camera.configure(pixel_format=pixel_format)
-            if pixel_format == "Mono12Packed" and width * height % 2:
-                with pytest.raises(CameraSettingError, match="choose another pixel format or region"):
-                    camera.snap()
-                continue
             frame = camera.snap()
             assert frame.shape == (height, width)
             assert np.array_equal(frame.dn[1], np.arange(width) * (16 if pixel_format == "Mono16" else 1)

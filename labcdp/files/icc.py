@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,10 @@ from .transfer import BT709_LUMINANCE, Encoding, Weights, known_encoding, near_b
 _HEADER, _ENTRY, _MOST_TAGS, _MOST_VALUES = 128, 12, 200, 65536
 #: Points at which a curve is evaluated.
 _POINTS = 4096
+#: Tables of colours, which count before curves where both are there (9.2).
+_TABLES = (b"A2B0", b"A2B1", b"A2B2", b"D2B0", b"D2B1", b"D2B2", b"D2B3")
+#: Difference of curves by rounding.
+_SAME = 0.001
 #: Parameters of each type of parametric curve (table 68).
 _PARAMETERS = (1, 3, 4, 5, 7)
 #: From the illuminant D50 of profiles to D65, after Bradford (annex E.3).
@@ -36,11 +40,17 @@ class ColourProfile:
         Light by value, at equal steps from 0 to 1: of grey, or of red, green and blue.
     weights : (float, float, float)
         Of linear red, green and blue in luminance.
+    space : str
+        What it is for, ``RGB`` or ``GRAY``.
+    has_table : bool
+        Whether it has a table of colours too, which may be more exact.
     """
 
     encoding: Encoding | None
     curves: tuple[NDArray[np.float64], ...]
     weights: Weights = BT709_LUMINANCE
+    space: str = "RGB"
+    has_table: bool = False
 
     def light_tables(self, bits: int) -> NDArray[np.uint16]:
         """Light of each DN of a scale of `bits` bits, in 65535ths of white; shape (1 or 3, 2**bits)."""
@@ -52,6 +62,9 @@ class ColourProfile:
 def read_profile(data: bytes, coloured: bool) -> ColourProfile:
     """Read a profile of a grey or coloured image.
 
+    The curve of a grey profile is that of red, green and blue too, and that of all three of an RGB profile is that of
+    grey, as programs leave such profiles in files that they convert.
+
     Parameters
     ----------
     data : bytes
@@ -62,23 +75,39 @@ def read_profile(data: bytes, coloured: bool) -> ColourProfile:
     Raises
     ------
     InputError
-        If it is not whole, is for other colours, or has tables instead of curves.
+        If it is not whole, is for other colours, or has no curves that serve.
     """
     if len(data) < _HEADER + 4 or data[36:40] != b"acsp":
         raise InputError("it is no ICC profile")
-    space, wanted = data[16:20], b"RGB " if coloured else b"GRAY"
-    if space != wanted:
-        raise InputError(f"it is for {space.decode('latin-1').strip()}, the picture is {wanted.decode().strip()}")
+    space = data[16:20].decode("latin-1").strip()
+    names = {"RGB": (b"rTRC", b"gTRC", b"bTRC"), "GRAY": (b"kTRC",)}.get(space)
+    if names is None:
+        raise InputError(f"it is for {space}, the picture is {'RGB' if coloured else 'grey'}")
     tags = _tags(data)
-    if b"A2B0" in tags:
-        raise InputError("it has a table of colours instead of curves")
-    names = (b"rTRC", b"gTRC", b"bTRC") if coloured else (b"kTRC",)
+    has_table = any(name in tags for name in _TABLES)
     if any(name not in tags for name in names):
-        raise InputError("it has no curves")
+        raise InputError("it has a table of colours instead of curves" if has_table else "it has no curves")
     curves = tuple(_curve(tags[name]) for name in names)
+    if data[20:24] == b"Lab " and space == "GRAY":
+        # The curve gives lightness (8.3.4 and F.2), of which luminance is by CIE 1976.
+        curves = tuple(np.where(one > 0.08, ((one + 0.16) / 1.16) ** 3, one / 9.033) for one in curves)
+    if any(np.ptp(one) == 0 for one in curves):
+        raise InputError("a curve has the same light for all values")
     encodings = {known_encoding(curve) for curve in curves}
-    encoding = encodings.pop() if len(encodings) == 1 else None
-    return ColourProfile(encoding, curves, _weights(tags) if coloured else BT709_LUMINANCE)
+    if not coloured and not _alike(curves):
+        raise InputError("its curves of red, green and blue differ, the picture is grey")
+    return ColourProfile(
+        encoding=encodings.pop() if len(encodings) == 1 else None,
+        curves=curves if coloured else curves[:1],
+        weights=_weights(tags) if coloured and space == "RGB" else BT709_LUMINANCE,
+        space=space,
+        has_table=has_table,
+    )
+
+
+def _alike(curves: Sequence[NDArray[np.float64]]) -> bool:
+    sizes = {one.size for one in curves}
+    return len(sizes) == 1 and all(np.abs(one - curves[0]).max() < _SAME for one in curves[1:])
 
 
 def _tags(data: bytes) -> dict[bytes, bytes]:

@@ -161,8 +161,8 @@ def _picture(stored: StoredImage, path: Path, sha256: str, options: PictureOptio
         picture = replace(picture, light=light, light_is_cd_m2=is_cd_m2, encoding="linear", findings=findings)
         return with_overrides(picture, options, None)
     if stored.light_table is not None and options.encoding is None:
-        stored = decoded_by_table(stored)
-        encoding = "linear"
+        stored, encoding = decoded_by_table(stored), "linear"
+        picture = replace(picture, encoding=encoding)
     scale = scale_of(stored.values, stored.bits or 16, options, str(path))
     stated = stored.white_dn is not None
     findings = (*findings, *(one for one in scale.findings if not (stated and one.code == "bit-depth-unknown")))

@@ -72,7 +72,10 @@ def stated_by_profile(data: bytes | None, coloured: bool, bits: int) -> Statemen
     except InputError as error:
         return Statement(findings=(warning("icc-profile-not-used", reason=str(error)),))
     table = profile.light_tables(bits) if profile.encoding is None else None
-    return Statement(profile.encoding, "its ICC profile", table, profile.weights)
+    is_other = profile.space != ("RGB" if coloured else "GRAY")
+    by = f"its ICC profile ({profile.space})" if is_other else "its ICC profile"
+    findings = (warning("icc-table-not-used"),) if profile.has_table else ()
+    return Statement(profile.encoding, by, table, profile.weights, findings)
 
 
 def stated_by_codes(primaries: int, transfer: int, by: str) -> Statement:

@@ -147,7 +147,9 @@ def decoded_by_table(stored: StoredImage) -> StoredImage:
     assert stored.light_table is not None
     tables, values = stored.light_table, stored.values
     if values.ndim == 2:
-        light = looked_up(tables[0], values)
+        # Of grey in three channels, the luminance is the sum of theirs.
+        grey = np.rint(np.array(stored.weights) @ tables).astype(np.uint16) if len(tables) == 3 else tables[0]
+        light = looked_up(grey, values)
     else:
         channels = (tables[at] if len(tables) == 3 else tables[0] for at in range(3))
         light = np.dstack([looked_up(table, values[..., at]) for at, table in enumerate(channels)])

@@ -48,8 +48,9 @@ PRIMARIES_OF_CODE: dict[int, tuple[tuple[float, float], ...]] = {
 BT709_LUMINANCE = (0.2126, 0.7152, 0.0722)
 #: Weights that differ less are those of BT.709, as a file rounds its chromaticities.
 _SAME_WEIGHTS = 0.002
-#: Curves that differ less, as a share of white, are the same; tables of profiles are rounded.
-_SAME_CURVE = 0.001
+#: Curves that differ less are the same, as a share of white, and as a part of the light besides steps of 16 bits:
+#: tables of profiles are rounded.
+_SAME_CURVE, _SAME_PART, _STEPS = 0.001, 0.01, 2 / 65535
 Weights: TypeAlias = tuple[float, float, float]
 
 
@@ -107,14 +108,20 @@ def known_encoding(light: _Array) -> Encoding | None:
     """Return the encoding that a table of light, at equal steps of the values from 0 to 1, is by; None for another."""
     values = np.linspace(0, 1, light.size)
     for encoding in ("linear", "srgb", "bt709"):
-        if np.abs(decoded(values, encoding) - light).max() < _SAME_CURVE:
+        if _is_same(decoded(values, encoding), light):
             return encoding
     middle = light.size // 2
     if 0 < light[middle] < 1 and light[-1] == 1:
         gamma = gamma_encoding(float(np.log(light[middle]) / np.log(values[middle])))
-        if np.abs(decoded(values, gamma) - light).max() < _SAME_CURVE:
+        if _is_same(decoded(values, gamma), light):
             return gamma
     return None
+
+
+def _is_same(curve: _Array, light: _Array) -> bool:
+    """Whether curves are the same for dark values too, of which contrasts are parts."""
+    difference = np.abs(curve - light)
+    return bool((difference < np.minimum(_SAME_CURVE, _STEPS + _SAME_PART * light)).all())
 
 
 def luminance_weights(chromaticities: Sequence[Sequence[float]]) -> Weights | None:

@@ -163,9 +163,13 @@ def test_a_profile_counts_in_every_format(tmp_path, suffix, dtype, coloured, gam
     assert "encoding-replaced" in codes(given)
 
 
-def test_a_curve_of_its_own_is_used_as_a_table(tmp_path):
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_a_curve_of_its_own_is_used_as_a_table(tmp_path, suffix, channels):
     tag = b"curv" + bytes(4) + struct.pack(">I5H", 5, 0, 3000, 9000, 40000, 65535)
-    with_profile(path := tmp_path / "a.png", patches(192, 64, np.uint8), profile(tag, False))
+    values = patches(192, 64, np.uint8)
+    values = np.dstack([values] * 3) if channels == 3 else values
+    with_profile(path := tmp_path / f"a{suffix}", values, profile(tag, channels == 3))
     picture = read_picture(path)
     light = np.interp([192 / 255, 64 / 255], np.linspace(0, 1, 5), [0, 3000, 9000, 40000, 65535])
     assert contrast(picture) == pytest.approx(light[0] / light[1] - 1, rel=1e-3)
@@ -174,13 +178,72 @@ def test_a_curve_of_its_own_is_used_as_a_table(tmp_path):
 
 @pytest.mark.parametrize(
     ("data", "coloured"),
-    [(bytes(400), True), (profile(curve_tag(1), True), False), (profile(curve_tag(1), True)[:150], True)],
+    [
+        (bytes(400), True),
+        (profile(curve_tag(1), False).replace(b"kTRC", b"A2B0"), False),
+        (profile(curve_tag(0), False), False),
+        (profile(curve_tag(1), True)[:150], True),
+    ],
 )
 def test_a_profile_that_cannot_be_used_is_named(tmp_path, data, coloured):
     values = patches(40000, 10000)
     values = np.dstack([values, values, values // 2]) if coloured else values
     with_profile(path := tmp_path / "a.tif", values, data)
     assert "icc-profile-not-used" in codes(read_picture(path))
+
+
+@pytest.mark.parametrize("coloured", [True, False])
+@pytest.mark.parametrize("suffix", [".tif", ".jpg"])
+def test_the_curve_of_a_profile_for_other_colours_counts(tmp_path, suffix, coloured):
+    values = patches(200, 50, np.uint8)
+    if coloured:
+        values = np.dstack([values] * 3)
+        values[0, 30, 0] = 255
+    with_profile(path := tmp_path / f"a{suffix}", values, profile(curve_tag(2.0), not coloured))
+    picture = read_picture(path)
+    assert contrast(picture) == pytest.approx(15, rel=5e-3)
+    by = f"its ICC profile ({'GRAY' if coloured else 'RGB'})"
+    assert info("encoding-stated", encoding="gamma 2", by=by) in picture.findings
+
+
+def test_grey_in_three_channels_has_the_luminance_of_their_curves(tmp_path):
+    """Each with its own curve, of which none is that of grey."""
+    data = profile(b"curv" + bytes(4) + struct.pack(">I3H", 3, 0, 8192, 65535), True)
+    first = data.index(b"rTRC") + 4
+    other = curve_tag(1.0)
+    data = data[:first] + struct.pack(">II", len(data), len(other)) + data[first + 8 :] + other
+    with_profile(path := tmp_path / "a.tif", np.dstack([patches(49151, 16384)] * 3), data)
+    bright, dark = (0.2126 * value + 0.7874 * light for value, light in ((0.75, 0.5625), (0.25, 0.0625)))
+    assert contrast(read_picture(path)) == pytest.approx(bright / dark - 1, rel=1e-3)
+    with_profile(path, patches(49151, 16384), data)
+    assert "icc-profile-not-used" in codes(read_picture(path))
+
+
+def test_curves_count_beside_a_table_of_colours(tmp_path):
+    data = profile(curve_tag(2.0), True).replace(b"bXYZ", b"A2B0")
+    values = np.dstack([patches(40000, 10000)] * 3)
+    values[0, 30, 0] = 65535
+    with_profile(path := tmp_path / "a.tif", values, data)
+    picture = read_picture(path)
+    assert contrast(picture) == pytest.approx(15, rel=1e-3)
+    assert warning("icc-table-not-used") in picture.findings
+
+
+def test_dark_values_of_a_curve_that_is_nearly_a_power(tmp_path):
+    """ROMM RGB (ISO 22028-2): a power of 1.8 above a straight line up to 1/32."""
+    with_profile(
+        path := tmp_path / "a.tif", patches(1310, 655), profile(parametric(3, 1.8, 1, 0, 1 / 16, 1 / 32), False)
+    )
+    assert contrast(read_picture(path)) == pytest.approx(1, rel=0.01)
+
+
+def test_a_grey_curve_of_lightness(tmp_path):
+    """The connection space of a grey profile may be CIELAB: the curve gives L* (ICC.1:2022, annex F.2)."""
+    data = bytearray(profile(curve_tag(1.0), False))
+    data[20:24] = b"Lab "
+    with_profile(path := tmp_path / "a.tif", patches(52428, 26214), bytes(data))
+    bright, dark = (((100 * value + 16) / 116) ** 3 for value in (0.8, 0.4))
+    assert contrast(read_picture(path)) == pytest.approx(bright / dark - 1, rel=2e-3)
 
 
 # PNG

@@ -144,7 +144,8 @@ def _read(page: Any, path: Path, facts: ExifFacts) -> StoredImage:
             bits = page.bitspersample
         if states.bits is not None and int(values.max()) < 2**states.bits:
             bits = states.bits
-    if page.photometric == _WHITE_IS_ZERO:
+    if page.photometric == _WHITE_IS_ZERO and states.scale is None:
+        # What a scale stands for is counted from the stored values: ImageJ inverts only what it shows.
         values = (2**bits - 1 - values).astype(values.dtype)
         changes.append(info("white-is-zero"))
     if stated is not None and stated.linearization is not None:

@@ -29,7 +29,7 @@ _FUNCTIONS: dict[int, Any] = {
     5: lambda x, p: p[0] * x ** p[1],
     6: lambda x, p: p[0] * np.log(p[1] * x),
     7: lambda x, p: p[3] + (p[0] - p[3]) / (1 + (x / p[2]) ** p[1]),
-    8: lambda x, p: p[0] * (x - p[1]) ** p[2] * np.exp(-(x - p[1]) / p[3]),
+    8: lambda x, p: np.where(x > p[0], p[1] * (x - p[0]) ** p[2] * np.exp(-(x - p[0]) / p[3]), 0),
     9: lambda x, p: p[0] + p[1] * np.log(x - p[2]),
     11: lambda x, p: p[0] * np.exp(-p[1] * x) + p[2],
     13: lambda x, p: p[0] * (1 - np.exp(-p[1] * x)) + p[2],

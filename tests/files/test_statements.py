@@ -10,6 +10,7 @@ import pytest
 import tifffile
 from PIL import Image, ImageCms
 
+from labcdp.core.errors import InputError
 from labcdp.core.result import info, warning
 from labcdp.evaluate.picture.conversion import picture_conversion
 from labcdp.files import PictureOptions, read_picture
@@ -308,6 +309,7 @@ def described(path, values, text, **tags):
         (4, (2, 0.004), "", lambda x: 2 * np.exp(0.004 * x)),
         (5, (0.1, 1.7), "nits", lambda x: 0.1 * x**1.7),
         (6, (5, 0.1), "", lambda x: 5 * np.log(0.1 * x)),
+        (8, (10, 2, 1.5, 300), "", lambda x: 2 * (x - 10) ** 1.5 * np.exp(-(x - 10) / 300)),
     ],
 )
 def test_functions_of_imagej_are_applied(tmp_path, function, parameters, unit, value):
@@ -326,6 +328,29 @@ def test_signed_values_of_imagej_keep_their_saturation(tmp_path):
     picture = read_picture(path)
     assert picture.frame.saturated[:, 40:].all()
     assert not picture.frame.saturated[:, :20].any()
+
+
+def test_a_stack_has_the_function_of_its_first_page(tmp_path):
+    def stack(*parameters):
+        text = "\n".join(["ImageJ=1.54f", "images=3", "cf=0", *(f"c{n}={one}" for n, one in enumerate(parameters)), ""])
+        with tifffile.TiffWriter(path := tmp_path / "a.tif") as file:
+            for number in range(3):
+                file.write(patches(33068, 32868), photometric="minisblack", metadata=None,
+                           description=None if number else text)  # fmt: skip
+        return open_video(path)
+
+    frames = [entry.load().frame for entry in stack(-32768, 1).entries()]
+    assert [frame.dn[0, 50] - frame.black_level_dn for frame in frames] == [300] * 3
+    with pytest.raises(InputError, match="scale"):
+        stack(20, 1)
+
+
+def test_calibrated_values_are_not_inverted_with_what_is_shown(tmp_path):
+    """An inverting look-up table of ImageJ is stored as WhiteIsZero."""
+    text = "ImageJ=1.54f\ncf=0\nc0=255.0\nc1=-1.0\n"
+    tifffile.imwrite(path := tmp_path / "a.tif", patches(60, 200, np.uint8), photometric="miniswhite",
+                     description=text, metadata=None)  # fmt: skip
+    assert contrast(read_picture(path)) == pytest.approx(195 / 55 - 1)
 
 
 def test_a_function_that_is_not_read_is_named(tmp_path):

@@ -24,7 +24,7 @@ from ..picture import Picture, PictureOptions, contradictions, overridden_frame
 from ..read import picture_paths, read_page, read_picture
 from ..tiff import count_pictures
 from ..transfer import decoded_table
-from .source import StoredPixels, VideoFrame, VideoSource, require_frames, stored_pixels
+from .source import StoredPixels, VideoFrame, VideoSource, stored_pixels
 
 #: Largest number in a name that can be one of a frame; others are times or dates.
 _MOST_NUMBER = 10_000_000
@@ -87,7 +87,11 @@ def _sequence(
         looked_at |= _read(read, at, options)
     for at in range(len(numbers)):
         looked_at = looked_at or _read(read, at, options)
-    require_frames(bool(looked_at), path)
+    if not looked_at and read(0, options).frame is None:
+        raise InputError(
+            f"{path} holds floats, or values that are not in proportion to the stored ones by the scale it states: a "
+            "video is evaluated from the values of a camera; save it as whole numbers of 8 or 16 bits without a scale"
+        )
     guessed, options = _one_scale(list(looked_at.values()), options)
     first = read(next((at for at in sorted(looked_at) if looked_at[at].coloured), min(looked_at)), options)
 

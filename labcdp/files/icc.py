@@ -77,6 +77,8 @@ def read_profile(data: bytes, coloured: bool) -> ColourProfile:
     InputError
         If it is not whole, is for other colours, or has no curves that serve.
     """
+    if not data:
+        raise InputError("it is not whole")
     if len(data) < _HEADER + 4 or data[36:40] != b"acsp":
         raise InputError("it is no ICC profile")
     space = data[16:20].decode("latin-1").strip()

@@ -19,7 +19,7 @@ from ..core.dn import pixel_format
 from ..core.errors import InputError, naming
 from ..core.result import Finding, info, warning
 from .exif import ExifFacts, read_exif
-from .statements import stated_by_exif, stated_by_png, stated_by_profile, with_statement
+from .statements import ExifColours, stated_by_png, stated_by_profile, with_statement
 from .stored_image import (
     SCREEN_BITS,
     StoredImage,
@@ -58,11 +58,17 @@ def read_png(data: bytes, path: Path, max_pixels: int) -> StoredImage:
         values = imagecodecs.png_decode(data)
     depth, colour_type = data[24], data[25]
     values, bits, changes = _resolved(values, depth, colour_type)
-    coloured, chunks = values.ndim == 3, _chunks(data)
-    statement = stated_by_png(chunks, header.info.get("icc_profile"), coloured, bits)
-    doubts = [warning("png-calibration-not-used")] if b"pCAL" in chunks else []
-    if statement.by == "its chunk cICP" and chunks[b"cICP"][3] == 0 and bits >= SCREEN_BITS:
-        values, changes = _full_range(values, bits), (*changes, info("limited-range"))
+    coloured, (chunks, behind) = values.ndim == 3, _chunks(data)
+    exif = ExifColours.of_block(header).stated(bits)
+    # Pillow leaves out a profile that is not whole.
+    profile = header.info.get("icc_profile") or (b"" if b"iCCP" in chunks else None)
+    statement = stated_by_png(chunks, behind, profile, exif, coloured, bits)
+    doubts = [warning("png-calibration-not-used")] if b"pCAL" in {*chunks, *behind} else []
+    if statement.by == "its chunk cICP" and chunks[b"cICP"][3] == 0:
+        if bits >= SCREEN_BITS:
+            values, changes = _full_range(values, bits), (*changes, info("limited-range"))
+        else:
+            doubts.append(warning("chunk-not-used", name="cICP", reason="a limited range needs 8 bits or more"))
     if not statement.states_curve and not coloured and bits <= SCREEN_BITS:
         doubts.append(info("linear-assumed"))
     stored = StoredImage(values, bits, "linear", _facts(header, path), changes, tuple(doubts))
@@ -97,17 +103,20 @@ def _resolved(values: NDArray[Any], depth: int, colour_type: int) -> tuple[NDArr
     return np.ascontiguousarray(values), bits, tuple(changes)
 
 
-def _chunks(data: bytes) -> dict[bytes, bytes]:
-    """Chunks before the pixels by name; the first of a name counts."""
+def _chunks(data: bytes) -> tuple[dict[bytes, bytes], set[bytes]]:
+    """Chunks before the pixels by name, of which the first of a name counts, and names of those behind them."""
     chunks: dict[bytes, bytes] = {}
-    at = len(PNG)
+    behind: set[bytes] = set()
+    at, in_front = len(PNG), True
     while at + 8 <= len(data):
         size, name = int.from_bytes(data[at : at + 4], "big"), data[at + 4 : at + 8]
-        if name == b"IDAT":
-            break
-        chunks.setdefault(name, data[at + 8 : at + 8 + size])
+        in_front = in_front and name != b"IDAT"
+        if in_front:
+            chunks.setdefault(name, data[at + 8 : at + 8 + size])
+        else:
+            behind.add(name)
         at += 12 + size
-    return chunks
+    return chunks, behind
 
 
 def _full_range(values: NDArray[Any], bits: int) -> NDArray[Any]:
@@ -126,6 +135,8 @@ _RARE = {
     0xC3: "lossless JPEG", 0xF7: "JPEG-LS", **dict.fromkeys((0xC5, 0xC6, 0xC7), "hierarchical JPEG"),
     **dict.fromkeys((0xC9, 0xCA, 0xCB, 0xCD, 0xCE, 0xCF), "arithmetic-coded JPEG"),
 }  # fmt: skip
+#: Begin of the parts of an ICC profile (ICC.1:2022, B.4).
+_ICC = b"ICC_PROFILE\0"
 #: What files with a gain map for brighter displays hold (Ultra HDR; ISO 21496-1).
 _GAIN_MAPS = (b"http://ns.adobe.com/hdr-gain-map/1.0/", b"urn:iso:std:iso:ts:21496:-1")
 _TO_TIFF = "which labcdp does not read: convert it to 16-bit TIFF"
@@ -142,8 +153,10 @@ def read_jpeg(data: bytes, path: Path, max_pixels: int) -> StoredImage:
     import cv2
     from PIL.JpegImagePlugin import JpegImageFile
 
-    whole, kind = data, None
+    whole, kind, missing = data, None, None
     for marker, at in _jpeg_segments(data):
+        # Pillow leaves out a profile of which a part is missing.
+        missing = b"" if data[at + 4 : at + 4 + len(_ICC)] == _ICC else missing
         if marker in (*_HUFFMAN, *_RARE) and kind is None:
             kind = _RARE.get(marker) or (f"JPEG of {data[at + 4]} bits" if data[at + 4 : at + 5] > b"\x08" else "")
         # What follows, such as a film or a second picture, is not of it.
@@ -168,9 +181,10 @@ def read_jpeg(data: bytes, path: Path, max_pixels: int) -> StoredImage:
     doubts = [warning("decoder-message", message=message) for message in messages]
     if any(mark in data for mark in _GAIN_MAPS):
         doubts.append(info("gain-map-not-used"))
-    statement = stated_by_profile(header.info.get("icc_profile"), values.ndim == 3, 8)
+    statement = stated_by_profile(header.info.get("icc_profile") or missing, values.ndim == 3, 8)
     if not statement.states_curve:
-        statement = replace(stated_by_exif(header), findings=statement.findings)
+        of_exif = ExifColours.of_block(header).stated(8)
+        statement = replace(of_exif, findings=(*of_exif.findings, *statement.findings))
     stored = StoredImage(values, 8, "srgb", _facts(header, path), (info("jpeg-compressed"),), tuple(doubts))
     return with_statement(stored, statement, "srgb").upright()
 

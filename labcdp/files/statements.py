@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..core.errors import InputError
 from ..core.result import Finding, info, warning
+from .exif import positive_number
 from .icc import read_profile
 from .stored_image import StoredImage
 from .transfer import (
@@ -23,6 +24,7 @@ from .transfer import (
     Weights,
     encoding_name,
     gamma_encoding,
+    known_encoding,
     luminance_weights,
 )
 
@@ -64,8 +66,8 @@ NOTHING_STATED = Statement()
 
 
 def stated_by_profile(data: bytes | None, coloured: bool, bits: int) -> Statement:
-    """Return what an ICC profile states, and a finding if it cannot be used."""
-    if not data:
+    """Return what an ICC profile states, and a finding if it cannot be used; nothing where there is none."""
+    if data is None:
         return NOTHING_STATED
     try:
         profile = read_profile(data, coloured)
@@ -90,68 +92,169 @@ def stated_by_codes(primaries: int, transfer: int, by: str) -> Statement:
     return Statement(encoding, by, None, weights or BT709_LUMINANCE, tuple(findings))
 
 
-def stated_by_gamma(exponent: float, by: str) -> Statement:
-    """Return that values to the power of `exponent` are light; nothing for an exponent that is none."""
-    return Statement(gamma_encoding(exponent), by) if 0.1 <= exponent <= 10 else NOTHING_STATED
+def stated_by_gamma(exponent: float | None, by: str) -> Statement:
+    """Return that values to the power of `exponent` are light; a finding for an exponent that is none."""
+    if exponent is not None and 0.1 <= exponent <= 10:
+        return Statement(gamma_encoding(exponent), by)
+    return Statement(findings=(warning("gamma-not-used", by=by),))
 
 
-def stated_by_png(chunks: Mapping[bytes, bytes], profile: bytes | None, coloured: bool, bits: int) -> Statement:
+def stated_by_table(value: Any, bits: int) -> Statement:
+    """Return the curve of a tag TransferFunction, of one table or three (TIFF 6.0, section 20); or that it is none."""
+    if value is None:
+        return NOTHING_STATED
+    n = 2**bits
+    try:
+        table: NDArray[np.uint16] = np.asarray(value, dtype=np.uint16).ravel()
+    except (TypeError, ValueError, OverflowError):
+        table = np.zeros(0, np.uint16)
+    if table.size not in (n, 3 * n) or np.ptp(table) == 0:
+        return Statement(findings=(warning("transfer-function-not-used"),))
+    table = table.reshape(-1, n)
+    encodings = {known_encoding(channel) for channel in table / 65535.0}
+    encoding = encodings.pop() if len(encodings) == 1 else None
+    return Statement(encoding, "its tag TransferFunction", table if encoding is None else None)
+
+
+def stated_by_png(
+    chunks: Mapping[bytes, bytes],
+    behind: Collection[bytes],
+    profile: bytes | None,
+    exif: Statement,
+    coloured: bool,
+    bits: int,
+) -> Statement:
     """Return what a PNG states: cICP before iCCP, that before sRGB, that before gAMA and cHRM (PNG third edition, 4.3).
+
+    What EXIF states counts where there is no other curve.
 
     Parameters
     ----------
     chunks : mapping of bytes to bytes
-        The file's chunks by name.
+        The file's chunks before its pixels by name.
+    behind : collection of bytes
+        Names of chunks behind them.
     profile : bytes or None
         Its ICC profile.
+    exif : Statement
+        What its EXIF states.
     coloured : bool
         Whether it has red, green and blue.
     bits : int
         Bits of its values.
     """
-    codes = chunks.get(b"cICP", b"")
+    codes, late = chunks.get(b"cICP", b""), [name for name in _BEFORE_PIXELS if name in behind]
     of_profile = stated_by_profile(profile, coloured, bits)
-    if len(codes) == 4 and ENCODING_OF_CODE.get(codes[1]) is not None:
-        return stated_by_codes(codes[0], codes[1], "its chunk cICP")
+    unused = tuple(warning("chunk-not-used", name=name.decode(), reason="it is behind the pixels") for name in late)
+    of_codes = NOTHING_STATED
+    if b"cICP" in chunks and len(codes) != 4:
+        unused += (warning("chunk-not-used", name="cICP", reason=f"it has {len(codes)} bytes, not 4"),)
+    elif codes and codes[2] != 0:
+        # Red, green and blue have no matrix (PNG third edition, 11.3.2.6).
+        unused += (warning("chunk-not-used", name="cICP", reason="its matrix coefficients are not 0"),)
+    elif codes:
+        of_codes = stated_by_codes(codes[0], codes[1], "its chunk cICP")
+    if of_codes.states_curve:
+        return replace(of_codes, findings=(*of_codes.findings, *unused))
+    unused += of_codes.findings
     if of_profile.states_curve:
-        return of_profile
-    unused = of_profile.findings
-    if len(codes) == 4:
-        unused = (*stated_by_codes(codes[0], codes[1], "").findings, *unused)
+        return replace(of_profile, findings=(*of_profile.findings, *unused))
+    unused += of_profile.findings
     if b"sRGB" in chunks:
-        return Statement("srgb", "its chunk sRGB", findings=unused)
-    gamma = chunks.get(b"gAMA", b"")
-    value = struct.unpack(">I", gamma)[0] if len(gamma) == 4 else 0
-    found = stated_by_gamma(_GAMMA_UNITS / value, "its chunk gAMA") if value else NOTHING_STATED
-    chromaticities = chunks.get(b"cHRM", b"")
-    if coloured and len(chromaticities) == 32:
-        white_x, white_y, *rgb = (one / _GAMMA_UNITS for one in struct.unpack(">8I", chromaticities))
-        weights = luminance_weights([*zip(rgb[::2], rgb[1::2], strict=True), (white_x, white_y)])
+        found = Statement("srgb", "its chunk sRGB")
+    elif b"gAMA" in chunks:
+        gamma = int.from_bytes(chunks[b"gAMA"][:4], "big")
+        found = stated_by_gamma(_GAMMA_UNITS / gamma if gamma else None, "its chunk gAMA")
+    else:
+        found = exif
+    if of_codes is not NOTHING_STATED and codes[0] in PRIMARIES_OF_CODE:
+        found = replace(found, weights=of_codes.weights)
+    elif coloured and b"sRGB" not in chunks and b"cHRM" in chunks:
+        weights = None
+        if len(chromaticities := chunks[b"cHRM"]) == 32:
+            white_x, white_y, *rgb = (one / _GAMMA_UNITS for one in struct.unpack(">8I", chromaticities))
+            weights = luminance_weights([*zip(rgb[::2], rgb[1::2], strict=True), (white_x, white_y)])
+        if weights is None:
+            unused += (warning("primaries-not-used", by="its chunk cHRM"),)
         found = replace(found, weights=weights or BT709_LUMINANCE)
-    return replace(found, findings=unused)
+    return replace(found, findings=(*found.findings, *unused))
 
 
-def stated_by_exif(header: Any) -> Statement:
-    """Return what EXIF states of a JPEG: the tag Gamma, or Adobe RGB by its ColorSpace and interoperability index."""
-    from PIL import ExifTags
+#: Chunks that state curve and colours, which count before the pixels only (PNG third edition, 5.6).
+_BEFORE_PIXELS = (b"cICP", b"iCCP", b"sRGB", b"gAMA", b"cHRM")
+#: What ColorSpace of EXIF has for sRGB, and what some cameras have for Adobe RGB.
+_SRGB_SPACE, _ADOBE_SPACE = 1, 2
+#: Adobe RGB (1998): 563 / 256, and its chromaticities.
+_ADOBE_GAMMA = 563 / 256
+_ADOBE_PRIMARIES = ((0.64, 0.33), (0.21, 0.71), (0.15, 0.06), (0.3127, 0.3290))
 
+
+@dataclass(frozen=True)
+class ExifColours:
+    """Tags that state curve and colours, as they are in EXIF and TIFF; None for those that are not there.
+
+    Parameters
+    ----------
+    gamma, space, interoperability : object
+        Gamma, ColorSpace, and the index of interoperability.
+    table, white, primaries : object
+        TransferFunction, WhitePoint, PrimaryChromaticities.
+    """
+
+    gamma: Any = None
+    space: Any = None
+    interoperability: Any = None
+    table: Any = None
+    white: Any = None
+    primaries: Any = None
+
+    @classmethod
+    def of_block(cls, header: Any) -> ExifColours:
+        """Take them from the EXIF of a file that Pillow opened."""
+        from PIL import ExifTags
+
+        try:
+            block = header.getexif()
+            exif, index = block.get_ifd(ExifTags.IFD.Exif), block.get_ifd(ExifTags.IFD.Interop).get(1)
+            return cls(
+                exif.get(0xA500), exif.get(ExifTags.Base.ColorSpace), index, block.get(301), block.get(318),
+                block.get(319),
+            )  # fmt: skip
+        # A damaged block raises what its parts do.
+        except Exception:
+            return cls()
+
+    def stated(self, bits: int) -> Statement:
+        """Return what they state of values of some bits: TransferFunction before Gamma, that before the others."""
+        found = stated_by_table(self.table, bits)
+        findings, weights = found.findings, None
+        if not found.states_curve and self.gamma is not None:
+            found = stated_by_gamma(positive_number(self.gamma), "its EXIF gamma")
+            findings += found.findings
+        is_adobe = self.space == _ADOBE_SPACE or (self.interoperability == "R03" and self.space != _SRGB_SPACE)
+        if not found.states_curve and is_adobe:
+            found = Statement(gamma_encoding(_ADOBE_GAMMA), "its EXIF (Adobe RGB)")
+        elif not found.states_curve and self.space == _SRGB_SPACE:
+            found = Statement("srgb", "its EXIF colour space")
+        # The white point alone does not tell what colours add to luminance.
+        if self.primaries is not None:
+            white, rgb = numbers_of(self.white), numbers_of(self.primaries)
+            if len(white) == 2 and len(rgb) == 6:
+                weights = luminance_weights([*zip(rgb[::2], rgb[1::2], strict=True), white])
+            findings += () if weights else (warning("primaries-not-used", by="its tag PrimaryChromaticities"),)
+        weights = weights or (luminance_weights(_ADOBE_PRIMARIES) if is_adobe else None)
+        return replace(found, weights=weights or BT709_LUMINANCE, findings=findings)
+
+
+def numbers_of(value: Any) -> list[float]:
+    """Numbers of a tag of fractions: as they are, or, as tifffile gives them, numerators and denominators in turn."""
     try:
-        block = header.getexif()
-        exif, index = block.get_ifd(ExifTags.IFD.Exif), block.get_ifd(ExifTags.IFD.Interop).get(1)
-        gamma, space = exif.get(0xA500), exif.get(ExifTags.Base.ColorSpace)
-        exponent = None if gamma is None else float(gamma)
-    # A damaged block raises what its parts do.
-    except Exception:
-        return NOTHING_STATED
-    if exponent is not None and exponent > 0:
-        return stated_by_gamma(exponent, "its EXIF gamma")
-    if index == "R03" and space != 1:
-        # Adobe RGB (1998): 563 / 256, and its chromaticities.
-        weights = luminance_weights(((0.64, 0.33), (0.21, 0.71), (0.15, 0.06), (0.3127, 0.3290)))
-        return Statement(gamma_encoding(563 / 256), "its EXIF (Adobe RGB)", None, weights or BT709_LUMINANCE)
-    if space == 1:
-        return Statement("srgb", "its EXIF colour space")
-    return NOTHING_STATED
+        parts = [float(one) for one in value]
+        if len(parts) in (4, 12):
+            parts = [a / b for a, b in zip(parts[::2], parts[1::2], strict=True)]
+    except (TypeError, ValueError, ZeroDivisionError):
+        return []
+    return parts
 
 
 def curve_findings(statement: Statement, encoding: Encoding) -> tuple[Finding, ...]:

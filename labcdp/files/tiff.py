@@ -115,7 +115,8 @@ def _read(page: Any, path: Path, facts: ExifFacts) -> StoredImage:
     if stated is not None:
         changes += stated.findings
     is_float, coloured = values.dtype.kind == "f", values.ndim == 3 or page.photometric == _PALETTE
-    states = statements_of(page, coloured, None if is_float else page.bitspersample)
+    of_sensor = stated is not None and (black is not None or stated.linearization is not None)
+    states = statements_of(page, coloured, None if is_float else page.bitspersample, of_sensor)
     doubts = [*states.findings, *nodata_findings(values, states.nodata)]
     if is_float:
         if black is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 from ..core.disk.files import shortened
 from ..core.result import Finding, info, warning
 from .exif import positive_number
-from .statements import NOTHING_STATED, Statement, stated_by_profile
-from .transfer import BT709_LUMINANCE, known_encoding, luminance_weights
+from .statements import NOTHING_STATED, ExifColours, Statement, numbers_of, stated_by_profile
 
 # Tags (TIFF 6.0, sections 20 and 22; TIFF Technical Note on SGI LogLuv; GDAL's own).
 _TRANSFER_FUNCTION, _WHITE_POINT, _PRIMARIES, _REFERENCE, _STONITS = 301, 318, 319, 532, 37439
-_GDAL_METADATA, _GDAL_NODATA, _ICC_PROFILE = 42112, 42113, 34675
+_GDAL_METADATA, _GDAL_NODATA, _ICC_PROFILE, _EXIF = 42112, 42113, 34675, 34665
 #: Units of luminance as programs write them.
 _LUMINANCE = re.compile(r"(cd|candela)\s*[/·. ]?\s*m\s*(\^?-?2|²|⁻²)|nits?|cd/m\^2|cd\.m-2", re.IGNORECASE)
 #: Functions of calibration by ImageJ's number (its `CurveFitter`), of stored values x and parameters p.
@@ -121,7 +120,7 @@ class TiffStatements:
     findings: tuple[Finding, ...] = field(default=())
 
 
-def statements_of(page: Any, coloured: bool, bits: int | None) -> TiffStatements:
+def statements_of(page: Any, coloured: bool, bits: int | None, of_sensor: bool) -> TiffStatements:
     """Return what a page states of its values.
 
     Parameters
@@ -132,6 +131,8 @@ def statements_of(page: Any, coloured: bool, bits: int | None) -> TiffStatements
         Whether it has red, green and blue.
     bits : int or None
         Bits of its whole numbers, None for floats.
+    of_sensor : bool
+        Whether other tags state that the values are those of a sensor.
     """
     text = str(page.parent.pages.first.aspage().description or "")
     tags = {code: tag.value for code in _READ if (tag := page.tags.get(code)) is not None}
@@ -151,7 +152,7 @@ def statements_of(page: Any, coloured: bool, bits: int | None) -> TiffStatements
     with suppress(ValueError):
         nodata = float(str(tags.get(_GDAL_NODATA, "")).strip("\0 "))
     return TiffStatements(
-        curve=_curve(tags, coloured, bits),
+        curve=_curve(page, tags, coloured, bits, of_sensor),
         scale=scale if scale is not None and (scale.changes or scale.is_luminance) else None,
         bits=used if bits is not None and 0 < used < bits else None,
         cd_m2_per_value=stonits,
@@ -160,54 +161,56 @@ def statements_of(page: Any, coloured: bool, bits: int | None) -> TiffStatements
     )
 
 
-_READ = (_TRANSFER_FUNCTION, _WHITE_POINT, _PRIMARIES, _REFERENCE, _STONITS, _GDAL_METADATA, _GDAL_NODATA, _ICC_PROFILE)
+_READ = (
+    _TRANSFER_FUNCTION, _WHITE_POINT, _PRIMARIES, _REFERENCE, _STONITS, _GDAL_METADATA, _GDAL_NODATA, _ICC_PROFILE,
+    _EXIF,
+)  # fmt: skip
 
 
-def _curve(tags: dict[int, Any], coloured: bool, bits: int | None) -> Statement:
+def _curve(page: Any, tags: dict[int, Any], coloured: bool, bits: int | None, of_sensor: bool) -> Statement:
     profile = tags.get(_ICC_PROFILE)
     stated = stated_by_profile(profile if isinstance(profile, bytes) else None, coloured, bits or 8)
+    if stated.states_curve and bits is not None:
+        return stated
+    colours = _exif_colours(tags, page)
+    found = colours.stated(bits or 8)
     if bits is None:
-        # Floats are linear; of a profile only the colours count.
-        curved = stated.states_curve and stated.encoding != "linear"
-        unused = (warning("icc-profile-not-used", reason="the values are floats, which are linear"),) if curved else ()
-        return Statement(weights=stated.weights, findings=(*stated.findings, *unused))
-    if stated.states_curve:
-        return stated
-    table = _transfer_table(tags.get(_TRANSFER_FUNCTION), bits)
-    if table is None:
-        return stated
-    encodings = {known_encoding(channel) for channel in table / 65535.0}
-    encoding = encodings.pop() if len(encodings) == 1 else None
-    white, primaries = (_numbers(tags.get(code)) for code in (_WHITE_POINT, _PRIMARIES))
-    weights = None
-    if len(white) == 2 and len(primaries) == 6:
-        weights = luminance_weights([primaries[:2], primaries[2:4], primaries[4:], white])
-    own_table = table if encoding is None else None
-    by = "its tag TransferFunction"
-    return Statement(encoding, by, own_table, weights or BT709_LUMINANCE, stated.findings)
+        # Floats are linear; of profile and tags only the colours count.
+        why, unused = "the values are floats, which are linear", list[Finding]()
+        if stated.states_curve and stated.encoding != "linear":
+            unused.append(warning("icc-profile-not-used", reason=why))
+        if found.states_curve and found.encoding != "linear":
+            unused.append(warning("curve-not-used", by=found.by, reason=why))
+        weights = stated.weights if stated.states_curve else found.weights
+        return Statement(weights=weights, findings=(*stated.findings, *unused))
+    findings = (*found.findings, *stated.findings)
+    linear = replace(colours, gamma=None, space=None, interoperability=None).stated(bits)
+    if of_sensor and found.by != linear.by:
+        # Cameras write the colour space of their JPEG files into raw ones too.
+        why = "with a black level or a table of linearisation, the values are those of a sensor"
+        return replace(linear, findings=(*findings, warning("curve-not-used", by=found.by, reason=why)))
+    return replace(found, findings=findings)
 
 
-def _transfer_table(value: Any, bits: int) -> NDArray[np.uint16] | None:
-    """Table of light, shape (1 or 3, 2**bits), of a tag that has as many values; None for any other."""
-    try:
-        table = np.asarray(value, dtype=np.uint16).ravel()
-    except (TypeError, ValueError, OverflowError):
+def _exif_colours(tags: dict[int, Any], page: Any) -> ExifColours:
+    exif = tags.get(_EXIF)
+    exif = exif if isinstance(exif, dict) else {}
+    index = _interoperability(page.parent, exif.get("InteroperabilityTag"))
+    of_page = (tags.get(code) for code in (_TRANSFER_FUNCTION, _WHITE_POINT, _PRIMARIES))
+    return ExifColours(exif.get("Gamma"), exif.get("ColorSpace"), index, *of_page)
+
+
+def _interoperability(tiff: Any, offset: Any) -> str | None:
+    """Index of a directory that tifffile does not read, in its first entry (CIPA DC-008, 4.6.7)."""
+    if not isinstance(offset, int) or tiff.is_bigtiff:
         return None
-    n = 2**bits
-    return table.reshape(-1, n) if table.size in (n, 3 * n) and table.max() > 0 else None
-
-
-def _numbers(value: Any) -> list[float]:
-    """Numbers of a tag of fractions, as tifffile gives them: numerators and denominators in turn."""
-    try:
-        parts = [float(one) for one in value]
-        return [a / b for a, b in zip(parts[::2], parts[1::2], strict=True)]
-    except (TypeError, ValueError, ZeroDivisionError):
-        return []
+    tiff.filehandle.seek(offset)
+    entry = tiff.filehandle.read(14)
+    return entry[10:13].decode("latin-1") if entry[2:4] in (b"\1\0", b"\0\1") else None
 
 
 def _is_other_range(value: Any, bits: int) -> bool:
-    numbers, top = _numbers(value), 2.0**bits - 1
+    numbers, top = numbers_of(value), 2.0**bits - 1
     return len(numbers) == 6 and numbers != [0.0, top] * 3
 
 

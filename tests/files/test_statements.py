@@ -273,22 +273,41 @@ def test_png_states_its_curve(tmp_path, chunks, encoding):
     assert contrast(picture) == pytest.approx(bright / dark - 1, rel=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("name", "body", "in_front", "code"),
+    [("gAMA", bytes(4), True, "gamma-not-used"), ("gAMA", bytes((0, 0, 0, 1)), True, "gamma-not-used"),
+     ("cICP", bytes((1, 8, 0)), True, "chunk-not-used"), ("cICP", bytes((1, 8, 1, 1)), True, "chunk-not-used"),
+     ("cICP", bytes((1, 13, 0, 1)), False, "chunk-not-used"),
+     ("gAMA", bytes((0, 0, 177, 143)), False, "chunk-not-used"),
+     ("iCCP", b"p\0\0no profile", True, "icc-profile-not-used")],
+)  # fmt: skip
+def test_chunks_that_cannot_count_are_named(tmp_path, name, body, in_front, code):
+    """Of those behind the pixels, decoders may know nothing (PNG third edition, 5.6)."""
+    content = png(patches(40000, 10000), 16)
+    at = 33 if in_front else len(content) - 12
+    (tmp_path / "a.png").write_bytes(content[:at] + chunk(name.encode(), body) + content[at:])
+    picture = read_picture(tmp_path / "a.png")
+    assert contrast(picture) == pytest.approx(3, rel=1e-4)
+    assert code in codes(picture)
+
+
+@pytest.mark.parametrize("transfer", [2, 8])
+def test_colours_of_a_png_have_the_weights_of_their_primaries(tmp_path, transfer):
+    values = np.zeros((4, 4, 3), np.uint8)
+    values[..., 1], values[0, 0] = 255, 255
+    cv2.imwrite(str(tmp_path / "a.png"), values)
+    content = (tmp_path / "a.png").read_bytes()
+    (tmp_path / "a.png").write_bytes(content[:33] + chunk(b"cICP", bytes((9, transfer, 0, 1))) + content[33:])
+    picture = read_picture(tmp_path / "a.png")
+    assert picture.frame.dn[1, 1] / 65535 == pytest.approx(0.6780, abs=1e-4)
+    assert "colour-to-grey-by-file" in codes(picture)
+
+
 def test_limited_range_and_unknown_codes_of_a_png(tmp_path):
     (tmp_path / "a.png").write_bytes(png(patches(235, 60, np.uint8), 8, (b"cICP", bytes((1, 8, 0, 0)))))
     assert contrast(read_picture(tmp_path / "a.png")) == pytest.approx(219 / 44 - 1, rel=0.01)
     (tmp_path / "b.png").write_bytes(png(patches(40, 10, np.uint8), 8, (b"cICP", bytes((77, 99, 0, 1)))))
     assert {"transfer-code-unknown", "primaries-code-unknown"} <= set(codes(read_picture(tmp_path / "b.png")))
-
-
-def test_colours_of_a_png_have_the_weights_of_their_primaries(tmp_path):
-    values = np.zeros((4, 4, 3), np.uint8)
-    values[..., 1], values[0, 0] = 255, 255
-    cv2.imwrite(str(tmp_path / "a.png"), values)
-    content = (tmp_path / "a.png").read_bytes()
-    (tmp_path / "a.png").write_bytes(content[:33] + chunk(b"cICP", bytes((9, 8, 0, 1))) + content[33:])
-    picture = read_picture(tmp_path / "a.png")
-    assert picture.frame.dn[1, 1] / 65535 == pytest.approx(0.6780, abs=1e-4)
-    assert "colour-to-grey-by-file" in codes(picture)
 
 
 # TIFF
@@ -382,6 +401,68 @@ def test_tables_of_a_tiff_and_its_primaries(tmp_path):
     assert info("encoding-stated", encoding="gamma 3", by="its tag TransferFunction") in picture.findings
 
 
+#: Chromaticities of Adobe RGB (1998) and D65 as numerators and denominators, and the weight of green by them.
+PRIMARIES = (64, 100, 33, 100, 21, 100, 71, 100, 15, 100, 6, 100), (3127, 10_000, 3290, 10_000)
+GREEN = 0.6274
+
+
+def green(dtype=np.uint8):
+    """A picture of green beside a white pixel."""
+    values = np.zeros((HEIGHT, WIDTH, 3), dtype)
+    values[..., 1], values[0, 0] = np.iinfo(dtype).max, np.iinfo(dtype).max
+    return values
+
+
+def test_primaries_of_a_tiff_count_without_a_table(tmp_path):
+    tags = [(319, "2I", 6, PRIMARIES[0], True), (318, "2I", 2, PRIMARIES[1], True)]
+    for used, values in ((2, green(np.uint16)), (2, green() / np.float32(255)), (1, green(np.uint16))):
+        tifffile.imwrite(path := tmp_path / "a.tif", values, photometric="rgb", extratags=tags[:used])
+        picture = read_picture(path)
+        found = picture.light[5, 5] if picture.frame is None else picture.frame.dn[5, 5] / 65535
+        assert found == pytest.approx(GREEN if used == 2 else 0.7152, abs=2e-4)
+        assert ("primaries-not-used" in codes(picture)) == (used == 1)
+
+
+def exif_tiff(path, values, gamma=None, space=None, index=None, more=()):
+    """A TIFF with directories of EXIF and interoperability (CIPA DC-008), which tifffile does not write."""
+    photometric = "rgb" if values.ndim == 3 else "minisblack"
+    tifffile.imwrite(path, values, photometric=photometric, metadata=None, extratags=[(34664, "I", 1, 0, True), *more])
+    data = bytearray(path.read_bytes())
+    data += bytes(len(data) % 2)
+    with tifffile.TiffFile(path) as file:
+        tag = file.pages.first.tags[34664]
+        struct.pack_into("<H", data, tag.offset, 34665)
+        struct.pack_into("<I", data, tag.valueoffset, len(data))
+    count = sum(one is not None for one in (gamma, space, index))
+    entries, rest, end = b"", b"", len(data) + 6 + 12 * count
+    if space is not None:
+        entries += struct.pack("<HHIHH", 0xA001, 3, 1, space, 0)
+    if index is not None:
+        entries += struct.pack("<HHII", 0xA005, 4, 1, end + len(rest))
+        rest += struct.pack("<HHHI4sI", 1, 1, 2, 4, index, 0)
+    if gamma is not None:
+        entries += struct.pack("<HHII", 0xA500, 5, 1, end + len(rest))
+        rest += struct.pack("<II", round(1000 * gamma), 1000)
+    path.write_bytes(data + struct.pack("<H", count) + entries + bytes(4) + rest)
+    return path
+
+
+def test_exif_of_a_tiff_states_its_curve(tmp_path):
+    grey, path = patches(40000, 10000), tmp_path / "a.tif"
+    assert contrast(read_picture(exif_tiff(path, grey, gamma=2.2))) == pytest.approx(4**2.2 - 1, rel=1e-3)
+    bright, dark = decoded(np.array([40000, 10000]) / 65535, "srgb")
+    assert contrast(read_picture(exif_tiff(path, grey, space=1))) == pytest.approx(bright / dark - 1, rel=1e-3)
+    adobe = read_picture(exif_tiff(path, green(), space=65535, index=b"R03"))
+    assert adobe.frame.dn[5, 5] / 65535 == pytest.approx(GREEN, abs=2e-4)
+    # Raw files of cameras have the colour space of others.
+    raw = read_picture(exif_tiff(path, patches(2064, 564), space=1, more=[(50714, "H", 1, 64, True)]))
+    assert contrast(raw) == pytest.approx(3)
+    assert "curve-not-used" in codes(raw)
+    floats = read_picture(exif_tiff(path, grey.astype(np.float32), gamma=2.2))
+    assert contrast(floats) == pytest.approx(3)
+    assert "curve-not-used" in codes(floats)
+
+
 def test_luminance_of_the_value_1_in_floats(tmp_path):
     tags = [(37439, "d", 1, 179.0, True)]
     values = patches(2, 1, np.float32)
@@ -400,6 +481,29 @@ def test_exif_of_a_jpeg_states_a_gamma_or_adobe_rgb(tmp_path):
         block.get_ifd(0x8769).update(tags)
         Image.fromarray(patches(200, 60, np.uint8)).save(tmp_path / f"{name}.jpg", exif=block, quality=100)
         assert read_picture(tmp_path / f"{name}.jpg").encoding == encoding
+
+
+@pytest.mark.parametrize(
+    ("tags", "index"), [({0xA001: 65535, 0xA500: 2.2}, "R03"), ({0xA001: 65535}, "R03"), ({0xA001: 2}, None)]
+)
+def test_adobe_rgb_of_a_jpeg_has_its_primaries(tmp_path, tags, index):
+    """Cameras write a gamma too."""
+    block = Image.Exif()
+    block.get_ifd(0x8769).update(tags | ({0xA005: {1: index}} if index else {}))
+    Image.fromarray(green()).save(tmp_path / "a.jpg", exif=block, quality=100, subsampling=0)
+    picture = read_picture(tmp_path / "a.jpg")
+    assert picture.encoding in ("gamma 2.2", "gamma 2.199")
+    assert picture.frame.dn[20, 30] / 65535 == pytest.approx(GREEN, abs=1e-3)
+
+
+def test_a_profile_of_which_a_part_is_missing_is_named(tmp_path):
+    values = np.dstack([patches(200, 60, np.uint8)] * 3)
+    with_profile(path := tmp_path / "a.jpg", values, profile(curve_tag(1.0), True) + bytes(150_000))
+    assert contrast(read_picture(path)) == pytest.approx(200 / 60 - 1, rel=0.01)
+    data = path.read_bytes()
+    at = data.index(b"ICC_PROFILE\0\2") - 4
+    path.write_bytes(data[:at] + data[at + 2 + int.from_bytes(data[at + 2 : at + 4], "big") :])
+    assert "icc-profile-not-used" in codes(read_picture(path))
 
 
 # The same values in every container

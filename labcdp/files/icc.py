@@ -146,7 +146,9 @@ def _sampled(tag: bytes) -> NDArray[np.float64]:
         return np.asarray(values ** (struct.unpack_from(">H", tag, 12)[0] / 256))
     if count > _MOST_VALUES:
         raise InputError(f"a curve has {count} values")
-    return np.array(struct.unpack_from(f">{count}H", tag, 12)) / 65535
+    table = np.array(struct.unpack_from(f">{count}H", tag, 12)) / 65535
+    # Between values, a table is straight (10.6): a short one is no power, even where its values are those of one.
+    return table if count >= _POINTS else np.interp(values, np.linspace(0, 1, count), table)
 
 
 def _parametric(tag: bytes) -> NDArray[np.float64]:

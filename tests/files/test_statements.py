@@ -2,6 +2,7 @@
 
 import struct
 import zlib
+from fractions import Fraction
 
 import av
 import cv2
@@ -112,6 +113,7 @@ CURVES = {
     "power": (parametric(0, 1.8), "gamma 1.8"),
     "sRGB": (parametric(3, 2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045), "srgb"),
     "table": (TABLE, "linear"),
+    "table of few values": (b"curv" + bytes(4) + struct.pack(">I3H", 3, 0, 16384, 65535), None),
 }
 
 
@@ -565,11 +567,11 @@ def test_a_grey_palette_is_grey(tmp_path):
 # Bits and saturation: a picture is a video of one frame
 
 
-def deep_video(path, values, pixel_format="gray16le"):
+def deep_video(path, *pictures, pixel_format="gray16le"):
     with av.open(str(path), "w") as container:
         stream = container.add_stream("ffv1", rate=25)
         stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, pixel_format
-        for number in range(4):
+        for number, values in enumerate(pictures):
             frame = av.VideoFrame.from_ndarray(values, format="gray16le").reformat(format=pixel_format)
             frame.pts = number
             for packet in stream.encode(frame):
@@ -590,7 +592,7 @@ def test_bits_and_saturation_of_a_video_are_those_of_the_same_pictures(tmp_path,
     (folder := tmp_path / "images").mkdir()
     for number in range(3):
         tifffile.imwrite(folder / f"{number}.tif", values, photometric="minisblack")
-    for source in (open_video(deep_video(tmp_path / "a.mkv", values), options), open_video(folder, options)):
+    for source in (open_video(deep_video(tmp_path / "a.mkv", *[values] * 4), options), open_video(folder, options)):
         frame = next(iter(source.entries())).load().frame
         for name in ("bit_depth", "saturation_dn"):
             assert getattr(frame, name) == getattr(picture.frame, name)
@@ -599,9 +601,51 @@ def test_bits_and_saturation_of_a_video_are_those_of_the_same_pictures(tmp_path,
         assert of_bits == [code for code in codes(picture) if code.startswith("bit-depth")]
 
 
+@pytest.mark.parametrize("top", [4095, 5000])
+def test_bits_of_a_video_are_those_of_frames_of_all_parts(tmp_path, top):
+    """As of a folder of pictures: of a video that begins in the dark, or in a brighter light later."""
+    pictures = [patches(4095 if top > 4095 else 3000, 750)] * 20 + [patches(top, 1000)] * 10
+    (folder := tmp_path / "images").mkdir()
+    for number, values in enumerate(pictures):
+        tifffile.imwrite(folder / f"{number}.tif", values, photometric="minisblack")
+    video, images = open_video(deep_video(tmp_path / "a.mkv", *pictures)), open_video(folder)
+    last = [[*source.entries()][-1].load().frame for source in (video, images)]
+    assert np.array_equal(last[0].saturated, last[1].saturated)
+    assert (last[0].bit_depth, last[0].saturated[0, 50]) == (last[1].bit_depth, top == 4095)
+    of_bits = [[one for one in source.findings if one.code.startswith("bit-depth")] for source in (video, images)]
+    assert of_bits[0] == of_bits[1]
+
+
+def still_video(path, codec, pixel_format, data):
+    """A video whose frames are files of pictures."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=25)
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, pixel_format
+        for number in range(3):
+            packet = av.Packet(data)
+            packet.stream, packet.pts, packet.dts, packet.time_base = stream, number, number, Fraction(1, 25)
+            packet.is_keyframe = True
+            container.mux(packet)
+    return open_video(path)
+
+
+def test_frames_that_are_pictures_state_their_curve(tmp_path):
+    values = np.dstack([patches(200, 50, np.uint8)] * 3)
+    with_profile(tmp_path / "a.jpg", values, profile(curve_tag(1.0), True))
+    source = still_video(tmp_path / "a.mov", "mjpeg", "yuvj444p", (tmp_path / "a.jpg").read_bytes())
+    assert source.encoding == "linear"
+    for gamma, encoding in ((50_000, "gamma 2"), (45_455, "gamma 2.2")):
+        data = png(patches(200, 50, np.uint8), 8, (b"gAMA", struct.pack(">I", gamma)))
+        assert still_video(tmp_path / "b.mov", "png", "gray", data).encoding == encoding
+    with_profile(tmp_path / "c.jpg", values, profile(TABLE.replace(bytes((128, 0)), bytes((9, 0))), True))
+    source = still_video(tmp_path / "c.mov", "mjpeg", "yuvj444p", (tmp_path / "c.jpg").read_bytes())
+    assert "icc-profile-not-used" in codes(source)
+
+
 def test_bits_of_colours_of_a_video(tmp_path):
     source = open_video(
-        deep_video(tmp_path / "a.mkv", patches(4095, 1000), "rgb48le"), PictureOptions().given(bit_depth=12)
+        deep_video(tmp_path / "a.mkv", patches(4095, 1000), pixel_format="rgb48le"),
+        PictureOptions().given(bit_depth=12),
     )
     frame = next(iter(source.entries())).load().frame
     assert "bit-depth-ignored" not in codes(source)

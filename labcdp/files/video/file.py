@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import cached_property, partial
+from itertools import chain, islice
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
 import av
 import numpy as np
+from av import FFmpegError
 from numpy.typing import NDArray
 
 from ...core.disk import file_sha256, open_regular, reading, reason, require_regular
@@ -29,6 +31,8 @@ from .pixels import Pixels, learn_pixels
 from .quantiser import PARAMETERS
 from .source import StoredPixels, VideoFrame, VideoSource, require_frames
 
+#: Frames of all parts that are looked at to estimate bits, and frames from a key frame on that are decoded for one.
+_SPREAD, _MOST_BETWEEN = 9, 12
 #: Whole frames, and broken ones, that are looked at to learn what the numbers are.
 _LOOKED_AT, _MOST_BROKEN = 3, 300
 #: Formats of one file: others name further files, which FFmpeg would open.
@@ -151,12 +155,34 @@ def open_video_file(path: Path, options: PictureOptions) -> VideoSource:
 
 
 def _scale(frames: Sequence[Any], pixels: Pixels, options: PictureOptions, path: Path) -> Scale:
-    """Bits and saturation of the numbers, of 16-bit grey or RGB as given or estimated from the first frames."""
+    """Bits and saturation of the numbers, of 16-bit grey or RGB as given or estimated from frames of all parts."""
     if pixels.bits != 16 or pixels.limited or pixels.kind == "ycbcr":
         return Scale(pixels.bits, 2.0**pixels.bits - 1)
     n_planes = 3 if pixels.kind == "rgb" else 1
-    values = np.concatenate([plane.ravel() for frame in frames for plane in pixels.planes(frame)[:n_planes]])
-    return scale_of(values, 16, options, str(path))
+    # As of a folder of images: the first frames may be dark.
+    looked_at = chain(frames, _spread(path, options.max_pixels) if options.stated_bits is None else ())
+    alike = (frame for frame in looked_at if frame.format.name == pixels.format_name)
+    planes = (plane for frame in alike for plane in pixels.planes(frame)[:n_planes])
+    # The values that there are, of which there are fewer than pixels.
+    values = np.concatenate([np.flatnonzero(np.bincount(plane.ravel())) for plane in planes])
+    return scale_of(values.astype(np.uint16), 16, options, str(path))
+
+
+def _spread(path: Path, max_pixels: int) -> Iterator[Any]:
+    """Frames at equal steps of time from the first to the last, as far as the file can be read there."""
+    with _opened(path, max_pixels) as container, suppress(FFmpegError):
+        stream = video_stream(container)
+        duration, start = container.duration or 0, container.start_time or 0
+        for at in np.linspace(start, start + duration, _SPREAD if duration > 0 else 0):
+            container.seek(int(at))
+            last = None
+            # From the key frame before it on.
+            for frame in islice(container.decode(stream), _MOST_BETWEEN):
+                if last is not None and frame.time is not None and frame.time * av.time_base > at:
+                    break
+                last = last if frame.is_corrupt else frame
+            if last is not None:
+                yield last
 
 
 def _announced(stream: Any) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import nan
 from typing import Any, Literal
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ...core.errors import InputError
 from ...core.luminance import WHOLE, Window
 from ...core.result import Finding, info, warning
+from ..statements import NOTHING_STATED, Statement, stated_by_gamma, stated_by_profile
 from ..stored_image import (
     grey_finding,
     grey_if_colourless,
@@ -223,12 +224,15 @@ def learn_pixels(frames: Sequence[Any], codec: Any, encoding: Encoding | None) -
     limited, range_stated = kind != "rgb" and not (grey or jpeg), first.color_range in (_LIMITED, _FULL)
     if range_stated and kind != "rgb":
         limited = first.color_range == _LIMITED
-    stored, found = _encoding(int(first.color_trc), not (coloured or codec.lossy), encoding)
+    # FFmpeg calls all values of TIFF gamma 2.2, which it does not read from the file.
+    code = UNSPECIFIED if codec.name == "tiff" else int(first.color_trc)
+    of_frame = _stated_by_frame(first, coloured) if code == UNSPECIFIED else NOTHING_STATED
+    stored, found = _encoding(code, of_frame, not (coloured or codec.lossy), encoding)
     primaries = int(first.color_primaries)
     of_light = luminance_weights(PRIMARIES_OF_CODE[primaries]) if primaries in PRIMARIES_OF_CODE else None
     if coloured and of_light is None and primaries != UNSPECIFIED:
         found.append(warning("primaries-code-unknown", code=primaries))
-    of_light = of_light or BT709_LUMINANCE
+    of_light = of_light or of_frame.weights
     matrix = _matrix(first, coloured and kind != "rgb")
     weights = matrix or (_BT601 if jpeg or first.height < _HD_ROWS else _BT709)
     orientation = _orientation(first)
@@ -263,13 +267,30 @@ def _orientation(frame: Any) -> int | None:
     return 1 if matrix is None else orientation_of_matrix(bytes(matrix))
 
 
-def _encoding(code: int, measured: bool, given: Encoding | None) -> tuple[Encoding, list[Finding]]:
+def _stated_by_frame(frame: Any, coloured: bool) -> Statement:
+    """Return what frames of Motion JPEG or PNG state themselves: a profile or an exponent."""
+    try:
+        profile = frame.side_data.get("ICC_PROFILE")
+    # PyAV reads nothing of what comes with a frame if it does not know all of it, such as EXIF.
+    except ValueError:
+        profile = None
+    if profile is not None:
+        stated = stated_by_profile(bytes(profile), coloured, 8)
+        unused = warning("icc-profile-not-used", reason="its curve is none that labcdp reads in videos")
+        return stated if stated.light_table is None else replace(stated, findings=(*stated.findings, unused))
+    value, _, unit = getattr(frame, "metadata", {}).get("gamma", "").partition("/")
+    if not (value.isdecimal() and unit.isdecimal()):
+        return NOTHING_STATED
+    return stated_by_gamma(int(unit) / int(value) if int(value) else None, "the gAMA of its frames")
+
+
+def _encoding(code: int, of_frame: Statement, measured: bool, given: Encoding | None) -> tuple[Encoding, list[Finding]]:
     """Return the encoding as given, as stated, or as is usual, and findings that say so."""
     usual: Encoding = "linear" if measured else "srgb"
-    stated = ENCODING_OF_CODE.get(code)
+    stated = ENCODING_OF_CODE.get(code) or of_frame.encoding
     found = given or stated or usual
     how = "as given" if given else _how(stated is not None)
-    findings = [info("video-encoding", encoding=encoding_name(found), how=how)]
+    findings = [info("video-encoding", encoding=encoding_name(found), how=how), *of_frame.findings]
     if given and stated not in (None, given):
         findings.append(warning("encoding-replaced", given=encoding_name(given), by="the file"))
     if not given and stated is None and code != UNSPECIFIED:

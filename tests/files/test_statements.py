@@ -642,6 +642,40 @@ def test_frames_that_are_pictures_state_their_curve(tmp_path):
     assert "icc-profile-not-used" in codes(source)
 
 
+def rgb_video(path, codec, pixel_format, pictures):
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=25)
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, pixel_format
+        for number, values in enumerate(pictures):
+            frame = av.VideoFrame.from_ndarray(values, format="rgb24").reformat(format=pixel_format)
+            frame.pts = number
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    return open_video(path)
+
+
+@pytest.mark.parametrize(("codec", "pixel_format"), [("ffv1", "bgr0"), ("libx264", "yuv444p")])
+def test_colours_behind_black_frames_are_colours(tmp_path, codec, pixel_format):
+    """As in a video that begins with colours, where the red channel was taken for grey."""
+    black, colours = np.zeros((HEIGHT, WIDTH, 3), np.uint8), np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    colours[:, 30:], colours[:, :30] = (200, 150, 100), (60, 45, 30)
+    found = [
+        [*rgb_video(tmp_path / "a.mkv", codec, pixel_format, pictures).entries()][-1].load().frame
+        for pictures in ([colours] * 6, [black] * 40 + [colours] * 40)
+    ]
+    assert found[0].bit_depth == found[1].bit_depth == 16
+    np.testing.assert_allclose(found[1].dn[20, [10, 50]], found[0].dn[20, [10, 50]], rtol=0.02)
+
+
+def test_a_coloured_frame_is_never_taken_for_grey(tmp_path):
+    grey, colours = (np.full((HEIGHT, WIDTH, 3), value, np.uint8) for value in ((90, 90, 90), (90, 80, 30)))
+    source = rgb_video(tmp_path / "a.mkv", "ffv1", "bgr0", [grey] * 55 + [colours] + [grey] * 4)
+    entries = list(source.entries())
+    assert entries[54].load().frame.dn[0, 0] == 90
+    with pytest.raises(InputError, match="coloured"):
+        list(source.entries())[55].load()
+
+
 def test_bits_of_colours_of_a_video(tmp_path):
     source = open_video(
         deep_video(tmp_path / "a.mkv", patches(4095, 1000), pixel_format="rgb48le"),

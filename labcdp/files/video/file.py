@@ -131,7 +131,8 @@ def open_video_file(path: Path, options: PictureOptions) -> VideoSource:
         rate = float(stream.average_rate or stream.guessed_rate or 0)
         count = _announced(stream) or round((container.duration or 0) / av.time_base * rate)
         try:
-            pixels, findings = learn_pixels(frames, stream.codec_context.codec, options.encoding)
+            later, codec = _spread(path, options.max_pixels, 1), stream.codec_context.codec
+            pixels, findings = learn_pixels(frames, later, codec, options.encoding)
         except InputError as error:
             raise InputError(f"{path} {error}") from error
     height, width = frames[0].height, frames[0].width
@@ -160,7 +161,7 @@ def _scale(frames: Sequence[Any], pixels: Pixels, options: PictureOptions, path:
         return Scale(pixels.bits, 2.0**pixels.bits - 1)
     n_planes = 3 if pixels.kind == "rgb" else 1
     # As of a folder of images: the first frames may be dark.
-    looked_at = chain(frames, _spread(path, options.max_pixels) if options.stated_bits is None else ())
+    looked_at = chain(frames, _spread(path, options.max_pixels, _MOST_BETWEEN) if options.stated_bits is None else ())
     alike = (frame for frame in looked_at if frame.format.name == pixels.format_name)
     planes = (plane for frame in alike for plane in pixels.planes(frame)[:n_planes])
     # The values that there are, of which there are fewer than pixels.
@@ -168,16 +169,18 @@ def _scale(frames: Sequence[Any], pixels: Pixels, options: PictureOptions, path:
     return scale_of(values.astype(np.uint16), 16, options, str(path))
 
 
-def _spread(path: Path, max_pixels: int) -> Iterator[Any]:
-    """Frames at equal steps of time from the first to the last, as far as the file can be read there."""
+def _spread(path: Path, max_pixels: int, most: int) -> Iterator[Any]:
+    """Frames at equal steps of time from the first to the last, as far as the file can be read there.
+
+    From the key frame before each, at `most` as many are decoded.
+    """
     with _opened(path, max_pixels) as container, suppress(FFmpegError):
         stream = video_stream(container)
         duration, start = container.duration or 0, container.start_time or 0
         for at in np.linspace(start, start + duration, _SPREAD if duration > 0 else 0):
             container.seek(int(at))
             last = None
-            # From the key frame before it on.
-            for frame in islice(container.decode(stream), _MOST_BETWEEN):
+            for frame in islice(container.decode(stream), most):
                 if last is not None and frame.time is not None and frame.time * av.time_base > at:
                     break
                 last = last if frame.is_corrupt else frame

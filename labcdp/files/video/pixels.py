@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import islice
 from math import nan
 from typing import Any, Literal
 
@@ -50,6 +51,8 @@ _LIMITED, _FULL = 1, 2
 _HD_ROWS = 720
 #: Cb and Cr of grey differ by no more from the middle, in steps of 8 bits.
 _COLOURED = 1
+#: Later frames in colours from which the others are too.
+_LEAST_COLOURED = 2
 _SUBSAMPLING = {(1, 1): "444", (2, 1): "422", (2, 2): "420", (4, 1): "411", (4, 4): "410", (1, 2): "440"}
 
 
@@ -119,7 +122,10 @@ class Pixels:
         """
         if frame.format.name != self.format_name:
             raise InputError(f"its pixels are of the kind {frame.format.name}, not {self.format_name} as before")
-        return tuple(planes_of(frame))
+        planes = tuple(planes_of(frame))
+        if self.kind == "luma" and _kind(frame.format) == "rgb" and grey_if_colourless(np.dstack(planes)).ndim == 3:
+            raise InputError("it is coloured, unlike the frames that were looked at: evaluate it in a video of its own")
+        return planes
 
     def followed(self, planes: Sequence[NDArray[Any]]) -> NDArray[Any]:
         """Grey or Y' as it is stored, or Y' of red, green and blue: what trackers look at."""
@@ -202,8 +208,12 @@ def _matrix(frame: Any, coloured: bool) -> tuple[float, float] | None:
     return _MATRICES.get(code)
 
 
-def learn_pixels(frames: Sequence[Any], codec: Any, encoding: Encoding | None) -> tuple[Pixels, list[Finding]]:
+def learn_pixels(
+    frames: Sequence[Any], later: Iterable[Any], codec: Any, encoding: Encoding | None
+) -> tuple[Pixels, list[Finding]]:
     """Learn what the numbers of a file are from its first frames, and what there is to say about it.
+
+    Whether they are colours, later frames tell too, of which none is taken where the first ones tell it.
 
     Range, transfer and matrix are as stated. Where they are not, the range is full for grey, Motion JPEG and colours,
     else limited; the transfer that of sRGB as for pictures, but linear for grey values that no codec changed, whatever
@@ -221,6 +231,11 @@ def learn_pixels(frames: Sequence[Any], codec: Any, encoding: Encoding | None) -
     grey = len(planes) == 1
     bits = bits_of(first.format)
     coloured = any(_is_coloured(planes_of(frame), kind, bits) for frame in frames)
+    if not (coloured or grey):
+        alike = (frame for frame in later if frame.format.name == first.format.name)
+        in_colours = (frame for frame in alike if _is_coloured(planes_of(frame), kind, bits))
+        # A damaged frame may show false colours.
+        coloured = len([*islice(in_colours, _LEAST_COLOURED)]) == _LEAST_COLOURED
     limited, range_stated = kind != "rgb" and not (grey or jpeg), first.color_range in (_LIMITED, _FULL)
     if range_stated and kind != "rgb":
         limited = first.color_range == _LIMITED

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from io import StringIO
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from ..core.disk import parse_json, shortened
 from ..core.disk.files import named_plainly
 from ..core.errors import InputError
-from ..core.result import Finding, info
+from ..core.result import Finding, info, warning
 from .exif import positive_number
 from .stored_image import StoredImage, decoder_messages, real_numbers, require_size
 from .transfer import BT709_LUMINANCE, Weights, luminance_weights
@@ -22,6 +23,9 @@ from .transfer import BT709_LUMINANCE, Weights, luminance_weights
 EXR = b"\x76\x2f\x31\x01"
 #: Channels of a picture of the largest size, and of any.
 _MOST_CHANNELS, _MOST_NAMES = 4, 1000
+#: Attributes by which programs state a curve (OpenImageIO; the Color Interop Forum's identifiers), and linear ones.
+_CURVES = ("oiio:ColorSpace", "oiio:Gamma", "colorInteropID")
+_LINEAR = re.compile(r"lin|scene_linear|acescg|aces2065|data|raw|unknown|1(\.0*)?$", re.IGNORECASE)
 #: Names of a channel of luminance: that of OpenEXR's luminance/chroma images, and spelt out.
 _LUMINANCE = ("Y", "luminance")
 
@@ -41,6 +45,10 @@ def read_exr(_data: bytes, path: Path, max_pixels: int) -> StoredImage:
     width, height = _size(header)
     others = sorted(set(channels) - set(_LUMINANCE if set(_LUMINANCE) & set(channels) else "RGB"))
     changes = [info("channels-ignored", channels=others)] if others else []
+    doubts = [
+        warning("curve-not-used", by=f"its attribute {name} ({shortened(text)})", reason="OpenEXR holds linear values")
+        for name in _CURVES if name in header and not _LINEAR.match(text := str(header[name]))
+    ]  # fmt: skip
     if not np.array_equal(header["dataWindow"], header.get("displayWindow", header["dataWindow"])):
         changes.append(info("data-window"))
     luminance = next((channels[name] for name in _LUMINANCE if name in channels), None)
@@ -52,6 +60,8 @@ def read_exr(_data: bytes, path: Path, max_pixels: int) -> StoredImage:
                 np.array(weights, dtype=np.float32), np.stack([channels[c] for c in "RGB"]), axes=1
             )
         changes.append(change)
+        if change.code == "colour-to-grey" and "chromaticities" in header:
+            doubts.append(warning("primaries-not-used", by="its attribute chromaticities"))
     if luminance is None:
         raise InputError(
             f"{path} has the channels {shortened(', '.join(sorted(channels)))}: give one with Y, luminance, or R, G "
@@ -60,7 +70,10 @@ def read_exr(_data: bytes, path: Path, max_pixels: int) -> StoredImage:
     if luminance.shape != (height, width):
         raise InputError(f"{path} has a channel of luminance with fewer pixels than the picture: save it in full")
     white = positive_number(header.get("whiteLuminance"))
-    return StoredImage(real_numbers(luminance, path), None, changes=tuple(changes), cd_m2_per_value=white)
+    if white is None and "whiteLuminance" in header:
+        doubts.append(warning("value-scale-not-used", by="its attribute whiteLuminance"))
+    light = real_numbers(luminance, path)
+    return StoredImage(light, None, changes=tuple(changes), doubts=tuple(doubts), cd_m2_per_value=white)
 
 
 def exr_header(path: Path, max_pixels: int) -> dict[str, Any]:

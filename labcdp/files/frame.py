@@ -91,7 +91,7 @@ def changed_at(path: Path) -> datetime:
 
 
 #: Codes of what a file states beside its values.
-_LEAVES_VALUES = ("sensor-corrections-not-applied", "black-level-from-xmp", "black-pattern")
+_LEAVES_VALUES = ("sensor-corrections-not-applied", "black-level-from-xmp", "black-level-measured", "black-pattern")
 #: Endings of the names of the files this module reads.
 IMAGE_SUFFIXES = (".tif", ".tiff", ".png")
 
@@ -139,7 +139,11 @@ def read_image(path: str | PathLike[str], layout: PixelFormat, options: PictureO
     known = replace(facts_over(options, facts), pixel_format=layout.name)
     require_exposure(path, known)
     frame = make_frame(dn, Scale(layout.bit_depth, float(largest)), known, facts.taken or changed_at(path))
-    return FileFrame(path, sha256, facts, with_stated_levels(frame, stored))
+    unused: tuple[Finding, ...] = ()
+    if stored.encoding != "linear" or stored.light_table is not None:
+        reason = "values that are recorded or imported are the DN of a sensor"
+        unused = (warning("curve-not-used", by=stored.stated_by, reason=reason),)
+    return FileFrame(path, sha256, facts, with_stated_levels(frame, stored), findings=unused)
 
 
 def frame_of_pixels(

@@ -71,7 +71,11 @@ def read_png(data: bytes, path: Path, max_pixels: int) -> StoredImage:
             doubts.append(warning("chunk-not-used", name="cICP", reason="a limited range needs 8 bits or more"))
     if not statement.states_curve and not coloured and bits <= SCREEN_BITS:
         doubts.append(info("linear-assumed"))
-    stored = StoredImage(values, bits, "linear", _facts(header, path), changes, tuple(doubts))
+    # Fewer significant bits are the upper ones (PNG third edition, 11.3.2.7).
+    used = min(chunks.get(b"sBIT", b"")[: 3 if coloured else 1], default=bits)
+    is_full = bits == 16 and 8 <= used < bits and int(values.max()) >= 2**used
+    white_dn = float(2**bits - 2 ** (bits - used)) if is_full else None
+    stored = StoredImage(values, bits, "linear", _facts(header, path), changes, tuple(doubts), white_dn=white_dn)
     return with_statement(stored, statement, "srgb" if coloured else "linear").upright()
 
 

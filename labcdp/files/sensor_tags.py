@@ -32,6 +32,8 @@ _DNG_VERSION, _LINEARIZATION, _REPEAT, _BLACK, _DELTA_H, _DELTA_V, _WHITE = (
     50717,
 )
 _ACTIVE, _MASKED, _OPCODES, _XMP, _SAMPLE_FORMAT, _FLOATS = 50829, 50830, (51008, 51009, 51022), 700, 339, 3
+#: Tags that change what values stand for.
+LEVELS = (_LINEARIZATION, _BLACK, _DELTA_H, _DELTA_V, _WHITE)
 #: Types of TIFF whose numbers are fractions.
 _RATIONAL = (5, 10)
 #: Opcodes by number (DNG 1.7, chapter 7), and those that leave the DN of sound pixels as they are.

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from ..core.disk import parse_json
 from ..core.disk.tiff import open_tiff, pixels_of
 from ..core.errors import InputError
+from ..core.frame import BlackPattern
 from ..core.result import Finding, info, warning
 from .exif import ExifFacts, read_exif
-from .sensor_tags import pattern_findings, tags_of
+from .sensor_tags import LEVELS, masked_level, pattern_findings, tags_of
 from .statements import with_statement
 from .stored_image import SCREEN_BITS, StoredImage, real_numbers, require_size, whole_numbers, without_alpha
 from .tiff_statements import nodata_findings, share_at_end, statements_of
@@ -114,10 +115,18 @@ def _read(page: Any, path: Path, facts: ExifFacts) -> StoredImage:
     black = None if stated is None else stated.black_of((0, 0), values.shape, path)
     if stated is not None:
         changes += stated.findings
+        measured = masked_level(values, stated.masked, (1, 1)) if black is None and stated.masked else None
+        if measured is not None:
+            black = BlackPattern.split(measured)
+            changes.append(info("black-level-measured", black_dn=black[0]))
     is_float, coloured = values.dtype.kind == "f", values.ndim == 3 or page.photometric == _PALETTE
     of_sensor = stated is not None and (black is not None or stated.linearization is not None)
     states = statements_of(page, coloured, None if is_float else page.bitspersample, of_sensor)
     doubts = [*states.findings, *nodata_findings(values, states.nodata)]
+    if stated is None and any(code in page.tags for code in LEVELS):
+        doubts.append(warning("sensor-levels-not-used"))
+    if is_float and page.photometric == _WHITE_IS_ZERO:
+        doubts.append(warning("value-scale-not-used", by="PhotometricInterpretation, by which white is 0,"))
     if is_float:
         if black is not None:
             level, pattern = black

@@ -19,6 +19,9 @@ from .statements import NOTHING_STATED, ExifColours, Statement, numbers_of, stat
 # Tags (TIFF 6.0, sections 20 and 22; TIFF Technical Note on SGI LogLuv; GDAL's own).
 _TRANSFER_FUNCTION, _WHITE_POINT, _PRIMARIES, _REFERENCE, _STONITS = 301, 318, 319, 532, 37439
 _GDAL_METADATA, _GDAL_NODATA, _ICC_PROFILE, _EXIF = 42112, 42113, 34675, 34665
+#: Tags of the least and the largest value: SMinSampleValue before MinSampleValue; others that are named.
+_LEAST, _LARGEST = (340, 280), (341, 281)
+_UNUSED = {291: "GrayResponseCurve", 342: "TransferRange"}
 #: Units of luminance as programs write them.
 _LUMINANCE = re.compile(r"(cd|candela)\s*[/·. ]?\s*m\s*(\^?-?2|²|⁻²)|nits?|cd/m\^2|cd\.m-2", re.IGNORECASE)
 #: Functions of calibration by ImageJ's number (its `CurveFitter`), of stored values x and parameters p.
@@ -143,8 +146,11 @@ def statements_of(page: Any, coloured: bool, bits: int | None, of_sensor: bool) 
     reference = tags.get(_REFERENCE)
     if coloured and bits is not None and reference is not None and _is_other_range(reference, bits):
         findings = (*findings, warning("reference-black-white-not-used"))
-    significant = re.search(r'\bSignificantBits="(\d{1,2})"', text) if "<OME" in text[:2000] else None
-    used = int(significant[1]) if significant else 0
+    used, unused = _used_bits(text, tags, bits)
+    others = tuple(
+        warning("value-scale-not-used", by=f"its tag {name}") for code, name in _UNUSED.items() if code in tags
+    )
+    findings = (*findings, *unused, *others)
     stonits = positive_number(tags.get(_STONITS))
     if stonits is not None and bits is not None:
         findings = (*findings, warning("stonits-not-used", cd_m2=stonits))
@@ -154,7 +160,7 @@ def statements_of(page: Any, coloured: bool, bits: int | None, of_sensor: bool) 
     return TiffStatements(
         curve=_curve(page, tags, coloured, bits, of_sensor),
         scale=scale if scale is not None and (scale.changes or scale.is_luminance) else None,
-        bits=used if bits is not None and 0 < used < bits else None,
+        bits=used,
         cd_m2_per_value=stonits,
         nodata=nodata,
         findings=findings,
@@ -163,8 +169,24 @@ def statements_of(page: Any, coloured: bool, bits: int | None, of_sensor: bool) 
 
 _READ = (
     _TRANSFER_FUNCTION, _WHITE_POINT, _PRIMARIES, _REFERENCE, _STONITS, _GDAL_METADATA, _GDAL_NODATA, _ICC_PROFILE,
-    _EXIF,
+    _EXIF, *_LEAST, *_LARGEST, *_UNUSED,
 )  # fmt: skip
+
+
+def _used_bits(text: str, tags: dict[int, Any], bits: int | None) -> tuple[int | None, tuple[Finding, ...]]:
+    """Return the bits in use by OME, or by a range of values that is all of them; and a finding on another range."""
+    significant = re.search(r'\bSignificantBits="(\d{1,2})"', text) if "<OME" in text[:2000] else None
+    used = int(significant[1]) if significant else 0
+    low, high = (next((tags[code] for code in codes if code in tags), None) for codes in (_LEAST, _LARGEST))
+    findings: tuple[Finding, ...] = ()
+    if high is not None:
+        low, high = (float(np.ravel(one)[0]) for one in (low or 0, high))
+        of_range = int(high).bit_length() if 0 < high < 2**16 else 0
+        if bits is None or (low, high) != (0, 2**of_range - 1):
+            findings = (info("sample-range-not-used", low=low, high=high),)
+        else:
+            used = used or of_range
+    return (used if bits is not None and 0 < used < bits else None), findings
 
 
 def _curve(page: Any, tags: dict[int, Any], coloured: bool, bits: int | None, of_sensor: bool) -> Statement:

@@ -11,10 +11,11 @@ import pytest
 import tifffile
 from PIL import Image, ImageCms
 
+from labcdp.core.dn import pixel_format
 from labcdp.core.errors import InputError
 from labcdp.core.result import info, warning
 from labcdp.evaluate.picture.conversion import picture_conversion
-from labcdp.files import PictureOptions, read_picture
+from labcdp.files import PictureOptions, read_image, read_picture
 from labcdp.files.icc import read_profile
 from labcdp.files.transfer import PRIMARIES_OF_CODE, decoded, encoding_name, known_encoding, luminance_weights
 from labcdp.files.video.open import open_video
@@ -293,6 +294,16 @@ def test_chunks_that_cannot_count_are_named(tmp_path, name, body, in_front, code
     assert code in codes(picture)
 
 
+@pytest.mark.parametrize("lower", [0, 1])
+def test_significant_bits_of_a_png_are_its_upper_ones(tmp_path, lower):
+    """Saturated where all of them are set, whatever is in the lower ones (PNG third edition, 11.3.2.7)."""
+    values = patches(4095 << 4, 1000 << 4) + lower * np.uint16(3)
+    (tmp_path / "a.png").write_bytes(png(values, 16, (b"sBIT", bytes([12]))))
+    picture = read_picture(tmp_path / "a.png")
+    assert picture.frame.saturated[:, 40:].all()
+    assert not picture.frame.saturated[:, :20].any()
+
+
 @pytest.mark.parametrize("transfer", [2, 8])
 def test_colours_of_a_png_have_the_weights_of_their_primaries(tmp_path, transfer):
     values = np.zeros((4, 4, 3), np.uint8)
@@ -425,6 +436,36 @@ def test_primaries_of_a_tiff_count_without_a_table(tmp_path):
         assert ("primaries-not-used" in codes(picture)) == (used == 1)
 
 
+@pytest.mark.parametrize(
+    ("least", "largest", "bits"), [(None, 4095, 12), (0, 4095, 12), (100, 4095, 16), (0, 3000, 16)]
+)
+def test_a_range_of_sample_values_gives_the_bits(tmp_path, least, largest, bits):
+    tags = [(281, "H", 1, largest, True)] + ([] if least is None else [(280, "H", 1, least, True)])
+    tifffile.imwrite(path := tmp_path / "a.tif", patches(3000, 1000), photometric="minisblack", extratags=tags)
+    picture = read_picture(path)
+    assert picture.frame.bit_depth == bits
+    assert ("sample-range-not-used" in codes(picture)) == (bits == 16)
+
+
+def test_levels_of_a_sensor_that_are_not_used_are_named(tmp_path):
+    tags = [(50714, "H", 1, 64, True)]
+    tifffile.imwrite(path := tmp_path / "a.tif", green(np.uint16), photometric="rgb", extratags=tags)
+    assert "sensor-levels-not-used" in codes(read_picture(path))
+    tags = [(291, "H", 256, tuple(range(256)), True)]
+    tifffile.imwrite(path, patches(200, 50, np.uint8), photometric="minisblack", extratags=tags)
+    assert "value-scale-not-used" in codes(read_picture(path))
+
+
+def test_masked_pixels_of_a_raw_tiff_give_its_black_level(tmp_path):
+    values = patches(2064, 564)
+    values[:, :8] = 64
+    tifffile.imwrite(path := tmp_path / "a.tif", values, photometric="minisblack",
+                     extratags=[(50830, "I", 4, (0, 0, 40, 8), True)])  # fmt: skip
+    picture = read_picture(path)
+    assert info("black-level-measured", black_dn=64.0) in picture.findings
+    assert picture.frame.black_level_dn == 64
+
+
 def exif_tiff(path, values, gamma=None, space=None, index=None, more=()):
     """A TIFF with directories of EXIF and interoperability (CIPA DC-008), which tifffile does not write."""
     photometric = "rgb" if values.ndim == 3 else "minisblack"
@@ -506,6 +547,36 @@ def test_a_profile_of_which_a_part_is_missing_is_named(tmp_path):
     at = data.index(b"ICC_PROFILE\0\2") - 4
     path.write_bytes(data[:at] + data[at + 2 + int.from_bytes(data[at + 2 : at + 4], "big") :])
     assert "icc-profile-not-used" in codes(read_picture(path))
+
+
+# OpenEXR
+
+
+@pytest.mark.parametrize(
+    ("attributes", "code"),
+    [({"chromaticities": (0.0,) * 8}, "primaries-not-used"), ({"whiteLuminance": 0.0}, "value-scale-not-used"),
+     ({"oiio:ColorSpace": "sRGB"}, "curve-not-used"), ({"oiio:ColorSpace": "lin_rec709"}, None),
+     ({"oiio:Gamma": 2.2}, "curve-not-used"), ({"oiio:Gamma": 1.0}, None)],
+)  # fmt: skip
+def test_attributes_of_an_exr_that_are_not_used_are_named(tmp_path, attributes, code):
+    import OpenEXR
+
+    values = patches(2, 0.5, np.float32)
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **attributes}
+    with OpenEXR.File(header, {"R": values, "G": values, "B": values}) as file:
+        file.write(str(tmp_path / "a.exr"))
+    picture = read_picture(tmp_path / "a.exr")
+    assert contrast(picture) == pytest.approx(3)
+    assert set(codes(picture)) == {"colour-to-grey", *filter(None, [code])}
+
+
+# Frames of a session
+
+
+def test_a_curve_of_what_is_imported_is_named(tmp_path):
+    (tmp_path / "a.png").write_bytes(png(patches(4000, 1000), 16, (b"sRGB", b"\0")))
+    read = read_image(tmp_path / "a.png", pixel_format("Mono12"), PictureOptions(exposure_s=1))
+    assert (read.frame.dn[0, 50], codes(read)) == (4000, ["curve-not-used"])
 
 
 # The same values in every container

@@ -160,24 +160,31 @@ def _picture(stored: StoredImage, path: Path, sha256: str, options: PictureOptio
         is_cd_m2 = stored.cd_m2_per_value is not None
         picture = replace(picture, light=light, light_is_cd_m2=is_cd_m2, encoding="linear", findings=findings)
         return with_overrides(picture, options, None)
-    if stored.light_table is not None and options.encoding is None:
-        stored, encoding = decoded_by_table(stored), "linear"
-        picture = replace(picture, encoding=encoding)
-    scale = scale_of(stored.values, stored.bits or 16, options, str(path))
-    stated = stored.white_dn is not None
+    scale = given_scale = scale_of(stored.values, stored.bits or 16, options, str(path))
+    guessed, stated = stored.bits == 16 and options.stated_bits is None, stored.white_dn is not None
     findings = (*findings, *(one for one in scale.findings if not (stated and one.code == "bit-depth-unknown")))
+    clipped = None
+    if stored.light_table is not None and options.encoding is None:
+        levels = (scale.saturation_dn, stored.white_dn, options.saturation_dn)
+        clipped = stored.values >= min(one for one in levels if one is not None)
+        stored, encoding, scale = decoded_by_table(stored, scale.bits), "linear", _OF_LIGHT
+        picture, guessed = replace(picture, encoding=encoding), False
+        known = replace(known, pixel_format=None, saturation_dn=None)
     if stored.coloured:
         dn = luminance_dn(stored.values, scale.bits, encoding, stored.weights)
-        frame = make_frame(dn, Scale(16, 65535.0), replace(known, pixel_format=None, saturation_dn=None), taken)
-        frame = replace(frame, clipped=np.any(stored.values >= scale.saturation_dn, axis=2))
+        frame = make_frame(dn, _OF_LIGHT, replace(known, pixel_format=None, saturation_dn=None), taken)
+        clipped = stored.values >= scale.saturation_dn if clipped is None else clipped
+        clipped = np.any(clipped, axis=2)
         findings = (*findings, grey_finding(encoding, stored.weights))
     else:
         frame = with_stated_levels(make_frame(stored.values, scale, known, taken), stored)
-    guessed = stored.bits == 16 and options.stated_bits is None
+    frame = replace(frame, clipped=clipped)
     picture = replace(picture, frame=frame, findings=findings, coloured=stored.coloured, scale_guessed=guessed)
-    return with_overrides(picture, options, scale.bits)
+    return with_overrides(picture, options, given_scale.bits)
 
 
+#: Scale of light that was made of colours, or by a table.
+_OF_LIGHT = Scale(16, 65535.0)
 _log = logging.getLogger(__name__)
 
 #: Endings of the names of camera RAW files that LibRaw reads.

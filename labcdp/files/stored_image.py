@@ -105,9 +105,9 @@ class StoredImage:
         DN that the file states to be saturated.
     stated_by : str
         What of the file states the encoding, such as ``its ICC profile``; empty if nothing does.
-    light_table : ndarray of uint16, shape (1 or 3, 2**bits), or None
-        Light of each value of grey, or of red, green and blue, in 65535ths of white, by a curve that the file states
-        and that is no `encoding`.
+    light_table : ndarray of uint16, shape (1 or 3, n), or None
+        Light of grey, or of red, green and blue, at equal steps from 0 to the largest value, in 65535ths of white, by a
+        curve that the file states and that is no `encoding`.
     weights : (float, float, float)
         Of linear red, green and blue in luminance.
     """
@@ -142,10 +142,14 @@ class StoredImage:
         return self.values.ndim == 3
 
 
-def decoded_by_table(stored: StoredImage) -> StoredImage:
-    """Return the light of an image whose file states a table, as linear values of 16 bits."""
+def decoded_by_table(stored: StoredImage, bits: int) -> StoredImage:
+    """Return the light of an image on a scale of `bits` bits whose file states a table, as linear values of 16 bits."""
     assert stored.light_table is not None
     tables, values = stored.light_table, stored.values
+    if tables.shape[1] != 2**bits:
+        steps = np.linspace(0, tables.shape[1] - 1, 2**bits)
+        of_scale = [np.interp(steps, np.arange(tables.shape[1]), table) for table in tables]
+        tables = np.rint(of_scale).astype(np.uint16)
     if values.ndim == 2:
         # Of grey in three channels, the luminance is the sum of theirs.
         grey = np.rint(np.array(stored.weights) @ tables).astype(np.uint16) if len(tables) == 3 else tables[0]
@@ -153,7 +157,7 @@ def decoded_by_table(stored: StoredImage) -> StoredImage:
     else:
         channels = (tables[at] if len(tables) == 3 else tables[0] for at in range(3))
         light = np.dstack([looked_up(table, values[..., at]) for at, table in enumerate(channels)])
-    return replace(stored, values=light, bits=16, encoding="linear", white_dn=65535.0, light_table=None)
+    return replace(stored, values=light, bits=16, encoding="linear", white_dn=None, light_table=None)
 
 
 def grey_finding(encoding: Encoding, weights: Weights) -> Finding:

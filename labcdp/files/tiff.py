@@ -121,7 +121,9 @@ def _read(page: Any, path: Path, facts: ExifFacts) -> StoredImage:
             changes.append(info("black-level-measured", black_dn=black[0]))
     is_float, coloured = values.dtype.kind == "f", values.ndim == 3 or page.photometric == _PALETTE
     of_sensor = stated is not None and (black is not None or stated.linearization is not None)
-    states = statements_of(page, coloured, None if is_float else page.bitspersample, of_sensor)
+    # Whole numbers and colours of palettes have 16 bits at the most.
+    bits = None if is_float else 16 if page.photometric == _PALETTE else min(page.bitspersample, 16)
+    states = statements_of(page, coloured, bits, of_sensor)
     doubts = [*states.findings, *nodata_findings(values, states.nodata)]
     if stated is None and any(code in page.tags for code in LEVELS):
         doubts.append(warning("sensor-levels-not-used"))

@@ -139,12 +139,11 @@ def statements_of(page: Any, coloured: bool, bits: int | None, of_sensor: bool) 
     """
     text = str(page.parent.pages.first.aspage().description or "")
     tags = {code: tag.value for code in _READ if (tag := page.tags.get(code)) is not None}
-    scale, findings = _imagej(text) if text.startswith("ImageJ=") else (None, ())
-    scale = scale or _gdal(str(tags.get(_GDAL_METADATA, "")))
+    scale, findings = _imagej(text) if text.startswith("ImageJ=") else _gdal(str(tags.get(_GDAL_METADATA, "")))
     if coloured and scale is not None and scale.changes:
         findings, scale = (*findings, warning("value-scale-not-used", by=scale.by)), None
     reference = tags.get(_REFERENCE)
-    if coloured and bits is not None and reference is not None and _is_other_range(reference, bits):
+    if bits is not None and reference is not None and _is_other_range(reference, bits):
         findings = (*findings, warning("reference-black-white-not-used"))
     used, unused = _used_bits(text, tags, bits)
     others = tuple(
@@ -233,7 +232,7 @@ def _interoperability(tiff: Any, offset: Any) -> str | None:
 
 def _is_other_range(value: Any, bits: int) -> bool:
     numbers, top = numbers_of(value), 2.0**bits - 1
-    return len(numbers) == 6 and numbers != [0.0, top] * 3
+    return bool(numbers) and numbers != [0.0, top] * (len(numbers) // 2)
 
 
 def _imagej(text: str) -> tuple[ValueScale | None, tuple[Finding, ...]]:
@@ -253,18 +252,22 @@ def _imagej(text: str) -> tuple[ValueScale | None, tuple[Finding, ...]]:
     return ValueScale(by, parameters[:fewest], function, "" if unit.lower() == "gray value" else unit), ()
 
 
-def _gdal(text: str) -> ValueScale | None:
-    """Return scale and offset of GDAL's metadata, an XML text with items of these roles."""
-    items: dict[str, float] = {"scale": 1.0, "offset": 0.0}
+def _gdal(text: str) -> tuple[ValueScale | None, tuple[Finding, ...]]:
+    """Return scale and offset of GDAL's metadata, an XML text with items of these roles; and a finding if unusable."""
+    items = {"scale": "1", "offset": "0", "unittype": ""}
     found = False
     for attributes, value in re.findall(r"<Item\b([^>]*)>([^<]*)</Item>", text[:100_000]):
-        role = re.search(r'role="(scale|offset|unittype)"', attributes)
-        if role is not None and role[1] in items:
-            with suppress(ValueError):
-                items[role[1]], found = float(value), True
-    unit = re.search(r'role="unittype"[^>]*>([^<]*)<', text[:100_000])
+        role = re.search(r"""\brole\s*=\s*["'](scale|offset|unittype)["']""", attributes)
+        if role is not None:
+            items[role[1]], found = value, True
+    if not found:
+        return None, ()
     by = "GDAL's scale and offset"
-    return ValueScale(by, (items["offset"], items["scale"]), unit=unit[1] if unit else "") if found else None
+    with suppress(ValueError):
+        parameters = float(items["offset"]), float(items["scale"])
+        if np.isfinite(parameters).all() and parameters[1] != 0:
+            return ValueScale(by, parameters, unit=items["unittype"]), ()
+    return None, (warning("value-scale-not-used", by=by),)
 
 
 def share_at_end(stored: NDArray[Any], bits: int) -> float:

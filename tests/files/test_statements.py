@@ -405,6 +405,19 @@ def test_gdal_and_ome_and_nodata(tmp_path):
     assert "bit-depth-guessed" not in codes(picture)
 
 
+@pytest.mark.parametrize(("scale", "values"), [("0.5", (400, 200)), ("0", None), ("nan", None)])
+def test_other_spellings_of_gdal(tmp_path, scale, values):
+    xml = (
+        f"<GDALMetadata><Item role='scale' name='SCALE'>{scale}</Item><Item role='unittype'>cd/m2</Item></GDALMetadata>"
+    )
+    tifffile.imwrite(path := tmp_path / "a.tif", patches(800, 400), photometric="minisblack",
+                     extratags=[(42112, "s", 0, xml, True)])  # fmt: skip
+    picture = read_picture(path)
+    assert ("value-scale-not-used" in codes(picture)) == (values is None)
+    if values is not None:
+        assert (picture.light_is_cd_m2, picture.light[0, 50], picture.light[0, 5]) == (True, *values)
+
+
 def test_tables_of_a_tiff_and_its_primaries(tmp_path):
     table = np.rint(65535 * (np.arange(256) / 255) ** 3).astype(int).tolist()
     tags = [(301, "H", 256, table, True)]

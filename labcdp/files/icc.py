@@ -168,7 +168,8 @@ def _parametric(tag: bytes) -> NDArray[np.float64]:
         e, d = given[3:5]
     if kind == 4:
         c, f = given[5:7]
-    light = np.where(x >= d, np.maximum(a * x + b, 0) ** g + c, e * x + f)
+    with np.errstate(all="ignore"):
+        light = np.where(x >= d, np.maximum(a * x + b, 0) ** g + c, e * x + f)
     if not np.isfinite(light).all():
         raise InputError("a curve has values that are not finite")
     return np.clip(light, 0, 1)

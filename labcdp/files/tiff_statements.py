@@ -176,16 +176,24 @@ def _used_bits(text: str, tags: dict[int, Any], bits: int | None) -> tuple[int |
     """Return the bits in use by OME, or by a range of values that is all of them; and a finding on another range."""
     significant = re.search(r'\bSignificantBits="(\d{1,2})"', text) if "<OME" in text[:2000] else None
     used = int(significant[1]) if significant else 0
-    low, high = (next((tags[code] for code in codes if code in tags), None) for codes in (_LEAST, _LARGEST))
+    low, high = (_number(next((tags[code] for code in codes if code in tags), None)) for codes in (_LEAST, _LARGEST))
     findings: tuple[Finding, ...] = ()
     if high is not None:
-        low, high = (float(np.ravel(one)[0]) for one in (low or 0, high))
+        low = low or 0.0
         of_range = int(high).bit_length() if 0 < high < 2**16 else 0
         if bits is None or (low, high) != (0, 2**of_range - 1):
             findings = (info("sample-range-not-used", low=low, high=high),)
         else:
             used = used or of_range
     return (used if bits is not None and 0 < used < bits else None), findings
+
+
+def _number(value: Any) -> float | None:
+    """Return the first number of a tag; None for anything else."""
+    with suppress(TypeError, ValueError, IndexError):
+        number = float(np.ravel(value)[0])
+        return number if np.isfinite(number) else None
+    return None
 
 
 def _curve(page: Any, tags: dict[int, Any], coloured: bool, bits: int | None, of_sensor: bool) -> Statement:

@@ -21,6 +21,7 @@ from labcdp.files.transfer import PRIMARIES_OF_CODE, decoded, encoding_name, kno
 from labcdp.files.video.open import open_video
 
 from .png_bytes import chunk, png
+from .video_files import write
 
 #: Two patches side by side, bright and dark.
 HEIGHT, WIDTH = 40, 60
@@ -623,6 +624,16 @@ def test_grey_without_loss_is_linear_whatever_the_pixel_format(tmp_path, name, c
     frame = next(iter(source.entries())).load().frame
     assert source.encoding == "linear"
     assert frame.dn[0, 50] / frame.dn[0, 10] - 1 == pytest.approx(200 / 60 - 1, rel=0.005)
+
+
+@pytest.mark.parametrize(("quantiser", "encoding"), [("0", "linear"), ("4", "srgb")])
+@pytest.mark.parametrize("pixel_format", ["gray", "gray10le"])
+def test_grey_in_h264_without_loss_is_linear(tmp_path, quantiser, encoding, pixel_format):
+    values = np.random.default_rng(1).integers(0, 1024 if "10" in pixel_format else 256, (HEIGHT, WIDTH))
+    path = write(tmp_path / "a.mp4", "libx264", pixel_format, [values] * 4, {"qp": quantiser}, color_range=2)
+    source = open_video(path)
+    assert source.encoding == encoding
+    assert np.array_equal(next(iter(source.entries())).load().frame.dn, values) == (encoding == "linear")
 
 
 def palette_avi(path):

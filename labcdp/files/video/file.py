@@ -131,8 +131,8 @@ def open_video_file(path: Path, options: PictureOptions) -> VideoSource:
         rate = float(stream.average_rate or stream.guessed_rate or 0)
         count = _announced(stream) or round((container.duration or 0) / av.time_base * rate)
         try:
-            later, codec = _spread(path, options.max_pixels, 1), stream.codec_context.codec
-            pixels, findings = learn_pixels(frames, later, codec, options.encoding)
+            later = _spread(path, options.max_pixels, 1)
+            pixels, findings = learn_pixels(frames, later, stream.codec_context, options.encoding)
         except InputError as error:
             raise InputError(f"{path} {error}") from error
     height, width = frames[0].height, frames[0].width

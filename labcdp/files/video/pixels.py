@@ -35,7 +35,7 @@ from ..transfer import (
     light_tables,
     luminance_weights,
 )
-from .quantiser import faint_dn
+from .quantiser import faint_dn, is_lossless
 
 #: Weights of R' and B' in Y' by matrix coefficients (ITU-T H.273, table 4).
 _BT601, _BT709 = (0.299, 0.114), (0.2126, 0.0722)
@@ -209,7 +209,7 @@ def _matrix(frame: Any, coloured: bool) -> tuple[float, float] | None:
 
 
 def learn_pixels(
-    frames: Sequence[Any], later: Iterable[Any], codec: Any, encoding: Encoding | None
+    frames: Sequence[Any], later: Iterable[Any], context: Any, encoding: Encoding | None
 ) -> tuple[Pixels, list[Finding]]:
     """Learn what the numbers of a file are from its first frames, and what there is to say about it.
 
@@ -227,6 +227,7 @@ def learn_pixels(
     first = frames[0]
     if any(frame.interlaced_frame for frame in frames):
         raise InputError("is interlaced, each frame holds two moments: deinterlace it (ffmpeg -i IN -vf bwdif OUT)")
+    codec, lossless = context.codec, is_lossless(frames, context.codec, context.profile)
     planes, kind, jpeg = planes_of(first), _kind(first.format), codec.name == "mjpeg"
     grey = len(planes) == 1
     bits = bits_of(first.format)
@@ -242,7 +243,7 @@ def learn_pixels(
     # FFmpeg calls all values of TIFF gamma 2.2, which it does not read from the file.
     code = UNSPECIFIED if codec.name == "tiff" else int(first.color_trc)
     of_frame = _stated_by_frame(first, coloured) if code == UNSPECIFIED else NOTHING_STATED
-    stored, found = _encoding(code, of_frame, not (coloured or codec.lossy), encoding)
+    stored, found = _encoding(code, of_frame, lossless and not coloured, encoding)
     primaries = int(first.color_primaries)
     of_light = luminance_weights(PRIMARIES_OF_CODE[primaries]) if primaries in PRIMARIES_OF_CODE else None
     if coloured and of_light is None and primaries != UNSPECIFIED:
@@ -264,7 +265,7 @@ def learn_pixels(
     if kind == "rgb" and first.color_range == _LIMITED:
         found.append(warning("video-rgb-range"))
     seen = kind if coloured else "luma"
-    faint = faint_dn(frames, codec, bits)
+    faint = 0.0 if lossless else faint_dn(frames, codec, bits)
     return Pixels(first.format.name, seen, bits, limited, weights, stored, orientation or 1, faint, of_light), found
 
 

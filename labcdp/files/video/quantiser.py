@@ -17,12 +17,31 @@ _FAINT_DN, _FAINT_CHANGES_DN = 2.0, 4.0
 #: ``benchmarks/tracking_coded.py``. Encoders of MPEG-4 round more of a step to nothing.
 _H264, _MPEG2 = 1, 2
 _FAINT_STEPS = {_H264: 0.1, _MPEG2: 0.2}
+#: Profile of H.264 whose numbers are stored as they are where the quantiser is 0.
+_BYPASS_PROFILE = "High 4:4:4 Predictive"
 #: FFmpeg's AVVideoEncParams: number of blocks, where they begin, size of each, kind, base; in a block where its own is.
 _HEADER, _OWN_AT = struct.Struct("@IQQii"), 16
 
 
+def is_lossless(frames: Sequence[Any], codec: Any, profile: str | None) -> bool:
+    """Whether the codec changed no number: by its kind, or of H.264 by profile and quantiser (ITU-T H.264, 7.4.2.1.1).
+
+    Parameters
+    ----------
+    frames : sequence of av.VideoFrame
+        The first frames, decoded with `PARAMETERS`.
+    codec : av.Codec
+        Of them.
+    profile : str or None
+        FFmpeg's name of the codec's profile.
+    """
+    if not codec.lossy:
+        return True
+    return profile == _BYPASS_PROFILE and all(_quantiser(frame) == (_H264, 0.0) for frame in frames)
+
+
 def faint_dn(frames: Sequence[Any], codec: Any, bits: int) -> float:
-    """Contrast below which the codec may not show where a thing is: see `labcdp.tracking.make_tracker`.
+    """Contrast below which a codec with losses may not show where a thing is: see `labcdp.tracking.make_tracker`.
 
     Parameters
     ----------
@@ -36,10 +55,8 @@ def faint_dn(frames: Sequence[Any], codec: Any, bits: int) -> float:
     Returns
     -------
     float
-        Standard deviation in DN of 8 bits; 0 if the codec changed no number.
+        Standard deviation in DN of 8 bits.
     """
-    if not codec.lossy:
-        return 0.0
     usual = _FAINT_DN if codec.intra_only else _FAINT_CHANGES_DN
     faint = [_faint_dn(frame) for frame in frames]
     known = [one for one in faint if one is not None]
@@ -48,6 +65,17 @@ def faint_dn(frames: Sequence[Any], codec: Any, bits: int) -> float:
 
 def _faint_dn(frame: Any) -> float | None:
     """Return what is faint by the mean quantiser step of a frame, in its DN; None where the decoder does not tell."""
+    found = _quantiser(frame)
+    if found is None:
+        return None
+    kind, quantiser = found
+    # In H.264 six more double the step, which is 0.625 at 0 (ITU-T H.264, 8.5.9); else it is the step itself.
+    step_dn = 0.625 * 2.0 ** (quantiser / 6) if kind == _H264 else quantiser
+    return _FAINT_STEPS[kind] * step_dn
+
+
+def _quantiser(frame: Any) -> tuple[int, float] | None:
+    """Return FFmpeg's kind of the parameters of a frame, and its mean quantiser; None where the decoder tells none."""
     try:
         found = frame.side_data.get("VIDEO_ENC_PARAMS")
     # PyAV reads nothing of what comes with a frame if it does not know all of it.
@@ -60,7 +88,4 @@ def _faint_dn(frame: Any) -> float | None:
     if kind not in _FAINT_STEPS or n_blocks == 0:
         return None
     block = np.dtype({"names": ["own"], "formats": ["i4"], "offsets": [_OWN_AT], "itemsize": size})
-    quantiser: float = base + float(np.frombuffer(data, block, n_blocks, begin)["own"].mean())
-    # In H.264 six more double the step, which is 0.625 at 0 (ITU-T H.264, 8.5.9); else it is the step itself.
-    step_dn = 0.625 * 2.0 ** (quantiser / 6) if kind == _H264 else quantiser
-    return _FAINT_STEPS[kind] * step_dn
+    return kind, base + float(np.frombuffer(data, block, n_blocks, begin)["own"].mean())

@@ -82,8 +82,8 @@ class Picture(PictureFile):
         Whether the file or the options say the exposure; if not, `frame.exposure_s` means nothing.
     coloured : bool
         Whether `frame` was made of colours; then it is linear, whatever `encoding`.
-    scale_guessed : bool
-        Whether the bits of the values are an estimate from them.
+    guessed_by : (int, int) or None
+        Largest value and bits that are set in any, where the bits of the scale are an estimate from them.
     luminance : LuminanceMap or None
         The whole map of a file that labcdp wrote as luminance, with uncertainty and flags.
     """
@@ -95,7 +95,7 @@ class Picture(PictureFile):
     findings: tuple[Finding, ...] = ()
     exposure_known: bool = False
     coloured: bool = False
-    scale_guessed: bool = False
+    guessed_by: tuple[int, int] | None = None
     luminance: LuminanceMap | None = None
 
     @property

@@ -161,25 +161,26 @@ def _picture(stored: StoredImage, path: Path, sha256: str, options: PictureOptio
         picture = replace(picture, light=light, light_is_cd_m2=is_cd_m2, encoding="linear", findings=findings)
         return with_overrides(picture, options, None)
     scale = given_scale = scale_of(stored.values, stored.bits or 16, options, str(path))
-    guessed, stated = stored.bits == 16 and options.stated_bits is None, stored.white_dn is not None
+    stated, guessed_by = stored.white_dn is not None, None
+    if stored.bits == 16 and options.stated_bits is None:
+        guessed_by = int(stored.values.max()), int(np.bitwise_or.reduce(stored.values, axis=None))
     findings = (*findings, *(one for one in scale.findings if not (stated and one.code == "bit-depth-unknown")))
-    clipped = None
+    levels = (scale.saturation_dn, stored.white_dn, options.saturation_dn)
+    saturation_dn, clipped = min(one for one in levels if one is not None), None
     if stored.light_table is not None and options.encoding is None:
-        levels = (scale.saturation_dn, stored.white_dn, options.saturation_dn)
-        clipped = stored.values >= min(one for one in levels if one is not None)
+        clipped = stored.values >= saturation_dn
         stored, encoding, scale = decoded_by_table(stored, scale.bits), "linear", _OF_LIGHT
-        picture, guessed = replace(picture, encoding=encoding), False
+        picture = replace(picture, encoding=encoding)
         known = replace(known, pixel_format=None, saturation_dn=None)
     if stored.coloured:
         dn = luminance_dn(stored.values, scale.bits, encoding, stored.weights)
         frame = make_frame(dn, _OF_LIGHT, replace(known, pixel_format=None, saturation_dn=None), taken)
-        clipped = stored.values >= scale.saturation_dn if clipped is None else clipped
-        clipped = np.any(clipped, axis=2)
+        clipped = np.any(stored.values >= saturation_dn if clipped is None else clipped, axis=2)
         findings = (*findings, grey_finding(encoding, stored.weights))
     else:
         frame = with_stated_levels(make_frame(stored.values, scale, known, taken), stored)
     frame = replace(frame, clipped=clipped)
-    picture = replace(picture, frame=frame, findings=findings, coloured=stored.coloured, scale_guessed=guessed)
+    picture = replace(picture, frame=frame, findings=findings, coloured=stored.coloured, guessed_by=guessed_by)
     return with_overrides(picture, options, given_scale.bits)
 
 

@@ -667,7 +667,8 @@ def deep_video(path, *pictures, codec="ffv1", pixel_format="gray16le"):
         stream = container.add_stream(codec, rate=25)
         stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, pixel_format
         for number, values in enumerate(pictures):
-            frame = av.VideoFrame.from_ndarray(values, format="gray16le").reformat(format=pixel_format)
+            source = "gray16le" if values.ndim == 2 else "rgb48le"
+            frame = av.VideoFrame.from_ndarray(values, format=source).reformat(format=pixel_format)
             frame.pts = number
             for packet in stream.encode(frame):
                 container.mux(packet)
@@ -783,6 +784,23 @@ def test_a_coloured_frame_is_never_taken_for_grey(tmp_path):
     assert entries[54].load().frame.dn[0, 0] == 90
     with pytest.raises(InputError, match="coloured"):
         list(source.entries())[55].load()
+
+
+@pytest.mark.parametrize(("upper", "saturation"), [(0, 4095), (4, 65520)])
+def test_bits_of_colours_are_one_for_all_pictures_of_a_video(tmp_path, upper, saturation):
+    """In a folder, each picture had its own: the light changed 16-fold where one was clipped."""
+    tops = (3000, 3000, 4095, 3000)
+    pictures = [np.dstack([patches(top << upper, 1000 << upper)] + [patches(2000 << upper, 500 << upper)] * 2)
+                for top in tops]  # fmt: skip
+    (folder := tmp_path / "images").mkdir()
+    for number, values in enumerate(pictures):
+        tifffile.imwrite(folder / f"{number}.tif", values, photometric="rgb")
+    path = deep_video(tmp_path / "a.mkv", *pictures, pixel_format="gbrp16le")
+    for source in (open_video(folder), open_video(path, PictureOptions().given(encoding="linear"))):
+        frames = [entry.load().frame for entry in source.entries()]
+        assert len({int(frame.dn[0, 10]) for frame in frames}) == 1
+        assert [bool(frame.saturated[0, 50]) for frame in frames] == [top == 4095 for top in tops]
+        assert next(one for one in source.findings if "guessed" in one.code).values["saturation_dn"] == saturation
 
 
 def test_bits_of_colours_of_a_video(tmp_path):

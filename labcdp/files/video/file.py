@@ -138,7 +138,7 @@ def open_video_file(path: Path, options: PictureOptions) -> VideoSource:
     height, width = frames[0].height, frames[0].width
     frame_rate = rate if isfinite(rate) and rate > 0 else None
     scale = _scale(frames, pixels, options, path)
-    pixels, findings = replace(pixels, scale_bits=scale.bits), [*findings, *scale.findings]
+    pixels, findings = replace(pixels, scale=scale), [*findings, *scale.findings]
     found = _Frames(path, (height, width), frame_rate, pixels, options, changed_at(path), scale)
     # Options that do not fit fail at once, and not once for each frame.
     frame = found.stored(Shown(0, 0.0, frames[0], None)).frame

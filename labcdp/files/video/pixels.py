@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ...core.errors import InputError
 from ...core.luminance import WHOLE, Window
 from ...core.result import Finding, info, warning
+from ..frame import Scale
 from ..statements import NOTHING_STATED, Statement, stated_by_gamma, stated_by_profile
 from ..stored_image import (
     grey_finding,
@@ -81,8 +82,8 @@ class Pixels:
         `labcdp.tracking.make_tracker`; 0 if it changed no number.
     of_light : (float, float, float)
         Weights of linear red, green and blue in luminance.
-    scale_bits : int or None
-        Bits of the scale that numbers of 16 bits are on, if it is another one.
+    scale : Scale or None
+        Of red, green and blue of 16 bits; None if it is that of `bits`.
     """
 
     format_name: str
@@ -94,7 +95,7 @@ class Pixels:
     orientation: int
     faint_dn: float
     of_light: Weights = BT709_LUMINANCE
-    scale_bits: int | None = None
+    scale: Scale | None = None
 
     @property
     def encoding(self) -> Encoding:
@@ -145,9 +146,9 @@ class Pixels:
     ) -> tuple[NDArray[np.uint16], NDArray[np.bool_]]:
         """Luminance of colours, and which pixels have one at its end; of Y', Cb and Cr also of a window as stored."""
         if self.kind == "rgb":
-            rgb, bits = np.dstack(planes), self.scale_bits or self.bits
-            luminance = luminance_dn(rgb, bits, self.stored, self.of_light)
-            clipped = np.any(rgb >= 2**bits - 1, axis=2)
+            rgb, scale = np.dstack(planes), self.scale or Scale(self.bits, 2.0**self.bits - 1)
+            luminance = luminance_dn(rgb, scale.bits, self.stored, self.of_light)
+            clipped = np.any(rgb >= scale.saturation_dn, axis=2)
         else:
             luminance, clipped = self._of_ycbcr(planes, window)
         return upright(luminance, self.orientation), upright(clipped, self.orientation)

@@ -144,12 +144,12 @@ def _read(read: Callable[[int, PictureOptions], Picture], at: int, options: Pict
 
 def _one_scale(pictures: Sequence[Picture], options: PictureOptions) -> tuple[tuple[Finding, ...], PictureOptions]:
     """Options with bits and saturation of 16-bit values for all images alike, if they do not state them."""
-    frames = [one.frame for one in pictures if one.frame is not None and not one.coloured and one.scale_guessed]
-    if not frames:
+    found = [one.guessed_by for one in pictures if one.guessed_by is not None]
+    if not found:
         return (), options
-    largest = max(int(frame.dn.max()) for frame in frames)
-    in_use = int(np.bitwise_or.reduce([np.bitwise_or.reduce(frame.dn, axis=None) for frame in frames]))
-    scale = guessed_scale(largest, in_use, 16)
+    scale = guessed_scale(
+        max(largest for largest, _ in found), int(np.bitwise_or.reduce([bits for _, bits in found])), 16
+    )
     saturation_dn = options.saturation_dn or scale.saturation_dn
     return scale.findings, replace(options, bit_depth=scale.bits, saturation_dn=saturation_dn)
 

@@ -179,11 +179,15 @@ def _picture(stored: StoredImage, path: Path, sha256: str, options: PictureOptio
         findings = (*findings, grey_finding(encoding, stored.weights))
     else:
         frame = with_stated_levels(make_frame(stored.values, scale, known, taken), stored)
+    if clipped is not None and (share := float(np.mean((frame.dn > 0) & (frame.dn < _FEW_STEPS)))) > _DARK:
+        findings = (*findings, info("light-in-steps", share=share))
     frame = replace(frame, clipped=clipped)
     picture = replace(picture, frame=frame, findings=findings, coloured=stored.coloured, guessed_by=guessed_by)
     return with_overrides(picture, options, given_scale.bits)
 
 
+#: Steps of light of which rounding is 1 %, and the share of darker pixels that is named.
+_FEW_STEPS, _DARK = 50, 0.01
 #: Scale of light that was made of colours, or by a table.
 _OF_LIGHT = Scale(16, 65535.0)
 _log = logging.getLogger(__name__)

@@ -324,6 +324,22 @@ def test_limited_range_and_unknown_codes_of_a_png(tmp_path):
     assert {"transfer-code-unknown", "primaries-code-unknown"} <= set(codes(read_picture(tmp_path / "b.png")))
 
 
+@pytest.mark.parametrize(("dark", "is_coarse"), [(0.3, True), (50, False)])
+def test_dark_colours_are_named_where_their_light_is_rounded(tmp_path, dark, is_coarse):
+    """PQ of two luminances in cd/m2, which are kept in steps of 10 000 / 65535."""
+    codes_of_light = np.arange(65536) / 65535
+    light = 10_000 * decoded(codes_of_light, "pq")
+    bright, dim = (int(np.argmin(np.abs(light - one))) for one in (100, dark))
+    values = np.dstack([patches(bright, dim)] * 3)
+    values[0, 30, 0] = 0
+    cv2.imwrite(str(tmp_path / "a.png"), values)
+    content = (tmp_path / "a.png").read_bytes()
+    (tmp_path / "a.png").write_bytes(content[:33] + chunk(b"cICP", bytes((9, 16, 0, 1))) + content[33:])
+    picture = read_picture(tmp_path / "a.png")
+    assert ("light-in-steps" in codes(picture)) == is_coarse
+    assert (contrast(picture) == pytest.approx(100 / dark - 1, rel=0.01)) == (not is_coarse)
+
+
 # TIFF
 
 

@@ -145,6 +145,15 @@ def test_pixels_are_saturated_by_what_is_stored(tmp_path):
     assert (picture.frame.saturated.all(), picture.frame.black_level_dn) == (True, 64)
 
 
+def test_differences_may_bring_a_black_level_below_0(tmp_path):
+    """BlackLevel 0 with a difference of -10 in each row (DNG 1.7, tag 50716)."""
+    dn = np.full((32, 48), 500, np.uint16)
+    dn[:, 24:] = 2000
+    path = write_tiff(tmp_path / "a.tif", dn, [(50714, "H", 1, 0), (50716, *rationals(*[-10] * 32))])
+    light = picture_conversion(None, None, None).luminance(read_picture(path)).luminance_cd_m2
+    assert light[:, 30:].mean() / light[:, :20].mean() == pytest.approx(2010 / 510)
+
+
 def test_masked_pixels_give_the_black_level_that_is_not_stated(tmp_path):
     dn = RNG.integers(1000, 1010, (40, 60)).astype(np.uint16)
     dn[:, :20] = 200

@@ -161,8 +161,9 @@ class _Setting:
     temperature_c: float | None
 
     def black_in(self, linear: NDArray[np.float64]) -> float:
-        """Light of the nominal black level, by that of each DN."""
-        return float(np.interp(self.nominal_black_dn, np.arange(linear.size), linear))
+        """Light of the nominal black level, by that of each DN, and straight on below 0."""
+        below = min(self.nominal_black_dn, 0.0) * (linear[1] - linear[0])
+        return float(np.interp(self.nominal_black_dn, np.arange(linear.size), linear) + below)
 
     @property
     def saturated(self) -> NDArray[np.uint8]:

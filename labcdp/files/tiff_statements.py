@@ -71,11 +71,11 @@ class ValueScale:
         return self.function != _STRAIGHT_LINE or self.parameters != (0.0, 1.0)
 
     def black_dn(self, top_dn: float) -> float | None:
-        """Return the stored value that stands for 0 on a rising straight line; None if none from 0 to the top does."""
+        """Return the stored value that stands for 0 on a rising line, also below 0; None if it is above all."""
         if self.function != _STRAIGHT_LINE or not self.parameters[1] > 0:
             return None
         zero = -self.parameters[0] / self.parameters[1]
-        return zero if 0 <= zero <= top_dn else None
+        return zero if zero <= top_dn else None
 
     def values(self, stored: NDArray[Any]) -> NDArray[np.float64]:
         """Return the values of what is stored; not finite where the function is not defined."""

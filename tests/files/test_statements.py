@@ -380,18 +380,21 @@ def test_signed_values_of_imagej_keep_their_saturation(tmp_path):
 
 
 def test_a_stack_has_the_function_of_its_first_page(tmp_path):
-    def stack(*parameters):
-        text = "\n".join(["ImageJ=1.54f", "images=3", "cf=0", *(f"c{n}={one}" for n, one in enumerate(parameters)), ""])
+    def stack(function, *parameters):
+        text = "\n".join(
+            ["ImageJ=1.54f", "images=3", f"cf={function}", *(f"c{n}={one}" for n, one in enumerate(parameters)), ""]
+        )
         with tifffile.TiffWriter(path := tmp_path / "a.tif") as file:
             for number in range(3):
                 file.write(patches(33068, 32868), photometric="minisblack", metadata=None,
                            description=None if number else text)  # fmt: skip
         return open_video(path)
 
-    frames = [entry.load().frame for entry in stack(-32768, 1).entries()]
-    assert [frame.dn[0, 50] - frame.black_level_dn for frame in frames] == [300] * 3
+    for offset in (-32768, 20):
+        frames = [entry.load().frame for entry in stack(0, offset, 1).entries()]
+        assert [frame.dn[0, 50] - frame.black_level_dn for frame in frames] == [33068 + offset] * 3
     with pytest.raises(InputError, match="scale"):
-        stack(20, 1)
+        stack(1, 20, 1, 0.5)
 
 
 def test_calibrated_values_are_not_inverted_with_what_is_shown(tmp_path):

@@ -94,6 +94,18 @@ def test_what_a_decoder_prints_is_a_finding(tmp_path, capfd):
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.parametrize("image", [GREY, COLOURS])
+def test_scans_that_a_progressive_jpeg_lacks_are_named(tmp_path, image):
+    """Where an end mark follows, libjpeg says nothing."""
+    Image.fromarray(image).save(path := tmp_path / "a.jpg", progressive=True)
+    assert warning("jpeg-scans-missing") not in read_picture(path).findings
+    data = path.read_bytes()
+    scans = [at for at in range(len(data)) if data.startswith(b"\xff\xda", at)]
+    for at in scans[1:]:
+        path.write_bytes(data[:at] + b"\xff\xd9")
+        assert warning("jpeg-scans-missing") in read_picture(path).findings
+
+
 # No pictures, and damage that a header shows
 
 
@@ -121,6 +133,10 @@ def circle(path):
     path.write_bytes(data)
 
 
+def animation(path):
+    Image.fromarray(GREY).save(path, save_all=True, append_images=[Image.fromarray(255 - GREY)])
+
+
 PICKLE = np.array([[print]], dtype=object)
 DUMP = {"size": (60, 40), "pixel_format": "Mono8"}
 REFUSED = [
@@ -136,6 +152,7 @@ REFUSED = [
        rf"a\.jpg is {kind}, which labcdp does not read: convert it to 16-bit TIFF")
       for sof, bits, kind in ((b"\xc1", b"\x0c", "JPEG of 12 bits"), (b"\xc3", b"\x10", "lossless JPEG"),
                               (b"\xf7", b"\x08", "JPEG-LS"), (b"\xc9", b"\x08", "arithmetic-coded JPEG"))],
+    ("a.png", animation, {}, r"a\.png is an animated PNG of 2 pictures, which labcdp does not read"),
     ("a.tif", tiff(np.zeros((8, 8), np.complex64)), {}, r"a\.tif holds complex numbers, which labcdp does not read"),
     ("a.npz", b"PK\x03\x04" + bytes(50), {}, r"a\.npz is no luminance map that this labcdp reads"),
     ("a.png", os.mkfifo, {}, r"a\.png cannot be read \(it is a pipe"),

@@ -183,6 +183,15 @@ def test_a_profile_that_cannot_be_used_is_named(tmp_path, data, coloured):
     assert "icc-profile-not-used" in codes(read_picture(path))
 
 
+def test_a_profile_with_missing_parts_is_named(tmp_path):
+    """ICC.1:2022, B.4: parts of at most 65 519 bytes, each with its number and that of all."""
+    Image.fromarray(patches(192, 64, np.uint8)).save(path := tmp_path / "a.jpg", icc_profile=bytes(150_000))
+    data = path.read_bytes()
+    second = data.index(b"ICC_PROFILE\0\2\3") - 4
+    path.write_bytes(data[:second] + data[second + 2 + int.from_bytes(data[second + 2 : second + 4], "big") :])
+    assert warning("icc-profile-not-used", reason="parts of it are missing") in read_picture(path).findings
+
+
 # PNG
 
 

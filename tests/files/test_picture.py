@@ -115,6 +115,21 @@ def test_floats_keep_each_value(tmp_path_factory, suffix, data, dtype, shape):
 # Colours, alpha and palettes
 
 
+def test_a_picture_below_its_small_copy_is_read(tmp_path):
+    """As in DNG, SubIFDs (TIFF Technical Note 1) hold the picture; in pyramids they hold small copies."""
+    dn = np.random.default_rng(4).integers(0, 256, (40, 60), dtype=np.uint8)
+    for first, second in ((dn[::4, ::4], dn), (dn, dn[::4, ::4])):
+        with tifffile.TiffWriter(path := tmp_path / "a.tif") as file:
+            for values in (first, second):
+                file.write(values, subfiletype=int(values is not dn), subifds=int(values is first))
+        np.testing.assert_array_equal(read_picture(path).frame.dn, dn)
+    tiff(path, dn, subfiletype=1)
+    np.testing.assert_array_equal(read_picture(path).frame.dn, dn)
+    # A description copied with one picture of a stack.
+    tiff(path, dn, description="ImageJ=1.54f\nimages=3\nslices=3\n", metadata=None)
+    np.testing.assert_array_equal(read_picture(path).frame.dn, dn)
+
+
 def test_colours_become_linear_luminance(tmp_path):
     # The full colours, half of full green's code value, and white; luminances by BT.709 and IEC 61966-2-1.
     rgb = np.array([[[255, 0, 0], [0, 255, 0], [0, 0, 255], [0, 128, 0], [255, 255, 255]]], dtype=np.uint8)

@@ -137,6 +137,17 @@ def animation(path):
     Image.fromarray(GREY).save(path, save_all=True, append_images=[Image.fromarray(255 - GREY)])
 
 
+def preview(path):
+    """A TIFF with a small copy, whose picture was lost."""
+    with tifffile.TiffWriter(path) as file:
+        file.write(GREY[::4, ::4], subfiletype=1, subifds=1)
+        file.write(GREY)
+    data = bytearray(path.read_bytes())
+    with tifffile.TiffFile(path) as file:
+        struct.pack_into("<I", data, file.pages.first.tags[330].valueoffset, len(data) + 100)
+    path.write_bytes(data)
+
+
 PICKLE = np.array([[print]], dtype=object)
 DUMP = {"size": (60, 40), "pixel_format": "Mono8"}
 REFUSED = [
@@ -161,6 +172,9 @@ REFUSED = [
     ("a.npy", lambda path: np.save(path, PICKLE, allow_pickle=True), {}, r"a\.npy: it holds 'object'"),
     ("a.tif", tiff(np.zeros((3, 8, 8), np.uint8)), {}, r"a\.tif holds 3 pictures"),
     ("a.jpg", lambda path: Image.fromarray(COLOURS).convert("CMYK").save(path), {}, r"a\.jpg has the colours CMYK"),
+    *[("a.tif", tiff(np.stack([DN] * 4), truncate=True, imagej=imagej), {},
+       r"a\.tif holds 4 pictures in one block and a list of the first one only") for imagej in (True, False)],
+    ("a.tif", preview, {}, r"a\.tif holds only small copies of a picture in"),
     # Twice as wide, or twice as high: a strip is too short, or one is missing.
     ("a.tif", with_tags(tiff(DN), width=120), {}, r"a\.tif is damaged: its part at byte \d+ holds fewer"),
     ("a.tif", with_tags(tiff(DN), height=80), {}, r"a\.tif has data for a part of its pixels only"),

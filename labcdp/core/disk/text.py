@@ -167,7 +167,7 @@ def read_csv(path: AnyPath, what: str) -> CsvTable:
     except UnicodeDecodeError as caught:
         raise InputError(f"{path} is not UTF-8 text (byte {caught.start}): save it as CSV in UTF-8") from caught
     # Cells may hold what else str.splitlines takes as the end of a line, such as U+2028.
-    lines = _LINE_END.split(text)
+    lines = _LINE_END.split(text.rstrip("\r\n"))
     stated = _SEPARATOR.fullmatch(lines[0])
     if stated is not None:
         # An empty line is left out, and lines keep their numbers.

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..core.disk import parse_json
 from ..core.disk.tiff import open_tiff, pixels_of
 from ..core.errors import InputError
-from ..core.result import Finding, info, warning
+from ..core.result import info, warning
 from .exif import ExifFacts, read_exif
 from .sensor_tags import pattern_findings, tags_of
 from .statements import with_statement
@@ -25,6 +25,12 @@ from .transfer import BT709_LUMINANCE, Encoding
 TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _PALETTE = 0, 1, 2, 3
 _ICC_PROFILE, _UNCOMPRESSED = 34675, 1
+#: Compressions that may lose something, by their codes (TIFF 6.0, and those registered or in use since).
+_LOSSY = {
+    **dict.fromkeys((6, 7, 99, 33007, 34892), "JPEG"), **dict.fromkeys((33003, 33004, 33005, 34712), "JPEG 2000"),
+    34887: "LERC", **dict.fromkeys((22610, 34934), "JPEG XR"), **dict.fromkeys((34927, 50001), "WebP"),
+    **dict.fromkeys((50002, 52546), "JPEG XL"),
+}  # fmt: skip
 
 
 def read_tiff(data: bytes, path: Path, max_pixels: int, number: int | None = None) -> StoredImage:
@@ -130,7 +136,7 @@ def _read(page: Any, path: Path, facts: ExifFacts) -> StoredImage:
         values = np.moveaxis(values, 0, -1)
     if values.shape[:2] != (page.imagelength, page.imagewidth) or values.ndim not in (2, 3):
         raise ValueError(f"its data have the shape {values.shape}")
-    changes: list[Finding] = []
+    changes = [info("lossy-compression", name=_LOSSY[page.compression])] if page.compression in _LOSSY else []
     if page.extrasamples:
         opaque = float(np.iinfo(values.dtype).max) if values.dtype.kind in "ui" else 1.0
         values, change = without_alpha(values, opaque)

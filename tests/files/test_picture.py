@@ -112,6 +112,26 @@ def test_floats_keep_each_value(tmp_path_factory, suffix, data, dtype, shape):
     assert np.array_equal(picture.light, values)
 
 
+@pytest.mark.parametrize(
+    ("suffix", "how", "name"),
+    [
+        ("tif", {"compression": "jpeg"}, "JPEG"), ("tif", {"compression": "webp", "photometric": "rgb"}, "WebP"),
+        ("tif", {"compression": "jpeg2000"}, "JPEG 2000"), ("tif", {"compression": "lzw"}, None),
+        ("exr", {"compression": OpenEXR.DWAA_COMPRESSION}, "DWAA"),
+        ("exr", {"compression": OpenEXR.PIZ_COMPRESSION}, None),
+    ],
+)  # fmt: skip
+def test_compression_that_may_change_values_is_named(tmp_path, suffix, how, name):
+    values = np.random.default_rng(0).integers(0, 256, (64, 64, *([3] if "photometric" in how else [])), dtype=np.uint8)
+    path = tmp_path / f"a.{suffix}"
+    if suffix == "exr":
+        exr(path, how, Y=values.astype(np.float32))
+    else:
+        tiff(path, values, **how)
+    named = [one.values for one in read_picture(path).findings if one.code == "lossy-compression"]
+    assert named == ([{"name": name}] if name else [])
+
+
 # Colours, alpha and palettes
 
 

@@ -39,7 +39,7 @@ _CONTAINERS = (
     "mxf,nut,dv,yuv4mpegpipe,gif,apng"
 )
 #: Formats whose header states a length, and a duration in the metadata of Matroska.
-_STATING = frozenset({"matroska", "mxf", "flv", "asf"})
+_STATING = frozenset({"matroska", "mxf", "flv"})
 _TIME = re.compile(r"(\d+):(\d\d):(\d\d(?:\.\d+)?)")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from os import PathLike
@@ -21,6 +22,8 @@ _WAVELENGTH = "wavelength_nm"
 _COLOURS = ("R", "G", "B")
 #: What a single column is called, whatever its name in the file.
 ONLY = "relative"
+#: A number with a decimal point; float() also takes other digits and 1_000.
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 #: A table may end inside the visible range where it has fallen to this share of its maximum.
 _LARGEST_END = 0.05
 #: Share of the maximum by which a value may lie below zero: noise of a measured table.
@@ -116,13 +119,19 @@ def read_spectral_file(path: str | PathLike[str]) -> SpectralFile:
             f"{path} has the columns {shortened(', '.join(read.header))}: give {_WAVELENGTH} and then one column, or "
             "R, G and B"
         )
-    rows = []
+    rows, marks = [], set[str]()
     for row in read.rows:
-        try:
-            rows.append([float(cell.replace(",", ".") if read.separator != "," else cell) for cell in row.cells])
-        except ValueError as error:
-            text = quoted(read.separator.join(row.cells))
-            raise InputError(f"{path}, line {row.line}: {text} holds no number in a cell") from error
+        text = quoted(read.separator.join(row.cells))
+        numbers = [cell.replace(",", ".") if read.separator != "," else cell for cell in row.cells]
+        if not all(map(_NUMBER.fullmatch, numbers)):
+            raise InputError(f"{path}, line {row.line}: {text} holds no number in a cell")
+        marks |= {",", "."} & set("".join(row.cells))
+        if len(marks) > 1:
+            raise InputError(
+                f"{path}, line {row.line}: {text} has another decimal mark than the numbers above: write all with a "
+                "point or all with a comma, and no mark of thousands"
+            )
+        rows.append([float(number) for number in numbers])
     if not rows:
         raise InputError(f"{path} has a header and no values: add lines of wavelength and values below it")
     nm, *values = np.array(rows).T

@@ -21,6 +21,8 @@ from .stored_image import StoredImage, decoder_messages, real_numbers, require_s
 from .transfer import BT709_LUMINANCE, Weights, luminance_weights
 
 EXR = b"\x76\x2f\x31\x01"
+#: Compressions by which values change that are of no use to a viewer (OpenEXR's technical introduction).
+_LOSSY = frozenset({"B44", "B44A", "DWAA", "DWAB"})
 #: Channels of a picture of the largest size, and of any.
 _MOST_CHANNELS, _MOST_NAMES = 4, 1000
 #: Attributes by which programs state a curve (OpenImageIO; the Color Interop Forum's identifiers), and linear ones.
@@ -49,6 +51,9 @@ def read_exr(_data: bytes, path: Path, max_pixels: int) -> StoredImage:
         warning("curve-not-used", by=f"its attribute {name} ({shortened(text)})", reason="OpenEXR holds linear values")
         for name in _CURVES if name in header and not _LINEAR.match(text := str(header[name]))
     ]  # fmt: skip
+    compression = str(header["compression"]).rpartition(".")[2].removesuffix("_COMPRESSION")
+    if compression in _LOSSY:
+        changes.append(info("lossy-compression", name=compression))
     if not np.array_equal(header["dataWindow"], header.get("displayWindow", header["dataWindow"])):
         changes.append(info("data-window"))
     luminance = next((channels[name] for name in _LUMINANCE if name in channels), None)

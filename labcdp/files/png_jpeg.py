@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
@@ -52,7 +52,10 @@ def read_png(data: bytes, path: Path, max_pixels: int) -> StoredImage:
         header = PngImageFile(BytesIO(data))
         require_size(path, *header.size, max_pixels)
         if getattr(header, "n_frames", 1) > 1:
-            raise InputError(f"{path} holds several pictures: give files of one picture each")
+            raise InputError(
+                f"{path} is an animated PNG of {header.n_frames} pictures, which labcdp does not read: give a PNG of "
+                "each, or convert it to a video (ffmpeg -i IN -c:v ffv1 OUT.mkv)"
+            )
         if _PNG_END not in data:
             raise InputError(f"{path} is truncated: it has no end mark in {len(data)} bytes: copy or save it again")
         values = imagecodecs.png_decode(data)
@@ -139,8 +142,10 @@ _RARE = {
     0xC3: "lossless JPEG", 0xF7: "JPEG-LS", **dict.fromkeys((0xC5, 0xC6, 0xC7), "hierarchical JPEG"),
     **dict.fromkeys((0xC9, 0xCA, 0xCB, 0xCD, 0xCE, 0xCF), "arithmetic-coded JPEG"),
 }  # fmt: skip
-#: Begin of the parts of an ICC profile (ICC.1:2022, B.4).
-_ICC = b"ICC_PROFILE\0"
+#: Marker of the frame of a progressive JPEG; that of segments with an ICC profile, and how these begin.
+_PROGRESSIVE, _APP2, _PROFILE = 0xC2, 0xE2, b"ICC_PROFILE\0"
+#: More bits than a coefficient has.
+_NOTHING = 16
 #: What files with a gain map for brighter displays hold (Ultra HDR; ISO 21496-1).
 _GAIN_MAPS = (b"http://ns.adobe.com/hdr-gain-map/1.0/", b"urn:iso:std:iso:ts:21496:-1")
 _TO_TIFF = "which labcdp does not read: convert it to 16-bit TIFF"
@@ -157,10 +162,8 @@ def read_jpeg(data: bytes, path: Path, max_pixels: int) -> StoredImage:
     import cv2
     from PIL.JpegImagePlugin import JpegImageFile
 
-    whole, kind, missing = data, None, None
-    for marker, at in _jpeg_segments(data):
-        # Pillow leaves out a profile of which a part is missing.
-        missing = b"" if data[at + 4 : at + 4 + len(_ICC)] == _ICC else missing
+    whole, kind, segments = data, None, tuple(_jpeg_segments(data))
+    for marker, at in segments:
         if marker in (*_HUFFMAN, *_RARE) and kind is None:
             kind = _RARE.get(marker) or (f"JPEG of {data[at + 4]} bits" if data[at + 4 : at + 5] > b"\x08" else "")
         # What follows, such as a film or a second picture, is not of it.
@@ -185,7 +188,13 @@ def read_jpeg(data: bytes, path: Path, max_pixels: int) -> StoredImage:
     doubts = [warning("decoder-message", message=message) for message in messages]
     if any(mark in data for mark in _GAIN_MAPS):
         doubts.append(info("gain-map-not-used"))
-    statement = stated_by_profile(header.info.get("icc_profile") or missing, values.ndim == 3, 8)
+    if _scans_are_missing(data, segments):
+        doubts.append(warning("jpeg-scans-missing"))
+    profile = header.info.get("icc_profile")
+    # Pillow gives nothing of a profile that is not whole.
+    if profile is None and any(_is_profile(data, marker, at) for marker, at in segments):
+        doubts.append(warning("icc-profile-not-used", reason="parts of it are missing"))
+    statement = stated_by_profile(profile, values.ndim == 3, 8)
     if not statement.states_curve:
         of_exif = ExifColours.of_block(header).stated(8)
         statement = replace(of_exif, findings=(*of_exif.findings, *statement.findings))
@@ -211,6 +220,30 @@ def _jpeg_segments(data: bytes) -> Iterator[tuple[int, int]]:
             # In coded data, 0xFF is followed by 0 or the marker of a restart.
             found = _IN_SCAN.search(data, at)
             at = len(data) if found is None else found.start()
+
+
+def _is_profile(data: bytes, marker: int, at: int) -> bool:
+    """Whether a segment holds a part of an ICC profile (ICC.1:2022, annex B.4)."""
+    return marker == _APP2 and data.startswith(_PROFILE, at + 4)
+
+
+def _scans_are_missing(data: bytes, segments: Sequence[tuple[int, int]]) -> bool:
+    """Whether a progressive JPEG ends before each coefficient came with all its bits (ITU-T T.81, G.1.1 and B.2.3).
+
+    Decoders show what there is, without a message.
+    """
+    frame = next((at for marker, at in segments if marker in _HUFFMAN), None)
+    if frame is None or data[frame + 1] != _PROGRESSIVE:
+        return False
+    # Bits that are still to come, of each coefficient of each component; nothing came yet.
+    names = data[frame + 10 :: 3][: data[frame + 9]]
+    left = np.full((len(names), 64), _NOTHING)
+    for at in (at for marker, at in segments if marker == _SCAN):
+        n = data[at + 4]
+        first, last, bits = data[at + 5 + 2 * n : at + 8 + 2 * n]
+        for name in data[at + 5 : at + 5 + 2 * n : 2]:
+            left[names.find(name), first : last + 1] = bits & 15
+    return bool(left.any())
 
 
 #: A marker that ends a scan.

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from contextlib import suppress
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +15,7 @@ from ..core.disk import parse_json
 from ..core.disk.tiff import open_tiff, pixels_of
 from ..core.errors import InputError
 from ..core.frame import BlackPattern
-from ..core.result import Finding, info, warning
+from ..core.result import info, warning
 from .exif import ExifFacts, read_exif
 from .sensor_tags import LEVELS, masked_level, pattern_findings, tags_of
 from .statements import with_statement
@@ -23,7 +25,13 @@ from .transfer import BT709_LUMINANCE, Encoding
 
 TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _PALETTE = 0, 1, 2, 3
-_ICC_PROFILE = 34675
+_ICC_PROFILE, _UNCOMPRESSED = 34675, 1
+#: Compressions that may lose something, by their codes (TIFF 6.0, and those registered or in use since).
+_LOSSY = {
+    **dict.fromkeys((6, 7, 99, 33007, 34892), "JPEG"), **dict.fromkeys((33003, 33004, 33005, 34712), "JPEG 2000"),
+    34887: "LERC", **dict.fromkeys((22610, 34934), "JPEG XR"), **dict.fromkeys((34927, 50001), "WebP"),
+    **dict.fromkeys((50002, 52546), "JPEG XL"),
+}  # fmt: skip
 
 
 def read_tiff(data: bytes, path: Path, max_pixels: int, number: int | None = None) -> StoredImage:
@@ -79,11 +87,34 @@ def count_pictures(data: bytes, path: Path) -> int:
 
 
 def _pages(tiff: Any, path: Path) -> list[Any]:
-    # Small copies for previews are no pictures of their own.
-    pages = [page for page in (page.aspage() for page in tiff.pages) if not page.subfiletype & 1]
+    all_pages = [page.aspage() for page in tiff.pages]
+    # Small copies for previews are no pictures of their own; the picture may lie in a directory below them.
+    pages = [page for page in all_pages if not page.subfiletype & 1] or [
+        below.aspage() for page in all_pages for below in page.pages or () if not below.aspage().subfiletype & 1
+    ]
+    if not pages and len(all_pages) == 1 and not all_pages[0].subifds:
+        pages = all_pages
     if not pages:
-        raise InputError(f"{path} holds no picture in {tiff.filehandle.size} bytes: give one with a picture")
+        what = "only small copies of a picture" if all_pages else "no picture"
+        raise InputError(f"{path} holds {what} in {tiff.filehandle.size} bytes: give one with a picture")
+    if len(pages) == 1 and (count := _count_in_block(pages[0], tiff.filehandle.size)) > 1:
+        raise InputError(
+            f"{path} holds {count} pictures in one block and a list of the first one only, as stacks of more than 4 GB "
+            "of ImageJ do, which labcdp does not read: save it with ImageJ as an image sequence"
+        )
     return pages
+
+
+def _count_in_block(page: Any, n_bytes: int) -> int:
+    """Pictures that a description of ImageJ or tifffile states and that lie one behind the other, else 1."""
+    count = 1
+    if found := re.match(r"ImageJ=[^\0]*?^images=(\d{1,9})\s*$", page.description, re.MULTILINE):
+        count = int(found[1])
+    elif found := re.match(r'{"shape": \[([\d, ]{1,99})\], "truncated": true', page.description):
+        count = prod(map(int, found[1].split(","))) // max(page.size, 1)
+    # Others may have copied the description with one picture of a stack.
+    is_there = page.dataoffsets and page.dataoffsets[0] + count * sum(page.databytecounts) <= n_bytes
+    return count if is_there and page.compression == _UNCOMPRESSED else 1
 
 
 def _require_kind(page: Any, path: Path) -> None:
@@ -106,7 +137,7 @@ def _read(page: Any, path: Path, facts: ExifFacts) -> StoredImage:
         values = np.moveaxis(values, 0, -1)
     if values.shape[:2] != (page.imagelength, page.imagewidth) or values.ndim not in (2, 3):
         raise ValueError(f"its data have the shape {values.shape}")
-    changes: list[Finding] = []
+    changes = [info("lossy-compression", name=_LOSSY[page.compression])] if page.compression in _LOSSY else []
     if page.extrasamples:
         opaque = float(np.iinfo(values.dtype).max) if values.dtype.kind in "ui" else 1.0
         values, change = without_alpha(values, opaque)

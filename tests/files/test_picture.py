@@ -112,7 +112,42 @@ def test_floats_keep_each_value(tmp_path_factory, suffix, data, dtype, shape):
     assert np.array_equal(picture.light, values)
 
 
+@pytest.mark.parametrize(
+    ("suffix", "how", "name"),
+    [
+        ("tif", {"compression": "jpeg"}, "JPEG"), ("tif", {"compression": "webp", "photometric": "rgb"}, "WebP"),
+        ("tif", {"compression": "jpeg2000"}, "JPEG 2000"), ("tif", {"compression": "lzw"}, None),
+        ("exr", {"compression": OpenEXR.DWAA_COMPRESSION}, "DWAA"),
+        ("exr", {"compression": OpenEXR.PIZ_COMPRESSION}, None),
+    ],
+)  # fmt: skip
+def test_compression_that_may_change_values_is_named(tmp_path, suffix, how, name):
+    values = np.random.default_rng(0).integers(0, 256, (64, 64, *([3] if "photometric" in how else [])), dtype=np.uint8)
+    path = tmp_path / f"a.{suffix}"
+    if suffix == "exr":
+        exr(path, how, Y=values.astype(np.float32))
+    else:
+        tiff(path, values, **how)
+    named = [one.values for one in read_picture(path).findings if one.code == "lossy-compression"]
+    assert named == ([{"name": name}] if name else [])
+
+
 # Colours, alpha and palettes
+
+
+def test_a_picture_below_its_small_copy_is_read(tmp_path):
+    """As in DNG, SubIFDs (TIFF Technical Note 1) hold the picture; in pyramids they hold small copies."""
+    dn = np.random.default_rng(4).integers(0, 256, (40, 60), dtype=np.uint8)
+    for first, second in ((dn[::4, ::4], dn), (dn, dn[::4, ::4])):
+        with tifffile.TiffWriter(path := tmp_path / "a.tif") as file:
+            for values in (first, second):
+                file.write(values, subfiletype=int(values is not dn), subifds=int(values is first))
+        np.testing.assert_array_equal(read_picture(path).frame.dn, dn)
+    tiff(path, dn, subfiletype=1)
+    np.testing.assert_array_equal(read_picture(path).frame.dn, dn)
+    # A description copied with one picture of a stack.
+    tiff(path, dn, description="ImageJ=1.54f\nimages=3\nslices=3\n", metadata=None)
+    np.testing.assert_array_equal(read_picture(path).frame.dn, dn)
 
 
 def test_colours_become_linear_luminance(tmp_path):

@@ -94,6 +94,18 @@ def test_what_a_decoder_prints_is_a_finding(tmp_path, capfd):
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.parametrize("image", [GREY, COLOURS])
+def test_scans_that_a_progressive_jpeg_lacks_are_named(tmp_path, image):
+    """Where an end mark follows, libjpeg says nothing."""
+    Image.fromarray(image).save(path := tmp_path / "a.jpg", progressive=True)
+    assert warning("jpeg-scans-missing") not in read_picture(path).findings
+    data = path.read_bytes()
+    scans = [at for at in range(len(data)) if data.startswith(b"\xff\xda", at)]
+    for at in scans[1:]:
+        path.write_bytes(data[:at] + b"\xff\xd9")
+        assert warning("jpeg-scans-missing") in read_picture(path).findings
+
+
 # No pictures, and damage that a header shows
 
 
@@ -121,6 +133,21 @@ def circle(path):
     path.write_bytes(data)
 
 
+def animation(path):
+    Image.fromarray(GREY).save(path, save_all=True, append_images=[Image.fromarray(255 - GREY)])
+
+
+def preview(path):
+    """A TIFF with a small copy, whose picture was lost."""
+    with tifffile.TiffWriter(path) as file:
+        file.write(GREY[::4, ::4], subfiletype=1, subifds=1)
+        file.write(GREY)
+    data = bytearray(path.read_bytes())
+    with tifffile.TiffFile(path) as file:
+        struct.pack_into("<I", data, file.pages.first.tags[330].valueoffset, len(data) + 100)
+    path.write_bytes(data)
+
+
 PICKLE = np.array([[print]], dtype=object)
 DUMP = {"size": (60, 40), "pixel_format": "Mono8"}
 REFUSED = [
@@ -136,6 +163,7 @@ REFUSED = [
        rf"a\.jpg is {kind}, which labcdp does not read: convert it to 16-bit TIFF")
       for sof, bits, kind in ((b"\xc1", b"\x0c", "JPEG of 12 bits"), (b"\xc3", b"\x10", "lossless JPEG"),
                               (b"\xf7", b"\x08", "JPEG-LS"), (b"\xc9", b"\x08", "arithmetic-coded JPEG"))],
+    ("a.png", animation, {}, r"a\.png is an animated PNG of 2 pictures, which labcdp does not read"),
     ("a.tif", tiff(np.zeros((8, 8), np.complex64)), {}, r"a\.tif holds complex numbers, which labcdp does not read"),
     ("a.npz", b"PK\x03\x04" + bytes(50), {}, r"a\.npz is no luminance map that this labcdp reads"),
     ("a.png", os.mkfifo, {}, r"a\.png cannot be read \(it is a pipe"),
@@ -144,6 +172,9 @@ REFUSED = [
     ("a.npy", lambda path: np.save(path, PICKLE, allow_pickle=True), {}, r"a\.npy: it holds 'object'"),
     ("a.tif", tiff(np.zeros((3, 8, 8), np.uint8)), {}, r"a\.tif holds 3 pictures"),
     ("a.jpg", lambda path: Image.fromarray(COLOURS).convert("CMYK").save(path), {}, r"a\.jpg has the colours CMYK"),
+    *[("a.tif", tiff(np.stack([DN] * 4), truncate=True, imagej=imagej), {},
+       r"a\.tif holds 4 pictures in one block and a list of the first one only") for imagej in (True, False)],
+    ("a.tif", preview, {}, r"a\.tif holds only small copies of a picture in"),
     # Twice as wide, or twice as high: a strip is too short, or one is missing.
     ("a.tif", with_tags(tiff(DN), width=120), {}, r"a\.tif is damaged: its part at byte \d+ holds fewer"),
     ("a.tif", with_tags(tiff(DN), height=80), {}, r"a\.tif has data for a part of its pixels only"),

@@ -274,6 +274,35 @@ def test_the_picture_of_a_cover_is_no_video(tmp_path):
         open_video(path)
 
 
+def test_a_stream_that_contradicts_its_container_is_named(tmp_path):
+    colours = np.random.default_rng(3).integers(60, 190, (3, 64, 64), dtype=np.uint8)
+    for image in (tuple(colours), colours[0]):
+        stated = {"color_range": LIMITED, "color_trc": 1, "color_primaries": 1, "colorspace": BT709}
+        path = write(tmp_path / "a.mp4", "libx264", "yuv444p", [image] * 2, {"qp": "1"}, **stated)
+        true = frames(path)[0].frame.dn
+        told = []
+        for change in ({}, {"color_trc": 6}, {"colorspace": SMPTE170M}, {"color_range": FULL}):
+            other = remux(path, tmp_path / "b.mp4", **change)
+            np.testing.assert_array_equal(frames(other)[0].frame.dn, true)
+            named = [one.values["names"] for one in open_video(other).findings if "differ" in one.code]
+            told.append(", ".join(named))
+        # Codes 1 and 6 are one curve; of greys no matrix counts.
+        assert told == ["", "", "matrix 6 and 1" if isinstance(image, tuple) else "", "range 2 and 1"]
+
+
+def test_further_video_streams_are_named(tmp_path):
+    with av.open(str(tmp_path / "a.mkv"), "w") as container:
+        streams = [container.add_stream("ffv1", rate=25) for _ in range(3)]
+        for stream in streams:
+            stream.width, stream.height, stream.pix_fmt = 16, 16, "gray"
+        for number, stream in enumerate(streams):
+            frame = av.VideoFrame.from_ndarray(np.full((16, 16), 50 + number, np.uint8), "gray")
+            container.mux([*stream.encode(frame), *stream.encode(None)])
+    source = open_video(tmp_path / "a.mkv")
+    assert [one.values for one in source.findings if one.code == "video-streams-ignored"] == [{"count": 2}]
+    assert [one.frame.dn.max() for one in frames(tmp_path / "a.mkv")] == [50]
+
+
 # What is refused
 
 

@@ -71,9 +71,9 @@ def fill(frame, planes):
         plane.update(padded.tobytes())
 
 
-def remux(source, path, *, first=0, earlier_by=0, bsf=None):
+def remux(source, path, *, first=0, earlier_by=0, bsf=None, **stated):
     """Packets of a video in another file: without the first ones ("key": up to the second key frame), or earlier by a
-    number of frames, or filtered.
+    number of frames, or filtered, or with other colours stated by the container.
 
     What is then before 0 is left out by an edit list.
     """
@@ -81,6 +81,8 @@ def remux(source, path, *, first=0, earlier_by=0, bsf=None):
     with av.open(str(source)) as whole, av.open(str(path), "w", options=options) as container:
         stream = whole.streams.video[0]
         copy = container.add_stream_from_template(stream)
+        for name, value in stated.items():
+            setattr(copy.codec_context, name, value)
         packets = [packet for packet in whole.demux(stream) if packet.size]
         keys = [number for number, packet in enumerate(packets) if packet.is_keyframe]
         packets = packets[keys[1] if first == "key" else first :]

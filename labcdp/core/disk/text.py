@@ -97,6 +97,7 @@ def _value(value: object) -> str:
 
 #: First line that states the separator of a CSV file.
 _SEPARATOR = re.compile('"?sep=([,;\t])"?', re.IGNORECASE)
+_LINE_END = re.compile("\r\n|\r|\n")
 #: Size from which a table is refused, columns and rows.
 _MOST_BYTES, _MOST_COLUMNS, _MOST_ROWS = 16 * 2**20, 1000, 200_000
 
@@ -162,14 +163,16 @@ def read_csv(path: AnyPath, what: str) -> CsvTable:
     """
     data = read_bytes(path, what, _MOST_BYTES)
     try:
-        lines = data.decode("utf-16" if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "utf-8-sig").splitlines()
+        text = data.decode("utf-16" if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "utf-8-sig")
     except UnicodeDecodeError as caught:
         raise InputError(f"{path} is not UTF-8 text (byte {caught.start}): save it as CSV in UTF-8") from caught
-    stated = _SEPARATOR.fullmatch(lines[0]) if lines else None
+    # Cells may hold what else str.splitlines takes as the end of a line, such as U+2028.
+    lines = _LINE_END.split(text.rstrip("\r\n"))
+    stated = _SEPARATOR.fullmatch(lines[0])
     if stated is not None:
         # An empty line is left out, and lines keep their numbers.
         lines[0] = ""
-    separator = stated[1] if stated else next((mark for mark in ";\t" if lines and mark in lines[0]), ",")
+    separator = stated[1] if stated else next((mark for mark in ";\t" if mark in lines[0]), ",")
     rows = tuple(_rows(lines, separator, path))
     if not rows:
         raise InputError(f"{path} is empty: give {what}")

@@ -30,6 +30,8 @@ from .settings import Observer, Progress, VideoSettings, evaluation_head, make_r
 if TYPE_CHECKING:
     from xarray import Dataset
 
+#: By how much earlier than a stated end the last frame may begin: in seconds and in frames, as lengths are rounded.
+_LATEST_S, _LATEST_FRAMES = 0.5, 2
 #: Name of the journal in the folder of the results.
 JOURNAL = "video.jsonl"
 
@@ -209,8 +211,13 @@ def _rows(source: VideoSource, conversion: PictureConversion, run: PartRun) -> V
 
 
 def _announced(source: VideoSource, run: PartRun) -> tuple[Finding, ...]:
-    """Return a finding if the file announces another number of frames than it has."""
-    announced, found = source.frame_count, None if run.end is None else run.end["end"]
+    """Return a finding if the file announces another number of frames, or a greater length, than it has."""
+    end = run.end or {}
+    if source.length_s is not None and (last_s := end.get("last_s")) is not None:
+        if source.length_s - last_s > _LATEST_S + _LATEST_FRAMES / (source.frame_rate or 1):
+            return (warning("video-ends-early", length_s=source.length_s, found_s=last_s),)
+        return ()
+    announced, found = None if source.is_estimate else source.frame_count, end.get("end")
     if announced is None or found is None or announced == found:
         return ()
     if found < announced:

@@ -128,10 +128,10 @@ class PartRun:
             known = self.journal.row(item.place) if row is None else row
             self.observer(frame.number, frame.grey, self._regions(item), variables(known))
 
-    def finish(self, n_frames: int | None) -> None:
-        """Record that the video has ended, after a number of frames if that is its end."""
+    def finish(self, n_frames: int | None, last_s: float | None) -> None:
+        """Record that the video has ended; if that is its end, after how many frames, and when the last one begins."""
         if self.end is None:
-            self.end = {"end": n_frames}
+            self.end = {"end": n_frames, "last_s": last_s}
             self.journal.add(self.end)
 
     def _regions(self, item: FollowedFrame) -> tuple[TrackedRoi, ...]:

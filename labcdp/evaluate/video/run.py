@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import closing
+from dataclasses import replace
 from functools import cache, partial
 from itertools import islice, repeat
 from typing import Any, TypeVar
@@ -41,7 +42,7 @@ class VideoRun:
     def __init__(self, source: VideoSource, conversion: PictureConversion, parts: Sequence[PartRun]) -> None:
         self._source, self._conversion, self._parts = source, conversion, parts
         self._selection = parts[0].settings.selection
-        self._n_frames = 0
+        self._n_frames, self._last_s = 0, 0.0
         self._choose_regions()
         self._begun = not self._methods
 
@@ -76,8 +77,9 @@ class VideoRun:
             raise InputError(
                 f"{self._source.path} has no frame from {first} to {stop or 'its end'}: give an earlier start"
             )
+        to_end = self._selection.stop is None
         for part in self._parts:
-            part.finish(self._n_frames if self._selection.stop is None else None)
+            part.finish(self._n_frames if to_end else None, self._last_s if to_end else None)
 
     def _frames(self) -> Generator[VideoFrame, None, None]:
         """Frames with the pixels that are needed."""
@@ -88,12 +90,16 @@ class VideoRun:
         def needed(number: int, chosen: bool) -> bool:
             nonlocal n_chosen
             n_chosen += chosen
-            self._n_frames = number + 1
             # Regions that stay are compared with the first frame, and with no other one.
             # The last one that is done is compared with the next.
             return self._follows or (chosen and (observed or n_chosen >= n_done or not self._begun))
 
-        return frames_of(self._source, self._selection, needed)
+        def entries() -> Iterator[VideoFrame]:
+            for entry in self._source.entries():
+                self._n_frames, self._last_s = entry.number + 1, entry.time_s
+                yield entry
+
+        return frames_of(replace(self._source, entries=entries), self._selection, needed)
 
     def _worked(
         self, frames: Iterator[VideoFrame], n_workers: int

@@ -61,7 +61,12 @@ class Shown:
 
 def video_stream(container: Any) -> Any:
     """Return the first video stream of an opened file that is no picture of its cover; None if there is none."""
-    return next((one for one in container.streams.video if not one.disposition & Disposition.attached_pic), None)
+    return next(iter(video_streams(container)), None)
+
+
+def video_streams(container: Any) -> list[Any]:
+    """All video streams of an opened file that are no picture of its cover."""
+    return [one for one in container.streams.video if not one.disposition & Disposition.attached_pic]
 
 
 def shown_frames(container: Any, shape: tuple[int, int] | None, frame_rate: float | None) -> Iterator[Shown]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -22,12 +23,13 @@ from ...core.disk import file_sha256, open_regular, reading, reason, require_reg
 from ...core.errors import InputError
 from ...core.frame import Frame
 from ...core.luminance import WHOLE, Window
+from ...core.result import warning
 from ..frame import Scale, changed_at, make_frame, scale_of
 from ..kinds import HEAD_BYTES, no_video
 from ..picture import unused_options
 from ..read import PictureOptions, frame_of_pixels
-from .decoding import Shown, shown_frames, video_stream
-from .pixels import Pixels, learn_pixels
+from .decoding import Shown, shown_frames, video_stream, video_streams
+from .pixels import Pixels, learn_pixels, stated_by, statement_findings
 from .quantiser import PARAMETERS
 from .source import StoredPixels, VideoFrame, VideoSource, require_frames
 
@@ -40,6 +42,9 @@ _CONTAINERS = (
     "avi,matroska,webm,mov,mp4,m4a,3gp,3g2,mj2,mpeg,mpegts,mpegvideo,m4v,h264,hevc,av1,obu,ivf,flv,ogg,asf,mjpeg,"
     "mxf,nut,dv,yuv4mpegpipe,gif,apng"
 )
+#: Formats whose header states a length, and a duration in the metadata of Matroska.
+_STATING = frozenset({"matroska", "mxf", "flv"})
+_TIME = re.compile(r"(\d+):(\d\d):(\d\d(?:\.\d+)?)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +126,7 @@ def open_video_file(path: Path, options: PictureOptions) -> VideoSource:
     with _opened(path, options.max_pixels) as container:
         stream = video_stream(container)
         stream.codec_context.options = {**stream.codec_context.options, **PARAMETERS}
+        by_container = stated_by(stream.codec_context)
         for shown in shown_frames(container, None, None):
             (frames if shown.fault is None else broken).append(shown.frame)
             if len(frames) == _LOOKED_AT or len(broken) == _MOST_BROKEN:
@@ -129,12 +135,19 @@ def open_video_file(path: Path, options: PictureOptions) -> VideoSource:
         frames = frames or [frame for frame in broken if frame is not None]
         require_frames(bool(frames), path)
         rate = float(stream.average_rate or stream.guessed_rate or 0)
-        count = _announced(stream) or round((container.duration or 0) / av.time_base * rate)
+        count, length_s = _announced(stream), None
+        is_estimate = count == 0
+        if is_estimate:
+            length_s = _length_s(container, stream)
+            count = round((length_s or (container.duration or 0) / av.time_base) * rate)
         try:
             later = _spread(path, options.max_pixels, 1)
             pixels, findings = learn_pixels(frames, later, stream.codec_context, options.encoding)
         except InputError as error:
             raise InputError(f"{path} {error}") from error
+        findings += statement_findings(by_container, stated_by(frames[0]), pixels.kind != "luma")
+        if n_others := len(video_streams(container)) - 1:
+            findings.append(warning("video-streams-ignored", count=n_others))
     height, width = frames[0].height, frames[0].width
     frame_rate = rate if isfinite(rate) and rate > 0 else None
     scale = _scale(frames, pixels, options, path)
@@ -152,6 +165,8 @@ def open_video_file(path: Path, options: PictureOptions) -> VideoSource:
         findings=(*findings, *unused_options(frame, scale.bits, options)),
         entries=found.entries,
         hashed=partial(file_sha256, path, "a file you can read"),
+        is_estimate=is_estimate,
+        length_s=length_s,
     )
 
 
@@ -194,6 +209,22 @@ def _announced(stream: Any) -> int:
     if stream.frames and len(entries) and "mov" in stream.container.format.name:
         return sum(1 for entry in entries if not entry.is_discard)
     return int(stream.frames)
+
+
+def _length_s(container: Any, stream: Any) -> float | None:
+    """Time from the first frame to the end that a container states; None if it does not, or not for the video alone."""
+    if not _STATING.intersection(container.format.name.split(",")):
+        return None
+    found = _TIME.fullmatch(stream.metadata.get("DURATION", ""))
+    if found:
+        length_s = sum(float(part) * unit for part, unit in zip(found.groups(), (3600, 60, 1), strict=True))
+    elif container.duration and not container.streams.audio:
+        length_s = container.duration / av.time_base
+    else:
+        return None
+    # Matroska counts from time 0.
+    is_later = "matroska" in container.format.name and stream.start_time
+    return max(length_s - float(stream.start_time * stream.time_base), 0.0) if is_later else length_s
 
 
 @contextmanager

@@ -270,6 +270,33 @@ def learn_pixels(
     return Pixels(first.format.name, seen, bits, limited, weights, stored, orientation or 1, faint, of_light), found
 
 
+#: What container and stream may both state, the name of FFmpeg's field, and what codes mean that differ without effect.
+_STATED: dict[str, tuple[str, dict[int, Any]]] = {
+    "range": ("color_range", {}), "transfer": ("color_trc", ENCODING_OF_CODE),
+    "primaries": ("color_primaries", PRIMARIES_OF_CODE), "matrix": ("colorspace", _MATRICES),
+}  # fmt: skip
+
+
+def stated_by(subject: Any) -> dict[str, int]:
+    """Return what a codec's context before the first frame, or a frame, states of its colours."""
+    values = {what: int(getattr(subject, name)) for what, (name, _) in _STATED.items()}
+    # Of the range, FFmpeg says nothing by 0, of the others by H.273's 2; 0 is the matrix of red, green and blue.
+    return {what: code for what, code in values.items() if code != (0 if what == "range" else UNSPECIFIED)}
+
+
+def statement_findings(by_container: dict[str, int], by_stream: dict[str, int], coloured: bool) -> list[Finding]:
+    """Say where a stream contradicts its container: FFmpeg and browsers follow the stream.
+
+    ISO/IEC 14496-12, 12.1.5, gives precedence to the container's box colr, which few programs do.
+    """
+    names = []
+    for what in _STATED if coloured else ("range", "transfer"):
+        codes = [one[what] for one in (by_container, by_stream) if what in one]
+        if len({_STATED[what][1].get(code, code) for code in codes}) > 1:
+            names.append(f"{what} {codes[0]} and {codes[1]}")
+    return [warning("video-statements-differ", names=", ".join(names))] if names else []
+
+
 #: EXIF orientations by the display rotation in degrees, counter-clockwise.
 _OF_ROTATION = {0: 1, 90: 8, -90: 6, 180: 3, -180: 3}
 

@@ -124,7 +124,7 @@ class VideoSource:
     shape : (int, int)
         Height and width of the frames in pixels.
     frame_count : int or None
-        Number of frames as the file announces it, which may be wrong; None if it does not.
+        Number of frames as the file announces it, which may be wrong, or an estimate; None if it is not known.
     frame_rate : float or None
         Frames per second as the file announces it, or None.
     exposure_stated : bool
@@ -137,6 +137,10 @@ class VideoSource:
         Goes through all frames, none of them loaded; each time from the first one on.
     hashed : callable
         Makes the hash of all that decides the pixels.
+    is_estimate : bool
+        Whether the number of frames follows from a length: it is wrong where they follow each other irregularly.
+    length_s : float or None
+        Time from the first frame to the end, of files that announce that and no number of frames; else None.
     """
 
     path: Path
@@ -148,6 +152,8 @@ class VideoSource:
     findings: tuple[Finding, ...]
     entries: Callable[[], Iterator[VideoFrame]]
     hashed: Callable[[], str]
+    is_estimate: bool = False
+    length_s: float | None = None
 
     @cached_property
     def sha256(self) -> str:

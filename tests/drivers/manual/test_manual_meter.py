@@ -151,6 +151,17 @@ def test_every_reading_of_a_file_is_given_once_in_the_order_of_its_patch(meter_o
     assert given_back == order
 
 
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize("note", ["a\u2028b", "a\x0bb", "a\x85b", "a\x0cb", '"a\nb"'])
+def test_only_ends_of_lines_end_a_line(tmp_path, end, note):
+    """RFC 4180, and CR alone; texts copied into a sheet bring other separators along."""
+    lines = ["patch;luminance_cd_m2;note", f"white;12,5;{note}", "black;0,5;"]
+    (tmp_path / "a.csv").write_bytes(end.join(lines).encode())
+    with CsvMeter(tmp_path / "a.csv", METER, ACCURACY) as meter:
+        found = {patch: [one.value for one in readings] for patch, readings in meter.readings.items()}
+    assert found == {"white": [12.5], "black": [0.5]}
+
+
 @pytest.mark.parametrize("separator", [";", "\t", ","])
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-be"])
 @pytest.mark.parametrize("head", ["", "sep={}", '"sep={}"', "SEP={}"])

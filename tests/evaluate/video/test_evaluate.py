@@ -8,6 +8,7 @@ from math import isnan, nan
 from pathlib import Path
 from typing import Any
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -234,6 +235,37 @@ def test_a_file_that_announces_more_frames_than_it_has(tmp_path: Path) -> None:
     path.write_bytes(data[: len(data) // 2])
     result = evaluate_video(str(path), fixed())
     assert found(result, "video-cut-off") == {"announced": 12, "found": result.sizes["frame"]}
+
+
+def test_a_file_that_ends_before_its_stated_length(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.mkv", scenes(100))
+    whole = evaluate_video(str(path), fixed())
+    assert "video-ends-early" not in whole.attrs["findings"]
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2])
+    result = evaluate_video(str(path), fixed())
+    last_s = (result.sizes["frame"] - 1) / 25
+    assert found(result, "video-ends-early") == {"length_s": 4.0, "found_s": pytest.approx(last_s)}
+
+
+@pytest.mark.parametrize("suffix", ["mkv", "ts"])
+def test_frames_that_follow_each_other_irregularly_and_sound_that_goes_on_are_no_early_end(
+    tmp_path: Path, suffix: str
+) -> None:
+    with av.open(str(path := tmp_path / f"a.{suffix}"), "w") as container:
+        stream, sound = container.add_stream("mpeg2video", rate=25), container.add_stream("mp2", rate=48000)
+        stream.height, stream.width, stream.pix_fmt = *scenes(1)[0].shape, "yuv420p"
+        silence = av.AudioFrame.from_ndarray(np.zeros((1, 48000 * 6), np.int16), "s16", "mono")
+        silence.sample_rate = 48000
+        container.mux(sound.encode(silence))
+        for number, image in enumerate(scenes(12)):
+            frame = av.VideoFrame.from_ndarray(image, "gray").reformat(format="yuv420p")
+            frame.pts = number if number < 6 else 3 * number
+            container.mux(stream.encode(frame))
+        container.mux([*stream.encode(None), *sound.encode(None)])
+    findings = evaluate_video(str(path), fixed()).attrs["findings"]
+    assert "video-ends-early" not in findings
+    assert "video-cut-off" not in findings
 
 
 def test_pairs_and_neighbours_in_one_pass_are_as_each_alone_also_when_resumed(tmp_path: Path) -> None:

@@ -160,7 +160,9 @@ def _fitted(
         ladder=ladder,
         tests=tests,
         findings=(),
-        provenance=Provenance(measured, setup.input_sha256, dict(_versions()), setup.sessions_sha256),
+        provenance=Provenance(
+            measured, setup.input_sha256, dict(_versions()), setup.sessions_sha256, setup.frames_sha256
+        ),
     ), findings
 
 

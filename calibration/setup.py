@@ -244,6 +244,8 @@ class Setup:
         Hash of the frames and readings, as the caller keeps them.
     sessions_sha256 : tuple of str
         That of each session, if frames and readings are of several.
+    frames_sha256 : tuple of str
+        Hash of the pixels of each frame, by which frames are known again in other files.
     measured_spectrum : SpectralTable or None
         Spectral power of that light, if measured.
     certificate : MeterCertificate or None
@@ -261,6 +263,7 @@ class Setup:
     input_sha256: str
     measured_spectrum: SpectralTable | None = None
     sessions_sha256: tuple[str, ...] = ()
+    frames_sha256: tuple[str, ...] = ()
     certificate: MeterCertificate | None = None
     meter_f1_prime: float | None = None
     exposure_jitter_s: float = EXPOSURE_JITTER_S
@@ -281,12 +284,15 @@ class Provenance:
         Versions of the programs that computed it.
     sessions_sha256 : tuple of str
         Hash of the frames and readings of each session, if they are of several.
+    frames_sha256 : tuple of str
+        Hash of the pixels of each frame; empty in files of labcdp 0.2.0.
     """
 
     measured: datetime
     input_sha256: str
     versions: dict[str, str]
     sessions_sha256: tuple[str, ...] = ()
+    frames_sha256: tuple[str, ...] = ()
 
     def comes_from(self, sha256: str) -> bool:
         """Whether frames and readings with this hash are among the inputs."""

@@ -40,6 +40,8 @@ class HistoryPoint:
         Overall system gain K; None for a verification, or if it is not known.
     verdict : {'conform', 'undecided', 'not conform'} or None
         Of a verification; None for a calibration.
+    frames_sha256 : frozenset of str
+        Hashes of the pixels of the frames; empty if they are not known.
     """
 
     source: str
@@ -50,6 +52,13 @@ class HistoryPoint:
     weight: float | None = None
     k_dn_per_e: float | None = None
     verdict: Verdict | None = None
+    frames_sha256: frozenset[str] = frozenset()
+
+    def is_measured_with(self, other: HistoryPoint) -> bool:
+        """Whether both are calibrations, or both verifications, with the same last reading or some same frames."""
+        if (self.verdict is None) != (other.verdict is None):
+            return False
+        return self.measured == other.measured or not self.frames_sha256.isdisjoint(other.frames_sha256)
 
     @property
     def dark_offset_dn(self) -> tuple[float, float]:
@@ -89,8 +98,12 @@ class CameraHistory:
 
     @property
     def n_measurements(self) -> int:
-        """Number of measurements: calibrations whose last reading is the same are one, however they were fitted."""
-        return len({(p.measured, p.verdict is None) for p in self.points})
+        """Number of measurements: calibrations with the same last reading or frames are one, whatever their fit."""
+        first: list[HistoryPoint] = []
+        for point in self.points:
+            if not any(point.is_measured_with(one) for one in first):
+                first.append(point)
+        return len(first)
 
     @property
     def change_rel(self) -> tuple[float, float] | None:
@@ -98,10 +111,11 @@ class CameraHistory:
 
         The scale of the meter cancels if it is one meter in one state of adjustment, but for half of a step of it.
         """
-        known = [(p.responsivity, p.meter) for p in self.points if p.responsivity]
-        if self.n_measurements < 2 or len(known) < 2:
+        known = [(p, p.responsivity, p.meter) for p in self.points if p.responsivity]
+        others = [of for of in known[1:] if not of[0].is_measured_with(known[0][0])]
+        if not others:
             return None
-        (before, first_meter), (after, last_meter) = known[0], known[-1]
+        (_, before, first_meter), (_, after, last_meter) = known[0], others[-1]
         which = 1 if first_meter.is_as_in(last_meter) else 2
         return after[0] / before[0] - 1, hypot(before[which], after[which])
 
@@ -147,8 +161,11 @@ def _of_calibration(source: str, calibration: Calibration, weight: float | None)
     kinds = scales_apart(meter, meter), (meter,)
     own_rel, whole_rel = (expanded_rel(scales, fit.random_rel, fit.dof or inf) for scales in kinds)
     responsivity = fit.responsivity_dn_s_cd_m2, own_rel, whole_rel
-    measured = calibration.provenance.measured
-    return HistoryPoint(source, measured, responsivity, calibration.dark, meter, weight, k if k > 0 else None)
+    made = calibration.provenance
+    measured, frames = made.measured, frozenset(made.frames_sha256)
+    return HistoryPoint(
+        source, measured, responsivity, calibration.dark, meter, weight, k if k > 0 else None, frames_sha256=frames
+    )
 
 
 def _of_verification(source: str, verification: Verification, plane: VerifiedPlane) -> HistoryPoint:
@@ -156,4 +173,5 @@ def _of_verification(source: str, verification: Verification, plane: VerifiedPla
     if found is not None:
         responsivity = found.responsivity_dn_s_cd_m2, found.expanded_rel, found.responsivity_expanded_rel
     measured, meter, verdict = verification.measured, verification.meter, verification.verdict
-    return HistoryPoint(source, measured, responsivity, plane.dark, meter, verdict=verdict)
+    frames = frozenset(verification.frames_sha256)
+    return HistoryPoint(source, measured, responsivity, plane.dark, meter, verdict=verdict, frames_sha256=frames)

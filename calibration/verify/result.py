@@ -182,6 +182,8 @@ class Verification:
         The four of a sensor with colour filters, or one.
     mean_rel, mean_expanded_rel : float
         Weighted mean of the deviations, and its U (95 %).
+    frames_sha256 : tuple of str
+        Hash of the pixels of each frame; empty in files of labcdp 0.2.0.
     """
 
     findings: tuple[Finding, ...]
@@ -200,6 +202,7 @@ class Verification:
     planes: tuple[VerifiedPlane, ...]
     mean_rel: float
     mean_expanded_rel: float
+    frames_sha256: tuple[str, ...] = ()
 
     @property
     def same_meter(self) -> bool:

@@ -3,9 +3,12 @@
 import os
 import shutil
 
+import cv2
 import pytest
+import tifffile
 
 from ..conftest import valid
+from .conftest import only_line
 from .importable import write_importable
 
 
@@ -53,6 +56,47 @@ def test_a_copy_of_a_calibration_is_no_point_of_the_history(folder, labcdp_in):
     (row,) = result["tables"]["cameras"]["rows"]
     assert (row["n_points"], row["change_rel"]) == (1, None)
     assert [one["code"] for one in result["findings"]].count("measured-once") == 1
+
+
+@pytest.fixture(scope="module")
+def half_new(folder, labcdp_in):
+    """A session of the first one's light pictures, as PNG of other names and times, with new dark ones and readings."""
+    for source in (folder / "again/frames").glob("*light*.tif"):
+        kept = folder / "mixed" / f"-{source.stem}.png"
+        kept.parent.mkdir(exist_ok=True)
+        cv2.imwrite(str(kept), tifffile.imread(source))
+    arguments = write_importable(folder / "new", seed=8)
+    exposures = [f"--exposure=mixed/{path.name}={path.stem.split('_')[-1]}" for path in (folder / "mixed").iterdir()]
+    exposures += [one.replace("dark/", "new/dark/") for one in arguments if "dark/" in one]
+    options = ("--light", "mixed", "--dark", "new/dark", "--readings", "new/readings.csv", *exposures)
+    done = labcdp_in(folder, "import", "plan.toml", "half", *options)
+    assert done.returncode == 0, done.stderr
+    return "half"
+
+
+def test_frames_of_a_calibration_do_not_verify_it_in_other_files(folder, labcdp_in, half_new):
+    for name, share in (("again", "15 of the 15"), (half_new, "9 of the 15")):
+        done = labcdp_in(folder, "verify", "first-calibrate/calibration.json", name)
+        assert f"{share} frames of session {name}" in only_line(done)
+    done = labcdp_in(folder, "verify", "first-calibrate/calibration.json", "other")
+    assert done.returncode in (0, 3, 4), done.stderr
+
+
+def test_calibrations_and_verifications_of_the_same_frames_are_one_measurement(folder, labcdp_in):
+    def change(*commands):
+        for command in commands:
+            done = labcdp_in(folder, *command)
+            assert done.returncode in (0, 3, 4), done.stderr
+        done = labcdp_in(
+            folder, "history", *(command[-1] for command in commands), "-o", commands[-1][-1] + "-h", "--json"
+        )
+        (row,) = valid(done.stdout)["tables"]["cameras"]["rows"]
+        return row["n_points"], row["change_rel"] is None
+
+    assert change(("calibrate", "first", "-o", "one"), ("calibrate", "again", "-o", "two")) == (1, True)
+    assert change(("calibrate", "first", "-o", "three"), ("calibrate", "other", "-o", "four")) == (2, False)
+    of_other = "verify", "four/calibration.json"
+    assert change((*of_other, "first", "-o", "five"), (*of_other, "again", "-o", "six")) == (1, True)
 
 
 @pytest.mark.parametrize("name", ["first", "copy"])

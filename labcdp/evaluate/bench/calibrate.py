@@ -65,6 +65,7 @@ def calibrate_session(
         input_sha256=hashlib.sha256("".join(hashes).encode()).hexdigest() if more else hashes[0],
         measured_spectrum=bench.source.measured,
         sessions_sha256=hashes if more else (),
+        frames_sha256=tuple(sorted({key for one in (observed, *more) for key in one.frames_sha256})),
         certificate=bench.meter.certificate,
         meter_f1_prime=bench.meter.f1_prime,
         exposure_jitter_s=bench.camera.exposure_jitter_s,

@@ -147,8 +147,12 @@ def _findings(found: Sequence[CameraHistory]) -> tuple[Finding, ...]:
         for a, b in pairs
         if (a.meter.model, a.meter.serial) == (b.meter.model, b.meter.serial)
     ]
-    calibrations = [(a, b) for a, b in points if not (a.verdict or b.verdict)]
-    same = [warning("measured-once", b.source, other=a.source) for a, b in calibrations if a.measured == b.measured]
+    same = []
+    for history in found:
+        for n, point in enumerate(history.points):
+            before = next((one for one in history.points[:n] if point.is_measured_with(one)), None)
+            if before is not None:
+                same.append(warning("measured-once", point.source, other=before.source))
     return unique([*recalibrated, *same])
 
 

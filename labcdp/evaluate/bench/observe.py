@@ -61,6 +61,8 @@ class ObservedSession:
         By name of the patch, with the correction of the meter's certificate.
     input_sha256 : str
         Hash over the hashes of all frames and the readings, in the order of recording.
+    frames_sha256 : frozenset of str
+        Hashes of the pixels of the frames.
     """
 
     session: Session
@@ -68,6 +70,7 @@ class ObservedSession:
     planes: Mapping[str | None, ObservedPlane]
     readings: Mapping[str, Sequence[Reading]]
     input_sha256: str
+    frames_sha256: frozenset[str]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -184,14 +187,17 @@ def observe_session(
             f"the sensor of the session has {has} colour filter, the corrections are for one that has {wants} colour "
             "filter: use those of this camera"
         )
-    frames = partial(SessionReader(report, len(planes) * len(session.frames())).frames, session)
+    reader = SessionReader(report, len(planes) * len(session.frames()))
+    frames = partial(reader.frames, session)
     regions = [patch.region() for patch in patches if patch.name not in without]
     seen = {plane: _observe_plane(session, frames, plane, regions, corrections[plane]) for plane in planes}
     readings: dict[str, list[Reading]] = {}
     for record in session.readings():
         if record.patch not in without:
             readings.setdefault(record.patch, []).append(corrected(record.reading, configuration.meter.certificate))
-    return ObservedSession(session, configuration, seen, readings, input_sha256(session))
+    return ObservedSession(
+        session, configuration, seen, readings, input_sha256(session), frozenset(reader.frames_sha256)
+    )
 
 
 def _observe_plane(

@@ -33,11 +33,17 @@ class SessionReader:
 
     def __init__(self, report: Report, total: int) -> None:
         self._report, self._total, self._done = report, total, 0
+        #: Hashes of the pixels of the frames so far, but not of simulated cameras.
+        self.frames_sha256: set[str] = set()
 
     def frames(self, session: Session, records: Iterable[FrameRecord], plane: str | None) -> Iterator[Frame]:
         """Load frames, one at a time."""
         for record in records:
-            yield plane_of(session.load(record), plane)
+            frame = session.load(record)
+            # Each plane reads the frame again. A simulated camera has the same noise whenever it begins.
+            if plane in (None, PLANES[0]) and not frame.camera.simulated:
+                self.frames_sha256 |= set(_keys([frame]))
+            yield plane_of(frame, plane)
             self._done += 1
             self._report(self._done, self._total)
 
@@ -52,8 +58,8 @@ def require_patches(asked: Iterable[str], known: Sequence[str], purpose: str) ->
 def require_distinct(sessions: Sequence[Session]) -> None:
     """Refuse sessions that share frames or readings: given twice, they would count as measured twice.
 
-    Frames are the same if their pixels and exposures are, whatever their files and times; those of one value
-    throughout, dark or saturated, may be alike. Readings are the same if their value and time are.
+    Frames are the same if their pixels and exposures are, whatever their files and times. Readings are the same if
+    their value and time are.
 
     Raises
     ------
@@ -62,8 +68,7 @@ def require_distinct(sessions: Sequence[Session]) -> None:
     """
     seen: dict[str, Session] = {}
     for session in sessions if len(sessions) > 1 else ():
-        frames = (session.load(record) for record in session.frames())
-        keys = [pixels_sha256(frame) for frame in frames if frame.dn.min() < frame.dn.max()]
+        keys = _keys(session.load(record) for record in session.frames())
         keys += [f"{one.patch}\n{one.reading.value} {one.reading.timestamp}" for one in session.readings()]
         shared = [seen[key] for key in keys if key in seen]
         if shared:
@@ -74,6 +79,11 @@ def require_distinct(sessions: Sequence[Session]) -> None:
                 f"{shared[0].path}: nothing new was measured; give each session once, and no copy of it{other}"
             )
         seen |= dict.fromkeys(keys, session)
+
+
+def _keys(frames: Iterable[Frame]) -> list[str]:
+    """Hashes of the pixels of frames, but not of those of one value throughout: others may be alike."""
+    return [pixels_sha256(frame) for frame in frames if frame.dn.min() < frame.dn.max()]
 
 
 def measured_in(session: Session, calibration: AnyCalibration) -> bool:

@@ -55,7 +55,7 @@ def verify_session(
     ------
     CalibrationError
         As `labcdp.calibration.verify.verify.verify`, if the lens is another, and if the calibration was made from
-        this session: it would conform whatever has changed.
+        this session or frames of it: it would conform whatever has changed.
     SessionError
         If a file is missing or altered.
     InputError
@@ -70,9 +70,16 @@ def verify_session(
             "session"
         )
     observed, calibration = observe_calibrated(session, calibration, without, report, certificate)
+    shared = observed.frames_sha256.intersection(calibration.provenance.frames_sha256)
+    if shared:
+        raise CalibrationError(
+            f"{len(shared)} of the {len(observed.frames_sha256)} frames of session {session.path} are frames that the "
+            "calibration was made from, which cannot verify it: measure again in a new session"
+        )
     seen = observed.by_plane, observed.darks_by_plane
     result = verify(calibration, *seen, observed.readings, observed.meter_scale, tolerance_rel)
-    return replace(result, findings=(*result.findings, *mismatch(session.configuration, calibration))), observed
+    findings, frames = mismatch(session.configuration, calibration), tuple(sorted(observed.frames_sha256))
+    return replace(result, findings=(*result.findings, *findings), frames_sha256=frames), observed
 
 
 def verification_result(verification: Verification, title: str, inputs: Sequence[InputFile] = ()) -> Result:

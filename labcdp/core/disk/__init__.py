@@ -3,6 +3,7 @@
 Whatever is wrong with a file becomes one line of `InputError` that names the file and quotes little of it.
 """
 
+from .documents import number_of as number_of
 from .documents import parse_json as parse_json
 from .documents import parse_toml as parse_toml
 from .documents import read_json as read_json

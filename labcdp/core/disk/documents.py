@@ -110,6 +110,13 @@ def _whole(text: str) -> int:
     return int(text)
 
 
+def number_of(value: Any) -> float:
+    """Return a number that a document holds; raises TypeError for all else, also a truth value or text."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise TypeError(f"{quoted(value)} stands where a number should")
+    return float(value)
+
+
 def parse_toml(text: str) -> dict[str, Any]:
     """Read TOML.
 

@@ -13,7 +13,7 @@ from pydantic import Field, create_model
 
 from ...calibration.frames.rounding import ROUNDING_DN2
 from ...chain import Chain, Sensor
-from ...core.disk import read_json, read_toml
+from ...core.disk import number_of, read_json, read_toml
 from ...core.disk.text import toml_text
 from ...core.errors import ConfigurationError, InputError, naming
 from ...report.files import SCHEMA
@@ -115,13 +115,13 @@ def _of_results(path: Path, sensor: Sensor) -> tuple[dict[str, Any], dict[str, s
         rows = {row["key"]: row["value"] for row in content["tables"]["characterisation"]["rows"]}
         known = {name: rows[key] for key, name in _MEASURED.items() if rows.get(key) is not None}
         # The root of a variance below 0 is given as negative: no more than temporal noise leaves.
-        values: dict[str, Any] = {name: max(float(value), 0.0) for name, value in known.items()}
+        values: dict[str, Any] = {name: max(number_of(value), 0.0) for name, value in known.items()}
         # A chain states K at 0 dB; a data set does not say at which gain it was recorded.
         gain_db = made["gain_db"]
-        values["k_dn_per_e"] /= 10 ** (float(gain_db or 0.0) / 20)
-        values |= {name: int(made[name]) for name in ("bits", "width", "height")}
+        values["k_dn_per_e"] /= 10 ** ((0.0 if gain_db is None else number_of(gain_db)) / 20)
+        values |= {name: int(number_of(made[name])) for name in ("bits", "width", "height")}
         if made.get("temperature_c") is not None:
-            values["reference_temperature_c"] = float(made["temperature_c"])
+            values["reference_temperature_c"] = number_of(made["temperature_c"])
         stated: dict[str, Any] = {name: values[name] for name in ("bits", "black_level_dn") if name in values}
         converter = _with(sensor, stated, str(path))
         wells_e = {

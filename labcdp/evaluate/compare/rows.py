@@ -8,6 +8,7 @@ from math import nan, sqrt
 from typing import Any
 
 from ...calibration.verify.history import histories
+from ...core.disk import number_of
 from ...core.errors import InputError
 from ..bench.quantities import RESPONSIVITY
 from .grid import Uncertain
@@ -125,8 +126,8 @@ def _parts(u: float, u_own: float, own: str, other: str) -> dict[str, float]:
 
 
 def _number(value: Any) -> float:
-    return nan if value is None else float(value)
+    return nan if value is None else number_of(value)
 
 
 def _percent(fraction: Any) -> str:
-    return "∞" if fraction is None else f"{100 * float(fraction):.6g} %"
+    return "∞" if fraction is None else f"{100 * number_of(fraction):.6g} %"

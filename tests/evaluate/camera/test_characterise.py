@@ -226,6 +226,22 @@ def test_a_converter_that_ends_first_at_a_gain_does_not_limit_the_chain(tmp_path
     assert sensor_of(preset, tmp_path).k_dn_per_e == values["k_dn_per_e"]
 
 
+def test_no_number_of_a_characterisation_is_a_truth_value_or_text(tmp_path):
+    values = {"k_dn_per_e": 0.6, "black_level_dn": 64.0, "full_well_e": 1682.0, "dark_noise_e": 5.0}
+    made = {"gain_db": 0.0, "bits": 12, "width": 300, "height": 300, "temperature_c": 30.0, "saturation_limit": ""}
+    rows = [{"key": key, "value": value} for key, value in values.items()]
+    document = {"schema": SCHEMA, "kind": "characterise", "configuration": made}
+    document["tables"] = {"characterisation": {"rows": rows}}
+    numbers = [(made, key) for key, value in made.items() if value != ""] + [(row, "value") for row in rows]
+    for row, key in numbers:
+        kept = row[key]
+        for row[key] in (True, False, str(kept)):
+            (tmp_path / "results.json").write_text(json.dumps(document))
+            with pytest.raises(InputError, match="lacks a part of the results of labcdp characterise"):
+                sensor_of("imx250", tmp_path)
+        row[key] = kept
+
+
 def test_a_characterised_camera_is_a_chain(recorded, tmp_path):
     """What is measured of the example session is what the sensor has, and the file of the chain holds it."""
     path, found = tmp_path / "results.json", characterise_session(recorded)

@@ -18,6 +18,8 @@ from labcdp.evaluate.bench.session_result import session_result
 from labcdp.evaluate.compare.compare import compare_subjects
 from labcdp.evaluate.compare.grid import Uncertain, difference
 from labcdp.evaluate.compare.result import compare_result
+from labcdp.evaluate.compare.rows import values_of
+from labcdp.evaluate.compare.subject import read_subjects
 from labcdp.report.files import envelope
 
 from ...conftest import valid
@@ -225,3 +227,29 @@ def test_what_cannot_be_compared_is_refused_in_a_line(chains, results):
     ):
         with pytest.raises(InputError, match=message):
             compare_subjects(subjects)
+
+
+def test_no_number_of_results_is_a_truth_value_or_text(results):
+    """Wherever a value is read, true and text in its place are refused; what is not read does not matter."""
+    for content in (deepcopy(results), characterised(3.0, "0").to_dict()):
+        right, places = values_of(read_subjects([written(content)] * 2)[0]), list(numbers(content["tables"]))
+        refused = 0
+        for row, key in places:
+            kept = row[key]
+            for wrong in (True, str(kept)):
+                row[key] = wrong
+                try:
+                    found = values_of(read_subjects([written(content)] * 2)[0])
+                except InputError:
+                    refused += 1
+                else:
+                    assert repr(found) == repr(right), (key, wrong)
+            row[key] = kept
+        assert refused >= 2
+
+
+def numbers(tables):
+    """Places of the numbers in tables, as row and key."""
+    for table in tables.values():
+        for row in table["rows"]:
+            yield from ((row, key) for key, value in row.items() if type(value) in (int, float))

@@ -96,7 +96,7 @@ def _exists(path: Path) -> SessionError:
 def _temporary_folder(path: Path, end: ExitStack) -> Path:
     """Make a locked folder beside `path`, whatever is left of which is removed at the end."""
     while True:
-        making = path.parent / f".{path.name}.{secrets.token_hex(4)}.part"
+        making = _part(path)
         making.mkdir()
         end.callback(shutil.rmtree, making, ignore_errors=True)
         # Another process may have removed it before it was locked, as an unfinished one.
@@ -106,8 +106,13 @@ def _temporary_folder(path: Path, end: ExitStack) -> Path:
                 return making
 
 
+def _part(path: Path) -> Path:
+    """Name beside a session's folder of one that is being made or removed."""
+    return path.parent / f".{path.name}.{secrets.token_hex(4)}.part"
+
+
 def _remove_unfinished(path: Path) -> None:
-    """Remove what processes left that were killed while they made this session; what a process holds is kept."""
+    """Remove what processes left that were killed while they made or removed it; what a process holds is kept."""
     name = re.compile(re.escape(f".{path.name}.") + "[0-9a-f]{8}[.]part")
     for unfinished in [one for one in path.parent.iterdir() if name.fullmatch(one.name)]:
         with suppress(OSError), ExitStack() as end:
@@ -141,15 +146,16 @@ def _make(folder: Path, configuration: SessionConfiguration, compress: bool, clo
 
 def remove_session(folder: Path, recorded: Iterable[str]) -> None:
     """Remove a session with its folder; raises SessionError, and removes nothing, if the folder holds anything else."""
-    own = {JOURNAL, FORMER_END, FRAMES, *recorded}
+    own, folder = {JOURNAL, FORMER_END, FRAMES, *recorded}, folder.resolve()
     with reported(folder, "removed"):
         others = {path.relative_to(folder).as_posix() for path in folder.rglob("*")} - own
         if others:
             raise SessionError(f"{folder} holds {min(others)}, which is not of the session: give a new folder")
-        for name in own - {FRAMES}:
-            (folder / name).unlink(missing_ok=True)
-        (folder / FRAMES).rmdir()
-        folder.rmdir()
+        # First of all it loses its name: what a kill leaves is no session in part.
+        removed = _part(folder)
+        os.rename(folder, removed)
+        fsync_folder(folder.parent)
+        shutil.rmtree(removed)
 
 
 def unrecorded(folder: Path, entries: Sequence[Entry]) -> list[str]:

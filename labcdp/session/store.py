@@ -285,16 +285,18 @@ class Session:
         return event_record(self._writer().append(kind, content))
 
     def remove(self) -> None:
-        """Remove a closed session with its folder.
+        """Remove a session that is open for writing, with its folder, and close it.
 
         Raises
         ------
         SessionError
             If the folder holds anything else, or a file of the session was altered; then nothing is removed.
         """
+        self._writer()
         if self.problems():
             raise SessionError(f"{self.path} was altered and is not removed: give a new folder")
         remove_session(self.path, [entry.file.name for entry in self._entries if entry.file])
+        self.close()
 
     def _require_patch(self, patch: str) -> None:
         names = [known.name for known in self.configuration.target.patches]

@@ -11,7 +11,7 @@ import pytest
 
 from labcdp.regions import save_regions
 from labcdp.regions.shapes import RectangleShape
-from labcdp.session import Session
+from labcdp.session import Session, SessionConfiguration, example_session
 
 from ..conftest import wait_until
 from ..evaluate.video.videos import MOVING, STILL, driving, write
@@ -152,3 +152,19 @@ def test_a_simulated_acquisition_that_is_killed_again_and_again_has_the_data_of_
         n_kills += 1
     assert n_kills >= 2
     assert recorded(Session.open(tmp_path / "out")) == recorded(Session.open(tmp_path / "whole"))
+
+
+def test_an_acquisition_killed_while_it_replaces_a_session_of_an_earlier_plan_begins_again(tmp_path, labcdp):
+    """The earlier session has no records yet: its plan was refused, and corrected since."""
+    example = example_session()
+    arguments = ("acquire", example / "session.toml", "out", "--replay", example)
+    configuration = SessionConfiguration.load(example / "session.toml")
+    # As many calls as it takes to remove one and to make the other.
+    for call in range(1, 28):
+        shutil.rmtree(tmp_path / "out", ignore_errors=True)
+        Session.create(tmp_path / "out", configuration.model_copy(update={"operator": "another"})).close()
+        assert labcdp(*arguments, environment={KILLED_AT: str(call)}).returncode == -signal.SIGKILL
+        done = labcdp(*arguments)
+        assert done.returncode == 0, (call, done.stderr)
+        assert os.listdir(tmp_path) == ["out"]
+        assert Session.open(tmp_path / "out").configuration == configuration

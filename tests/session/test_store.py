@@ -169,12 +169,18 @@ def test_a_session_is_removed_without_files_of_others_only(path, configuration, 
     Session.create(path, configuration).close()
     (path / name).write_bytes(b"mine")
     before = contents(path)
-    with pytest.raises(SessionError, match="which is not of the session"):
-        Session.open(path).remove()
+    with (
+        Session.open(path, writable=True) as session,
+        pytest.raises(SessionError, match="which is not of the session"),
+    ):
+        session.remove()
     assert contents(path) == before
     (path / name).unlink()
-    Session.open(path).remove()
-    assert not path.exists()
+    with pytest.raises(SessionError, match="not open for writing"):
+        Session.open(path).remove()
+    with Session.open(path, writable=True) as session:
+        session.remove()
+    assert not any(path.parent.iterdir())
 
 
 def test_one_frame_that_cannot_be_recorded_takes_back_the_whole_batch(session, make_frame):

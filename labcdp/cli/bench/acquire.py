@@ -174,10 +174,12 @@ def _open_or_create(path: Path, source: Path, wanted: SessionConfiguration, cloc
         return Session.create(path, wanted, clock=clock)
     session = Session.open(path, writable=True, clock=clock)
     if session.configuration != wanted:
-        session.close()
-        if not any(isinstance(record, FrameRecord | ReadingRecord) for record in session.records):
-            # Refused before the first frame; the plan was corrected since.
-            session.remove()
+        with session:
+            bare = not any(isinstance(record, FrameRecord | ReadingRecord) for record in session.records)
+            if bare:
+                # Refused before the first frame; the plan was corrected since.
+                session.remove()
+        if bare:
             return Session.create(path, wanted, clock=clock)
         raise SessionError(
             f"{path} was started with another configuration than {source}: use its own "

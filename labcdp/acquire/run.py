@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 
 from ..core.clock import Clock, SystemClock, exposure_text
+from ..core.errors import SessionError
 from ..core.roi import Roi
 from ..drivers.camera import Camera
 from ..drivers.camera_settings import FeatureValue
@@ -23,7 +25,7 @@ from .checks import (
     check_repeats,
     check_scatter,
 )
-from .control import Announced, Control, Progress, Report
+from .control import AcquisitionStoppedError, Announced, Control, Progress, Report
 from .frames import FrameRecorder
 from .live import measured_black_dn
 from .operator import HandNeededError, LensCap, Operator
@@ -113,23 +115,44 @@ def acquire(
     if is_complete(session):
         session.require_files()
         return ()
-    _begin(session, camera, meter)
-    control = control or Control()
-    frames = FrameRecorder(session, camera, report, clock or SystemClock(), control, bench)
-    frames.warm_up()
-    run = _Run(session, operator, frames, ReadingRecorder(session, meter, operator, report, control, bench))
-    left: list[Left] = []
-    if session.exposures_s is None:
-        try:
-            _search(session, camera, operator, run.cap, frames, report)
-        except HandNeededError as hand:
-            left.append(Left("exposure search", str(hand)))
-    left += run.all_units()
+    with _losses_named(session):
+        _begin(session, camera, meter)
+        control = control or Control()
+        frames = FrameRecorder(session, camera, report, clock or SystemClock(), control, bench)
+        frames.warm_up()
+        run = _Run(session, operator, frames, ReadingRecorder(session, meter, operator, report, control, bench))
+        left: list[Left] = []
+        if session.exposures_s is None:
+            try:
+                _search(session, camera, operator, run.cap, frames, report)
+            except HandNeededError as hand:
+                left.append(Left("exposure search", str(hand)))
+        left += run.all_units()
     # Anything may have been deleted since it was recorded.
     session.require_files()
     if not left:
         session.add_event("complete", {})
     return tuple(left)
+
+
+@contextmanager
+def _losses_named(session: Session) -> Iterator[None]:
+    """Where the block ends early, name recorded files that were deleted or altered meanwhile.
+
+    Who stops the block learns that data are not safe, by the SessionError; with another error, it is a warning.
+    """
+    try:
+        yield
+    except SessionError:
+        raise
+    except BaseException as error:
+        try:
+            session.require_files()
+        except SessionError as lost:
+            if isinstance(error, AcquisitionStoppedError) or not isinstance(error, Exception):
+                raise
+            _log.warning("%s", lost)
+        raise
 
 
 def _begin(session: Session, camera: Camera, meter: Meter) -> None:

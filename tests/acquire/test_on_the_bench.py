@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from labcdp.acquire import AcquisitionStoppedError, Control, is_complete
+from labcdp.cli.app import EndedBySignal
 from labcdp.core.errors import InputError, SessionError
 from labcdp.drivers.camera import MOST_REFUSED, CameraNotFoundError, CameraSettingError, IncompleteFrameError
 from labcdp.drivers.meter import MeterError
@@ -205,3 +206,23 @@ def test_frames_that_are_deleted_or_cut_while_others_are_taken_are_named_at_the_
         with pytest.raises(SessionError, match=r"is missing or was altered since it was recorded.*--replace-damaged"):
             on.acquire(report=spoil)
         assert not is_complete(on.session)
+
+
+@pytest.mark.parametrize(
+    ("end", "raised"),
+    [
+        (AcquisitionStoppedError("stopped"), SessionError),
+        (EndedBySignal(15), SessionError),
+        (CameraNotFoundError("gone"), CameraNotFoundError),
+    ],
+)
+def test_frames_that_are_deleted_are_named_however_the_acquisition_ends(changed, on_bench, caplog, end, raised):
+    def spoil(progress):
+        path = next((on.session.path / "frames").glob("0003_*"), None)
+        if path is not None and progress.step == "dark frames":
+            path.unlink()
+            raise end
+
+    with on_bench(changed()) as on, pytest.raises(raised) as caught:
+        on.acquire(report=spoil)
+    assert "0003_" in (str(caught.value) if raised is SessionError else caplog.text)

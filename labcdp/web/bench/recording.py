@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from ...acquire import AcquisitionStoppedError, Control, acquire, forget
 from ...acquire.control import STOPPED, no_bare_session, warnings_to
 from ...acquire.operator import AskedOperator
-from ...core.errors import InputError, LabcdpError
+from ...core.errors import InputError, LabcdpError, SessionError
 from ...drivers.meter import Meter
 from ...regions import Shape
 from ...session import Session, SessionConfiguration
@@ -220,7 +220,7 @@ class Recording:
                 self.report = _report(session)
         except LabcdpError as error:
             # Stopping also ends the wait for a lost device, which is no error then.
-            why = STOPPED if self.control.stopped else error
+            why = STOPPED if self.control.stopped and not isinstance(error, SessionError) else error
             kept = f"; {self.folder} holds what was recorded" if self.folder.exists() else ""
             self.outcome = f"Stopped: {why}{kept}"
         else:

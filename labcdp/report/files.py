@@ -41,19 +41,22 @@ def envelope(result: Result) -> dict[str, Any]:
     result : Result
         What to write. Fractions stay fractions, with unit ``1``; unknown and infinite values are null.
     """
-    return {
-        "schema": SCHEMA,
-        "schema_version": SCHEMA_VERSION,
-        "kind": result.kind,
-        "title": result.title,
-        "versions": {name: version(name) for name in _PACKAGES},
-        "simulated": result.simulated,
-        "seed": result.seed,
-        "inputs": [asdict(one) for one in result.inputs],
-        "configuration": json_values(result.configuration),
-        "findings": [json_values(asdict(one) | {"text": finding_text(one)}) for one in result.findings],
-        "tables": {table.name: _table(table) for table in result.tables},
-    }
+    content: dict[str, Any] = json_values(
+        {
+            "schema": SCHEMA,
+            "schema_version": SCHEMA_VERSION,
+            "kind": result.kind,
+            "title": result.title,
+            "versions": {name: version(name) for name in _PACKAGES},
+            "simulated": result.simulated,
+            "seed": result.seed,
+            "inputs": [asdict(one) for one in result.inputs],
+            "configuration": result.configuration,
+            "findings": [asdict(one) | {"text": finding_text(one)} for one in result.findings],
+            "tables": {table.name: _table(table) for table in result.tables},
+        }
+    )
+    return content
 
 
 def envelope_json(result: Result) -> str:
@@ -104,7 +107,7 @@ def _table(table: Table) -> dict[str, Any]:
             for one in table.columns
         ],
         "rows": [
-            {name: json_values(_unit(value) if name in unit_columns else value) for name, value in row.items()}
+            {name: _unit(value) if name in unit_columns else value for name, value in row.items()}
             for row in table.rows()
         ],
     }

@@ -97,3 +97,12 @@ def test_a_video_of_such_a_name_is_resumed(renamed, tmp_path):
         "Pr-xfcf--xff",
         "b",
     ]
+
+
+def test_a_session_of_such_a_name_is_evaluated_as_before(inputs, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    name = NAMES["bytes"]
+    shutil.copytree(inputs / "s", name)
+    assert run("evaluate", name, "--recalibrate", "--output", f"out-{name}") == ""
+    again = ("--against", f"out-{name}/results.json", "--output", f"again-{name}")
+    assert run("evaluate", name, "--recalibrate", *again) == ""

@@ -10,6 +10,7 @@ from typing import Any, Literal
 from ..acquire import acquire
 from ..calibration import save
 from ..chain import preset_text
+from ..core.disk.files import shell_word
 from ..core.errors import InputError
 from ..core.result import Result, info
 from ..core.table import Column, Table
@@ -140,7 +141,7 @@ def init(
     else:
         written = text() if preset is None else preset_text(preset)
     write_file(path, written.encode(), force=force)
-    command = following.format(file=file)
+    command = following.format(file=shell_word(file))
     columns = (Column("template", "template"), Column("next_command", "next command"))
     table = Table("template", "Template", columns, {"template": [template], "next_command": [command]}, detail=True)
     print_result(Result("init", str(file), (table,)), f"Written: {file}", f"Next: {command}")

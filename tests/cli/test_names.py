@@ -6,6 +6,8 @@ import shutil
 
 import pytest
 
+from labcdp.chain import Chain
+
 from ..conftest import valid
 from .test_foreign_files import run
 
@@ -106,3 +108,14 @@ def test_a_session_of_such_a_name_is_evaluated_as_before(inputs, tmp_path, monke
     assert run("evaluate", name, "--recalibrate", "--output", f"out-{name}") == ""
     again = ("--against", f"out-{name}/results.json", "--output", f"again-{name}")
     assert run("evaluate", name, "--recalibrate", *again) == ""
+
+
+@pytest.mark.parametrize("kind", NAMES)
+def test_a_chain_of_a_sensor_and_a_preset_of_any_name(renamed, tmp_path, kind):
+    name = NAMES[kind]
+    renamed(name)
+    with open(f"{name}-sheet.toml", "w") as file:
+        file.write("[emva1288]\nk_dn_per_e = 0.25\n")
+    assert run("init", "chain", f"new-{name}.toml", "--preset", f"{name}.toml", "--sensor", f"{name}-sheet.toml") == ""
+    ((_, sensor),) = Chain.load(f"new-{name}.toml").sensors
+    assert sensor.k_dn_per_e == 0.25

@@ -85,7 +85,7 @@ def _value(value: object) -> str:
         return str(value).lower()
     if isinstance(value, str):
         # JSON's escapes are TOML's too; TOML also wants DEL escaped.
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+        return json.dumps(encodable(value), ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, int | float):
         return repr(value)
     if isinstance(value, date):

@@ -15,7 +15,7 @@ from ...calibration.frames.rounding import ROUNDING_DN2
 from ...chain import Chain, Sensor
 from ...core.disk import number_of, read_json, read_toml
 from ...core.disk.text import toml_text
-from ...core.errors import ConfigurationError, InputError, naming
+from ...core.errors import ConfigurationError, InputError, naming, printable
 from ...report.files import SCHEMA
 from ...session.tables import Number, Positive, Table
 from ...session.validation import validated
@@ -97,12 +97,13 @@ def chain_text(preset: str, path: Path) -> str:
 
 def commented_toml(head: Sequence[str], document: Mapping[str, Any], comments: Mapping[tuple[str, str], str]) -> str:
     """Return a document as TOML below lines of comment, with comments behind values, by table and key."""
-    lines, table = [f"# {line}" for line in head], ""
+    # Files that they name may have any name, also of several lines.
+    lines, table = [f"# {printable(line)}" for line in head], ""
     for line in toml_text(document).splitlines():
         table = line.strip("[]") if line.startswith("[") else table
         key, equals, _ = line.partition(" = ")
         comment = comments.get((table, key)) if equals else None
-        lines.append(f"{line}  # {comment}" if comment else line)
+        lines.append(f"{line}  # {printable(comment)}" if comment else line)
     return "\n".join(lines) + "\n"
 
 

@@ -9,7 +9,7 @@ from math import inf
 from typing import Any, TypeAlias
 
 from ...core.clock import exposure_text
-from ...core.errors import CalibrationError
+from ...core.errors import CalibrationError, InputError
 from ...core.frame import CameraIdentity, Frame, Readout, nominal_black_dn
 from ...core.vignetting import AnyVignetting
 from .nonuniformity import Nonuniformity
@@ -18,6 +18,8 @@ from .statistics import Level, lines_variance_dn2
 
 #: Largest difference of equal gains, which cameras report rounded.
 GAIN_TOLERANCE_DB = 1e-6
+#: Largest height and width of an image.
+_MOST_SIDE = 2**20
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,12 @@ class CameraState:
     plane: str | None = None
     readout: Readout | None = None
     black_level_register: float | None = None
+
+    def __post_init__(self) -> None:
+        if not all(1 <= side <= _MOST_SIDE for side in self.image_shape):
+            raise InputError(f"image_shape is {self.image_shape}: give height and width in pixels, up to {_MOST_SIDE}")
+        if not 1 <= self.bit_depth <= 16:
+            raise InputError(f"bit_depth is {self.bit_depth}: give 1 to 16 bits")
 
     @classmethod
     def of(cls, frame: Frame) -> CameraState:

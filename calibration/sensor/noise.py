@@ -19,6 +19,8 @@ from ..frames.statistics import MAX_CLIPPED_SHARE
 from .dark import DarkModel
 from .dark_fit import birge
 
+#: Largest K: one electron fills the largest converter.
+_MOST_K_DN_PER_E = 2.0**16
 #: Rounds of weights of a fit with a tone curve.
 _TONE_ROUNDS = 3
 Array = NDArray[np.float64]
@@ -71,6 +73,8 @@ class TemporalNoise:
             flicker_dof=self.flicker_dof,
             prnu_rel=self.prnu_rel,
         )
+        if self.k_dn_per_e > _MOST_K_DN_PER_E:
+            raise InputError(f"k_dn_per_e is {self.k_dn_per_e:g}: give DN per electron, up to {_MOST_K_DN_PER_E:g}")
 
     def covers(self, net_dn: float) -> bool:
         """Whether the tone curve is known at a signal: that of a bracket is over the bracket's range only."""

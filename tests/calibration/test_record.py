@@ -88,7 +88,11 @@ def test_altered_values_and_arrays_are_refused(calibrated, tmp_path, place, valu
     ("changes", "named"),
     [
         ({"noise": {"k_dn_per_e": -0.4}}, "k_dn_per_e"),
+        ({"noise": {"k_dn_per_e": 1e300}}, "k_dn_per_e"),
         ({"noise": {"prnu_rel": -0.01}}, "prnu_rel"),
+        ({"state": {"image_shape": [-5, 64]}}, "image_shape"),
+        ({"state": {"image_shape": [10**18, 64]}}, "image_shape"),
+        ({"state": {"bit_depth": 0}}, "bit_depth"),
         ({"dark": {"noise_dn": -1.0}}, "noise_dn"),
         ({"dark": {"covariance": [[-1.0, 0, 0], [0, 1, 0], [0, 0, 1]]}}, "variances in covariance"),
         ({"responsivity": {"random_rel": -0.01}}, "random_rel"),

@@ -24,6 +24,8 @@ from .records import SUPERSEDED, event_record
 
 CONFIGURATION = "session.toml"
 README = "README.txt"
+#: File systems have names of at most 255 bytes.
+_MOST_BYTES_OF_NAME = 200
 
 
 #: Format of the sessions this labcdp writes; it reads earlier ones too.
@@ -108,12 +110,17 @@ def _temporary_folder(path: Path, end: ExitStack) -> Path:
 
 def _part(path: Path) -> Path:
     """Name beside a session's folder of one that is being made or removed."""
-    return path.parent / f".{path.name}.{secrets.token_hex(4)}.part"
+    return path.parent / f"{_hidden(path)}{secrets.token_hex(4)}.part"
+
+
+def _hidden(path: Path) -> str:
+    """How such names begin: with what of the session's own leaves room for the rest."""
+    return os.fsdecode(os.fsencode(f".{path.name}")[:_MOST_BYTES_OF_NAME] + b".")
 
 
 def _remove_unfinished(path: Path) -> None:
     """Remove what processes left that were killed while they made or removed it; what a process holds is kept."""
-    name = re.compile(re.escape(f".{path.name}.") + "[0-9a-f]{8}[.]part")
+    name = re.compile(re.escape(_hidden(path)) + "[0-9a-f]{8}[.]part")
     for unfinished in [one for one in path.parent.iterdir() if name.fullmatch(one.name)]:
         with suppress(OSError), ExitStack() as end:
             if _lock_folder(unfinished, end):

@@ -275,3 +275,12 @@ def test_what_was_left_of_a_session_that_was_being_made_is_removed_unless_it_sti
     finally:
         os.close(descriptor)
     assert sorted(os.listdir(path.parent)) == sorted([held.name, other.name, path.name])
+
+
+@pytest.mark.parametrize("name", [255 * "a", 127 * "ü", 255 * "\udcff"])
+def test_a_session_has_any_name_that_the_file_system_allows(tmp_path, configuration, name):
+    Session.create(tmp_path / name, configuration).close()
+    assert os.listdir(tmp_path) == [name]
+    with Session.open(tmp_path / name, writable=True) as session:
+        session.remove()
+    assert os.listdir(tmp_path) == []

@@ -27,6 +27,10 @@ Reason: TypeAlias = Literal[
 ]
 
 
+#: Below any camera's, in DN s^-1 / (cd m^-2).
+_LEAST_RESPONSIVITY = 1e-30
+
+
 @dataclass(frozen=True)
 class ModelStep:
     """A candidate model.
@@ -231,7 +235,7 @@ class ResponsivityFit:
 
     def __post_init__(self) -> None:
         r = self.responsivity_dn_s_cd_m2
-        if not 0 < r < inf:
+        if not _LEAST_RESPONSIVITY < r < inf:
             raise InputError(f"responsivity_dn_s_cd_m2 is {r:g}: a camera that sees light has a positive one")
         require_not_negative(
             random_rel=self.random_rel,

@@ -29,6 +29,8 @@ CALIBRATION, VERIFICATION = "labcdp-calibration", "labcdp-verification"
 MOST_BYTES, _MOST_BYTES_VERIFICATION = 2**30, 2**26
 #: By format: its name in messages, the only version that is written and read, and what to do about an older one.
 _FORMATS = {CALIBRATION: ("calibration", 6, "calibrate again"), VERIFICATION: ("verification", 4, "verify again")}
+#: Beyond any number of a camera, of which powers would overflow.
+_LARGEST = 1e60
 #: Kinds of calibration, by the value of the key ``kind``.
 _KINDS: dict[str, type[AnyCalibration]] = {"monochrome": Calibration, "colour": ColourCalibration}
 
@@ -114,10 +116,20 @@ def _loaded(path: str | Path, file_format: str, document: dict[str, Any], kind: 
     name = _FORMATS[file_format][0]
     try:
         arrays = _arrays(document.get("arrays"))
+        _require_possible(document.get(name))
         made: _T = validated_as(_model_of(cast("Any", kind)), {"value": document.get(name)}, arrays=arrays).value
     except InputError as error:
         raise InputError(f"{name} {path}, {str(error).replace('key value.', 'key ', 1)}") from error
     return made
+
+
+def _require_possible(value: Any, key: str = "") -> None:
+    """Refuse numbers that no camera, lens or meter has; raises InputError with the first key."""
+    if isinstance(value, int | float) and abs(value) > _LARGEST:
+        raise InputError(f"key {key}: {value:g} is beyond any measurement")
+    children = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for part, child in children:
+        _require_possible(child, f"{key}.{part}" if key else f"{part}")
 
 
 def _write(path: str | Path, file_format: str, content: dict[str, Any], force: bool) -> None:

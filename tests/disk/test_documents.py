@@ -61,6 +61,7 @@ def test_a_large_file_is_not_loaded(tmp_path):
         ("toml", "a." * 100_000 + "b = 1", "is a key of more than 16 parts"),
         ("csv", "a,b\n1\n", "line 2: it has 1 cells, the header has 2: '1'"),
         ("csv", "a,b\n" + "1,2\n" * 200_001, "more than 1000 columns or 200000 rows"),
+        ("csv", "PK\3\4abcdef", "is a spreadsheet or an archive, not text: save it as CSV"),
     ],
 )
 def test_text_that_is_refused(tmp_path, read, text, message):

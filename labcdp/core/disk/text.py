@@ -162,6 +162,8 @@ def read_csv(path: AnyPath, what: str) -> CsvTable:
         If it cannot be read, is no text or empty, or a row has more or fewer cells than the header; names the line.
     """
     data = read_bytes(path, what, _MOST_BYTES)
+    if data.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
+        raise InputError(f"{path} is a spreadsheet or an archive, not text: save it as CSV in UTF-8")
     try:
         text = data.decode("utf-16" if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "utf-8-sig")
     except UnicodeDecodeError as caught:

@@ -21,7 +21,7 @@ from .meter import read_patches, scale_errors
 from .recorder import LIGHT_S, READ_S, Recorder
 from .target import Pair, Target, asked_pair, calibration_target, measured_range, use_target
 from .truth import cdp, true_pixels
-from .world import BRIGHTEST_CD_M2, HEIGHT, WIDTH, World
+from .world import BRIGHTEST_CD_M2, DOUBLING_K, HEIGHT, WIDTH, World
 
 QUANTITIES = ("luminance", "contrast", "cdp")
 #: Light and dark frames of each exposure, and those of a flat field.
@@ -91,15 +91,31 @@ def _measured(world: World, rng: np.random.Generator, folder: Path) -> Outcome:
             response="debevec" if world.bracket else None,
         ).calibration
     pair, single_cd_m2 = asked_pair(device, rng), float(np.exp(rng.uniform(*np.log(measured_range(world)))))
-    target = use_target(world, pair, single_cd_m2, rng)
     # The lamp stays as it is, the meter too, and nobody misreads it.
-    after = replace(world, wrong_reading_rel=0.0, recalibrated="", drift_rel=0.0)
+    after = later(replace(world, wrong_reading_rel=0.0, recalibrated="", drift_rel=0.0), rng)
+    recorder.device = device = replace(device, world=after)
+    target = use_target(after, pair, single_cd_m2, rng)
     shown = read_patches(after, target.luminance_cd_m2, scales, rng, LIGHT_S, READ_S)
     breathing = 1 + world.breathing_rel * float(rng.normal())
     asked = {"bright": "B", "dark": "D", "contrast": pair.contrast, "epsilon": pair.epsilon}
     with recorder.record("use", target, shown, frames=(FRAMES[0], 2), contrast=asked, after=breathing) as session:
         evaluation = session.evaluate(calibration).evaluation
     return _compared(device, calibration, evaluation, pair, target, rng)
+
+
+def later(world: World, rng: np.random.Generator) -> World:
+    """Return what a world is like when the session that is evaluated is recorded."""
+    if not world.later:
+        return world
+    changes: dict[str, Any] = dict(world.later)
+    warmer_k, shift_dn = (changes.pop(name, 0.0) * float(rng.normal()) for name in ("warmer_k", "black_shift_dn"))
+    return replace(
+        world,
+        temperature_c=world.temperature_c + warmer_k,
+        dark_current_e_s=world.dark_current_e_s * 2 ** (warmer_k / DOUBLING_K),
+        black_dn=world.black_dn + shift_dn,
+        **changes,
+    )
 
 
 def _flat_field(recorder: Recorder, rng: np.random.Generator) -> labcdp.Session:

@@ -148,9 +148,10 @@ def expose(
     """Take a frame of a scene; 0 for the lens cap."""
     world = device.world
     # Not below 0: a lamp that flickers still shines.
-    flicker = max(1 + world.flicker_rel * rng.normal(), 0.0)
+    flicker = max(1 + world.flicker_rel * min(1.0, world.flicker_period_s / exposure_s) * rng.normal(), 0.0)
     light = veiled(np.broadcast_to(scene_cd_m2, device.prnu.shape) * device.vignetting * flicker, world.glare_rel)
-    mean_e = device.responsivity_e_s_cd_m2 * breathing * exposure_s * light * device.filters * device.prnu
+    exposed_s = exposure_s + world.exposure_offset_s
+    mean_e = device.responsivity_e_s_cd_m2 * breathing * exposed_s * light * device.filters * device.prnu
     rows_dn = world.row_dn * rng.normal(size=(HEIGHT, 1))
     offset_dn = device.column_dn + rows_dn + world.black_drift_dn * rng.normal() + world.k_dn_per_e * device.dsnu_e
     return digitised(curved(analogue_dn(electrons(mean_e, world, exposure_s, rng), world, offset_dn, rng), world))

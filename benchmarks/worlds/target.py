@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -24,12 +24,15 @@ class Target:
         Signal of each patch by filter, relative to grey; empty for grey.
     scene : ndarray of float, shape (height, width)
         Light as the camera receives it, the colours included.
+    shape : dict of str to ndarray of float
+        Light of each pixel of a region, relative to what the meter sees of the patch.
     """
 
     regions: dict[str, tuple[int, int, int, int]]
     luminance_cd_m2: dict[str, float]
     colour: dict[str, dict[str, float]]
     scene: Array
+    shape: dict[str, Array] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -75,14 +78,27 @@ def _target(
     height, width = HEIGHT // side, WIDTH // side // 2 * 2
     scene = np.full((HEIGHT, WIDTH), around_cd_m2)
     coloured = rng.permutation(len(patches)) < world.coloured * len(patches)
-    regions, colours = {}, {}
+    regions, colours, shapes = {}, {}, {}
     for (name, (place, value)), has_colour in zip(patches.items(), coloured, strict=True):
         y, x = place // side * height, place % side * width
         colours[name] = random_colour(rng) if has_colour else {}
-        seen = value * (1 + world.scatter_rel * rng.normal())
-        scene[y : y + height, x : x + width] = seen * filter_pattern(colours[name], (height, width))
+        seen, shape = value * (1 + world.scatter_rel * rng.normal()), shape_in_patch(world, height, width, margin, rng)
+        scene[y : y + height, x : x + width] = seen * shape * filter_pattern(colours[name], (height, width))
+        shapes[name] = shape[margin : height - margin, margin : width - margin].ravel()
         regions[name] = (x + margin, y + margin, width - 2 * margin, height - 2 * margin)
-    return Target(regions, {name: value for name, (_, value) in patches.items()}, colours, scene)
+    return Target(regions, {name: value for name, (_, value) in patches.items()}, colours, scene, shapes)
+
+
+def shape_in_patch(world: World, height: int, width: int, margin: int, rng: np.random.Generator) -> Array:
+    """Light across a patch, relative to what the meter sees of it: the middle third of its region."""
+    if not (world.gradient_rel or world.hot_spot_rel):
+        return np.ones((height, width))
+    v, u = ((np.arange(n) + 0.5 - n / 2) / (n - 2 * margin) for n in (height, width))
+    angle = rng.uniform(0, 2 * np.pi)
+    gradient = world.gradient_rel * (np.cos(angle) * u[None, :] + np.sin(angle) * v[:, None])
+    spot = 1 - 2 * world.hot_spot_rel * (u[None, :] ** 2 + v[:, None] ** 2)
+    middle = (np.abs(v) < 1 / 6)[:, None] & (np.abs(u) < 1 / 6)[None, :]
+    return np.asarray((1 + gradient) * spot / spot[middle].mean())
 
 
 def measured_range(world: World) -> tuple[float, float]:

@@ -46,6 +46,7 @@ def true_pixels(
     luminance_cd_m2, colour = target.luminance_cd_m2[patch], target.colour[patch]
     x, y, width, height = target.regions[patch]
     v = np.resize(device.vignetting[y : y + height, x : x + width].ravel(), PIXELS)
+    light_cd_m2 = luminance_cd_m2 * np.resize(target.shape[patch], PIXELS)
     total = sum(weight * colour.get(plane, 1.0) for plane, weight in weights.items())
     values = np.zeros(PIXELS)
     for plane, weight in weights.items():
@@ -53,7 +54,7 @@ def true_pixels(
         prnu = 1 if "prnu" in without else 1 + world.prnu_rel * rng.normal(size=PIXELS)
         dsnu_dn = 0 if "dsnu" in without else world.k_dn_per_e * world.dsnu_e * rng.normal(size=PIXELS)
         lines_dn = np.hypot(world.column_dn, world.row_dn) * rng.normal(size=PIXELS)
-        charge_e = electrons(per_cd_m2 * luminance_cd_m2 * colour.get(plane, 1.0) * prnu, world, exposure_s, rng)
+        charge_e = electrons(per_cd_m2 * light_cd_m2 * colour.get(plane, 1.0) * prnu, world, exposure_s, rng)
         dn = digitised(curved(analogue_dn(charge_e, world, dsnu_dn + lines_dn, rng), world))
         dark_dn = world.black_dn + world.k_dn_per_e * world.dark_current_e_s * exposure_s
         net_dn = straightened(dn.astype(float), world) - dark_dn

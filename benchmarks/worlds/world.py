@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 from typing import Literal
 
 #: Pixels of the sensor, and full scale of its 12 bits.
 HEIGHT, WIDTH = 96, 128
 FULL_SCALE_DN = 4095
 PITCH_M, FOCAL_LENGTH_M = 5e-6, 1.5e-3
+#: Change of temperature that doubles the dark current.
+DOUBLING_K = 7.0
 BRIGHTEST_CD_M2 = 500.0
 #: Signal of the brightest patch at the shortest exposure, as a share of the range above black.
 BRIGHTEST_SHARE = 0.6
@@ -55,6 +58,8 @@ class World:
         Standard deviation between the light that camera and meter receive from a patch.
     flicker_rel : float
         Standard deviation of the lamp from frame to frame.
+    flicker_period_s : float
+        Exposures that are longer see as much less of it.
     drift_rel : float
         Loss of the lamp from the first frame to the end of the calibration.
     lamp_step_rel : float
@@ -79,6 +84,20 @@ class World:
         Exposure times.
     darkest_cd_m2 : float
         Luminance of the darkest patch.
+    gradient_rel : float
+        Change of the light across each patch, from edge to edge, in a random direction; in both sessions.
+    hot_spot_rel : float
+        How much brighter the middle of each patch is than its edge; the meter sees the middle third, in both sessions.
+    exposure_offset_s : float
+        Added to each exposure time by the camera, which does not say so.
+    temperature_c : float
+        Of the camera.
+    stated_temperature : bool
+        Whether frames state the camera's temperature.
+    later : tuple of (str, float)
+        What is otherwise in the session that is evaluated: names of these parameters and their values, and
+        ``warmer_k``, the standard deviation of the camera's temperature from that of the calibration (its dark current
+        doubles every 7 K), and ``black_shift_dn``, that of its black level.
     """
 
     name: str = "ideal"
@@ -104,6 +123,7 @@ class World:
     glare_rel: float = 0.0
     scatter_rel: float = 0.0
     flicker_rel: float = 0.0
+    flicker_period_s: float = inf
     drift_rel: float = 0.0
     lamp_step_rel: float = 0.0
     drift_spread_rel: float = 0.0
@@ -118,12 +138,18 @@ class World:
     patches: int = 10
     exposures_s: tuple[float, ...] = (1e-3, 1e-2, 1e-1)
     darkest_cd_m2: float = 0.5
+    gradient_rel: float = 0.0
+    hot_spot_rel: float = 0.0
+    exposure_offset_s: float = 0.0
+    temperature_c: float = 30.0
+    stated_temperature: bool = True
+    later: tuple[tuple[str, float], ...] = ()
 
 
 _FIVE_EXPOSURES = (1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
 _BRACKET = tuple(1e-3 * 2**i for i in range(8))
 _VIGNETTING = ("vignetting-",)
-_EXPOSURES = ("exposures-scatter", "exposure-deviates")
+_EXPOSURES = ("exposures-scatter", "exposure-deviates", "exposures-offset")
 _READINGS = ("reading-contradicts", "patch-contradicts", "readings-scatter")
 
 WORLDS = (
@@ -132,7 +158,7 @@ WORLDS = (
     World("patch scatter 1 %", ("patches-scatter",), scatter_rel=0.01),
     World("patch scatter 1 %, 8 patches, 4 exposures", ("patches-scatter",), scatter_rel=0.01, patches=8,
           exposures_s=(1e-3, 5e-3, 2e-2, 1e-1)),
-    World("lamp flicker 1 %", _EXPOSURES, flicker_rel=0.01),
+    World("lamp flicker 1 %", ("flicker", *_EXPOSURES), flicker_rel=0.01),
     World("lamp drift 1 %", ("drift",), drift_rel=0.01),
     World("lamp drift 3 %", ("drift",), drift_rel=0.03),
     World("dark current 100 e-/s, 1 ms to 1 s", dark_current_e_s=100, exposures_s=(1e-3, 1e-2, 1e-1, 1.0),
@@ -174,4 +200,23 @@ WORLDS = (
           flicker_rel=0.002, drift_rel=0.002, dark_current_e_s=100.0, black_drift_dn=0.1, prnu_rel=0.005, dsnu_e=2.0,
           column_dn=0.2, row_dn=0.2, vignetting="lens", correction="flat", glare_rel=0.0002, breathing_rel=0.002,
           cubic=0.01, scale_half_width_rel=0.02, resolution_cd_m2=0.01, digits=2, exposures_s=_FIVE_EXPOSURES),
+    # What the session that is evaluated brings with it, and what the calibration did not.
+    World("later: lamp flicker 1 %", later=(("flicker_rel", 0.01),)),
+    World("later: pulsed lamp, 20 %", ("flicker", *_EXPOSURES), later=(("flicker_rel", 0.2),)),
+    World("later: pulsed lamp, 20 % at 1 ms, 0.2 % at 100 ms", ("flicker", *_EXPOSURES),
+          later=(("flicker_rel", 0.2), ("flicker_period_s", 1e-3))),
+    World("pulsed lamp, 20 % at 1 ms, 0.2 % at 100 ms", ("flicker", *_EXPOSURES), flicker_rel=0.2,
+          flicker_period_s=1e-3),
+    World("later: steady lamp, flicker 5 % before", _EXPOSURES, flicker_rel=0.05, later=(("flicker_rel", 0.0),)),
+    World("later: black level 1 DN", ("dark-", "black"), later=(("black_shift_dn", 1.0),)),
+    World("later: black-level drift 0.5 DN", ("dark-", "black", *_EXPOSURES), later=(("black_drift_dn", 0.5),)),
+    World("later: 5 K warmer, 100 e-/s", ("dark-", "temperature"), dark_current_e_s=100.0, darkest_cd_m2=0.1,
+          exposures_s=(1e-3, 1e-2, 1e-1, 1.0), later=(("warmer_k", 5.0),)),
+    World("later: 5 K warmer, not stated, 100 e-/s", ("dark-", "temperature"), dark_current_e_s=100.0,
+          darkest_cd_m2=0.1, exposures_s=(1e-3, 1e-2, 1e-1, 1.0), stated_temperature=False, later=(("warmer_k", 5.0),)),
+    World("gradient 3 % in each patch", gradient_rel=0.03),
+    World("gradient 3 % in each patch, scatter 0.3 %", ("patches-scatter",), gradient_rel=0.03, scatter_rel=0.003),
+    World("hot spot 5 % in each patch, meter sees a third", ("patch-shape",), hot_spot_rel=0.05,
+          later=(("hot_spot_rel", 0.0),)),
+    World("exposures 50 µs longer than stated", _EXPOSURES, exposure_offset_s=50e-6),
 )  # fmt: skip

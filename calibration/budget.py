@@ -28,8 +28,8 @@ Array = NDArray[np.float64]
 SOURCES = (
     "meter scale", "meter digits", "meter repeatability", "meter f1'", "patch uniformity", "exposure scatter",
     "shot and read noise", "pixel sensitivity", "dark non-uniformity", "dark and temperature", BLACK_LEVEL, FLICKER,
-    "linearity", VIGNETTING, FLAT_FIELD, "exposure time", REFOCUS, "gain", "spectral mismatch", INTERCEPT, "drift",
-    "fit",
+    "linearity", VIGNETTING, FLAT_FIELD, "exposure time", "exposure offset", REFOCUS, "gain",
+    "spectral mismatch", INTERCEPT, "drift", "fit",
 )  # fmt: skip
 #: Sources whose uncertainty is not evaluated by statistics.
 _TYPE_B = (*METER_SOURCES, "spectral mismatch", "exposure time", REFOCUS, VIGNETTING)
@@ -205,8 +205,8 @@ def _of_frames(
     yield row("dark non-uniformity", stretch * uneven, case="" if any(uneven) else "not significant")
     yield row(BLACK_LEVEL, black_level, planes[0].dark.drift_dof)
     # The light is that of all planes.
-    flicker = float(shares @ [p.noise.flicker_rel for p in planes]) / sqrt(n_frames)
-    yield row(FLICKER, [flicker], planes[0].noise.flicker_dof)
+    flicker = float(shares @ [p.noise.flicker_at(exposure_s)[0] for p in planes]) / sqrt(n_frames)
+    yield row(FLICKER, [flicker], planes[0].noise.flicker_at(exposure_s)[1])
     of_flat_field = "flat field" if isinstance(planes[0].vignetting, FlatField) else ""
     yield row("pixel sensitivity", shares * [p.pixel_rel() for p in planes] / sqrt(n_pixels), case=of_flat_field)
     if isinstance(planes[0].vignetting, FlatField | RadialVignetting):
@@ -252,6 +252,7 @@ def not_included(plane: Calibration) -> dict[str, BudgetRow]:
         "linearity": (basis("linearity", "fitted"), "fit") if curved else (basis("linearity", "straight"), ""),
         VIGNETTING: (basis(VIGNETTING, "not corrected" if vignetting is None else assumed), ""),
         FLAT_FIELD: (basis(FLAT_FIELD, "none"), ""),
+        "exposure offset": (basis("exposure offset", "none"), ""),
         REFOCUS: (basis(REFOCUS, "locked"), ""),
         "gain": (basis("gain", "one"), ""),
         "spectral mismatch": (basis("spectral mismatch", light=plane.source_spectrum), ""),

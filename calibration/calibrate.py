@@ -15,11 +15,13 @@ from ..core.result import Finding, log_findings, unique
 from ..core.vignetting import AnyVignetting
 from .convert.patch import patch_luminance
 from .converter import INTERCEPT, VIGNETTING
+from .exposure_times import ExposureTimes
 from .findings import FitTest, ResponsivityFit
 from .fit import tests as fit_tests
 from .fit.candidates import candidate_models
 from .fit.demands import design_findings, fit_findings, require_every_gain, require_monotone, require_span
 from .fit.design import DRIFT, SharedError
+from .fit.exposures import with_applied_times
 from .fit.intake import Intake, take_in, take_usable
 from .fit.problem import Solution, solve
 from .fit.residuals import finite, fit_errors, fitted_rows, held_out_rows
@@ -123,7 +125,7 @@ def _fitted(
     seen = next(iter(intake.groups.values()))[0]
     # The weights of colours are fitted to the mean of all readings, which is not that of two scales.
     limits_rel = 0.0 if seen.state.plane else scale.half_width_rel
-    final, responsivity, gains, tests = _final(first, seen.vignetting, intake, limits_rel)
+    final, responsivity, gains, tests, times = _final(first, seen.vignetting, intake, limits_rel)
     scale = replace(scale, step_rel=sum(abs(t.value) for t in tests if t.finding.code == fit_tests.STEP_OF_METER))
     measured = max(reading.timestamp for group in readings.values() for reading in group)
     net_dn = final.design.net_dn
@@ -154,6 +156,7 @@ def _fitted(
         range_net_dn=(float(net_dn.min()), float(net_dn.max())) if response is None else response.range_net_dn,
         exposures_s=tuple(float(v) for v in np.unique(final.design.exposures_s[final.design.exposure])),
         exposure_jitter_s=setup.exposure_jitter_s,
+        exposure_times=times,
         residuals=residuals,
         held_out=(),
         left_out=data.left_out,
@@ -168,9 +171,12 @@ def _fitted(
 
 def _final(
     first: Solution, vignetting: AnyVignetting | None, intake: Intake, limits_rel: float
-) -> tuple[Solution, ResponsivityFit, tuple[GainSetting, ...], tuple[FitTest, ...]]:
-    """Test the assumptions of the chosen model, and fit it with the glare and the scatter that the patches show."""
+) -> tuple[Solution, ResponsivityFit, tuple[GainSetting, ...], tuple[FitTest, ...], ExposureTimes]:
+    """Test the assumptions of the chosen model, and fit it with what the patches show of them."""
     settings = intake.settings
+    as_stated = solve(first.design.without_shared(DRIFT), first.candidate)
+    design, times, of_times = with_applied_times(first.design, first.candidate)
+    first = solve(design, first.candidate)
     of_place = fit_tests.vignetting_left(first, vignetting)
     # What is beyond the stated uncertainty of the vignetting is scatter of the patches.
     beyond = of_place.significant and of_place.value > _BEYOND * fit_tests.stated_vignetting_rel(first.design)
@@ -189,7 +195,7 @@ def _final(
     gains = _gains(final, settings)
     tests = (
         of_glare,
-        fit_tests.exposure_reciprocity(plain),
+        fit_tests.exposure_reciprocity(as_stated, of_times),
         of_drift,
         of_step,
         of_place,
@@ -197,7 +203,8 @@ def _final(
         fit_tests.dark_signal(plain, settings[0].dark, intake.findings),
         fit_tests.gain(gains, settings[0].gain_db),
     )
-    return final, replace(_responsivity(stated, final, of_glare), glare_cd_m2=glare_cd_m2), gains, tests
+    responsivity = replace(_responsivity(stated, final, of_glare), glare_cd_m2=glare_cd_m2)
+    return final, responsivity, gains, tests, times
 
 
 @cache

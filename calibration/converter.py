@@ -17,6 +17,7 @@ from ..core.frame import Frame
 from ..core.luminance import CommonError
 from ..core.vignetting import AnyVignetting, Cos4Vignetting, FlatField, cropped
 from ..session.tables import EXPOSURE_JITTER_S
+from .exposure_times import AS_STATED, ExposureTimes
 from .findings import FitError, ResponsivityFit
 from .frames.defects import DefectMap
 from .frames.nonuniformity import slow_rel
@@ -88,6 +89,8 @@ class Converter:
         Exposures that were used, ascending.
     exposure_jitter_s : float
         Standard uncertainty of one exposure time relative to the others.
+    exposure_times : ExposureTimes
+        Where the patches have shown other exposures than the camera states.
 
     Raises
     ------
@@ -111,6 +114,7 @@ class Converter:
     range_net_dn: tuple[float, float]
     exposures_s: tuple[float, ...]
     exposure_jitter_s: float = EXPOSURE_JITTER_S
+    exposure_times: ExposureTimes = AS_STATED
 
     def __post_init__(self) -> None:
         low, high = self.range_cd_m2
@@ -168,7 +172,7 @@ class Converter:
     def dn_per_cd_m2(self, exposure_s: float, gain_db: float | None = None) -> float:
         """Linearised DN per cd/m^2 on the axis, R t times the factor of a gain; None for the calibration's own."""
         factor = 1.0 if gain_db is None else self.setting(gain_db).factor
-        return self.responsivity.responsivity_dn_s_cd_m2 * factor * exposure_s
+        return self.responsivity.responsivity_dn_s_cd_m2 * factor * self.exposure_times.applied_s(exposure_s)
 
     def luminance_cd_m2(self, net_dn: ArrayLike, exposure_s: float) -> NDArray[np.float64]:
         """L V = h(n) / (R t) of pixels with a DN n above dark, any shape; V is not removed."""
@@ -247,12 +251,14 @@ def common_errors(
     n = np.asarray(net_dn, dtype=float)
     index = index_of_gain(calibration.settings, calibration.state.gain_db if gain_db is None else gain_db)
     setting = calibration.settings[index]
-    scale = calibration.meter_scale
+    scale, times = calibration.meter_scale, calibration.exposure_times
+    jitter_rel = exposure_time_rel(exposure_s, calibration.exposure_jitter_s)
     errors = [
         CommonError("meter scale", scale.standard_uncertainty_rel, scale.certificate is None, scale.degrees_of_freedom),
         *((CommonError("meter f1'", scale.mismatch_rel, rectangular=True),) if scale.mismatch_rel else ()),
         *((CommonError(REFOCUS, calibration.lens.refocus_rel),) if calibration.lens.refocus_rel else ()),
-        CommonError("exposure time", exposure_time_rel(exposure_s, calibration.exposure_jitter_s)),
+        CommonError("exposure time", times.u_rel(exposure_s, jitter_rel)),
+        *((CommonError("exposure offset", times.offset_u_rel(exposure_s)),) if times.offset_u_s else ()),
     ]
     glare_dn = calibration.responsivity.glare_cd_m2 * calibration.dn_per_cd_m2(exposure_s, setting.gain_db)
     linear_dn = calibration.response.linearise(n)

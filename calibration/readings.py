@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from math import hypot, sqrt
 from typing import Any, Self
@@ -49,6 +49,11 @@ class PatchReading:
     n_readings: int
     read_at: datetime
     left_out: tuple[LeftOut, ...] = ()
+
+    def scaled(self, factor: float) -> PatchReading:
+        """Return the reading of a part of the patch that is brighter by a factor."""
+        luminance_cd_m2, random_cd_m2 = self.luminance_cd_m2 * factor, self.random_cd_m2 * factor
+        return replace(self, luminance_cd_m2=luminance_cd_m2, random_cd_m2=random_cd_m2)
 
 
 @dataclass(frozen=True)

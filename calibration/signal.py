@@ -57,6 +57,8 @@ class NetSignals:
         Relative variance of the pixels' sensitivities as this patch shows it; below 0 by chance.
     slow_rel : ndarray of float
         Relative standard deviation of the patch's luminance across the region.
+    shape_rel : ndarray of float
+        By how much the light of the part that the meter sees exceeds that of the region, relative.
     gain_index : ndarray of int
         Index of their gains among the settings.
     """
@@ -72,7 +74,14 @@ class NetSignals:
     pixels_rel: Array
     pixels_variance_rel: Array
     slow_rel: Array
+    shape_rel: Array
     gain_index: NDArray[np.intp]
+
+    @property
+    def variance_without_light_dn2(self) -> Array:
+        """Variance of `net_dn` by what is there in the dark too: a light that flickers is light."""
+        known = self.noise_variance_dn2 + self.black_level_dn**2 + self.dark_variance_dn2
+        return known + self.dark_nonuniformity_dn**2
 
     @property
     def variance_dn2(self) -> Array:
@@ -121,7 +130,7 @@ def _net_signal(o: PatchObservation, settings: Sequence[GainSetting]) -> dict[st
     nonuniformity_dn2 += lines_variance_dn2(dark.line_pattern_dn, o.n_lines)
     on_axis = max(abs(o.net_dn(dark_dn)), 1e-12)
     of_pixels = noise.variance_dn2(net_dn, dark_dn2) / o.n_pixels
-    flicker_rel, black_level_dn = noise.flicker_rel / sqrt(o.n_frames), dark.drift_dn / sqrt(o.n_frames)
+    flicker_rel, black_level_dn = noise.flicker_at(o.exposure_s)[0] / sqrt(o.n_frames), dark.drift_dn / sqrt(o.n_frames)
     return {
         "net_dn": net_dn,
         "scale_per_s": o.mean_inverse_v / o.exposure_s,
@@ -134,6 +143,7 @@ def _net_signal(o: PatchObservation, settings: Sequence[GainSetting]) -> dict[st
         "pixels_rel": noise.prnu_rel / sqrt(o.n_pixels),
         "pixels_variance_rel": (power / on_axis) ** 2 * sensitivity_dn2,
         "slow_rel": power * sqrt(o.nonuniformity.slow_variance_dn2(level_dn)) / on_axis,
+        "shape_rel": power * o.shape_rel(dark_dn),
         "gain_index": index,
     }
 
@@ -252,6 +262,6 @@ def _reason_to_leave_out(observation: PatchObservation, settings: Sequence[GainS
     signal, setting = net_signals([observation], settings), settings[index_of_gain(settings, observation.state.gain_db)]
     if not setting.noise.covers(float(signal.net_dn[0])):
         return "outside the response of the bracket"
-    if signal.net_dn <= MIN_NET_SIGNAL * np.sqrt(signal.variance_dn2):
+    if signal.net_dn <= MIN_NET_SIGNAL * np.sqrt(signal.variance_without_light_dn2):
         return "not above the dark signal"
     return None

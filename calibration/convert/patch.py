@@ -178,7 +178,9 @@ def _combined(
     observations = [o for o in observations if is_within_response(calibration, o)] or observations
     signals = net_signals(observations, calibration.settings)
     net, r = signals.net_dn, calibration.responsivity.responsivity_dn_s_cd_m2
-    scale = signals.scale_per_s / (r * np.array([one.factor for one in calibration.settings])[signals.gain_index])
+    applied = np.array([calibration.exposure_times.applied_s(o.exposure_s) / o.exposure_s for o in observations])
+    factor = np.array([one.factor for one in calibration.settings])[signals.gain_index]
+    scale = signals.scale_per_s / (r * factor * applied)
     each = scale * calibration.response.linearise(net)
     slope = scale * calibration.response.slope(net)
     inverse = 1 / (slope**2 * signals.variance_dn2)
@@ -208,7 +210,7 @@ def _combined(
     for o, index, *parts in zip(observations, signals.gain_index, *of_frames, strict=True):
         frames = " ".join(f"{part}" for part in o.frames if part is not None)
         setting = calibration.settings[index]
-        dofs = setting.noise.flicker_dof, setting.dark.drift_dof
+        dofs = setting.noise.flicker_at(o.exposure_s)[1], setting.dark.drift_dof
         for source, part, dof in zip(OF_FRAMES, parts, dofs, strict=True):
             if part:
                 add(name := f"{source}, frames {frames}", CommonError(name, part, dof=dof or inf))

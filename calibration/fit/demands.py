@@ -12,7 +12,7 @@ from ...core.result import Finding, info, warning
 from ..findings import FitTest
 from ..sensor.noise import GainSetting
 from ..uncertainty import expanded_half_width
-from .design import Design
+from .design import PATCH_SHAPE, Design
 from .intake import ADVISED_PATCHES
 from .problem import Solution
 from .selection import seen_cd_m2, weights_by_patch
@@ -29,6 +29,8 @@ _INVERSION = 1.1
 _INVERSION_LIMIT = 4.0
 #: Glare over the darkest patch from which it is named if it cannot be excluded: as the 2 % of a meter.
 _GLARE_TOLERANCE_REL = 0.02
+#: Flicker of the light from which it is named: as much as a meter's repeatability, by some frames.
+_FLICKER_TOLERANCE_REL = 0.005
 #: Unexplained relative scatter that causes a warning: small compared with the 2 % of a meter.
 _SCATTER_TOLERANCE_REL = 0.002
 
@@ -82,6 +84,10 @@ def design_findings(design: Design, settings: Sequence[GainSetting]) -> list[Fin
     used = np.unique(design.exposures_s[design.exposure])
     if used.size < ADVISED_EXPOSURES:
         findings.append(warning("few-exposures", exposures_s=used.tolist(), advised=ADVISED_EXPOSURES))
+    noise = settings[0].noise
+    flicker_rel, exposure_s = max((noise.flicker_at(float(t))[0], float(t)) for t in used)
+    if flicker_rel > _FLICKER_TOLERANCE_REL:
+        findings.append(warning("flicker", flicker_rel=flicker_rel, exposure_s=exposure_s))
     for index, setting in enumerate(settings):
         times = design.exposures_s[design.exposure[design.signals.gain_index == index]]
         darks = setting.dark.exposures_s
@@ -97,6 +103,9 @@ def fit_findings(final: Solution, tests: Sequence[FitTest]) -> list[Finding]:
     design = final.design
     findings = [test.finding for test in tests if test.significant and test.name != "scatter"]
     findings += _glare_not_excluded(design, next(test for test in tests if test.name == "glare"))
+    shape_rel = max((abs(float(np.mean(e.relative))) for e in design.shared if e.source == PATCH_SHAPE), default=0.0)
+    if shape_rel > _SCATTER_TOLERANCE_REL:
+        findings.append(warning("patch-shape", shape_rel=shape_rel))
     before = len(findings)
     if design.scatter_rel.size > _SCATTER_TOLERANCE_REL:
         ratios = seen_cd_m2(final) / design.reading_cd_m2 - 1

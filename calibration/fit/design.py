@@ -19,12 +19,12 @@ from ..frames.observations import Groups, PatchObservation
 from ..readings import PatchReading
 from ..sensor.noise import GainSetting
 from ..signal import NetSignals, net_signals
-from ..uncertainty import NO_SCATTER, Scatter
+from ..uncertainty import NO_SCATTER, Scatter, critical_value
 
 Array = NDArray[np.floating[Any]]
 
 #: Sources of common errors.
-DARK, DRIFT = "dark and temperature", "drift"
+DARK, DRIFT, EXPOSURE, PATCH_SHAPE = "dark and temperature", "drift", "exposure time", "shape of the patches"
 #: Relative standard uncertainty of light, camera and meter by their drift within an hour, or a longer session, unless
 #: the readings show more: lamps that have warmed up keep to about 1 %.
 DRIFT_REL = 0.01
@@ -218,21 +218,29 @@ def build_design(
     # As in the mean over a patch's exposures: weights are inverse variances of signal over time.
     weight = times**2 / signals.variance_dn2
     total = np.bincount(patch, weight)
+    shape_rel = np.bincount(patch, weight * signals.shape_rel) / total
+    # A reading of the meter's field is one of the region, too, as the frames show how they differ.
+    in_field = [group[0].middle is not None and group[0].middle.is_field for group in groups.values()]
+    regions = [
+        reading.scaled(1 / (1 + shape)) if known else reading
+        for reading, shape, known in zip((readings[name] for name in groups), shape_rel.tolist(), in_field, strict=True)
+    ]
     vignetting = observations[0].vignetting
     places = observations[0].state.image_shape, [group[0].centre_px for group in groups.values()]
     place = smooth_patterns(*places)
     shared = [
         *_dark_errors(observations, signals.gain_index, settings),
         *(
-            SharedError("exposure time", np.where(times == t, exposure_time_rel(t, exposure_jitter_s), 0.0))
+            SharedError(EXPOSURE, np.where(times == t, exposure_time_rel(t, exposure_jitter_s), 0.0))
             for t in exposures_s
         ),
         *_place_errors(vignetting, place, vignetting_errors(vignetting, *places), patch),
         *_frame_errors(observations, signals, settings[0]),
+        *_shape_errors(np.where(in_field, 0.0, shape_rel)),
         *_drift(observations, [readings[o.patch].read_at for o in observations]),
     ]
     return Design(
-        patch_readings=tuple(readings[name] for name in groups),
+        patch_readings=tuple(regions),
         patch=patch,
         exposure=exposure.reshape(-1),
         exposures_s=exposures_s,
@@ -277,9 +285,19 @@ def _frame_errors(
     for one in dict.fromkeys(frames):
         own = np.array([other == one for other in frames])
         flicker, black = np.where(own, signals.flicker_rel, 0.0), np.where(own, signals.black_level_dn, 0.0)
-        errors.append(SharedError(FLICKER, flicker, dof=setting.noise.flicker_dof or inf))
+        errors.append(SharedError(FLICKER, flicker, dof=setting.noise.flicker_at(one[0])[1] or inf))
         errors.append(SharedError(BLACK_LEVEL, dn=black, dof=setting.dark.drift_dof or inf))
     return [e for e in errors if np.any(e.relative) or np.any(e.dn)]
+
+
+def _shape_errors(shape_rel: Array) -> list[SharedError]:
+    """Return the error of all patches by what they have in common: their middle, which the meter may see, is brighter.
+
+    `shape_rel` is how much, shape (P,). What differs from patch to patch is scatter.
+    """
+    n = shape_rel.size
+    mean, u = float(shape_rel.mean()), float(shape_rel.std(ddof=1)) / sqrt(n)
+    return [SharedError(PATCH_SHAPE, mean)] if abs(mean) > critical_value(1, n - 1) * u else []
 
 
 def _drift(observations: Sequence[PatchObservation], read_at: Sequence[datetime]) -> list[SharedError]:

@@ -120,9 +120,7 @@ def with_scatter(design: Design, candidate: CandidateModel, *, by_place: bool = 
     Solution
         With the scatter in its design; 0 if the stated errors explain all.
     """
-    design = replace(design, field_rel=0.0)
-    if by_place:
-        design = replace(design, nonuniformity_rel=np.zeros(len(design.patches)))
+    design = replace(design, field_rel=0.0, nonuniformity_rel=np.zeros(len(design.patches)))
     first = solve(design, candidate)
     choices: list[tuple[Kind, ...]] = [("scatter_rel",)]
     inside = within_patches(first, first.covariance)

@@ -23,8 +23,6 @@ from .selection import by_place, drift_pattern, exposure_patterns, strongest_ste
 
 #: Ratio of the highest to the lowest patch below which intercept and slope cannot be distinguished.
 MIN_SPAN = 2.0
-#: Tolerated relative deviation of an exposure time: small compared with the 2 % of a meter.
-EXPOSURE_TOLERANCE_REL = 0.002
 #: Tolerated relative deviation of a gain from its setting; cameras state it to about 0.1 dB.
 GAIN_TOLERANCE_REL = 0.012
 #: Tolerated relative deviation by the position of a patch.
@@ -59,13 +57,13 @@ def _rather_a_wrong_dark(solution: Solution) -> bool:
     return solution.shift(solution.slope).z > solution.shift(np.ones_like(solution.luminance)).z
 
 
-def exposure_reciprocity(solution: Solution) -> FitTest:
-    """Most deviating exposure time relative to the others."""
+def exposure_reciprocity(solution: Solution, found: Sequence[Finding]) -> FitTest:
+    """Most deviating exposure time relative to the others; significant if that, or their offset, was `found`."""
     rows = [(t, shift_with_scatter(solution, pattern)) for t, pattern in exposure_patterns(solution)]
     exposure_s, shift = max(rows, key=lambda row: row[1].z, default=(0.0, Shift()))
-    limit = max(critical_value(len(rows), shift.dof) * shift.uncertainty, EXPOSURE_TOLERANCE_REL)
     values, codes = {"exposure_s": exposure_s, **_relative(shift)}, ("exposure-deviates", "exposures-agree")
-    return _test("exposure reciprocity", shift, "", abs(shift.value) > limit, codes, values, "exposures")
+    test = _test("exposure reciprocity", shift, "", False, codes, values, "exposures")
+    return replace(test, significant=True, finding=found[0]) if found else test
 
 
 def drift(solution: Solution) -> FitTest:

@@ -151,6 +151,23 @@ class Observation(Level):
     temperature_c: float | None = None
 
 
+@dataclass(frozen=True)
+class PatchMiddle:
+    """Means over the part of a region that the meter sees.
+
+    Parameters
+    ----------
+    mean_dn, mean_inverse_v : float
+        Of DN / V and of 1 / V.
+    is_field : bool
+        Whether it is the meter's measuring field; else the middle third of the region stands for it.
+    """
+
+    mean_dn: float
+    mean_inverse_v: float
+    is_field: bool = False
+
+
 @dataclass(frozen=True, kw_only=True)
 class PatchObservation(Observation):
     """One patch at one exposure; the mean is that of DN / V, dark signal included, those of single frames of DN.
@@ -171,6 +188,8 @@ class PatchObservation(Observation):
         Effective numbers of columns and rows that were averaged.
     recorded : datetime or None
         When the first of the frames was recorded: patches of the same frames share their errors. None if unknown.
+    middle : PatchMiddle or None
+        What the meter sees of the region; None for all of it.
     """
 
     patch: str
@@ -180,6 +199,7 @@ class PatchObservation(Observation):
     centre_px: tuple[float, float] = (0.0, 0.0)
     n_lines: tuple[float, float] = (inf, inf)
     recorded: datetime | None = None
+    middle: PatchMiddle | None = None
 
     def saturating_at(self, saturation_dn: float) -> PatchObservation:
         """Return the same of a camera whose pixels are full from a lower DN on than its frames state."""
@@ -197,6 +217,12 @@ class PatchObservation(Observation):
     def net_dn(self, dark_dn: float) -> float:
         """Mean of (DN - d) / V: signal above dark, as on the optical axis."""
         return self.mean_dn - dark_dn * self.mean_inverse_v
+
+    def shape_rel(self, dark_dn: float) -> float:
+        """Return by how much the part that the meter sees is brighter than the region, relative."""
+        if self.middle is None:
+            return 0.0
+        return (self.middle.mean_dn - dark_dn * self.middle.mean_inverse_v) / self.net_dn(dark_dn) - 1
 
     def net_dn_at_pixel(self, dark_dn: float) -> float:
         """Signal above dark of the region's pixels, V not removed."""

@@ -18,7 +18,7 @@ from ...core.vignetting import AnyVignetting
 from .defects import DefectMap
 from .measure import MIN_FRAMES, MeasuredFrames, measure_frames, measure_whole
 from .nonuniformity import Array, cells_of, nonuniformity, spatial_variance
-from .observations import DarkObservation, Observation, PatchObservation
+from .observations import DarkObservation, Observation, PatchMiddle, PatchObservation
 from .statistics import FrameStatistics
 
 #: Fewest pixels of a region: below, its noise and its non-uniformity cannot be distinguished.
@@ -44,6 +44,7 @@ def observe_patches(
     *,
     defects: DefectMap | None = None,
     dark_library: DarkPattern | None = None,
+    field_px: float | None = None,
 ) -> list[PatchObservation]:
     """Measure patches in the light frames of one exposure.
 
@@ -61,6 +62,8 @@ def observe_patches(
         Pixels to leave out of the regions.
     dark_library : DarkPattern or None
         Dark pattern to subtract; its mean, the dark signal itself, stays in.
+    field_px : float or None
+        Diameter of the meter's measuring field in pixels of the image; None if it is not known.
 
     Returns
     -------
@@ -83,11 +86,15 @@ def observe_patches(
         return []
     pattern = _pattern(measured[0], dark_library)
     inverse_v = None if vignetting is None else 1 / vignetting.relative_illuminance(measured[0].state.image_shape)
-    return [_patch(one, inverse_v, pattern, vignetting) for one in measured]
+    return [_patch(one, inverse_v, pattern, vignetting, field_px) for one in measured]
 
 
 def _patch(
-    one: MeasuredFrames, inverse_v: Array | None, pattern_dn: Array | None, vignetting: AnyVignetting | None
+    one: MeasuredFrames,
+    inverse_v: Array | None,
+    pattern_dn: Array | None,
+    vignetting: AnyVignetting | None,
+    field_px: float | None,
 ) -> PatchObservation:
     assert one.region is not None
     _require_enough(one)
@@ -102,7 +109,24 @@ def _patch(
         centre_px=one.region.centre,
         n_lines=one.n_lines,
         recorded=one.recorded,
+        middle=_middle(one, values, factor, field_px),
     )
+
+
+def _middle(one: MeasuredFrames, values: Array, factor: Array, field_px: float | None) -> PatchMiddle | None:
+    """Means of a region's pixels in the meter's field around its centre; None if that is larger than the region."""
+    assert one.region is not None
+    rows, columns = np.nonzero(one.used)
+    top, left = (part.start for part in one.window)
+    x, y = one.region.centre
+    away = np.stack([columns + left + 0.5 - x, rows + top + 0.5 - y])
+    if field_px is None:
+        inside = (np.abs(away) <= np.ptp(away, axis=1, keepdims=True) / 6).all(axis=0)
+    else:
+        inside = np.hypot(*away) <= field_px / 2
+    if not inside.any() or inside.all():
+        return None
+    return PatchMiddle(float(values[inside].mean()), float(factor[inside].mean()), field_px is not None)
 
 
 def observe_dark(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import inf, sqrt
-from typing import Any
+from math import inf, log, sqrt
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,8 @@ _TONE_ROUNDS = 3
 Array = NDArray[np.float64]
 #: Share of saturation up to which photon transfer is a straight line (EMVA 1288 Release 4.0 Linear).
 FIT_SHARE = 0.7
+#: Probability, for all exposures together, that equal flicker is taken for different: a wrong one costs little.
+_CONTRADICTION = 0.05
 #: Rounds of weights; they change little after the second.
 _ROUNDS = 4
 
@@ -51,6 +53,9 @@ class TemporalNoise:
         Degrees of freedom of `flicker_rel`.
     prnu_rel : float
         Relative standard deviation of the pixels' sensitivities (EMVA 1288: PRNU), of what vignetting leaves.
+    flickers : tuple of (float, float, int)
+        Exposure in s, and flicker there with its degrees of freedom, where they differ from exposure to exposure, as of
+        a pulsed lamp; empty where one flicker describes all.
 
     Raises
     ------
@@ -64,6 +69,7 @@ class TemporalNoise:
     flicker_rel: float = 0.0
     flicker_dof: int = 0
     prnu_rel: float = 0.0
+    flickers: tuple[tuple[float, float, int], ...] = ()
 
     def __post_init__(self) -> None:
         require_not_negative(
@@ -72,9 +78,15 @@ class TemporalNoise:
             flicker_rel=self.flicker_rel,
             flicker_dof=self.flicker_dof,
             prnu_rel=self.prnu_rel,
+            flickers=[rel for _, rel, _ in self.flickers],
         )
         if self.k_dn_per_e > _MOST_K_DN_PER_E:
             raise InputError(f"k_dn_per_e is {self.k_dn_per_e:g}: give DN per electron, up to {_MOST_K_DN_PER_E:g}")
+
+    def flicker_at(self, exposure_s: float) -> tuple[float, int]:
+        """Return the flicker and its degrees of freedom at an exposure, or at that which is nearest to it."""
+        nearest = min(self.flickers, key=lambda one: abs(log(one[0] / exposure_s)), default=None)
+        return (self.flicker_rel, self.flicker_dof) if nearest is None else nearest[1:]
 
     def covers(self, net_dn: float) -> bool:
         """Whether the tone curve is known at a signal: that of a bracket is over the bracket's range only."""
@@ -130,8 +142,8 @@ def fit_noise(
     list of Finding
         Findings for the user.
     """
-    flicker_rel, flicker_dof = _flicker(observations, dark)
-    noise = TemporalNoise(0.0, dark.noise_dn, tone, flicker_rel, flicker_dof)
+    light = flicker_of_light(observations, dark)
+    noise = TemporalNoise(0.0, dark.noise_dn, tone, light.flicker_rel, light.dof, flickers=light.by_exposure)
     points = []
     for o in observations:
         dark_dn = dark.mean_dn(o.exposure_s, o.temperature_c)
@@ -152,28 +164,79 @@ def fit_noise(
     return replace(noise, k_dn_per_e=k), []
 
 
-def _flicker(observations: Sequence[PatchObservation], dark: DarkModel) -> tuple[float, int]:
-    """Relative standard deviation of the light from frame to frame, and its degrees of freedom.
+class Flicker(NamedTuple):
+    """Changes of the light from frame to frame.
 
-    All patches of the same frames have it in common: it is a mean over them, weighted by how well each shows it, and
-    then over the exposures.
+    Parameters
+    ----------
+    flicker_rel : float
+        Relative standard deviation over all exposures.
+    dof : int
+        Its degrees of freedom; 0 if nothing is known.
+    noise_rel : float
+        Standard deviation of the noise in which it is found.
+    by_exposure : tuple of (float, float, int)
+        Exposure in s, and the same two of it, where the exposures contradict each other; else empty.
+    """
+
+    flicker_rel: float = 0.0
+    dof: int = 0
+    noise_rel: float = 0.0
+    by_exposure: tuple[tuple[float, float, int], ...] = ()
+
+
+def flicker_of_light(observations: Sequence[PatchObservation], dark: DarkModel) -> Flicker:
+    """Find how much the light changes from frame to frame.
+
+    All patches of the same frames have it in common: it is a mean over them, and then over the exposures, each weighted
+    by how well it shows it.
+
+    Parameters
+    ----------
+    observations : sequence of PatchObservation
+        All patches and exposures of a session.
+    dark : DarkModel
+        Dark signal there.
     """
     sets: dict[object, list[PatchObservation]] = {}
     for o in observations:
-        if _unclipped(o):
+        if _unclipped(o) and o.n_frames > 1 and o.net_dn(dark.mean_dn(o.exposure_s, o.temperature_c)) > 0:
             sets.setdefault(o.exposure_s if o.recorded is None else o.recorded, []).append(o)
-    total, all_dof = 0.0, 0
-    for group in sets.values():
-        net = np.array([o.net_dn(dark.mean_dn(o.exposure_s, o.temperature_c)) for o in group])
-        noise = np.array([_frame_noise_dn2(o, dark) for o in group])
-        seen = np.array([o.frame_means_variance_dn2 * o.mean_inverse_v**2 for o in group])
-        weight = net**4 / np.maximum(noise, 1e-12) ** 2
-        if (net <= 0).all():
-            continue
-        dof = group[0].n_frames - 1
-        total += dof * float(np.sum(weight * (seen - noise) / net**2) / weight.sum())
-        all_dof += dof
-    return (sqrt(max(total / all_dof, 0.0)), all_dof) if all_dof else (0.0, 0)
+    rows = [_flicker_of_frames(group, dark) for group in sets.values()]
+    if not rows:
+        return Flicker()
+    exposures_s = [group[0].exposure_s for group in sets.values()]
+    excess, noise, dof = np.array(rows).T
+    flicker = 0.0
+    for _ in range(_ROUNDS):
+        weight = dof / (flicker + noise) ** 2
+        flicker = max(float(weight @ excess / weight.sum()), 0.0)
+    effective_dof = weight.sum() ** 2 / float(weight**2 @ (1 / dof))
+    by_exposure: tuple[tuple[float, float, int], ...] = ()
+    if flicker > 0 and _contradict(excess + noise, flicker + noise, dof):
+        sizes = np.sqrt(np.maximum(excess, 0.0)).tolist()
+        by_exposure = tuple(zip(exposures_s, sizes, dof.astype(int).tolist(), strict=True))
+    noise_rel = sqrt(float(weight @ noise / weight.sum()))
+    return Flicker(sqrt(flicker), max(round(effective_dof), 1), noise_rel, by_exposure)
+
+
+def _contradict(seen: Array, expected: Array, dof: Array) -> bool:
+    """Whether one of several variances is improbable, if what is expected of them is right (chi^2 tests)."""
+    from scipy.stats import chi2
+
+    ratio = dof * seen / expected
+    p_values = 2 * np.minimum(chi2.sf(ratio, dof), chi2.cdf(ratio, dof))
+    return bool(p_values.min() < _CONTRADICTION / p_values.size)
+
+
+def _flicker_of_frames(group: Sequence[PatchObservation], dark: DarkModel) -> tuple[float, float, int]:
+    """Relative variance of the light over the frames of one exposure, that of its noise, and degrees of freedom."""
+    net = np.array([o.net_dn(dark.mean_dn(o.exposure_s, o.temperature_c)) for o in group])
+    noise = np.maximum([_frame_noise_dn2(o, dark) for o in group], 1e-12) / net**2
+    seen = np.array([o.frame_means_variance_dn2 * o.mean_inverse_v**2 for o in group]) / net**2
+    weight = 1 / noise**2
+    excess = float(weight @ (seen - noise) / weight.sum())
+    return excess, float(weight.sum()) ** -0.5, group[0].n_frames - 1
 
 
 def _frame_noise_dn2(o: PatchObservation, dark: DarkModel) -> float:

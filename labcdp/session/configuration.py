@@ -148,7 +148,10 @@ class PlanConfiguration(Table):
 
 
 class ConditionsConfiguration(Table):
-    """Geometry and surroundings, as a certificate states them; nothing is computed from them."""
+    """Geometry and surroundings, as a certificate states them.
+
+    The distances and the measuring field say which part of a patch the meter sees.
+    """
 
     camera_distance_m: Positive | None = Field(None, description="a distance of camera and target above 0 m")
     meter_distance_m: Positive | None = Field(None, description="a distance of meter and target above 0 m")

@@ -21,9 +21,12 @@ from labcdp.calibration.bracket import bracket_luminance
 HOLDING = ("ideal", "gamma 2.2", "cubic response 1 %", "vignetting, flat field", "vignetting, no correction")
 HOLDING += ("one wrong reading of one, 20 %", "patch scatter 1 %, 8 patches, 4 exposures", "lamp flicker 1 %")
 HOLDING += ("DSNU 5 e-", "lamp drift 3 %", "black-level drift 0.1 DN", "dark current 2000 e-/s, 1 ms to 1 s")
-HOLDING += ("Bayer, coloured patches",)
+HOLDING += ("Bayer, coloured patches", "later: black level 1 DN", "later: pulsed lamp, 20 %")
+HOLDING += ("gradient 3 % in each patch, scatter 0.3 %", "hot spot 5 % in each patch, meter sees a third")
+HOLDING += ("exposures 50 µs longer than stated",)
 #: Effects that a finding names mostly.
 SEEN = ("one wrong reading of one, 20 %", "vignetting, no correction", "lamp drift 3 %")
+SEEN += ("hot spot 5 % in each patch, meter sees a third", "exposures 50 µs longer than stated")
 MORE = ("patch scatter 0.3 %", "lamp drift 1 %", "refocusing 0.5 %", "glare 0.5 %", "meter scale 2 %")
 FEW = 3
 RUNS = [(name, FEW) for name in HOLDING] + [pytest.param(name, 40, marks=pytest.mark.long) for name in HOLDING + MORE]

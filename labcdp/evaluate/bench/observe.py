@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import partial
+from math import radians, tan
 
 import numpy as np
 
@@ -208,7 +209,15 @@ def _observe_plane(
     corrections: Corrections,
 ) -> ObservedPlane:
     library, defects = corrections.dark_library, corrections.defects
-    observed = partial(observe_patches, vignetting=corrections.vignetting, defects=defects, dark_library=library)
+    # Each second pixel of a row has the same colour.
+    field_px = _field_px(session.configuration, 1 if plane is None else 2)
+    observed = partial(
+        observe_patches,
+        vignetting=corrections.vignetting,
+        defects=defects,
+        dark_library=library,
+        field_px=field_px,
+    )
     darks = [
         observe_dark(read(group, plane), defects=defects, dark_library=library)
         for group in by_exposure(session, "dark").values()
@@ -224,6 +233,16 @@ def _observe_plane(
                 for observation in found:
                     patches[observation.patch].append(observation)
     return ObservedPlane(patches, darks, corrections)
+
+
+def _field_px(configuration: SessionConfiguration, step: int) -> float | None:
+    """Diameter of the meter's field in every `step`-th pixel of the image; None if it is not known."""
+    given, lens = configuration.conditions, configuration.lens
+    if given is None or given.meter_distance_m is None or given.measuring_field_deg is None:
+        return None
+    diameter_m = 2 * given.meter_distance_m * tan(radians(given.measuring_field_deg) / 2)
+    magnification = lens.focal_length_m / (given.camera_distance_m or given.meter_distance_m)
+    return diameter_m * magnification / (configuration.camera.pixel_pitch_m * step)
 
 
 def _of_one_frame(

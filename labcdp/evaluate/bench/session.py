@@ -9,6 +9,7 @@ import numpy as np
 
 from ...calibration import AnyCalibration, Calibration
 from ...calibration.convert.conversion import require_lens
+from ...calibration.in_session import in_session
 from ...core.errors import CalibrationError
 from ...core.luminance import Invalid, LuminanceMap, chosen
 from ...core.result import Finding, unique, warning
@@ -115,8 +116,11 @@ def evaluate_session(
     configuration, session = observed.configuration, observed.session
     pairs = configuration.contrasts if contrasts is None else contrasts
     findings = mismatch(configuration, calibration)
-    if measured_in(session, calibration) and not calibration.provenance.comes_from(observed.input_sha256):
-        findings = [warning("calibration-before-retake", str(session.path)), *findings]
+    if not calibration.provenance.comes_from(observed.input_sha256):
+        if measured_in(session, calibration):
+            findings = [warning("calibration-before-retake", str(session.path)), *findings]
+        calibration, of_session = in_session(calibration, observed.by_plane, observed.darks_by_plane)
+        findings += of_session
     measured = [patch for patch in configuration.target.patches if patch.name in observed.names]
     patches = {patch.name: patch_row(patch, observed, calibration) for patch in measured}
     asked = [name for pair in pairs for name in (pair.bright, pair.dark)]

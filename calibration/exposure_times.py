@@ -1,0 +1,64 @@
+"""Exposure times as a camera applies them, where a calibration has found them to differ from those that it states."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import hypot
+
+from ..core.errors import InputError, require_not_negative
+
+#: Relative difference up to which two exposures are one.
+_SAME_REL = 1e-3
+
+
+@dataclass(frozen=True)
+class ExposureTimes:
+    """Applied exposure times: stated ones, with an offset common to all, or a deviation of some.
+
+    Parameters
+    ----------
+    offset_s, offset_u_s : float
+        Added to each stated exposure, with its standard uncertainty.
+    deviations : tuple of (float, float, float)
+        Stated exposure in s, its relative deviation, and the standard uncertainty of that.
+
+    Raises
+    ------
+    InputError
+        If an uncertainty is negative, or a deviation -1 or less.
+
+    Examples
+    --------
+    >>> times = ExposureTimes(offset_s=50e-6)
+    >>> round(1e3 * times.applied_s(1e-3), 6)
+    1.05
+    """
+
+    offset_s: float = 0.0
+    offset_u_s: float = 0.0
+    deviations: tuple[tuple[float, float, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        require_not_negative(offset_u_s=self.offset_u_s, deviations=[u for _, _, u in self.deviations])
+        if any(deviation <= -1 for _, deviation, _ in self.deviations):
+            raise InputError("an exposure of deviations lasts no time: give relative deviations above -1")
+
+    def applied_s(self, exposure_s: float) -> float:
+        """Return the exposure time that a stated one has; never below a hundredth of it."""
+        return max(exposure_s * (1 + self._deviation(exposure_s)[0]) + self.offset_s, exposure_s / 100)
+
+    def offset_u_rel(self, exposure_s: float) -> float:
+        """Relative standard uncertainty by the offset: an error of all exposures with one sign."""
+        return self.offset_u_s / self.applied_s(exposure_s)
+
+    def u_rel(self, exposure_s: float, jitter_rel: float) -> float:
+        """Relative standard uncertainty of one exposure by its own deviation and by jitter."""
+        return hypot(self._deviation(exposure_s)[1], jitter_rel)
+
+    def _deviation(self, exposure_s: float) -> tuple[float, float]:
+        known = [(rel, u) for t, rel, u in self.deviations if abs(exposure_s / t - 1) <= _SAME_REL]
+        return known[0] if known else (0.0, 0.0)
+
+
+#: Exposure times that are as the camera states them.
+AS_STATED = ExposureTimes()

@@ -1,0 +1,171 @@
+"""A calibration in another session: dark signal and light as the frames of that session show them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from math import hypot, sqrt
+
+import numpy as np
+
+from ..core.result import Finding, warning
+from .colour.conversion import ByPlane
+from .colour.model import AnyCalibration
+from .findings import FitError
+from .fit.design import DARK
+from .frames.observations import DarkObservation, PatchObservation
+from .model import Calibration
+from .sensor.dark import DarkModel, fit_dark
+from .sensor.dark_fit import drift_of_black_level, rows_of
+from .sensor.noise import GainSetting, TemporalNoise, flicker_of_light
+from .uncertainty import FALSE_ALARM, Scatter, critical_value
+
+#: Least change of the dark signal, in DN, and least flicker of the light that are reported.
+_REPORTED_DN, _REPORTED_FLICKER_REL = 0.1, 0.002
+
+
+def in_session(
+    calibration: AnyCalibration, observations: ByPlane[PatchObservation], darks: ByPlane[DarkObservation]
+) -> tuple[AnyCalibration, list[Finding]]:
+    """Return a calibration with dark signal, black level's drift and flicker of the light of another session.
+
+    Its responsivity and response stay, with the errors that the calibration's dark frames have left in them.
+
+    Parameters
+    ----------
+    calibration : Calibration or ColourCalibration
+        Of the camera.
+    observations, darks : mapping of (str or None) to sequence
+        Of the session, by colour plane.
+
+    Returns
+    -------
+    Calibration or ColourCalibration
+        For frames of that session.
+    list of Finding
+        What differs from the calibration.
+    """
+    done = []
+    for plane in calibration.planes:
+        name = plane.state.plane
+        converter, found = _plane_in_session(plane, observations.get(name, ()), darks.get(name, ()))
+        done.append((converter, found if name is None else [one.within(f"plane {name}") for one in found]))
+    findings = [finding for _, found in done for finding in found]
+    if isinstance(calibration, Calibration):
+        return done[0][0], findings
+    return replace(calibration, planes=tuple(converter for converter, _ in done)), findings
+
+
+def _plane_in_session(
+    plane: Calibration, observations: Sequence[PatchObservation], darks: Sequence[DarkObservation]
+) -> tuple[Calibration, list[Finding]]:
+    settings, errors, findings = [], list(plane.fit_errors), list[Finding]()
+    for setting in plane.settings:
+        own_darks = [dark for dark in darks if dark.state.has_gain(setting.gain_db)]
+        own = [o for o in observations if o.state.has_gain(setting.gain_db)]
+        dark, of_dark = _dark_in_session(setting.dark, own_darks) if own_darks else (setting.dark, [])
+        noise, of_light = _noise_in_session(setting.noise, own, dark)
+        settings.append(replace(setting, dark=dark, noise=noise))
+        findings += [*of_dark, *of_light]
+        if own_darks:
+            # What the errors of the calibration's dark signal did to the fit stays.
+            errors = [replace(e, dark=()) if e.dark_gain_db == setting.gain_db else e for e in errors]
+            errors += [_dark_error(setting, row.tolist()) for row in dark.errors()]
+    own_gain, *others = settings
+    dark, noise = own_gain.dark, own_gain.noise
+    return replace(plane, fit_errors=tuple(errors), dark=dark, noise=noise, gains=tuple(others)), findings
+
+
+def _dark_error(setting: GainSetting, parameters: Sequence[float]) -> FitError:
+    return FitError(DARK, (0.0, 1.0), (0.0, 0.0), dark=tuple(parameters), dark_gain_db=setting.gain_db)
+
+
+def _dark_in_session(known: DarkModel, darks: Sequence[DarkObservation]) -> tuple[DarkModel, list[Finding]]:
+    """Return the dark signal that a session's dark frames show: at one exposure its offset only."""
+    here = Scatter(*drift_of_black_level(darks))
+    floor_dn = sqrt(float(np.mean([dark.mean_noise_dn2 for dark in darks])))
+    drift = _joined(Scatter(known.drift_dn, known.drift_dof), here, floor_dn)
+    found, findings = fit_dark(darks, drift.size)
+    if len(found.exposures_s) == 1:
+        found, findings = _shifted(known, darks, drift), []
+    doubling = found if found.doubling_temperature_c is not None else known
+    covariance = np.array(found.covariance)
+    covariance[2, 2] = np.array(doubling.covariance)[2, 2]
+    dark = replace(
+        known,
+        offset_dn=found.offset_dn,
+        rate_dn_s=found.rate_dn_s,
+        covariance=rows_of(covariance),
+        temperatures_c=found.temperatures_c,
+        temperature_c=found.temperature_c,
+        doubling_temperature_c=doubling.doubling_temperature_c,
+        drift_dn=drift.size,
+        drift_dof=int(drift.dof),
+    )
+    return dark, [*findings, *_changes(known, darks, drift)]
+
+
+def _shifted(known: DarkModel, darks: Sequence[DarkObservation], drift: Scatter) -> DarkModel:
+    """Return a known dark signal with the offset that dark frames at one exposure show."""
+    expected = [known.mean_dn(dark.exposure_s, dark.temperature_c) for dark in darks]
+    shift_dn = float(np.mean([dark.mean_dn for dark in darks]) - np.mean(expected))
+    u_dn2 = float(np.mean([_variance_of_mean_dn2(dark, drift) for dark in darks])) / len(darks)
+    by_parameters = np.mean([known.sensitivities(dark.exposure_s, dark.temperature_c) for dark in darks], axis=0)
+    # The offset follows from what the other two parameters leave.
+    turned = np.eye(3)
+    turned[0] -= by_parameters
+    covariance = turned @ np.array(known.covariance) @ turned.T + np.diag([u_dn2, 0.0, 0.0])
+    return replace(known, offset_dn=known.offset_dn + shift_dn, covariance=rows_of(covariance))
+
+
+def _variance_of_mean_dn2(dark: DarkObservation, drift: Scatter) -> float:
+    return (dark.mean_noise_dn2 + drift.size**2) / dark.n_frames + dark.rounding_dn2
+
+
+def _changes(known: DarkModel, darks: Sequence[DarkObservation], drift: Scatter) -> list[Finding]:
+    """Report the largest significant difference between dark frames and the calibration's dark signal."""
+    rows = []
+    for dark in darks:
+        expected_dn = known.mean_dn(dark.exposure_s, dark.temperature_c)
+        of_model = known.variance_dn2(dark.exposure_s, dark.temperature_c)
+        u_dn = max(sqrt(of_model + _variance_of_mean_dn2(dark, drift)), 1e-9)
+        rows.append((dark.mean_dn - expected_dn, u_dn, dark.exposure_s))
+    difference_dn, u_dn, exposure_s = max(rows, key=lambda row: abs(row[0]) / row[1])
+    if abs(difference_dn) <= max(critical_value(len(rows)) * u_dn, _REPORTED_DN):
+        return []
+    return [warning("dark-changed", difference_dn=difference_dn, exposure_s=exposure_s)]
+
+
+def _noise_in_session(
+    known: TemporalNoise, observations: Sequence[PatchObservation], dark: DarkModel
+) -> tuple[TemporalNoise, list[Finding]]:
+    """Return the noise with the flicker of a session's light."""
+    light = flicker_of_light(observations, dark)
+    there, here = Scatter(known.flicker_rel, known.flicker_dof), Scatter(light.flicker_rel, light.dof)
+    differs = bool(light.by_exposure or known.flickers)
+    flicker = here if differs and light.dof else _joined(there, here, light.noise_rel)
+    flickers = light.by_exposure if light.dof else known.flickers
+    noise = replace(known, flicker_rel=flicker.size, flicker_dof=int(flicker.dof), flickers=flickers)
+    if flicker != here or here.size <= max(there.size, _REPORTED_FLICKER_REL):
+        return noise, []
+    return noise, [warning("flicker-changed", flicker_rel=here.size, before_rel=there.size)]
+
+
+def _joined(there: Scatter, here: Scatter, floor: float) -> Scatter:
+    """Join two standard deviations, of which those below a floor are alike; of different ones return the second.
+
+    They differ if the ratio of their variances is improbable (F test); 0 degrees of freedom stand for one that is
+    known, or that nothing says anything about.
+    """
+    from scipy.stats import f
+
+    if not here.dof:
+        return there
+    if not there.dof:
+        return here
+    ratio = (here.size**2 + floor**2) / (there.size**2 + floor**2)
+    p_value = 2 * min(f.sf(ratio, here.dof, there.dof), f.cdf(ratio, here.dof, there.dof))
+    if p_value < FALSE_ALARM:
+        return here
+    dof = there.dof + here.dof
+    return Scatter(hypot(there.size * sqrt(there.dof / dof), here.size * sqrt(here.dof / dof)), dof)

@@ -1,0 +1,104 @@
+"""A calibration in another session: its dark frames and its light count there."""
+
+from dataclasses import dataclass, replace
+from math import sqrt
+
+import numpy as np
+import pytest
+
+from labcdp.calibration import fit, patch_luminance
+from labcdp.calibration.in_session import in_session
+
+from .conftest import EXPOSURES_S, SimulatedCamera, bench, codes
+
+
+@pytest.fixture(scope="module")
+def calibration(setup):
+    return fit(*bench(SimulatedCamera(), rng=np.random.default_rng(3)), setup)
+
+
+@dataclass(frozen=True)
+class FlickeringCamera(SimulatedCamera):
+    """One before a light that changes from frame to frame, at each exposure by another share."""
+
+    flicker_rel: tuple[float, ...] = (0.0, 0.0, 0.0)
+
+    def observe(self, patch, luminance_cd_m2, exposure_s, rng, size=(400, 4)):
+        seen = super().observe(patch, luminance_cd_m2, exposure_s, rng, size)
+        share = self.flicker_rel[EXPOSURES_S.index(exposure_s)]
+        # The same light on all patches, as it follows from the exposure.
+        light = share * np.random.default_rng(round(1e6 * exposure_s)).standard_normal(size[1])
+        noise = rng.normal(0, sqrt(seen.temporal_variance_dn2 / size[0]), size[1])
+        means = seen.mean_dn + (seen.mean_dn - self.dark_offset_dn) * light + noise
+        return replace(seen, mean_dn=float(means.mean()), frame_means_dn=tuple(means.tolist()))
+
+
+def session(camera, calibration, rng, dark_exposures_s=EXPOSURES_S):
+    """A calibration in a session of a camera, what it says of a patch of 20 cd/m², and findings."""
+    observations = [camera.observe(name, v, t, rng) for name, v in (("A", 20.0), ("B", 5.0)) for t in EXPOSURES_S]
+    darks = [camera.dark(t, rng) for t in dark_exposures_s]
+    there, findings = in_session(calibration, {None: observations}, {None: darks})
+    return there, patch_luminance(there, observations[:3]), {one.code: one for one in findings}
+
+
+def test_in_its_own_session_a_calibration_says_the_same(calibration):
+    rng = np.random.default_rng(4)
+    there, seen, found = session(SimulatedCamera(), calibration, rng)
+    assert found == {}
+    assert there.responsivity == calibration.responsivity
+    assert seen.luminance_cd_m2 == pytest.approx(20, rel=3 * seen.fit_rel + 0.002)
+
+
+@pytest.mark.parametrize(("dark_s", "rate_dn_s"), [(EXPOSURES_S, 400.0), ((0.008,), 40.0)])
+def test_the_dark_signal_is_that_of_the_session(calibration, dark_s, rate_dn_s):
+    """A black level that is higher by 5 DN; with dark frames at several exposures another dark current as well."""
+    camera = SimulatedCamera(dark_offset_dn=69.0, dark_rate_dn_s=rate_dn_s)
+    there, seen, found = session(camera, calibration, np.random.default_rng(5), dark_s)
+    for t in EXPOSURES_S:
+        u_dn = sqrt(there.dark.variance_dn2(t))
+        assert there.dark.mean_dn(t) == pytest.approx(camera.mean_dn(0.0, t), abs=4 * u_dn + 1e-9)
+        assert u_dn < 0.2
+    assert found["dark-changed"].values["difference_dn"] == pytest.approx(5, abs=1 + (rate_dn_s - 40) * EXPOSURES_S[-1])
+    assert seen.luminance_cd_m2 == pytest.approx(20, rel=3 * seen.half_width_95_rel / 1.96)
+    assert seen.half_width_95_rel < 0.03
+
+
+def test_stated_uncertainties_hold_for_black_levels_of_sessions(setup):
+    """Share of stated intervals that hold, within 3 sigma / sqrt(N); by the calibration's dark signal few do."""
+    inside = {"own": 0, "of the calibration": 0}
+    n = 40
+    for seed in range(n):
+        rng = np.random.default_rng(seed)
+        calibration = fit(*bench(SimulatedCamera(), rng=rng, luminances=(0.5, 2.0, 8.0, 30.0, 120.0)), setup)
+        camera = SimulatedCamera(dark_offset_dn=64 + rng.normal())
+        observations = [camera.observe("A", 0.7, t, rng) for t in EXPOSURES_S[:2]]
+        darks = {None: [camera.dark(t, rng) for t in EXPOSURES_S]}
+        for name, one in (
+            ("own", in_session(calibration, {None: observations}, darks)[0]),
+            ("of the calibration", calibration),
+        ):
+            seen = patch_luminance(one, observations)
+            # The meter's readings here are without a scale error.
+            u = np.hypot(seen.random_rel, seen.fit_rel)
+            inside[name] += abs(seen.luminance_cd_m2 / 0.7 - 1) <= 1.96 * u
+    assert inside["own"] / n >= 0.95 - 3 * sqrt(0.95 * 0.05 / n)
+    assert inside["of the calibration"] / n < 0.6
+
+
+def test_the_flicker_is_that_of_the_session_at_each_exposure(calibration):
+    camera = FlickeringCamera(flicker_rel=(0.2, 0.02, 0.002))
+    there, seen, found = session(camera, calibration, np.random.default_rng(6))
+    assert found["flicker-changed"].values["flicker_rel"] > 0.01
+    shown = [there.noise.flicker_at(t)[0] for t in EXPOSURES_S]
+    for size, true in zip(shown, camera.flicker_rel, strict=True):
+        # Standard deviations of four frames.
+        assert true / 5 < size < 3 * true
+    assert abs(seen.luminance_cd_m2 / 20 - 1) < seen.half_width_95_rel
+
+
+def test_a_steady_light_after_a_flickering_one_is_as_sure_as_ever(setup):
+    calibration = fit(*bench(FlickeringCamera(flicker_rel=(0.05,) * 3), rng=np.random.default_rng(7)), setup)
+    assert "flicker" in codes(calibration)
+    there, _, found = session(FlickeringCamera(), calibration, np.random.default_rng(8))
+    assert max(there.noise.flicker_at(t)[0] for t in EXPOSURES_S) < 0.005
+    assert "flicker-changed" not in found

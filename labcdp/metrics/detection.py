@@ -18,6 +18,9 @@ from .pairs import PairTally, bright_and_dark, tally_pairs
 from .result import CdpResult, DetectionResult
 from .uncertainty import confidence_interval, unbiased_variance
 
+#: An error of the calibration beyond the light itself leaves at least this part of it.
+LEAST_FACTOR = 1e-3
+
 
 def cdp_range(
     a: Region,
@@ -178,11 +181,12 @@ def cdp_with_common_errors(
     first, second = numeric_array(a, "a").astype(float), numeric_array(b, "b").astype(float)
     (base,) = cdp_range(first, second, (contrast,), epsilon, definition=definition)
     checked = [(_checked(x, first, "a"), _checked(y, second, "b")) for x, y in errors]
-    changed = [
-        [cdp_range(first * (1 + s * x), second * (1 + s * y), (contrast,), epsilon, definition=definition)[0].cdp
-         for s in (1, -1)]
-        for x, y in joined_errors(checked)
-    ]  # fmt: skip
+
+    def with_errors(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
+        regions = with_error(first, x), with_error(second, y)
+        return cdp_range(*regions, (contrast,), epsilon, definition=definition)[0].cdp
+
+    changed = [[with_errors(sign * x, sign * y) for sign in (1, -1)] for x, y in joined_errors(checked)]
     variance = float(variance_of_changes(base.cdp, changed))
     return CalibratedCdp.of(base, variance, min(first.size, second.size))
 
@@ -199,10 +203,24 @@ def _checked(error: ArrayLike, region: NDArray[Any], name: str) -> NDArray[np.fl
 
 def joined_errors(errors: Sequence[PairError]) -> list[PairError]:
     """Errors per pixel unchanged; those of whole regions combined to one of the first: only their ratio matters."""
-    numbers = [float((1 + x) / (1 + y) - 1) for x, y in errors if x.ndim == y.ndim == 0]
+    numbers = [_factor(x) / _factor(y) - 1 for x, y in errors if x.ndim == y.ndim == 0]
     arrays = [(x, y) for x, y in errors if x.ndim or y.ndim]
     together = hypot(*numbers)
     return arrays + ([(np.array(together), np.zeros(()))] if together > 0 else [])
+
+
+def with_error(values: NDArray[np.floating[Any]], relative: ArrayLike) -> NDArray[np.float64]:
+    """Return values with a relative error, which leaves at least `LEAST_FACTOR` of them: no light is negative.
+
+    Errors of single values, as of the dark signal, may make some of them negative, but not all.
+    """
+    error = np.asarray(relative, dtype=float)
+    changed: NDArray[np.float64] = values * (_factor(error) if error.ndim == 0 else 1 + error)
+    return changed if changed.max(initial=0.0) > 0 or values.max(initial=0.0) <= 0 else values * LEAST_FACTOR
+
+
+def _factor(relative: NDArray[np.float64]) -> float:
+    return max(1 + float(relative), LEAST_FACTOR)
 
 
 def variance_of_changes(base: _Values, changed: Sequence[Sequence[_Values]]) -> NDArray[np.float64]:

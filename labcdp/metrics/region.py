@@ -16,7 +16,7 @@ from ..core.luminance import WHOLE, Invalid, LuminanceMap, Window
 from ..core.roi import Roi
 from . import Distribution, Estimate, snr
 from .correlated_cdp import NoisyRegion
-from .detection import variance_of_changes
+from .detection import variance_of_changes, with_error
 
 #: Reasons for invalid pixels.
 REASONS = {reason: str(reason.name).lower() for reason in Invalid}
@@ -190,8 +190,8 @@ class RegionPixels(NoisyRegion):
             return self.distribution
         if np.ndim(relative) == 0:
             counts = self.distribution.weights.astype(np.int64)
-            return Distribution(self.distribution.values * (1 + relative), counts)
-        return Distribution.from_array(self.values * (1 + relative))
+            return Distribution(with_error(self.distribution.values, relative), counts)
+        return Distribution.from_array(with_error(self.values, relative))
 
 
 def _by_level(dn: NDArray[np.unsignedinteger[Any]], light: _Array) -> Distribution | None:

@@ -153,3 +153,18 @@ def test_a_small_error_propagates_by_the_derivative_of_the_closed_form():
     assert found.confidence_interval[1] > found.result.confidence_interval[1]
     of_arrays = cdp_with_common_errors(a, b, 0.3, 0.5, [(np.full(n, u), np.zeros(n))])
     assert of_arrays.calibration_standard_uncertainty == pytest.approx(found.calibration_standard_uncertainty, rel=0.02)
+
+
+@pytest.mark.parametrize("size", [0.9, 1.0, 1.5, 20.0])
+@pytest.mark.parametrize("kind", ["scale of both", "scale of one", "veil"])
+def test_an_error_of_the_light_itself_makes_an_uncertainty_and_no_failure(size, kind):
+    """An error of 100 % or more of the darker region, as by a veil that may be all of it."""
+    luminance = _scene(8, noise=2.0)
+    relative = {"scale of both": size, "scale of one": 0.0, "veil": size * 100 / luminance}[kind]
+    slow = {"slow_rel": size} if kind == "scale of one" else {}
+    plain = evaluate_pair(map_of(luminance), LEFT, RIGHT, (0.2,))
+    found = evaluate_pair(map_of(luminance, (CommonError("v", relative),), **slow), LEFT, RIGHT, (0.2,))
+    assert found.results[0].result.cdp == plain.results[0].result.cdp
+    assert np.isfinite(found.results[0].calibration_standard_uncertainty)
+    low, high = found.results[0].confidence_interval
+    assert 0 <= low <= high <= 1

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ....core.errors import InputError
 from ....metrics import CalibratedCdp, Distribution, Epsilon
 from ....metrics.contrast import TargetContrast, TargetContrasts, each_contrast
-from ....metrics.detection import result_of_tally, variance_of_changes
+from ....metrics.detection import LEAST_FACTOR, result_of_tally, variance_of_changes
 from ....metrics.pairs import tally_pairs
 from ....regions.superpixels import Neighbours
 from .noise import MapNoise, cdp_of_noise
@@ -36,9 +36,6 @@ FALSE_ALARM = 0.01
 
 #: Part of the pairs that miss a contrast which noise must account for; else the regions are not uniform.
 _LEAST_PART_OF_NOISE = 0.5
-
-#: An error of the calibration beyond the light itself leaves at least this part of it.
-_LEAST_FACTOR = 1e-3
 
 #: Relative errors of the calibration that differ by less than this between neighbours move no CDP by 0.0001.
 _LEAST_ERROR = 1e-5
@@ -252,7 +249,7 @@ def _cdps(
         result = result_of_tally(tally_pairs(a, b, asked.ratios), a, b, "a", asked, inflation)
         error, variance = float(by_calibration[edge]), 0.0
         if error >= _LEAST_ERROR:
-            factors = (1 + error, max(1 - error, _LEAST_FACTOR))
+            factors = (1 + error, max(1 - error, LEAST_FACTOR))
             variance = float(variance_of_changes(result.cdp, [[_changed(a, b, asked, one) for one in factors]]))
         one = CalibratedCdp.of(result, variance, min(a.size or 0, b.size or 0) / inflation)
         results[edge] = (result.cdp, one.standard_uncertainty, *one.confidence_interval)

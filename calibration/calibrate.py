@@ -123,10 +123,10 @@ def _fitted(
     first, ladder = select_model(data.design, candidate_models(data.design, dark_dn, response))
     require_monotone(first)
     seen = next(iter(intake.groups.values()))[0]
-    # The weights of colours are fitted to the mean of all readings, which is not that of two scales.
-    limits_rel = 0.0 if seen.state.plane else scale.half_width_rel
-    final, responsivity, gains, tests, times = _final(first, seen.vignetting, intake, limits_rel)
-    scale = replace(scale, step_rel=sum(abs(t.value) for t in tests if t.finding.code == fit_tests.STEP_OF_METER))
+    final, responsivity, gains, tests, times = _final(first, seen.vignetting, intake)
+    step_rel = sum(abs(t.value) for t in tests if t.finding.code == "readings-step")
+    # A larger one cannot have been the meter's.
+    scale = replace(scale, step_rel=step_rel if step_rel <= scale.half_width_rel else 0.0)
     measured = max(reading.timestamp for group in readings.values() for reading in group)
     net_dn = final.design.net_dn
     residuals = fitted_rows(final, intake.groups)
@@ -170,7 +170,7 @@ def _fitted(
 
 
 def _final(
-    first: Solution, vignetting: AnyVignetting | None, intake: Intake, limits_rel: float
+    first: Solution, vignetting: AnyVignetting | None, intake: Intake
 ) -> tuple[Solution, ResponsivityFit, tuple[GainSetting, ...], tuple[FitTest, ...], ExposureTimes]:
     """Test the assumptions of the chosen model, and fit it with what the patches show of them."""
     settings = intake.settings
@@ -185,7 +185,7 @@ def _final(
     of_glare = fit_tests.glare(plain, plain.response[1])
     glare_cd_m2 = fit_tests.possible_glare_cd_m2(of_glare)
     of_drift = fit_tests.drift(plain)
-    of_step, errors = fit_tests.step(plain, limits_rel, of_place, of_drift)
+    of_step, errors = fit_tests.step(plain, of_place, of_drift)
     if glare_cd_m2:
         width = _FREE if of_glare.significant else 1.0
         errors.append(SharedError(INTERCEPT, cd_m2=width * glare_cd_m2))

@@ -41,7 +41,7 @@ class MeterScale:
     light : str
         Light of the patches. In another light than that of the meter's calibration, f1' limits the mismatch error.
     step_rel : float
-        Relative change of the scale among the readings, by half of which their mean is better known than the limits.
+        Relative change of the readings at once that may have been one of the scale; 0 for none.
     """
 
     meter: MeterIdentity
@@ -60,7 +60,7 @@ class MeterScale:
     @property
     def half_width_rel(self) -> float:
         """Limits of the rectangular scale error; 0 with a certificate, whose error is normal."""
-        return self.limits_rel - self.step_rel / 2 if self.certificate is None else 0.0
+        return self.limits_rel if self.certificate is None else 0.0
 
     @property
     def normal_rel(self) -> float:
@@ -110,8 +110,7 @@ class MeterScale:
         if source == "meter f1'":
             return basis(source, f1_prime=self.f1_prime, light=self.light, illuminant=self.illuminant)
         if self.certificate is None:
-            case = "with step" if self.step_rel else ""
-            return basis(source, case, limits_rel=self.limits_rel, model=self.meter.model, step_rel=self.step_rel)
+            return basis(source, limits_rel=self.limits_rel, model=self.meter.model)
         one, dof = self.certificate, self.certificate.degrees_of_freedom
         stated = {"expanded_rel": one.expanded_uncertainty_rel, "coverage_factor": one.coverage_factor, "dof": dof}
         where = {"number": one.number, "laboratory": one.laboratory, "date": f"{one.date}"}

@@ -176,7 +176,7 @@ def scales_apart(meter: MeterScale, calibrated: MeterScale) -> tuple[MeterScale,
     """
     if not meter.is_as_in(calibrated):
         return meter, calibrated
-    left = replace(calibrated, limits_rel=calibrated.step_rel, f1_prime=None)
+    left = replace(calibrated, limits_rel=calibrated.step_rel / 2, f1_prime=None)
     return (left,) if calibrated.step_rel else ()
 
 

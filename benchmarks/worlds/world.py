@@ -180,6 +180,8 @@ WORLDS = (
     World("cubic response 1 %", cubic=0.01),
     World("gamma 2.2", gamma=2.2),
     World("gamma 2.2, bracket", gamma=2.2, bracket=True, exposures_s=_BRACKET, drift_spread_rel=0.01),
+    World("gamma 2.2, bracket, glare 0.5 %", ("intercept",), gamma=2.2, bracket=True, exposures_s=_BRACKET,
+          drift_spread_rel=0.01, glare_rel=0.005),
     World("meter scale 2 %", scale_half_width_rel=0.02),
     World("meter digits", resolution_cd_m2=0.01, digits=2),
     World("one wrong reading of three, 20 %", _READINGS, wrong_reading_rel=0.2),

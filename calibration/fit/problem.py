@@ -13,6 +13,7 @@ import numpy as np
 
 from ...core.dn import Response
 from ...core.errors import CalibrationError
+from ..converter import INTERCEPT
 from ..uncertainty import expanded_half_width
 from .candidates import CandidateModel, Curve
 from .design import Array, Design
@@ -211,8 +212,13 @@ def solutions(design: Design, candidates: Iterable[CandidateModel]) -> Iterator[
 
 
 def _weighting(design: Design, candidate: CandidateModel) -> Design:
-    """Errors that make the weights: of a given response without those that errors of its shape look like."""
-    return design if candidate.bracket is None else replace(design, shared=())
+    """Errors that make the weights: of a given response without those that errors of its shape look like.
+
+    An intercept that was found is no such error: without it, the fit would follow it.
+    """
+    if candidate.bracket is None:
+        return design
+    return replace(design, shared=tuple(error for error in design.shared if error.source == INTERCEPT))
 
 
 def _typical_rel(solution: Solution) -> float:

@@ -27,8 +27,6 @@ MIN_SPAN = 2.0
 GAIN_TOLERANCE_REL = 0.012
 #: Tolerated relative deviation by the position of a patch.
 PLACE_TOLERANCE_REL = 0.002
-#: Code of the finding of a step of the readings that is taken for one of the meter's scale.
-STEP_OF_METER = "readings-step-within-limits"
 #: Significance, in standard uncertainties, of a single test.
 _LIMIT = 3.0
 
@@ -77,12 +75,11 @@ def drift(solution: Solution) -> FitTest:
     return _test("drift", shift, "1/h", significant, ("drift", "no-drift"), values, untestable)
 
 
-def step(solution: Solution, limits_rel: float, *others: FitTest) -> tuple[FitTest, list[SharedError]]:
+def step(solution: Solution, *others: FitTest) -> tuple[FitTest, list[SharedError]]:
     """Largest change of the readings at once; with the errors of the observations by it, if significant.
 
-    Of `others`, drift and vignetting, the significant ones explain it unless it is the better explanation. One within
-    the limits of the meter's scale is taken for the meter's; of a larger one either side may be right, or anything in
-    between.
+    Of `others`, drift and vignetting, the significant ones explain it unless it is the better explanation. Nobody knows
+    whether it was the meter or the light: either side may be right, or anything in between.
     """
     (pattern, first, n), name = strongest_step(solution), "meter step"
     shift = shift_with_scatter(solution, pattern)
@@ -94,11 +91,10 @@ def step(solution: Solution, limits_rel: float, *others: FitTest) -> tuple[FitTe
     significant = shift.z > critical_value(n, shift.dof) and worth_of_step(solution) > other
     opposite = shift._replace(value=-shift.value)
     values = {"patch": solution.design.patches[first], **_relative(opposite)}
-    code = STEP_OF_METER if abs(shift.value) <= limits_rel else "readings-step"
-    errors = [shift.value * pattern / solution.luminance] if significant else []
-    if significant and code != STEP_OF_METER:
-        errors.append(np.full_like(pattern, abs(shift.value) / 2 / sqrt(3)))
-    test = _test(name, opposite, "", significant, (code, "no-readings-step"), values)
+    errors = []
+    if significant:
+        errors = [shift.value * pattern / solution.luminance, np.full_like(pattern, abs(shift.value) / 2 / sqrt(3))]
+    test = _test(name, opposite, "", significant, ("readings-step", "no-readings-step"), values)
     return test, [SharedError(name, one) for one in errors]
 
 

@@ -216,7 +216,9 @@ def with_error(values: NDArray[np.floating[Any]], relative: ArrayLike) -> NDArra
     """
     error = np.asarray(relative, dtype=float)
     changed: NDArray[np.float64] = values * (_factor(error) if error.ndim == 0 else 1 + error)
-    return changed if changed.max(initial=0.0) > 0 or values.max(initial=0.0) <= 0 else values * LEAST_FACTOR
+    if changed.max(initial=0.0) <= 0 < values.max(initial=0.0):
+        changed = values * np.float64(LEAST_FACTOR)
+    return changed
 
 
 def _factor(relative: NDArray[np.float64]) -> float:

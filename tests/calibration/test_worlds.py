@@ -79,6 +79,14 @@ def test_stated_intervals_hold_or_a_finding_names_the_effect(name, n):
         assert summary.findings.get("patch-contradicts", 0.0) <= 0.01 + 3 * binomial_error(0.01, n)
 
 
+def test_a_veil_beside_the_response_of_a_bracket_has_an_uncertainty_of_its_size():
+    """Its wide prior was in the covariance and not in the weights: U was 230 %."""
+    summary = summarise(*calibrated("gamma 2.2, bracket, glare 0.5 %", FEW))
+    assert summary.reasons == {}
+    assert summary.named == 1
+    assert summary.median_expanded["luminance"] < 0.5
+
+
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_of_all_worlds_together_the_intervals_hold_or_a_finding_names_the_effect(quantity):
     """At least 93 %, within 3 sigma / sqrt(N) of a share: what a few calibrations of each world cannot say."""

@@ -16,7 +16,7 @@ import labcdp
 from labcdp.calibration import contrast_half_width_95
 from labcdp.core.errors import LabcdpError
 
-from .camera import Device, make_device
+from .camera import make_device
 from .meter import read_patches, scale_errors
 from .recorder import LIGHT_S, READ_S, Recorder
 from .target import Pair, Target, asked_pair, calibration_target, measured_range, use_target
@@ -100,7 +100,7 @@ def _measured(world: World, rng: np.random.Generator, folder: Path) -> Outcome:
     asked = {"bright": "B", "dark": "D", "contrast": pair.contrast, "epsilon": pair.epsilon}
     with recorder.record("use", target, shown, frames=(FRAMES[0], 2), contrast=asked, after=breathing) as session:
         evaluation = session.evaluate(calibration).evaluation
-    return _compared(device, calibration, evaluation, pair, target, rng)
+    return _compared(recorder, calibration, evaluation, pair, target, rng)
 
 
 def later(world: World, rng: np.random.Generator) -> World:
@@ -134,8 +134,9 @@ def _flat_field(recorder: Recorder, rng: np.random.Generator) -> labcdp.Session:
 
 
 def _compared(
-    device: Device, calibration: Any, evaluation: Any, pair: Pair, target: Target, rng: np.random.Generator
+    recorder: Recorder, calibration: Any, evaluation: Any, pair: Pair, target: Target, rng: np.random.Generator
 ) -> Outcome:
+    device = recorder.device
     row = evaluation.contrasts[0]
     single = next(one.calibrated for one in evaluation.patches if one.patch.name == "S")
     truth_cd_m2 = target.luminance_cd_m2["S"]
@@ -143,7 +144,17 @@ def _compared(
     without = frozenset(_WITHOUT[code] for _, code in findings if code in _WITHOUT)
     weights = dict(zip(PLANES, calibration.weights, strict=True)) if device.world.bayer else {"": 1.0}
     pixels = [
-        true_pixels(device, target, patch, row.exposure_s, rng, weights=weights, without=without) for patch in "BD"
+        true_pixels(
+            device,
+            target,
+            patch,
+            row.exposure_s,
+            rng,
+            weights=weights,
+            lamp=recorder.light[row.exposure_s],
+            without=without,
+        )
+        for patch in "BD"
     ]
     true_cdp = cdp(*pixels, pair.contrast, pair.epsilon)
     low, high = single.interval_95_cd_m2

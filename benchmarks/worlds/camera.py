@@ -142,14 +142,24 @@ def digitised(dn: Array) -> NDArray[np.uint16]:
     return np.clip(np.rint(dn), 0, FULL_SCALE_DN).astype(np.uint16)
 
 
-def expose(
-    device: Device, scene_cd_m2: Array | float, exposure_s: float, rng: np.random.Generator, breathing: float = 1.0
-) -> NDArray[np.uint16]:
-    """Take a frame of a scene; 0 for the lens cap."""
-    world = device.world
+def flickering(world: World, exposure_s: float, rng: np.random.Generator) -> float:
+    """Light of the lamp in a frame, relative to its mean."""
     # Not below 0: a lamp that flickers still shines.
-    flicker = max(1 + world.flicker_rel * min(1.0, world.flicker_period_s / exposure_s) * rng.normal(), 0.0)
-    light = veiled(np.broadcast_to(scene_cd_m2, device.prnu.shape) * device.vignetting * flicker, world.glare_rel)
+    return max(1 + world.flicker_rel * min(1.0, world.flicker_period_s / exposure_s) * float(rng.normal()), 0.0)
+
+
+def expose(
+    device: Device,
+    scene_cd_m2: Array | float,
+    exposure_s: float,
+    rng: np.random.Generator,
+    breathing: float = 1.0,
+    flicker: float | None = None,
+) -> NDArray[np.uint16]:
+    """Take a frame of a scene; 0 for the lens cap. `flicker` is the light of the lamp, None for any."""
+    world = device.world
+    lamp = flickering(world, exposure_s, rng) if flicker is None else flicker
+    light = veiled(np.broadcast_to(scene_cd_m2, device.prnu.shape) * device.vignetting * lamp, world.glare_rel)
     exposed_s = exposure_s + world.exposure_offset_s
     mean_e = device.responsivity_e_s_cd_m2 * breathing * exposed_s * light * device.filters * device.prnu
     rows_dn = world.row_dn * rng.normal(size=(HEIGHT, 1))

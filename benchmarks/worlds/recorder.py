@@ -14,7 +14,7 @@ from labcdp.core.frame import CameraIdentity, Frame
 from labcdp.core.reading import MeterIdentity, Reading
 from labcdp.session import SessionConfiguration
 
-from .camera import Device, expose
+from .camera import Device, expose, flickering
 from .meter import SESSION_S, Shown, lamp
 from .target import Target
 from .world import FOCAL_LENGTH_M, FULL_SCALE_DN, PITCH_M, World
@@ -40,6 +40,8 @@ class Recorder:
     def __init__(self, device: Device, rng: np.random.Generator, folder: Path) -> None:
         self.device, self._rng, self._folder = device, rng, folder
         self._frames = count(1)
+        #: Light of the lamp in the first frame of each exposure of the last session, relative to its mean.
+        self.light: dict[float, float] = {}
 
     def record(
         self,
@@ -78,10 +80,12 @@ class Recorder:
         session = labcdp.Session.create(self._folder / name, configuration)
         n_light, n_dark = frames
         times = np.linspace(0, LIGHT_S, len(exposures_s) * n_light)
-        taken = []
+        taken, self.light = [], {}
         for exposure_s, second in zip(np.repeat(exposures_s, n_light), times, strict=True):
             light = target.scene * lamp(world, float(second)) if after is None else target.scene
-            dn = expose(self.device, light, float(exposure_s), self._rng, 1.0 if after is None else after)
+            flicker = flickering(world, float(exposure_s), self._rng)
+            self.light.setdefault(float(exposure_s), flicker)
+            dn = expose(self.device, light, float(exposure_s), self._rng, 1.0 if after is None else after, flicker)
             taken.append((self.frame(dn, float(exposure_s), second), "light", None))
         for exposure_s in np.repeat(exposures_s, n_dark):
             dn = expose(self.device, 0.0, float(exposure_s), self._rng)

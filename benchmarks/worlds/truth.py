@@ -21,6 +21,7 @@ def true_pixels(
     rng: np.random.Generator,
     *,
     weights: Mapping[str, float],
+    lamp: float = 1.0,
     without: frozenset[str] = frozenset(),
 ) -> Array:
     """Luminances that other pixels of this make show in one frame.
@@ -39,6 +40,8 @@ def true_pixels(
         Of noise and patterns.
     weights : mapping of str to float
         Of the colour planes, on any scale; one entry for a monochrome sensor.
+    lamp : float
+        Light of the lamp in the frame, relative to its mean.
     without : frozenset of str
         Patterns that the calibration takes off, ``prnu`` and ``dsnu``.
     """
@@ -46,7 +49,7 @@ def true_pixels(
     luminance_cd_m2, colour = target.luminance_cd_m2[patch], target.colour[patch]
     x, y, width, height = target.regions[patch]
     v = np.resize(device.vignetting[y : y + height, x : x + width].ravel(), PIXELS)
-    light_cd_m2 = luminance_cd_m2 * np.resize(target.shape[patch], PIXELS)
+    light_cd_m2 = lamp * luminance_cd_m2 * np.resize(target.shape[patch], PIXELS)
     total = sum(weight * colour.get(plane, 1.0) for plane, weight in weights.items())
     values = np.zeros(PIXELS)
     for plane, weight in weights.items():

@@ -16,7 +16,7 @@ from ..core.result import FindingValue
 from ..core.vignetting import Cos4Vignetting, FlatField, RadialVignetting
 from .colour.conversion import errors_of_plane, joined
 from .colour.model import AnyCalibration, ColourCalibration
-from .converter import BLACK_LEVEL, FLAT_FIELD, FLICKER, INTERCEPT, REFOCUS, VIGNETTING, common_errors
+from .converter import BLACK_LEVEL, FLAT_FIELD, FLICKER, INTERCEPT, REFOCUS, TEMPERATURE, VIGNETTING, common_errors
 from .findings import BudgetRow, Distribution, basis
 from .model import Calibration, PatchResidual
 from .setup import METER_SOURCES
@@ -27,12 +27,12 @@ Array = NDArray[np.float64]
 #: Order of the rows.
 SOURCES = (
     "meter scale", "meter digits", "meter repeatability", "meter f1'", "patch uniformity", "exposure scatter",
-    "shot and read noise", "pixel sensitivity", "dark non-uniformity", "dark and temperature", BLACK_LEVEL, FLICKER,
-    "linearity", VIGNETTING, FLAT_FIELD, "exposure time", "exposure offset", REFOCUS, "gain",
+    "shot and read noise", "pixel sensitivity", "dark non-uniformity", "dark and temperature", TEMPERATURE, BLACK_LEVEL,
+    FLICKER, "linearity", VIGNETTING, FLAT_FIELD, "exposure time", "exposure offset", REFOCUS, "gain",
     "spectral mismatch", INTERCEPT, "drift", "fit",
 )  # fmt: skip
 #: Sources whose uncertainty is not evaluated by statistics.
-_TYPE_B = (*METER_SOURCES, "spectral mismatch", "exposure time", REFOCUS, VIGNETTING)
+_TYPE_B = (*METER_SOURCES, "spectral mismatch", "exposure time", REFOCUS, VIGNETTING, TEMPERATURE)
 #: Sources that follow from one estimate, the scatter of the patches.
 _OF_SCATTER = ("fit", "meter repeatability", "patch uniformity")
 #: Sources that differ between the planes of a camera with colour filters.
@@ -152,7 +152,12 @@ def _of_errors(
 ) -> dict[str, BudgetRow]:
     """Rows of common errors: those of planes joined as in the luminance of a patch."""
     of_planes = [
-        common_errors(plane, np.array([plane.net_dn(luminance_cd_m2, exposure_s)]), exposure_s)
+        common_errors(
+            plane,
+            np.array([plane.net_dn(luminance_cd_m2, exposure_s)]),
+            exposure_s,
+            temperature_c=plane.dark.temperature_c,
+        )
         for plane in calibration.planes
     ]
     errors, rows, case = [*of_planes[0]], dict[str, BudgetRow](), ""
@@ -170,6 +175,9 @@ def _of_errors(
         variance, dof = of_one_estimate((float(np.sum(np.square(error.relative))), error.dof) for error in group)
         kind: Distribution = "rectangular" if all(error.rectangular for error in group) else "normal"
         of = basis(source, case if source in ("fit", "linearity") else "")
+        if source == TEMPERATURE:
+            within_k = calibration.planes[0].dark.unknown_within_k
+            of = basis(source, within_k=within_k) if variance else basis(source, "none")
         if source in METER_SOURCES:
             of = calibration.meter_scale.basis(source)
         evaluation: Literal["A", "B"] = "B" if source in _TYPE_B else "A"

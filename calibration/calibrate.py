@@ -102,7 +102,8 @@ def fit(
     calibration = replace(fitted, defects=defects, dark_library=dark_library)
     held = {name: group for name, group in intake.groups.items() if name in held_out}
     centres_px = {name: group[0].centre_px for name, group in held.items()}
-    rows, of_held_out = held_out_rows(lambda name: patch_luminance(calibration, held[name]), centres_px, readings)
+    own = calibration.at_their_temperature()
+    rows, of_held_out = held_out_rows(lambda name: patch_luminance(own, held[name]), centres_px, readings)
     findings = [*intake.findings, *findings, *of_held_out]
     log_findings(_log, findings)
     return replace(calibration, held_out=rows, findings=unique(findings))

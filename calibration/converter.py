@@ -32,10 +32,11 @@ from .setup import LensIdentity, MeterScale
 EXPOSURE_TIME_REL = 5e-5
 #: Sources of common errors: flicker of the light and drift of the black level, common to all patches of the same
 #: frames; an intercept, where the fit found some; setting focus and aperture anew; vignetting that is assumed, or
-#: measured by a flat field.
+#: measured by a flat field; a temperature of the camera that is not stated.
 OF_FRAMES = FLICKER, BLACK_LEVEL = "lamp flicker", "black level"
 INTERCEPT, REFOCUS = "intercept", "focus and aperture"
 VIGNETTING, FLAT_FIELD = "vignetting", "flat field"
+TEMPERATURE = "unknown temperature"
 
 #: Cached, as each frame of a part of the sensor asks for the same.
 _cropped_vignetting = lru_cache(maxsize=8)(cropped)
@@ -188,6 +189,11 @@ class Converter:
         dn = hypot(dark.pattern_dn(frame.exposure_s), dark.drift_dn)
         return dn * float(self.response.slope(0.0)) / self.dn_per_cd_m2(frame.exposure_s, frame.gain_db)
 
+    def at_their_temperature(self) -> Self:
+        """Return the converter for frames of the session of its dark frames, at whose temperature they were taken."""
+        gains = tuple(replace(one, dark=replace(one.dark, unknown_within_k=0.0)) for one in self.gains)
+        return replace(self, dark=replace(self.dark, unknown_within_k=0.0), gains=gains)
+
     def in_region(self, state: CameraState) -> Self:
         """Return the converter for the part of the sensor that frames of a state show.
 
@@ -236,7 +242,7 @@ def common_errors(
     exposure_s : float
         Exposure time.
     gain_db, temperature_c : float or None
-        Gain and temperature of the frame; None for the calibration's own, and that of the dark frames.
+        Gain and temperature of the frame; None for the calibration's own gain, and for an unknown temperature.
 
     Returns
     -------
@@ -266,6 +272,8 @@ def common_errors(
         by_dark_dn, by_glare = -calibration.response.slope(n) / linear_dn, glare_dn / linear_dn
     if glare_dn:
         errors.append(CommonError(INTERCEPT, by_glare))
+    unknown_dn = setting.dark.unknown_growth_dn(exposure_s, temperature_c)
+    errors.append(CommonError(TEMPERATURE, by_dark_dn * unknown_dn if unknown_dn else 0.0))
     sensitivities = setting.dark.sensitivities(exposure_s, temperature_c)
     for error in calibration.fit_errors:
         gain_rel = error.gain_rel[index - 1] if index and error.gain_rel else 0.0

@@ -6,21 +6,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import hypot, inf, sqrt
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, Self, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import CalibrationError, InputError
 from ...core.luminance import CommonError
+from ...core.result import unique
 from ..convert.patch import PatchLuminance, outside_range, patch_luminance
-from ..converter import FLICKER, INTERCEPT, REFOCUS, VIGNETTING
+from ..converter import FLICKER, INTERCEPT, REFOCUS, TEMPERATURE, VIGNETTING
 from ..frames.observations import PatchObservation
 from ..model import Calibration, PatchResidual
 from ..setup import METER_SOURCES
 
 #: Common errors of all planes of a frame, which add with their signs.
-_OF_ALL_PLANES = (*METER_SOURCES, "exposure time", FLICKER, REFOCUS, VIGNETTING, INTERCEPT)
+_OF_ALL_PLANES = (*METER_SOURCES, "exposure time", FLICKER, REFOCUS, VIGNETTING, INTERCEPT, TEMPERATURE)
 _T = TypeVar("_T")
 #: Observations by the name of the plane, None for a monochrome sensor.
 ByPlane: TypeAlias = Mapping[str | None, Sequence[_T]]
@@ -81,6 +82,10 @@ class ColourConverter:
         low, high = self.range_cd_m2
         if not 0 < low <= high < float("inf"):
             raise InputError(f"range_cd_m2 is {low:g} to {high:g}: give two positive luminances, the lower first")
+
+    def at_their_temperature(self) -> Self:
+        """Return the converter for frames of the session of its dark frames, at whose temperature they were taken."""
+        return replace(self, planes=tuple(plane.at_their_temperature() for plane in self.planes))
 
     @property
     def field_rel(self) -> float:
@@ -178,7 +183,7 @@ def colour_patch_luminance(converter: ColourConverter, observations: ByPlane[Pat
     colour = _colour(by_plane / grey, np.abs(by_plane) * np.hypot(own, grey_rel)) * grey
     # The range of a single plane does not matter.
     findings = [
-        finding.within(f"plane {plane.state.plane}")
+        finding if finding.code == "temperature-not-stated" else finding.within(f"plane {plane.state.plane}")
         for plane, one in pairs
         for finding in one.findings
         if finding.code not in ("luminance-outside-range", "signal-outside-range")
@@ -191,7 +196,7 @@ def colour_patch_luminance(converter: ColourConverter, observations: ByPlane[Pat
         scatter_dof=converter.scatter_dof or inf,
         common=converter.common_errors(colour, [one.common for one in seen], shares.tolist()),
         exposures_s=tuple(sorted({t for one in seen for t in one.exposures_s})),
-        findings=(*findings, *outside_range(patch, luminance, random_rel, converter.range_cd_m2)),
+        findings=(*unique(findings), *outside_range(patch, luminance, random_rel, converter.range_cd_m2)),
     )
 
 

@@ -93,8 +93,9 @@ def fit_colour(
     data, scatter = scattered(colour_data(planes, patches), prior.weights, np.array([p.name in grey for p in patches]))
     chosen = _choose(data, prior)
     calibration = _assembled(planes, patches, chosen, scatter, scaled, left_out)
+    own = calibration.at_their_temperature()
     held, of_held_out = held_out_rows(
-        lambda name: colour_patch_luminance(calibration, groups[name]),
+        lambda name: colour_patch_luminance(own, groups[name]),
         {name: centre_px(group) for name, group in groups.items() if name in held_out},
         readings,
     )

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ...core.clock import exposure_text
 from ...core.errors import CalibrationError
 from ...core.luminance import RANGE_MARGIN, CommonError
-from ...core.result import Finding, warning
+from ...core.result import Finding, unique, warning
 from ..converter import OF_FRAMES, Converter, common_errors, placed
 from ..frames.nonuniformity import vignetting_errors
 from ..frames.observations import PatchObservation
@@ -226,12 +226,18 @@ def _combined(
         findings=(
             *findings,
             *temperature_findings(observations, calibration.settings),
+            *_unknown_temperatures(calibration, observations),
             *(
                 outside_range(patch, luminance, random_rel, calibration.range_cd_m2)
                 or _unconfirmed(calibration, patch, net, each, inverse)
             ),
         ),
     )
+
+
+def _unknown_temperatures(calibration: Converter, observations: Sequence[PatchObservation]) -> tuple[Finding, ...]:
+    darks = ((calibration.setting(o.state.gain_db).dark, (o.exposure_s, o.temperature_c)) for o in observations)
+    return unique(finding for dark, taken in darks for finding in dark.unknown_temperature_findings([taken]))
 
 
 def _unconfirmed(calibration: Converter, patch: str, net_dn: Array, each: Array, weight: Array) -> list[Finding]:

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from math import log, sqrt
+from math import hypot, log, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import CalibrationError, require_not_negative
 from ...core.result import Finding, warning
+from ...core.table import Z_95
 from ..frames.observations import DarkObservation
 from ..frames.statistics import MAX_CLIPPED_SHARE
+from ..uncertainty import COVERAGE
 from .dark_fit import (
     DOUBLING_REL,
     TYPICAL_DOUBLING_C,
+    UNKNOWN_WITHIN_K,
     DarkCurrent,
     drift_of_black_level,
     fit_curve,
@@ -64,6 +67,9 @@ class DarkModel(DarkCurrent):
         Degrees of freedom of `drift_dn`; 0 if it is known.
     line_noise_dn, line_pattern_dn : (float, float)
         Standard deviation of temporal noise and of the pattern that whole columns, and whole rows, have in common.
+    unknown_within_k : float
+        Half width of the temperatures that frames may have around T_ref where one of the two is unknown; 0 for frames
+        of the same session as the dark frames.
 
     Raises
     ------
@@ -86,6 +92,7 @@ class DarkModel(DarkCurrent):
     drift_dof: int = 0
     line_noise_dn: tuple[float, float] = (0.0, 0.0)
     line_pattern_dn: tuple[float, float] = (0.0, 0.0)
+    unknown_within_k: float = UNKNOWN_WITHIN_K
 
     def __post_init__(self) -> None:
         require_not_negative(
@@ -98,6 +105,7 @@ class DarkModel(DarkCurrent):
             drift_dof=self.drift_dof,
             line_noise_dn=self.line_noise_dn,
             line_pattern_dn=self.line_pattern_dn,
+            unknown_within_k=self.unknown_within_k,
         )
 
     def mean_dn(self, exposure_s: float, temperature_c: float | None = None) -> float:
@@ -116,6 +124,17 @@ class DarkModel(DarkCurrent):
         """Variance of d(t, T) in DN^2 (GUM 5.2.2)."""
         sensitivity = self.sensitivities(exposure_s, temperature_c)
         return max(float(sensitivity @ np.array(self.covariance) @ sensitivity), 0.0)
+
+    def unknown_growth_dn(self, exposure_s: float, temperature_c: float | None = None) -> float:
+        """Return the standard uncertainty of d(t, T), in DN, by an unknown temperature; 0 if it is known.
+
+        Temperatures within `unknown_within_k` of T_ref are equally probable. As the dark current grows by more than it
+        falls, this is the half width that contains 95 % of it, over the normal quantile.
+        """
+        if temperature_c is not None and self.temperature_c is not None:
+            return 0.0
+        growth = (self._growth_by((2 * COVERAGE - 1) * self.unknown_within_k) - 1) / Z_95
+        return hypot(self.rate_dn_s, sqrt(self.rate_variance_dn2_s2)) * exposure_s * growth
 
     def noise_variance_dn2(self, exposure_s: float, temperature_c: float | None = None) -> float:
         """Temporal variance of one pixel in the dark, in DN^2: read noise and shot noise of the dark current."""
@@ -148,6 +167,19 @@ class DarkModel(DarkCurrent):
         if largest_dn < _WORTH_DN:
             return []
         return [warning("temperature-not-covered", subject, exposure_s=t, temperature_c=c, range_c=[low, high])]
+
+    def unknown_temperature_findings(self, frames: Iterable[tuple[float, float | None]]) -> list[Finding]:
+        """Warn of frames whose dark signal is less certain by an unknown temperature.
+
+        Parameters
+        ----------
+        frames : iterable of (float, float or None)
+            Exposure in s and temperature in degC of each.
+        """
+        if max((self.unknown_growth_dn(t, c) for t, c in frames), default=0.0) * Z_95 < _WORTH_DN:
+            return []
+        growth = self._growth_by(self.unknown_within_k)
+        return [warning("temperature-not-stated", within_k=self.unknown_within_k, growth=[1 / growth, growth])]
 
     def errors(self) -> NDArray[np.float64]:
         """Independent errors of the parameters for one standard uncertainty, one a row; shape (n, 3), n at most 3."""

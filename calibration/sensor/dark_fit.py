@@ -23,6 +23,9 @@ _DOUBLING_LIMIT = 3.0
 #: Linear, dark current; J. Janesick, Photon Transfer, 2007), and a third of that growth is its standard uncertainty.
 TYPICAL_DOUBLING_C = 7.5
 DOUBLING_REL = 1 / 3
+#: Temperatures that a camera may have where one is not stated: that of the dark frames, and this much more or less. A
+#: judgement: that range of a room, or what a camera warms by after it is switched on.
+UNKNOWN_WITHIN_K = 10.0
 #: Largest difference of mean dark signal by normal drift of the black level.
 DRIFT_DN = 0.5
 Array = NDArray[np.float64]
@@ -38,8 +41,10 @@ class DarkCurrent:
         """Return the dark current over that at T_ref; 1 if either temperature is unknown."""
         if temperature_c is None or self.temperature_c is None:
             return 1.0
-        doubling_c = self.doubling_temperature_c or TYPICAL_DOUBLING_C
-        return float(2.0 ** ((temperature_c - self.temperature_c) / doubling_c))
+        return self._growth_by(temperature_c - self.temperature_c)
+
+    def _growth_by(self, warmer_k: float) -> float:
+        return float(2.0 ** (warmer_k / (self.doubling_temperature_c or TYPICAL_DOUBLING_C)))
 
 
 def fit_curve(darks: Sequence[DarkObservation], warmer_c: Array, drift_dn: float) -> tuple[Array, Array, list[Finding]]:

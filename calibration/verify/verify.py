@@ -65,6 +65,8 @@ def verify(
         If the tolerance is not above 0 and up to 1.
     """
     stated_rel = None if tolerance_rel is None else require_tolerance(tolerance_rel)
+    # What another temperature of the camera does is seen on the dark frames.
+    calibration = calibration.at_their_temperature()
     groups = by_patch(observations, [plane.state.plane for plane in calibration.planes])
     seen, unusable, of_frames = _measured(calibration, groups)
     comparison, of_readings = _compared(calibration, groups, list(seen.values()), readings, meter)

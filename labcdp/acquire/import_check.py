@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..core.clock import exposure_text
@@ -36,12 +36,15 @@ class ImportFile:
         The patch it shows, where patches were shown one by one.
     exposure_s : float or None
         Exposure time, if not in the file.
+    temperature_c : float or None
+        Temperature of the camera, which no file states that labcdp reads; None if it is not known.
     """
 
     path: Path
     role: Role
     patch: str | None = None
     exposure_s: float | None = None
+    temperature_c: float | None = None
 
 
 def check_files(
@@ -140,8 +143,10 @@ def read_picture(file: ImportFile, configuration: SessionConfiguration) -> FileF
         camera=CameraIdentity(camera.vendor or "unknown", camera.model or "unknown", camera.serial or "unknown"),
     )
     if file.path.suffix.lower() in IMAGE_SUFFIXES:
-        return read_image(file.path, pixel_format(configuration.plan.pixel_format), defaults)
-    return read_raw(file.path, defaults)
+        read = read_image(file.path, pixel_format(configuration.plan.pixel_format), defaults)
+    else:
+        read = read_raw(file.path, defaults)
+    return replace(read, frame=replace(read.frame, temperature_c=file.temperature_c))
 
 
 def _require_bench(configuration: SessionConfiguration, read: FileFrame) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from ..drivers.csv_meter import CsvMeter
 from ..drivers.manual import MeterAccuracy, stated_accuracy
 from ..drivers.minolta_ls.protocol import LS100, LS110, LSDataSheet
 from ..session import Session, SessionConfiguration
-from ..session.records import EXPOSURES
+from ..session.records import EXPOSURES, FrameRecord
 from .import_check import ImportFile, check_files, read_picture
 
 _DATA_SHEETS = {sheet.model: sheet for sheet in (LS100, LS110)}
@@ -158,6 +158,7 @@ def import_session(
                 f"{path} was made with another configuration: give that one ({path / 'session.toml'}), or a new folder"
             )
         known = _known(session, frame, report)
+        _require_their_temperature(session, known, checked)
         lacking = [(key, file) for key, file in checked.items() if key not in known]
         _write_frames(session, lacking, configuration, frame, report)
         new_readings = given.new(session)
@@ -176,8 +177,8 @@ def import_session(
     )
 
 
-def _known(session: Session, frame: Frame, report: Callable[[str, int, int], None]) -> set[str]:
-    """Keys of the frames in a session, which must have the same settings."""
+def _known(session: Session, frame: Frame, report: Callable[[str, int, int], None]) -> dict[str, FrameRecord]:
+    """Frames in a session by their keys; they must have the same settings."""
     records = session.frames()
     for record in records[:1]:
         height, width = record.shape
@@ -185,11 +186,27 @@ def _known(session: Session, frame: Frame, report: Callable[[str, int, int], Non
         here = f"{frame.camera}, {frame.shape[1]} x {frame.shape[0]} pixels, {frame.pixel_format}"
         if there != here:
             raise InputError(f"{session.path} holds frames of {there}, the pictures are of {here}: give a new folder")
-    keys = set()
+    known = {}
     for done, record in enumerate(records, start=1):
-        keys.add(pixels_sha256(session.load(record)))
+        known[pixels_sha256(session.load(record))] = record
         report("comparing", done, len(records))
-    return keys
+    return known
+
+
+def _require_their_temperature(
+    session: Session, known: Mapping[str, FrameRecord], checked: Mapping[str, ImportFile]
+) -> None:
+    """Refuse a temperature of frames that are in a session with another one, or with none."""
+    for key, file in checked.items():
+        if key not in known or file.temperature_c is None:
+            continue
+        there = known[key].metadata["temperature_c"]
+        if there != file.temperature_c:
+            stated = "without a temperature" if there is None else f"with {there:g} °C"
+            raise InputError(
+                f"{file.path} is in {session.path} {stated}, and given with {file.temperature_c:g} °C: give a new "
+                "folder"
+            )
 
 
 def _write_frames(

@@ -161,7 +161,7 @@ def _result(
     title = f"Luminance of {n} frame{'s' if n > 1 else ''} at {exposures(set(bracket.exposures_s))}"
     taken, gain_db = [(one.exposure_s, one.temperature_c) for one in selected.frames], selected.frames[0].gain_db
     darks = [plane.setting(gain_db).dark for plane in calibration.planes]
-    warmer = [finding for dark in darks for finding in dark.temperature_findings(taken)]
+    warmer = [f for dark in darks for f in dark.temperature_findings(taken) + dark.unknown_temperature_findings(taken)]
     return Result(
         "luminance",
         str(output),

@@ -70,6 +70,15 @@ def parse_seconds(text: str, name: str) -> float:
     raise InputError(f"{name} is {shown(text)}: give a number above 0 with s, ms or us, for example 5ms")
 
 
+def parse_temperature(text: str, name: str) -> float:
+    """Turn ``31.5`` into a number; raises InputError unless it is from -100 to 200 degC."""
+    with suppress(ValueError):
+        value = float(text)
+        if -100 <= value <= 200:
+            return value
+    raise InputError(f"{name} is {shown(text)}: give degrees Celsius from -100 to 200, for example 31.5")
+
+
 def parse_tolerance(text: str, name: str = "--epsilon") -> float:
     """Turn ``50%`` into 0.5; raises InputError unless it is above 0 % and up to 100 %."""
     tolerance = fraction_of_percent(text, name)

@@ -37,6 +37,7 @@ def test_the_flicker_of_the_same_frames_counts_once_however_often_they_show_a_pa
 
 
 def test_the_scale_cancels_in_a_contrast_and_the_dark_signal_does_not(calibrated, camera):
+    calibrated = calibrated.at_their_temperature()
     bright = patch_luminance(calibrated, seen(camera, 200.0))
     dark = patch_luminance(calibrated, seen(camera, 0.5))
     of_dark = [[e.relative for e in patch.common if e.source == "dark and temperature"] for patch in (bright, dark)]
@@ -49,6 +50,7 @@ def test_the_scale_cancels_in_a_contrast_and_the_dark_signal_does_not(calibrated
 
 
 def test_saturated_exposures_are_left_out_and_luminances_outside_the_range_named(calibrated, camera):
+    calibrated = calibrated.at_their_temperature()
     patch = patch_luminance(calibrated, seen(camera, 300.0))
     assert (patch.luminance_cd_m2, patch.exposures_s) == (pytest.approx(300.0), (0.001, 0.008))
     assert codes(patch) == {"exposure-saturated"}

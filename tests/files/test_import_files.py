@@ -172,3 +172,26 @@ def test_images_of_other_programs_are_imported(folder, labcdp):
     frames = Session.open(folder / "s").frames("light")
     found = [(r.exposure_s, r.pixel_format, r.camera.model) for r in frames]
     assert found == [(exposure_s, "Mono12", "Still 1") for exposure_s in (0.01, 0.01, 0.02)]
+
+
+def test_temperatures_are_stated_for_all_for_a_kind_or_for_one_picture(folder, labcdp, imported, files):
+    arguments = ["import", "bench.toml", "s", "--light", "light", "--dark", "dark", "--readings", "readings.csv"]
+    for wrong, message in (
+        (["hot"], "--temperature is 'hot': give degrees Celsius from -100 to 200"),
+        (["300"], "--temperature is '300': give degrees Celsius from -100 to 200"),
+        (["none.dng=3"], "--temperature names none.dng, which is not among the imported pictures"),
+        (["30", "31"], "--temperature without a file is given twice"),
+    ):
+        refused = labcdp(*arguments, *(word for text in wrong for word in ("--temperature", text)))
+        assert refused.returncode != 0
+        assert message in refused.stderr
+    given = ["--temperature", "31.5", "--temperature", "dark=-3", "--temperature", "light/100_1.dng=29"]
+    done = labcdp(*arguments, *given)
+    assert done.returncode == 0, done.stderr
+    session = Session.open(folder / "s")
+    assert sorted(r.metadata["temperature_c"] for r in session.frames("light")) == [29.0, *[31.5] * 5]
+    assert [session.load(r).temperature_c for r in session.frames("dark")] == [-3.0] * 6
+    # Repeated without temperatures it adds nothing; other ones are no others of the same frames.
+    assert labcdp(*arguments).returncode == 0
+    with pytest.raises(InputError, match=r"is in .* with 29 °C, and given with 30 °C: give a new folder"):
+        imported([replace(f, temperature_c=30.0) for f in files], to="s")

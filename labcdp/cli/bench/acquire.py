@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 
@@ -23,9 +24,10 @@ from ...core.table import Column, Table
 from ...files.read import IMPORTED_SUFFIXES, picture_paths
 from ...regions import load_regions
 from ...session import EventRecord, FrameRecord, ReadingRecord, Role, Session, SessionConfiguration
+from ...session.records import ROLES
 from ...web.bench.recording import with_regions
 from ..terminal import print_result, progress_bars, say
-from ..values import parse_seconds
+from ..values import parse_seconds, parse_temperature
 from .connected import connected
 from .operators import Console, Keys
 from .options import Again, DeviceOptions, Person, Replay
@@ -197,6 +199,7 @@ def import_files(
     dark: tuple[str, ...] = (),
     readings: Path,
     exposure: tuple[str, ...] = (),
+    temperature: tuple[str, ...] = (),
 ) -> None:
     """Create a session from camera RAW files, or grey TIFF and PNG files, and a list of meter readings.
 
@@ -219,16 +222,25 @@ def import_files(
         CSV file of the meter readings: columns patch, luminance_cd_m2 or luminance_fL, and optionally time.
     exposure
         Exposure time of pictures that do not state it, for example 5ms; FILE=5ms for one picture. May be repeated.
+    temperature
+        Temperature of the camera in degrees Celsius, for example 31.5; light=31.5 or dark=29 for pictures of that
+        kind, FILE=31.5 for one picture. Without it, the dark signal is less certain. May be repeated.
     """
     wanted = SessionConfiguration.load(configuration)
-    exposures_s = _exposures_s(exposure)
-    files = [one for text in light for one in _pictures(*_of_patch(text), "light", exposures_s)]
-    files += [one for text in dark for one in _pictures("", text, "dark", exposures_s)]
+    exposures_s = _by_name(exposure, "--exposure", parse_seconds)
+    temperatures_c = _by_name(temperature, "--temperature", parse_temperature)
+    given = partial(_pictures, exposures_s, temperatures_c)
+    files = [one for text in light for one in given(*_of_patch(text), "light")]
+    files += [one for text in dark for one in given("", text, "dark")]
     if not any(file.role == "light" for file in files):
         raise InputError("no picture of the target: give --light with a file, folder or pattern")
-    unused = sorted(set(exposures_s) - {str(file.path) for file in files} - {""})
-    if unused:
-        raise InputError(f"--exposure names {unused[0]}, which is not among the imported pictures: correct the name")
+    names = {str(file.path) for file in files} | {""}
+    for option, unused in (
+        ("--exposure", sorted(exposures_s.keys() - names)),
+        ("--temperature", sorted(temperatures_c.keys() - names - set(ROLES))),
+    ):
+        if unused:
+            raise InputError(f"{option} names {unused[0]}, which is not among the imported pictures: correct the name")
     with progress_bars() as bars:
         done = import_session(wanted, session, files, readings, bars.update)
     counts = [
@@ -253,7 +265,9 @@ def _of_patch(text: str) -> tuple[str, str]:
     return patch, name
 
 
-def _pictures(patch: str, text: str, role: Role, exposures_s: dict[str, float]) -> list[ImportFile]:
+def _pictures(
+    exposures_s: Mapping[str, float], temperatures_c: Mapping[str, float], patch: str, text: str, role: Role
+) -> list[ImportFile]:
     """Return the files of a name, a folder or a pattern, by name."""
     path = Path(text)
     if path.is_dir():
@@ -264,17 +278,27 @@ def _pictures(patch: str, text: str, role: Role, exposures_s: dict[str, float]) 
         paths = [path]
     if not paths:
         raise InputError(f"--{role} {text} matches no file: check folder and pattern")
-    return [ImportFile(one, role, patch or None, exposures_s.get(str(one), exposures_s.get(""))) for one in paths]
+    of_role = temperatures_c.get(role, temperatures_c.get(""))
+    return [
+        ImportFile(
+            one,
+            role,
+            patch or None,
+            exposures_s.get(str(one), exposures_s.get("")),
+            temperatures_c.get(str(one), of_role),
+        )
+        for one in paths
+    ]
 
 
-def _exposures_s(texts: Sequence[str]) -> dict[str, float]:
-    """Exposures by file, "" for all others."""
-    exposures_s: dict[str, float] = {}
+def _by_name(texts: Sequence[str], option: str, parse: Callable[[str, str], float]) -> dict[str, float]:
+    """Values of NAME=VALUE by name, "" for all others."""
+    values: dict[str, float] = {}
     for text in texts:
         name, _, number = text.rpartition("=")
-        seconds = parse_seconds(number, "--exposure")
+        value = parse(number, option)
         key = str(Path(name)) if name else ""
-        if key in exposures_s:
-            raise InputError(f"--exposure {name or 'without a file'} is given twice: give it once")
-        exposures_s[key] = seconds
-    return exposures_s
+        if key in values:
+            raise InputError(f"{option} {name or 'without a file'} is given twice: give it once")
+        values[key] = value
+    return values

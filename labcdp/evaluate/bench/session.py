@@ -116,7 +116,9 @@ def evaluate_session(
     configuration, session = observed.configuration, observed.session
     pairs = configuration.contrasts if contrasts is None else contrasts
     findings = mismatch(configuration, calibration)
-    if not calibration.provenance.comes_from(observed.input_sha256):
+    if calibration.provenance.comes_from(observed.input_sha256):
+        calibration = calibration.at_their_temperature()
+    else:
         if measured_in(session, calibration):
             findings = [warning("calibration-before-retake", str(session.path)), *findings]
         calibration, of_session = in_session(calibration, observed.by_plane, observed.darks_by_plane)

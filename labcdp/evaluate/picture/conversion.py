@@ -13,7 +13,7 @@ from ...core.dn import PIXEL_FORMATS
 from ...core.errors import CalibrationError, InputError
 from ...core.frame import Frame
 from ...core.luminance import WHOLE, Invalid, LuminanceMap, Window
-from ...core.result import Finding, info, warning
+from ...core.result import Finding, info, unique, warning
 from ...files.frame import no_exposure
 from ...files.picture import Picture
 from ...files.read import PictureOptions
@@ -236,7 +236,10 @@ class Calibrated(PictureConversion):
     def _findings(self, picture: Picture, frame: Frame) -> list[Finding]:
         assumed = warning("camera-assumed", camera=str(self.calibration.state.camera))
         found = [] if picture.camera_stated else [assumed]
-        return found + ([warning("srgb-taken-as-dn")] if picture.encoding != "linear" else [])
+        for plane in self.calibration.planes:
+            dark = plane.setting(frame.gain_db).dark
+            found += dark.unknown_temperature_findings([(frame.exposure_s, frame.temperature_c)])
+        return [*unique(found)] + ([warning("srgb-taken-as-dn")] if picture.encoding != "linear" else [])
 
 
 def picture_conversion(

@@ -102,22 +102,22 @@ def test_a_warmer_frame_has_more_dark_signal_and_its_error(make_calibration):
         net = 1000 - 64 - 4000 * 0.008 * growth
         assert seen.luminance_cd_m2 == pytest.approx(net / (R * 0.008), rel=1e-6)
         by_growth_dn = 4000 * 0.008 * growth * np.log(2) * (temperature_c - 23) / 22.5
-        assert seen.common[2].relative == pytest.approx(-by_growth_dn / net, rel=1e-5)
+        assert seen.common[3].relative == pytest.approx(-by_growth_dn / net, rel=1e-5)
 
 
 def test_common_errors_are_those_of_the_calibration_and_of_the_vignetting(make_calibration):
     frame = every_dn()
     plain, curved = (to_luminance(make_calibration(vignetting=v), frame) for v in (None, FALL_OFF))
     sources = [e.source for e in plain.common]
-    assert sources == ["meter scale", "exposure time", "fit", "dark and temperature"]
+    assert sources == ["meter scale", "exposure time", "unknown temperature", "fit", "dark and temperature"]
     assert [e.source for e in curved.common] == [*sources, "flat field", "flat field"]
     net = frame.dn - OFFSET - RATE * 0.008
-    np.testing.assert_allclose(plain.common[3].relative, -0.2 / net, rtol=1e-5)
+    np.testing.assert_allclose(plain.common[4].relative, -0.2 / net, rtol=1e-5)
     for seen in (plain, curved):
         total = np.sqrt(sum(np.square(e.relative, dtype=float) for e in seen.common))
         np.testing.assert_allclose(seen.common_rel, np.broadcast_to(total, SHAPE), rtol=1e-5)
     # An error of V makes the opposite error of L.
-    for error, pattern in zip(curved.common[4:], FALL_OFF.common_patterns(SHAPE), strict=True):
+    for error, pattern in zip(curved.common[5:], FALL_OFF.common_patterns(SHAPE), strict=True):
         np.testing.assert_allclose(error.relative, -pattern, rtol=1e-5, atol=1e-9)
 
 

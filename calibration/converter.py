@@ -36,7 +36,7 @@ EXPOSURE_TIME_REL = 5e-5
 OF_FRAMES = FLICKER, BLACK_LEVEL = "lamp flicker", "black level"
 INTERCEPT, REFOCUS = "intercept", "focus and aperture"
 VIGNETTING, FLAT_FIELD = "vignetting", "flat field"
-TEMPERATURE = "unknown temperature"
+TEMPERATURE, EXPOSURE_TIME = "unknown temperature", "exposure time"
 
 #: Cached, as each frame of a part of the sensor asks for the same.
 _cropped_vignetting = lru_cache(maxsize=8)(cropped)
@@ -263,7 +263,7 @@ def common_errors(
         CommonError("meter scale", scale.standard_uncertainty_rel, scale.certificate is None, scale.degrees_of_freedom),
         *((CommonError("meter f1'", scale.mismatch_rel, rectangular=True),) if scale.mismatch_rel else ()),
         *((CommonError(REFOCUS, calibration.lens.refocus_rel),) if calibration.lens.refocus_rel else ()),
-        CommonError("exposure time", times.u_rel(exposure_s, jitter_rel)),
+        CommonError(EXPOSURE_TIME, times.u_rel(exposure_s, jitter_rel)),
         *((CommonError("exposure offset", times.offset_u_rel(exposure_s)),) if times.offset_u_s else ()),
     ]
     glare_dn = calibration.responsivity.glare_cd_m2 * calibration.dn_per_cd_m2(exposure_s, setting.gain_db)

@@ -5,17 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
-from math import hypot, sqrt
+from functools import cached_property
+from math import inf, sqrt
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core.errors import CalibrationError
 from ..core.reading import CD_M2_PER_FL, Reading
 from ..core.result import Finding, FindingValue, info, warning
 from .findings import LeftOut
 from .setup import require_one_correction
-from .uncertainty import p_value_of_chi_squared
+from .uncertainty import SMALL_P_VALUE, effective_dof, expanded_of, of_one_estimate, p_value_of_chi_squared
 
 #: p-value of the scatter below which the patch itself has changed.
 _CHANCE = 0.001
@@ -41,6 +43,10 @@ class PatchReading:
         Mean time of the readings.
     left_out : tuple of LeftOut
         Readings that were not used.
+    dof : float
+        Degrees of freedom of `random_cd_m2`; infinite where the meter's repeatability is as stated.
+    of_all : bool
+        Whether it follows from the scatter of all patches' readings, so that it is one estimate for them.
     """
 
     patch: str
@@ -49,6 +55,13 @@ class PatchReading:
     n_readings: int
     read_at: datetime
     left_out: tuple[LeftOut, ...] = ()
+    dof: float = inf
+    of_all: bool = False
+
+    @property
+    def variance_rel(self) -> float:
+        """Square of the relative random uncertainty."""
+        return (self.random_cd_m2 / self.luminance_cd_m2) ** 2
 
     def scaled(self, factor: float) -> PatchReading:
         """Return the reading of a part of the patch that is brighter by a factor."""
@@ -94,7 +107,7 @@ def combine_readings(patch: str, readings: Sequence[Reading]) -> tuple[PatchRead
     The repeatability averages; the digit error does not, as the same light gives the same rounded number. Duplicate
     rows are counted once. Of three or more readings, one that contradicts the others is left out if these agree. If the
     readings scatter more than expected from repeatability and digits, their standard deviation is used instead of the
-    repeatability.
+    repeatability, with its degrees of freedom.
 
     Parameters
     ----------
@@ -117,34 +130,183 @@ def combine_readings(patch: str, readings: Sequence[Reading]) -> tuple[PatchRead
     InputError
         If a reading is a ratio in %.
     """
-    if not readings:
-        raise CalibrationError(f"patch {patch!r} has no meter reading: measure it, or leave the patch out")
-    for reading in readings:
-        if reading.peak:
-            raise CalibrationError(
-                f"reading {reading.raw!r} of patch {patch!r} is a held peak: set the meter to CONT and measure again"
-            )
-    require_one_correction((f"reading {n} of patch {patch!r}", r) for n, r in enumerate(readings, start=1))
+    given, findings = _KeptReadings.of(patch, readings)
+    one, contradicting = given.agreeing()
+    return one.combined(), [*findings, *contradicting, *one.scatter_findings]
+
+
+def combine_patches(
+    readings: Mapping[str, Sequence[Reading]],
+) -> tuple[dict[str, PatchReading], list[Finding]]:
+    """Combine the readings of several patches by one meter, whose scatter is that of all of them.
+
+    Two or three readings say little of their scatter. Where those of all patches together scatter more than the meter
+    does, all get what they show together, with the degrees of freedom of all, and none is left out for contradicting
+    the others. A patch that scatters more than the others has its own scatter.
+
+    Parameters
+    ----------
+    readings : mapping of str to sequence of Reading
+        By patch; as `combine_readings`.
+
+    Returns
+    -------
+    dict of str to PatchReading
+        By patch.
+    list of Finding
+        Findings for the user.
+
+    Raises
+    ------
+    CalibrationError, InputError
+        As `combine_readings`.
+    """
+    kept: dict[str, _KeptReadings] = {}
     findings: list[Finding] = []
-    once = distinct(readings)
-    copies = [number for number in range(1, len(readings) + 1) if number not in once]
-    left_out = [LeftOut(patch, None, number, "copy of another reading") for number in copies]
-    if copies:
-        findings.append(info("readings-repeated", patch, count=len(copies)))
-    bad = _contradicting(once)
-    if bad is not None:
-        wrong = once.pop(bad).luminance_cd_m2
-        others = float(np.mean([r.luminance_cd_m2 for r in once.values()]))
-        left_out.append(LeftOut(patch, None, bad, "contradicts the other readings"))
-        findings.append(contradiction("reading-contradicts", patch, wrong, others, number=bad))
-    kept = [*once.values()]
-    mean, random, steady = _mean(kept)
-    if not steady:
-        scatter = float(np.std([r.luminance_cd_m2 for r in kept], ddof=1)) / mean
-        findings.append(warning("readings-scatter", patch, scatter_rel=scatter))
-    first = kept[0].timestamp
-    read_at = first + sum((r.timestamp - first for r in kept), timedelta()) / len(kept)
-    return PatchReading(patch, mean, random, len(kept), read_at, tuple(left_out)), findings
+    for patch, own in readings.items():
+        kept[patch], found = _KeptReadings.of(patch, own)
+        findings += found
+    alike = _alike([one for one in kept.values() if one.dof])
+    dof = sum(one.dof for one in alike)
+    chi_squared = sum(one.chi_squared for one in alike)
+    widened = p_value_of_chi_squared(chi_squared, dof) < SMALL_P_VALUE
+    if widened:
+        findings.append(warning("readings-scatter-all", ratio=sqrt(chi_squared / dof), dof=dof))
+    result = {}
+    for patch, one in kept.items():
+        if widened and (one in alike or not one.dof):
+            result[patch] = one.combined((chi_squared / dof, dof))
+        else:
+            left, contradicting = one.agreeing()
+            result[patch] = left.combined()
+            findings += [*contradicting, *left.scatter_findings]
+    return result, findings
+
+
+@dataclass(frozen=True, eq=False)
+class _KeptReadings:
+    """Readings of a patch that are used, by their number, and those that are not."""
+
+    patch: str
+    kept: Mapping[int, Reading]
+    left_out: tuple[LeftOut, ...]
+
+    @classmethod
+    def of(cls, patch: str, readings: Sequence[Reading]) -> tuple[Self, list[Finding]]:
+        if not readings:
+            raise CalibrationError(f"patch {patch!r} has no meter reading: measure it, or leave the patch out")
+        for reading in readings:
+            if reading.peak:
+                raise CalibrationError(
+                    f"reading {reading.raw!r} of patch {patch!r} is a held peak: set the meter to CONT and measure "
+                    "again"
+                )
+        require_one_correction((f"reading {n} of patch {patch!r}", r) for n, r in enumerate(readings, start=1))
+        findings: list[Finding] = []
+        once = distinct(readings)
+        copies = [number for number in range(1, len(readings) + 1) if number not in once]
+        left_out = [LeftOut(patch, None, number, "copy of another reading") for number in copies]
+        if copies:
+            findings.append(info("readings-repeated", patch, count=len(copies)))
+        return cls(patch, once, tuple(left_out)), findings
+
+    def agreeing(self) -> tuple[_KeptReadings, list[Finding]]:
+        """Return it without the one reading that contradicts the others."""
+        bad = _contradicting(self.kept)
+        if bad is None:
+            return self, []
+        kept = {number: r for number, r in self.kept.items() if number != bad}
+        others = float(np.mean([r.luminance_cd_m2 for r in kept.values()]))
+        found = contradiction("reading-contradicts", self.patch, self.kept[bad].luminance_cd_m2, others, number=bad)
+        left_out = (*self.left_out, LeftOut(self.patch, None, bad, "contradicts the other readings"))
+        return _KeptReadings(self.patch, kept, left_out), [found]
+
+    @cached_property
+    def values(self) -> NDArray[np.float64]:
+        return np.array([reading.luminance_cd_m2 for reading in self.kept.values()])
+
+    @property
+    def dof(self) -> int:
+        return len(self.kept) - 1
+
+    @cached_property
+    def stated(self) -> tuple[float, float]:
+        """Standard uncertainties of one reading by repeatability, and by the digit."""
+        repeatability = [r.repeatability_rel * r.luminance_cd_m2 for r in self.kept.values()]
+        digits = [r.digits_half_width * r.cd_m2_per_unit / sqrt(3) for r in self.kept.values()]
+        return sqrt(float(np.mean(np.square(repeatability)))), sqrt(float(np.mean(np.square(digits))))
+
+    @property
+    def variance(self) -> float:
+        """Expected of a reading; exact readings that differ contradict each other."""
+        repeatability, digits = self.stated
+        return max(repeatability**2 + digits**2, 1e-300)
+
+    @cached_property
+    def chi_squared(self) -> float:
+        return self.dof * float(np.var(self.values, ddof=1)) / self.variance if self.dof else 0.0
+
+    @property
+    def steady(self) -> bool:
+        """Whether the readings scatter as the meter does."""
+        return self.chi_squared <= self.dof or p_value_of_chi_squared(self.chi_squared, self.dof) >= _CHANCE
+
+    @property
+    def scatter_findings(self) -> list[Finding]:
+        if self.steady:
+            return []
+        scatter_rel = float(np.std(self.values, ddof=1) / np.mean(self.values))
+        return [warning("readings-scatter", self.patch, scatter_rel=scatter_rel)]
+
+    def combined(self, of_all: tuple[float, int] | None = None) -> PatchReading:
+        """Mean and uncertainty; `of_all` is a factor of the variance, and degrees of freedom, of all patches."""
+        repeatability, digits = self.stated
+        variance, dof = repeatability**2, inf
+        if of_all is not None:
+            variance, dof = of_all[0] * self.variance, of_all[1]
+        elif not self.steady:
+            variance, dof = self.chi_squared / self.dof * self.variance, self.dof
+        times = [r.timestamp for r in self.kept.values()]
+        n, first = len(times), times[0]
+        parts = (variance / n, dof), (digits**2, inf)
+        return PatchReading(
+            patch=self.patch,
+            luminance_cd_m2=float(self.values.mean()),
+            random_cd_m2=sqrt(sum(part for part, _ in parts)),
+            n_readings=n,
+            read_at=first + sum((time - first for time in times), timedelta()) / n,
+            left_out=self.left_out,
+            dof=effective_dof(parts),
+            of_all=of_all is not None,
+        )
+
+
+def _alike(several: Sequence[_KeptReadings]) -> list[_KeptReadings]:
+    """Patches whose readings scatter alike: without those that scatter more than all others together (F test)."""
+    from scipy.stats import f
+
+    alike = sorted(several, key=lambda one: one.chi_squared / one.dof)
+    while len(alike) > 1:
+        *others, worst = alike
+        dof = sum(one.dof for one in others)
+        usual = max(sum(one.chi_squared for one in others) / dof, 1.0)
+        if len(alike) * f.sf(worst.chi_squared / worst.dof / usual, worst.dof, dof) >= _CHANCE:
+            break
+        alike = others
+    return alike
+
+
+def parts_of_readings(readings: Sequence[PatchReading], weights: Sequence[float]) -> list[tuple[float, float]]:
+    """Relative variances of a weighted sum of readings, with their degrees of freedom, without the meter's scale."""
+    parts = [(w**2 * one.variance_rel, one.dof) for w, one in zip(weights, readings, strict=True)]
+    of_all = [part for part, one in zip(parts, readings, strict=True) if one.of_all]
+    own = [part for part, one in zip(parts, readings, strict=True) if not one.of_all]
+    return [*own, of_one_estimate(of_all)]
+
+
+def expanded_of_readings(readings: Sequence[PatchReading]) -> float:
+    """Relative U (95 %) of a product or quotient of readings by one meter, whose scale cancels."""
+    return expanded_of(parts_of_readings(readings, [1.0] * len(readings)))
 
 
 def distinct(readings: Sequence[Reading]) -> dict[int, Reading]:
@@ -154,7 +316,7 @@ def distinct(readings: Sequence[Reading]) -> dict[int, Reading]:
 
 def contradict(readings: Sequence[Reading]) -> bool:
     """Whether readings of one patch scatter more than the meter does."""
-    return not _mean(readings)[2]
+    return not _KeptReadings("", dict(enumerate(readings)), ()).steady
 
 
 def contradiction(
@@ -170,24 +332,6 @@ def contradiction(
     cause = "-decimal-point" if any(map(near, (10.0, 100.0, 1000.0))) else other_cause
     shown = {"reading_cd_m2": reading_cd_m2, "expected_cd_m2": expected_cd_m2, "ratio": ratio}
     return warning(f"{code}{cause}", patch, **values, **shown)
-
-
-def _mean(readings: Sequence[Reading]) -> tuple[float, float, bool]:
-    """Mean, its standard uncertainty without the scale, and whether the readings agree."""
-    values = np.array([reading.luminance_cd_m2 for reading in readings])
-    n = values.size
-    repeatability = [r.repeatability_rel * r.luminance_cd_m2 for r in readings]
-    digits = [r.digits_half_width * r.cd_m2_per_unit / sqrt(3) for r in readings]
-    variance = float(np.mean(np.square(repeatability)))
-    steady = True
-    if n > 1:
-        observed = float(np.var(values, ddof=1))
-        # Exact readings that differ contradict each other.
-        expected = max(variance + float(np.mean(np.square(digits))), 1e-300)
-        steady = observed <= expected or p_value_of_chi_squared((n - 1) * observed / expected, n - 1) >= _CHANCE
-        if not steady:
-            variance = observed
-    return float(values.mean()), hypot(sqrt(variance / n), float(np.mean(digits))), steady
 
 
 def _contradicting(readings: Mapping[int, Reading]) -> int | None:

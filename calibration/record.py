@@ -28,7 +28,7 @@ CALIBRATION, VERIFICATION = "labcdp-calibration", "labcdp-verification"
 #: Largest size of a calibration, and of its arrays; and of a verification.
 MOST_BYTES, _MOST_BYTES_VERIFICATION = 2**30, 2**26
 #: By format: its name in messages, the only version that is written and read, and what to do about an older one.
-_FORMATS = {CALIBRATION: ("calibration", 6, "calibrate again"), VERIFICATION: ("verification", 4, "verify again")}
+_FORMATS = {CALIBRATION: ("calibration", 6, "calibrate again"), VERIFICATION: ("verification", 5, "verify again")}
 #: Beyond any number of a camera, of which powers would overflow.
 _LARGEST = 1e60
 #: Kinds of calibration, by the value of the key ``kind``.

@@ -13,7 +13,7 @@ from ...core.clock import exposure_text
 from ...core.errors import CalibrationError
 from ...core.luminance import RANGE_MARGIN, CommonError
 from ...core.result import Finding, unique, warning
-from ..converter import OF_FRAMES, Converter, common_errors, placed
+from ..converter import EXPOSURE_TIME, OF_FRAMES, Converter, common_errors, placed
 from ..frames.nonuniformity import vignetting_errors
 from ..frames.observations import PatchObservation
 from ..setup import METER_SOURCES
@@ -203,8 +203,8 @@ def _combined(
     for o, n, share in zip(observations, net, shares, strict=True):
         errors = common_errors(calibration, n, o.exposure_s, o.state.gain_db, o.temperature_c)
         for number, error in enumerate(placed(calibration, errors, list(of_place[:, 0]))):
-            exposure = error.source == "exposure time"
-            source = f"exposure time {o.exposure_s:g} s" if exposure else error.source
+            exposure = error.source == EXPOSURE_TIME
+            source = f"{EXPOSURE_TIME} {o.exposure_s:g} s" if exposure else error.source
             add(source if exposure else f"{number}", replace(error, source=source, relative=share * error.relative))
     of_frames = signals.flicker_rel * shares, signals.black_level_dn * weight * slope / luminance
     for o, index, *parts in zip(observations, signals.gain_index, *of_frames, strict=True):

@@ -16,7 +16,7 @@ def findings_of(result: Verification) -> tuple[Finding, ...]:
 
 def _verdict(result: Verification) -> Finding:
     bad, open_ = ([row for row in result.patches if row.verdict == one] for one in ("not conform", "undecided"))
-    wide = all(row.expanded_rel > row.tolerance_rel for row in open_)
+    wide = all(row.guard_rel > row.tolerance_rel for row in open_)
     for holds, rows, code in (
         (bad, bad, "verification-not-conform"),
         (result.dark_not_conform, result.patches, "verification-not-conform-dark"),
@@ -33,14 +33,14 @@ def _verdict(result: Verification) -> Finding:
 
 def _values(result: Verification, rows: Sequence[VerifiedPatch]) -> dict[str, FindingValue]:
     """Names of the patches, and the numbers of that with the largest deviation in relation to its limits."""
-    worst = max(rows, key=lambda row: abs(row.deviation_rel) + row.expanded_rel)
+    worst = max(rows, key=lambda row: abs(row.deviation_rel) + row.guard_rel)
     return {
         "calibrated": f"{result.calibration_measured:%Y-%m-%d}",
         "patches": [row.patch for row in rows],
         "n_patches": len(rows),
         "patch": worst.patch,
         "deviation_rel": worst.deviation_rel,
-        "expanded_rel": worst.expanded_rel,
+        "expanded_rel": worst.guard_rel,
         "tolerance_rel": result.tolerance_rel,
     }
 

@@ -171,7 +171,7 @@ def _of_calibration(source: str, calibration: Calibration, weight: float | None)
 def _of_verification(source: str, verification: Verification, plane: VerifiedPlane) -> HistoryPoint:
     found, responsivity = plane.drift, None
     if found is not None:
-        responsivity = found.responsivity_dn_s_cd_m2, found.expanded_rel, found.responsivity_expanded_rel
+        responsivity = found.responsivity_dn_s_cd_m2, found.responsivity_own_rel, found.responsivity_expanded_rel
     measured, meter, verdict = verification.measured, verification.meter, verification.verdict
     frames = frozenset(verification.frames_sha256)
     return HistoryPoint(source, measured, responsivity, plane.dark, meter, verdict=verdict, frames_sha256=frames)

@@ -10,6 +10,7 @@ from typing import Literal
 
 from ...core.errors import InputError
 from ...core.result import Finding
+from ...core.table import Z_95
 from ..frames.observations import CameraState
 from ..readings import MeasuredPatch
 from ..sensor.dark import DarkModel
@@ -32,10 +33,14 @@ class VerifiedPatch(MeasuredPatch):
     deviation_rel : float
         Relative deviation of the camera from the meter.
     standard_uncertainty_rel, expanded_rel : float
-        Combined standard uncertainty and U (95 %) of the deviation: random parts of both, the calibration's fit, and
-        the scales of the meters if the calibration's was another one or in another state.
+        Standard uncertainty and U (95 %) of the deviation of an unchanged camera: random parts of both, the
+        calibration's fit, and the scales of the meters if the calibration's was another one or in another state.
+    guard_rel : float
+        U (95 %) of what is measured now, the guard band: without the errors of the calibration, which are part of the
+        deviation and of the tolerance.
     independent_rel : float
-        The standard uncertainty without the scales of the meters, but with what a flat field leaves.
+        The standard uncertainty without the scales of the meters, but with what a flat field leaves; times Student's t
+        over the normal quantile.
     tolerance_rel : float
         Largest deviation that conforms.
     """
@@ -43,18 +48,19 @@ class VerifiedPatch(MeasuredPatch):
     deviation_rel: float
     standard_uncertainty_rel: float
     expanded_rel: float
+    guard_rel: float
     independent_rel: float
     tolerance_rel: float
 
     @property
     def verdict(self) -> Verdict:
         """By the decision rule."""
-        return decide(self.deviation_rel, self.expanded_rel, self.tolerance_rel)
+        return decide(self.deviation_rel, self.guard_rel, self.tolerance_rel)
 
     @property
     def conformance_probability(self) -> float:
         """Probability that the true deviation is within the tolerance."""
-        return conformance_probability(self.deviation_rel, self.standard_uncertainty_rel, self.tolerance_rel)
+        return conformance_probability(self.deviation_rel, self.guard_rel / Z_95, self.tolerance_rel)
 
 
 @dataclass(frozen=True)
@@ -108,14 +114,16 @@ class Drift:
         Change against the meter since the calibration, and the expanded uncertainty U (95 %).
     responsivity_dn_s_cd_m2 : float
         The calibration's responsivity with this change.
-    responsivity_expanded_rel : float
-        Relative expanded uncertainty U (95 %), the meter's scale included.
+    responsivity_expanded_rel, responsivity_own_rel : float
+        Relative expanded uncertainty U (95 %) of that with the meter's scale, and without where it is the calibration's
+        meter.
     """
 
     relative: float
     expanded_rel: float
     responsivity_dn_s_cd_m2: float
     responsivity_expanded_rel: float
+    responsivity_own_rel: float
 
 
 @dataclass(frozen=True)

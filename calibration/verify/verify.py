@@ -5,29 +5,44 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import hypot, inf, sqrt
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.clock import exposure_text
 from ...core.errors import CalibrationError
+from ...core.luminance import CommonError
 from ...core.reading import Reading
 from ...core.result import Finding, warning
 from ..colour.conversion import ByPlane, luminance_of_planes, own_rel
 from ..colour.model import AnyCalibration
 from ..colour.patches import by_patch, nonuniformity_rel
 from ..convert.patch import PatchLuminance, numbered, patch_luminance
-from ..converter import FLAT_FIELD, VIGNETTING
+from ..converter import EXPOSURE_TIME, FLAT_FIELD, OF_FRAMES, VIGNETTING
 from ..frames.observations import DarkObservation, PatchObservation
 from ..model import Calibration
-from ..readings import PatchReading, combine_readings
+from ..readings import PatchReading, combine_patches, parts_of_readings
 from ..sensor.dark import DarkModel, fit_dark
 from ..setup import METER_SOURCES, MeterScale
 from ..signal import temperature_findings
-from ..uncertainty import effective_dof, expanded_half_width, expanded_rel, of_one_estimate, scales_apart
+from ..uncertainty import (
+    effective_dof,
+    expanded_half_width,
+    expanded_rel,
+    of_one_estimate,
+    scales_apart,
+    student_factor,
+)
 from .findings import findings_of
 from .result import DRIFT_DN, Drift, Verification, VerifiedDark, VerifiedPatch, VerifiedPlane, require_tolerance
+
+#: A variance and its degrees of freedom.
+_Part: TypeAlias = tuple[float, float]
+#: Begin the names of common errors of the frames, and not of the calibration.
+_MEASURED = (*OF_FRAMES, EXPOSURE_TIME)
 
 
 def verify(
@@ -70,7 +85,7 @@ def verify(
     groups = by_patch(observations, [plane.state.plane for plane in calibration.planes])
     seen, unusable, of_frames = _measured(calibration, groups)
     comparison, of_readings = _compared(calibration, groups, list(seen.values()), readings, meter)
-    mean_rel, u = comparison.mean()
+    mean_rel, mean_expanded_rel = comparison.mean()
     measured = max(reading.timestamp for patch in seen for reading in readings[patch])
     result = Verification(
         findings=(),
@@ -88,7 +103,7 @@ def verify(
         darks=tuple(_dark_rows(calibration, darks)),
         planes=_planes(calibration, darks, comparison, {name: groups[name] for name in seen}),
         mean_rel=mean_rel,
-        mean_expanded_rel=expanded_rel(comparison.scales, u),
+        mean_expanded_rel=mean_expanded_rel,
     )
     found = [*of_readings, *meter.findings(measured), *(f for row in seen.values() for f in row.findings), *of_frames]
     return replace(result, findings=(*findings_of(result), *dict.fromkeys(found)))
@@ -100,11 +115,10 @@ def own_tolerance_rel(calibration: AnyCalibration, of_place_rel: float = 0.0) ->
     if isinstance(calibration, Calibration):
         fit = calibration.responsivity
         parts = ((fit.random_rel**2, fit.dof or inf), (fit.scatter_rel**2, fit.scatter_dof or inf))
-        variance, dof = of_one_estimate(parts)
-        dof = effective_dof(((variance, dof), (others, inf)))
-        return expanded_rel([calibration.meter_scale], sqrt(variance + others), dof)
-    of_weights = float(np.linalg.norm(calibration.weight_errors.sum(axis=1)))
-    return expanded_rel([calibration.meter_scale], hypot(of_weights, calibration.scatter_rel, sqrt(others)))
+        return _expanded_rel([calibration.meter_scale], [of_one_estimate(parts), (others, inf)])
+    of_weights = float(np.sum(np.square(calibration.weight_errors.sum(axis=1))))
+    parts = (of_weights + others, inf), (calibration.scatter_rel**2, calibration.scatter_dof or inf)
+    return _expanded_rel([calibration.meter_scale], parts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,48 +137,115 @@ class _Comparison:
         return np.array([one.luminance_cd_m2 / self.read[one.patch].luminance_cd_m2 - 1 for one in self.seen])
 
     @property
-    def covariance(self) -> NDArray[np.float64]:
-        of_reading = [self.read[one.patch].random_cd_m2 / self.read[one.patch].luminance_cd_m2 for one in self.seen]
-        own = [
-            hypot(s.random_rel, r, self.nonuniformity_rel[s.patch]) for s, r in zip(self.seen, of_reading, strict=True)
-        ]
-        covariance = np.diag(np.square(own))
+    def _own_rel2(self) -> NDArray[np.float64]:
+        """Variances by the pixels and the place of each patch."""
+        of_pixels = [one.random_rel**2 - one.scatter_rel**2 - self.field_rel**2 for one in self.seen]
+        uneven = [self.nonuniformity_rel[one.patch] ** 2 for one in self.seen]
+        own: NDArray[np.float64] = np.maximum(of_pixels, 0.0) + uneven
+        return own
+
+    @cached_property
+    def _common(self) -> list[tuple[str, NDArray[np.float64], float]]:
+        """Source, pattern and degrees of freedom of each common error but those of meter and assumed vignetting."""
         common = [numbered(one.common) for one in self.seen]
-        apart = (*METER_SOURCES, VIGNETTING)
-        for name in dict.fromkeys(name for errors in common for name in errors if name[0] not in apart):
-            pattern = np.array([float(errors[name].relative) if name in errors else 0.0 for errors in common])
+        found = []
+        for name in dict.fromkeys(name for errors in common for name in errors):
+            if name[0] not in (*METER_SOURCES, VIGNETTING):
+                own = [errors.get(name, CommonError(name[0], 0.0)) for errors in common]
+                pattern = np.array([float(error.relative) for error in own])
+                found.append((name[0], pattern, min(error.dof for error in own)))
+        return found
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        readings = np.array([self.read[one.patch].variance_rel for one in self.seen])
+        scatter = np.square([one.scatter_rel for one in self.seen])
+        covariance = np.diag(self._own_rel2 + readings + scatter + self.field_rel**2)
+        for _, pattern, _ in self._common:
             covariance = covariance + np.outer(pattern, pattern)
         return covariance
 
+    def _measured(self, weights: NDArray[np.float64]) -> list[_Part]:
+        """Parts of a weighted mean of the deviations by what is measured now."""
+        readings = parts_of_readings([self.read[one.patch] for one in self.seen], weights.tolist())
+        of_frames = [of_one_estimate(self._of_sources(weights, source)) for source in OF_FRAMES]
+        of_times = self._of_sources(weights, EXPOSURE_TIME)
+        return [(float(weights**2 @ self._own_rel2), inf), *readings, *of_frames, *of_times]
+
+    def _calibrated(self, weights: NDArray[np.float64]) -> list[_Part]:
+        """Parts by the calibration, without what flat field or vignetting leave."""
+        scatter = [(w**2 * one.scatter_rel**2, one.scatter_dof) for w, one in zip(weights, self.seen, strict=True)]
+        of_fit = of_one_estimate([*self._of_sources(weights, "fit"), *scatter])
+        others = {source for source, _, _ in self._common if not source.startswith(("fit", *_MEASURED, FLAT_FIELD))}
+        return [of_fit, *(part for source in sorted(others) for part in self._of_sources(weights, source))]
+
+    def _of_place(self, weights: NDArray[np.float64]) -> list[_Part]:
+        """Parts by what a flat field leaves at the patches."""
+        return [(float(np.sum(weights**2)) * self.field_rel**2, inf), *self._of_sources(weights, FLAT_FIELD)]
+
+    def _of_sources(self, weights: NDArray[np.float64], start: str) -> list[_Part]:
+        own = [(pattern, dof) for source, pattern, dof in self._common if source.startswith(start)]
+        return [(float(weights @ pattern) ** 2, dof) for pattern, dof in own]
+
     def mean(self) -> tuple[float, float]:
-        """Mean deviation by generalised least squares, and its standard uncertainty without the meters' scales."""
+        """Mean deviation by generalised least squares, and its U (95 %)."""
+        weights = self._weights()
+        return float(weights @ self.deviation_rel), _expanded_rel(self.scales, self._whole(weights))
+
+    def _weights(self) -> NDArray[np.float64]:
         weights = np.linalg.solve(self.covariance, np.ones(len(self.seen)))
-        return float(weights @ self.deviation_rel / weights.sum()), 1 / sqrt(weights.sum())
+        normed: NDArray[np.float64] = weights / weights.sum()
+        return normed
+
+    def _whole(self, weights: NDArray[np.float64]) -> list[_Part]:
+        return [*self._measured(weights), *self._calibrated(weights), *self._of_place(weights)]
 
     def drift(self, plane: Calibration) -> Drift:
-        """Return the mean deviation as a change of a plane's responsivity."""
-        mean, u = self.mean()
-        responsivity = plane.responsivity.responsivity_dn_s_cd_m2 * (1 + mean)
-        return Drift(mean, expanded_rel(self.scales, u), responsivity, expanded_rel([self.meter], u))
+        """Return the mean deviation as a change of a plane's responsivity.
+
+        What the calibration is uncertain by is part of the change, and not of the responsivity now.
+        """
+        weights = self._weights()
+        mean, now = float(weights @ self.deviation_rel), [*self._measured(weights), *self._of_place(weights)]
+        return Drift(
+            relative=mean,
+            expanded_rel=_expanded_rel(self.scales, self._whole(weights)),
+            responsivity_dn_s_cd_m2=plane.responsivity.responsivity_dn_s_cd_m2 * (1 + mean),
+            responsivity_expanded_rel=_expanded_rel([self.meter], now),
+            responsivity_own_rel=_expanded_rel(self._scales_now, now),
+        )
+
+    @property
+    def _scales_now(self) -> Sequence[MeterScale]:
+        """Scales whose errors are no part of the calibration's."""
+        return [self.meter] if self.meter in self.scales else self.scales
 
     def rows(self, tolerance_rel: Callable[[float], float]) -> Iterator[VerifiedPatch]:
         """One row per patch; what flat field or assumed vignetting leave at its place is part of its tolerance."""
         of_scales, variances = hypot(*(one.common_rel for one in self.scales)), np.diag(self.covariance).tolist()
-        for s, deviation, variance in zip(self.seen, self.deviation_rel.tolist(), variances, strict=True):
-            of_field, of_place = (
-                hypot(*(float(e.relative) for e in s.common if e.source == of)) for of in (FLAT_FIELD, VIGNETTING)
-            )
-            u = sqrt(max(variance - of_field**2 - self.field_rel**2, 0.0))
+        for n, (s, deviation, variance) in enumerate(
+            zip(self.seen, self.deviation_rel.tolist(), variances, strict=True)
+        ):
+            of_place = hypot(*(float(e.relative) for e in s.common if e.source == VIGNETTING))
+            alone = np.eye(len(self.seen))[n]
+            measured, calibrated = self._measured(alone), self._calibrated(alone)
+            u = sqrt(sum(part for part, _ in (*measured, *calibrated)))
             yield VerifiedPatch.of(
                 self.read[s.patch],
                 s.luminance_cd_m2,
                 s.exposures_s,
                 deviation_rel=deviation,
                 standard_uncertainty_rel=hypot(u, of_scales),
-                expanded_rel=expanded_rel(self.scales, u),
-                independent_rel=sqrt(variance),
+                expanded_rel=_expanded_rel(self.scales, [*measured, *calibrated]),
+                guard_rel=_expanded_rel(self._scales_now, measured),
+                independent_rel=sqrt(variance) * student_factor(effective_dof(self._whole(alone))),
                 tolerance_rel=tolerance_rel(of_place),
             )
+
+
+def _expanded_rel(scales: Sequence[MeterScale], parts: Sequence[_Part]) -> float:
+    """U (95 %) of parts and scales."""
+    return expanded_rel(scales, sqrt(sum(variance for variance, _ in parts)), effective_dof(parts))
 
 
 def _compared(
@@ -175,11 +256,8 @@ def _compared(
     meter: MeterScale,
 ) -> tuple[_Comparison, list[Finding]]:
     """Combine the readings of each patch, and determine the relevant scale errors."""
-    read: dict[str, PatchReading] = {}
-    findings: list[Finding] = []
-    for patch in (one.patch for one in seen):
-        read[patch], of_patch = combine_readings(patch, readings.get(patch, ()))
-        findings += of_patch
+    read, findings = combine_patches({one.patch: readings.get(one.patch, ()) for one in seen})
+    for patch in read:
         if read[patch].luminance_cd_m2 == 0:
             raise CalibrationError(f"patch {patch!r} reads 0 cd/m², below the meter's range: verify a brighter one")
     calibrated = calibration.meter_scale

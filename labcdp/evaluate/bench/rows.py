@@ -7,7 +7,7 @@ from typing import Literal
 
 from ...calibration import AnyCalibration, PatchLuminance
 from ...calibration.colour.conversion import luminance_of_planes
-from ...calibration.readings import PatchReading, combine_readings
+from ...calibration.readings import PatchReading, combine_patches, expanded_of_readings
 from ...calibration.setup import MeterScale
 from ...core.errors import CalibrationError, InputError
 from ...core.roi import Roi
@@ -77,7 +77,8 @@ def patch_row(patch: Patch, observed: ObservedSession, calibration: AnyCalibrati
 
 def read_patch(observed: ObservedSession, name: str) -> PatchReading:
     """Return a patch by the meter; raises CalibrationError if it has no reading, or one of 0."""
-    measured, _ = combine_readings(name, observed.readings.get(name, []))
+    of_patches, _ = combine_patches({name: [], **{patch: own for patch, own in observed.readings.items() if own}})
+    measured = of_patches[name]
     if measured.luminance_cd_m2 == 0:
         raise CalibrationError(f"patch {name!r} reads 0 cd/m², below the meter's range: leave it out")
     return measured
@@ -148,6 +149,11 @@ class ContrastRow:
     def measured_contrast(self) -> float:
         """Weber contrast by the meter."""
         return self.bright.reading.luminance_cd_m2 / self.dark.reading.luminance_cd_m2 - 1
+
+    @property
+    def measured_contrast_expanded(self) -> float:
+        """U (95 %) of that; the meter's scale cancels."""
+        return (1 + self.measured_contrast) * expanded_of_readings([self.bright.reading, self.dark.reading])
 
     @property
     def camera_contrast(self) -> float:

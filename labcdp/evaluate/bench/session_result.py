@@ -33,6 +33,7 @@ CONTRASTS = (
         Column("measured_contrast", "contrast by meter", "%",
                "Of the mean luminances by the meter; its scale error cancels."),
         lambda row: (1 + row.measured_contrast) * hypot(row.bright.measured_random_rel, row.dark.measured_random_rel),
+        "measured_contrast_expanded",
     ),
     *uncertain(
         Column("camera_contrast", "contrast by camera", "%",
@@ -65,7 +66,7 @@ LUMINANCES = (
     *uncertain(
         Column("measured_cd_m2", "measured", "cd/m²", "Mean reading of the meter.", value="reading.luminance_cd_m2"),
         lambda row: hypot(row.measured_random_rel, row.meter.common_rel) * row.reading.luminance_cd_m2,
-        lambda row: expanded_rel([row.meter], row.measured_random_rel) * row.reading.luminance_cd_m2,
+        lambda row: expanded_rel([row.meter], row.measured_random_rel, row.reading.dof) * row.reading.luminance_cd_m2,
     ),
     *uncertain(
         Column("calibrated_cd_m2", "calibrated", "cd/m²", "By the calibrated camera.",

@@ -141,6 +141,7 @@ def verified_patches(verification: Verification) -> Table:
         *uncertain(METER, "reading_random_cd_m2"),
         CAMERA,
         *uncertain(deviation, "standard_uncertainty_rel", "expanded_rel"),
+        Column("guard_rel", "guard band w", "%", "U (95 %) of what is measured now.", digits=2),
         Column("tolerance_rel", "tolerance T", "%", "Largest deviation that conforms.", digits=2),
         Column("verdict", "verdict", "", "By the decision rule."),
         Column(

@@ -11,12 +11,12 @@ from importlib.metadata import version
 
 import numpy as np
 
-from ..core.result import Finding, log_findings, unique
+from ..core.result import Finding, log_findings
 from ..core.vignetting import AnyVignetting
 from .convert.patch import patch_luminance
 from .converter import INTERCEPT, VIGNETTING
 from .exposure_times import ExposureTimes
-from .findings import FitTest, ResponsivityFit
+from .findings import FitTest, ResponsivityFit, summarised
 from .fit import tests as fit_tests
 from .fit.candidates import candidate_models
 from .fit.demands import design_findings, fit_findings, require_every_gain, require_monotone, require_span
@@ -35,6 +35,7 @@ from .sensor.dark_library import DarkLibrary
 from .sensor.noise import GainSetting
 from .sensor.response import ResponseCurve
 from .setup import Provenance, Readings, Setup, meter_scale
+from .tolerance import of_no_use
 
 _log = logging.getLogger(__name__)
 
@@ -104,9 +105,9 @@ def fit(
     centres_px = {name: group[0].centre_px for name, group in held.items()}
     own = calibration.at_their_temperature()
     rows, of_held_out = held_out_rows(lambda name: patch_luminance(own, held[name]), centres_px, readings)
-    findings = [*intake.findings, *findings, *of_held_out]
+    findings = [*intake.findings, *findings, *of_held_out, *of_no_use(calibration)]
     log_findings(_log, findings)
-    return replace(calibration, held_out=rows, findings=unique(findings))
+    return replace(calibration, held_out=rows, findings=summarised(findings))
 
 
 def _fitted(

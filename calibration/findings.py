@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from math import inf
 from typing import Literal, TypeAlias
 
 from ..core.dn import ResponseKind
 from ..core.errors import InputError, require_not_negative
-from ..core.result import Finding, FindingValue, info
+from ..core.result import Finding, FindingValue, info, unique
 
 #: Distribution of an error in a budget.
 Distribution: TypeAlias = Literal["normal", "rectangular"]
@@ -144,6 +145,21 @@ class BudgetRow:
     included: bool = True
     contained_in: str = ""
     dof: float | None = None
+
+
+#: Exposures that are left out, which is normal in exposure bracketing.
+_EXPOSURE_CODES = ("exposure-saturated", "exposure-clipped", "exposure-outside-response", "exposure-not-above-dark")
+_EXPOSURES = "exposures-left-out"
+
+
+def summarised(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Return each finding once, with those of single exposures that are left out as one; a table has them all."""
+    findings = unique(findings)
+    patches = [one.subject for one in findings if one.code in _EXPOSURE_CODES]
+    of_others = [one.values["patches"] for one in findings if one.code == _EXPOSURES]
+    patches += [f"{name}" for names in of_others if isinstance(names, list) for name in names]
+    kept = (one for one in findings if one.code not in (*_EXPOSURE_CODES, _EXPOSURES))
+    return (*kept, *([info(_EXPOSURES, patches=list(dict.fromkeys(patches)))] if patches else []))
 
 
 def basis(source: str, case: str = "", /, **values: FindingValue) -> Finding:

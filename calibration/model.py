@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import inf
 from typing import Any, Self, TypeAlias
 
 from ..core.errors import InputError
@@ -17,6 +18,7 @@ from .findings import FitTest, LeftOut, ModelStep
 from .frames.observations import CameraState
 from .readings import MeasuredPatch, PatchReading
 from .setup import Provenance
+from .uncertainty import of_one_estimate
 
 #: What a camera sees of a patch: its luminance, by some exposures.
 Seen: TypeAlias = tuple[float, tuple[float, ...]]
@@ -121,6 +123,13 @@ class Calibration(Converter):
     def planes(self) -> tuple[Calibration, ...]:
         """Itself, as the one plane of a monochrome sensor."""
         return (self,)
+
+    @property
+    def fit_part(self) -> tuple[float, float]:
+        """Relative variance of a luminance by fit and scatter of the patches, and its degrees of freedom."""
+        fit = self.responsivity
+        parts = (fit.random_rel**2, fit.dof or inf), (fit.scatter_rel**2, fit.scatter_dof or inf)
+        return of_one_estimate(parts)
 
     @property
     def weights(self) -> tuple[float, ...]:

@@ -19,6 +19,7 @@ from ..converter import FLICKER, INTERCEPT, REFOCUS, TEMPERATURE, VIGNETTING
 from ..frames.observations import PatchObservation
 from ..model import Calibration, PatchResidual
 from ..setup import METER_SOURCES
+from ..uncertainty import effective_dof
 
 #: Common errors of all planes of a frame, which add with their signs.
 _OF_ALL_PLANES = (*METER_SOURCES, "exposure time", FLICKER, REFOCUS, VIGNETTING, INTERCEPT, TEMPERATURE)
@@ -91,6 +92,13 @@ class ColourConverter:
     def field_rel(self) -> float:
         """Relative standard uncertainty of slow residuals of the flat field, common to all planes."""
         return max(plane.field_rel for plane in self.planes)
+
+    @property
+    def fit_part(self) -> tuple[float, float]:
+        """Relative variance of a grey luminance by weights and scatter of the patches, and its degrees of freedom."""
+        of_weights = float(np.sum(np.square(self.weight_errors.sum(axis=1))))
+        parts = (of_weights, inf), (self.scatter_rel**2, self.scatter_dof or inf)
+        return sum(variance for variance, _ in parts), effective_dof(parts)
 
     @property
     def weight_errors(self) -> NDArray[np.float64]:

@@ -12,10 +12,10 @@ import numpy as np
 from ...core.errors import CalibrationError
 from ...core.frame import PLANES
 from ...core.reading import Reading
-from ...core.result import Finding, info, log_findings, unique, warning
+from ...core.result import Finding, info, log_findings, warning
 from ...core.spectra import SpectralTable, f1_prime, weighted_sum
 from ..calibrate import fit
-from ..findings import LeftOut
+from ..findings import LeftOut, summarised
 from ..fit.intake import group_by_patch
 from ..fit.residuals import finite, held_out_rows
 from ..frames.defects import DefectMap
@@ -24,6 +24,7 @@ from ..model import Calibration, range_of
 from ..sensor.dark_fit import rows_of
 from ..sensor.dark_library import DarkLibrary
 from ..setup import Setup
+from ..tolerance import of_no_use
 from .conversion import COLOURS, ByPlane, colour_patch_luminance, colours_of_planes
 from .model import ColourCalibration, CombinationStep
 from .patches import ColourPatch, by_patch, centre_px, colour_data, colour_patches, one_spectrum
@@ -101,8 +102,9 @@ def fit_colour(
     )
     findings += [*_plane_findings(planes), *of_patches, *of_prior]
     findings += [*_findings(chosen[0], patches, prior, scaled is not None), *of_held_out]
+    findings += of_no_use(calibration)
     log_findings(_log, findings)
-    return replace(calibration, held_out=held, findings=unique(findings))
+    return replace(calibration, held_out=held, findings=summarised(findings))
 
 
 def _fit_planes(
@@ -138,8 +140,10 @@ def _plane_findings(planes: Sequence[Calibration]) -> list[Finding]:
     glare = [next(test for test in plane.tests if test.name == "glare") for plane in planes]
     signs = {np.sign(test.value) if test.significant else 0 for test in glare}
     of_colour = len(signs) > 1
+    # What all planes have, such as the meter, is said once.
+    shared = set.intersection(*(set(plane.findings) for plane in planes))
     findings = [
-        finding.within(f"plane {plane.state.plane}")
+        finding if finding in shared else finding.within(f"plane {plane.state.plane}")
         for plane, test in zip(planes, glare, strict=True)
         for finding in plane.findings
         if not (of_colour and test.significant and finding == test.finding)

@@ -21,6 +21,10 @@ from ..frames.rounding import quantisation_variance_dn2
 from .dark import fit_dark
 from .dark_fit import DOUBLING_REL, TYPICAL_DOUBLING_C, DarkCurrent, rows_of
 
+#: Ratio of a dark pixel's standard deviation with and without the pattern from which more dark frames are worth their
+#: time: a judgement.
+_WORTH_MORE_FRAMES = 1.1
+
 
 @dataclass(frozen=True, eq=False)
 class DarkLibrary(DarkCurrent, EqualByContent):
@@ -129,17 +133,19 @@ class DarkLibrary(DarkCurrent, EqualByContent):
         """Whether subtracting the pattern helps: its uncertainty is below the pattern itself."""
         return self.noise_dn(exposure_s, temperature_c) < self.nonuniformity_dn(exposure_s, temperature_c)
 
-    def verdict(self, exposure_s: float, temperature_c: float | None = None) -> Finding:
-        """Return whether subtracting the pattern helps, and by how much."""
+    def verdict(self, exposure_s: float, temperature_c: float | None = None) -> list[Finding]:
+        """Return whether subtracting the pattern helps, and by how much; nothing where it hardly matters."""
         pattern, noise = (of(exposure_s, temperature_c) for of in (self.nonuniformity_dn, self.noise_dn))
         values = {"exposure_s": exposure_s, "pattern_dn": pattern, "noise_dn": noise, "n_frames": self.n_frames}
         if noise < pattern:
-            return info("dark-pattern-subtracted", **values)
+            return [info("dark-pattern-subtracted", **values)]
         if pattern == 0:
-            return info("dark-pattern-none", **values)
+            return [info("dark-pattern-none", **values)]
         if self._unknown_growth_dn(exposure_s, temperature_c) > pattern / 2:
-            return info("dark-pattern-of-other-frames", **values)
-        return info("dark-pattern-too-noisy", **values, needed=ceil(self.n_frames * (2 * noise / pattern) ** 2))
+            return [info("dark-pattern-of-other-frames", **values)]
+        if hypot(1, pattern / (noise * sqrt(self.n_frames))) < _WORTH_MORE_FRAMES:
+            return []
+        return [info("dark-pattern-too-noisy", **values, needed=ceil(self.n_frames * (2 * noise / pattern) ** 2))]
 
     def _time_s(self, exposure_s: float, temperature_c: float | None) -> float:
         """Equivalent exposure at the library's temperature."""

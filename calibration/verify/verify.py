@@ -7,7 +7,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import hypot, inf, sqrt
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,16 +21,17 @@ from ..colour.model import AnyCalibration
 from ..colour.patches import by_patch, nonuniformity_rel
 from ..convert.patch import PatchLuminance, numbered, patch_luminance
 from ..converter import EXPOSURE_TIME, FLAT_FIELD, OF_FRAMES, VIGNETTING
+from ..findings import summarised
 from ..frames.observations import DarkObservation, PatchObservation
 from ..model import Calibration
 from ..readings import PatchReading, combine_patches, parts_of_readings
 from ..sensor.dark import DarkModel, fit_dark
 from ..setup import METER_SOURCES, MeterScale
 from ..signal import temperature_findings
+from ..tolerance import Part, expanded_of_scales, own_tolerance_rel
 from ..uncertainty import (
     effective_dof,
     expanded_half_width,
-    expanded_rel,
     of_one_estimate,
     scales_apart,
     student_factor,
@@ -39,8 +39,6 @@ from ..uncertainty import (
 from .findings import findings_of
 from .result import DRIFT_DN, Drift, Verification, VerifiedDark, VerifiedPatch, VerifiedPlane, require_tolerance
 
-#: A variance and its degrees of freedom.
-_Part: TypeAlias = tuple[float, float]
 #: Begin the names of common errors of the frames, and not of the calibration.
 _MEASURED = (*OF_FRAMES, EXPOSURE_TIME)
 
@@ -105,20 +103,10 @@ def verify(
         mean_rel=mean_rel,
         mean_expanded_rel=mean_expanded_rel,
     )
-    found = [*of_readings, *meter.findings(measured), *(f for row in seen.values() for f in row.findings), *of_frames]
-    return replace(result, findings=(*findings_of(result), *dict.fromkeys(found)))
-
-
-def own_tolerance_rel(calibration: AnyCalibration, of_place_rel: float = 0.0) -> float:
-    """Relative U (95 %) of a calibration without a patch's noise; `of_place_rel` is by an assumed vignetting there."""
-    others = calibration.lens.refocus_rel**2 + of_place_rel**2 + calibration.field_rel**2
-    if isinstance(calibration, Calibration):
-        fit = calibration.responsivity
-        parts = ((fit.random_rel**2, fit.dof or inf), (fit.scatter_rel**2, fit.scatter_dof or inf))
-        return _expanded_rel([calibration.meter_scale], [of_one_estimate(parts), (others, inf)])
-    of_weights = float(np.sum(np.square(calibration.weight_errors.sum(axis=1))))
-    parts = (of_weights + others, inf), (calibration.scatter_rel**2, calibration.scatter_dof or inf)
-    return _expanded_rel([calibration.meter_scale], parts)
+    # Where the scale cancels, its traceability does not matter.
+    of_meter = [f for f in meter.findings(measured) if comparison.scales or f.code != "meter-without-certificate"]
+    found = [*of_readings, *of_meter, *(f for row in seen.values() for f in row.findings), *of_frames]
+    return replace(result, findings=(*findings_of(result), *summarised(found)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,39 +153,39 @@ class _Comparison:
             covariance = covariance + np.outer(pattern, pattern)
         return covariance
 
-    def _measured(self, weights: NDArray[np.float64]) -> list[_Part]:
+    def _measured(self, weights: NDArray[np.float64]) -> list[Part]:
         """Parts of a weighted mean of the deviations by what is measured now."""
         readings = parts_of_readings([self.read[one.patch] for one in self.seen], weights.tolist())
         of_frames = [of_one_estimate(self._of_sources(weights, source)) for source in OF_FRAMES]
         of_times = self._of_sources(weights, EXPOSURE_TIME)
         return [(float(weights**2 @ self._own_rel2), inf), *readings, *of_frames, *of_times]
 
-    def _calibrated(self, weights: NDArray[np.float64]) -> list[_Part]:
+    def _calibrated(self, weights: NDArray[np.float64]) -> list[Part]:
         """Parts by the calibration, without what flat field or vignetting leave."""
         scatter = [(w**2 * one.scatter_rel**2, one.scatter_dof) for w, one in zip(weights, self.seen, strict=True)]
         of_fit = of_one_estimate([*self._of_sources(weights, "fit"), *scatter])
         others = {source for source, _, _ in self._common if not source.startswith(("fit", *_MEASURED, FLAT_FIELD))}
         return [of_fit, *(part for source in sorted(others) for part in self._of_sources(weights, source))]
 
-    def _of_place(self, weights: NDArray[np.float64]) -> list[_Part]:
+    def _of_place(self, weights: NDArray[np.float64]) -> list[Part]:
         """Parts by what a flat field leaves at the patches."""
         return [(float(np.sum(weights**2)) * self.field_rel**2, inf), *self._of_sources(weights, FLAT_FIELD)]
 
-    def _of_sources(self, weights: NDArray[np.float64], start: str) -> list[_Part]:
+    def _of_sources(self, weights: NDArray[np.float64], start: str) -> list[Part]:
         own = [(pattern, dof) for source, pattern, dof in self._common if source.startswith(start)]
         return [(float(weights @ pattern) ** 2, dof) for pattern, dof in own]
 
     def mean(self) -> tuple[float, float]:
         """Mean deviation by generalised least squares, and its U (95 %)."""
         weights = self._weights()
-        return float(weights @ self.deviation_rel), _expanded_rel(self.scales, self._whole(weights))
+        return float(weights @ self.deviation_rel), expanded_of_scales(self.scales, self._whole(weights))
 
     def _weights(self) -> NDArray[np.float64]:
         weights = np.linalg.solve(self.covariance, np.ones(len(self.seen)))
         normed: NDArray[np.float64] = weights / weights.sum()
         return normed
 
-    def _whole(self, weights: NDArray[np.float64]) -> list[_Part]:
+    def _whole(self, weights: NDArray[np.float64]) -> list[Part]:
         return [*self._measured(weights), *self._calibrated(weights), *self._of_place(weights)]
 
     def drift(self, plane: Calibration) -> Drift:
@@ -209,10 +197,10 @@ class _Comparison:
         mean, now = float(weights @ self.deviation_rel), [*self._measured(weights), *self._of_place(weights)]
         return Drift(
             relative=mean,
-            expanded_rel=_expanded_rel(self.scales, self._whole(weights)),
+            expanded_rel=expanded_of_scales(self.scales, self._whole(weights)),
             responsivity_dn_s_cd_m2=plane.responsivity.responsivity_dn_s_cd_m2 * (1 + mean),
-            responsivity_expanded_rel=_expanded_rel([self.meter], now),
-            responsivity_own_rel=_expanded_rel(self._scales_now, now),
+            responsivity_expanded_rel=expanded_of_scales([self.meter], now),
+            responsivity_own_rel=expanded_of_scales(self._scales_now, now),
         )
 
     @property
@@ -236,16 +224,11 @@ class _Comparison:
                 s.exposures_s,
                 deviation_rel=deviation,
                 standard_uncertainty_rel=hypot(u, of_scales),
-                expanded_rel=_expanded_rel(self.scales, [*measured, *calibrated]),
-                guard_rel=_expanded_rel(self._scales_now, measured),
+                expanded_rel=expanded_of_scales(self.scales, [*measured, *calibrated]),
+                guard_rel=expanded_of_scales(self._scales_now, measured),
                 independent_rel=sqrt(variance) * student_factor(effective_dof(self._whole(alone))),
                 tolerance_rel=tolerance_rel(of_place),
             )
-
-
-def _expanded_rel(scales: Sequence[MeterScale], parts: Sequence[_Part]) -> float:
-    """U (95 %) of parts and scales."""
-    return expanded_rel(scales, sqrt(sum(variance for variance, _ in parts)), effective_dof(parts))
 
 
 def _compared(

@@ -10,7 +10,7 @@ from pathlib import Path
 from ..core.errors import InputError, SessionError
 from ..core.frame import Frame, pixels_sha256
 from ..core.reading import Reading
-from ..core.result import Finding, warning
+from ..core.result import Finding, FindingValue, warning
 from ..drivers.csv_meter import CsvMeter
 from ..drivers.manual import MeterAccuracy, stated_accuracy
 from ..drivers.minolta_ls.protocol import LS100, LS110, LSDataSheet
@@ -71,14 +71,15 @@ def read_readings(configuration: SessionConfiguration, path: Path) -> ReadingLis
         if name not in by_patch:
             raise InputError(f"{path} has no reading of patch {name!r}: add one, or take the patch from the target")
     finest = min(reading.resolution for readings in by_patch.values() for reading in readings)
-    findings = []
+    copied: dict[str, int] = {}
     result = []
     for patch, readings in by_patch.items():
         once = list({(r.value, r.unit, r.timestamp): r for r in readings}.values()) if has_times else readings
         if len(once) < len(readings):
-            findings.append(warning("lines-repeated", patch, path=str(path), count=len(readings) - len(once)))
+            copied[patch] = len(readings) - len(once)
         result += [(patch, reading if sheet is None else _with_digits(reading, sheet, finest)) for reading in once]
-    return ReadingList(tuple(result), has_times, tuple(findings))
+    values: dict[str, FindingValue] = {"path": str(path), "count": sum(copied.values()), "patches": [*copied]}
+    return ReadingList(tuple(result), has_times, (warning("lines-repeated", **values),) if copied else ())
 
 
 def _with_digits(reading: Reading, sheet: LSDataSheet, finest: float) -> Reading:

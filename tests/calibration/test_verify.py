@@ -10,9 +10,10 @@ from scipy.stats import norm
 
 from labcdp.calibration import fit, patch_luminance
 from labcdp.calibration.setup import meter_scale
+from labcdp.calibration.tolerance import of_no_use, own_tolerance_rel
 from labcdp.calibration.verify.history import histories
 from labcdp.calibration.verify.result import conformance_probability, decide
-from labcdp.calibration.verify.verify import own_tolerance_rel, verify
+from labcdp.calibration.verify.verify import verify
 from labcdp.core.errors import CalibrationError
 from labcdp.core.reading import MeterIdentity
 from labcdp.core.vignetting import Cos4Vignetting, RadialVignetting
@@ -216,3 +217,12 @@ def test_history_sorts_by_camera_and_time(calibration, camera):
     assert change == pytest.approx(1230.0 / calibration.responsivity.responsivity_dn_s_cd_m2 - 1)
     # One meter: its scale cancels.
     assert half_width == pytest.approx(1.96 * sqrt(2) * calibration.responsivity.random_rel, rel=1e-3)
+
+
+def test_a_calibration_of_no_use_says_so(calibration):
+    assert of_no_use(calibration) == []
+    bad = replace(calibration, responsivity=replace(calibration.responsivity, random_rel=0.15, dof=None))
+    (found,) = of_no_use(bad)
+    assert (found.code, found.severity) == ("calibration-of-no-use", "warning")
+    assert found.values["expanded_rel"] == pytest.approx(own_tolerance_rel(bad))
+    assert found.values["expanded_rel"] > 1.96 * 0.15

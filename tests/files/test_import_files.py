@@ -98,7 +98,7 @@ def test_what_is_given_twice_counts_once_and_what_is_alone_is_warned_about(impor
     assert (done.frames, done.readings) == (10, 39)
     assert set(done.findings) == {
         info("picture-repeated", str(copy), same_as=str(files[0].path)),
-        warning("lines-repeated", "white", path=str(path), count=1),
+        warning("lines-repeated", path=str(path), count=1, patches=["white"]),
         *(warning("one-picture", role=role, exposure_s=0.0025) for role in ("light", "dark")),
     }
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from math import inf, sqrt
@@ -15,7 +15,7 @@ from ...calibration.budget import CombinedUncertainty, budget, budget_exposure_s
 from ...calibration.colour.model import ColourCalibration
 from ...calibration.findings import BudgetRow
 from ...calibration.uncertainty import expanded_rel
-from ...core.result import Finding, InputFile, Result, info, quantity_table
+from ...core.result import InputFile, Result, quantity_table
 from ...core.table import Column, Table, uncertain
 from ...report.layout import page_text
 from ...report.text import exposures, finding_text, significant
@@ -37,7 +37,6 @@ EXPOSURES = Column("exposures", "exposures", "", "Exposures that were used.",
 #: What the U of a reading leaves out where patches are compared with a fit.
 WITHOUT_SCALE = "± of the meter is U (95 %) without its scale error, which is common to all patches."
 _DOF = "Degrees of freedom by Welch and Satterthwaite; empty if practically unlimited."
-_EXPOSURE_CODES = ("exposure-saturated", "exposure-clipped", "exposure-outside-response", "exposure-not-above-dark")
 #: How well a candidate predicts patches, and whether it was chosen.
 _CANDIDATE = (
     Column("leave_one_out_rel", "rms deviation", "%", "Of patches from a fit without them, root mean square.", 3),
@@ -160,7 +159,7 @@ def calibration_result(
         How it was made; values JSON can hold.
     """
     camera, meter = calibration.state.camera, calibration.meter_scale.meter
-    tables, findings = calibration_tables(calibration), summarised(calibration.findings)
+    tables, findings = calibration_tables(calibration), calibration.findings
     more = {"configuration": options or {}, "simulated": camera.simulated or meter.simulated}
     return Result.of("calibrate", title or str(camera), tables, findings, *inputs, **more)
 
@@ -184,13 +183,6 @@ def calibration_tables(calibration: AnyCalibration) -> Iterator[Table]:
     yield sources
     yield _of_planes("left_out", "Left out of the fit", _LEFT_OUT, {"": calibration, **planes}, "left_out")
     yield Table.of_facts("conditions", "Conditions", conditions(calibration), "condition")
-
-
-def summarised(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Return findings with those of single exposures that are left out as one; a table has them all."""
-    kept = [one for one in findings if one.code not in _EXPOSURE_CODES]
-    patches = list(dict.fromkeys(one.subject for one in findings if one.code in _EXPOSURE_CODES))
-    return (*kept, info("exposures-left-out", patches=patches)) if patches else tuple(kept)
 
 
 def patch_table(calibration: AnyCalibration) -> Table:

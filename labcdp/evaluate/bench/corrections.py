@@ -165,7 +165,7 @@ def _library(
         return None, []
     library = dark_library(darks, defects)
     worth = [t for t in light_s if library.worth_applying(t)]
-    return library if worth else None, [library.verdict(max(worth or light_s))]
+    return library if worth else None, library.verdict(max(worth or light_s))
 
 
 @dataclass(frozen=True, eq=False)

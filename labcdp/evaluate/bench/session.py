@@ -9,10 +9,11 @@ import numpy as np
 
 from ...calibration import AnyCalibration, Calibration
 from ...calibration.convert.conversion import require_lens
+from ...calibration.findings import summarised
 from ...calibration.in_session import in_session
 from ...core.errors import CalibrationError
 from ...core.luminance import Invalid, LuminanceMap, chosen
-from ...core.result import Finding, unique, warning
+from ...core.result import Finding, warning
 from ...core.spectra import ONLY, mismatch_findings
 from ...session import ContrastConfiguration, FrameRecord, MeterCertificate, Session, SessionConfiguration
 from .calibrate import calibrate_session
@@ -127,13 +128,14 @@ def evaluate_session(
     patches = {patch.name: patch_row(patch, observed, calibration) for patch in measured}
     asked = [name for pair in pairs for name in (pair.bright, pair.dark)]
     require_patches(asked, [*patches], "for the contrast (it may have been left out)")
+    of_patches = (finding for row in patches.values() for finding in row.calibrated.findings)
     return SessionEvaluation(
         observed,
         calibration,
         [*patches.values()],
         [contrast_row(observed, calibration, pair, patches[pair.bright], patches[pair.dark]) for pair in pairs],
         target_map(observed, calibration),
-        unique([*findings, *calibration.findings, *(f for row in patches.values() for f in row.calibrated.findings)]),
+        summarised([*findings, *calibration.findings, *of_patches]),
     )
 
 

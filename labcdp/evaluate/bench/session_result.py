@@ -11,7 +11,7 @@ from ...core.result import Finding, InputFile, Result, info
 from ...core.table import Column, Table, uncertain, with_interval
 from ...report.text import day, exposures, minute, span
 from ...session import Session
-from .calibration_result import calibration_tables, summarised
+from .calibration_result import calibration_tables
 from .observe import ObservedSession
 from .quantities import lens_text, meter_text
 from .rows import ContrastRow, PatchRow
@@ -97,7 +97,7 @@ def session_result(
     configuration = evaluation.observed.configuration
     made = configuration.model_dump(mode="json", by_alias=True, exclude_none=True)
     more = {"configuration": made, "seed": seed, "simulated": bool(evaluation.simulated)}
-    findings, session = [*summarised(evaluation.findings), _check(evaluation)], evaluation.observed.session
+    findings, session = [*evaluation.findings, _check(evaluation)], evaluation.observed.session
     return Result.of(kind, configuration.name, _tables(evaluation), findings, session_input(session), *inputs, **more)
 
 

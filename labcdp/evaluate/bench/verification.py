@@ -14,7 +14,7 @@ from ...core.table import Column, Table, uncertain, with_expanded
 from ...report.layout import page_text
 from ...report.text import minute
 from ...session import MeterCertificate, Session
-from .calibration_result import CAMERA, DEVIATION, EXPOSURES, METER, PATCH, WITHOUT_SCALE, summarised
+from .calibration_result import CAMERA, DEVIATION, EXPOSURES, METER, PATCH, WITHOUT_SCALE
 from .observe import ObservedSession, input_sha256
 from .quantities import RESPONSIVITY
 from .recorded import Report, measured_in, require_patches
@@ -95,8 +95,7 @@ def verification_result(verification: Verification, title: str, inputs: Sequence
         Session and calibration.
     """
     simulated = verification.state.camera.simulated or verification.meter.meter.simulated
-    found = summarised(verification.findings)
-    return Result.of("verify", title, _tables(verification), found, *inputs, simulated=simulated)
+    return Result.of("verify", title, _tables(verification), verification.findings, *inputs, simulated=simulated)
 
 
 def _tables(verification: Verification) -> Iterator[Table]:

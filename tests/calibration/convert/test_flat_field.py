@@ -107,4 +107,4 @@ def test_dark_library_at_another_temperature_scales_or_says_that_it_cannot(expos
     assert library.worth_applying(0.1, 30.0)
     for temperature_c in (60.0,) if pattern is not None else (35.0, 60.0):
         assert library.correction_dn(SHAPE, 0.1, temperature_c) is None
-        assert library.verdict(0.1, temperature_c).code == "dark-pattern-of-other-frames"
+        assert [one.code for one in library.verdict(0.1, temperature_c)] == ["dark-pattern-of-other-frames"]

@@ -127,9 +127,9 @@ def all_with(ones, **changes):
 
 #: What is found when observations, dark frames and readings are changed so.
 LEFT_OUT = {
-    "exposure-saturated": lambda o, d, r: (o, d, r),
-    "exposure-clipped": lambda o, d, r: ([replace(o[0], black_share=0.5), *o[1:]], d, r),
-    "exposure-not-above-dark": lambda o, d, r: (all_with(o[:3], mean_dn=64.0) + o[3:], d, r),
+    "saturated": lambda o, d, r: (o, d, r),
+    "clipped at 0 DN": lambda o, d, r: ([replace(o[0], black_share=0.5), *o[1:]], d, r),
+    "not above the dark signal": lambda o, d, r: (all_with(o[:3], mean_dn=64.0) + o[3:], d, r),
     "patch-not-usable": lambda o, d, r: (o[:-3] + all_with(o[-3:], saturated_share=0.5), d, r),
     "patch-reads-zero": lambda o, d, r: (o, d, r | {"P0": [exact(0.0)]}),
     "dark-extrapolated": lambda o, d, r: (o, d[:2], r),
@@ -140,7 +140,9 @@ LEFT_OUT = {
 @pytest.mark.parametrize("code", LEFT_OUT)
 def test_what_is_left_out_or_could_be_better_is_named_and_makes_no_wrong_number(camera, setup, code):
     calibration = fit(*LEFT_OUT[code](*bench(camera, exact)), setup)
-    assert code in codes(calibration)
+    assert code in codes(calibration) | {row.reason for row in calibration.left_out}
+    # One finding for all exposures of a bracket, and all patches.
+    assert [f.code for f in calibration.findings].count("exposures-left-out") == 1
     assert calibration.responsivity.responsivity_dn_s_cd_m2 == pytest.approx(1200, rel=1e-4)
 
 

@@ -101,6 +101,8 @@ def _dark_in_session(known: DarkModel, darks: Sequence[DarkObservation]) -> tupl
         doubling_temperature_c=doubling.doubling_temperature_c,
         drift_dn=drift.size,
         drift_dof=int(drift.dof),
+        # These frames were taken at the temperature of the others.
+        unknown_within_k=0.0,
     )
     return dark, [*findings, *_changes(known, darks, drift)]
 

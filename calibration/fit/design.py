@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.vignetting import AnyVignetting
-from ..converter import BLACK_LEVEL, FLAT_FIELD, FLICKER, exposure_time_rel, source_of_place
+from ..converter import BLACK_LEVEL, EXPOSURE_TIME, FLAT_FIELD, FLICKER, exposure_time_rel, source_of_place
 from ..frames.nonuniformity import slow_rel, smooth_patterns, vignetting_errors
 from ..frames.observations import Groups, PatchObservation
 from ..readings import PatchReading
@@ -24,7 +24,7 @@ from ..uncertainty import NO_SCATTER, Scatter, critical_value
 Array = NDArray[np.floating[Any]]
 
 #: Sources of common errors.
-DARK, DRIFT, EXPOSURE, PATCH_SHAPE = "dark and temperature", "drift", "exposure time", "shape of the patches"
+DARK, DRIFT, PATCH_SHAPE = "dark and temperature", "drift", "shape of the patches"
 #: Relative standard uncertainty of light, camera and meter by their drift within an hour, or a longer session, unless
 #: the readings show more: lamps that have warmed up keep to about 1 %.
 DRIFT_REL = 0.01
@@ -231,7 +231,7 @@ def build_design(
     shared = [
         *_dark_errors(observations, signals.gain_index, settings),
         *(
-            SharedError(EXPOSURE, np.where(times == t, exposure_time_rel(t, exposure_jitter_s), 0.0))
+            SharedError(EXPOSURE_TIME, np.where(times == t, exposure_time_rel(t, exposure_jitter_s), 0.0))
             for t in exposures_s
         ),
         *_place_errors(vignetting, place, vignetting_errors(vignetting, *places), patch),

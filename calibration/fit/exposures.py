@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from ...core.result import Finding, warning
+from ..converter import EXPOSURE_TIME
 from ..exposure_times import ExposureTimes
 from ..uncertainty import critical_value
 from .candidates import CandidateModel
-from .design import DRIFT, EXPOSURE, Array, Design, SharedError
+from .design import DRIFT, Array, Design, SharedError
 from .problem import Shift, Solution, solve
 from .scatter import shift_with_scatter
 from .selection import exposure_patterns
@@ -100,6 +101,6 @@ def _applied(design: Design, exposure_s: float | None, shift: Shift) -> Design:
     else:
         own = stated == exposure_s
         factor = np.where(own, 1 + shift.value, 1.0)
-        errors = [*design.shared, SharedError(EXPOSURE, np.where(own, shift.uncertainty, 0.0))]
+        errors = [*design.shared, SharedError(EXPOSURE_TIME, np.where(own, shift.uncertainty, 0.0))]
     signals = replace(design.signals, scale_per_s=design.signals.scale_per_s / factor)
     return replace(design, signals=signals, shared=tuple(errors))

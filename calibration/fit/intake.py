@@ -11,7 +11,7 @@ from ...core.errors import CalibrationError
 from ...core.result import Finding, warning
 from ..findings import LeftOut
 from ..frames.observations import DarkObservation, Groups, PatchObservation
-from ..readings import PatchReading, combine_readings
+from ..readings import PatchReading, combine_patches
 from ..sensor.dark import DarkModel, fit_dark
 from ..sensor.noise import GainSetting, fit_noise
 from ..setup import Readings
@@ -187,11 +187,12 @@ def take_usable(intake: Intake, readings: Readings, exposure_jitter_s: float) ->
     groups: dict[str, Sequence[PatchObservation]] = {}
     kept_readings: dict[str, PatchReading] = {}
     left_out: list[LeftOut] = []
-    findings: list[Finding] = []
+    # A noisy meter shows in all patches: what they scatter is that of each, and nothing is left out for it.
+    combined, findings = combine_patches({patch: readings[patch] for patch in intake.fitted})
     for patch, group in intake.fitted.items():
-        reading, of_readings = combine_readings(patch, readings[patch])
+        reading = combined[patch]
         kept, exposures_left_out, of_exposures = usable(group, intake.settings)
-        findings += of_readings + of_exposures
+        findings += of_exposures
         left_out += [*reading.left_out, *exposures_left_out]
         if reading.luminance_cd_m2 == 0:
             left_out.append(LeftOut(patch, None, None, "below the meter's range"))

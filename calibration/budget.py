@@ -12,24 +12,24 @@ from numpy.typing import NDArray
 
 from ..core.errors import InputError
 from ..core.luminance import CommonError
-from ..core.result import FindingValue
+from ..core.result import Finding, FindingValue
 from ..core.vignetting import Cos4Vignetting, FlatField, RadialVignetting
 from .colour.conversion import errors_of_plane, joined
 from .colour.model import AnyCalibration, ColourCalibration
 from .converter import BLACK_LEVEL, FLAT_FIELD, FLICKER, INTERCEPT, REFOCUS, TEMPERATURE, VIGNETTING, common_errors
 from .findings import BudgetRow, Distribution, basis
 from .model import Calibration, PatchResidual
-from .setup import METER_SOURCES
+from .setup import METER_SOURCES, MeterScale
 from .uncertainty import effective_dof, expanded_half_width, expanded_of, of_one_estimate
 
 Array = NDArray[np.float64]
 
 #: Order of the rows.
 SOURCES = (
-    "meter scale", "meter digits", "meter repeatability", "meter f1'", "patch uniformity", "exposure scatter",
-    "shot and read noise", "pixel sensitivity", "dark non-uniformity", "dark and temperature", TEMPERATURE, BLACK_LEVEL,
-    FLICKER, "linearity", VIGNETTING, FLAT_FIELD, "exposure time", "exposure offset", REFOCUS, "gain",
-    "spectral mismatch", INTERCEPT, "drift", "fit",
+    "meter scale", "meter digits", "meter repeatability", "meter f1'", "meter drift", "patch uniformity",
+    "exposure scatter", "shot and read noise", "pixel sensitivity", "dark non-uniformity", "dark and temperature",
+    TEMPERATURE, BLACK_LEVEL, FLICKER, "linearity", VIGNETTING, FLAT_FIELD, "exposure time", "exposure offset", REFOCUS,
+    "gain", "spectral mismatch", INTERCEPT, "drift", "fit",
 )  # fmt: skip
 #: Sources whose uncertainty is not evaluated by statistics.
 _TYPE_B = (*METER_SOURCES, "spectral mismatch", "exposure time", REFOCUS, VIGNETTING, TEMPERATURE)
@@ -256,6 +256,7 @@ def not_included(plane: Calibration) -> dict[str, BudgetRow]:
     why = {
         "meter digits": (basis("meter digits"), "meter repeatability"),
         "meter f1'": (basis("meter f1'", f1_prime, model=scale.meter.model, illuminant=scale.illuminant), ""),
+        "meter drift": (_no_drift(scale), ""),
         "patch uniformity": (basis("patch uniformity", "by exposures" if more_scatter else "as stated"), "fit"),
         "linearity": (basis("linearity", "fitted"), "fit") if curved else (basis("linearity", "straight"), ""),
         VIGNETTING: (basis(VIGNETTING, "not corrected" if vignetting is None else assumed), ""),
@@ -271,6 +272,13 @@ def not_included(plane: Calibration) -> dict[str, BudgetRow]:
         source: BudgetRow(source, 0.0, of, evaluation="B", included=False, contained_in=inside)
         for source, (of, inside) in why.items()
     }
+
+
+def _no_drift(scale: MeterScale) -> Finding:
+    """Say why the drift of the meter does not count."""
+    if scale.certificate is None:
+        return basis("meter drift", "no certificate")
+    return scale.basis("meter drift") if scale.certificate.drift_rel_per_year else basis("meter drift", "not stated")
 
 
 def undetected_intercept(calibration: AnyCalibration, luminance_cd_m2: float) -> BudgetRow:

@@ -133,7 +133,7 @@ def _fitted(
     net_dn = final.design.net_dn
     residuals = fitted_rows(final, intake.groups)
     findings = [
-        *scale.findings(measured),
+        *scale.findings(readings),
         *data.findings,
         *(() if response is None else response.findings),
         *design_findings(final.design, settings),

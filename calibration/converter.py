@@ -25,7 +25,7 @@ from .frames.observations import CameraState
 from .sensor.dark import DarkModel
 from .sensor.dark_library import DarkLibrary
 from .sensor.noise import GainSetting, TemporalNoise, index_of_gain
-from .setup import LensIdentity, MeterScale
+from .setup import METER_SOURCES, LensIdentity, MeterScale
 
 #: Least relative standard uncertainty of one exposure time relative to the others. Cameras report the applied exposure
 #: (GenICam SFNC, ExposureTime). Larger errors make the exposures inconsistent, and the fit includes them as scatter.
@@ -261,7 +261,11 @@ def common_errors(
     jitter_rel = exposure_time_rel(exposure_s, calibration.exposure_jitter_s)
     errors = [
         CommonError("meter scale", scale.standard_uncertainty_rel, scale.certificate is None, scale.degrees_of_freedom),
-        *((CommonError("meter f1'", scale.mismatch_rel, rectangular=True),) if scale.mismatch_rel else ()),
+        *(
+            CommonError(source, part, rectangular=True)
+            for source, part in zip(METER_SOURCES[1:], scale.rectangular_rel[1:], strict=True)
+            if part
+        ),
         *((CommonError(REFOCUS, calibration.lens.refocus_rel),) if calibration.lens.refocus_rel else ()),
         CommonError(EXPOSURE_TIME, times.u_rel(exposure_s, jitter_rel)),
         *((CommonError("exposure offset", times.offset_u_rel(exposure_s)),) if times.offset_u_s else ()),

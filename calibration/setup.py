@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import datetime
+from datetime import date, datetime
 from math import hypot, inf, isfinite, sqrt
+from statistics import fmean
 from typing import TypeAlias
 
 from ..core.errors import CalibrationError, InputError, require_not_negative
 from ..core.reading import MeterIdentity, Reading
-from ..core.result import Finding, info, warning
+from ..core.result import Finding, FindingValue, info, warning
 from ..core.spectra import SpectralTable
 from ..session import MeterCertificate
 from ..session.tables import EXPOSURE_JITTER_S
 from .findings import basis
 
 #: Sources of common errors that belong to the meter and cancel in contrasts.
-METER_SOURCES = ("meter scale", "meter f1'")
+METER_SOURCES = ("meter scale", "meter f1'", "meter drift")
 
 
 #: Readings of the meter by patch.
@@ -42,6 +43,8 @@ class MeterScale:
         Light of the patches. In another light than that of the meter's calibration, f1' limits the mismatch error.
     step_rel : float
         Relative change of the readings at once that may have been one of the scale; 0 for none.
+    drift_rel : float
+        Limits of the relative change of the scale since the certificate (rectangular); 0 if none is stated.
     """
 
     meter: MeterIdentity
@@ -50,9 +53,11 @@ class MeterScale:
     f1_prime: float | None = None
     light: str = ""
     step_rel: float = 0.0
+    drift_rel: float = 0.0
 
     def __post_init__(self) -> None:
-        require_not_negative(limits_rel=self.limits_rel, step_rel=self.step_rel, f1_prime=self.f1_prime or 0.0)
+        stated = {"limits_rel": self.limits_rel, "step_rel": self.step_rel, "drift_rel": self.drift_rel}
+        require_not_negative(**stated, f1_prime=self.f1_prime or 0.0)
 
     def __str__(self) -> str:
         return f"{self.meter.model} {self.meter.serial}, {self.state}"
@@ -83,20 +88,29 @@ class MeterScale:
         return "A" if self.certificate is None else self.certificate.illuminant
 
     @property
+    def in_own_light(self) -> bool:
+        """Whether the patches are lit as the meter was at its calibration."""
+        return self.light.casefold() == self.illuminant.casefold()
+
+    @property
     def mismatch_rel(self) -> float:
         """Relative standard uncertainty by the meter's spectral mismatch: limits of f1', 0 in the light of its own."""
-        if self.f1_prime is None or self.light.casefold() == self.illuminant.casefold():
-            return 0.0
-        return self.f1_prime / sqrt(3)
+        return 0.0 if self.f1_prime is None or self.in_own_light else self.f1_prime / sqrt(3)
+
+    @property
+    def rectangular_rel(self) -> tuple[float, float, float]:
+        """Relative standard uncertainties of the scale's rectangular errors: data sheet, mismatch and drift."""
+        return self.half_width_rel / sqrt(3), self.mismatch_rel, self.drift_rel / sqrt(3)
 
     @property
     def common_rel(self) -> float:
         """Relative standard uncertainty of all that the readings have in common."""
-        return hypot(self.standard_uncertainty_rel, self.mismatch_rel)
+        return hypot(self.normal_rel, *self.rectangular_rel)
 
     def is_as_in(self, other: MeterScale) -> bool:
         """Whether it is the same meter in the same state of adjustment, so that its scale error is the same."""
-        return self.meter == other.meter and self.certificate == other.certificate
+        one, two = self.certificate, other.certificate
+        return self.meter == other.meter and (one and one.identity) == (two and two.identity)
 
     @property
     def state(self) -> str:
@@ -109,6 +123,9 @@ class MeterScale:
         """Return what the uncertainty of a source in `METER_SOURCES` is based on, for a budget."""
         if source == "meter f1'":
             return basis(source, f1_prime=self.f1_prime, light=self.light, illuminant=self.illuminant)
+        if source == "meter drift" and self.certificate is not None:
+            per_year = {"per_year_rel": self.certificate.drift_rel_per_year, "date": f"{self.certificate.date}"}
+            return basis(source, drift_rel=self.drift_rel, **per_year)
         if self.certificate is None:
             return basis(source, limits_rel=self.limits_rel, model=self.meter.model)
         one, dof = self.certificate, self.certificate.degrees_of_freedom
@@ -116,15 +133,54 @@ class MeterScale:
         where = {"number": one.number, "laboratory": one.laboratory, "date": f"{one.date}"}
         return basis(source, f"certificate{'' if dof is None else ' dof'}", **stated, **where)
 
-    def findings(self, measured: datetime) -> list[Finding]:
-        """Return what a user should know about the traceability of readings taken at a time."""
+    def findings(self, readings: Readings) -> list[Finding]:
+        """Return what a user should know about the traceability of these readings, by patch."""
         name, certificate = f"{self.meter.model} {self.meter.serial}", self.certificate
+        found = []
+        if self.f1_prime is None and self.light and not self.in_own_light:
+            # A certificate's U does not hold in other light; the accuracy of a data sheet is no claim of traceability.
+            severe = info if certificate is None else warning
+            found = [severe("meter-mismatch-not-stated", name, light=self.light, illuminant=self.illuminant)]
         if certificate is None:
-            return [info("meter-without-certificate", name, limits_rel=self.limits_rel)]
-        if certificate.due_date is not None and measured.date() > certificate.due_date:
-            due, at = f"{certificate.due_date}", f"{measured:%Y-%m-%d}"
-            return [warning("certificate-overdue", name, number=certificate.number, due=due, measured=at)]
-        return []
+            return [info("meter-without-certificate", name, limits_rel=self.limits_rel), *found]
+        number, times = certificate.number, _times(readings)
+        if certificate.due_date is not None and times[-1].date() > certificate.due_date:
+            due, at = f"{certificate.due_date}", f"{times[-1]:%Y-%m-%d}"
+            found.append(warning("certificate-overdue", name, number=number, due=due, measured=at))
+        calibrated = (
+            date.fromisoformat(self.meter.calibration_date) if self.meter.calibration_date else certificate.date
+        )
+        if certificate.date < calibrated <= times[-1].date():
+            # A plan refuses such a certificate; the date of one given later may be that of its issue.
+            since = {"date": f"{certificate.date}", "calibrated": f"{calibrated}"}
+            found.append(warning("certificate-of-earlier-calibration", name, number=number, **since))
+        found += _outside_certificate(name, certificate, readings)
+        stated = {
+            "serial": certificate.serial,
+            "range_cd_m2": certificate.range_cd_m2,
+            "due_date or drift_rel_per_year": certificate.due_date or certificate.drift_rel_per_year,
+        }
+        if missing := [key for key, value in stated.items() if value is None]:
+            found.append(info("certificate-not-checked", name, number=number, missing=missing))
+        return found
+
+
+def _times(readings: Readings) -> list[datetime]:
+    """Return the times of all readings, the first one first."""
+    return sorted(reading.timestamp for group in readings.values() for reading in group)
+
+
+def _outside_certificate(name: str, certificate: MeterCertificate, readings: Readings) -> Iterator[Finding]:
+    """Warn of patches beyond the luminances of a certificate; a reading of 0 is not used."""
+    if certificate.range_cd_m2 is None:
+        return
+    low, high = certificate.range_cd_m2
+    values = {patch: [r.luminance_cd_m2 for r in group if r.luminance_cd_m2 > 0] for patch, group in readings.items()}
+    outside = {patch: group for patch, group in values.items() if group and not low <= fmean(group) <= high}
+    if outside:
+        read_cd_m2 = [f(fmean(group) for group in outside.values()) for f in (min, max)]
+        limits: dict[str, FindingValue] = {"patches": [*outside], "read_cd_m2": read_cd_m2, "range_cd_m2": [low, high]}
+        yield warning("certificate-range-exceeded", name, number=certificate.number, **limits)
 
 
 def meter_scale(
@@ -135,7 +191,8 @@ def meter_scale(
     Raises
     ------
     CalibrationError
-        If there is no reading, or readings come from several meters or have different corrections.
+        If there is no reading, readings come from several meters or have different corrections, or the certificate is
+        of another meter or later than a reading.
     """
     every = [
         (f"reading {number} of patch {patch!r}", reading)
@@ -158,7 +215,24 @@ def meter_scale(
                 f"{reading.meter.serial}: calibrate with one meter, its scale error is common to all patches"
             )
     require_one_correction(every)
-    return MeterScale(first, max(r.scale_half_width_rel for _, r in every), certificate, f1_prime, light)
+    drift_rel = 0.0
+    if certificate is not None:
+        _require_certificate_of(certificate, first, _times(readings)[0])
+        drift_rel = max(certificate.drift_rel(reading.timestamp) for _, reading in every)
+    limits_rel = max(r.scale_half_width_rel for _, r in every)
+    return MeterScale(first, limits_rel, certificate, f1_prime, light, drift_rel=drift_rel)
+
+
+def _require_certificate_of(certificate: MeterCertificate, meter: MeterIdentity, first: datetime) -> None:
+    """Refuse a certificate whose correction says nothing about readings of a meter, the first one at a time."""
+    if other := certificate.of_another_meter(meter):
+        raise CalibrationError(f"{other}, which took the readings: give the certificate of that meter")
+    if not certificate.holds_at(first):
+        raise CalibrationError(
+            f"the certificate {certificate.number} of {certificate.date} is later than the readings of the meter, the "
+            f"first of {first:%Y-%m-%d}: give the certificate that was valid then, or state as_found = true in it if "
+            "its values are those before any adjustment"
+        )
 
 
 def require_one_correction(readings: Iterable[tuple[str, Reading]]) -> None:

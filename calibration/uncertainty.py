@@ -172,16 +172,18 @@ def critical_value(n_tests: int, dof: float = float("inf")) -> float:
 def scales_apart(meter: MeterScale, calibrated: MeterScale) -> tuple[MeterScale, ...]:
     """Return the scales whose errors do not cancel between readings and a calibration: none of the same meter's.
 
-    If that changed among the calibration's readings, half of the change is left on either side.
+    If that changed among the calibration's readings, half of the change is left on either side; and so is what it may
+    have drifted between calibration and readings.
     """
     if not meter.is_as_in(calibrated):
         return meter, calibrated
-    left = replace(calibrated, limits_rel=calibrated.step_rel / 2, f1_prime=None)
-    return (left,) if calibrated.step_rel else ()
+    step_rel, drift_rel = calibrated.step_rel / 2, abs(meter.drift_rel - calibrated.drift_rel)
+    left = replace(calibrated, limits_rel=step_rel, certificate=None, f1_prime=None, drift_rel=drift_rel)
+    return (left,) if step_rel or drift_rel else ()
 
 
 def expanded_rel(scales: Sequence[MeterScale], random_rel: float, dof: float = inf) -> float:
     """Relative expanded uncertainty U (95 %) of a value with the errors of meters and a further normal one."""
     normal = [(one.normal_rel**2, one.degrees_of_freedom) for one in scales]
-    rectangular = [part for one in scales for part in (one.half_width_rel / sqrt(3), one.mismatch_rel)]
+    rectangular = [part for one in scales for part in one.rectangular_rel]
     return expanded_of([*normal, (random_rel**2, dof)], rectangular)

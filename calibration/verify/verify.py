@@ -104,7 +104,7 @@ def verify(
         mean_expanded_rel=mean_expanded_rel,
     )
     # Where the scale cancels, its traceability does not matter.
-    of_meter = [f for f in meter.findings(measured) if comparison.scales or f.code != "meter-without-certificate"]
+    of_meter = [f for f in meter.findings(readings) if comparison.scales or f.code != "meter-without-certificate"]
     found = [*of_readings, *of_meter, *(f for row in seen.values() for f in row.findings), *of_frames]
     return replace(result, findings=(*findings_of(result), *summarised(found)))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from datetime import date
+from datetime import date, datetime, timedelta
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -184,6 +184,8 @@ class SourceConfiguration(Table):
         return self
 
 
+#: Mean year of the Gregorian calendar.
+_DAYS_OF_YEAR = 365.2425
 #: Models whose protocol and data sheet the drivers know.
 SERIAL_MODELS = ("LS-110", "LS-100")
 
@@ -202,11 +204,26 @@ class MeterCertificate(Table):
     degrees_of_freedom: Positive | None = Field(None, description="a number above 0, left out if very many")
     illuminant: Text = Field("A", description="the light it was calibrated in as text, for example A")
     conditions: str = Field("", strict=True, description="text")
+    # Of the meter it was issued for; what is stated is compared with the meter and its readings.
+    model: Text | None = Field(None, description="the model of the certified meter as text")
+    serial: Text | None = Field(None, description="the serial number of the certified meter as text, in quotes")
+    range_cd_m2: tuple[Positive, Positive] | None = Field(
+        None, description="[lowest, highest] luminance above 0 cd/m2 that it was calibrated at"
+    )
+    # As found, before any adjustment, its values hold for the time before it too.
+    as_found: bool = Field(
+        False, strict=True, description="true if its values are those before any adjustment of the meter, or false"
+    )
+    drift_rel_per_year: Positive | None = Field(
+        None, description="the largest change of the meter in a year as a fraction above 0, 0.005 for ±0.5 %"
+    )
 
     @model_validator(mode="after")
-    def _due_later(self) -> Self:
+    def _in_order(self) -> Self:
         if self.due_date is not None and self.due_date <= self.date:
             raise ValueError(f"has due_date {self.due_date}: give a day after its date, {self.date}")
+        if self.range_cd_m2 is not None and self.range_cd_m2[0] >= self.range_cd_m2[1]:
+            raise ValueError("has range_cd_m2 in the wrong order: give [lowest, highest]")
         return self
 
     @classmethod
@@ -224,6 +241,34 @@ class MeterCertificate(Table):
     def standard_uncertainty_rel(self) -> float:
         """U / k."""
         return self.expanded_uncertainty_rel / self.coverage_factor
+
+    @property
+    def identity(self) -> tuple[object, ...]:
+        """What tells it from other certificates, and what is done to the readings."""
+        return self.number, self.laboratory, self.date, self.correction
+
+    def of_another_meter(self, meter: MeterIdentity) -> str:
+        """Say which other meter it was issued for; empty if it may be this one.
+
+        A model may be stated with the name of its maker.
+        """
+        models = [name.casefold() for name in (self.model or meter.model, meter.model)]
+        of_model = models[0] in models[1] or models[1] in models[0]
+        if of_model and (self.serial or meter.serial).casefold() == meter.serial.casefold():
+            return ""
+        other = " ".join(part for part in (self.model or meter.model, self.serial) if part)
+        return f"the certificate {self.number} is of the meter {other}, not of {meter.model} {meter.serial}"
+
+    def holds_at(self, time: datetime) -> bool:
+        """Whether it holds for readings at a time: later ones, and earlier ones if its values are as found.
+
+        Its date has no time zone: it may begin up to a day before that of the readings, which is mostly UTC.
+        """
+        return self.as_found or self.date <= (time + timedelta(days=1)).date()
+
+    def drift_rel(self, time: datetime) -> float:
+        """Limits of the relative change of the meter from its date to a time; 0 if the drift is not stated."""
+        return (self.drift_rel_per_year or 0.0) * abs((time.date() - self.date).days) / _DAYS_OF_YEAR
 
 
 class MeterConfiguration(Table):
@@ -264,6 +309,12 @@ class MeterConfiguration(Table):
                 f"has calibration_date {self.calibration_date}, later than its certificate of {certificate.date}: give "
                 "the certificate of the present calibration"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _own_certificate(self) -> Self:
+        if self.certificate and (other := self.certificate.of_another_meter(self.identity)):
+            raise ValueError(f"has the certificate of another meter: {other}: give that of this meter")
         return self
 
     @model_validator(mode="after")

@@ -1,6 +1,7 @@
 """The meter: certificate or data sheet, its mismatch, and what of it cancels."""
 
 from dataclasses import replace
+from datetime import UTC, date, datetime, time
 from math import sqrt
 
 import numpy as np
@@ -10,7 +11,7 @@ from labcdp.calibration import fit, patch_luminance
 from labcdp.calibration.budget import budget
 from labcdp.calibration.convert.patch import contrast_uncertainty
 from labcdp.calibration.setup import MeterScale, corrected, meter_scale
-from labcdp.calibration.uncertainty import expanded_rel
+from labcdp.calibration.uncertainty import expanded_rel, scales_apart
 from labcdp.core.errors import CalibrationError
 from labcdp.core.reading import MeterIdentity
 
@@ -54,6 +55,99 @@ def test_mismatch_counts_in_another_light_only(calibrate):
     assert (mismatch.included, mismatch.standard_uncertainty_rel) == (True, pytest.approx(0.03 / sqrt(3)))
     seen = patch_luminance(calibration, observations["P4"])
     assert seen.common_rel == pytest.approx(sqrt(seen.fit_rel**2 + 0.004**2 + 0.03**2 / 3))
+
+
+def read_at(day, value=10.0, **changes):
+    return {"P": [make_reading(value, timestamp=datetime.combine(day, time(12), UTC), **changes)]}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"date": date(2018, 3, 3)}, r"certificate 1 of 2018-03-03 is later than the readings .* of 2018-03-01: give"),
+        ({"serial": "73323008"}, "certificate 1 is of the meter LS-110 73323008, not of LS-110 73323007, which took"),
+        ({"model": "LS-150", "serial": "73323007"}, "certificate 1 is of the meter LS-150 73323007, not of LS-110"),
+    ],
+)
+def test_a_certificate_of_a_later_day_or_another_meter_is_refused(setup, camera, changes, message):
+    """Through the whole fit, which has its readings on 1 March 2018."""
+    certificate = CERTIFICATE.model_copy(update=changes)
+    with pytest.raises(CalibrationError, match=message):
+        fit(*bench(camera, luminances=FEW_CD_M2, exposures_s=FEW_S), replace(setup, certificate=certificate))
+    if "date" in changes:
+        as_found = certificate.model_copy(update={"as_found": True})
+        assert meter_scale(read_at(date(2018, 3, 1)), as_found).certificate == as_found
+
+
+def test_a_certificate_of_this_meter_and_of_the_day_itself_in_any_time_zone_is_taken():
+    for changes in ({"date": date(2018, 3, 2)}, {"model": "Konica Minolta LS-110"}, {"serial": METER.serial}):
+        certificate = CERTIFICATE.model_copy(update=changes)
+        assert meter_scale(read_at(date(2018, 3, 1)), certificate).certificate == certificate
+
+
+def test_drift_since_the_certificate_counts_by_its_days(calibrate):
+    """1 % a year: from 1 January to 1 March 2018 there are 31 + 28 days, and 365 more a year later."""
+    certificate = CERTIFICATE.model_copy(update={"drift_rel_per_year": 0.01})
+    u = 0.01 * 59 / 365.2425 / sqrt(3)
+    calibration, observations = calibrate(certificate)
+    drift = row(budget(calibration, 10.0), "meter drift")
+    assert (drift.included, drift.distribution, drift.evaluation) == (True, "rectangular", "B")
+    assert drift.standard_uncertainty_rel == pytest.approx(u, rel=1e-12)
+    without, _ = calibrate(CERTIFICATE)
+    seen = [patch_luminance(one, observations["P4"]).common_rel for one in (calibration, without)]
+    assert seen[0] ** 2 - seen[1] ** 2 == pytest.approx(u**2, rel=1e-9)
+    later = meter_scale(read_at(date(2019, 3, 1)), certificate)
+    (apart,) = scales_apart(later, calibration.meter_scale)
+    # The certificate's own U cancels between the two, the drift of a year does not.
+    assert apart.common_rel == pytest.approx(0.01 * 365 / 365.2425 / sqrt(3), rel=1e-12)
+    assert scales_apart(later, later) == ()
+
+
+def found(scale, readings):
+    return {one.code: one for one in scale.findings(readings)}
+
+
+@pytest.mark.parametrize(("calibrated", "said"), [("2018-02-01", True), ("2018-01-01", False), ("2018-03-02", False)])
+def test_a_certificate_of_an_earlier_calibration_is_named(calibrated, said):
+    readings = read_at(date(2018, 3, 1), meter=replace(METER, calibration_date=calibrated))
+    assert ("certificate-of-earlier-calibration" in found(meter_scale(readings, CERTIFICATE), readings)) == said
+
+
+def test_patches_outside_the_range_of_the_certificate_are_named():
+    certificate = CERTIFICATE.model_copy(update={"range_cd_m2": (1.0, 100.0), "correction": 1.0})
+    readings = {name: [make_reading(v)] for name, v in (("a", 0.5), ("b", 1.0), ("c", 100.0), ("d", 250.0), ("e", 0))}
+    exceeded = found(meter_scale(readings, certificate), readings)["certificate-range-exceeded"]
+    assert (exceeded.severity, exceeded.values["patches"]) == ("warning", ["a", "d"])
+    inside = {name: readings[name] for name in "bce"}
+    assert "certificate-range-exceeded" not in found(meter_scale(inside, certificate), inside)
+
+
+@pytest.mark.parametrize(
+    ("certificate", "f1_prime", "light", "severity"),
+    [
+        (CERTIFICATE, None, "LED-B4", "warning"),
+        (None, None, "LED-B4", "info"),
+        (CERTIFICATE, 0.08, "LED-B4", None),
+        (CERTIFICATE, None, "a", None),
+        (CERTIFICATE.model_copy(update={"illuminant": "LED-B4"}), None, "LED-B4", None),
+        (CERTIFICATE, None, "", None),
+    ],
+)
+def test_light_that_the_meter_was_not_calibrated_in_is_a_term_or_a_finding(certificate, f1_prime, light, severity):
+    readings = read_at(date(2018, 3, 1))
+    scale = meter_scale(readings, certificate, f1_prime, light)
+    said = found(scale, readings).get("meter-mismatch-not-stated")
+    assert (said and said.severity) == severity
+    assert scale.mismatch_rel == pytest.approx((f1_prime or 0.0) / sqrt(3))
+
+
+def test_what_a_certificate_leaves_open_is_named_once():
+    readings = read_at(date(2018, 3, 1))
+    missing = found(meter_scale(readings, PLAIN), readings)["certificate-not-checked"].values["missing"]
+    assert missing == ["serial", "range_cd_m2", "due_date or drift_rel_per_year"]
+    whole = {"serial": METER.serial, "range_cd_m2": (1.0, 100.0), "due_date": date(2019, 1, 1)}
+    certificate = PLAIN.model_copy(update=whole)
+    assert found(meter_scale(readings, certificate, light="A"), readings) == {}
 
 
 @pytest.mark.parametrize(

@@ -54,6 +54,16 @@ WRONG = [
     (METER, METER + 'entry = "by hand"\nrepeatability_rel = 0.01\n', "meter lacks scale_half_width_rel"),
     (METER, CERTIFICATE.replace("2027", "2025"), "meter.certificate has due_date 2025-04-01"),
     (METER, CERTIFICATE.replace("2026", "2024"), "meter has calibration_date 2025-03-31, later than its certificate"),
+    (
+        METER,
+        CERTIFICATE.replace("2027-04-01", '2027-04-01, serial = "8"'),
+        "meter has the certificate of another meter: the certificate 1 is of the meter LS-110 8, not of LS-110",
+    ),
+    (
+        METER,
+        CERTIFICATE.replace("0.01", "0.01, range_cd_m2 = [9, 1]"),
+        "meter.certificate has range_cd_m2 in the wrong",
+    ),
     ("roi = [2, 3, 4, 5]", "", "target.patch[0] (upper left) has neither roi nor corners"),
     ('name = "upper right"', 'name = "upper left"', "target.patch has the name 'upper left' 2 times"),
     ('dark = "upper right"', 'dark = "upper left"', "contrast[0] has 'upper left' as bright and as dark"),

@@ -73,7 +73,7 @@ def _verdict_text(verification: Verification) -> str:
 
 def _statements(observed: ObservedSession, scope: str, other: str = "") -> tuple[Section, Section]:
     """Return what is said on uncertainty, and on certificate or data sheet of the meter and whether that is overdue."""
-    warnings = [one for one in observed.meter_scale.findings(observed.times[-1]) if one.severity == "warning"]
+    warnings = [one for one in observed.meter_scale.findings(observed.readings) if one.severity == "warning"]
     texts = (traceability(observed.meter_scale), *map(finding_text, warnings))
     traced = " ".join(map(sentence, texts)) + other
     uncertainty = f"{page_text('certificate-uncertainty')} {scope}"

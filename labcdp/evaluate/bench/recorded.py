@@ -101,10 +101,13 @@ def lens_of(configuration: SessionConfiguration) -> LensIdentity:
 
 
 def certificate_of(calibration: AnyCalibration, session: Session) -> MeterCertificate | None:
-    """Return the certificate a calibration was made with, if it is for the meter of a session that states none."""
+    """Return the certificate a calibration was made with, if it holds for a session that states none."""
     scale, meter = calibration.meter_scale, session.configuration.meter
-    same = replace(scale.meter, simulated=False) == meter.identity
-    return scale.certificate if meter.certificate is None and same else None
+    certificate, same = scale.certificate, replace(scale.meter, simulated=False) == meter.identity
+    if certificate is None or meter.certificate is not None or not same:
+        return None
+    holds = all(certificate.holds_at(record.reading.timestamp) for record in session.readings())
+    return certificate if holds else None
 
 
 def planes_of(session: Session) -> tuple[str | None, ...]:

@@ -16,7 +16,7 @@ from ...calibration.emva.transfer import Deviations, in_range
 from ...calibration.frames.measure import MeasuredFrames, measure_frames, measure_whole, plane_region
 from ...calibration.frames.statistics import MAX_CLIPPED_SHARE
 from ...calibration.sensor.dark_fit import birge
-from ...calibration.setup import MeterScale
+from ...calibration.setup import meter_scale
 from ...calibration.uncertainty import expanded_rel
 from ...core.clock import exposure_text
 from ...core.errors import CalibrationError, InputError
@@ -223,10 +223,8 @@ def photometric_responsivity(
     mean = float(np.average(values, weights=weights))
     chi_squared = float(np.sum(np.array(weights) * (np.array(values) / mean - 1) ** 2))
     relative = birge(chi_squared, len(values) - 1) / sqrt(sum(weights))
-    every = [reading for group in readings.values() for reading in group]
-    half_width_rel, meter = max(reading.scale_half_width_rel for reading in every), configuration.meter
-    light = configuration.source.spectrum
-    scale = MeterScale(every[0].meter, half_width_rel, meter.certificate, meter.f1_prime, light)
+    meter, light = configuration.meter, configuration.source.spectrum
+    scale = meter_scale(readings, meter.certificate, meter.f1_prime, light)
     u, expanded = mean * hypot(relative, scale.common_rel), mean * expanded_rel([scale], relative)
     note = f"by the meter over {len(values)} patches, on the optical axis"
     return Quantity(mean, u, "DN/(cd m^-2 s)", note, expanded)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 from base64 import b64decode, b64encode
+from dataclasses import dataclass
 from functools import cache
 from io import BytesIO
 from pathlib import Path
@@ -16,7 +17,7 @@ from zipfile import ZIP_DEFLATED, ZipFile
 
 import numpy as np
 
-from ..core.disk import quoted, read_json, validated_as
+from ..core.disk import file_sha256, quoted, read_json, validated_as
 from ..core.disk.arrays import parse_npz
 from ..core.errors import InputError, naming
 from .colour.model import AnyCalibration, ColourCalibration
@@ -48,7 +49,8 @@ def save(calibration: AnyCalibration, path: str | Path, *, force: bool = False) 
     kind = next(kind for kind, one in _KINDS.items() if one is type(calibration))
     arrays: dict[str, Any] = {}
     content = {"kind": kind, "calibration": _dumped(calibration, arrays), "arrays": _text(arrays)}
-    _write(path, CALIBRATION, {"sha256": _digest(content), **content}, force)
+    digest = _digest(content)
+    _write(path, CALIBRATION, {"number": _number(digest), "sha256": digest, **content}, force)
 
 
 def load_any(path: str | Path) -> AnyCalibration:
@@ -65,10 +67,12 @@ def load_any(path: str | Path) -> AnyCalibration:
     if not isinstance(kind, str) or kind not in _KINDS:
         raise InputError(f"calibration {path} has kind {quoted(kind)}: this labcdp knows {', '.join(_KINDS)}")
     made = _loaded(path, CALIBRATION, document, _KINDS[kind])
-    if document.get("sha256") != _digest(document):
+    digest = _digest(document)
+    # Calibrations had no number once.
+    if document.get("sha256") != digest or document.get("number", _number(digest)) != _number(digest):
         raise InputError(
-            f"calibration {path} was changed after it was written (its sha256 does not match): restore the original, "
-            "or calibrate again"
+            f"calibration {path} was changed after it was written (its sha256 or number does not match): restore the "
+            "original, or calibrate again"
         )
     return made
 
@@ -86,10 +90,40 @@ def calibration_sha256(path: str | Path) -> str:
     return str(_read(Path(path), CALIBRATION).get("sha256"))
 
 
+@dataclass(frozen=True)
+class SavedFile:
+    """What a saved calibration or verification is identified by on a certificate.
+
+    Parameters
+    ----------
+    name : str
+        Name of the file.
+    number : str
+        Follows from the content: another one for each result, the same if the result is saved again.
+    sha256 : str
+        Hash of the file's bytes.
+    """
+
+    name: str
+    number: str
+    sha256: str
+
+    @classmethod
+    def of(cls, path: str | Path) -> SavedFile:
+        """Identify a calibration, or else a verification; raises InputError if it is neither."""
+        path = Path(path)
+        most_bytes = max(MOST_BYTES, _MOST_BYTES_VERIFICATION)
+        document = read_json(path, "a calibration or verification that labcdp saved", most_bytes)
+        of_verification = isinstance(document, dict) and document.get("format") == VERIFICATION
+        document = _read(path, VERIFICATION if of_verification else CALIBRATION)
+        digest = _digest_of_verification(document) if of_verification else str(document.get("sha256"))
+        return cls(path.name, _number(digest), file_sha256(path, "a calibration or verification"))
+
+
 def save_verification(verification: Verification, path: str | Path, *, force: bool = False) -> None:
     """Write a verification to a JSON file; as `save`."""
     content = {"verdict": verification.verdict, "verification": _dumped(verification)}
-    _write(path, VERIFICATION, content, force)
+    _write(path, VERIFICATION, {"number": _number(_digest_of_verification(content)), **content}, force)
 
 
 def load_verification(path: str | Path) -> Verification:
@@ -186,5 +220,18 @@ def _digest(document: Any) -> str:
     content = {"kind": document["kind"], "calibration": document.get("calibration")}
     if arrays is not None:
         content["arrays"] = hashlib.sha256(arrays.encode()).hexdigest()
+    return _sha256(content)
+
+
+def _digest_of_verification(document: Any) -> str:
+    return _sha256({"verification": document.get("verification")})
+
+
+def _sha256(content: Any) -> str:
     canonical = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     return hashlib.sha256(canonical.encode()).hexdigest()
+
+
+def _number(digest: str) -> str:
+    """Return the first 48 bits of a hash, in groups that can be read out."""
+    return "-".join(digest[start : start + 4] for start in (0, 4, 8))

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ..calibration import load_any
 from ..calibration.emva.index import INDEX_NAME, load_index
-from ..calibration.record import load_verification
+from ..calibration.record import SavedFile, load_verification
 from ..chain import Chain
 from ..core.clock import exposure_text
 from ..core.disk.documents import read_json, read_toml
@@ -153,8 +153,10 @@ def _document(path: Path) -> Description:
         case "labcdp-calibration":
             return _calibration(path)
         case "labcdp-verification":
-            load_verification(path)
-            return Description("verification of a calibration", ("history {file}",))
+            verdict = load_verification(path).verdict
+            return Description(
+                "verification of a calibration", ("history {file}",), {"verdict": verdict, **_saved(path)}
+            )
         case "labcdp regions":
             return _regions(path)
     raise InputError(f"{path} is no document of labcdp: its key schema or format names no known kind")
@@ -175,8 +177,15 @@ def _calibration(path: Path) -> Description:
         "lens": loaded.lens.model,
         "calibrated range": f"{low:.3g} to {high:.3g} cd/m²",
         "measured": f"{loaded.provenance.measured:%Y-%m-%d %H:%M}",
+        **_saved(path),
     }
     return Description("calibration", commands, properties)
+
+
+def _saved(path: Path) -> dict[str, str]:
+    """Return the number on the certificate of a file, and its hash."""
+    saved = SavedFile.of(path)
+    return {"number": saved.number, "SHA-256 of the file": saved.sha256}
 
 
 def _toml(path: Path) -> Description:

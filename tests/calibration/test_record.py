@@ -1,5 +1,6 @@
 """Calibration files: round trips of any value, and what is refused of altered files."""
 
+import hashlib
 import json
 from dataclasses import replace
 
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 
 from labcdp.calibration import load, save
 from labcdp.calibration.frames.defects import Defect, DefectMap
+from labcdp.calibration.record import SavedFile
 from labcdp.core.errors import InputError
 from labcdp.core.result import warning
 from labcdp.core.vignetting import Cos4Vignetting, RadialVignetting
@@ -58,6 +60,40 @@ def test_saving_again_replaces_values_and_arrays_together_with_force_only(calibr
     assert [p.name for p in tmp_path.iterdir()] == ["camera.json"]
 
 
+def without_number(path):
+    """Make a file as labcdp wrote it before calibrations had numbers and meters a drift, with the hash of that time."""
+    document = json.loads(path.read_text())
+    del document["number"], document["calibration"]["meter_scale"]["drift_rel"]
+    content = {"kind": document["kind"], "calibration": document["calibration"]}
+    if document["arrays"] is not None:
+        content["arrays"] = hashlib.sha256(document["arrays"].encode()).hexdigest()
+    canonical = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    document["sha256"] = hashlib.sha256(canonical.encode()).hexdigest()
+    path.write_text(json.dumps(document))
+    return document["sha256"]
+
+
+@pytest.mark.parametrize("full", [False, True])
+def test_the_number_is_that_of_the_content_and_old_files_have_one(calibrated, tmp_path, full):
+    one = replace(calibrated, **maps()) if full else calibrated
+    other = replace(one, responsivity=replace(one.responsivity, responsivity_dn_s_cd_m2=2350.0))
+    paths = [tmp_path / f"{name}.json" for name in ("one", "other", "again")]
+    save(one, paths[0])
+    save(other, paths[1])
+    save(load(paths[0]), paths[2])
+    numbers = [SavedFile.of(path).number for path in paths]
+    assert numbers == [json.loads(path.read_text())["number"] for path in paths]
+    assert numbers[0] == numbers[2] != numbers[1]
+    assert SavedFile.of(paths[0]).sha256 == hashlib.sha256(paths[0].read_bytes()).hexdigest()
+    # Spaces change the hash of the file, not the number.
+    paths[2].write_text(json.dumps(json.loads(paths[0].read_text())))
+    assert SavedFile.of(paths[2]).number == numbers[0]
+    assert SavedFile.of(paths[2]).sha256 != SavedFile.of(paths[0]).sha256
+    digest = without_number(paths[0])
+    assert load(paths[0]) == one
+    assert SavedFile.of(paths[0]).number.replace("-", "") == digest[:12]
+
+
 @pytest.mark.parametrize(
     ("place", "value", "message"),
     [
@@ -66,6 +102,7 @@ def test_saving_again_replaces_values_and_arrays_together_with_force_only(calibr
         (("calibration", "responsivity", "responsivity_dn_s_cd_m2"), 1201.0, "was changed after it was written"),
         (("calibration", "responsivity", "responsivity_dn_s_cd_m2"), -1.0, "a camera that sees light has a positive"),
         (("calibration", "meter_scale", "limit"), 0.02, r"key meter_scale\.limit: Unexpected keyword argument"),
+        (("number",), "0000-0000-0000", "was changed after it was written"),
         (("arrays",), "%", "key arrays: it is no Base64 text"),
         (("arrays",), "of another", "was changed after it was written"),
     ],

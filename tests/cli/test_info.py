@@ -1,5 +1,6 @@
 """labcdp info: every file that labcdp writes or reads is named, and damaged ones say so."""
 
+import hashlib
 import json
 
 import pytest
@@ -36,6 +37,10 @@ def test_every_file_of_results_is_named(results, inputs, capsys):
     assert info(capsys, inputs / "s/journal.jsonl")["kind"] == "journal of a session"
     assert info(capsys, inputs / "c/certificate.html")["kind"] == "page of results"
     assert info(capsys, results / "readings.csv")["readings of white"] == "2"
+    calibration = inputs / "c/calibration.json"
+    shown = info(capsys, calibration)
+    assert shown["number"] == json.loads(calibration.read_text())["number"]
+    assert shown["SHA-256 of the file"] == hashlib.sha256(calibration.read_bytes()).hexdigest()
 
 
 @pytest.mark.parametrize("damage", [{"tables": None}, {"tables": {"a": {}}}, {"inputs": 3}, {"kind": []}])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import hypot, inf, isfinite, sqrt
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,16 +13,29 @@ from numpy.typing import NDArray
 from ..core.errors import InputError
 from ..core.luminance import CommonError
 from ..core.result import Finding, FindingValue
-from ..core.vignetting import Cos4Vignetting, FlatField, RadialVignetting
+from ..core.vignetting import Cos4Vignetting, FlatField, RadialVignetting, cropped
 from .colour.conversion import errors_of_plane, joined
 from .colour.model import AnyCalibration, ColourCalibration
-from .converter import BLACK_LEVEL, FLAT_FIELD, FLICKER, INTERCEPT, REFOCUS, TEMPERATURE, VIGNETTING, common_errors
+from .converter import (
+    BLACK_LEVEL,
+    FLAT_FIELD,
+    FLICKER,
+    INTERCEPT,
+    REFOCUS,
+    TEMPERATURE,
+    VIGNETTING,
+    common_errors,
+    placed,
+)
 from .findings import BudgetRow, Distribution, basis
+from .frames.nonuniformity import vignetting_errors
 from .model import Calibration, PatchResidual
 from .setup import METER_SOURCES, MeterScale
 from .uncertainty import effective_dof, expanded_half_width, expanded_of, of_one_estimate
 
 Array = NDArray[np.float64]
+#: A place (x, y) in pixels, None for the optical axis.
+Place: TypeAlias = tuple[float, float] | None
 
 #: Order of the rows.
 SOURCES = (
@@ -42,6 +55,8 @@ _OF_EACH_PLANE = (
 )  # fmt: skip
 #: Highest preferred signal, as a share of the saturation.
 _BEST_SHARE = 0.8
+#: Side of the square that V is averaged over at a place: about a patch of 1000 pixels.
+_SIDE_PX = 32
 
 
 @dataclass(frozen=True)
@@ -74,6 +89,7 @@ def budget(
     exposure_s: float | None = None,
     n_pixels: int = 1,
     n_frames: int = 1,
+    place_px: Place = None,
 ) -> tuple[BudgetRow, ...]:
     """Split the uncertainty of a luminance into its sources, one row for each, in the order of `SOURCES`.
 
@@ -88,11 +104,13 @@ def budget(
     calibration : Calibration or ColourCalibration
         Of the camera.
     luminance_cd_m2 : float
-        The luminance, on the optical axis.
+        The luminance.
     exposure_s : float or None
         Exposure; None for the longest calibrated one at which no plane is above 80 % of saturation.
     n_pixels, n_frames : int
         Numbers of pixels, or groups of 2 x 2 pixels with colour filters, and of frames averaged.
+    place_px : (float, float) or None
+        Place (x, y) in the image, where the signal is that of V there; None for the optical axis.
 
     Raises
     ------
@@ -107,8 +125,13 @@ def budget(
     shares = np.array(calibration.weights) / sum(calibration.weights)
     of_plane = luminance_cd_m2 / sum(calibration.weights)
     leading = calibration.planes[int(np.argmax(np.abs(shares)))]
-    rows = not_included(leading) | _of_errors(calibration, shares, of_plane, t)
-    for row in _of_frames(calibration, shares, of_plane, t, (n_pixels, n_frames)):
+    places = _in_planes(calibration, place_px)
+    net_dn = [
+        plane.net_dn(of_plane * _relative_at(plane, place), t)
+        for plane, place in zip(calibration.planes, places, strict=True)
+    ]
+    rows = not_included(leading) | _of_errors(calibration, shares, net_dn, t, places)
+    for row in _of_frames(calibration, shares, net_dn, t, (n_pixels, n_frames)):
         u = row.standard_uncertainty_rel
         of_errors = rows[FLAT_FIELD].standard_uncertainty_rel if row.source == FLAT_FIELD else 0.0
         rows[row.source] = replace(row, standard_uncertainty_rel=hypot(u, of_errors))
@@ -121,6 +144,39 @@ def budget(
             for row in own
         }
     return tuple(rows[source] for source in SOURCES)
+
+
+def _relative_at(plane: Calibration, place_px: Place) -> float:
+    """V of a plane, the mean over a square at a place (x, y) of the image; 1 on the axis, or without vignetting."""
+    if plane.vignetting is None or place_px is None:
+        return 1.0
+    shape = plane.state.image_shape
+    side = [min(_SIDE_PX, n) for n in shape]
+    top, left = (
+        round(min(max(at - n / 2, 0), most - n)) for at, n, most in zip(place_px[::-1], side, shape, strict=True)
+    )
+    part = cropped(plane.vignetting, shape, (left, top), (side[0], side[1]))
+    return float(part.relative_illuminance((side[0], side[1])).mean())
+
+
+def _in_planes(calibration: AnyCalibration, place_px: Place) -> list[Place]:
+    """Return a place of the image in the pixels of each plane, which has half of them in each direction."""
+    if place_px is None:
+        return [None] * len(calibration.planes)
+    height = calibration.state.image_shape[0]
+    scales = [plane.state.image_shape[0] / height for plane in calibration.planes]
+    return [(scale * place_px[0], scale * place_px[1]) for scale in scales]
+
+
+def darkest_corner_px(calibration: AnyCalibration) -> tuple[float, float]:
+    """Return the corner (x, y) of the image with the least light of a uniform scene."""
+    height, width = calibration.state.image_shape
+    corners = [(float(x), float(y)) for y in (0, height) for x in (0, width)]
+
+    def light(corner: tuple[float, float]) -> float:
+        return sum(map(_relative_at, calibration.planes, _in_planes(calibration, corner)))
+
+    return min(corners, key=light)
 
 
 def combined(rows: Sequence[BudgetRow]) -> CombinedUncertainty:
@@ -148,17 +204,22 @@ def budget_exposure_s(calibration: AnyCalibration, luminance_cd_m2: float) -> fl
 
 
 def _of_errors(
-    calibration: AnyCalibration, shares: Array, luminance_cd_m2: float, exposure_s: float
+    calibration: AnyCalibration,
+    shares: Array,
+    net_dn: Sequence[float],
+    exposure_s: float,
+    places: Sequence[Place],
 ) -> dict[str, BudgetRow]:
     """Rows of common errors: those of planes joined as in the luminance of a patch."""
     of_planes = [
-        common_errors(
-            plane,
-            np.array([plane.net_dn(luminance_cd_m2, exposure_s)]),
-            exposure_s,
-            temperature_c=plane.dark.temperature_c,
-        )
-        for plane in calibration.planes
+        common_errors(plane, np.array([net]), exposure_s, temperature_c=plane.dark.temperature_c)
+        for plane, net in zip(calibration.planes, net_dn, strict=True)
+    ]
+    of_planes = [
+        placed(plane, errors, list(vignetting_errors(plane.vignetting, plane.state.image_shape, [place])))
+        if place is not None
+        else errors
+        for plane, errors, place in zip(calibration.planes, of_planes, places, strict=True)
     ]
     errors, rows, case = [*of_planes[0]], dict[str, BudgetRow](), ""
     if isinstance(calibration, ColourCalibration):
@@ -190,11 +251,10 @@ def _of_errors(
 
 
 def _of_frames(
-    calibration: AnyCalibration, shares: Array, luminance_cd_m2: float, exposure_s: float, averaged: tuple[int, int]
+    calibration: AnyCalibration, shares: Array, net: Sequence[float], exposure_s: float, averaged: tuple[int, int]
 ) -> Iterator[BudgetRow]:
     """Rows of what is not common to all luminances: noise, dark pattern, black level, light and flat field."""
     planes, (n_pixels, n_frames) = calibration.planes, averaged
-    net = [plane.net_dn(luminance_cd_m2, exposure_s) for plane in planes]
     stretch = shares * [float(p.response.slope(n) / p.response.linearise(n)) for p, n in zip(planes, net, strict=True)]
     noise = [
         sqrt(p.noise.variance_dn2(n, p.dark.noise_variance_dn2(exposure_s)) / n_pixels) / sqrt(n_frames)

@@ -15,7 +15,7 @@ from ..calibration import AnyCalibration, Calibration, load, load_any
 from ..calibration.emva.data_set import characterise_data_set
 from ..calibration.emva.index import INDEX_NAME, index_path
 from ..calibration.emva.result import Characterisation
-from ..calibration.record import save_verification
+from ..calibration.record import SavedFile, save_verification
 from ..calibration.verify.result import require_tolerance
 from ..core.disk.files import shell_word
 from ..core.errors import InputError
@@ -195,7 +195,8 @@ def verify(
         save_verification(verification, folder.path(path.name))
         inputs = (session_input(measured), InputFile.of("calibration", calibration))
         result = verification_result(verification, session.resolve().name, inputs)
-        certified = verification_certificate(observed, loaded, verification)
+        files = SavedFile.of(folder.path(path.name)), SavedFile.of(calibration)
+        certified = verification_certificate(observed, loaded, verification, *files)
         folder.add({"certificate.html": certified, "results.json": envelope_json(result).encode()})
     following = [f"Saved: {path}"]
     if verification.verdict == "not conform":

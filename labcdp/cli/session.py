@@ -12,6 +12,7 @@ from typing import Any, Literal
 import typer
 
 from ..calibration import load_any, save
+from ..calibration.record import SavedFile
 from ..core.disk import read_json
 from ..core.disk.files import shell_word
 from ..core.errors import InputError, SessionError
@@ -176,7 +177,7 @@ def calibrate(fit: FitOptions, results: Results, session: Path, more: tuple[Path
         options = {"output": str(folder.folder), **fit.configuration()}
         result = calibration_result(calibration, opened.configuration.name, inputs, options)
         written = folder.add(calibration_files(calibration, result))
-        certified = calibration_certificate(observed, calibration)
+        certified = calibration_certificate(observed, calibration, SavedFile.of(folder.path(path.name)))
         written += folder.add({"certificate.html": certified, "results.json": envelope_json(result).encode()})
     chosen = "" if results.output is None else f" --calibration {shell_word(path)}"
     following = (

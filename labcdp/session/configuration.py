@@ -158,6 +158,9 @@ class ConditionsConfiguration(Table):
     measuring_field_deg: Positive | None = Field(None, description="the meter's measuring angle above 0 degrees")
     angle_deg: NotNegative | None = Field(None, description="the angle to the target's normal, at least 0 degrees")
     temperature_c: Number | None = Field(None, description="the temperature of the room in °C")
+    relative_humidity: Fraction | None = Field(None, description="a fraction above 0, up to 1, 0.45 for 45 %")
+    place: Text | None = Field(None, description="where it is measured as text, for example Building 3, room 12")
+    camera_condition: Text | None = Field(None, description="the condition of the camera as text")
 
 
 class PartyConfiguration(Table):

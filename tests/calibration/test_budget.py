@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from labcdp.calibration import fit, patch_luminance
-from labcdp.calibration.budget import SOURCES, budget, budget_exposure_s, combined
+from labcdp.calibration.budget import SOURCES, budget, budget_exposure_s, combined, darkest_corner_px
 from labcdp.calibration.converter import common_errors
-from labcdp.core.vignetting import FlatField, RadialVignetting
+from labcdp.core.vignetting import Cos4Vignetting, FlatField, RadialVignetting
 
-from .conftest import FEW_CD_M2, FEW_S, SimulatedMeter, bench, row
+from .conftest import FEW_CD_M2, FEW_S, STATE, SimulatedMeter, bench, row
 from .test_verify import CERTIFICATE
 
 SIZE = (400, 4)
@@ -43,6 +43,42 @@ def test_rows_make_the_uncertainty_of_a_patch(calibration, camera, luminance, al
     # The budget takes K from photon transfer and the luminance as given; both within a part in a thousand.
     assert whole.standard_uncertainty_rel == pytest.approx(hypot(patch.random_rel, patch.common_rel), rel=2e-3)
     assert whole.expanded_95_rel == pytest.approx(patch.half_width_95_rel, rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    "vignetting",
+    [
+        None,
+        Cos4Vignetting(0.006, 1e-4, corner_rel=0.05),
+        Cos4Vignetting(0.006, 1e-4, (20.0, 30.0), 0.05),
+        RadialVignetting(-0.4, 0.1, 0.0, covariance=((9e-4, 0, 0), (0, 4e-4, 0), (0, 0, 0)), slow_rel=0.004),
+    ],
+)
+def test_rows_in_the_corner_are_those_of_a_patch_there(calibration, camera, vignetting):
+    """The patch is small, and lies in the darkest corner, which V of every pixel shows."""
+    calibration = replace(calibration, vignetting=vignetting)
+    corner, (height, width) = darkest_corner_px(calibration), STATE.image_shape
+    v = 1.0
+    if vignetting is not None:
+        image = vignetting.relative_illuminance(STATE.image_shape)
+        square = [slice(0, 32) if at == 0 else slice(n - 32, n) for at, n in zip(corner, (width, height), strict=True)]
+        v = float(image[square[1], square[0]].mean())
+        ends = [image[y, x] for y in (0, -1) for x in (0, -1)]
+        assert image[(0 if corner[1] == 0 else -1), (0 if corner[0] == 0 else -1)] == pytest.approx(min(ends))
+    exposure_s = budget_exposure_s(calibration, 8.0)
+    seen = camera.observe("P", 8.0 * v, exposure_s, None, SIZE)
+    dark_dn = camera.mean_dn(0.0, exposure_s)
+    in_corner = replace(
+        seen, mean_dn=dark_dn / v + (seen.mean_dn - dark_dn) / v, mean_inverse_v=1 / v, vignetting=vignetting,
+        centre_px=corner,
+    )  # fmt: skip
+    patch = patch_luminance(calibration, [in_corner])
+    assert patch.luminance_cd_m2 == pytest.approx(8.0, rel=0.01)
+    whole = combined(budget(calibration, 8.0, exposure_s, *SIZE, place_px=corner))
+    assert whole.standard_uncertainty_rel == pytest.approx(hypot(patch.random_rel, patch.common_rel), rel=5e-3)
+    assert whole.expanded_95_rel == pytest.approx(patch.half_width_95_rel, rel=5e-3)
+    if isinstance(vignetting, Cos4Vignetting):
+        assert whole.standard_uncertainty_rel > vignetting.corner_rel
 
 
 def test_every_source_has_a_row_that_is_a_common_error_or_says_why_it_is_not_known(calibration):

@@ -94,11 +94,20 @@ def budgets(calibration: AnyCalibration) -> list[BudgetOfPatch]:
     return [budget_at(calibration, luminance) for luminance in (low, sqrt(low * high), high)]
 
 
-def budget_at(calibration: AnyCalibration, luminance_cd_m2: float) -> BudgetOfPatch:
-    """Compute the budget at a luminance."""
+def budget_at(
+    calibration: AnyCalibration, luminance_cd_m2: float, place_px: tuple[float, float] | None = None
+) -> BudgetOfPatch:
+    """Compute the budget at a luminance, at a place (x, y) of the image or on the optical axis."""
     t = budget_exposure_s(calibration, luminance_cd_m2)
-    rows = budget(calibration, luminance_cd_m2, t, n_pixels=PATCH_PIXELS // len(calibration.planes))
+    n_pixels = PATCH_PIXELS // len(calibration.planes)
+    rows = budget(calibration, luminance_cd_m2, t, n_pixels=n_pixels, place_px=place_px)
     return BudgetOfPatch(luminance_cd_m2, t, rows, combined(rows))
+
+
+def limited_dof(whole: CombinedUncertainty) -> float | None:
+    """Return the effective degrees of freedom; None if practically unlimited."""
+    dof = whole.effective_degrees_of_freedom
+    return dof if dof < _UNLIMITED else None
 
 
 def budget_tables(found: Sequence[BudgetOfPatch]) -> tuple[Table, Table]:
@@ -108,7 +117,7 @@ def budget_tables(found: Sequence[BudgetOfPatch]) -> tuple[Table, Table]:
         Column("exposure_s", "exposure", "s", "Exposure time of the frame.", digits=0, time=True),
         Column("u_rel", "u", "%", "Relative combined standard uncertainty.", 2, value="whole.standard_uncertainty_rel"),
         Column("effective_dof", "effective dof", "", _DOF, decimals=0,
-               value=lambda one: dof if (dof := one.whole.effective_degrees_of_freedom) < _UNLIMITED else None),
+               value=lambda one: limited_dof(one.whole)),
         Column("expanded_rel", "U (95 %)", "%", "Relative expanded uncertainty.", 2, value="whole.expanded_95_rel"),
     )  # fmt: skip
     note = page_text("uncertainty-of-patch", n_pixels=PATCH_PIXELS)

@@ -2,27 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from math import inf
 
 from ...calibration import AnyCalibration, Calibration
+from ...calibration.budget import darkest_corner_px
+from ...calibration.record import SavedFile
 from ...calibration.verify.result import Verdict, Verification
+from ...core.result import Finding, FindingValue
 from ...core.table import Column, Table
 from ...report.html import render_page
 from ...report.layout import SIMULATED, Card, Facts, Page, ReportFigure, Section, State, page_text
 from ...report.maps import close_picture
-from ...report.text import day, exposures, finding_text, minute, sentence, shortened, significant, span, with_half_width
+from ...report.text import (
+    day,
+    exposures,
+    minute,
+    sentence,
+    shortened,
+    significant,
+    span,
+    warning_texts,
+    with_half_width,
+)
 from ...session import ConditionsConfiguration
-from .calibration_result import CAMERA, DEVIATION, METER, PATCH_PIXELS, budget_at
+from .calibration_result import CAMERA, DEVIATION, METER, PATCH_PIXELS, budget_at, limited_dof
 from .observe import ObservedSession
-from .quantities import lens_text, meter_text, range_text, responsivity, traceability
+from .quantities import RESPONSIVITY, conditions, lens_text, meter_text, range_text, responsivity, traceability
 from .session import target_map
 from .verification import decision_rule, verified_patches
 
 _STATES: dict[Verdict, State] = {"conform": "good", "not conform": "bad", "undecided": "open"}
 
 
-def calibration_certificate(observed: ObservedSession, calibration: AnyCalibration) -> bytes:
-    """Return the certificate of a calibration as a page.
+def calibration_certificate(observed: ObservedSession, calibration: AnyCalibration, saved: SavedFile) -> bytes:
+    """Return the certificate of a calibration as a page, with what ISO/IEC 17025:2017, 7.8.2 and 7.8.4, asks for.
 
     Parameters
     ----------
@@ -30,28 +44,71 @@ def calibration_certificate(observed: ObservedSession, calibration: AnyCalibrati
         What its first session says.
     calibration : Calibration or ColourCalibration
         The calibration.
+    saved : SavedFile
+        Its file, which gives the certificate its number.
     """
-    scope = page_text("certificate-of-calibration", n_pixels=PATCH_PIXELS)
-    sections = Section("Results", [_calibrated(calibration)]), *_statements(observed, scope)
-    return _certificate("Calibration certificate", observed, calibration, sections)
+    text = page_text("certificate-of-calibration", n_pixels=PATCH_PIXELS)
+    method = page_text("certificate-method-of-calibration", **_method(calibration))
+    sections = (
+        Section("Results", [_calibrated(calibration)]),
+        _warnings(calibration.findings),
+        Section("Method", [method]),
+        *_statements(observed, text),
+    )
+    return _certificate("Calibration certificate", observed, calibration, saved, saved, sections)
 
 
 def verification_certificate(
-    observed: ObservedSession, calibration: AnyCalibration, verification: Verification
+    observed: ObservedSession,
+    calibration: AnyCalibration,
+    verification: Verification,
+    saved: SavedFile,
+    saved_calibration: SavedFile,
 ) -> bytes:
     """Return the certificate of a verification as a page; parameters as for `calibration_certificate`."""
     shown = ("patch", "meter_cd_m2", "expanded_meter_cd_m2", "camera_cd_m2", "deviation_rel", "expanded_deviation_rel")
     results = verified_patches(verification).only(*shown, "tolerance_rel", "verdict")
-    scope, other = page_text("certificate-of-verification"), ""
+    text, other = page_text("certificate-of-verification"), ""
     if not verification.same_meter:
-        scope = page_text("certificate-of-verification-other-meter")
-        before = verification.calibration_meter
-        other = f" The camera was calibrated with {meter_text(before.meter)}; {traceability(before)}."
-    rule, statements = Section("Decision rule", [decision_rule(verification)]), _statements(observed, scope, other)
-    verdict = verification.verdict
-    card = Card(verdict.capitalize(), _verdict_text(verification), state=_STATES[verdict])
-    sections = Section("Results", [results]), rule, *statements
-    return _certificate("Verification certificate", observed, calibration, sections, card)
+        text = page_text("certificate-of-verification-other-meter")
+        before, then = verification.calibration_meter, verification.calibration_measured
+        other = f" The camera was calibrated with {meter_text(before.meter)}; {traceability(before, then)}."
+    # The verdict is on top, without its advice.
+    own = [one for one in verification.findings if not one.code.startswith("verification-")]
+    sections = (
+        Section("Results", [results]),
+        Section("As found and as left", [_as_found(verification, saved_calibration)]),
+        _warnings([*own, *(one.within("calibration") for one in calibration.findings)]),
+        Section("Decision rule", [decision_rule(verification)]),
+        Section("Method", [page_text("certificate-method-of-verification", **_method(calibration))]),
+        *_statements(observed, text, other),
+    )
+    card = Card(verification.verdict.capitalize(), _verdict_text(verification), state=_STATES[verification.verdict])
+    kind = "Verification certificate"
+    return _certificate(kind, observed, calibration, saved, saved_calibration, sections, card)
+
+
+def _method(calibration: AnyCalibration) -> dict[str, FindingValue]:
+    """Return model and programs of a calibration."""
+    stated = dict(conditions(calibration))
+    vignetting = stated.get("vignetting V(x, y)", "that of each plane")
+    return {"model": stated["model"], "vignetting": vignetting, "programs": stated["calibrated with"]}
+
+
+def _warnings(findings: Iterable[Finding]) -> Section:
+    return Section("Warnings", [*map(sentence, warning_texts(findings))] or ["None."])
+
+
+def _as_found(verification: Verification, calibration: SavedFile) -> str:
+    """Return the state of the camera before and after a verification, which adjusts nothing."""
+    mean = with_half_width(100 * verification.mean_rel, 100 * verification.mean_expanded_rel)
+    now = []
+    for plane in verification.planes:
+        if (drift := plane.drift) is not None:
+            r = drift.responsivity_dn_s_cd_m2
+            name = "R" if plane.plane is None else f"R of {plane.plane}"
+            now.append(f"{name} = ({with_half_width(r, r * drift.responsivity_expanded_rel)}) {RESPONSIVITY}")
+    return page_text("certificate-as-found", mean=mean, now=" and ".join(now) or "-", number=calibration.number)
 
 
 def _verdict_text(verification: Verification) -> str:
@@ -71,30 +128,38 @@ def _verdict_text(verification: Verification) -> str:
     return sentence("; ".join(parts))
 
 
-def _statements(observed: ObservedSession, scope: str, other: str = "") -> tuple[Section, Section]:
-    """Return what is said on uncertainty, and on certificate or data sheet of the meter and whether that is overdue."""
-    warnings = [one for one in observed.meter_scale.findings(observed.readings) if one.severity == "warning"]
-    texts = (traceability(observed.meter_scale), *map(finding_text, warnings))
-    traced = " ".join(map(sentence, texts)) + other
-    uncertainty = f"{page_text('certificate-uncertainty')} {scope}"
-    return Section("Uncertainty", [uncertainty]), Section("Traceability", [traced])
+def _statements(observed: ObservedSession, text: str, other: str = "") -> tuple[Section, Section, Section]:
+    """Return what is said on uncertainty, on certificate or data sheet of the meter, and what all relates to."""
+    traced = sentence(traceability(observed.meter_scale, observed.times[-1])) + other
+    uncertainty = f"{page_text('certificate-uncertainty')} {text}"
+    scope = page_text("certificate-scope")
+    return Section("Uncertainty", [uncertainty]), Section("Traceability", [traced]), Section("Scope", [scope])
 
 
 def _certificate(
-    kind: str, observed: ObservedSession, calibration: AnyCalibration, sections: Sequence[Section], *cards: Card
+    kind: str,
+    observed: ObservedSession,
+    calibration: AnyCalibration,
+    saved: SavedFile,
+    saved_calibration: SavedFile,
+    sections: Sequence[Section],
+    *cards: Card,
 ) -> bytes:
     camera = calibration.state.camera
     simulated = camera.simulated or observed.meter_scale.meter.simulated
-    banner, conditions = SIMULATED if simulated else "", Facts(list(_conditions(observed, calibration)))
-    lead = Facts(list(_identification(observed, calibration))), _picture(observed, calibration, simulated)
-    sections = Section("Conditions", [conditions]), *sections
+    banner, facts = SIMULATED if simulated else "", Facts(list(_conditions(observed, calibration)))
+    identification = Facts(list(_identification(observed, calibration, saved, saved_calibration)))
+    sections = Section("Conditions", [facts]), *sections
+    lead = identification, _picture(observed, calibration, simulated)
     page = Page(kind, f"{camera}", banner=banner, cards=cards, lead=lead, sections=sections)
     dates = [("Measured", day(observed.times[-1])), ("Operator", observed.configuration.operator)]
-    return render_page(page, "certificate.html", number=observed.input_sha256[:12], dates=dates).encode()
+    return render_page(page, "certificate.html", number=saved.number, dates=dates).encode()
 
 
-def _identification(observed: ObservedSession, calibration: AnyCalibration) -> Iterator[tuple[str, str]]:
-    state, own = calibration.state, calibration.provenance.input_sha256
+def _identification(
+    observed: ObservedSession, calibration: AnyCalibration, saved: SavedFile, saved_calibration: SavedFile
+) -> Iterator[tuple[str, str]]:
+    state, provenance = calibration.state, calibration.provenance
     height, width = state.image_shape
     configuration = observed.configuration
     for what, party in (("Laboratory", configuration.laboratory), ("Customer", configuration.customer)):
@@ -106,9 +171,13 @@ def _identification(observed: ObservedSession, calibration: AnyCalibration) -> I
     yield "Luminance meter", meter_text(observed.meter_scale.meter)
     yield "Target", configuration.target.name
     yield "Session", f"{observed.session.path.resolve().name}: {configuration.name}"
-    yield "SHA-256 of data", observed.input_sha256
-    if own != observed.input_sha256:
-        yield "Calibration", f"{day(calibration.provenance.measured)}, SHA-256 of data {own}"
+    yield "Data", f"SHA-256 {observed.input_sha256}"
+    yield "File", f"{saved.name}, SHA-256 {saved.sha256}"
+    if saved != saved_calibration:
+        when = f"number {saved_calibration.number}, measured {day(provenance.measured)}"
+        yield "Calibration", f"{when}, SHA-256 of its file {saved_calibration.sha256}"
+    if provenance.input_sha256 != observed.input_sha256:
+        yield "Its data", f"SHA-256 {provenance.input_sha256}"
 
 
 def _conditions(observed: ObservedSession, calibration: AnyCalibration) -> Iterator[tuple[str, str]]:
@@ -118,6 +187,9 @@ def _conditions(observed: ObservedSession, calibration: AnyCalibration) -> Itera
     yield "Exposures", exposures(calibration.exposures_s)
     yield "Aperture", f"f/{lens.f_number:g}"
     given = configuration.conditions or ConditionsConfiguration.model_validate({})
+    percent = None if given.relative_humidity is None else 100 * given.relative_humidity
+    texts = {"Place": given.place, "Camera's condition": given.camera_condition, **_temperatures(observed)}
+    yield from ((name, text) for name, text in texts.items() if text)
     optional = {
         "Focus": (lens.focus_distance_m, " m"),
         "Camera distance": (given.camera_distance_m, " m"),
@@ -125,12 +197,23 @@ def _conditions(observed: ObservedSession, calibration: AnyCalibration) -> Itera
         "Measuring field": (given.measuring_field_deg, "°"),
         "Angle": (given.angle_deg, "° to the normal"),
         "Room": (given.temperature_c, " °C"),
+        "Humidity": (percent, " % relative"),
     }
     yield from ((name, f"{value:g}{unit}") for name, (value, unit) in optional.items() if value is not None)
-    if missing := [name.lower() for name, (value, _) in optional.items() if value is None]:
+    missing = [name.lower() for name, text in texts.items() if not text]
+    missing += [name.lower() for name, (value, _) in optional.items() if value is None]
+    if missing:
         yield "Not stated", ", ".join(missing)
     times = observed.times
     yield "Readings", f"{len(times)}, {span(minute(times[0]), minute(times[-1]))}"
+
+
+def _temperatures(observed: ObservedSession) -> dict[str, str]:
+    """Return the lowest and highest temperature of the camera, by its frames; empty if they have none."""
+    seen = [o for plane in observed.planes.values() for group in (plane.darks, *plane.patches.values()) for o in group]
+    measured = sorted(o.temperature_c for o in seen if o.temperature_c is not None)
+    ends = dict.fromkeys(f"{value:.1f}" for value in (measured[0], measured[-1])) if measured else {}
+    return {"Camera's temperature": f"{span(*ends)} °C" if ends else ""}
 
 
 def _picture(observed: ObservedSession, calibration: AnyCalibration, simulated: bool) -> ReportFigure:
@@ -145,19 +228,24 @@ def _picture(observed: ObservedSession, calibration: AnyCalibration, simulated: 
 
 
 def _calibrated(calibration: AnyCalibration) -> Table:
-    """Return the patches by meter and camera, with U and k of the camera's luminance."""
-    rows = (*calibration.residuals, *calibration.held_out)
+    """Return the patches by meter and camera, with U of the camera's luminance on the axis and in the corners."""
+    rows, corner = (*calibration.residuals, *calibration.held_out), darkest_corner_px(calibration)
     whole = {row.luminance_cd_m2: budget_at(calibration, row.luminance_cd_m2).whole for row in rows}
+    corners = {luminance: budget_at(calibration, luminance, corner).whole for luminance in whole}
     columns = (
         Column("patch", "patch",
                value=lambda row: row.patch if row in calibration.residuals else f"{row.patch} (held out)"),
         METER,
         CAMERA,
         DEVIATION,
-        Column("expanded_rel", "U of the camera's luminance", "%", "Relative U (95 %).", digits=2,
+        Column("expanded_rel", "U on the axis", "%", "Relative U (95 %) of the camera's luminance.", digits=2,
                value=lambda row: whole[row.luminance_cd_m2].expanded_95_rel),
-        Column("k", "k", "", "Coverage factor.", decimals=2,
+        Column("k", "k", "", "Coverage factor on the axis.", decimals=2,
                value=lambda row: whole[row.luminance_cd_m2].coverage_factor),
+        Column("effective_dof", "effective dof", "", "Effective degrees of freedom on the axis.", decimals=0,
+               value=lambda row: limited_dof(whole[row.luminance_cd_m2]) or inf),
+        Column("expanded_corner_rel", "U in the corners", "%", "Relative U (95 %) of the camera's luminance.", digits=2,
+               value=lambda row: corners[row.luminance_cd_m2].expanded_95_rel),
     )  # fmt: skip
     note = ""
     if isinstance(calibration, Calibration):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from datetime import datetime
 from math import hypot, inf, sqrt
 
 from ...calibration import AnyCalibration, Calibration, CameraState, LensIdentity
@@ -13,7 +14,7 @@ from ...core.reading import MeterIdentity
 from ...core.result import Quantity
 from ...core.vignetting import Cos4Vignetting, RadialVignetting
 from ...report.layout import page_text
-from ...report.text import exposures, minute, significant
+from ...report.text import exposures, minute, percent, significant
 from ...session import LensConfiguration
 
 #: Unit of a responsivity.
@@ -137,7 +138,7 @@ def conditions(calibration: AnyCalibration) -> list[tuple[str, str]]:
         ("calibrated exposures", exposures(calibration.exposures_s)),
         ("lens", lens_text(calibration.lens)),
         ("luminance meter", meter_text(calibration.meter_scale.meter)),
-        ("traceability", traceability(calibration.meter_scale)),
+        ("traceability", traceability(calibration.meter_scale, provenance.measured)),
         ("light", f"{calibration.source_spectrum}; not valid for another spectrum without a V(λ) filter"),
         ("last reading", minute(provenance.measured)),
         ("SHA-256 of frames and readings", provenance.input_sha256),
@@ -178,12 +179,12 @@ def lens_text(lens: LensIdentity | LensConfiguration) -> str:
     return f"{lens.model}{serial}, focal length {lens.focal_length_m * 1e3:g} mm, f/{lens.f_number:g}{focus}"
 
 
-def traceability(scale: MeterScale) -> str:
-    """Return what the luminances are traceable to, and whether the mismatch of the meter counts."""
+def traceability(scale: MeterScale, measured: datetime) -> str:
+    """Return what the luminances of a time are traceable to, and whether mismatch and drift of the meter count."""
     one, mismatch = scale.certificate, ""
     if scale.mismatch_rel:
         mismatch = f"; f1' {100 * (scale.f1_prime or 0.0):g} % counts as mismatch in {scale.light} light"
-    elif scale.f1_prime is None and scale.light != scale.illuminant:
+    elif scale.f1_prime is None and not scale.in_own_light:
         mismatch = f"; mismatch of the meter in {scale.light} light not stated and not included"
     if one is None:
         return (
@@ -193,10 +194,15 @@ def traceability(scale: MeterScale) -> str:
     dof = "" if one.degrees_of_freedom is None else f", {one.degrees_of_freedom:g} degrees of freedom"
     factor = f"correction {one.correction:g}" if one.correction != 1 else "no correction"
     conditions = f"; {one.conditions}" if one.conditions else ""
+    of_meter = f", of {' '.join(part for part in (one.model, one.serial) if part)}" if one.model or one.serial else ""
+    limits = "" if one.range_cd_m2 is None else ", {:g} to {:g} cd/m²".format(*one.range_cd_m2)
+    days = (measured.date() - one.date).days
+    drift = f"± {percent(scale.drift_rel, 2)} (limits)" if one.drift_rel_per_year else "not stated and not included"
+    since = f"; readings {abs(days)} days {'later' if days >= 0 else 'earlier, values as found'}, drift since {drift}"
     return (
         f"certificate {one.number} of {one.laboratory}, {one.date}{due}: {factor}, U = "
         f"{100 * one.expanded_uncertainty_rel:g} % (k = {one.coverage_factor:g}{dof}), illuminant {one.illuminant}"
-        f"{conditions}{mismatch}"
+        f"{of_meter}{limits}{conditions}{since}{mismatch}"
     )
 
 

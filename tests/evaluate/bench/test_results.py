@@ -1,5 +1,8 @@
 """Results, pages and certificates: one set of numbers everywhere, and text that is out to do harm stays text."""
 
+import hashlib
+import html
+import json
 import re
 from contextlib import closing
 from dataclasses import replace
@@ -7,9 +10,11 @@ from dataclasses import replace
 import pytest
 
 from labcdp.calibration.budget import budget, combined
+from labcdp.calibration.record import SavedFile, save, save_verification
 from labcdp.calibration.verify.history import histories
 from labcdp.calibration.verify.verify import verify
 from labcdp.core.frame import PLANES
+from labcdp.core.result import warning
 from labcdp.evaluate.bench.calibrate import calibrate_session
 from labcdp.evaluate.bench.calibration_page import calibration_page
 from labcdp.evaluate.bench.calibration_result import PATCH_PIXELS, calibration_result
@@ -23,7 +28,7 @@ from labcdp.report.files import envelope
 from labcdp.report.html import render_page
 from labcdp.report.text import finding_text
 from labcdp.session import ContrastConfiguration, Session
-from labcdp.session.configuration import PartyConfiguration
+from labcdp.session.configuration import ConditionsConfiguration, PartyConfiguration
 
 from ...conftest import CHROMIUM, valid
 from ...output.test_results_folder import write
@@ -37,6 +42,8 @@ NAMES = {
     "P02": "{{ 7 * 7 }}",
     "P04": "grey & \u7070" + "W" * 92,
 }
+
+SAVED = SavedFile("<i>calibration</i>.json", "0123-4567-89ab", "f" * 64)
 
 
 @pytest.fixture(scope="module")
@@ -125,13 +132,13 @@ def test_text_of_a_user_is_no_markup_on_any_page(evaluated, hostile, written):
     observed, calibration = evaluated.observed, evaluated.calibration
     seen = observed.by_plane, observed.darks_by_plane, observed.readings
     found = verify(calibration, *seen, observed.meter_scale, 0.5)
-    verification = verification_certificate(observed, calibration, found).decode()
+    verification = verification_certificate(observed, calibration, found, SAVED, SAVED).decode()
     assert "<strong>Conform</strong>" in verification
     assert "<dd>&lt;b&gt;Customer&lt;/b&gt;, 1 Street, \\7 Town</dd>" in verification
     for page in (
         (written / "report.html").read_text(encoding="utf-8"),
         render_page(calibration_page(calibration, calibration_result(calibration, "Title <i>here</i>"))),
-        calibration_certificate(observed, calibration).decode(),
+        calibration_certificate(observed, calibration, SAVED).decode(),
         verification,
     ):
         body = page[page.index("<body") :]
@@ -142,10 +149,72 @@ def test_text_of_a_user_is_no_markup_on_any_page(evaluated, hostile, written):
         assert "Simulated data" in body
 
 
+def facts(page):
+    """Named values of a certificate."""
+    return {key: html.unescape(value) for key, value in re.findall(r"<dt>(.*?)</dt><dd>(.*?)</dd>", page)}
+
+
+def stated(text):
+    """Numbers of a text, all of them."""
+    return [float(one) for one in re.findall(r"-?\d+\.?\d*", text)]
+
+
+def test_a_certificate_says_what_iso_17025_asks_for(evaluated, tmp_path):
+    """Each result has a number of its own, which its file has; warnings, place, condition and end are on the page."""
+    given = {
+        "place": "Building 3", "camera_condition": "undamaged", "relative_humidity": 0.45, "temperature_c": 23.5,
+    }  # fmt: skip
+    observed = evaluated.observed
+    conditions = ConditionsConfiguration.model_validate(given)
+    observed = replace(observed, configuration=observed.configuration.model_copy(update={"conditions": conditions}))
+    told = warning("readings-scatter", "P02", scatter_rel=0.1)
+    numbers = []
+    for r in (2450.0, 2350.0):
+        fit = replace(evaluated.calibration.responsivity, responsivity_dn_s_cd_m2=r)
+        calibration = replace(evaluated.calibration, responsivity=fit, findings=(told,))
+        save(calibration, path := tmp_path / f"{r:g}.json")
+        page = calibration_certificate(observed, calibration, SavedFile.of(path)).decode()
+        shown, number = facts(page), json.loads(path.read_text())["number"]
+        assert shown["Number"] == number
+        assert hashlib.sha256(path.read_bytes()).hexdigest() in shown["File"]
+        assert (shown["Place"], shown["Camera&#39;s condition"]) == ("Building 3", "undamaged")
+        assert (stated(shown["Humidity"]), stated(shown["Room"])) == ([45.0], [23.5])
+        temperatures = [o.temperature_c for group in observed.patches.values() for o in group]
+        temperatures += [o.temperature_c for o in observed.monochrome.darks]
+        ends = stated(shown["Camera&#39;s temperature"])
+        assert (ends[0], ends[-1]) == pytest.approx((min(temperatures), max(temperatures)), abs=0.06)
+        assert html.escape(finding_text(told)[1:], quote=False).replace("'", "&#39;").replace(" %", "\xa0%") in page
+        assert page.rstrip().endswith(f"End of certificate {number}</p>\n</body>\n</html>")
+        numbers.append(number)
+        seen = observed.by_plane, observed.darks_by_plane, observed.readings
+        verification = verify(calibration, *seen, observed.meter_scale, 0.5)
+        save_verification(verification, again := tmp_path / f"verification-{r:g}.json")
+        page = verification_certificate(
+            observed, calibration, verification, SavedFile.of(again), SavedFile.of(path)
+        ).decode()
+        assert facts(page)["Number"] == json.loads(again.read_text())["number"] != number
+        assert number in facts(page)["Calibration"]
+        assert f"calibration {number} is as it was" in page
+        numbers.append(facts(page)["Number"])
+    assert len(set(numbers)) == 4
+
+
+def test_u_in_the_corners_of_a_certificate_has_the_uncertainty_of_the_vignetting(evaluated):
+    """With nothing else to be seen beside an assumed vignetting that is uncertain by half, U is 1.96 times that."""
+    whole = replace(evaluated.calibration.vignetting, corner_rel=0.5)
+    page = calibration_certificate(evaluated.observed, replace(evaluated.calibration, vignetting=whole), SAVED).decode()
+    rows = re.findall(r'<tr><th scope="row">.*?</tr>', page)
+    assert len(rows) == 6
+    for row in rows:
+        *_, axis, _, _, corner = (cell for cell in re.findall(r">([^<]*)</td>", row))
+        assert float(axis) < 10
+        assert float(corner) == pytest.approx(98, abs=3)
+
+
 @pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
 def test_long_names_stay_on_the_paper_of_a_certificate(browser, evaluated):
     with closing(browser.new_page()) as page:
-        page.set_content(calibration_certificate(evaluated.observed, evaluated.calibration).decode())
+        page.set_content(calibration_certificate(evaluated.observed, evaluated.calibration, SAVED).decode())
         page.emulate_media(media="print")
         page.set_viewport_size({"width": 680, "height": 1000})  # 210 mm less margins of 15 mm, at 96 px an inch
         assert page.get_by_text("WWWWWW").count() > 0

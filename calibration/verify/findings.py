@@ -87,7 +87,9 @@ def _meter(result: Verification) -> Finding:
     now, then = result.meter, result.calibration_meter
     name = f"{now.meter.model} {now.meter.serial}"
     if result.same_meter:
-        return info("verified-with-same-meter", name)
+        drift_rel = abs(now.drift_rel - then.drift_rel)
+        values = {"drift_rel": drift_rel} if drift_rel else {}
+        return info(f"verified-with-same-meter{'-that-drifts' if drift_rel else ''}", name, **values)
     if (now.meter.model, now.meter.serial) == (then.meter.model, then.meter.serial):
         return warning("meter-recalibrated", name, now=now.state, then=then.state)
     return info("verified-with-other-meter", name)

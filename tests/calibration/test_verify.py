@@ -1,7 +1,7 @@
 """Verification: the decision rule against its closed form, and what changed is named without blame."""
 
 from dataclasses import replace
-from datetime import date
+from datetime import date, timedelta
 from math import hypot, sqrt
 
 import numpy as np
@@ -129,6 +129,26 @@ def test_a_patch_that_changed_alone_is_named(calibration, patch, change, verdict
     assert (result.verdict, changed.verdict) == (verdict, verdict)
     assert changed.deviation_rel == pytest.approx(-0.2, abs=0.02)
     assert result.findings[0].values["patches"] == [patch]
+
+
+def test_the_drift_of_the_meter_since_the_calibration_counts(setup):
+    """A year at 2 % a year, as limits of a rectangular distribution."""
+    certificate = CERTIFICATE.model_copy(update={"drift_rel_per_year": 0.02})
+    observations, darks, readings, _ = measured(3, luminances=FEW_CD_M2)
+    calibration = fit(observations[None], darks[None], readings, replace(setup, certificate=certificate))
+    observations, darks, readings, _ = measured()
+    later = {
+        name: [replace(r, timestamp=r.timestamp + timedelta(days=365)) for r in group]
+        for name, group in readings.items()
+    }
+    now, year = (
+        verify(calibration, observations, darks, of, meter_scale(of, certificate)) for of in (readings, later)
+    )  # fmt: skip
+    assert "verified-with-same-meter" in codes(now)
+    assert "verified-with-same-meter-that-drifts" in codes(year)
+    drift = 0.02 * 365 / 365.2425 / sqrt(3)
+    for a, b in zip(now.patches, year.patches, strict=True):
+        assert b.standard_uncertainty_rel == pytest.approx(hypot(a.standard_uncertainty_rel, drift), rel=1e-9)
 
 
 def test_a_dark_level_that_has_moved(calibration, camera):

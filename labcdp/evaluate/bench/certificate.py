@@ -78,7 +78,8 @@ def verification_certificate(
     sections = (
         Section("Results", [results]),
         Section("As found and as left", [_as_found(verification, saved_calibration)]),
-        _warnings([*own, *(one.within("calibration") for one in calibration.findings)]),
+        _warnings(own),
+        _warnings([one for one in calibration.findings if one not in own], "Further warnings of the calibration"),
         Section("Decision rule", [decision_rule(verification)]),
         Section("Method", [page_text("certificate-method-of-verification", **_method(calibration))]),
         *_statements(observed, text, other),
@@ -95,8 +96,8 @@ def _method(calibration: AnyCalibration) -> dict[str, FindingValue]:
     return {"model": stated["model"], "vignetting": vignetting, "programs": stated["calibrated with"]}
 
 
-def _warnings(findings: Iterable[Finding]) -> Section:
-    return Section("Warnings", [*map(sentence, warning_texts(findings))] or ["None."])
+def _warnings(findings: Iterable[Finding], title: str = "Warnings") -> Section:
+    return Section(title, [*map(sentence, warning_texts(findings))] or ["None."])
 
 
 def _as_found(verification: Verification, calibration: SavedFile) -> str:
@@ -124,7 +125,8 @@ def _verdict_text(verification: Verification) -> str:
     parts += ["dark signal not conform"] if verification.dark_not_conform else []
     parts += ["colour balance not conform"] if verification.balance_not_conform else []
     n = sum(row.verdict == "conform" for row in rows)
-    parts.append(f"{n} of {len(rows)} patches conform to ± {significant(100 * verification.tolerance_rel, 2)} %")
+    to = f" to ± {significant(100 * verification.tolerance_rel, 2)} %" if verification.tolerance_stated else ""
+    parts.append(f"{n} of {len(rows)} patches conform{to}")
     return sentence("; ".join(parts))
 
 
@@ -177,7 +179,7 @@ def _identification(
         when = f"number {saved_calibration.number}, measured {day(provenance.measured)}"
         yield "Calibration", f"{when}, SHA-256 of its file {saved_calibration.sha256}"
     if provenance.input_sha256 != observed.input_sha256:
-        yield "Its data", f"SHA-256 {provenance.input_sha256}"
+        yield "Calibration data", f"SHA-256 {provenance.input_sha256}"
 
 
 def _conditions(observed: ObservedSession, calibration: AnyCalibration) -> Iterator[tuple[str, str]]:

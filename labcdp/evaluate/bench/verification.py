@@ -109,6 +109,8 @@ def _tables(verification: Verification) -> Iterator[Table]:
 def decision_rule(verification: Verification) -> str:
     """Return tolerance and decision rule in words."""
     source = "as stated" if verification.tolerance_stated else "U (95 %) of the calibration"
+    if any(row.tolerance_rel != verification.tolerance_rel for row in verification.patches):
+        source += " on the axis, of each patch as in the table"
     return page_text("decision-rule", tolerance_rel=verification.tolerance_rel, source=source)
 
 

@@ -6,12 +6,12 @@ from math import hypot, sqrt
 import numpy as np
 import pytest
 
-from labcdp.calibration import fit, patch_luminance
+from labcdp.calibration import fit, fit_colour, patch_luminance
 from labcdp.calibration.budget import SOURCES, budget, budget_exposure_s, combined, darkest_corner_px
 from labcdp.calibration.converter import common_errors
 from labcdp.core.vignetting import Cos4Vignetting, FlatField, RadialVignetting
 
-from .conftest import FEW_CD_M2, FEW_S, STATE, SimulatedMeter, bench, row
+from .conftest import FEW_CD_M2, FEW_S, STATE, SimulatedMeter, bench, colour_bench, make_reading, row
 from .test_verify import CERTIFICATE
 
 SIZE = (400, 4)
@@ -99,3 +99,21 @@ def test_a_flat_field_leaves_at_least_its_own_noise_of_the_pixels_sensitivity(ca
         found = row(budget(one, 8.0, 0.01, 4), "pixel sensitivity")
         assert (found.standard_uncertainty_rel, found.basis.code) == (pytest.approx(one.pixel_rel() / 2), code)
     assert flat.pixel_rel() == 0.004 > flat.noise.prnu_rel
+
+
+def test_the_corner_of_a_camera_with_colour_filters_is_that_of_its_planes(setup):
+    """Whose pixels are half as many: an error of the vignetting of 5 % in the corner is one of the sum."""
+    names = [f"P{i}" for i in range(8)]
+    luminances = dict(zip(names, np.geomspace(1, 200, 8).tolist(), strict=True))
+    seen, darks = colour_bench(lambda _, name: luminances[name], names, np.random.default_rng(1))
+    vignetting = Cos4Vignetting(0.006, 2e-4, corner_rel=0.05)
+    of_middle = {"vignetting": vignetting, "centre_px": (32.0, 24.0)}
+    observations = {plane: [replace(o, **of_middle) for o in group] for plane, group in seen.items()}
+    readings = {name: [make_reading(value)] for name, value in luminances.items()}
+    calibration = fit_colour(observations, darks, readings, setup)
+    at = [budget(calibration, 20.0, n_pixels=250, place_px=place) for place in (None, darkest_corner_px(calibration))]
+    of_vignetting = [row(rows, "vignetting").standard_uncertainty_rel for rows in at]
+    assert of_vignetting == pytest.approx([0.0, 0.05], abs=1e-9)
+    noise = [row(rows, "shot and read noise").standard_uncertainty_rel for rows in at]
+    v = vignetting.relative_illuminance((48, 64))[:32, :32].mean()
+    assert noise[1] / noise[0] == pytest.approx(v**-0.5, rel=0.05)

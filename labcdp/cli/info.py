@@ -204,7 +204,12 @@ def _toml(path: Path) -> Description:
         return Description("EMVA 1288 data sheet", ("init chain my.toml --sensor {file}",))
     if "laboratory" in content:
         certificate = MeterCertificate.load(path)
-        properties = {"number": certificate.number, "laboratory": certificate.laboratory}
+        properties = {
+            "number": certificate.number,
+            "laboratory": certificate.laboratory,
+            "date": f"{certificate.date}",
+            "meter": " ".join(one for one in (certificate.model, certificate.serial) if one) or "not stated",
+        }
         return Description("certificate of a meter", ("calibrate SESSION --certificate {file}",), properties)
     if content and content.keys() <= {"seed", "camera", "sensor", "meter"}:
         camera = SimulatedBenchFile.load(path).devices(path)

@@ -93,6 +93,24 @@ def test_measuring_again_on_the_same_bench(labcdp, recorded, tmp_path):
     assert results_of(labcdp(*command, "--force"))["tables"] == values["tables"]
 
 
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (("2025-12-01", "2026-03-02"), "certificate K 42 of 2026-03-02 is later than the readings of the meter"),
+        (
+            ("degrees", 'serial = "73323008"\ndegrees'),
+            "certificate K 42 is of the meter LS-110 73323008, not of LS-110",
+        ),
+    ],
+)
+def test_a_certificate_that_says_nothing_about_the_readings_is_refused(labcdp, recorded, tmp_path, changes, message):
+    (tmp_path / "certificate.toml").write_text(CERTIFICATE.replace(*changes))
+    done = labcdp("calibrate", recorded[0], "--output", "out", "--certificate", "certificate.toml")
+    (said,) = [line for line in done.stderr.splitlines() if line.startswith("labcdp: ")]
+    assert (done.returncode, message in said) == (1, True)
+    assert not (tmp_path / "out/calibration.json").exists()
+
+
 def test_a_certificate_is_applied_stated_and_found_overdue(labcdp, recorded, tmp_path):
     (tmp_path / "certificate.toml").write_text(CERTIFICATE)
     done = labcdp("calibrate", recorded[0], "--output", "out", "--certificate", "certificate.toml", "--json")

@@ -93,7 +93,7 @@ def test_killed_again_and_again_at_calls_that_change_the_disk_it_ends_the_same(c
     assert outcome(work / "out") == uninterrupted(command)
 
 
-@pytest.mark.parametrize("n_lines", [2, 9])
+@pytest.mark.parametrize("n_lines", [pytest.param(2, marks=pytest.mark.long), 9])
 def test_an_archive_killed_while_its_workers_work_is_resumed_at_once(n_lines, work, uninterrupted, labcdp, start):
     started = start(*COMMANDS["archive"])
 
@@ -154,13 +154,14 @@ def test_a_simulated_acquisition_that_is_killed_again_and_again_has_the_data_of_
     assert recorded(Session.open(tmp_path / "out")) == recorded(Session.open(tmp_path / "whole"))
 
 
-def test_an_acquisition_killed_while_it_replaces_a_session_of_an_earlier_plan_begins_again(tmp_path, labcdp):
+@pytest.mark.parametrize("step", [4, pytest.param(1, marks=pytest.mark.long)])
+def test_an_acquisition_killed_while_it_replaces_a_session_of_an_earlier_plan_begins_again(step, tmp_path, labcdp):
     """The earlier session has no records yet: its plan was refused, and corrected since."""
     example = example_session()
     arguments = ("acquire", example / "session.toml", "out", "--replay", example)
     configuration = SessionConfiguration.load(example / "session.toml")
     # As many calls as it takes to remove one and to make the other.
-    for call in range(1, 28):
+    for call in range(step, 28, step):
         shutil.rmtree(tmp_path / "out", ignore_errors=True)
         Session.create(tmp_path / "out", configuration.model_copy(update={"operator": "another"})).close()
         assert labcdp(*arguments, environment={KILLED_AT: str(call)}).returncode == -signal.SIGKILL

@@ -126,7 +126,7 @@ def test_any_changed_byte_of_the_tags_of_a_raw_file_ends_in_one_line(tmp_path):
         with tifffile.TiffFile(OUTSIDE / name) as tiff:
             tags = [tag.offset for tag in tiff.pages.first.tags]
         for at in tags:
-            for changed, value in product(range(at, at + 12), (0, 2, 7, 255)):
+            for changed, value in product(range(at, at + 12), (0, 255)):
                 path.write_bytes(content[:changed] + bytes([value]) + content[changed + 1 :])
                 with suppress(InputError):
                     read_picture(path)

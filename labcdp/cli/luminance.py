@@ -16,6 +16,7 @@ from ..calibration.record import calibration_sha256, load_any
 from ..core.errors import InputError
 from ..core.frame import Frame
 from ..core.result import Finding, InputFile, Quantity, Result, quantity_table, unique
+from ..evaluate.bench.observe import for_frames_of
 from ..evaluate.bench.session import mismatch
 from ..evaluate.bench.session_result import session_input
 from ..evaluate.picture.conversion import PictureConversion, calibrated_conversion
@@ -41,8 +42,9 @@ _REASONS = {
 
 @dataclass(frozen=True)
 class _Selected:
-    """Frames to convert, with names, findings and inputs."""
+    """Frames to convert, with their calibration, names, findings and inputs."""
 
+    calibration: AnyCalibration
     frames: Sequence[Frame]
     names: Sequence[str]
     findings: tuple[Finding, ...]
@@ -123,7 +125,7 @@ def luminance(
     written.require_writable()
     loaded = load_any(calibration)
     selected = _selected(files, chosen, calibration, loaded)
-    result = bracket_luminance(loaded, selected.frames)
+    result = bracket_luminance(selected.calibration, selected.frames)
     about = {
         "calibration": {
             "file": calibration.name,
@@ -145,19 +147,18 @@ def luminance(
     if written.preview is not None:
         write_file(written.preview, picture, force=written.force)
         paths.append(written.preview)
-    found = _result(result, selected, loaded, metadata(result.map, about), calibration, written.output)
+    found = _result(result, selected, metadata(result.map, about), calibration, written.output)
     print_result(found, f"Written: {', '.join(map(str, paths))}")
 
 
 def _result(
     bracket: Bracket,
     selected: _Selected,
-    calibration: AnyCalibration,
     about: Mapping[str, Any],
     path: Path,
     output: Path,
 ) -> Result:
-    n = len(selected.frames)
+    n, calibration = len(selected.frames), selected.calibration
     title = f"Luminance of {n} frame{'s' if n > 1 else ''} at {exposures(set(bracket.exposures_s))}"
     taken, gain_db = [(one.exposure_s, one.temperature_c) for one in selected.frames], selected.frames[0].gain_db
     darks = [plane.setting(gain_db).dark for plane in calibration.planes]
@@ -190,7 +191,7 @@ def _selected(files: Sequence[Path], chosen: ChosenFrames, calibration: Path, lo
     names = [name for name, _, _ in kept]
     findings = unique(finding for _, _, found in kept for finding in found)
     inputs = tuple(InputFile.of("picture", name) for name in names)
-    return _Selected([frame for _, frame, _ in kept], names, findings, inputs)
+    return _Selected(loaded, [frame for _, frame, _ in kept], names, findings, inputs)
 
 
 def _of_session(path: Path, chosen: ChosenFrames, loaded: AnyCalibration) -> _Selected:
@@ -221,10 +222,12 @@ def _of_session(path: Path, chosen: ChosenFrames, loaded: AnyCalibration) -> _Se
             f"the frames show different patches ({', '.join(shown)}): choose one with --patch, for example --patch "
             f"{shown[0]!r}"
         )
+    calibration, of_session = for_frames_of(session, loaded)
     return _Selected(
+        calibration,
         [session.load(record) for record in kept],
         [record.file.name for record in kept],
-        tuple(mismatch(session.configuration, loaded)),
+        (*mismatch(session.configuration, loaded), *of_session),
         (session_input(session),),
     )
 

@@ -16,14 +16,23 @@ from ...calibration import AnyCalibration, DarkObservation, PatchObservation, ob
 from ...calibration.convert.patch import is_within_response
 from ...calibration.frames.measure import MIN_FRAMES, plane_region
 from ...calibration.frames.statistics import MAX_CLIPPED_SHARE
+from ...calibration.in_session import in_session
 from ...calibration.sensor.response import MIN_EXPOSURES, ResponseCurve, response_from_bracket
 from ...calibration.setup import MeterScale, corrected, meter_scale
 from ...core.errors import CalibrationError
 from ...core.frame import Frame
 from ...core.reading import Reading
+from ...core.result import Finding
 from ...core.roi import Roi
 from ...session import FrameRecord, MeterCertificate, Session, SessionConfiguration
-from .corrections import Corrections, PlaneCorrections, corrections_of_lens, with_dark_frames
+from .corrections import (
+    Corrections,
+    PlaneCorrections,
+    calibration_for,
+    corrections_of,
+    corrections_of_lens,
+    with_dark_frames,
+)
 from .recorded import Report, SessionReader, by_exposure, by_patch, planes_of, require_patches
 
 
@@ -218,10 +227,7 @@ def _observe_plane(
         dark_library=library,
         field_px=field_px,
     )
-    darks = [
-        observe_dark(read(group, plane), defects=defects, dark_library=library)
-        for group in by_exposure(session, "dark").values()
-    ]
+    darks = _observe_darks(session, read, plane, corrections)
     patches: dict[str, list[PatchObservation]] = {region.name: [] for region in regions}
     own = {region.name: region if plane is None else plane_region(region) for region in regions}
     for group in by_exposure(session, "light").values():
@@ -233,6 +239,37 @@ def _observe_plane(
                 for observation in found:
                     patches[observation.patch].append(observation)
     return ObservedPlane(patches, darks, corrections)
+
+
+def _observe_darks(
+    session: Session,
+    read: Callable[[Sequence[FrameRecord], str | None], Iterator[Frame]],
+    plane: str | None,
+    corrections: Corrections,
+) -> list[DarkObservation]:
+    defects, library = corrections.defects, corrections.dark_library
+    groups = by_exposure(session, "dark").values()
+    return [observe_dark(read(group, plane), defects=defects, dark_library=library) for group in groups]
+
+
+def for_frames_of(session: Session, calibration: AnyCalibration) -> tuple[AnyCalibration, list[Finding]]:
+    """Return a calibration for maps of a session's frames, with the dark signal of its dark frames, and what differs.
+
+    Raises
+    ------
+    SessionError
+        If a file is missing or altered.
+    """
+    if calibration.provenance.comes_from(input_sha256(session)):
+        return calibration.at_their_temperature(), []
+    groups = by_exposure(session, "dark").values()
+    if not groups or min(map(len, groups)) < MIN_FRAMES:
+        return calibration, []
+    own = calibration_for(session, calibration)
+    read = partial(SessionReader(lambda _done, _total: None, len(session.frames("dark"))).frames, session)
+    corrections = corrections_of(own)
+    darks = {plane: _observe_darks(session, read, plane, corrections[plane]) for plane in planes_of(session)}
+    return in_session(own, {}, darks)
 
 
 def _field_px(configuration: SessionConfiguration, step: int) -> float | None:

@@ -144,11 +144,11 @@ def _noise_in_session(
     """Return the noise with the flicker of a session's light."""
     light = flicker_of_light(observations, dark)
     there, here = Scatter(known.flicker_rel, known.flicker_dof), Scatter(light.flicker_rel, light.dof)
-    differs = bool(light.by_exposure or known.flickers)
-    flicker = here if differs and light.dof else _joined(there, here, light.noise_rel)
+    joined = _joined(there, here, light.noise_rel)
+    flicker = here if light.dof and (light.by_exposure or known.flickers) else joined
     flickers = light.by_exposure if light.dof else known.flickers
     noise = replace(known, flicker_rel=flicker.size, flicker_dof=int(flicker.dof), flickers=flickers)
-    if flicker != here or here.size <= max(there.size, _REPORTED_FLICKER_REL):
+    if joined != here or here.size <= max(there.size, _REPORTED_FLICKER_REL):
         return noise, []
     return noise, [warning("flicker-changed", flicker_rel=here.size, before_rel=there.size)]
 

@@ -102,9 +102,8 @@ def with_scatter(design: Design, candidate: CandidateModel, *, by_place: bool = 
     too, relative to the luminance (exposure times) or in DN (dark signal), whichever is more likely. REML: H. D.
     Patterson and R. Thompson, Biometrika 58 (1971) 545.
 
-    What a flat field leaves is a slow change over the image here: as an error of each patch it would hide their
-    scatter, which another patch has in addition. Where deviations depend on position, uncorrected vignetting also
-    makes the patches non-uniform. This non-uniformity does not explain the scatter and is then set to 0.
+    What a flat field leaves is a slow change over the image here, and the light within a patch need not be uniform: as
+    errors of each patch they would hide the scatter between them, which another patch has in addition. Both are 0 here.
 
     Parameters
     ----------
@@ -113,7 +112,7 @@ def with_scatter(design: Design, candidate: CandidateModel, *, by_place: bool = 
     candidate : CandidateModel
         The model.
     by_place : bool
-        Whether the deviations depend on the positions of the patches.
+        Whether the deviations depend on the positions of the patches: the scatter by them then counts, however small.
 
     Returns
     -------

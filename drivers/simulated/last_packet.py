@@ -9,7 +9,6 @@ from __future__ import annotations
 import socket
 import struct
 from ipaddress import IPv4Address
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +23,7 @@ _PAYLOAD = 3
 
 
 class LastPacket:
-    """Sends last packets from an address; a context manager.
+    """Sends last packets from an address, until `close`.
 
     Parameters
     ----------
@@ -35,14 +34,6 @@ class LastPacket:
     def __init__(self, address: str) -> None:
         self._address = address
         self._socket: socket.socket | None = None
-
-    def __enter__(self) -> Self:
-        """Return itself."""
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        """Close its socket."""
-        self.close()
 
     def close(self) -> None:
         """Close its socket; may be called twice."""

@@ -18,6 +18,7 @@ from .colour.conversion import errors_of_plane, joined
 from .colour.model import AnyCalibration, ColourCalibration
 from .converter import (
     BLACK_LEVEL,
+    DARK_OFFSET,
     FLAT_FIELD,
     FLICKER,
     INTERCEPT,
@@ -41,8 +42,8 @@ Place: TypeAlias = tuple[float, float] | None
 SOURCES = (
     "meter scale", "meter digits", "meter repeatability", "meter f1'", "meter drift", "patch uniformity",
     "exposure scatter", "shot and read noise", "pixel sensitivity", "dark non-uniformity", "dark and temperature",
-    TEMPERATURE, BLACK_LEVEL, FLICKER, "linearity", VIGNETTING, FLAT_FIELD, "exposure time", "exposure offset", REFOCUS,
-    "gain", "spectral mismatch", INTERCEPT, "drift", "fit",
+    DARK_OFFSET, TEMPERATURE, BLACK_LEVEL, FLICKER, "linearity", VIGNETTING, FLAT_FIELD, "exposure time",
+    "exposure offset", REFOCUS, "gain", "spectral mismatch", INTERCEPT, "drift", "fit",
 )  # fmt: skip
 #: Sources whose uncertainty is not evaluated by statistics.
 _TYPE_B = (*METER_SOURCES, "spectral mismatch", "exposure time", REFOCUS, VIGNETTING, TEMPERATURE)
@@ -321,6 +322,7 @@ def not_included(plane: Calibration) -> dict[str, BudgetRow]:
         "linearity": (basis("linearity", "fitted"), "fit") if curved else (basis("linearity", "straight"), ""),
         VIGNETTING: (basis(VIGNETTING, "not corrected" if vignetting is None else assumed), ""),
         FLAT_FIELD: (basis(FLAT_FIELD, "none"), ""),
+        DARK_OFFSET: (basis(DARK_OFFSET, "none"), ""),
         "exposure offset": (basis("exposure offset", "none"), ""),
         REFOCUS: (basis(REFOCUS, "locked"), ""),
         "gain": (basis("gain", "one"), ""),

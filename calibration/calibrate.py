@@ -8,26 +8,25 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from importlib.metadata import version
+from math import sqrt
 
 import numpy as np
 
 from ..core.result import Finding, log_findings
-from ..core.vignetting import AnyVignetting
 from .convert.patch import patch_luminance
 from .converter import INTERCEPT, VIGNETTING
 from .exposure_times import ExposureTimes
 from .findings import FitTest, ResponsivityFit, summarised
-from .fit import tests as fit_tests
+from .fit import checks
 from .fit.candidates import candidate_models
 from .fit.demands import design_findings, fit_findings, require_every_gain, require_monotone, require_span
-from .fit.design import DRIFT, SharedError
-from .fit.exposures import with_applied_times
+from .fit.design import DRIFT, Design, SharedError
+from .fit.exposures import with_times
 from .fit.intake import Intake, take_in, take_usable
 from .fit.problem import Solution, solve
 from .fit.residuals import finite, fit_errors, fitted_rows, held_out_rows
 from .fit.scatter import fit_dof, scatter_of_one, with_scatter
-from .fit.screening import screen
-from .fit.selection import select_model
+from .fit.selection import Selection, select, with_found
 from .frames.defects import DefectMap
 from .frames.observations import DarkObservation, PatchObservation
 from .model import Calibration, range_of
@@ -39,11 +38,8 @@ from .tolerance import of_no_use
 
 _log = logging.getLogger(__name__)
 
-#: Width of the prior of a glare that was found, over its size: it is as good as free.
-_FREE = 10.0
-#: Standard uncertainties of the vignetting beyond which deviations of the patches with their place are not explained by
-#: it, as in the tests of the model.
-_BEYOND = 3.0
+#: Effects that are no parameters of the last fit.
+_AS_IN_USE = "exposure offset", "exposure", "place"
 #: Ratio of the slopes of a response from which it is a tone curve, with the sensor's noise before it.
 _TONE_CURVE = 1.5
 
@@ -120,13 +116,23 @@ def _fitted(
     dark_dn = settings[0].dark.mean_dn(data.design.exposures_s[0])
     require_every_gain(data.design, settings)
     require_span(data.design)
-    data = screen(data, candidate_models(data.design, dark_dn, response), readings)
-    require_every_gain(data.design, settings)
-    first, ladder = select_model(data.design, candidate_models(data.design, dark_dn, response))
-    require_monotone(first)
+    models = candidate_models(data.design, dark_dn, response)
+    # A drift that is taken for granted would explain one that can be seen.
+    selection = select(data.design.without_shared(DRIFT), models)
+    deviating = [one.effect.subject for one in selection.found if one.effect.kind == "patch"]
+    require_monotone(selection.solution, deviating)
     seen = next(iter(intake.groups.values()))[0]
-    final, responsivity, gains, tests, times = _final(first, seen.vignetting, intake)
-    step_rel = sum(abs(t.value) for t in tests if t.finding.code == "readings-step")
+    tests = checks.effect_tests(selection, seen.vignetting, settings[0].dark, intake.findings)
+    of_glare = next(test for test in tests if test.name == "glare")
+    glare_cd_m2 = checks.possible_glare_cd_m2(of_glare)
+    stated, final, times = _final(selection, data.design, glare_cd_m2)
+    gains = _gains(final, settings)
+    tests = (*tests, checks.scatter(stated), checks.gain(gains, settings[0].gain_db))
+    found_dark_dn = abs(selection.size_of("dark signal"))
+    responsivity = replace(
+        _responsivity(stated, final, of_glare), glare_cd_m2=glare_cd_m2, dark_offset_dn=found_dark_dn
+    )
+    step_rel = abs(selection.size_of("step"))
     # A larger one cannot have been the meter's.
     scale = replace(scale, step_rel=step_rel if step_rel <= scale.half_width_rel else 0.0)
     measured = max(reading.timestamp for group in readings.values() for reading in group)
@@ -137,6 +143,7 @@ def _fitted(
         *data.findings,
         *(() if response is None else response.findings),
         *design_findings(final.design, settings),
+        *checks.found_findings(selection, seen.vignetting),
         *fit_findings(final, tests),
     ]
     return Calibration(
@@ -154,7 +161,7 @@ def _fitted(
         vignetting=seen.vignetting,
         defects=None,
         dark_library=None,
-        range_cd_m2=range_of(residuals),
+        range_cd_m2=range_of(residuals, deviating),
         range_net_dn=(float(net_dn.min()), float(net_dn.max())) if response is None else response.range_net_dn,
         exposures_s=tuple(float(v) for v in np.unique(final.design.exposures_s[final.design.exposure])),
         exposure_jitter_s=setup.exposure_jitter_s,
@@ -162,7 +169,7 @@ def _fitted(
         residuals=residuals,
         held_out=(),
         left_out=data.left_out,
-        ladder=ladder,
+        ladder=selection.ladder,
         tests=tests,
         findings=(),
         provenance=Provenance(
@@ -171,42 +178,23 @@ def _fitted(
     ), findings
 
 
-def _final(
-    first: Solution, vignetting: AnyVignetting | None, intake: Intake
-) -> tuple[Solution, ResponsivityFit, tuple[GainSetting, ...], tuple[FitTest, ...], ExposureTimes]:
-    """Test the assumptions of the chosen model, and fit it with what the patches show of them."""
-    settings = intake.settings
-    as_stated = solve(first.design.without_shared(DRIFT), first.candidate)
-    design, times, of_times = with_applied_times(first.design, first.candidate)
-    first = solve(design, first.candidate)
-    of_place = fit_tests.vignetting_left(first, vignetting)
-    # What is beyond the stated uncertainty of the vignetting is scatter of the patches.
-    beyond = of_place.significant and of_place.value > _BEYOND * fit_tests.stated_vignetting_rel(first.design)
-    given = first.design.without_shared(VIGNETTING) if beyond else first.design
-    plain = solve(given.without_shared(DRIFT), first.candidate)
-    of_glare = fit_tests.glare(plain, plain.response[1])
-    glare_cd_m2 = fit_tests.possible_glare_cd_m2(of_glare)
-    of_drift = fit_tests.drift(plain)
-    of_step, errors = fit_tests.step(plain, of_place, of_drift)
-    if glare_cd_m2:
-        width = _FREE if of_glare.significant else 1.0
-        errors.append(SharedError(INTERCEPT, cd_m2=width * glare_cd_m2))
-    design = replace(given, shared=(*given.shared, *errors))
-    stated = solve(design, first.candidate)
-    final = with_scatter(design, first.candidate, by_place=beyond)
-    gains = _gains(final, settings)
-    tests = (
-        of_glare,
-        fit_tests.exposure_reciprocity(as_stated, of_times),
-        of_drift,
-        of_step,
-        of_place,
-        fit_tests.scatter(stated),
-        fit_tests.dark_signal(plain, settings[0].dark, intake.findings),
-        fit_tests.gain(gains, settings[0].gain_db),
-    )
-    responsivity = replace(_responsivity(stated, final, of_glare), glare_cd_m2=glare_cd_m2)
-    return final, responsivity, gains, tests, times
+def _final(selection: Selection, given: Design, glare_cd_m2: float) -> tuple[Solution, Solution, ExposureTimes]:
+    """Fit once more with what was found as it is in use, without and with the scatter of what is left.
+
+    Exposure times are corrected. Which side of a step is right is unknown. What depends on the place in the image is
+    scatter of patches at other places, and glare that the patches do not exclude is as large as they show it.
+    """
+    kinds = {one.effect.kind for one in selection.found}
+    design, times = with_times(given, selection.found)
+    for kind, source in (("drift", DRIFT), ("place", VIGNETTING)):
+        design = design.without_shared(source) if kind in kinds else design
+    errors = [SharedError("step", abs(selection.size_of("step")) / 2 / sqrt(3))]
+    if "glare" not in kinds:
+        errors.append(SharedError(INTERCEPT, cd_m2=glare_cd_m2))
+    known = replace(design, shared=(*design.shared, *errors))
+    design = with_found(known, [one for one in selection.found if one.effect.kind not in _AS_IN_USE])
+    candidate = selection.solution.candidate
+    return solve(design, candidate), with_scatter(design, candidate, by_place="place" in kinds), times
 
 
 @cache

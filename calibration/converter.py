@@ -34,7 +34,7 @@ EXPOSURE_TIME_REL = 5e-5
 #: frames; an intercept, where the fit found some; setting focus and aperture anew; vignetting that is assumed, or
 #: measured by a flat field; a temperature of the camera that is not stated.
 OF_FRAMES = FLICKER, BLACK_LEVEL = "lamp flicker", "black level"
-INTERCEPT, REFOCUS = "intercept", "focus and aperture"
+INTERCEPT, DARK_OFFSET, REFOCUS = "intercept", "dark offset", "focus and aperture"
 VIGNETTING, FLAT_FIELD = "vignetting", "flat field"
 TEMPERATURE, EXPOSURE_TIME = "unknown temperature", "exposure time"
 
@@ -276,6 +276,8 @@ def common_errors(
         by_dark_dn, by_glare = -calibration.response.slope(n) / linear_dn, glare_dn / linear_dn
     if glare_dn:
         errors.append(CommonError(INTERCEPT, by_glare))
+    if calibration.responsivity.dark_offset_dn:
+        errors.append(CommonError(DARK_OFFSET, by_dark_dn * calibration.responsivity.dark_offset_dn))
     unknown_dn = setting.dark.unknown_growth_dn(exposure_s, temperature_c)
     errors.append(CommonError(TEMPERATURE, by_dark_dn * unknown_dn if unknown_dn else 0.0))
     sensitivities = setting.dark.sensitivities(exposure_s, temperature_c)

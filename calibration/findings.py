@@ -23,8 +23,6 @@ Reason: TypeAlias = Literal[
     "not usable in all planes",
     "below the meter's range",
     "copy of another reading",
-    "contradicts the other readings",
-    "contradicts the other patches",
 ]
 
 
@@ -228,6 +226,8 @@ class ResponsivityFit:
     glare_cd_m2 : float
         Intercept that the fit found, glare if positive: it depends on the scene, and is the standard uncertainty of
         any luminance.
+    dark_offset_dn : float
+        Size of an offset of light frames to dark frames that the fit found: the standard uncertainty of any signal.
     dof, scatter_dof : float or None
         Degrees of freedom of `random_rel` and `scatter_rel` (Welch and Satterthwaite); None if they are known.
 
@@ -248,6 +248,7 @@ class ResponsivityFit:
     dof: float | None = None
     scatter_dof: float | None = None
     glare_cd_m2: float = 0.0
+    dark_offset_dn: float = 0.0
 
     def __post_init__(self) -> None:
         r = self.responsivity_dn_s_cd_m2
@@ -259,4 +260,5 @@ class ResponsivityFit:
             degrees_of_freedom=self.degrees_of_freedom,
             scatter_rel=self.scatter_rel,
             scatter_dn=self.scatter_dn,
+            dark_offset_dn=self.dark_offset_dn,
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 from typing import Any, Self, TypeAlias
@@ -60,9 +60,10 @@ class PatchResidual(MeasuredPatch):
         return cls.of(reading, *seen, deviation, deviation / stated_rel, centre_px, without)
 
 
-def range_of(rows: Sequence[PatchResidual]) -> tuple[float, float]:
-    """Lowest and highest luminance of patches, by meter or camera."""
-    luminances = [value for row in rows for value in (row.reading_cd_m2, row.luminance_cd_m2)]
+def range_of(rows: Sequence[PatchResidual], misread: Collection[str] = ()) -> tuple[float, float]:
+    """Lowest and highest luminance of patches, by meter or camera; of misread patches by the camera only."""
+    luminances = [row.luminance_cd_m2 for row in rows]
+    luminances += [row.reading_cd_m2 for row in rows if row.patch not in misread]
     return min(luminances), max(luminances)
 
 

@@ -105,7 +105,7 @@ def combine_readings(patch: str, readings: Sequence[Reading]) -> tuple[PatchRead
     """Combine the readings of one patch.
 
     The repeatability averages; the digit error does not, as the same light gives the same rounded number. Duplicate
-    rows are counted once. Of three or more readings, one that contradicts the others is left out if these agree. If the
+    rows are counted once. Of three or more readings, one that contradicts the others is named if these agree. If the
     readings scatter more than expected from repeatability and digits, their standard deviation is used instead of the
     repeatability, with its degrees of freedom.
 
@@ -131,8 +131,7 @@ def combine_readings(patch: str, readings: Sequence[Reading]) -> tuple[PatchRead
         If a reading is a ratio in %.
     """
     given, findings = _KeptReadings.of(patch, readings)
-    one, contradicting = given.agreeing()
-    return one.combined(), [*findings, *contradicting, *one.scatter_findings]
+    return given.combined(), [*findings, *given.scatter_findings]
 
 
 def combine_patches(
@@ -169,7 +168,8 @@ def combine_patches(
     alike = _alike([one for one in kept.values() if one.dof])
     dof = sum(one.dof for one in alike)
     chi_squared = sum(one.chi_squared for one in alike)
-    widened = p_value_of_chi_squared(chi_squared, dof) < SMALL_P_VALUE
+    # One patch alone says nothing of the others.
+    widened = len(alike) > 1 and p_value_of_chi_squared(chi_squared, dof) < SMALL_P_VALUE
     if widened:
         findings.append(warning("readings-scatter-all", ratio=sqrt(chi_squared / dof), dof=dof))
     result = {}
@@ -177,9 +177,8 @@ def combine_patches(
         if widened and (one in alike or not one.dof):
             result[patch] = one.combined((chi_squared / dof, dof))
         else:
-            left, contradicting = one.agreeing()
-            result[patch] = left.combined()
-            findings += [*contradicting, *left.scatter_findings]
+            result[patch] = one.combined()
+            findings += one.scatter_findings
     return result, findings
 
 
@@ -209,17 +208,6 @@ class _KeptReadings:
         if copies:
             findings.append(info("readings-repeated", patch, count=len(copies)))
         return cls(patch, once, tuple(left_out)), findings
-
-    def agreeing(self) -> tuple[_KeptReadings, list[Finding]]:
-        """Return it without the one reading that contradicts the others."""
-        bad = _contradicting(self.kept)
-        if bad is None:
-            return self, []
-        kept = {number: r for number, r in self.kept.items() if number != bad}
-        others = float(np.mean([r.luminance_cd_m2 for r in kept.values()]))
-        found = contradiction("reading-contradicts", self.patch, self.kept[bad].luminance_cd_m2, others, number=bad)
-        left_out = (*self.left_out, LeftOut(self.patch, None, bad, "contradicts the other readings"))
-        return _KeptReadings(self.patch, kept, left_out), [found]
 
     @cached_property
     def values(self) -> NDArray[np.float64]:
@@ -255,6 +243,11 @@ class _KeptReadings:
     def scatter_findings(self) -> list[Finding]:
         if self.steady:
             return []
+        bad = _contradicting(self.kept)
+        if bad is not None:
+            others = float(np.mean([r.luminance_cd_m2 for number, r in self.kept.items() if number != bad]))
+            shown_cd_m2 = self.kept[bad].luminance_cd_m2
+            return [contradiction("reading-contradicts", self.patch, shown_cd_m2, others, number=bad)]
         scatter_rel = float(np.std(self.values, ddof=1) / np.mean(self.values))
         return [warning("readings-scatter", self.patch, scatter_rel=scatter_rel)]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from math import hypot
 
 import numpy as np
@@ -13,10 +13,10 @@ from ..findings import FitTest
 from ..sensor.noise import GainSetting
 from ..uncertainty import expanded_half_width
 from .design import PATCH_SHAPE, Design
+from .effects import MIN_SPAN, TOLERANCE_REL
 from .intake import ADVISED_PATCHES
 from .problem import Solution
 from .selection import seen_cd_m2, weights_by_patch
-from .tests import MIN_SPAN
 
 #: Fewest exposures without a warning.
 ADVISED_EXPOSURES = 3
@@ -31,8 +31,6 @@ _INVERSION_LIMIT = 4.0
 _GLARE_TOLERANCE_REL = 0.02
 #: Flicker of the light from which it is named: as much as a meter's repeatability, by some frames.
 _FLICKER_TOLERANCE_REL = 0.005
-#: Unexplained relative scatter that causes a warning: small compared with the 2 % of a meter.
-_SCATTER_TOLERANCE_REL = 0.002
 
 
 def require_span(design: Design) -> None:
@@ -54,18 +52,22 @@ def require_every_gain(design: Design, settings: Sequence[GainSetting]) -> None:
             )
 
 
-def require_monotone(solution: Solution) -> None:
-    """Refuse two patches of which the brighter one gives clearly less signal; raises CalibrationError, naming them."""
+def require_monotone(solution: Solution, deviating: Collection[str]) -> None:
+    """Refuse two patches of which the brighter one gives clearly less signal; raises CalibrationError, naming them.
+
+    Those that deviate from all others are named already.
+    """
     design = solution.design
     reading, seen, by_meter = design.reading_cd_m2, seen_cd_m2(solution), np.sqrt(design.reading_variance)
     noise_cd_m2 = solution.slope * np.sqrt(design.signals.noise_variance_dn2)
     noise = [np.linalg.norm(weight * noise_cd_m2[own]) for own, weight in weights_by_patch(solution)]
-    by_camera = np.hypot(noise, design.patch_rel * seen)
+    by_camera = np.hypot(noise, design.own_rel * seen)
     for i in np.argsort(-reading):
         for k in range(seen.size):
             apart = reading[i] - reading[k] > _INVERSION_LIMIT * hypot(by_meter[i], by_meter[k])
             inverted = seen[k] - seen[i] > _INVERSION_LIMIT * hypot(by_camera[i], by_camera[k])
-            if apart and inverted and reading[i] * seen[k] > _INVERSION * reading[k] * seen[i]:
+            named = deviating and {design.patches[i], design.patches[k]} & {*deviating}
+            if not named and apart and inverted and reading[i] * seen[k] > _INVERSION * reading[k] * seen[i]:
                 raise CalibrationError(
                     f"patch {design.patches[i]!r} reads {reading[i]:.4g} cd/m² and patch {design.patches[k]!r} "
                     f"{reading[k]:.4g} cd/m², but the camera sees less light from the first (as {seen[i]:.4g} and "
@@ -101,18 +103,18 @@ def design_findings(design: Design, settings: Sequence[GainSetting]) -> list[Fin
 def fit_findings(final: Solution, tests: Sequence[FitTest]) -> list[Finding]:
     """Return the findings of the fit."""
     design = final.design
-    findings = [test.finding for test in tests if test.significant and test.name != "scatter"]
+    findings = [test.finding for test in tests if test.significant and test.name == "gain"]
     findings += _glare_not_excluded(design, next(test for test in tests if test.name == "glare"))
     shape_rel = max((abs(float(np.mean(e.relative))) for e in design.shared if e.source == PATCH_SHAPE), default=0.0)
-    if shape_rel > _SCATTER_TOLERANCE_REL:
+    if shape_rel > TOLERANCE_REL:
         findings.append(warning("patch-shape", shape_rel=shape_rel))
     before = len(findings)
-    if design.scatter_rel.size > _SCATTER_TOLERANCE_REL:
+    if design.scatter_rel.size > TOLERANCE_REL:
         ratios = seen_cd_m2(final) / design.reading_cd_m2 - 1
         worst = int(np.argmax(np.abs(ratios)))
         name, size, deviation = design.patches[worst], design.scatter_rel.size, float(ratios[worst])
         findings.append(warning("patches-scatter", scatter_rel=size, patch=name, deviation_rel=deviation))
-    if design.scatter_each_rel.size > _SCATTER_TOLERANCE_REL:
+    if design.scatter_each_rel.size > TOLERANCE_REL:
         findings.append(warning("exposures-scatter", scatter_rel=design.scatter_each_rel.size))
     if design.scatter_each_dn.size > 0:
         findings.append(warning("exposures-scatter-dn", scatter_dn=design.scatter_each_dn.size))

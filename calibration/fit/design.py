@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime
+from datetime import datetime, timedelta
 from functools import cached_property
 from math import inf, sqrt
 from typing import Any
@@ -38,12 +38,12 @@ class SharedError:
     ----------
     source : str
         Name in the budget.
-    relative, dn : ndarray of float, shape (n,), or float
-        Its effect on each observation, relative to the luminance and in DN, for one standard uncertainty.
+    relative, dn, cd_m2 : ndarray of float, shape (n,), or float
+        Its effect on each observation, relative to the luminance, in DN and in cd/m^2, for one standard uncertainty.
     dark, gain_db, dof, pattern : tuple of float, float or None, float, int or None
         As of `FitError`, whose effects on converted frames are those of the same error.
-    cd_m2 : float
-        The same effect on all observations, in cd/m^2.
+    found : bool
+        Whether the observations show it, so that it is a parameter of the fit.
     """
 
     source: str
@@ -52,13 +52,9 @@ class SharedError:
     dark: tuple[float, ...] = ()
     gain_db: float | None = None
     dof: float = inf
-    cd_m2: float = 0.0
+    cd_m2: Array | float = 0.0
     pattern: int | None = None
-
-    def where(self, kept: NDArray[np.bool_]) -> SharedError:
-        """Return the same error of some observations, by a mask."""
-        relative, dn = (one[kept] if isinstance(one, np.ndarray) else one for one in (self.relative, self.dn))
-        return replace(self, relative=relative, dn=dn)
+    found: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,12 +75,10 @@ class Design:
         Errors of dark signal, exposure times, vignetting, light and black level of the same frames, and drift.
     own_rel : ndarray of float, shape (P,)
         Relative standard uncertainty by the sensitivity of its pixels.
-    nonuniformity_rel : ndarray of float, shape (P,)
-        The same by the non-uniformity of the patch, which meter and camera view at slightly different positions.
     place : ndarray of float, shape (P, 3)
         Smooth patterns over the image, see `smooth_patterns`.
-    field_rel : float
-        Relative standard uncertainty of each patch by what a measured vignetting leaves.
+    delay_h : ndarray of float, shape (n,)
+        Hours from the frames of each observation to the reading of its patch.
     scatter_rel : Scatter
         Unexplained relative scatter of the patches.
     scatter_each_rel, scatter_each_dn : Scatter
@@ -98,9 +92,8 @@ class Design:
     signals: NetSignals
     shared: tuple[SharedError, ...]
     own_rel: Array
-    nonuniformity_rel: Array
     place: Array
-    field_rel: float = 0.0
+    delay_h: Array
     scatter_rel: Scatter = NO_SCATTER
     scatter_each_rel: Scatter = NO_SCATTER
     scatter_each_dn: Scatter = NO_SCATTER
@@ -141,10 +134,10 @@ class Design:
         level: Array = np.sqrt(np.abs(luminance * self.readings))
         return level
 
-    @cached_property
-    def patch_rel(self) -> Array:
-        """Independent relative standard uncertainty of each patch, shape (P,)."""
-        return np.hypot(np.hypot(self.own_rel, self.nonuniformity_rel), self.field_rel)
+    @property
+    def n_found(self) -> int:
+        """Number of effects that were found, each a parameter."""
+        return sum(one.found for one in self.shared)
 
     @cached_property
     def same_patch(self) -> NDArray[np.bool_]:
@@ -158,7 +151,7 @@ class Design:
             slope**2 * (self.signals.noise_variance_dn2 + self.scatter_each_dn.size**2)
             + (self.scatter_each_rel.size * luminance) ** 2
         )
-        by_patch = np.hypot(self.patch_rel, self.scatter_rel.size)[self.patch] * level
+        by_patch = np.hypot(self.own_rel, self.scatter_rel.size)[self.patch] * level
         uneven = self.signals.dark_nonuniformity_dn * slope
         of_patch = self.reading_variance[self.patch][:, None] + np.outer(by_patch, by_patch) + np.outer(uneven, uneven)
         patterns = self.patterns(level, slope)
@@ -180,26 +173,6 @@ class Design:
     def without_shared(self, source: str) -> Design:
         """Return the same without the common errors of a source."""
         return replace(self, shared=tuple(one for one in self.shared if one.source != source))
-
-    def without(self, patch: int) -> Design:
-        """Return the same without one patch."""
-        kept, others = self.patch != patch, np.arange(len(self.patch_readings)) != patch
-        return replace(
-            self,
-            patch_readings=tuple(one for one, keep in zip(self.patch_readings, others, strict=True) if keep),
-            patch=self.patch[kept] - (self.patch[kept] > patch),
-            exposure=self.exposure[kept],
-            signals=self.signals.where(kept),
-            shared=tuple(e.where(kept) for e in self.shared),
-            own_rel=self.own_rel[others],
-            nonuniformity_rel=self.nonuniformity_rel[others],
-            place=self.place[others],
-        )
-
-    def with_reading(self, patch: int, reading: PatchReading) -> Design:
-        """Return the same with another reading of one patch."""
-        before, after = self.patch_readings[:patch], self.patch_readings[patch + 1 :]
-        return replace(self, patch_readings=(*before, reading, *after))
 
 
 def build_design(
@@ -228,6 +201,8 @@ def build_design(
     vignetting = observations[0].vignetting
     places = observations[0].state.image_shape, [group[0].centre_px for group in groups.values()]
     place = smooth_patterns(*places)
+    read_at = [readings[o.patch].read_at for o in observations]
+    delay_h = _delay_h(observations, read_at)
     shared = [
         *_dark_errors(observations, signals.gain_index, settings),
         *(
@@ -237,7 +212,7 @@ def build_design(
         *_place_errors(vignetting, place, vignetting_errors(vignetting, *places), patch),
         *_frame_errors(observations, signals, settings[0]),
         *_shape_errors(np.where(in_field, 0.0, shape_rel)),
-        *_drift(observations, [readings[o.patch].read_at for o in observations]),
+        *_drift(observations, read_at, delay_h),
     ]
     return Design(
         patch_readings=tuple(regions),
@@ -247,9 +222,8 @@ def build_design(
         signals=signals,
         shared=tuple(shared),
         own_rel=np.bincount(patch, weight * signals.pixels_rel) / total,
-        field_rel=slow_rel(vignetting),
-        nonuniformity_rel=np.bincount(patch, weight * signals.slow_rel) / total,
         place=place,
+        delay_h=delay_h,
     )
 
 
@@ -269,7 +243,7 @@ def _dark_errors(
 def _place_errors(
     vignetting: AnyVignetting | None, place: Array, of_patterns: Array, patch: NDArray[np.intp]
 ) -> list[SharedError]:
-    """Errors of the vignetting: what a flat field leaves may be a slope over the image, beside `Design.field_rel`."""
+    """Errors of the vignetting: what a flat field leaves may be a slope over the image."""
     source = source_of_place(vignetting)
     of_field = slow_rel(vignetting) / sqrt(place.shape[1]) * place.T
     errors = [SharedError(FLAT_FIELD, row[patch]) for row in of_field if row.any()]
@@ -300,12 +274,20 @@ def _shape_errors(shape_rel: Array) -> list[SharedError]:
     return [SharedError(PATCH_SHAPE, mean)] if abs(mean) > critical_value(1, n - 1) * u else []
 
 
-def _drift(observations: Sequence[PatchObservation], read_at: Sequence[datetime]) -> list[SharedError]:
-    """Drift of camera over meter from the frames to the readings, steady over the session."""
-    if any(o.recorded is None for o in observations):
-        return []
+def _delay_h(observations: Sequence[PatchObservation], read_at: Sequence[datetime]) -> Array:
+    """Hours from the frames to the readings, shape (n,); from the mean reading where frames have no time."""
+    hours: Array = np.array([(one - read_at[0]).total_seconds() / 3600 for one in read_at])
     recorded = [o.recorded for o in observations if o.recorded is not None]
-    start = min(*recorded, *read_at)
-    frames_h, read_h = (np.array([(t - start).total_seconds() / 3600 for t in times]) for times in (recorded, read_at))
-    span_h = max(float(frames_h.max()), float(read_h.max()), 1.0)
-    return [SharedError(DRIFT, DRIFT_REL * (read_h - frames_h) / span_h)]
+    if len(recorded) < len(observations):
+        recorded = [read_at[0] + timedelta(hours=float(hours.mean()))] * len(read_at)
+    frames_h: Array = np.array([(one - read_at[0]).total_seconds() / 3600 for one in recorded])
+    return np.subtract(hours, frames_h)
+
+
+def _drift(observations: Sequence[PatchObservation], read_at: Sequence[datetime], delay_h: Array) -> list[SharedError]:
+    """Drift of camera over meter from the frames to the readings, steady over the session."""
+    recorded = [o.recorded for o in observations if o.recorded is not None]
+    if len(recorded) < len(observations):
+        return []
+    span_h = (max(*recorded, *read_at) - min(*recorded, *read_at)).total_seconds() / 3600
+    return [SharedError(DRIFT, DRIFT_REL * delay_h / max(span_h, 1.0))]

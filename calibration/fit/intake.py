@@ -16,8 +16,8 @@ from ..sensor.dark import DarkModel, fit_dark
 from ..sensor.noise import GainSetting, fit_noise
 from ..setup import Readings
 from ..signal import left_out_text, usable, with_prnu
-from .design import build_design
-from .screening import FitData, full_well
+from .design import Design, build_design
+from .full_well import full_well
 
 #: Fewest patches: one parameter, one more for the test of the intercept, and one to judge the fit by.
 MIN_PATCHES = 3
@@ -50,6 +50,25 @@ class Intake:
     def fitted(self) -> dict[str, Sequence[PatchObservation]]:
         """Those that are not held out."""
         return {name: group for name, group in self.groups.items() if name not in self.held_out}
+
+
+@dataclass(frozen=True, eq=False)
+class FitData:
+    """What a fit uses, and what it leaves out.
+
+    Parameters
+    ----------
+    design : Design
+        Usable observations and readings.
+    left_out : tuple of LeftOut
+        Excluded exposures, readings and patches.
+    findings : tuple of Finding
+        Findings for the user.
+    """
+
+    design: Design
+    left_out: tuple[LeftOut, ...]
+    findings: tuple[Finding, ...]
 
 
 def take_in(

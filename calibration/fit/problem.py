@@ -6,15 +6,11 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from math import inf
-from typing import NamedTuple
 
 import numpy as np
 
 from ...core.dn import Response
 from ...core.errors import CalibrationError
-from ..converter import INTERCEPT
-from ..uncertainty import expanded_half_width
 from .candidates import CandidateModel, Curve
 from .design import Array, Design
 
@@ -31,37 +27,6 @@ _CONTRADICTS = (
     "the response of the bracket contradicts the patches: check that readings and frames belong to the same patches, "
     "that scene and light stood still, or calibrate without it"
 )
-
-
-class Shift(NamedTuple):
-    """Amplitude of one more pattern in luminances less readings.
-
-    Parameters
-    ----------
-    value, uncertainty : float
-        The amplitude and its standard uncertainty; 0 and infinite if the pattern is in the span of the model.
-    dof : float
-        Degrees of freedom of the uncertainty.
-    """
-
-    value: float = 0.0
-    uncertainty: float = inf
-    dof: float = inf
-
-    @property
-    def known(self) -> bool:
-        """Whether the pattern can be told from the model."""
-        return self.uncertainty < inf
-
-    @property
-    def expanded(self) -> float:
-        """Expanded uncertainty U (95 %) if it is normal."""
-        return expanded_half_width(0.0, float(self.uncertainty)) if self.known else inf
-
-    @property
-    def z(self) -> float:
-        """Size in standard uncertainties."""
-        return abs(self.value) / self.uncertainty
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,23 +102,13 @@ class Solution:
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Observations less parameters."""
-        return self.luminance.size - self.parameters.size
-
-    def shift(self, pattern: Array) -> Shift:
-        """Fit one more parameter: the amplitude of `pattern`, shape (n,), in luminances less readings.
-
-        The sum of squares decreases by the square of its `z` (score test; exact for linear models).
-        """
-        seen = float(pattern @ self.left @ pattern)
-        if seen <= 1e-12 * float(pattern @ self.weight @ pattern):
-            return Shift()
-        return Shift(float(pattern @ self.left @ self.residual) / seen, seen**-0.5)
+        """Observations less parameters, effects that were found among them."""
+        return self.luminance.size - self.parameters.size - self.design.n_found
 
 
 @lru_cache(maxsize=32)
 def solve(design: Design, candidate: CandidateModel) -> Solution:
-    """Fit a model; the last solutions are kept, as screening, selection and tests ask for the same ones.
+    """Fit a model; the last solutions are kept, as selection and checks ask for the same ones.
 
     Unknown are the parameters, the true luminance of each patch and each shared error, with normal priors of their
     stated widths. All but the parameters enter linearly and are eliminated: what remains is chi^2 = r^T C^-1 r with
@@ -214,11 +169,11 @@ def solutions(design: Design, candidates: Iterable[CandidateModel]) -> Iterator[
 def _weighting(design: Design, candidate: CandidateModel) -> Design:
     """Errors that make the weights: of a given response without those that errors of its shape look like.
 
-    An intercept that was found is no such error: without it, the fit would follow it.
+    An effect that was found is no such error: without it, the fit would follow it.
     """
     if candidate.bracket is None:
         return design
-    return replace(design, shared=tuple(error for error in design.shared if error.source == INTERCEPT))
+    return replace(design, shared=tuple(error for error in design.shared if error.found))
 
 
 def _typical_rel(solution: Solution) -> float:

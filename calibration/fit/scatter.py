@@ -13,7 +13,7 @@ from ..converter import OF_FRAMES
 from ..uncertainty import COVERAGE, NO_SCATTER, SMALL_P_VALUE, Scatter, effective_dof, p_value_of_chi_squared
 from .candidates import CandidateModel
 from .design import Array, Design
-from .problem import Shift, Solution, solve
+from .problem import Solution, solve
 
 Kind = Literal["scatter_rel", "scatter_each_rel", "scatter_each_dn"]
 #: Least and largest scatter: relative ones of luminances, those in DN of the largest signal.
@@ -102,9 +102,6 @@ def with_scatter(design: Design, candidate: CandidateModel, *, by_place: bool = 
     too, relative to the luminance (exposure times) or in DN (dark signal), whichever is more likely. REML: H. D.
     Patterson and R. Thompson, Biometrika 58 (1971) 545.
 
-    What a flat field leaves is a slow change over the image here, and the light within a patch need not be uniform: as
-    errors of each patch they would hide the scatter between them, which another patch has in addition. Both are 0 here.
-
     Parameters
     ----------
     design : Design
@@ -119,7 +116,6 @@ def with_scatter(design: Design, candidate: CandidateModel, *, by_place: bool = 
     Solution
         With the scatter in its design; 0 if the stated errors explain all.
     """
-    design = replace(design, field_rel=0.0, nonuniformity_rel=np.zeros(len(design.patches)))
     first = solve(design, candidate)
     choices: list[tuple[Kind, ...]] = [("scatter_rel",)]
     inside = within_patches(first, first.covariance)
@@ -144,21 +140,10 @@ def scatter_around_mean(values: Array, variances: Array) -> Scatter:
     return Scatter(size, likelihood.dof(size, 1.0))
 
 
-def shift_with_scatter(solution: Solution, pattern: Array) -> Shift:
-    """Fit one more parameter, as `Solution.shift`.
-
-    The uncertainty includes the scatter of the patches that it leaves; without, it has infinite degrees of freedom.
-    """
-    shift = solution.shift(pattern)
-    if solution.degrees_of_freedom < 2 or not shift.known:
-        return shift
-    more = replace(solution, jacobian=np.column_stack([solution.jacobian, pattern]))
-    size = _estimate(more, ("scatter_rel",))[1]["scatter_rel"]
-    if size < _NEGLIGIBLE:
-        return shift
-    scattered = replace(solution, covariance=_with(solution, {"scatter_rel": size})).shift(pattern)
-    of_patches = len(solution.design.patches) - solution.parameters.size - 1
-    return scattered._replace(dof=max(of_patches, 1)) if scattered.known else shift
+def residual_scatter(solution: Solution) -> float:
+    """Return the relative scatter of the patches that the model leaves; 0 if it does not count."""
+    size = _estimate(solution, ("scatter_rel",))[1]["scatter_rel"]
+    return size if size >= _NEGLIGIBLE else 0.0
 
 
 def _estimate(solution: Solution, kinds: tuple[Kind, ...]) -> tuple[float, dict[Kind, float]]:
@@ -168,7 +153,7 @@ def _estimate(solution: Solution, kinds: tuple[Kind, ...]) -> tuple[float, dict[
 
     def of_rest(size: float) -> tuple[float, dict[Kind, float]]:
         rest = dict.fromkeys(kinds[1:], size)
-        likelihood = _Likelihood.of(solution.jacobian, solution.residual, _with(solution, rest), pattern)
+        likelihood = _Likelihood.of(solution.jacobian, solution.residual, covariance_with(solution, rest), pattern)
         own = likelihood.best(unit) if kinds else 0.0
         return likelihood.deviance(own), {kind: own, **rest} if kinds else {}
 
@@ -187,12 +172,12 @@ def _minimum(deviance: Callable[[float], float]) -> float:
 
 def _dof(solution: Solution, sizes: dict[Kind, float], kind: Kind) -> float:
     """Degrees of freedom of one size, the others known."""
-    rest = _with(solution, {other: size for other, size in sizes.items() if other != kind})
+    rest = covariance_with(solution, {other: size for other, size in sizes.items() if other != kind})
     likelihood = _Likelihood.of(solution.jacobian, solution.residual, rest, _pattern(solution, kind))
     return likelihood.dof(sizes[kind], _unit(solution, kind))
 
 
-def _with(solution: Solution, sizes: dict[Kind, float]) -> Array:
+def covariance_with(solution: Solution, sizes: dict[Kind, float]) -> Array:
     """Covariance of the residuals with scatter."""
     total: Array = solution.covariance + sum(size**2 * _pattern(solution, kind) for kind, size in sizes.items())
     return total

@@ -1,33 +1,30 @@
-"""Selection of a response model by leave-one-out errors."""
+"""Selection of the response and of the effects beside it: one nested model."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from math import sqrt
+from math import log, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.clock import exposure_text
 from ...core.errors import CalibrationError
 from ...core.result import Finding, info
 from ..findings import ModelStep
 from ..uncertainty import SMALL_P_VALUE, p_value_of_chi_squared
 from .candidates import CandidateModel
 from .design import Array, Design
+from .effects import FREE, WORTH, Assessed, Effect, Kind, amplitude, assess, effects_of, may_be_significant
 from .problem import Solution, solutions, solve
 
 #: Relative decrease of the leave-one-out error required of a further parameter.
 MIN_IMPROVEMENT = 0.1
-#: Decrease of chi^2 required of a further parameter.
-WORTH = 6.6
 #: p-value of chi^2 below which patches contradict the response of a bracket: a refusal asks for more than a warning.
 _CONTRADICTION = 1e-4
-#: Patches in excess of the parameters required for a test of positions.
-_SPARE_PATCHES = 2
-#: Readings within this many hours cannot show a drift.
-_MIN_HOURS = 1 / 60
+#: Ratio of the probabilities by chance, e^2, within which two effects explain the observations about equally well: the
+#: better one is then no more than about seven times as likely.
+_ALIKE = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +82,132 @@ def seen_cd_m2(solution: Solution) -> Array:
     return np.array([weight @ solution.luminance[own] for own, weight in weights_by_patch(solution)])
 
 
-def select_model(design: Design, candidates: Sequence[CandidateModel]) -> tuple[Solution, tuple[ModelStep, ...]]:
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """The model that the observations require.
+
+    Parameters
+    ----------
+    solution : Solution
+        The fit, with what was found.
+    ladder : tuple of ModelStep
+        Candidates of the response.
+    found : tuple of Found
+        Effects beside it.
+    """
+
+    solution: Solution
+    ladder: tuple[ModelStep, ...]
+    found: tuple[Found, ...] = ()
+
+    def size_of(self, kind: Kind) -> float:
+        """Return the amplitude of the effect of a kind; 0 if none was found."""
+        return next((one.assessed.value for one in self.found if one.effect.kind == kind), 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """An effect that was found, by its amplitude, and others that explain the observations about equally well."""
+
+    assessed: Assessed
+    rivals: tuple[Assessed, ...] = ()
+
+    @property
+    def effect(self) -> Effect:
+        """The effect."""
+        return self.assessed.effect
+
+    @property
+    def widths(self) -> Array:
+        """Widths of the priors in the fit: free, but a patch that deviates keeps the weight that this leaves it."""
+        value, uncertainty, *_ = self.assessed.amplitude
+        size: Array = np.maximum(np.abs(value), np.where(np.isfinite(uncertainty), uncertainty, 0.0))
+        return size if self.effect.kind == "patch" else FREE * size
+
+
+def select(design: Design, candidates: Sequence[CandidateModel]) -> Selection:
+    """Select the response, and the effects beside it that are significant, one after the other.
+
+    Each step takes what explains the observations best, a better response or one more effect, and fits all anew. At
+    last, effects that the others have made insignificant are dropped.
+
+    Raises
+    ------
+    CalibrationError
+        As `select_model`.
+    """
+    effects, found = effects_of(design, with_exposures=candidates[0].bracket is None), list[Found]()
+    now = Selection(*select_model(design, candidates, effects))
+    while found_more := _next(now.solution, effects, found):
+        found.append(found_more)
+        now = Selection(*_with(design, candidates, effects, found))
+    settled = _without_others(design, now.solution.candidate, effects, found)
+    if len(settled) < len(found):
+        now = Selection(*_with(design, candidates, effects, settled))
+    return replace(now, found=tuple(settled))
+
+
+def with_found(design: Design, found: Sequence[Found]) -> Design:
+    """Return the design with effects as parameters."""
+    return replace(design, shared=(*design.shared, *(e for one in found for e in one.effect.within(one.widths))))
+
+
+def _with(
+    design: Design, candidates: Sequence[CandidateModel], effects: Sequence[Effect], found: Sequence[Found]
+) -> tuple[Solution, tuple[ModelStep, ...]]:
+    return select_model(with_found(design, found), candidates, _others(effects, found))
+
+
+def _others(effects: Sequence[Effect], found: Sequence[Found]) -> list[Effect]:
+    """Effects that are not found, where more of the kind may be."""
+    keys = {one.effect.key for one in found}
+    kinds = [one.effect.kind for one in found]
+    return [one for one in effects if one.key not in keys and kinds.count(one.kind) < one.most]
+
+
+def _next(solution: Solution, effects: Sequence[Effect], found: Sequence[Found]) -> Found | None:
+    """Return the most significant effect that is not found yet."""
+    rows = _significant(solution, _others(effects, found))
+    return Found(min(rows, key=lambda one: one.log_p)) if rows and solution.degrees_of_freedom > 1 else None
+
+
+def _significant(solution: Solution, effects: Iterable[Effect]) -> list[Assessed]:
+    rows = [assess(solution, one) for one in effects if may_be_significant(solution, one)]
+    return [one for one in rows if one.significant and one.matters(solution)]
+
+
+def _without_others(
+    design: Design, candidate: CandidateModel, effects: Sequence[Effect], found: Sequence[Found]
+) -> list[Found]:
+    """Assess each effect beside the others that were found, with its rivals, and drop what is not significant."""
+    kept = list(found)
+    for one in found:
+        rest = [other for other in kept if other is not one]
+        solution = solve(with_found(design, rest), candidate)
+        again = assess(solution, one.effect)
+        number = kept.index(one)
+        if not again.significant:
+            kept.pop(number)
+            continue
+        others = [other for other in _others(effects, kept) if other.kind != one.effect.kind]
+        alike = [row for row in _significant(solution, others) if row.log_p < again.log_p + _ALIKE]
+        kept[number] = Found(again, tuple(sorted(alike, key=lambda row: row.log_p)))
+    return kept
+
+
+def worth(solution: Solution, effect: Effect) -> float:
+    """Decrease of chi^2 by an effect, comparable with that of a single parameter.
+
+    One of several alike has been searched for, and a patch explains any deviation of its own.
+    """
+    found = amplitude(solution, effect.columns(solution))
+    extra = found.n - 1 + (effect.kind == "patch")
+    return found.drop - WORTH * extra - 2 * log(effect.alike)
+
+
+def select_model(
+    design: Design, candidates: Sequence[CandidateModel], effects: Sequence[Effect]
+) -> tuple[Solution, tuple[ModelStep, ...]]:
     """Fit all models and select one.
 
     A model is preferred to a simpler one as `_obstacle` says. The response of a bracket comes first; it contradicts the
@@ -97,6 +219,8 @@ def select_model(design: Design, candidates: Sequence[CandidateModel]) -> tuple[
         The observations.
     candidates : sequence of CandidateModel
         From `candidate_models`.
+    effects : sequence of Effect
+        What may explain the deviations as well.
 
     Returns
     -------
@@ -119,7 +243,7 @@ def select_model(design: Design, candidates: Sequence[CandidateModel]) -> tuple[
     for solution in solutions(design, candidates[1:]):
         left_out = leave_one_out(solution, stated)
         before, after = float(best.score.sum()), float(left_out.score.sum())
-        obstacle = _obstacle(chosen, best, solution, left_out)
+        obstacle = _obstacle(chosen, best, solution, left_out, effects)
         of_bracket = chosen.candidate.bracket is not None
         p_value = p_value_of_chi_squared(chosen.chi_squared, chosen.degrees_of_freedom)
         if obstacle is None and of_bracket and p_value >= _CONTRADICTION:
@@ -135,7 +259,7 @@ def select_model(design: Design, candidates: Sequence[CandidateModel]) -> tuple[
             )
         if obstacle is None:
             chosen, best = solution, left_out
-    weight = 1 / (design.reading_variance / design.reading_cd_m2**2 + design.patch_rel**2 + 1e-6)
+    weight = 1 / (design.reading_variance / design.reading_cd_m2**2 + design.own_rel**2 + 1e-6)
     errors = [sqrt(float(np.average(one.relative**2, weights=weight))) for _, one, _ in tried]
     return chosen, tuple(
         ModelStep(candidate.kind, candidate.n_parameters, error, candidate == chosen.candidate, reason)
@@ -143,11 +267,13 @@ def select_model(design: Design, candidates: Sequence[CandidateModel]) -> tuple[
     )
 
 
-def _obstacle(simple: Solution, before: LeaveOneOut, better: Solution, after: LeaveOneOut) -> Finding | None:
+def _obstacle(
+    simple: Solution, before: LeaveOneOut, better: Solution, after: LeaveOneOut, effects: Sequence[Effect]
+) -> Finding | None:
     """Why the better-fitting model is not selected; None if it is.
 
     It has to lower the sum of standardised squares of the leave-one-out deviations by more than `MIN_IMPROVEMENT` and
-    one standard error of the difference over the patches, and significantly more than `strongest_alternative`.
+    one standard error of the difference over the patches, and significantly more than any of the effects.
     """
     gained = before.score - after.score
     error = sqrt(float(np.var(gained, ddof=1)) * gained.size)
@@ -158,85 +284,7 @@ def _obstacle(simple: Solution, before: LeaveOneOut, better: Solution, after: Le
     drop = simple.chi_squared - better.chi_squared
     if p_value_of_chi_squared(max(drop, 0.0) / unexplained, dof) >= SMALL_P_VALUE:
         return info("model-not-significant")
-    alternative = strongest_alternative(simple)
-    if alternative is not None and alternative[1] ** 2 >= drop:
-        return info("model-alternative", alternative=alternative[0])
+    alternative = max(effects, key=lambda one: worth(simple, one), default=None)
+    if alternative is not None and worth(simple, alternative) >= drop:
+        return info("model-alternative", alternative=alternative.name)
     return None
-
-
-def strongest_alternative(solution: Solution) -> tuple[str, float] | None:
-    """Find the best alternative explanation of the residuals, and its standardised value.
-
-    Considered are a veil of glare, a wrong dark, each exposure time, a drift, and smooth changes over the image, and a
-    step of the meter. Each parameter beyond the first costs `WORTH`.
-    """
-    candidates = [("a veil of glare", np.ones_like(solution.luminance)), ("a wrong dark", solution.slope)]
-    candidates += [(f"a wrong exposure time at {exposure_text(t)}", one) for t, one in exposure_patterns(solution)]
-    candidates.append(("a drift", drift_pattern(solution)))
-    found = [(name, solution.shift(pattern).z) for name, pattern in candidates]
-    found += [("the place in the image", worth_of_place(solution)), ("a step of the meter", worth_of_step(solution))]
-    strongest = max(found, key=lambda row: row[1])
-    return strongest if strongest[1] > 0 else None
-
-
-def exposure_patterns(solution: Solution) -> list[tuple[float, Array]]:
-    """Exposure times, and deviations by each of them that is too long; none for a single one."""
-    design = solution.design
-    times = [*enumerate(design.exposures_s.tolist())] if design.exposures_s.size > 1 else []
-    return [(exposure_s, np.where(design.exposure == n, solution.luminance, 0.0)) for n, exposure_s in times]
-
-
-def drift_pattern(solution: Solution) -> Array:
-    """Deviations by a light that changes by 1 per hour; 0 if the readings are (nearly) simultaneous."""
-    design = solution.design
-    hours = design.read_h - design.read_h.mean()
-    if np.ptp(hours) < _MIN_HOURS:
-        return np.zeros_like(solution.luminance)
-    pattern: Array = hours[design.patch] * solution.luminance
-    return pattern
-
-
-def strongest_step(solution: Solution) -> tuple[Array, int, int]:
-    """Find where the readings change at once the most, as those of a readjusted meter do.
-
-    Returns deviations by readings that are 1 lower from one patch on, its number, and that of the possible steps, which
-    have two patches on each side; without such a step they are 0.
-    """
-    design = solution.design
-    order = np.argsort(design.read_h, kind="stable").tolist()
-    steps = [(np.zeros_like(solution.luminance), 0, 0)]
-    for first in order[2:-1]:
-        after = design.read_h >= design.read_h[first]
-        steps.append(((after - 0.5)[design.patch] * solution.luminance, first, len(order) - 3))
-    return max(steps[1:] or steps, key=lambda step: solution.shift(step[0]).z)
-
-
-def worth_of_step(solution: Solution) -> float:
-    """Standardised value of the strongest step, comparable with that of a single parameter: its time is another one."""
-    return sqrt(max(solution.shift(strongest_step(solution)[0]).z ** 2 - WORTH, 0.0))
-
-
-def by_place(solution: Solution) -> tuple[float, int, Array]:
-    """Explain residuals by r^2, x and y; only by r^2 for few patches.
-
-    Returns the decrease of chi^2, the number of patterns used, and the relative deviation of each patch, shape (P,).
-    """
-    design = solution.design
-    spare = len(design.patches) - solution.candidate.n_parameters - _SPARE_PATCHES
-    place = design.place[:, : 3 if spare >= 3 else 1 if spare >= 1 else 0]
-    patterns = place[design.patch] * solution.luminance[:, None]
-    seen, whole = patterns.T @ solution.left @ patterns, patterns.T @ solution.weight @ patterns
-    scale = np.sqrt(np.maximum(np.diag(whole), 1e-300))
-    values, vectors = np.linalg.eigh(seen / np.outer(scale, scale))
-    # Patterns collinear at these patches, or with the response, are dropped.
-    vectors = vectors[:, values > 1e-6] / scale[:, None]
-    pull = vectors.T @ (patterns.T @ solution.left @ solution.residual)
-    explained = pull / values[values > 1e-6]
-    deviation: Array = place @ (vectors @ explained)
-    return float(pull @ explained), pull.size, deviation
-
-
-def worth_of_place(solution: Solution) -> float:
-    """Standardised value of the places' deviations, comparable with that of a single parameter."""
-    drop, n, _ = by_place(solution)
-    return sqrt(max(drop - WORTH * (n - 1), 0.0))

@@ -39,7 +39,7 @@ class Session(_Session):
         *more : Session or path
             Further sessions of the same camera and lens, at other gains or temperatures.
         without : sequence of str
-            Patches to leave out.
+            Patches to leave out, and single readings as ``PATCH:NUMBER``, counted from 1.
         hold_out : sequence of str
             Patches that the fit is tested with instead of using them.
         flat_field : Session, path or None
@@ -102,7 +102,7 @@ class Session(_Session):
         pairs : sequence of (str, str) or None
             Bright and dark patch; None for those of the configuration. They need `contrasts`.
         without : sequence of str
-            Patches to leave out.
+            Patches to leave out, and single readings as ``PATCH:NUMBER``, counted from 1.
 
         Raises
         ------

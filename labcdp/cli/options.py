@@ -76,7 +76,9 @@ SimulatedBenchPath = Annotated[
     Path | None,
     As("Use the simulated bench that this file describes, see labcdp init simulated-bench; default: a Manta G-505B."),
 ]
-Without = Annotated[tuple[str, ...], As("Patch to leave out; may be repeated.")]
+Without = Annotated[
+    tuple[str, ...], As("Patch to leave out, or PATCH:NUMBER for one of its readings; may be repeated.")
+]
 
 
 def one_or_all(contrasts: tuple[float, ...] | None) -> TargetContrasts:

@@ -19,12 +19,12 @@ from ...calibration.frames.statistics import MAX_CLIPPED_SHARE
 from ...calibration.in_session import in_session
 from ...calibration.sensor.response import MIN_EXPOSURES, ResponseCurve, response_from_bracket
 from ...calibration.setup import MeterScale, corrected, meter_scale
-from ...core.errors import CalibrationError
+from ...core.errors import CalibrationError, InputError
 from ...core.frame import Frame
 from ...core.reading import Reading
 from ...core.result import Finding
 from ...core.roi import Roi
-from ...session import FrameRecord, MeterCertificate, Session, SessionConfiguration
+from ...session import FrameRecord, MeterCertificate, ReadingRecord, Session, SessionConfiguration
 from .corrections import (
     Corrections,
     PlaneCorrections,
@@ -161,7 +161,7 @@ def observe_session(
     session : Session
         To read.
     without : sequence of str
-        Patches to leave out.
+        Patches to leave out, and single readings as ``PATCH:NUMBER``, counted from 1.
     report : callable
         Called with the number of frames read, and of all frames; those of a sensor with colour filters are read once
         for each plane.
@@ -178,14 +178,14 @@ def observe_session(
     CalibrationError
         If there are no dark frames, or too few frames at an exposure, or the corrections are not for this sensor.
     InputError
-        If a region lies outside the image, or `without` names an unknown patch.
+        If a region lies outside the image, or `without` names an unknown patch or reading.
     """
     configuration = session.configuration
     if certificate is not None:
         meter = configuration.meter.model_copy(update={"certificate": certificate})
         configuration = configuration.model_copy(update={"meter": meter})
     patches = configuration.target.patches
-    require_patches(without, [patch.name for patch in patches], "to leave out")
+    without, unread = _left_out(without, session)
     if not session.frames("dark"):
         raise CalibrationError("the session has no dark frames: cover the lens and resume the acquisition")
     planes = planes_of(session)
@@ -203,11 +203,27 @@ def observe_session(
     seen = {plane: _observe_plane(session, frames, plane, regions, corrections[plane]) for plane in planes}
     readings: dict[str, list[Reading]] = {}
     for record in session.readings():
-        if record.patch not in without:
+        if record.patch not in without and record not in unread:
             readings.setdefault(record.patch, []).append(corrected(record.reading, configuration.meter.certificate))
     return ObservedSession(
         session, configuration, seen, readings, input_sha256(session), frozenset(reader.frames_sha256)
     )
+
+
+def _left_out(without: Sequence[str], session: Session) -> tuple[list[str], list[ReadingRecord]]:
+    """Return the patches and the readings to leave out."""
+    known = [patch.name for patch in session.configuration.target.patches]
+    of_patches = [name for name in without if name in known or ":" not in name]
+    require_patches(of_patches, known, "to leave out")
+    unread: list[ReadingRecord] = []
+    for text in (name for name in without if name not in of_patches):
+        patch, _, number = text.rpartition(":")
+        require_patches([patch], known, "to leave out")
+        own = [record for record in session.readings() if record.patch == patch]
+        if not (number.isdecimal() and 1 <= int(number) <= len(own)):
+            raise InputError(f"there is no reading {text!r} to leave out: patch {patch!r} has {len(own)}, from 1 on")
+        unread.append(own[int(number) - 1])
+    return of_patches, unread
 
 
 def _observe_plane(

@@ -37,8 +37,8 @@ def design_of(net, readings, net_variance, reading_variance, patch=None, scale_p
         "signals": NetSignals(**values),
         "shared": (),
         "own_rel": np.zeros(n_patches),
-        "nonuniformity_rel": np.zeros(n_patches),
         "place": np.zeros((n_patches, 3)),
+        "delay_h": np.zeros(n),
     }
     return Design(**(values | changes))
 

@@ -1,0 +1,165 @@
+"""Checks of the model's assumptions: glare, exposure times, drift, vignetting, scatter, dark signal, gain."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from math import inf, sqrt
+
+import numpy as np
+
+from ...core.result import Finding, FindingValue, info, warning
+from ...core.vignetting import AnyVignetting, Cos4Vignetting
+from ..findings import FitTest
+from ..readings import contradiction
+from ..sensor.dark import DarkModel
+from ..sensor.noise import GainSetting
+from ..uncertainty import FALSE_ALARM, critical_value, expanded_half_width, p_value_of_chi_squared
+from .design import Design
+from .effects import Assessed, Kind, assess, effects_of
+from .problem import Solution
+from .selection import Selection
+
+#: Tolerated relative deviation of a gain from its setting; cameras state it to about 0.1 dB.
+GAIN_TOLERANCE_REL = 0.012
+#: Kinds of effects by the name of their check, and why there may be none.
+_CHECKS: dict[str, tuple[tuple[Kind, ...], str]] = {
+    "glare": (("glare",), "span"),
+    "dark signal": (("dark signal",), "patches"),
+    "exposure reciprocity": (("exposure offset", "exposure"), "exposures"),
+    "drift": (("drift",), "time"),
+    "meter step": (("step",), "time"),
+    "vignetting": (("place",), "places"),
+}
+_UNITS = {"glare": "cd/m²", "drift": "1/h", "dark signal": "DN"}
+
+
+def effect_tests(
+    selection: Selection, vignetting: AnyVignetting | None, dark: DarkModel, findings: Sequence[Finding]
+) -> tuple[FitTest, ...]:
+    """One check for each kind of effect: of what was found, or of the most significant one that was not.
+
+    Parameters
+    ----------
+    selection : Selection
+        The model.
+    vignetting : vignetting or None
+        What was corrected.
+    dark : DarkModel
+        The dark signal.
+    findings : sequence of Finding
+        What `fit_dark` found, among others.
+    """
+    solution = selection.solution
+    keys = {one.effect.key for one in selection.found}
+    left = [assess(solution, one) for one in effects_of(solution.design) if one.key not in keys]
+    tests = []
+    for name, (kinds, untestable) in _CHECKS.items():
+        own = [one.assessed for one in selection.found if one.effect.kind in kinds]
+        others = [one for one in left if one.effect.kind in kinds and one.amplitude.n]
+        largest = min(own or others, key=lambda one: one.log_p, default=None)
+        if largest is None:
+            why = "patches" if any(one.effect.kind in kinds for one in left) else untestable
+            tests.append(FitTest(name, 0.0, 0.0, "", False, info(f"not-testable-{why}", name)))
+        else:
+            value, uncertainty = _size(largest, solution.design)
+            finding = _finding(largest, solution, vignetting, found=bool(own))
+            tests.append(FitTest(name, value, uncertainty, _UNITS.get(name, ""), bool(own), finding))
+    against = next((one for one in findings if one.code in ("dark-falls", "dark-contradicts")), None)
+    one_exposure = "dark-agrees-at-one-exposure" if len(dark.exposures_s) < 2 else "dark-agrees"
+    return tuple(_of_dark(one, against, one_exposure) if one.name == "dark signal" else one for one in tests)
+
+
+def _of_dark(test: FitTest, against: Finding | None, agrees: str) -> FitTest:
+    """Return the check of the dark signal with what the dark frames say among themselves."""
+    if against is not None:
+        return replace(test, significant=True, finding=against)
+    return test if test.significant or not test.tested else replace(test, finding=replace(test.finding, code=agrees))
+
+
+def possible_glare_cd_m2(test: FitTest) -> float:
+    """Intercept to count with: what was found, or of glare as much as it exceeds its standard uncertainty."""
+    if test.significant:
+        return test.value
+    return sqrt(max(max(test.value, 0.0) ** 2 - test.standard_uncertainty**2, 0.0))
+
+
+def found_findings(selection: Selection, vignetting: AnyVignetting | None) -> list[Finding]:
+    """Return a warning of each effect that was found, and one of others that explain the observations as well."""
+    findings = []
+    for one in selection.found:
+        rows = [one.assessed, *one.rivals]
+        of_each = [_finding(row, selection.solution, vignetting, found=True) for row in rows]
+        findings.append(of_each[0])
+        if one.rivals:
+            causes, codes = [row.effect.name for row in rows], [finding.code for finding in of_each]
+            findings.append(warning("one-of", causes=causes, codes=codes))
+    return findings
+
+
+def _size(one: Assessed, design: Design) -> tuple[float, float]:
+    """Return the size of an effect with its standard uncertainty: relative ones of exposures, rms of places."""
+    kind = one.effect.kind
+    if kind == "place":
+        size = sqrt(float(np.mean((one.amplitude.value @ design.place[:, : one.amplitude.value.size].T) ** 2)))
+        drop = one.amplitude.drop
+        return size, size * sqrt(one.amplitude.n / drop) if drop > 0 else 0.0
+    if kind == "exposure offset":
+        shortest_s = float(design.exposures_s.min())
+        return one.value / shortest_s, one.uncertainty / shortest_s
+    # The meter shows more where the camera shows less.
+    return (-one.value if kind == "step" else one.value), one.uncertainty
+
+
+def _finding(one: Assessed, final: Solution, vignetting: AnyVignetting | None, *, found: bool) -> Finding:
+    """Return the finding of an effect, a warning if it was found."""
+    value, uncertainty = _size(one, final.design)
+    kind, expanded = one.effect.kind, expanded_half_width(0.0, uncertainty) if uncertainty < inf else inf
+    relative: dict[str, FindingValue] = {"deviation_rel": value, "expanded_rel": expanded}
+    values: Mapping[str, FindingValue] = relative
+    if kind == "glare":
+        codes = "intercept" if value > 0 else "intercept-negative", "no-intercept"
+        shown = {"intercept_cd_m2": value, "expanded_cd_m2": expanded, "z": abs(value) / uncertainty}
+        values = {**shown, "intercept_dn_s": value * final.response[1]}
+    elif kind == "dark signal":
+        codes, values = ("dark-differs", "dark-agrees"), {"difference_dn": value, "expanded_dn": expanded}
+    elif kind == "exposure offset":
+        codes = "exposures-offset", "exposures-not-offset"
+        values = {"offset_s": one.value, "expanded_s": expanded_half_width(0.0, one.uncertainty)}
+    elif kind == "exposure":
+        codes = "exposure-deviates", "exposures-agree"
+        values = {"exposure_s": float(final.design.exposures_s[one.effect.number]), **relative}
+    elif kind == "drift":
+        codes, values = ("drift", "no-drift"), {"span_h": float(np.ptp(final.design.read_h)), **relative}
+    elif kind == "step":
+        codes, values = ("readings-step", "no-readings-step"), {"patch": one.effect.subject, **relative}
+    elif kind == "place":
+        assumed = "vignetting-not-cos4" if isinstance(vignetting, Cos4Vignetting) else "vignetting-changed"
+        codes = "vignetting-not-corrected" if vignetting is None else assumed, "no-vignetting-left"
+        values = {"deviation_rel": value, "chance_rel": uncertainty}
+    else:
+        reading_cd_m2 = float(final.design.reading_cd_m2[one.effect.number])
+        return contradiction("patch-contradicts", one.effect.subject, reading_cd_m2, reading_cd_m2 + value)
+    return warning(codes[0], **values) if found else info(codes[1], **values)
+
+
+def scatter(solution: Solution) -> FitTest:
+    """Reduced chi^2."""
+    dof = solution.degrees_of_freedom
+    reduced, uncertainty = solution.chi_squared / max(dof, 1), sqrt(2 / max(dof, 1))
+    significant = p_value_of_chi_squared(solution.chi_squared, dof) < FALSE_ALARM
+    finding = warning("scatter") if significant else info("scatter-as-stated")
+    return FitTest("scatter", reduced, uncertainty, "", significant, finding)
+
+
+def gain(gains: Sequence[GainSetting], own_db: float) -> FitTest:
+    """Most deviating fitted gain factor relative to 10^(dB / 20) over the calibration's own gain."""
+    if not gains:
+        return FitTest("gain", 0.0, 0.0, "", False, info("not-testable-gains", "gain"))
+    rows = [(one.factor / 10 ** ((one.gain_db - own_db) / 20) - 1, one.factor_random_rel, one.gain_db) for one in gains]
+    value, uncertainty, gain_db = max(rows, key=lambda row: abs(row[0]) / max(row[1], 1e-12))
+    significant = abs(value) > max(critical_value(len(rows)) * uncertainty, GAIN_TOLERANCE_REL)
+    expanded = expanded_half_width(0.0, uncertainty)
+    values = {"gain_db": gain_db, "own_db": own_db, "deviation_rel": value, "expanded_rel": expanded}
+    finding = warning("gain-deviates", **values) if significant else info("gain-as-set", **values)
+    return FitTest("gain", value, uncertainty, "", significant, finding)

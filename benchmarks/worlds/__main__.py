@@ -17,8 +17,8 @@ os.environ["OMP_NUM_THREADS"] = "1"
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from worlds.bench import calibrate_once
+from worlds.catalogue import WORLDS
 from worlds.table import as_json, markdown, summarise
-from worlds.world import WORLDS
 
 
 def main() -> None:

@@ -17,8 +17,8 @@ os.environ["OMP_NUM_THREADS"] = "1"
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from worlds.bench import calibrate_once
+from worlds.catalogue import WORLDS
 from worlds.table import as_json, markdown, summarise
-from worlds.world import WORLDS
 
 
 def main() -> None:
@@ -38,8 +38,9 @@ def main() -> None:
             outcomes = list(pool.map(partial(calibrate_once, world), range(arguments.calibrations), chunksize=4))
             summaries.append(summarise(world, outcomes))
             print(f"{world.name}: {summaries[-1].coverage}, {summaries[-1].findings}", file=sys.stderr)
-    if arguments.json:
-        arguments.json.write_text(json.dumps(as_json(summaries), indent=1) + "\n", encoding="utf-8")
+            # After each world, so that a run that is ended has those before.
+            if arguments.json:
+                arguments.json.write_text(json.dumps(as_json(summaries), indent=1) + "\n", encoding="utf-8")
     print(markdown(summaries))
 
 

@@ -97,6 +97,7 @@ def _measured(world: World, rng: np.random.Generator, folder: Path) -> Outcome:
     target = use_target(after, pair, single_cd_m2, rng)
     shown = read_patches(after, target.luminance_cd_m2, scales, rng, LIGHT_S, READ_S)
     breathing = 1 + world.breathing_rel * float(rng.normal())
+    breathing *= 1 + after.aged_rel * float(rng.normal()) if after.aged_rel else 1.0
     asked = {"bright": "B", "dark": "D", "contrast": pair.contrast, "epsilon": pair.epsilon}
     with recorder.record("use", target, shown, frames=(FRAMES[0], 2), contrast=asked, after=breathing) as session:
         evaluation = session.evaluate(calibration).evaluation

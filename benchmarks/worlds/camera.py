@@ -3,13 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import exp
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .world import BRIGHTEST_CD_M2, BRIGHTEST_SHARE, FOCAL_LENGTH_M, FULL_SCALE_DN, HEIGHT, PITCH_M, WIDTH, World
+from .optics import spread
+from .world import (
+    BRIGHTEST_CD_M2,
+    BRIGHTEST_SHARE,
+    DOUBLING_K,
+    FOCAL_LENGTH_M,
+    FULL_SCALE_DN,
+    HEIGHT,
+    PITCH_M,
+    WARM_UP_S,
+    WIDTH,
+    World,
+)
 
 Array = NDArray[np.float64]
 #: Responsivity of red, green (both) and blue pixels, relative to green.
@@ -36,8 +49,8 @@ class Device:
         What all cameras of this make have in common.
     responsivity_e_s_cd_m2 : float
         Of a green or monochrome pixel on the axis.
-    vignetting, filters, prnu, dsnu_e, column_dn : ndarray of float, shape (height, width)
-        Patterns; `prnu` has the mean 1.
+    vignetting, filters, prnu, dsnu_e, column_dn, gain : ndarray of float, shape (height, width)
+        Patterns; `prnu` and `gain`, that of the converters, have the mean 1.
     """
 
     world: World
@@ -47,6 +60,7 @@ class Device:
     prnu: Array
     dsnu_e: Array
     column_dn: Array
+    gain: Array
 
 
 def make_device(world: World, rng: np.random.Generator) -> Device:
@@ -64,7 +78,38 @@ def make_device(world: World, rng: np.random.Generator) -> Device:
         1 + world.prnu_rel * rng.normal(size=shape),
         world.dsnu_e * rng.normal(size=shape),
         np.tile(world.column_dn * rng.normal(size=WIDTH), (HEIGHT, 1)),
+        gain_of_converters(world),
     )
+
+
+def gain_of_converters(world: World) -> Array:
+    """Gain of each pixel's converter relative to the mean.
+
+    Sensors with several taps convert neighbouring columns, or the halves of the image, by converters whose gains agree
+    only to about 1 % (EMVA 1288 Release 4.0 calls for the columns' own non-uniformity for this reason).
+    """
+    column = np.arange(WIDTH)
+    first = column % 2 == 0 if world.converters == "columns" else column < WIDTH / 2
+    return np.tile(1 + world.converters_rel * np.where(first, 0.5, -0.5), (HEIGHT, 1))
+
+
+def warming(device: Device, second: float) -> Device:
+    """Return a camera a time after it was switched on: cooler than in the end, and of another responsivity.
+
+    Temperature and responsivity approach those of the camera in the end exponentially, as a body that loses heat in
+    proportion to its excess temperature does (Newton's law of cooling).
+    """
+    world, left = device.world, exp(-second / WARM_UP_S)
+    if not (world.warm_up_k or world.warm_up_rel):
+        return device
+    cooler_k = world.warm_up_k * left
+    then = replace(
+        world,
+        temperature_c=world.temperature_c - cooler_k,
+        dark_current_e_s=world.dark_current_e_s * 2 ** (-cooler_k / DOUBLING_K),
+    )
+    r = device.responsivity_e_s_cd_m2 * (1 + world.warm_up_rel * left)
+    return replace(device, world=then, responsivity_e_s_cd_m2=r)
 
 
 def filter_pattern(of_filter: Mapping[str, float], shape: tuple[int, int]) -> Array:
@@ -109,26 +154,42 @@ def electrons(mean_e: Array, world: World, exposure_s: float, rng: np.random.Gen
     return np.minimum(drawn, world.full_well_e).astype(float)
 
 
-def analogue_dn(charge_e: Array, world: World, offset_dn: Array | float, rng: np.random.Generator) -> Array:
+def analogue_dn(
+    charge_e: Array, world: World, offset_dn: Array | float, rng: np.random.Generator, gain: Array | float = 1.0
+) -> Array:
     """DN before the response, not rounded: read noise, gain, black level and further offsets."""
     read_e = charge_e + world.read_noise_e * rng.normal(size=charge_e.shape)
-    return world.k_dn_per_e * read_e + world.black_dn + offset_dn
+    return world.k_dn_per_e * gain * read_e + world.black_dn + offset_dn
 
 
 def curved(linear_dn: Array, world: World) -> Array:
-    """Response of the electronics: a cubic term above black, or a tone curve over all DN."""
+    """Response of the electronics: a cubic term or straight pieces above black, or a tone curve over all DN."""
     if world.gamma != 1:
         return np.asarray(FULL_SCALE_DN * (np.maximum(linear_dn, 0) / FULL_SCALE_DN) ** (1 / world.gamma))
+    if world.knees:
+        return np.asarray(np.interp(linear_dn, *_pieces(world)))
     if not world.cubic:
         return linear_dn
     x = (linear_dn - world.black_dn) / (FULL_SCALE_DN - world.black_dn)
     return linear_dn - (FULL_SCALE_DN - world.black_dn) * world.cubic * x**3
 
 
+def _pieces(world: World) -> tuple[Array, Array]:
+    """Linear DN where the slope changes and DN of the response there, from far below black to full scale."""
+    starts, slopes = np.array([(0.0, 1.0), *world.knees]).T
+    range_dn = FULL_SCALE_DN - world.black_dn
+    at = np.array([-1.0, *starts, 1.0])
+    value = np.concatenate([[-1.0, 0.0], np.cumsum(slopes * np.diff(at[1:]))])
+    # Full scale stays full scale, so that the lowest piece is steeper than 1.
+    return world.black_dn + range_dn * at, world.black_dn + range_dn * value / value[-1]
+
+
 def straightened(dn: Array, world: World) -> Array:
     """Inverse of `curved`; a cubic term is inverted by Newton's method."""
     if world.gamma != 1:
         return np.asarray(FULL_SCALE_DN * (dn / FULL_SCALE_DN) ** world.gamma)
+    if world.knees:
+        return np.asarray(np.interp(dn, *reversed(_pieces(world))))
     scale = FULL_SCALE_DN - world.black_dn
     y = (dn - world.black_dn) / scale
     x = y
@@ -142,29 +203,57 @@ def digitised(dn: Array) -> NDArray[np.uint16]:
     return np.clip(np.rint(dn), 0, FULL_SCALE_DN).astype(np.uint16)
 
 
-def flickering(world: World, exposure_s: float, rng: np.random.Generator) -> float:
-    """Light of the lamp in a frame, relative to its mean."""
-    # Not below 0: a lamp that flickers still shines.
-    return max(1 + world.flicker_rel * min(1.0, world.flicker_period_s / exposure_s) * float(rng.normal()), 0.0)
-
-
 def expose(
     device: Device,
     scene_cd_m2: Array | float,
     exposure_s: float,
     rng: np.random.Generator,
     breathing: float = 1.0,
-    flicker: float | None = None,
+    lamp: float = 1.0,
+    before_s: float | None = None,
 ) -> NDArray[np.uint16]:
-    """Take a frame of a scene; 0 for the lens cap. `flicker` is the light of the lamp, None for any."""
+    """Take a frame of a scene.
+
+    Parameters
+    ----------
+    device : Device
+        The camera.
+    scene_cd_m2 : ndarray of float or float
+        Light of the scene; 0 for the lens cap.
+    exposure_s : float
+        Exposure time.
+    rng : numpy.random.Generator
+        Of all noise.
+    breathing : float
+        Factor on the responsivity by the focus.
+    lamp : float
+        Light of the lamp relative to its mean.
+    before_s : float or None
+        Exposure of the frame before, of the same scene, times the light of the lamp; None for the same as this one.
+    """
     world = device.world
-    lamp = flickering(world, exposure_s, rng) if flicker is None else flicker
-    light = veiled(np.broadcast_to(scene_cd_m2, device.prnu.shape) * device.vignetting * lamp, world.glare_rel)
     exposed_s = exposure_s + world.exposure_offset_s
-    mean_e = device.responsivity_e_s_cd_m2 * breathing * exposed_s * light * device.filters * device.prnu
+    light = veiled(spread(np.broadcast_to(scene_cd_m2, device.prnu.shape) * device.vignetting, world), world.glare_rel)
+    per_s = device.responsivity_e_s_cd_m2 * breathing * light * device.filters * device.prnu
+    mean_e = lagging(per_s * exposed_s * lamp, None if before_s is None else per_s * before_s, world)
     rows_dn = world.row_dn * rng.normal(size=(HEIGHT, 1))
     offset_dn = device.column_dn + rows_dn + world.black_drift_dn * rng.normal() + world.k_dn_per_e * device.dsnu_e
-    return digitised(curved(analogue_dn(electrons(mean_e, world, exposure_s, rng), world, offset_dn, rng), world))
+    # With the lens cap no light reaches the columns by which the black level is clamped.
+    offset_dn = offset_dn + (world.light_offset_dn if np.any(light) else 0.0)
+    charge_e = electrons(mean_e, world, exposure_s, rng)
+    return digitised(curved(analogue_dn(charge_e, world, offset_dn, rng, device.gain), world))
+
+
+def lagging(mean_e: Array, before_e: Array | None, world: World) -> Array:
+    """Mean photoelectrons of a frame, of which a share stays for the next one, with those that the last one has left.
+
+    Charge that a barrier or traps hold back between photodiode and sense node is read with the next frame (L.-E.
+    Bonjour et al., IEEE Electron Device Letters 33 (2012) 1735). Parts of a Poisson process are Poisson processes.
+    """
+    if before_e is None or not world.image_lag_rel:
+        return mean_e
+    kept = np.minimum(before_e, world.full_well_e)
+    return (1 - world.image_lag_rel) * mean_e + world.image_lag_rel * kept
 
 
 def expected_dn(device: Device, luminance_cd_m2: Any, exposure_s: float) -> Any:

@@ -40,19 +40,21 @@ def read_patches(
 ) -> list[Shown]:
     """Read patch by patch between two times; the light of each falls with the lamp.
 
-    The error of the digits is the same for all readings of a patch, as the same light gives the same number.
+    The error of the digits is the same for all readings of a patch, as the same light gives the same number. A meter
+    that lags is a low pass of first order: each reading has a share of the one before, the first ones settled.
     """
     total = len(luminances_cd_m2) * world.readings
     wrong = int(rng.integers(total)) if world.wrong_reading_rel else -1
-    shown = []
+    shown, settled = list[Shown](), float("nan")
     for number, (patch, luminance) in enumerate(luminances_cd_m2.items()):
         half = int(number >= len(luminances_cd_m2) / 2)
         shift = rng.uniform(-(world.digits - 0.5), world.digits - 0.5) * world.resolution_cd_m2
         for again in range(world.readings):
             index = number * world.readings + again
             second = start_s + (end_s - start_s) * index / total
-            value = luminance * lamp(world, second) * (1 + scales[half])
-            value = value * (1 + rng.normal(0, world.repeatability_rel)) + shift
+            light = luminance * lamp(world, second) * (1 + scales[half])
+            settled = light if index == 0 else light + world.meter_lag_rel * (settled - light)
+            value = settled * (1 + rng.normal(0, world.repeatability_rel * world.noisier)) + shift
             if index == wrong:
                 value *= 1 + float(rng.choice([-1, 1])) * world.wrong_reading_rel
             value = max(round(value / world.resolution_cd_m2), 0) * world.resolution_cd_m2

@@ -14,7 +14,8 @@ from labcdp.core.frame import CameraIdentity, Frame
 from labcdp.core.reading import MeterIdentity, Reading
 from labcdp.session import SessionConfiguration
 
-from .camera import Device, expose, flickering
+from .camera import Device, expose, warming
+from .lamp import light_of_lamp
 from .meter import SESSION_S, Shown, lamp
 from .target import Target
 from .world import FOCAL_LENGTH_M, FULL_SCALE_DN, PITCH_M, World
@@ -80,23 +81,32 @@ class Recorder:
         session = labcdp.Session.create(self._folder / name, configuration)
         n_light, n_dark = frames
         times = np.linspace(0, LIGHT_S, len(exposures_s) * n_light)
-        taken, self.light = [], {}
-        for exposure_s, second in zip(np.repeat(exposures_s, n_light), times, strict=True):
-            light = target.scene * lamp(world, float(second)) if after is None else target.scene
-            flicker = flickering(world, float(exposure_s), self._rng)
-            self.light.setdefault(float(exposure_s), flicker)
-            dn = expose(self.device, light, float(exposure_s), self._rng, 1.0 if after is None else after, flicker)
-            taken.append((self.frame(dn, float(exposure_s), second), "light", None))
-        for exposure_s in np.repeat(exposures_s, n_dark):
-            dn = expose(self.device, 0.0, float(exposure_s), self._rng)
-            taken.append((self.frame(dn, float(exposure_s), READ_S), "dark", None))
+        # A camera that is triggered by the lamp begins each frame at one phase of it.
+        phase = float(self._rng.uniform()) if world.ripple_rel and world.locked else None
+        taken, self.light, before_s = [], {}, None
+        in_order = np.repeat(exposures_s, n_light)[:: -1 if world.longest_first else 1].tolist()
+        for exposure_s, second in zip(in_order, times.tolist(), strict=True):
+            light = target.scene * lamp(world, second) if after is None else target.scene
+            device = warming(self.device, second) if after is None else self.device
+            of_lamp = light_of_lamp(world, exposure_s, self._rng, phase)
+            self.light.setdefault(exposure_s, of_lamp)
+            dn = expose(device, light, exposure_s, self._rng, 1.0 if after is None else after, of_lamp, before_s)
+            before_s = (exposure_s + world.exposure_offset_s) * of_lamp
+            taken.append((self.frame(dn, exposure_s, second, device.world.temperature_c), "light", None))
+        covered = warming(self.device, READ_S) if after is None else self.device
+        for exposure_s in np.repeat(exposures_s, n_dark).tolist():
+            dn = expose(covered, 0.0, exposure_s, self._rng)
+            taken.append((self.frame(dn, exposure_s, READ_S, covered.world.temperature_c), "dark", None))
         session.add_frames(taken)
         for reading in _readings(world, shown):
             session.add_reading(*reading)
         return session
 
-    def frame(self, dn: np.ndarray, exposure_s: float, second: float) -> Frame:
-        """Return DN as a frame of this camera."""
+    def frame(self, dn: np.ndarray, exposure_s: float, second: float, temperature_c: float | None = None) -> Frame:
+        """Return DN as a frame of this camera; of its temperature in the end if none is given."""
+        world = self.device.world
+        if temperature_c is None:
+            temperature_c = world.temperature_c
         number = next(self._frames)
         return Frame(
             dn=dn,
@@ -105,9 +115,9 @@ class Recorder:
             bit_depth=12,
             saturation_dn=float(FULL_SCALE_DN),
             black_level_dn=None,
-            pixel_format="BayerRG12" if self.device.world.bayer else "Mono12",
-            colour_filter="RG" if self.device.world.bayer else None,
-            temperature_c=self.device.world.temperature_c if self.device.world.stated_temperature else None,
+            pixel_format="BayerRG12" if world.bayer else "Mono12",
+            colour_filter="RG" if world.bayer else None,
+            temperature_c=temperature_c if world.stated_temperature else None,
             timestamp=START + timedelta(seconds=float(second)),
             camera_timestamp_ns=number,
             frame_id=number,
@@ -146,7 +156,7 @@ def _configuration(
     # Without a correction: a lens so long that cos^4 is 1.
     focal_length_m = 1.0 if world.correction == "none" else FOCAL_LENGTH_M
     # A user who keeps the lens locked says so; one who does not leaves it to labcdp.
-    known = {} if world.breathing_rel else {"refocus_rel": 0.0}
+    known = {} if world.breathing_rel else {"refocus_rel": world.stated_change_rel}
     # Of these lenses a user knows that they are cos^4, of others only what labcdp takes for granted.
     known |= {"vignetting_rel": 0.0} if world.vignetting == "cos4" else {}
     return SessionConfiguration.model_validate(

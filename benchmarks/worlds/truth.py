@@ -48,7 +48,12 @@ def true_pixels(
     world = device.world
     luminance_cd_m2, colour = target.luminance_cd_m2[patch], target.colour[patch]
     x, y, width, height = target.regions[patch]
-    v = np.resize(device.vignetting[y : y + height, x : x + width].ravel(), PIXELS)
+    v, of_converter = (
+        np.resize(pattern[y : y + height, x : x + width].ravel(), PIXELS)
+        for pattern in (device.vignetting, device.gain)
+    )
+    # What the region has in common is an error of the calibration, and no property of its pixels.
+    gain = 1.0 if "prnu" in without else of_converter / of_converter.mean()
     light_cd_m2 = lamp * luminance_cd_m2 * np.resize(target.shape[patch], PIXELS)
     total = sum(weight * colour.get(plane, 1.0) for plane, weight in weights.items())
     values = np.zeros(PIXELS)
@@ -58,7 +63,7 @@ def true_pixels(
         dsnu_dn = 0 if "dsnu" in without else world.k_dn_per_e * world.dsnu_e * rng.normal(size=PIXELS)
         lines_dn = np.hypot(world.column_dn, world.row_dn) * rng.normal(size=PIXELS)
         charge_e = electrons(per_cd_m2 * light_cd_m2 * colour.get(plane, 1.0) * prnu, world, exposure_s, rng)
-        dn = digitised(curved(analogue_dn(charge_e, world, dsnu_dn + lines_dn, rng), world))
+        dn = digitised(curved(analogue_dn(charge_e, world, dsnu_dn + lines_dn, rng, gain), world))
         dark_dn = world.black_dn + world.k_dn_per_e * world.dark_current_e_s * exposure_s
         net_dn = straightened(dn.astype(float), world) - dark_dn
         values += weight / total * net_dn / (world.k_dn_per_e * per_cd_m2)

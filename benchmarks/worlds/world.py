@@ -1,4 +1,4 @@
-"""Worlds: what a camera, its lens, the light and the meter may do, one effect at a time and several together."""
+"""A world: what a camera, its lens, the light and the meter may do."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ FULL_SCALE_DN = 4095
 PITCH_M, FOCAL_LENGTH_M = 5e-6, 1.5e-3
 #: Change of temperature that doubles the dark current.
 DOUBLING_K = 7.0
+#: Time constant of a camera that warms up, in the first hour: a third of it.
+WARM_UP_S = 1200.0
 BRIGHTEST_CD_M2 = 500.0
 #: Signal of the brightest patch at the shortest exposure, as a share of the range above black.
 BRIGHTEST_SHARE = 0.6
@@ -25,8 +27,8 @@ class World:
     ----------
     name : str
         Name in the table; with a number, the seed of a calibration.
-    names : tuple of str
-        Codes of labcdp's findings that name the effect; a code also stands for those that begin with it.
+    causes : tuple of str
+        What is special, by the names of `causes`: a finding that names one of them is right, of another one false.
     full_well_e, k_dn_per_e, black_dn, read_noise_e, dark_current_e_s : float
         Camera, EMVA 1288; `k_dn_per_e` is the overall system gain.
     prnu_rel, dsnu_e : float
@@ -39,6 +41,18 @@ class World:
         Share by which the response falls below a straight line at full scale, as the cube of the signal.
     gamma : float
         Exponent of the tone curve, black level included.
+    knees : tuple of (float, float)
+        Shares of full scale above black from which the response has another slope, relative to that at black: a
+        companding sensor, or two readouts of different gain that are joined. No file states them.
+    converters : {'', 'columns', 'halves'}
+        Whether even and odd columns, or the halves of the image, have converters of their own.
+    converters_rel : float
+        Difference of their gains.
+    image_lag_rel : float
+        Share of the charge that stays for the next frame. The camera runs freely, so that only the first frame of an
+        exposure follows one of another; before the dark frames it has run in the dark.
+    longest_first : bool
+        Whether the light frames begin with the longest exposure.
     bayer : bool
         Whether the sensor has colour filters (RGGB).
     coloured : float
@@ -54,12 +68,24 @@ class World:
         Whether the user takes the response from the exposures as a bracket.
     glare_rel : float
         Share of the mean light of the image that is spread evenly over it.
+    blur_px : float
+        Radius of the disc that a defocused lens makes of a point.
+    halo_rel, halo_px : float
+        Share of a point's light that goes to a halo around it, and its standard deviation.
+    light_offset_dn : float
+        Black level of light frames above that of dark frames.
     scatter_rel : float
         Standard deviation between the light that camera and meter receive from a patch.
     flicker_rel : float
         Standard deviation of the lamp from frame to frame.
     flicker_period_s : float
         Exposures that are longer see as much less of it.
+    ripple_rel, ripple_hz : float
+        Modulation (max - min) / (max + min) of a lamp that is not on direct current, and its frequency.
+    ripple : {'pulse', 'sine'}
+        Pulses of half of the period between two levels, or a sine.
+    locked : bool
+        Whether all frames of a session begin at the same phase of the lamp; else each at any.
     drift_rel : float
         Loss of the lamp from the first frame to the end of the calibration.
     lamp_step_rel : float
@@ -68,10 +94,21 @@ class World:
         Standard deviation of that loss over the calibrations, as labcdp takes for granted.
     breathing_rel : float
         Standard deviation of the responsivity after focusing anew between calibration and use.
+    stated_change_rel : float
+        Standard uncertainty of the responsivity in other sessions that the user of a locked lens states: `refocus_rel`,
+        the only one there is for what no frame shows.
+    aged_rel : float
+        Standard deviation of the responsivity between the sessions, in the second one (`later`).
+    warm_up_k, warm_up_rel : float
+        How much cooler and more responsive the camera is at the begin of the calibration than in the end.
     scale_half_width_rel : float
         Bound of the meter's scale error, stated and true (rectangular).
     resolution_cd_m2, digits, repeatability_rel : float
         Last digit of the meter, bound of its error in digits, and repeatability.
+    noisier : float
+        True repeatability over the stated one.
+    meter_lag_rel : float
+        Share of the reading before in each reading, as of a meter that has not settled.
     readings : int
         Readings of each patch.
     wrong_reading_rel : float
@@ -94,14 +131,14 @@ class World:
         Of the camera.
     stated_temperature : bool
         Whether frames state the camera's temperature.
-    later : tuple of (str, float)
+    later : tuple of (str, float or str or bool)
         What is otherwise in the session that is evaluated: names of these parameters and their values, and
         ``warmer_k``, the standard deviation of the camera's temperature from that of the calibration (its dark current
         doubles every 7 K), and ``black_shift_dn``, that of its black level.
     """
 
     name: str = "ideal"
-    names: tuple[str, ...] = ()
+    causes: tuple[str, ...] = ()
     full_well_e: float = 12_000.0
     k_dn_per_e: float = 0.4
     black_dn: float = 64.0
@@ -114,6 +151,11 @@ class World:
     black_drift_dn: float = 0.0
     cubic: float = 0.0
     gamma: float = 1.0
+    knees: tuple[tuple[float, float], ...] = ()
+    converters: Literal["", "columns", "halves"] = ""
+    converters_rel: float = 0.0
+    image_lag_rel: float = 0.0
+    longest_first: bool = False
     bayer: bool = False
     coloured: float = 0.0
     vignetting: Literal["cos4", "near cos4", "lens"] = "cos4"
@@ -121,17 +163,31 @@ class World:
     nonuniformity_rel: float = 0.005
     bracket: bool = False
     glare_rel: float = 0.0
+    blur_px: float = 0.0
+    halo_rel: float = 0.0
+    halo_px: float = 10.0
+    light_offset_dn: float = 0.0
     scatter_rel: float = 0.0
     flicker_rel: float = 0.0
     flicker_period_s: float = inf
+    ripple_rel: float = 0.0
+    ripple_hz: float = 237.0
+    ripple: Literal["pulse", "sine"] = "pulse"
+    locked: bool = False
     drift_rel: float = 0.0
     lamp_step_rel: float = 0.0
     drift_spread_rel: float = 0.0
     breathing_rel: float = 0.0
+    stated_change_rel: float = 0.0
+    aged_rel: float = 0.0
+    warm_up_k: float = 0.0
+    warm_up_rel: float = 0.0
     scale_half_width_rel: float = 0.002
     resolution_cd_m2: float = 1e-5
     digits: int = 1
     repeatability_rel: float = 0.002
+    noisier: float = 1.0
+    meter_lag_rel: float = 0.0
     readings: int = 3
     wrong_reading_rel: float = 0.0
     recalibrated: Literal["", "stated", "not stated"] = ""
@@ -143,82 +199,4 @@ class World:
     exposure_offset_s: float = 0.0
     temperature_c: float = 30.0
     stated_temperature: bool = True
-    later: tuple[tuple[str, float], ...] = ()
-
-
-_FIVE_EXPOSURES = (1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
-_BRACKET = tuple(1e-3 * 2**i for i in range(8))
-_VIGNETTING = ("vignetting-",)
-_EXPOSURES = ("exposures-scatter", "exposure-deviates", "exposures-offset")
-_READINGS = ("reading-contradicts", "patch-contradicts", "readings-scatter")
-
-WORLDS = (
-    World(),
-    World("patch scatter 0.3 %", ("patches-scatter",), scatter_rel=0.003),
-    World("patch scatter 1 %", ("patches-scatter",), scatter_rel=0.01),
-    World("patch scatter 1 %, 8 patches, 4 exposures", ("patches-scatter",), scatter_rel=0.01, patches=8,
-          exposures_s=(1e-3, 5e-3, 2e-2, 1e-1)),
-    World("lamp flicker 1 %", ("flicker", *_EXPOSURES), flicker_rel=0.01),
-    World("lamp drift 1 %", ("drift",), drift_rel=0.01),
-    World("lamp drift 3 %", ("drift",), drift_rel=0.03),
-    World("dark current 100 e-/s, 1 ms to 1 s", dark_current_e_s=100, exposures_s=(1e-3, 1e-2, 1e-1, 1.0),
-          darkest_cd_m2=0.1),
-    World("dark current 2000 e-/s, 1 ms to 1 s", dark_current_e_s=2000, exposures_s=(1e-3, 1e-2, 1e-1, 1.0),
-          darkest_cd_m2=0.1),
-    World("black-level drift 0.1 DN", ("exposures-scatter-dn",), black_drift_dn=0.1),
-    World("PRNU 1 %", prnu_rel=0.01),
-    World("PRNU 1 %, flat field", prnu_rel=0.01, correction="flat"),
-    World("DSNU 5 e-", dsnu_e=5.0),
-    World("column and row noise 0.5 DN", column_dn=0.5, row_dn=0.5),
-    World("glare 0.5 %", ("intercept",), glare_rel=0.005),
-    World("vignetting, no correction", _VIGNETTING, vignetting="lens", correction="none"),
-    World("vignetting, cos4", _VIGNETTING, vignetting="lens"),
-    World("vignetting 5 % beside cos4", _VIGNETTING, vignetting="near cos4"),
-    World("vignetting, flat field", _VIGNETTING, vignetting="lens", correction="flat"),
-    World("vignetting, flat field, gamma 2.2", _VIGNETTING, vignetting="lens", correction="flat", gamma=2.2),
-    World("refocusing 0.5 %", breathing_rel=0.005),
-    World("cubic response 1 %", cubic=0.01),
-    World("gamma 2.2", gamma=2.2),
-    World("gamma 2.2, bracket", gamma=2.2, bracket=True, exposures_s=_BRACKET, drift_spread_rel=0.01),
-    World("gamma 2.2, bracket, glare 0.5 %", ("intercept",), gamma=2.2, bracket=True, exposures_s=_BRACKET,
-          drift_spread_rel=0.01, glare_rel=0.005),
-    World("meter scale 2 %", scale_half_width_rel=0.02),
-    World("meter digits", resolution_cd_m2=0.01, digits=2),
-    World("one wrong reading of three, 20 %", _READINGS, wrong_reading_rel=0.2),
-    World("one wrong reading of one, 20 %", _READINGS, wrong_reading_rel=0.2, readings=1),
-    World("recalibrated meter", ("meter-recalibrated",), scale_half_width_rel=0.02, recalibrated="stated"),
-    World("recalibrated meter, not stated", ("readings-step",),
-          scale_half_width_rel=0.02, recalibrated="not stated"),
-    World("lamp step 1 %, meter scale 2 %", ("readings-step",), scale_half_width_rel=0.02, lamp_step_rel=0.01),
-    World("4 patches", patches=4),
-    World("8 patches", patches=8),
-    World("16 patches", patches=16),
-    World("1 exposure", exposures_s=(1e-3,), darkest_cd_m2=10.0),
-    World("5 exposures", exposures_s=_FIVE_EXPOSURES),
-    World("Bayer", bayer=True),
-    World("Bayer, 4 patches", bayer=True, patches=4),
-    World("Bayer, coloured patches", ("colours-do-not-fit",), bayer=True, coloured=0.5, patches=16),
-    World("together", ("patches-scatter", *_EXPOSURES, *_VIGNETTING, "intercept"), scatter_rel=0.003,
-          flicker_rel=0.002, drift_rel=0.002, dark_current_e_s=100.0, black_drift_dn=0.1, prnu_rel=0.005, dsnu_e=2.0,
-          column_dn=0.2, row_dn=0.2, vignetting="lens", correction="flat", glare_rel=0.0002, breathing_rel=0.002,
-          cubic=0.01, scale_half_width_rel=0.02, resolution_cd_m2=0.01, digits=2, exposures_s=_FIVE_EXPOSURES),
-    # What the session that is evaluated brings with it, and what the calibration did not.
-    World("later: lamp flicker 1 %", later=(("flicker_rel", 0.01),)),
-    World("later: pulsed lamp, 20 %", ("flicker", *_EXPOSURES), later=(("flicker_rel", 0.2),)),
-    World("later: pulsed lamp, 20 % at 1 ms, 0.2 % at 100 ms", ("flicker", *_EXPOSURES),
-          later=(("flicker_rel", 0.2), ("flicker_period_s", 1e-3))),
-    World("pulsed lamp, 20 % at 1 ms, 0.2 % at 100 ms", ("flicker", *_EXPOSURES), flicker_rel=0.2,
-          flicker_period_s=1e-3),
-    World("later: steady lamp, flicker 5 % before", _EXPOSURES, flicker_rel=0.05, later=(("flicker_rel", 0.0),)),
-    World("later: black level 1 DN", ("dark-", "black"), later=(("black_shift_dn", 1.0),)),
-    World("later: black-level drift 0.5 DN", ("dark-", "black", *_EXPOSURES), later=(("black_drift_dn", 0.5),)),
-    World("later: 5 K warmer, 100 e-/s", ("dark-", "temperature"), dark_current_e_s=100.0, darkest_cd_m2=0.1,
-          exposures_s=(1e-3, 1e-2, 1e-1, 1.0), later=(("warmer_k", 5.0),)),
-    World("later: 5 K warmer, not stated, 100 e-/s", ("dark-", "temperature"), dark_current_e_s=100.0,
-          darkest_cd_m2=0.1, exposures_s=(1e-3, 1e-2, 1e-1, 1.0), stated_temperature=False, later=(("warmer_k", 5.0),)),
-    World("gradient 3 % in each patch", gradient_rel=0.03),
-    World("gradient 3 % in each patch, scatter 0.3 %", ("patches-scatter",), gradient_rel=0.03, scatter_rel=0.003),
-    World("hot spot 5 % in each patch, meter sees a third", ("patch-shape",), hot_spot_rel=0.05,
-          later=(("hot_spot_rel", 0.0),)),
-    World("exposures 50 µs longer than stated", _EXPOSURES, exposure_offset_s=50e-6),
-)  # fmt: skip
+    later: tuple[tuple[str, float | str | bool], ...] = ()

@@ -8,12 +8,13 @@ import pytest
 from scipy.stats import norm
 from worlds.bench import FRAMES, QUANTITIES, calibrate_once
 from worlds.camera import expected_dn, expected_noise_dn, expose, make_device
+from worlds.catalogue import WORLDS
 from worlds.meter import read_patches, scale_errors
 from worlds.recorder import LIGHT_S, READ_S, Recorder
 from worlds.table import LOWEST, NAMED, binomial_error, names_effect, summarise
 from worlds.target import calibration_target
 from worlds.truth import PIXELS, cdp
-from worlds.world import HEIGHT, WIDTH, WORLDS, World
+from worlds.world import HEIGHT, WIDTH, World
 
 from labcdp.calibration.bracket import bracket_luminance
 

@@ -1,0 +1,58 @@
+"""Which causes labcdp's findings name: what makes a finding right in one world and false in another."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+#: Causes that the beginnings of findings' codes name, the longest that fits; of several the finding says "one of".
+NAMED_BY: dict[str, tuple[str, ...]] = {
+    "colours-do-not-fit": ("colours",),
+    "dark-changed": ("dark signal",),
+    "dark-contradicts": ("dark signal",),
+    "dark-differs": ("dark signal",),
+    "dark-falls": ("dark signal",),
+    "drift": ("drift",),
+    "exposure-deviates": ("exposure", "flicker", "response"),
+    "exposures-offset": ("exposure offset",),
+    "exposures-scatter": ("scatter of exposures",),
+    "flat-not-radial": ("place",),
+    "flat-step": ("place",),
+    "flicker": ("flicker",),
+    "full-below-saturation": ("response",),
+    "intercept": ("glare", "dark signal"),
+    "intercept-negative": ("dark signal",),
+    "intercept-not-excluded": ("glare not excluded",),
+    "meter-recalibrated": ("step",),
+    "patch-contradicts": ("patch",),
+    "patch-shape": ("shape of patches",),
+    "patches-scatter": ("scatter of patches",),
+    "reading-contradicts": ("patch",),
+    "region-edge": ("shape of patches",),
+    "readings-scatter": ("readings",),
+    "readings-step": ("step",),
+    "temperature-": ("temperature",),
+    "vignetting-": ("place",),
+}
+#: Causes of worlds that no finding names.
+NOT_NAMED = ("focus", "image lag", "responsivity")
+#: What some of them say is how large something is, and not why: right where a world has it, and false nowhere.
+SIZES = ("glare not excluded", "scatter of exposures", "scatter of patches")
+#: Findings of these severities claim something; others report that nothing was found, or what was done.
+_CLAIMS = ("warning", "error")
+
+
+def causes_of(code: str) -> tuple[str, ...]:
+    """Causes that a code names; empty if it names none."""
+    longest = max((begin for begin in NAMED_BY if code.startswith(begin)), key=len, default="")
+    return NAMED_BY.get(longest, ())
+
+
+def right(findings: Iterable[tuple[str, str]], causes: tuple[str, ...]) -> bool:
+    """Whether one of the findings, severities and codes, names one of the causes."""
+    return any(set(causes_of(code)) & set(causes) for severity, code in findings if severity in _CLAIMS)
+
+
+def false(findings: Iterable[tuple[str, str]], causes: tuple[str, ...]) -> tuple[str, ...]:
+    """Codes of the findings that name only causes which a world does not have."""
+    named = ((code, causes_of(code)) for severity, code in findings if severity in _CLAIMS)
+    return tuple(sorted({code for code, of in named if of and not {*causes, *SIZES} & set(of)}))

@@ -190,7 +190,7 @@ def _final(selection: Selection, given: Design, glare_cd_m2: float) -> tuple[Sol
         design = design.without_shared(source) if kind in kinds else design
     errors = [SharedError("step", abs(selection.size_of("step")) / 2 / sqrt(3))]
     if "glare" not in kinds:
-        errors.append(SharedError(INTERCEPT, cd_m2=glare_cd_m2))
+        errors.append(SharedError(INTERCEPT, cd_m2=glare_cd_m2 * design.veil))
     known = replace(design, shared=(*design.shared, *errors))
     design = with_found(known, [one for one in selection.found if one.effect.kind not in _AS_IN_USE])
     candidate = selection.solution.candidate

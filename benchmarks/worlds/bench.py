@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import tempfile
 import zlib
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -134,6 +135,14 @@ def _flat_field(recorder: Recorder, rng: np.random.Generator) -> labcdp.Session:
     return recorder.record("flat", target, (), frames=FLAT_FRAMES, exposures_s=(min(world.exposures_s),), after=1.0)
 
 
+def _codes(findings: Sequence[Any]) -> set[tuple[str, str]]:
+    """Return severities and codes; of several causes, one of which is right, the codes are one, joined by ``|``."""
+    several = [one for one in findings if one.code == "one-of"]
+    joined = {code for one in several for code in one.values["codes"]}
+    single = {(one.severity, one.code) for one in findings if one.code != "one-of" and one.code not in joined}
+    return single | {(one.severity, "|".join(one.values["codes"])) for one in several}
+
+
 def _compared(
     recorder: Recorder, calibration: Any, evaluation: Any, pair: Pair, target: Target, rng: np.random.Generator
 ) -> Outcome:
@@ -141,7 +150,7 @@ def _compared(
     row = evaluation.contrasts[0]
     single = next(one.calibrated for one in evaluation.patches if one.patch.name == "S")
     truth_cd_m2 = target.luminance_cd_m2["S"]
-    findings = {(one.severity, one.code) for one in (*calibration.findings, *evaluation.findings)}
+    findings = _codes((*calibration.findings, *evaluation.findings))
     without = frozenset(_WITHOUT[code] for _, code in findings if code in _WITHOUT)
     weights = dict(zip(PLANES, calibration.weights, strict=True)) if device.world.bayer else {"": 1.0}
     pixels = [

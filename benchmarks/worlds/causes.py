@@ -42,7 +42,9 @@ _CLAIMS = ("warning", "error")
 
 
 def causes_of(code: str) -> tuple[str, ...]:
-    """Causes that a code names; empty if it names none."""
+    """Causes that a code names, or several codes joined by ``|``; empty if it names none."""
+    if "|" in code:
+        return tuple(dict.fromkeys(cause for one in code.split("|") for cause in causes_of(one)))
     longest = max((begin for begin in NAMED_BY if code.startswith(begin)), key=len, default="")
     return NAMED_BY.get(longest, ())
 

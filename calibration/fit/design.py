@@ -129,6 +129,11 @@ class Design:
         """Reading that belongs to each observation, shape (n,)."""
         return self.reading_cd_m2[self.patch]
 
+    @property
+    def veil(self) -> Array:
+        """Luminances by a veil of 1 cd/m^2, even on the sensor: brighter where vignetting is taken off, shape (n,)."""
+        return self.signals.scale_per_s * self.exposures_s[self.exposure]
+
     def level(self, luminance: Array) -> Array:
         """Mean of reading and luminance: weights by either one would favour patches where it is too low."""
         level: Array = np.sqrt(np.abs(luminance * self.readings))

@@ -178,7 +178,7 @@ def effects_of(design: Design, *, with_exposures: bool = True) -> list[Effect]:
 def _of_signals(design: Design) -> list[Effect]:
     readings = design.reading_cd_m2
     dark = Effect("dark signal", (SharedError("dark signal", dn=1.0),))
-    glare = Effect("glare", (SharedError(INTERCEPT, cd_m2=1.0),))
+    glare = Effect("glare", (SharedError(INTERCEPT, cd_m2=design.veil),))
     return [glare, dark] if readings.max() >= MIN_SPAN * readings.min() else [dark]
 
 

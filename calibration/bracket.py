@@ -15,11 +15,10 @@ from ..core.frame import Frame
 from ..core.luminance import WHOLE, CommonError, Invalid, LuminanceMap, PixelErrors, Window, require_alike
 from ..core.result import Finding, warning
 from .colour.model import AnyCalibration
+from .uncertainty import SMALL_EFFECT_REL
 
 #: Required distance of a pixel's expected value from saturation, in standard deviations of its noise.
 _SATURATION_MARGIN = 3.0
-#: Tolerated relative difference of exposures, by errors of exposure times and linearity.
-TOLERANCE_REL = 0.002
 #: Probability that chance makes the exposures of any pixel of an image look inconsistent.
 _CHANCE = 0.01
 #: Share of inconsistent pixels that is reported.
@@ -65,7 +64,7 @@ def bracket_luminance(conversion: AnyCalibration, frames: Sequence[Frame]) -> Br
     exposure's value, as noise would give low values more weight; for the same reason an exposure is excluded where
     saturation is expected within three standard deviations. Common errors are weighted like the exposures; so is the
     noise of flat field and dark library, one error of a pixel at all exposures. Exposures that differ by more than
-    noise, dark signal non-uniformity and `TOLERANCE_REL` (chi^2) are flagged: something moved or flickered.
+    noise, dark signal non-uniformity and `SMALL_EFFECT_REL` (chi^2) are flagged: something moved or flickered.
 
     Parameters
     ----------
@@ -204,7 +203,7 @@ class _Merge:
     def _inconsistent(self, luminance: _Array, usable: NDArray[np.bool_], mean: _Array) -> NDArray[np.bool_]:
         from scipy.special import chdtri
 
-        by_tolerance = np.square(np.float32(TOLERANCE_REL) * mean)
+        by_tolerance = np.square(np.float32(SMALL_EFFECT_REL) * mean)
         # The dark signal's error of a pixel is the same in all frames: their squares add to one square of it.
         dark = np.float32(len(self.exposures))
         variance = self._each(lambda one: one.variance_at(mean) + dark * np.float32(one.dark_cd_m2**2) + by_tolerance)

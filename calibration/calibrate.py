@@ -128,9 +128,11 @@ def _fitted(
     stated, final, times = _final(selection, data.design, glare_cd_m2)
     gains = _gains(final, settings)
     tests = (*tests, checks.scatter(stated), checks.gain(gains, settings[0].gain_db))
-    found_dark_dn = abs(selection.size_of("dark signal"))
     responsivity = replace(
-        _responsivity(stated, final, of_glare), glare_cd_m2=glare_cd_m2, dark_offset_dn=found_dark_dn
+        _responsivity(stated, final, of_glare),
+        glare_cd_m2=glare_cd_m2,
+        dark_offset_dn=abs(selection.size_of("dark signal")),
+        dark_rate_dn_s=abs(selection.size_of("dark current")),
     )
     step_rel = abs(selection.size_of("step"))
     # A larger one cannot have been the meter's.

@@ -270,14 +270,16 @@ def common_errors(
         CommonError(EXPOSURE_TIME, times.u_rel(exposure_s, jitter_rel)),
         *((CommonError("exposure offset", times.offset_u_rel(exposure_s)),) if times.offset_u_s else ()),
     ]
-    glare_dn = calibration.responsivity.glare_cd_m2 * calibration.dn_per_cd_m2(exposure_s, setting.gain_db)
+    fit = calibration.responsivity
+    glare_dn = fit.glare_cd_m2 * calibration.dn_per_cd_m2(exposure_s, setting.gain_db)
     linear_dn = calibration.response.linearise(n)
     with np.errstate(divide="ignore", invalid="ignore"):
         by_dark_dn, by_glare = -calibration.response.slope(n) / linear_dn, glare_dn / linear_dn
     if glare_dn:
         errors.append(CommonError(INTERCEPT, by_glare))
-    if calibration.responsivity.dark_offset_dn:
-        errors.append(CommonError(DARK_OFFSET, by_dark_dn * calibration.responsivity.dark_offset_dn))
+    for offset_dn in (fit.dark_offset_dn, fit.dark_rate_dn_s * exposure_s):
+        if offset_dn:
+            errors.append(CommonError(DARK_OFFSET, by_dark_dn * offset_dn))
     unknown_dn = setting.dark.unknown_growth_dn(exposure_s, temperature_c)
     errors.append(CommonError(TEMPERATURE, by_dark_dn * unknown_dn if unknown_dn else 0.0))
     sensitivities = setting.dark.sensitivities(exposure_s, temperature_c)

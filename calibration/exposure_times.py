@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import hypot
 
 from ..core.errors import InputError, require_not_negative
@@ -55,9 +55,19 @@ class ExposureTimes:
         """Relative standard uncertainty of one exposure by its own deviation and by jitter."""
         return hypot(self._deviation(exposure_s)[1], jitter_rel)
 
+    def more_uncertain(self, exposure_s: float, u_rel: float) -> ExposureTimes:
+        """Return times of which one has a further relative standard uncertainty."""
+        deviation, known = self._deviation(exposure_s)
+        others = (one for one in self.deviations if not _same(exposure_s, one[0]))
+        return replace(self, deviations=(*others, (exposure_s, deviation, hypot(known, u_rel))))
+
     def _deviation(self, exposure_s: float) -> tuple[float, float]:
-        known = [(rel, u) for t, rel, u in self.deviations if abs(exposure_s / t - 1) <= _SAME_REL]
+        known = [(rel, u) for t, rel, u in self.deviations if _same(exposure_s, t)]
         return known[0] if known else (0.0, 0.0)
+
+
+def _same(exposure_s: float, other_s: float) -> bool:
+    return abs(exposure_s / other_s - 1) <= _SAME_REL
 
 
 #: Exposure times that are as the camera states them.

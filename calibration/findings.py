@@ -226,8 +226,9 @@ class ResponsivityFit:
     glare_cd_m2 : float
         Intercept that the fit found, glare if positive: it depends on the scene, and is the standard uncertainty of
         any luminance.
-    dark_offset_dn : float
-        Size of an offset of light frames to dark frames that the fit found: the standard uncertainty of any signal.
+    dark_offset_dn, dark_rate_dn_s : float
+        Size of an offset of light frames to dark frames that the fit found, and of a change of the dark current: the
+        standard uncertainty of any signal, and of one after an exposure of 1 s.
     dof, scatter_dof : float or None
         Degrees of freedom of `random_rel` and `scatter_rel` (Welch and Satterthwaite); None if they are known.
 
@@ -249,6 +250,7 @@ class ResponsivityFit:
     scatter_dof: float | None = None
     glare_cd_m2: float = 0.0
     dark_offset_dn: float = 0.0
+    dark_rate_dn_s: float = 0.0
 
     def __post_init__(self) -> None:
         r = self.responsivity_dn_s_cd_m2
@@ -261,4 +263,5 @@ class ResponsivityFit:
             scatter_rel=self.scatter_rel,
             scatter_dn=self.scatter_dn,
             dark_offset_dn=self.dark_offset_dn,
+            dark_rate_dn_s=self.dark_rate_dn_s,
         )

@@ -9,6 +9,7 @@ from math import hypot, sqrt
 import numpy as np
 
 from ..core.result import Finding, warning
+from .agreement import with_agreement
 from .colour.conversion import ByPlane
 from .colour.model import AnyCalibration
 from .findings import FitError
@@ -73,7 +74,9 @@ def _plane_in_session(
             errors += [_dark_error(setting, row.tolist()) for row in dark.errors()]
     own_gain, *others = settings
     dark, noise = own_gain.dark, own_gain.noise
-    return replace(plane, fit_errors=tuple(errors), dark=dark, noise=noise, gains=tuple(others)), findings
+    here = replace(plane, fit_errors=tuple(errors), dark=dark, noise=noise, gains=tuple(others))
+    done, of_times = with_agreement(here, observations)
+    return done, [*findings, *of_times]
 
 
 def _dark_error(setting: GainSetting, parameters: Sequence[float]) -> FitError:

@@ -16,6 +16,8 @@ COVERAGE = 0.95
 SMALL_P_VALUE = 0.01
 #: Family-wise false-alarm probability of all tests of one kind.
 FALSE_ALARM = 0.01
+#: Least effect that counts, relative to the luminance: small compared with the 2 % of a meter.
+SMALL_EFFECT_REL = 0.002
 
 
 class Scatter(NamedTuple):

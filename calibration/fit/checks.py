@@ -25,7 +25,7 @@ GAIN_TOLERANCE_REL = 0.012
 #: Kinds of effects by the name of their check, and why there may be none.
 _CHECKS: dict[str, tuple[tuple[Kind, ...], str]] = {
     "glare": (("glare",), "span"),
-    "dark signal": (("dark signal",), "patches"),
+    "dark signal": (("dark signal", "dark current"), "patches"),
     "exposure reciprocity": (("exposure offset", "exposure"), "exposures"),
     "drift": (("drift",), "time"),
     "meter step": (("step",), "time"),
@@ -104,6 +104,9 @@ def _size(one: Assessed, design: Design) -> tuple[float, float]:
         size = sqrt(float(np.mean((one.amplitude.value @ design.place[:, : one.amplitude.value.size].T) ** 2)))
         drop = one.amplitude.drop
         return size, size * sqrt(one.amplitude.n / drop) if drop > 0 else 0.0
+    if kind == "dark current":
+        longest_s = float(design.exposures_s.max())
+        return one.value * longest_s, one.uncertainty * longest_s
     if kind == "exposure offset":
         shortest_s = float(design.exposures_s.min())
         return one.value / shortest_s, one.uncertainty / shortest_s
@@ -123,6 +126,9 @@ def _finding(one: Assessed, final: Solution, vignetting: AnyVignetting | None, *
         values = {**shown, "intercept_dn_s": value * final.response[1]}
     elif kind == "dark signal":
         codes, values = ("dark-differs", "dark-agrees"), {"difference_dn": value, "expanded_dn": expanded}
+    elif kind == "dark current":
+        codes = "dark-current-differs", "dark-agrees"
+        values = {"difference_dn": value, "expanded_dn": expanded, "exposure_s": float(final.design.exposures_s.max())}
     elif kind == "exposure offset":
         codes = "exposures-offset", "exposures-not-offset"
         values = {"offset_s": one.value, "expanded_s": expanded_half_width(0.0, one.uncertainty)}

@@ -11,9 +11,9 @@ from ...core.errors import CalibrationError
 from ...core.result import Finding, info, warning
 from ..findings import FitTest
 from ..sensor.noise import GainSetting
-from ..uncertainty import expanded_half_width
+from ..uncertainty import SMALL_EFFECT_REL, expanded_half_width
 from .design import PATCH_SHAPE, Design
-from .effects import MIN_SPAN, TOLERANCE_REL
+from .effects import MIN_SPAN
 from .intake import ADVISED_PATCHES
 from .problem import Solution
 from .selection import seen_cd_m2, weights_by_patch
@@ -106,15 +106,15 @@ def fit_findings(final: Solution, tests: Sequence[FitTest]) -> list[Finding]:
     findings = [test.finding for test in tests if test.significant and test.name == "gain"]
     findings += _glare_not_excluded(design, next(test for test in tests if test.name == "glare"))
     shape_rel = max((abs(float(np.mean(e.relative))) for e in design.shared if e.source == PATCH_SHAPE), default=0.0)
-    if shape_rel > TOLERANCE_REL:
+    if shape_rel > SMALL_EFFECT_REL:
         findings.append(warning("patch-shape", shape_rel=shape_rel))
     before = len(findings)
-    if design.scatter_rel.size > TOLERANCE_REL:
+    if design.scatter_rel.size > SMALL_EFFECT_REL:
         ratios = seen_cd_m2(final) / design.reading_cd_m2 - 1
         worst = int(np.argmax(np.abs(ratios)))
         name, size, deviation = design.patches[worst], design.scatter_rel.size, float(ratios[worst])
         findings.append(warning("patches-scatter", scatter_rel=size, patch=name, deviation_rel=deviation))
-    if design.scatter_each_rel.size > TOLERANCE_REL:
+    if design.scatter_each_rel.size > SMALL_EFFECT_REL:
         findings.append(warning("exposures-scatter", scatter_rel=design.scatter_each_rel.size))
     if design.scatter_each_dn.size > 0:
         findings.append(warning("exposures-scatter-dn", scatter_dn=design.scatter_each_dn.size))

@@ -10,18 +10,17 @@ import numpy as np
 
 from ...core.clock import exposure_text
 from ..converter import INTERCEPT
+from ..uncertainty import SMALL_EFFECT_REL
 from .design import Array, Design, SharedError
 from .problem import Solution
 from .scatter import covariance_with, residual_scatter
 
 #: Effects that are looked for.
 Kind: TypeAlias = Literal[
-    "glare", "dark signal", "exposure offset", "exposure", "drift", "step", "place", "patch"
+    "glare", "dark signal", "dark current", "exposure offset", "exposure", "drift", "step", "place", "patch"
 ]  # fmt: skip
 #: Probability with which chance makes an effect of one kind significant: that of three standard deviations.
 FALSE_ALARM = 0.0027
-#: Least effect that counts, relative to the luminance: small compared with the 2 % of a meter.
-TOLERANCE_REL = 0.002
 #: Ratio of the highest to the lowest patch below which intercept and slope cannot be distinguished.
 MIN_SPAN = 2.0
 #: Decrease of chi^2 required of a further parameter: one that happens by chance in 1 %.
@@ -95,6 +94,7 @@ class Effect:
 _NAMES: dict[Kind, str] = {
     "glare": "a veil of light (glare)",
     "dark signal": "a wrong dark signal",
+    "dark current": "a dark current that has changed (temperature)",
     "exposure offset": "exposures that are all longer or shorter than stated",
     "exposure": "a wrong exposure time at {}",
     "drift": "a drift of lamp, camera or meter",
@@ -156,7 +156,7 @@ class Assessed(NamedTuple):
     def matters(self, solution: Solution) -> bool:
         """Whether it changes observations, beside others, by more than is small compared with the 2 % of a meter."""
         moved = self.amplitude.value @ self.effect.columns(solution)
-        return bool(np.ptp(moved / solution.level) > TOLERANCE_REL)
+        return bool(np.ptp(moved / solution.level) > SMALL_EFFECT_REL)
 
     @property
     def value(self) -> float:
@@ -179,7 +179,11 @@ def _of_signals(design: Design) -> list[Effect]:
     readings = design.reading_cd_m2
     dark = Effect("dark signal", (SharedError("dark signal", dn=1.0),))
     glare = Effect("glare", (SharedError(INTERCEPT, cd_m2=design.veil),))
-    return [glare, dark] if readings.max() >= MIN_SPAN * readings.min() else [dark]
+    effects = [glare, dark] if readings.max() >= MIN_SPAN * readings.min() else [dark]
+    if design.exposures_s.size > 1:
+        current = SharedError("dark current", dn=design.exposures_s[design.exposure])
+        effects.append(Effect("dark current", (current,)))
+    return effects
 
 
 def _of_exposures(design: Design) -> list[Effect]:

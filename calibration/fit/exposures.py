@@ -19,6 +19,8 @@ OFFSET = "exposure offset"
 def with_times(design: Design, found: Iterable[Found]) -> tuple[Design, ExposureTimes]:
     """Correct exposure times by what was found of them, whose uncertainties are common errors.
 
+    Where no two exposures agree, nothing says which is as stated: the deviations are an error of all luminances, too.
+
     Parameters
     ----------
     design : Design
@@ -41,5 +43,8 @@ def with_times(design: Design, found: Iterable[Found]) -> tuple[Design, Exposure
             own = stated == exposure_s
             factor = factor + np.where(own, value, 0.0)
             errors.append(SharedError(EXPOSURE_TIME, np.where(own, uncertainty, 0.0)))
+    deviations = [deviation for _, deviation, _ in times.deviations]
+    if deviations and len(deviations) >= design.exposures_s.size - 1:
+        errors.append(SharedError(EXPOSURE_TIME, float(np.sqrt(np.mean(np.square(deviations))))))
     signals = replace(design.signals, scale_per_s=design.signals.scale_per_s / factor)
     return replace(design, signals=signals, shared=tuple(errors)), times

@@ -36,7 +36,7 @@ class ModelStep:
 
     Parameters
     ----------
-    kind : {'linear', 'quadratic', 'cubic', 'gamma', 'pchip', 'table'}
+    kind : {'linear', 'quadratic', 'cubic', 'gamma', 'knees', 'pchip', 'table'}
         The response.
     n_parameters : int
         Free parameters, the responsivity among them.

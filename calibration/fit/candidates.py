@@ -1,12 +1,14 @@
-"""Candidate models of the response: linear, quadratic, cubic, gamma, monotone PCHIP, or a given one."""
+"""Candidate models of the response: linear, quadratic, cubic, gamma, with knees, monotone PCHIP, or a given one."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import log1p
+from itertools import combinations
+from math import log, log1p
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...core.dn import Response, ResponseKind
 from ..sensor.response import ResponseCurve
@@ -18,6 +20,8 @@ MIN_SPARE_PATCHES = 2
 MAX_KNOTS = 4
 #: Knots of a cubic or gamma curve, and how far it goes beyond the highest signal.
 _N_KNOTS, _REACH = 64, 1.1
+#: Places at which knees are looked for, and the lowest of them, relative to n_max.
+_N_PLACES, _LOWEST_KNEE = 20, 1e-3
 #: Start of the exponent of a gamma.
 _START_GAMMA = 2.0
 
@@ -35,32 +39,37 @@ class CandidateModel:
     """One model of the candidates: c(n) = h(n) / R with its parameters b.
 
     linear: b1 n. quadratic: b1 n + b2 n^2 / n_max, cubic: + b3 n^3 / n_max^2. gamma: b1 ((n + d)^g - d^g) / (g d^(g-1))
-    with b2 = g, a power law of the DN, dark signal d included. pchip: monotone cubic interpolation (F. N. Fritsch and
-    R. E. Carlson, SIAM J. Numer. Anal. 17 (1980) 238) of the values b at the knots, and 0 at 0. table: b1 times the
-    response of a bracket.
+    with b2 = g, a power law of the DN, dark signal d included. knees: straight lines, with the values b1 to bk at the
+    k - 1 knees and at n_max, and the places of the knees as further parameters: companding, or readouts that are
+    joined. pchip: monotone cubic interpolation (F. N. Fritsch and R. E. Carlson, SIAM J. Numer. Anal. 17 (1980) 238) of
+    the values b at the knots, and 0 at 0. table: b1 times the response of a bracket.
 
     Parameters
     ----------
-    kind : {'linear', 'quadratic', 'cubic', 'gamma', 'pchip', 'table'}
+    kind : {'linear', 'quadratic', 'cubic', 'gamma', 'knees', 'pchip', 'table'}
         Which.
     knots_dn : tuple of float
-        Increasing; the last is n_max, the highest signal of the fit; only that one but for pchip; the range of the
-        bracket for a table.
+        Increasing; the last is n_max, the highest signal of the fit; only that one but for pchip and for knees, whose
+        places they are to begin with; the range of the bracket for a table.
     bracket : ResponseCurve or None
         Of a table.
     dark_dn : float
         Dark signal d, of a gamma.
+    values : tuple of float
+        Approximate values at the knees and at n_max, in DN, of a response with knees.
     """
 
     kind: ResponseKind
     knots_dn: tuple[float, ...]
     bracket: ResponseCurve | None = None
     dark_dn: float = 0.0
+    values: tuple[float, ...] = ()
 
     @property
     def n_parameters(self) -> int:
         """Number of parameters b."""
-        return {"linear": 1, "quadratic": 2, "cubic": 3, "gamma": 2, "table": 1}.get(self.kind, len(self.knots_dn))
+        n = len(self.knots_dn)
+        return {"linear": 1, "quadratic": 2, "cubic": 3, "gamma": 2, "knees": 2 * n - 1, "table": 1}.get(self.kind, n)
 
     def shape(self, net_dn: Array) -> Array:
         """Return the approximate shape of c: h of a table or of a typical gamma, else the signal itself."""
@@ -76,6 +85,8 @@ class CandidateModel:
         """Parameters of a straight line, or of a table, by the ratio of luminance to `shape`."""
         if self.kind == "pchip":
             return slope * np.array(self.knots_dn)
+        if self.kind == "knees":
+            return np.array([*(slope * value for value in self.values), *self.knots_dn[:-1]])
         second = _START_GAMMA if self.kind == "gamma" else 0.0
         return np.array([slope, second, 0.0][: self.n_parameters])
 
@@ -99,12 +110,14 @@ class CandidateModel:
             h = self.bracket.response
             value, slope = h.linearise(net_dn), h.slope(net_dn)
             return Curve(parameters[0] * value, parameters[0] * slope, value[:, None])
-        return self._pchip(parameters, net_dn)
+        return self._of_knots(parameters, net_dn)
 
     def rises(self, parameters: Array) -> bool:
         """Whether c is zero at zero and strictly rising up to n_max."""
         if self.kind == "pchip":
             return bool((np.diff(parameters, prepend=0.0) > 0).all())
+        if self.kind == "knees":
+            return all(bool((np.diff(one) > 0).all()) for one in self._lines(parameters))
         steps = self.knots_dn[-1] * np.linspace(0, 1, 1 if self.bracket else _N_KNOTS)
         return bool(parameters[0] > 0 and (self.curve(parameters, steps).slope > 0).all())
 
@@ -116,8 +129,9 @@ class CandidateModel:
         if self.kind == "quadratic":
             at_top = top * (1 + parameters[1] / parameters[0])
             return Response("quadratic", (0.0, top), (0.0, float(at_top))), float(1 / parameters[0])
-        if self.kind == "pchip":
+        if self.kind in ("pchip", "knees"):
             knots, values = np.array([0.0, *self.knots_dn]), np.array([0.0, *parameters])
+            knots, values = self._lines(parameters) if self.kind == "knees" else (knots, values)
         else:
             edge = self.dark_dn if self.kind == "gamma" else top
             knots = edge * np.expm1(np.linspace(0, log1p(_REACH * top / edge), _N_KNOTS))
@@ -125,19 +139,37 @@ class CandidateModel:
         responsivity = float(knots[1] / values[1])
         return Response(self.kind, tuple(knots.tolist()), tuple((values * responsivity).tolist())), responsivity
 
-    def _pchip(self, parameters: Array, net_dn: Array) -> Curve:
+    def _of_knots(self, parameters: Array, net_dn: Array) -> Curve:
+        """Evaluate a pchip, or a response with knees, with finite differences by the parameters."""
+        evaluated = self._pchip if self.kind == "pchip" else self._knees
+        value, slope = evaluated(parameters, net_dn)
+        columns = []
+        for k, step in enumerate(1e-6 * np.abs(parameters)):
+            moved = parameters.copy()
+            moved[k] += step
+            columns.append((evaluated(moved, net_dn)[0] - value) / step)
+        return Curve(value, slope, np.column_stack(columns))
+
+    def _pchip(self, parameters: Array, net_dn: Array) -> tuple[Array, Array]:
         from scipy.interpolate import PchipInterpolator
 
-        # Finite differences of all parameters at once, as further columns.
-        step = 1e-6 * parameters[-1]
-        values = np.repeat(np.concatenate([[0.0], parameters])[:, None], parameters.size + 1, axis=1)
-        for k in range(parameters.size):
-            values[k + 1, k + 1] += step
-        curve = PchipInterpolator([0.0, *self.knots_dn], values, axis=0)
+        curve = PchipInterpolator([0.0, *self.knots_dn], [0.0, *parameters])
         inside = np.clip(net_dn, 0, self.knots_dn[-1])
-        slopes = curve(inside, 1)
-        values = curve(inside) + slopes * (net_dn - inside)[:, None]
-        return Curve(values[:, 0], slopes[:, 0], (values[:, 1:] - values[:, :1]) / step)
+        slope = curve(inside, 1)
+        return curve(inside) + slope * (net_dn - inside), slope
+
+    def _knees(self, parameters: Array, net_dn: Array) -> tuple[Array, Array]:
+        knots, values = self._lines(parameters)
+        inside = np.clip(net_dn, 0, knots[-1])
+        slopes = np.diff(values) / np.diff(knots)
+        slope = slopes[np.clip(np.searchsorted(knots, inside, side="right") - 1, 0, slopes.size - 1)]
+        return np.interp(inside, knots, values) + slope * (net_dn - inside), slope
+
+    def _lines(self, parameters: Array) -> tuple[Array, Array]:
+        """Knots and values of straight lines."""
+        n = len(self.knots_dn)
+        knots: Array = np.array([0.0, *parameters[n:], self.knots_dn[-1]])
+        return knots, np.array([0.0, *parameters[:n]])
 
 
 def candidate_models(design: Design, dark_dn: float, bracket: ResponseCurve | None = None) -> list[CandidateModel]:
@@ -159,6 +191,7 @@ def candidate_models(design: Design, dark_dn: float, bracket: ResponseCurve | No
     fitted += [CandidateModel("gamma", (top,), dark_dn=max(dark_dn, 1.0)), CandidateModel("cubic", (top,))]
     spare = n_patches - MIN_SPARE_PATCHES
     candidates += [one for one in fitted if one.kind == "linear" or one.n_parameters <= spare]
+    candidates += [_with_knees(design, n) for n in (1, 2) if 2 * n + 1 <= spare]
     for n_knots in range(min(MAX_KNOTS, spare), 2, -1):
         knots = top * np.arange(1, n_knots + 1) / n_knots
         # Every interval between knots needs signals.
@@ -166,3 +199,30 @@ def candidate_models(design: Design, dark_dn: float, bracket: ResponseCurve | No
             candidates.append(CandidateModel("pchip", tuple(knots.tolist())))
             break
     return candidates
+
+
+def _with_knees(design: Design, n: int) -> CandidateModel:
+    """Response with knees, to begin with where straight lines deviate least from the readings."""
+    from scipy.optimize import minimize
+
+    net_dn, light = design.net_dn, design.readings / design.signals.scale_per_s
+    top = float(net_dn.max())
+
+    def lines(logarithms: NDArray[np.float64]) -> tuple[float, Array, Array]:
+        """Sum of relative squares, and knots and values of the best straight lines with knees."""
+        knots = np.array([0.0, *np.sort(np.exp(logarithms)), top])
+        lengths = np.maximum(np.diff(knots), 1e-9 * top)
+        inside = np.clip(net_dn[:, None] - knots[:-1], 0, lengths)
+        slopes = np.linalg.lstsq(inside / light[:, None], np.ones_like(light), rcond=None)[0]
+        left = float(np.sum((inside @ slopes / light - 1) ** 2))
+        return left if (slopes > 0).all() else np.inf, knots[1:], np.cumsum(slopes * lengths)
+
+    lowest = log(max(float(net_dn.min()), _LOWEST_KNEE * top))
+    places = np.linspace(lowest, log(top), _N_PLACES + 2)[1:-1]
+    start = min(combinations(places.tolist(), n), key=lambda one: lines(np.array(one))[0])
+
+    def deviation(logarithms: NDArray[np.float64]) -> float:
+        return lines(logarithms)[0]
+
+    _, knots, values = lines(minimize(deviation, np.array(start, dtype=np.float64), method="Nelder-Mead").x)
+    return CandidateModel("knees", tuple(knots.tolist()), values=tuple((values * knots[0] / values[0]).tolist()))

@@ -17,6 +17,8 @@ from .design import Array, Design
 _TOLERANCE = 1e-12
 #: Residual, in standard uncertainties, of parameters at which there is no covariance.
 _IMPOSSIBLE = 1e6
+#: Least eigenvalue of the correlations of parameters that the observations determine.
+_DETERMINED = 1e-12
 #: Typical deviation of the patches above which a given response is not that of this camera.
 _CONTRADICTION_REL = 0.2
 _CHECK = (
@@ -189,7 +191,11 @@ def _solution(design: Design, candidate: CandidateModel, parameters: Array) -> S
     normal = jacobian.T @ np.linalg.inv(_weighting(design, candidate).covariance(luminance, slope))
     by_shape = luminance * candidate.errors(design.net_dn)
     covariance = design.covariance(luminance, slope) + by_shape.T @ by_shape
-    gain = np.linalg.solve(normal @ jacobian, normal)
+    information = normal @ jacobian
+    scale = np.sqrt(np.abs(np.diag(information)))
+    if not (scale > 0).all() or np.linalg.eigvalsh(information / np.outer(scale, scale))[0] < _DETERMINED:
+        raise CalibrationError(f"the patches do not determine a {candidate.kind} response: {_CHECK}")
+    gain = np.linalg.solve(information, normal)
     return Solution(design, candidate, parameters, luminance, slope, jacobian, gain, covariance)
 
 

@@ -160,7 +160,7 @@ def pixel_format(name: str) -> PixelFormat:
         ) from None
 
 
-ResponseKind = Literal["linear", "quadratic", "cubic", "gamma", "pchip", "table"]
+ResponseKind = Literal["linear", "quadratic", "cubic", "gamma", "knees", "pchip", "table"]
 
 
 @dataclass(frozen=True)
@@ -173,10 +173,10 @@ class Response:
 
     Parameters
     ----------
-    kind : {'linear', 'quadratic', 'cubic', 'gamma', 'pchip', 'table'}
+    kind : {'linear', 'quadratic', 'cubic', 'gamma', 'knees', 'pchip', 'table'}
         linear: h(n) = n. quadratic: h(n) = n (1 + q n / n_max). pchip: monotone cubic interpolation (F. N. Fritsch and
         R. E. Carlson, SIAM J. Numer. Anal. 17 (1980) 238) of the knots; cubic and gamma, too, with many knots of such
-        a curve. table: straight lines between the knots.
+        a curve. table and knees: straight lines between the knots.
     net_dn : tuple of float
         Knots, rising from 0; empty for linear, (0, n_max) for quadratic.
     linear_dn : tuple of float
@@ -238,7 +238,7 @@ class Response:
         if self.kind == "quadratic":
             bend = (values[1] / knots[1] - 1) / knots[1]
             value, slope = inside * (1 + bend * inside), 1 + 2 * bend * inside
-        elif self.kind != "table":
+        elif self.kind not in ("knees", "table"):
             from scipy.interpolate import PchipInterpolator
 
             curve = PchipInterpolator(knots, values)

@@ -144,7 +144,7 @@ def _fitted(
         *scale.findings(readings),
         *data.findings,
         *(() if response is None else response.findings),
-        *design_findings(final.design, settings),
+        *design_findings(final.design, settings, intake.findings),
         *checks.found_findings(selection, seen.vignetting),
         *fit_findings(final, tests),
     ]

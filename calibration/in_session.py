@@ -18,7 +18,7 @@ from .frames.observations import DarkObservation, PatchObservation
 from .model import Calibration
 from .sensor.dark import DarkModel, fit_dark
 from .sensor.dark_fit import drift_of_black_level, rows_of
-from .sensor.noise import GainSetting, TemporalNoise, flicker_of_light
+from .sensor.noise import GainSetting, TemporalNoise, first_frames, flicker_of_light
 from .uncertainty import FALSE_ALARM, Scatter, critical_value
 
 #: Least change of the dark signal, in DN, and least flicker of the light that are reported.
@@ -151,6 +151,8 @@ def _noise_in_session(
     flicker = here if light.dof and (light.by_exposure or known.flickers) else joined
     flickers = light.by_exposure if light.dof else known.flickers
     noise = replace(known, flicker_rel=flicker.size, flicker_dof=int(flicker.dof), flickers=flickers)
+    if firsts := first_frames(observations, dark):
+        return noise, firsts
     if joined != here or here.size <= max(there.size, _REPORTED_FLICKER_REL):
         return noise, []
     return noise, [warning("flicker-changed", flicker_rel=here.size, before_rel=there.size)]

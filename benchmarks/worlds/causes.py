@@ -17,6 +17,7 @@ NAMED_BY: dict[str, tuple[str, ...]] = {
     "exposures-disagree": ("exposure", "flicker", "exposure offset"),
     "exposures-offset": ("exposure offset",),
     "exposures-scatter": ("scatter of exposures",),
+    "first-frames-differ": ("image lag",),
     "flat-not-radial": ("place",),
     "flat-step": ("place",),
     "flicker": ("flicker",),
@@ -36,7 +37,7 @@ NAMED_BY: dict[str, tuple[str, ...]] = {
     "vignetting-": ("place",),
 }
 #: Causes of worlds that no finding names.
-NOT_NAMED = ("focus", "image lag", "responsivity")
+NOT_NAMED = ("focus", "responsivity")
 #: What some of them say is how large something is, and not why: right where a world has it, and false nowhere.
 SIZES = ("glare not excluded", "scatter of exposures", "scatter of patches")
 #: Findings of these severities claim something; others report that nothing was found, or what was done.

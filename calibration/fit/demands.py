@@ -75,8 +75,8 @@ def require_monotone(solution: Solution, deviating: Collection[str]) -> None:
                 )
 
 
-def design_findings(design: Design, settings: Sequence[GainSetting]) -> list[Finding]:
-    """Return recommendations for a better fit."""
+def design_findings(design: Design, settings: Sequence[GainSetting], of_noise: Sequence[Finding]) -> list[Finding]:
+    """Return recommendations for a better fit; what the first frames have explains a flicker."""
     findings = []
     if len(design.patches) < ADVISED_PATCHES:
         findings.append(warning("few-patches", count=len(design.patches), advised=ADVISED_PATCHES))
@@ -88,7 +88,8 @@ def design_findings(design: Design, settings: Sequence[GainSetting]) -> list[Fin
         findings.append(warning("few-exposures", exposures_s=used.tolist(), advised=ADVISED_EXPOSURES))
     noise = settings[0].noise
     flicker_rel, exposure_s = max((noise.flicker_at(float(t))[0], float(t)) for t in used)
-    if flicker_rel > _FLICKER_TOLERANCE_REL:
+    settling = any(one.code == "first-frames-differ" for one in of_noise)
+    if flicker_rel > _FLICKER_TOLERANCE_REL and not settling:
         findings.append(warning("flicker", flicker_rel=flicker_rel, exposure_s=exposure_s))
     for index, setting in enumerate(settings):
         times = design.exposures_s[design.exposure[design.signals.gain_index == index]]

@@ -16,6 +16,7 @@ from ...core.result import Finding, warning
 from ..frames.observations import GAIN_TOLERANCE_DB, PatchObservation
 from ..frames.rounding import ROUNDING_DN2
 from ..frames.statistics import MAX_CLIPPED_SHARE
+from ..uncertainty import SMALL_EFFECT_REL
 from .dark import DarkModel
 from .dark_fit import birge
 
@@ -28,6 +29,10 @@ Array = NDArray[np.float64]
 FIT_SHARE = 0.7
 #: Probability, for all exposures together, that equal flicker is taken for different: a wrong one costs little.
 _CONTRADICTION = 0.05
+#: Probability with which chance makes first frames differ: that of three standard deviations.
+_FIRST_BY_CHANCE = 0.0027
+#: Fewest frames that show whether the first differs from others that agree.
+_FEWEST_FRAMES = 3
 #: Rounds of weights; they change little after the second.
 _ROUNDS = 4
 
@@ -152,16 +157,17 @@ def fit_noise(
         if in_range and _unclipped(o) and noise.covers(net_dn):
             dark_dn2 = dark.noise_variance_dn2(o.exposure_s, o.temperature_c)
             points.append((net_dn, o.temporal_variance_dn2, o.dof, dark_dn2))
+    findings = first_frames(observations, dark)
     if not points:
-        return noise, [warning("k-unknown", share=FIT_SHARE)]
+        return noise, [*findings, warning("k-unknown", share=FIT_SHARE)]
     net, variance, dof, dark_dn2 = np.array(points).T
     if tone is not None:
         k, read_dn = _before_tone(net, variance, dof, tone)
-        return replace(noise, k_dn_per_e=k, dark_noise_dn=read_dn), []
+        return replace(noise, k_dn_per_e=k, dark_noise_dn=read_dn), findings
     k = weighted_gain(net, variance - dark_dn2, dark_dn2, dof).value
     if k <= 0:
-        return noise, [warning("k-not-positive", k_dn_per_e=k)]
-    return replace(noise, k_dn_per_e=k), []
+        return noise, [*findings, warning("k-not-positive", k_dn_per_e=k)]
+    return replace(noise, k_dn_per_e=k), findings
 
 
 class Flicker(NamedTuple):
@@ -198,14 +204,11 @@ def flicker_of_light(observations: Sequence[PatchObservation], dark: DarkModel) 
     dark : DarkModel
         Dark signal there.
     """
-    sets: dict[object, list[PatchObservation]] = {}
-    for o in observations:
-        if _unclipped(o) and o.n_frames > 1 and o.net_dn(dark.mean_dn(o.exposure_s, o.temperature_c)) > 0:
-            sets.setdefault(o.exposure_s if o.recorded is None else o.recorded, []).append(o)
-    rows = [_flicker_of_frames(group, dark) for group in sets.values()]
-    if not rows:
+    groups = _same_frames(observations, dark)
+    if not groups:
         return Flicker()
-    exposures_s = [group[0].exposure_s for group in sets.values()]
+    rows = [_flicker_of_frames(group, dark) for group in groups]
+    exposures_s = [group[0].exposure_s for group in groups]
     excess, noise, dof = np.array(rows).T
     flicker = 0.0
     for _ in range(_ROUNDS):
@@ -218,6 +221,54 @@ def flicker_of_light(observations: Sequence[PatchObservation], dark: DarkModel) 
         by_exposure = tuple(zip(exposures_s, sizes, dof.astype(int).tolist(), strict=True))
     noise_rel = sqrt(float(weight @ noise / weight.sum()))
     return Flicker(sqrt(flicker), max(round(effective_dof), 1), noise_rel, by_exposure)
+
+
+def first_frames(observations: Sequence[PatchObservation], dark: DarkModel) -> list[Finding]:
+    """Return a finding if the first frames of the exposures differ from those that follow, which agree (F test).
+
+    So they do by image lag, and by a camera or a lamp that settles; a light that flickers changes from any frame to the
+    next.
+
+    Parameters
+    ----------
+    observations : sequence of PatchObservation
+        All patches and exposures of a session.
+    dark : DarkModel
+        Dark signal there.
+    """
+    from scipy.stats import f
+
+    rows = []
+    for group in _same_frames(observations, dark):
+        n = group[0].n_frames
+        if n < _FEWEST_FRAMES or any(o.n_frames != n for o in group):
+            continue
+        net = np.array([o.net_dn(dark.mean_dn(o.exposure_s, o.temperature_c)) / o.mean_inverse_v for o in group])
+        means = np.array([o.frame_means_dn for o in group])
+        noise = np.maximum([_frame_noise_dn2(o, dark) / o.mean_inverse_v**2 for o in group], 1e-12) / net**2
+        weight = 1 / noise / np.sum(1 / noise)
+        light = weight @ (means / net[:, None])
+        floor = 1 / float(np.sum(1 / noise))
+        first, rest = float(light[0] - light[1:].mean()), float(np.var(light[1:], ddof=1))
+        rows.append((first, first**2 / (1 + 1 / (n - 1)), max(rest, floor) * (n - 2), n - 2, group[0].exposure_s))
+    if not rows:
+        return []
+    firsts, squares, within, dof, exposures_s = (np.array(column) for column in zip(*rows, strict=True))
+    ratio = squares.mean() / (within.sum() / dof.sum())
+    largest = int(np.argmax(np.abs(firsts)))
+    if f.sf(ratio, squares.size, dof.sum()) >= _FIRST_BY_CHANCE or abs(firsts[largest]) <= SMALL_EFFECT_REL:
+        return []
+    shown = {"deviation_rel": float(firsts[largest]), "exposure_s": float(exposures_s[largest])}
+    return [warning("first-frames-differ", **shown)]
+
+
+def _same_frames(observations: Sequence[PatchObservation], dark: DarkModel) -> list[list[PatchObservation]]:
+    """Return observations of the same frames, several of them, in which patches have a signal and do not clip."""
+    sets: dict[object, list[PatchObservation]] = {}
+    for o in observations:
+        if _unclipped(o) and o.n_frames > 1 and o.net_dn(dark.mean_dn(o.exposure_s, o.temperature_c)) > 0:
+            sets.setdefault(o.exposure_s if o.recorded is None else o.recorded, []).append(o)
+    return [*sets.values()]
 
 
 def _contradict(seen: Array, expected: Array, dof: Array) -> bool:

@@ -133,6 +133,7 @@ def _fitted(
         glare_cd_m2=glare_cd_m2,
         dark_offset_dn=abs(selection.size_of("dark signal")),
         dark_rate_dn_s=abs(selection.size_of("dark current")),
+        rim_rel=float(np.mean(final.design.rim_rel)),
     )
     step_rel = abs(selection.size_of("step"))
     # A larger one cannot have been the meter's.

@@ -229,6 +229,8 @@ class ResponsivityFit:
     dark_offset_dn, dark_rate_dn_s : float
         Size of an offset of light frames to dark frames that the fit found, and of a change of the dark current: the
         standard uncertainty of any signal, and of one after an exposure of 1 s.
+    rim_rel : float
+        By how much the rims of the patches' regions make them brighter than what is inside, relative, on average.
     dof, scatter_dof : float or None
         Degrees of freedom of `random_rel` and `scatter_rel` (Welch and Satterthwaite); None if they are known.
 
@@ -251,6 +253,7 @@ class ResponsivityFit:
     glare_cd_m2: float = 0.0
     dark_offset_dn: float = 0.0
     dark_rate_dn_s: float = 0.0
+    rim_rel: float = 0.0
 
     def __post_init__(self) -> None:
         r = self.responsivity_dn_s_cd_m2

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from math import sqrt
+from math import hypot, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,6 +57,8 @@ class NetSignals:
         Relative variance of the pixels' sensitivities as this patch shows it; below 0 by chance.
     slow_rel : ndarray of float
         Relative standard deviation of the patch's luminance across the region.
+    rim_rel, rim_u_rel : ndarray of float
+        By how much the rim of the region makes it brighter than what is inside, relative, and its standard uncertainty.
     shape_rel : ndarray of float
         By how much the light of the part that the meter sees exceeds that of the region, relative.
     gain_index : ndarray of int
@@ -74,6 +76,8 @@ class NetSignals:
     pixels_rel: Array
     pixels_variance_rel: Array
     slow_rel: Array
+    rim_rel: Array
+    rim_u_rel: Array
     shape_rel: Array
     gain_index: NDArray[np.intp]
 
@@ -130,6 +134,9 @@ def _net_signal(o: PatchObservation, settings: Sequence[GainSetting]) -> dict[st
     nonuniformity_dn2 += lines_variance_dn2(dark.line_pattern_dn, o.n_lines)
     on_axis = max(abs(o.net_dn(dark_dn)), 1e-12)
     of_pixels = noise.variance_dn2(net_dn, dark_dn2) / o.n_pixels
+    of_rim_dn2 = (of_pixels + lines_variance_dn2(dark.line_noise_dn, o.n_lines)) / o.n_frames + nonuniformity_dn2
+    # A mean and that of a part of it differ by less than the part varies.
+    of_part = 0.0 if o.inside is None else sqrt(1 / o.inside.share - 1)
     flicker_rel, black_level_dn = noise.flicker_at(o.exposure_s)[0] / sqrt(o.n_frames), dark.drift_dn / sqrt(o.n_frames)
     return {
         "net_dn": net_dn,
@@ -143,7 +150,9 @@ def _net_signal(o: PatchObservation, settings: Sequence[GainSetting]) -> dict[st
         "pixels_rel": noise.prnu_rel / sqrt(o.n_pixels),
         "pixels_variance_rel": (power / on_axis) ** 2 * sensitivity_dn2,
         "slow_rel": power * sqrt(o.nonuniformity.slow_variance_dn2(level_dn)) / on_axis,
-        "shape_rel": power * o.shape_rel(dark_dn),
+        "rim_rel": power * o.rim_dn(level_dn) / on_axis,
+        "rim_u_rel": hypot(power * sqrt(of_rim_dn2) / on_axis, noise.prnu_rel / sqrt(o.n_pixels)) * of_part,
+        "shape_rel": power * o.shape_dn(level_dn) / on_axis,
         "gain_index": index,
     }
 

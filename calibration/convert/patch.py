@@ -17,8 +17,8 @@ from ..converter import EXPOSURE_TIME, OF_FRAMES, Converter, common_errors, plac
 from ..frames.nonuniformity import vignetting_errors
 from ..frames.observations import PatchObservation
 from ..setup import METER_SOURCES
-from ..signal import left_out_text, net_signals, temperature_findings, usable
-from ..uncertainty import expanded_of, of_one_estimate
+from ..signal import NetSignals, left_out_text, net_signals, temperature_findings, usable
+from ..uncertainty import SMALL_EFFECT_REL, critical_value, expanded_of, of_one_estimate
 
 #: Fraction of the calibrated signal range by which a signal may exceed it without a finding.
 _RANGE_MARGIN = 0.05
@@ -192,7 +192,8 @@ def _combined(
     uneven = float(weight @ (slope * signals.dark_nonuniformity_dn))
     pixels = float((weight * each / luminance) @ signals.pixels_rel)
     slow = hypot(calibration.field_rel, calibration.responsivity.scatter_rel)
-    random_rel = sqrt((noise + uneven**2) / luminance**2 + pixels**2 + slow**2)
+    rim_rel = _rim_rel(calibration, weight, signals)
+    random_rel = sqrt((noise + uneven**2) / luminance**2 + pixels**2 + slow**2 + rim_rel**2)
     of_place = vignetting_errors(calibration.vignetting, calibration.state.image_shape, [observations[0].centre_px])
     shares, shared = weight * each / luminance, dict[str, CommonError]()
 
@@ -227,12 +228,24 @@ def _combined(
             *findings,
             *temperature_findings(observations, calibration.settings),
             *_unknown_temperatures(calibration, observations),
+            *([warning("patch-rim", patch, rim_rel=rim_rel)] if abs(rim_rel) > SMALL_EFFECT_REL else []),
             *(
                 outside_range(patch, luminance, random_rel, calibration.range_cd_m2)
                 or _unconfirmed(calibration, patch, net, each, inverse)
             ),
         ),
     )
+
+
+def _rim_rel(calibration: Converter, weight: Array, signals: NetSignals) -> float:
+    """Return by how much the rim of a region changes its mean, beyond noise and what the calibration's patches had.
+
+    What is inside may be the patch, and the rim have light of the surroundings, by defocus or a halo; or the patch is
+    brighter in the middle, as those of the calibration were.
+    """
+    rim, u = float(weight @ signals.rim_rel), float(np.hypot.reduce(weight * signals.rim_u_rel))
+    beyond = min(rim, rim - calibration.responsivity.rim_rel, key=abs)
+    return beyond if abs(beyond) > critical_value(1, inf) * u else 0.0
 
 
 def _unknown_temperatures(calibration: Converter, observations: Sequence[PatchObservation]) -> tuple[Finding, ...]:

@@ -30,6 +30,7 @@ _CHECKS: dict[str, tuple[tuple[Kind, ...], str]] = {
     "drift": (("drift",), "time"),
     "meter step": (("step",), "time"),
     "vignetting": (("place",), "places"),
+    "surroundings": (("rim",), "patches"),
 }
 _UNITS = {"glare": "cd/m²", "drift": "1/h", "dark signal": "DN"}
 
@@ -104,6 +105,9 @@ def _size(one: Assessed, design: Design) -> tuple[float, float]:
         size = sqrt(float(np.mean((one.amplitude.value @ design.place[:, : one.amplitude.value.size].T) ** 2)))
         drop = one.amplitude.drop
         return size, size * sqrt(one.amplitude.n / drop) if drop > 0 else 0.0
+    if kind == "rim":
+        size_rel = float(np.abs(design.rim_rel).max())
+        return one.value * size_rel, one.uncertainty * size_rel
     if kind == "dark current":
         longest_s = float(design.exposures_s.max())
         return one.value * longest_s, one.uncertainty * longest_s
@@ -139,6 +143,9 @@ def _finding(one: Assessed, final: Solution, vignetting: AnyVignetting | None, *
         codes, values = ("drift", "no-drift"), {"span_h": float(np.ptp(final.design.read_h)), **relative}
     elif kind == "step":
         codes, values = ("readings-step", "no-readings-step"), {"patch": one.effect.subject, **relative}
+    elif kind == "rim":
+        codes = "surroundings", "no-surroundings"
+        values = {"patch": final.design.patches[int(np.argmax(np.abs(final.design.rim_rel)))], **relative}
     elif kind == "place":
         assumed = "vignetting-not-cos4" if isinstance(vignetting, Cos4Vignetting) else "vignetting-changed"
         codes = "vignetting-not-corrected" if vignetting is None else assumed, "no-vignetting-left"

@@ -77,6 +77,8 @@ class Design:
         Relative standard uncertainty by the sensitivity of its pixels.
     place : ndarray of float, shape (P, 3)
         Smooth patterns over the image, see `smooth_patterns`.
+    rim_rel : ndarray of float, shape (P,)
+        By how much the rims of their regions make them brighter than what is inside, relative.
     delay_h : ndarray of float, shape (n,)
         Hours from the frames of each observation to the reading of its patch.
     scatter_rel : Scatter
@@ -93,6 +95,7 @@ class Design:
     shared: tuple[SharedError, ...]
     own_rel: Array
     place: Array
+    rim_rel: Array
     delay_h: Array
     scatter_rel: Scatter = NO_SCATTER
     scatter_each_rel: Scatter = NO_SCATTER
@@ -228,6 +231,7 @@ def build_design(
         shared=tuple(shared),
         own_rel=np.bincount(patch, weight * signals.pixels_rel) / total,
         place=place,
+        rim_rel=np.bincount(patch, weight * signals.rim_rel) / total,
         delay_h=delay_h,
     )
 

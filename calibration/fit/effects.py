@@ -17,7 +17,7 @@ from .scatter import covariance_with, residual_scatter
 
 #: Effects that are looked for.
 Kind: TypeAlias = Literal[
-    "glare", "dark signal", "dark current", "exposure offset", "exposure", "drift", "step", "place", "patch"
+    "glare", "dark signal", "dark current", "exposure offset", "exposure", "drift", "step", "place", "rim", "patch"
 ]  # fmt: skip
 #: Probability with which chance makes an effect of one kind significant: that of three standard deviations.
 FALSE_ALARM = 0.0027
@@ -100,6 +100,7 @@ _NAMES: dict[Kind, str] = {
     "drift": "a drift of lamp, camera or meter",
     "step": "a step of meter or lamp at patch {}",
     "place": "the place in the image (vignetting)",
+    "rim": "light of the surroundings in the regions (focus, halo)",
     "patch": "a wrong reading of patch {}",
 }
 
@@ -218,6 +219,7 @@ def _of_patches(design: Design) -> list[Effect]:
     columns = design.place[:, : 3 if spare >= 3 else 1 if spare >= 1 else 0].T
     place = tuple(SharedError("place", one[design.patch]) for one in columns)
     effects = [Effect("place", place)] if place else []
+    effects.append(Effect("rim", (SharedError("rim", design.rim_rel[design.patch]),)))
     for k, name in enumerate(design.patches if n >= _MIN_PATCHES else ()):
         own = SharedError("patch", cd_m2=np.where(design.patch == k, 1.0, 0.0))
         effects.append(Effect("patch", (own,), k, name, n))

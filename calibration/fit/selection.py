@@ -191,8 +191,17 @@ def _without_others(
             continue
         others = [other for other in _others(effects, kept) if other.kind != one.effect.kind]
         alike = [row for row in _significant(solution, others) if row.log_p < again.log_p + _ALIKE]
+        if one.effect.kind == "patch":
+            alike += [row.assessed for row in rest if _is_most_at(row, one.effect, solution)]
         kept[number] = Found(again, tuple(sorted(alike, key=lambda row: row.log_p)))
     return kept
+
+
+def _is_most_at(found: Found, patch: Effect, solution: Solution) -> bool:
+    """Whether another effect is largest at a patch that deviates, which may then be more of the same."""
+    moved = np.abs(found.assessed.amplitude.value @ found.effect.columns(solution)) / solution.level
+    largest = int(solution.design.patch[int(np.argmax(moved))])
+    return found.effect.kind in ("rim", "glare", "place", "dark signal") and largest == patch.number
 
 
 def worth(solution: Solution, effect: Effect) -> float:

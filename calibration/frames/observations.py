@@ -152,19 +152,22 @@ class Observation(Level):
 
 
 @dataclass(frozen=True)
-class PatchMiddle:
-    """Means over the part of a region that the meter sees.
+class PatchPart:
+    """Means over a part of a region: what the meter sees of it, or what is inside its rim.
 
     Parameters
     ----------
     mean_dn, mean_inverse_v : float
         Of DN / V and of 1 / V.
+    share : float
+        Share of the region's pixels.
     is_field : bool
-        Whether it is the meter's measuring field; else the middle third of the region stands for it.
+        Whether it is the meter's measuring field.
     """
 
     mean_dn: float
     mean_inverse_v: float
+    share: float
     is_field: bool = False
 
 
@@ -188,8 +191,10 @@ class PatchObservation(Observation):
         Effective numbers of columns and rows that were averaged.
     recorded : datetime or None
         When the first of the frames was recorded: patches of the same frames share their errors. None if unknown.
-    middle : PatchMiddle or None
-        What the meter sees of the region; None for all of it.
+    middle : PatchPart or None
+        What the meter sees of the region, or the middle third, which stands for it; None for all of it.
+    inside : PatchPart or None
+        The region without its rim, an eighth of its width on each side; None if it has none.
     """
 
     patch: str
@@ -199,7 +204,8 @@ class PatchObservation(Observation):
     centre_px: tuple[float, float] = (0.0, 0.0)
     n_lines: tuple[float, float] = (inf, inf)
     recorded: datetime | None = None
-    middle: PatchMiddle | None = None
+    middle: PatchPart | None = None
+    inside: PatchPart | None = None
 
     def saturating_at(self, saturation_dn: float) -> PatchObservation:
         """Return the same of a camera whose pixels are full from a lower DN on than its frames state."""
@@ -218,20 +224,16 @@ class PatchObservation(Observation):
         """Mean of (DN - d) / V: signal above dark, as on the optical axis."""
         return self.mean_dn - dark_dn * self.mean_inverse_v
 
-    def shape_rel(self, dark_dn: float) -> float:
-        """Return by how much the part that the meter sees is brighter than the region, relative."""
-        if self.middle is None:
-            return 0.0
-        return (self.middle.mean_dn - dark_dn * self.middle.mean_inverse_v) / self.net_dn(dark_dn) - 1
+    def shape_dn(self, level_dn: float) -> float:
+        """Return by how much the part that the meter sees is brighter than the region, of (DN - level) / V."""
+        return self._brighter_dn(self.middle, level_dn)
 
-    def net_dn_at_pixel(self, dark_dn: float) -> float:
-        """Signal above dark of the region's pixels, V not removed."""
-        return self.mean_dn / self.mean_inverse_v - dark_dn
+    def rim_dn(self, level_dn: float) -> float:
+        """Return by how much the rim makes the region brighter than what is inside, of (DN - level) / V."""
+        return -self._brighter_dn(self.inside, level_dn)
 
-    def fixed_pattern_variance_dn2(self, dark_dn: float) -> float:
-        """Variance of (DN - d) / V from pixel to pixel, noise removed; below 0 by chance."""
-        noise_dn2 = self.temporal_variance_dn2 * self.mean_inverse_v**2 / self.n_frames
-        return self.nonuniformity.pixel_variance_dn2(dark_dn) - noise_dn2
+    def _brighter_dn(self, part: PatchPart | None, level_dn: float) -> float:
+        return 0.0 if part is None else part.mean_dn - level_dn * part.mean_inverse_v - self.net_dn(level_dn)
 
 
 #: Observations by patch.

@@ -18,11 +18,13 @@ from ...core.vignetting import AnyVignetting
 from .defects import DefectMap
 from .measure import MIN_FRAMES, MeasuredFrames, measure_frames, measure_whole
 from .nonuniformity import Array, cells_of, nonuniformity, spatial_variance
-from .observations import DarkObservation, Observation, PatchMiddle, PatchObservation
+from .observations import DarkObservation, Observation, PatchObservation, PatchPart
 from .statistics import FrameStatistics
 
 #: Fewest pixels of a region: below, its noise and its non-uniformity cannot be distinguished.
 MIN_PIXELS = 16
+#: Share of width and height of a region that is inside its rim.
+_INSIDE = 0.75
 
 
 class DarkPattern(Protocol):
@@ -100,6 +102,8 @@ def _patch(
     _require_enough(one)
     factor = np.ones(one.n_pixels) if inverse_v is None else inverse_v[one.window][one.used]
     values = _without(one, None if pattern_dn is None else pattern_dn[one.window]) * factor
+    away = _away(one)
+    in_field = _within(away, 1 / 3) if field_px is None else np.hypot(*away) <= field_px / 2
     return PatchObservation(
         **(_common(one) | {"mean_dn": float(values.mean())}),
         patch=one.region.name,
@@ -109,24 +113,31 @@ def _patch(
         centre_px=one.region.centre,
         n_lines=one.n_lines,
         recorded=one.recorded,
-        middle=_middle(one, values, factor, field_px),
+        middle=_part(values, factor, in_field, field_px is not None),
+        inside=_part(values, factor, _within(away, _INSIDE)),
     )
 
 
-def _middle(one: MeasuredFrames, values: Array, factor: Array, field_px: float | None) -> PatchMiddle | None:
-    """Means of a region's pixels in the meter's field around its centre; None if that is larger than the region."""
+def _away(one: MeasuredFrames) -> Array:
+    """Distances of a region's pixels from its middle, x and y, shape (2, n)."""
     assert one.region is not None
     rows, columns = np.nonzero(one.used)
     top, left = (part.start for part in one.window)
     x, y = one.region.centre
-    away = np.stack([columns + left + 0.5 - x, rows + top + 0.5 - y])
-    if field_px is None:
-        inside = (np.abs(away) <= np.ptp(away, axis=1, keepdims=True) / 6).all(axis=0)
-    else:
-        inside = np.hypot(*away) <= field_px / 2
+    return np.stack([columns + left + 0.5 - x, rows + top + 0.5 - y])
+
+
+def _within(away: Array, share: float) -> NDArray[np.bool_]:
+    """Which pixels are in the middle of the region, of a share of its width and height."""
+    inside: NDArray[np.bool_] = (np.abs(away) <= np.ptp(away, axis=1, keepdims=True) * share / 2).all(axis=0)
+    return inside
+
+
+def _part(values: Array, factor: Array, inside: NDArray[np.bool_], is_field: bool = False) -> PatchPart | None:
+    """Means over a part of a region's pixels; None if that is all of them, or none."""
     if not inside.any() or inside.all():
         return None
-    return PatchMiddle(float(values[inside].mean()), float(factor[inside].mean()), field_px is not None)
+    return PatchPart(float(values[inside].mean()), float(factor[inside].mean()), float(inside.mean()), is_field)
 
 
 def observe_dark(

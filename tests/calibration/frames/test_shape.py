@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from labcdp.calibration import fit, observe_patches
-from labcdp.calibration.frames.observations import PatchMiddle
+from labcdp.calibration.frames.observations import PatchPart
 from labcdp.core.roi import Roi
 
 from ..conftest import SimulatedCamera, bench, codes, make_frame, make_reading
@@ -27,7 +27,7 @@ def test_the_part_that_the_meter_sees_is_its_field_or_the_middle_third(field_px,
     frames = [make_frame(64 + LIGHT + n, frame_id=n) for n in (0, 1)]
     (observed,) = observe_patches(frames, [REGION], field_px=field_px)
     expected = LIGHT[seen & INSIDE].mean() / LIGHT[INSIDE].mean() - 1
-    assert observed.shape_rel(64.5) == pytest.approx(expected, abs=5e-4)
+    assert observed.shape_dn(64.5) / observed.net_dn(64.5) == pytest.approx(expected, abs=5e-4)
     assert (observed.middle is None) == (field_px == 400)
 
 
@@ -36,7 +36,9 @@ def shaped(is_field):
     exact = {"repeatability_rel": 0.0, "digits_half_width": 0.0}
     observations, darks, readings = bench(SimulatedCamera(), lambda v: make_reading(v, **exact))
     middle = [
-        PatchMiddle(1.02 * (o.mean_dn - d) + d, 1.0, is_field) for o in observations for d in [64 + 40 * o.exposure_s]
+        PatchPart(1.02 * (o.mean_dn - d) + d, 1.0, 1 / 9, is_field)
+        for o in observations
+        for d in [64 + 40 * o.exposure_s]
     ]
     observations = [replace(o, middle=one) for o, one in zip(observations, middle, strict=True)]
     readings = {name: [replace(r, value=1.02 * r.value) for r in group] for name, group in readings.items()}

@@ -235,6 +235,15 @@ class PatchObservation(Observation):
     def _brighter_dn(self, part: PatchPart | None, level_dn: float) -> float:
         return 0.0 if part is None else part.mean_dn - level_dn * part.mean_inverse_v - self.net_dn(level_dn)
 
+    def net_dn_at_pixel(self, dark_dn: float) -> float:
+        """Signal above dark of the region's pixels, V not removed."""
+        return self.mean_dn / self.mean_inverse_v - dark_dn
+
+    def fixed_pattern_variance_dn2(self, dark_dn: float) -> float:
+        """Variance of (DN - d) / V from pixel to pixel, noise removed; below 0 by chance."""
+        noise_dn2 = self.temporal_variance_dn2 * self.mean_inverse_v**2 / self.n_frames
+        return self.nonuniformity.pixel_variance_dn2(dark_dn) - noise_dn2
+
 
 #: Observations by patch.
 Groups: TypeAlias = Mapping[str, Sequence[PatchObservation]]

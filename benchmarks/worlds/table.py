@@ -149,9 +149,9 @@ def summarise(world: World, outcomes: Sequence[Outcome]) -> Summary:
 
 
 def _reason(message: str) -> str:
-    """Return what is wrong, without the advice and without names of patches."""
+    """Return what is wrong, without the advice and without names and values of patches."""
     what = message if message.startswith("crash") else message.partition(": ")[0]
-    return re.sub(r"'P\d+'", "'P..'", what)
+    return re.sub(r"\b\d+\.\d+\b", "..", re.sub(r"'P\d+'", "'P..'", what))
 
 
 def _median_of_error(outcomes: Sequence[Outcome], quantity: str) -> float:

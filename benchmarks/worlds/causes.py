@@ -26,6 +26,7 @@ NAMED_BY: dict[str, tuple[str, ...]] = {
     "patch-contradicts": ("patch",),
     "patch-shape": ("shape of patches",),
     "patches-scatter": ("scatter of patches",),
+    "planes-intercepts-differ": ("colours",),
     "reading-contradicts": ("patch",),
     "region-edge": ("shape of patches",),
     "readings-scatter": ("readings",),

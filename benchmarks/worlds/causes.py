@@ -30,6 +30,7 @@ NAMED_BY: dict[str, tuple[str, ...]] = {
     "patch-rim": ("focus", "glare", "shape of patches"),
     "patch-shape": ("shape of patches",),
     "patches-scatter": ("scatter of patches",),
+    "planes-intercepts-differ": ("colours",),
     "reading-contradicts": ("patch",),
     "region-edge": ("shape of patches",),
     "readings-scatter": ("readings",),

@@ -183,3 +183,8 @@ def test_an_interval_that_is_named_and_wide_is_not_right():
     assert summary.of_error["luminance"] == pytest.approx(20)
     assert summarise(World(), [outcome(0.01)] * 40).verdict == "holds"
     assert summarise(World(), [Outcome(refused="no light")]).verdict == "refused"
+
+
+def test_refusals_of_one_kind_are_counted_together():
+    refused = [Outcome(refused=f"patch 'P0{i}' reads {i}.5 cd/m²: measure again") for i in range(3)]
+    assert summarise(World(), refused).reasons == {"patch 'P..' reads .. cd/m²": 3}

@@ -23,7 +23,6 @@ NAMED_BY: dict[str, tuple[str, ...]] = {
     "flicker": ("flicker",),
     "full-below-saturation": ("response",),
     "intercept": ("glare", "dark signal"),
-    "intercept-negative": ("dark signal",),
     "intercept-not-excluded": ("glare not excluded",),
     "meter-recalibrated": ("step",),
     "patch-contradicts": ("patch",),

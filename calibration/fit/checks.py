@@ -125,7 +125,7 @@ def _finding(one: Assessed, final: Solution, vignetting: AnyVignetting | None, *
     relative: dict[str, FindingValue] = {"deviation_rel": value, "expanded_rel": expanded}
     values: Mapping[str, FindingValue] = relative
     if kind == "glare":
-        codes = "intercept" if value > 0 else "intercept-negative", "no-intercept"
+        codes = "intercept", "no-intercept"
         shown = {"intercept_cd_m2": value, "expanded_cd_m2": expanded, "z": abs(value) / uncertainty}
         values = {**shown, "intercept_dn_s": value * final.response[1]}
     elif kind == "dark signal":

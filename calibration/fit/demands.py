@@ -71,7 +71,7 @@ def require_monotone(solution: Solution, deviating: Collection[str]) -> None:
                 raise CalibrationError(
                     f"patch {design.patches[i]!r} reads {reading[i]:.4g} cd/m² and patch {design.patches[k]!r} "
                     f"{reading[k]:.4g} cd/m², but the camera sees less light from the first (as {seen[i]:.4g} and "
-                    f"{seen[k]:.4g} cd/m²): were regions or readings swapped? measure both again"
+                    f"{seen[k]:.4g} cd/m²): were regions or readings swapped, or the meter read before it settled? measure both again"
                 )
 
 
@@ -105,9 +105,12 @@ def fit_findings(final: Solution, tests: Sequence[FitTest]) -> list[Finding]:
     """Return the findings of the fit."""
     design = final.design
     findings = [test.finding for test in tests if test.significant and test.name == "gain"]
-    findings += _glare_not_excluded(design, next(test for test in tests if test.name == "glare"))
+    by_name = {test.name: test for test in tests}
+    if not by_name["dark signal"].significant:
+        findings += _glare_not_excluded(design, by_name["glare"])
     shape_rel = max((abs(float(np.mean(e.relative))) for e in design.shared if e.source == PATCH_SHAPE), default=0.0)
-    if shape_rel > SMALL_EFFECT_REL:
+    # An uncorrected vignetting changes within a patch, too.
+    if shape_rel > SMALL_EFFECT_REL and not by_name["vignetting"].significant:
         findings.append(warning("patch-shape", shape_rel=shape_rel))
     before = len(findings)
     if design.scatter_rel.size > SMALL_EFFECT_REL:

@@ -168,7 +168,8 @@ def _others(effects: Sequence[Effect], found: Sequence[Found]) -> list[Effect]:
 def _next(solution: Solution, effects: Sequence[Effect], found: Sequence[Found]) -> Found | None:
     """Return the most significant effect that is not found yet."""
     rows = _significant(solution, _others(effects, found))
-    return Found(min(rows, key=lambda one: one.log_p)) if rows and solution.degrees_of_freedom > 1 else None
+    # Of effects that are the same at these patches, the first.
+    return Found(min(rows, key=lambda one: round(one.log_p, 6))) if rows and solution.degrees_of_freedom > 1 else None
 
 
 def _significant(solution: Solution, effects: Iterable[Effect]) -> list[Assessed]:
@@ -190,7 +191,7 @@ def _without_others(
             kept.pop(number)
             continue
         others = [other for other in _others(effects, kept) if other.kind != one.effect.kind]
-        alike = [row for row in _significant(solution, others) if row.log_p < again.log_p + _ALIKE]
+        alike = [row for row in _significant(solution, others) if row.log_p <= again.log_p + _ALIKE]
         if one.effect.kind == "patch":
             alike += [row.assessed for row in rest if _is_most_at(row, one.effect, solution)]
         kept[number] = Found(again, tuple(sorted(alike, key=lambda row: row.log_p)))

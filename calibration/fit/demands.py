@@ -71,7 +71,8 @@ def require_monotone(solution: Solution, deviating: Collection[str]) -> None:
                 raise CalibrationError(
                     f"patch {design.patches[i]!r} reads {reading[i]:.4g} cd/m² and patch {design.patches[k]!r} "
                     f"{reading[k]:.4g} cd/m², but the camera sees less light from the first (as {seen[i]:.4g} and "
-                    f"{seen[k]:.4g} cd/m²): were regions or readings swapped, or the meter read before it settled? measure both again"
+                    f"{seen[k]:.4g} cd/m²): were regions or readings swapped, or the meter read before it settled? "
+                    "measure both again"
                 )
 
 

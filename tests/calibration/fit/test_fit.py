@@ -45,10 +45,10 @@ def test_an_intercept_is_the_same_luminance_of_all_patches_and_no_scatter(camera
     assert codes(calibration) & {"intercept", "dark-current-differs", "dark-differs"} == {code}
     fitted, longest_s = calibration.responsivity, EXPOSURES_S[-1]
     in_use = {"intercept": fitted.glare_cd_m2, "dark-current-differs": fitted.dark_rate_dn_s / 1200}[code]
-    assert (in_use, fitted.scatter_rel) == pytest.approx((abs(offset_cd_m2), 0), rel=1e-3, abs=1e-6)
+    assert (in_use, fitted.scatter_rel) == pytest.approx((abs(offset_cd_m2), 0), rel=0.01, abs=1e-6)
     check = found(calibration, "glare" if code == "intercept" else "dark signal")
     expected = offset_cd_m2 if code == "intercept" else offset_cd_m2 * 1200 * longest_s
-    assert (check.significant, check.value) == (True, pytest.approx(expected, rel=1e-3))
+    assert (check.significant, check.value) == (True, pytest.approx(expected, rel=0.01))
     # Nothing tells the two apart.
     (several,) = [one for one in calibration.findings if one.code == "one-of"] or [None]
     assert (several is not None) == (code == "intercept")

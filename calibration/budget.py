@@ -236,7 +236,9 @@ def _of_errors(
         group = [error for error in errors if error.source == source]
         variance, dof = of_one_estimate((float(np.sum(np.square(error.relative))), error.dof) for error in group)
         kind: Distribution = "rectangular" if all(error.rectangular for error in group) else "normal"
-        of = basis(source, case if source in ("fit", "linearity") else "")
+        of = basis(source, case if source == "fit" else "")
+        if source == "linearity":
+            of = basis(source, case or ("" if calibration.planes[0].response.kind == "table" else "next"))
         if source == TEMPERATURE:
             within_k = calibration.planes[0].dark.unknown_within_k
             of = basis(source, within_k=within_k) if variance else basis(source, "none")

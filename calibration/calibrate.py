@@ -24,7 +24,7 @@ from .fit.design import DRIFT, Design, SharedError
 from .fit.exposures import with_times
 from .fit.intake import Intake, take_in, take_usable
 from .fit.problem import Solution, solve
-from .fit.residuals import finite, fit_errors, fitted_rows, held_out_rows
+from .fit.residuals import finite, fit_errors, fitted_rows, held_out_rows, next_response_error
 from .fit.scatter import fit_dof, scatter_of_one, with_scatter
 from .fit.selection import Selection, select, with_found
 from .frames.defects import DefectMap
@@ -157,7 +157,7 @@ def _fitted(
         meter_scale=scale,
         responsivity=responsivity,
         response=final.response[0],
-        fit_errors=fit_errors(final),
+        fit_errors=(*fit_errors(final), *next_response_error(final, models)),
         dark=settings[0].dark,
         noise=settings[0].noise,
         gains=gains,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from math import hypot, inf, sqrt
 
@@ -18,7 +18,7 @@ from ..readings import combine_readings
 from ..setup import Readings
 from .candidates import CandidateModel
 from .design import Array
-from .problem import Solution
+from .problem import Solution, solutions
 from .scatter import fit_dof
 from .selection import leave_one_out, weights_by_patch
 
@@ -118,6 +118,40 @@ def fit_errors(solution: Solution) -> tuple[FitError, ...]:
         moved = _error(solution, "linearity", -solution.gain @ column)
         errors.append(replace(moved, relative=tuple((row + np.array(moved.relative)).tolist())))
     return tuple(errors)
+
+
+def next_response_error(solution: Solution, candidates: Sequence[CandidateModel]) -> tuple[FitError, ...]:
+    """Return the error of a fitted response by what the next candidate would change, as glare that is not significant.
+
+    It counts with the part that exceeds what chance gives: the root of the difference of the squares. None for the
+    response of a bracket, whose errors are known.
+
+    Parameters
+    ----------
+    solution : Solution
+        The fit.
+    candidates : sequence of CandidateModel
+        Candidates of the response, simplest first.
+    """
+    own = solution.candidate
+    more = [one for one in candidates if one.n_parameters > own.n_parameters] if own.bracket is None else []
+    other = next(solutions(solution.design, more), None)
+    if other is None:
+        return ()
+    drop, extra = solution.chi_squared - other.chi_squared, other.candidate.n_parameters - own.n_parameters
+    if drop <= extra:
+        return ()
+
+    def change(net_dn: Array) -> Array:
+        before, after = (
+            one.candidate.curve(one.parameters[: one.candidate.n_parameters], net_dn).value for one in (solution, other)
+        )
+        return after / before - 1
+
+    nodes = np.geomspace(float(solution.design.net_dn.min()), own.knots_dn[-1], _N_NODES)
+    # The responsivity is where it is.
+    relative = (change(nodes) - change(solution.design.net_dn).mean()) * sqrt(1 - extra / drop)
+    return (FitError("linearity", tuple(nodes.tolist()), tuple(relative.tolist())),)
 
 
 def independent(covariance: Array) -> Array:

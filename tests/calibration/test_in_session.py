@@ -102,3 +102,54 @@ def test_a_steady_light_after_a_flickering_one_is_as_sure_as_ever(setup):
     there, _, found = session(FlickeringCamera(), calibration, np.random.default_rng(8))
     assert max(there.noise.flicker_at(t)[0] for t in EXPOSURES_S) < 0.005
     assert "flicker-changed" not in found
+
+
+@dataclass(frozen=True)
+class LockedLight(SimulatedCamera):
+    """One whose frames all start at the same phase of a pulsed lamp."""
+
+    factors: tuple[float, ...] = (1.0, 1.0, 1.0)
+
+    def observe(self, patch, luminance_cd_m2, exposure_s, rng, size=(400, 4)):
+        return super().observe(patch, luminance_cd_m2 * self.factors[EXPOSURES_S.index(exposure_s)], exposure_s, rng)
+
+
+@pytest.mark.parametrize("factors", [(1.2, 1.02, 1.002), (0.9, 0.995, 1.0)])
+def test_exposures_that_disagree_in_all_frames_are_named_and_uncertain(calibration, factors):
+    there, _, found = session(LockedLight(factors=factors), calibration, np.random.default_rng(9))
+    assert found["exposures-disagree"].values["exposure_s"] == EXPOSURES_S[0]
+    assert found["exposures-disagree"].values["deviation_rel"] == pytest.approx(
+        np.log(factors[0] / factors[2]), rel=0.1
+    )
+    # A bright patch is seen at the shortest exposure only.
+    seen = patch_luminance(there, [LockedLight(factors=factors).observe("X", 1500.0, EXPOSURES_S[0], None)])
+    assert abs(seen.luminance_cd_m2 / 1500 - 1) < seen.half_width_95_rel
+    # The longest exposure averages the pulses.
+    dark = patch_luminance(there, [LockedLight(factors=factors).observe("X", 5.0, EXPOSURES_S[2], None)])
+    assert dark.half_width_95_rel < seen.half_width_95_rel / 3
+
+
+def test_exposures_that_agree_stay_as_sure_as_they_were(calibration):
+    """In 20 sessions the false alarm of 1 % happens in at most two."""
+    wrong = 0
+    for seed in range(20):
+        there, _, found = session(SimulatedCamera(), calibration, np.random.default_rng(100 + seed))
+        wrong += there.exposure_times != calibration.exposure_times
+        assert ("exposures-disagree" in found) == (there.exposure_times != calibration.exposure_times)
+    assert wrong <= 2
+
+
+def lagging(o, lag_rel):
+    """Its first frame has a share of the light of a frame before, 64 times as long or as short."""
+    net = o.mean_dn - 64.0
+    means = np.array(o.frame_means_dn) + net * lag_rel * np.eye(o.n_frames)[0] * (EXPOSURES_S[-1] / o.exposure_s)
+    return replace(o, mean_dn=float(means.mean()), frame_means_dn=tuple(means.tolist()))
+
+
+def test_first_frames_that_differ_are_no_flicker(setup):
+    rng = np.random.default_rng(10)
+    observations, darks, readings = bench(FlickeringCamera(), rng=rng)
+    calibration = fit([lagging(o, 0.01) for o in observations], darks, readings, setup)
+    assert {"first-frames-differ", "flicker"} & codes(calibration) == {"first-frames-differ"}
+    flickering = fit(*bench(FlickeringCamera(flicker_rel=(0.05,) * 3), rng=rng), setup)
+    assert {"first-frames-differ", "flicker"} & codes(flickering) == {"flicker"}

@@ -93,6 +93,18 @@ def test_a_twin_with_a_calibration_from_a_file_whose_chain_simulates(labcdp, inp
     assert {row["stage"] for row in rows} >= {"scene", "optics", "sensor"}
 
 
+def test_a_single_reading_is_left_out_by_its_number(labcdp):
+    session = Session.open(example_session())
+    n = sum(one.patch == "P01" for one in session.readings())
+    done = labcdp("calibrate", session.path, "--without", "P01:1", "-o", "fewer", "--json")
+    (row,) = [one for one in rows_of(done, "calibration_patches") if one["patch"] == "P01"]
+    assert row["n_readings"] == n - 1
+    for asked, why in ((f"P01:{n + 1}", f"patch 'P01' has {n}"), ("P99:1", "no patch 'P99'"), ("P01:x", "no reading")):
+        done = labcdp("calibrate", session.path, "--without", asked, "-o", "none")
+        assert done.returncode == 1
+        assert why in done.stderr
+
+
 @pytest.fixture
 def drive(tmp_path):
     shapes = [RectangleShape("sign", 22, 42, 26, 26), RectangleShape("ground", 22, 82, 26, 26)]

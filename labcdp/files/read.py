@@ -171,10 +171,11 @@ def _picture(stored: StoredImage, path: Path, sha256: str, options: PictureOptio
         clipped = stored.values >= saturation_dn
         stored, encoding, scale = decoded_by_table(stored, scale.bits), "linear", _OF_LIGHT
         picture = replace(picture, encoding=encoding)
-        known = replace(known, pixel_format=None, saturation_dn=None)
+        known = replace(known, pixel_format=None, saturation_dn=None, black_level_dn=None)
     if stored.coloured:
         dn = luminance_dn(stored.values, scale.bits, encoding, stored.weights)
-        frame = make_frame(dn, _OF_LIGHT, replace(known, pixel_format=None, saturation_dn=None), taken)
+        known = replace(known, pixel_format=None, saturation_dn=None, black_level_dn=None)
+        frame = make_frame(dn, _OF_LIGHT, known, taken)
         clipped = np.any(stored.values >= saturation_dn if clipped is None else clipped, axis=2)
         findings = (*findings, grey_finding(encoding, stored.weights))
     else:

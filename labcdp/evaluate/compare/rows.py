@@ -66,7 +66,10 @@ def _picture(subject: Subject) -> Iterator[Named]:
     tables, number = subject.content["tables"], subject.content["number"]
     (sha256,) = (row["sha256"] for row in tables["pictures"]["rows"] if row["number"] == number)
     calibrations = [one["sha256"] for one in subject.content["inputs"] if one["role"] == "calibration"]
-    picture, calibration = f"picture {sha256}", f"calibration {calibrations[0] if calibrations else sha256}"
+    # Without a calibration, it is the vignetting of the lens that contrasts at the same places have in common.
+    (camera,) = (row["camera"] for row in tables["pictures"]["rows"] if row["number"] == number)
+    calibration = f"calibration {calibrations[0]}" if calibrations else f"vignetting {camera or 'of the lens'}"
+    picture = f"picture {sha256}"
     rows = [row for row in tables["cdp"]["rows"] if row["number"] == number]
     for row in rows:
         measured = row["contrast_origin"] == "measured"

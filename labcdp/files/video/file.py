@@ -26,7 +26,7 @@ from ...core.luminance import WHOLE, Window
 from ...core.result import warning
 from ..frame import Scale, changed_at, make_frame, scale_of
 from ..kinds import HEAD_BYTES, no_video
-from ..picture import unused_options
+from ..picture import overridden_frame, unused_options
 from ..read import PictureOptions, frame_of_pixels
 from .decoding import Shown, shown_frames, video_stream, video_streams
 from .pixels import Pixels, learn_pixels, stated_by, statement_findings
@@ -86,7 +86,8 @@ class _Frames:
         dn.flags.writeable = False
         if dn.dtype == np.uint8:
             return replace(self._example, dn=dn, frame_id=number)
-        return make_frame(dn, self.scale.for_values(dn, str(self.path)), self.options, self.modified, number)
+        made = make_frame(dn, self.scale.for_values(dn, str(self.path)), self.options, self.modified, number)
+        return overridden_frame(made, self.options)
 
     def _of_colours(self, planes: Sequence[NDArray[Any]], number: int, window: Window) -> Frame:
         dn, clipped = self.pixels.luminance(planes, window)
@@ -96,8 +97,9 @@ class _Frames:
     def _example(self) -> Frame:
         """A frame of 8 bits, or of the luminance of colours."""
         if self.pixels.kind == "luma":
-            return frame_of_pixels(np.zeros((1, 1), np.uint8), self.options, self.modified)
-        options = replace(self.options, bit_depth=None, pixel_format=None, saturation_dn=None)
+            made = frame_of_pixels(np.zeros((1, 1), np.uint8), self.options, self.modified)
+            return overridden_frame(made, self.options)
+        options = replace(self.options, bit_depth=None, pixel_format=None, saturation_dn=None, black_level_dn=None)
         return frame_of_pixels(np.zeros((1, 1), np.uint16), options, self.modified)
 
 

@@ -16,8 +16,9 @@ import numpy as np
 
 from ...core.disk import file_sha256
 from ...core.errors import InputError
-from ...core.frame import Frame
+from ...core.frame import Frame, Readout
 from ...core.result import Finding, info, warning
+from ...core.vignetting import Lens
 from ...session import FrameRecord, Session
 from ..frame import guessed_scale, picture_bytes
 from ..picture import Picture, PictureOptions, contradictions, overridden_frame
@@ -201,7 +202,7 @@ def open_session_video(path: Path, options: PictureOptions) -> VideoSource:
     def entries() -> Iterator[VideoFrame]:
         return (VideoFrame(n, time_s(one), None, partial(load, one)) for n, one in enumerate(records))
 
-    lasted = time_s(records[-1])
+    lasted, lens, shown = time_s(records[-1]), session.configuration.lens, records[0].metadata.get("readout")
     return VideoSource(
         path=path,
         shape=records[0].shape,
@@ -209,6 +210,8 @@ def open_session_video(path: Path, options: PictureOptions) -> VideoSource:
         frame_rate=(len(records) - 1) / lasted if lasted > 0 else None,
         exposure_stated=True,
         encoding=options.encoding or "linear",
+        readout=None if shown is None else Readout.from_json(shown),
+        lens=Lens(lens.focal_length_m, session.configuration.camera.pixel_pitch_m, lens.vignetting_rel),
         findings=_findings(records, options),
         entries=entries,
         hashed=lambda: hashlib.sha256("".join(one.file.sha256 for one in records).encode()).hexdigest(),

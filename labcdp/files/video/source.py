@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError, LabcdpError
-from ...core.frame import Frame
+from ...core.frame import Frame, Readout
 from ...core.luminance import Window
 from ...core.result import Finding, warning
+from ...core.vignetting import Lens
 from ..transfer import Encoding
 from .selection import TIME_TOLERANCE_S, Selection
 
@@ -141,6 +142,10 @@ class VideoSource:
         Whether the number of frames follows from a length: it is wrong where they follow each other irregularly.
     length_s : float or None
         Time from the first frame to the end, of files that announce that and no number of frames; else None.
+    readout : Readout or None
+        Which part of the sensor the first frame shows; None if unknown.
+    lens : Lens or None
+        The lens, where it is stated; else None.
     """
 
     path: Path
@@ -154,6 +159,8 @@ class VideoSource:
     hashed: Callable[[], str]
     is_estimate: bool = False
     length_s: float | None = None
+    readout: Readout | None = None
+    lens: Lens | None = None
 
     @cached_property
     def sha256(self) -> str:

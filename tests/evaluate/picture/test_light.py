@@ -131,7 +131,8 @@ def test_any_camera_is_undone_but_for_rounding(
     )  # fmt: skip
     options = PictureOptions(exposure_s=exposure_s, gain_db=gain_db, bit_depth=16)
     frame = frame_of_pixels(dn, options, NOW)
-    seen = light_of_dn(frame, "linear", specification).map_of(frame)
+    vignetting = optics.vignetting(sensor.pixel_pitch_m)
+    seen = light_of_dn(frame, "linear", specification, vignetting=vignetting).map_of(frame)
     glare = windscreen.glare_fraction
     per_dn = (scene + glare * scene.mean()) / np.maximum(dn - black_dn - k * dark * exposure_s, 1)
     np.testing.assert_array_less(np.abs(seen.luminance_cd_m2 - scene), 1.1 * per_dn + 1e-5 * (1 + glare) * scene.max())
@@ -186,7 +187,9 @@ def test_contrasts_hold_without_any_parameter(tmp_path):
     seen = RELATIVE.luminance(picture)
     assert (seen.luminance_cd_m2 == dn / 4096).all()
     np.testing.assert_allclose(seen.random_rel, 1 / np.sqrt(12) / dn, rtol=1e-5)
-    assert (RELATIVE.unit_of(picture), seen.common) == ("relative", ())
+    assert RELATIVE.unit_of(picture) == "relative"
+    assert {error.source for error in seen.common} == {"assumed vignetting"}
+    assert RELATIVE.given(no_vignetting=True).luminance(picture).common == ()
 
 
 def test_green_pixels_stand_for_a_bayer_pattern(tmp_path):

@@ -15,6 +15,7 @@ from ....metrics import CalibratedCdp, Distribution, Epsilon
 from ....metrics.contrast import TargetContrast, TargetContrasts, each_contrast
 from ....metrics.detection import LEAST_FACTOR, result_of_tally, variance_of_changes
 from ....metrics.pairs import tally_pairs
+from ....metrics.region import SATURATED_SHARE
 from ....regions.superpixels import Neighbours
 from .noise import MapNoise, cdp_of_noise
 from .regions import Floats, Labels, MapRegions
@@ -27,9 +28,6 @@ FEWEST_PIXELS = 20
 
 #: Shortest border of an edge, as part of the size of the regions.
 _SHORTEST_BORDER = 1 / 8
-
-#: Share of saturated pixels from which a region's mean and noise are not to be trusted.
-SATURATED_SHARE = 0.01
 
 #: Chance that noise alone makes a single edge of an image, all its edges together (Bonferroni).
 FALSE_ALARM = 0.01

@@ -124,7 +124,7 @@ def contrast_map(
     Parameters
     ----------
     luminance : LuminanceMap
-        The image; relative luminance gives the same contrasts.
+        The image, in cd/m^2 or relative.
     settings : ContrastMapSettings or None
         None takes those by default.
     reference : LuminanceMap or None

@@ -18,7 +18,7 @@ from ..core.disk.files import shown
 from ..core.errors import InputError
 from ..core.luminance import LuminanceMap
 from ..core.result import Finding, html_table, unique
-from ..core.roi import Rectangle
+from ..core.roi import Rectangle, Roi
 from ..evaluate.picture.conversion import PictureConversion, picture_conversion
 from ..evaluate.picture.neighbours import evaluate_neighbours
 from ..files.picture import Picture
@@ -243,9 +243,12 @@ class Image:
             ("", ""), [*rows, *((one.severity, finding_text(one)) for one in self.findings)], self.path.name
         )
 
-    def attributes(self, epsilon: Epsilon | None, findings: Sequence[Finding] = ()) -> dict[str, Any]:
+    def attributes(
+        self, epsilon: Epsilon | None, findings: Sequence[Finding] = (), pairs: Sequence[tuple[Roi, Roi]] = ()
+    ) -> dict[str, Any]:
         """Return the attributes of a dataset of this picture."""
-        found = unique([*self.findings, *findings])
+        own = self.conversion.with_pairs(self.findings, self.picture, self.luminance, pairs)
+        found = unique([*own, *findings])
         return {
             "title": "contrast detection probability of a picture" if epsilon is not None else "luminance of a picture",
             "file": str(self.path),

@@ -17,6 +17,7 @@ from ..core.frame import CameraIdentity, Frame
 from ..core.luminance import LuminanceMap
 from ..core.result import Finding, warning
 from ..core.vignetting import VIGNETTING_REL
+from .doubts import CERTAIN, Doubts
 from .exif import ExifFacts
 from .stored_image import MAX_PIXELS
 from .transfer import Encoding
@@ -87,6 +88,8 @@ class Picture(PictureFile):
         Largest value and bits that are set in any, where the bits of the scale are an estimate from them.
     luminance : LuminanceMap or None
         The whole map of a file that labcdp wrote as luminance, with uncertainty and flags.
+    doubts : Doubts
+        What is doubtful about the values.
     """
 
     frame: Frame | None = None
@@ -98,6 +101,7 @@ class Picture(PictureFile):
     coloured: bool = False
     guessed_by: tuple[int, int] | None = None
     luminance: LuminanceMap | None = None
+    doubts: Doubts = CERTAIN
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -127,6 +131,8 @@ class PictureOptions:
         DN from which a pixel is saturated, and of dark signal; None for the highest DN, and for 0.
     encoding : str or None
         How values are encoded, see `labcdp.files.transfer`; None for what the file states or its kind suggests.
+    assumed_encoding : str or None
+        How grey values are taken to be encoded where neither is said; None for what their histogram looks like.
     bayer : str or None
         Colour filter of grey files, by the first 2 x 2 pixels: ``RGGB``, ``GRBG``, ``GBRG`` or ``BGGR``; None for what
         the file or `pixel_format` says.
@@ -159,6 +165,7 @@ class PictureOptions:
     saturation_dn: float | None = None
     black_level_dn: float | None = None
     encoding: Encoding | None = None
+    assumed_encoding: Encoding | None = None
     bayer: str | None = None
     focal_length_m: float | None = None
     pixel_pitch_m: float | None = None
@@ -204,6 +211,11 @@ class PictureOptions:
         """Bits of the DN in files of 16 bits, by bit depth or pixel format; None if neither is given."""
         of_format = None if self.pixel_format is None else pixel_format(self.pixel_format).bit_depth
         return self.bit_depth or of_format
+
+    @property
+    def of_sensor(self) -> bool:
+        """Whether grey values are said to be the DN of a sensor, which are in proportion to light."""
+        return bool(self.pixel_format or {"bayer", "black_level_dn"} & self.overrides)
 
     def override(self, name: str) -> Any:
         """Return the value of an option that the user gave explicitly, else None."""

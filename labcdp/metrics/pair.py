@@ -26,6 +26,8 @@ from .region import Bound, RegionPixels, RegionResult, region_result, with_uncer
 _Array = NDArray[np.float64]
 #: Standard uncertainty of a ratio of two regions by the vignetting from which a warning names it.
 VIGNETTING_MATTERS = 0.02
+#: Code of that warning.
+VIGNETTING_CODE = "contrast-with-vignetting"
 #: A region with its bounding box in the image and its mask in the box.
 Placed = tuple[Roi, Window, NDArray[np.bool_]]
 
@@ -196,7 +198,7 @@ def vignetting_findings(bright: str, dark: str, ratio_rel: float) -> tuple[Findi
     """Return a warning if the relative standard uncertainty of the ratio of two regions by the vignetting matters."""
     if not ratio_rel > VIGNETTING_MATTERS:
         return ()
-    return (warning("contrast-with-vignetting", f"{bright} / {dark}", share=Z_95 * ratio_rel),)
+    return (warning(VIGNETTING_CODE, f"{bright} / {dark}", share=Z_95 * ratio_rel),)
 
 
 def paired_errors(first: RegionPixels, second: RegionPixels) -> list[PairError]:

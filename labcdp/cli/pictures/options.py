@@ -43,8 +43,8 @@ class LightOptions:
     camera_spec
         Camera specification (TOML, see labcdp init camera), for estimated values in cd/m².
     encoding
-        Encoding of the pixel values; default: as stated by the camera specification or the file, else the usual one for
-        the file type.
+        Encoding of the pixel values; default: as stated by the camera specification or the file, else assumed by the
+        values, with a warning.
     exposure
         Exposure time, for example 5ms; default: as stated by each file.
     gain_db

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from math import isclose
@@ -15,6 +17,7 @@ from ...core.errors import CalibrationError, InputError
 from ...core.frame import Frame, Readout
 from ...core.luminance import WHOLE, Invalid, LuminanceMap, Window
 from ...core.result import Finding, info, unique, warning
+from ...core.roi import Roi
 from ...core.vignetting import (
     AssumedVignetting,
     Cos4Vignetting,
@@ -23,11 +26,13 @@ from ...core.vignetting import (
     unknown_vignetting,
     with_doubt,
 )
+from ...files.doubts import Doubts
 from ...files.exif import NOTHING_SAID, ExifFacts
 from ...files.frame import no_exposure
 from ...files.picture import Picture
-from ...files.read import PictureOptions
+from ...files.read import PictureOptions, read_picture
 from ...files.transfer import Encoding, encoding_name
+from ...metrics import weber_contrast
 from .dn_light import light_of_dn, vignetting_errors
 
 if TYPE_CHECKING:
@@ -36,6 +41,10 @@ if TYPE_CHECKING:
 
 
 Unit = Literal["cd/m^2", "relative"]
+#: Relative difference of two ratios from which it matters how values are read.
+_MATTERS = 0.02
+#: Code of the warning of a mosaic.
+MOSAIC = "mosaic-doubtful"
 #: Relative difference of f-numbers that rounding explains.
 _F_NUMBER_REL = 0.01
 
@@ -68,6 +77,48 @@ class PictureSource:
     camera: str | None = None
     simulated: bool = False
     findings: tuple[Finding, ...] = ()
+
+
+@dataclass(frozen=True)
+class OtherReading:
+    """How values may be read otherwise.
+
+    Parameters
+    ----------
+    code : str
+        Of the warning; ``-pair`` follows where it is about two regions.
+    reading : dict
+        Arguments of `Doubts.contrast`; none for behind a colour filter.
+    about : dict
+        Values of the warning.
+    """
+
+    code: str
+    reading: dict[str, Any]
+    about: dict[str, Any]
+
+    def matters(self, taken: float, otherwise: float) -> bool:
+        """Whether two contrasts differ so that it matters."""
+        return abs(otherwise - taken) > _MATTERS * (1 + min(taken, otherwise)) * (taken > 0)
+
+    def of(self, picture: Picture, options: PictureOptions) -> Picture:
+        """Return a picture as it is read so; raises InputError if its file is needed and cannot be read again."""
+        doubts, frame, encoding = picture.doubts, picture.frame, self.reading.get("encoding")
+        if encoding is None:
+            assert frame is not None
+            black, colour_filter = self.reading.get("black"), doubts.colour_filter
+            return replace(
+                picture, frame=replace(frame, **({"black_level_dn": doubts.black_dn} if black else
+                                                 {"colour_filter": colour_filter}))
+            )  # fmt: skip
+        if picture.coloured:
+            return read_picture(picture.path, replace(options, encoding=encoding))
+        return replace(picture, encoding=encoding)
+
+    def finding(self, pair: str, taken: float, otherwise: float) -> Finding:
+        """Return the warning, about a pair of regions if it is named."""
+        code = f"{self.code}-pair" if pair else self.code
+        return warning(code, pair, taken=taken, otherwise=otherwise, **self.about)
 
 
 @dataclass(frozen=True)
@@ -255,10 +306,65 @@ class PictureConversion:
             unused = [info("conversion-ignored", conversion=self.description)] if self.unit == "cd/m^2" else []
             return (*picture.findings, *unused)
         found = [] if picture.frame is None else self._findings(picture, picture.frame)
-        found = [*self.vignetting_findings(self._vignetting_of(picture)), *found]
+        found = [*self.vignetting_findings(self._vignetting_of(picture)), *self.doubt_findings(picture.doubts), *found]
         if self.unit == "cd/m^2" and picture.frame is not None and not picture.exposure_stated:
             found.append(info("exposure-assumed", exposure_s=picture.frame.exposure_s))
         return (*picture.findings, *found)
+
+    def with_pairs(
+        self, findings: Sequence[Finding], picture: Picture, luminance: LuminanceMap, pairs: Sequence[tuple[Roi, Roi]]
+    ) -> tuple[Finding, ...]:
+        """Return findings whose doubts about a picture are about the pair of regions for which they matter most.
+
+        Parameters
+        ----------
+        findings : sequence of Finding
+            With those of `findings`.
+        picture, luminance
+            The picture, and its luminance.
+        pairs : sequence of (Roi, Roi)
+            Bright and dark regions; with none, findings stay as they are.
+        """
+        kept, found = list(findings), list[Finding]()
+        for doubt in self.other_readings(picture.doubts) if pairs else ():
+            with suppress(InputError):
+                other = self.luminance(doubt.of(picture, self.options))
+                both = [
+                    (f"{a.name} / {b.name}", contrast_of(luminance, a, b), contrast_of(other, a, b)) for a, b in pairs
+                ]
+                name, taken, otherwise = max(both, key=lambda one: abs(one[2] - one[1]) / (1 + one[1]))
+                matters = doubt.matters(taken, otherwise)
+                found += [doubt.finding(name, taken, otherwise)] if matters else []
+                # CDP is that of a mosaic, whatever the contrast.
+                if matters or doubt.code != MOSAIC:
+                    kept = [one for one in kept if one.code != doubt.code]
+        return (*found, *kept)
+
+    def doubt_findings(self, doubts: Doubts) -> tuple[Finding, ...]:
+        """Return warnings of what is doubtful about values, with what a contrast would be otherwise."""
+        found = []
+        if doubts.mosaic:
+            found.append(warning(MOSAIC, mosaic=doubts.mosaic))
+        for doubt in self.other_readings(doubts):
+            if doubt.code == MOSAIC:
+                continue
+            taken, otherwise = doubts.contrast(), doubts.contrast(**doubt.reading)
+            if doubt.matters(taken, otherwise):
+                found.append(doubt.finding("", taken, otherwise))
+        return tuple(found)
+
+    def other_readings(self, doubts: Doubts) -> tuple[OtherReading, ...]:
+        """Return how values may be read otherwise."""
+        found, specified = [], self.specification
+        if doubts.other_encoding is not None:
+            other = doubts.other_encoding
+            about = {"encoding": encoding_name(doubts.encoding), "other": encoding_name(other)}
+            found.append(OtherReading("encoding-assumed", {"encoding": other}, about))
+        if doubts.black_dn is not None and (specified is None or specified.black_dn is None):
+            found.append(OtherReading("black-level-doubtful", {"black": True}, {"black_dn": doubts.black_dn}))
+        if doubts.mosaic:
+            found.append(OtherReading(MOSAIC, {}, {"mosaic": doubts.mosaic}))
+        return tuple(found)
 
     def vignetting_findings(self, vignetting: AssumedVignetting | None) -> tuple[Finding, ...]:
         """Return what a user should know about the scale and the vignetting."""
@@ -298,6 +404,12 @@ class PictureConversion:
         return self._map(frame, encoding, window or WHOLE, None, found)
 
 
+def contrast_of(luminance: LuminanceMap, bright: Roi, dark: Roi) -> float:
+    """Weber contrast of the means of two regions."""
+    means = (float(luminance.select(roi).mean(dtype=float)) for roi in (bright, dark))
+    return float(weber_contrast(*means))
+
+
 #: What a calibration has measured, and what users call it.
 _OF_CALIBRATION = {
     "black_level_dn": "black level", "focal_length_m": "focal length", "pixel_pitch_m": "pixel pitch",
@@ -310,6 +422,14 @@ class Calibrated(PictureConversion):
     """By a calibration."""
 
     calibration: AnyCalibration
+
+    def doubt_findings(self, doubts: Doubts) -> tuple[Finding, ...]:
+        """Return nothing: the calibration has the response of the values."""
+        return ()
+
+    def other_readings(self, doubts: Doubts) -> tuple[OtherReading, ...]:
+        """Return nothing."""
+        return ()
 
     def given(self, **values: Any) -> Self:
         """Return the same for pictures of which the user states something; raises InputError for what was measured."""

@@ -113,7 +113,7 @@ _CDP_NOTE = (
     "CDP is the share of all pairs of a bright and a dark pixel whose Weber contrast lies within the tolerance of "
     "the target contrast; below and above are the shares to either side. CSNR is mean over standard deviation "
     "of the contrasts of all pairs. Uncertainties include the scatter of the pixels, also where that is "
-    "correlated, and the calibration."
+    "correlated, and the calibration, or without one the vignetting of the lens."
 )
 
 

@@ -289,6 +289,7 @@ def _require_regions(source: VideoSource, settings: VideoSettings) -> None:
 def conversion_findings(conversion: PictureConversion, source: VideoSource) -> tuple[Finding, ...]:
     """Return what there is to know about the luminance of a video's frames."""
     found = [*conversion.vignetting_findings(conversion.vignetting(source.shape, source.readout))]
+    found += conversion.doubt_findings(source.doubts)
     if source.encoding != "linear" or any(one.code == "srgb-colour-to-grey" for one in source.findings):
         calibrated = isinstance(conversion, Calibrated)
         found.append(warning("srgb-taken-as-dn" if calibrated else "srgb-assumed"))

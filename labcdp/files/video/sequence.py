@@ -95,6 +95,8 @@ def _sequence(
         )
     guessed, options = _one_scale(list(looked_at.values()), options)
     first = read(next((at for at in sorted(looked_at) if looked_at[at].coloured), min(looked_at)), options)
+    # All are read as the first one is.
+    options = replace(options, assumed_encoding=first.encoding)
 
     def load(at: int) -> StoredPixels:
         return stored_pixels(_alike(read(at, options), first, numbers[at]))
@@ -113,6 +115,7 @@ def _sequence(
         exposure_stated=first.exposure_stated,
         encoding="linear" if first.coloured else first.encoding,
         findings=(*found, *first.findings, *guessed),
+        doubts=first.doubts,
         entries=entries,
         hashed=lambda: sha256,
     )

@@ -17,6 +17,7 @@ from ...core.frame import Frame, Readout
 from ...core.luminance import Window
 from ...core.result import Finding, warning
 from ...core.vignetting import Lens
+from ..doubts import CERTAIN, Doubts
 from ..transfer import Encoding
 from .selection import TIME_TOLERANCE_S, Selection
 
@@ -146,6 +147,8 @@ class VideoSource:
         Which part of the sensor the first frame shows; None if unknown.
     lens : Lens or None
         The lens, where it is stated; else None.
+    doubts : Doubts
+        What is doubtful about the values of the first frame.
     """
 
     path: Path
@@ -161,6 +164,7 @@ class VideoSource:
     length_s: float | None = None
     readout: Readout | None = None
     lens: Lens | None = None
+    doubts: Doubts = CERTAIN
 
     @cached_property
     def sha256(self) -> str:

@@ -167,7 +167,7 @@ def test_srgb_is_undone(tmp_path, truth, specified, colours):
     linear = dn / 4095
     encoded = np.rint(255 * np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055))
     encoded = encoded.astype(np.uint8)
-    conversion = specified(encoding=None if colours else "srgb")
+    conversion = specified(encoding="srgb")
     path = written(tmp_path / "a.png", np.dstack([encoded] * 3) if colours else encoded)
     picture = read_picture(path, conversion.options)
     assert not picture.coloured

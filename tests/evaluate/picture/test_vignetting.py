@@ -1,5 +1,6 @@
 """Vignetting without a calibration: contrasts of one scene at several places, against the truth of the scene."""
 
+import json
 from itertools import combinations
 from math import hypot
 
@@ -14,6 +15,7 @@ from labcdp.core.table import Z_95
 from labcdp.core.vignetting import Cos4Vignetting
 from labcdp.evaluate.video.evaluate import evaluate_video
 from labcdp.evaluate.video.settings import VideoSettings
+from labcdp.regions import RectangleShape, save_regions
 
 #: A lens of 77 degrees from corner to corner.
 FOCAL_M, PITCH_M, SHAPE = 6e-3, 12e-6, (480, 640)
@@ -142,3 +144,41 @@ def test_pictures_and_videos_have_one_uncertainty(tmp_path):
         video = evaluate_video(folder, settings).isel(frame=0)
         for name in ("measured_contrast", "u_measured_contrast", "cdp_low", "cdp_high"):
             np.testing.assert_allclose(video[name].squeeze(), picture[name].squeeze(), rtol=1e-5, err_msg=name)
+
+
+def test_the_contrast_of_the_first_frame_has_the_vignetting_of_the_others(tmp_path):
+    folder, pair = tmp_path / "frames", (ROIS["middle"], ROIS["corner"])
+    folder.mkdir()
+    for number in range(2):
+        Image.fromarray(np.rint(255 * scene(number)).astype(np.uint8)).save(folder / f"{number}.png")
+    measured, plain = (
+        evaluate_video(folder, VideoSettings(None, pair, "fixed", reference="first", no_vignetting=given))
+        for given in (None, True)
+    )
+    for name in ("cdp_low", "cdp_high", "reference_cdp_low", "reference_cdp_high"):
+        np.testing.assert_allclose(measured[name], plain[name], err_msg=name)
+    given = evaluate_video(folder, VideoSettings((float(measured.contrast[0]),), pair, "fixed"))
+    assert float((given.cdp_high - given.cdp_low).min()) > 10 * float((plain.cdp_high - plain.cdp_low).max())
+
+
+def test_the_command_takes_lens_and_levels(tmp_path, labcdp):
+    dn = 64 + np.rint(1000 * scene())
+    tifffile.imwrite(tmp_path / "a.tif", dn.astype(np.uint16))
+    shapes = [RectangleShape(name, x, y, 50, 50) for name, (x, y, _) in PATCHES.items()]
+    save_regions(tmp_path / "rois.json", shapes)
+    plain = ("image", "a.tif", "--roi", "rois.json", "--bit-depth", 12, "--json", "--force", "--no-pages")
+    found = json.loads(labcdp(*plain).stdout)
+    codes = {one["code"] for one in found["findings"]}
+    assert {"contrasts-with-vignetting", "black-level-doubtful-pair", "relative-luminance"} <= codes
+    stated = ("--focal-length", "6mm", "--pixel-pitch", "12um", "--black-level", 64)
+    found = json.loads(labcdp(*plain, *stated).stdout)
+    assert "relative-luminance-cos4" in {one["code"] for one in found["findings"]}
+    for row in found["tables"]["cdp"]["rows"]:
+        truth = PATCHES[row["bright"]][2] / PATCHES[row["dark"]][2] - 1
+        assert abs(row["measured_contrast"] - truth) <= row["expanded_measured_contrast"]
+    assert found["configuration"]["focal_length_m"] == pytest.approx(6e-3)
+    for wrong, message in (
+        (("--focal-length", "6"), "give a number above 0 with mm or um"),
+        (("--pixel-pitch", "3.45mm"), r"the pixel pitch is 0.00345 m: give 1e-07 to 0.001 m"),
+    ):
+        assert message in labcdp(*plain, *wrong).stderr

@@ -162,10 +162,10 @@ def contrast_map(
     )
     near = neighbours(regions.labels)
     noise = map_noise(luminance.luminance_cd_m2, regions)
-    errors, maps = _errors(luminance, regions), []
+    errors, smooth, maps = _errors(luminance, regions, False), _errors(luminance, regions, True), []
     for contrast in each_contrast(asked.contrast):
         scene = others[0] if others else contrast
-        edges = map_edges(regions, near, errors, noise, asked, scene)
+        edges = map_edges(regions, near, errors, noise, asked, scene, smooth)
         settings = replace(asked, contrast=contrast)
         found = ContrastMap(luminance, settings, regions, near, edges, noise, (), reference is not None)
         maps.append(replace(found, findings=_findings(found)))
@@ -182,13 +182,13 @@ def _check_reference(luminance: LuminanceMap, reference: LuminanceMap, asked: Co
         )
 
 
-def _errors(luminance: LuminanceMap, regions: MapRegions) -> list[NDArray[np.float64]]:
-    """Relative errors of the mean of each region by those errors of the calibration that are not alike everywhere."""
+def _errors(luminance: LuminanceMap, regions: MapRegions, smooth: bool) -> list[NDArray[np.float64]]:
+    """Relative errors of the mean of each region by errors that are not alike everywhere: smooth ones, or others."""
     n = regions.mean.size
     mean = mean_of(regions.labels, luminance.luminance_cd_m2, n)
     found = []
     for error in luminance.common:
-        if np.ndim(error.relative):
+        if np.ndim(error.relative) and error.smooth == smooth:
             with np.errstate(divide="ignore", invalid="ignore"):
                 # By the light of each pixel: relative errors have no bound where there is hardly any.
                 found.append(mean_of(regions.labels, error.relative * luminance.luminance_cd_m2, n) / mean)

@@ -162,10 +162,10 @@ class UnknownVignetting:
         half = self.half_diagonal_px or hypot(*shape) / 2
         y, x = (y_px[:, None] - y0) / half, (x_px - x0) / half
         squared_tangent = tan(ASSUMED_HALF_FIELD_RAD) ** 2
-        growth = 1 + squared_tangent * (y**2 + x**2)
+        growth = squared_tangent * y**2 + (1 + squared_tangent * x**2)
         # Standard uncertainties of even distributions; those of the axis by the slope of cos^4 in x and y.
-        slope = 4 * squared_tangent / growth * ASSUMED_DECENTRING / sqrt(3)
-        return [2 * np.log(growth) / sqrt(3), slope * x, slope * y]
+        slope = 4 * squared_tangent * ASSUMED_DECENTRING / sqrt(3) / growth
+        return [np.log(growth) * (2 / sqrt(3)), slope * x, slope * y]
 
 
 @dataclass(frozen=True)

@@ -76,8 +76,7 @@ class PairResult:
     @property
     def bound(self) -> Bound:
         """Whether the contrast is larger or smaller than `contrast`, or not known, as pixels are saturated."""
-        bounds: dict[tuple[Bound, Bound], Bound] = {(">", ""): ">", ("", ">"): "<", (">", ">"): "?"}
-        return bounds.get((self.bright_region.bound, self.dark_region.bound), "")
+        return bound_of_contrast(bool(self.bright_region.bound), bool(self.dark_region.bound))
 
     @property
     def of_measured_contrast(self) -> bool:
@@ -93,6 +92,13 @@ class PairResult:
     def dark_region(self) -> RegionResult:
         """The darker region."""
         return self.b if self.bright == "a" else self.a
+
+
+def bound_of_contrast(bright_is_saturated: bool, dark_is_saturated: bool) -> Bound:
+    """Whether a contrast is larger or smaller than that of the means, or not known, as regions are saturated."""
+    if bright_is_saturated and dark_is_saturated:
+        return "?"
+    return ">" if bright_is_saturated else "<" if dark_is_saturated else ""
 
 
 def evaluate_pair(
@@ -154,17 +160,20 @@ def evaluate_regions(
     asked = _asked(of_these if contrasts is None else tuple(contrasts), epsilon)
     ratios = snr(first.distribution), snr(second.distribution), csnr(first.distribution, second.distribution)
     cdps = [cdp_of_regions(bright, dark, name, one) for one in asked]
-    changed = [
-        [_values(first.changed(sign * x), second.changed(sign * y), asked) for sign in (1, -1)]
-        for x, y in joined_errors([*errors, *_of_rounding(first, second)])
-    ]
+
+    def changes(by: Sequence[PairError]) -> list[list[_Array]]:
+        return [
+            [_values(first.changed(sign * x), second.changed(sign * y), asked) for sign in (1, -1)]
+            for x, y in joined_errors(by)
+        ]
+
     base = np.array([*(one.value for one in ratios), *(one.cdp for one in cdps)])
     # A contrast that was measured there changes with the vignetting as the pixels do.
     of_place = [True] * len(cdps) if contrasts is None else measured or [False] * len(cdps)
-    alike = [False] * len(ratios) + list(of_place)
-    for x, y in joined_errors(lens):
-        both = [_values(first.changed(sign * x), second.changed(sign * y), asked) for sign in (1, -1)]
-        changed.append([np.where(alike, base, one) for one in both])
+    others, alike = [*errors, *_of_rounding(first, second)], [False] * len(ratios) + list(of_place)
+    changed = changes(others if any(alike) else [*others, *lens])
+    if any(alike):
+        changed += [[np.where(alike, base, one) for one in both] for both in changes(lens)]
     variances = variance_of_changes(base, changed)
     regions = (
         region_result(first, [*(x for x, _ in errors), *first.smooth], ratios[0], variances[0]),

@@ -18,13 +18,14 @@ from labcdp.evaluate.picture.image import ImageRequest
 from labcdp.evaluate.picture.result import PictureTask
 from labcdp.evaluate.picture.tables import ReportedPicture
 from labcdp.evaluate.video.evaluate import evaluate_video
+from labcdp.evaluate.video.page import long_tables
 from labcdp.evaluate.video.result import video_result
 from labcdp.evaluate.video.settings import VideoSettings
 from labcdp.files.read import read_picture
 from labcdp.metrics.pair import evaluate_pair
 from labcdp.report.files import envelope_json
 from labcdp.report.sheets import result_workbook
-from labcdp.report.text import bounded, text_table
+from labcdp.report.text import bounded, cell_text, text_table
 from labcdp.web.regions.page_image import PageImage
 
 FULL, DARK = Roi.rectangle("lamp", 5, 5, 20, 20), Roi.rectangle("road", 35, 5, 20, 20)
@@ -118,6 +119,12 @@ def test_videos_and_python_have_no_uncertainty_either(path):
     heads, rows = text_table(video_result(found).table("regions"))
     assert rows[0][heads.index("mean")].startswith("> 0.99")
     assert not rows[1][heads.index("mean")].startswith(">")
+    sheet = next(table for table in long_tables(found) if table.name == "Frames")
+    (row,) = sheet.rows()
+    shown = {column.label: cell_text(column, row) for column in sheet.columns}
+    assert shown["lamp: mean"].startswith("> 0.99")
+    assert shown["measured contrast"].startswith("> 3")
+    assert not shown["road: mean"].startswith(">")
     in_python = labcdp.read_image(path).regions([FULL, DARK]).cdp()
     assert np.isnan(in_python.u_measured_contrast).all()
     assert np.isnan(in_python.u_mean.sel(side="bright")).all()

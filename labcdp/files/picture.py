@@ -261,6 +261,18 @@ def contradictions(exposure_s: float, gain_db: float, options: PictureOptions) -
     return tuple(found)
 
 
+def _other_levels(frame: Frame, options: PictureOptions) -> tuple[Finding, ...]:
+    """Find where a file says another black level or colour filter of DN than the user gave."""
+    found = []
+    black_dn, bayer = options.override("black_level_dn"), options.override("bayer")
+    if black_dn is not None and frame.clipped is None and frame.black_level_dn not in (None, black_dn):
+        found.append(warning("black-level-replaced", stated_dn=frame.black_level_dn, given_dn=black_dn))
+    if bayer is not None and frame.colour_filter not in (None, _FILTERS[bayer]):
+        stated = next(name for name, of_frame in _FILTERS.items() if of_frame == frame.colour_filter)
+        found.append(warning("colour-filter-replaced", stated=stated, given=bayer))
+    return tuple(found)
+
+
 def unused_options(frame: Frame | None, bits: int | None, options: PictureOptions) -> tuple[Finding, ...]:
     """Find what the user gave that cannot count for the DN of a file.
 
@@ -294,6 +306,7 @@ def with_overrides(picture: Picture, options: PictureOptions, bits: int | None) 
     frame, (height, width) = picture.frame, picture.shape
     if frame is not None:
         found += contradictions(frame.exposure_s, frame.gain_db, options)
+        found += _other_levels(frame, options)
         frame = overridden_frame(frame, options)
     found += unused_options(frame, bits, options)
     size, encoding = options.override("size") or (width, height), options.override("encoding")

@@ -43,6 +43,8 @@ if TYPE_CHECKING:
 Unit = Literal["cd/m^2", "relative"]
 #: Relative difference of two ratios from which it matters how values are read.
 _MATTERS = 0.02
+#: Options of the lens, and what users call them.
+LENS = {"focal_length_m": "focal length", "pixel_pitch_m": "pixel pitch"}
 #: Code of the warning of a mosaic.
 MOSAIC = "mosaic-doubtful"
 #: Relative difference of f-numbers that rounding explains.
@@ -304,6 +306,8 @@ class PictureConversion:
         """Return what a user should know about a picture and its map."""
         if picture.light_is_cd_m2:
             unused = [info("conversion-ignored", conversion=self.description)] if self.unit == "cd/m^2" else []
+            given = [what for name, what in LENS.items() if name in self.options.overrides]
+            unused += [warning("lens-ignored", given=what) for what in given]
             return (*picture.findings, *unused)
         found = [] if picture.frame is None else self._findings(picture, picture.frame)
         found = [*self.vignetting_findings(self._vignetting_of(picture)), *self.doubt_findings(picture.doubts), *found]
@@ -368,6 +372,13 @@ class PictureConversion:
 
     def vignetting_findings(self, vignetting: AssumedVignetting | None) -> tuple[Finding, ...]:
         """Return what a user should know about the scale and the vignetting."""
+        given = [what for name, what in LENS.items() if name in self.options.overrides]
+        if len(given) == 1 and not isinstance(vignetting, Cos4Vignetting):
+            (missing,) = set(LENS.values()) - set(given)
+            return (warning("lens-incomplete", given=given[0], missing=missing), *self._scale_findings(vignetting))
+        return self._scale_findings(vignetting)
+
+    def _scale_findings(self, vignetting: AssumedVignetting | None) -> tuple[Finding, ...]:
         relative = self.unit == "relative"
         if isinstance(vignetting, Cos4Vignetting):
             code = "relative-luminance-cos4" if relative else "natural-vignetting-corrected"

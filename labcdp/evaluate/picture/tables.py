@@ -85,6 +85,8 @@ _CDP_COLUMNS = (
     *_within("regions", *CONTRAST[1:]),
     Column("u_measured_contrast_pixels", "u of measured contrast, pixels", "%", "Its part by the pixels.", 2,
            shown=False, value="regions.contrast_pixels"),
+    Column("u_measured_contrast_vignetting", "u of measured contrast, vignetting", "%",
+           "Its part by a vignetting that was not measured.", 2, shown=False, value="regions.contrast_vignetting"),
     TARGET.within("one"),
     Column("contrast_origin", "origin", "", "Where the target contrast comes from: given, or measured.",
            value=lambda row: None if row.one is None else "measured" if row.of_measured else "given"),

@@ -10,11 +10,15 @@ import tifffile
 from PIL import Image
 
 import labcdp
+from labcdp.core.errors import InputError
+from labcdp.core.luminance import LuminanceMap
+from labcdp.core.result import warning
 from labcdp.core.roi import Roi
 from labcdp.core.table import Z_95
 from labcdp.core.vignetting import Cos4Vignetting
 from labcdp.evaluate.video.evaluate import evaluate_video
 from labcdp.evaluate.video.settings import VideoSettings
+from labcdp.files.luminance_file import save_luminance
 from labcdp.regions import RectangleShape, save_regions
 
 #: A lens of 77 degrees from corner to corner.
@@ -182,3 +186,20 @@ def test_the_command_takes_lens_and_levels(tmp_path, labcdp):
         (("--pixel-pitch", "3.45mm"), r"the pixel pitch is 0.00345 m: give 1e-07 to 0.001 m"),
     ):
         assert message in labcdp(*plain, *wrong).stderr
+
+
+def test_half_of_a_lens_and_one_for_luminance_are_named(tmp_path, tiff):
+    half = labcdp.read_image(tiff, focal_length_m=FOCAL_M)
+    assert warning("lens-incomplete", given="focal length", missing="pixel pitch") in half.findings
+    five = np.full((20, 20), 5.0, np.float32)
+    saved = LuminanceMap(five, np.zeros_like(five), (), np.zeros((20, 20), np.uint8))
+    save_luminance(saved, tmp_path / "a.npz", {})
+    image = labcdp.read_image(tmp_path / "a.npz", focal_length_m=FOCAL_M, pixel_pitch_m=PITCH_M)
+    assert (np.asarray(image) == 5).all()
+    assert warning("lens-ignored", given="focal length") in image.findings
+
+
+def test_what_a_calibration_has_measured_is_refused(calibration, tiff):
+    for stated in ({"focal_length_m": FOCAL_M}, {"no_vignetting": True}, {"black_level_dn": 3.0}):
+        with pytest.raises(InputError, match="a calibration includes it, leave it out"):
+            labcdp.read_image(tiff, calibration=calibration, **stated)

@@ -80,8 +80,12 @@ def _picture(subject: Subject) -> Iterator[Named]:
     for row in {row["pair"]: row for row in rows}.values():
         u, by_pixels = (_number(row[name]) for name in ("u_measured_contrast", "u_measured_contrast_pixels"))
         parts = _parts(u, by_pixels, picture, calibration)
-        own = row["measured_contrast"], row["expanded_measured_contrast"]
-        yield _symmetric(f"contrast of {row['pair']}", "%", *own, parts)
+        # Of saturated regions it is a bound, which nothing is compared with.
+        is_bound = bool(row.get("measured_contrast_bound"))
+        value, expanded = (
+            None if is_bound else row[name] for name in ("measured_contrast", "expanded_measured_contrast")
+        )
+        yield _symmetric(f"contrast of {row['pair']}", "%", value, expanded, parts)
 
 
 def _characterisation(subject: Subject) -> Iterator[Named]:

@@ -45,6 +45,8 @@ Unit = Literal["cd/m^2", "relative"]
 _MATTERS = 0.02
 #: Options of the lens, and what users call them.
 LENS = {"focal_length_m": "focal length", "pixel_pitch_m": "pixel pitch"}
+#: Beginnings of the codes of warnings that values may be read otherwise.
+DOUBTS = ("encoding-assumed", "black-level-doubtful", "mosaic-doubtful")
 #: Code of the warning of a mosaic.
 MOSAIC = "mosaic-doubtful"
 #: Relative difference of f-numbers that rounding explains.

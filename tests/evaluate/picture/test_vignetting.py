@@ -203,3 +203,34 @@ def test_what_a_calibration_has_measured_is_refused(calibration, tiff):
     for stated in ({"focal_length_m": FOCAL_M}, {"no_vignetting": True}, {"black_level_dn": 3.0}):
         with pytest.raises(InputError, match="a calibration includes it, leave it out"):
             labcdp.read_image(tiff, calibration=calibration, **stated)
+
+
+def test_the_vignetting_of_one_camera_cancels_between_pictures(tmp_path, tiff):
+    save_regions(tmp_path / "rois.json", [RectangleShape(name, x, y, 50, 50) for name, (x, y, _) in PATCHES.items()])
+    path = tmp_path / "b.tif"
+    tifffile.imwrite(path, np.rint(65535 * scene(2)).astype(np.uint16))
+    tables = labcdp.compare(tiff, path, regions=tmp_path / "rois.json").to_dict()["tables"]
+    for row in next(one for one in tables.values() if "difference" in one["rows"][0])["rows"]:
+        if row["quantity"] == "contrast of middle / corner":
+            # One camera loses the same light in both.
+            assert abs(row["difference"]) < row["expanded_difference"] < 0.05
+            break
+    else:
+        pytest.fail("the contrast is not compared")
+
+
+def test_a_comparison_names_what_pictures_do_not_state_and_has_no_bounds(tmp_path):
+    paths = []
+    for seed in (1, 2):
+        light = scene(seed)
+        light[215:265, 295:345] = 2
+        paths.append(tmp_path / f"{seed}.png")
+        Image.fromarray(np.rint(255 * np.clip(light, 0, 1)).astype(np.uint8)).save(paths[-1])
+    shapes = [RectangleShape(name, *PATCHES[name][:2], 50, 50) for name in ("middle", "beside", "corner")]
+    save_regions(tmp_path / "rois.json", shapes)
+    found = labcdp.compare(*paths, regions=tmp_path / "rois.json").to_dict()
+    assert {"encoding-assumed-pair"} <= {one["code"] for one in found["findings"]}
+    rows = next(one for one in found["tables"].values() if "difference" in one["rows"][0])["rows"]
+    contrasts = {row["quantity"]: row["difference"] for row in rows if row["quantity"].startswith("contrast")}
+    assert [value is None for name, value in contrasts.items() if "middle" in name] == [True, True]
+    assert [value is None for name, value in contrasts.items() if "middle" not in name] == [False]

@@ -16,7 +16,7 @@ from ..core.errors import InputError
 from ..core.frame import CameraIdentity, Frame
 from ..core.luminance import LuminanceMap
 from ..core.result import Finding, warning
-from ..core.vignetting import VIGNETTING_REL
+from ..core.vignetting import VIGNETTING_REL, Lens
 from .doubts import CERTAIN, Doubts
 from .exif import ExifFacts
 from .stored_image import MAX_PIXELS
@@ -90,6 +90,8 @@ class Picture(PictureFile):
         The whole map of a file that labcdp wrote as luminance, with uncertainty and flags.
     doubts : Doubts
         What is doubtful about the values.
+    lens : Lens or None
+        The lens by the plan of the session it was recorded in; None for others.
     """
 
     frame: Frame | None = None
@@ -102,6 +104,7 @@ class Picture(PictureFile):
     guessed_by: tuple[int, int] | None = None
     luminance: LuminanceMap | None = None
     doubts: Doubts = CERTAIN
+    lens: Lens | None = None
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import logging
 import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
+from functools import lru_cache
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -14,9 +16,10 @@ import numpy as np
 
 from ..core.disk import reading
 from ..core.dn import pixel_format
-from ..core.errors import InputError
+from ..core.errors import InputError, LabcdpError
 from ..core.frame import Frame
 from ..core.result import info, warning
+from ..core.vignetting import Lens
 from .doubts import Histogram, doubts_of, encodings
 from .exif import ExifFacts
 from .exr import EXR, exr_text, read_exr
@@ -130,7 +133,32 @@ def _from_labcdp(noted: dict[str, Any] | None, data: bytes, sha256: str, path: P
     except InputError as error:
         raise InputError(f"{path} is not a frame recorded by labcdp ({error})") from error
     facts = ExifFacts(exposure_s=frame.exposure_s, model=frame.camera.model)
-    return Picture(path, sha256, facts, frame, exposure_known=True)
+    return Picture(path, sha256, facts, frame, exposure_known=True, lens=_lens_of_session(path, sha256))
+
+
+def _lens_of_session(path: Path, sha256: str) -> Lens | None:
+    """Return the lens by the plan of the session in whose folder a frame was recorded; None for others."""
+    from ..session.journal import JOURNAL
+
+    # A link may lie elsewhere.
+    folder = path.resolve().parent.parent
+    if not (folder / JOURNAL).is_file():
+        return None
+    with suppress(LabcdpError, OSError):
+        lens, frames = _session_at(folder, (folder / JOURNAL).stat().st_mtime_ns)
+        return lens if sha256 in frames else None
+    return None
+
+
+@lru_cache(maxsize=4)
+def _session_at(folder: Path, _changed_ns: int) -> tuple[Lens, frozenset[str]]:
+    """Lens of a session, and hashes of its frames."""
+    from ..session import Session
+
+    with Session.open(folder) as session:
+        configuration, frames = session.configuration, frozenset(one.file.sha256 for one in session.frames())
+    lens = configuration.lens
+    return Lens(lens.focal_length_m, configuration.camera.pixel_pitch_m, lens.vignetting_rel), frames
 
 
 def _from_raw(path: Path, sha256: str, options: PictureOptions) -> Picture:

@@ -196,6 +196,14 @@ def test_a_session_has_the_lens_of_its_plan(tmp_path, light, new_frame, pair):
     plan = BENCH.replace("3.45e-6", f"{PITCH_M}")
     with Session.create(tmp_path / "session", SessionConfiguration.from_toml(plan, "bench.toml")) as session:
         session.add_frame(new_frame(dn(light, 4095), 1, exposure_s=0.005, black_level_register=None, readout=None))
-    deviation, expanded = off(*by_video(tmp_path / "session", pair)[:3])
-    assert deviation <= expanded < 0.15
-    assert deviation < 0.02
+    (frame,) = Session.open(tmp_path / "session").frames()
+    path = tmp_path / "session" / frame.file.name
+    for found in (by_video(tmp_path / "session", pair), by_picture(path, pair)):
+        deviation, expanded = off(*found[:3])
+        assert deviation <= expanded < 0.15
+        assert deviation < 0.02
+    # A copy elsewhere has no plan; what is given counts before that.
+    (tmp_path / "frame.tif").write_bytes(path.read_bytes())
+    assert off(*by_picture(tmp_path / "frame.tif", pair)[:3])[1] > 1.5 * expanded
+    other = by_picture(path, pair, focal_length_m=1.0)
+    assert off(*other[:3])[0] > 0.03

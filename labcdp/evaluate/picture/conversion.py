@@ -287,7 +287,7 @@ class PictureConversion:
         if picture.light_is_cd_m2:
             return None
         readout = None if picture.frame is None else picture.frame.readout
-        return self.vignetting(picture.shape, readout, picture.facts, picture.encoding)
+        return self.through(picture.lens).vignetting(picture.shape, readout, picture.facts, picture.encoding)
 
     def frame_of(self, picture: Picture) -> Frame:
         """Return the DN of a picture if they are such as the conversion is for.

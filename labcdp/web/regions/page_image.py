@@ -149,12 +149,13 @@ class PageImage:
         def of(values: Any) -> NDArray[np.float64]:
             return np.asarray(np.broadcast_to(values, part.shape)[inside][at], dtype=np.float64)
 
-        value = of(part.luminance_cd_m2)
+        value, flags = of(part.luminance_cd_m2), part.invalid[inside][at]
+        if self.unit != "cd/m^2":
+            return value, np.full(value.shape, np.nan), flags
         relative = [of(one) for one in (part.random_rel, part.common_rel, part.slow_rel)]
         with np.errstate(invalid="ignore"):
             u = np.sqrt(np.square(value) * sum(map(np.square, relative)) + np.square(of(part.slow_cd_m2)))
-        flags = part.invalid[inside][at]
-        known = (u > 0) & (self.unit == "cd/m^2") & (flags & np.uint8(Invalid.SATURATED) == 0)
+        known = (u > 0) & (flags & np.uint8(Invalid.SATURATED) == 0)
         return value, np.where(known, Z_95 * u, np.nan), flags
 
     def pixels(self, roi: Roi) -> RegionPixels:

@@ -16,6 +16,7 @@ from labcdp.core.result import warning
 from labcdp.core.roi import Roi
 from labcdp.core.table import Z_95
 from labcdp.core.vignetting import Cos4Vignetting
+from labcdp.evaluate.picture.edges.map import contrast_map
 from labcdp.evaluate.video.evaluate import evaluate_video
 from labcdp.evaluate.video.settings import VideoSettings
 from labcdp.files.luminance_file import save_luminance
@@ -234,3 +235,23 @@ def test_a_comparison_names_what_pictures_do_not_state_and_has_no_bounds(tmp_pat
     contrasts = {row["quantity"]: row["difference"] for row in rows if row["quantity"].startswith("contrast")}
     assert [value is None for name, value in contrasts.items() if "middle" in name] == [True, True]
     assert [value is None for name, value in contrasts.items() if "middle" not in name] == [False]
+
+
+def test_the_edges_of_a_map_have_the_vignetting_between_their_regions(tiff):
+    """As pairs of regions there have; significance and CDP are by the pixels."""
+    unknown, none = (contrast_map(labcdp.read_image(tiff, no_vignetting=given).luminance) for given in (None, True))
+    edges = unknown.edges
+    np.testing.assert_array_equal(edges.kind, none.edges.kind)
+    np.testing.assert_array_equal(edges.cdp, none.edges.cdp)
+    x, y = edges.middle_px.T
+    apart = np.sqrt(
+        np.square(edges.contrast_standard_uncertainty) - np.square(none.edges.contrast_standard_uncertainty)
+    )
+    ratio_u = apart / (1 + edges.contrast)
+    # Two regions of 40 pixels side by side: the slope of the logarithm of cos^4 times their distance, at the most.
+    r = np.hypot(x - 320, y - 240) / 400
+    t2 = np.tan(np.radians(40)) ** 2
+    most = (4 * t2 * r / (1 + t2 * r**2) + 0.4) / np.sqrt(3) * 80 / 400
+    known = np.isfinite(ratio_u)
+    assert (ratio_u[known] <= most[known]).all()
+    assert np.median(ratio_u[known & (r > 0.5)]) > 0.03

@@ -385,7 +385,8 @@ class PictureConversion:
         if isinstance(vignetting, Cos4Vignetting):
             code = "relative-luminance-cos4" if relative else "natural-vignetting-corrected"
             lens = {"focal_length_m": vignetting.focal_length_m, "pixel_pitch_m": vignetting.pixel_pitch_m}
-            return (info(code, **lens),)
+            doubted = vignetting.corner_rel > self.options.vignetting_rel
+            return (info(code, **lens), *([warning("vignetting-of-developed")] if doubted else []))
         if vignetting is None:
             return (info("relative-luminance-as-given"),) if relative else ()
         return (info("relative-luminance") if relative else warning("natural-vignetting-unknown"),)

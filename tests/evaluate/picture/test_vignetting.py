@@ -123,8 +123,12 @@ def test_a_developed_picture_may_be_corrected_already(tmp_path):
     for focal_m in (FOCAL_M, 1.0):
         path = tmp_path / "a.jpg"
         Image.fromarray(np.rint(255 * srgb(scene(focal_m=focal_m))).astype(np.uint8)).save(path, exif=exif, quality=98)
-        for pair, (deviation, expanded) in deviations(labcdp.read_image(path)).items():
+        image = labcdp.read_image(path)
+        assert warning("vignetting-of-developed") in image.findings
+        for pair, (deviation, expanded) in deviations(image).items():
             assert abs(deviation) <= expanded, (focal_m, pair)
+    given = labcdp.read_image(path, focal_length_m=FOCAL_M)
+    assert warning("vignetting-of-developed") not in given.findings
 
 
 def test_without_vignetting_as_given_the_pixels_alone_decide(tiff):

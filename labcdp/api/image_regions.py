@@ -30,7 +30,7 @@ class ImageRegions:
     unit : str
         Unit of that.
     attributes : callable
-        Makes the attributes of a dataset of tolerance and findings.
+        Makes the attributes of a dataset of tolerance, findings and pairs.
     rois : tuple of Roi
         The regions.
     pairs : tuple of (str, str)
@@ -40,7 +40,7 @@ class ImageRegions:
     name: str
     luminance: LuminanceMap
     unit: str
-    attributes: Callable[[Epsilon, Sequence[Finding]], dict[str, Any]]
+    attributes: Callable[[Epsilon, Sequence[Finding], Sequence[tuple[Roi, Roi]]], dict[str, Any]]
     rois: tuple[Roi, ...]
     pairs: tuple[tuple[str, str], ...]
 
@@ -73,7 +73,8 @@ class ImageRegions:
             ("pair", "contrast"), [pair.results or (None,) for pair in found]
         )
         coordinates = {"pair": [pair.name for pair in found], "side": ["bright", "dark"], "region": data.pop("region")}
-        attributes = self.attributes(epsilon, [one for pair in found for one in pair.findings])
+        regions = [(pair.bright_region.roi, pair.dark_region.roi) for pair in found]
+        attributes = self.attributes(epsilon, [one for pair in found for one in pair.findings], regions)
         measured = ("pair", [pair.contrast.value for pair in found])
         return described(at_contrasts(Dataset(data, coordinates, attributes), asked, measured))
 

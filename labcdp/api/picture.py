@@ -18,7 +18,7 @@ from ..core.disk.files import shown
 from ..core.errors import InputError
 from ..core.luminance import LuminanceMap
 from ..core.result import Finding, html_table, unique
-from ..core.roi import Rectangle
+from ..core.roi import Rectangle, Roi
 from ..evaluate.picture.conversion import PictureConversion, picture_conversion
 from ..evaluate.picture.neighbours import evaluate_neighbours
 from ..files.picture import Picture
@@ -36,6 +36,11 @@ class StatedOfVideo(TypedDict, total=False):
     exposure_s: float | None
     gain_db: float | None
     bit_depth: int | None
+    black_level_dn: float | None
+    bayer: Literal["RGGB", "GRBG", "GBRG", "BGGR"] | None
+    focal_length_m: float | None
+    pixel_pitch_m: float | None
+    no_vignetting: bool | None
 
 
 class Stated(StatedOfVideo, total=False):
@@ -55,7 +60,9 @@ def read_image(
 ) -> Image:
     """Read a picture for evaluation.
 
-    Without calibration and camera specification the values are relative luminance; contrasts are unaffected.
+    Without calibration and camera specification the values are relative luminance; contrasts of regions at different
+    places then include the lens's vignetting, which is corrected as cos^4 where focal length and pixel pitch are
+    known, and else part of their uncertainty.
 
     Parameters
     ----------
@@ -69,6 +76,11 @@ def read_image(
         How values are encoded; None for what the kind of file suggests.
     exposure_s, gain_db, bit_depth
         What the user states about the picture; it counts before what the file says.
+    black_level_dn, bayer
+        DN of pixels without light, and colour filter of a sensor in a grey file by its first 2 x 2 pixels.
+    focal_length_m, pixel_pitch_m, no_vignetting
+        What decides the vignetting, where the file and the camera specification do not say it; whether there is none,
+        as in simulated and corrected pictures.
     pixel_format, size
         GenICam pixel format, and width and height, of raw dumps.
 
@@ -231,9 +243,12 @@ class Image:
             ("", ""), [*rows, *((one.severity, finding_text(one)) for one in self.findings)], self.path.name
         )
 
-    def attributes(self, epsilon: Epsilon | None, findings: Sequence[Finding] = ()) -> dict[str, Any]:
+    def attributes(
+        self, epsilon: Epsilon | None, findings: Sequence[Finding] = (), pairs: Sequence[tuple[Roi, Roi]] = ()
+    ) -> dict[str, Any]:
         """Return the attributes of a dataset of this picture."""
-        found = unique([*self.findings, *findings])
+        own = self.conversion.with_pairs(self.findings, self.picture, self.luminance, pairs)
+        found = unique([*own, *findings])
         return {
             "title": "contrast detection probability of a picture" if epsilon is not None else "luminance of a picture",
             "file": str(self.path),

@@ -50,13 +50,14 @@ def open_video(
 ) -> Video:
     """Open a video for evaluation.
 
-    Without calibration and camera specification the values are relative luminance; contrasts are unaffected.
+    Without calibration and camera specification the values are relative luminance, as for `labcdp.read_image`.
 
     Parameters
     ----------
     path : path
         A video file, a folder of numbered images, or a recorded session.
-    calibration, camera_spec, encoding, exposure_s, gain_db, bit_depth
+    calibration, camera_spec, encoding, exposure_s, gain_db, bit_depth, black_level_dn, bayer, focal_length_m, \
+pixel_pitch_m, no_vignetting
         As for `labcdp.read_image`.
 
     Returns

@@ -69,7 +69,7 @@ class QuestionOptions:
                 raise InputError("--over and --set are options for chains, --roi is one for pictures: leave one out")
             inputs = tuple(light.inputs({"regions": self.roi}))
             return picture_task(self.roi, light.conversion(), inputs, self.contrast, epsilon)
-        given = [f"--{name.replace('_', '-')}" for name, value in vars(light).items() if value is not None]
+        given = [f"--{name.replace('_', '-')}" for name, value in vars(light).items() if value not in (None, False)]
         if given:
             raise InputError(f"{given[0]} is an option for pictures: give their regions with --roi, too")
         if not (self.over or self.changes or (self.contrast, self.epsilon) != (None, None)):

@@ -70,6 +70,20 @@ def parse_seconds(text: str, name: str) -> float:
     raise InputError(f"{name} is {shown(text)}: give a number above 0 with s, ms or us, for example 5ms")
 
 
+#: Units of a length, in metres.
+_LENGTHS = {"mm": 1e-3, "um": 1e-6, "µm": 1e-6, "m": 1.0}
+
+
+def parse_length(text: str, name: str) -> float:
+    """Turn ``3.45um`` into 3.45e-6; raises InputError if it is not a number above 0 with mm, um or m."""
+    unit = next((one for one in _LENGTHS if text.endswith(one)), "")
+    with suppress(ValueError):
+        value = float(text.removesuffix(unit)) * _LENGTHS.get(unit, nan)
+        if isfinite(value) and value > 0:
+            return value
+    raise InputError(f"{name} is {shown(text)}: give a number above 0 with mm or um, for example 6mm or 3.45um")
+
+
 def parse_temperature(text: str, name: str) -> float:
     """Turn ``31.5`` into a number; raises InputError unless it is from -100 to 200 degC."""
     with suppress(ValueError):

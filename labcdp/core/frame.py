@@ -99,6 +99,11 @@ class Readout:
         size = self.sensor_size and (self.sensor_size[0] / factor, self.sensor_size[1] / factor)
         return replace(self, x=self.x / factor, y=self.y / factor, sensor_size=size)
 
+    @property
+    def pitches(self) -> float:
+        """Pitches of the sensor from pixel to pixel; where columns and rows differ, the geometric mean."""
+        return math.sqrt(math.prod((*self.binning, *self.decimation)))
+
     def axis_px(self, shape: tuple[int, int]) -> tuple[float, float] | None:
         """Middle of the sensor, (x, y) in pixels of a frame of `shape`; None if it is that of the frame, or unknown."""
         if self.sensor_size is None:

@@ -45,12 +45,15 @@ class CommonError:
         True if the number is distributed evenly between limits (sqrt 3 standard uncertainties), False for normal.
     dof : float
         Degrees of freedom of the standard uncertainty; infinite if it is known.
+    smooth : bool
+        True if it hardly changes within a region: of a region, its mean counts.
     """
 
     source: str
     relative: NDArray[np.floating[Any]] | float
     rectangular: bool = False
     dof: float = inf
+    smooth: bool = False
 
 
 #: Rows and columns of a map.

@@ -46,6 +46,9 @@ class Column:
         Name of the column with the expanded uncertainty U (95 %); text then shows ``value ± U``.
     low, high : str
         Names of the columns with the ends of the 95 % interval; text then shows ``value (low to high)``.
+    bound : str
+        Name of the column that says whether the true value is larger (``>``), smaller (``<``) or not known (``?``);
+        text then shows ``> value``, without an uncertainty.
     shown : bool
         Whether text and pages show the column by itself; sheets, JSON and NetCDF hold all columns.
     time : bool
@@ -66,6 +69,7 @@ class Column:
     expanded: str = ""
     low: str = ""
     high: str = ""
+    bound: str = ""
     shown: bool = True
     time: bool = False
     unit_of: str = ""
@@ -104,6 +108,15 @@ def uncertain(column: Column, u: Taken = "", expanded: Taken = "") -> tuple[Colu
     """
     standard = _hidden(column, f"u_{column.name}", "u of", "Standard uncertainty.", u)
     return *with_expanded(column, expanded or (lambda item: _expanded(_taken(u, item)))), standard
+
+
+def with_bound(columns: Sequence[Column], bound: Taken) -> tuple[Column, ...]:
+    """Return columns of an uncertain value with one that says whether it is a bound; `bound` is its value."""
+    first, *others = columns
+    name = f"{first.name}_bound"
+    meaning = "Whether saturated pixels make the value a bound: the true one is larger (>), smaller (<) or unknown (?)."
+    column = Column(name, f"{first.label}, bound", "", meaning, shown=False, value=bound)
+    return replace(first, bound=name), *others, column
 
 
 def with_interval(column: Column, interval: str) -> tuple[Column, Column, Column]:

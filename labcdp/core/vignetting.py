@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import hypot
+from math import hypot, radians, sqrt, tan
 from typing import Annotated, Any, Protocol
 
 import numpy as np
@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 
 from .disk.arrays import EqualByContent, StoredArray, read_only
 from .errors import InputError
+from .frame import Readout
 
+#: Relative standard uncertainty of cos^4 vignetting in the corners of the image, unless the user states it or measures
+#: a flat field. A judgement for lenses that are stopped down: limits of 9 %, which are 5 %. Wide open it is too small:
+#: good lenses then lose 30 to 40 % (D. B. Goldman and J.-H. Chen, "Vignette and exposure calibration and compensation",
+#: ICCV 2005).
+VIGNETTING_REL = 0.05
 #: Side of the middle field a flat field is 1 on, as a share of the sensor's height and width.
 MIDDLE_SHARE = 0.1
 
@@ -50,6 +56,22 @@ class _Radial:
         x0, y0 = self.centre_px or (width / 2, height / 2)
         r2 = np.float64(((place_px[0] - x0) ** 2 + (place_px[1] - y0) ** 2) / (hypot(height, width) / 2) ** 2)
         return [float(error) for error in self._patterns(r2)]
+
+    def patterns_at(
+        self, shape: tuple[int, int], y_px: NDArray[np.float64], x_px: NDArray[np.float64]
+    ) -> list[NDArray[np.float64]]:
+        """Return `common_patterns` at rows and columns of places in an image of `shape`; each of shape (rows, columns).
+
+        Parameters
+        ----------
+        shape : (int, int)
+            Height and width in pixels.
+        y_px, x_px : ndarray of float, shape (rows,) and (columns,)
+            The places; the upper left corner of the image is (0, 0).
+        """
+        x0, y0 = self.centre_px or (shape[1] / 2, shape[0] / 2)
+        scale = 2 / hypot(*shape)
+        return self._patterns(np.add.outer(((y_px - y0) * scale) ** 2, ((x_px - x0) * scale) ** 2))
 
     def _patterns(self, r2: Any) -> list[Any]:
         raise NotImplementedError
@@ -102,6 +124,48 @@ class Cos4Vignetting(_Radial):
 
     def _patterns(self, r2: Any) -> list[Any]:
         return [self.corner_rel * r2] if self.corner_rel else []
+
+
+#: Half the field of view, from corner to corner, that is assumed of a lens of which nothing is known: that of the main
+#: cameras of phones, of wide driver-assistance cameras and of 6 mm on a sensor of 2/3". Its cos^4 leaves 34 % in the
+#: corners, less than most lenses do.
+ASSUMED_HALF_FIELD_RAD = radians(40)
+#: How far its axis may be from the middle of the image, as a share of half the diagonal.
+ASSUMED_DECENTRING = 0.05
+
+
+@dataclass(frozen=True)
+class UnknownVignetting:
+    """Vignetting of a lens of which nothing is known: values stay as they are, with the errors that this may be.
+
+    All vignetting is equally likely that lies between that of cos^4 at `ASSUMED_HALF_FIELD_RAD` and as much the other
+    way, as of a camera that corrects more than there is. The axis is as likely anywhere within `ASSUMED_DECENTRING` of
+    the middle. Errors therefore grow with the distance from the axis, and those of two places differ the more, the
+    farther these are from each other.
+
+    Parameters
+    ----------
+    centre_px : (float, float) or None
+        Middle of the sensor, (x, y) in pixels of the image; None for that of the image.
+    half_diagonal_px : float or None
+        Half the diagonal of the sensor in pixels of the image; None for that of the image.
+    """
+
+    centre_px: tuple[float, float] | None = None
+    half_diagonal_px: float | None = None
+
+    def patterns_at(
+        self, shape: tuple[int, int], y_px: NDArray[np.float64], x_px: NDArray[np.float64]
+    ) -> list[NDArray[np.float64]]:
+        """Return errors of the logarithm of V, as `Cos4Vignetting.patterns_at`: by the lens, and by its axis."""
+        x0, y0 = self.centre_px or (shape[1] / 2, shape[0] / 2)
+        half = self.half_diagonal_px or hypot(*shape) / 2
+        y, x = (y_px[:, None] - y0) / half, (x_px - x0) / half
+        squared_tangent = tan(ASSUMED_HALF_FIELD_RAD) ** 2
+        growth = squared_tangent * y**2 + (1 + squared_tangent * x**2)
+        # Standard uncertainties of even distributions; those of the axis by the slope of cos^4 in x and y.
+        slope = 4 * squared_tangent * ASSUMED_DECENTRING / sqrt(3) / growth
+        return [np.log(growth) * (2 / sqrt(3)), slope * x, slope * y]
 
 
 @dataclass(frozen=True)
@@ -234,6 +298,8 @@ class FlatField(EqualByContent):
 
 #: Fall-offs a calibration can have.
 AnyVignetting = Cos4Vignetting | RadialVignetting | FlatField
+#: What is taken of the vignetting without a calibration.
+AssumedVignetting = Cos4Vignetting | UnknownVignetting
 
 
 def cropped(
@@ -264,6 +330,55 @@ def cropped(
     rows = scale[:, None] * np.array(vignetting.covariance) * scale
     covariance = tuple((float(a), float(b), float(c)) for a, b, c in rows)
     return replace(vignetting, a2=float(a2), a4=float(a4), a6=float(a6), centre_px=centre_px, covariance=covariance)
+
+
+def assumed_in_part(
+    vignetting: AssumedVignetting, whole: tuple[int, int], corner: tuple[int, int], shape: tuple[int, int]
+) -> AssumedVignetting:
+    """Return what is assumed for a part of the image; the parameters are those of `cropped`."""
+    if isinstance(vignetting, Cos4Vignetting):
+        part = cropped(vignetting, whole, corner, shape)
+        assert isinstance(part, Cos4Vignetting)
+        return part
+    x0, y0 = vignetting.centre_px or (whole[1] / 2, whole[0] / 2)
+    half_diagonal_px = vignetting.half_diagonal_px or hypot(*whole) / 2
+    return UnknownVignetting((x0 - corner[0], y0 - corner[1]), half_diagonal_px)
+
+
+@dataclass(frozen=True)
+class Lens:
+    """What decides natural vignetting.
+
+    Parameters
+    ----------
+    focal_length_m, pixel_pitch_m : float
+        Of the lens, and of the sensor before pixels are joined.
+    vignetting_rel : float
+        Relative standard uncertainty of cos^4 in the corners of an image.
+    """
+
+    focal_length_m: float
+    pixel_pitch_m: float
+    vignetting_rel: float = VIGNETTING_REL
+
+    def on(self, shape: tuple[int, int], readout: Readout | None = None) -> Cos4Vignetting:
+        """Vignetting of an image of `shape` (height, width) that shows a part of the sensor; None for all of it."""
+        seen = readout or Readout()
+        pitch_m = self.pixel_pitch_m * seen.pitches
+        return Cos4Vignetting(self.focal_length_m, pitch_m, seen.axis_px(shape), self.vignetting_rel)
+
+
+def with_doubt(vignetting: Cos4Vignetting, shape: tuple[int, int]) -> Cos4Vignetting:
+    """Return it for an image of `shape` that the camera may have corrected already, in part or wholly."""
+    corner = (hypot(*shape) / 2 * vignetting.pixel_pitch_m / vignetting.focal_length_m) ** 2
+    # The slope of cos^4 on the axis, which is the steepest.
+    return replace(vignetting, corner_rel=hypot(vignetting.corner_rel, 2 * corner / sqrt(3)))
+
+
+def unknown_vignetting(shape: tuple[int, int], readout: Readout | None = None) -> UnknownVignetting:
+    """Vignetting of an image of `shape` (height, width), or of a part of a sensor, by an unknown lens."""
+    axis_px, size = (None, None) if readout is None else (readout.axis_px(shape), readout.sensor_size)
+    return UnknownVignetting(axis_px, None if axis_px is None or size is None else hypot(*size) / 2)
 
 
 def _squared_distance(

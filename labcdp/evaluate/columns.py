@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ..core.table import Column, uncertain
+from ..core.table import Column, uncertain, with_bound
 
 #: Of a `CalibratedCdp`: the probability, and the shares of the pairs to either side.
 CDP = (
@@ -25,9 +25,12 @@ SHARES = (
 )  # fmt: skip
 TARGET = Column("contrast", "target contrast", "%", "Contrast whose CDP is computed.", value="result.contrast")
 #: Of a `PairResult`.
-CONTRAST = uncertain(
-    Column("measured_contrast", "measured contrast", "%", "Weber contrast of the means.", value="contrast.value"),
-    u="contrast.standard_error",
+CONTRAST = with_bound(
+    uncertain(
+        Column("measured_contrast", "measured contrast", "%", "Weber contrast of the means.", value="contrast.value"),
+        u="contrast.standard_error",
+    ),
+    "bound",
 )
 CSNR = uncertain(
     Column("csnr", "CSNR", "", "Mean over standard deviation of the contrasts of all pairs of pixels.", 3,
@@ -41,7 +44,10 @@ def region_columns(unit: str, unit_of: str = "") -> tuple[Column, ...]:
     return (
         Column("region", "region", value="roi.name"),
         Column("pixels", "pixels", meaning="Number of its pixels, all of which count.", value="n_pixels"),
-        *uncertain(Column("mean", "mean", unit, "Mean luminance.", unit_of=unit_of), u="standard_uncertainty"),
+        *with_bound(
+            uncertain(Column("mean", "mean", unit, "Mean luminance.", unit_of=unit_of), u="standard_uncertainty"),
+            "bound",
+        ),
         Column("std", "standard deviation", unit, "Of the pixels, with n - 1.", 3, unit_of=unit_of),
         *uncertain(Column("snr", "spatial SNR", "", "Mean over standard deviation of the pixels.", 3,
                           value="snr.value"), u="snr.standard_error"),
@@ -57,6 +63,6 @@ def invalid_share(reason: str, shown: bool = False) -> Column:
 
 
 def by_itself(*columns: Column) -> tuple[Column, ...]:
-    """Return columns as variables, each by itself: u stays, U goes."""
-    kept = (column for column in columns if not column.name.startswith("expanded_"))
-    return tuple(replace(column, expanded="", low="", high="") for column in kept)
+    """Return columns as variables, each by itself: u stays, which a bound has none of, and U goes."""
+    kept = (column for column in columns if not (column.name.startswith("expanded_") or column.name.endswith("_bound")))
+    return tuple(replace(column, expanded="", low="", high="", bound="") for column in kept)

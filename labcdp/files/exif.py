@@ -7,16 +7,22 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from io import BytesIO
 from itertools import islice
-from math import isfinite, log10
+from math import hypot, isfinite, log10
 from pathlib import Path
 from typing import Any
 
 from ..core.disk.tiff import MOST_PAGES, require_end
 from ..core.errors import InputError
 
+#: Diagonal of 36 mm x 24 mm.
+_FILM_DIAGONAL_M = hypot(36e-3, 24e-3)
+#: Metres by FocalPlaneResolutionUnit: inch, centimetre, and millimetre and micrometre that some cameras write.
+_UNITS_M = {2: 25.4e-3, 3: 1e-2, 4: 1e-3, 5: 1e-6}
 #: ISO speed that counts as a gain of 0 dB.
 _ISO_OF_0_DB = 100.0
 _EXIF = 34665
+#: Tags in the EXIF directory of names that TIFF/EP has for others.
+_OF_EXIF = {"FocalPlaneXResolution": 41486, "FocalPlaneResolutionUnit": 41488}
 _STRIPS, _TILES = (273, 279), (324, 325)
 
 
@@ -38,6 +44,12 @@ class ExifFacts:
         PhotometricInterpretation of the largest picture.
     has_cfa_pattern : bool
         Whether there is a CFAPattern.
+    focal_length_35mm_m : float or None
+        FocalLengthIn35mmFilm: the focal length with the same field of view on 36 mm x 24 mm.
+    pixel_pitch_m : float or None
+        Distance of pixels by FocalPlaneXResolution and FocalPlaneResolutionUnit.
+    width_px : int or None
+        PixelXDimension: columns of the picture that the camera took.
     """
 
     exposure_s: float | None = None
@@ -51,11 +63,30 @@ class ExifFacts:
     orientation: int = 1
     photometric: int | None = None
     has_cfa_pattern: bool = False
+    focal_length_35mm_m: float | None = None
+    pixel_pitch_m: float | None = None
+    width_px: int | None = None
+
+    def pixel_pitch_on(self, shape: tuple[int, int]) -> float | None:
+        """Return the distance of the pixels of a picture of this height and width on the sensor; None if not known.
+
+        That of FocalPlaneXResolution, unless the picture has another size than the camera took; else by the focal
+        length and that of 35 mm film with the same field, by its diagonal.
+        """
+        if self.pixel_pitch_m is not None and self.width_px in (None, *shape):
+            return self.pixel_pitch_m
+        if self.focal_length_m is None or self.focal_length_35mm_m is None:
+            return None
+        return self.focal_length_m / self.focal_length_35mm_m * _FILM_DIAGONAL_M / hypot(*shape)
 
     @property
     def gain_db(self) -> float | None:
         """20 log10(ISO / 100), as twice the speed is twice the DN; None if the ISO speed is not known."""
         return 20 * log10(self.iso / _ISO_OF_0_DB) if self.iso else None
+
+
+#: Of a file that says nothing.
+NOTHING_SAID = ExifFacts()
 
 
 def read_exif(data: bytes, path: Path, whole: bool = True) -> ExifFacts:
@@ -100,9 +131,14 @@ def read_exif(data: bytes, path: Path, whole: bool = True) -> ExifFacts:
     if isinstance(exif, dict):
         codes = tifffile.TIFF.EXIF_TAGS
         # Names of several tags, such as CFAPattern, do not say which of them it is.
-        merged |= {codes[name]: value for name, value in exif.items() if len(codes.getall(name, ())) == 1}
+        of_name = {name: _OF_EXIF.get(name) or codes[name] for name in exif if name in _OF_EXIF or _is_one(codes, name)}
+        merged |= {code: exif[name] for name, code in of_name.items()}
     largest = max(directories, key=lambda tags: positive_number(tags.get(256)) or 0, default={})
     return _facts(merged, largest)
+
+
+def _is_one(codes: Any, name: str) -> bool:
+    return len(codes.getall(name, ())) == 1
 
 
 def _require_whole(tags: Mapping[int, Any], size: int, path: Path) -> None:
@@ -128,6 +164,10 @@ def _whole_numbers(value: Any, path: Path) -> tuple[int, ...]:
 def _facts(tags: Mapping[int, Any], largest: Mapping[int, Any]) -> ExifFacts:
     focal_length_mm = positive_number(tags.get(37386))
     photometric = positive_number(largest.get(262))
+    of_film_mm, per_unit = positive_number(tags.get(41989)), positive_number(tags.get(41486))
+    unit_m = _UNITS_M.get(int(positive_number(tags.get(41488)) or 2))
+    pixel_pitch_m = unit_m / per_unit if unit_m and per_unit else None
+    columns = positive_number(tags.get(40962))
     orientation = int(positive_number(tags.get(274)) or 1)
     return ExifFacts(
         exposure_s=positive_number(tags.get(33434)),
@@ -141,6 +181,10 @@ def _facts(tags: Mapping[int, Any], largest: Mapping[int, Any]) -> ExifFacts:
         orientation=orientation if orientation in range(1, 9) else 1,
         photometric=None if photometric is None else int(photometric),
         has_cfa_pattern=33422 in tags,
+        focal_length_35mm_m=of_film_mm / 1000 if of_film_mm else None,
+        # Others are damaged or no pixels: no sensor has them.
+        pixel_pitch_m=pixel_pitch_m if pixel_pitch_m is not None and 1e-7 < pixel_pitch_m < 1e-3 else None,
+        width_px=None if columns is None else int(columns),
     )
 
 

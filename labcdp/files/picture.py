@@ -11,11 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.disk.files import shown
-from ..core.dn import pixel_format
+from ..core.dn import PIXEL_FORMATS, pixel_format
 from ..core.errors import InputError
 from ..core.frame import CameraIdentity, Frame
 from ..core.luminance import LuminanceMap
 from ..core.result import Finding, warning
+from ..core.vignetting import VIGNETTING_REL, Lens
+from .doubts import CERTAIN, Doubts
 from .exif import ExifFacts
 from .stored_image import MAX_PIXELS
 from .transfer import Encoding
@@ -86,6 +88,10 @@ class Picture(PictureFile):
         Largest value and bits that are set in any, where the bits of the scale are an estimate from them.
     luminance : LuminanceMap or None
         The whole map of a file that labcdp wrote as luminance, with uncertainty and flags.
+    doubts : Doubts
+        What is doubtful about the values.
+    lens : Lens or None
+        The lens by the plan of the session it was recorded in; None for others.
     """
 
     frame: Frame | None = None
@@ -97,6 +103,8 @@ class Picture(PictureFile):
     coloured: bool = False
     guessed_by: tuple[int, int] | None = None
     luminance: LuminanceMap | None = None
+    doubts: Doubts = CERTAIN
+    lens: Lens | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -126,6 +134,17 @@ class PictureOptions:
         DN from which a pixel is saturated, and of dark signal; None for the highest DN, and for 0.
     encoding : str or None
         How values are encoded, see `labcdp.files.transfer`; None for what the file states or its kind suggests.
+    assumed_encoding : str or None
+        How grey values are taken to be encoded where neither is said; None for what their histogram looks like.
+    bayer : str or None
+        Colour filter of grey files, by the first 2 x 2 pixels: ``RGGB``, ``GRBG``, ``GBRG`` or ``BGGR``; None for what
+        the file or `pixel_format` says.
+    focal_length_m, pixel_pitch_m : float or None
+        Focal length of the lens, and distance of the pixels of the sensor, for the vignetting; None for not known.
+    vignetting_rel : float
+        Relative standard uncertainty of the vignetting by these, in the corners of an image.
+    no_vignetting : bool
+        Whether pictures are without vignetting, such as simulated and corrected ones.
     overrides : frozenset of str
         Names of the options that the user gave explicitly: these count before what a file says, with a finding where
         it says otherwise or the option cannot count. The others count where the file does not say.
@@ -149,6 +168,12 @@ class PictureOptions:
     saturation_dn: float | None = None
     black_level_dn: float | None = None
     encoding: Encoding | None = None
+    assumed_encoding: Encoding | None = None
+    bayer: str | None = None
+    focal_length_m: float | None = None
+    pixel_pitch_m: float | None = None
+    vignetting_rel: float = VIGNETTING_REL
+    no_vignetting: bool = False
     overrides: frozenset[str] = frozenset()
     max_pixels: int = MAX_PIXELS
     damaged: bool = False
@@ -164,12 +189,20 @@ class PictureOptions:
             pixel_format(self.pixel_format)
         if self.size is not None and min(self.size) < 1:
             raise InputError(f"the size is {self.size[0]} x {self.size[1]} pixels: give at least 1 x 1")
+        if self.black_level_dn is not None and not 0 <= self.black_level_dn < 2**16:
+            raise InputError(f"the black level is {self.black_level_dn} DN: give a number from 0 to 65535")
+        if self.bayer is not None and self.bayer not in _FILTERS:
+            raise InputError(f"bayer is {shown(self.bayer)}: give {', '.join(_FILTERS)}")
+        lens = ("focal length", self.focal_length_m, 1e-4, 10.0), ("pixel pitch", self.pixel_pitch_m, 1e-7, 1e-3)
+        for what, value, least, most in lens:
+            if value is not None and not least <= value <= most:
+                raise InputError(f"the {what} is {value:g} m: give {least:g} to {most:g} m")
         if self.max_pixels < 1:
             raise InputError(f"the limit is {self.max_pixels} pixels: give at least 1")
 
     def given(self, **values: Any) -> Self:
         """Return options with what the user states, which counts before what files say; None states nothing."""
-        for name in ("exposure_s", "gain_db", "bit_depth"):
+        for name in ("exposure_s", "gain_db", "bit_depth", "black_level_dn", "focal_length_m", "pixel_pitch_m"):
             value = values.get(name)
             if value is not None and (isinstance(value, bool) or not isinstance(value, int | float | np.number)):
                 raise InputError(f"{name} is {shown(value)}: give a number")
@@ -182,20 +215,42 @@ class PictureOptions:
         of_format = None if self.pixel_format is None else pixel_format(self.pixel_format).bit_depth
         return self.bit_depth or of_format
 
+    @property
+    def of_sensor(self) -> bool:
+        """Whether grey values are said to be the DN of a sensor, which are in proportion to light."""
+        return bool(self.pixel_format or {"bayer", "black_level_dn"} & self.overrides)
+
     def override(self, name: str) -> Any:
         """Return the value of an option that the user gave explicitly, else None."""
         return getattr(self, name) if name in self.overrides else None
 
 
+#: Colour filters of frames by how users write them.
+_FILTERS = {"RGGB": "RG", "GRBG": "GR", "GBRG": "GB", "BGGR": "BG"}
+#: Options of what values mean, beside exposure, gain and bits, in results.
+OF_VALUES = ("black_level_dn", "bayer", "focal_length_m", "pixel_pitch_m", "no_vignetting")
 #: Difference that rounding explains: 1/60 s as 16.7 ms; an ISO speed in steps of a third.
 _EXPOSURE_REL, _GAIN_DB = 0.005, 0.05
+_AS_STORED = {"black_level_dn": "black level", "bayer": "colour filter"}
 _OF_DN = {"exposure_s": "exposure", "gain_db": "gain", "bit_depth": "bit depth", "pixel_format": "pixel format"}
 
 
 def overridden_frame(frame: Frame, options: PictureOptions) -> Frame:
-    """Frame with the exposure and gain that the user gave."""
+    """Frame with the exposure and gain, and of DN as stored the black level and colour filter, that the user gave."""
     given = {name: options.override(name) for name in ("exposure_s", "gain_db")}
-    return replace(frame, **{name: value for name, value in given.items() if value is not None})
+    frame = replace(frame, **{name: value for name, value in given.items() if value is not None})
+    if frame.clipped is not None:
+        # Light, that was made of colours or by a table.
+        return frame
+    black_dn, bayer = options.override("black_level_dn"), options.override("bayer")
+    if black_dn is not None:
+        frame = replace(frame, black_level_dn=black_dn, black_pattern=None)
+    if bayer is not None:
+        filter_name = _FILTERS[bayer]
+        named = f"Bayer{filter_name}{frame.bit_depth}"
+        pixel_format = named if named in PIXEL_FORMATS else frame.pixel_format
+        frame = replace(frame, colour_filter=filter_name, pixel_format=pixel_format)
+    return frame
 
 
 def contradictions(exposure_s: float, gain_db: float, options: PictureOptions) -> tuple[Finding, ...]:
@@ -206,6 +261,18 @@ def contradictions(exposure_s: float, gain_db: float, options: PictureOptions) -
         found.append(warning("exposure-replaced", stated_s=exposure_s, given_s=given_s))
     if given_db is not None and not isclose(gain_db, given_db, abs_tol=_GAIN_DB):
         found.append(warning("gain-replaced", stated_db=gain_db, given_db=given_db))
+    return tuple(found)
+
+
+def _other_levels(frame: Frame, options: PictureOptions) -> tuple[Finding, ...]:
+    """Find where a file says another black level or colour filter of DN than the user gave."""
+    found = []
+    black_dn, bayer = options.override("black_level_dn"), options.override("bayer")
+    if black_dn is not None and frame.clipped is None and frame.black_level_dn not in (None, black_dn):
+        found.append(warning("black-level-replaced", stated_dn=frame.black_level_dn, given_dn=black_dn))
+    if bayer is not None and frame.colour_filter not in (None, _FILTERS[bayer]):
+        stated = next(name for name, of_frame in _FILTERS.items() if of_frame == frame.colour_filter)
+        found.append(warning("colour-filter-replaced", stated=stated, given=bayer))
     return tuple(found)
 
 
@@ -222,9 +289,12 @@ def unused_options(frame: Frame | None, bits: int | None, options: PictureOption
         With what was given.
     """
     if frame is None:
-        given = [what for name, what in _OF_DN.items() if name in options.overrides]
+        given = [what for name, what in {**_OF_DN, **_AS_STORED}.items() if name in options.overrides]
         return tuple(warning("option-needs-dn", option=what) for what in given)
     found = []
+    if frame.clipped is not None:
+        given = [what for name, what in _AS_STORED.items() if name in options.overrides]
+        found += [warning("option-needs-grey", option=what) for what in given]
     given_bits, name = options.override("bit_depth"), options.override("pixel_format")
     if given_bits not in (None, bits):
         found.append(warning("bit-depth-ignored", given=given_bits, bits=bits))
@@ -239,6 +309,7 @@ def with_overrides(picture: Picture, options: PictureOptions, bits: int | None) 
     frame, (height, width) = picture.frame, picture.shape
     if frame is not None:
         found += contradictions(frame.exposure_s, frame.gain_db, options)
+        found += _other_levels(frame, options)
         frame = overridden_frame(frame, options)
     found += unused_options(frame, bits, options)
     size, encoding = options.override("size") or (width, height), options.override("encoding")

@@ -72,8 +72,6 @@ def read_png(data: bytes, path: Path, max_pixels: int) -> StoredImage:
             values, changes = _full_range(values, bits), (*changes, info("limited-range"))
         else:
             doubts.append(warning("chunk-not-used", name="cICP", reason="a limited range needs 8 bits or more"))
-    if not statement.states_curve and not coloured and bits <= SCREEN_BITS:
-        doubts.append(info("linear-assumed"))
     # Fewer significant bits are the upper ones (PNG third edition, 11.3.2.7).
     used = min(chunks.get(b"sBIT", b"")[: 3 if coloured else 1], default=bits)
     is_full = bits == 16 and 8 <= used < bits and int(values.max()) >= 2**used
@@ -198,7 +196,9 @@ def read_jpeg(data: bytes, path: Path, max_pixels: int) -> StoredImage:
     if not statement.states_curve:
         of_exif = ExifColours.of_block(header).stated(8)
         statement = replace(of_exif, findings=(*of_exif.findings, *statement.findings))
-    stored = StoredImage(values, 8, "srgb", _facts(header, path), (info("jpeg-compressed"),), tuple(doubts))
+    stored = StoredImage(
+        values, 8, "srgb", _facts(header, path), (info("jpeg-compressed"),), tuple(doubts), settled=True
+    )
     return with_statement(stored, statement, "srgb").upright()
 
 
@@ -277,7 +277,7 @@ def read_npy(data: bytes, path: Path, max_pixels: int) -> StoredImage:
     if dtype.kind == "f":
         return StoredImage(real_numbers(values, path), None)
     dn, bits, changes = whole_numbers(values, path)
-    return StoredImage(np.ascontiguousarray(dn), bits, changes=changes)
+    return StoredImage(np.ascontiguousarray(dn), bits, changes=changes, settled=True)
 
 
 def read_dump(data: bytes, path: Path, size: tuple[int, int], format_name: str, max_pixels: int) -> StoredImage:
@@ -317,4 +317,4 @@ def read_dump(data: bytes, path: Path, size: tuple[int, int], format_name: str, 
             f"{path} has values up to {dn.max()}, {layout.name} ends at {2**layout.bit_depth - 1}: give the pixel "
             "format it was written with"
         )
-    return StoredImage(dn, layout.bit_depth)
+    return StoredImage(dn, layout.bit_depth, settled=True)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import logging
 import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
+from functools import lru_cache
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -13,9 +15,12 @@ from typing import Any
 import numpy as np
 
 from ..core.disk import reading
-from ..core.errors import InputError
+from ..core.dn import pixel_format
+from ..core.errors import InputError, LabcdpError
 from ..core.frame import Frame
 from ..core.result import info, warning
+from ..core.vignetting import Lens
+from .doubts import Histogram, doubts_of, encodings
 from .exif import ExifFacts
 from .exr import EXR, exr_text, read_exr
 from .frame import (
@@ -51,7 +56,7 @@ _READERS: dict[bytes, Callable[[bytes, Path, int], StoredImage]] = {
     NPY: read_npy,
 }
 #: Codes of what is said of an encoding that was not given.
-_ASSUMED_OR_STATED = ("linear-assumed", "encoding-stated", "encoding-pq", "encoding-hlg")
+_STATED = ("encoding-stated", "encoding-pq", "encoding-hlg")
 #: Options of files that say all that is needed.
 NOTHING_KNOWN = PictureOptions()
 
@@ -128,7 +133,32 @@ def _from_labcdp(noted: dict[str, Any] | None, data: bytes, sha256: str, path: P
     except InputError as error:
         raise InputError(f"{path} is not a frame recorded by labcdp ({error})") from error
     facts = ExifFacts(exposure_s=frame.exposure_s, model=frame.camera.model)
-    return Picture(path, sha256, facts, frame, exposure_known=True)
+    return Picture(path, sha256, facts, frame, exposure_known=True, lens=_lens_of_session(path, sha256))
+
+
+def _lens_of_session(path: Path, sha256: str) -> Lens | None:
+    """Return the lens by the plan of the session in whose folder a frame was recorded; None for others."""
+    from ..session.journal import JOURNAL
+
+    # A link may lie elsewhere.
+    folder = path.resolve().parent.parent
+    if not (folder / JOURNAL).is_file():
+        return None
+    with suppress(LabcdpError, OSError):
+        lens, frames = _session_at(folder, (folder / JOURNAL).stat().st_mtime_ns)
+        return lens if sha256 in frames else None
+    return None
+
+
+@lru_cache(maxsize=4)
+def _session_at(folder: Path, _changed_ns: int) -> tuple[Lens, frozenset[str]]:
+    """Lens of a session, and hashes of its frames."""
+    from ..session import Session
+
+    with Session.open(folder) as session:
+        configuration, frames = session.configuration, frozenset(one.file.sha256 for one in session.frames())
+    lens = configuration.lens
+    return Lens(lens.focal_length_m, configuration.camera.pixel_pitch_m, lens.vignetting_rel), frames
 
 
 def _from_raw(path: Path, sha256: str, options: PictureOptions) -> Picture:
@@ -146,8 +176,8 @@ def _from_raw(path: Path, sha256: str, options: PictureOptions) -> Picture:
 def _picture(stored: StoredImage, path: Path, sha256: str, options: PictureOptions) -> Picture:
     facts, findings = stored.facts, (*stored.changes, *stored.doubts)
     if options.encoding is not None:
-        findings = tuple(one for one in findings if one.code not in _ASSUMED_OR_STATED)
-    encoding = options.encoding or stored.encoding
+        findings = tuple(one for one in findings if one.code not in _STATED)
+    encoding, other = options.encoding or stored.encoding, None
     by_file = None if stored.light_table is not None else stored.encoding
     if stored.stated_by and options.override("encoding") not in (None, by_file):
         findings = (*findings, warning("encoding-replaced", given=encoding_name(encoding), by=stored.stated_by))
@@ -167,14 +197,26 @@ def _picture(stored: StoredImage, path: Path, sha256: str, options: PictureOptio
     findings = (*findings, *(one for one in scale.findings if not (stated and one.code == "bit-depth-unknown")))
     levels = (scale.saturation_dn, stored.white_dn, options.saturation_dn)
     saturation_dn, clipped = min(one for one in levels if one is not None), None
+    histogram = Histogram.of(stored.values, saturation_dn)
+    if options.encoding is None and not (stored.stated_by or stored.settled or _is_of_sensor(stored, options)):
+        # A palette has colours, and colours of more bits are as is usual for their kind.
+        in_colours = stored.coloured or any(one.code == "palette-resolved" for one in stored.changes)
+        found, other = encodings(histogram, stored.bits, in_colours)
+        encoding = stored.encoding if in_colours else options.assumed_encoding or found
+        other = other if encoding == found else found
+    bare = _is_bare(stored, options)
+    doubts = doubts_of(stored.values, saturation_dn, encoding, other, histogram, as_stored=bare)
+    encoding = doubts.encoding
+    picture = replace(picture, encoding=encoding)
     if stored.light_table is not None and options.encoding is None:
         clipped = stored.values >= saturation_dn
         stored, encoding, scale = decoded_by_table(stored, scale.bits), "linear", _OF_LIGHT
         picture = replace(picture, encoding=encoding)
-        known = replace(known, pixel_format=None, saturation_dn=None)
+        known = replace(known, pixel_format=None, saturation_dn=None, black_level_dn=None)
     if stored.coloured:
         dn = luminance_dn(stored.values, scale.bits, encoding, stored.weights)
-        frame = make_frame(dn, _OF_LIGHT, replace(known, pixel_format=None, saturation_dn=None), taken)
+        known = replace(known, pixel_format=None, saturation_dn=None, black_level_dn=None)
+        frame = make_frame(dn, _OF_LIGHT, known, taken)
         clipped = np.any(stored.values >= saturation_dn if clipped is None else clipped, axis=2)
         findings = (*findings, grey_finding(encoding, stored.weights))
     else:
@@ -183,7 +225,20 @@ def _picture(stored: StoredImage, path: Path, sha256: str, options: PictureOptio
         findings = (*findings, info("light-in-steps", share=share))
     frame = replace(frame, clipped=clipped)
     picture = replace(picture, frame=frame, findings=findings, coloured=stored.coloured, guessed_by=guessed_by)
+    picture = replace(picture, doubts=doubts)
     return with_overrides(picture, options, given_scale.bits)
+
+
+def _is_of_sensor(stored: StoredImage, options: PictureOptions) -> bool:
+    """Whether file or user say that grey values are the DN of a sensor, which are in proportion to light."""
+    return not stored.coloured and (options.of_sensor or stored.black is not None or stored.white_dn is not None)
+
+
+def _is_bare(stored: StoredImage, options: PictureOptions) -> bool:
+    """Whether neither black level nor colour filter is known of grey values."""
+    known = stored.black is not None or stored.light_table is not None or options.black_level_dn is not None
+    has_filter = options.pixel_format is not None and pixel_format(options.pixel_format).colour_filter is not None
+    return not (stored.coloured or known or has_filter or options.bayer)
 
 
 #: Steps of light of which rounding is 1 %, and the share of darker pixels that is named.

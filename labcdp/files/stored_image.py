@@ -110,6 +110,8 @@ class StoredImage:
         curve that the file states and that is no `encoding`.
     weights : (float, float, float)
         Of linear red, green and blue in luminance.
+    settled : bool
+        Whether the kind of the file says how values are encoded, as those of JPEG, arrays and dumps do.
     """
 
     values: NDArray[Any]
@@ -124,6 +126,7 @@ class StoredImage:
     stated_by: str = ""
     light_table: NDArray[np.uint16] | None = None
     weights: Weights = BT709_LUMINANCE
+    settled: bool = False
 
     def upright(self) -> StoredImage:
         """Turn the picture as its EXIF says, and without colours if all of them are grey.

@@ -19,7 +19,7 @@ from ..core.result import info, warning
 from .exif import ExifFacts, read_exif
 from .sensor_tags import LEVELS, masked_level, pattern_findings, tags_of
 from .statements import with_statement
-from .stored_image import SCREEN_BITS, StoredImage, real_numbers, require_size, whole_numbers, without_alpha
+from .stored_image import StoredImage, real_numbers, require_size, whole_numbers, without_alpha
 from .tiff_statements import nodata_findings, share_at_end, statements_of
 from .transfer import BT709_LUMINANCE, Encoding
 
@@ -208,8 +208,6 @@ def _read(page: Any, path: Path, facts: ExifFacts) -> StoredImage:
             per_value = 1.0 if states.scale.is_luminance else None
             return StoredImage(light, None, "linear", facts, tuple(changes), tuple(doubts), per_value).upright()
         black = zero_dn, None
-    if values.ndim == 2 and bits <= SCREEN_BITS and not states.curve.states_curve:
-        doubts.append(info("linear-assumed"))
     stored = StoredImage(
         np.ascontiguousarray(values), bits, "linear", facts, tuple(changes), tuple(doubts), black=black,
         white_dn=white_dn,

@@ -15,14 +15,19 @@ from ..core.errors import InputError
 from ..core.luminance import LuminanceMap, Window
 from ..core.result import Finding, warning
 from ..core.roi import Roi
+from ..core.table import Z_95
 from . import CalibratedCdp, CdpResult, Distribution, Epsilon, Estimate, csnr, snr, weber_contrast
 from .contrast import TargetContrast
 from .correlated_cdp import cdp_of_regions, size_findings
 from .detection import PairError, joined_errors, variance_of_changes
 from .pairs import bright_and_dark, tally_pairs
-from .region import RegionPixels, RegionResult, region_result, with_uncertainty
+from .region import Bound, RegionPixels, RegionResult, region_result, with_uncertainty
 
 _Array = NDArray[np.float64]
+#: Standard uncertainty of a ratio of two regions by the vignetting from which a warning names it.
+VIGNETTING_MATTERS = 0.02
+#: Code of that warning.
+VIGNETTING_CODE = "contrast-with-vignetting"
 #: A region with its bounding box in the image and its mask in the box.
 Placed = tuple[Roi, Window, NDArray[np.bool_]]
 
@@ -40,11 +45,15 @@ class PairResult:
     results : tuple of CalibratedCdp
         One for each target contrast; the intervals combine pixels, whose noise may be correlated, and calibration.
     contrast : Estimate
-        Weber contrast of the means, with its standard uncertainty; common errors of both regions have cancelled.
+        Weber contrast of the means, with its standard uncertainty, nan if a region is saturated; common errors of both
+        regions have cancelled.
     contrast_pixels : float
-        Part of that standard uncertainty by the pixels; the rest is by the calibration.
+        Part of that standard uncertainty by the pixels; the rest is by calibration and vignetting.
+    contrast_vignetting : float
+        Part of that standard uncertainty by a vignetting that was not measured.
     csnr : Estimate
-        Mean over standard deviation of the contrasts of all pairs of pixels, with its standard uncertainty.
+        Mean over standard deviation of the contrasts of all pairs of pixels, with its standard uncertainty; nan if a
+        region is saturated.
     findings : tuple of Finding
         Findings on invalid pixels, and on a missing CDP of the measured contrast.
     """
@@ -55,6 +64,7 @@ class PairResult:
     results: tuple[CalibratedCdp[CdpResult], ...]
     contrast: Estimate
     contrast_pixels: float
+    contrast_vignetting: float
     csnr: Estimate
     findings: tuple[Finding, ...]
 
@@ -62,6 +72,11 @@ class PairResult:
     def name(self) -> str:
         """``bright / dark``."""
         return f"{self.bright_region.roi.name} / {self.dark_region.roi.name}"
+
+    @property
+    def bound(self) -> Bound:
+        """Whether the contrast is larger or smaller than `contrast`, or not known, as pixels are saturated."""
+        return bound_of_contrast(bool(self.bright_region.bound), bool(self.dark_region.bound))
 
     @property
     def of_measured_contrast(self) -> bool:
@@ -77,6 +92,13 @@ class PairResult:
     def dark_region(self) -> RegionResult:
         """The darker region."""
         return self.b if self.bright == "a" else self.a
+
+
+def bound_of_contrast(bright_is_saturated: bool, dark_is_saturated: bool) -> Bound:
+    """Whether a contrast is larger or smaller than that of the means, or not known, as regions are saturated."""
+    if bright_is_saturated and dark_is_saturated:
+        return "?"
+    return ">" if bright_is_saturated else "<" if dark_is_saturated else ""
 
 
 def evaluate_pair(
@@ -117,29 +139,52 @@ def evaluate_pair(
 
 
 def evaluate_regions(
-    first: RegionPixels, second: RegionPixels, contrasts: Sequence[float] | None = None, epsilon: Epsilon = 0.5
+    first: RegionPixels,
+    second: RegionPixels,
+    contrasts: Sequence[float] | None = None,
+    epsilon: Epsilon = 0.5,
+    measured: Sequence[bool] | None = None,
 ) -> PairResult:
-    """Evaluate the contrast of two regions as `evaluate_pair`, possibly of two frames with one calibration."""
+    """Evaluate the contrast of two regions as `evaluate_pair`, possibly of two frames with one calibration.
+
+    Which of the contrasts were measured at these places, so that they have the same vignetting, `measured` says; by
+    default those are that are not given.
+    """
     name = bright_and_dark(first.distribution, second.distribution)[2]
     bright, dark = (first, second) if name == "a" else (second, first)
-    errors = paired_errors(first, second)
-    contrast, by_pixels = _contrast(bright, dark, errors if name == "a" else [(y, x) for x, y in errors])
-    measured = (contrast.value,) if isfinite(contrast.value) and contrast.value > 0 else ()
-    asked = _asked(measured if contrasts is None else tuple(contrasts), epsilon)
+    errors, lens = paired_errors(first, second), [*zip(first.smooth, second.smooth, strict=True)]
+    contrast, by_pixels, by_lens = _contrast(bright, dark, *(
+        both if name == "a" else [(y, x) for x, y in both] for both in (errors, lens)
+    ))  # fmt: skip
+    of_these = (contrast.value,) if isfinite(contrast.value) and contrast.value > 0 else ()
+    asked = _asked(of_these if contrasts is None else tuple(contrasts), epsilon)
     ratios = snr(first.distribution), snr(second.distribution), csnr(first.distribution, second.distribution)
     cdps = [cdp_of_regions(bright, dark, name, one) for one in asked]
-    changed = [
-        [_values(first.changed(sign * x), second.changed(sign * y), asked) for sign in (1, -1)]
-        for x, y in joined_errors([*errors, *_of_rounding(first, second)])
-    ]
-    variances = variance_of_changes(np.array([*(one.value for one in ratios), *(one.cdp for one in cdps)]), changed)
+
+    def changes(by: Sequence[PairError]) -> list[list[_Array]]:
+        return [
+            [_values(first.changed(sign * x), second.changed(sign * y), asked) for sign in (1, -1)]
+            for x, y in joined_errors(by)
+        ]
+
+    base = np.array([*(one.value for one in ratios), *(one.cdp for one in cdps)])
+    # A contrast that was measured there changes with the vignetting as the pixels do.
+    of_place = [True] * len(cdps) if contrasts is None else measured or [False] * len(cdps)
+    others, alike = [*errors, *_of_rounding(first, second)], [False] * len(ratios) + list(of_place)
+    changed = changes(others if any(alike) else [*others, *lens])
+    if any(alike):
+        changed += [[np.where(alike, base, one) for one in both] for both in changes(lens)]
+    variances = variance_of_changes(base, changed)
     regions = (
-        region_result(first, [x for x, _ in errors], ratios[0], variances[0]),
-        region_result(second, [y for _, y in errors], ratios[1], variances[1]),
+        region_result(first, [*(x for x, _ in errors), *first.smooth], ratios[0], variances[0]),
+        region_result(second, [*(y for _, y in errors), *second.smooth], ratios[1], variances[1]),
     )
+    saturated = any(region.bound for region in regions)
     findings = [found for region in regions for found in _of_pixels(region)]
-    if contrasts is None and not measured:
+    if contrasts is None and not of_these:
         findings.append(warning("contrast-undefined", f"{first.roi.name} / {second.roi.name}"))
+    if not saturated:
+        findings += vignetting_findings(bright.roi.name, dark.roi.name, by_lens / (1 + contrast.value))
     return PairResult(
         a=regions[0],
         b=regions[1],
@@ -148,11 +193,21 @@ def evaluate_regions(
             CalibratedCdp.of(one, variance, min(bright.values.size, dark.values.size) / one.correlation_inflation**2)
             for one, variance in zip(cdps, variances[3:].tolist(), strict=True)
         ),
-        contrast=contrast,
-        contrast_pixels=by_pixels,
-        csnr=with_uncertainty(ratios[2], max(first.inflation, second.inflation), variances[2]),
+        contrast=Estimate(contrast.value, nan) if saturated else contrast,
+        contrast_pixels=nan if saturated else by_pixels,
+        contrast_vignetting=nan if saturated else by_lens,
+        csnr=Estimate(nan, nan)
+        if saturated
+        else with_uncertainty(ratios[2], max(first.inflation, second.inflation), variances[2]),
         findings=tuple(findings),
     )
+
+
+def vignetting_findings(bright: str, dark: str, ratio_rel: float) -> tuple[Finding, ...]:
+    """Return a warning if the relative standard uncertainty of the ratio of two regions by the vignetting matters."""
+    if not ratio_rel > VIGNETTING_MATTERS:
+        return ()
+    return (warning(VIGNETTING_CODE, f"{bright} / {dark}", share=Z_95 * ratio_rel),)
 
 
 def paired_errors(first: RegionPixels, second: RegionPixels) -> list[PairError]:
@@ -227,13 +282,17 @@ def _of_pixels(region: RegionResult) -> list[Finding]:
     ]
 
 
-def _contrast(bright: RegionPixels, dark: RegionPixels, errors: Sequence[PairError]) -> tuple[Estimate, float]:
-    """Weber contrast of the means, by the law of propagation (JCGM 100:2008, 5.1.2), and its part by the pixels."""
+def _contrast(
+    bright: RegionPixels, dark: RegionPixels, errors: Sequence[PairError], lens: Sequence[PairError]
+) -> tuple[Estimate, float, float]:
+    """Weber contrast of the means, by the law of propagation (JCGM 100:2008, 5.1.2); its parts by pixels and lens."""
     contrast = float(weber_contrast(bright.mean, dark.mean))
     if not isfinite(contrast):
-        return Estimate(contrast, nan), nan
+        return Estimate(contrast, nan), nan, nan
     of_pixels = hypot(*(hypot(pixels.random, pixels.rounding) / pixels.mean for pixels in (bright, dark)))
     of_calibration = [
         float(np.mean(x * bright.values)) / bright.mean - float(np.mean(y * dark.values)) / dark.mean for x, y in errors
     ]
-    return Estimate(contrast, (1 + contrast) * hypot(of_pixels, *of_calibration)), (1 + contrast) * of_pixels
+    of_lens = hypot(*(float(x - y) for x, y in lens))
+    together = hypot(of_pixels, of_lens, *of_calibration)
+    return Estimate(contrast, (1 + contrast) * together), (1 + contrast) * of_pixels, (1 + contrast) * of_lens

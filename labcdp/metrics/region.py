@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import hypot, isfinite, nan, sqrt
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import InputError
-from ..core.luminance import WHOLE, Invalid, LuminanceMap, Window
+from ..core.luminance import WHOLE, CommonError, Invalid, LuminanceMap, Window
 from ..core.roi import Roi
 from . import Distribution, Estimate, snr
 from .correlated_cdp import NoisyRegion
@@ -20,6 +20,10 @@ from .detection import variance_of_changes, with_error
 
 #: Reasons for invalid pixels.
 REASONS = {reason: str(reason.name).lower() for reason in Invalid}
+#: Share of saturated pixels from which the mean of a region is a bound only.
+SATURATED_SHARE = 0.01
+#: How a value is bounded: the true one is larger or smaller, not known, or the value itself.
+Bound = Literal[">", "<", "?", ""]
 _Array = NDArray[np.float64]
 
 
@@ -35,11 +39,12 @@ class RegionResult:
         Number of its pixels, valid or not.
     mean, standard_uncertainty : float
         Mean, with the standard uncertainty by the scatter of the pixels, which may be correlated, by their rounding to
-        DN, and by the calibration; nan for a single pixel, and for a guessed scale of unknown uncertainty.
+        DN, and by the calibration; nan for a single pixel, for a guessed scale of unknown uncertainty, and if it is
+        saturated.
     std : float
         Standard deviation of the pixels, with n - 1.
     snr : Estimate
-        Mean over standard deviation, with its standard uncertainty.
+        Mean over standard deviation, with its standard uncertainty; nan if it is saturated.
     invalid_shares : dict of str to float
         Share of invalid pixels by reason (`REASONS`); only reasons that occur.
     """
@@ -51,6 +56,11 @@ class RegionResult:
     std: float
     snr: Estimate
     invalid_shares: dict[str, float]
+
+    @property
+    def bound(self) -> Bound:
+        """Whether the luminance is larger than `mean`, as pixels are saturated."""
+        return ">" if is_saturated(self.invalid_shares) else ""
 
 
 def evaluate_region(luminance: LuminanceMap, roi: Roi) -> RegionResult:
@@ -66,7 +76,7 @@ def evaluate_region(luminance: LuminanceMap, roi: Roi) -> RegionResult:
 
 def result_of_region(region: RegionPixels) -> RegionResult:
     """Evaluate one region as `evaluate_region`."""
-    errors = [*region.common, *region.own]
+    errors = [*region.common, *region.own, *region.smooth]
     ratio = snr(region.distribution)
     changed = [[snr(region.changed(sign * x)).value for sign in (1, -1)] for x in errors if x.ndim]
     return region_result(region, errors, ratio, float(variance_of_changes(ratio.value, changed)))
@@ -132,15 +142,25 @@ class RegionPixels(NoisyRegion):
         return self.image[self.mask]
 
     @cached_property
+    def _of_image(self) -> tuple[CommonError, ...]:
+        return self.luminance.common_in(self.part)
+
+    @cached_property
     def _of_calibration(self) -> list[NDArray[np.floating[Any]] | float]:
         """Relative errors common to all pixels of the image: numbers, or one for each pixel of the region."""
-        errors = [error.relative for error in self.luminance.common_in(self.part)]
+        errors = [error.relative for error in self._of_image if not error.smooth]
         return [float(error) if np.ndim(error) == 0 else np.asarray(error)[self.mask] for error in errors]
 
     @cached_property
     def common(self) -> list[_Array]:
         """`common`, with 0 where it is not finite."""
         return [finite_errors(error) for error in self._of_calibration]
+
+    @cached_property
+    def smooth(self) -> list[_Array]:
+        """Relative errors common to all pixels of the image that hardly change within the region: one number each."""
+        errors = (np.broadcast_to(error.relative, self.mask.shape) for error in self._of_image if error.smooth)
+        return [np.array(np.mean(error[self.mask], dtype=float)) for error in errors]
 
     @property
     def scale_known(self) -> bool:
@@ -206,6 +226,11 @@ def _by_level(dn: NDArray[np.unsignedinteger[Any]], light: _Array) -> Distributi
     return Distribution(values, counts[levels]) if alike and (values[1:] > values[:-1]).all() else None
 
 
+def is_saturated(invalid_shares: Mapping[str, float]) -> bool:
+    """Whether so many pixels of a region are saturated that its mean is a bound only."""
+    return invalid_shares.get(REASONS[Invalid.SATURATED], 0.0) > SATURATED_SHARE
+
+
 def region_result(
     pixels: RegionPixels, errors: Sequence[_Array], ratio: Estimate, ratio_variance: float
 ) -> RegionResult:
@@ -213,13 +238,15 @@ def region_result(
     flags = pixels.luminance.invalid[pixels.part][pixels.mask]
     shares = {name: float(np.mean(flags & reason != 0)) for reason, name in REASONS.items()} if flags.any() else {}
     of_calibration = [float(np.mean(error * pixels.values)) for error in errors] if pixels.scale_known else [nan]
+    saturated = is_saturated(shares)
     return RegionResult(
         roi=pixels.roi,
         n_pixels=pixels.values.size,
         mean=pixels.mean,
-        standard_uncertainty=hypot(pixels.random, pixels.rounding, *of_calibration),
+        standard_uncertainty=nan if saturated else hypot(pixels.random, pixels.rounding, *of_calibration),
         std=pixels.std,
-        snr=with_uncertainty(ratio, pixels.inflation, ratio_variance),
+        # What clipping takes from the noise is no signal.
+        snr=Estimate(nan, nan) if saturated else with_uncertainty(ratio, pixels.inflation, ratio_variance),
         invalid_shares={name: share for name, share in shares.items() if share},
     )
 

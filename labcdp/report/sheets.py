@@ -154,6 +154,8 @@ def _write_sheet(
                 sheet.write_string(n_rows, index, "yes" if value else "no", text)
             elif value is not None and isfinite(value):
                 shown = f"{0:.{max(cell_decimals(column, values), 0)}f}{'%' if column.unit_in(values) == '%' else ''}"
+                if bound := values.get(column.bound):
+                    shown = f'"{bound} "{shown}'
                 sheet.write_number(n_rows, index, value, formats(num_format=shown, align="right"))
     if table.matrix and n_rows:
         rule: dict[str, Any] = {"type": "3_color_scale"}

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from decimal import Decimal
 from functools import cache
 from importlib.resources import files
-from math import floor, isfinite, isinf, log10
+from math import ceil, floor, isfinite, isinf, log10
 from string import Formatter
 from typing import Any
 
@@ -58,6 +58,29 @@ def with_half_width(value: float, half_width: float) -> str:
     return f"{fixed(value, n)} ± {fixed(half_width, n)}"
 
 
+def bounded(value: float, bound: str, unit: str = "", n_digits: int = 3) -> str:
+    """Write a value that is a bound, as ``> 128 cd/m²``: rounded away from the true one, so that it stays one.
+
+    Parameters
+    ----------
+    value : float
+        The value.
+    bound : {'>', '<', '?'}
+        Whether the true one is larger, smaller, or not known.
+    unit : str
+        Its unit; may be empty.
+    n_digits : int
+        Significant digits.
+    """
+    if bound == "?" or not isfinite(value):
+        return UNKNOWN
+    n = n_digits - 1 - floor(log10(abs(value))) if value else n_digits
+    # What is a short decimal stays it: 0.3 in steps of 0.001 is 299.99… of them.
+    steps = round(value * 10.0**n, 6)
+    away = floor(steps) if bound == ">" else ceil(steps)
+    return f"{bound} {fixed(away / 10.0**n, n)} {unit}".rstrip()
+
+
 def percent(fraction: float, n_digits: int = 6) -> str:
     """Write a fraction as percent with up to a number of significant digits: 0.76 is "76 %"."""
     return f"{100 * fraction:.{n_digits}g} %"
@@ -69,6 +92,11 @@ def share_percent(share: float) -> str:
     if 0 < rest < 1e-6:
         return "less than 0.0001 %" if rest == share else "more than 99.9999 %"
     return f"{fixed(100 * share, decimals(100 * rest, 2) if rest else 0)} %"
+
+
+def length_text(length_m: float) -> str:
+    """Write a length with the unit in which it is usual: mm, or µm below a tenth of that."""
+    return f"{length_m * 1e3:.4g} mm" if length_m >= 1e-4 else f"{length_m * 1e6:.4g} µm"
 
 
 def exposures(exposures_s: Iterable[float]) -> str:
@@ -151,7 +179,7 @@ def is_number(values: Iterable[Any]) -> bool:
 
 
 def cell_text(column: Column, row: Mapping[str, Any]) -> str:
-    """Return one cell: text, ``value``, ``value ± U`` or ``value (low to high)``."""
+    """Return one cell: text, ``value``, ``value ± U``, ``value (low to high)`` or ``> value``."""
     value = row[column.name]
     if value is None or isinstance(value, str):
         return printable(value) if value else MISSING
@@ -162,6 +190,8 @@ def cell_text(column: Column, row: Mapping[str, Any]) -> str:
     if column.time:
         return exposure_text(value)
     factor = 100 if column.unit_in(row) == "%" else 1
+    if bound := row.get(column.bound):
+        return bounded(factor * value, bound)
     n = cell_decimals(column, row)
     text = fixed(factor * value, n)
     uncertainty = row.get(column.expanded)
@@ -208,7 +238,7 @@ _NUMBER = re.compile(r"(\+?)(percent|digits)(\d*)")
 
 #: Other formats by their names.
 _FORMATS: dict[str, Callable[[Any], str]] = {
-    "percent": percent, "share": share_percent, "time": exposure_text,
+    "percent": percent, "share": share_percent, "time": exposure_text, "length": length_text,
     "sentence": lambda text: shortened(text, _LONGEST_SENTENCE),
 }  # fmt: skip
 
@@ -243,7 +273,8 @@ def finding_text(finding: Finding) -> str:
     The templates are in ``labcdp/data/findings/*.toml``, by code; they can quote ``{subject}`` and the finding's
     values. A subject that a template does not quote is put before the sentence. A value can be formatted as
     ``{x:percent}`` (a fraction, unrounded), ``{x:percent2}`` (with two significant digits), ``{x:share}`` (a fraction,
-    with two digits of it or of its complement), ``{x:time}`` (seconds), ``{x:digits3}`` (three significant digits),
+    with two digits of it or of its complement), ``{x:time}`` (seconds), ``{x:length}`` (metres), ``{x:digits3}`` (three
+    significant digits),
     ``{x:+percent2}`` and ``{x:+digits3}`` (with a sign), ``{x:sentence}`` (a message of labcdp's own, which may be
     long), or as in Python; a list of two ends as ``{x:to .1f}``. A finding's value ``files``, the input files it
     refers to, is put after the text.

@@ -15,6 +15,7 @@ from ..core.errors import ConfigurationError, naming
 from ..core.frame import Frame
 from ..core.reading import MeterIdentity
 from ..core.spectra import SpectralTable, read_spectral_file
+from ..core.vignetting import VIGNETTING_REL
 from .validation import validated
 
 # Strict: TOML has types of its own, so "0.01" in quotes or true is a mistake and not a number.
@@ -133,11 +134,6 @@ class CameraConfiguration(Table):
 #: Relative standard uncertainty of the responsivity after focus and aperture are set anew, unless the user states it:
 #: focus breathing over the reading of a distance scale, and the play of an iris.
 REFOCUS_REL = 0.005
-#: Relative standard uncertainty of cos^4 vignetting in the corners of the image, unless the user states it or measures
-#: a flat field. A judgement for lenses that are stopped down: limits of 9 %, which are 5 %. Wide open it is too small:
-#: good lenses then lose 30 to 40 % (D. B. Goldman and J.-H. Chen, "Vignette and exposure calibration and compensation",
-#: ICCV 2005).
-VIGNETTING_REL = 0.05
 
 
 class LensConfiguration(Table):

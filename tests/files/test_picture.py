@@ -79,8 +79,9 @@ def test_each_dn_is_kept(tmp_path_factory, kind, data, shape):
     white = "miniswhite" in kind
     assert np.array_equal(picture.frame.dn, 2**bits - 1 - dn if white else dn)
     assert (picture.frame.bit_depth, picture.frame.saturation_dn) == (bits, 2**bits - 1)
-    named = white or kind == "NPY i8" or (bits <= 8 and suffix in ("png", "tif"))
-    assert (picture.encoding, bool(picture.findings)) == ("linear", named)
+    assert (picture.encoding, bool(picture.findings)) == ("linear", white or kind == "NPY i8")
+    # Values of up to 8 bits may be made for screens, unless they are those of a sensor or an array.
+    assert (picture.doubts.other_encoding == "srgb") == (bits <= 8 and suffix in ("png", "tif"))
 
 
 def exr(path, header=None, **channels):
@@ -206,18 +207,19 @@ GAMMA = {value: (b"gAMA", struct.pack(">I", value)) for value in (45_454, 55_556
 @pytest.mark.parametrize(
     ("chunks", "encoding", "findings"),
     [
-        ((), "linear", (info("linear-assumed"),)),
+        ((), "linear", ()),
         (((b"sRGB", b"\0"),), "srgb", ()),
         ((GAMMA[45_454],), "gamma 2.2", (info("encoding-stated", encoding="gamma 2.2", by="its chunk gAMA"),)),
         ((GAMMA[55_556],), "gamma 1.8", (info("encoding-stated", encoding="gamma 1.8", by="its chunk gAMA"),)),
         (((b"iCCP", b"grey\0\0" + zlib.compress(bytes(400))),), "linear",
-         (info("linear-assumed"), warning("icc-profile-not-used", reason="it is no ICC profile"))),
+         (warning("icc-profile-not-used", reason="it is no ICC profile"),)),
     ],
 )  # fmt: skip
 def test_a_png_says_how_its_values_follow_light(tmp_path, chunks, encoding, findings):
     (tmp_path / "a.png").write_bytes(png(GREY, 8, *chunks))
     picture, told = (read_picture(tmp_path / "a.png", PictureOptions().given(encoding=one)) for one in (None, "srgb"))
-    assert (picture.encoding, picture.findings, info("linear-assumed") in told.findings) == (encoding, findings, False)
+    assert (picture.encoding, picture.findings, told.doubts.other_encoding) == (encoding, findings, None)
+    assert picture.doubts.other_encoding == ("srgb" if encoding == "linear" else None)
 
 
 @pytest.mark.parametrize("bits", [1, 2, 4, 8])

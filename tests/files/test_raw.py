@@ -190,3 +190,13 @@ def test_a_table_of_linearisation_is_applied(tmp_path, suffix):
     picture = read_picture(path)
     assert np.array_equal(picture.frame.dn, table[DN])
     assert info("linearization-applied") in picture.findings
+
+
+def test_a_black_level_and_a_filter_that_are_given_count_before_those_of_the_file(tmp_path):
+    path = write_dng(tmp_path / "a.dng", DN, black=(64,))
+    picture = read_picture(path, PictureOptions().given(black_level_dn=80.0, bayer="BGGR"))
+    assert (picture.frame.black_level_dn, picture.frame.colour_filter) == (80.0, "BG")
+    assert warning("black-level-replaced", stated_dn=64.0, given_dn=80.0) in picture.findings
+    assert warning("colour-filter-replaced", stated="RGGB", given="BGGR") in picture.findings
+    same = read_picture(path, PictureOptions().given(black_level_dn=64.0, bayer="RGGB"))
+    assert not [one.code for one in same.findings if one.code.endswith("-replaced")]

@@ -18,6 +18,7 @@ from ...core.errors import InputError, LabcdpError
 from ...evaluate.picture.image import ImageRequest
 from ...evaluate.picture.result import PictureTask, picture_folder, summary_files
 from ...evaluate.picture.tables import ReportedPicture
+from ...files.picture import OF_VALUES
 from ...files.read import picture_paths
 from ...output import ResultsFolder
 from ..commands import As
@@ -51,7 +52,8 @@ def image(
     """Compute contrast detection probability (CDP), contrast, SNR and CSNR of regions in pictures.
 
     Without --contrast, the CDP of the measured contrast of each pair is computed. Without calibration and camera
-    specification, relative luminance is used; contrasts are unaffected. Writes a page, a spreadsheet and JSON.
+    specification, luminance is relative, and contrasts of regions at different places include the lens's vignetting.
+    Writes a page, a spreadsheet and JSON.
 
     Example: labcdp image night-*.png --roi rois.json --contrast 10%:200%:20
 
@@ -105,6 +107,7 @@ def _task(pairs: PairOptions, light: PictureLightOptions, rectangle: tuple[int, 
         "encoding": light.encoding,
         **{name: None if path is None else str(path) for name, path in given.items()},
         **{name: getattr(options, name) for name in ("exposure_s", "gain_db", "bit_depth", "pixel_format", "size")},
+        **{name: getattr(options, name) for name in OF_VALUES},
     }
     return PictureTask(request, conversion, configuration, tuple(light.inputs({"regions": pairs.roi})), pairs.roi)
 

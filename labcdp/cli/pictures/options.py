@@ -16,7 +16,7 @@ from ...evaluate.picture.conversion import PictureConversion, picture_conversion
 from ...files.video.selection import Position, Selection
 from ...regions import load_regions, rois_of
 from ..commands import As
-from ..options import Contrasts, Seconds, Tolerance
+from ..options import Contrasts, Length, Seconds, Tolerance
 from ..terminal import say
 from ..values import parse_pair
 
@@ -39,18 +39,29 @@ class LightOptions:
     Parameters
     ----------
     calibration
-        Calibration file, for values in cd/m². Without it and --camera-spec, relative luminance is used.
+        Calibration file, for values in cd/m². Without it and --camera-spec, luminance is relative.
     camera_spec
         Camera specification (TOML, see labcdp init camera), for estimated values in cd/m².
     encoding
-        Encoding of the pixel values; default: as stated by the camera specification or the file, else the usual one for
-        the file type.
+        Encoding of the pixel values; default: as stated by the camera specification or the file, else assumed by the
+        values, with a warning.
     exposure
         Exposure time, for example 5ms; default: as stated by each file.
     gain_db
         Gain in dB; default: as stated by each file, else 0.
     bit_depth
         Bit depth of the values in 16-bit files, for example 12; default: estimated.
+    black_level
+        DN of pixels without light; default: as stated by each file, else 0.
+    bayer
+        Colour filter of a sensor in grey files, by the first 2 x 2 pixels; default: as stated by each file, else none.
+    focal_length
+        Focal length of the lens, for example 6mm; with the pixel pitch, the vignetting is taken as cos⁴ and corrected;
+        default: as stated by file or camera specification.
+    pixel_pitch
+        Distance of the pixels on the sensor, for example 3.45um; default: as stated by file or camera specification.
+    no_vignetting
+        Take the pictures as without vignetting: simulated or corrected ones.
     """
 
     calibration: Path | None = None
@@ -59,6 +70,11 @@ class LightOptions:
     exposure: Seconds | None = None
     gain_db: float | None = None
     bit_depth: Annotated[int | None, As(least=1, most=16)] = None
+    black_level: Annotated[float | None, As(least=0)] = None
+    bayer: Literal["RGGB", "GRBG", "GBRG", "BGGR"] | None = None
+    focal_length: Length | None = None
+    pixel_pitch: Length | None = None
+    no_vignetting: bool = False
 
     def conversion(self) -> PictureConversion:
         """Load calibration or camera specification; raises InputError."""
@@ -66,7 +82,16 @@ class LightOptions:
 
     def stated(self) -> dict[str, Any]:
         """Return what is given about the files, None for what is not."""
-        return {"exposure_s": self.exposure, "gain_db": self.gain_db, "bit_depth": self.bit_depth}
+        return {
+            "exposure_s": self.exposure,
+            "gain_db": self.gain_db,
+            "bit_depth": self.bit_depth,
+            "black_level_dn": self.black_level,
+            "bayer": self.bayer,
+            "focal_length_m": self.focal_length,
+            "pixel_pitch_m": self.pixel_pitch,
+            "no_vignetting": self.no_vignetting or None,
+        }
 
     def inputs(self, others: Mapping[str, Path | None]) -> list[InputFile]:
         """Return records of the input files other than pictures, by role; raises InputError if one cannot be read."""

@@ -82,9 +82,10 @@ def video(
     """Compute the contrast detection probability between two regions for each frame of a video.
 
     The regions follow their objects; frames in which one is lost have no value. Without --contrast, the contrast
-    measured in the first frame is used. Without calibration and camera specification, relative luminance is used;
-    contrasts are unaffected. Writes a page with a plot over time, a spreadsheet and NetCDF. The same command resumes an
-    interrupted evaluation. Several videos are evaluated on all cores, several pairs of a video in one pass.
+    measured in the first frame is used. Without calibration and camera specification, luminance is relative, and
+    contrasts of regions at different places include the lens's vignetting. Writes a page with a plot over time, a
+    spreadsheet and NetCDF. The same command resumes an interrupted evaluation. Several videos are evaluated on all
+    cores, several pairs of a video in one pass.
 
     Example: labcdp video drive.mp4 --roi rois.json --contrast 10%:200%:20 --reference 1000%
 

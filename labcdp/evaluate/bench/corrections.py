@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import prod, sqrt
+from math import prod
 
 from ...calibration import AnyCalibration, Calibration
 from ...calibration.frames.defects import DefectMap, find_defects
@@ -62,8 +62,7 @@ def natural_vignetting(configuration: SessionConfiguration, state: CameraState) 
     """Natural vignetting of the configured lens: what is known without a flat field."""
     # The pixels of one colour are two pitches apart.
     readout = state.readout or Readout()
-    # Where columns and rows differ, the geometric mean.
-    apart = sqrt(prod((*readout.binning, *readout.decimation))) * (1 if state.plane is None else 2)
+    apart = readout.pitches * (1 if state.plane is None else 2)
     pitch_m, axis_px = apart * configuration.camera.pixel_pitch_m, readout.axis_px(state.image_shape)
     if any(beside := plane_offset_px(state)):
         height, width = state.image_shape

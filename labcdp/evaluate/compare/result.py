@@ -14,6 +14,7 @@ from ...core.result import Finding, Result, info, warning
 from ...core.table import Column, Table
 from ...metrics.contrast import each_contrast
 from ...report.text import cell_text
+from ..picture.conversion import DOUBTS
 from ..sweep.maps.axes import TO_DETECT, MapAxis
 from ..sweep.maps.labels import at_text, axis_name, axis_unit, ends_text, plain
 from ..sweep.maps.map import MapAnalysis
@@ -160,8 +161,21 @@ def _assumptions(found: Comparison) -> Iterator[Finding]:
         if common:
             yield info("compare-common", sources=common)
         yield info("compare-independent")
+    for subject in found.subjects:
+        if subject.kind == "picture":
+            yield from _doubts(subject)
     if found.unmatched:
         yield info("compare-unmatched", quantities=list(found.unmatched))
+
+
+def _doubts(picture: Subject) -> Iterator[Finding]:
+    """Say of a picture what its values were taken as, where nothing states it and contrasts would be others."""
+    for one in picture.content["findings"]:
+        # Of results of several pictures, each says which ones it is about.
+        files = one["values"].get("files", [picture.name])
+        if one["code"].startswith(DOUBTS) and any(str(file).endswith(picture.name) for file in files):
+            values = {**one["values"], "files": [picture.name]}
+            yield Finding(one["code"], one["severity"], one["subject"], values)
 
 
 def _scene_of_another_contrast(found: Comparison) -> Iterator[Finding]:

@@ -66,7 +66,10 @@ def _picture(subject: Subject) -> Iterator[Named]:
     tables, number = subject.content["tables"], subject.content["number"]
     (sha256,) = (row["sha256"] for row in tables["pictures"]["rows"] if row["number"] == number)
     calibrations = [one["sha256"] for one in subject.content["inputs"] if one["role"] == "calibration"]
-    picture, calibration = f"picture {sha256}", f"calibration {calibrations[0] if calibrations else sha256}"
+    # Without a calibration, it is the vignetting of the lens that contrasts at the same places have in common.
+    (camera,) = (row["camera"] for row in tables["pictures"]["rows"] if row["number"] == number)
+    calibration = f"calibration {calibrations[0]}" if calibrations else f"vignetting {camera or 'of the lens'}"
+    picture = f"picture {sha256}"
     rows = [row for row in tables["cdp"]["rows"] if row["number"] == number]
     for row in rows:
         measured = row["contrast_origin"] == "measured"
@@ -77,8 +80,12 @@ def _picture(subject: Subject) -> Iterator[Named]:
     for row in {row["pair"]: row for row in rows}.values():
         u, by_pixels = (_number(row[name]) for name in ("u_measured_contrast", "u_measured_contrast_pixels"))
         parts = _parts(u, by_pixels, picture, calibration)
-        own = row["measured_contrast"], row["expanded_measured_contrast"]
-        yield _symmetric(f"contrast of {row['pair']}", "%", *own, parts)
+        # Of saturated regions it is a bound, which nothing is compared with.
+        is_bound = bool(row.get("measured_contrast_bound"))
+        value, expanded = (
+            None if is_bound else row[name] for name in ("measured_contrast", "expanded_measured_contrast")
+        )
+        yield _symmetric(f"contrast of {row['pair']}", "%", value, expanded, parts)
 
 
 def _characterisation(subject: Subject) -> Iterator[Named]:

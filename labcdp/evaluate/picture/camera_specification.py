@@ -39,7 +39,7 @@ class CameraSpecification(Table):
     glare_fraction: NotNegative = Field(0.0, description="veiling over mean scene luminance, at least 0 (1.0 is 100 %)")
     spectrum: Text = Field(description="the light of the scene, for example D65")
     focal_length_m: Positive | None = Field(
-        None, ge=1e-4, le=1, description="a focal length from 1e-4 to 1 m; left out, the lens has no vignetting"
+        None, ge=1e-4, le=1, description="a focal length from 1e-4 to 1 m; left out, the vignetting is unknown"
     )
     magnification: NotNegative = Field(0.0, description="image over object size, at least 0")
     black_dn: NotNegative | None = Field(None, description="a black level of at least 0 DN")
@@ -89,6 +89,11 @@ class CameraSpecification(Table):
     def optics(self, f_number: float | None = None) -> Optics:
         """Return the lens, at another f-number if one is given."""
         return Optics(f_number or self.f_number, self.lens_transmittance, self.focal_length_m, self.magnification)
+
+    @property
+    def image_distance_m(self) -> float | None:
+        """Distance f (1 + m) of the image behind a thin lens, which decides the vignetting; None if f is not known."""
+        return None if self.focal_length_m is None else self.focal_length_m * (1 + self.magnification)
 
     def system_gain_dn_per_e(self, gain_db: float) -> float:
         """K at a gain: K(0 dB) 10^(gain / 20)."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import inf
 from typing import TYPE_CHECKING, Any
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...core.frame import Frame
 from ...core.luminance import WHOLE, CommonError, Invalid, LuminanceMap, Window
-from ...core.vignetting import Cos4Vignetting
+from ...core.vignetting import AssumedVignetting, Cos4Vignetting
 from ...files.stored_image import looked_up
 from ...files.transfer import Encoding, decoded_table
 
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from .camera_specification import CameraSpecification
 
 
+#: Source of the errors by a vignetting that was not measured.
+ASSUMED = "assumed vignetting"
 _Maps = NDArray[np.float32]
 _Light = NDArray[np.float32] | NDArray[np.float64]
 #: Rows and columns of the two green pixels in each group of 2 x 2, by the pattern of the colour filter.
@@ -41,8 +43,8 @@ class DnLight:
         Difference of light from a DN to the next, by DN.
     flags : ndarray of uint8, shape (n,)
         `Invalid` flags by DN.
-    vignetting : Cos4Vignetting or None
-        Vignetting, None for none.
+    vignetting : AssumedVignetting or None
+        Vignetting of the frame, which its light is corrected for where it is known; None for none.
     glare_fraction : float
         Veiling light over mean light of the scene.
     common : tuple of CommonError
@@ -53,7 +55,7 @@ class DnLight:
     noise: _Maps
     steps: _Maps
     flags: NDArray[np.uint8]
-    vignetting: Cos4Vignetting | None = None
+    vignetting: AssumedVignetting | None = None
     glare_fraction: float = 0.0
     common: tuple[CommonError, ...] = ()
 
@@ -73,7 +75,8 @@ class DnLight:
         LuminanceMap
             With ``step`` 2 for a Bayer pattern.
         """
-        inverse_v = None if self.vignetting is None else _inverse_v(self.vignetting, frame.shape)
+        known = self.vignetting if isinstance(self.vignetting, Cos4Vignetting) else None
+        inverse_v = None if known is None else _inverse_v(known, frame.shape)
         offsets = None if frame.black_pattern is None else frame.black_pattern.offsets_dn(frame.shape)
         planes = [
             (
@@ -111,9 +114,38 @@ class DnLight:
             return flags
 
         step = 1 if frame.colour_filter is None else 2
+
+        def common(where: Window) -> tuple[CommonError, ...]:
+            return (*self.common, *vignetting_errors(self.vignetting, frame.shape, step, window, where))
+
         return LuminanceMap(
-            light, random_rel, self.common, invalid, step=step, dn_step=lambda where: _mean(of(self.steps, where))
+            light, random_rel, common, invalid, step=step, dn_step=lambda where: _mean(of(self.steps, where))
         )
+
+
+def vignetting_errors(
+    vignetting: AssumedVignetting | None, shape: tuple[int, int], step: int, *windows: Window
+) -> tuple[CommonError, ...]:
+    """Return the common errors of a map by its vignetting.
+
+    Parameters
+    ----------
+    vignetting : AssumedVignetting or None
+        Of the image; None for none.
+    shape : (int, int)
+        Height and width of the image.
+    step : int
+        Pixels of the image, along each side, for one of the map.
+    *windows : (slice, slice)
+        Rows and columns of the map, and of these again.
+    """
+    if vignetting is None:
+        return ()
+    rows, columns = (step * (np.arange(length // step, dtype=np.float64) + 0.5) for length in shape)
+    for window in windows:
+        rows, columns = rows[window[0]], columns[window[1]]
+    patterns = vignetting.patterns_at(shape, rows, columns)
+    return tuple(CommonError(ASSUMED, pattern.astype(np.float32), smooth=True) for pattern in patterns)
 
 
 def _values(table: _Light, dn: NDArray[np.unsignedinteger[Any]], offset_dn: _Maps | None) -> _Light:
@@ -173,7 +205,11 @@ class _Setting:
 
 
 def light_of_dn(
-    frame: Frame, encoding: Encoding, specification: CameraSpecification | None, f_number: float | None = None
+    frame: Frame,
+    encoding: Encoding,
+    specification: CameraSpecification | None,
+    f_number: float | None = None,
+    vignetting: AssumedVignetting | None = None,
 ) -> DnLight:
     """Light of a frame's DN, relative to the end of their scale or by guessed parameters of the camera.
 
@@ -196,13 +232,17 @@ def light_of_dn(
         The parameters; None for relative light.
     f_number : float or None
         The f-number that was set, if known; None for that of the specification.
+    vignetting : AssumedVignetting or None
+        Vignetting of the frame; None for none.
     """
     setting = _Setting(*(getattr(frame, name) for name in _Setting.__dataclass_fields__))
-    return (
+    corrected = isinstance(vignetting, Cos4Vignetting)
+    found = (
         _relative(setting, encoding)
         if specification is None
-        else _specified(specification, setting, encoding, f_number)
+        else _specified(specification, setting, encoding, f_number, corrected)
     )
+    return replace(found, vignetting=vignetting)
 
 
 @lru_cache(maxsize=16)
@@ -216,7 +256,9 @@ def _relative(setting: _Setting, encoding: Encoding) -> DnLight:
 
 
 @lru_cache(maxsize=16)
-def _specified(own: CameraSpecification, setting: _Setting, encoding: Encoding, f_number: float | None) -> DnLight:
+def _specified(
+    own: CameraSpecification, setting: _Setting, encoding: Encoding, f_number: float | None, corrected: bool
+) -> DnLight:
     top_dn = 2**own.adc_bits - 1
     linear = decoded_table(setting.bit_depth, encoding)
     black_dn = top_dn * setting.black_in(linear) if own.black_dn is None else own.black_dn
@@ -230,17 +272,15 @@ def _specified(own: CameraSpecification, setting: _Setting, encoding: Encoding, 
     flags = setting.saturated
     if own.saturation_dn is not None:
         flags[dn >= own.saturation_dn] |= Invalid.SATURATED.value
-    vignetting = own.optics(f_number).vignetting(own.pixel_pitch_m)
     zero_dn, light_at_top = black_dn + dark_e * k_dn_per_e, top_dn / (k_dn_per_e * per_cd_m2)
     light = _proportional(linear, zero_dn, top_dn, light_at_top, encoding)
     # Where pixels differ by more than their DN, no contrast lies exactly on an end of the interval.
-    place_matters = vignetting is not None or own.glare_fraction > 0
+    place_matters = corrected or own.glare_fraction > 0
     return DnLight(
         light=light.astype(np.float32) if place_matters else light,
         noise=(np.sqrt(noise_e2) / per_cd_m2).astype(np.float32),
         steps=_steps(light).astype(np.float32),
         flags=flags,
-        vignetting=vignetting,
         glare_fraction=own.glare_fraction,
         common=(CommonError("guessed camera parameters", inf),),
     )

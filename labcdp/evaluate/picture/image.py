@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any, TypeAlias
@@ -10,7 +11,7 @@ from ...core.errors import InputError
 from ...core.luminance import LuminanceMap
 from ...core.result import Finding, info, unique, warning
 from ...core.roi import Rectangle, Roi
-from ...metrics.pair import PairResult, evaluate_pair
+from ...metrics.pair import VIGNETTING_CODE, PairResult, evaluate_pair
 from ...metrics.region import RegionResult, evaluate_region
 from .conversion import PictureSource
 from .neighbours import NeighbourEvaluation, evaluate_neighbours
@@ -82,9 +83,21 @@ def evaluate_image(luminance: LuminanceMap, source: PictureSource, request: Imag
         for pair in pairs
         if request.pairs is not None and pair.bright == "b"
     ]
-    found += [one for pair in pairs for one in pair.findings]
+    found += _of_pairs(pairs)
     found += neighbours.findings if neighbours is not None else ()
     return ImageEvaluation(source, tuple(regions), tuple(pairs), neighbours, unique(found))
+
+
+def _of_pairs(pairs: Sequence[PairResult]) -> list[Finding]:
+    """Return the findings of pairs; of the vignetting, one about the pair for which it matters most."""
+    found = [one for pair in pairs for one in pair.findings]
+    lens = [one for one in found if one.code == VIGNETTING_CODE]
+    if len(lens) < 2:
+        return found
+    largest = max(lens, key=lambda one: float(str(one.values["share"])))
+    values = {**largest.values, "count": len(lens)}
+    joined = warning("contrasts-with-vignetting", largest.subject, **values)
+    return [*(one for one in found if one.code != VIGNETTING_CODE), joined]
 
 
 #: Most regions for all pairs; with more, pairs must be selected.

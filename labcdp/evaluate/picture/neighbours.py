@@ -14,6 +14,7 @@ from ...core.frame import Frame
 from ...core.luminance import LuminanceMap, Window
 from ...core.result import Finding, info, warning
 from ...core.roi import Rectangle, clipped_rectangle
+from ...core.vignetting import Cos4Vignetting
 from ...metrics import CalibratedCdp, ContrastDistribution, Distribution, Epsilon, NeighbourCdp, cdp_neighbours_range
 from ...metrics.detection import variance_of_changes
 from ...metrics.neighbours.tables import MOST_CONTRASTS, neighbour_tables
@@ -131,7 +132,8 @@ def _light_by_dn(frame: Frame, conversion: PictureConversion) -> NDArray[np.floa
     if frame.dn.dtype != np.uint8 or frame.bit_depth != 8 or others:
         return None
     found = light_of_dn(frame, conversion.options.encoding or "linear", conversion.specification)
-    return found.light if found.vignetting is None and found.glare_fraction == 0 else None
+    corrected = isinstance(conversion.vignetting(frame.shape, frame.readout), Cos4Vignetting)
+    return None if corrected or found.glare_fraction else found.light
 
 
 def _calibrated(
@@ -168,7 +170,8 @@ def _window(luminance: LuminanceMap, rectangle: Rectangle | None) -> tuple[Windo
 
 def _errors(luminance: LuminanceMap, window: Window, values: NDArray[np.float64]) -> list[NDArray[np.float64]]:
     """Relative errors of each pixel that may differ between neighbours."""
-    found = [np.asarray(e.relative, dtype=float) for e in luminance.common_in(window) if np.ndim(e.relative)]
+    common = (e.relative for e in luminance.common_in(window) if not e.smooth)
+    found = [np.asarray(relative, dtype=float) for relative in common if np.ndim(relative)]
     if np.any(luminance.slow_cd_m2):
         slow_cd_m2 = np.broadcast_to(luminance.slow_cd_m2, luminance.shape)[window]
         with np.errstate(divide="ignore", invalid="ignore"):

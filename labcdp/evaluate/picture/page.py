@@ -10,7 +10,7 @@ from ...core.result import Result
 from ...core.table import Table
 from ...report.html import render_page
 from ...report.layout import Block, Card, Facts, Links, Page, ReportFigure, Section, input_facts
-from ...report.text import cell_text
+from ...report.text import MISSING, UNKNOWN, cell_text
 from .tables import ReportedPicture
 
 #: Cards of a page; the table has all.
@@ -129,7 +129,7 @@ def _cards(table: Table) -> list[Card]:
             asked += " (as measured)"
         elif n_contrasts > 1:
             asked += f" (largest CDP of {n_contrasts})"
-        unit = "" if texts["measured_contrast"] in ("-", "∞") else " %"
+        unit = "" if texts["measured_contrast"] in (MISSING, UNKNOWN, "∞") else " %"
         measured = f"contrast measured {texts['measured_contrast']}{unit}"
         detail = f"CDP, 95 %: {interval.rstrip(')')}" if interval else "CDP"
         cards.append(Card(row["pair"], value, detail, (asked, measured)))

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from ...core.result import Finding, InputFile, Result, error, unique
+from ...core.result import Finding, InputFile, Result, error, unique, warning
 from ...files.read import read_picture
 from ...regions import load_regions
 from ...report.files import envelope_json
@@ -63,6 +63,9 @@ class PictureTask:
             load_regions(self.regions, (width, height))
         luminance = self.conversion.luminance(picture)
         evaluation = evaluate_image(luminance, self.conversion.source(picture), self.request)
+        pairs = [(pair.bright_region.roi, pair.dark_region.roi) for pair in evaluation.pairs]
+        findings = self.conversion.with_pairs(evaluation.findings, picture, luminance, pairs)
+        evaluation = replace(evaluation, findings=findings)
         if not pages:
             return evaluation, {}
         result = self.result([ReportedPicture(1, str(path), "", evaluation)])
@@ -103,6 +106,9 @@ def _findings(pictures: Sequence[ReportedPicture]) -> tuple[Finding, ...]:
     for one in pictures:
         for finding in () if one.evaluation is None else one.evaluation.findings:
             found.setdefault(finding, []).append(one.file)
+    taken = {one.values["encoding"] for one in found if one.code.startswith("encoding-assumed")}
+    if len(taken) > 1:
+        failed.append(warning("encodings-differ"))
     of_some = [
         finding
         if len(files) == len(pictures) - len(failed)

@@ -85,6 +85,8 @@ _CDP_COLUMNS = (
     *_within("regions", *CONTRAST[1:]),
     Column("u_measured_contrast_pixels", "u of measured contrast, pixels", "%", "Its part by the pixels.", 2,
            shown=False, value="regions.contrast_pixels"),
+    Column("u_measured_contrast_vignetting", "u of measured contrast, vignetting", "%",
+           "Its part by a vignetting that was not measured.", 2, shown=False, value="regions.contrast_vignetting"),
     TARGET.within("one"),
     Column("contrast_origin", "origin", "", "Where the target contrast comes from: given, or measured.",
            value=lambda row: None if row.one is None else "measured" if row.of_measured else "given"),
@@ -113,7 +115,7 @@ _CDP_NOTE = (
     "CDP is the share of all pairs of a bright and a dark pixel whose Weber contrast lies within the tolerance of "
     "the target contrast; below and above are the shares to either side. CSNR is mean over standard deviation "
     "of the contrasts of all pairs. Uncertainties include the scatter of the pixels, also where that is "
-    "correlated, and the calibration."
+    "correlated, and the calibration, or without one the vignetting of the lens."
 )
 
 

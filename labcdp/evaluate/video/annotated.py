@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 
 from ...core.disk.files import named_plainly, plain_name
 from ...core.errors import InputError
+from ...metrics.pair import bound_of_contrast
+from ...metrics.region import SATURATED_SHARE
 from ...output.file import put_in_place, temporary_name, write_file, writing
-from ...report.text import fixed
+from ...report.text import bounded, fixed
 from .findings import note_of
 
 if TYPE_CHECKING:
@@ -267,7 +269,11 @@ def _results(row: Mapping[str, Any]) -> str:
     else:
         text = f"CDP {', '.join(fixed(value, 3) for value in np.atleast_1d(row['cdp'])[:4].tolist())}"
     measured = float(row.get("measured_contrast", nan))
-    return text + (f"   contrast {100 * measured:.4g} %" if isfinite(measured) else "")
+    means, saturated = row.get("mean", ()), row.get("saturated", ())
+    full = [share > SATURATED_SHARE for _, share in sorted(zip(means, saturated, strict=False))]
+    bound = bound_of_contrast(full[1], full[0]) if len(full) == 2 else ""
+    shown = bounded(100 * measured, bound) if bound else f"{100 * measured:.4g}"
+    return text + (f"   contrast {shown} %" if isfinite(measured) else "")
 
 
 def _strip(width: int, lines: Sequence[_Line], scale: float) -> NDArray[np.uint8]:

@@ -6,18 +6,22 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from math import hypot
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from ...core.disk.files import shown
 from ...core.disk.journal import recorded_head, stored_values
 from ...core.errors import InputError
 from ...core.result import Finding, InputFile, info, warning
+from ...core.roi import Roi
 from ...files.frame import no_exposure
 from ...files.video.open import open_video
 from ...files.video.source import VideoSource
 from ...metrics.correlated_cdp import size_findings
-from ...metrics.pair import require_apart
+from ...metrics.pair import require_apart, vignetting_findings
 from ...output import Destination, results_journal
 from ...report.text import finding_text
 from ..picture.conversion import Calibrated, PictureConversion, picture_conversion
@@ -156,8 +160,7 @@ def _opened(path: str | Path, settings: VideoSettings) -> tuple[VideoSource, Pic
     """Open a video, with the conversion of its frames."""
     if not isinstance(path, str | Path):
         raise InputError(f"the video is {shown(path)}: give the path of a file")
-    stated = {name: getattr(settings, name) for name in ("exposure_s", "gain_db", "bit_depth")}
-    conversion = picture_conversion(settings.calibration, settings.camera, settings.encoding).given(**stated)
+    conversion = picture_conversion(settings.calibration, settings.camera, settings.encoding).given(**settings.stated)
     conversion = replace(conversion, options=replace(conversion.options, damaged=settings.damaged))
     return opened_video(Path(path), conversion)
 
@@ -177,6 +180,7 @@ def _rows(source: VideoSource, conversion: PictureConversion, run: PartRun) -> V
         why = f"; frame {number}: {finding_text(finding)}" if finding is not None else ""
         raise InputError(f"{source.path}: no frame could be evaluated{why}")
     findings = [*source.findings, *conversion_findings(conversion, source), *_announced(source, run), *found.findings]
+    findings += _of_vignetting(source, conversion, settings.rois)
     for roi in settings.rois:
         findings += size_findings(roi.name, int(roi.mask(source.shape).sum()))
     if settings.contrasts is None:
@@ -208,6 +212,16 @@ def _rows(source: VideoSource, conversion: PictureConversion, run: PartRun) -> V
         conversion.unit,
         attributes,
     )
+
+
+def _of_vignetting(source: VideoSource, conversion: PictureConversion, rois: Sequence[Roi]) -> tuple[Finding, ...]:
+    """Return a finding if the vignetting between the places of the regions in the first frame matters."""
+    vignetting = conversion.vignetting(source.shape, source.readout)
+    if vignetting is None or not rois:
+        return ()
+    x_px, y_px = (np.array(one) for one in zip(*(roi.centre for roi in rois), strict=True))
+    errors = (pattern.diagonal() for pattern in vignetting.patterns_at(source.shape, y_px, x_px))
+    return vignetting_findings(rois[0].name, rois[1].name, hypot(*(first - second for first, second in errors)))
 
 
 def _announced(source: VideoSource, run: PartRun) -> tuple[Finding, ...]:
@@ -253,7 +267,8 @@ def opened_video(path: Path, conversion: PictureConversion) -> tuple[VideoSource
     source = open_video(path, conversion.options)
     if conversion.unit == "cd/m^2" and conversion.options.exposure_s is None and not source.exposure_stated:
         raise InputError(no_exposure(path))
-    return source, replace(conversion, options=replace(conversion.options, encoding=source.encoding))
+    options = replace(conversion.options, encoding=source.encoding)
+    return source, replace(conversion, options=options).through(source.lens)
 
 
 def _require_regions(source: VideoSource, settings: VideoSettings) -> None:
@@ -273,7 +288,8 @@ def _require_regions(source: VideoSource, settings: VideoSettings) -> None:
 
 def conversion_findings(conversion: PictureConversion, source: VideoSource) -> tuple[Finding, ...]:
     """Return what there is to know about the luminance of a video's frames."""
-    found = [info("relative-luminance")] if conversion.unit == "relative" else []
+    found = [*conversion.vignetting_findings(conversion.vignetting(source.shape, source.readout))]
+    found += conversion.doubt_findings(source.doubts)
     if source.encoding != "linear" or any(one.code == "srgb-colour-to-grey" for one in source.findings):
         calibrated = isinstance(conversion, Calibrated)
         found.append(warning("srgb-taken-as-dn" if calibrated else "srgb-assumed"))

@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 
 from ...core.result import Finding, FindingValue, info, warning
 from ...core.table import Column, Table
+from ...metrics.region import SATURATED_SHARE
 from ...report.text import finding_text, span
 from .dataset import blocks_of, findings_of, restored
 
 if TYPE_CHECKING:
     from xarray import Dataset
 
-#: Share of saturated pixels above which a contrast of a region is not to be trusted.
-TOO_SATURATED = 0.01
 #: Most ranges of frames listed.
 _MOST_STRETCHES = 5
 #: What a finding about a frame counts as in the findings about the video.
@@ -103,7 +102,7 @@ class VideoFindings:
                 count, largest = self._invalid.get((region, reason), (0, 0.0))
                 self._invalid[region, reason] = count + 1, max(largest, share)
         for region, share in zip(self._regions, row.get("saturated") or [], strict=False):
-            if share > TOO_SATURATED:
+            if share > SATURATED_SHARE:
                 stretches = self._saturated.setdefault(region, [])
                 if stretches and stretches[-1].place == self._n - 1:
                     last = stretches[-1]
@@ -131,7 +130,7 @@ class VideoFindings:
         for region, stretches in self._saturated.items():
             code, more_of_them = "frames-region-saturated", len(stretches) - _MOST_STRETCHES
             frames = [span(str(one.first), str(one.last)) for one in stretches]
-            about: dict[str, FindingValue] = {"limit": TOO_SATURATED, "count": sum(one.count for one in stretches)}
+            about: dict[str, FindingValue] = {"limit": SATURATED_SHARE, "count": sum(one.count for one in stretches)}
             about |= {"n_frames": self._n, "frames": frames[:_MOST_STRETCHES]}
             if more_of_them > 0:
                 code, about = f"{code}-often", {"more": more_of_them, **about}

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
+from math import nan
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +14,8 @@ import numpy as np
 from ...core.disk.files import named_plainly
 from ...core.result import Result
 from ...core.table import Column, Table
+from ...metrics.pair import bound_of_contrast
+from ...metrics.region import SATURATED_SHARE
 from ...output import Destination, open_results
 from ...output.file import writing
 from ...report.files import envelope_json, write_blocks
@@ -211,6 +214,16 @@ def _frame_columns(dataset: Dataset, frames: range) -> LongTable:
     return LongTable("CDP", "CDP of each contrast, a column a frame", heads, rows, matrix=True)
 
 
+def _bounds(row: Mapping[str, Any], regions: Sequence[str]) -> dict[str, str]:
+    """Return of means and contrast of a frame whether they are bounds."""
+    full = {name: row.get(f"saturated[{name}]", 0.0) > SATURATED_SHARE for name in regions}
+    found = {f"bound[mean[{name}]]": ">" if saturated else "" for name, saturated in full.items()}
+    if len(regions) == 2:
+        dark, bright = sorted(regions, key=lambda name: float(row.get(f"mean[{name}]", nan)))
+        found["bound[measured_contrast]"] = bound_of_contrast(full[bright], full[dark])
+    return found
+
+
 def _frame_rows(dataset: Dataset) -> LongTable:
     """All numbers, a row for each frame and contrast; the contrast changes fastest."""
     own = (_FRAME, TIME, _CONTRAST, *OF_CONTRAST, *OF_FRAME)
@@ -233,13 +246,19 @@ def _frame_rows(dataset: Dataset) -> LongTable:
         if name in dataset.variables
     ]
 
+    regions = [str(name) for name in dataset["region"].values] if "region" in dataset.dims else []
+
     def rows() -> Iterator[dict[str, Any]]:
         for block in blocks_of(dataset):
             each = block["cdp"]
             values = [block[name].isel(index).broadcast_like(each).transpose(*each.dims) for _, name, index in found]
             lists = [(one.astype(float) if one.dtype == bool else one).values.ravel().tolist() for one in values]
             for row in zip(*lists, strict=True):
-                yield {column.name: value for (column, _, _), value in zip(found, row, strict=True)}
+                values_of_row = {column.name: value for (column, _, _), value in zip(found, row, strict=True)}
+                yield values_of_row | _bounds(values_of_row, regions)
 
-    columns = tuple(column for column, _, _ in found)
+    columns = tuple(
+        replace(column, bound=f"bound[{column.name}]") if name in ("mean", "measured_contrast") else column
+        for column, name, _ in found
+    )
     return LongTable("Frames", "All numbers, a row for each frame and contrast", columns, rows)

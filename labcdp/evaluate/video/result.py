@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from ...core.disk import parse_json
 from ...core.result import InputFile, Result
-from ...core.table import Column, Table
+from ...core.table import Column, Table, with_bound
+from ...metrics.region import SATURATED_SHARE
 from ...report.text import percent
 from .dataset import check_video, restored
 from .findings import frame_tables, times_s
@@ -36,7 +37,10 @@ CONTRASTS = (
 )  # fmt: skip
 REGIONS = (
     Column("region", "region"),
-    Column("mean", "mean", meaning="Mean over the frames in which the region was found."),
+    *with_bound(
+        [Column("mean", "mean", meaning="Mean over the frames in which the region was found.")],
+        lambda row: row["mean_bound"],
+    ),
     Column("snr", "spatial SNR", "", "Mean over standard deviation of the pixels of a frame, over the same frames."),
     Column("mean_quality", "mean quality", meaning="Quality of the tracking, 0 to 1.", decimals=3),
     Column("lowest_quality", "lowest quality", meaning="Lowest quality in these frames.", decimals=3),
@@ -169,9 +173,11 @@ def _region(one: Dataset) -> dict[str, Any]:
         known: NDArray[np.float64] = values[np.isfinite(values)]
         return known if known.size else np.array([np.nan])
 
+    saturated = "saturated" in one and bool((one["saturated"].values > SATURATED_SHARE).any())
     return {
         "region": str(one["region"].values),
         "mean": float(found("mean").mean()),
+        "mean_bound": ">" if saturated else "",
         "snr": float(found("snr").mean()),
         "mean_quality": float(found("quality").mean()),
         "lowest_quality": float(found("quality").min()),

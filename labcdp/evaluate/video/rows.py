@@ -17,9 +17,10 @@ from ...core.luminance import WHOLE
 from ...core.result import Finding, warning
 from ...core.roi import Roi
 from ...core.table import values_of
+from ...core.vignetting import Cos4Vignetting
 from ...files.video.source import VideoFrame
 from ...metrics.pair import evaluate_regions, require_apart
-from ...metrics.region import RegionPixels
+from ...metrics.region import SATURATED_SHARE, RegionPixels
 from ...tracking import TrackedRoi
 from ..picture.conversion import PictureConversion
 from ..picture.neighbours import neighbours_of_frame
@@ -39,7 +40,7 @@ from .dataset import (
     recorded,
     restored,
 )
-from .findings import TOO_SATURATED, note_of
+from .findings import note_of
 from .settings import Observer, ReferenceContrast, VideoSettings
 
 #: Keys of a row that are no variables, and that of the contrast that is measured in a frame; for nearest neighbours in
@@ -164,7 +165,7 @@ class PartRun:
         if "cdp" not in values:
             findings.append(warning("frame-without-contrast"))
         for region, share in zip(settings.rois, values.get("saturated", ()), strict=False):
-            if share > TOO_SATURATED:
+            if share > SATURATED_SHARE:
                 findings.append(warning("frame-region-saturated", region.name, share=share))
         if item.repeats is not None:
             findings.append(warning("frame-repeated", of_frame=item.repeats))
@@ -177,7 +178,9 @@ class PartRun:
             contrasts = [contrast for contrast in self.contrasts if not isnan(contrast)]
             reference, why = (None, None) if self._reference is None else self._reference.of(frame.number, frame.time_s)
             asked = contrasts if reference is None else [*contrasts, reference]
-            found = evaluate_regions(first, second, asked, self.settings.epsilon)
+            # Contrasts of the first frame have the vignetting of this one.
+            measured = [self._measured is not None] * len(contrasts) + [self.settings.reference == "first"]
+            found = evaluate_regions(first, second, asked, self.settings.epsilon, measured[: len(asked)])
             # The first frame that is measured gives what was not given.
             if not self._learn(found.contrast.value):
                 break
@@ -235,8 +238,8 @@ def light_of(frame: VideoFrame, conversion: PictureConversion, roi: Roi) -> Regi
     """
     assert frame.pixels is not None
     pixels = frame.pixels
-    # Of relative light nothing but the pixel itself decides.
-    in_part = pixels.part if conversion.unit == "relative" else None
+    # Of relative light nothing but the pixel itself and its place decide.
+    in_part = pixels.part if conversion.unit == "relative" and conversion.options.bayer is None else None
     # A pixel of the map stands for a group of the colour filter.
     group = 2 if in_part is None and pixels.frame.colour_filter is not None else 1
     shape = pixels.shape[0] // group, pixels.shape[1] // group
@@ -244,7 +247,11 @@ def light_of(frame: VideoFrame, conversion: PictureConversion, roi: Roi) -> Regi
     window = region.window(shape)
     part, inner = (pixels.frame, window) if in_part is None else (in_part(window), WHOLE)
     dn = part.dn[inner] if group == 1 and part.dn.dtype == np.uint8 and part.black_pattern is None else None
-    return RegionPixels.of_part(conversion.convert(part, inner), roi, window, _mask(region, shape), dn=dn)
+    place = None if in_part is None else (window[1].start, window[0].start, pixels.shape)
+    light = conversion.convert(part, inner, place)
+    # Where the place decides too, DN are no levels of light.
+    levels = None if isinstance(conversion.vignetting(pixels.shape, part.readout), Cos4Vignetting) else dn
+    return RegionPixels.of_part(light, roi, window, _mask(region, shape), dn=levels)
 
 
 @lru_cache(maxsize=16)

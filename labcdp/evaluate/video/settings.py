@@ -19,6 +19,7 @@ from ...core.disk.journal import Row
 from ...core.errors import InputError
 from ...core.result import Finding, InputFile, warning
 from ...core.roi import Roi
+from ...files.picture import OF_VALUES
 from ...files.video.selection import Selection
 from ...metrics import Epsilon
 from ...metrics.contrast import TargetContrast
@@ -64,6 +65,8 @@ class VideoSettings:
         Width and height of the image the regions were drawn on, which must be those of the frames; None if not known.
     exposure_s, gain_db, bit_depth : float or int or None
         Of the video; they count before what it or the calibration says. Bits are those of 16-bit values.
+    black_level_dn, bayer, focal_length_m, pixel_pitch_m, no_vignetting
+        As of `labcdp.files.picture.PictureOptions`; None for what the video or the camera specification says.
     damaged : bool
         Whether frames that are damaged, or build on damaged ones, are evaluated, with a note.
 
@@ -88,6 +91,11 @@ class VideoSettings:
     gain_db: float | None = None
     bit_depth: int | None = None
     damaged: bool = False
+    black_level_dn: float | None = None
+    bayer: str | None = None
+    focal_length_m: float | None = None
+    pixel_pitch_m: float | None = None
+    no_vignetting: bool | None = None
 
     def __post_init__(self) -> None:
         for name in ("calibration", "camera"):
@@ -118,6 +126,11 @@ class VideoSettings:
             object.__setattr__(self, name, Path(given))
         elif given is not None and not isinstance(given, Path):
             raise InputError(f"{name} is {shown(given)}: give the path of a file")
+
+    @property
+    def stated(self) -> dict[str, Any]:
+        """What is given about the video, None for what is not."""
+        return {name: getattr(self, name) for name in ("exposure_s", "gain_db", "bit_depth", *OF_VALUES)}
 
     @property
     def n_contrasts(self) -> int:
@@ -238,7 +251,7 @@ def _load(path: Path) -> Mapping[str, NDArray[Any]]:
 
 
 #: Format of the journal, and packages on which results depend to the last bit.
-_FORMAT = 3
+_FORMAT = 4
 _PACKAGES = ("labcdp", "numpy", "numba", "scipy", "av", "opencv-contrib-python-headless")
 
 
@@ -259,7 +272,7 @@ def video_configuration(settings: VideoSettings, reference: ReferenceContrast | 
     if isinstance(asked, Path):
         assert reference is not None
         asked = {"sha256": reference.sha256, "by": settings.reference_by}
-    as_they_are = ("encoding", "exposure_s", "gain_db", "bit_depth", "damaged")
+    as_they_are = ("encoding", "damaged")
     return {
         "contrasts": None if settings.contrasts is None else list(settings.contrasts),
         "rois": [{"name": roi.name, "corners": [list(corner) for corner in roi.corners]} for roi in settings.rois],
@@ -270,4 +283,5 @@ def video_configuration(settings: VideoSettings, reference: ReferenceContrast | 
         "calibration_sha256": None if settings.calibration is None else calibration_sha256(settings.calibration),
         "camera_sha256": None if settings.camera is None else InputFile.of("camera", settings.camera).sha256,
         **{name: getattr(settings, name) for name in as_they_are},
+        **settings.stated,
     }

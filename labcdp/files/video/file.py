@@ -24,9 +24,10 @@ from ...core.errors import InputError
 from ...core.frame import Frame
 from ...core.luminance import WHOLE, Window
 from ...core.result import warning
+from ..doubts import doubts_of
 from ..frame import Scale, changed_at, make_frame, scale_of
 from ..kinds import HEAD_BYTES, no_video
-from ..picture import unused_options
+from ..picture import overridden_frame, unused_options
 from ..read import PictureOptions, frame_of_pixels
 from .decoding import Shown, shown_frames, video_stream, video_streams
 from .pixels import Pixels, learn_pixels, stated_by, statement_findings
@@ -86,7 +87,8 @@ class _Frames:
         dn.flags.writeable = False
         if dn.dtype == np.uint8:
             return replace(self._example, dn=dn, frame_id=number)
-        return make_frame(dn, self.scale.for_values(dn, str(self.path)), self.options, self.modified, number)
+        made = make_frame(dn, self.scale.for_values(dn, str(self.path)), self.options, self.modified, number)
+        return overridden_frame(made, self.options)
 
     def _of_colours(self, planes: Sequence[NDArray[Any]], number: int, window: Window) -> Frame:
         dn, clipped = self.pixels.luminance(planes, window)
@@ -96,8 +98,9 @@ class _Frames:
     def _example(self) -> Frame:
         """A frame of 8 bits, or of the luminance of colours."""
         if self.pixels.kind == "luma":
-            return frame_of_pixels(np.zeros((1, 1), np.uint8), self.options, self.modified)
-        options = replace(self.options, bit_depth=None, pixel_format=None, saturation_dn=None)
+            made = frame_of_pixels(np.zeros((1, 1), np.uint8), self.options, self.modified)
+            return overridden_frame(made, self.options)
+        options = replace(self.options, bit_depth=None, pixel_format=None, saturation_dn=None, black_level_dn=None)
         return frame_of_pixels(np.zeros((1, 1), np.uint16), options, self.modified)
 
 
@@ -142,7 +145,8 @@ def open_video_file(path: Path, options: PictureOptions) -> VideoSource:
             count = round((length_s or (container.duration or 0) / av.time_base) * rate)
         try:
             later = _spread(path, options.max_pixels, 1)
-            pixels, findings = learn_pixels(frames, later, stream.codec_context, options.encoding)
+            known = options.encoding, options.of_sensor
+            pixels, findings = learn_pixels(frames, later, stream.codec_context, *known)
         except InputError as error:
             raise InputError(f"{path} {error}") from error
         findings += statement_findings(by_container, stated_by(frames[0]), pixels.kind != "luma")
@@ -155,6 +159,10 @@ def open_video_file(path: Path, options: PictureOptions) -> VideoSource:
     found = _Frames(path, (height, width), frame_rate, pixels, options, changed_at(path), scale)
     # Options that do not fit fail at once, and not once for each frame.
     frame = found.stored(Shown(0, 0.0, frames[0], None)).frame
+    bare = frame.clipped is None and frame.black_level_dn is None and frame.colour_filter is None
+    values = np.dstack(pixels.planes(frames[0])) if pixels.kind == "rgb" else frame.dn
+    top_dn = scale.saturation_dn if pixels.kind == "rgb" else frame.saturation_dn
+    doubts = doubts_of(values, top_dn, pixels.stored, pixels.other_encoding, as_stored=bare)
     return VideoSource(
         path=path,
         shape=(height, width) if pixels.orientation <= 4 else (width, height),
@@ -167,6 +175,7 @@ def open_video_file(path: Path, options: PictureOptions) -> VideoSource:
         hashed=partial(file_sha256, path, "a file you can read"),
         is_estimate=is_estimate,
         length_s=length_s,
+        doubts=doubts,
     )
 
 

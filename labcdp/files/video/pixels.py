@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ...core.errors import InputError
 from ...core.luminance import WHOLE, Window
 from ...core.result import Finding, info, warning
+from ..doubts import Histogram, encodings
 from ..frame import Scale
 from ..statements import NOTHING_STATED, Statement, stated_by_gamma, stated_by_profile
 from ..stored_image import (
@@ -82,6 +83,8 @@ class Pixels:
         `labcdp.tracking.make_tracker`; 0 if it changed no number.
     of_light : (float, float, float)
         Weights of linear red, green and blue in luminance.
+    other_encoding : str or None
+        How grey or colours may be encoded as well, where the file does not state it; None if it does.
     scale : Scale or None
         Of red, green and blue of 16 bits; None if it is that of `bits`.
     """
@@ -95,6 +98,7 @@ class Pixels:
     orientation: int
     faint_dn: float
     of_light: Weights = BT709_LUMINANCE
+    other_encoding: Encoding | None = None
     scale: Scale | None = None
 
     @property
@@ -210,15 +214,16 @@ def _matrix(frame: Any, coloured: bool) -> tuple[float, float] | None:
 
 
 def learn_pixels(
-    frames: Sequence[Any], later: Iterable[Any], context: Any, encoding: Encoding | None
+    frames: Sequence[Any], later: Iterable[Any], context: Any, encoding: Encoding | None, of_sensor: bool = False
 ) -> tuple[Pixels, list[Finding]]:
     """Learn what the numbers of a file are from its first frames, and what there is to say about it.
 
     Whether they are colours, later frames tell too, of which none is taken where the first ones tell it.
 
     Range, transfer and matrix are as stated. Where they are not, the range is full for grey, Motion JPEG and colours,
-    else limited; the transfer that of sRGB as for pictures, but linear for grey values that no codec changed, whatever
-    pixel format they are in; the matrix that of BT.601 for JPEG and less than 720 rows, else that of BT.709.
+    else limited; the transfer that of sRGB as for pictures, but for grey values that no codec changed, whatever pixel
+    format they are in, what their histogram looks like, or linear if they are known to be `of_sensor`; the matrix that
+    of BT.601 for JPEG and less than 720 rows, else that of BT.709.
 
     Raises
     ------
@@ -244,7 +249,13 @@ def learn_pixels(
     # FFmpeg calls all values of TIFF gamma 2.2, which it does not read from the file.
     code = UNSPECIFIED if codec.name == "tiff" else int(first.color_trc)
     of_frame = _stated_by_frame(first, coloured) if code == UNSPECIFIED else NOTHING_STATED
-    stored, found = _encoding(code, of_frame, lossless and not coloured, encoding)
+    usual, other = "srgb", "linear" if lossless and coloured and kind == "rgb" else None
+    if lossless and not coloured and of_sensor:
+        usual = "linear"
+    elif lossless and not coloured:
+        usual, other = encodings(Histogram.of(planes[0], 2.0**bits - 1), bits, coloured)
+    stored, found = _encoding(code, of_frame, usual, encoding)
+    is_usual = code == UNSPECIFIED and of_frame.encoding is None and encoding is None
     primaries = int(first.color_primaries)
     of_light = luminance_weights(PRIMARIES_OF_CODE[primaries]) if primaries in PRIMARIES_OF_CODE else None
     if coloured and of_light is None and primaries != UNSPECIFIED:
@@ -267,7 +278,11 @@ def learn_pixels(
         found.append(warning("video-rgb-range"))
     seen = kind if coloured else "luma"
     faint = 0.0 if lossless else faint_dn(frames, codec, bits)
-    return Pixels(first.format.name, seen, bits, limited, weights, stored, orientation or 1, faint, of_light), found
+    learnt = Pixels(
+        first.format.name, seen, bits, limited, weights, stored, orientation or 1, faint, of_light,
+        other if is_usual else None,
+    )  # fmt: skip
+    return learnt, found
 
 
 #: What container and stream may both state, the name of FFmpeg's field, and what codes mean that differ without effect.
@@ -328,9 +343,10 @@ def _stated_by_frame(frame: Any, coloured: bool) -> Statement:
     return stated_by_gamma(int(unit) / int(value) if int(value) else None, "the gAMA of its frames")
 
 
-def _encoding(code: int, of_frame: Statement, measured: bool, given: Encoding | None) -> tuple[Encoding, list[Finding]]:
+def _encoding(
+    code: int, of_frame: Statement, usual: Encoding, given: Encoding | None
+) -> tuple[Encoding, list[Finding]]:
     """Return the encoding as given, as stated, or as is usual, and findings that say so."""
-    usual: Encoding = "linear" if measured else "srgb"
     stated = ENCODING_OF_CODE.get(code) or of_frame.encoding
     found = given or stated or usual
     how = "as given" if given else _how(stated is not None)

@@ -16,8 +16,9 @@ import numpy as np
 
 from ...core.disk import file_sha256
 from ...core.errors import InputError
-from ...core.frame import Frame
+from ...core.frame import Frame, Readout
 from ...core.result import Finding, info, warning
+from ...core.vignetting import Lens
 from ...session import FrameRecord, Session
 from ..frame import guessed_scale, picture_bytes
 from ..picture import Picture, PictureOptions, contradictions, overridden_frame
@@ -94,6 +95,8 @@ def _sequence(
         )
     guessed, options = _one_scale(list(looked_at.values()), options)
     first = read(next((at for at in sorted(looked_at) if looked_at[at].coloured), min(looked_at)), options)
+    # All are read as the first one is.
+    options = replace(options, assumed_encoding=first.encoding)
 
     def load(at: int) -> StoredPixels:
         return stored_pixels(_alike(read(at, options), first, numbers[at]))
@@ -112,6 +115,7 @@ def _sequence(
         exposure_stated=first.exposure_stated,
         encoding="linear" if first.coloured else first.encoding,
         findings=(*found, *first.findings, *guessed),
+        doubts=first.doubts,
         entries=entries,
         hashed=lambda: sha256,
     )
@@ -201,7 +205,7 @@ def open_session_video(path: Path, options: PictureOptions) -> VideoSource:
     def entries() -> Iterator[VideoFrame]:
         return (VideoFrame(n, time_s(one), None, partial(load, one)) for n, one in enumerate(records))
 
-    lasted = time_s(records[-1])
+    lasted, lens, shown = time_s(records[-1]), session.configuration.lens, records[0].metadata.get("readout")
     return VideoSource(
         path=path,
         shape=records[0].shape,
@@ -209,6 +213,8 @@ def open_session_video(path: Path, options: PictureOptions) -> VideoSource:
         frame_rate=(len(records) - 1) / lasted if lasted > 0 else None,
         exposure_stated=True,
         encoding=options.encoding or "linear",
+        readout=None if shown is None else Readout.from_json(shown),
+        lens=Lens(lens.focal_length_m, session.configuration.camera.pixel_pitch_m, lens.vignetting_rel),
         findings=_findings(records, options),
         entries=entries,
         hashed=lambda: hashlib.sha256("".join(one.file.sha256 for one in records).encode()).hexdigest(),

@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError, LabcdpError
-from ...core.frame import Frame
+from ...core.frame import Frame, Readout
 from ...core.luminance import Window
 from ...core.result import Finding, warning
+from ...core.vignetting import Lens
+from ..doubts import CERTAIN, Doubts
 from ..transfer import Encoding
 from .selection import TIME_TOLERANCE_S, Selection
 
@@ -141,6 +143,12 @@ class VideoSource:
         Whether the number of frames follows from a length: it is wrong where they follow each other irregularly.
     length_s : float or None
         Time from the first frame to the end, of files that announce that and no number of frames; else None.
+    readout : Readout or None
+        Which part of the sensor the first frame shows; None if unknown.
+    lens : Lens or None
+        The lens, where it is stated; else None.
+    doubts : Doubts
+        What is doubtful about the values of the first frame.
     """
 
     path: Path
@@ -154,6 +162,9 @@ class VideoSource:
     hashed: Callable[[], str]
     is_estimate: bool = False
     length_s: float | None = None
+    readout: Readout | None = None
+    lens: Lens | None = None
+    doubts: Doubts = CERTAIN
 
     @cached_property
     def sha256(self) -> str:

@@ -19,7 +19,7 @@ from ...core.roi import Roi
 from ...files.video.selection import Position, Selection
 from ...files.video.source import VideoSource, frames_of
 from ...metrics.region import RegionPixels
-from ...report.text import Z_95, finding_text, significant, with_half_width
+from ...report.text import Z_95, bounded, finding_text, significant, with_half_width
 from .display import block_means
 
 if TYPE_CHECKING:
@@ -137,7 +137,10 @@ class PageImage:
     def light_at(
         self, rows: NDArray[np.integer[Any]], columns: NDArray[np.integer[Any]]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint8]]:
-        """Return the luminance of pixels of the map, its expanded uncertainty U (95 %), nan if unknown, and flags."""
+        """Return the luminance of pixels of the map, its expanded uncertainty U (95 %), nan if unknown, and flags.
+
+        That of saturated pixels is a bound, without U.
+        """
         top, left = int(rows.min()), int(columns.min())
         window = slice(top, int(rows.max()) + 1), slice(left, int(columns.max()) + 1)
         part, inside = self._part(window)
@@ -146,12 +149,14 @@ class PageImage:
         def of(values: Any) -> NDArray[np.float64]:
             return np.asarray(np.broadcast_to(values, part.shape)[inside][at], dtype=np.float64)
 
-        value = of(part.luminance_cd_m2)
+        value, flags = of(part.luminance_cd_m2), part.invalid[inside][at]
+        if self.unit != "cd/m^2":
+            return value, np.full(value.shape, np.nan), flags
         relative = [of(one) for one in (part.random_rel, part.common_rel, part.slow_rel)]
         with np.errstate(invalid="ignore"):
             u = np.sqrt(np.square(value) * sum(map(np.square, relative)) + np.square(of(part.slow_cd_m2)))
-        expanded = np.where((u > 0) & (self.unit == "cd/m^2"), Z_95 * u, np.nan)
-        return value, expanded, part.invalid[inside][at]
+        known = (u > 0) & (flags & np.uint8(Invalid.SATURATED) == 0)
+        return value, np.where(known, Z_95 * u, np.nan), flags
 
     def pixels(self, roi: Roi) -> RegionPixels:
         """Return a region with its luminance; raises InputError as `evaluate_region`."""
@@ -211,6 +216,8 @@ class PageImage:
         at = tuple(min(place, n - n % self.step - 1) // self.step for place, n in ((row, height), (column, width)))
         value, expanded, flags = (one[0] for one in self.light_at(*(np.array([place]) for place in at)))
         light = with_half_width(value, expanded) if isfinite(expanded) else significant(value)
+        if flags & Invalid.SATURATED:
+            light = bounded(value, ">")
         parts.append(f"{light} cd/m²" if self.unit == "cd/m^2" else f"light {light}")
         parts += [text for reason, text in _REASONS.items() if flags & reason]
         return " · ".join(parts)

@@ -8,10 +8,13 @@ from functools import partial
 from math import isfinite, nan
 
 from ...core.result import Finding, unique
+from ...metrics.region import SATURATED_SHARE
 from ...metrics.uncertainty import limit_verdict
 from ...regions import Shape
 from ...report.text import (
+    UNKNOWN,
     Z_95,
+    bounded,
     capitalised,
     cdp_decimals,
     cdp_interval,
@@ -73,7 +76,7 @@ def pair_table(drawing: Drawing, measured: Measured) -> str:
         asked = significant(100 * result.contrast) if of_measured else f"{100 * result.contrast:.6g}"
         rows.append(table_row(f"{asked} %", ((fixed(result.cdp, cdp_decimals(result)), "cdp"), cdp_interval(result))))
     ratio, csnr = pair.contrast, pair.csnr
-    facts = [f"Measured contrast {percent_with_interval(ratio.value, ratio.standard_error)}"]
+    facts = [f"Measured contrast {percent_with_interval(ratio.value, ratio.standard_error, pair.bound)}"]
     if isfinite(csnr.value):
         facts.append(f"CSNR {_with_interval(csnr.value, csnr.standard_error)}")
     bright = text(pair.bright_region.roi.name)
@@ -108,24 +111,27 @@ def _cells(found: RegionNumbers | None) -> tuple[str, ...]:
     std = "" if found.value_std is None else f"{found.value_std:.3g}"
     light = "" if found.light is None else significant(found.light)
     if found.result is not None:
-        light = _with_interval(found.result.mean, found.result.standard_uncertainty)
+        light = _with_interval(found.result.mean, found.result.standard_uncertainty, found.result.bound)
     elif light and not found.evaluated:
         light += " …"
     return str(found.n_pixels or ""), value, std, light
 
 
-def _with_interval(value: float, standard_uncertainty: float) -> str:
-    """Value with expanded uncertainty U (95 %), without it if unknown."""
+def _with_interval(value: float, standard_uncertainty: float, bound: str = "") -> str:
+    """Value with expanded uncertainty U (95 %), without it if unknown; or a bound."""
+    if bound:
+        return bounded(value, bound)
     if not isfinite(standard_uncertainty):
         return significant(value)
     return with_half_width(value, Z_95 * standard_uncertainty)
 
 
-def percent_with_interval(value: float, standard_error: float) -> str:
-    """Percentage with U (95 %), without it if unknown."""
+def percent_with_interval(value: float, standard_error: float, bound: str = "") -> str:
+    """Percentage with U (95 %), without it if unknown; or a bound."""
     if not isfinite(value):
         return "unbounded"
-    return f"{_with_interval(100 * value, 100 * standard_error)} %"
+    shown = _with_interval(100 * value, 100 * standard_error, bound)
+    return shown if shown == UNKNOWN else f"{shown} %"
 
 
 _HEADS = ("Region", "mean", "lowest", "highest", "SNR", "saturated", "limits")
@@ -146,12 +152,16 @@ def _statistics(calibrated: bool, shape: Shape, found: RegionNumbers | None) -> 
         return [(found.error if found else "") or "…", *[""] * 5]
     expanded = nan if found.result is None else Z_95 * found.result.standard_uncertainty
     limits, light = shape.limits_cd_m2, found.light
+    saturated = found.saturated > SATURATED_SHARE
     verdict = limit_verdict(light, expanded, limits) if limits is not None and calibrated else ""
+    if saturated and limits is not None and verdict:
+        # The luminance is at least that.
+        verdict = "fail" if light > limits[1] else "undecided"
     return [
-        significant(light),
+        bounded(light, ">") if saturated else significant(light),
         significant(found.lowest or 0.0),
-        significant(found.highest or 0.0),
-        f"{light / found.light_std:.3g}" if found.light_std else "",
+        bounded(found.highest or 0.0, ">") if found.saturated else significant(found.highest or 0.0),
+        f"{light / found.light_std:.3g}" if found.light_std and not saturated else "",
         share_percent(found.saturated),
         ("" if limits is None else f"{limits[0]:g} to {limits[1]:g} {verdict}", verdict),
     ]

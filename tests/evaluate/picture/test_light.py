@@ -131,7 +131,8 @@ def test_any_camera_is_undone_but_for_rounding(
     )  # fmt: skip
     options = PictureOptions(exposure_s=exposure_s, gain_db=gain_db, bit_depth=16)
     frame = frame_of_pixels(dn, options, NOW)
-    seen = light_of_dn(frame, "linear", specification).map_of(frame)
+    vignetting = optics.vignetting(sensor.pixel_pitch_m)
+    seen = light_of_dn(frame, "linear", specification, vignetting=vignetting).map_of(frame)
     glare = windscreen.glare_fraction
     per_dn = (scene + glare * scene.mean()) / np.maximum(dn - black_dn - k * dark * exposure_s, 1)
     np.testing.assert_array_less(np.abs(seen.luminance_cd_m2 - scene), 1.1 * per_dn + 1e-5 * (1 + glare) * scene.max())
@@ -166,7 +167,7 @@ def test_srgb_is_undone(tmp_path, truth, specified, colours):
     linear = dn / 4095
     encoded = np.rint(255 * np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055))
     encoded = encoded.astype(np.uint8)
-    conversion = specified(encoding=None if colours else "srgb")
+    conversion = specified(encoding="srgb")
     path = written(tmp_path / "a.png", np.dstack([encoded] * 3) if colours else encoded)
     picture = read_picture(path, conversion.options)
     assert not picture.coloured
@@ -186,7 +187,9 @@ def test_contrasts_hold_without_any_parameter(tmp_path):
     seen = RELATIVE.luminance(picture)
     assert (seen.luminance_cd_m2 == dn / 4096).all()
     np.testing.assert_allclose(seen.random_rel, 1 / np.sqrt(12) / dn, rtol=1e-5)
-    assert (RELATIVE.unit_of(picture), seen.common) == ("relative", ())
+    assert RELATIVE.unit_of(picture) == "relative"
+    assert {error.source for error in seen.common} == {"assumed vignetting"}
+    assert RELATIVE.given(no_vignetting=True).luminance(picture).common == ()
 
 
 def test_green_pixels_stand_for_a_bayer_pattern(tmp_path):

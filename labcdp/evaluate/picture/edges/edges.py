@@ -15,6 +15,7 @@ from ....metrics import CalibratedCdp, Distribution, Epsilon
 from ....metrics.contrast import TargetContrast, TargetContrasts, each_contrast
 from ....metrics.detection import LEAST_FACTOR, result_of_tally, variance_of_changes
 from ....metrics.pairs import tally_pairs
+from ....metrics.region import SATURATED_SHARE
 from ....regions.superpixels import Neighbours
 from .noise import MapNoise, cdp_of_noise
 from .regions import Floats, Labels, MapRegions
@@ -27,9 +28,6 @@ FEWEST_PIXELS = 20
 
 #: Shortest border of an edge, as part of the size of the regions.
 _SHORTEST_BORDER = 1 / 8
-
-#: Share of saturated pixels from which a region's mean and noise are not to be trusted.
-SATURATED_SHARE = 0.01
 
 #: Chance that noise alone makes a single edge of an image, all its edges together (Bonferroni).
 FALSE_ALARM = 0.01
@@ -156,6 +154,7 @@ def map_edges(
     noise: MapNoise,
     asked: ContrastMapSettings,
     scene: MapRegions | float | None = None,
+    smooth: Sequence[Floats] = (),
 ) -> MapEdges:
     """Judge the edges between regions.
 
@@ -173,12 +172,17 @@ def map_edges(
         How they are judged.
     scene : MapRegions, float or None
         Known of the scene: the same regions without what took contrast, the contrast of its objects, or nothing.
+    smooth : sequence of ndarray of float, shape (number of regions,)
+        Errors like `errors` that change slowly over the image: they are in the uncertainty of a contrast, but make no
+        edge, and take none.
     """
     known = scene if isinstance(scene, MapRegions) else regions
     swapped = np.greater(*known.mean[near.pairs.T[::-1]])
     bright, dark = sides = np.where(swapped, near.pairs.T[::-1], near.pairs.T)
     by_calibration = np.sqrt(sum((np.square(x[bright] - x[dark]) for x in errors), start=np.zeros(bright.size)))
     contrast, uncertainty, least = _contrasts(regions, sides, by_calibration, noise.inflation)
+    of_smooth = np.sqrt(sum((np.square(x[bright] - x[dark]) for x in smooth), start=np.zeros(bright.size)))
+    uncertainty = np.hypot(uncertainty, (1 + contrast) * of_smooth)
     # Where there is no light on the whole, there is no contrast either.
     by_calibration = np.where(np.isfinite(by_calibration), by_calibration, 0.0)
     wanted, significant, shading = contrast, contrast > least, np.zeros(contrast.size, np.bool_)

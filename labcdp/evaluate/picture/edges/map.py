@@ -21,6 +21,8 @@ from .regions import MapRegions, map_regions, mean_of
 _CORRELATED = 1.5
 #: Share of the edges where the minimum contrast is below the noise, from which on other settings are recommended.
 _MOSTLY_BLIND = 0.5
+#: Samples along the side of a region by which errors that hardly change within it are known.
+_SAMPLES = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +126,7 @@ def contrast_map(
     Parameters
     ----------
     luminance : LuminanceMap
-        The image; relative luminance gives the same contrasts.
+        The image, in cd/m^2 or relative.
     settings : ContrastMapSettings or None
         None takes those by default.
     reference : LuminanceMap or None
@@ -162,10 +164,10 @@ def contrast_map(
     )
     near = neighbours(regions.labels)
     noise = map_noise(luminance.luminance_cd_m2, regions)
-    errors, maps = _errors(luminance, regions), []
+    errors, smooth, maps = _errors(luminance, regions), _smooth_errors(luminance, regions), []
     for contrast in each_contrast(asked.contrast):
         scene = others[0] if others else contrast
-        edges = map_edges(regions, near, errors, noise, asked, scene)
+        edges = map_edges(regions, near, errors, noise, asked, scene, smooth)
         settings = replace(asked, contrast=contrast)
         found = ContrastMap(luminance, settings, regions, near, edges, noise, (), reference is not None)
         maps.append(replace(found, findings=_findings(found)))
@@ -187,12 +189,29 @@ def _errors(luminance: LuminanceMap, regions: MapRegions) -> list[NDArray[np.flo
     n = regions.mean.size
     mean = mean_of(regions.labels, luminance.luminance_cd_m2, n)
     found = []
-    for error in luminance.common:
+    # Without a calibration there are smooth ones only, whose maps are not needed.
+    for error in luminance.common if not _has_smooth(luminance) else ():
         if np.ndim(error.relative):
             with np.errstate(divide="ignore", invalid="ignore"):
                 # By the light of each pixel: relative errors have no bound where there is hardly any.
                 found.append(mean_of(regions.labels, error.relative * luminance.luminance_cd_m2, n) / mean)
     return found
+
+
+def _smooth_errors(luminance: LuminanceMap, regions: MapRegions) -> list[NDArray[np.float64]]:
+    """Relative errors of each region by those that hardly change within it."""
+    if not _has_smooth(luminance):
+        return []
+    # Some rows and columns suffice, and take no memory.
+    step = max(regions.size_px // _SAMPLES, 1)
+    some = slice(None, None, step), slice(None, None, step)
+    errors = (error for error in luminance.common_in(some) if error.smooth)
+    found = (mean_of(regions.labels[some], np.asarray(error.relative), regions.mean.size) for error in errors)
+    return [np.nan_to_num(one) for one in found]
+
+
+def _has_smooth(luminance: LuminanceMap) -> bool:
+    return any(error.smooth for error in luminance.common_in((slice(0, 1), slice(0, 1))))
 
 
 def _findings(found: ContrastMap) -> tuple[Finding, ...]:

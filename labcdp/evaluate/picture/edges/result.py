@@ -14,8 +14,9 @@ from ....core.disk.text import json_values
 from ....core.result import InputFile, Quantity, Result, info, quantity_table, unique
 from ....core.table import Z_95, Column, Table, uncertain
 from ....metrics import DetectionInterval
+from ....metrics.region import SATURATED_SHARE
 from ..conversion import PictureSource
-from .edges import FALSE_ALARM, SATURATED_SHARE, EdgeKind
+from .edges import FALSE_ALARM, EdgeKind
 from .map import ContrastMap
 
 if TYPE_CHECKING:

@@ -1,0 +1,215 @@
+"""What integers look like whose file does not say it: made for screens, above a black level, or a mosaic."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .stored_image import SCREEN_BITS
+from .transfer import Encoding, decoded
+
+#: Pixels that are looked at: rows are left out of larger pictures.
+_LOOKED_AT = 2_000_000
+#: Pictures for screens use all of the scale, and most of their pixels are between dark and bright, of all levels there;
+#: light itself is dark in most places, as the middle of sRGB is 21 % of white. Shares of the scale, for the darkest and
+#: the brightest pixels and for what is between. Of 24 photographs 10 are known by that; of their light none, nor are
+#: targets of some patches, noise and gradients.
+_DARK, _BRIGHT, _BETWEEN = 0.2, 0.8, (0.2, 0.8)
+#: Share of the pixels that are dark, and bright, at least; between; and in each of the levels between.
+_ENDS, _MOST, _EACH, _LEVELS = 0.01, 0.65, 0.01, 12
+#: Fewer pixels have no histogram.
+_FEWEST = 1000
+#: Black levels of cameras, as a share of the scale; pictures that begin above have no dark place.
+_LEAST_BLACK, _MOST_BLACK = 0.01, 0.125
+#: End of the scale of values of any number of bits.
+_ANY_BITS = 65535
+#: Share of the pixels that may be below the black level, by noise and defects.
+_BELOW = 1e-4
+#: Relative difference of the pixels of a mosaic, and how alike its two green ones are.
+_OF_MOSAIC, _ALIKE = 0.03, 0.015
+#: Pixels along a side from which a mosaic can be seen.
+_SMALLEST = 16
+#: Patterns of a colour filter by where the two green pixels are: beside the diagonal from the upper left, or on it.
+_PATTERNS = ("RGGB or BGGR", "GRBG or GBRG")
+
+
+@dataclass(frozen=True)
+class Doubts:
+    """What is doubtful about values, and two of them to show what that matters.
+
+    Parameters
+    ----------
+    encoding : str
+        How they are taken to be encoded.
+    other_encoding : str or None
+        How they may be encoded as well; None where a file states it.
+    black_dn : float or None
+        Where the histogram of linear values begins, if that may be a black level that nothing states.
+    mosaic : str
+        Patterns of a colour filter that grey pixels may lie behind; empty for none.
+    low, high : float
+        Means of the darker and of the brighter half of the values, as shares of the scale.
+    black : float
+        `black_dn` as a share of the scale.
+    """
+
+    encoding: Encoding = "linear"
+    other_encoding: Encoding | None = None
+    black_dn: float | None = None
+    mosaic: str = ""
+    low: float = 0.0
+    high: float = 0.0
+    black: float = 0.0
+
+    @property
+    def colour_filter(self) -> str | None:
+        """One of the filters of the mosaic: of both, green is at the same places."""
+        return self.mosaic[:2] or None
+
+    def contrast(self, encoding: Encoding | None = None, black: bool = False) -> float:
+        """Weber contrast of the brighter half of the values to the darker one, read in another way if one is given."""
+        low, high, zero = decoded([self.low, self.high, self.black if black else 0.0], encoding or self.encoding)
+        return float((high - zero) / (low - zero) - 1) if low > zero else inf
+
+
+#: Nothing is.
+CERTAIN = Doubts()
+
+
+@dataclass(frozen=True, eq=False)
+class Histogram:
+    """Counts of integers of an image, of some rows of a large one.
+
+    Parameters
+    ----------
+    counts : ndarray of int, shape (n,)
+        By value.
+    top_dn : float
+        End of the scale.
+    """
+
+    counts: NDArray[np.int64]
+    top_dn: float
+
+    @classmethod
+    def of(cls, values: NDArray[np.unsignedinteger[Any]], top_dn: float) -> Histogram:
+        """Count grey values, or colours, shape (height, width) or with colours."""
+        some = values[:: max(values.size // _LOOKED_AT, 1)]
+        return cls(np.bincount(some.ravel()), top_dn)
+
+    def quantile(self, share: float) -> float:
+        """Return the value up to which a share of the pixels lies."""
+        return float(np.searchsorted(np.cumsum(self.counts), share * self.counts.sum(), side="left"))
+
+    @property
+    def is_for_screens(self) -> bool:
+        """Whether it looks like that of a picture for screens, and not of light."""
+        if self.counts.sum() < _FEWEST:
+            return False
+        if self.quantile(_ENDS) > _DARK * self.top_dn or self.quantile(1 - _ENDS) < _BRIGHT * self.top_dn:
+            return False
+        at = np.arange(self.counts.size) / self.top_dn
+        levels, _ = np.histogram(at, np.linspace(*_BETWEEN, _LEVELS + 1), weights=self.counts)
+        n = self.counts.sum()
+        return bool(levels.sum() >= _MOST * n and levels.min() >= _EACH * n)
+
+    @property
+    def black_dn(self) -> float | None:
+        """Where it begins, if that may be a black level; None for at 0, or far above."""
+        begins, largest = self.quantile(_BELOW), self.counts.size - 1
+        # Of 16 bits, how many of them a camera uses is often not known.
+        top_dn = self.top_dn if self.top_dn < _ANY_BITS else 2.0 ** largest.bit_length() - 1
+        return begins if _LEAST_BLACK * top_dn <= begins <= _MOST_BLACK * top_dn else None
+
+    @property
+    def halves(self) -> tuple[float, float]:
+        """Means of the darker and of the brighter half of the pixels, as shares of the scale."""
+        values = np.arange(self.counts.size)
+        behind = np.clip(np.cumsum(self.counts) - self.counts.sum() // 2, 0, self.counts)
+        low, high = (
+            float(np.average(values, weights=part)) if part.any() else 0.0 for part in (self.counts - behind, behind)
+        )
+        return low / self.top_dn, high / self.top_dn
+
+
+def doubts_of(
+    values: NDArray[np.unsignedinteger[Any]],
+    top_dn: float,
+    encoding: Encoding,
+    other_encoding: Encoding | None,
+    histogram: Histogram | None = None,
+    *,
+    as_stored: bool,
+) -> Doubts:
+    """Look for what is doubtful about values.
+
+    Parameters
+    ----------
+    values : ndarray of uint8 or uint16, shape (height, width) or (height, width, 3)
+        Grey, or colours.
+    top_dn : float
+        End of the scale.
+    encoding, other_encoding
+        As of `Doubts`.
+    histogram : Histogram or None
+        Of the values, if it is known.
+    as_stored : bool
+        Whether they are grey values of which neither a black level nor a colour filter is known.
+    """
+    seen = Histogram.of(values, top_dn) if histogram is None else histogram
+    mosaic = mosaic_of(values) if as_stored else ""
+    if mosaic and other_encoding is not None:
+        # Nobody develops a picture behind its colour filter.
+        encoding, other_encoding = "linear", None
+    black_dn = seen.black_dn if as_stored and encoding == "linear" else None
+    return Doubts(encoding, other_encoding, black_dn, mosaic, *seen.halves, (black_dn or 0.0) / top_dn)
+
+
+def encodings(histogram: Histogram, bits: int, coloured: bool) -> tuple[Encoding, Encoding | None]:
+    """Return how values are taken to be encoded that a file does not state, and how else they may be.
+
+    Grey of up to 8 bits is a camera's, in proportion to light, and colours of 8 bits are sRGB, unless the histogram
+    looks otherwise; more bits are mostly a camera's.
+    """
+    for_screens = histogram.is_for_screens
+    if bits <= SCREEN_BITS:
+        return ("srgb", "linear") if coloured or for_screens else ("linear", "srgb")
+    if coloured:
+        return ("srgb", "linear") if for_screens else ("linear", "srgb")
+    return "linear", "srgb" if for_screens else None
+
+
+def mosaic_of(values: NDArray[np.unsignedinteger[Any]]) -> str:
+    """Return which patterns of a colour filter grey values may lie behind; empty for none.
+
+    The four pixels of groups of 2 x 2 are alike in most places of pictures. Behind a filter those of green are, on a
+    diagonal; on the other one red and blue are different. A pattern of single pixels has two equal ones there.
+
+    Parameters
+    ----------
+    values : ndarray of int, shape (height, width)
+        The pixels.
+    """
+    height, width = (length // 2 * 2 for length in values.shape)
+    if min(height, width) < _SMALLEST:
+        return ""
+    step = 2 * max(height * width // _LOOKED_AT, 1)
+    pixels = np.array([
+        [values[row:height:step, column:width:2] for column in (0, 1)] for row in (0, 1)
+    ], dtype=np.float32)  # fmt: skip
+    mean = pixels.mean(axis=(0, 1))
+    lit = mean > 0
+    if not lit.any():
+        return ""
+    # Of lines and edges, which may lie on every second pixel, most groups have nothing.
+    means = np.median(pixels[:, :, lit] / mean[lit], axis=2)
+    diagonals = (means[0][1], means[1][0]), (means[0][0], means[1][1])
+    apart = [abs(float(a) - float(b)) for a, b in diagonals]
+    for green, other in ((0, 1), (1, 0)):
+        if apart[green] < _ALIKE and apart[other] > _OF_MOSAIC:
+            return _PATTERNS[green]
+    return ""

@@ -87,20 +87,21 @@ def observe_patches(
     if not measured:
         return []
     pattern = _pattern(measured[0], dark_library)
-    inverse_v = None if vignetting is None else 1 / vignetting.relative_illuminance(measured[0].state.image_shape)
-    return [_patch(one, inverse_v, pattern, vignetting, field_px) for one in measured]
+    return [patch_observation(one, vignetting, pattern, field_px) for one in measured]
 
 
-def _patch(
+def patch_observation(
     one: MeasuredFrames,
-    inverse_v: Array | None,
-    pattern_dn: Array | None,
-    vignetting: AnyVignetting | None,
-    field_px: float | None,
+    vignetting: AnyVignetting | None = None,
+    pattern_dn: Array | None = None,
+    field_px: float | None = None,
 ) -> PatchObservation:
+    """Patch of measured frames; as `observe_patches`, with the dark pattern to subtract, shape (height, width)."""
     assert one.region is not None
     _require_enough(one)
-    factor = np.ones(one.n_pixels) if inverse_v is None else inverse_v[one.window][one.used]
+    factor = np.ones(one.n_pixels)
+    if vignetting is not None:
+        factor = 1 / vignetting.relative_illuminance(one.state.image_shape)[one.window][one.used]
     values = _without(one, None if pattern_dn is None else pattern_dn[one.window]) * factor
     away = _away(one)
     in_field = _within(away, 1 / 3) if field_px is None else np.hypot(*away) <= field_px / 2

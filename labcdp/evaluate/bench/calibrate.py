@@ -15,7 +15,7 @@ from ...calibration.signal import left_out_text
 from ...core.errors import CalibrationError
 from ...core.result import unique, warning
 from ...core.vignetting import AnyVignetting
-from ...session import MeterCertificate, Session
+from ...session import MeterCertificate, Session, SessionConfiguration
 from .corrections import Corrections, PlaneCorrections, UniformLight, corrections_of_lens, with_dark_frames
 from .observe import ObservedSession, observe_session, response_of_session
 from .recorded import Report, lens_of, planes_of, require_distinct, require_patches
@@ -59,17 +59,10 @@ def calibrate_session(
     joined = _joined([observed, *more])
     require_patches(held_out, joined.names, "to hold out")
     hashes, bench = tuple(one.input_sha256 for one in (observed, *more)), observed.configuration
-    setup = Setup(
-        lens=lens_of(bench),
-        source_spectrum=bench.source.spectrum,
-        input_sha256=hashlib.sha256("".join(hashes).encode()).hexdigest() if more else hashes[0],
-        measured_spectrum=bench.source.measured,
+    setup = replace(
+        setup_of(bench, hashlib.sha256("".join(hashes).encode()).hexdigest() if more else hashes[0]),
         sessions_sha256=hashes if more else (),
         frames_sha256=tuple(sorted({key for one in (observed, *more) for key in one.frames_sha256})),
-        certificate=bench.meter.certificate,
-        meter_f1_prime=bench.meter.f1_prime,
-        exposure_jitter_s=bench.camera.exposure_jitter_s,
-        black_level_drift_dn=bench.camera.black_level_drift_dn,
     )
     calibration = _fit(joined, setup, held_out, response)
     _require_all_used(calibration, joined)
@@ -79,6 +72,20 @@ def calibrate_session(
         for finding in seen.corrections.findings
     ]
     return replace(calibration, findings=unique([*calibration.findings, *of_corrections]))
+
+
+def setup_of(bench: SessionConfiguration, input_sha256: str) -> Setup:
+    """Return what a calibration knows of the bench, as its configuration states it."""
+    return Setup(
+        lens=lens_of(bench),
+        source_spectrum=bench.source.spectrum,
+        input_sha256=input_sha256,
+        measured_spectrum=bench.source.measured,
+        certificate=bench.meter.certificate,
+        meter_f1_prime=bench.meter.f1_prime,
+        exposure_jitter_s=bench.camera.exposure_jitter_s,
+        black_level_drift_dn=bench.camera.black_level_drift_dn,
+    )
 
 
 def _fit(

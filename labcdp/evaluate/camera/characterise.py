@@ -95,7 +95,8 @@ def characterise_session(
     dark = fit_dark_current(darks)
     transfer = _transfer(points, dark.black_level_dn.value, state.bit_depth, state.saturation_dn)
     quantities, more = _nonuniformity(reference, points, transfer)
-    quantities |= _sensitivity(session, points, transfer, measured)
+    sensitivity, of_meter = _sensitivity(session, points, transfer, measured)
+    quantities |= sensitivity
     every = fit_dark_current([dark_observation(level) for level in measured.darks])
     quantities["doubling_temperature_c"] = every.doubling_temperature_c()
     origin = {
@@ -107,7 +108,7 @@ def characterise_session(
         "gain_db": state.gain_db,
         "temperature_c": dark.model.temperature_c,
     }
-    return with_findings(assemble(origin, points, darks, transfer, quantities), [*findings, *more])
+    return with_findings(assemble(origin, points, darks, transfer, quantities), [*findings, *more, *of_meter])
 
 
 def _reference(measured: SessionFrames) -> tuple[dict[float, MeasuredFrames], list[Finding]]:
@@ -180,17 +181,16 @@ def _transfer(points: Sequence[SeriesPoint], black_level_dn: float, bits: int, s
 
 def _sensitivity(
     session: Session, points: Sequence[SessionPoint], transfer: Transfer, measured: SessionFrames
-) -> dict[str, Any]:
+) -> tuple[dict[str, Any], list[Finding]]:
     configuration, state, readings = session.configuration, measured.state, dict[str, list[Reading]]()
     for record in session.readings():
         if record.reading.unit != "%":
             own = corrected(record.reading, configuration.meter.certificate)
             readings.setdefault(record.patch, []).append(own)
-    usable = unsaturated(points)
-    r = photometric_responsivity(usable, readings, configuration, state)
+    r, findings = photometric_responsivity(measured, readings, configuration)
     efficiency = None if r is None else quantum_efficiency_estimate(r, transfer.k, configuration, state)
-    line = patch_deviations(usable, transfer.saturation.net_dn)
-    return {"responsivity": r, "quantum_efficiency": efficiency, **(line.errors() if line else {})}
+    line = patch_deviations(unsaturated(points), transfer.saturation.net_dn)
+    return {"responsivity": r, "quantum_efficiency": efficiency, **(line.errors() if line else {})}, findings
 
 
 def _nonuniformity(

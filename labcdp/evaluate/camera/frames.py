@@ -10,19 +10,19 @@ from typing import TypeVar
 
 import numpy as np
 
-from ...calibration import CameraState
+from ...calibration import CameraState, fit
 from ...calibration.emva.result import Quantity, SeriesPoint, columns
 from ...calibration.emva.transfer import Deviations, in_range
 from ...calibration.frames.measure import MeasuredFrames, measure_frames, measure_whole, plane_region
+from ...calibration.frames.observe import dark_observation, patch_observation
 from ...calibration.frames.statistics import MAX_CLIPPED_SHARE
-from ...calibration.sensor.dark_fit import birge
-from ...calibration.setup import meter_scale
 from ...calibration.uncertainty import expanded_rel
 from ...core.clock import exposure_text
 from ...core.errors import CalibrationError, InputError
 from ...core.reading import Reading
 from ...core.result import Finding, info
 from ...session import FrameRecord, Session, SessionConfiguration
+from ..bench.calibrate import setup_of
 from ..bench.corrections import natural_vignetting, photons_per_cd_m2_s, pixel_area_m2
 from ..bench.recorded import SessionReader, by_exposure, by_patch, planes_of
 
@@ -131,8 +131,6 @@ def _temperature(record: FrameRecord) -> float:
 
 #: Half widths of what is engraved on a lens: the f-number, and its transmittance. Judged.
 _F_NUMBER_REL, _TRANSMITTANCE_REL = 0.05, 0.1
-#: Relative error of a reading without the meter's scale: digits and repeatability. An estimate, widened by the scatter.
-_READING_REL = 0.003
 
 
 @dataclass(frozen=True)
@@ -181,53 +179,45 @@ def patch_deviations(points: Sequence[SeriesPoint], saturation_net_dn: float) ->
 
 
 def photometric_responsivity(
-    points: Sequence[SessionPoint],
+    measured: SessionFrames,
     readings: Mapping[str, Sequence[Reading]],
     configuration: SessionConfiguration,
-    state: CameraState,
-) -> Quantity | None:
-    """Responsivity R on the optical axis: (mean - mean_dark) / (t V L), mean over the patches.
+) -> tuple[Quantity | None, list[Finding]]:
+    """Responsivity R on the optical axis by the calibration that the frames and readings of a session give.
 
     Parameters
     ----------
-    points : sequence of SessionPoint
-        Unsaturated ones.
+    measured : SessionFrames
+        Of the session.
     readings : mapping of str to sequence of Reading
         Luminances by the meter, by patch, with the correction of its certificate.
     configuration : SessionConfiguration
-        For lens, pixel pitch and meter; V is cos^4 of the off-axis angle.
-    state : CameraState
-        For the image's shape and the colour plane.
+        For lens, pixel pitch and meter; vignetting is cos^4 of the off-axis angle.
 
     Returns
     -------
     Quantity or None
-        In DN / (cd m^-2 s); None without readings. Its uncertainty is the scatter of the patches over the root of their
-        number, and the meter's scale error.
+        In DN / (cd m^-2 s), with the meter's scale error in its uncertainty; None without readings, or if they give no
+        calibration.
+    list of Finding
+        Why there is none.
     """
-    v_image = natural_vignetting(configuration, state).relative_illuminance(state.image_shape)
-    values, weights = [], []
-    for name, group in readings.items():
-        own = [point for point in points if point.label == name and point.net_dn > 0]
-        luminance = float(np.mean([reading.luminance_cd_m2 for reading in group]))
-        if not own or luminance <= 0:
-            continue
-        # The brightest exposure below saturation knows the patch best.
-        point = max(own, key=lambda point: point.net_dn)
-        v = float(v_image[point.light.window][point.light.used].mean())
-        values.append(point.net_dn / (point.exposure_s * v * luminance))
-        noise_rel = hypot(point.net_uncertainty_dn / point.net_dn, _READING_REL / sqrt(len(group)))
-        weights.append(1 / noise_rel**2)
-    if not values:
-        return None
-    mean = float(np.average(values, weights=weights))
-    chi_squared = float(np.sum(np.array(weights) * (np.array(values) / mean - 1) ** 2))
-    relative = birge(chi_squared, len(values) - 1) / sqrt(sum(weights))
-    meter, light = configuration.meter, configuration.source.spectrum
-    scale = meter_scale(readings, meter.certificate, meter.f1_prime, light)
-    u, expanded = mean * hypot(relative, scale.common_rel), mean * expanded_rel([scale], relative)
-    note = f"by the meter over {len(values)} patches, on the optical axis"
-    return Quantity(mean, u, "DN/(cd m^-2 s)", note, expanded)
+    if not readings:
+        return None, []
+    vignetting = natural_vignetting(configuration, measured.state)
+    seen = [patch_observation(one, vignetting) for one in measured.patches]
+    observations = [one for one in seen if one.patch in readings]
+    darks = [dark_observation(one) for one in measured.darks]
+    try:
+        calibration = fit(observations, darks, readings, setup_of(configuration, "0" * 64))
+    except CalibrationError as error:
+        return None, [info("no-responsivity", reason=f"{error}")]
+    found, scale = calibration.responsivity, calibration.meter_scale
+    r = found.responsivity_dn_s_cd_m2
+    u = r * hypot(found.random_rel, scale.common_rel)
+    expanded = r * expanded_rel([scale], found.random_rel, found.dof or inf)
+    note = f"by the meter over {len(calibration.residuals)} patches, on the optical axis, as the calibration has it"
+    return Quantity(r, u, "DN/(cd m^-2 s)", note, expanded), []
 
 
 def quantum_efficiency_estimate(

@@ -194,7 +194,8 @@ def _without_others(
         alike = [row for row in _significant(solution, others) if row.log_p <= again.log_p + _ALIKE]
         if one.effect.kind == "patch":
             alike += [row.assessed for row in rest if _is_most_at(row, one.effect, solution)]
-        kept[number] = Found(again, tuple(sorted(alike, key=lambda row: row.log_p)))
+        best = {row.effect.kind: row for row in sorted(alike, key=lambda row: -row.log_p)}
+        kept[number] = Found(again, tuple(sorted(best.values(), key=lambda row: row.log_p)))
     return kept
 
 

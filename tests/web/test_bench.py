@@ -206,7 +206,7 @@ def test_a_saturated_region_says_nothing_about_the_meter(tmp_path):
     rois = [RectangleShape(name, 0, y, 8, 4).rois()[0] for name, y in (("full", 0), ("good", 4))]
     accuracy = {"scale_half_width_rel": 0.02, "repeatability_rel": 0.001, "digits": 1}
     by_hand = MeterConfiguration(model="L 1003", serial="1", entry="by hand", **accuracy)
-    desk = MeterDesk(None, None, lambda: (image, rois), lambda: False, DayLog(tmp_path))
+    desk = MeterDesk(None, None, lambda: (image, rois), lambda: False, DayLog(tmp_path / "bench.rois.json"))
     for region, described in (("full", by_hand), ("good", by_hand), ("good", None)):
         desk.enter("90", region, described)
     unknown, good, full = (one for _, one in desk.log.readings)
@@ -220,7 +220,7 @@ def test_a_meter_that_is_unplugged_is_noticed_and_in_a_series_waited_for(bench, 
     nothing = LuminanceMap(np.zeros((4, 4)), np.zeros((4, 4)), (), np.zeros((4, 4), np.uint8))
     image = PageImage("live", np.zeros((4, 4), np.uint16), True, None, nothing, "relative")
     with MinoltaLS110(bench.in_process_port()) as meter:
-        desk = MeterDesk(meter, bench, lambda: (image, ()), lambda: False, DayLog(tmp_path))
+        desk = MeterDesk(meter, bench, lambda: (image, ()), lambda: False, DayLog(tmp_path / "bench.rois.json"))
         assert list(desk.take(meter, "", 3)) == [""]
         bench.run_command("meter unplug for 1 s")
         said = list(desk.take(meter, "", 2))

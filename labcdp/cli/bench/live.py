@@ -10,7 +10,6 @@ from typing import Annotated, Any
 
 from ...acquire.plan import prepare_camera
 from ...core.result import Quantity, Result, quantity_table
-from ...core.table import Column, Table
 from ...drivers.aravis.camera import AravisCamera
 from ...drivers.camera import Camera, take_again
 from ...drivers.simulated.bench import SimulatedBench
@@ -18,7 +17,7 @@ from ...evaluate.picture.conversion import PictureConversion, picture_conversion
 from ...regions import PolygonShape, RectangleShape
 from ...session import SessionConfiguration, example_configuration
 from ...session.tables import MeterConfiguration
-from ...web.bench.day_log import DayLog
+from ...web.bench.day_log import DayLog, log_tables
 from ...web.bench.desk import BenchOfPage
 from ...web.bench.live_bench import LiveBench
 from ...web.bench.live_camera import LiveCamera
@@ -161,7 +160,7 @@ def _bench(
     target = Target(detection.contrast, EPSILON if detection.epsilon is None else detection.epsilon)
     planned = planned_pairs(plan, detection.contrast, detection.epsilon)
     streaming = LiveCamera(camera, settings, prepare, stated)
-    live = LiveBench(streaming, conversion, devices, server, target, planned, DayLog(roi.parent))
+    live = LiveBench(streaming, conversion, devices, server, target, planned, DayLog(roi))
     files = DrawingFiles(roi, (frame.dn.shape[1], frame.dn.shape[0]))
     first = live.measurements(live.images.image(frame))
     return live, Workspace(first, files, _start(files, plan), server.elsewhere)
@@ -190,13 +189,5 @@ def _result(live: LiveBench, roi: Path, simulated: bool) -> Result:
     state = live.camera.live
     simulated |= state.frame is not None and state.frame.camera.simulated
     received = [Quantity("frames received", state.n_frames), Quantity("incomplete frames", state.n_incomplete)]
-    columns = (
-        Column("region", "region"),
-        Column("meter_cd_m2", "meter", "cd/m²", value="luminance_cd_m2"),
-        Column("camera_cd_m2", "camera", "cd/m²"),
-    )
-    readings = Table.of_items(
-        "readings", "Readings", columns, [one for _, one in reversed(live.log.readings)], detail=True
-    )
-    tables = (quantity_table("frames", "Frames", received, detail=True), readings)
+    tables = (quantity_table("frames", "Frames", received, detail=True), *log_tables(live.log.day))
     return Result("bench", str(roi), tables, configuration={"roi": str(roi)}, simulated=simulated)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from datetime import date, datetime
+from datetime import datetime
 from itertools import chain, count
 from math import hypot
 from pathlib import Path
@@ -203,12 +203,12 @@ def _values(entry: Any) -> dict[str, Any]:
 
 
 class DayLog:
-    """The log of the present day in a folder; each entry is on the disk when it has been added.
+    """The log of the present day; each entry is on the disk when it has been added.
 
     Parameters
     ----------
-    folder : Path
-        Where the logs of the days are.
+    regions : Path
+        File of the regions, beside which the logs of the days are, with its name: who holds its lock has them alone.
     time : function
         Return the time of day, with time zone.
 
@@ -218,8 +218,8 @@ class DayLog:
         If the file of this day is no log.
     """
 
-    def __init__(self, folder: Path, time: Callable[[], datetime] = now) -> None:
-        self._folder, self.time = folder, time
+    def __init__(self, regions: Path, time: Callable[[], datetime] = now) -> None:
+        self._regions, self.time = regions, time
         self._date, self.day = self.time().date(), Day()
         #: Why the last entry is not on the disk; empty if it is.
         self.error = ""
@@ -229,7 +229,7 @@ class DayLog:
     @property
     def path(self) -> Path:
         """File of the day."""
-        return self._folder / _name(self._date, ".json")
+        return self._beside(".json")
 
     @property
     def readings(self) -> tuple[tuple[int, MeterReading], ...]:
@@ -256,12 +256,16 @@ class DayLog:
 
     def export(self, simulated: bool) -> Path:
         """Write a new workbook of the day; raises InputError if it cannot be written."""
-        names = (_name(self._date, f"{number}.xlsx") for number in chain([""], (f"-{n}" for n in count(2))))
-        path = next(path for path in (self._folder / name for name in names) if not path.exists())
+        paths = (self._beside(f"{number}.xlsx") for number in chain([""], (f"-{n}" for n in count(2))))
+        path = next(path for path in paths if not path.exists())
         title = f"Log of {self._date.isoformat()}"
         result = Result("bench", title, log_tables(self.day), simulated=simulated)
         write_file(path, result_workbook(result, self.time()))
         return path
+
+    def _beside(self, end: str) -> Path:
+        name = self._regions.stem.removesuffix(".rois")
+        return self._regions.with_name(f"{name}-log-{self._date.isoformat()}{end}")
 
     def _write(self) -> None:
         try:
@@ -269,10 +273,6 @@ class DayLog:
             self.error = ""
         except InputError as error:
             self.error = f"The log of the day is not on the disk: {error}"
-
-
-def _name(day: date, end: str) -> str:
-    return f"bench-log-{day.isoformat()}{end}"
 
 
 def _time_of(entry: Any) -> str:

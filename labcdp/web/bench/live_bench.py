@@ -109,7 +109,15 @@ class LiveBench:
 
     def measurements(self, image: PageImage) -> LiveMeasurements:
         """Return measurements of an image."""
-        return LiveMeasurements(image, self.target_of, next(self._turns, None))
+        return LiveMeasurements(image, self.target_of, self._besides())
+
+    def _besides(self) -> PlannedPair | None:
+        """Return the pair of the plan whose turn it is, besides the chosen one."""
+        if self._workspace is None:
+            return None
+        asked = set(self.workspace.drawing.pair), self.target
+        in_turn = (next(self._turns) for _ in self.planned)
+        return next((one for one in in_turn if ({one.first, one.second}, one.target) != asked), None)
 
     def target_of(self, drawing: Drawing) -> Target:
         """Return what is to be detected of the pair of a drawing: as typed, else by the plan."""

@@ -138,7 +138,8 @@ def uncalibrated_note(bench: LiveBench) -> str:
     """Say what contrasts without a calibration include; empty with one."""
     if bench.workspace.image.unit == "cd/m^2":
         return ""
-    return "<p class='quiet'>Relative luminance; contrasts of regions at different places include the lens's vignetting.</p>"
+    words = "Relative luminance; contrasts of regions at different places include the lens's vignetting."
+    return f"<p class='quiet'>{text(words)}</p>"
 
 
 def contrast_table(bench: LiveBench) -> str:

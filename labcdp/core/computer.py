@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import pickle
 import signal
@@ -22,6 +23,22 @@ from .errors import InputError
 
 _Parameters = ParamSpec("_Parameters")
 _Compiled = TypeVar("_Compiled")
+
+
+#: Parameters of mallopt (glibc, malloc.h), and the size from which memory is mapped by itself.
+_TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX, _MAPPED_BYTES = -1, -3, -8, 2**18
+
+
+def give_back_memory() -> None:
+    """Let the memory of arrays go back to the system when they are freed, from now on; for processes that run for long.
+
+    By itself glibc raises its threshold for what is mapped to the largest block freed so far, up to 32 MiB: images are
+    then cut from heaps, of which each thread has another, and between what stays there they are not given back.
+    """
+    with suppress(AttributeError, OSError, TypeError):  # another C library manages its memory in its own way
+        set_option = ctypes.CDLL(None).mallopt
+        for option, value in ((_MMAP_THRESHOLD, _MAPPED_BYTES), (_TRIM_THRESHOLD, _MAPPED_BYTES), (_ARENA_MAX, 2)):
+            set_option(option, value)
 
 
 def compiled(function: Callable[_Parameters, _Compiled]) -> Callable[_Parameters, _Compiled]:

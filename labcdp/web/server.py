@@ -15,6 +15,7 @@ from pathlib import Path
 from threading import Thread
 from typing import Any
 
+from ..core.computer import give_back_memory
 from ..core.errors import InputError, printable
 from .gate import TOKEN, Gate, guard, is_loopback, limit_viewers
 
@@ -24,6 +25,10 @@ _log = logging.getLogger(__name__)
 _MOST_BYTES, _MOST_BODY_BYTES = 4 * 2**20, 1024
 #: Most tabs of a page: each holds its own pictures, 25 MB with a camera of 5 megapixels.
 _MOST_TABS = 20
+
+#: As wide as the screen of a phone or tablet, which else shows a page of 980 px made small.
+_OF_SCREENS = """{% block preamble %}{{ super() }}
+<meta name="viewport" content="width=device-width, initial-scale=1">{% endblock %}"""
 
 
 @dataclass(frozen=True)
@@ -129,6 +134,7 @@ class Server:
             # They log every request; errors are shown on the page.
             logging.getLogger(name).setLevel(logging.CRITICAL)
         self._site = site
+        give_back_memory()
         asyncio.run(self._serve(site, ready))
 
     async def _serve(self, site: Site, ready: Callable[[Address], None]) -> None:
@@ -182,6 +188,7 @@ class Server:
         document = pn.state.curdoc
         # Else style sheets come from the network if the tab is made anew for a browser that was slow to connect.
         document.template_variables["dist_url"] = LOCAL_DIST
+        document.template = _OF_SCREENS
         layout, script = self._site.tab(document)
         document.config.notify_connection_status = False  # shown by the page itself
         document.js_on_event("document_ready", script)

@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from datetime import UTC, datetime
 from threading import Thread
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,16 +13,20 @@ from bokeh.document import Document
 from labcdp.core.errors import InputError
 from labcdp.core.frame import CameraIdentity, Frame
 from labcdp.core.luminance import Invalid, LuminanceMap
+from labcdp.drivers.camera_settings import FeatureDescription
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
 from labcdp.evaluate.picture.conversion import picture_conversion
 from labcdp.regions import RectangleShape
 from labcdp.session import CameraConfiguration, EventRecord, MeterConfiguration, Session
+from labcdp.web.bench.day_log import DayLog
 from labcdp.web.bench.desk import MeterDesk
 from labcdp.web.bench.images import Focus, better_exposure_s
+from labcdp.web.bench.live import Live
 from labcdp.web.bench.live_camera import LiveCamera
-from labcdp.web.bench.pair import TRACE_S, LiveMeasurements, PairPoint, Trace, verdict
+from labcdp.web.bench.pair import TRACE_S, LiveMeasurements, PairPoint, Target, Trace, verdict
 from labcdp.web.bench.recording import PageOperator, Recording
+from labcdp.web.bench.tabs import CameraTab
 from labcdp.web.regions.display import DisplayScale
 from labcdp.web.regions.drawing import Drawing
 from labcdp.web.regions.figure import Picture
@@ -144,7 +149,7 @@ def test_frames_of_8_bit_and_colour_cameras_are_shown_and_measured(pixel_format,
     frame = frame_of(dn, bits, highest, pixel_format, pattern)
     image = PageImage.live(frame, picture_conversion(None, None, None))
     drawing = Drawing.of(image.size, [RectangleShape("lit", 10, 10, 20, 10), RectangleShape("dark", 40, 20, 20, 20)])
-    (measured,) = LiveMeasurements(image, None).measured(drawing)
+    (measured,) = LiveMeasurements(image, lambda _drawing: Target()).measured(drawing)
     lit, dark = (measured.regions[roi] for roi in drawing.rois)
     assert (lit.value, lit.saturated, dark.saturated) == (highest, 1.0, 0.0)
     assert dark.value == pytest.approx(dn[20:40, 40:60].mean())
@@ -193,7 +198,7 @@ def test_single_saturated_and_black_pixels_are_seen_in_a_picture_that_is_zoomed_
         assert np.argwhere(shown == 0).tolist() == [[5 // n, 8 // n]]
 
 
-def test_a_saturated_region_says_nothing_about_the_meter():
+def test_a_saturated_region_says_nothing_about_the_meter(tmp_path):
     flags = np.zeros((8, 8), np.uint8)
     flags[:4] = Invalid.SATURATED
     light = LuminanceMap(np.full((8, 8), 50.0), np.full((8, 8), 0.01), (), flags)
@@ -201,21 +206,21 @@ def test_a_saturated_region_says_nothing_about_the_meter():
     rois = [RectangleShape(name, 0, y, 8, 4).rois()[0] for name, y in (("full", 0), ("good", 4))]
     accuracy = {"scale_half_width_rel": 0.02, "repeatability_rel": 0.001, "digits": 1}
     by_hand = MeterConfiguration(model="L 1003", serial="1", entry="by hand", **accuracy)
-    desk = MeterDesk(None, None, lambda: (image, rois), lambda: False)
+    desk = MeterDesk(None, None, lambda: (image, rois), lambda: False, DayLog(tmp_path / "bench.rois.json"))
     for region, described in (("full", by_hand), ("good", by_hand), ("good", None)):
         desk.enter("90", region, described)
-    unknown, good, full = desk.readings
+    unknown, good, full = (one for _, one in desk.log.readings)
     assert (full.saturated, full.deviation, full.disagrees) == (True, None, False)
     assert good.deviation == pytest.approx(50 / 90 - 1)
     # What is not known of a meter is not said to be exceeded.
     assert (good.disagrees, unknown.disagrees) == (True, False)
 
 
-def test_a_meter_that_is_unplugged_is_noticed_and_in_a_series_waited_for(bench):
+def test_a_meter_that_is_unplugged_is_noticed_and_in_a_series_waited_for(bench, tmp_path):
     nothing = LuminanceMap(np.zeros((4, 4)), np.zeros((4, 4)), (), np.zeros((4, 4), np.uint8))
     image = PageImage("live", np.zeros((4, 4), np.uint16), True, None, nothing, "relative")
     with MinoltaLS110(bench.in_process_port()) as meter:
-        desk = MeterDesk(meter, bench, lambda: (image, ()), lambda: False)
+        desk = MeterDesk(meter, bench, lambda: (image, ()), lambda: False, DayLog(tmp_path / "bench.rois.json"))
         assert list(desk.take(meter, "", 3)) == [""]
         bench.run_command("meter unplug for 1 s")
         said = list(desk.take(meter, "", 2))
@@ -224,7 +229,7 @@ def test_a_meter_that_is_unplugged_is_noticed_and_in_a_series_waited_for(bench):
         # One that does not come back in time is closed.
         meter.close()
         assert list(desk.take(meter, "", 1)) == [""]
-    assert [one.n_readings for one in desk.readings] == [1, 2, 3]
+    assert [one.n_readings for _, one in desk.log.readings] == [1, 2, 3]
 
 
 def test_a_recording_waits_for_what_is_lost_until_it_is_stopped(bench, camera, small_configuration, tmp_path):
@@ -271,13 +276,54 @@ def test_many_messages_are_answered_with_one_refresh(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore:.*will be removed in version 2.0:PendingDeprecationWarning")
-def test_a_number_that_a_field_does_not_take_is_reverted_and_said(tmp_path):
-    page, taken = Page(workspace(tmp_path), Document()), list[int]()
+def test_a_number_that_a_field_does_not_take_stays_and_is_said_until_it_is_right(tmp_path):
+    page, taken = Page(workspace(tmp_path), Document()), list[float]()
     empty = page.number("To", limits=(0.0, 9.0))
-    for typed in (5.0, None):
-        empty.value = typed
+    for typed in ("5,0", ""):
+        empty.widget.value = typed
     assert empty.value is None
-    field = page.number("Readings", taken.append, (1, 100), value=5)
-    for typed in (7, 500, 0, None, 3, -1):
-        field.value = typed
-    assert (taken, field.value, page.workspace.notice.text) == ([7, 3], 3, "Readings: give 1 to 100")
+    field = page.number("Exposure (ms)", taken.append, (0.02, 100), value=5.0)
+    other = page.number("Readings", taken.append, (1, 100), value=1)
+    for typed, value in (("2,5", 2.5), ("1,234", 1.234), ("3.5 ms", 3.5), ("\N{MINUS SIGN}0", None), ("2 s", None),
+                         ("1.234,5", None), ("500", None), ("", None), ("nan", None)):  # fmt: skip
+        field.widget.value = typed
+        assert field.widget.value == typed
+        assert ("Exposure (ms)" in page.complaints, taken[-1]) == (value is None, value or 3.5)
+    # Each field has its own message, and another input leaves it.
+    for typed in ("2.5", "7"):
+        other.widget.value = typed
+    assert list(page.complaints) == ["Exposure (ms)"]
+    assert (taken[-1], type(taken[-1])) == (7, int)
+    field.widget.value = "4"
+    assert not page.complaints
+    # What the program sets is right.
+    field.widget.value = "x"
+    page.show_number(field, 8.0)
+    assert (page.complaints, field.widget.value, taken[-1]) == ({}, "8", 4)
+
+
+@pytest.mark.filterwarnings("ignore:.*will be removed in version 2.0:PendingDeprecationWarning")
+def test_binning_is_refused_while_there_are_regions(tmp_path):
+    space, asked = workspace(tmp_path), []
+    features = (
+        FeatureDescription("BinningHorizontal", 1, writable=True),
+        FeatureDescription("Gamma", 1.0, writable=True),
+    )
+    camera = SimpleNamespace(
+        live=Live(features=features), read_features=lambda: None, request=lambda **settings: asked.append(settings)
+    )
+    page = Page(space, Document())
+    tab = CameraTab(camera, page)
+
+    def enter(text):
+        tab._feature.value = text
+        tab._feature.param.trigger("enter_pressed")
+
+    enter("binninghorizontal = 2")
+    space.do({"do": "box", "kind": "rectangle", "start": [10, 10], "end": [30, 30]})
+    enter("BinningHorizontal = 4")
+    assert asked == [{"BinningHorizontal": 2}]
+    assert "BinningHorizontal" in page.complaints["Set a feature"]
+    enter("Gamma = 1,5")
+    assert asked[1:] == [{"Gamma": 1.5}]
+    assert not page.complaints

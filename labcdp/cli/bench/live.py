@@ -6,11 +6,10 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from ...acquire.plan import prepare_camera
 from ...core.result import Quantity, Result, quantity_table
-from ...core.table import Column, Table
 from ...drivers.aravis.camera import AravisCamera
 from ...drivers.camera import Camera, take_again
 from ...drivers.simulated.bench import SimulatedBench
@@ -18,16 +17,19 @@ from ...evaluate.picture.conversion import PictureConversion, picture_conversion
 from ...regions import PolygonShape, RectangleShape
 from ...session import SessionConfiguration, example_configuration
 from ...session.tables import MeterConfiguration
+from ...web.bench.day_log import DayLog, log_tables
 from ...web.bench.desk import BenchOfPage
 from ...web.bench.live_bench import LiveBench
 from ...web.bench.live_camera import LiveCamera
 from ...web.bench.page import BenchPage
-from ...web.bench.pair import Target
+from ...web.bench.pair import EPSILON, Target, planned_pairs
 from ...web.regions.files import DrawingFiles, Start, locked
 from ...web.regions.workspace import Workspace
 from ...web.server import Address, Server, Site
-from ..options import Contrasts, MeterModel, PageOptions, Tolerance, output_file
+from ..commands import As
+from ..options import Contrasts, MeterModel, PageOptions, output_file
 from ..terminal import print_result
+from ..values import parse_tolerance
 from .connected import note_bench, serial_meter, simulated_bench_file, simulated_devices, with_own_camera
 from .options import BenchDevices, DeviceOptions
 
@@ -70,7 +72,9 @@ class Detection:
     """Options for what is to be detected, which the page can change."""
 
     contrast: Contrasts = None
-    epsilon: Tolerance = 0.5
+    epsilon: Annotated[
+        float | None, As("Relative tolerance; default: of the plan, else 50%.", parse=parse_tolerance)
+    ] = None
 
 
 def bench(
@@ -98,7 +102,6 @@ def bench(
     roi
         Region file to start from and save to; if it does not exist, start with the patches of the plan.
     """
-    target = Target(detection.contrast, detection.epsilon)
     conversion = picture_conversion(calibration, None, None)
     configuration = None if plan is None else SessionConfiguration.load(plan)
     if not roi.exists():
@@ -111,7 +114,7 @@ def bench(
             page.served(end, where)
 
         with chosen.opened(configuration) as (camera, devices):
-            live, workspace = _bench(camera, devices, conversion, roi, target, server)
+            live, workspace = _bench(camera, devices, conversion, roi, detection, server)
             try:
                 server.run(
                     Site(
@@ -134,7 +137,7 @@ def _bench(
     devices: BenchOfPage,
     conversion: PictureConversion,
     roi: Path,
-    target: Target,
+    detection: Detection,
     server: Server,
 ) -> tuple[LiveBench, Workspace]:
     """Return the bench, with the settings of the plan and its middle exposure, and the regions to begin with."""
@@ -154,7 +157,10 @@ def _bench(
     camera.configure(**settings)
     frame = stated(camera.snap(on_refused=take_again))
     camera.close()
-    live = LiveBench(LiveCamera(camera, settings, prepare, stated), conversion, devices, server, target)
+    target = Target(detection.contrast, EPSILON if detection.epsilon is None else detection.epsilon)
+    planned = planned_pairs(plan, detection.contrast, detection.epsilon)
+    streaming = LiveCamera(camera, settings, prepare, stated)
+    live = LiveBench(streaming, conversion, devices, server, target, planned, DayLog(roi))
     files = DrawingFiles(roi, (frame.dn.shape[1], frame.dn.shape[0]))
     first = live.measurements(live.images.image(frame))
     return live, Workspace(first, files, _start(files, plan), server.elsewhere)
@@ -183,11 +189,5 @@ def _result(live: LiveBench, roi: Path, simulated: bool) -> Result:
     state = live.camera.live
     simulated |= state.frame is not None and state.frame.camera.simulated
     received = [Quantity("frames received", state.n_frames), Quantity("incomplete frames", state.n_incomplete)]
-    columns = (
-        Column("region", "region"),
-        Column("meter_cd_m2", "meter", "cd/m²", value="luminance_cd_m2"),
-        Column("camera_cd_m2", "camera", "cd/m²"),
-    )
-    readings = Table.of_items("readings", "Readings", columns, reversed(live.desk.readings), detail=True)
-    tables = (quantity_table("frames", "Frames", received, detail=True), readings)
+    tables = (quantity_table("frames", "Frames", received, detail=True), *log_tables(live.log.day))
     return Result("bench", str(roi), tables, configuration={"roi": str(roi)}, simulated=simulated)

@@ -381,6 +381,9 @@ document.addEventListener("keydown", key)
 document.addEventListener("keyup", (event) => { if (event.key == " ") space = false })
 // A row of the table of regions selects one.
 document.addEventListener("click", (event) => {
+  const asking = event.composedPath().find((element) => element.dataset?.message != null)
+  if (asking != null)
+    send(JSON.parse(asking.dataset.message))
   const row = event.composedPath().find((element) => element.dataset?.region != null)
   if (row != null)
     send({do: "select", name: row.dataset.region})

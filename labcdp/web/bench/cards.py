@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import is_dataclass
 from itertools import starmap
@@ -16,14 +17,18 @@ from bokeh.palettes import Viridis256
 from ...core.clock import exposure_text
 from ...report.text import significant
 from ..html import small_plot, table, table_row, text
-from ..regions.wording import percent_with_interval
-from .desk import MeterReading
+from ..regions.measurements import PairEvaluation, is_saturated
+from ..regions.wording import contrast_text
+from .day_log import MeterReading
 from .live import Live
 from .live_bench import LiveBench
-from .pair import LIMIT, TRACE_S, PairPoint, is_saturated
+from .pair import LIMIT, TRACE_S, PairPoint, PlannedPair, pair_points
 
 #: Names and units of settings for a person; others have the name of their field.
 _NAMES = {"exposure_s": ("exposure", " s"), "gain_db": ("gain", " dB"), "frame_rate_hz": ("frame rate", " Hz")}
+
+#: Readings in the table; a day may have more.
+_MOST_READINGS = 100
 
 _STATES = {"detected": "good", "too weak": "bad", "too strong": "bad", "undecided": "open", "saturated": "bad"}
 
@@ -68,19 +73,22 @@ def _change(name: str, before: object, now: object) -> str:
 
 
 def pair_card(bench: LiveBench) -> str:
-    """Write the card of the CDP of the chosen pair."""
+    """Write the card of the CDP of the chosen pair; blank until it is measured as its heading and fields say."""
     pair = bench.workspace.drawing.pair_rois
     if len(pair) < 2:
-        return _card("CDP", "-", "open", "choose two regions under Regions")
+        return _card("CDP", "-", "open", "choose two regions")
     title = " / ".join(roi.name for roi in pair)
-    found, points = bench.pair, bench.trace.newest
-    if found is not None and not found.results:
-        return _card(
-            title, "saturated" if is_saturated(found.a, found.b) else "no contrast", "bad", "both regions look the same"
-        )
-    if found is None or not points:
+    found, points, target = bench.pair, bench.points, bench.target
+    if found is None:
         return _card(title, "…", "open", _why(bench))
-    epsilon = f"ε {100 * bench.target.epsilon:.3g} %"
+    if is_saturated(found.a, found.b):
+        which = "both regions are" if is_saturated(found.a) and is_saturated(found.b) else "a region is"
+        return _card(title, "saturated", "bad", f"{which}: shorten the exposure")
+    if not found.results:
+        return _card(title, "no contrast", "bad", "both regions look the same")
+    if not points:
+        return _card(title, "…", "open", "measuring")
+    epsilon = f"ε {100 * target.epsilon:.3g} %"
     if len(points) == 1:
         (point,) = points
         asked = ": measured" if found.of_measured_contrast else f" {_percent(point)}"
@@ -88,8 +96,6 @@ def pair_card(bench: LiveBench) -> str:
         words = f"95 % interval {point.low:.4f} to {point.high:.4f}"
     else:
         value, verdict = f"{sum(point.verdict == 'detected' for point in points)} of {len(points)}", "detected"
-        if points[0].verdict == "saturated":
-            value, verdict = "saturated", ""
         asked = f"target contrasts {_percent(points[0])} to {_percent(points[-1])}, {epsilon}"
         words = "CDP " + ", ".join(f"{point.cdp:.4f}" for point in points)
     if not _seen_now(bench):
@@ -99,10 +105,47 @@ def pair_card(bench: LiveBench) -> str:
     return _card(title, f"{value} <small>{verdict}</small>", state, words, asked, raw=True)
 
 
+def planned_table(bench: LiveBench) -> str:
+    """Write the pairs of the plan at a glance; a click chooses one."""
+    chosen = set(bench.workspace.drawing.pair)
+    rows = [_planned_row(one, bench.glance(one), chosen) for one in bench.planned]
+    if not rows:
+        return ""
+    heads = ("pair of the plan", "measured", "target, ε", "CDP", "")
+    return f"<div class='planned'>{table(heads, rows, 'dense')}</div>"
+
+
+def _planned_row(pair: PlannedPair, found: PairEvaluation | None, chosen: set[str | None]) -> str:
+    message = json.dumps({"do": "pair", "first": pair.first, "second": pair.second})
+    attributes = f"{' class=chosen' if {pair.first, pair.second} == chosen else ''} data-message='{text(message)}'"
+    contrasts = [f"{100 * one:.4g}" for one in pair.target.contrasts or ()]
+    asked = f"{' to '.join(dict.fromkeys((*contrasts[:1], *contrasts[-1:])))} %, {100 * pair.target.epsilon:.3g} %"
+    measured, cdp, verdict = "…", "…", ""
+    if found is not None and found.result is None:
+        measured, cdp = found.error, ""
+    elif found is not None and found.result is not None:
+        measured, points = contrast_text(found.result), pair_points(found.result, 0.0)
+        verdicts = list(dict.fromkeys(point.verdict for point in points))
+        saturated = is_saturated(found.result.a, found.result.b)
+        cdp = "" if saturated else ", ".join(f"{point.cdp:.4f}" for point in points[:3])
+        verdict = "saturated" if saturated else verdicts[0] if len(verdicts) == 1 else "differ"
+    kind = {"good": "pass", "bad": "fail"}.get(_STATES.get(verdict, "open"), "")
+    head = f"{text(pair.first)} / {text(pair.second)}"
+    return table_row(head, (measured, asked, (cdp, "cdp"), (verdict, kind)), attributes)
+
+
+def uncalibrated_note(bench: LiveBench) -> str:
+    """Say what contrasts without a calibration include; empty with one."""
+    if bench.workspace.image.unit == "cd/m^2":
+        return ""
+    words = "Relative luminance; contrasts of regions at different places include the lens's vignetting."
+    return f"<p class='quiet'>{text(words)}</p>"
+
+
 def contrast_table(bench: LiveBench) -> str:
     """Write the CDP of each target contrast, with the colour of its line; empty for one, which has a card."""
-    points = bench.trace.newest
-    if len(points) < 2:
+    points = bench.points
+    if len(points) < 2 or points[0].verdict == "saturated":
         return ""
     rows = [
         table_row(
@@ -122,40 +165,54 @@ def _percent(point: PairPoint) -> str:
 def contrast_card(bench: LiveBench) -> str:
     """Write the card of the measured contrast."""
     if bench.pair is None:
-        return _card("Measured contrast", "-", "open")
-    contrast, frame = bench.pair.contrast, "this" if _seen_now(bench) else "the last"
-    value = percent_with_interval(contrast.value, contrast.standard_error)
-    if is_saturated(bench.pair.a, bench.pair.b):
-        return _card("Measured contrast", value, "bad", "a region is saturated: shorten the exposure")
-    return _card("Measured contrast", value, "open", f"U (95 %) of {frame} frame")
+        return _card("Measured contrast", "…" if len(bench.workspace.drawing.pair_rois) == 2 else "-", "open")
+    pair, frame = bench.pair, "this" if _seen_now(bench) else "the last"
+    if is_saturated(pair.a, pair.b):
+        return _card("Measured contrast", contrast_text(pair), "bad", "a region is saturated: shorten the exposure")
+    lines = [f"U (95 %) of {frame} frame"]
+    lines += ["relative luminance: includes the vignetting"] if bench.workspace.image.unit != "cd/m^2" else []
+    return _card("Measured contrast", contrast_text(pair), "open", *lines)
 
 
 def meter_card(bench: LiveBench) -> str:
     """Write the card of the last reading."""
     if bench.desk.lost:
         return _card("Meter", "lost", "bad", "check its cable; the next reading waits for it")
-    if not bench.desk.readings:
+    last = bench.desk.last
+    if last is None:
         none = "none: give --meter PORT, or type readings" if bench.desk.meter is None else "no reading yet"
         return _card("Meter", "-", "open", none)
-    last = bench.desk.readings[0]
-    lines = [f"at {last.region}" if last.region else "no region selected", *_deviation(last)]
+    lines = [f"{last.time:%H:%M:%S}, {last.region or 'no region selected'}", *_deviation(last)]
     state = "bad" if last.disagrees else "open"
     return _card("Meter", f"{significant(last.luminance_cd_m2)} cd/m²", state, *lines)
 
 
 def reading_table(bench: LiveBench) -> str:
-    """Write the readings, the newest first."""
-    if not bench.desk.readings:
+    """Write the readings of the day, the newest first, each with a button that deletes it."""
+    readings = bench.log.readings
+    if not readings:
         return "<p class='quiet'>Select a region, point the meter at it, and take a reading.</p>"
     rows = []
-    for one in bench.desk.readings:
+    for number, one in readings[:_MOST_READINGS]:
         camera = ("saturated" if one.saturated else "") if one.camera_cd_m2 is None else significant(one.camera_cd_m2)
-        deviation = "" if one.deviation is None else f"{100 * one.deviation:+.2f}"
-        series = f"{one.n_readings}, ± {100 * one.scatter_rel:.2g} %" if one.n_readings > 1 else "1"
-        cells = significant(one.luminance_cd_m2), series, camera, (deviation, "fail" if one.disagrees else "")
-        rows.append(table_row(text(one.region) or "-", cells))
-    heads = ("region", "meter (cd/m²)", "readings, scatter", "camera (cd/m²)", "deviation (%)")
-    return table(heads, rows, "readings")
+        deviation = "" if one.deviation is None else f"{100 * one.deviation:+.2f} %"
+        series = f" ({one.n_readings}, ± {100 * (one.scatter_rel or 0.0):.2g} %)" if one.n_readings > 1 else ""
+        message = text(json.dumps({"do": "delete reading", "number": number}))
+        words = f"delete the reading of {one.time:%H:%M:%S}"
+        head = f"<button class='delete' title='{words}' aria-label='{words}' data-message='{message}'>&times;</button>"
+        cells = (
+            f"{one.time:%H:%M:%S}",
+            one.region or "-",
+            f"{significant(one.luminance_cd_m2)}{series}",
+            camera,
+            (deviation, "fail" if one.disagrees else ""),
+            (one.origin, "origin"),
+        )
+        rows.append(table_row(head, cells))
+    heads = ("", "time", "region", "meter (cd/m²)", "camera", "deviation", "origin")
+    more = len(readings) - _MOST_READINGS
+    rest = f"<p class='quiet'>{more} more are in {text(bench.log.path.name)}</p>" if more > 0 else ""
+    return table(heads, rows, "dense readings") + rest
 
 
 def settings_text(live: Live) -> str:
@@ -240,7 +297,8 @@ class Plots:
         self._curve.data = {"contrast": 100 * contrasts, "cdp": values}
         if contrasts.size:
             self._contrasts.update(start=100 * contrasts[0], end=100 * contrasts[-1])
-        measured = 0.0 if bench.pair is None else 100 * bench.pair.contrast.value
+        known = bench.pair is not None and not is_saturated(bench.pair.a, bench.pair.b)
+        measured = 100 * bench.pair.contrast.value if known and bench.pair is not None else 0.0
         self._measured.location = measured if 0 < measured < inf else None
         # The line of the saturation, which is at the end, is seen as a whole.
         self._dn.end = 1.01 * bench.images.highest_dn

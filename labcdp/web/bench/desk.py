@@ -5,26 +5,28 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from math import hypot, nan
+from datetime import UTC, datetime
+from math import hypot
 from os.path import exists
 from time import monotonic, sleep
 
 from ...acquire import Operator
-from ...core.errors import LabcdpError
+from ...core.errors import InputError, LabcdpError
 from ...core.reading import MeterIdentity, Reading, ReadingSeries
 from ...core.roi import Roi
-from ...drivers.manual import MeterAccuracy, stated_accuracy, typed_reading
+from ...drivers.manual import MeterAccuracy, parse_written, reading_of, stated_accuracy
 from ...drivers.meter import Meter, MeterError, MeterLostError
+from ...drivers.minolta_ls.meter import DRIVERS
 from ...metrics.region import result_of_region
-from ...report.text import Z_95
 from ...session import MeterConfiguration, Session, SessionConfiguration
+from ..regions.measurements import is_saturated
 from ..regions.page_image import PageImage
-from .pair import is_saturated
+from .day_log import DayLog, MeterReading
 
 #: Longest wait for a meter that was unplugged, and pause between two attempts.
 _METER_S, _PAUSE_S = 60.0, 0.5
-#: Readings that are kept.
-_MOST_KEPT = 20
+#: Highest luminance that any meter shows (Konica Minolta LS-160 at 1/3 degree: 9 999 000 cd/m²).
+_MOST_CD_M2 = 1e7
 
 
 @dataclass(frozen=True)
@@ -49,55 +51,14 @@ class BenchOfPage:
     begun: Callable[[Session], None] = lambda _session: None
 
 
-@dataclass(frozen=True)
-class MeterReading:
-    """A reading of the meter on the page.
-
-    Parameters
-    ----------
-    luminance_cd_m2 : float
-        Reading of the meter, mean of several, or what a person typed.
-    region : str
-        Region selected when it was taken; empty if none was.
-    camera_cd_m2 : float or None
-        Mean luminance of that region by the calibrated camera at the same time.
-    meter_u_cd_m2, camera_u_cd_m2 : float or None
-        Their standard uncertainties; None if they are not known.
-    n_readings : int
-        Number of readings.
-    scatter_rel : float
-        Standard deviation of the readings, relative to their mean; nan for one.
-    saturated : bool
-        Whether the region was saturated, so that the camera says nothing about its luminance.
-    """
-
-    luminance_cd_m2: float
-    region: str
-    camera_cd_m2: float | None
-    meter_u_cd_m2: float | None = None
-    camera_u_cd_m2: float | None = None
-    n_readings: int = 1
-    scatter_rel: float = nan
-    saturated: bool = False
-
-    @property
-    def disagrees(self) -> bool:
-        """Whether camera and meter differ by more than the U (95 %) of their difference."""
-        if self.camera_cd_m2 is None or self.meter_u_cd_m2 is None or self.camera_u_cd_m2 is None:
-            return False
-        expanded = Z_95 * hypot(self.meter_u_cd_m2, self.camera_u_cd_m2)
-        return abs(self.camera_cd_m2 - self.luminance_cd_m2) > expanded
-
-    @property
-    def deviation(self) -> float | None:
-        """Deviation of the camera from the meter, relative."""
-        if self.camera_cd_m2 is None or not self.luminance_cd_m2:
-            return None
-        return self.camera_cd_m2 / self.luminance_cd_m2 - 1
-
-
 def meter_reading(
-    taken: ReadingSeries, known: bool, region: str, image: PageImage, rois: Sequence[Roi]
+    taken: ReadingSeries,
+    origin: str,
+    known: bool,
+    region: str,
+    time: datetime,
+    image: PageImage,
+    rois: Sequence[Roi],
 ) -> MeterReading:
     """Return what a meter of known accuracy, or not, said, with what the calibrated camera sees in the region now."""
     camera, camera_u, saturated = None, None, False
@@ -108,12 +69,31 @@ def meter_reading(
             camera, camera_u = (None, None) if saturated else (found.mean, found.standard_uncertainty)
     mean = taken.mean_cd_m2
     u = hypot(taken.standard_uncertainty_random_cd_m2, taken.standard_uncertainty_common_rel * mean)
-    n, scatter = len(taken.readings), taken.scatter_rel
-    return MeterReading(mean, region, camera, u if known else None, camera_u, n, scatter, saturated)
+    n, scatter = len(taken.readings), taken.scatter_rel if len(taken.readings) > 1 else None
+    return MeterReading(time, origin, mean, region, camera, u if known else None, camera_u, n, scatter, saturated)
+
+
+def _require_shown(luminance_cd_m2: float, described: MeterConfiguration | None) -> None:
+    """Refuse what the meter, or no meter at all, can show; 0 is what one in the dark shows."""
+    low, high, which = 0.0, _MOST_CD_M2, "luminance meters show"
+    driver = None if described is None else DRIVERS.get(described.model)
+    if described is not None and described.certificate is not None and described.certificate.range_cd_m2:
+        (low, high), which = described.certificate.range_cd_m2, f"the certificate of the {described.model} covers"
+    elif driver is not None:
+        sheet = driver.data_sheet
+        low, high = min(sheet.slow_range_cd_m2[0], sheet.fast_range_cd_m2[0]), sheet.fast_range_cd_m2[1]
+        which = f"the {sheet.model} shows"
+    if not low <= luminance_cd_m2 <= high:
+        raise InputError(f"{luminance_cd_m2:.12g} cd/m²: {which} {low:.12g} to {high:.12g} cd/m²")
+
+
+def name_of(meter: MeterIdentity) -> str:
+    """Return model and serial number."""
+    return f"{meter.model} {meter.serial}"
 
 
 class MeterDesk:
-    """A meter and its readings, the newest first.
+    """A meter, and its readings in the log of the day.
 
     Parameters
     ----------
@@ -125,6 +105,8 @@ class MeterDesk:
         Return the image of the camera and the regions of this moment.
     ended : function
         Whether to stop waiting for a meter.
+    log : DayLog
+        Where readings are kept.
     """
 
     def __init__(
@@ -133,9 +115,9 @@ class MeterDesk:
         hands: Operator | None,
         seen: Callable[[], tuple[PageImage, Sequence[Roi]]],
         ended: Callable[[], bool],
+        log: DayLog,
     ) -> None:
-        self.meter = meter
-        self.readings: tuple[MeterReading, ...] = ()
+        self.meter, self.log = meter, log
         #: Serial port of the meter, if it has one that is a file.
         self._port = port if exists(port := getattr(meter, "port", "")) else ""
         self._hands, self._seen, self._ended = hands, seen, ended
@@ -145,9 +127,14 @@ class MeterDesk:
         """Whether the meter is unplugged, also while no reading is taken."""
         return bool(self._port) and not exists(self._port)
 
-    def note(self, taken: ReadingSeries, region: str, known: bool = True) -> None:
+    @property
+    def last(self) -> MeterReading | None:
+        """The newest reading that was not deleted."""
+        return next((one for _, one in self.log.readings), None)
+
+    def note(self, taken: ReadingSeries, origin: str, region: str, known: bool = True) -> None:
         """Add what a meter of known accuracy, or not, says, with what the camera sees in the region now."""
-        self.readings = (meter_reading(taken, known, region, *self._seen()), *self.readings[: _MOST_KEPT - 1])
+        self.log.add(meter_reading(taken, origin, known, region, self.log.time(), *self._seen()))
 
     def enter(self, text: str, region: str, described: MeterConfiguration | None) -> None:
         """Add a reading that a person typed, of the meter whose readings the plan says are typed, or of an unknown one.
@@ -155,13 +142,17 @@ class MeterDesk:
         Raises
         ------
         InputError
-            If it is no luminance.
+            If it is no luminance, or none that the meter can show.
         """
-        if described is None or described.entry == "serial":
-            reading = typed_reading(text, MeterAccuracy(0.0, 0.0, 0), MeterIdentity("unknown", "unknown"))
-            self.note(ReadingSeries((reading,)), region, known=False)
-        else:
-            self.note(ReadingSeries((typed_reading(text, stated_accuracy(described), described.identity),)), region)
+        by_hand = described is not None and described.entry != "serial"
+        known = described if by_hand and described is not None else None
+        identity = MeterIdentity("unknown", "unknown") if known is None else known.identity
+        accuracy = MeterAccuracy(0.0, 0.0, 0) if known is None else stated_accuracy(known)
+        written = parse_written(text, comma_is_decimal=True)
+        reading = reading_of(written, written.unit or "cd/m2", accuracy, identity, datetime.now(UTC), text)
+        _require_shown(reading.luminance_cd_m2, known)
+        origin = "typed" if known is None else f"typed, {name_of(identity)}"
+        self.note(ReadingSeries((reading,)), origin, region, known=known is not None)
 
     def take(self, meter: Meter, region: str, n: int) -> Iterator[str]:
         """Take n readings in a region; yield what is waited for, or why there is no reading."""
@@ -177,7 +168,7 @@ class MeterDesk:
                 except MeterLostError as error:
                     yield f"The meter is lost and waited for: {error}"
                     self._reopen(meter, error)
-            self.note(ReadingSeries(tuple(taken)), region)
+            self.note(ReadingSeries(tuple(taken)), name_of(meter.identity), region)
             yield ""
         except LabcdpError as error:
             yield f"No reading: {error}"

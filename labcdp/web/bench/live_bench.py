@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import fields
 from functools import partial
+from itertools import cycle, product
 from math import isfinite
 from pathlib import Path
 from time import monotonic
@@ -13,16 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError, LabcdpError
+from ...core.frame import Readout
 from ...core.reading import ReadingSeries
 from ...core.roi import Roi
+from ...drivers.camera_settings import CameraSettings
 from ...drivers.manual import ManualMeter, stated_accuracy
-from ..regions.measurements import Measured
+from ..regions.drawing import Drawing
+from ..regions.measurements import Measured, PairEvaluation, is_saturated
 from ..regions.page_image import PageImage
 from ..regions.workspace import Workspace
-from .desk import BenchOfPage, MeterDesk
+from .day_log import DayLog, SettingsInForce
+from .desk import BenchOfPage, MeterDesk, name_of
 from .images import LiveImages, fit_exposure
 from .live_camera import LiveCamera
-from .pair import LiveMeasurements, Target, Trace, cdp_curve, pair_points
+from .pair import LiveMeasurements, PairPoint, PlannedPair, Target, Trace, cdp_curve, pair_points, snapshots_of
 from .recording import PageOperator, Recording, with_regions
 
 if TYPE_CHECKING:
@@ -51,7 +57,11 @@ class LiveBench:
     server : Server
         Runs the page.
     target : Target
-        What is to be detected at first.
+        What is to be detected of pairs that the plan says nothing about.
+    planned : sequence of PlannedPair
+        Pairs that are shown at a glance.
+    log : DayLog
+        Keeps readings, snapshots and settings.
     """
 
     def __init__(
@@ -61,15 +71,27 @@ class LiveBench:
         devices: BenchOfPage,
         server: Server,
         target: Target,
+        planned: Sequence[PlannedPair],
+        log: DayLog,
     ) -> None:
         self.camera, self.plan = camera, devices.plan
         self.images = LiveImages(camera, conversion, server.call)
-        self.desk = MeterDesk(devices.meter, devices.hands, self._seen, lambda: camera.ended)
+        self.desk = MeterDesk(devices.meter, devices.hands, self._seen, lambda: camera.ended, log)
+        self.log = log
         self.recording: Recording | None = None
-        self.target = target
+        self._noted: CameraSettings | None = None
+        #: How the sensor was read out when regions were drawn.
+        self._drawn_with: Readout | None = None
+        self.planned = tuple(planned)
+        #: The plan's pairs by turns, one for an image: all of them would take a second. Each as last measured, and the
+        #: exposure and gain at which it was.
+        self._turns = cycle(self.planned)
+        self._glances: dict[PlannedPair, tuple[PairEvaluation, tuple[float, float] | None]] = {}
+        self._target = target
+        #: What a person wants to be detected, by the names of the regions.
+        self._targets: dict[frozenset[str | None], Target] = {}
         self.trace = Trace()
-        #: Contrasts, and the CDP of the pair at each.
-        self.curve: tuple[NDArray[Any], NDArray[Any]] = (np.empty(0), np.empty(0))
+        self._curve: tuple[tuple[object, ...], NDArray[Any], NDArray[Any]] = ((), np.empty(0), np.empty(0))
         self._curve_s = 0.0
         #: Work in progress.
         self.busy = ""
@@ -87,7 +109,32 @@ class LiveBench:
 
     def measurements(self, image: PageImage) -> LiveMeasurements:
         """Return measurements of an image."""
-        return LiveMeasurements(image, self.target.contrasts, self.target.epsilon)
+        return LiveMeasurements(image, self.target_of, self._besides())
+
+    def _besides(self) -> PlannedPair | None:
+        """Return the pair of the plan whose turn it is, besides the chosen one."""
+        if self._workspace is None:
+            return None
+        asked = set(self.workspace.drawing.pair), self.target
+        in_turn = (next(self._turns) for _ in self.planned)
+        return next((one for one in in_turn if ({one.first, one.second}, one.target) != asked), None)
+
+    def target_of(self, drawing: Drawing) -> Target:
+        """Return what is to be detected of the pair of a drawing: as typed, else by the plan."""
+        pair = frozenset(drawing.pair)
+        if pair in self._targets:
+            return self._targets[pair]
+        planned = [one.target for one in self.planned if {one.first, one.second} == pair]
+        if not planned:
+            return self._target
+        same = [one for one in planned if one.epsilon == planned[0].epsilon]
+        contrasts = sorted({contrast for one in same for contrast in one.contrasts or ()})
+        return Target(tuple(contrasts) or None, planned[0].epsilon)
+
+    @property
+    def target(self) -> Target:
+        """What is to be detected of the chosen pair."""
+        return self.target_of(self.workspace.drawing)
 
     def begin(self, workspace: Workspace) -> None:
         """Start camera and page, in the server's thread."""
@@ -106,9 +153,10 @@ class LiveBench:
         self.camera.stop()
 
     def aim(self, target: Target) -> None:
-        """Change the target contrasts or their tolerance."""
-        self.target = target
-        self.trace = Trace()
+        """Change the target contrasts of the chosen pair, or their tolerance."""
+        self._targets[frozenset(self.workspace.drawing.pair)] = target
+        self.workspace.measure()
+        self.workspace.changed()
 
     def take_readings(self, n: int) -> None:
         """Take readings of the meter, for the selected region."""
@@ -116,15 +164,73 @@ class LiveBench:
         if meter is not None and not self.busy:
             self._work("The meter measures …", self.desk.take(meter, self.workspace.selected or "", n))
 
-    def enter_reading(self, text: str) -> bool:
-        """Take a reading that a person typed, of another meter, for the selected region; False if it is none."""
-        try:
-            self.desk.enter(text, self.workspace.selected or "", None if self.plan is None else self.plan.meter)
-        except LabcdpError as error:
-            self.workspace.warn(error)
-            return False
+    def enter_reading(self, text: str) -> None:
+        """Take a reading that a person typed, of another meter, for the selected region; raises InputError."""
+        self.desk.enter(text, self.workspace.selected or "", None if self.plan is None else self.plan.meter)
         self.workspace.changed()
-        return True
+
+    def delete_reading(self, number: int) -> None:
+        """Delete a reading; the log keeps it as deleted. Raises InputError if there is none."""
+        self.log.delete(number)
+        self.workspace.changed()
+
+    def snapshot(self) -> int:
+        """Note contrast and CDP of the chosen pair and of the plan's pairs in the log; returns how many.
+
+        Raises
+        ------
+        InputError
+            If nothing is measured.
+        """
+        measured = self.workspace.measured
+        found = [self.glance(one) for one in self.planned]
+        found += [measured.pair] if self.pair is not None else []
+        # The chosen pair may be one of the plan.
+        pairs = {id(one): one for one in found if one is not None and one.result is not None}.values()
+        if not pairs or measured.taken is None:
+            raise InputError("there is no contrast to note: choose two regions first")
+        unit, time = self.workspace.image.unit, self.log.time()
+        notes = [note for pair in pairs for note in snapshots_of(pair, time, measured.taken, unit)]
+        self.log.add(*dict.fromkeys(notes))
+        return len(set(notes))
+
+    def export_log(self) -> None:
+        """Write the log of the day as a workbook, and say where."""
+        frame = self.camera.live.frame
+
+        def steps() -> Iterator[str]:
+            try:
+                path = self.log.export(frame is not None and frame.camera.simulated)
+                yield f"Exported: {path}; the log itself is {self.log.path}"
+            except LabcdpError as error:
+                yield str(error)
+
+        self._server.elsewhere(steps(), self.workspace.say, self.workspace.changed)
+
+    @property
+    def displaced(self) -> str:
+        """Why the regions are at other places than they were drawn at; empty if they are not."""
+        settings, drawn = self.camera.live.settings, self._drawn_with
+        if settings is None or drawn is None or not self.workspace.drawing.shapes:
+            return ""
+        words = (
+            f"{name} is {now[0]} x {now[1]}, and the regions were drawn with {before[0]} x {before[1]}: they are at "
+            "other places; set it back, or draw them again"
+            for name in ("binning", "decimation")
+            if (before := getattr(drawn, name)) != (now := getattr(settings.readout, name))
+        )
+        return "; ".join(words)
+
+    def _note_settings(self) -> None:
+        """Note settings that are in force since now."""
+        settings = self.camera.live.settings
+        if settings is not None and (self._drawn_with is None or not self.workspace.drawing.shapes):
+            self._drawn_with = settings.readout
+        if settings is None or settings == self._noted:
+            return
+        self._noted = settings
+        names = [one.name for one in fields(SettingsInForce) if one.name != "time"]
+        self.log.add(SettingsInForce(self.log.time(), **{name: getattr(settings, name) for name in names}))
 
     def fit_exposure(self) -> None:
         """Fit the exposure to the regions, or to the whole image if there are none."""
@@ -174,9 +280,35 @@ class LiveBench:
 
     @property
     def pair(self) -> PairResult | None:
-        """Contrast and CDP of the chosen pair in the newest image; None if they cannot be evaluated."""
-        pair = self.workspace.measured.pair
-        return None if pair is None else pair.result
+        """Contrast and CDP of the chosen pair in the newest image; None until they are measured as asked for now."""
+        pair, chosen, target = self.workspace.measured.pair, self.workspace.drawing.pair_rois, self.target
+        of_now = pair is not None and pair.answers(chosen, target.contrasts, target.epsilon)
+        return pair.result if pair is not None and of_now else None
+
+    def glance(self, pair: PlannedPair) -> PairEvaluation | None:
+        """Return what was last measured of a pair of the plan with these settings; None if nothing was."""
+        asked = pair.rois(self.workspace.drawing), pair.target.contrasts, pair.target.epsilon
+        chosen, (besides, taken) = self.workspace.measured.pair, self._glances.get(pair, (None, None))
+        if chosen is not None and chosen.answers(*asked):
+            return chosen
+        of_now = besides is not None and besides.answers(*asked) and taken == self.workspace.measured.taken
+        return besides if of_now else None
+
+    @property
+    def points(self) -> tuple[PairPoint, ...]:
+        """The chosen pair in the newest image at each target contrast; empty until it is measured as asked for now."""
+        return self.trace.newest if self.pair is not None and self.trace.of == self._asked else ()
+
+    @property
+    def curve(self) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Contrasts, and the CDP of the chosen pair at each; empty until they are computed."""
+        of, contrasts, values = self._curve
+        return (contrasts, values) if of == self._asked else (np.empty(0), np.empty(0))
+
+    @property
+    def _asked(self) -> tuple[object, ...]:
+        """The chosen regions as drawn now, and what is to be detected of them."""
+        return (*self.workspace.drawing.pair_rois, self.target)
 
     def _seen(self) -> tuple[PageImage, tuple[Roi, ...]]:
         return self.workspace.image, self.workspace.drawing.rois
@@ -185,7 +317,7 @@ class LiveBench:
         if progress.reading is not None:
             # Shown like other readings, with what the camera sees in the patch.
             patch, reading = progress.reading
-            self.desk.note(ReadingSeries((reading,)), patch)
+            self.desk.note(ReadingSeries((reading,)), f"{name_of(reading.meter)}, recording", patch)
         self._tell()
 
     def _tell(self) -> None:
@@ -217,19 +349,22 @@ class LiveBench:
 
     def _follow(self) -> None:
         """Add the newest result of the pair to the trace, and now and then compute its curve."""
+        self._note_settings()
         measured = self.workspace.measured
         if measured is self._measured:
             return
-        self._measured, pair = measured, measured.pair
-        result, now_s = self.pair, monotonic()
-        names = () if pair is None else (pair.first.name, pair.second.name)
+        for pair, one in product(self.planned, measured.others):
+            if one.answers(pair.rois(self.workspace.drawing), pair.target.contrasts, pair.target.epsilon):
+                self._glances[pair] = one, measured.taken
+        self._measured, result, now_s, of = measured, self.pair, monotonic(), self._asked
         points = () if result is None else pair_points(result, now_s)
-        self.trace = self.trace.after(points, names)
-        if pair is None or result is None or not points or now_s - self._curve_s < _CURVE_S:
+        self.trace = self.trace.after(points, of)
+        if result is None or not points or (of == self._curve[0] and now_s - self._curve_s < _CURVE_S):
             return
-        if not isfinite(result.contrast.value):
+        if not isfinite(result.contrast.value) or is_saturated(result.a, result.b):
+            self._curve = ((), np.empty(0), np.empty(0))
             return
         self._curve_s = now_s
-        image, rois = self.workspace.image, (pair.first, pair.second)
-        curves = (cdp_curve(image, rois, result.contrast.value, epsilon) for epsilon in (self.target.epsilon,))
-        self._server.elsewhere(curves, partial(setattr, self, "curve"), lambda: None)
+        image, rois, epsilon = self.workspace.image, self.workspace.drawing.pair_rois, self.target.epsilon
+        curves = ((of, *cdp_curve(image, rois, result.contrast.value, one)) for one in (epsilon,))
+        self._server.elsewhere(curves, partial(setattr, self, "_curve"), lambda: None)

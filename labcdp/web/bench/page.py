@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -12,7 +11,9 @@ from bokeh.models import CustomJS
 from ...core.errors import LabcdpError
 from ...drivers.camera_settings import CameraSettings
 from ...evaluate.contrasts import parse_contrasts
-from ..html import TINTED, beside, column, row, text
+from ...report.text import capitalised
+from ..html import TINTED, beside, column, row
+from ..numbers import parted
 from ..regions.display import DisplayScale
 from ..regions.map_tab import MapTab
 from ..regions.page import Page
@@ -24,8 +25,10 @@ from .cards import (
     contrast_table,
     meter_card,
     pair_card,
+    planned_table,
     reading_table,
     settings_text,
+    uncalibrated_note,
 )
 from .live import Live
 from .live_bench import LiveBench
@@ -34,18 +37,27 @@ from .tabs import CameraTab, RecordTab
 
 
 def _contrasts(text: str) -> tuple[float, ...] | None:
-    """Return contrasts as typed: a number, also with a decimal comma, or a list of percentages and ranges."""
-    single = text.strip().removesuffix("%").strip().replace(",", ".")
-    with suppress(ValueError):
-        float(single)
-        text = f"{single}%"
-    return parse_contrasts(text.split(","), "the target contrast") if text.strip() else None
+    """Return contrasts as typed: a number, or a list of percentages and ranges; a comma may be that of a decimal."""
+    parts = parted(text)
+    if len(parts) == 1 and ":" not in parts[0]:
+        parts = [f"{parts[0].removesuffix('%')}%"]
+    elif len(parts) == 2 and parts[1] == "%":
+        parts = ["".join(parts)]
+    return parse_contrasts(parts, "the target contrast") if parts else None
 
 
 def _written(target: Target) -> str:
     """Return the target contrasts as a person would type them."""
     contrasts = [f"{100 * one:g}" for one in target.contrasts or ()]
-    return "%,".join(contrasts) + "%" * (len(contrasts) > 1)
+    return "%, ".join(contrasts) + "%" * (len(contrasts) > 1)
+
+
+#: Height of the table of readings, which scrolls.
+_READINGS_PX = 110
+#: Height of the table of the plan's pairs by their number; of more it scrolls.
+_PAIRS_PX = (0, 72, 112, 152, 192)
+#: Choice of no region.
+_NONE = "none"
 
 
 class BenchPage:
@@ -66,26 +78,35 @@ class BenchPage:
         self._picture.show_scale(DisplayScale("gamma", 0.0, self._highest))
         self._picture.go_live()
         self._map = MapTab(page, False)
-        names = ("strip", "table", "notice", "findings", "contrasts")
-        self._strip, self._table, self._notice, self._findings, self._cdp = map(page.text, names)
+        names = ("strip", "readings", "findings", "contrasts", "pairs", "note")
+        self._strip, self._table, self._findings, self._cdp, self._pairs, self._note = map(page.text, names)
         self._strip.styles = TINTED
-        # The pane scrolls, not its content, which each frame replaces.
+        # The panes scroll, not their content, which each frame replaces.
         self._cdp.styles = {"overflow": "auto", "max-height": "9.6rem"}
+        self._table.styles = {"overflow": "auto"}
+        self._table.height = _READINGS_PX
+        # Of one height whatever its numbers, which may need a second line.
+        self._pairs.height, self._pairs.visible = _PAIRS_PX[min(len(bench.planned), 4)], bool(bench.planned)
         self._record, self._camera = RecordTab(bench, page), CameraTab(bench.camera, page)
         self._plots = Plots(bench)
         self._control = pn.widgets.Button(name="Take control", button_type="primary", margin=(3, 8))
         self._control.on_click(lambda _event: self._take_control())
         field = page.field
         request = bench.camera.request
-        self._exposure = page.number("Exposure (ms)", lambda ms: request(exposure_s=1e-3 * ms), width=130)
-        self._gain = page.number("Gain (dB)", lambda db: request(gain_db=db), width=110)
+        close: dict[str, Any] = {"margin": (3, 5)}
+        self._first, self._second = (
+            field("Select", name, self._choose, options=[_NONE], **close | {"width": 205})
+            for name in ("Contrast of", "and of")
+        )
+        self._exposure = page.number("Exposure (ms)", lambda ms: request(exposure_s=1e-3 * ms), width=100, **close)
+        self._gain = page.number("Gain (dB)", lambda db: request(gain_db=db), value=0.0, width=65, **close)
         self._pause = field("Toggle", "Pause", lambda on: setattr(bench.images, "paused", on), margin=(3, 4))
-        self._n_readings = page.number("Readings", limits=(1, 100), value=1, width=80)
-        self._typed = field("TextInput", "Reading of another meter (cd/m²), with Enter", width=260)
-        options: dict[str, Any] = {"placeholder": "measured", "value": _written(bench.target), "width": 170}
+        self._n_readings = page.number("Readings", limits=(1, 100), value=1, width=60, **close)
+        self._typed = field("TextInput", "Reading of another meter (cd/m²), with Enter", width=250, **close)
+        options: dict[str, Any] = {"placeholder": "measured", "width": 125, **close}
         self._contrast = field("TextInput", "Target contrast (%)", self._aim_contrast, **options)
-        options = {"value": 100 * bench.target.epsilon, "width": 130}
-        self._epsilon = page.number("Tolerance ε (%)", self._aim_epsilon, (0.001, 100), **options)
+        self._epsilon = page.number("Tolerance ε (%)", self._aim_epsilon, (0.001, 100), value=50.0, width=100, **close)
+        self._aimed: tuple[object, ...] = ()
         self._shown: tuple[CameraSettings | None, str] = (None, "")
         #: What only the controlling page may use.
         self._controls: list[Any] = []
@@ -95,22 +116,27 @@ class BenchPage:
     def tab(self) -> tuple[Any, CustomJS]:
         """Return the layout of the tab, and the script that starts with it."""
         plots = [pn.pane.Bokeh(one, sizing_mode="stretch_width", margin=(4, 8)) for one in self._plots.figures]
+        button = self._page.button
         live = column(
-            row(self._contrast, self._epsilon),
-            self._cdp,
-            plots[0],
-            plots[1],
-            row(self._exposure, self._gain),
+            self._pairs,
+            row(self._first, self._second),
+            row(self._contrast, self._epsilon, self._exposure, self._gain),
             row(
-                self._page.button("Fit exposure", self.bench.fit_exposure),
-                self._page.button("Read meter", self._take_readings),
+                button("Fit exposure", self.bench.fit_exposure),
+                button("Read meter", self._take_readings),
+                button("Note CDP", self._note_cdp),
                 self._pause,
                 margin=(0, 3),
             ),
-            self._findings,
-            plots[2],
-            row(self._n_readings, self._typed),
+            plots[0],
+            row(self._n_readings, self._typed, button("Export log", self.bench.export_log, margin=(22, 4))),
             self._table,
+            plots[1],
+            plots[2],
+            # What comes and goes is below all that is pressed.
+            self._cdp,
+            self._note,
+            self._findings,
         )
         tabs = pn.Tabs(
             ("Live", live),
@@ -122,7 +148,7 @@ class BenchPage:
         )
         self._controls = [one for place in (0, 1, 4) for one in tabs[place].select(pn.widgets.Widget)]
         self.update()
-        side = (*self._page.head(), self._notice, self._control, tabs)
+        side = (*self._page.head(self._control), tabs)
         return beside(self._picture.figure, side, self._strip), self._picture.script()
 
     def update(self) -> None:
@@ -137,13 +163,11 @@ class BenchPage:
         self._findings.object = warning_list(workspace.image, workspace.drawing, workspace.measured)
         self._table.object = reading_table(bench)
         self._cdp.object = contrast_table(bench)
-        self._cdp.visible = bool(self._cdp.object)
+        self._pairs.object = planned_table(bench)
+        self._note.object = uncalibrated_note(bench)
+        self._show_pair()
         self._show_control()
         self._follow_bits()
-        said = (bench.question or bench.busy, bench.images.mismatch, bench.camera.live.error)
-        words = "<br>".join(text(one) for one in dict.fromkeys(said) if one)
-        how = "class='notice warning' role='alert'" if bench.question else "class='notice' role='status'"
-        self._notice.object = f"<div {how}>{words}</div>" if words else ""
         if self._plots.update(bench):
             self._camera.update(bench.camera.live, settings_text(bench.camera.live))
 
@@ -157,6 +181,8 @@ class BenchPage:
 
     def _connect(self) -> None:
         self._page.on_enter(self._typed, self._enter)
+        self._page.said_first, self._page.said_last = self._asked, self._said
+        self._page.acts["delete reading"] = self._delete
         for end in (
             self.bench.camera.look(),
             self.bench.images.listen(lambda: self._page.soon(self._show_newest, 0)),
@@ -204,18 +230,66 @@ class BenchPage:
             self._highest = highest
             self._map.show_range(DisplayScale("gamma", 0.0, highest))
 
+    def _asked(self) -> list[tuple[str, str]]:
+        """Return what a recording asks, which is above all other messages."""
+        return [("question", self.bench.question)]
+
+    def _said(self) -> list[tuple[str, str]]:
+        """Return what is said of work, camera and log."""
+        bench = self.bench
+        busy = "" if bench.question else bench.busy
+        return [
+            (kind, words)
+            for kind, words in (
+                ("info", busy),
+                ("warning", capitalised(bench.displaced)),
+                ("warning", bench.images.mismatch),
+                ("warning", bench.camera.live.error),
+                ("warning", bench.log.error),
+            )
+        ]
+
     def _enter(self, text: str) -> None:
-        if text and self.bench.enter_reading(text):
+        if text:
+            self.bench.enter_reading(text)
             self._typed.value = ""
 
+    def _delete(self, message: dict[str, Any]) -> None:
+        number = message.get("number")
+        if type(number) is int:
+            self.bench.delete_reading(number)
+
+    def _choose(self, _name: str) -> None:
+        first, second = (None if one.value == _NONE else one.value for one in (self._first, self._second))
+        self._page.do({"do": "pair", "first": first, "second": second})
+
     def _aim_contrast(self, text: str) -> None:
-        try:
-            self.bench.aim(replace(self.bench.target, contrasts=_contrasts(text)))
-        except LabcdpError as error:
-            self.bench.workspace.warn(error)
+        self.bench.aim(replace(self.bench.target, contrasts=_contrasts(text)))
 
     def _aim_epsilon(self, percent: float) -> None:
         self.bench.aim(replace(self.bench.target, epsilon=percent / 100))
+
+    def _note_cdp(self) -> None:
+        try:
+            n = self.bench.snapshot()
+        except LabcdpError as error:
+            self.bench.workspace.warn(error)
+            return
+        self.bench.workspace.say(f"{n} CDP noted in {self.bench.log.path}")
+
+    def _show_pair(self) -> None:
+        """Show the chosen pair and what is to be detected of it, when one of these has changed."""
+        drawing, target = self.bench.workspace.drawing, self.bench.target
+        names = [_NONE, *(roi.name for roi in drawing.rois)]
+        if (*names, *drawing.pair, target) == self._aimed:
+            return
+        self._aimed = (*names, *drawing.pair, target)
+        with self._page.quietly():
+            for widget, chosen in zip((self._first, self._second), drawing.pair, strict=True):
+                widget.param.update(options=names, value=chosen or _NONE)
+            self._contrast.value = _written(target)
+        self._page.settle(self._contrast)
+        self._page.show_number(self._epsilon, float(f"{100 * target.epsilon:.9g}"))
 
     def _show_settings(self, live: Live) -> None:
         """Show what was read back when it has changed, also by another program, or when a request was rejected."""
@@ -223,8 +297,10 @@ class BenchPage:
         if settings is None or shown == self._shown:
             return
         self._shown = shown
-        with self._page.quietly():
-            self._exposure.value, self._gain.value = float(f"{1e3 * settings.exposure_s:.6g}"), settings.gain_db
+        low, high = live.exposure_range_s
+        self._exposure.limits = 1e3 * low, 1e3 * high
+        self._page.show_number(self._exposure, float(f"{1e3 * settings.exposure_s:.6g}"))
+        self._page.show_number(self._gain, settings.gain_db)
 
     def _take_readings(self) -> None:
         self.bench.take_readings(self._n_readings.value)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime
+from math import isfinite, nan
 from typing import Any, Literal
 
 import numpy as np
@@ -13,10 +15,14 @@ from ...core.errors import InputError
 from ...core.roi import Roi
 from ...metrics import cdp
 from ...metrics.pair import PairResult
-from ...metrics.region import RegionResult
+from ...session import SessionConfiguration
 from ..regions.drawing import Drawing
-from ..regions.measurements import Measured, Measurements
+from ..regions.measurements import Measured, Measurements, PairEvaluation, is_saturated
 from ..regions.page_image import PageImage
+from .day_log import Snapshot
+
+#: Tolerance where nothing else is said.
+EPSILON = 0.5
 
 Verdict = Literal["detected", "too weak", "too strong", "undecided", "saturated"]
 
@@ -26,8 +32,6 @@ LIMIT = 0.9
 TRACE_S = 180.0
 #: Most contrasts: a row of the table and a line of the trace for each.
 _MOST_CONTRASTS = 50
-#: Share of saturated pixels from which a region's luminance means nothing.
-_SATURATED = 0.001
 #: Range of a curve over the measured contrast, and number of its points.
 _RANGE, _N_POINTS = (0.05, 20.0), 60
 
@@ -38,7 +42,7 @@ class Target:
 
     Parameters
     ----------
-    contrasts : sequence of float or None
+    contrasts : tuple of float or None
         Weber contrasts, fractions, up to 50; None for the measured one.
     epsilon : float
         Relative tolerance.
@@ -49,8 +53,8 @@ class Target:
         If there are more contrasts.
     """
 
-    contrasts: Sequence[float] | None = None
-    epsilon: float = 0.5
+    contrasts: tuple[float, ...] | None = None
+    epsilon: float = EPSILON
 
     def __post_init__(self) -> None:
         if self.contrasts is not None and len(self.contrasts) > _MOST_CONTRASTS:
@@ -68,7 +72,7 @@ class PairPoint:
     contrast : float
         Target contrast.
     cdp, low, high : float
-        Its CDP with the 95 % interval.
+        Its CDP with the 95 % interval; nan if a region is saturated.
     verdict : str
         As of `verdict`; ``saturated`` if a region is, whatever its contrast.
     """
@@ -89,35 +93,33 @@ class Trace:
     ----------
     frames : tuple of tuple of PairPoint
         A point for each target contrast; the oldest frame first.
-    pair : tuple of str
-        Names of the regions.
+    of : tuple
+        The regions and what was to be detected.
     newest : tuple of PairPoint
         Those of the newest image; empty if it has none.
     """
 
     frames: tuple[tuple[PairPoint, ...], ...] = ()
-    pair: tuple[str, ...] = ()
+    of: tuple[object, ...] = ()
     newest: tuple[PairPoint, ...] = ()
 
-    def after(self, points: tuple[PairPoint, ...], pair: tuple[str, ...]) -> Trace:
+    def after(self, points: tuple[PairPoint, ...], of: tuple[object, ...]) -> Trace:
         """Return the trace with the points of another frame; it begins anew with another pair or number of them."""
-        kept = self.frames if pair == self.pair else ()
+        kept = self.frames if of == self.of else ()
         if points:
             now_s, n = points[0].time_s, len(points)
             kept = (*(one for one in kept if now_s - one[0].time_s < TRACE_S and len(one) == n), points)
-        return Trace(kept, pair, points)
-
-
-def is_saturated(*regions: RegionResult) -> bool:
-    """Whether so many pixels of a region are saturated that its luminance means nothing."""
-    return any(region.invalid_shares.get("saturated", 0.0) > _SATURATED for region in regions)
+        return Trace(kept, of, points)
 
 
 def pair_points(pair: PairResult, time_s: float) -> tuple[PairPoint, ...]:
-    """Return a pair's point for each target contrast."""
-    saturated, points = is_saturated(pair.a, pair.b), []
+    """Return a pair's point for each target contrast; no number of saturated regions."""
+    if is_saturated(pair.a, pair.b):
+        contrasts = (one.result.contrast for one in pair.results)
+        return tuple(PairPoint(time_s, contrast, nan, nan, nan, "saturated") for contrast in contrasts)
+    points = []
     for result, (low, high) in ((one.result, one.confidence_interval) for one in pair.results):
-        found = "saturated" if saturated else verdict(result.below, result.above, (low, high))
+        found = verdict(result.below, result.above, (low, high))
         points.append(PairPoint(time_s, result.contrast, result.cdp, low, high, found))
     return tuple(points)
 
@@ -132,6 +134,37 @@ def verdict(below: float, above: float, interval: tuple[float, float]) -> Verdic
     return "too weak" if below >= above else "too strong"
 
 
+def snapshots_of(pair: PairEvaluation, time: datetime, taken: tuple[float, float], unit: str) -> list[Snapshot]:
+    """Return what is noted of a pair with a result, at each target contrast: no number of saturated regions."""
+    result = pair.result
+    assert result is not None, "it was measured"
+    saturated = is_saturated(result.a, result.b)
+
+    def known(value: float) -> float | None:
+        return None if saturated or not isfinite(value) else value
+
+    contrast = result.contrast
+    return [
+        Snapshot(
+            time=time,
+            first=pair.first.name,
+            second=pair.second.name,
+            contrast=known(contrast.value),
+            contrast_u=known(contrast.standard_error),
+            target_contrast=one.contrast,
+            epsilon=pair.epsilon,
+            cdp=known(one.cdp),
+            low=known(one.low),
+            high=known(one.high),
+            verdict=one.verdict,
+            exposure_s=taken[0],
+            gain_db=taken[1],
+            unit=unit,
+        )
+        for one in pair_points(result, 0.0)
+    ]
+
+
 def cdp_curve(
     image: PageImage, pair: Sequence[Roi], contrast: float, epsilon: float
 ) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -142,14 +175,76 @@ def cdp_curve(
     return contrasts, cdp(bright, dark, contrasts, epsilon).cdp
 
 
+@dataclass(frozen=True)
+class PlannedPair:
+    """Two regions whose contrast the plan asks for.
+
+    Parameters
+    ----------
+    first, second : str
+        Names of the regions.
+    target : Target
+        What is to be detected.
+    """
+
+    first: str
+    second: str
+    target: Target
+
+    def rois(self, drawing: Drawing) -> tuple[Roi, ...]:
+        """Its regions in a drawing, as far as there are any."""
+        known = {roi.name: roi for roi in drawing.rois}
+        return tuple(known[name] for name in (self.first, self.second) if name in known)
+
+
+def planned_pairs(
+    plan: SessionConfiguration | None, contrasts: tuple[float, ...] | None, epsilon: float | None
+) -> tuple[PlannedPair, ...]:
+    """Return the pairs of a plan, with its contrasts and tolerances unless others are given for all pairs."""
+    pairs = () if plan is None else plan.contrasts
+    of_plan = {
+        PlannedPair(
+            one.bright,
+            one.dark,
+            Target(contrasts or (one.contrast,), one.epsilon if epsilon is None else epsilon),
+        ): None
+        for one in pairs
+    }
+    return tuple(of_plan)
+
+
 class LiveMeasurements(Measurements):
-    """Measurements of a frame that the next one replaces: uncertainties of the pair and of regions with limits."""
+    """Measurements of a frame that the next one replaces: uncertainties of the pair and of regions with limits.
+
+    Parameters
+    ----------
+    image : PageImage
+        The frame.
+    target_of : function of a drawing
+        Return what is to be detected of its pair.
+    besides : PlannedPair or None
+        Another pair that is measured, too.
+    """
+
+    def __init__(
+        self, image: PageImage, target_of: Callable[[Drawing], Target], besides: PlannedPair | None = None
+    ) -> None:
+        super().__init__(image, None)
+        self._target_of, self._besides = target_of, besides
 
     def measured(self, drawing: Drawing) -> Iterator[Measured]:
         """Yield all results at once: there may be no time for a second step."""
+        target = self._target_of(drawing)
+        self.contrasts, self.epsilon = target.contrasts, target.epsilon
         self._measure(drawing)
         self._measure_pair(drawing)
         limited = {roi for shape in drawing.shapes if shape.limits_cd_m2 is not None for roi in shape.rois()}
         judged = {roi: self._evaluated(roi, numbers) for roi, numbers in self._known.items() if roi in limited}
         others = {roi: replace(one, evaluated=True, result=self._of_pair(roi)) for roi, one in self._known.items()}
-        yield Measured(others | judged, self._pair)
+        yield Measured(others | judged, self._pair, tuple(self._measured_besides(drawing)), self.image.taken)
+
+    def _measured_besides(self, drawing: Drawing) -> Iterator[PairEvaluation]:
+        rois = () if self._besides is None else self._besides.rois(drawing)
+        if self._besides is not None and len(rois) == 2:
+            target = self._besides.target
+            yield self._evaluated_pair(rois, target.contrasts, target.epsilon)

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import astuple
 from datetime import datetime
 from math import ceil
 from typing import Any
 
 from ...core.dn import PIXEL_FORMATS
+from ...core.errors import InputError
 from ...drivers.camera_settings import CameraSettings, FeatureDescription, FeatureValue, Region
 from ..html import column, items, row, table, table_row, text
+from ..numbers import coordinates
 from ..regions.page import Page
 from .live import Live
 from .live_bench import LiveBench
 from .live_camera import LiveCamera
 from .recording import Question
 
+#: Features that change how many pixels of the sensor are one of the image.
+_OF_PIXELS = ("Binning", "Decimation")
 #: Rows of the table of features.
 _MOST_ROWS = 60
 
@@ -51,8 +56,8 @@ class CameraTab:
         return column(
             row(self._format, self._rate, self._black),
             row(self._region),
-            self._settings,
             row(self._feature, self._find, self._refresh),
+            self._settings,
             self._table,
         )
 
@@ -66,18 +71,19 @@ class CameraTab:
         choices = next((one.choices for one in features if one.name == "PixelFormat"), ())
         formats = dict.fromkeys([*(one for one in choices if one in PIXEL_FORMATS), settings.pixel_format])
         rate_hz = settings.frame_rate_hz
-        with self._page.quietly():
+        page = self._page
+        with page.quietly():
             self._format.param.update(options=list(formats), value=settings.pixel_format)
-            self._rate.value = None if rate_hz is None else float(f"{rate_hz:.6g}")
-            self._black.value = settings.black_level
             self._region.value = ", ".join(f"{n}" for n in astuple(settings.region))
+        page.settle(self._region)
+        page.show_number(self._rate, None if rate_hz is None else float(f"{rate_hz:.6g}"))
+        page.show_number(self._black, settings.black_level)
         self._list()
 
     def _set_region(self, text: str) -> None:
-        parts = text.replace(",", " ").split()
-        if len(parts) != 4 or not all(part.isdigit() for part in parts):
-            self._page.workspace.say("The region is four whole numbers: x, y, width, height")
-            return
+        parts = coordinates(text, 4)
+        if any(one != int(one) or one < 0 for one in parts):
+            raise InputError("the region is four whole numbers: x, y, width, height")
         self._camera.request(region=Region(*map(int, parts)))
 
     def _set_feature(self, text: str) -> None:
@@ -87,8 +93,13 @@ class CameraTab:
         known = {one.name.lower(): one for one in self._camera.live.features}.get(name.lower())
         value = None if known is None else _value(known, given)
         if known is None or value is None:
-            self._page.workspace.say(f"{text!r} is not understood: give NAME = VALUE as the table below has them")
-            return
+            raise InputError(f"{text!r} is not understood: give NAME = VALUE as the table below has them")
+        n = len(self._page.workspace.drawing.shapes)
+        if n and known.name.startswith(_OF_PIXELS):
+            raise InputError(
+                f"{known.name} makes another image of the sensor, in which the {n} regions would be at other places: "
+                "delete the regions first, or state binning in [camera] of the plan"
+            )
         self._camera.request(**{known.name: value})
         self._feature.value = ""
 
@@ -107,7 +118,7 @@ def _value(feature: FeatureDescription, text: str) -> FeatureValue | None:
     if kind is bool:
         return {"true": True, "1": True, "false": False, "0": False}.get(text.lower())
     try:
-        return kind(text) if text else None
+        return kind(text if kind is str else text.replace(",", ".")) if text else None
     except ValueError:
         return None
 
@@ -135,6 +146,10 @@ if (cb_obj.visible && !["INPUT", "SELECT", "TEXTAREA"].includes(focused?.tagName
 """
 #: What may be recorded again, besides patches.
 _NOTHING, _UNITS = "nothing", ("light frames", "dark frames")
+
+
+#: Height of the answers of a question.
+_ANSWER_PX = 60
 
 
 class RecordTab:
@@ -171,9 +186,9 @@ class RecordTab:
         return column(
             row(self._name, self._again),
             row(self._start, self._pause, self._stop),
+            # Room for the question, so that nothing moves when one comes.
+            row(self._typed, self._first, self._second, self._dismiss, margin=(0, 5), min_height=_ANSWER_PX),
             self._state,
-            row(self._typed, self._first, self._second, margin=(0, 5)),
-            self._dismiss,
         )
 
     def update(self, controlled: bool) -> None:
@@ -253,6 +268,9 @@ class RecordTab:
 
     def _answer(self, words: str) -> None:
         if self._bench.recording is not None:
+            if self._asked is not None and self._asked.typed:
+                # A comma in a field is that of a decimal; the meter's driver refuses it where it might part thousands.
+                words = re.sub(r"(?<=[0-9]),(?=[0-9])", ".", words)
             self._bench.recording.operator.answer(self._asked, words)
 
 

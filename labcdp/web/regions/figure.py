@@ -30,6 +30,8 @@ from .wording import PROPOSAL_COLOUR
 
 #: Largest side of the reduced whole image shown below the visible part.
 _OVERVIEW_PX = 1000
+#: Height of the longest hint beside the picture: what is below does not move with the mode.
+_HINT_PX = 84
 #: Most pixels of a part, however large a screen is.
 _MOST_PX = 4096
 
@@ -63,7 +65,7 @@ class Picture:
         self.of_light, self._live = False, False
         self.modes = RadioButtonGroup(labels=list(MODES), active=0, name="modes")
         self.theme = RadioButtonGroup(labels=["Light", "Dark", "Red light"], active=0, name="theme", margin=(4, 8))
-        self.hint = Div(text="", name="hint", sizing_mode="stretch_width")
+        self.hint = Div(text="", name="hint", sizing_mode="stretch_width", min_height=_HINT_PX)
         self._n_sent = 0
         self._part: tuple[float, float, float, float] | None = None
         self._screen = (1, 1)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from math import inf, isfinite
+from math import inf
 from time import monotonic
 from typing import Any
 
@@ -16,6 +15,7 @@ from bokeh.models import ColumnDataSource, CustomJS, Range1d
 
 from ...core.errors import InputError, LabcdpError
 from ..html import beside, column, row, small_plot
+from ..numbers import coordinates, number_list
 from .display import LARGEST_RATIO, SCALES, DisplayScale, ScaleName
 from .map_data import EXPORTS, export_map, isolines, profile
 from .page import Page
@@ -48,7 +48,10 @@ class MapTab:
         field, example = page.field, "for example 1, 10, 100"
         self._shown = field("Select", "Picture", options=[_VALUES, _COLOURS, _GREY], width=220)
         self._kind = field("Select", "Scale", options=list(SCALES), value=self._dn_scale.name, width=110)
-        self._low, self._high = (page.number(name, limits=(0.0, inf), width=110) for name in ("From", "To"))
+        self._low, self._high = (
+            page.number(name, lambda _value: page.soon(self._rescale), (0.0, inf), of_view=True, width=110)
+            for name in ("From", "To")
+        )
         tip = "Span the luminances of the picture"
         self._fit = field("Button", "Fit scale", description=tip, margin=(19, 4))
         self._isolines = field("TextInput", f"Isolines ({unit})", placeholder=example, width=190)
@@ -63,7 +66,7 @@ class MapTab:
         self._plot = self._new_plot()
         self._connect()
         page.after_update.append(self.update)
-        self._low.disabled = self._high.disabled = not coloured
+        self._enable(coloured)
         if coloured:
             self._shown.value = _COLOURS
         self.update()
@@ -96,11 +99,10 @@ class MapTab:
         page = self._page
         later = page.soon
         self._shown.param.watch(lambda event: later(partial(self._show, event.new)), "value")
-        for widget in (self._kind, self._low, self._high):
-            widget.param.watch(lambda _event: later(self._rescale), "value")
+        self._kind.param.watch(lambda _event: later(self._rescale), "value")
         self._fit.on_click(lambda _event: later(self._fit_scale))
-        self._isolines.param.watch(lambda event: later(partial(self._entered, "_levels", event.new)), "value")
-        self._line.param.watch(lambda event: later(partial(self._entered, "_ends", event.new)), "value")
+        page.of_view(self._isolines, self._set_levels)
+        page.of_view(self._line, self._set_ends)
         self._picture.link.on_change(
             "line", lambda _attr, _old, new: self._line.param.update(value=", ".join(f"{one:.1f}" for one in new))
         )
@@ -113,7 +115,7 @@ class MapTab:
 
     def _show(self, what: str) -> None:
         of_dn = what == _VALUES
-        self._low.disabled = self._high.disabled = of_dn
+        self._enable(not of_dn)
         kinds = list(SCALES) if of_dn else ["logarithm", "linear"]
         self._kind.param.update(options=kinds, value=self._dn_scale.name if of_dn else kinds[0])
         if not (of_dn or self._high.value):
@@ -138,17 +140,27 @@ class MapTab:
         low, high = np.percentile(light[np.isfinite(light)], (0.5, 99.9)) if np.isfinite(light).any() else (0.0, 1.0)
         # Noise about 0 would take most colours of a logarithm.
         low = max(low, high / (LARGEST_RATIO if low > 0 else 1000.0), 0.0)
-        with self._page.quietly():
-            self._low.value, self._high.value = float(f"{low:.3g}"), float(f"{max(high, 1e-6):.3g}")
+        for field, value in ((self._low, low), (self._high, max(high, 1e-6))):
+            self._page.show_number(field, float(f"{value:.3g}"))
+        self._page.soon(self._rescale)
         if self._shown.value == _VALUES:
             self._shown.value = _COLOURS
 
-    def _entered(self, name: str, text: str) -> None:
-        try:
-            setattr(self, name, _numbers(text))
-            self._draw()
-        except LabcdpError as error:
-            self._workspace.warn(error)
+    def _enable(self, of_light: bool) -> None:
+        """Allow ends of the scale where luminance is shown."""
+        for field in (self._low, self._high):
+            field.widget.disabled = not of_light
+
+    def _set_levels(self, text: str) -> None:
+        self._levels = number_list(text)
+        self._page.soon(self._draw)
+
+    def _set_ends(self, text: str) -> None:
+        ends = coordinates(text, 4) if text.strip() else ()
+        if ends:
+            profile(self._workspace.image, ends)  # refuses what is outside
+        self._ends = ends
+        self._page.soon(self._draw)
 
     def _draw(self) -> None:
         """Draw profile and isolines of the image of this moment."""
@@ -166,8 +178,8 @@ class MapTab:
         }
         ends = self._ends
         picture.profile_line.data = {"x": list(ends[::2]), "y": list(ends[1::2])}
-        self._plot.visible = bool(ends)
         if not ends:
+            self._profile.data = {name: [] for name in self._profile.data}
             return
         along = profile(image, ends)
         half = np.nan_to_num(along.expanded)
@@ -184,11 +196,10 @@ class MapTab:
     def _limit(self, text: str) -> None:
         if not text:
             return
-        given = None if text.strip() == "-" else [float(one) for one in re.findall(r"[\d.]+(?:e-?\d+)?", text)]
         if self._workspace.selected is None:
-            self._workspace.warn(InputError("select a region first, then give its limits; - for none"))
-        else:
-            self._page.do({"do": "limits", "name": self._workspace.selected, "of": given})
+            raise InputError("select a region first, then give its limits; - for none")
+        given = None if text.strip() == "-" else [*coordinates(text, 2)]
+        self._page.do({"do": "limits", "name": self._workspace.selected, "of": given})
         self._limits.value = ""
 
     def _export(self) -> None:
@@ -207,22 +218,11 @@ class MapTab:
     def _new_plot(self) -> Any:
         # Ranges of its own: an empty plot cannot find any.
         ranges = {"x_range": Range1d(0, 1), "y_range": Range1d(0, 1)}
-        plot = small_plot(150, visible=False, **ranges)
+        plot = small_plot(150, **ranges)
         plot.xaxis.axis_label, plot.yaxis.axis_label = "pixels along the line", self._workspace.image.unit_text
         plot.varea("d", "low", "high", source=self._profile, fill_alpha=0.3, fill_color="#0072b2")
         plot.line("d", "l", source=self._profile, line_color="#0072b2")
         return plot
-
-
-def _numbers(text: str) -> tuple[float, ...]:
-    """Read numbers that are apart by commas or spaces; raises InputError."""
-    try:
-        values = tuple(float(one) for one in re.split(r"[,;\s]+", text.strip()) if one)
-    except ValueError:
-        values = (float("nan"),)
-    if not all(map(isfinite, values)):
-        raise InputError(f"{text[:40]!r} are no numbers: give them with commas, for example 1, 10, 100")
-    return values
 
 
 def map_page(workspace: Workspace, document: Any, *, map_first: bool) -> tuple[Any, CustomJS]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, Protocol
 
 from numpy.typing import NDArray
@@ -19,6 +20,11 @@ from .page_image import PageImage
 
 #: With more regions than this only those of the pair are measured, to keep the page responsive.
 MOST_MEASURED = 200
+
+
+def is_saturated(*regions: RegionResult) -> bool:
+    """Whether so many pixels of a region are saturated that its luminance is only known to be higher."""
+    return any(region.bound for region in regions)
 
 
 @dataclass(frozen=True)
@@ -67,6 +73,10 @@ class PairEvaluation:
     ----------
     first, second : Roi
         The regions.
+    contrasts : tuple of float or None
+        Target contrasts that were asked for; None for the measured one.
+    epsilon : float
+        Their tolerance.
     result : PairResult or None
         Their contrast and CDP; None if they cannot be evaluated.
     error : str
@@ -75,8 +85,15 @@ class PairEvaluation:
 
     first: Roi
     second: Roi
+    contrasts: tuple[float, ...] | None
+    epsilon: float
     result: PairResult | None
     error: str = ""
+
+    def answers(self, pair: Sequence[Roi], contrasts: Sequence[float] | None, epsilon: float) -> bool:
+        """Whether it is of these two regions, as they are drawn now, and was asked for these contrasts."""
+        asked = None if contrasts is None else tuple(contrasts)
+        return ((self.first, self.second), self.contrasts, self.epsilon) == (tuple(pair), asked, epsilon)
 
 
 @dataclass(frozen=True)
@@ -89,10 +106,16 @@ class Measured:
         Regions.
     pair : PairEvaluation or None
         Last evaluated pair.
+    others : tuple of PairEvaluation
+        Further pairs.
+    taken : (float, float) or None
+        Exposure and gain of a live image.
     """
 
     regions: dict[Roi, RegionNumbers] = field(default_factory=dict)
     pair: PairEvaluation | None = None
+    others: tuple[PairEvaluation, ...] = ()
+    taken: tuple[float, float] | None = None
 
 
 class Measurements:
@@ -130,15 +153,20 @@ class Measurements:
 
     def _measure_pair(self, drawing: Drawing) -> None:
         chosen = drawing.pair_rois
-        if len(chosen) < 2 or (self._pair is not None and (self._pair.first, self._pair.second) == chosen):
+        if len(chosen) < 2 or (self._pair is not None and self._pair.answers(chosen, self.contrasts, self.epsilon)):
             return
-        first, second = chosen
+        self._pair = self._evaluated_pair(chosen, self.contrasts, self.epsilon)
+
+    def _evaluated_pair(self, pair: Sequence[Roi], contrasts: Sequence[float] | None, epsilon: float) -> PairEvaluation:
+        first, second = pair
+        asked = None if contrasts is None else tuple(contrasts)
+        done = partial(PairEvaluation, first, second, asked, epsilon)
         try:
-            a, b = map(self.image.pixels, chosen)
+            a, b = map(self.image.pixels, pair)
             require_apart(a.placed, b.placed)
-            self._pair = PairEvaluation(first, second, evaluate_regions(a, b, self.contrasts, self.epsilon))
+            return done(evaluate_regions(a, b, contrasts, epsilon))
         except LabcdpError as error:
-            self._pair = PairEvaluation(first, second, None, str(error))
+            return done(None, str(error))
 
     def _numbers(self, roi: Roi) -> RegionNumbers:
         try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import count
 from math import inf
@@ -25,6 +25,17 @@ from .workspace import Workspace
 _SOON_MS = 30
 #: Refreshes on the way to a browser.
 _MOST_UNHEARD = 3
+#: Place of messages: two lines, more are scrolled to. Where all of the page scrolls it stays in sight, and what is
+#: below it can be pressed while it is empty.
+_MESSAGES_PX = 54
+_MESSAGES_STYLE = {
+    "overflow-y": "auto",
+    "min-width": "0",
+    "position": "sticky",
+    "top": "0",
+    "z-index": "5",
+    "pointer-events": "none",
+}
 
 
 class Page(Widgets):
@@ -48,6 +59,11 @@ class Page(Widgets):
         self.picture = Picture(workspace.image)
         #: What is done soon, and whether a refresh waits for the browser.
         self._due: set[Callable[[], None]] = set()
+        #: What is said before and after what the workspace says: kind and text of each message.
+        self.said_first: Callable[[], list[tuple[str, str]]] = list
+        self.said_last: Callable[[], list[tuple[str, str]]] = list
+        #: What else a message of the browser may ask for.
+        self.acts: dict[str, Callable[[dict[str, Any]], object]] = {}
         self._late = False
         self._asked = count(1)
         #: By serial number, whether messages since the last refresh were applied.
@@ -59,7 +75,9 @@ class Page(Widgets):
                 content, name=name, stylesheets=[css], sizing_mode="stretch_width", margin=(2, 8), styles=scrolled
             )
 
-        self._head, self._readout, self._notice = text("head"), text("readout"), text("notice")
+        self._head, self._readout, self._messages = text("head"), text("readout"), text("messages")
+        # A place of their own: nothing else moves when they come and go.
+        self._messages.height, self._messages.styles = _MESSAGES_PX, _MESSAGES_STYLE
         self._regions, self._pair, self._warnings = text("regions"), text("pair"), text("warnings")
         wide: dict[str, Any] = {"sizing_mode": "stretch_width"}
         title = "File (.json, or .zip or .roi for ImageJ)"
@@ -71,15 +89,16 @@ class Page(Widgets):
         methods = {name: one for one, name in METHOD_NAMES.items()}
         self._method = self.field("Select", "Propose regions", options=methods, **wide)
         size_px = default_size_px(workspace.image)
-        self._size = self.number("Size in pixels", limits=(6, inf), value=size_px, width=110, visible=False)
+        self._size = self.number("Size in pixels", limits=(6, inf), value=size_px, width=110)
+        self._size.widget.visible = False
         self._buttons = self._new_buttons()
         self.text = text
         self._connect()
         self.update()
 
-    def head(self) -> tuple[Any, ...]:
-        """Return what is above the tabs: theme, value under the pointer, and messages."""
-        return pn.Row(self.picture.theme, self._readout, margin=0, sizing_mode="stretch_width"), self._notice
+    def head(self, *more: Any) -> tuple[Any, ...]:
+        """Return what is above the tabs: theme, `more`, value under the pointer, and messages."""
+        return pn.Row(self.picture.theme, *more, self._readout, margin=0, sizing_mode="stretch_width"), self._messages
 
     def side(self) -> Any:
         """Return tools, tables and files beside the picture."""
@@ -95,18 +114,26 @@ class Page(Widgets):
             text("h", "<h2>Contrast of two regions</h2>"),
             row(self._first, self._second, sizing_mode="stretch_width"),
             self._pair,
-            self._warnings,
             text("h", "<h2>File</h2>"),
             self._file,
             row(*(button[name] for name in ("Save", "Load", "Replace")), margin=(0, 3)),
             text("h", "<h2>More</h2>"),
             row(self._method, self._size),
             row(*(button[name] for name in ("Propose", "Accept", "Accept all", "Discard")), margin=(0, 3)),
+            self._warnings,
         )
 
     def do(self, message: dict[str, Any]) -> bool:
-        """Apply a message as `Workspace.do`, if the tab may change anything; all may select."""
-        return (message["do"] == "select" or self.may_change()) and self.workspace.do(message)
+        """Apply a message as `Workspace.do`, or of `acts`, if the tab may change anything; all may select."""
+        act = self.acts.get(message["do"])
+        if act is None:
+            return (message["do"] == "select" or self.may_change()) and self.workspace.do(message)
+        if self.may_change():
+            try:
+                act(message)
+            except LabcdpError as error:
+                self.workspace.warn(error)
+        return self.may_change()
 
     def changed(self) -> None:
         """Schedule a refresh, once the browser has handled those before; call it in the server's loop."""
@@ -150,10 +177,7 @@ class Page(Widgets):
             self._regions.object = region_table(image, drawing, measured, workspace.selected)
             self._pair.object = pair_table(drawing, measured)
             self._warnings.object = warning_list(image, drawing, measured)
-            notice = workspace.notice
-            self._notice.object = (
-                f"<div class='notice {notice.kind}' role='status'>{html.text(notice.text)}</div>" if notice.text else ""
-            )
+            self._messages.object = "".join(self._said())
             names = [roi.name for roi in drawing.rois]
             for widget, chosen in zip((self._first, self._second), drawing.pair, strict=True):
                 widget.param.update(options={"none": None, **{name: name for name in names}}, value=chosen)
@@ -166,6 +190,16 @@ class Page(Widgets):
             button["Accept all"].disabled = button["Discard"].disabled = not proposals
             button["Replace"].visible = workspace.in_the_way is not None
             button["Accept"].disabled = workspace.selected is None or not drawing.is_proposal(workspace.selected)
+
+    def _said(self) -> Iterator[str]:
+        """Write the messages of the moment, each once."""
+        notice = self.workspace.notice
+        said = self.said_first()
+        said += [("warning", f"{field}: {why}") for field, why in self.complaints.items()]
+        said += [(notice.kind, notice.text), *self.said_last()]
+        for kind, words in dict.fromkeys(one for one in said if one[1]):
+            role = "alert" if kind == "question" else "status"
+            yield f"<div class='notice {kind}' role='{role}'>{html.text(words)}</div>"
 
     def _heading(self) -> str:
         workspace = self.workspace
@@ -210,7 +244,9 @@ class Page(Widgets):
         link.on_change("heard", lambda _attr, _old, _new: self.changed() if self._late else None)
         link.on_change("view", lambda _attr, _old, _new: self.soon(self._look))
         link.on_change("pointer", lambda _attr, _old, _new: self.soon(self._point))
-        self._method.param.watch(lambda event: self._size.param.update(visible=event.new == "superpixels"), "value")
+        self._method.param.watch(
+            lambda event: self._size.widget.param.update(visible=event.new == "superpixels"), "value"
+        )
         self._point()
         self.at_end(workspace.listen(self.changed))
 

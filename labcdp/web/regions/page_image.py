@@ -64,6 +64,8 @@ class PageImage:
         DN from which a pixel is saturated; None if only the map says it.
     simulated : bool
         Whether the camera was simulated.
+    taken : (float, float) or None
+        Exposure and gain of a live image.
     """
 
     name: str
@@ -75,6 +77,7 @@ class PageImage:
     findings: tuple[Finding, ...] = ()
     saturation_dn: float | None = None
     simulated: bool = False
+    taken: tuple[float, float] | None = None
 
     @classmethod
     def of(cls, picture: Picture, conversion: PictureConversion) -> PageImage:
@@ -99,7 +102,8 @@ class PageImage:
         """Prepare to convert a frame; raises CalibrationError if it is not of the calibrated camera or setting."""
         convert = partial(conversion.convert, frame)
         convert((slice(0, 1), slice(0, 1)))
-        return replace(cls.of_frame("live", frame, convert, conversion.unit), saturation_dn=frame.saturation_dn)
+        image = cls.of_frame("live", frame, convert, conversion.unit)
+        return replace(image, saturation_dn=frame.saturation_dn, taken=(frame.exposure_s, frame.gain_db))
 
     @property
     def size(self) -> tuple[int, int]:

@@ -2,14 +2,102 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from math import inf, isfinite
+from functools import partial
+from math import inf
 from typing import Any
 
 import panel as pn
 
+from ...core.errors import InputError, LabcdpError
+from ..numbers import number
 from .workspace import Workspace
+
+#: A field whose text is not taken.
+_WRONG = ".bk-input, .bk-input:focus { border: 2px solid #a32a00; background: #fff4e8; }"
+
+
+class NumberField(pn.viewable.Viewer):  # type: ignore[misc]
+    """A field for a number, with a decimal point or comma; it stays as typed, and is marked, until it can be taken.
+
+    Parameters
+    ----------
+    name : str
+        Label, with the unit in brackets at its end.
+    limits : (float, float)
+        Least and greatest number.
+    value : float, int or None
+        At first; None for empty, which it then may be.
+    whole : bool
+        Whether only whole numbers are taken.
+    **options
+        Of the widget.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        limits: tuple[float, float] = (-inf, inf),
+        value: float | None = None,
+        whole: bool = False,
+        **options: Any,
+    ) -> None:
+        super().__init__()
+        self._limits, self._value, self._whole = limits, value, whole
+        unit = re.search(r"\(([^()]+)\)$", name)
+        self._unit, self._may_be_empty = unit[1] if unit else "", value is None
+        self.widget = pn.widgets.TextInput(name=name, value=_written(value), **options)
+
+    def __panel__(self) -> Any:
+        """Return the widget, for layouts."""
+        return self.widget
+
+    @property
+    def value(self) -> Any:
+        """The number; None if it is empty."""
+        return self._value
+
+    @property
+    def label(self) -> str:
+        """Label of the field."""
+        return str(self.widget.name)
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Least and greatest number."""
+        return self._limits
+
+    @limits.setter
+    def limits(self, limits: tuple[float, float]) -> None:
+        self._limits = limits
+
+    def show(self, value: float | None) -> None:
+        """Show a number that the program sets."""
+        self._value = value
+        self.widget.value = _written(value)
+
+    def take(self, text: str) -> None:
+        """Take what was typed; raises InputError if it is no number, or one beyond the limits."""
+        low, high = self._limits
+        if not text.strip() and self._may_be_empty:
+            self._value = None
+            return
+        wanted = "" if low == -inf else f"{low:g} or more" if high == inf else f"{low:g} to {high:g}"
+        try:
+            value = number(text, self._unit)
+        except InputError as error:
+            raise InputError(f"{error}{', ' * bool(wanted)}{wanted}") from None
+        if self._whole and value != int(value):
+            raise InputError(f"give a whole number{', ' * bool(wanted)}{wanted}")
+        if not low <= value <= high:
+            raise InputError(f"give {wanted}{' ' * bool(self._unit)}{self._unit}")
+        self._value = int(value) if self._whole else value
+
+
+def _written(value: float | None) -> str:
+    return "" if value is None else f"{value:.9g}"
 
 
 class Widgets:
@@ -26,18 +114,23 @@ class Widgets:
     def __init__(self, workspace: Workspace, may_change: Callable[[], bool]) -> None:
         self.workspace, self.may_change = workspace, may_change
         self._updating = False
+        #: By the label of its field, what is wrong with a text.
+        self.complaints: dict[str, str] = {}
 
     def changed(self) -> None:
         """Show the state of the tab, soon."""
         raise NotImplementedError
 
     def field(self, kind: str, name: str, action: Callable[[Any], object] | None = None, **options: Any) -> Any:
-        """Return a widget of Panel; `action` gets a new value of a person, if the tab may change anything."""
+        """Return a widget of Panel; `action` gets a new value of a person, if the tab may change anything.
+
+        What an action raises is said of the field, until it takes another value.
+        """
         widget = getattr(pn.widgets, kind)(name=name, **options)
 
         def watcher(event: Any) -> None:
             if action is not None and not self._updating:
-                self.guarded(action)(event.new)
+                self.guarded(partial(self._try, widget, action))(event.new)
                 # A refused change is reverted.
                 self.changed()
 
@@ -50,37 +143,61 @@ class Widgets:
         name: str,
         action: Callable[[Any], object] | None = None,
         limits: tuple[float, float] = (-inf, inf),
+        *,
+        of_view: bool = False,
         **options: Any,
-    ) -> Any:
-        """Return a field for a number, for whole ones if its value is an int; it may be empty without value and action.
+    ) -> NumberField:
+        """Return a field for a number, for whole ones if its value is an int; it may be empty if it has none at first.
 
-        A number beyond the limits is reverted, with a message: Panel's own limits ignore it and leave it on the screen.
+        With `of_view` it changes what this tab shows only, and is for all tabs.
         """
-        low, high = limits
-        within, whole = [options.get("value")], isinstance(options.get("value"), int)
-        may_be_empty = action is None and within[0] is None
+        value = options.pop("value", None)
+        field = NumberField(name, limits, value, isinstance(value, int), **options)
 
-        def taken(value: Any) -> bool:
-            return may_be_empty if value is None else isfinite(value) and low <= value <= high
+        def entered(text: str) -> None:
+            field.take(text)
+            if action is not None and field.value is not None:
+                action(field.value)
 
-        def entered(value: Any) -> None:
-            if taken(value):
-                if action is not None:
-                    action(value if whole else float(value))
+        def watcher(event: Any) -> None:
+            if self._updating:
+                self._complain(field.widget, "")
                 return
-            wanted = "a number" if low == -inf else f"{low:g} or more" if high == inf else f"{low:g} to {high:g}"
-            self.workspace.say(f"{name}: give {wanted}")
-            with self.quietly():
-                widget.value = within[0]
+            act = partial(self._try, field.widget, entered)
+            (act if of_view else self.guarded(act))(event.new)
+            self.changed()
 
-        widget = self.field("IntInput" if whole else "FloatInput", name, entered, **options)
-        # After the watcher that reverts, and also for numbers that the program sets.
-        widget.param.watch(lambda event: within.__setitem__(0, event.new) if taken(event.new) else None, "value")
-        return widget
+        field.widget.param.watch(watcher, "value")
+        return field
+
+    def show_number(self, field: NumberField, value: float | None) -> None:
+        """Show a number that the program sets, without its action."""
+        with self.quietly():
+            field.show(value)
+        self.settle(field.widget)
+
+    def settle(self, widget: Any) -> None:
+        """Say no more of a field's text, which the program has set."""
+        self._complain(widget, "")
 
     def on_enter(self, field: Any, action: Callable[[str], object]) -> None:
         """Call `action` once with a text that a person ends with Enter: its value comes when it is left, too."""
-        field.param.watch(self.guarded(lambda _event: action(field.value)), "enter_pressed")
+        act = self.guarded(lambda _event: self._try(field, action, field.value))
+
+        def entered(event: Any) -> None:
+            act(event)
+            self.changed()
+
+        field.param.watch(entered, "enter_pressed")
+
+    def of_view(self, field: Any, action: Callable[[str], object]) -> None:
+        """Call `action` with each new text of a field that changes what this tab shows only."""
+
+        def watcher(event: Any) -> None:
+            self._try(field, action, event.new)
+            self.changed()
+
+        field.param.watch(watcher, "value")
 
     def button(self, name: str, action: Callable[[], object], **options: Any) -> Any:
         """Return a button whose action only a tab does that may change anything."""
@@ -97,6 +214,24 @@ class Widgets:
                 action(value)
 
         return acting
+
+    def _try(self, widget: Any, action: Callable[[Any], object], value: Any) -> None:
+        """Do an action; say of its field why it cannot be done."""
+        try:
+            action(value)
+        except LabcdpError as error:
+            self._complain(widget, str(error))
+        else:
+            self._complain(widget, "")
+
+    def _complain(self, widget: Any, why: str) -> None:
+        """Mark a field and say why its text is not taken; empty if it is."""
+        marked = [one for one in widget.stylesheets if one != _WRONG]
+        if why:
+            self.complaints[widget.name] = why
+            widget.stylesheets = [*marked, _WRONG]
+        elif self.complaints.pop(widget.name, None) is not None:
+            widget.stylesheets = marked
 
     @contextmanager
     def quietly(self) -> Iterator[None]:

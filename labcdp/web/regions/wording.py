@@ -8,6 +8,7 @@ from functools import partial
 from math import isfinite, nan
 
 from ...core.result import Finding, unique
+from ...metrics.pair import PairResult
 from ...metrics.region import SATURATED_SHARE
 from ...metrics.uncertainty import limit_verdict
 from ...regions import Shape
@@ -27,7 +28,7 @@ from ...report.text import (
 )
 from ..html import Cell, items, table, table_row, text
 from .drawing import Drawing
-from .measurements import MOST_MEASURED, Measured, RegionNumbers
+from .measurements import MOST_MEASURED, Measured, RegionNumbers, is_saturated
 from .page_image import PageImage
 
 #: Colours of the two regions of the pair, of other regions and of proposals, distinguishable by colour-blind readers
@@ -70,13 +71,15 @@ def pair_table(drawing: Drawing, measured: Measured) -> str:
     pair = found.result
     if pair is None:
         return f"<p class='warning'>{text(found.error)}</p>"
+    if is_saturated(pair.a, pair.b):
+        return f"<p class='warning'>Measured contrast {contrast_text(pair)}: a region is saturated.</p>"
     of_measured, rows = pair.of_measured_contrast, []
     for one in pair.results:
         result = replace(one.result, confidence_interval=one.confidence_interval)
         asked = significant(100 * result.contrast) if of_measured else f"{100 * result.contrast:.6g}"
         rows.append(table_row(f"{asked} %", ((fixed(result.cdp, cdp_decimals(result)), "cdp"), cdp_interval(result))))
-    ratio, csnr = pair.contrast, pair.csnr
-    facts = [f"Measured contrast {percent_with_interval(ratio.value, ratio.standard_error, pair.bound)}"]
+    csnr = pair.csnr
+    facts = [f"Measured contrast {contrast_text(pair)}"]
     if isfinite(csnr.value):
         facts.append(f"CSNR {_with_interval(csnr.value, csnr.standard_error)}")
     bright = text(pair.bright_region.roi.name)
@@ -132,6 +135,11 @@ def percent_with_interval(value: float, standard_error: float, bound: str = "") 
         return "unbounded"
     shown = _with_interval(100 * value, 100 * standard_error, bound)
     return shown if shown == UNKNOWN else f"{shown} %"
+
+
+def contrast_text(pair: PairResult) -> str:
+    """Contrast with U (95 %); without it, and only as a bound, if a region is saturated."""
+    return percent_with_interval(pair.contrast.value, pair.contrast.standard_error, pair.bound)
 
 
 _HEADS = ("Region", "mean", "lowest", "highest", "SNR", "saturated", "limits")

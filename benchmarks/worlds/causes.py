@@ -25,6 +25,7 @@ NAMED_BY: dict[str, tuple[str, ...]] = {
     "intercept": ("glare", "dark signal"),
     "intercept-not-excluded": ("glare not excluded",),
     "meter-recalibrated": ("step",),
+    "patch-coloured": ("colours",),
     "patch-contradicts": ("patch",),
     "patch-rim": ("focus", "glare", "shape of patches"),
     "patch-shape": ("shape of patches",),

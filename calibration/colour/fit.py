@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import TypeAlias
@@ -135,11 +136,18 @@ def _require_planes(observations: ByPlane[PatchObservation], darks: ByPlane[Dark
             )
 
 
+#: Code of a patch that deviates from the others.
+_CONTRADICTS = "patch-contradicts"
+
+
 def _plane_findings(planes: Sequence[Calibration]) -> list[Finding]:
     """Return the findings of the planes; an intercept that differs between them is due to colour, not glare."""
     glare = [next(test for test in plane.tests if test.name == "glare") for plane in planes]
     signs = {np.sign(test.value) if test.significant else 0 for test in glare}
     of_colour = len(signs) > 1
+    # A patch that deviates in some planes only has another colour, and not a wrong reading.
+    deviating = Counter(f.subject for one in planes for f in one.findings if f.code.startswith(_CONTRADICTS))
+    coloured = [name for name, n in deviating.items() if n < len(planes)]
     # What all planes have, such as the meter, is said once.
     shared = set.intersection(*(set(plane.findings) for plane in planes))
     findings = [
@@ -147,7 +155,9 @@ def _plane_findings(planes: Sequence[Calibration]) -> list[Finding]:
         for plane, test in zip(planes, glare, strict=True)
         for finding in plane.findings
         if not (of_colour and test.significant and finding == test.finding)
+        and not (finding.code.startswith(_CONTRADICTS) and finding.subject in coloured)
     ]
+    findings += [warning("patch-coloured", name) for name in coloured]
     if of_colour:
         names = [f"{plane.state.plane}" for plane in planes]
         findings.append(

@@ -16,7 +16,7 @@ from ..sensor.dark import DarkModel
 from ..sensor.noise import GainSetting
 from ..uncertainty import FALSE_ALARM, critical_value, expanded_half_width, p_value_of_chi_squared
 from .design import Design
-from .effects import Assessed, Kind, assess, effects_of
+from .effects import Assessed, Kind, assess, effects_of, largest_of_each_kind
 from .problem import Solution
 from .selection import Selection
 
@@ -53,12 +53,13 @@ def effect_tests(
     """
     solution = selection.solution
     keys = {one.effect.key for one in selection.found}
-    left = [assess(solution, one) for one in effects_of(solution.design) if one.key not in keys]
+    others = [one for one in effects_of(solution.design) if one.key not in keys and one.kind != "patch"]
+    left = [assess(solution, one) for one in largest_of_each_kind(solution, others)]
     tests = []
     for name, (kinds, untestable) in _CHECKS.items():
         own = [one.assessed for one in selection.found if one.effect.kind in kinds]
-        others = [one for one in left if one.effect.kind in kinds and one.amplitude.n]
-        largest = min(own or others, key=lambda one: one.log_p, default=None)
+        tested = [one for one in left if one.effect.kind in kinds and one.amplitude.n]
+        largest = min(own or tested, key=lambda one: one.log_p, default=None)
         if largest is None:
             why = "patches" if any(one.effect.kind in kinds for one in left) else untestable
             tests.append(FitTest(name, 0.0, 0.0, "", False, info(f"not-testable-{why}", name)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from math import inf, log
 from typing import Literal, NamedTuple, TypeAlias
@@ -256,6 +257,11 @@ def assess(solution: Solution, effect: Effect) -> Assessed:
     return Assessed(effect, plain._replace(dof=dof) if effect.kind == "patch" else plain)
 
 
-def may_be_significant(solution: Solution, effect: Effect) -> bool:
-    """Whether an effect is significant without scatter, which only makes it more probable by chance."""
-    return Assessed(effect, amplitude(solution, effect.columns(solution))).significant
+def largest_of_each_kind(solution: Solution, effects: Iterable[Effect]) -> list[Effect]:
+    """Return the effect of each kind that explains most without scatter, which makes all of a kind less significant."""
+    best: dict[Kind, Assessed] = {}
+    for effect in effects:
+        plain = Assessed(effect, amplitude(solution, effect.columns(solution)))
+        if effect.kind not in best or plain.amplitude.drop > best[effect.kind].amplitude.drop:
+            best[effect.kind] = plain
+    return [one.effect for one in best.values()]

@@ -15,7 +15,7 @@ from ..findings import ModelStep
 from ..uncertainty import SMALL_P_VALUE, p_value_of_chi_squared
 from .candidates import CandidateModel
 from .design import Array, Design
-from .effects import FREE, WORTH, Assessed, Effect, Kind, amplitude, assess, effects_of, may_be_significant
+from .effects import FREE, WORTH, Assessed, Effect, Kind, amplitude, assess, effects_of, largest_of_each_kind
 from .problem import Solution, solutions, solve
 
 #: Relative decrease of the leave-one-out error required of a further parameter.
@@ -173,7 +173,7 @@ def _next(solution: Solution, effects: Sequence[Effect], found: Sequence[Found])
 
 
 def _significant(solution: Solution, effects: Iterable[Effect]) -> list[Assessed]:
-    rows = [assess(solution, one) for one in effects if may_be_significant(solution, one)]
+    rows = [assess(solution, one) for one in largest_of_each_kind(solution, effects)]
     return [one for one in rows if one.significant and one.matters(solution)]
 
 
@@ -194,8 +194,7 @@ def _without_others(
         alike = [row for row in _significant(solution, others) if row.log_p <= again.log_p + _ALIKE]
         if one.effect.kind == "patch":
             alike += [row.assessed for row in rest if _is_most_at(row, one.effect, solution)]
-        best = {row.effect.kind: row for row in sorted(alike, key=lambda row: -row.log_p)}
-        kept[number] = Found(again, tuple(sorted(best.values(), key=lambda row: row.log_p)))
+        kept[number] = Found(again, tuple(sorted(alike, key=lambda row: row.log_p)))
     return kept
 
 

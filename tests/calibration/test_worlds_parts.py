@@ -141,7 +141,7 @@ def test_causes_of_worlds_are_known():
 
 
 def test_a_finding_is_right_or_false_by_the_causes_of_the_world():
-    assert causes_of("intercept-negative") == ("dark signal",)
+    assert causes_of("dark-current-differs") == ("dark signal", "temperature")
     assert causes_of("no-intercept") == ()
     found = (("warning", "intercept"), ("info", "drift"), ("warning", "few-patches"), ("warning", "patches-scatter"))
     assert right(found, ("glare",))

@@ -10,6 +10,7 @@ from labcdp.cli.bench.options import DeviceOptions
 from labcdp.core.luminance import LuminanceMap
 from labcdp.drivers.simulated import PtyMeter, SimulatedLS
 from labcdp.session import Session, SessionConfiguration
+from labcdp.web.bench.day_log import DayLog
 from labcdp.web.bench.desk import MeterDesk
 from labcdp.web.regions.page_image import PageImage
 
@@ -54,14 +55,14 @@ def by_acquire(meter, labcdp, tmp_path, _stack):
         return bool(session.readings()), done.stderr
 
 
-def by_bench(meter, _labcdp, _tmp_path, stack):
+def by_bench(meter, _labcdp, tmp_path, stack):
     nothing = LuminanceMap(np.zeros((4, 4)), np.zeros((4, 4)), (), np.zeros((4, 4), np.uint8))
     image = PageImage("live", np.zeros((4, 4), np.uint16), True, None, nothing, "relative")
     described = SessionConfiguration.from_toml(plan("P12", [0.002]), "plan").meter
     opened = serial_meter(stack, described, meter.port, DeviceOptions(patience=0.0))
-    desk = MeterDesk(opened, None, lambda: (image, ()), lambda: False)
+    desk = MeterDesk(opened, None, lambda: (image, ()), lambda: False, DayLog(tmp_path / "bench.rois.json"))
     said = "".join(desk.take(opened, "", 1))
-    return bool(desk.readings), said
+    return bool(desk.log.readings), said
 
 
 @pytest.fixture

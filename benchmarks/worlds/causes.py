@@ -15,7 +15,7 @@ NAMED_BY: dict[str, tuple[str, ...]] = {
     "drift": ("drift",),
     "exposure-deviates": ("exposure", "flicker", "response"),
     "exposures-disagree": ("exposure", "flicker", "exposure offset"),
-    "exposures-offset": ("exposure offset",),
+    "exposures-offset": ("exposure offset", "flicker"),
     "exposures-scatter": ("scatter of exposures",),
     "first-frames-differ": ("image lag",),
     "flat-not-radial": ("place",),

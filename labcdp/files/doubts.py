@@ -16,8 +16,8 @@ from .transfer import Encoding, decoded
 _LOOKED_AT = 2_000_000
 #: Pictures for screens use all of the scale, and most of their pixels are between dark and bright, of all levels there;
 #: light itself is dark in most places, as the middle of sRGB is 21 % of white. Shares of the scale, for the darkest and
-#: the brightest pixels and for what is between. Of 24 photographs 10 are known by that; of their light none, nor are
-#: targets of some patches, noise and gradients.
+#: the brightest pixels and for what is between. Of 24 photographs 10 are known by that; of their light one; no
+#: targets of some patches, no noise and no gradient.
 _DARK, _BRIGHT, _BETWEEN = 0.2, 0.8, (0.2, 0.8)
 #: Share of the pixels that are dark, and bright, at least; between; and in each of the levels between.
 _ENDS, _MOST, _EACH, _LEVELS = 0.01, 0.65, 0.01, 12

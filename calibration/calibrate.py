@@ -38,6 +38,9 @@ from .tolerance import of_no_use
 
 _log = logging.getLogger(__name__)
 
+#: Standard uncertainties of the vignetting beyond which deviations of the patches with their place are not explained by
+#: it.
+_BEYOND = 3.0
 #: Effects that are no parameters of the last fit.
 _AS_IN_USE = "exposure offset", "exposure", "place"
 #: Ratio of the slopes of a response from which it is a tone curve, with the sensor's noise before it.
@@ -117,8 +120,8 @@ def _fitted(
     require_every_gain(data.design, settings)
     require_span(data.design)
     models = candidate_models(data.design, dark_dn, response)
-    # A drift that is taken for granted would explain one that can be seen.
-    selection = select(data.design.without_shared(DRIFT), models)
+    # A drift or a vignetting that is taken for granted would explain one that can be seen.
+    selection = select(data.design.without_shared(DRIFT).without_shared(VIGNETTING), models)
     deviating = [one.effect.subject for one in selection.found if one.effect.kind == "patch"]
     require_monotone(selection.solution, deviating)
     seen = next(iter(intake.groups.values()))[0]
@@ -184,20 +187,23 @@ def _fitted(
 def _final(selection: Selection, given: Design, glare_cd_m2: float) -> tuple[Solution, Solution, ExposureTimes]:
     """Fit once more with what was found as it is in use, without and with the scatter of what is left.
 
-    Exposure times are corrected. Which side of a step is right is unknown. What depends on the place in the image is
-    scatter of patches at other places, and glare that the patches do not exclude is as large as they show it.
+    Exposure times are corrected. Which side of a step is right is unknown. What depends on the place in the image, if
+    beyond the stated uncertainty of the vignetting, is scatter of patches at other places, and glare that the patches do not
+    exclude is as large as they show it.
     """
     kinds = {one.effect.kind for one in selection.found}
     design, times = with_times(given, selection.found)
-    for kind, source in (("drift", DRIFT), ("place", VIGNETTING)):
-        design = design.without_shared(source) if kind in kinds else design
+    place = next((one.assessed for one in selection.found if one.effect.kind == "place"), None)
+    beyond = place is not None and checks.size(place, given)[0] > _BEYOND * checks.stated_vignetting_rel(given)
+    for found, source in (("drift" in kinds, DRIFT), (beyond, VIGNETTING)):
+        design = design.without_shared(source) if found else design
     errors = [SharedError("step", abs(selection.size_of("step")) / 2 / sqrt(3))]
     if "glare" not in kinds:
         errors.append(SharedError(INTERCEPT, cd_m2=glare_cd_m2 * design.veil))
     known = replace(design, shared=(*design.shared, *errors))
     design = with_found(known, [one for one in selection.found if one.effect.kind not in _AS_IN_USE])
     candidate = selection.solution.candidate
-    return solve(design, candidate), with_scatter(design, candidate, by_place="place" in kinds), times
+    return solve(design, candidate), with_scatter(design, candidate, by_place=beyond), times
 
 
 @cache

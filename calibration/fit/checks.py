@@ -10,6 +10,7 @@ import numpy as np
 
 from ...core.result import Finding, FindingValue, info, warning
 from ...core.vignetting import AnyVignetting, Cos4Vignetting
+from ..converter import VIGNETTING
 from ..findings import FitTest
 from ..readings import contradiction
 from ..sensor.dark import DarkModel
@@ -64,7 +65,7 @@ def effect_tests(
             why = "patches" if any(one.effect.kind in kinds for one in left) else untestable
             tests.append(FitTest(name, 0.0, 0.0, "", False, info(f"not-testable-{why}", name)))
         else:
-            value, uncertainty = _size(largest, solution.design)
+            value, uncertainty = size(largest, solution.design)
             finding = _finding(largest, solution, vignetting, found=bool(own))
             tests.append(FitTest(name, value, uncertainty, _UNITS.get(name, ""), bool(own), finding))
     against = next((one for one in findings if one.code in ("dark-falls", "dark-contradicts")), None)
@@ -99,7 +100,12 @@ def found_findings(selection: Selection, vignetting: AnyVignetting | None) -> li
     return findings
 
 
-def _size(one: Assessed, design: Design) -> tuple[float, float]:
+def stated_vignetting_rel(design: Design) -> float:
+    """Root mean square deviation between the patches by the stated uncertainty of an assumed vignetting; else 0."""
+    return sqrt(sum(float(np.var(one.relative)) for one in design.shared if one.source == VIGNETTING))
+
+
+def size(one: Assessed, design: Design) -> tuple[float, float]:
     """Return the size of an effect with its standard uncertainty: relative ones of exposures, rms of places."""
     kind = one.effect.kind
     if kind == "place":
@@ -121,7 +127,7 @@ def _size(one: Assessed, design: Design) -> tuple[float, float]:
 
 def _finding(one: Assessed, final: Solution, vignetting: AnyVignetting | None, *, found: bool) -> Finding:
     """Return the finding of an effect, a warning if it was found."""
-    value, uncertainty = _size(one, final.design)
+    value, uncertainty = size(one, final.design)
     kind, expanded = one.effect.kind, expanded_half_width(0.0, uncertainty) if uncertainty < inf else inf
     relative: dict[str, FindingValue] = {"deviation_rel": value, "expanded_rel": expanded}
     values: Mapping[str, FindingValue] = relative

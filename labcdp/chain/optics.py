@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from ..core.errors import InputError
 from ..core.vignetting import Cos4Vignetting
 from . import point_spread
-from .parameters import Flag, Fraction, Number, Parameters
+from .parameters import Flag, Fraction, Number, Parameters, Ratio
 from .signal import Context, Signal
 
 FloatArray = NDArray[np.floating[Any]]
-Glare: TypeAlias = Annotated[float, Number("(a fraction; 1.0 is 100 %)", 0, 4)]
+Glare: TypeAlias = Annotated[float, Ratio("(a fraction; 1.0 is 100 %)", 0, 4)]
 
 
 @dataclass(frozen=True)

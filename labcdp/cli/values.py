@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from decimal import Decimal
 from math import isfinite, nan
 from typing import Any
 
 from ..core.disk.files import shown
 from ..core.errors import InputError
+from ..core.percent import of_percent
 
 
 def fraction_of_percent(text: str, name: str) -> float:
@@ -20,14 +20,10 @@ def fraction_of_percent(text: str, name: str) -> float:
     InputError
         If it is not a number with a percent sign.
     """
-    try:
-        # 2.3 / 100 is not the float nearest to 0.023.
-        fraction = float(Decimal(text[:-1].strip()).scaleb(-2)) if text.isascii() and text.endswith("%") else nan
-        if not isfinite(fraction):
-            raise ValueError
-        return fraction
-    except (ValueError, ArithmeticError):
-        raise InputError(f"{name} is {shown(text)}: give a number with a percent sign, for example 50%") from None
+    fraction = of_percent(text)
+    if fraction is None:
+        raise InputError(f"{name} is {shown(text)}: give a number with a percent sign, for example 50%")
+    return fraction
 
 
 def parse_pair(text: str, names: Sequence[str], name: str = "--pair") -> tuple[str, str]:

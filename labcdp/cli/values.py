@@ -7,7 +7,7 @@ from contextlib import suppress
 from math import isfinite, nan
 from typing import Any
 
-from ..core.disk.files import shown
+from ..core.disk.files import shortened, shown
 from ..core.errors import InputError
 from ..core.percent import of_percent
 
@@ -22,7 +22,11 @@ def fraction_of_percent(text: str, name: str) -> float:
     """
     fraction = of_percent(text)
     if fraction is None:
-        raise InputError(f"{name} is {shown(text)}: give a number with a percent sign, for example 50%")
+        # A number whose sign is missing is the best example.
+        example = "50%" if of_percent(f"{text}%") is None else f"{text}%"
+        raise InputError(
+            f"{name} is {shown(text)}: give a number with a percent sign, for example {shortened(example)}"
+        )
     return fraction
 
 

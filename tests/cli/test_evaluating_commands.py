@@ -137,3 +137,11 @@ def test_several_videos_one_of_them_broken(labcdp, tmp_path, drive):
     values = results_of(done, status=1)
     assert [one["n_frames"] for one in values["tables"]["videos"]["rows"]] == [2, 2, None]
     assert f"drive.avi is the same video as {drive} and is evaluated once" in " ".join(done.stderr.split())
+
+
+def test_a_session_is_evaluated_with_the_calibration_beside_it(labcdp, inputs, tmp_path):
+    shutil.copytree(inputs / "s", tmp_path / "bench" / "day")
+    shutil.copytree(inputs / "c", tmp_path / "bench" / "day-calibrate")
+    done = labcdp("evaluate", "bench/day", "--json")
+    calibrations = [one["path"] for one in results_of(done)["inputs"] if one["role"] == "calibration"]
+    assert calibrations == [str(tmp_path / "bench" / "day-calibrate" / "calibration.json")]

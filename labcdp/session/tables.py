@@ -145,7 +145,7 @@ class LensConfiguration(Table):
     """Which lens, and how it is set."""
 
     model: Text = Field(description="the model's name as text")
-    serial: Text = Field(description="the serial number as text, in quotes")
+    serial: Text | None = Field(None, description="the serial number as text, in quotes, left out if it is not known")
     focal_length_m: Positive = Field(description="a focal length above 0 m")
     f_number: Positive = Field(description="an f-number above 0")
     focus_distance_m: Positive | None = Field(None, description="a distance of focus above 0 m")

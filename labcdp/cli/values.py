@@ -109,6 +109,10 @@ def parse_changes(changes: Sequence[str], name: str = "--set") -> dict[str, Any]
     for text in changes:
         if "=" not in text:
             raise InputError(f"{name} is {shown(text)}: give NAME=VALUE, for example exposure.exposure_s=0.01")
+        parameter, _, given = (part.strip() for part in text.partition("="))
+        if given in ("true", "false"):
+            values[parameter] = given == "true"
+            continue
         axis = parse_axis(text)
         values[axis.parameter] = axis.values[0] if len(axis.values) == 1 else list(axis.values)
     return values

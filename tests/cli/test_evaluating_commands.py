@@ -139,6 +139,14 @@ def test_several_videos_one_of_them_broken(labcdp, tmp_path, drive):
     assert f"drive.avi is the same video as {drive} and is evaluated once" in " ".join(done.stderr.split())
 
 
+def test_true_and_false_are_set(labcdp):
+    """A veil of 20 cd/m2 over dark squares of 20 cd/m2 halves the contrast, unless it is subtracted."""
+    command = ("simulate", "split-pixel", "--exact", "--force", "--set", "windscreen.glare_cd_m2=20", "--json")
+    for subtracted, contrast in (("false", 0.5), ("true", 1.0)):
+        rows = rows_of(labcdp(*command, "--set", f"windscreen.glare_subtracted={subtracted}"), "detection")
+        assert rows[-1]["mean_contrast"] == pytest.approx(contrast, rel=0.01)
+
+
 def test_a_session_is_evaluated_with_the_calibration_beside_it(labcdp, inputs, tmp_path):
     shutil.copytree(inputs / "s", tmp_path / "bench" / "day")
     shutil.copytree(inputs / "c", tmp_path / "bench" / "day-calibrate")

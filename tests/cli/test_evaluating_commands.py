@@ -153,3 +153,17 @@ def test_a_session_is_evaluated_with_the_calibration_beside_it(labcdp, inputs, t
     done = labcdp("evaluate", "bench/day", "--json")
     calibrations = [one["path"] for one in results_of(done)["inputs"] if one["role"] == "calibration"]
     assert calibrations == [str(tmp_path / "bench" / "day-calibrate" / "calibration.json")]
+
+
+@pytest.mark.parametrize(("contrast", "status"), [("95%", 0), ("2%", 3)])
+def test_chains_are_judged_by_a_requirement(labcdp, inputs, tmp_path, contrast, status):
+    for name in ("a.toml", "b.toml"):
+        shutil.copy(inputs / "small.toml", tmp_path / name)
+    text = f'contrast = "{contrast}"\nluminance_cd_m2 = [10.0, 20.0]\ncdp_limit = "60%"\n'
+    (tmp_path / "requirement.toml").write_text(text)
+    done = labcdp("compare", "a.toml", "b.toml", "--require", "requirement.toml", "--json")
+    rows = results_of(done, status)["tables"]["requirement"]["rows"]
+    assert [row["verdict"] for row in rows] == ["not met" if status else "met"] * 2
+    assert [row["margin"] for row in rows] == [row["cdp"] - 0.6 for row in rows]
+    assert done.stderr.count("Requirement not met: a.toml (not met), b.toml (not met)") == (status > 0)
+    assert "verdict" in (tmp_path / "a-compare" / "report.html").read_text()

@@ -172,10 +172,14 @@ def comparison_files(found: Comparison, result: Result) -> dict[str, bytes]:
     # Beside a table, several maps would be too small to read.
     wide = found.grid is not None and found.grid.spanned == 2
     beside = [table for table in brief if len(table) <= _BRIEF and not wide]
-    verdicts = [tables["requirement"]] if "requirement" in tables else []
-    lead: list[Block] = [*verdicts, *_figures(found), *beside]
+    lead: list[Block] = [*_figures(found), *beside]
     titles = {} if beside else {"usable_ranges": "Usable ranges"}
-    titles |= {"differences": "Values", "settings": "Settings that differ", "curves": "All places"}
+    titles |= {
+        "requirement": "Requirement",
+        "differences": "Values",
+        "settings": "Settings that differ",
+        "curves": "All places",
+    }
     sections = [
         Section(title, (tables[name],), name == "curves" or (name == "differences" and len(tables[name]) <= _BRIEF))
         for name, title in titles.items()

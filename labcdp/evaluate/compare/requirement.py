@@ -220,8 +220,9 @@ def requirement_table(rows: tuple[Judged, ...], requirement: Requirement) -> Tab
         Column("dominant", "U mostly by"),
     )  # fmt: skip
     low, high = requirement.luminance_cd_m2
-    title = (
-        f"{requirement.name}: CDP of at least {requirement.cdp_limit:g} for a contrast of "
-        f"{100 * requirement.contrast:g} % from {low:g} to {high:g} cd/m²"
+    contrast, within, veil = 100 * requirement.contrast, 100 * requirement.epsilon, requirement.glare_cd_m2
+    note = (
+        f"Required: CDP of at least {requirement.cdp_limit:g} for a contrast of {contrast:g} % within {within:g} % of "
+        f"it, from {low:g} to {high:g} cd/m², behind a veil of {veil:g} cd/m²."
     )
-    return Table.of_items("requirement", title, columns, rows)
+    return Table.of_items("requirement", requirement.name, columns, rows, note)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from math import copysign
 from typing import Self
 
 from ...chain import ImagingChain, Optics
 from ...core.clock import Clock, SystemClock
 from ...core.errors import ConfigurationError
 from ...session import SessionConfiguration
+from ..manual import stated_accuracy
 from ..minolta_ls.meter import DRIVERS, MinoltaLS
 from .commands import Command, parse_command, parse_schedule
 from .device import SimulatedDevice
@@ -18,7 +20,7 @@ from .faults import Drifts, Misfortune
 from .genicam import standard_features
 from .gige_camera import SimulatedGigECamera
 from .in_process import InProcessCamera
-from .meter import SimulatedLS
+from .meter import SimulatedDisplay, SimulatedLS
 from .port import InProcessPort
 from .pty import PtyMeter
 from .target import SimulatedTarget
@@ -71,7 +73,7 @@ class SimulatedBench:
         self.pointed_at = configuration.target.patches[0].name
         self._misfortune = Misfortune(self._clock, self._drifts, devices.seed)
         self._repeated = set(repeated)
-        self._meters: list[SimulatedLS] = []
+        self._meters: list[SimulatedLS | SimulatedDisplay] = []
 
     def __enter__(self) -> Self:
         """Return itself."""
@@ -133,10 +135,21 @@ class SimulatedBench:
         identity = replace(self._configuration.meter.identity, simulated=True)
         return DRIVERS[identity.model](self.in_process_port(response_time_s), identity)
 
+    def display(self) -> SimulatedDisplay:
+        """Return the display of a meter without an interface, whose errors are within what the configuration states."""
+        stated, errors = stated_accuracy(self._configuration.meter), self._devices.meter
+        scale_rel = copysign(min(abs(errors.scale_rel), stated.scale_half_width_rel), errors.scale_rel)
+        within = replace(errors, scale_rel=scale_rel, repeatability_rel=stated.repeatability_rel)
+        display = SimulatedDisplay(lambda: self._source.seen_cd_m2(self.pointed_at), within)
+        self._meters.append(display)
+        return display
+
     def _meter(self) -> SimulatedLS:
         model = self._configuration.meter.model
         if model not in DRIVERS:
-            raise ConfigurationError(f"meter.model is {model!r}: the simulated bench has an LS-100 or an LS-110")
+            raise ConfigurationError(
+                f"meter.model is {model!r}: on a serial port, the simulated bench has an LS-100 or an LS-110"
+            )
         sheet, errors = DRIVERS[model].data_sheet, self._devices.meter
         meter = SimulatedLS(lambda: self._source.seen_cd_m2(self.pointed_at), sheet, errors)
         self._meters.append(meter)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from decimal import Decimal
 from math import isfinite
 from typing import Final, Literal
 
@@ -57,6 +58,41 @@ class MeterErrorModel:
             raise InputError(f"scale_rel is {self.scale_rel}: give a fraction above -1, 0.01 for 1 % too much")
         if not (isfinite(self.repeatability_rel) and self.repeatability_rel >= 0):
             raise InputError(f"repeatability_rel is {self.repeatability_rel}: give a fraction of at least 0")
+
+
+def _seen_cd_m2(luminance: Callable[[], float], errors: MeterErrorModel, key: tuple[int, ...]) -> float:
+    """Luminance in the meter's field with the errors of the meter."""
+    cd_m2 = float(luminance())
+    if not (isfinite(cd_m2) and cd_m2 >= 0):
+        raise InputError(f"the simulated meter is pointed at {cd_m2} cd/m²: give a number of at least 0")
+    drawn = np.random.default_rng(np.random.SeedSequence(errors.seed, spawn_key=key))
+    return max(0.0, cd_m2 * (1 + errors.scale_rel) * (1 + errors.repeatability_rel * drawn.standard_normal()))
+
+
+class SimulatedDisplay:
+    """An instrument without an interface, whose display a person reads off.
+
+    Parameters
+    ----------
+    luminance : callable
+        Returns the luminance in the meter's field, in cd/m^2.
+    errors : MeterErrorModel
+        How it errs.
+    """
+
+    def __init__(self, luminance: Callable[[], float], errors: MeterErrorModel) -> None:
+        self._luminance = luminance
+        self._errors = errors
+        self._keys = running()
+
+    def announce(self, series: str, number: int) -> None:
+        """Let the next measurement have the noise of a reading in a series."""
+        self._keys = announced(f"{series}, reading {number}", 0)
+
+    def shown(self) -> str:
+        """Measure, and return what the display shows: cd/m² with four digits."""
+        seen_cd_m2 = _seen_cd_m2(self._luminance, self._errors, next(self._keys))
+        return f"{Decimal(f'{seen_cd_m2:.4g}'):f}"
 
 
 class SimulatedLS:
@@ -134,12 +170,7 @@ class SimulatedLS:
         return "ER00"
 
     def _measure(self) -> str:
-        luminance = float(self._luminance())
-        if not (isfinite(luminance) and luminance >= 0):
-            raise InputError(f"the simulated meter is pointed at {luminance} cd/m²: give a number of at least 0")
-        drawn = np.random.default_rng(np.random.SeedSequence(self._errors.seed, spawn_key=next(self._keys)))
-        noise = self._errors.repeatability_rel * drawn.standard_normal()
-        seen = max(0.0, luminance * (1 + self._errors.scale_rel) * (1 + noise))
+        seen = _seen_cd_m2(self._luminance, self._errors, next(self._keys))
         sheet = self._data_sheet
         _, highest = sheet.slow_range_cd_m2 if MeterMode.SLOW in self._modes else sheet.fast_range_cd_m2
         if seen > highest:

@@ -85,6 +85,10 @@ class FrameRecorder:
         with closing(take_frames(self._camera, 1, None, self._control, refused)) as frames:
             return self._session.configuration.camera.stated(next(frames))
 
+    def glance(self, exposure_s: float, shown: str | None) -> tuple[PatchNumbers, ...]:
+        """Return the statistics of the visible patches in a frame that is not recorded; none of a replay."""
+        return LiveNumbers(self.regions(shown)).add(self.look(exposure_s)) if self._camera.live else ()
+
     def warm_up(self) -> None:
         """Take frames without recording them until the camera's temperature is steady, or for the planned time."""
         plan, clock = self._plan, self._clock

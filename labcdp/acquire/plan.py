@@ -11,6 +11,7 @@ from typing import Literal
 from ..core.dn import pixel_format
 from ..core.errors import InputError, SessionError
 from ..core.reading import Reading
+from ..core.result import Finding, warning
 from ..drivers.camera import Camera, CameraNotFoundError, CameraSettingError
 from ..drivers.camera_settings import CameraSetup, Region, Trigger
 from ..drivers.meter import Meter
@@ -272,6 +273,25 @@ def prepare_camera(camera: Camera, configured: CameraConfiguration) -> CameraSet
     )
     camera.prepare(setup)
     return setup
+
+
+#: Ratio of a target contrast to that of the patches' nominal luminances from which it is probably mistyped.
+_DOUBTFUL_RATIO = 10.0
+
+
+def contrast_findings(configuration: SessionConfiguration) -> tuple[Finding, ...]:
+    """Find target contrasts far above those that the nominal luminances of their patches have."""
+    nominal = {patch.name: patch.nominal_luminance_cd_m2 for patch in configuration.target.patches}
+    findings = []
+    for pair in configuration.contrasts:
+        bright, dark = nominal[pair.bright], nominal[pair.dark]
+        if bright is None or dark is None:
+            continue
+        expected = max(bright, dark) / min(bright, dark) - 1
+        if pair.contrast >= _DOUBTFUL_RATIO * expected:
+            names = f"{pair.bright} / {pair.dark}"
+            findings.append(warning("target-contrast-doubtful", names, contrast=pair.contrast, nominal=expected))
+    return tuple(findings)
 
 
 def check_room(camera: Camera, session: Session) -> None:

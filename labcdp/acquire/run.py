@@ -9,11 +9,12 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 
 from ..core.clock import Clock, SystemClock, exposure_text
-from ..core.errors import SessionError
+from ..core.errors import InputError, SessionError
 from ..core.roi import Roi
 from ..drivers.camera import Camera
 from ..drivers.camera_settings import FeatureValue
 from ..drivers.meter import Meter
+from ..report.text import finding_text
 from ..session import EventRecord, Session
 from ..session.records import EXPOSURES
 from .checks import (
@@ -36,6 +37,7 @@ from .plan import (
     check_devices,
     check_plan,
     check_room,
+    contrast_findings,
     prepare_camera,
     readings_wanted,
     records_of,
@@ -116,7 +118,7 @@ def acquire(
         session.require_files()
         return ()
     with _losses_named(session):
-        _begin(session, camera, meter)
+        _begin(session, camera, meter, report)
         control = control or Control()
         frames = FrameRecorder(session, camera, report, clock or SystemClock(), control, bench)
         frames.warm_up()
@@ -155,11 +157,13 @@ def _losses_named(session: Session) -> Iterator[None]:
         raise
 
 
-def _begin(session: Session, camera: Camera, meter: Meter) -> None:
+def _begin(session: Session, camera: Camera, meter: Meter, report: Report) -> None:
     """Prepare the camera, check the plan with it, and record the devices."""
     setup = prepare_camera(camera, session.configuration.camera)
     check_plan(camera, session.configuration)
     check_room(camera, session)
+    for finding in contrast_findings(session.configuration):
+        report(Progress("plan", 0, 1, note=f"Warning: {finding_text(finding)}"))
     session.add_event("devices", {"camera": asdict(camera.identity), "meter": asdict(meter.identity)})
     session.add_event("camera setup", asdict(setup))
     not_understood = list(camera.not_understood)
@@ -282,6 +286,7 @@ class _Run:
         n = self._plan.readings_per_patch
         if light:
             self.cap.off()
+            self._look_first(None)
             if self._plan.drift_check:
                 self._readings.point_and_record(self._first, n)
             self._frames.record("light", None, light)
@@ -293,9 +298,34 @@ class _Run:
         self.cap.off()
         self._operator.show_patch(patch)
         if light:
+            self._look_first(patch)
             self._readings.record(patch, n)
             self._frames.record("light", patch, light)
         self._readings.record(patch, 2 * n)
+
+    def _look_first(self, shown: str | None) -> None:
+        """Before the first frame is recorded, find patches that are saturated even at the shortest planned exposure.
+
+        Raises
+        ------
+        InputError
+            If all patches are: nothing of use would be recorded.
+        """
+        exposures_s = self._plan.exposures_s
+        if exposures_s is None or any(frame.patch == shown for frame in self._session.frames("light")):
+            return
+        again = True
+        while again:
+            numbers = self._frames.glance(min(exposures_s), shown)
+            findings = [one for one in check_levels(numbers) if one.check == "saturation"]
+            if shown is None and len(findings) == len(self._frames.regions(shown)):
+                raise InputError(
+                    f"all patches are saturated at {exposure_text(min(exposures_s))}, the shortest planned: "
+                    "give shorter exposures, in s (0.005 is 5 ms), or dim the light; nothing was recorded"
+                )
+            again = bool(findings) and self._operator.repeat("look at the shortest exposure", findings)
+            for finding in () if again else findings:
+                _log.warning("%s", finding)
 
     def _check(self, unit: Unit) -> list[CheckFinding]:
         plan, findings = self._plan, []

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
+from ..core.errors import InputError
 from ..evaluate.sweep.maps.axes import CdpMap
 from ..evaluate.sweep.maps.dips import SnrDip
 from ..evaluate.sweep.maps.map import MapAnalysis, analyse_map
@@ -17,6 +18,7 @@ from ..output import write_file
 from ..report.files import dataset_bytes
 from ..report.files import read_dataset as read_netcdf
 from .arguments import PathArgument, as_list, as_number, as_path, as_text
+from .figure import draw_pairs
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -85,6 +87,7 @@ class LabcdpAccessor:
         InputError
             If the dataset is no map of a sweep, or the level is out of range.
         """
+        level = as_number(level, "level")
         ranges = self.analysis(level).usable_ranges
         axis = ranges[0].axis if ranges else ""
         others = [str(name) for name in self._dataset["cdp"].dims if name != axis]
@@ -130,14 +133,51 @@ class LabcdpAccessor:
         """Find where SNR or CDP falls although there is more light, as at the transitions of a merge."""
         return self.analysis(expected=expected).dips
 
+    def to_dataframe(self) -> Any:
+        """Return a table with one row for each pair, and of each for every frame and contrast there are.
+
+        What regions have is in columns of its own for the bright and the dark one: ``mean_bright``, ``mean_dark``.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Indexed by frame, pair and contrast.
+
+        Raises
+        ------
+        InputError
+            If the dataset has no pairs: ``to_dataframe()`` of the dataset itself is then the table.
+        """
+        dataset = self._dataset
+        if "pair" not in dataset.dims:
+            raise InputError("the dataset has no pairs of regions: use its own to_dataframe()")
+        rows = [name for name in ("frame", "pair", "contrast") if name in dataset.dims]
+        flat = dataset.reset_coords([name for name in dataset.coords if name not in dataset.dims])
+        columns: dict[str, xr.DataArray] = {}
+        for name, values in flat.data_vars.items():
+            sides = dataset["side"].values if "side" in values.dims else ()
+            columns |= {f"{name}_{side}": values.sel(side=side, drop=True) for side in sides} or {str(name): values}
+        table = xr.Dataset({name: one for name, one in columns.items() if set(one.dims) <= set(rows)})
+        return table.to_dataframe(dim_order=rows)
+
     def plot(self, level: float = 0.9) -> Figure:
         """Draw the map of a sweep as ``labcdp sweep`` does: heat maps with isolines, or curves.
+
+        Of pictures, videos and sessions, draw the CDP of each pair with its 95 % interval: over the frames, over the
+        contrasts, or, of one contrast, side by side.
 
         Returns
         -------
         matplotlib.figure.Figure
             Save it with ``savefig``; a notebook shows it.
+
+        Raises
+        ------
+        InputError
+            If there is nothing to draw, or the level is out of range.
         """
+        if {"pair", "frame"} & set(self._dataset.dims) and "cdp" in self._dataset:
+            return draw_pairs(self._dataset)
         from ..evaluate.sweep.maps.static import draw_map
         from ..evaluate.sweep.maps.view import MapView
 

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..core.disk.files import shown
 from ..core.errors import InputError
+from ..core.percent import plain_fraction
 from ..core.roi import Roi
 from ..evaluate.picture.image import ImageRequest
 from ..metrics import Epsilon
@@ -22,8 +23,10 @@ from ..regions import PolygonShape, Shape, image_size_of, load_regions, rois_of
 
 #: A path as users write it.
 PathArgument: TypeAlias = str | PathLike[str]
-#: Contrasts as fractions: one, or several.
-Contrasts: TypeAlias = float | Sequence[float] | NDArray[Any]
+#: Contrasts as fractions, or as percentages such as "50%": one, or several.
+Contrasts: TypeAlias = float | str | Sequence[float | str] | NDArray[Any]
+#: Tolerance of a contrast: a fraction, a percentage such as "50%", or an interval.
+Tolerance: TypeAlias = Epsilon | str
 #: Regions: a region file; regions; or by name four numbers x, y, width, height, or the corners.
 Regions: TypeAlias = PathArgument | Roi | Iterable[Roi | Shape] | Mapping[str, ArrayLike]
 #: Pairs of regions by name, the brighter one first; or a single one.
@@ -42,9 +45,10 @@ def as_path(value: PathArgument, what: str) -> Path:
 
 
 def as_number(value: Any, name: str) -> float:
-    """Return a number, a fraction; raises InputError for anything else."""
+    """Return a number, a fraction or a percentage with its sign; raises InputError for anything else."""
+    value = plain_fraction(value)
     if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.integer | np.floating):
-        raise InputError(f"{name} is {shown(value)}: give a number, as a fraction")
+        raise InputError(f"{name} is {shown(value)}: give a fraction, or a percentage such as '50%'")
     return float(value)
 
 
@@ -123,10 +127,13 @@ class Asked:
         Fractions, each once; None for the measured contrast of each pair.
     scalar : bool
         Whether one number was given, so that the result has no dimension of contrasts.
+    epsilon : float or DetectionInterval
+        Their tolerance.
     """
 
     values: tuple[float, ...] | None
     scalar: bool
+    epsilon: Epsilon
 
     @property
     def one_or_all(self) -> TargetContrasts:
@@ -134,19 +141,20 @@ class Asked:
         return self.values[0] if self.scalar and self.values else self.values
 
 
-def as_contrasts(contrasts: Contrasts | None, epsilon: Epsilon) -> Asked:
-    """Return the target contrasts; raises InputError."""
+def as_contrasts(contrasts: Contrasts | None, tolerance: Tolerance) -> Asked:
+    """Return the target contrasts with their tolerance; raises InputError."""
+    epsilon: Epsilon = plain_fraction(tolerance)
     if contrasts is None:
         # The tolerance is checked as with any contrast.
         asked_contrasts(1.0, epsilon, "weber")
-        return Asked(None, scalar=False)
+        return Asked(None, False, epsilon)
     asked, shape = asked_contrasts(contrasts, epsilon, "weber")
     values = tuple(one.contrast for one in asked)
     if len(shape) > 1 or not values:
         raise InputError(f"contrasts have the shape {shape}: give a number, or a list of at least one")
     if len(set(values)) < len(values):
         raise InputError("a contrast is given twice: give each once")
-    return Asked(values, scalar=shape == ())
+    return Asked(values, shape == (), epsilon)
 
 
 def _shapes(regions: Roi | Iterable[Roi | Shape] | Mapping[str, ArrayLike]) -> list[Shape]:

@@ -32,7 +32,7 @@ class Chain(_Chain):
         exact: bool = False,
         stage: str | None = None,
         contrast: Contrasts | None = None,
-        epsilon: float = 0.5,
+        epsilon: float | str = 0.5,
         seed: int = 0,
         folder: PathArgument | None = None,
         progress: Callable[[int, int], None] | None = None,
@@ -46,8 +46,9 @@ class Chain(_Chain):
             Predict without random numbers, on the optical axis, behind an EMVA 1288 sensor, instead of simulating.
         stage : str or None
             Stage that is evaluated, for example ``sensor`` or ``hdr``; None for the last.
-        contrast : float, array_like of float, or None
-            Weber contrast to be detected, a fraction, or several; None for that of the scene.
+        contrast : float, str, array_like of them, or None
+            Weber contrast to be detected, a fraction or a percentage such as "50%", or several; None for that of the
+            scene.
         epsilon : float
             Its relative tolerance.
         seed : int

@@ -29,7 +29,7 @@ from .session import CalibratedSession
 def compare(
     *subjects: Any,
     contrast: Contrasts | None = None,
-    epsilon: float = 0.5,
+    epsilon: float | str = 0.5,
     progress: Callable[[int, int], None] | None = None,
     regions: PathArgument | None = None,
     **options: Any,
@@ -41,9 +41,9 @@ def compare(
     *subjects : path, Chain, Dataset, Session, SessionResult, CalibratedSession or Calibration
         At least two of one kind; each is compared with the first. A path is a preset, or a file or folder that
         ``labcdp compare`` takes; of a picture, with its regions.
-    contrast : float, array_like of float, or None
-        For chains and pictures: Weber contrasts to be detected, fractions; None for that of each scene, or the
-        measured one of each pair.
+    contrast : float, str, array_like of them, or None
+        For chains and pictures: Weber contrasts to be detected, fractions or percentages such as "50%"; None for that
+        of each scene, or the measured one of each pair.
     epsilon : float
         For chains and pictures: its relative tolerance.
     progress : callable or None
@@ -64,11 +64,11 @@ def compare(
         If subjects cannot be read or compared.
     """
     sources = [one.calibration if isinstance(one, CalibratedSession) else one for one in subjects]
+    epsilon = as_number(epsilon, "epsilon")
     if regions is not None:
         return Comparison(compare_subjects(sources, _of_pictures(regions, contrast, epsilon, **options), progress))
     varied = tuple(Axis(name if "." in name else name.replace("__", "."), values) for name, values in options.items())
     asked = contrast is not None or epsilon != 0.5 or varied
-    epsilon = as_number(epsilon, "epsilon")
     one_or_all = as_contrasts(contrast, epsilon).one_or_all
     question = Question(varied or (LUMINANCES,), None, one_or_all, epsilon) if asked else None
     return Comparison(compare_subjects(sources, question, progress))

@@ -13,7 +13,7 @@ from ..core.result import Finding
 from ..core.roi import Roi, regions_table
 from ..metrics import Epsilon
 from ..metrics.pair import evaluate_pair
-from .arguments import Contrasts, as_contrasts
+from .arguments import Contrasts, Tolerance, as_contrasts
 from .variables import at_contrasts, cdp_variables, described, pair_variables
 
 
@@ -44,13 +44,14 @@ class ImageRegions:
     rois: tuple[Roi, ...]
     pairs: tuple[tuple[str, str], ...]
 
-    def cdp(self, contrasts: Contrasts | None = None, epsilon: Epsilon = 0.5) -> Dataset:
+    def cdp(self, contrasts: Contrasts | None = None, epsilon: Tolerance = 0.5) -> Dataset:
         """Compute the contrast detection probability of each pair.
 
         Parameters
         ----------
-        contrasts : float or array_like of float or None
-            Contrasts to be detected, fractions (1.0 is 100 %); None for the measured contrast of each pair.
+        contrasts : float, str, array_like of them, or None
+            Contrasts to be detected, fractions or percentages such as "50%"; None for the measured contrast of each
+            pair.
         epsilon : float or DetectionInterval
             Their relative tolerance.
 
@@ -68,13 +69,13 @@ class ImageRegions:
         """
         asked = as_contrasts(contrasts, epsilon)
         rois = {roi.name: roi for roi in self.rois}
-        found = [evaluate_pair(self.luminance, rois[a], rois[b], asked.values, epsilon) for a, b in self.pairs]
+        found = [evaluate_pair(self.luminance, rois[a], rois[b], asked.values, asked.epsilon) for a, b in self.pairs]
         data = pair_variables(found, self.unit) | cdp_variables(
             ("pair", "contrast"), [pair.results or (None,) for pair in found]
         )
         coordinates = {"pair": [pair.name for pair in found], "side": ["bright", "dark"], "region": data.pop("region")}
         regions = [(pair.bright_region.roi, pair.dark_region.roi) for pair in found]
-        attributes = self.attributes(epsilon, [one for pair in found for one in pair.findings], regions)
+        attributes = self.attributes(asked.epsilon, [one for pair in found for one in pair.findings], regions)
         measured = ("pair", [pair.contrast.value for pair in found])
         return described(at_contrasts(Dataset(data, coordinates, attributes), asked, measured))
 

@@ -25,7 +25,18 @@ from ..files.picture import Picture
 from ..files.read import read_picture
 from ..metrics import Epsilon
 from ..report.text import finding_text
-from .arguments import Contrasts, Pairs, PathArgument, Regions, as_contrasts, as_list, as_pairs, as_path, as_rois
+from .arguments import (
+    Contrasts,
+    Pairs,
+    PathArgument,
+    Regions,
+    Tolerance,
+    as_contrasts,
+    as_list,
+    as_pairs,
+    as_path,
+    as_rois,
+)
 from .image_regions import ImageRegions
 from .variables import at_contrasts, cdp_variables, described, noted
 
@@ -181,15 +192,15 @@ class Image:
         return ImageRegions(self.path.name, self.luminance, self.unit, self.attributes, rois, as_pairs(rois, pairs))
 
     def cdp_neighbours(
-        self, contrasts: Contrasts | None = None, epsilon: Epsilon = 0.5, *, rectangle: Rectangle | None = None
+        self, contrasts: Contrasts | None = None, epsilon: Tolerance = 0.5, *, rectangle: Rectangle | None = None
     ) -> Dataset:
         """Compute the CDP of each pixel against its right and lower neighbour, for patterns one pixel wide.
 
         Parameters
         ----------
-        contrasts : float or array_like of float or None
-            Contrasts to be detected, fractions; None for the measured contrast of the neighbours: mean of the brighter
-            over mean of the darker pixels of all pairs, minus 1.
+        contrasts : float, str, array_like of them, or None
+            Contrasts to be detected, fractions or percentages such as "50%"; None for the measured contrast of the
+            neighbours: mean of the brighter over mean of the darker pixels of all pairs, minus 1.
         epsilon : float or DetectionInterval
             Their relative tolerance.
         rectangle : (int, int, int, int) or None
@@ -209,9 +220,11 @@ class Image:
         corners = None if rectangle is None else as_list(rectangle, "rectangle", "x0, y0, x1, y1")
         if corners is not None and len(corners) != 4:
             raise InputError(f"rectangle is {shown(rectangle)}: give x0, y0, x1, y1")
-        found = evaluate_neighbours(self.luminance, asked.values, epsilon, None if corners is None else tuple(corners))
+        found = evaluate_neighbours(
+            self.luminance, asked.values, asked.epsilon, None if corners is None else tuple(corners)
+        )
         data = cdp_variables(("contrast",), found.results or (None,))
-        dataset = Dataset(data, attrs=self.attributes(epsilon, found.findings))
+        dataset = Dataset(data, attrs=self.attributes(asked.epsilon, found.findings))
         return described(at_contrasts(dataset, asked, found.contrast.value))
 
     def to_dataset(self) -> Dataset:

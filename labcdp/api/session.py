@@ -16,7 +16,7 @@ from ..evaluate.bench.session import chosen_contrasts, evaluate_session, observe
 from ..evaluate.bench.session_result import session_input
 from ..report.text import warning_texts
 from ..session import Session as _Session
-from .arguments import Contrasts, Pairs, PathArgument, as_contrasts, as_names, as_pair_names, as_path
+from .arguments import Contrasts, Pairs, PathArgument, as_contrasts, as_names, as_number, as_pair_names, as_path
 from .session_result import SessionResult
 
 
@@ -84,7 +84,7 @@ class Session(_Session):
         self,
         calibration: AnyCalibration | PathArgument,
         contrasts: Contrasts | None = None,
-        epsilon: float | None = None,
+        epsilon: float | str | None = None,
         *,
         pairs: Pairs | None = None,
         without: Sequence[str] = (),
@@ -95,8 +95,8 @@ class Session(_Session):
         ----------
         calibration : Calibration or path
             Of the same camera and settings.
-        contrasts : float, array_like of float, or None
-            Contrasts to be detected, fractions; None for those of the session's configuration.
+        contrasts : float, str, array_like of them, or None
+            Contrasts to be detected, fractions or percentages such as "50%"; None for those of the configuration.
         epsilon : float or None
             Their relative tolerance; None for that of the configuration, and 0.5 for `pairs`.
         pairs : sequence of (str, str) or None
@@ -116,8 +116,9 @@ class Session(_Session):
         if pairs is not None and contrasts is None:
             raise InputError("pairs need contrasts: give contrasts, fractions (1.0 is 100 %)")
         values = as_contrasts(contrasts, 0.5 if epsilon is None else epsilon).values
+        tolerance = None if epsilon is None else as_number(epsilon, "epsilon")
         given = None if pairs is None else as_pair_names(pairs, "patches")
-        asked, inputs = chosen_contrasts(self.configuration, given, values, epsilon), [session_input(self)]
+        asked, inputs = chosen_contrasts(self.configuration, given, values, tolerance), [session_input(self)]
         if not isinstance(calibration, Calibration | ColourCalibration):
             path = as_path(calibration, "calibration")
             calibration = load_any(path)
@@ -158,7 +159,7 @@ class CalibratedSession:
     def evaluate(
         self,
         contrasts: Contrasts | None = None,
-        epsilon: float | None = None,
+        epsilon: float | str | None = None,
         *,
         pairs: Pairs | None = None,
     ) -> SessionResult:

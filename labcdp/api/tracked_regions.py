@@ -11,14 +11,14 @@ from typing import Any, Literal
 from xarray import Dataset, concat
 
 from ..core.errors import InputError, LabcdpError
+from ..core.percent import plain_contrast
 from ..core.result import Finding, error, unique
 from ..core.roi import Roi, regions_table
 from ..evaluate.video.dataset import restored
 from ..evaluate.video.settings import Progress, VideoSettings
 from ..files.video.selection import Selection
-from ..metrics import Epsilon
 from ..tracking import method_among
-from .arguments import Contrasts, PathArgument, as_contrasts, as_path
+from .arguments import Contrasts, PathArgument, Tolerance, as_contrasts, as_path
 from .variables import described, noted
 
 
@@ -55,7 +55,7 @@ class TrackedRegions:
     def cdp(
         self,
         contrasts: Contrasts | None = None,
-        epsilon: Epsilon = 0.5,
+        epsilon: Tolerance = 0.5,
         *,
         reference: float | Literal["first"] | PathArgument | None = None,
         reference_by: Literal["number", "time"] = "number",
@@ -65,9 +65,9 @@ class TrackedRegions:
 
         Parameters
         ----------
-        contrasts : float or array_like of float or None
-            Contrasts to be detected, fractions (1.0 is 100 %); None for the measured contrast of each pair in its
-            first frame.
+        contrasts : float, str, array_like of them, or None
+            Contrasts to be detected, fractions or percentages such as "50%"; None for the measured contrast of each
+            pair in its first frame.
         epsilon : float or DetectionInterval
             Their relative tolerance.
         reference : float, 'first', path or None
@@ -93,13 +93,14 @@ class TrackedRegions:
             region that cannot be followed, is left out with a warning as long as others have one.
         """
         asked = as_contrasts(contrasts, epsilon)
+        reference = plain_contrast(reference, "reference")
         if isinstance(reference, bool) or reference_by not in ("number", "time"):
             raise InputError("reference is a contrast, 'first' or a path; reference_by is 'number' or 'time'")
         if reference is not None and reference != "first" and not isinstance(reference, int | float):
             reference = as_path(reference, "reference")
         known: Any = float(reference) if isinstance(reference, int | float) else reference
         targets = None if asked.values is None else tuple(asked.values)
-        common = VideoSettings(targets, epsilon=epsilon, reference_by=reference_by, selection=self.selection)
+        common = VideoSettings(targets, epsilon=asked.epsilon, reference_by=reference_by, selection=self.selection)
         settings = [self._of(pair, common, known) for pair in self.pairs]
         results = list(zip(self.pairs, self.evaluate(settings, progress), strict=True))
         found = [_of_pair(one, asked.values is None) for _, one in results if not isinstance(one, LabcdpError)]

@@ -21,13 +21,13 @@ from ..evaluate.video.settings import Progress, VideoSettings
 from ..files.video.open import open_video as open_source
 from ..files.video.selection import Position, Selection
 from ..files.video.source import VideoSource
-from ..metrics import Epsilon
 from ..tracking import methods_of
 from .arguments import (
     Contrasts,
     Pairs,
     PathArgument,
     Regions,
+    Tolerance,
     as_contrasts,
     as_pairs,
     as_path,
@@ -166,7 +166,7 @@ class Video:
     def cdp_neighbours(
         self,
         contrasts: Contrasts,
-        epsilon: Epsilon = 0.5,
+        epsilon: Tolerance = 0.5,
         *,
         start: int | str = 0,
         stop: int | str | None = None,
@@ -192,7 +192,7 @@ class Video:
         asked = as_contrasts(contrasts, epsilon)
         if asked.values is None:
             raise InputError("contrasts is None: give a number, or a list, as fractions")
-        settings = VideoSettings(asked.values, epsilon=epsilon, selection=_selection(start, stop, every))
+        settings = VideoSettings(asked.values, epsilon=asked.epsilon, selection=_selection(start, stop, every))
         (dataset,) = self.evaluate([settings], progress)
         assert not isinstance(dataset, LabcdpError)
         dataset = described(dataset, dataset.attrs["unit"])

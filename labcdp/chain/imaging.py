@@ -158,10 +158,12 @@ class ImagingChain:
         """
         passed = 1.0
         if self.windscreen is not None:
-            if self.windscreen.glare_fraction > 0 and self.windscreen.glare_subtracted:
+            glare = {name: getattr(self.windscreen, name) for name in ("glare_fraction", "glare_cd_m2")}
+            name = next((name for name, value in glare.items() if value > 0), "")
+            if name and self.windscreen.glare_subtracted:
                 raise InputError(
-                    f"the windscreen's glare_fraction of {self.windscreen.glare_fraction:g} is to be subtracted, and "
-                    "glare depends on the scene: set glare_subtracted to false, or glare_fraction to 0"
+                    f"the windscreen's {name} of {glare[name]:g} is to be subtracted, which a linear conversion cannot "
+                    f"do: set glare_subtracted to false, or {name} to 0"
                 )
             passed = self.windscreen.transmittance
         k_dn_per_e = self.sensor.system_gain_dn_per_e(gain_db)

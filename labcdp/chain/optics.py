@@ -13,16 +13,16 @@ from numpy.typing import NDArray
 from ..core.errors import InputError
 from ..core.vignetting import Cos4Vignetting
 from . import point_spread
-from .parameters import Flag, Fraction, Number, Parameters
+from .parameters import Flag, Fraction, Luminance, Number, Parameters, Ratio
 from .signal import Context, Signal
 
 FloatArray = NDArray[np.floating[Any]]
-Glare: TypeAlias = Annotated[float, Number("(a fraction; 1.0 is 100 %)", 0, 4)]
+Glare: TypeAlias = Annotated[float, Ratio("(a fraction; 1.0 is 100 %)", 0, 4)]
 
 
 @dataclass(frozen=True)
 class Windscreen(Parameters):
-    """A windscreen of uniform transmittance whose glare is a fraction of the mean scene luminance.
+    """A windscreen of uniform transmittance whose glare is a fraction of the mean scene luminance, or stated in cd/m².
 
     Behind it is transmittance * (luminance + glare); the thesis, section on the windscreen. The photons, scene and veil
     together, get their noise where the sensor collects them.
@@ -37,6 +37,9 @@ class Windscreen(Parameters):
     glare_subtracted : bool
         Whether the inverse subtracts the mean glare, as a camera can that knows it. Otherwise the glare stays in the
         measured luminance and lowers the contrast.
+    glare_cd_m2 : float
+        Further veiling luminance that does not depend on the scene, likewise in front of the windscreen, such as that
+        of the sun beside it, in cd/m^2.
 
     Raises
     ------
@@ -50,10 +53,11 @@ class Windscreen(Parameters):
     transmittance: Fraction
     glare_fraction: Glare = 0.0
     glare_subtracted: Annotated[bool, Flag()] = False
+    glare_cd_m2: Luminance = 0.0
 
     def process(self, signal: Signal, _context: Context) -> Signal:
         """Luminance behind the windscreen, with its inverse."""
-        glare_cd_m2 = self.glare_fraction * signal.scene_mean()
+        glare_cd_m2 = self.glare_fraction * signal.scene_mean() + self.glare_cd_m2
         subtracted_cd_m2 = glare_cd_m2 if self.glare_subtracted else 0.0
         return replace(
             signal,

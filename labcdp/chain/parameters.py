@@ -12,6 +12,7 @@ import numpy as np
 
 from ..core.disk.files import shown
 from ..core.errors import InputError
+from ..core.percent import plain_contrast, plain_fraction
 
 #: Most pixels of a side of a scene or sensor; a larger frame would not fit into any memory.
 LARGEST_SIDE = 20_000
@@ -68,6 +69,22 @@ class Whole(Number):
         super().check(name, value)
 
 
+class Ratio(Number):
+    """Unit and range of a fraction, which may be given as a percentage such as "50%"."""
+
+    def plain(self, _name: str, value: Any) -> Any:
+        """Return a percentage as a fraction, anything else as it is."""
+        return plain_fraction(value)
+
+
+class Contrast(Ratio):
+    """Unit and range of a contrast."""
+
+    def plain(self, name: str, value: Any) -> Any:
+        """Return a percentage as a fraction; raises InputError for one without its sign."""
+        return plain_contrast(value, name)
+
+
 class Flag:
     """True or false."""
 
@@ -79,7 +96,7 @@ class Flag:
 
 Side: TypeAlias = Annotated[int, Whole("pixels", 1, LARGEST_SIDE)]
 Luminance: TypeAlias = Annotated[float, Number("cd/m²", 0, HIGHEST_CD_M2)]
-Fraction: TypeAlias = Annotated[float, Number("(a fraction)", 0, 1, above=True)]
+Fraction: TypeAlias = Annotated[float, Ratio("(a fraction)", 0, 1, above=True)]
 Bits: TypeAlias = Annotated[int, Whole("bits", 1, 16)]
 MergedBits: TypeAlias = Annotated[int, Whole("bits", 1, 48)]
 Oversampling: TypeAlias = Annotated[int, Whole("samples", 1, 64)]
@@ -106,6 +123,9 @@ class Parameters:
         cls: Any = type(self)
         for name, rule, optional in _rules(cls):
             value = getattr(self, name)
+            if isinstance(rule, Ratio):
+                value = rule.plain(name, value)
+                object.__setattr__(self, name, value)
             if not (optional and value is None):
                 rule.check(name, value)
 

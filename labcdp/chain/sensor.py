@@ -21,7 +21,7 @@ from .fixed_pattern import (
     draw_photo_response,
     for_each_block,
 )
-from .parameters import COUNT, GAIN, TEMPERATURE, THREADS, Bits, ElectronRate, Number, Sized, Temperature
+from .parameters import COUNT, GAIN, TEMPERATURE, THREADS, Bits, ElectronRate, Number, Ratio, Sized, Temperature
 from .signal import Capture, Context, Signal, check_shape, settings_of
 
 FloatMap = NDArray[np.float32]
@@ -124,7 +124,7 @@ class Sensor(Sized):
     reference_temperature_c: Temperature = 25.0
     doubling_temperature_c: Doubling = 8.0
     # A gain of 0 is ten sigma away.
-    prnu_rel: Annotated[float, Number("(a fraction)", 0, 0.1)] = 0.0
+    prnu_rel: Annotated[float, Ratio("(a fraction)", 0, 0.1)] = 0.0
     dsnu_e: _Noise = 0.0
     column_dsnu_e: _Noise = 0.0
     row_dsnu_e: _Noise = 0.0

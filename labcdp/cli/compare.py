@@ -6,6 +6,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import typer
+
 from ..calibration import AnyCalibration, load_any
 from ..calibration.record import CALIBRATION, MOST_BYTES, VERIFICATION, load_verification
 from ..calibration.verify.history import histories
@@ -16,9 +18,12 @@ from ..core.result import InputFile
 from ..evaluate.bench.history import history_files, history_result
 from ..evaluate.compare.compare import LUMINANCES, Question, compare_subjects
 from ..evaluate.compare.page import comparison_files
+from ..evaluate.compare.requirement import Requirement
 from ..evaluate.compare.result import compare_result
 from ..evaluate.compare.subject import picture_task
 from ..evaluate.picture.result import PictureTask
+from .bench.options import require_apart
+from .camera import EXIT_STATUS
 from .options import Changes, Contrasts, Results, Tolerance, one_or_all
 from .pictures.options import PictureLightOptions
 from .simulation import Axes
@@ -47,6 +52,8 @@ class QuestionOptions:
         For pictures: region file, .json from labcdp rois, or .roi or .zip from ImageJ.
     changes
         For chains: set a parameter in all of them, for example scene.contrast=30%; may be repeated.
+    require
+        For chains: TOML file with a requirement that each is judged by, instead of --over, --contrast and --epsilon.
     """
 
     over: Axes = ()
@@ -54,6 +61,7 @@ class QuestionOptions:
     epsilon: Tolerance | None = None
     roi: Path | None = None
     changes: Changes = ()
+    require: Path | None = None
 
     def asked(self, light: PictureLightOptions) -> Question | PictureTask | None:
         """Return what chains or, with regions, pictures are asked; None without an option for either.
@@ -63,15 +71,20 @@ class QuestionOptions:
         InputError
             If there are options for chains beside regions, or options for pictures without.
         """
+        given = {"--over": self.over or None, "--contrast": self.contrast, "--epsilon": self.epsilon, "--roi": self.roi}
+        require_apart({"--require": self.require}, given)
         epsilon = 0.5 if self.epsilon is None else self.epsilon
         if self.roi is not None:
             if self.over or self.changes:
                 raise InputError("--over and --set are options for chains, --roi is one for pictures: leave one out")
             inputs = tuple(light.inputs({"regions": self.roi}))
             return picture_task(self.roi, light.conversion(), inputs, self.contrast, epsilon)
-        given = [f"--{name.replace('_', '-')}" for name, value in vars(light).items() if value not in (None, False)]
-        if given:
-            raise InputError(f"{given[0]} is an option for pictures: give their regions with --roi, too")
+        of_light = [f"--{name.replace('_', '-')}" for name, value in vars(light).items() if value not in (None, False)]
+        if of_light:
+            raise InputError(f"{of_light[0]} is an option for pictures: give their regions with --roi, too")
+        if self.require is not None:
+            required = Requirement.load(self.require)
+            return Question((required.axis,), dict(self.changes), None, required.epsilon, required)
         if not (self.over or self.changes or (self.contrast, self.epsilon) != (None, None)):
             return None
         return Question(self.over or (LUMINANCES,), dict(self.changes), one_or_all(self.contrast), epsilon)
@@ -88,6 +101,7 @@ def compare(
     Chains are predicted without random numbers: CDP over the luminance, usable range and difference. Sessions are
     evaluated with their own calibrations, pictures as in labcdp image. Everything else is compared by its results:
     values with U, z and significance; common errors of a meter or calibration are not counted as independent.
+    With --require, the exit status is 3 if a chain does not meet the requirement, 4 if it is undecided for one.
 
     Example: labcdp compare manta-g505 my-chain.toml --set scene.contrast=50%
 
@@ -104,6 +118,11 @@ def compare(
         result = compare_result(found)
         folder.add(comparison_files(found, result))
     results.show(result, folder)
+    verdicts = {one.verdict for one in found.judged}
+    if verdicts - {"met"}:
+        missed = ", ".join(f"{one.name} ({one.verdict})" for one in found.judged if one.verdict != "met")
+        say(f"Requirement not met: {missed}")
+        raise typer.Exit(EXIT_STATUS["not conform" if "not met" in verdicts else "undecided"])
 
 
 def history(results: Results, paths: tuple[Path, ...]) -> None:

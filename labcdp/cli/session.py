@@ -107,7 +107,7 @@ class CalibrationOptions:
     Parameters
     ----------
     calibration
-        Calibration file; default: SESSION-calibrate/calibration.json.
+        Calibration file; default: SESSION-calibrate/calibration.json in this folder, else beside the session.
     recalibrate
         Calibrate with the session itself instead of loading a calibration.
     against
@@ -122,13 +122,16 @@ class CalibrationOptions:
         """Return the calibration file, None for a calibration with the session itself; raises InputError."""
         require_apart({"--recalibrate": self.recalibrate}, {"--calibration": self.calibration})
         require_together({"--against": self.against}, {"--recalibrate": self.recalibrate})
-        path = self.calibration or default_folder(session, "calibrate") / "calibration.json"
-        if not self.recalibrate and self.calibration is None and not path.exists():
+        if self.recalibrate or self.calibration is not None:
+            return self.calibration
+        usual = default_folder(session, "calibrate") / "calibration.json"
+        path = next((one for one in (usual, session.absolute().parent / usual) if one.exists()), None)
+        if path is None:
             raise InputError(
-                f"{path} does not exist: run 'labcdp calibrate {shell_word(session)}' in this folder first, or give "
-                "--calibration or --recalibrate"
+                f"{usual} does not exist, here or beside the session: run 'labcdp calibrate {shell_word(session)}' "
+                "first, or give --calibration or --recalibrate"
             )
-        return None if self.recalibrate else path
+        return path
 
     def recorded(self) -> WrittenResult | None:
         """Return the results to compare with; raises InputError."""

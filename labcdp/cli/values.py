@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from decimal import Decimal
 from math import isfinite, nan
 from typing import Any
 
-from ..core.disk.files import shown
+from ..core.disk.files import shortened, shown
 from ..core.errors import InputError
+from ..core.percent import of_percent
 
 
 def fraction_of_percent(text: str, name: str) -> float:
@@ -20,14 +20,14 @@ def fraction_of_percent(text: str, name: str) -> float:
     InputError
         If it is not a number with a percent sign.
     """
-    try:
-        # 2.3 / 100 is not the float nearest to 0.023.
-        fraction = float(Decimal(text[:-1].strip()).scaleb(-2)) if text.isascii() and text.endswith("%") else nan
-        if not isfinite(fraction):
-            raise ValueError
-        return fraction
-    except (ValueError, ArithmeticError):
-        raise InputError(f"{name} is {shown(text)}: give a number with a percent sign, for example 50%") from None
+    fraction = of_percent(text)
+    if fraction is None:
+        # A number whose sign is missing is the best example.
+        example = "50%" if of_percent(f"{text}%") is None else f"{text}%"
+        raise InputError(
+            f"{name} is {shown(text)}: give a number with a percent sign, for example {shortened(example)}"
+        )
+    return fraction
 
 
 def parse_pair(text: str, names: Sequence[str], name: str = "--pair") -> tuple[str, str]:
@@ -109,6 +109,10 @@ def parse_changes(changes: Sequence[str], name: str = "--set") -> dict[str, Any]
     for text in changes:
         if "=" not in text:
             raise InputError(f"{name} is {shown(text)}: give NAME=VALUE, for example exposure.exposure_s=0.01")
+        parameter, _, given = (part.strip() for part in text.partition("="))
+        if given in ("true", "false"):
+            values[parameter] = given == "true"
+            continue
         axis = parse_axis(text)
         values[axis.parameter] = axis.values[0] if len(axis.values) == 1 else list(axis.values)
     return values

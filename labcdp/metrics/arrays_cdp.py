@@ -19,14 +19,19 @@ from .result import CdpResult, DetectionProbability, asked_contrasts, joined
 
 @overload
 def cdp(
-    bright: Region, dark: Region, contrast: float, epsilon: Epsilon = ..., *, definition: ContrastDefinition = ...
+    bright: Region,
+    dark: Region,
+    contrast: float | str,
+    epsilon: Epsilon | str = ...,
+    *,
+    definition: ContrastDefinition = ...,
 ) -> DetectionProbability[float]: ...
 @overload
 def cdp(
     bright: Region,
     dark: Region,
-    contrast: Sequence[float] | NDArray[Any],
-    epsilon: Epsilon = ...,
+    contrast: Sequence[float] | list[str] | list[float | str] | NDArray[Any],
+    epsilon: Epsilon | str = ...,
     *,
     definition: ContrastDefinition = ...,
 ) -> DetectionProbability[NDArray[np.float64]]: ...
@@ -34,7 +39,7 @@ def cdp(
     bright: Region,
     dark: Region,
     contrast: ArrayLike,
-    epsilon: Epsilon = 0.5,
+    epsilon: Epsilon | str = 0.5,
     *,
     definition: ContrastDefinition = "weber",
 ) -> DetectionProbability[Any]:
@@ -45,11 +50,12 @@ def cdp(
     bright, dark : array_like of int or float of any shape, or Distribution
         Pixels of the two regions in one linear unit, best cd/m^2. Arrays of two dimensions are taken as parts of an
         image, whose noise may be correlated from pixel to pixel, all others as independent pixels.
-    contrast : float or array_like of float
-        Contrast K to be detected, a fraction above 0 (1.0 is 100 %), or several; the pixels are then counted once.
-    epsilon : float or DetectionInterval
-        Relative tolerance of the contrast, above 0 and up to 1; a `DetectionInterval` for one that differs below and
-        above or has one end only.
+    contrast : float, str or array_like of them
+        Contrast K to be detected, a fraction above 0 (1.0 is 100 %) or a percentage such as "50%", or several; the
+        pixels are then counted once. A whole number from 20 on is taken for a percentage without its sign and refused.
+    epsilon : float, str or DetectionInterval
+        Relative tolerance of the contrast, above 0 and up to 1, or a percentage; a `DetectionInterval` for
+        one that differs below and above or has one end only.
     definition : {'weber', 'michelson'}
         Definition of the contrast of K and of the pairs. Michelson contrasts are below 1.
 

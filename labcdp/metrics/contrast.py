@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core.errors import InputError
+from ..core.percent import plain_contrast
 from .arrays import numeric_array
 from .distribution import Region
 from .pairs import bright_and_dark
@@ -195,6 +196,7 @@ class TargetContrast:
     definition: ContrastDefinition
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "contrast", plain_contrast(self.contrast, "contrast"))
         if self.definition not in get_args(ContrastDefinition):
             raise InputError(f"contrast definition is {self.definition!r}: give 'weber' or 'michelson'")
         if not (_is_number(self.contrast) and isfinite(self.contrast) and self.contrast > 0):

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core.errors import InputError
+from ..core.percent import plain_contrast, plain_fraction
 from ..core.result import Finding, html_table, number
 from .contrast import ContrastDefinition, Epsilon, TargetContrast
 
@@ -160,7 +161,7 @@ class DetectionProbability(Generic[_T]):
 
 
 def asked_contrasts(
-    contrast: ArrayLike, epsilon: Epsilon, definition: ContrastDefinition
+    contrast: ArrayLike, epsilon: Epsilon | str, definition: ContrastDefinition
 ) -> tuple[list[TargetContrast], tuple[int, ...]]:
     """Return the contrasts of a number or an array as a flat sequence, and the shape.
 
@@ -169,22 +170,34 @@ def asked_contrasts(
     InputError
         If one is not a number or out of range.
     """
+    plain = _plain(contrast)
     try:
-        array = np.asarray(contrast)
+        array = np.asarray(plain)
     except ValueError:
         # Lists of different lengths.
         array = np.asarray(None)
     if array.dtype.kind not in "iuf":
-        raise InputError(f"contrast is {_shown(contrast)}: give a number, or an array of numbers, as fractions")
+        raise InputError(f"contrast is {_shown(contrast)}: give fractions, or percentages such as '50%'")
     # A number is used as its shortest decimal, which for float32 differs from that of the nearest float64.
-    return [TargetContrast(float(str(one)), epsilon, definition) for one in array.ravel()], array.shape
+    return [TargetContrast(float(str(one)), plain_fraction(epsilon), definition) for one in array.ravel()], array.shape
+
+
+def _plain(contrast: Any) -> Any:
+    """Return contrasts with percentages as fractions; raises InputError for percentages without their sign."""
+    if isinstance(contrast, np.ndarray):
+        return np.reshape(_plain(contrast.tolist()), contrast.shape) if contrast.dtype.kind in "iuUO" else contrast
+    return (
+        [_plain(one) for one in contrast]
+        if isinstance(contrast, list | tuple)
+        else plain_contrast(contrast, "contrast")
+    )
 
 
 def joined(
     results: Sequence[DetectionResult],
     asked: Sequence[TargetContrast],
     shape: tuple[int, ...],
-    epsilon: Epsilon,
+    epsilon: Epsilon | str,
     definition: ContrastDefinition,
     pairs: int | None,
     findings: tuple[Finding, ...] = (),
@@ -206,7 +219,7 @@ def joined(
         undefined=values(lambda one: one.undefined),
         contrast=contrasts if shape else float(contrasts),
         detected=Interval(*(values(lambda one, end=end: one.interval[end]) for end in (0, 1))),  # type: ignore[misc]
-        epsilon=epsilon,
+        epsilon=plain_fraction(epsilon),
         definition=definition,
         pairs=pairs,
         swapped=swapped,

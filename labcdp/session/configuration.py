@@ -18,6 +18,7 @@ from ..core.errors import ConfigurationError, naming
 from ..core.roi import Roi
 from .tables import (
     CameraConfiguration,
+    Contrast,
     Count,
     Format,
     Fraction,
@@ -100,10 +101,10 @@ class ContrastConfiguration(Table):
 
     bright: Text = Field(description="the name of a patch")
     dark: Text = Field(description="the name of a patch")
-    contrast: Positive = Field(description="a Weber contrast above 0, as a fraction (1.0 is 100 %)")
-    epsilon: Fraction = Field(0.5, description="a fraction above 0, up to 1")
+    contrast: Contrast = Field(description='a Weber contrast above 0, as "100%" or as a fraction (1.0 is 100 %)')
+    epsilon: Fraction = Field(0.5, description='"50%", or a fraction above 0, up to 1')
     # CDP from which the contrast counts as detected.
-    cdp_limit: Fraction = Field(0.9, description="a probability above 0, up to 1")
+    cdp_limit: Fraction = Field(0.9, description='"90%", or a probability above 0, up to 1')
 
 
 class PlanConfiguration(Table):

@@ -13,6 +13,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationIn
 from ..core.disk import read_toml
 from ..core.errors import ConfigurationError, naming
 from ..core.frame import Frame
+from ..core.percent import plain_contrast, plain_fraction
 from ..core.reading import MeterIdentity
 from ..core.spectra import SpectralTable, read_spectral_file
 from ..core.vignetting import VIGNETTING_REL
@@ -23,7 +24,11 @@ Text = Annotated[str, Field(strict=True, pattern=r"^\S(.*\S)?$", max_length=255)
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 NotNegative = Annotated[Number, Field(ge=0)]
 Positive = Annotated[Number, Field(gt=0)]
-Fraction = Annotated[Number, Field(gt=0, le=1)]
+#: A fraction may be a percentage with its sign: "1.2%".
+Percent = BeforeValidator(plain_fraction)
+Fraction = Annotated[Number, Field(gt=0, le=1), Percent]
+Share = Annotated[Number, Field(ge=0, le=1), Percent]
+Contrast = Annotated[Positive, BeforeValidator(lambda value: plain_contrast(value, ""))]
 Whole = Annotated[int, Field(strict=True, ge=0)]
 #: Not Literal[1], which takes true.
 Format = Annotated[int, Field(strict=True, ge=1, le=1)]
@@ -140,16 +145,12 @@ class LensConfiguration(Table):
     """Which lens, and how it is set."""
 
     model: Text = Field(description="the model's name as text")
-    serial: Text = Field(description="the serial number as text, in quotes")
+    serial: Text | None = Field(None, description="the serial number as text, in quotes, left out if it is not known")
     focal_length_m: Positive = Field(description="a focal length above 0 m")
     f_number: Positive = Field(description="an f-number above 0")
     focus_distance_m: Positive | None = Field(None, description="a distance of focus above 0 m")
-    refocus_rel: Number = Field(
-        REFOCUS_REL, ge=0, le=1, description="a fraction from 0 (focus and aperture are locked) to 1"
-    )
-    vignetting_rel: Number = Field(
-        VIGNETTING_REL, ge=0, le=1, description="a fraction from 0 (the vignetting is exactly cos⁴) to 1"
-    )
+    refocus_rel: Share = Field(REFOCUS_REL, description="a fraction from 0 (focus and aperture are locked) to 1")
+    vignetting_rel: Share = Field(VIGNETTING_REL, description="a fraction from 0 (the vignetting is exactly cos⁴) to 1")
     transmittance: Fraction | None = Field(None, description="a fraction above 0, up to 1")
 
 
@@ -210,7 +211,7 @@ class MeterCertificate(Table):
     as_found: bool = Field(
         False, strict=True, description="true if its values are those before any adjustment of the meter, or false"
     )
-    drift_rel_per_year: Positive | None = Field(
+    drift_rel_per_year: Annotated[Positive, Percent] | None = Field(
         None, description="the largest change of the meter in a year as a fraction above 0, 0.005 for ±0.5 %"
     )
 
@@ -286,7 +287,7 @@ class MeterConfiguration(Table):
     serial: Text = Field(description="the serial number as text, in quotes")
     calibration_date: IsoDate | None = Field(None, description="an ISO date such as 2025-03-31")
     scale_half_width_rel: Fraction | None = Field(None, description="a fraction above 0, up to 1, 0.02 for ±2 %")
-    repeatability_rel: NotNegative | None = Field(None, description="a fraction of at least 0")
+    repeatability_rel: Annotated[NotNegative, Percent] | None = Field(None, description="a fraction of at least 0")
     digits: Count | None = Field(None, description="a whole number of at least 1, 1 for ±1 digit")
     f1_prime: Fraction | None = Field(None, description="the meter's f1' as a fraction above 0, 0.08 for 8 %")
     certificate: MeterCertificate | None = Field(None, description="a [meter.certificate] table")

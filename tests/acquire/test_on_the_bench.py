@@ -14,12 +14,15 @@ from labcdp.cli.app import EndedBySignal
 from labcdp.core.errors import InputError, SessionError
 from labcdp.drivers.camera import MOST_REFUSED, CameraNotFoundError, CameraSettingError, IncompleteFrameError
 from labcdp.drivers.meter import MeterError
+from labcdp.session.configuration import ContrastConfiguration
 
 from .conftest import FAR, Hands
 
 ONE_BY_ONE = {"presentation": "one by one"}
 #: Exposures at which the brighter patch is saturated.
 TOO_LONG = {"exposures_s": (0.03, 0.06)}
+#: Exposures at which no patch is above the noise.
+TOO_SHORT = {"exposures_s": (2.2e-5, 4.4e-5)}
 
 
 def test_patches_one_by_one(changed, on_bench):
@@ -73,7 +76,7 @@ def test_light_that_drifts_is_found_and_the_patch_repeated(changed, on_bench):
 
 
 def test_a_unit_that_was_complete_but_not_checked_is_checked_by_the_next_run(changed, on_bench):
-    configuration = changed(["lower left"], plan=TOO_LONG)
+    configuration = changed(["P01", "P12"], plan=TOO_SHORT)
 
     def gone(what, findings):
         raise KeyboardInterrupt
@@ -84,9 +87,70 @@ def test_a_unit_that_was_complete_but_not_checked_is_checked_by_the_next_run(cha
         assert on.counts == (4, 0, 0)
         hands = Hands(on.bench)
         on.acquire(hands)
-        assert hands.found == [("light frames", ["saturation"])]
-        assert hands.done[0] == "point_meter lower left"
-        assert [finding["check"] for finding in on.events("check")[0]["findings"]] == ["saturation"]
+        assert hands.found[0] == ("light frames", ["darkness"])
+        assert hands.done[0] == "point_meter P01"
+        assert [finding["check"] for finding in on.events("check")[0]["findings"]] == ["darkness"]
+
+
+@pytest.mark.parametrize(
+    ("patches", "target"), [(["lower left", "upper left"], {}), (["lower left"], {}), (["lower left"], ONE_BY_ONE)]
+)
+def test_exposures_in_the_wrong_unit_are_noticed_before_a_frame_is_recorded(changed, on_bench, patches, target):
+    """1, 5 and 20, meant as ms, of patches that are saturated from 10 ms on."""
+    plan = {"exposures_s": (1.0, 0.5, 0.2), "drift_check": True}
+    with on_bench(changed(patches, target=target, plan=plan)) as on:
+        hands = Hands(on.bench)
+        if target:
+            on.acquire(hands)
+            assert hands.found[0] == ("look at the shortest exposure", ["saturation"])
+        else:
+            with pytest.raises(InputError, match=r"saturated at 200 ms, the shortest planned"):
+                on.acquire(hands)
+            assert on.counts == (0, 0, 0)
+
+
+def test_a_patch_that_is_always_saturated_is_asked_about_before_the_first_frame(changed, on_bench):
+    """The operator dims the light, once, and lets the frames be recorded then."""
+    with on_bench(changed(FAR, plan=TOO_LONG)) as on:
+
+        def dim(what, findings):
+            assert on.counts[0] == (0 if what == "look at the shortest exposure" else 4)
+            first = what == "look at the shortest exposure"
+            if first:
+                on.bench.run_command("light -90% in 0 s")
+            return first
+
+        hands = Hands(on.bench, dim)
+        on.acquire(hands)
+        assert hands.found[0] == ("look at the shortest exposure", ["saturation"])
+        assert not any("saturation" in checks for what, checks in hands.found if what == "light frames")
+
+
+@pytest.mark.parametrize(
+    ("contrast", "names", "warned"),
+    [
+        # Nominal luminances of 412 and 0.5 cd/m2: a contrast of 823.
+        (8229.9, ("lower left", "P01"), False),
+        (8230.0, ("lower left", "P01"), True),
+        (8230.0, ("P01", "lower left"), True),
+    ],
+)
+def test_a_target_contrast_ten_times_the_nominal_one_is_warned_of_before_recording(
+    changed, on_bench, contrast, names, warned
+):
+    configuration = changed(FAR)
+    pair = ContrastConfiguration(bright=names[0], dark=names[1], contrast=contrast)
+    notes = []
+
+    def stop(progress):
+        if progress.note:
+            notes.append(progress.note)
+        elif progress.step == "light frames":
+            raise KeyboardInterrupt
+
+    with on_bench(configuration.model_copy(update={"contrasts": (pair,)})) as on, pytest.raises(KeyboardInterrupt):
+        on.acquire(report=stop)
+    assert len(notes) == warned
 
 
 def test_a_night_of_frames_on_a_schedule(changed, on_bench):

@@ -11,9 +11,20 @@ from hypothesis.extra.numpy import arrays
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from labcdp.chain import Chain, Checkerboard, Context, ImageScene, Optics, ThesisWindscreen, Windscreen
+from labcdp.chain import (
+    Chain,
+    Checkerboard,
+    Context,
+    ImageScene,
+    Optics,
+    ThesisWindscreen,
+    Windscreen,
+    preset_text,
+)
 from labcdp.chain.point_spread import diffraction_mtf, disc_mtf, gaussian_mtf
+from labcdp.chain.predict.chain import known_transitions
 from labcdp.chain.signal import scene_signal
+from labcdp.core.errors import InputError
 from labcdp.evaluate.sweep.simulation.evaluation import evaluate_run
 
 PITCH_M = 3e-6
@@ -165,3 +176,35 @@ def test_image_scene_is_sampled_finer_than_the_pixels(tmp_path):
     np.testing.assert_allclose(run["optics"].luminance_cd_m2, values.reshape(15, 4, 20, 4).mean(axis=(1, 3)), rtol=1e-6)
     (row,) = evaluate_run(run).stages[0].regions
     assert row.true_cd_m2 == pytest.approx(values[:40, :20].mean(), rel=1e-6)
+
+
+@pytest.mark.parametrize("preset", ["split-pixel", "small-pixel-hdr"])
+def test_a_veil_in_cd_m2_lowers_the_contrast_of_a_camera_behind_a_windscreen(preset):
+    """It is added whatever the luminance of the scene is."""
+    chain = Chain.load(preset).with_(scene__width=32, scene__height=24, scene__square_px=4)
+    for luminance in (5.0, 500.0):
+        run = chain.with_(scene__luminance_cd_m2=luminance, scene__contrast=0.8, windscreen__glare_cd_m2=20.0).run()
+        behind = np.unique(run["windscreen"].values)
+        np.testing.assert_allclose(behind, [luminance + 20, 1.8 * luminance + 20], rtol=1e-6)
+        known = chain.with_(
+            scene__luminance_cd_m2=luminance, windscreen__glare_cd_m2=20.0, windscreen__glare_subtracted=True
+        )
+        signal = known.run()["windscreen"]
+        np.testing.assert_allclose(np.unique(signal.to_luminance(signal.values)), [luminance, 2 * luminance], rtol=1e-5)
+    neutral = chain.run()
+    np.testing.assert_array_equal(neutral["windscreen"].values, neutral["scene"].values)
+
+
+def test_a_camera_that_subtracts_a_veil_is_no_linear_one():
+    text = preset_text("imx250").replace("[optics]", "[windscreen]\ntransmittance = 1.0\nglare_cd_m2 = 3.0\n[optics]")
+    chain = Chain.from_toml(text)
+    camera = chain.with_(windscreen__glare_subtracted=True).camera()
+    with pytest.raises(InputError, match="glare_cd_m2 of 3 is to be subtracted"):
+        camera.conversion(temperature_c=20.0)
+    chain.camera().conversion(temperature_c=20.0)
+
+
+def test_a_sensor_changes_exposure_at_a_lower_luminance_behind_a_veil():
+    chain = Chain.load("split-pixel").with_(scene__width=32, scene__height=24, scene__square_px=4)
+    (without,), (behind,) = (known_transitions(chain.with_(windscreen__glare_cd_m2=veil), None) for veil in (0.0, 7.0))
+    assert behind == pytest.approx(without - 7.0)

@@ -214,3 +214,39 @@ def test_a_rehearsal_on_a_bench_of_ones_own(labcdp, tmp_path):
 
     again = ("acquire", "own/session.toml", "own", "--virtual-clock", "--retake", "P12", "--simulated")
     assert "was begun with another simulated bench" in only_line(labcdp(*again))
+
+
+@pytest.mark.parametrize(
+    ("entry", "typed"),
+    [
+        # The lens is opened, the meter pointed and its readings typed, the lens is covered and opened again.
+        ('entry = "by hand"', "\n\n250\n250,5 cd/m2\n\n\n"),
+        # Nothing but the lens.
+        ('entry = "csv"\nfile = "readings.csv"', "\n\n\n"),
+    ],
+)
+def test_a_meter_without_an_interface_is_rehearsed_with_the_questions_of_the_real_run(
+    labcdp, bench, tmp_path, entry, typed
+):
+    bench('serial = "simulated"', "", meter=f"{ANOTHER}\n{entry}")
+    done = labcdp("acquire", "bench.toml", "s", *SIMULATED, "--rehearse", stdin=typed)
+    assert done.returncode == 0, done.stderr
+    with Session.open(tmp_path / "s") as session:
+        readings = [record.reading for record in session.readings()]
+        (patch,) = session.configuration.target.patches
+        assert session.configuration.lens.serial is None
+    assert {(one.meter.model, one.meter.serial, one.meter.simulated) for one in readings} == {("Mavo", "1", True)}
+    assert {(one.scale_half_width_rel, one.repeatability_rel) for one in readings} == {(0.03, 0.002)}
+    asked = re.findall(r"The simulated meter shows (\S+) cd/m2", done.stderr)
+    # Of a scale error of 0.6 % and a scatter of 0.2 %.
+    shown = pytest.approx(1.006 * patch.nominal_luminance_cd_m2, rel=0.01)
+    if "by hand" in entry:
+        assert "Point the luminance meter" in done.stderr
+        assert [one.luminance_cd_m2 for one in readings] == [250.0, 250.5]
+        assert list(map(float, asked)) == [shown, shown]
+    else:
+        assert "Point the luminance meter" not in done.stderr
+        assert [one.luminance_cd_m2 for one in readings] == [shown] * len(readings)
+    # Without a person, the bench reads its display itself.
+    assert labcdp("acquire", "bench.toml", "t", *SIMULATED, "--simulated").returncode == 0
+    assert luminances(tmp_path / "t") == [shown, shown]

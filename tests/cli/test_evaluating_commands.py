@@ -137,3 +137,33 @@ def test_several_videos_one_of_them_broken(labcdp, tmp_path, drive):
     values = results_of(done, status=1)
     assert [one["n_frames"] for one in values["tables"]["videos"]["rows"]] == [2, 2, None]
     assert f"drive.avi is the same video as {drive} and is evaluated once" in " ".join(done.stderr.split())
+
+
+def test_true_and_false_are_set(labcdp):
+    """A veil of 20 cd/m2 over dark squares of 20 cd/m2 halves the contrast, unless it is subtracted."""
+    command = ("simulate", "split-pixel", "--exact", "--force", "--set", "windscreen.glare_cd_m2=20", "--json")
+    for subtracted, contrast in (("false", 0.5), ("true", 1.0)):
+        rows = rows_of(labcdp(*command, "--set", f"windscreen.glare_subtracted={subtracted}"), "detection")
+        assert rows[-1]["mean_contrast"] == pytest.approx(contrast, rel=0.01)
+
+
+def test_a_session_is_evaluated_with_the_calibration_beside_it(labcdp, inputs, tmp_path):
+    shutil.copytree(inputs / "s", tmp_path / "bench" / "day")
+    shutil.copytree(inputs / "c", tmp_path / "bench" / "day-calibrate")
+    done = labcdp("evaluate", "bench/day", "--json")
+    calibrations = [one["path"] for one in results_of(done)["inputs"] if one["role"] == "calibration"]
+    assert calibrations == [str(tmp_path / "bench" / "day-calibrate" / "calibration.json")]
+
+
+@pytest.mark.parametrize(("contrast", "status"), [("95%", 0), ("2%", 3)])
+def test_chains_are_judged_by_a_requirement(labcdp, inputs, tmp_path, contrast, status):
+    for name in ("a.toml", "b.toml"):
+        shutil.copy(inputs / "small.toml", tmp_path / name)
+    text = f'contrast = "{contrast}"\nluminance_cd_m2 = [10.0, 20.0]\ncdp_limit = "60%"\n'
+    (tmp_path / "requirement.toml").write_text(text)
+    done = labcdp("compare", "a.toml", "b.toml", "--require", "requirement.toml", "--json")
+    rows = results_of(done, status)["tables"]["requirement"]["rows"]
+    assert [row["verdict"] for row in rows] == ["not met" if status else "met"] * 2
+    assert [row["margin"] for row in rows] == [row["cdp"] - 0.6 for row in rows]
+    assert done.stderr.count("Requirement not met: a.toml (not met), b.toml (not met)") == (status > 0)
+    assert "verdict" in (tmp_path / "a-compare" / "report.html").read_text()

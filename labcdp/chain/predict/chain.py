@@ -107,7 +107,10 @@ def known_transitions(chain: Chain, stage: str | None = None) -> tuple[float, ..
         front = chain.front(levels, shares)
     except InputError:
         return ()
-    electrons_s = float(front.values[0, dark]) * sensor.electrons_per_lx_s(chain.spectrum)
+    # A veil that does not depend on the scene is there without it, too.
+    per_lx = sensor.electrons_per_lx_s(chain.spectrum)
+    veil_e_s = float(chain.front(0 * levels, shares).values[0, dark]) * per_lx
+    electrons_s = float(front.values[0, dark]) * per_lx - veil_e_s
     if electrons_s == 0:
         return ()
     count = len(camera.exposures_s)
@@ -117,8 +120,8 @@ def known_transitions(chain: Chain, stage: str | None = None) -> tuple[float, ..
         if chain.hdr.method == "normal":
             net_dn = min(net_dn, 2 ** (chain.hdr.bits / count * (place + 1)) * time / camera.exposures_s[0])
         rate = net_dn / camera.k_dn_per_e / time - camera.dark_e_s
-        # Light and glare grow with the scene.
-        found.append(float(levels[0, dark]) * rate / electrons_s)
+        # Light and the other glare grow with the scene.
+        found.append(float(levels[0, dark]) * (rate - veil_e_s) / electrons_s)
     return tuple(luminance for luminance in found if luminance > 0)
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...core.disk.files import shown
 from ...core.errors import InputError
-from ..parameters import HIGHEST_CD_M2, Luminance, Number, Oversampling, Sized, Whole
+from ..parameters import HIGHEST_CD_M2, Contrast, Luminance, Number, Oversampling, Sized, Whole
 from ..point_spread import pixel_means
 from .scene import FloatMap, Level, Levelled, Mask
 
@@ -85,7 +85,7 @@ class Checkerboard(Sized):
     """
 
     luminance_cd_m2: Luminance
-    contrast: Annotated[float, Number("(a fraction; 1.0 is 100 %)", 0, 99, above=True)]
+    contrast: Annotated[float, Contrast("(a fraction; 1.0 is 100 %)", 0, 99, above=True)]
     square_px: float = 1
     oversampling: Oversampling = 1
 

@@ -28,7 +28,7 @@ from ...drivers.simulated.devices import SimulatedBenchFile
 from ...session import EventRecord, MeterConfiguration, Session, SessionConfiguration
 from ...session.records import SIMULATED_BENCH
 from ..terminal import say
-from .operators import Console, ConsoleOperator, CsvOperator, RecordingOperator
+from .operators import Console, ConsoleOperator, CsvOperator, RecordingOperator, UnpointedOperator
 from .options import DeviceOptions, Replay
 
 #: Duration of a reading of the simulated meter; the real one needs about 0.8 s.
@@ -170,11 +170,16 @@ def _simulated(session: Session, options: DeviceOptions, clock: Clock, console: 
     devices = described.devices(options.simulated_bench)
     with (
         SimulatedBench(session.configuration, devices, clock=clock, repeated=repeated_units(session)) as bench,
-        simulated_devices(session.configuration, bench, options) as opened,
+        simulated_devices(session.configuration, bench, options, console if options.rehearse else None) as opened,
     ):
         note_bench(session, described)
         bench.schedule(faults, str(options.faults))
-        yield replace(opened, operator=ConsoleOperator(console, bench)) if options.rehearse else opened
+        operator: Operator = opened.operator
+        if options.rehearse:
+            operator = ConsoleOperator(console, bench)
+            if session.configuration.meter.entry == "csv":
+                operator = UnpointedOperator(operator, bench)
+        yield replace(opened, operator=operator)
 
 
 def simulated_bench_file(path: Path | None, seed: int | None = None) -> SimulatedBenchFile:
@@ -211,14 +216,25 @@ def note_bench(session: Session, described: SimulatedBenchFile) -> None:
 
 @contextmanager
 def simulated_devices(
-    configuration: SessionConfiguration, bench: SimulatedBench, options: DeviceOptions | None = None
+    configuration: SessionConfiguration,
+    bench: SimulatedBench,
+    options: DeviceOptions | None = None,
+    console: Console | None = None,
 ) -> Iterator[Devices]:
-    """Open the devices of a simulated bench: GigE Vision on loopback, or in this process if that fails or is faster."""
+    """Open the devices of a simulated bench: GigE Vision on loopback, or in this process if that fails or is faster.
+
+    With a console, a person types what a meter without an interface shows, which the question says.
+    """
     options = options or DeviceOptions(patience=0.0)
     virtual, camera, transport = options.virtual_clock, None, "in this process"
     with ExitStack() as stack:
-        port = bench.in_process_port() if virtual else stack.enter_context(bench.pty_meter(SIMULATED_RESPONSE_S)).port
-        meter = serial_meter(stack, configuration.meter, port, options)
+        meter: Meter
+        if configuration.meter.entry == "serial":
+            pty = None if virtual else stack.enter_context(bench.pty_meter(SIMULATED_RESPONSE_S))
+            port = bench.in_process_port() if pty is None else pty.port
+            meter = serial_meter(stack, configuration.meter, port, options)
+        else:
+            meter = stack.enter_context(_written_meter(configuration.meter, bench, console))
         if not virtual:
             try:
                 camera, transport = _gige_camera(bench, stack, options.patience), "GigE Vision on loopback"
@@ -227,6 +243,19 @@ def simulated_devices(
         if camera is None:
             camera = stack.enter_context(bench.in_process_camera(patience_s=options.patience))
         yield Devices(camera, meter, bench, transport, bench)
+
+
+def _written_meter(described: MeterConfiguration, bench: SimulatedBench, console: Console | None) -> Meter:
+    """Return a simulated meter whose readings are typed, or would be in a file; without a console they are taken."""
+    display = bench.display()
+
+    def ask(question: str) -> str:
+        shown = display.shown()
+        if console is None or described.entry == "csv":
+            return shown
+        return console.ask(f"The simulated meter shows {shown} cd/m2. {question}")
+
+    return ManualMeter(ask, replace(described.identity, simulated=True), stated_accuracy(described))
 
 
 def _gige_camera(bench: SimulatedBench, stack: ExitStack, patience_s: float) -> Camera:

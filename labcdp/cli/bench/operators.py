@@ -175,6 +175,34 @@ class RecordingOperator(AskedOperator):
         return False
 
 
+class UnpointedOperator(AskedOperator):
+    """Operator of a rehearsal whose real readings come from a file: nobody is asked to point the meter.
+
+    Parameters
+    ----------
+    operator : Operator
+        Performs the other steps.
+    bench : Operator
+        The simulated bench, which points its meter.
+    """
+
+    def __init__(self, operator: Operator, bench: Operator) -> None:
+        super().__init__(operator)
+        self._operator = operator
+        self._bench = bench
+
+    def request(self, step: str, patch: str = "") -> None:
+        """Leave it to the operator."""
+
+    def point_meter(self, patch: str) -> None:
+        """Have the simulated meter pointed."""
+        self._bench.point_meter(patch)
+
+    def repeat(self, what: str, findings: Sequence[CheckFinding]) -> bool:
+        """Delegate to the operator."""
+        return self._operator.repeat(what, findings)
+
+
 class CsvOperator(AskedOperator):
     """Operator for a meter whose readings come from a file, which is not pointed.
 

@@ -18,13 +18,14 @@ from ...core.errors import InputError, LabcdpError
 from ...evaluate.picture.image import ImageRequest
 from ...evaluate.picture.result import PictureTask, picture_folder, summary_files
 from ...evaluate.picture.tables import ReportedPicture
+from ...files.kinds import no_picture
 from ...files.picture import OF_VALUES
 from ...files.read import picture_paths
 from ...output import ResultsFolder
 from ..commands import As
 from ..options import Results
 from ..terminal import print_result, progress_bars, say
-from .options import PairOptions, PictureLightOptions, each_once, rois_and_pairs
+from .options import PairOptions, PictureLightOptions, each_once, require_kind, rois_and_pairs
 
 _LOGGER = logging.getLogger(__name__)
 
@@ -70,6 +71,7 @@ def image(
     """
     if surface and not pages:
         raise InputError("--surface is a page: leave it out, or --no-pages")
+    require_kind(files, no_picture)
     task, paths = _task(pairs, light, rectangle), each_once(picture_paths(files))
     with results.folder(files[0] if len(files) == 1 else "pictures") as folder:
         pictures = _evaluated(paths, task, pages, surface, folder)

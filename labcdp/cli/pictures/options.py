@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from ...core.disk import real_path
-from ...core.disk.files import shown
+from ...core.disk.files import open_regular, shown
 from ...core.errors import InputError
 from ...core.result import InputFile
 from ...core.roi import Roi
 from ...evaluate.picture.conversion import PictureConversion, picture_conversion
+from ...files.kinds import HEAD_BYTES
 from ...files.video.selection import Position, Selection
 from ...regions import load_regions, rois_of
 from ..commands import As
@@ -196,6 +197,22 @@ def rois_and_pairs(options: PairOptions) -> tuple[tuple[Roi, ...], tuple[tuple[s
         return (), ()
     found = rois_of(load_regions(options.roi))
     return found, tuple(parse_pair(pair, [one.name for one in found]) for pair in options.pair)
+
+
+def require_kind(files: Sequence[Path], other: Callable[[Path, bytes], InputError | None]) -> None:
+    """Refuse files that are all of another command, whatever else is wrong: `other` returns the error of one."""
+    errors = [other(path, _head(path)) if path.is_file() else None for path in files]
+    if errors and errors[0] is not None and None not in errors:
+        raise errors[0]
+
+
+def _head(path: Path) -> bytes:
+    try:
+        with open_regular(path) as file:
+            return file.read(HEAD_BYTES)
+    except OSError:
+        # Reported when it is read.
+        return b""
 
 
 def each_once(paths: Sequence[Path], what: str = "file") -> list[Path]:

@@ -21,6 +21,7 @@ from ...evaluate.video.archive_page import archive_files, archive_result
 from ...evaluate.video.evaluate import Part, evaluated_parts, require_same_evaluation
 from ...evaluate.video.page import write_video
 from ...evaluate.video.settings import Observer, Progress, Reference, VideoSettings, make_reference, video_configuration
+from ...files.kinds import no_video
 from ...files.video.open import left_out, video_paths
 from ...output import ResultsFolder
 from ...regions import image_size_of
@@ -30,7 +31,7 @@ from ..commands import As
 from ..options import ClusterOptions, Results
 from ..terminal import progress_bars, say
 from ..values import fraction_of_percent
-from .options import FrameOptions, LightOptions, MadeOptions, PairOptions, each_once, rois_and_pairs
+from .options import FrameOptions, LightOptions, MadeOptions, PairOptions, each_once, require_kind, rois_and_pairs
 
 
 def _reference(text: str, name: str) -> Reference:
@@ -94,6 +95,8 @@ def video(
     files : VIDEO...
         Video files, folders of numbered images, recorded sessions; or a folder of video files.
     """
+    # Whose name says so: Motion JPEG begins as a JPEG does.
+    require_kind(files, lambda path, head: no_video(path, head, path.suffix.lower() in (".jpg", ".jpeg")))
     named, pairs = _regions(chosen)
     common = _common(chosen, light, frames)
 

@@ -17,6 +17,7 @@ from ..sweep.maps.map import MapAnalysis, analyse_map
 from ..sweep.plan import Axis, Sweep
 from ..sweep.run import run_sweep
 from .grid import Difference, Grid, difference, map_grid, responsivity_grid
+from .requirement import Judged, Requirement, judged
 from .rows import Named, values_of
 from .subject import Subject, read_subjects
 
@@ -45,18 +46,23 @@ class Question:
         Weber contrasts to be detected, fractions; None for that of each scene.
     epsilon : float
         Its relative tolerance.
+    requirement : Requirement or None
+        What each chain must detect: then its luminances, contrast, conditions and tolerance are those of the question.
     """
 
     axes: tuple[Axis, ...] = (LUMINANCES,)
     changes: Mapping[str, Any] | None = None
     contrast: TargetContrasts = None
     epsilon: float = 0.5
+    requirement: Requirement | None = None
 
     @property
     def configuration(self) -> dict[str, Any]:
         """Return it as values JSON can hold."""
         axes = {axis.parameter: list(axis.values) for axis in self.axes}
-        return {"contrast": self.contrast, "epsilon": self.epsilon, "set": dict(self.changes or {}), "axes": axes}
+        required = {} if self.requirement is None else {"requirement": self.requirement.model_dump(mode="json")}
+        asked = {"contrast": self.contrast, "epsilon": self.epsilon, "set": dict(self.changes or {}), "axes": axes}
+        return asked | required
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +103,8 @@ class Comparison:
         Usable ranges of each map.
     question : Question or None
         Of chains.
+    judged : tuple of Judged
+        Whether each chain meets the requirement of the question, if there is one.
     """
 
     subjects: tuple[Subject, ...]
@@ -105,6 +113,7 @@ class Comparison:
     grid: Grid | None = None
     analyses: tuple[MapAnalysis, ...] = ()
     question: Question | None = None
+    judged: tuple[Judged, ...] = ()
 
     @property
     def kind(self) -> str:
@@ -161,9 +170,12 @@ def _chains(
     subjects: tuple[Subject, ...], question: Question, progress: Callable[[int, int], None] | None
 ) -> Comparison:
     """Predict all chains without random numbers, on the optical axis, as `labcdp.Chain.sweep` does."""
-    maps, analyses, changed = [], [], []
+    maps, analyses, changed, verdicts = [], [], [], []
     for subject in subjects:
         chain: Chain = subject.content.with_(**question.changes) if question.changes else subject.content
+        if question.requirement is not None:
+            verdicts.append(judged(subject.name, chain, question.requirement))
+            chain = question.requirement.applied(chain)
         wanted = Sweep(chain, question.axes, True, None, question.contrast, question.epsilon)
         try:
             maps.append(run_sweep(wanted, None, progress))
@@ -172,7 +184,7 @@ def _chains(
             raise InputError(f"{subject.name}: {error}{instead}") from error
         analyses.append(_refined(wanted, maps[-1]))
         changed.append(replace(subject, settings=chain.document))
-    return replace(_maps(tuple(changed), maps, analyses), question=question)
+    return replace(_maps(tuple(changed), maps, analyses), question=question, judged=tuple(verdicts))
 
 
 def _refined(sweep: Sweep, found: Dataset) -> MapAnalysis:

@@ -174,7 +174,12 @@ def comparison_files(found: Comparison, result: Result) -> dict[str, bytes]:
     beside = [table for table in brief if len(table) <= _BRIEF and not wide]
     lead: list[Block] = [*_figures(found), *beside]
     titles = {} if beside else {"usable_ranges": "Usable ranges"}
-    titles |= {"differences": "Values", "settings": "Settings that differ", "curves": "All places"}
+    titles |= {
+        "requirement": "Requirement",
+        "differences": "Values",
+        "settings": "Settings that differ",
+        "curves": "All places",
+    }
     sections = [
         Section(title, (tables[name],), name == "curves" or (name == "differences" and len(tables[name]) <= _BRIEF))
         for name, title in titles.items()
@@ -188,7 +193,14 @@ def comparison_files(found: Comparison, result: Result) -> dict[str, bytes]:
 
 
 def _cards(found: Comparison) -> Iterator[Card]:
-    """Yield the usable range of each map, or how many values differ and which one most."""
+    """Yield the verdict on or usable range of each map, or how many values differ and which one most."""
+    if found.judged:
+        states: dict[str, State] = {"met": "good", "not met": "bad", "undecided": "open"}
+        for judgement in found.judged[:_MOST_CARDS]:
+            detail = f"CDP {judgement.cdp:.3f} ± {judgement.expanded_cdp:.3f} at {judgement.luminance_cd_m2:.3g} cd/m²"
+            detail += f", limited by {judgement.limit}"
+            yield Card(judgement.name, judgement.verdict, detail, state=states[judgement.verdict])
+        return
     if found.grid is not None and found.analyses:
         if len(found.subjects) > _MOST_CARDS:
             return

@@ -22,6 +22,7 @@ from ..sweep.maps.ranges import End
 from ..sweep.maps.result import ranges_table
 from .compare import Compared, Comparison
 from .grid import Grid
+from .requirement import requirement_table
 from .subject import Subject
 
 #: Share of values without a difference that differ significantly by chance.
@@ -43,7 +44,9 @@ _ASYMMETRY = 1e-6
 def compare_result(found: Comparison) -> Result:
     """Return all numbers of a comparison; its first findings are the answer."""
     names = [subject.name for subject in found.subjects]
-    tables = [*_ranges(found), *_differences(found), *_cells(found.grid, names), *_settings(found)]
+    required = None if found.question is None else found.question.requirement
+    verdicts = [] if required is None else [requirement_table(found.judged, required)]
+    tables = [*verdicts, *_ranges(found), *_differences(found), *_cells(found.grid, names), *_settings(found)]
     question = {} if found.question is None else found.question.configuration
     return Result(
         "compare",

@@ -87,14 +87,33 @@ def read_subjects(sources: Sequence[Any], pictures: PictureTask | None = None) -
     InputError
         If one cannot be read or is nothing that can be compared, if they are of different kinds, or less than two.
     """
-    found = [subject for source in sources for subject in _read(source, pictures)]
-    kinds = {subject.kind: subject.name for subject in reversed(found)}
+    # What takes long, once it is known that all can be compared.
+    later = {number: kind for number, source in enumerate(sources) if (kind := _evaluated_kind(source, pictures))}
+    read = {number: _read(source, pictures) for number, source in enumerate(sources) if number not in later}
+    known: list[tuple[str, str]] = []
+    for number, source in enumerate(sources):
+        named = [(subject.kind, subject.name) for subject in read.get(number, ())]
+        known += [(later[number], str(source))] if number in later else named
+    kinds = dict(reversed(known))
     if len(kinds) > 1:
         (one, a), (other, b), *_ = reversed(kinds.items())
         raise InputError(f"{a} is a {one}, but {b} is a {other}: give several of one kind")
-    if len(found) < 2:
+    if len(known) < 2:
         raise InputError("there is nothing to compare with: give at least two")
+    read |= {number: _read(sources[number], pictures) for number in later}
+    found = [subject for number in range(len(sources)) for subject in read[number]]
     return tuple(replace(subject, name=name) for subject, name in zip(found, _names(found), strict=True))
+
+
+def _evaluated_kind(source: Any, pictures: PictureTask | None) -> str:
+    """Return the kind of what is evaluated before it is compared, a session or a picture; empty for anything else."""
+    if isinstance(source, Session) or (isinstance(source, str | Path) and (Path(source) / JOURNAL).is_file()):
+        return "session"
+    if not isinstance(source, str | Path) or Path(source).suffix.lower() in _SUFFIXES or not Path(source).is_file():
+        return ""
+    if pictures is None:
+        raise InputError(f"{source} is compared as a picture: give its regions, or {_HINT.removeprefix('give ')}")
+    return "picture"
 
 
 def _names(subjects: Sequence[Subject]) -> list[str]:
@@ -107,6 +126,7 @@ def _names(subjects: Sequence[Subject]) -> list[str]:
 def _read(source: Any, pictures: PictureTask | None) -> list[Subject]:
     if isinstance(source, str | Path):
         if Path(source).suffix.lower() not in _SUFFIXES and Path(source).is_file():
+            assert pictures is not None
             return _picture(Path(source), pictures)
         return _file(str(source), Path(source))
     if isinstance(source, Chain):
@@ -148,10 +168,8 @@ def _file(text: str, path: Path) -> list[Subject]:
     raise InputError(f"{text} cannot be compared: {_HINT}")
 
 
-def _picture(path: Path, asked: PictureTask | None) -> list[Subject]:
+def _picture(path: Path, asked: PictureTask) -> list[Subject]:
     """Evaluate a picture, as `labcdp image` does."""
-    if asked is None:
-        raise InputError(f"{path} is compared as a picture: give its regions, or {_HINT.removeprefix('give ')}")
     evaluation, _ = asked.made(path, pages=False, surface=False)
     result = asked.result([ReportedPicture(1, str(path), "", evaluation)])
     return _results(str(path), path, envelope(result), result.inputs)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from decimal import Decimal
 from hashlib import sha256
 from importlib.metadata import version
 from math import prod
@@ -16,6 +15,7 @@ from ...chain import Chain, ImageScene
 from ...core.disk.files import shown
 from ...core.disk.text import results_json
 from ...core.errors import InputError
+from ...core.percent import plain_fraction
 from ...core.result import Finding, info
 from ...metrics.contrast import TargetContrasts
 from .maps.axes import TO_DETECT
@@ -52,7 +52,11 @@ class Axis:
         given: Any = self.values
         given = given.tolist() if isinstance(given, np.ndarray | np.generic) else given
         is_list = isinstance(given, Sequence) and not isinstance(given, str)
-        values = tuple(one.item() if isinstance(one, np.generic) else one for one in given) if is_list else (None,)
+        values = (
+            tuple(plain_fraction(one.item() if isinstance(one, np.generic) else one) for one in given)
+            if is_list
+            else (None,)
+        )
         if not all(isinstance(one, int | float | str) for one in values):
             raise InputError(f"{self.parameter} is {shown(given)}: give a list of numbers or texts")
         object.__setattr__(self, "values", values)
@@ -104,10 +108,9 @@ def parse_value(text: str) -> Value:
     except ValueError:
         pass
     try:
-        # 2.3 / 100 is not the float nearest to 0.023.
-        return float(Decimal(text[:-1]).scaleb(-2)) if text.endswith("%") else float(text)
-    except (ValueError, ArithmeticError):
-        return text
+        return float(text)
+    except ValueError:
+        return plain_fraction(text)  # type: ignore[no-any-return]
 
 
 def _spaced(parameter: str, given: str) -> tuple[Value, ...]:

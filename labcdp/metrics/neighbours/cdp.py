@@ -25,18 +25,18 @@ _ROWS = 64
 
 @overload
 def cdp_neighbours(
-    image: ArrayLike, contrast: float, epsilon: Epsilon = ..., *, definition: ContrastDefinition = ...
+    image: ArrayLike, contrast: float | str, epsilon: Epsilon | str = ..., *, definition: ContrastDefinition = ...
 ) -> DetectionProbability[float]: ...
 @overload
 def cdp_neighbours(
     image: ArrayLike,
-    contrast: Sequence[float] | NDArray[Any],
-    epsilon: Epsilon = ...,
+    contrast: Sequence[float] | list[str] | list[float | str] | NDArray[Any],
+    epsilon: Epsilon | str = ...,
     *,
     definition: ContrastDefinition = ...,
 ) -> DetectionProbability[NDArray[np.float64]]: ...
 def cdp_neighbours(
-    image: ArrayLike, contrast: ArrayLike, epsilon: Epsilon = 0.5, *, definition: ContrastDefinition = "weber"
+    image: ArrayLike, contrast: ArrayLike, epsilon: Epsilon | str = 0.5, *, definition: ContrastDefinition = "weber"
 ) -> DetectionProbability[Any]:
     """Contrast detection probability of each pixel against its right and its lower neighbour.
 

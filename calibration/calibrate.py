@@ -187,8 +187,8 @@ def _fitted(
 def _final(selection: Selection, given: Design, glare_cd_m2: float) -> tuple[Solution, Solution, ExposureTimes]:
     """Fit once more with what was found as it is in use, without and with the scatter of what is left.
 
-    Exposure times are corrected. Which side of a step is right is unknown. What depends on the place in the image, beyond
-    the stated uncertainty of the vignetting, is scatter of patches elsewhere. Glare that the patches do not exclude is as
+    Exposure times are corrected. Which side of a step is right is unknown. What depends on the place in the image
+    beyond the stated uncertainty of the vignetting is scatter of patches elsewhere. Glare that they do not exclude is as
     large as they show it.
     """
     kinds = {one.effect.kind for one in selection.found}

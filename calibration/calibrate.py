@@ -188,8 +188,8 @@ def _final(selection: Selection, given: Design, glare_cd_m2: float) -> tuple[Sol
     """Fit once more with what was found as it is in use, without and with the scatter of what is left.
 
     Exposure times are corrected. Which side of a step is right is unknown. What depends on the place in the image
-    beyond the stated uncertainty of the vignetting is scatter of patches elsewhere. Glare that they do not exclude is as
-    large as they show it.
+    beyond the stated uncertainty of the vignetting is scatter of patches elsewhere. Glare that they do not exclude
+    is as large as they show it.
     """
     kinds = {one.effect.kind for one in selection.found}
     design, times = with_times(given, selection.found)

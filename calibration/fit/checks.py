@@ -96,7 +96,8 @@ def found_findings(selection: Selection, vignetting: AnyVignetting | None) -> li
         findings.append(of_each[0])
         if one.rivals:
             causes, codes = [row.effect.name for row in rows], [finding.code for finding in of_each]
-            findings.append(warning("one-of", causes=causes, codes=codes))
+            remedies = "; ".join(row.effect.what_tells for row in rows)
+            findings.append(warning("one-of", causes=causes, codes=codes, remedies=remedies))
     return findings
 
 

@@ -75,6 +75,11 @@ class Effect:
         return _NAMES[self.kind].format(self.subject)
 
     @property
+    def what_tells(self) -> str:
+        """What would tell it from other effects, in words."""
+        return _WHAT_TELLS[self.kind]
+
+    @property
     def key(self) -> tuple[Kind, int]:
         """What the same effect has in another design."""
         return self.kind, self.number
@@ -103,6 +108,21 @@ _NAMES: dict[Kind, str] = {
     "place": "the place in the image (vignetting)",
     "rim": "light of the surroundings in the regions (focus, halo)",
     "patch": "a wrong reading of patch {}",
+}
+
+
+#: What would tell each effect from others.
+_WHAT_TELLS: dict[Kind, str] = {
+    "glare": "shade the lens, or darken the surroundings",
+    "dark signal": "take the dark frames again, right after the light frames",
+    "dark current": "take dark and light frames at one temperature",
+    "exposure offset": "add exposures, the longest ones above all",
+    "exposure": "add exposures near it",
+    "drift": "read the first patch again at the end",
+    "step": "read some patches again, in another order",
+    "place": "show the patches at other places, or record a flat field",
+    "rim": "focus, or draw smaller regions",
+    "patch": "read this patch again",
 }
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -149,10 +149,26 @@ def default_folder(source: str | Path, command: str) -> Path:
     """Return the folder in which a command writes its results unless another one is given."""
     path = Path(source)
     # The name of "." or ".." is that of the folder it stands for.
-    name = path.resolve().name if path.is_dir() else path.stem
+    name = path.resolve().name if path.is_dir() else path.name if _has_namesake(path) else path.stem
     while len(os.fsencode(f"{name}-{command}")) > _MOST_NAME_BYTES:
         name = name[:-1]
     return Path(f"{name or 'root'}-{command}")
+
+
+def _has_namesake(path: Path) -> bool:
+    """Whether another picture or video beside a file differs in its suffix alone: night.jpg beside night.png."""
+    from ..files.read import DUMP_SUFFIXES, STATED_SUFFIXES
+    from ..files.video.open import VIDEO_SUFFIXES
+
+    kinds = {*STATED_SUFFIXES, *DUMP_SUFFIXES, *VIDEO_SUFFIXES}
+    if path.suffix.lower() not in kinds:
+        return False
+    with suppress(OSError):
+        return any(
+            one.stem == path.stem and one.name != path.name and one.suffix.lower() in kinds and one.is_file()
+            for one in path.absolute().parent.iterdir()
+        )
+    return False
 
 
 def output_file(path: Path, force: bool, option: str = "--output") -> Path:

@@ -18,7 +18,6 @@ from rich.text import Text
 
 from ..core.clock import exposure_text
 from ..core.errors import printable
-from ..core.result import unique
 from .commands import RUNNING
 
 if TYPE_CHECKING:
@@ -116,7 +115,7 @@ def print_result(result: Result, *following: str) -> None:
             text = json.dumps(json.loads(text), indent=2) + "\n"
         sys.stdout.write(text)
         return
-    from ..report.text import finding_text, is_number, text_table
+    from ..report.text import finding_lines, is_number, text_table
 
     for table in result.tables:
         if table.detail or not len(table):
@@ -128,8 +127,8 @@ def print_result(result: Result, *following: str) -> None:
             say(f"{len(table) - _MOST_ROWS} more rows are in the files")
     if result.simulated:
         say("Simulated data, not a measurement")
-    for finding in unique(result.findings):
-        say(f"{finding.severity}: {finding_text(finding)}")
+    for severity, line in finding_lines(result.findings):
+        say(f"{severity}: {line}")
     for line in following:
         # A name in it may hold a line break.
         say(printable(line))

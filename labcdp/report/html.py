@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote_from_bytes
 
-from ..core.result import unique
 from ..core.table import Table
 from .layout import Page, Script, Verbatim
-from .text import finding_sentence, is_number, printable, text_table
+from .text import finding_lines, is_number, printable, text_table
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -38,9 +37,9 @@ def render_page(page: Page, template: str = "page.html", **of_template: Any) -> 
     **of_template
         What else the template shows: of a certificate ``number``, printed on each page, and ``dates``, named texts.
     """
-    findings = unique(page.findings)
-    severe = [(one.severity, finding_sentence(one)) for one in findings if one.severity != "info"]
-    notes = [finding_sentence(one) for one in findings if one.severity == "info"]
+    lines = finding_lines(page.findings, sentences=True)
+    severe = [(severity, text) for severity, text in lines if severity != "info"]
+    notes = [text for severity, text in lines if severity == "info"]
     scripts = any(isinstance(block, Script) for block in page.blocks)
     shown = {"page": page, "version": version("labcdp"), "scripts": scripts, "severe": severe, "notes": notes}
     return environment().get_template(template).render(**shown, **of_template)

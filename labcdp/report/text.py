@@ -15,7 +15,7 @@ from typing import Any
 
 from ..core.clock import exposure_text
 from ..core.errors import LabcdpError
-from ..core.result import Finding, unique
+from ..core.result import Finding, Severity, unique
 from ..core.table import Z_95 as Z_95
 from ..core.table import Column, Table
 from ..metrics import DetectionResult
@@ -295,6 +295,38 @@ def finding_sentence(finding: Finding) -> str:
     """Return a finding as a sentence that begins with a capital, or with the name of its subject."""
     text, name = finding_text(finding), shortened(finding.subject, _LONGEST_NAME)
     return text if name and text.startswith(name) else capitalised(text)
+
+
+#: Most subjects of findings of one kind that are named.
+_MOST_SUBJECTS = 8
+
+
+def finding_lines(findings: Iterable[Finding], sentences: bool = False) -> list[tuple[Severity, str]]:
+    """Return severity and text of findings, the most severe first; of several of one kind one line.
+
+    The line is that of the first one, with how many there are besides, and what they are about. Failures for different
+    reasons are of different kinds.
+    """
+    kinds: dict[tuple[Severity, str, str], list[Finding]] = {}
+    for one in unique(findings):
+        reason = str(one.values.get("reason", "")).replace(one.subject, "") if one.severity == "error" else ""
+        kinds.setdefault((one.severity, one.code, reason), []).append(one)
+    return [
+        (severity, _of_kind(of_kind, finding_sentence if sentences else finding_text))
+        for (severity, _, _), of_kind in kinds.items()
+    ]
+
+
+def _of_kind(findings: Sequence[Finding], written: Callable[[Finding], str]) -> str:
+    first, *others = findings
+    text = written(first)
+    if not others:
+        return text
+    subjects = [*dict.fromkeys(one.subject for one in others if one.subject not in ("", first.subject))]
+    named = [shortened(one, _LONGEST_NAME) for one in subjects[:_MOST_SUBJECTS]]
+    more = f", and {len(subjects) - len(named)} more" if len(subjects) > len(named) else ""
+    about = f": {', '.join(named)}{more}" if named else ""
+    return f"{text} (and {len(others)} more of this kind{about})"
 
 
 def warning_texts(findings: Iterable[Finding]) -> tuple[str, ...]:

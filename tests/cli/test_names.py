@@ -7,6 +7,7 @@ import shutil
 import pytest
 
 from labcdp.chain import Chain
+from labcdp.cli.options import default_folder
 
 from ..conftest import valid
 from .test_foreign_files import run
@@ -119,3 +120,18 @@ def test_a_chain_of_a_sensor_and_a_preset_of_any_name(renamed, tmp_path, kind):
     assert run("init", "chain", f"new-{name}.toml", "--preset", f"{name}.toml", "--sensor", f"{name}-sheet.toml") == ""
     ((_, sensor),) = Chain.load(f"new-{name}.toml").sensors
     assert sensor.k_dn_per_e == 0.25
+
+
+@pytest.mark.parametrize(
+    ("beside", "names"),
+    [
+        (("night.png",), ("night-image",)),
+        (("night.png", "night.json", "night.zip"), ("night-image",)),
+        (("night.png", "night.jpg"), ("night.png-image", "night.jpg-image")),
+        (("night.CR2", "night.JPG"), ("night.CR2-image", "night.JPG-image")),
+    ],
+)
+def test_pictures_that_differ_in_their_suffix_have_folders_of_their_own(tmp_path, beside, names):
+    for name in beside:
+        (tmp_path / name).touch()
+    assert tuple(str(default_folder(tmp_path / name, "image")) for name in beside[: len(names)]) == names

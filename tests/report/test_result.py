@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labcdp.core.errors import InputError
-from labcdp.core.result import Finding, InputFile, Quantity, Result, info, quantity_table, unique, warning
+from labcdp.core.result import Finding, InputFile, Quantity, Result, error, info, quantity_table, unique, warning
 from labcdp.core.table import Column, Table, variables_of
 from labcdp.report import text as digits
 from labcdp.report.files import envelope, envelope_json
@@ -121,3 +121,20 @@ def test_each_finding_stands_once_with_the_severe_ones_first_and_inputs_have_has
     assert InputFile.of("picture", tmp_path / "a").sha256.startswith("ba7816bf8f01cfea")
     with pytest.raises(InputError, match="cannot be read"):
         InputFile.of("picture", tmp_path / "b")
+
+
+def test_several_findings_of_one_kind_are_one_line_and_failures_of_other_reasons_are_not(monkeypatch):
+    monkeypatch.setitem(digits.templates(), "test-note", "patch {subject} is at {share:percent}")
+    notes = [warning("test-note", f"P{number}", share=number / 100) for number in range(1, 14)]
+    files = [error("picture-failed", name, reason=f"{name} is {why}") for name, why in
+             [("a.png", "empty"), ("b.png", "cut off"), ("c.png", "empty")]]  # fmt: skip
+    found = digits.finding_lines([*notes, *files, info("test-note", "Q", share=0.5)])
+    assert [severity for severity, _ in found] == ["error", "error", "warning", "info"]
+    (_, empty), (_, cut), (_, note), (_, alone) = found
+    assert "a.png" in empty
+    assert "c.png" in empty
+    assert "b.png" not in empty
+    assert "b.png" in cut
+    # How many there are, and what they are about, of which a long list is cut short.
+    assert all(text in note for text in ("patch P1 is at 1 %", "12 more", "P2, P3", "and 4 more"))
+    assert alone == "patch Q is at 50 %"

@@ -27,6 +27,8 @@ from ..options import Results
 from ..terminal import print_result, progress_bars, say
 from .options import PairOptions, PictureLightOptions, each_once, require_kind, rois_and_pairs
 
+#: Pictures that are named of those that fail for one reason.
+_MOST_NAMED = 8
 _LOGGER = logging.getLogger(__name__)
 
 
@@ -89,17 +91,32 @@ def image(
         print_result(result)
     if failed:
         # Most messages already name the file.
-        lines = [one.failure if one.file in one.failure else f"{one.file}: {one.failure}" for one in failed]
-        several = [f"{len(failed)} of {len(pictures)} pictures failed:", *(f"  {line}" for line in lines)]
-        say("labcdp: " + "\n".join(several if len(pictures) > 1 else lines))
+        several = [f"{len(failed)} of {len(pictures)} pictures failed:", *(f"  {line}" for line in _failures(failed))]
+        say("labcdp: " + "\n".join(several if len(pictures) > 1 else _failures(failed)))
         raise typer.Exit(1)
+
+
+def _failures(failed: Sequence[ReportedPicture]) -> list[str]:
+    """Say why pictures have no result; those that fail for one reason share a line."""
+    reasons: dict[str, list[ReportedPicture]] = {}
+    for one in failed:
+        reasons.setdefault(one.failure.replace(one.file, ""), []).append(one)
+    lines = []
+    for first, *others in reasons.values():
+        # Most messages already name the file.
+        line = first.failure if first.file in first.failure else f"{first.file}: {first.failure}"
+        named = ", ".join(one.file for one in others[:_MOST_NAMED])
+        more = f", and {len(others) - _MOST_NAMED} more" if len(others) > _MOST_NAMED else ""
+        lines.append(f"{line} (and {len(others)} more alike: {named}{more})" if others else line)
+    return lines
 
 
 def _task(pairs: PairOptions, light: PictureLightOptions, rectangle: tuple[int, int, int, int] | None) -> PictureTask:
     if rectangle is not None:
         pairs = replace(pairs, neighbours=True)
     rois, chosen = rois_and_pairs(pairs)
-    request = ImageRequest(pairs.contrast, pairs.epsilon, rois, chosen or None, pairs.neighbours, rectangle)
+    how = pairs.neighbours, rectangle, pairs.cdp_limit
+    request = ImageRequest(pairs.contrast, pairs.epsilon, rois, chosen or None, *how)
     conversion = light.conversion()
     options = conversion.options
     given = {"roi": pairs.roi, "calibration": light.calibration, "camera": light.camera_spec}

@@ -13,6 +13,7 @@ from ...core.errors import InputError
 from ...core.result import InputFile
 from ...core.roi import Roi
 from ...evaluate.picture.conversion import PictureConversion, picture_conversion
+from ...evaluate.verdict import CDP_LIMIT
 from ...files.kinds import HEAD_BYTES
 from ...files.video.selection import Position, Selection
 from ...regions import load_regions, rois_of
@@ -131,6 +132,8 @@ class PairOptions:
     contrast
         Target contrasts: 100%, a list such as 50%,100%, or a range START:STOP:COUNT[:log] such as 10%:200%:20. May
         be repeated; default: the measured contrast of each pair (for a video: in its first frame).
+    cdp_limit
+        CDP from which a contrast counts as detected.
     pair : BRIGHT:DARK
         Names of two regions, the brighter one first; may be repeated. Default: all pairs of up to 6 regions of a
         picture, the only pair of a video.
@@ -141,6 +144,7 @@ class PairOptions:
     roi: Path | None = None
     contrast: Contrasts = None
     epsilon: Tolerance = 0.5
+    cdp_limit: Annotated[float, As(least=0, most=1)] = CDP_LIMIT
     pair: tuple[str, ...] = ()
     neighbours: bool = False
 

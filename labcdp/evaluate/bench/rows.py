@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
 
 from ...calibration import AnyCalibration, PatchLuminance
 from ...calibration.colour.conversion import luminance_of_planes
@@ -16,6 +15,7 @@ from ...metrics.pair import evaluate_regions
 from ...metrics.region import RegionPixels
 from ...metrics.uncertainty import LimitVerdict, limit_verdict
 from ...session import ContrastConfiguration, Patch
+from ..verdict import Verdict, cdp_verdict
 from .corrections import photons_per_cd_m2_s, pixel_area_m2
 from .observe import ObservedSession
 from .recorded import maps_of
@@ -107,9 +107,6 @@ def _calculated_cd_m2(observed: ObservedSession, name: str) -> float | None:
     return o.net_dn(guess.dark_dn) / (responsivity * o.exposure_s)
 
 
-Verdict = Literal["detected", "not detected", "undecided"]
-
-
 @dataclass(frozen=True)
 class ContrastRow:
     """Detection probability of the contrast between two patches, in one frame.
@@ -169,10 +166,7 @@ class ContrastRow:
     @property
     def verdict(self) -> Verdict:
         """Whether the contrast is detected: undecided if the interval of the CDP includes the limit."""
-        low, high = self.cdp.confidence_interval
-        if low < self.asked.cdp_limit <= high:
-            return "undecided"
-        return "detected" if self.cdp.cdp >= self.asked.cdp_limit else "not detected"
+        return cdp_verdict(self.cdp.cdp, self.cdp.confidence_interval, self.asked.cdp_limit)
 
 
 def contrast_row(

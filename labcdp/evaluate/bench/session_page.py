@@ -11,13 +11,14 @@ from ...core.table import Table
 from ...metrics import ContrastDistribution
 from ...report.drawing import reduction
 from ...report.files import result_files
-from ...report.layout import SIMULATED, Card, Facts, Page, ReportFigure, Section, State, Verbatim
+from ...report.layout import SIMULATED, Card, Facts, Page, ReportFigure, Section, Verbatim
 from ...report.maps import luminance_picture, regions_picture
 from ...report.plots import ContrastPanel, contrast_figures
 from ...report.text import cell_text, day, percent, printable, share_percent, shortened, span
+from ..verdict import STATES
 from .calibration_page import calibration_figures, condition_blocks
 from .quantities import range_text
-from .rows import ContrastRow, Verdict
+from .rows import ContrastRow
 from .session import SessionEvaluation
 
 #: Number of contrast columns that fit next to the picture.
@@ -25,7 +26,6 @@ _BESIDE_PICTURE = (
     "pair", "target_contrast", "measured_contrast", "expanded_measured_contrast", "camera_contrast",
     "expanded_camera_contrast", "cdp", "cdp_low", "cdp_high",
 )  # fmt: skip
-_STATES: dict[Verdict, State] = {"detected": "good", "not detected": "bad", "undecided": "open"}
 _CDP = (
     "CDP is the share of all pairs of a bright and a dark pixel whose Weber contrast lies within the tolerance around "
     "the target contrast; below and above are the shares to either side. Contrasts by meter and camera are those of "
@@ -91,7 +91,7 @@ def _cards(table: Table) -> Iterator[Card]:
                 f"detected if CDP ≥ {row['cdp_limit']:g}",
             ),
             row["verdict"],
-            _STATES[row["verdict"]],
+            STATES[row["verdict"]],
         )
 
 

@@ -11,6 +11,7 @@ from ...core.result import Finding, InputFile, Result, info
 from ...core.table import Column, Table, uncertain, with_interval
 from ...report.text import day, exposures, minute, span
 from ...session import Session
+from ..verdict import LIMIT, VERDICT
 from .calibration_result import calibration_tables
 from .observe import ObservedSession
 from .quantities import lens_text, meter_text
@@ -47,9 +48,8 @@ CONTRASTS = (
            value="calibrated_cdp.standard_uncertainty"),
     Column("u_cdp_pixels", "u of CDP by pixels", "", "Standard uncertainty, pixels alone.", digits=2, shown=False,
            value="cdp.standard_error"),
-    Column("cdp_limit", "CDP limit", "", "CDP from which the contrast counts as detected.", digits=0, shown=False,
-           value="asked.cdp_limit"),
-    Column("verdict", "detected", "", "Whether the CDP reaches the limit; undecided within its 95 % interval."),
+    LIMIT.within("asked"),
+    VERDICT,
     Column("below", "below", "", "Share of pixel pairs with a lower contrast.", decimals=4, value="cdp.below"),
     Column("above", "above", "", "Share of pixel pairs with a higher contrast.", decimals=4, value="cdp.above"),
     Column("undefined", "undefined", "", "Share of pixel pairs without a contrast.", shown=False,

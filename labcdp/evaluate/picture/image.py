@@ -13,6 +13,7 @@ from ...core.result import Finding, info, unique, warning
 from ...core.roi import Rectangle, Roi
 from ...metrics.pair import VIGNETTING_CODE, PairResult, evaluate_pair
 from ...metrics.region import RegionResult, evaluate_region
+from ..verdict import CDP_LIMIT, require_limit
 from .conversion import PictureSource
 from .neighbours import NeighbourEvaluation, evaluate_neighbours
 
@@ -122,12 +123,14 @@ class ImageRequest:
         Whether the nearest-neighbour CDP is wanted.
     rectangle : (int, int, int, int) or None
         Corner pixels x0, y0, x1, y1, both in, that it is limited to.
+    cdp_limit : float
+        CDP from which a contrast counts as detected.
 
     Raises
     ------
     InputError
         If the request is empty, a pair names an unknown region or one region twice, there is only one region, or there
-        are too many for all pairs.
+        are too many for all pairs; or if the limit is no probability.
     """
 
     contrasts: tuple[float, ...] | None = None
@@ -136,8 +139,10 @@ class ImageRequest:
     pairs: tuple[tuple[str, str], ...] | None = None
     neighbours: bool = False
     rectangle: Rectangle | None = None
+    cdp_limit: float = CDP_LIMIT
 
     def __post_init__(self) -> None:
+        require_limit(self.cdp_limit)
         names = [roi.name for roi in self.rois]
         if not names and not self.neighbours:
             raise InputError("no evaluation was chosen: give regions, or ask for the nearest-neighbour CDP")
@@ -158,7 +163,7 @@ class ImageRequest:
     @property
     def configuration(self) -> dict[str, Any]:
         """Return it but for the corners of the regions, as values JSON can hold."""
-        names = ("contrasts", "epsilon", "neighbours", "rectangle")
+        names = ("contrasts", "epsilon", "neighbours", "rectangle", "cdp_limit")
         return {**{name: getattr(self, name) for name in names}, "pairs": self.chosen_pairs}
 
     @property

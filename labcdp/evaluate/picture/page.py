@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from ...core.clock import exposure_text
@@ -11,14 +11,18 @@ from ...core.table import Table
 from ...report.html import render_page
 from ...report.layout import Block, Card, Facts, Links, Page, ReportFigure, Section, input_facts
 from ...report.text import MISSING, UNKNOWN, cell_text
+from ..verdict import STATES
+from .summary import summary_cards, trend_figure
 from .tables import ReportedPicture
 
 #: Cards of a page; the table has all.
 _MOST_CARDS = 8
-#: Rows of the table next to the picture.
-_MOST_ROWS = 12
+#: Rows of a table that is shown at once; a longer one is collapsed, or has the largest CDP of each pair.
+MOST_ROWS = 12
+#: Pictures with the lowest CDP whose pages are named before those of all.
+_MOST_WORST = 10
 #: Columns next to the picture.
-_SHORT = ("picture", "pair", "measured_contrast", "contrast", "contrast_origin", "cdp")
+_SHORT = ("picture", "pair", "measured_contrast", "contrast", "contrast_origin", "cdp", "verdict")
 
 
 def picture_page(result: Result, figures: Sequence[ReportFigure], conversion: str, surface: bool) -> str:
@@ -62,7 +66,7 @@ def picture_page(result: Result, figures: Sequence[ReportFigure], conversion: st
 
 
 def overview_page(result: Result, pictures: Sequence[ReportedPicture], conversion: str) -> str:
-    """Return the page over several pictures, with their failures, and links to the page of each.
+    """Return the page over several pictures: mean, spread, worst and trend, then all rows and the page of each.
 
     Parameters
     ----------
@@ -74,13 +78,26 @@ def overview_page(result: Result, pictures: Sequence[ReportedPicture], conversio
         How their values became luminance.
     """
     failed = sum(one.evaluation is None for one in pictures)
-    pages = [(one.file, f"{one.folder}/report.html") for one in pictures if one.evaluation is not None and one.folder]
-    card = Card(
-        "Pictures", str(len(pictures) - failed), "evaluated", (f"{failed} failed" if failed else "none failed",),
-        state="bad" if failed else "good",
-    )  # fmt: skip
-    sections = [
-        *([Section("Pages of the pictures", [Links(pages)])] if pages else []),
+    pages = {one.number: (one.file, f"{one.folder}/report.html") for one in pictures if one.evaluation and one.folder}
+    of_all = f"{len(pictures) - failed} of {len(pictures)} pictures were evaluated." if failed else ""
+    cards: list[Card] = []
+    lead: list[Block] = []
+    sections: list[Section] = []
+    # Neighbours without light have no contrast at all.
+    for cdp in _tables(result, "cdp"):
+        summary, limit = result.table("over_pictures"), cdp["cdp_limit"][0]
+        cards, lead = [*summary_cards(summary, limit)], [trend_figure(cdp, summary, limit)]
+        sections = [
+            Section("", [summary]),
+            *(
+                [Section("Pictures with the lowest CDP", [Links(_worst(cdp, pages))])]
+                if len(pages) > _MOST_WORST
+                else []
+            ),
+            Section("All pictures", [cdp], len(cdp) > MOST_ROWS),
+        ]
+    sections += [
+        *([Section("Pages of the pictures", [Links([*pages.values()])], len(pages) > _MOST_WORST)] if pages else []),
         Section("Details", _tables(result, "regions", "pictures"), True),
         Section("Provenance", [Facts([("conversion", conversion)])], collapsed=True),
     ]
@@ -88,11 +105,23 @@ def overview_page(result: Result, pictures: Sequence[ReportedPicture], conversio
         Page.of(
             result,
             "Contrast detection probability (CDP) of pictures",
-            cards=[card],
-            lead=_tables(result, "cdp"),
+            of_all,
+            cards=cards,
+            lead=lead,
             sections=sections,
         )
     )
+
+
+def _worst(cdp: Table, pages: Mapping[int, tuple[str, str]]) -> list[tuple[str, str]]:
+    """Return the pages of the pictures with the lowest CDP, each with what it is of."""
+    found: dict[int, tuple[str, str]] = {}
+    for row in cdp.sorted_by("cdp").rows():
+        if row["cdp"] is not None and row["number"] in pages and len(found) < _MOST_WORST:
+            file, page = pages[row["number"]]
+            text = f"{file}: CDP {cell_text(cdp.column('cdp'), row)} of {row['pair']}"
+            found.setdefault(row["number"], (text, page))
+    return [*found.values()]
 
 
 def _tables(result: Result, *names: str) -> list[Table]:
@@ -112,8 +141,8 @@ def _best(table: Table) -> Table:
 
 def _short(table: Table) -> Table:
     """Return the table next to the picture: few columns, and of many contrasts the largest CDP of each pair."""
-    short = (table if len(table) <= _MOST_ROWS else _best(table)).showing(*_SHORT)
-    text = "The contrast with the largest CDP of each pair; all are below." if len(table) > _MOST_ROWS else ""
+    short = (table if len(table) <= MOST_ROWS else _best(table)).showing(*_SHORT)
+    text = "The contrast with the largest CDP of each pair; all are below." if len(table) > MOST_ROWS else ""
     return replace(short, note=text)
 
 
@@ -132,7 +161,9 @@ def _cards(table: Table) -> list[Card]:
         unit = "" if texts["measured_contrast"] in (MISSING, UNKNOWN, "∞") else " %"
         measured = f"contrast measured {texts['measured_contrast']}{unit}"
         detail = f"CDP, 95 %: {interval.rstrip(')')}" if interval else "CDP"
-        cards.append(Card(row["pair"], value, detail, (asked, measured)))
+        lines = (asked, measured, f"detected if CDP ≥ {row['cdp_limit']:g}")
+        verdict = row["verdict"]
+        cards.append(Card(row["pair"], value, detail, lines, verdict or "", STATES[verdict] if verdict else "plain"))
     return cards
 
 

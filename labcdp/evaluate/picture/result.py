@@ -17,7 +17,8 @@ from ...report.sheets import result_workbook
 from .conversion import PictureConversion
 from .figures import image_figures
 from .image import ImageEvaluation, ImageRequest, evaluate_image
-from .page import overview_page, picture_page
+from .page import MOST_ROWS, overview_page, picture_page
+from .summary import summary_table
 from .tables import ReportedPicture, cdp_table, matrices, picture_table, region_table
 
 #: Columns that a sheet can have, less the one for the contrasts.
@@ -85,7 +86,13 @@ class PictureTask:
         good = [one for one in pictures if one.evaluation is not None]
         sources = [(one.file, one.evaluation.source) for one in pictures if one.evaluation is not None]
         several, contrasts = len(pictures) > 1, self.request.contrasts
-        tables = [cdp_table(good, several), region_table(good, several), picture_table(pictures, several)]
+        cdp = cdp_table(good, several, self.request.cdp_limit)
+        if several:
+            overall = summary_table(cdp, self.request.cdp_limit)
+            tables = [overall, cdp if len(cdp) <= MOST_ROWS else cdp.as_detail()]
+        else:
+            tables = [cdp]
+        tables += [region_table(good, several), picture_table(pictures, several)]
         if several and contrasts is not None and len(pictures) <= _MOST_PICTURES:
             tables += matrices(pictures, self.request, contrasts)
         return Result(

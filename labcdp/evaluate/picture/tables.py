@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from math import isfinite
 from typing import Any, TypeAlias
 
 from ...core.table import Column, Table
@@ -11,6 +12,7 @@ from ...metrics import CalibratedCdp, CdpResult, DetectionInterval, NeighbourCdp
 from ...metrics.pair import PairResult
 from ...metrics.region import REASONS, RegionResult
 from ..columns import CDP, CONTRAST, CSNR, SHARES, TARGET, invalid_share, region_columns
+from ..verdict import LIMIT, VERDICT, Verdict, cdp_verdict
 from .image import AnyContrast, ImageEvaluation, ImageRequest
 
 #: CDP of two regions, or of neighbouring pixels.
@@ -49,6 +51,13 @@ class _Row:
     picture: ReportedPicture
     contrast: AnyContrast
     one: AnyCdp | None
+    cdp_limit: float
+
+    @property
+    def verdict(self) -> Verdict | None:
+        if self.one is None or not isfinite(self.one.result.cdp):
+            return None
+        return cdp_verdict(self.one.result.cdp, self.one.confidence_interval, self.cdp_limit)
 
     @property
     def regions(self) -> PairResult | None:
@@ -99,6 +108,8 @@ _CDP_COLUMNS = (
            value="one.result.standard_error"),
     Column("u_cdp_calibration", "u of CDP, calibration", "", "Its part by the calibration.", 2, shown=False,
            value="one.calibration_standard_uncertainty"),
+    LIMIT,
+    VERDICT,
     *_within("one", *SHARES),
     *_within("regions", *CSNR),
     Column("tolerance_below", "tolerance below", "%", "Of the target contrast; empty for an open end.", shown=False,
@@ -119,10 +130,10 @@ _CDP_NOTE = (
 )
 
 
-def cdp_table(pictures: Sequence[ReportedPicture], several: bool) -> Table:
-    """Return CDP and contrasts, a row for each picture, pair and target contrast."""
+def cdp_table(pictures: Sequence[ReportedPicture], several: bool, limit: float) -> Table:
+    """Return CDP, contrasts and verdicts by a limit, a row for each picture, pair and target contrast."""
     rows = [
-        _Row(picture, contrast, one)
+        _Row(picture, contrast, one, limit)
         for picture in pictures
         if picture.evaluation is not None
         for contrast in picture.evaluation.contrasts

@@ -309,7 +309,7 @@ def finding_lines(findings: Iterable[Finding], sentences: bool = False) -> list[
     """
     kinds: dict[tuple[Severity, str, str], list[Finding]] = {}
     for one in unique(findings):
-        reason = str(one.values.get("reason", "")).replace(one.subject, "") if one.severity == "error" else ""
+        reason = str(one.values.get("reason", "")).replace(_about(one), "") if one.severity == "error" else ""
         kinds.setdefault((one.severity, one.code, reason), []).append(one)
     return [
         (severity, _of_kind(of_kind, finding_sentence if sentences else finding_text))
@@ -317,12 +317,17 @@ def finding_lines(findings: Iterable[Finding], sentences: bool = False) -> list[
     ]
 
 
+def _about(finding: Finding) -> str:
+    """Return what a finding is about: its subject, or a file."""
+    return finding.subject or str(finding.values.get("path", ""))
+
+
 def _of_kind(findings: Sequence[Finding], written: Callable[[Finding], str]) -> str:
     first, *others = findings
     text = written(first)
     if not others:
         return text
-    subjects = [*dict.fromkeys(one.subject for one in others if one.subject not in ("", first.subject))]
+    subjects = [*dict.fromkeys(name for name in map(_about, others) if name not in ("", _about(first)))]
     named = [shortened(one, _LONGEST_NAME) for one in subjects[:_MOST_SUBJECTS]]
     more = f", and {len(subjects) - len(named)} more" if len(subjects) > len(named) else ""
     about = f": {', '.join(named)}{more}" if named else ""

@@ -150,6 +150,7 @@ def _common(chosen: VideoPairOptions, light: LightOptions, frames: FrameOptions)
         contrasts=chosen.contrast,
         image_size=None if chosen.roi is None else image_size_of(chosen.roi),
         epsilon=chosen.epsilon,
+        cdp_limit=chosen.cdp_limit,
         reference_by=chosen.reference_by,
         selection=frames.selection(),
         damaged=frames.damaged,

@@ -7,25 +7,30 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
+import numpy as np
+
 from ...core.result import InputFile, Result, error
 from ...core.table import Column, Table
 from ...report.files import envelope_json
 from ...report.html import render_page
 from ...report.layout import Card, Links, Page, Section, State
 from ...report.sheets import result_workbook
+from ...report.text import fixed
 from .archive import ArchiveResult, VideoOutcome
 from .findings import LOST
 from .result import CONTRASTS, REGIONS
 
+#: Rows of the table of videos that is shown at once, and videos with the lowest share that are named.
+_MOST_ROWS = 12
 _VIDEO = Column("video", "video", meaning="Name of the folder of its results.")
 _VIDEOS = (
     _VIDEO,
     Column("path", "path", meaning="The video.", shown=False),
     Column("folder", "folder", meaning="The folder of its results.", shown=False),
-    Column("n_frames", "frames", meaning="Evaluated frames, those without a result included.", decimals=0),
+    Column("n_frames", "chosen frames", meaning="Chosen frames, those without a result included.", decimals=0),
     # Of the reference contrast, or else of the first one.
     *(replace(column, shown=column.shown and column.name != "lowest_frame") for column in CONTRASTS),
-    Column("lost_share", "lost", "%", "Largest share of the frames in which a region was lost.", decimals=1),
+    Column("lost_share", "lost", "%", "Largest share of the chosen frames in which a region was lost.", decimals=1),
     Column("resumed", "resumed", meaning="Whether the results are of an earlier run.", shown=False),
     Column("error", "error", meaning="Why it failed.", shown=False),
 )
@@ -46,7 +51,7 @@ def archive_result(archive: ArchiveResult) -> Result:
     )
     tables = [Table.of_items("videos", "Videos", _VIDEOS, map(_video, archive.outcomes), text)]
     for name, title, columns in (
-        ("contrasts", "CDP over all frames", CONTRASTS),
+        ("contrasts", "CDP over the evaluated frames", CONTRASTS),
         ("regions", "Regions", REGIONS),
         ("lost", "Stretches in which a region was lost", LOST),
     ):
@@ -122,16 +127,49 @@ def archive_page(result: Result) -> Page:
     """Return the page of an archive."""
     videos = result.table("videos")
     done = [row["video"] for row in videos.rows() if row["error"] is None]
+    pages = [(name, f"{name}/report.html") for name in done]
     state: State = "good" if len(done) == len(videos) else "bad"
+    is_long = len(videos) > _MOST_ROWS
     details = [table for table in result.tables if table.name not in ("videos", "contrasts")]
     return Page(
         "CDP of videos",
         "Archive of videos",
-        cards=[Card("Videos", f"{len(done)} of {len(videos)}", "evaluated", state=state)],
-        lead=(videos,),
+        cards=[Card("Videos", f"{len(done)} of {len(videos)}", "evaluated", state=state), *_over_all(videos)],
+        lead=() if is_long else (videos,),
         findings=result.findings,
         sections=[
-            Section("Pages of the videos", [Links([(name, f"{name}/report.html") for name in done])]),
+            *([Section("Videos with the lowest share", [Links(_worst(videos))])] if is_long else []),
+            *([Section("All videos", [videos], collapsed=True)] if is_long else []),
+            Section("Pages of the videos", [Links(pages)], collapsed=is_long),
             *(Section(table.title, [table], collapsed=True) for table in details),
         ],
     )
+
+
+def _over_all(videos: Table) -> Iterator[Card]:
+    """Yield the card of the share of frames in which the contrast is detected: mean, spread and worst video."""
+    rows = [row for row in videos.sorted_by("detected_share").rows() if row["detected_share"] is not None]
+    if not rows:
+        return
+    shares = np.array([row["detected_share"] for row in rows])
+    spread = f", standard deviation {fixed(100 * float(shares.std(ddof=1)), 1)} %" if len(rows) > 1 else ""
+    n_lost, n_frames = (sum(row[name] for row in rows) for name in ("n_lost", "n_frames"))
+    yield Card(
+        "Detected",
+        f"{fixed(100 * float(shares.mean()), 1)} %",
+        f"mean share of the evaluated frames of a video{spread}",
+        (
+            f"lowest {fixed(100 * rows[0]['detected_share'], 1)} %: {rows[0]['video']}",
+            f"{n_lost} of {n_frames} chosen frames lost to tracking",
+            f"detected if CDP ≥ {rows[0]['cdp_limit']:g}",
+        ),
+    )
+
+
+def _worst(videos: Table) -> list[tuple[str, str]]:
+    """Return the pages of the videos with the lowest share."""
+    rows = [row for row in videos.sorted_by("detected_share").rows() if row["detected_share"] is not None]
+    return [
+        (f"{row['video']}: detected in {fixed(100 * row['detected_share'], 1)} %", f"{row['video']}/report.html")
+        for row in rows[:_MOST_ROWS]
+    ]

@@ -24,7 +24,7 @@ from ...report.drawing import (
 )
 from ...report.text import shortened
 from .findings import period_s, runs, times_s
-from .result import DETECTED_CDP, contrast_name
+from .result import contrast_name, limit_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -85,7 +85,7 @@ def video_figure(dataset: Dataset, result: Result) -> bytes:
     x, x_label = times_s(dataset), "time in s"
     if not np.isfinite(x).all():
         x, x_label = dataset["frame"].values.astype(np.float64), "frame number"
-    axes[0].axhline(DETECTED_CDP, color="0.6", linewidth=0.8, linestyle=":")
+    axes[0].axhline(limit_of(dataset), color="0.6", linewidth=0.8, linestyle=":")
     for number, (panel, on) in enumerate(zip(panels, axes, strict=True)):
         for curve in panel.curves:
             _draw(on, x, curve)

@@ -20,12 +20,13 @@ from ...output import Destination, open_results
 from ...output.file import writing
 from ...report.files import envelope_json, write_blocks
 from ...report.html import render_page
-from ...report.layout import Block, Card, Facts, Page, ReportFigure, Section, Verbatim, input_facts
+from ...report.layout import Block, Card, Facts, Page, ReportFigure, Section, State, Verbatim, input_facts
 from ...report.sheets import MOST_COLUMNS, LongTable, write_result
 from ...report.text import cell_text, fixed, percent, printable, significant, span
+from ..verdict import changes_of
 from .dataset import LIGHT, NOTE, OF_CONTRAST, OF_CORNER, OF_FRAME, OF_REGION, TIME, VideoRows, blocks_of, check_video
 from .figure import drawn_contrasts, frames_of_a_point, video_figure
-from .result import DETECTED_CDP, contrast_name, is_neighbours, unit_of, video_result
+from .result import contrast_name, is_neighbours, limit_of, unit_of, video_result
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -63,7 +64,7 @@ def over_time(dataset: Dataset, result: Result) -> ReportFigure:
     number = frames_of_a_point(dataset)
     n_evaluated = [row["n_evaluated"] for row in result.table("contrasts").rows()]
     parts = {
-        f"CDP with its 95 % interval; the dotted line is {DETECTED_CDP:g}.": True,
+        f"CDP with its 95 % interval; the dotted line is the limit of {limit_of(dataset):g}.": True,
         f"Of the {dataset.sizes['contrast']} contrasts some are drawn.": (
             len(drawn_contrasts(dataset)) + 1 < dataset.sizes["contrast"]
         ),
@@ -79,12 +80,17 @@ def over_time(dataset: Dataset, result: Result) -> ReportFigure:
 
 
 def _chosen(contrasts: Table) -> list[dict[str, Any]]:
-    """Return the reference and some of the contrasts, spread over their range."""
+    """Return the reference, and the contrasts where the answer changes."""
     rows = list(contrasts.rows())
-    if len(rows) <= _MOST_CARDS:
-        return rows
-    places = [round(n * (len(rows) - 1) / (_MOST_CARDS - 1)) for n in range(_MOST_CARDS)]
-    return [rows[place] for place in places]
+    reference = [row for row in rows if row["kind"] == "reference"]
+    others = [row for row in rows if row["kind"] != "reference"]
+    places = changes_of([*map(_answer, others)], _MOST_CARDS - len(reference))
+    return [*reference, *(others[place] for place in places)]
+
+
+def _answer(row: Mapping[str, Any]) -> float | None:
+    """Return how often the contrast is detected; where that is the same, the CDP decides."""
+    return row["detected_share"] + row["mean_cdp"] / 100 if row["n_evaluated"] else None
 
 
 def _measured(dataset: Dataset) -> Iterator[Card]:
@@ -101,24 +107,29 @@ def _measured(dataset: Dataset) -> Iterator[Card]:
 def _card(row: Mapping[str, Any], contrasts: Table) -> Card:
     name = contrast_name(row)
     title = name[0].upper() + name[1:]
+    reasons = {"n_lost": "lost to tracking", "n_other": "without a CDP"}
+    without = [f"{row[key]} {text}" for key, text in reasons.items() if row[key]]
+    left_out = (", ".join(without),) if without else ()
     if not row["n_evaluated"]:
-        return Card(title, "no result", "No frame has a CDP of this contrast.")
+        return Card(title, "no result", "No frame has a CDP of this contrast.", left_out)
+    state: State = "good" if row["detected_share"] == 1 else "open" if row["detected_share"] else "bad"
     return Card(
         title,
         f"{cell_text(contrasts.column('detected_share'), row)} %",
-        f"of the frames have CDP ≥ {DETECTED_CDP:g}",
+        f"of {row['n_evaluated']} evaluated frames have CDP ≥ {row['cdp_limit']:g}",
         (
+            *left_out,
             f"mean CDP {fixed(row['mean_cdp'], 3)}",
             f"lowest CDP {fixed(row['lowest_cdp'], 3)}, in frame {row['lowest_frame']}",
         ),
+        {"good": "detected in all", "open": "detected in some", "bad": "detected in none"}[state],
+        state,
     )
 
 
 def _summary(dataset: Dataset, result: Result) -> str:
     values = {row["quantity"]: row["value"] for row in result.table("summary").rows()}
-    frames = (
-        f"{values['evaluated frames']} frames, number {span(str(values['first frame']), str(values['last frame']))}"
-    )
+    frames = f"{values['chosen frames']} frames, number {span(str(values['first frame']), str(values['last frame']))}"
     tolerance = dataset.attrs.get("epsilon", "")
     within = f" Detected: within {percent(tolerance)} of the contrast." if isinstance(tolerance, float) else ""
     if is_neighbours(dataset):

@@ -15,22 +15,22 @@ from ...core.result import InputFile, Result
 from ...core.table import Column, Table, with_bound
 from ...metrics.region import SATURATED_SHARE
 from ...report.text import percent
+from ..verdict import CDP_LIMIT, LIMIT
 from .dataset import check_video, restored
 from .findings import frame_tables, times_s
 
 if TYPE_CHECKING:
     from xarray import Dataset
 
-#: CDP from which a contrast counts as detected in a frame.
-DETECTED_CDP = 0.9
-
 CONTRASTS = (
     Column("kind", "contrast", meaning="Whether it was given, measured in the first frame, or is the reference."),
     Column("contrast", "Weber contrast", "%", "Contrast to be detected; missing if frames differ in it.", digits=4),
-    Column("detected_share", f"frames with CDP ≥ {DETECTED_CDP:g}", "%",
-           "Share of all frames; one without a CDP counts as not detected.", decimals=1),
-    Column("n_detected", "detected", meaning="Number of these frames.", decimals=0, shown=False),
+    Column("detected_share", "detected", "%", "Share of the evaluated frames whose CDP reaches the limit.", decimals=1),
+    Column("n_detected", "detected frames", meaning="Number of these frames.", decimals=0, shown=False),
     Column("n_evaluated", "evaluated frames", meaning="Frames that have a CDP.", decimals=0),
+    Column("n_lost", "lost frames", meaning="Chosen frames without a CDP as a region was lost.", decimals=0),
+    Column("n_other", "others without a CDP", meaning="Chosen frames without a CDP for another reason.", decimals=0),
+    LIMIT,
     Column("mean_cdp", "mean CDP", meaning="Mean over the frames that have a CDP.", decimals=4),
     Column("lowest_cdp", "lowest CDP", meaning="Lowest of them.", decimals=4),
     Column("lowest_frame", "in frame", meaning="The first frame with the lowest CDP.", decimals=0),
@@ -111,30 +111,51 @@ def contrast_name(row: Mapping[str, Any]) -> str:
 
 
 def _contrasts(dataset: Dataset) -> Table:
-    frames, rows = dataset["frame"].values, []
+    frames, rows, limit = dataset["frame"].values, [], limit_of(dataset)
+    lost = lost_frames(dataset)
     if "reference_cdp" in dataset:
         contrasts = dataset["reference_contrast"].values
         given = np.unique(contrasts[np.isfinite(contrasts)]).tolist()
         if given:
             asked = {"kind": "reference", "contrast": given[0] if len(given) == 1 else None}
-            rows.append(asked | _over_all(dataset["reference_cdp"].values, frames))
+            rows.append(asked | _over_all(dataset["reference_cdp"].values, frames, lost, limit))
     kind = "measured" if configuration_of(dataset).get("contrasts", ()) is None else "given"
     for place, contrast in enumerate(dataset["contrast"].values.tolist()):
         cdp = dataset["cdp"].isel(contrast=place).values
-        rows.append({"kind": kind, "contrast": contrast} | _over_all(cdp, frames))
+        rows.append({"kind": kind, "contrast": contrast} | _over_all(cdp, frames, lost, limit))
     note = (
         "CDP is the share of all pairs of "
         + ("neighbouring pixels" if is_neighbours(dataset) else "a bright and a dark pixel")
         + " whose Weber contrast is within the tolerance around the contrast to be detected. "
-        f"Shares are of all {frames.size} frames; mean and lowest CDP are of those that have one."
+        f"Detected: CDP ≥ {limit:g}. Shares, mean and lowest CDP are of the evaluated frames, those that have a CDP, "
+        f"of {frames.size} chosen ones."
     )
-    return Table.of_items("contrasts", "CDP over all frames", CONTRASTS, rows, note)
+    return Table.of_items("contrasts", "CDP over the evaluated frames", CONTRASTS, rows, note)
 
 
-def _over_all(cdp: NDArray[np.float64], frames: NDArray[Any]) -> dict[str, Any]:
+def lost_frames(dataset: Dataset) -> NDArray[np.bool_]:
+    """Return in which frames a region was lost."""
+    if "lost" not in dataset:
+        return np.zeros(dataset.sizes["frame"], dtype=bool)
+    return np.asarray(dataset["lost"].any("region").values, dtype=bool)
+
+
+def limit_of(dataset: Dataset) -> float:
+    """Return the CDP from which a contrast counts as detected in a frame."""
+    return float(configuration_of(dataset).get("cdp_limit", CDP_LIMIT))
+
+
+def _over_all(cdp: NDArray[np.float64], frames: NDArray[Any], lost: NDArray[np.bool_], limit: float) -> dict[str, Any]:
     known = np.isfinite(cdp)
-    n_detected = int((cdp[known] >= DETECTED_CDP).sum())
-    row = {"detected_share": n_detected / cdp.size, "n_detected": n_detected, "n_evaluated": int(known.sum())}
+    n_detected, n_evaluated, n_lost = int((cdp[known] >= limit).sum()), int(known.sum()), int((lost & ~known).sum())
+    row = {
+        "detected_share": n_detected / n_evaluated if n_evaluated else None,
+        "n_detected": n_detected,
+        "n_evaluated": n_evaluated,
+        "n_lost": n_lost,
+        "n_other": cdp.size - n_evaluated - n_lost,
+        "cdp_limit": limit,
+    }
     if not known.any():
         return row
     place = int(np.nanargmin(cdp))
@@ -145,12 +166,12 @@ def _over_all(cdp: NDArray[np.float64], frames: NDArray[Any]) -> dict[str, Any]:
 def _summary(dataset: Dataset) -> Table:
     frames, times = dataset["frame"].values, times_s(dataset)
     rows = [
-        ("evaluated frames", len(frames), "", "Those without a result included."),
+        ("chosen frames", len(frames), "", "Those without a result included."),
         ("first frame", int(frames[0]), "", "Its number in the video, from 0."),
         ("last frame", int(frames[-1]), "", "Its number in the video."),
         ("start", float(times[0]), "s", "Time of the first frame."),
         ("end", float(times[-1]), "s", "Time of the last frame."),
-        ("detected from CDP", DETECTED_CDP, "", "From this CDP on a contrast counts as detected in a frame."),
+        ("detected from CDP", limit_of(dataset), "", "From this CDP on a contrast counts as detected in a frame."),
     ]
     data = dict(zip(("quantity", "value", "unit", "meaning"), zip(*rows, strict=True), strict=True))
     return Table("summary", "Frames", _SUMMARY, data, detail=True)

@@ -25,6 +25,7 @@ from ...metrics import Epsilon
 from ...metrics.contrast import TargetContrast
 from ...report.files import read_dataset
 from ...tracking import TrackedRoi, methods_of
+from ..verdict import CDP_LIMIT, require_limit
 
 #: Called for each evaluated frame: its number, the frame in 8 bits, where the regions are in it, and its results by
 #: the names they have in the dataset. It has no regions for nearest-neighbour CDP.
@@ -69,6 +70,8 @@ class VideoSettings:
         As of `labcdp.files.picture.PictureOptions`; None for what the video or the camera specification says.
     damaged : bool
         Whether frames that are damaged, or build on damaged ones, are evaluated, with a note.
+    cdp_limit : float
+        CDP from which a contrast counts as detected in a frame.
 
     Raises
     ------
@@ -96,8 +99,10 @@ class VideoSettings:
     focal_length_m: float | None = None
     pixel_pitch_m: float | None = None
     no_vignetting: bool | None = None
+    cdp_limit: float = CDP_LIMIT
 
     def __post_init__(self) -> None:
+        require_limit(self.cdp_limit)
         for name in ("calibration", "camera"):
             self._hold_path(name)
         if self.reference is not None and self.reference != "first":
@@ -272,7 +277,7 @@ def video_configuration(settings: VideoSettings, reference: ReferenceContrast | 
     if isinstance(asked, Path):
         assert reference is not None
         asked = {"sha256": reference.sha256, "by": settings.reference_by}
-    as_they_are = ("encoding", "damaged")
+    as_they_are = ("encoding", "damaged", "cdp_limit")
     return {
         "contrasts": None if settings.contrasts is None else list(settings.contrasts),
         "rois": [{"name": roi.name, "corners": [list(corner) for corner in roi.corners]} for roi in settings.rois],

@@ -18,6 +18,7 @@ from labcdp.evaluate.video.archive_page import archive_files, archive_result
 from labcdp.evaluate.video.page import write_video
 from labcdp.evaluate.video.result import video_result
 from labcdp.report.files import envelope
+from labcdp.report.layout import ReportFigure
 
 from ...conftest import valid
 from ...output.test_results_folder import write
@@ -54,16 +55,40 @@ def test_json_counts_detected_and_lost_frames(followed: xr.Dataset, written: Pat
     values = json.loads((written / "results.json").read_text())
     valid(values)
     tables = {name: table["rows"] for name, table in values["tables"].items()}
+    lost = followed["lost"].values.any(axis=1)
     for row, cdp in zip(tables["contrasts"], [followed["reference_cdp"], *followed["cdp"].T], strict=True):
         known = cdp.values[np.isfinite(cdp)]
         assert (row["n_evaluated"], row["n_detected"]) == (known.size, (known >= 0.9).sum())
-        assert row["detected_share"] == row["n_detected"] / 24
+        assert row["detected_share"] == row["n_detected"] / known.size
+        assert row["n_lost"] == (lost & ~np.isfinite(cdp.values)).sum() > 0
+        assert row["n_evaluated"] + row["n_lost"] + row["n_other"] == 24
         assert (row["mean_cdp"], row["lowest_cdp"]) == (pytest.approx(known.mean()), known.min())
         assert cdp.values[row["lowest_frame"]] == known.min()
     gone = followed["lost"].sel(region="moving").values
     stretches = [list(frames) for lost, frames in groupby(range(24), gone.__getitem__) if lost]
     found = [(row["first_frame"], row["last_frame"], row["n_frames"]) for row in tables["lost"]]
     assert found == [(one[0], one[-1], len(one)) for one in stretches]
+
+
+def test_the_limit_of_the_settings_decides_and_cards_show_where_the_answer_changes() -> None:
+    shares = [0.0, 0.0, 0.0, 0.0, 0.5, 1.0, 1.0, 1.0]
+    cdp = np.stack([np.where(np.arange(24) < 24 * share, 0.8, 0.1) for share in shares], axis=1)
+    cdp[3] = np.nan
+    contrasts, axes = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8], ("frame", "contrast")
+    others = ("cdp_low", "cdp_high", "u_cdp", "below", "above", "undefined")
+    asked = json.dumps({"cdp_limit": 0.7, "contrasts": contrasts})
+    dataset = xr.Dataset(
+        {"cdp": (axes, cdp), **dict.fromkeys(others, (axes, 0 * cdp))},
+        {"contrast": contrasts, "frame": np.arange(24)},
+        {"mode": "neighbours", "configuration": asked},
+    )
+    result = video_result(dataset)
+    rows = list(result.table("contrasts").rows())
+    assert [row["detected_share"] for row in rows] == pytest.approx([0, 0, 0, 0, 11 / 23, 1, 1, 1])
+    assert {(row["n_evaluated"], row["n_lost"], row["n_other"]) for row in rows} == {(23, 0, 1)}
+    cards = video_page.video_page(dataset, result, ReportFigure("a.png", b"", "", "")).cards
+    assert [card.title for card in cards] == ["Contrast 40 %", "Contrast 50 %", "Contrast 60 %"]
+    assert [card.state for card in cards] == ["bad", "open", "good"]
 
 
 def test_a_row_for_each_frame_and_contrast(followed: xr.Dataset, written: Path) -> None:

@@ -34,7 +34,7 @@ class Column:
         Head of the column in text, pages and sheets, without the unit.
     unit : str
         Unit as it is printed, for example ``cd/m²``. With ``%`` the values are fractions: text and pages show 100
-        times the value, sheets format it as a percentage, JSON and NetCDF hold the fraction.
+        times the value, as do the numbers of sheets; JSON and NetCDF hold the fraction.
     meaning : str
         What the values are, in one sentence.
     digits : int

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from functools import cache
 from io import BytesIO
 from itertools import chain, count, islice
-from math import isfinite
+from math import ceil, isfinite
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -22,10 +22,18 @@ if TYPE_CHECKING:
 
 #: Most rows below the head, columns, and characters of a cell (limits of Excel and LibreOffice).
 MOST_ROWS, MOST_COLUMNS, MOST_CHARACTERS = 2**20 - 1, 2**14, 32767
+#: Excel's number of the paper.
+_A4 = 9
 #: Longest name of a sheet, and characters not allowed in it.
 _LONGEST_NAME, _FORBIDDEN = 31, str.maketrans(dict.fromkeys("[]:*?/\\", "-"))
 #: Least and greatest width of columns in characters; wider text is wrapped.
 _NARROWEST, _WIDEST = 9, 60
+#: Width in characters that stays readable on a landscape A4 page; wider tables are printed on several side by side.
+_PAGE_WIDTH = 190
+#: Decimals from which a number is shown with an exponent.
+_MOST_DECIMALS = 9
+#: How values are to be read, on the sheet of meanings and below each printed page.
+_CONVENTION = "Values are in the unit of their head: 37 under (%) is 37 %, which JSON and NetCDF hold as 0.37."
 #: Number of rows examined to find type and width of a column.
 _FIRST_ROWS = 200
 #: Colours of a probability of 0, 0.5 and 1, light enough for black numbers, and distinguishable by colour-blind
@@ -134,11 +142,20 @@ def _write_sheet(
     sheet.freeze_panes(1, 1 if table.matrix else 0)
     sheet.repeat_rows(0)
     sheet.set_landscape()
+    sheet.set_paper(_A4)
+    sheet.set_margins(left=0.4, right=0.4, top=0.7, bottom=0.7)
+    sheet.set_header("&L&A&R&P / &N")
+    sheet.set_footer(f"&L&8{_CONVENTION}")
+    columns = [[row[column.name] for row in first] for column in table.columns]
+    widths = [_width(column, cells) for column, cells in zip(table.columns, columns, strict=True)]
+    n_pages = ceil(sum(widths) / _PAGE_WIDTH)
     if not table.matrix:
-        sheet.fit_to_pages(1, 0)
-    for index, column in enumerate(table.columns):
-        cells = [row[column.name] for row in first]
-        sheet.set_column(index, index, _width(column, cells))
+        sheet.fit_to_pages(n_pages, 0)
+    if table.matrix or n_pages > 1:
+        # What a row is of stands on each of the pages.
+        sheet.repeat_columns(0)
+    for index, (column, cells, width) in enumerate(zip(table.columns, columns, widths, strict=True)):
+        sheet.set_column(index, index, width)
         side = "right" if is_number(cells) else "left"
         head = formats(bold=True, text_wrap=True, valign="bottom", align=side)
         sheet.write_string(0, index, printable(column.head), head)
@@ -153,7 +170,10 @@ def _write_sheet(
             elif isinstance(value, bool):
                 sheet.write_string(n_rows, index, "yes" if value else "no", text)
             elif value is not None and isfinite(value):
-                shown = f"{0:.{max(cell_decimals(column, values), 0)}f}{'%' if column.unit_in(values) == '%' else ''}"
+                # 7, and not the 7.000000000000001 that 100 times 0.07 is.
+                value = float(f"{100 * value:.15g}") if column.unit_in(values) == "%" else value
+                n = max(cell_decimals(column, values), 0)
+                shown = f"{0:.{n}f}" if n <= _MOST_DECIMALS else "0.00E+00"
                 if bound := values.get(column.bound):
                     shown = f'"{bound} "{shown}'
                 sheet.write_number(n_rows, index, value, formats(num_format=shown, align="right"))
@@ -195,6 +215,7 @@ def _appendix(result: Result, long: Sequence[LongTable]) -> Iterator[Table]:
         for table in tables
         for column in table.columns[: 1 if table.matrix else None]
     ]
+    rows.insert(0, {"table": "", "head": "", "key": "", "meaning": _CONVENTION})
     rows += [
         {"table": "", "head": one.role, "key": one.path, "meaning": f"SHA-256 {one.sha256}"} for one in result.inputs
     ]

@@ -39,10 +39,21 @@ def decimals(value: float, significant: int) -> int:
     return significant - 1 - exponent
 
 
+#: Most decimals of a number without an exponent.
+_MOST_FIXED = 9
+
+
 def fixed(value: float | None, n_decimals: int, sign: bool = False) -> str:
-    """Write a value with a number of decimals, 0 never with a minus; `UNKNOWN` for None, nan and infinity."""
+    """Write a value with a number of decimals, of many with an exponent, 0 never with a minus.
+
+    `UNKNOWN` for None, nan and infinity.
+    """
     if value is None or not isfinite(value):
         return UNKNOWN
+    if n_decimals > _MOST_FIXED:
+        # An exponent in place of tens of zeros.
+        exponent = floor(log10(abs(value))) if value else -n_decimals
+        return f"{value:{'+' if sign and value else ''}.{max(n_decimals + exponent, 0)}e}" if value else "0"
     rounded = round(value, n_decimals) + 0.0  # makes -0.0 a 0.0
     return f"{rounded:{'+' if sign and rounded else ''}.{max(n_decimals, 0)}f}"
 

@@ -1,5 +1,7 @@
 """Scenes: drawn ones whose map, regions, levels and pairs agree, and images from files."""
 
+import re
+
 import numpy as np
 import pytest
 import tifffile
@@ -109,3 +111,33 @@ def test_regions_of_an_image_are_rectangles_and_pairs_neighbours_in_mean_luminan
 def test_values_that_are_no_luminance_are_refused(tmp_path, name, image):
     with pytest.raises(InputError, match=rf"^path is '.*{name}'.*(2-D grey image|luminance from inf)"):
         ImageScene(saved(tmp_path / name, image)).luminance_map()
+
+
+def test_regions_have_the_names_that_are_given_and_the_pairs_that_are_chosen():
+    patches = (Patch(0, 0, 1, 1, 2.0, "P1"), Patch(1, 0, 1, 1, 8.0), Patch(2, 0, 1, 1, 4.0, "P 3"))
+    scene = PatchScene(6, 2, 1.0, patches, [["patch 2", "P1"], ("P 3", "patch 2"), ("P 3", "background")])
+    assert [level.name for level in scene.levels()] == ["background", "P1", "patch 2", "P 3"]
+    # Whichever is named first, the darker one comes first.
+    assert scene.pairs() == (("P1", "patch 2"), ("P 3", "patch 2"), ("background", "P 3"))
+    chart = StepChart(8, 1, (1.0, 4.0, 2.0), ("a", "b", "c"), [("a", "c")])
+    assert (list(chart.regions()), chart.pairs()) == (["a", "b", "c"], (("a", "c"),))
+
+
+@pytest.mark.parametrize(
+    ("names", "contrasts", "word"),
+    [
+        (("a", "a"), (), "'a' names two"),
+        (("a", 3), (), "3"),
+        (("a",), (), "names is"),
+        (("a", "b"), "ab", "contrasts is"),
+        (("a", "b"), (("a", "c"),), "'c': choose from a, b"),
+        (("a", "b"), (("a", "a"),), "two different names"),
+    ],
+)
+def test_names_and_contrasts_that_cannot_be_are_refused(names, contrasts, word):
+    with pytest.raises(InputError, match=re.escape(word)):
+        StepChart(8, 1, (1.0, 4.0), names, contrasts)
+    if len(names) == 2:
+        patches = tuple(Patch(n, 0, 1, 1, 2.0 + n, name) for n, name in enumerate(names))
+        with pytest.raises(InputError, match=re.escape(word.replace("from a", "from background, a"))):
+            PatchScene(6, 2, 1.0, patches, contrasts)

@@ -82,7 +82,7 @@ def test_text_json_sheet_and_dataset_of_a_table(result):
     data = result_workbook(result, TIME)
     assert data == result_workbook(result, TIME)
     sheet = openpyxl.load_workbook(BytesIO(data))["patches"]
-    assert [cell.value for cell in sheet[2]] == list(ROW.values())
+    assert [cell.value for cell in sheet[2]] == list((ROW | {"contrast": 278.0}).values())
     assert (sheet["A2"].data_type, sheet["D3"].value) == ("s", None)
     np.testing.assert_array_equal(result.table("patches").to_dataset()["luminance_cd_m2"], [103.456, 1e-4])
     assert [*Table("size", "", (Column("px", ""),), {"px": [(1, 2), None]}).to_dataset()["px"].values] == ["(1, 2)", ""]
@@ -98,6 +98,37 @@ def test_a_quantity_in_percent_is_a_fraction_in_data():
     rows = envelope(result)["tables"]["quantities"]["rows"]
     found = [(row["value"], row["u_value"], row["unit"]) for row in rows]
     assert found == [(0.0123, 0.0005, "1"), (0.5, 0.01, "DN/e⁻")]
+    # What another program reads of a sheet is in the unit that stands there, and the sheet says so.
+    book = openpyxl.load_workbook(BytesIO(result_workbook(result, TIME)))
+    head, prnu, k = book["quantities"].iter_rows(values_only=True)
+    values = dict(zip(head, prnu, strict=True))
+    assert (values["value"], values["u of value"], values["unit"]) == (1.23, 0.05, "%")
+    assert dict(zip(head, k, strict=True))["value"] == 0.5
+    assert "37 %" in str(book["about"]["D2"].value)
+
+
+@pytest.mark.parametrize(
+    ("value", "n_digits", "text"),
+    [(1.723e-60, 4, "1.723e-60"), (-1.5e-12, 2, "-1.5e-12"), (0.000123456, 4, "0.0001235"), (0.0, 4, "0.0000")],
+)
+def test_a_tiny_number_has_an_exponent_and_no_tens_of_zeros(value, n_digits, text):
+    assert digits.significant(value, n_digits) == text
+    table = Table("t", "T", (Column("x", "x", digits=n_digits),), {"x": [value]})
+    assert digits.text_table(table)[1] == [[text]]
+    sheet = openpyxl.load_workbook(BytesIO(result_workbook(Result("demo", "a", (table,)), TIME)))["t"]
+    assert sheet["A2"].value == value
+    assert len(sheet["A2"].number_format) < 12
+
+
+def test_a_wide_sheet_is_printed_on_several_pages_of_a_readable_size():
+    columns = [Column(f"x{number}", f"a head of some length {number}") for number in range(40)]
+    table = Table.of_items("wide", "Wide", columns, [{one.name: 1.5 for one in columns}])
+    sheet = openpyxl.load_workbook(BytesIO(result_workbook(Result("demo", "a", (table,)), TIME)))["wide"]
+    width = sum(sheet.column_dimensions[letter].width for letter in sheet.column_dimensions)
+    # Excel shrinks to fit: 7 pixels of 1/96 inch a character at 100 %, on 297 mm less the margins.
+    scale = 10.9 * 96 / 7 * sheet.page_setup.fitToWidth / max(width, 40 * 9)
+    assert scale > 0.65
+    assert (sheet.page_setup.paperSize, sheet.print_title_cols) == (9, "$A:$A")
 
 
 def test_a_page_escapes_all_text_and_shows_warnings_before_the_answer(result):

@@ -14,7 +14,7 @@ from ...core.disk.files import shown
 from ...core.errors import InputError
 from ..parameters import HIGHEST_CD_M2, Contrast, Luminance, Number, Oversampling, Sized, Whole
 from ..point_spread import pixel_means
-from .scene import FloatMap, Level, Levelled, Mask
+from .scene import FloatMap, Level, Levelled, Mask, checked_contrasts, darker_first, named_apart
 
 
 @dataclass(frozen=True)
@@ -27,14 +27,21 @@ class StepChart(Levelled):
         Size in pixels.
     luminances_cd_m2 : sequence of float
         Luminance of each stripe from left to right in cd/m^2, at least one.
+    names : sequence of str
+        Name of each stripe; none for ``step 1``, ``step 2``, ...
+    contrasts : sequence of (str, str)
+        Names of the stripes whose contrasts are evaluated; none for those of neighbours.
 
     Raises
     ------
     InputError
-        If a value is out of its range, or there are more stripes than columns.
+        If a value is out of its range, there are more stripes than columns, names are not one a stripe and different,
+        or a contrast names none.
     """
 
     luminances_cd_m2: tuple[float, ...]
+    names: tuple[str, ...] = ()
+    contrasts: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -47,16 +54,25 @@ class StepChart(Levelled):
         for luminance in given:
             Number("cd/m²", 0, HIGHEST_CD_M2).check("luminances_cd_m2", luminance)
         object.__setattr__(self, "luminances_cd_m2", tuple(float(luminance) for luminance in given))
+        if not isinstance(self.names, list | tuple) or len(self.names) not in (0, len(given)):
+            raise InputError(f"names is {shown(self.names)}: give a list of {len(given)} names, one a stripe")
+        object.__setattr__(self, "names", tuple(self.names))
+        object.__setattr__(self, "contrasts", checked_contrasts(self.contrasts, self._names))
 
     def layout(self) -> tuple[Mapping[str, float], NDArray[np.intp]]:
-        """Return each stripe as ``step 1``, ``step 2``, ..."""
+        """Return each stripe by its name."""
         count = len(self.luminances_cd_m2)
-        names = (f"step {number}" for number in range(1, count + 1))
         stripe_of_column = np.arange(self.width) * count // self.width
-        return dict(zip(names, self.luminances_cd_m2, strict=True)), stripe_of_column[None, :]
+        return dict(zip(self._names, self.luminances_cd_m2, strict=True)), stripe_of_column[None, :]
+
+    @property
+    def _names(self) -> list[str]:
+        return named_apart(self.names or [""] * len(self.luminances_cd_m2), "step")
 
     def pairs(self) -> Sequence[tuple[str, str]]:
-        """Return each stripe with its right neighbour where their luminances differ."""
+        """Return the chosen pairs, or each stripe with its right neighbour where their luminances differ."""
+        if self.contrasts:
+            return darker_first(self.contrasts, self.layout()[0])
         ordered = [sorted(pair, key=lambda step: step[1]) for pair in pairwise(self.layout()[0].items())]
         return tuple((dark[0], bright[0]) for dark, bright in ordered if dark[1] < bright[1])
 

@@ -60,6 +60,8 @@ class Patch(Parameters):
         Size in pixels.
     luminance_cd_m2 : float
         Luminance in cd/m^2.
+    name : str
+        Its name; empty for ``patch 1``, ``patch 2``, ... by its place among the patches.
 
     Raises
     ------
@@ -72,6 +74,7 @@ class Patch(Parameters):
     width: Annotated[int, Whole("pixels", 1)]
     height: Annotated[int, Whole("pixels", 1)]
     luminance_cd_m2: Luminance
+    name: str = ""
 
     @property
     def rows(self) -> slice:
@@ -167,6 +170,40 @@ class Scene(Protocol):
         """Names of the regions whose contrast is evaluated, the darker one first."""
 
 
+def named_apart(names: Sequence[object], what: str, first: int = 1) -> list[str]:
+    """Return names, of empty ones those by their numbers; raises InputError if one is no text or two are equal."""
+    for name in names:
+        if not isinstance(name, str):
+            raise InputError(f"the name of a {what} is {shown(name)}: give a text")
+    found = [str(name) or f"{what} {number}" for number, name in enumerate(names, first)]
+    twice = next((name for name in found if found.count(name) > 1), None)
+    if twice is not None:
+        raise InputError(f"{twice!r} names two regions of the scene: give each {what} a name of its own")
+    return found
+
+
+def checked_contrasts(contrasts: object, names: Sequence[str]) -> tuple[tuple[str, str], ...]:
+    """Return pairs of names, each once; raises InputError if they are none, or name no region."""
+    if not isinstance(contrasts, list | tuple):
+        raise InputError(f"contrasts is {shown(contrasts)}: give a list of pairs of names")
+    found: dict[tuple[str, str], None] = {}
+    for pair in contrasts:
+        if not isinstance(pair, list | tuple) or len(pair) != 2 or pair[0] == pair[1]:
+            raise InputError(f"contrasts has {shown(pair)}: give two different names, for example ['P1', 'P2']")
+        for name in pair:
+            if name not in names:
+                raise InputError(f"contrasts names {shown(name)}: choose from {', '.join(names)}")
+        found[str(pair[0]), str(pair[1])] = None
+    return tuple(found)
+
+
+def darker_first(pairs: Iterable[tuple[str, str]], luminances: Mapping[str, float]) -> tuple[tuple[str, str], ...]:
+    """Return the pairs that are seen and have a contrast, the darker region first."""
+    seen = [pair for pair in pairs if all(name in luminances for name in pair)]
+    ordered = [sorted(pair, key=lambda name: luminances[name]) for pair in seen]
+    return tuple((dark, bright) for dark, bright in ordered if luminances[dark] < luminances[bright])
+
+
 class Levelled(Sized):
     """A scene of regions of one luminance each."""
 
@@ -233,15 +270,19 @@ class PatchScene(Levelled):
         Luminance of the background in cd/m^2.
     patches : tuple of Patch
         The rectangles; a later one covers an earlier one.
+    contrasts : sequence of (str, str)
+        Names of the patches whose contrasts are evaluated; none for those of neighbouring luminances.
 
     Raises
     ------
     InputError
-        If a value is out of its range or a patch does not lie inside the scene.
+        If a value is out of its range, a patch does not lie inside the scene, two have one name, or a contrast names
+        none.
     """
 
     background_cd_m2: Luminance
     patches: tuple[Patch, ...] = field(default=(), metadata={"table": Patch})
+    contrasts: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -250,18 +291,22 @@ class PatchScene(Levelled):
         object.__setattr__(self, "patches", tuple(self.patches))
         for patch in self.patches:
             patch.check_inside(self.width, self.height)
+        names = named_apart(["background", *(patch.name for patch in self.patches)], "patch", 0)
+        object.__setattr__(self, "contrasts", checked_contrasts(self.contrasts, names))
 
     def layout(self) -> tuple[Mapping[str, float], NDArray[np.intp]]:
-        """Return what is seen of the background and of each patch, as ``background``, ``patch 1``, ``patch 2``, ..."""
+        """Return what is seen of the background, as ``background``, and of each patch by its name."""
         owner, luminances = np.zeros(self.shape, np.intp), {"background": self.background_cd_m2}
         for number, patch in enumerate(self.patches, 1):
             owner[patch.rows, patch.columns] = number
-            luminances[f"patch {number}"] = patch.luminance_cd_m2
+            luminances[patch.name or f"patch {number}"] = patch.luminance_cd_m2
         return luminances, owner
 
     def pairs(self) -> Sequence[tuple[str, str]]:
-        """Return each region with the next brighter one, patches only if two or more are seen."""
+        """Return the chosen pairs, or each region with the next brighter one, patches only if two or more are seen."""
         levels = self.levels()
+        if self.contrasts:
+            return darker_first(self.contrasts, {level.name: level.luminance_cd_m2 for level in levels})
         patches = [level for level in levels if level.name != "background"]
         neighbours = pairwise(sorted(patches if len(patches) > 1 else levels, key=lambda level: level.luminance_cd_m2))
         return tuple((a.name, b.name) for a, b in neighbours if a.luminance_cd_m2 < b.luminance_cd_m2)

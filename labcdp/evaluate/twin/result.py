@@ -142,8 +142,8 @@ _DIGITS = 7
 def twin_chain_text(evaluation: TwinEvaluation) -> str:
     """Write the twin as TOML: the camera of a session before the session's patches, at an exposure of the session.
 
-    Patches shown together keep their positions; the surroundings, which were not measured, get the luminance of the
-    darkest patch. Patches shown one by one become stripes. The values carry their standard uncertainties as comments.
+    Patches keep their names, and the pairs of the plan are evaluated. Those shown together keep their positions; the
+    surroundings, which were not measured, get the luminance of the darkest patch. Patches shown one by one become stripes. The values carry their standard uncertainties as comments.
 
     Parameters
     ----------
@@ -190,18 +190,25 @@ def _rounded(value: Any) -> Any:
 
 def _scene(evaluation: TwinEvaluation, shape: tuple[int, int]) -> dict[str, Any]:
     height, width = shape
-    levels = sorted(_rounded(region.luminance_cd_m2) for region in evaluation.regions)
+    regions = sorted(evaluation.regions, key=lambda region: region.luminance_cd_m2)
+    names = {one.name: f"patch {one.name}" if one.name == "background" else one.name for one in regions}
+    levels = [_rounded(region.luminance_cd_m2) for region in regions]
     configuration = evaluation.observed.configuration
+    # Each pair once, though a plan may ask for it at several contrasts.
+    pairs = dict.fromkeys((one.bright, one.dark) for one in configuration.contrasts)
+    kept = [[names[bright], names[dark]] for bright, dark in pairs if bright in names and dark in names]
+    contrasts = {"contrasts": kept} if kept else {}
     if configuration.target.presentation == "one by one":
-        return {"type": "step-chart", "luminances_cd_m2": levels}
+        return {"type": "step-chart", "luminances_cd_m2": levels, "names": [*names.values()], **contrasts}
     bounds = {patch.name: patch.region().bounds for patch in configuration.target.patches}
     patches = []
     for region in evaluation.regions:
         left, top, right, bottom = bounds[region.name]
         x, y = max(floor(left), 0), max(floor(top), 0)
         size = {"width": min(ceil(right), width) - x, "height": min(ceil(bottom), height) - y}
-        patches.append({"x": x, "y": y, **size, "luminance_cd_m2": _rounded(region.luminance_cd_m2)})
-    return {"type": "patches", "background_cd_m2": levels[0], "patches": patches}
+        own = {"luminance_cd_m2": _rounded(region.luminance_cd_m2), "name": names[region.name]}
+        patches.append({"x": x, "y": y, **size, **own})
+    return {"type": "patches", "background_cd_m2": levels[0], **contrasts, "patches": patches}
 
 
 def twin_figure(evaluation: TwinEvaluation) -> ReportFigure:

@@ -184,7 +184,7 @@ def test_json_and_sheets_hold_the_numbers_of_the_evaluation(made):
     evaluation = pictures[1].evaluation
     for number, results in ((4, evaluation.pairs[0].results), (5, evaluation.neighbours.results)):
         _, *lines = ([cell.value for cell in line] for line in book.worksheets[number].iter_rows())
-        expected = [(one.result.contrast, pytest.approx(one.result.cdp, rel=1e-14), None) for one in results]
+        expected = [(100 * one.result.contrast, pytest.approx(one.result.cdp, rel=1e-14), None) for one in results]
         assert [(line[0], *line[2:]) for line in lines] == expected
 
 

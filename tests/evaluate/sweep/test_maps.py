@@ -170,7 +170,7 @@ def test_files_hold_each_cell_of_the_dataset_and_escape_names(tmp_path):
     # Luminance across, contrast down.
     (_, *heads), *lines = ([cell.value for cell in row] for row in book["cdp_1"].iter_rows())
     np.testing.assert_allclose([float(head) for head in heads], staged[LUMINANCE].values, rtol=1e-5)
-    np.testing.assert_allclose([line[0] for line in lines], staged[CONTRAST].values)
+    np.testing.assert_allclose([line[0] for line in lines], 100 * staged[CONTRAST].values)
     np.testing.assert_allclose([line[1:] for line in lines], staged["cdp"].values[0].T, rtol=1e-14)
 
 

@@ -36,6 +36,12 @@ def test_the_chain_simulates_the_patches_that_were_measured(twin, calibration, o
     assert conversion.responsivity_dn_s_cd_m2 == pytest.approx(responsivity, rel=1e-5)
     for exposure_s in (0.002, 0.032):
         assert conversion.dark_dn(exposure_s) == pytest.approx(calibration.dark.mean_dn(exposure_s), abs=1e-4)
+    # Names and pairs are those of the plan.
+    configuration = observed.configuration
+    assert [patch.name for patch in chain.scene.patches] == [patch.name for patch in configuration.target.patches]
+    assert {frozenset(pair) for pair in chain.scene.pairs()} == {
+        frozenset((one.bright, one.dark)) for one in configuration.contrasts
+    }
     dn = chain.run(seed=1)[chain.stage_names[-1]].values
     for patch in observed.configuration.target.patches:
         simulated = patch.region().select(dn).astype(float)

@@ -95,10 +95,10 @@ def test_a_row_for_each_frame_and_contrast(followed: xr.Dataset, written: Path) 
     head, *cells = openpyxl.load_workbook(written / "results.xlsx")["Frames"].iter_rows(values_only=True)
     columns = {name: list(values) for name, values in zip(head, zip(*cells, strict=True), strict=True)}
     assert columns["frame"] == np.repeat(range(24), 3).tolist()
-    assert columns["contrast (%)"] == [0.07, 1.0, 10.0] * 24
+    assert columns["contrast (%)"] == [7.0, 100.0, 1000.0] * 24
     for name, values, step in (
         ("CDP", followed["cdp"].values.ravel(), 1),
-        ("measured contrast (%)", followed["measured_contrast"], 3),
+        ("measured contrast (%)", 100 * followed["measured_contrast"], 3),
         ("moving: mean", followed["mean"].sel(region="moving"), 3),
         ("moving: corner 4 x (pixel)", followed["corner_x"].sel(region="moving")[:, 3], 3),
     ):

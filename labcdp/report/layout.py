@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
 from ..core.result import Finding, FindingValue, Result, info
 from ..core.table import Table
-from .text import finding_text
+from .text import capitalised, finding_text
 
 
 def page_text(code: str, **values: FindingValue) -> str:
@@ -159,6 +160,10 @@ class Section:
     collapsed: bool = False
 
 
+#: How the kinds of pages spell the CDP out.
+_CDP = re.compile(r"contrast detection probability( \(CDP\))?", re.IGNORECASE)
+
+
 @dataclass(frozen=True)
 class Page:
     """A page.
@@ -203,6 +208,11 @@ class Page:
         """Return the page of a result, with its title and findings, and a banner if any of the data is simulated."""
         banner = SIMULATED if result.simulated else ""
         return cls(kind, result.title, summary, banner, [*cards], [*lead], result.findings, [*sections])
+
+    @property
+    def tab(self) -> str:
+        """What the tab of a browser says: which page it is, and of what."""
+        return f"{capitalised(_CDP.sub('CDP', self.kind))}: {self.title}"
 
     @property
     def blocks(self) -> list[Block]:

@@ -169,3 +169,15 @@ def test_several_findings_of_one_kind_are_one_line_and_failures_of_other_reasons
     # How many there are, and what they are about, of which a long list is cut short.
     assert all(text in note for text in ("patch P1 is at 1 %", "12 more", "P2, P3", "and 4 more"))
     assert alone == "patch Q is at 50 %"
+
+
+@pytest.mark.parametrize(
+    ("kind", "tab"),
+    [
+        ("Contrast detection probability (CDP) of a picture", "CDP of a picture: night.png"),
+        ("map of contrast detection probability", "Map of CDP: night.png"),
+        ("Calibration of a camera", "Calibration of a camera: night.png"),
+    ],
+)
+def test_tabs_of_a_browser_say_which_page_they_are(kind, tab):
+    assert f"<title>{tab} - labcdp</title>" in render_page(Page(kind, "night.png"))

@@ -124,15 +124,22 @@ def rois(
         server = Server(shown.address, shown.port)
         workspace = Workspace(Measurements(image, shown.contrast), files, start, server.elsewhere)
 
+        is_map = RUNNING.get().name == "view"
+
         def tab(document: Any) -> Any:
-            return map_page(workspace, document, map_first=RUNNING.get().name == "view")
+            return map_page(workspace, document, map_first=is_map)
 
         def ready(where: Address) -> None:
             tell_others(where.place)
             _tell(image, files, start)
             shown.served(end, where)
 
-        server.run(Site(f"{image.name} - labcdp regions", tab, workspace.begin, workspace.warn), ready)
+        server.run(
+            Site(
+                f"{'Luminance' if is_map else 'Regions'}: {image.name} - labcdp", tab, workspace.begin, workspace.warn
+            ),
+            ready,
+        )
     states = {str(path): "written" for path in workspace.written}
     if workspace.unsaved and files.unsaved.exists():
         states[str(files.unsaved)] = "unsaved"

@@ -17,7 +17,7 @@ from ...report.html import render_page
 from ...report.layout import Block, Card, Facts, Page, ReportFigure, Section, page_text
 from ...report.sheets import result_workbook
 from ...report.text import cell_text, day, fixed, listed, printable, shortened, significant, span, with_half_width
-from .calibration_result import PATCH_PIXELS
+from .calibration_result import PATCH_PIXELS, budget_of_patch
 from .quantities import range_text, responsivity
 
 if TYPE_CHECKING:
@@ -25,7 +25,15 @@ if TYPE_CHECKING:
 
 
 #: Number of columns that fit next to a figure.
-_BESIDE_FIGURE = ("patch", "meter_cd_m2", "expanded_meter_cd_m2", "camera_cd_m2", "deviation_rel", "z")
+_BESIDE_FIGURE = (
+    "patch",
+    "meter_cd_m2",
+    "expanded_meter_cd_m2",
+    "camera_cd_m2",
+    "expanded_camera_cd_m2",
+    "deviation_rel",
+    "z",
+)
 #: Marks of patches with their uncertainty.
 _BARS: dict[str, Any] = {"fmt": "o", "markersize": 5, "capsize": 2.5, "elinewidth": 1.0}
 #: Largest number of patches whose points are labelled.
@@ -170,18 +178,29 @@ def _summary(calibration: AnyCalibration) -> str:
 
 def _cards(calibration: AnyCalibration, result: Result) -> Iterator[Card]:
     yield Card("Calibrated range", range_text(calibration))
-    low, middle, high = (f"{significant(100 * float(u), 2)} %" for u in result.table("uncertainty")["expanded_rel"])
-    yield Card(
-        "Uncertainty of a luminance",
-        f"± {middle}",
-        f"U (95 %) of {PATCH_PIXELS} pixels at a middle luminance",
-        (f"± {low} at the lowest, ± {high} at the highest", "meter scale included; it cancels in contrasts"),
-    )
+    yield _uncertainty(calibration)
     yield _deviation(calibration)
     if isinstance(calibration, Calibration):
         table = result.table("calibration")
         row = next(row for row in table.rows() if row["quantity"] == "responsivity R")
         yield Card("Responsivity R", cell_text(table.column("value"), row), row["unit"])
+
+
+def _uncertainty(calibration: AnyCalibration) -> Card:
+    """Say what U is at the places of the patches, and what makes it."""
+    rows = (*calibration.residuals, *calibration.held_out)
+    budgets = {row.patch: budget_of_patch(calibration, row) for row in rows}
+    ordered = sorted(budgets, key=lambda patch: budgets[patch].whole.expanded_95_rel)
+    lines, ends = [], []
+    for patch in dict.fromkeys((ordered[0], ordered[-1])):
+        found = budgets[patch]
+        largest = max((row for row in found.rows if row.included), key=lambda row: row.standard_uncertainty_rel)
+        ends.append(significant(100 * found.whole.expanded_95_rel, 2))
+        k = fixed(found.whole.coverage_factor, 2)
+        lines.append(printable(f"± {ends[-1]} % at {patch}, k = {k}, most of it {largest.source}"))
+    lines += ["without stray light of the scene", "meter scale included; it cancels in contrasts"]
+    detail = f"U (95 %) of {PATCH_PIXELS} pixels at the places of the patches"
+    return Card("Uncertainty of a luminance", f"± {span(*ends)} %", detail, tuple(lines))
 
 
 def _deviation(calibration: AnyCalibration) -> Card:

@@ -14,6 +14,7 @@ from ...calibration import AnyCalibration
 from ...calibration.budget import CombinedUncertainty, budget, budget_exposure_s, combined
 from ...calibration.colour.model import ColourCalibration
 from ...calibration.findings import BudgetRow
+from ...calibration.model import PatchResidual
 from ...calibration.uncertainty import expanded_rel
 from ...core.result import InputFile, Result, quantity_table
 from ...core.table import Column, Table, uncertain
@@ -104,6 +105,11 @@ def budget_at(
     return BudgetOfPatch(luminance_cd_m2, t, rows, combined(rows))
 
 
+def budget_of_patch(calibration: AnyCalibration, row: PatchResidual) -> BudgetOfPatch:
+    """Compute the budget of a patch at its own luminance and place, as an evaluation of the patch has it."""
+    return budget_at(calibration, row.luminance_cd_m2, row.centre_px)
+
+
 def limited_dof(whole: CombinedUncertainty) -> float | None:
     """Return the effective degrees of freedom; None if practically unlimited."""
     dof = whole.effective_degrees_of_freedom
@@ -118,10 +124,13 @@ def budget_tables(found: Sequence[BudgetOfPatch]) -> tuple[Table, Table]:
         Column("u_rel", "u", "%", "Relative combined standard uncertainty.", 2, value="whole.standard_uncertainty_rel"),
         Column("effective_dof", "effective dof", "", _DOF, decimals=0,
                value=lambda one: limited_dof(one.whole)),
+        Column("coverage_factor", "k", "", "Coverage factor, U over u.", decimals=2, value="whole.coverage_factor"),
         Column("expanded_rel", "U (95 %)", "%", "Relative expanded uncertainty.", 2, value="whole.expanded_95_rel"),
     )  # fmt: skip
     note = page_text("uncertainty-of-patch", n_pixels=PATCH_PIXELS)
-    return Table.of_items("uncertainty", "Uncertainty of a patch", columns, found, note), _sources(found)
+    return Table.of_items("uncertainty", "Uncertainty of a patch on the optical axis", columns, found, note), _sources(
+        found
+    )
 
 
 def _sources(found: Sequence[BudgetOfPatch]) -> Table:
@@ -197,13 +206,23 @@ def calibration_tables(calibration: AnyCalibration) -> Iterator[Table]:
 def patch_table(calibration: AnyCalibration) -> Table:
     """Return the patches of the fit and those held out, by meter and camera, with rising luminance."""
     fitted, deviation = set(map(id, calibration.residuals)), "Deviation by a fit without this patch."
+    rows = (*calibration.residuals, *calibration.held_out)
+    of_patch = {id(row): budget_of_patch(calibration, row).whole for row in rows}
     columns = (
         PATCH,
         Column("used_for", "used for", "", "Whether the patch was used for the fit.",
                value=lambda row: "fit" if id(row) in fitted else "held out"),
         Column("n_readings", "readings", "", "Number of readings of the meter."),
         *uncertain(METER, "reading_random_cd_m2"),
-        CAMERA,
+        *uncertain(
+            CAMERA,
+            lambda row: row.luminance_cd_m2 * of_patch[id(row)].standard_uncertainty_rel,
+            lambda row: row.luminance_cd_m2 * of_patch[id(row)].expanded_95_rel,
+        ),
+        Column("expanded_rel", "U of camera", "%", "Relative U (95 %) at the place of the patch.", digits=2,
+               shown=False, value=lambda row: of_patch[id(row)].expanded_95_rel),
+        Column("coverage_factor", "k", "", "Coverage factor, U over u.", decimals=2, shown=False,
+               value=lambda row: of_patch[id(row)].coverage_factor),
         DEVIATION,
         Column("z", "z", "", "Deviation over its standard uncertainty by the stated errors.", decimals=2,
                value="standardised_residual"),
@@ -212,8 +231,8 @@ def patch_table(calibration: AnyCalibration) -> Table:
         Column("y_px", "y", "px", "Middle of the patch in the image.", decimals=0, value=lambda row: row.centre_px[1]),
         EXPOSURES,
     )  # fmt: skip
-    rows = (*calibration.residuals, *calibration.held_out)
-    table = Table.of_items("calibration_patches", "Patches of the calibration", columns, rows, WITHOUT_SCALE, True)
+    note = f"{WITHOUT_SCALE} {page_text('uncertainty-in-short')}"
+    table = Table.of_items("calibration_patches", "Patches of the calibration", columns, rows, note, True)
     return table.sorted_by("meter_cd_m2")
 
 

@@ -26,7 +26,7 @@ from ...report.text import (
     with_half_width,
 )
 from ...session import ConditionsConfiguration
-from .calibration_result import CAMERA, DEVIATION, METER, PATCH_PIXELS, budget_at, limited_dof
+from .calibration_result import CAMERA, DEVIATION, METER, PATCH_PIXELS, budget_at, budget_of_patch, limited_dof
 from .observe import ObservedSession
 from .quantities import RESPONSIVITY, conditions, lens_text, meter_text, range_text, responsivity, traceability
 from .session import target_map
@@ -230,24 +230,22 @@ def _picture(observed: ObservedSession, calibration: AnyCalibration, simulated: 
 
 
 def _calibrated(calibration: AnyCalibration) -> Table:
-    """Return the patches by meter and camera, with U of the camera's luminance on the axis and in the corners."""
+    """Return the patches by meter and camera, with U of the camera's luminance at their places and in the corners."""
     rows, corner = (*calibration.residuals, *calibration.held_out), darkest_corner_px(calibration)
-    whole = {row.luminance_cd_m2: budget_at(calibration, row.luminance_cd_m2).whole for row in rows}
-    corners = {luminance: budget_at(calibration, luminance, corner).whole for luminance in whole}
+    here = {id(row): budget_of_patch(calibration, row).whole for row in rows}
     columns = (
         Column("patch", "patch",
                value=lambda row: row.patch if row in calibration.residuals else f"{row.patch} (held out)"),
         METER,
         CAMERA,
         DEVIATION,
-        Column("expanded_rel", "U on the axis", "%", "Relative U (95 %) of the camera's luminance.", digits=2,
-               value=lambda row: whole[row.luminance_cd_m2].expanded_95_rel),
-        Column("k", "k", "", "Coverage factor on the axis.", decimals=2,
-               value=lambda row: whole[row.luminance_cd_m2].coverage_factor),
-        Column("effective_dof", "effective dof", "", "Effective degrees of freedom on the axis.", decimals=0,
-               value=lambda row: limited_dof(whole[row.luminance_cd_m2]) or inf),
-        Column("expanded_corner_rel", "U in the corners", "%", "Relative U (95 %) of the camera's luminance.", digits=2,
-               value=lambda row: corners[row.luminance_cd_m2].expanded_95_rel),
+        Column("expanded_rel", "U of camera", "%", "Relative U (95 %) at the place of the patch.", digits=2,
+               value=lambda row: here[id(row)].expanded_95_rel),
+        Column("k", "k", "", "Coverage factor there.", decimals=2, value=lambda row: here[id(row)].coverage_factor),
+        Column("effective_dof", "effective dof", "", "Effective degrees of freedom there.", decimals=0,
+               value=lambda row: limited_dof(here[id(row)]) or inf),
+        Column("expanded_corner_rel", "U in the corners", "%", "Relative U (95 %) of this luminance in the corners.",
+               digits=2, value=lambda row: budget_at(calibration, row.luminance_cd_m2, corner).whole.expanded_95_rel),
     )  # fmt: skip
     note = ""
     if isinstance(calibration, Calibration):

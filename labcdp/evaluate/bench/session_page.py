@@ -11,7 +11,7 @@ from ...core.table import Table
 from ...metrics import ContrastDistribution
 from ...report.drawing import reduction
 from ...report.files import result_files
-from ...report.layout import SIMULATED, Card, Facts, Page, ReportFigure, Section, Verbatim
+from ...report.layout import SIMULATED, Card, Facts, Page, ReportFigure, Section, Verbatim, page_text
 from ...report.maps import luminance_picture, regions_picture
 from ...report.plots import ContrastPanel, contrast_figures
 from ...report.text import cell_text, day, percent, printable, share_percent, shortened, span
@@ -68,6 +68,7 @@ def session_files(evaluation: SessionEvaluation, result: Result) -> dict[str, by
     """Return the files of an evaluated session as `result_files` does."""
     contrasts = result.table("contrasts").only(*_BESIDE_PICTURE)
     main = contrasts if evaluation.contrasts else result.table("luminance")
+    main = replace(main, note=f"{main.note} {page_text('uncertainty-in-short')}".strip())
     target, luminance = _pictures(evaluation)
     lead, sections = (target, main), _sections(evaluation, result, luminance)
     kind = "Luminance and contrast detection probability (CDP)"

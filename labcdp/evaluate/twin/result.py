@@ -143,12 +143,8 @@ def twin_chain_text(evaluation: TwinEvaluation) -> str:
     """Write the twin as TOML: the camera of a session before the session's patches, at an exposure of the session.
 
     Patches keep their names, and the pairs of the plan are evaluated. Those shown together keep their positions; the
-    surroundings, which were not measured, get the luminance of the darkest patch. Patches shown one by one become stripes. The values carry their standard uncertainties as comments.
-
-    Parameters
-    ----------
-    evaluation : TwinEvaluation
-        The twin.
+    surroundings, which were not measured, get the luminance of the darkest patch. Patches shown one by one become
+    stripes. The values carry their standard uncertainties as comments.
     """
     notes = [f"Note: {finding_text(one)}" for one in evaluation.parameters.findings]
     comments = {}

@@ -200,15 +200,35 @@ def test_a_certificate_says_what_iso_17025_asks_for(evaluated, tmp_path):
 
 
 def test_u_in_the_corners_of_a_certificate_has_the_uncertainty_of_the_vignetting(evaluated):
-    """With nothing else to be seen beside an assumed vignetting that is uncertain by half, U is 1.96 times that."""
+    """With nothing else to be seen beside an assumed vignetting that is uncertain by half, U is 1.96 times that.
+
+    At the place of each patch it is the U that its evaluation has.
+    """
     whole = replace(evaluated.calibration.vignetting, corner_rel=0.5)
     page = calibration_certificate(evaluated.observed, replace(evaluated.calibration, vignetting=whole), SAVED).decode()
     rows = re.findall(r'<tr><th scope="row">.*?</tr>', page)
     assert len(rows) == 6
     for row in rows:
-        *_, axis, _, _, corner = (cell for cell in re.findall(r">([^<]*)</td>", row))
-        assert float(axis) < 10
+        *_, here, _, _, corner = (cell for cell in re.findall(r">([^<]*)</td>", row))
+        assert float(here) < float(corner)
         assert float(corner) == pytest.approx(98, abs=3)
+
+
+def test_u_of_certificate_and_calibration_is_that_of_the_evaluated_patch(evaluated):
+    expected = {row.patch.name: row.calibrated.half_width_95_rel for row in evaluated.patches}
+    table = calibration_result(evaluated.calibration).table("calibration_patches")
+    assert {row["patch"]: row["expanded_rel"] for row in table.rows()} == pytest.approx(expected, rel=0.05)
+    # They differ by the place: the same luminance on the axis would have one.
+    assert max(expected.values()) > 1.2 * min(expected.values())
+    for row in table.rows():
+        assert row["expanded_camera_cd_m2"] == pytest.approx(row["expanded_rel"] * row["camera_cd_m2"])
+        u = row["u_camera_cd_m2"] / row["camera_cd_m2"]
+        assert row["coverage_factor"] == pytest.approx(row["expanded_rel"] / u)
+    page = calibration_certificate(evaluated.observed, evaluated.calibration, SAVED).decode()
+    cells = [re.findall(r">([^<]*)</td>", row) for row in re.findall(r'<tr><th scope="row">.*?</tr>', page)]
+    assert sorted(float(row[-4]) for row in cells) == pytest.approx(
+        sorted(100 * u for u in expected.values()), rel=0.06
+    )
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")

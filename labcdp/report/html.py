@@ -35,7 +35,8 @@ def render_page(page: Page, template: str = "page.html", **of_template: Any) -> 
     template : str
         Its template; for A4 ``certificate.html``, with identification and picture side by side as the lead.
     **of_template
-        What else the template shows: of a certificate ``number``, printed on each page, and ``dates``, named texts.
+        What else the template shows: of a certificate ``number``, printed on each page, ``dates``, named texts, and
+        whether it is ``compact``, to stand on one sheet.
     """
     lines = finding_lines(page.findings, sentences=True)
     severe = [(severity, text) for severity, text in lines if severity != "info"]

@@ -75,18 +75,19 @@ def verification_certificate(
         other = f" The camera was calibrated with {meter_text(before.meter)}; {traceability(before, then)}."
     # The verdict is on top, without its advice.
     own = [one for one in verification.findings if not one.code.startswith("verification-")]
+    others = [one for one in calibration.findings if one not in own]
     sections = (
         Section("Results", [results]),
         Section("As found and as left", [_as_found(verification, saved_calibration)]),
         _warnings(own),
-        _warnings([one for one in calibration.findings if one not in own], "Further warnings of the calibration"),
+        *([_warnings(others, "Further warnings of the calibration")] if warning_texts(others) else []),
         Section("Decision rule", [decision_rule(verification)]),
         Section("Method", [page_text("certificate-method-of-verification", **_method(calibration))]),
         *_statements(observed, text, other),
     )
     card = Card(verification.verdict.capitalize(), _verdict_text(verification), state=_STATES[verification.verdict])
     kind = "Verification certificate"
-    return _certificate(kind, observed, calibration, saved, saved_calibration, sections, card)
+    return _certificate(kind, observed, calibration, saved, saved_calibration, sections, card, compact=True)
 
 
 def _method(calibration: AnyCalibration) -> dict[str, FindingValue]:
@@ -146,6 +147,7 @@ def _certificate(
     saved_calibration: SavedFile,
     sections: Sequence[Section],
     *cards: Card,
+    compact: bool = False,
 ) -> bytes:
     camera = calibration.state.camera
     simulated = camera.simulated or observed.meter_scale.meter.simulated
@@ -155,7 +157,7 @@ def _certificate(
     lead = identification, _picture(observed, calibration, simulated)
     page = Page(kind, f"{camera}", banner=banner, cards=cards, lead=lead, sections=sections)
     dates = [("Measured", day(observed.times[-1])), ("Operator", observed.configuration.operator)]
-    return render_page(page, "certificate.html", number=saved.number, dates=dates).encode()
+    return render_page(page, "certificate.html", number=saved.number, dates=dates, compact=compact).encode()
 
 
 def _identification(

@@ -232,6 +232,19 @@ def test_u_of_certificate_and_calibration_is_that_of_the_evaluated_patch(evaluat
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
+def test_the_certificate_of_a_verification_is_one_sheet(browser, observed, calibration):
+    """Also of all 16 patches of the example; more often two or three are measured again."""
+    seen = (observed.by_plane, observed.darks_by_plane, observed.readings, observed.meter_scale)
+    verification = verify(calibration, *seen, 0.03)
+    certificate = verification_certificate(observed, calibration, verification, SAVED, SAVED)
+    with closing(browser.new_page()) as page:
+        page.set_content(certificate.decode())
+        pdf = page.pdf(prefer_css_page_size=True)
+    assert len(verification.patches) >= 16
+    assert len(re.findall(rb"/Type\s*/Page\b", pdf)) == 1
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
 def test_long_names_stay_on_the_paper_of_a_certificate(browser, evaluated):
     with closing(browser.new_page()) as page:
         page.set_content(calibration_certificate(evaluated.observed, evaluated.calibration, SAVED).decode())

@@ -25,8 +25,8 @@ from .values import fraction_of_percent, parse_changes, parse_length, parse_seco
 if TYPE_CHECKING:
     from ..web.server import Address
 
-#: Parameters of commands that name what is written.
-_WRITTEN = {"output", "preview", "transcript"}
+#: Parameters of commands that name what is written, or no file at all.
+_WRITTEN = {"output", "preview", "transcript", "template"}
 
 Force = Annotated[bool, As("Replace earlier results of the same command, or an existing output file; never an input.")]
 Open = Annotated[bool, As("Open the page in the browser.", ("--open",))]

@@ -10,6 +10,7 @@ from typing import Any, Literal
 from ..acquire import acquire
 from ..calibration import save
 from ..chain import preset_text
+from ..core.disk import reason
 from ..core.disk.files import shell_word
 from ..core.errors import InputError
 from ..core.result import Result, info
@@ -24,6 +25,7 @@ from ..evaluate.bench.session import evaluate_session
 from ..evaluate.bench.session_page import session_files
 from ..evaluate.bench.session_result import session_input, session_result
 from ..evaluate.camera.sensor import chain_text
+from ..evaluate.samples import sample_files
 from ..output import ResultsFolder, write_file
 from ..session import Session, SessionConfiguration, example_configuration
 from ..session.configuration import example_camera, example_simulated_bench
@@ -108,7 +110,7 @@ _TEMPLATES = {
 
 
 def init(
-    template: Literal["bench", "chain", "camera", "simulated-bench"],
+    template: Literal["bench", "chain", "camera", "simulated-bench", "samples"],
     file: Path,
     *,
     preset: str | None = None,
@@ -117,31 +119,48 @@ def init(
 ) -> None:
     """Write a commented template of a bench plan, an imaging chain, a camera specification or a simulated bench.
 
+    Or a folder of samples: a picture, a video and their regions, to try labcdp image and labcdp video with.
+
     Example: labcdp init bench bench.toml
 
     Parameters
     ----------
     template
-        bench: plan of an acquisition; chain: imaging chain; camera: camera specification; simulated-bench: its devices.
+        bench: plan of an acquisition; chain: imaging chain; camera: camera specification; simulated-bench: its devices;
+        samples: night.png, drive.mp4 and rois.json, a computed street at night.
     file
-        New TOML file to write.
+        New TOML file to write, or folder for the samples.
     preset
         For a chain: preset to start from, see labcdp presets; default: manta-g505.
     sensor
         For a chain: EMVA 1288 results for its sensor, from labcdp characterise (results.json or folder) or from a data
         sheet (TOML with a table emva1288); the preset gives the rest.
     """
-    path = output_file(file, force, option="FILE")
+    if template != "samples":
+        output_file(file, force, option="FILE")
     for option, given in (("--preset", preset), ("--sensor", sensor)):
         if given is not None and template != "chain":
             raise InputError(f"{option} is {str(given)!r}, but only a chain has one: leave it out")
+    if template == "samples":
+        try:
+            file.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{file} cannot be made ({reason(error)}): give a new folder") from error
+        samples = {output_file(file / name, force, option="FILE"): data for name, data in sample_files().items()}
+        for path, data in samples.items():
+            write_file(path, data, force=force)
+        _tell(template, file, f"labcdp image {shell_word(file / 'night.png')} --roi {shell_word(file / 'rois.json')}")
+        return
     text, following = _TEMPLATES[template]
     if sensor is not None:
         written = chain_text(preset or "manta-g505", sensor)
     else:
         written = text() if preset is None else preset_text(preset)
-    write_file(path, written.encode(), force=force)
-    command = following.format(file=shell_word(file))
+    write_file(file, written.encode(), force=force)
+    _tell(template, file, following.format(file=shell_word(file)))
+
+
+def _tell(template: str, file: Path, command: str) -> None:
     columns = (Column("template", "template"), Column("next_command", "next command"))
     table = Table("template", "Template", columns, {"template": [template], "next_command": [command]}, detail=True)
     print_result(Result("init", str(file), (table,)), f"Written: {file}", f"Next: {command}")

@@ -130,7 +130,10 @@ def _contrasts(dataset: Dataset) -> Table:
         f"Detected: CDP ≥ {limit:g}. Shares, mean and lowest CDP are of the evaluated frames, those that have a CDP, "
         f"of {frames.size} chosen ones."
     )
-    return Table.of_items("contrasts", "CDP over the evaluated frames", CONTRASTS, rows, note)
+    # A column of zeros takes the room of others.
+    others = any(row["n_other"] for row in rows)
+    columns = [replace(one, shown=one.shown and (others or one.name != "n_other")) for one in CONTRASTS]
+    return Table.of_items("contrasts", "CDP over the evaluated frames", columns, rows, note)
 
 
 def lost_frames(dataset: Dataset) -> NDArray[np.bool_]:

@@ -254,5 +254,5 @@ def _frames(facts: CameraFacts) -> Finding:
     if facts.problem is not None:
         found = Finding.of_error("frames", facts.problem)
         return Finding("frames", "fault", f"{text}; {found.cause}", found.remedy)
-    remedy = "see receive buffer and packet size, check the cable, or lower the frame rate"
+    remedy = "check the receive buffer, packet size and cable, or lower the frame rate"
     return Finding.judged("frames", text, remedy if facts.refused else None)

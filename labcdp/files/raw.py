@@ -152,7 +152,7 @@ def _opened(data: bytes, path: Path) -> Iterator[Any]:
         why = text.decode() if isinstance(text, bytes) else str(text)
         raise InputError(
             f"{path} cannot be read as camera RAW ({why}): if another program opens it, convert it to DNG or 16-bit "
-            "TIFF; else copy it again from the camera"
+            "TIFF; otherwise copy it again from the camera"
         ) from error
 
 

@@ -239,7 +239,7 @@ def read_dataset(path: Path, what: str) -> Dataset:
     """
     data = read_bytes(path, f"the path of a {what} (.nc)", _MOST_BYTES)
     if not data.startswith(_SIGNATURES):
-        raise InputError(f"{path} is no NetCDF file: give the path of a {what} (.nc)")
+        raise InputError(f"{path} is not a NetCDF file: give the path of a {what} (.nc)")
     try:
         # A single damaged byte can make HDF5 loop forever.
         dataset: Dataset = read_in_child(f"{__name__}:_load", data)

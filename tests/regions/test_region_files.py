@@ -37,9 +37,9 @@ def test_the_file_is_as_described(tmp_path):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (json.dumps(document(BOX)).replace("50", "NaN"), "NaN stands where a number should"),
+        (json.dumps(document(BOX)).replace("50", "NaN"), "NaN is not a number"),
         (document(BOX, version=2), "version is 2, this labcdp reads 1"),
-        ("[5]", 'it is no region file: give a table with "format"'),
+        ("[5]", 'it is not a region file: it needs a table with "format"'),
         (document({"name": "b"}), "region 'b': kind is missing: give one of polygon"),
         (document({**BOX, "height": -4}), "region 'b': height is -4"),
         (document({**POLYGON, "corners": [[0, 0], [9, 9], [9, 0], [0, 9]]}), "'a' crosses itself at x 4.5, y 4.5"),

@@ -105,7 +105,7 @@ def test_a_session_is_resumed_and_read_while_it_is_written(path, configuration, 
 def test_what_is_no_session_or_another_one_is_neither_read_nor_overwritten(tmp_path, path, configuration):
     path.mkdir()
     (path / "thesis.txt").write_text("a year's work")
-    with pytest.raises(SessionError, match=r"session exists already: give a new folder, or open the session in it"):
+    with pytest.raises(SessionError, match=r"session exists already"):
         Session.create(path, configuration)
     assert [file.name for file in path.parent.rglob("*")] == ["session", "thesis.txt"]
     for folder in (path, tmp_path / "none", path / "thesis.txt"):
@@ -151,7 +151,7 @@ def test_a_reader_changes_nothing_and_a_writer_puts_right_what_a_kill_left(path,
     before = contents(path)
     reader = Session.open(path)
     assert (reader.frames(), reader.unrecorded()) == ([record], [".mine.part", "frames/0007_light_5ms.tif"])
-    with pytest.raises(SessionError, match=r"journal.jsonl ends with a line that is not whole: open the session for"):
+    with pytest.raises(SessionError, match=r"journal.jsonl ends with an incomplete line"):
         reader.verify()
     assert contents(path) == before
     with Session.open(path, writable=True) as session:
@@ -258,7 +258,7 @@ def test_of_many_that_make_one_session_at_once_one_gets_it(path, configuration):
     session.add_event("begun", {})
     session.close()
     assert {one for one in made if one is not session} == {
-        f"{path} exists already: give a new folder, or open the session in it"
+        f"{path} exists already: choose a new folder, or open the session in it"
     }
     assert os.listdir(path.parent) == [path.name]
 

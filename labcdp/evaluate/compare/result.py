@@ -233,12 +233,12 @@ def _differences(found: Comparison) -> Iterator[Table]:
     several = len(others) > 1
     columns = (
         Column("quantity", "quantity", value="first.quantity"),
-        Column("name", "of", meaning="What is compared with the first.", shown=several),
+        Column("name", "of", meaning="Which one is compared with the first.", shown=several),
         *_interval("first", first, "Value of the first.", "first"),
         *_interval("value", "value" if several else others[0], "Value of the other.", "other"),
         *_interval("difference", "difference", "Value of the other minus that of the first.", "difference"),
         Column("unit", "unit", "", "Unit of values and difference.", value="first.unit"),
-        Column("z", "z", "", "Difference over its standard uncertainty on the side of 0.", decimals=1,
+        Column("z", "z", "", "Difference divided by its standard uncertainty on the side of 0.", decimals=1,
                value=lambda row: float(row.difference.z)),
         Column("differs", "differs", "", "Whether 0 lies outside the 95 % interval of the difference.", value=_differs),
     )  # fmt: skip

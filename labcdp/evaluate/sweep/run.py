@@ -48,7 +48,7 @@ def labelled(sweep: Sweep, values: NDArray[np.float64]) -> Dataset:
     }
     asked = {} if several else {"contrast": _scene_contrast(sweep) if sweep.contrast is None else sweep.contrast}
     attributes: Mapping[str, Any] = {
-        "title": f"{sweep.chain.name or 'chain'}: CDP behind {sweep.stage}",
+        "title": f"{sweep.chain.name or 'chain'}: CDP after {sweep.stage}",
         **asked,
         "epsilon": sweep.epsilon,
         "method": "exact" if sweep.exact else "simulated",

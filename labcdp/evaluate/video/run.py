@@ -139,7 +139,7 @@ class VideoRun:
                 yield FollowedFrame(frame, place, regions, repeats, light)
                 place, last = place + 1, frame
         if unseen is not None and tracker is None:
-            raise InputError(f"{self._why(unseen)}; so are all others")
+            raise InputError(f"{self._why(unseen)}; the same applies to all others")
 
     def _why(self, frame: VideoFrame) -> str:
         """Say why a frame is lost, in which the regions were drawn."""

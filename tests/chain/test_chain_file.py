@@ -196,7 +196,7 @@ def test_installed_package_makes_its_parts_known(tmp_path, monkeypatch):
     ("text", "message"),
     [
         ("import not_there_at_all\n", r"entry point 'other_filter'.*No module named 'not_there_at_all'"),
-        (MODULE.replace("process", "proceed"), "filter is registered as Filter, which is no stage"),
+        (MODULE.replace("process", "proceed"), "filter is registered as Filter, which is not a stage"),
     ],
 )
 def test_package_that_cannot_be_imported_or_has_no_stage_is_named(tmp_path, monkeypatch, text, message):

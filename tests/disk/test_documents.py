@@ -162,8 +162,8 @@ def test_an_altered_row_and_those_behind_it_are_not_read(tmp_path_factory, data)
     [
         (None, r"holds the results of another sweep \(another settings\): give another"),
         (b"a file of the user\n", r"j\.jsonl is not a journal"),
-        (b'{"first": 1}\n{"first": 2}\n', r"j\.jsonl is no journal"),
-        (b"\x00" * 100, r"j\.jsonl is no journal"),
+        (b'{"first": 1}\n{"first": 2}\n', r"j\.jsonl is not a journal"),
+        (b"\x00" * 100, r"j\.jsonl is not a journal"),
     ],
 )
 def test_what_is_not_this_journal_is_refused_and_left_alone(tmp_path, content, message):

@@ -158,7 +158,7 @@ REFUSED = [
     ("a.avif", b"\0\0\0\x1cftypmif1\0\0\0\0avifmif1miaf", {}, r"a\.avif is a HEIF file, which labcdp does not read"),
     ("a.webp", b"RIFF\x9a\0\0\0WEBPVP8X\n\0\0\0\x02", {}, r"a\.webp is a WebP file, which labcdp does not read"),
     ("a.png", b"\0\0\0\x0cJXL \r\n\x87\n", {}, r"a\.png is a JPEG XL file, which labcdp does not read"),
-    ("a.mp4", b"\0\0\0\x20ftypisom\0\0\2\0isomiso2avc1", {}, r"a\.mp4 is a video \(MP4 or QuickTime\), no picture"),
+    ("a.mp4", b"\0\0\0\x20ftypisom\0\0\2\0isomiso2avc1", {}, r"a\.mp4 is a video \(MP4 or QuickTime\)"),
     *[("a.jpg", b"\xff\xd8\xff" + sof + b"\0\x0b" + bits + bytes(8) + b"\xff\xd9", {},
        rf"a\.jpg is {kind}, which labcdp does not read: convert it to 16-bit TIFF")
       for sof, bits, kind in ((b"\xc1", b"\x0c", "JPEG of 12 bits"), (b"\xc3", b"\x10", "lossless JPEG"),
@@ -174,7 +174,7 @@ REFUSED = [
     ("a.jpg", lambda path: Image.fromarray(COLOURS).convert("CMYK").save(path), {}, r"a\.jpg has CMYK colours"),
     *[("a.tif", tiff(np.stack([DN] * 4), truncate=True, imagej=imagej), {},
        r"a\.tif holds 4 pictures in one block and a list of the first one only") for imagej in (True, False)],
-    ("a.tif", preview, {}, r"a\.tif holds only small copies of a picture in"),
+    ("a.tif", preview, {}, r"a\.tif contains only small copies"),
     # Twice as wide, or twice as high: a strip is too short, or one is missing.
     ("a.tif", with_tags(tiff(DN), width=120), {}, r"a\.tif is damaged: its part at byte \d+ holds fewer"),
     ("a.tif", with_tags(tiff(DN), height=80), {}, r"a\.tif has data for a part of its pixels only"),

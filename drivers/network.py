@@ -171,8 +171,8 @@ def _judged(one: Interface) -> list[Finding]:
         ),
         (
             one.mtu_bytes < JUMBO_BYTES,
-            f"takes packets of {one.mtu_bytes} bytes; jumbo frames of {JUMBO_BYTES} cost less computing time and lose "
-            "less",
+            f"takes packets of {one.mtu_bytes} bytes; jumbo frames of {JUMBO_BYTES} need less computing time and "
+            "lose fewer packets",
             f"sudo ip link set {one.name} mtu {JUMBO_BYTES}, if it is the camera's interface and every switch between "
             "takes them",
         ),

@@ -134,7 +134,7 @@ def parse_index(text: str, path: Path) -> DataSetIndex:
         where = f"{path}, line {number}"
         letter, rest = line[0], line[1:].strip()
         if len(line.split()[0]) != 1 or letter not in (*_LETTERS, "i"):
-            raise InputError(f"{where}: {quoted(line)} begins with none of the letters v, n, b, d, i and #: correct it")
+            raise InputError(f"{where}: {quoted(line)} starts with none of the letters v, n, b, d, i and #: correct it")
         if letter == "i":
             if not blocks:
                 raise InputError(f"{where}: an image comes before the first line b or d: say at which exposure it is")

@@ -248,9 +248,11 @@ def _temperature(temperature_c: float | None) -> Finding | None:
 def _frames(facts: CameraFacts) -> Finding:
     statistics = facts.statistics
     if facts.came is None:
-        return Finding("frames", "unknown", "no frames were taken", "labcdp doctor --stream-test SERIAL takes some")
+        return Finding(
+            "frames", "unknown", "no frames were taken", "run labcdp doctor --stream-test SERIAL to take some"
+        )
     counters = f"{statistics.missing} packets missing, {statistics.resent} sent again, {statistics.underruns} underruns"
-    text = f"{facts.came} of {N_FRAMES} frames came whole, {facts.refused} incomplete ({counters})"
+    text = f"{facts.came} of {N_FRAMES} frames arrived complete, {facts.refused} incomplete ({counters})"
     if facts.problem is not None:
         found = Finding.of_error("frames", facts.problem)
         return Finding("frames", "fault", f"{text}; {found.cause}", found.remedy)

@@ -145,7 +145,7 @@ def aravis_finding(root: Path = Path("/")) -> Finding:
 
     versions = ", ".join(f"{name} {version}" for name, version in (packages or {}).items())
     known = f" ({versions})" if versions else ""
-    return Finding("Aravis", "good", f"Aravis 0.8 is there, through PyGObject {gi.__version__}{known}")
+    return Finding("Aravis", "good", f"Aravis 0.8 is installed, with PyGObject {gi.__version__}{known}")
 
 
 def debian_packages(database: Path = Path("/var/lib/dpkg")) -> dict[str, str] | None:

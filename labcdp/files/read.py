@@ -302,7 +302,7 @@ def _in_folder(folder: Path, suffixes: Sequence[str]) -> list[Path]:
         text = "%s: %d files skipped, since their names are not those of pictures: %s"
         _log.warning(text, folder, len(others), named)
     if not images:
-        raise InputError(f"{folder} holds no image: give a folder with some, or files")
+        raise InputError(f"{folder} contains no images: choose a folder that does, or give files")
     return sorted(images, key=_natural)
 
 

@@ -174,7 +174,8 @@ def dataset_bytes(dataset: Dataset, what: str) -> bytes:
         return bytes(dataset.to_netcdf(engine="netcdf4", format="NETCDF4", encoding=encoding))
     except (TypeError, ValueError, AttributeError, RuntimeError) as error:
         raise InputError(
-            f"the {what} holds what NetCDF cannot ({reason(error)}): give attributes that are texts or numbers"
+            f"the {what} contains something NetCDF cannot store ({reason(error)}): give attributes that are texts "
+            "or numbers"
         ) from error
 
 

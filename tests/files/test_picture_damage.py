@@ -173,7 +173,7 @@ REFUSED = [
     ("a.tif", tiff(np.zeros((3, 8, 8), np.uint8)), {}, r"a\.tif holds 3 pictures"),
     ("a.jpg", lambda path: Image.fromarray(COLOURS).convert("CMYK").save(path), {}, r"a\.jpg has CMYK colours"),
     *[("a.tif", tiff(np.stack([DN] * 4), truncate=True, imagej=imagej), {},
-       r"a\.tif holds 4 pictures in one block and a list of the first one only") for imagej in (True, False)],
+       r"a\.tif holds 4 pictures in one block but lists only the first one") for imagej in (True, False)],
     ("a.tif", preview, {}, r"a\.tif contains only small copies"),
     # Twice as wide, or twice as high: a strip is too short, or one is missing.
     ("a.tif", with_tags(tiff(DN), width=120), {}, r"a\.tif is damaged: its part at byte \d+ holds fewer"),

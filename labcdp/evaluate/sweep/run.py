@@ -159,7 +159,9 @@ def _recorded(journal: LineJournal, n_cells: int) -> Iterator[tuple[int, NDArray
     for row in journal.rows():
         block = validated_as(_Block, row)
         if block.first + len(block.values) > n_cells:
-            raise InputError(f"{journal.path} holds a cell that is not of this sweep: remove it, and start again")
+            raise InputError(
+                f"{journal.path} contains a cell that does not belong to this sweep: remove the file and start again"
+            )
         yield block.first, np.array(block.values)
 
 

@@ -124,7 +124,7 @@ class VideoRun:
                 continue
             if self._methods and frame.pixels is not None:
                 if unseen is not None:
-                    remedy = f"draw them in frame {frame.number}, the first whole one, and start there"
+                    remedy = f"draw them in frame {frame.number}, the first complete one, and start there"
                     raise InputError(f"{self._why(unseen)}; {remedy}")
                 if tracker is None:
                     tracker = self._tracker(frame.pixels)

@@ -270,7 +270,7 @@ def make_folder(folder: Path, end: ExitStack) -> None:
             made += [path for path in (folder, *folder.parents) if not path.exists()]
             folder.mkdir(parents=True, exist_ok=True)
         except FileExistsError as error:
-            raise InputError(f"{folder} is not a folder: choose another one") from error
+            raise InputError(f"{folder} is not a folder: choose another folder") from error
         except NotADirectoryError as error:
             raise InputError(f"{folder} lies inside a file: choose another folder") from error
 

@@ -51,7 +51,7 @@ def in_order(*tables, **more):
 
 FRONT = ("scene", "windscreen", "optics", "exposure")
 REFUSED = [
-    (in_order("scene", "optics", "windscreen", "exposure", "sensor"), "windscreen takes luminance in cd/m², but what"),
+    (in_order("scene", "optics", "windscreen", "exposure", "sensor"), "windscreen takes luminance in cd/m²"),
     (in_order("scene", "windscreen", "exposure", "sensor"), "the sensor takes illuminance in lx, but its input"),
     (in_order("hdr", "scene", "optics", "exposure", "sensor"), "hdr merges the exposures of a sensor"),
     (in_order(*FRONT, "sensor", "isp"), "exposure.exposure_s has 3 times and nothing merges them"),

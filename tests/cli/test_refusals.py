@@ -26,7 +26,7 @@ REFUSED = (
     ("info none.csv", "none.csv does not exist"),
     ("meter --meter /dev/no-such-port", "there is no such serial port"),
     ("calibrate empty", "empty is not a session"),
-    ("calibrate s --output file/results", "file/results lies in a file"),
+    ("calibrate s --output file/results", "file/results lies inside a file"),
     ("calibrate cut", "0001_light_2ms.tif"),
     ("calibrate unlit", "no light frames: uncover the lens"),
     ("evaluate s", "run 'labcdp calibrate"),

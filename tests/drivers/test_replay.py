@@ -99,7 +99,7 @@ def test_readings_come_in_order_until_none_is_left(recorded, items):
     with meter:
         assert [meter.measure() for _ in range(3)] == items[1]
         assert meter.identity == items[1][2].meter
-        with pytest.raises(MeterError, match="all were given"):
+        with pytest.raises(MeterError, match="all have been used"):
             meter.measure()
 
 

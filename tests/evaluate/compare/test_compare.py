@@ -221,7 +221,7 @@ def test_what_cannot_be_compared_is_refused_in_a_line(chains, results):
     maps = [chains[0].sweep(exact=True, scene__luminance_cd_m2=[1.0, end]) for end in (2.0, 3.0)]
     for subjects, message in (
         (maps, r"^the maps have different axes, .* \(2 from 1.0 to 2.0\); .* \(2 from 1.0 to 3.0\): sweep both"),
-        ([chains[0], written(results)], r"^manta-g505 is a chain, but .* is a session: give several of one kind$"),
+        ([chains[0], written(results)], r"^manta-g505 is a chain, but .* is a session: give several of the same kind$"),
         ([chains[0]], "^there is nothing to compare with: give at least two$"),
         ([written({"kind": "history"}), chains[0]], "holds results of labcdp history, which cannot be compared"),
         ([written(results | {"tables": {}})] * 2, "another version of labcdp: evaluate again$"),

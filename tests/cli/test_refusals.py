@@ -43,8 +43,8 @@ REFUSED = (
     ("compare a.png a.png", "give its regions, or"),
     # A frame of it is damaged, which nobody comes to know.
     ("compare cut small.toml", "cut is a session, but small.toml is a chain"),
-    ("image a.avi", "a.avi is a video (AVI), no picture: evaluate it with labcdp video"),
-    ("video a.png", "a.png is a picture (PNG), no video: evaluate it with labcdp image"),
+    ("image a.avi", "a.avi is a video (AVI), not a picture: evaluate it with labcdp video"),
+    ("video a.png", "a.png is a picture (PNG), not a video: evaluate it with labcdp image"),
     ("verify c/calibration.json s --tolerance 3", "give a number with a percent sign, for example 3%"),
     ("simulate small.toml --set scene.contrast=30", 'which would be 3000 %: give it with its sign, "30%" or "3000%"'),
     ("sweep small.toml --exact --over scene.contrast=10,50", "which would be 5000 %"),

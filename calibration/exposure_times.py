@@ -41,7 +41,7 @@ class ExposureTimes:
     def __post_init__(self) -> None:
         require_not_negative(offset_u_s=self.offset_u_s, deviations=[u for _, _, u in self.deviations])
         if any(deviation <= -1 for _, deviation, _ in self.deviations):
-            raise InputError("an exposure of deviations lasts no time: give relative deviations above -1")
+            raise InputError("an exposure would last no time: give relative deviations above -1")
 
     def applied_s(self, exposure_s: float) -> float:
         """Return the exposure time that a stated one has; never below a hundredth of it."""

@@ -82,7 +82,7 @@ class MeasuredPatch:
     n_readings : int
         Number of readings.
     luminance_cd_m2 : float
-        By the calibrated camera.
+        From the calibrated camera.
     exposures_s : tuple of float
         Exposures that were used.
     """
@@ -197,7 +197,8 @@ class _KeptReadings:
         for reading in readings:
             if reading.peak:
                 raise CalibrationError(
-                    f"reading {reading.raw!r} of patch {patch!r} is a held peak: set the meter to CONT and measure "
+                    f"reading {reading.raw!r} of patch {patch!r} is a held peak value: set the meter to CONT and "
+                    "measure "
                     "again"
                 )
         require_one_correction((f"reading {n} of patch {patch!r}", r) for n, r in enumerate(readings, start=1))

@@ -210,7 +210,7 @@ def _arrays(text: Any) -> dict[str, Any]:
     try:
         data = b64decode(text, validate=True)
     except (TypeError, ValueError) as error:
-        raise InputError("key arrays: it is no Base64 text") from error
+        raise InputError("key arrays: it is not Base64 text") from error
     with naming("key arrays"):
         return dict(parse_npz(data, MOST_BYTES))
 

@@ -242,7 +242,7 @@ def require_one_correction(readings: Iterable[tuple[str, Reading]]) -> None:
         if reading.correction != known[0][1].correction:
             raise CalibrationError(
                 f"{known[0][0]} was taken with the correction {known[0][1].correction!r}, {name} with "
-                f"{reading.correction!r}: leave the meter's correction alone, and repeat one of them"
+                f"{reading.correction!r}: do not change the meter's correction, and repeat one of them"
             )
 
 

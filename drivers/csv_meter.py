@@ -105,7 +105,7 @@ class CsvMeter(Meter):
         """
         readings = self.readings
         if self._patch is None:
-            raise MeterError(f"{self._path}: no patch is chosen: call point() with the name of one")
+            raise MeterError(f"{self._path}: no patch has been chosen: call point() with its name")
         of_patch, given = readings[self._patch], self._given[self._patch]
         if given == len(of_patch):
             raise MeterError(
@@ -153,7 +153,7 @@ def _read(path: Path, identity: MeterIdentity, accuracy: MeterAccuracy) -> tuple
     except InputError as error:
         raise InputError(f"{path}, line {line}: {error}") from error
     if not readings:
-        raise InputError(f"{path} has a header and no reading: add readings below it")
+        raise InputError(f"{path} has a header but no readings: add readings below it")
     return readings, "time" in names
 
 
@@ -163,7 +163,7 @@ def _luminance_column(names: Sequence[str]) -> str:
     luminance = [name for name in _LUMINANCE if name in names]
     there = shortened(", ".join(names))
     if twice:
-        raise InputError(f"the column {min(twice)} is there twice: keep one")
+        raise InputError(f"the column {min(twice)} occurs twice: keep one")
     if "patch" not in names:
         raise InputError(f"there is no column patch, only {there}: name the columns in the first line")
     if len(luminance) != 1:

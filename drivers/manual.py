@@ -107,7 +107,8 @@ def parse_written(text: str, *, comma_is_decimal: bool = False) -> WrittenLumina
         raise InputError(f"{quoted(number)} is not a number: write it with one decimal point or comma, like 12.3")
     if not comma_is_decimal and _MAYBE_THOUSANDS.fullmatch(number):
         raise InputError(
-            f"{quoted(number)} can mean {number.replace(',', '.')} or {number.replace(',', '')}: write one of these"
+            f"{quoted(number)} is ambiguous, {number.replace(',', '.')} or {number.replace(',', '')}: write one of "
+            "these"
         )
     exact = Decimal(number.replace(",", "."))
     resolution = float(Decimal(1).scaleb(int(exact.as_tuple().exponent)))

@@ -151,8 +151,8 @@ def interface_findings(known: Sequence[Interface]) -> list[Finding]:
     for one, other in combinations(real, 2):
         if one.name != other.name and one.address.network.overlaps(other.address.network):
             cause = (
-                f"{one.name} ({one.address}) and {other.name} ({other.address}) are in one network: a camera behind "
-                "one of them may be looked for behind the other"
+                f"{one.name} ({one.address}) and {other.name} ({other.address}) are in the same network: a camera on "
+                "one of them may be searched for on the other"
             )
             remedy = f"give them different networks, for example sudo ip addr del {other.address} dev {other.name}"
             found.append(Finding(f"interface {other.name}", "notice", cause, remedy))
@@ -171,8 +171,8 @@ def _judged(one: Interface) -> list[Finding]:
         ),
         (
             one.mtu_bytes < JUMBO_BYTES,
-            f"takes packets of {one.mtu_bytes} bytes; jumbo frames of {JUMBO_BYTES} cost less computing time and lose "
-            "less",
+            f"takes packets of {one.mtu_bytes} bytes; jumbo frames of {JUMBO_BYTES} need less computing time and "
+            "lose fewer packets",
             f"sudo ip link set {one.name} mtu {JUMBO_BYTES}, if it is the camera's interface and every switch between "
             "takes them",
         ),

@@ -203,7 +203,7 @@ class ReplayCamera(_Replay, Camera):
             if index is None:
                 count = sum(_settings(frame) == self._chosen for frame in self._recorded)
                 raise CameraError(
-                    f"{count} frames were recorded with {_text(self._chosen)}, and all were given: ask for at most "
+                    f"{count} frames were recorded with {_text(self._chosen)}, and all have been used: ask for at most "
                     f"{count}"
                 )
             frame = session.load(self.unused[index])
@@ -276,7 +276,7 @@ class ReplayMeter(_Replay, Meter):
         self._require_open()
         if not self.unused:
             count = len(self._recorded)
-            raise MeterError(f"{count} readings were recorded, and all were given: ask for at most {count}")
+            raise MeterError(f"{count} readings were recorded, and all have been used: ask for at most {count}")
         reading = self.unused[0].reading
         self._keep_pace(reading.timestamp)
         self.unused = self.unused[1:]

@@ -63,7 +63,7 @@ def read_image(path: Path, shape: tuple[int, int], bits: int) -> NDArray[np.unsi
         raise _damaged(path)
     dn = _tiff(data, path, shape) if path.suffix.lower() in (".tif", ".tiff") else _png(data, path, shape)
     if dn is None or dn.dtype not in (np.uint8, np.uint16):
-        raise InputError(f"{path} is no grey image of 8 or 16 bits: give PNG or TIFF files as the camera sent them")
+        raise InputError(f"{path} is not a grey image of 8 or 16 bits: use PNG or TIFF files as the camera sent them")
     if dn.ndim != 2:
         raise InputError(f"{path} is a coloured image: give grey ones, as the camera sent them")
     largest = int(dn.max())

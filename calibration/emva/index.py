@@ -134,12 +134,12 @@ def parse_index(text: str, path: Path) -> DataSetIndex:
         where = f"{path}, line {number}"
         letter, rest = line[0], line[1:].strip()
         if len(line.split()[0]) != 1 or letter not in (*_LETTERS, "i"):
-            raise InputError(f"{where}: {quoted(line)} begins with none of the letters v, n, b, d, i and #: correct it")
+            raise InputError(f"{where}: {quoted(line)} starts with none of the letters v, n, b, d, i and #: correct it")
         if letter == "i":
             if not blocks:
                 raise InputError(f"{where}: an image comes before the first line b or d: say at which exposure it is")
             if not rest:
-                raise InputError(f"{where}: the image has no path: give it behind the i")
+                raise InputError(f"{where}: the image has no path: give it after the i")
             last, image = blocks[-1], path.parent / _unquoted(rest).replace("\\", "/")
             blocks[-1] = replace(last, images=(*last.images, image), image_lines=(*last.image_lines, number))
             continue
@@ -198,7 +198,8 @@ def _check_blocks(blocks: list[IndexBlock], path: Path) -> None:
         where = f"{path}, line {block.line}"
         if len(block.images) < 2:
             raise InputError(
-                f"{where}: there are {len(block.images)} images: give at least 2, the noise comes from their difference"
+                f"{where}: there are {len(block.images)} images: give at least 2, noise is measured from their "
+                "difference"
             )
         key = (block.kind, block.exposure_ns, block.photons, len(block.images) > 2)
         if key in seen:

@@ -38,8 +38,8 @@ def require_span(design: Design) -> None:
     low, high = design.reading_cd_m2.min(), design.reading_cd_m2.max()
     if high < REFUSED_SPAN * low:
         raise CalibrationError(
-            f"the patches all have about the same luminance ({low:.4g} to {high:.4g} cd/m²), which cannot tell light "
-            "from glare and dark signal: add patches, log spaced over the range you need"
+            f"the patches all have about the same luminance ({low:.4g} to {high:.4g} cd/m²), which cannot separate "
+            "light from glare and dark signal: add patches with logarithmic spacing over the range you need"
         )
 
 

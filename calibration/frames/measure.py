@@ -122,7 +122,7 @@ def _mean_temperature(temperatures: Sequence[float | None], exposure_s: float) -
     known = [t for t in temperatures if t is not None]
     if len(known) < len(temperatures):
         if known:
-            _log.warning("some frames at %g s have no temperature: it is taken as unknown", exposure_s)
+            _log.warning("some frames at %g s have no temperature: it is treated as unknown", exposure_s)
         return None
     if max(known) - min(known) > TEMPERATURE_DRIFT_C:
         text = "the camera's temperature went from %.1f to %.1f °C over the frames at %g s: let it warm up first"

@@ -102,7 +102,7 @@ class CameraState:
             ("colour plane", self.plane, other.plane),
             ("bit depth", self.bit_depth, other.bit_depth),
             ("image size", _size(self.image_shape), _size(other.image_shape)),
-            ("region of the sensor", *_where_known(self.readout, other.readout)),
+            *Readout.compared(self.readout, other.readout),
             ("gain", found if other.has_gain(*allowed_db) else " or ".join(f"{db:g} dB" for db in allowed_db), found),
             ("saturation", f"{self.saturation_dn:g} DN", f"{other.saturation_dn:g} DN"),
             ("black level", *_where_known(self.black_level, other.black_level)),

@@ -213,5 +213,5 @@ def _require_enough(one: MeasuredFrames) -> None:
     if one.n_frames < MIN_FRAMES:
         raise CalibrationError(
             f"region {name!r} was given {one.n_frames} frame at {exposure_text(one.exposure_s)}: take at least "
-            f"{MIN_FRAMES} of each exposure, the noise comes from their difference"
+            f"{MIN_FRAMES} of each exposure, noise is measured from their difference"
         )

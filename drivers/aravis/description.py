@@ -118,7 +118,7 @@ def check_text(text: bytes) -> None:
     try:
         nodes.parser.Parse(text.rstrip(b"\0"), True)
     except expat.ExpatError as error:
-        raise UnusableError(f"it is no valid XML ({error})") from error
+        raise UnusableError(f"it is not valid XML ({error})") from error
     _check_chains(nodes.references)
 
 

@@ -32,7 +32,7 @@ def read_feature(camera: Any, name: str) -> FeatureValue:
     """
     node = _node(camera, name)
     if not _allows(node, "R"):
-        raise CameraSettingError(f"feature {name} cannot be read: the camera has it, but not for reading now")
+        raise CameraSettingError(f"feature {name} cannot be read: it cannot be read at the moment")
     return _value(node)
 
 

@@ -138,11 +138,11 @@ class BufferPool:
 REASONS = {
     "TIMEOUT": "packets stopped coming in the middle of it",
     "MISSING_PACKETS": "packets were lost on the way",
-    "WRONG_PACKET_ID": "its packets were numbered wrongly",
-    "SIZE_MISMATCH": "its size is not the one announced",
+    "WRONG_PACKET_ID": "its packets had wrong numbers",
+    "SIZE_MISMATCH": "its size is not the announced one",
     "FILLING": "it was still being received",
     "ABORTED": "its stream was aborted",
-    "WRONG_FRAME_ID": "its number is not after that of the frame before",
+    "WRONG_FRAME_ID": "its number does not follow that of the previous frame",
 }
 
 #: Frame ids of GigE Vision 1 have 16 bits and leave out 0, which is reserved (GigE Vision 2.0, 24.2).
@@ -259,7 +259,7 @@ def refusal(who: object, buffer: Any, fault: tuple[str, str], advice: str) -> In
     status, reason = fault
     frame_id = buffer.get_frame_id()
     return IncompleteFrameError(
-        f"frame {frame_id} from {who} is incomplete, {reason}: it is refused; {advice}",
+        f"frame {frame_id} from {who} is incomplete, {reason}: it was discarded; {advice}",
         status=status,
         frame_id=frame_id,
         camera_timestamp_ns=buffer.get_timestamp(),

@@ -120,4 +120,6 @@ def _require(camera: Any, name: str, value: FeatureValue) -> None:
     if writable(camera, name):
         now = write_feature(camera, name, value)
     if not is_same(now, value, _ROUNDED_REL):
-        raise CameraSettingError(f"feature {name} is {now} and does not take {value}: set it in the camera's program")
+        raise CameraSettingError(
+            f"feature {name} is {now} and does not accept {value}: set it with the camera's own program"
+        )

@@ -150,8 +150,8 @@ class Link:
         if not self.answers():
             return self.give_up(f"{what} [{error.message}]")
         return CameraBusyError(
-            f"{self.identity} answers, but refuses control ({what}): another program has taken control of it; close "
-            f"that program, then open the camera again [{error.message}]"
+            f"{self.identity} answers but refuses control ({what}): another program controls it; close that "
+            f"program, then open the camera again [{error.message}]"
         )
 
     def defer_release(self, stream: Any) -> None:
@@ -229,7 +229,7 @@ def _busy(info: CameraInfo) -> CameraBusyError:
 
 def _check_who(link: Link) -> None:
     info = link.info
-    with link.using("it does not tell who it is") as camera:
+    with link.using("it does not identify itself") as camera:
         if camera.is_gv_device():
             if not camera.get_device().is_controller():
                 raise _busy(info)

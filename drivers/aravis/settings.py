@@ -186,7 +186,7 @@ def _in_order(wanted: Mapping[str, Any], now: CameraSettings) -> list[str]:
         order[3], order[4] = order[4], order[3]
     unknown = sorted(wanted.keys() - set(order))
     if unknown:
-        raise CameraSettingError(f"{unknown[0]} is no setting: give {', '.join(order)}, or set a feature by name")
+        raise CameraSettingError(f"{unknown[0]} is not a setting: use {', '.join(order)}, or set a feature by name")
     return [name for name in order if name in wanted]
 
 

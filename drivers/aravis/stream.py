@@ -205,7 +205,9 @@ class FrameStream:
     def _running(self) -> Any:
         stream = self._stream
         if stream is None:
-            raise CameraError(f"{self._link.identity} was closed while it was grabbing: open it again and grab anew")
+            raise CameraError(
+                f"{self._link.identity} was closed while it was grabbing: open it again and restart grabbing"
+            )
         return stream
 
     def _ask_after(self) -> Any:

@@ -173,7 +173,7 @@ def warn_of_small_receive_buffer(payload_bytes: int) -> None:
     granted = receive_buffer_limit(payload_bytes)
     if granted < payload_bytes:
         _log.warning(
-            "the kernel grants a receive buffer of %d bytes, less than a frame of %d: frames may be lost; run '%s'",
+            "the kernel grants a receive buffer of %d bytes, but a frame has %d: frames may be lost; run '%s'",
             granted,
             payload_bytes,
             raise_receive_limit(payload_bytes),

@@ -248,11 +248,13 @@ def _temperature(temperature_c: float | None) -> Finding | None:
 def _frames(facts: CameraFacts) -> Finding:
     statistics = facts.statistics
     if facts.came is None:
-        return Finding("frames", "unknown", "no frames were taken", "labcdp doctor --stream-test SERIAL takes some")
+        return Finding(
+            "frames", "unknown", "no frames were taken", "run labcdp doctor --stream-test SERIAL to take some"
+        )
     counters = f"{statistics.missing} packets missing, {statistics.resent} sent again, {statistics.underruns} underruns"
-    text = f"{facts.came} of {N_FRAMES} frames came whole, {facts.refused} incomplete ({counters})"
+    text = f"{facts.came} of {N_FRAMES} frames arrived complete, {facts.refused} incomplete ({counters})"
     if facts.problem is not None:
         found = Finding.of_error("frames", facts.problem)
         return Finding("frames", "fault", f"{text}; {found.cause}", found.remedy)
-    remedy = "see receive buffer and packet size, check the cable, or lower the frame rate"
+    remedy = "check the receive buffer, packet size and cable, or lower the frame rate"
     return Finding.judged("frames", text, remedy if facts.refused else None)

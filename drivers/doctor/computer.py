@@ -63,17 +63,17 @@ def host_findings(root: Path = Path("/")) -> list[Finding]:
 def _receive_buffer(root: Path) -> Finding:
     topic, limit, default = "receive buffer", network_limit("rmem_max", root), network_limit("rmem_default", root)
     if limit is None:
-        return Finding(topic, "unknown", "net.core.rmem_max cannot be read here", "sysctl net.core.rmem_max tells it")
-    text = f"net.core.rmem_max is {size(limit)}, and a frame has up to {size(FRAME_BYTES)}"
+        return Finding(topic, "unknown", "net.core.rmem_max cannot be read here", "run sysctl net.core.rmem_max")
+    text = f"net.core.rmem_max is {size(limit)}, and a frame needs up to {size(FRAME_BYTES)}"
     if default is not None:
-        text += f"; programs that ask for nothing get {size(default)} (rmem_default)"
+        text += f"; programs that do not set a buffer size get {size(default)} (rmem_default)"
     keep = keep_receive_limit(FRAME_BYTES)
     if limit < FRAME_BYTES:
         remedy = f"{raise_receive_limit(FRAME_BYTES)} (to keep it: {keep})"
         # With CAP_NET_RAW Aravis receives through a packet socket, which this limit does not apply to.
         return Finding(topic, "notice" if may_open_packet_sockets() else "fault", text, remedy)
     if (kept_receive_limit_bytes(root) or 0) < FRAME_BYTES:
-        return Finding(topic, "notice", f"until the computer starts again, {text}", keep)
+        return Finding(topic, "notice", f"until the next reboot, {text}", keep)
     return Finding(topic, "good", text)
 
 
@@ -82,11 +82,11 @@ def _capabilities(root: Path, interpreter: str) -> Finding:
     if may_open_packet_sockets():
         return Finding(topic, "good", "this process has CAP_NET_RAW: frames can come through a packet socket")
     if (network_limit("rmem_max", root) or 0) >= FRAME_BYTES:
-        return Finding(topic, "good", "no CAP_NET_RAW, which so large a receive buffer makes needless")
+        return Finding(topic, "good", "no CAP_NET_RAW, but the receive buffer is large enough without it")
     return Finding(
         topic,
         "notice",
-        "this process has no CAP_NET_RAW, with which frames come through a packet socket whatever the receive buffer",
+        "this process lacks CAP_NET_RAW, with which frames bypass the limit of the receive buffer",
         f"raise the receive buffer; or sudo setcap cap_net_raw+ep {interpreter}, which lets every program of "
         "this Python read all packets",
     )
@@ -112,7 +112,7 @@ def port_finding(port: int = GVCP_PORT) -> Finding | None:
         topic,
         "notice",
         f"taken by {', '.join(users)}; real cameras do not need it",
-        f"for a simulated camera on the same address {end}, or give it another one (labcdp simulate-bench --address)",
+        f"for a simulated camera on this address {end}, or choose another one (labcdp simulate-bench --address)",
     )
 
 
@@ -121,11 +121,11 @@ def _clock() -> Finding | None:
     if synchronised is None:
         return None
     if synchronised:
-        return Finding("clock", "good", "kept by a time service")
+        return Finding("clock", "good", "synchronised by a time service")
     return Finding(
         "clock",
         "notice",
-        "no time service keeps the computer's clock: recorded times may be off, and may step",
+        "the computer's clock is not synchronised: recorded times may be off or jump",
         "sudo timedatectl set-ntp true",
     )
 
@@ -145,7 +145,7 @@ def aravis_finding(root: Path = Path("/")) -> Finding:
 
     versions = ", ".join(f"{name} {version}" for name, version in (packages or {}).items())
     known = f" ({versions})" if versions else ""
-    return Finding("Aravis", "good", f"Aravis 0.8 is there, through PyGObject {gi.__version__}{known}")
+    return Finding("Aravis", "good", f"Aravis 0.8 is installed, with PyGObject {gi.__version__}{known}")
 
 
 def debian_packages(database: Path = Path("/var/lib/dpkg")) -> dict[str, str] | None:

@@ -111,7 +111,7 @@ def _unit(meter: MinoltaLS) -> Finding:
     except MeterReportedError as error:
         if error.code == _NOTHING_HELD:
             remedy = "measure once with its button, then run this again"
-            return Finding("unit", "unknown", "the meter holds no reading, which would tell its unit", remedy)
+            return Finding("unit", "unknown", "the meter has no reading yet, so its unit is unknown", remedy)
         # A value out of range is not a fault of the meter; an empty battery is.
         return Finding.of_error("unit", error, "fault" if error.code in ("ER20", "ER30") else "notice")
     if shown.unit != "%":
@@ -123,5 +123,5 @@ def _unit(meter: MinoltaLS) -> Finding:
         return Finding("unit", "good", f"cd/m²; it shows {shown.value:g}")
     if shown.unit == "fL":
         cause = f"the meter is set to fL; it shows {shown.value:g} fL, which is {shown.luminance_cd_m2:g} cd/m²"
-        return Finding("unit", "notice", cause, "set its unit switch to cd/m² if fL is not meant")
-    return Finding("unit", "notice", "the meter shows a ratio in %", "measure once, which shows cd/m² again")
+        return Finding("unit", "notice", cause, "set its unit switch to cd/m² unless fL is intended")
+    return Finding("unit", "notice", "the meter shows a ratio in %", "measure once to return to cd/m²")

@@ -224,7 +224,7 @@ class MeterLine:
         except serial.SerialTimeoutException as error:
             self._n_due -= 1
             held = "the meter holds its RTS line low: check power, and RTS and CTS of the cable, or leave rtscts out"
-            problem = held if self._place.rtscts else "the port takes nothing more: check the adapter"
+            problem = held if self._place.rtscts else "the port accepts no more data: check the adapter"
             raise MeterTimeoutError(f"{self._port}: {command} cannot be sent, {problem}") from error
         except (OSError, termios.error) as error:
             self._disconnect()

@@ -215,7 +215,8 @@ class MinoltaLS(Meter):
         measured = reading.unit != "%" and reading.correction == "preset"
         if measured and not low <= reading.luminance_cd_m2 <= high:
             _log.warning(
-                "%s: %g cd/m² is outside the range of the %s with %s response, %g to %g cd/m²: do not rely on it",
+                "%s: %g cd/m² is outside the range of the %s with %s response, %g to %g cd/m²: this value is "
+                "unreliable",
                 self.port,
                 reading.luminance_cd_m2,
                 self.data_sheet.model,

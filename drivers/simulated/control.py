@@ -90,7 +90,7 @@ def check_free(address: str) -> None:
             probe.bind((address, GVCP_PORT))
         except OSError as error:
             remedy = (
-                "end the other simulated camera or program that uses it"
+                "stop the other simulated camera or program that uses it"
                 if error.errno == errno.EADDRINUSE
                 else "give an address of this machine, best a loopback one"
             )
@@ -113,8 +113,8 @@ def free_loopback_address() -> str:
             check_free(address)
             return address
     raise CameraError(
-        f"simulated cameras or other programs use UDP port {GVCP_PORT} of {', '.join(addresses) or 'loopback'}: end "
-        f"one, or run 'sudo ip addr add 127.0.0.{len(addresses) + 1}/8 dev lo' for another address"
+        f"UDP port {GVCP_PORT} of {', '.join(addresses) or 'loopback'} is taken: stop the other simulated camera or "
+        f"program, or run 'sudo ip addr add 127.0.0.{len(addresses) + 1}/8 dev lo' for another address"
     )
 
 

@@ -229,7 +229,7 @@ class InProcessCamera(Reach, Camera):
         counted = self._statistics
         if problem:
             self._statistics = replace(counted, failed=counted.failed + 1, missing=counted.missing + n_missing)
-            text = f"frame {frame_id} from {self._name} is incomplete, {problem}: it is refused"
+            text = f"frame {frame_id} from {self._name} is incomplete, {problem}: it was discarded"
             raise IncompleteFrameError(text, status, frame_id, stamp_ns, clock.now())
         dn = self._source.expose(settings.exposure_s, settings.gain_db, self._source.next_key())
         self._statistics = replace(counted, completed=counted.completed + 1)
@@ -256,9 +256,9 @@ class InProcessCamera(Reach, Camera):
         n_packets = ceil(2 * settings.width * settings.height / _PACKET_DATA_BYTES)
         n_missing = int(np.random.default_rng(index).binomial(n_packets, self._faults.get("lose", 0.0)))
         if "wrong size" in self._faults:
-            return "SIZE_MISMATCH", "its size is not the one announced", n_missing
+            return "SIZE_MISMATCH", "its size is not the announced one", n_missing
         if "wrong ids" in self._faults:
-            return "", "its frame id was there before", n_missing
+            return "", "its frame id has occurred before", n_missing
         return "MISSING_PACKETS", f"{n_missing} packets were lost on the way" if n_missing else "", n_missing
 
     def _require_open(self) -> None:

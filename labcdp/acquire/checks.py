@@ -130,8 +130,8 @@ def check_repeats(n_repeated: int, n_frames: int) -> list[CheckFinding]:
     if n_repeated == 0:
         return []
     cause = (
-        f"{n_repeated} of {n_frames} frames are bit for bit the same as an earlier one, so noise and K come out too "
-        "small: is the camera's test pattern on, or its image frozen? if not, choose a format of more bits"
+        f"{n_repeated} of {n_frames} frames are bit for bit the same as an earlier one, so noise and K are "
+        "underestimated: is the camera's test pattern on, or its image frozen? if not, use a format with more bits"
     )
     return [CheckFinding("repeated frames", cause, n_repeated / n_frames, 0.0)]
 

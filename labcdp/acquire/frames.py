@@ -259,7 +259,7 @@ class FrameRecorder:
         went = writer.throughput
         if went.limited_by_disk:
             rate = went.frames_per_s
-            _log.warning("limited by the disk: %.3g frames/s, none was lost", rate)
+            _log.warning("limited by the disk: %.3g frames/s, no frame was lost", rate)
             self._session.add_event("limited by the disk", asdict(went) | {"frames_per_s": rate})
 
 

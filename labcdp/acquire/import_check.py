@@ -96,7 +96,7 @@ def _require_light_brighter(levels: Mapping[float, Mapping[Role, Sequence[float]
         exposure_s, of = max(both.items())
         raise InputError(
             f"the light pictures are darker than the dark ones (mean {max(of['light']):.4g} against "
-            f"{min(of['dark']):.4g} DN at {exposure_text(exposure_s)}): give them the other way round"
+            f"{min(of['dark']):.4g} DN at {exposure_text(exposure_s)}): swap --light and --dark"
         )
 
 

@@ -186,7 +186,7 @@ def _known(session: Session, frame: Frame, report: Callable[[str, int, int], Non
         there = f"{record.camera}, {width} x {height} pixels, {record.pixel_format}"
         here = f"{frame.camera}, {frame.shape[1]} x {frame.shape[0]} pixels, {frame.pixel_format}"
         if there != here:
-            raise InputError(f"{session.path} holds frames of {there}, the pictures are of {here}: give a new folder")
+            raise InputError(f"{session.path} holds frames of {there}, the pictures are of {here}: choose a new folder")
     known = {}
     for done, record in enumerate(records, start=1):
         known[pixels_sha256(session.load(record))] = record

@@ -183,7 +183,7 @@ def forget(session: Session, names: Sequence[str]) -> None:
             raise InputError(f"there is no {name!r} to take again: give one of {', '.join(parts)}")
     for name in names:
         if records := records_of(session, parts[name]):
-            session.supersede(records, "taken again on request")
+            session.supersede(records, "retaken on request")
 
 
 def before_and_after(session: Session, patch: str) -> tuple[list[Reading], list[Reading]]:

@@ -171,7 +171,7 @@ def _begin(session: Session, camera: Camera, meter: Meter, report: Report) -> No
         "camera features", {"features": _json_values(camera.features()), "not understood": not_understood}
     )
     if not_understood:
-        _log.info("features of the camera that are left as they are: %s", ", ".join(not_understood))
+        _log.info("camera features left unchanged: %s", ", ".join(not_understood))
 
 
 def is_complete(session: Session) -> bool:

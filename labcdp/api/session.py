@@ -170,7 +170,7 @@ class CalibratedSession:
         """Write the calibration file; raises InputError if it exists or cannot be written."""
         file = as_path(path, "the calibration")
         if file.exists():
-            raise InputError(f"{file} exists: give another name")
+            raise InputError(f"{file} exists: choose another name")
         save(self.calibration, file)
         return file
 

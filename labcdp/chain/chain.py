@@ -99,7 +99,8 @@ class Chain(ChainParts):
             case [Optics() as optics], [Sensor() as sensor]:
                 return ImagingChain(self.spectrum, windscreen, optics, sensor)
         raise ConfigurationError(
-            f"{self.name} is no camera for a bench: give at most a windscreen, optics and one sensor of EMVA 1288"
+            f"{self.name} cannot serve as the camera of a bench: use at most a windscreen, optics and one sensor of "
+            "type emva1288"
         )
 
     def _behind_sensor(self, sensor: SensorModel, signal: Signal, context: Context) -> dict[str, Signal]:

@@ -55,7 +55,7 @@ def parts_of_document(document: _Table, folder: Path = Path()) -> dict[str, Any]
     stages = "before"
     for name, table in document.items():
         if name == "hdr" and sensors and (stages == "before" or parts["behind"]):
-            raise ConfigurationError("hdr merges the exposures of a sensor: put it right behind sensor")
+            raise ConfigurationError("hdr merges the exposures of a sensor: put it directly after the sensor")
         if name in ("sensor", "hdr"):
             stages = "behind"
         if name in ("exposure", "hdr"):
@@ -125,7 +125,7 @@ def _places(document: dict[str, Any], path: str) -> list[tuple[dict[str, Any], s
         raise ConfigurationError(f"{path!r} is a table: give one of its keys too, such as scene.luminance_cd_m2")
     if not key or table not in tables:
         raise ConfigurationError(
-            f"{path!r} is no parameter of this chain: give spectrum, or a table and a key, such as "
+            f"{path!r} is not a parameter of this chain: give spectrum, or a table and a key, such as "
             f"scene.luminance_cd_m2; {suggestion(table, tables, 'it has')}"
         )
     held = document[table] if isinstance(document[table], list) else [document[table]]
@@ -171,7 +171,7 @@ def _part(name: str, table: Any, folder: Path, defaults: _Table | None = None) -
     except InputError as error:
         raise _located(error, name, [field.name for field in fields(cls)]) from error
     if not fits:
-        raise ConfigurationError(f"{name} is registered as {cls.__name__}, which is no {kind}")
+        raise ConfigurationError(f"{name} is registered as {cls.__name__}, which is not a {kind}")
     return part
 
 

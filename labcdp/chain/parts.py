@@ -47,8 +47,8 @@ def _quantity_behind(quantity: str, stages: Sequence[tuple[str, Stage]]) -> str:
             raise InputError(f"{name} takes {stage.takes!r} and gives {stage.gives!r}: give two of {', '.join(UNITS)}")
         if stage.takes != quantity:
             raise InputError(
-                f"{name} takes {stage.takes} in {UNITS[stage.takes]}, but what comes to it is {quantity} in "
-                f"{UNITS[quantity]}: put it elsewhere in the chain"
+                f"{name} takes {stage.takes} in {UNITS[stage.takes]}, but its input is {quantity} in "
+                f"{UNITS[quantity]}: place it elsewhere in the chain"
             )
         quantity = stage.gives
     return quantity
@@ -122,16 +122,16 @@ class ChainParts:
         twice = sorted({name for name in self.stage_names if self.stage_names.count(name) > 1})
         if twice:
             raise InputError(
-                f"two signals would have the name {twice[0]!r}: give each its own, and exposure times that differ in "
-                "their first six digits"
+                f"two signals would have the name {twice[0]!r}: give each its own, and use exposure times that "
+                "differ in their first six digits"
             )
 
     def _require_exposed(self, quantity: str) -> None:
         """Refuse sensors that do not fit to what comes to them, to their exposures and to what follows."""
         if quantity != "illuminance":
             raise InputError(
-                f"the sensor takes illuminance in lx, but what comes to it is {quantity} in {UNITS[quantity]}: add "
-                "optics in front of it"
+                f"the sensor takes illuminance in lx, but its input is {quantity} in {UNITS[quantity]}: add optics "
+                "in front of it"
             )
         height, width = self.scene.shape
         for _, sensor in self.sensors:

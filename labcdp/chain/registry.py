@@ -43,10 +43,12 @@ def register(table: str, cls: type, type_name: str = "standard") -> None:
         If the class is no dataclass, or the table has another class under this type already.
     """
     if not is_dataclass(cls):
-        raise InputError(f"{cls.__name__} is no dataclass: its fields are to be the keys of the table {table}")
+        raise InputError(f"{cls.__name__} is not a dataclass: its fields become the keys of the table {table}")
     types = _CLASSES.setdefault(table, {})
     if types.get(type_name, cls) is not cls:
-        raise InputError(f"the type {type_name!r} of {table} is {types[type_name].__name__} already: give another name")
+        raise InputError(
+            f"the type {type_name!r} of {table} is {types[type_name].__name__} already: choose another name"
+        )
     types[type_name] = cls
 
 
@@ -148,7 +150,7 @@ def chain_text(name_or_path: str | Path) -> tuple[str, str, Path]:
     """
     if not isinstance(name_or_path, str | Path):
         raise ConfigurationError(
-            f"{shown(name_or_path)} is no chain: give the name of a preset or the path of a .toml file"
+            f"{shown(name_or_path)} is not a chain: give the name of a preset or the path of a .toml file"
         )
     path = Path(name_or_path)
     name = str(name_or_path)

@@ -90,7 +90,7 @@ app = typer.Typer(
 #: Errors without a file name that come of writing the output and of nothing else; a device, too, gives EIO.
 _OUTPUT_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 #: A library that is there is not loaded where a limit of memory is too low.
-_NO_LIBRARY = "raise the limit of memory (ulimit -v), or install labcdp again"
+_NO_LIBRARY = "raise the memory limit (ulimit -v), or reinstall labcdp"
 
 
 def _version(wanted: bool) -> None:
@@ -103,7 +103,7 @@ def _version(wanted: bool) -> None:
 
 @app.callback()
 def _options(
-    verbose: bool = typer.Option(False, "--verbose", "-v", help="Also log what happens with devices and files."),
+    verbose: bool = typer.Option(False, "--verbose", "-v", help="Also log device and file events."),
     _: bool = typer.Option(False, "--version", help="Show the version and exit.", is_eager=True, callback=_version),
 ) -> None:
     log_to_terminal(verbose)
@@ -172,7 +172,7 @@ def main() -> None:
             say(f"labcdp: {name} cannot be used ({reason(error)}): check name, folder and permissions")
             sys.exit(1)
         if error.errno not in _OUTPUT_ERRORS:
-            advice = "check network, devices, and limits such as that of memory (ulimit -v), then repeat"
+            advice = "check network, devices and limits such as memory (ulimit -v), then repeat"
             say(f"labcdp: the system refuses ({reason(error)}): {advice}")
             sys.exit(1)
         say(f"labcdp: the output cannot be written ({error.strerror}): free some disk space")

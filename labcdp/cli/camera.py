@@ -176,7 +176,7 @@ def verify(
     loaded = load_any(calibration)
     if configuration is None and devices.given:
         raise InputError(
-            "options of devices cannot be used with a recorded session: leave them out, or give a configuration too"
+            "device options cannot be used with a recorded session: leave them out, or also give a configuration"
         )
     with results.folder(session) as folder:
         path = folder.folder / "verification.json"
@@ -228,8 +228,8 @@ def _acquire(
     devices.check(bench.meter)
     if devices.simulating and not isinstance(calibration, Calibration):
         raise InputError(
-            "the camera of the simulated bench has no colour filters, the calibration's has: measure with that camera, "
-            "or import its pictures and give the folder of that session alone"
+            "the simulated camera has no colour filters, but the calibrated one has: measure with that camera, or "
+            "import its pictures and give only that session's folder"
         )
     # Refused before anything is measured; the findings include a warning.
     mismatch(bench, calibration)

@@ -116,7 +116,7 @@ def _folder(path: Path) -> Description:
         try:
             number = len(picture_paths([path]))
         except LabcdpError:
-            raise InputError(f"{path} is no session, folder of results, pictures or videos") from None
+            raise InputError(f"{path} is not a session or a folder of results, pictures or videos") from None
     return Description("folder of pictures", ("image {file} --roi rois.json",), {"pictures": str(number)})
 
 
@@ -144,7 +144,7 @@ def _session(path: Path) -> Description:
 def _document(path: Path) -> Description:
     content = read_json(path, "a document of labcdp")
     if not isinstance(content, dict):
-        raise InputError(f"{path} is no document of labcdp")
+        raise InputError(f"{path} is not a labcdp document")
     match content.get("schema", content.get("format")):
         case "labcdp-result":
             return describe_result(path, content)
@@ -159,7 +159,7 @@ def _document(path: Path) -> Description:
             )
         case "labcdp regions":
             return _regions(path)
-    raise InputError(f"{path} is no document of labcdp: its key schema or format names no known kind")
+    raise InputError(f"{path} is not a labcdp document: its key schema or format names no known kind")
 
 
 def _calibration(path: Path) -> Description:
@@ -237,7 +237,7 @@ def _netcdf(path: Path) -> Description:
         return Description("results of a video", ("video VIDEO --roi rois.json --reference {file}",), properties)
     if "edge" in dataset.sizes:
         return Description("contrast map of an image", (), properties)
-    with naming(f"{path} is no map of labcdp"):
+    with naming(f"{path} is not a map written by labcdp"):
         check_map(dataset)
     return Description("map of a sweep", ("compare {file} OTHER",), properties)
 

@@ -52,7 +52,7 @@ def _sensitivity(path: Path, source: str) -> Description:
         Column("light", "measured light", value="0"),
         Column("factor", "factor F", meaning="Multiply a luminance measured in this light by it.", decimals=4,
                value="1"),
-        Column("error_rel", "error without it", "%", "Deviation of a luminance that is not corrected.", decimals=2,
+        Column("error_rel", "error without it", "%", "Deviation of an uncorrected luminance.", decimals=2,
                value=lambda row: 1 / row[1] - 1),
     )  # fmt: skip
     factors = [(name, mismatch_factor(whole, name, light)) for name in COMMON_ILLUMINANTS]

@@ -92,7 +92,7 @@ def describe_page(path: Path) -> Description:
     """Describe a page that labcdp wrote; raises InputError for any other."""
     text = read_bytes(path, "a page of labcdp", _MOST_BYTES)[:_MOST_OF_HEAD].decode("utf-8", errors="replace")
     if GENERATOR not in text:
-        raise InputError(f"{path} is no page of results: give a file that labcdp wrote or reads")
+        raise InputError(f"{path} is not a results page: choose a file that labcdp wrote or reads")
     title = re.search("<title>([^<]*)</title>", text)
     properties = {"title": unescape(title[1]) if title else "", "use": "open it in a browser"}
     return Description("page of results", _beside(path), properties)
@@ -102,7 +102,7 @@ def describe_journal(path: Path) -> Description:
     """Describe a journal with which an interrupted command resumes; raises InputError for any other file."""
     kinds = {SWEEP_JOURNAL: "sweep", VIDEO_JOURNAL: "video"}
     if path.name not in kinds or recorded_head(path) is None:
-        raise InputError(f"{path} is no journal of labcdp, or damaged: remove it to begin again")
+        raise InputError(f"{path} is not a journal of labcdp, or is damaged: remove it to start again")
     properties = {"use": f"the same labcdp {kinds[path.name]} resumes with it if it was interrupted"}
     return Description(f"journal of labcdp {kinds[path.name]}", _beside(path), properties)
 

@@ -181,13 +181,15 @@ def _selected(files: Sequence[Path], chosen: ChosenFrames, calibration: Path, lo
     if folders:
         return _of_session(folders[0], chosen, loaded)
     if chosen.frame or chosen.patch is not None:
-        raise InputError("--frame and --patch choose among the frames of a session: give its folder, or leave them out")
+        raise InputError("--frame and --patch select frames of a session: give its folder, or leave them out")
     conversion = calibrated_conversion(loaded, calibration.name)
     read = [(str(path), *_of_file(path, conversion)) for path in files]
     kept = [one for one in read if chosen.wanted(one[1].exposure_s)]
     if not kept:
         there = _in_ms(sorted({frame.exposure_s for _, frame, _ in read}))
-        raise InputError(f"no file has the exposure {_in_ms(chosen.exposure, ' or ')}: the files have {there}")
+        raise InputError(
+            f"none of the files has the exposure {_in_ms(chosen.exposure, ' or ')}: the files have {there}"
+        )
     names = [name for name, _, _ in kept]
     findings = unique(finding for _, _, found in kept for finding in found)
     inputs = tuple(InputFile.of("picture", name) for name in names)

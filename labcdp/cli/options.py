@@ -176,7 +176,7 @@ def output_file(path: Path, force: bool, option: str = "--output") -> Path:
     check_file(path, force=force, inputs=_inputs(option), option=option)
     # The files of a session are a record, which no option replaces.
     if os.path.lexists(path) and any((folder / JOURNAL).is_file() for folder in path.absolute().parents[:2]):
-        raise InputError(f"{option} {path} is part of a recorded session: give another name")
+        raise InputError(f"{option} {path} is part of a recorded session: choose another name")
     return path
 
 

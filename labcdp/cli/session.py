@@ -139,7 +139,7 @@ class CalibrationOptions:
             return None
         content = read_json(self.against, "a results.json")
         if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-            raise InputError(f"{self.against} is no result of this version of labcdp: give a results.json")
+            raise InputError(f"{self.against} is not a result of this version of labcdp: give a results.json")
         return whole_result(self.against, content)
 
 
@@ -208,7 +208,7 @@ def evaluate(
         Folder of the session; default with --recalibrate: the session that ships with labcdp.
     """
     if session is None and not by.recalibrate:
-        raise InputError("no session given: give its folder, or --recalibrate for the session that ships with labcdp")
+        raise InputError("no session: give its folder, or --recalibrate for the session that ships with labcdp")
     source = session or example_session()
     opened = Session.open(source)
     path = by.file(source)
@@ -226,7 +226,7 @@ def evaluate(
         written = folder.add(session_files(evaluation, result))
     results.print(result, f"Written: {', '.join(map(str, written))}", page=folder.folder / "report.html")
     if by.against is not None:
-        say(f"Agrees with {by.against} to within rounding")
+        say(f"Agrees with {by.against} within rounding")
     verdicts = {row.patch.name: row.limit_verdict for row in evaluation.patches}
     if not set(verdicts.values()) <= {None, "pass"}:
         missed = [f"{name} ({verdict})" for name, verdict in verdicts.items() if verdict not in (None, "pass")]

@@ -135,7 +135,7 @@ def reproduce(results: Results, what: str, *, seeds: Annotated[int, As(least=5)]
         Number of random seeds.
     """
     if what != "thesis":
-        raise InputError(f"there is nothing to reproduce called {what!r}: give thesis")
+        raise InputError(f"cannot reproduce {what!r}: give thesis")
     with results.folder(what) as folder:
         with progress_bar("Settings") as report:
             found = thesis_result(reproduce_thesis(seeds, report))

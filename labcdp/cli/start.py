@@ -90,9 +90,9 @@ def _truth(result: Result, bench: SimulatedBench, transport: str) -> Table:
     columns = (
         Column("patch", "patch"),
         Column("simulated_cd_m2", "simulated", "cd/m²", "Luminance of the simulated target."),
-        Column("calibrated_cd_m2", "calibrated", "cd/m²", "By the calibrated camera."),
+        Column("calibrated_cd_m2", "calibrated", "cd/m²", "From the calibrated camera."),
         Column("error_rel", "error", "%", "Calibrated over simulated, minus 1.", decimals=2),
-        Column("transport", "camera", "", "How the frames of the simulated camera were transferred."),
+        Column("transport", "camera", "", "How frames of the simulated camera were transferred."),
     )
     errors_rel = [one / true - 1 for one, true in zip(calibrated, simulated, strict=True)]
     values = (patches, simulated, calibrated, errors_rel, [transport] * len(patches))

@@ -248,7 +248,7 @@ def say_where(page: Address) -> None:
     if page.loopback:
         say(f"On another computer, first run: {page.tunnel}")
     else:
-        say("warning: the page is reachable over the network and not encrypted: others may intercept its address")
+        say("warning: the page is reachable over the network and not encrypted: others can intercept its address")
     say("Ctrl-C ends the page")
 
 

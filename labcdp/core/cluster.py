@@ -52,7 +52,7 @@ class TlsFiles:
         for name in ("ca", "certificate", "key"):
             path = getattr(self, name)
             if not path.is_file():
-                raise InputError(f"{path} is no file: give the {name} of the cluster as a PEM file")
+                raise InputError(f"{path} is not a file: give the {name} of the cluster as a PEM file")
 
     def security(self) -> Any:
         """Return them as Dask takes them; what is sent is encrypted."""
@@ -168,8 +168,8 @@ class Cluster(Generic[_Task]):
             for package, version in self._versions.items():
                 if (there := node["packages"].get(package)) != version:
                     raise InputError(
-                        f"worker {address} has {package} {there}, this computer {version}: install the same, for the "
-                        "same results"
+                        f"worker {address} has {package} {there}, this computer {version}: install the same version "
+                        "to get the same results"
                     )
             if not sees.get(address, True):
                 raise InputError(
@@ -231,14 +231,13 @@ class Workers:
             return
         if (self.tls is not None) != self.address.startswith("tls://"):
             raise InputError(
-                f"the cluster is {self.address}: give its TLS files with an address that begins with tls://, and not "
-                "else"
+                f"the cluster is {self.address}: give its TLS files only with an address that begins with tls://"
             )
         try:
             if folder is not None:
                 folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise InputError(f"{folder} cannot be made ({error.strerror}): give a folder you can write to") from error
+            raise InputError(f"{folder} cannot be made ({error.strerror}): choose a folder you can write to") from error
         from distributed import Client
         from distributed.comm.addressing import parse_address
         from distributed.comm.registry import get_backend
@@ -260,7 +259,7 @@ class Workers:
 
         if any(isinstance(one, SSLError | FatalCommClosedError) for one in _causes(error)):
             return (
-                f"the certificates of this computer and of the scheduler at {self.address} do not fit "
+                f"the certificates of this computer and of the scheduler at {self.address} do not match "
                 f"({reason(error)}): both must be signed by the authority that is given first, and the key must be "
                 "that of the certificate"
             )

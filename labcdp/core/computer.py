@@ -274,7 +274,7 @@ def _answer(pipe: Connection) -> tuple[Any, BaseException | None, bool]:
         text = "its process died, as did one before: check that there is enough memory, or evaluate this file alone"
         return None, InputError(text), True
     except Exception as error:  # of an exception that cannot be made again here
-        return None, InputError(f"it failed with an error that cannot be handed on ({error})"), False
+        return None, InputError(f"it failed with an error that cannot be passed on ({error})"), False
 
 
 def _end_with_parent() -> None:
@@ -295,4 +295,4 @@ def _serve(pipe: Connection) -> None:
             try:
                 pipe.send(_tried(function, task, *arguments))
             except (pickle.PicklingError, TypeError, AttributeError) as error:
-                pipe.send((None, InputError(f"its result cannot be handed on ({error})")))
+                pipe.send((None, InputError(f"its result cannot be passed on ({error})")))

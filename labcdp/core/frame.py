@@ -82,11 +82,23 @@ class Readout:
     mirrored: tuple[bool, bool] = (False, False)
     sensor_size: tuple[float, float] | None = field(default=None, compare=False)
 
-    def __str__(self) -> str:
-        pairs = (("binning", self.binning), ("decimation", self.decimation))
-        extra = [f"{name} {across} x {down}" for name, (across, down) in pairs if (across, down) != (1, 1)]
-        extra += [f"{axis} mirrored" for axis, turned in zip(("columns", "rows"), self.mirrored, strict=True) if turned]
-        return ", ".join([f"from column {self.x:g} and row {self.y:g}", *extra])
+    @property
+    def parts(self) -> dict[str, str]:
+        """Each property as text, by its name in messages; the origin last, which binning and mirroring move."""
+        turned = [axis for axis, turned in zip(("columns", "rows"), self.mirrored, strict=True) if turned]
+        return {
+            "binning": "{} x {}".format(*self.binning),
+            "decimation": "{} x {}".format(*self.decimation),
+            "mirroring": " and ".join(turned) or "none",
+            "first pixel on the sensor": f"column {self.x:g}, row {self.y:g}",
+        }
+
+    @staticmethod
+    def compared(mine: Readout | None, theirs: Readout | None) -> list[tuple[str, str, str]]:
+        """Name and both texts of each property; none if one of the readouts is unknown."""
+        if mine is None or theirs is None:
+            return []
+        return [(name, text, theirs.parts[name]) for name, text in mine.parts.items()]
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Readout:

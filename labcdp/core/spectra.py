@@ -124,7 +124,7 @@ def read_spectral_file(path: str | PathLike[str]) -> SpectralFile:
         text = quoted(read.separator.join(row.cells))
         numbers = [cell.replace(",", ".") if read.separator != "," else cell for cell in row.cells]
         if not all(map(_NUMBER.fullmatch, numbers)):
-            raise InputError(f"{path}, line {row.line}: {text} holds no number in a cell")
+            raise InputError(f"{path}, line {row.line}: {text} has a cell that is not a number")
         marks |= {",", "."} & set("".join(row.cells))
         if len(marks) > 1:
             raise InputError(

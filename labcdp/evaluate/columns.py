@@ -20,7 +20,7 @@ CDP = (
 SHARES = (
     Column("below", "below", "", "Share of the pairs with a lower contrast.", decimals=4, value="result.below"),
     Column("above", "above", "", "Share of the pairs with a higher contrast.", decimals=4, value="result.above"),
-    Column("undefined", "undefined", "", "Share of the pairs without light; they are below.", shown=False,
+    Column("undefined", "undefined", "", "Share of the pairs without light; they count as below.", shown=False,
            value="result.undefined"),
 )  # fmt: skip
 TARGET = Column("contrast", "target contrast", "%", "Contrast whose CDP is computed.", value="result.contrast")
@@ -43,7 +43,7 @@ def region_columns(unit: str, unit_of: str = "") -> tuple[Column, ...]:
     """Return the columns of a `RegionResult`, in a unit or in those of a column."""
     return (
         Column("region", "region", value="roi.name"),
-        Column("pixels", "pixels", meaning="Number of its pixels, all of which count.", value="n_pixels"),
+        Column("pixels", "pixels", meaning="Number of its pixels, all of which are used.", value="n_pixels"),
         *with_bound(
             uncertain(Column("mean", "mean", unit, "Mean luminance.", unit_of=unit_of), u="standard_uncertainty"),
             "bound",

@@ -73,7 +73,9 @@ def read_exr(_data: bytes, path: Path, max_pixels: int) -> StoredImage:
             "and B"
         )
     if luminance.shape != (height, width):
-        raise InputError(f"{path} has a channel of luminance with fewer pixels than the picture: save it in full")
+        raise InputError(
+            f"{path} has a luminance channel with fewer pixels than the picture: save it at full resolution"
+        )
     white = positive_number(header.get("whiteLuminance"))
     if white is None and "whiteLuminance" in header:
         doubts.append(warning("value-scale-not-used", by="its attribute whiteLuminance"))
@@ -96,7 +98,7 @@ def exr_header(path: Path, max_pixels: int) -> dict[str, Any]:
             raise InputError(f"{path} holds {len(file.parts)} pictures: give files of one picture each")
         header = dict(file.header())
     if header.get("type") in (OpenEXR.deepscanline, OpenEXR.deeptile):
-        raise InputError(f"{path} is a deep OpenEXR file, with several values a pixel: save it flat")
+        raise InputError(f"{path} is a deep OpenEXR file, with several values per pixel: save it flat")
     width, height = _size(header)
     require_size(path, width, height, max_pixels)
     n_channels = len(header.get("channels", ()))
@@ -140,7 +142,7 @@ def _opened(path: Path, **how: bool) -> Iterator[Any]:
         why = str(error).partition("\n")[0].rpartition(" - ")[2].replace(f"'{path}'", "it")
         raise InputError(
             f"{path} cannot be read as OpenEXR ({shortened(why) or type(error).__name__}): if another program opens "
-            "it, save it there again; else copy it again"
+            "it, save it there again; otherwise copy it again"
         ) from error
 
 

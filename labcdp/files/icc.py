@@ -75,12 +75,12 @@ def read_profile(data: bytes, coloured: bool) -> ColourProfile:
     Raises
     ------
     InputError
-        If it is not whole, is for other colours, or has no curves that serve.
+        If it is incomplete, is for other colours, or has no curves that serve.
     """
     if not data:
-        raise InputError("it is not whole")
+        raise InputError("it is incomplete")
     if len(data) < _HEADER + 4 or data[36:40] != b"acsp":
-        raise InputError("it is no ICC profile")
+        raise InputError("it is not an ICC profile")
     space = data[16:20].decode("latin-1").strip()
     names = {"RGB": (b"rTRC", b"gTRC", b"bTRC"), "GRAY": (b"kTRC",)}.get(space)
     if names is None:
@@ -94,7 +94,7 @@ def read_profile(data: bytes, coloured: bool) -> ColourProfile:
         # The curve gives lightness (8.3.4 and F.2), of which luminance is by CIE 1976.
         curves = tuple(np.where(one > 0.08, ((one + 0.16) / 1.16) ** 3, one / 9.033) for one in curves)
     if any(np.ptp(one) == 0 for one in curves):
-        raise InputError("a curve has the same light for all values")
+        raise InputError("a curve maps all values to the same light")
     encodings = {known_encoding(curve) for curve in curves}
     if not coloured and not _alike(curves):
         raise InputError("its curves of red, green and blue differ, the picture is grey")
@@ -115,7 +115,7 @@ def _alike(curves: Sequence[NDArray[np.float64]]) -> bool:
 def _tags(data: bytes) -> dict[bytes, bytes]:
     (count,) = struct.unpack_from(">I", data, _HEADER)
     if count > _MOST_TAGS or len(data) < _HEADER + 4 + _ENTRY * count:
-        raise InputError("its list of tags is not whole")
+        raise InputError("its list of tags is incomplete")
     tags = {}
     for number in range(count):
         name, offset, size = struct.unpack_from(">4sII", data, _HEADER + 4 + _ENTRY * number)
@@ -133,8 +133,8 @@ def _curve(tag: bytes) -> NDArray[np.float64]:
         if tag[:4] == b"para":
             return _parametric(tag)
     except struct.error as error:
-        raise InputError("a curve is not whole") from error
-    raise InputError("a curve is of a kind that is not known")
+        raise InputError("a curve is incomplete") from error
+    raise InputError("a curve is of an unknown kind")
 
 
 def _sampled(tag: bytes) -> NDArray[np.float64]:
@@ -154,7 +154,7 @@ def _sampled(tag: bytes) -> NDArray[np.float64]:
 def _parametric(tag: bytes) -> NDArray[np.float64]:
     (kind,) = struct.unpack_from(">H", tag, 8)
     if kind >= len(_PARAMETERS):
-        raise InputError("a curve is of a kind that is not known")
+        raise InputError("a curve is of an unknown kind")
     given = [one / 65536 for one in struct.unpack_from(f">{_PARAMETERS[kind]}i", tag, 12)]
     x = np.linspace(0, 1, _POINTS)
     # Table 68: Y = (a X + b)^g + c from X = d on, else e X + f.

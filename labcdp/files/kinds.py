@@ -65,7 +65,7 @@ def no_picture(path: object, head: bytes) -> InputError | None:
     if kind := unread_picture(head):
         return InputError(f"{path} is a {kind} file, which labcdp does not read: convert it to PNG or 16-bit TIFF")
     if kind := _first(_VIDEOS, head):
-        return InputError(f"{path} is a video ({kind}), no picture: evaluate it with labcdp video")
+        return InputError(f"{path} is a video ({kind}), not a picture: evaluate it with labcdp video")
     return None
 
 
@@ -75,7 +75,7 @@ def no_video(path: object, head: bytes, refused: bool = False) -> InputError | N
     Motion JPEG begins as a JPEG does: that it is a picture counts where FFmpeg `refused` it.
     """
     if kind := _first(_READ, head) or ("JPEG" if refused and head.startswith(b"\xff\xd8\xff") else None):
-        return InputError(f"{path} is a picture ({kind}), no video: evaluate it with labcdp image")
+        return InputError(f"{path} is a picture ({kind}), not a video: evaluate it with labcdp image")
     kind = unread_picture(head)
     # Of GIF, FFmpeg reads all pictures.
     if kind is None or kind == "GIF":

@@ -108,14 +108,14 @@ def read_luminance(data: bytes, path: Path, max_pixels: int) -> tuple[LuminanceM
         text, arrays = read(data, path, max_pixels)
         values = parse_json(text)
         if not isinstance(values, dict) or values.get("format") != FORMAT:
-            raise ValueError("its metadata is not that of labcdp")
+            raise ValueError("its metadata was not written by labcdp")
         if values.get("version") != VERSION:
             version = quoted(values.get("version"))
             raise ValueError(f"its version is {version}, this labcdp reads {VERSION}: use the labcdp that wrote it")
         return _map(arrays, values), values
     # Damaged archives, codecs and directories raise what their libraries do.
     except Exception as error:
-        raise InputError(f"{path} is no luminance map that this labcdp reads ({reason(error)})") from error
+        raise InputError(f"{path} is not a luminance map this labcdp can read ({reason(error)})") from error
 
 
 def metadata(luminance: LuminanceMap, about: Mapping[str, Any]) -> dict[str, Any]:

@@ -172,7 +172,7 @@ def read_jpeg(data: bytes, path: Path, max_pixels: int) -> StoredImage:
         header = JpegImageFile(BytesIO(data))
     require_size(path, *header.size, max_pixels)
     if header.mode not in ("L", "RGB"):
-        raise InputError(f"{path} has the colours {header.mode}, as for print: save it as grey or RGB")
+        raise InputError(f"{path} has {header.mode} colours, as used for printing: save it as grey or RGB")
     if data[-2:] != bytes((0xFF, _JPEG_END)):
         raise InputError(f"{path} is truncated: it has no end mark in {len(whole)} bytes: copy it again")
     # Pillow does not say what libjpeg has to say of damage.
@@ -180,7 +180,7 @@ def read_jpeg(data: bytes, path: Path, max_pixels: int) -> StoredImage:
         values = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
     if values is None or values.shape[:2] != header.size[::-1] or values.dtype != np.uint8:
         raise InputError(
-            f"{path} cannot be decoded as JPEG: if another program opens it, convert it to PNG; else copy it again"
+            f"{path} cannot be decoded as JPEG: if another program opens it, convert it to PNG; otherwise copy it again"
         )
     values = values if values.ndim == 2 else np.ascontiguousarray(values[..., ::-1])
     doubts = [warning("decoder-message", message=message) for message in messages]

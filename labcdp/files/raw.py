@@ -139,8 +139,8 @@ def _opened(data: bytes, path: Path) -> Iterator[Any]:
         with rawpy.imread(BytesIO(data)) as raw:
             if raw.raw_type != rawpy.RawType.Flat:
                 raise InputError(
-                    f"{path} holds several values for each pixel (a linear DNG or a layered sensor), which is no "
-                    "unprocessed sensor data: give the camera's own RAW file"
+                    f"{path} holds several values for each pixel (a linear DNG or a layered sensor), not "
+                    "unprocessed sensor data: use the camera's own RAW file"
                 )
             yield raw
     except rawpy.LibRawFileUnsupportedError as error:
@@ -152,7 +152,7 @@ def _opened(data: bytes, path: Path) -> Iterator[Any]:
         why = text.decode() if isinstance(text, bytes) else str(text)
         raise InputError(
             f"{path} cannot be read as camera RAW ({why}): if another program opens it, convert it to DNG or 16-bit "
-            "TIFF; else copy it again from the camera"
+            "TIFF; otherwise copy it again from the camera"
         ) from error
 
 

@@ -104,10 +104,11 @@ def read_picture(path: str | PathLike[str], options: PictureOptions = NOTHING_KN
         return _from_raw(path, sha256, options)
     if suffix in DUMP_SUFFIXES:
         raise InputError(
-            f"{path} does not say what it is: for a raw dump give its size and pixel format, for example Mono12Packed"
+            f"the format of {path} is unknown: for a raw dump give its size and pixel format, for example Mono12Packed"
         )
     raise no_picture(path, data[:HEAD_BYTES]) or InputError(
-        f"{path} is no image that labcdp reads: give PNG, JPEG, TIFF, OpenEXR, NPY, camera RAW, or a raw dump with its "
+        f"{path} is not an image labcdp can read: use PNG, JPEG, TIFF, OpenEXR, NPY, camera RAW, or a raw dump with "
+        "its "
         "size"
     )
 
@@ -298,10 +299,10 @@ def _in_folder(folder: Path, suffixes: Sequence[str]) -> list[Path]:
     others = sorted(path.name for path in set(files) - set(images))
     if others:
         named = ", ".join(others[:_MOST_NAMED]) + (", ..." if len(others) > _MOST_NAMED else "")
-        text = "%s: %d left out, as the names are not those of the pictures that are read: %s"
+        text = "%s: %d files skipped, since their names are not those of pictures: %s"
         _log.warning(text, folder, len(others), named)
     if not images:
-        raise InputError(f"{folder} holds no image: give a folder with some, or files")
+        raise InputError(f"{folder} contains no images: choose a folder that does, or give files")
     return sorted(images, key=_natural)
 
 

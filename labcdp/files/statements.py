@@ -145,7 +145,7 @@ def stated_by_png(
     """
     codes, late = chunks.get(b"cICP", b""), [name for name in _BEFORE_PIXELS if name in behind]
     of_profile = stated_by_profile(profile, coloured, bits)
-    unused = tuple(warning("chunk-not-used", name=name.decode(), reason="it is behind the pixels") for name in late)
+    unused = tuple(warning("chunk-not-used", name=name.decode(), reason="it comes after the pixels") for name in late)
     of_codes = NOTHING_STATED
     if b"cICP" in chunks and len(codes) != 4:
         unused += (warning("chunk-not-used", name="cICP", reason=f"it has {len(codes)} bytes, not 4"),)
@@ -262,7 +262,7 @@ def curve_findings(statement: Statement, encoding: Encoding) -> tuple[Finding, .
     found = [*statement.findings]
     usual = encoding == "srgb" and statement.by in ("its chunk sRGB", "its EXIF colour space")
     if statement.states_curve and not usual:
-        curve = "encoded by a curve of its own" if statement.encoding is None else encoding_name(encoding)
+        curve = "encoded with its own curve" if statement.encoding is None else encoding_name(encoding)
         found.append(info("encoding-stated", encoding=curve, by=statement.by))
     if encoding == "pq":
         found.append(info("encoding-pq"))

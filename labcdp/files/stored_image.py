@@ -179,7 +179,7 @@ def require_size(path: Path, width: int, height: int, max_pixels: int) -> None:
         If it has no pixel, or more than `max_pixels`.
     """
     if width < 1 or height < 1:
-        raise InputError(f"{path} announces {width} x {height} pixels: give a picture with some")
+        raise InputError(f"{path} announces {width} x {height} pixels: use a picture that has some")
     if width * height > max_pixels:
         raise InputError(
             f"{path} announces {width} x {height} pixels, more than the limit of {max_pixels / 1e6:g} megapixels: "

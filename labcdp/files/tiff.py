@@ -96,11 +96,11 @@ def _pages(tiff: Any, path: Path) -> list[Any]:
         pages = all_pages
     if not pages:
         what = "only small copies of a picture" if all_pages else "no picture"
-        raise InputError(f"{path} holds {what} in {tiff.filehandle.size} bytes: give one with a picture")
+        raise InputError(f"{path} contains {what} in {tiff.filehandle.size} bytes: give one with a picture")
     if len(pages) == 1 and (count := _count_in_block(pages[0], tiff.filehandle.size)) > 1:
         raise InputError(
-            f"{path} holds {count} pictures in one block and a list of the first one only, as stacks of more than 4 GB "
-            "of ImageJ do, which labcdp does not read: save it with ImageJ as an image sequence"
+            f"{path} holds {count} pictures in one block but lists only the first one, as ImageJ does for stacks of "
+            "more than 4 GB, which labcdp does not read: save it with ImageJ as an image sequence"
         )
     return pages
 

@@ -195,10 +195,10 @@ def require_replaceable(path: Path, name: str = "") -> None:
         mode = path.stat().st_mode
     except OSError as error:
         why = "is a link that leads nowhere" if path.is_symlink() else f"cannot be looked at ({error.strerror})"
-        raise InputError(f"{name or path} {why}: give another name") from error
+        raise InputError(f"{name or path} {why}: choose another name") from error
     if not stat.S_ISREG(mode):
         kind = FILE_KINDS.get(stat.S_IFMT(mode), "not a regular file")
-        raise InputError(f"{name or path} is {kind}, and labcdp replaces only files: give another name")
+        raise InputError(f"{name or path} is {kind}, and labcdp replaces only files: choose another name")
 
 
 def temporary_name(path: Path) -> Path:
@@ -270,9 +270,9 @@ def make_folder(folder: Path, end: ExitStack) -> None:
             made += [path for path in (folder, *folder.parents) if not path.exists()]
             folder.mkdir(parents=True, exist_ok=True)
         except FileExistsError as error:
-            raise InputError(f"{folder} is not a folder: give another folder") from error
+            raise InputError(f"{folder} is not a folder: choose another folder") from error
         except NotADirectoryError as error:
-            raise InputError(f"{folder} lies in a file: give another folder") from error
+            raise InputError(f"{folder} lies inside a file: choose another folder") from error
 
 
 def lock_folder(folder: Path, end: ExitStack) -> bool:
@@ -285,13 +285,15 @@ def lock_folder(folder: Path, end: ExitStack) -> bool:
     try:
         return lock(descriptor)
     except BlockingIOError as error:
-        raise InputError(f"another labcdp writes to {folder}: wait until it ends, or give another folder") from error
+        raise InputError(
+            f"another labcdp writes to {folder}: wait for it to finish, or choose another folder"
+        ) from error
 
 
 def file_exists(path: Path, option: str = "") -> InputError:
     """Return the error for a file that exists and is not to be replaced; `option` named it on the command line."""
-    force = "--force" if option else "use force"
-    return InputError(f"{f'{option} {path}'.lstrip()} exists: give another name, or {force} to replace it")
+    force = "add --force" if option else "use force"
+    return InputError(f"{f'{option} {path}'.lstrip()} exists: choose another name, or {force} to replace it")
 
 
 @contextmanager
@@ -301,6 +303,6 @@ def writing(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise InputError(
-            f"{path} cannot be written ({error.strerror or error}): give a folder you can write to, on a disk with "
+            f"{path} cannot be written ({error.strerror or error}): choose a folder you can write to, on a disk with "
             "enough space"
         ) from error

@@ -59,7 +59,7 @@ class FileList:
         for name in (*(one.name for one in self.files), *([] if self.journal is None else [self.journal])):
             path = PurePosixPath(name)
             if not name or path.is_absolute() or ".." in path.parts or name == LIST_FILE or "\0" in name:
-                raise InputError(f"{name!r} is no name of a file in the folder")
+                raise InputError(f"{name!r} does not name a file in the folder")
 
     def encode(self) -> bytes:
         """Return the content of the list's file."""
@@ -83,7 +83,7 @@ def read_list(folder: Path) -> FileList | None:
         If there is one that cannot be read, is damaged, or was written by a newer version.
     """
     path = folder / LIST_FILE
-    remedy = "give another folder"
+    remedy = "choose another folder"
     with reading(path, "another folder"):
         try:
             state = path.lstat()
@@ -137,7 +137,7 @@ def check_file(
     if is_folder:
         raise InputError(f"{name} is a folder: give the name of a file")
     if any(_is_input(path, one) for one in inputs):
-        raise InputError(f"{name} is an input of this command: give another name")
+        raise InputError(f"{name} is an input of this command: choose another name")
     if os.path.lexists(path):
         require_replaceable(path, name)
         if not force:
@@ -146,7 +146,7 @@ def check_file(
     if not has_folder:
         raise InputError(f"{name} cannot be written: {path.parent} is not a folder; give one that exists")
     if not os.access(path.parent, os.W_OK):
-        raise InputError(f"{name} cannot be written: you may not write to {path.parent}; give another folder")
+        raise InputError(f"{name} cannot be written: you may not write to {path.parent}; choose another folder")
     return path
 
 
@@ -170,4 +170,4 @@ def _require_no_result(path: Path, name: str) -> None:
     for folder in place.parents:
         listed = read_list(folder)
         if listed and place.relative_to(folder).as_posix() in (LIST_FILE, *listed.by_name):
-            raise InputError(f"{name} belongs to the results of labcdp {listed.command}: give another name")
+            raise InputError(f"{name} belongs to the results of labcdp {listed.command}: choose another name")

@@ -169,17 +169,20 @@ class ResultsFolder:
             foreign = [one for one in self._entries() if one not in stale]
             if foreign:
                 raise InputError(
-                    f"{folder} has files and no {LIST_FILE}: labcdp does not write there, give another folder"
+                    f"{folder} contains files but no {LIST_FILE}, so labcdp does not write there: choose another folder"
                 )
             return None
         if before.command != self._command:
-            raise InputError(f"{folder} has results of labcdp {before.command}: give another folder")
+            raise InputError(f"{folder} has results of labcdp {before.command}: choose another folder")
         if before.finished and not (self._force or self._resume):
-            raise InputError(f"{folder} already has results: give another folder, or use force to replace them")
+            raise InputError(
+                f"{folder} already has results: choose another folder with --output, or add --force (force=True in "
+                "Python)"
+            )
         listed = before.by_name
         for path in {folder, *((folder / name).parent for name in listed), *(folder / name for name in listed)}:
             if any(is_same_file(path, one) for one in self._inputs):
-                raise InputError(f"{path} is an input of this command: give another folder")
+                raise InputError(f"{path} is an input of this command: choose another folder")
         for name, known in listed.items():
             if os.path.lexists(folder / name) and not any(one.is_unchanged(folder) for one in known):
                 raise _changed(folder / name)
@@ -218,7 +221,7 @@ class ResultsFolder:
     def _require_place(self, name: str, before: Mapping[str, list[StoredFile]]) -> None:
         target = self.folder / name
         if not is_inside(self.folder, name):
-            raise InputError(f"{target.parent} was not created by labcdp: move it away, or give another folder")
+            raise InputError(f"{target.parent} was not created by labcdp: move it away, or choose another folder")
         if os.path.lexists(target):
             if name not in before:
                 raise _foreign(target)
@@ -288,8 +291,8 @@ def _remove_staging(folder: Path) -> None:
 
 
 def _foreign(path: Path) -> InputError:
-    return InputError(f"{path} was not written by labcdp: move it away, or give another folder")
+    return InputError(f"{path} was not written by labcdp: move it away, or choose another folder")
 
 
 def _changed(path: Path) -> InputError:
-    return InputError(f"{path} was changed since labcdp wrote it: move it away, or give another folder")
+    return InputError(f"{path} was changed since labcdp wrote it: move it away, or choose another folder")

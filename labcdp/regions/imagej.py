@@ -97,7 +97,7 @@ def _entries(data: bytes) -> Iterator[tuple[str, bytes]]:
             if len(content) > _MOST_BYTES_OF_REGION or left < 0:
                 raise InputError(
                     f"{quoted(name)} unpacks to more than {_MOST_BYTES_OF_REGION // 2**20} MiB, or all to more "
-                    f"than {_MOST_BYTES // 2**20} MiB: these are no regions"
+                    f"than {_MOST_BYTES // 2**20} MiB: these are not regions"
                 )
             yield name[: -len(".roi")], content
 

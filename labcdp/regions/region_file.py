@@ -65,7 +65,7 @@ def _loaded(path: Path, image_size: ImageSize | None = None) -> tuple[tuple[Shap
             width, height = image_size
             if drawn_on is not None and drawn_on != (width, height):
                 raise InputError(
-                    f"the regions belong to an image of {drawn_on[0]} x {drawn_on[1]} pixels, this one has "
+                    f"the regions were drawn on an image of {drawn_on[0]} x {drawn_on[1]} pixels, this one has "
                     f"{width} x {height}: draw them on this image"
                 )
             for roi in rois:
@@ -154,7 +154,7 @@ def parse_regions(text: str) -> tuple[tuple[Shape, ...], ImageSize | None]:
     """
     document = parse_json(text)
     if not isinstance(document, dict):
-        raise InputError(f'it is no region file: give a table with "format": "{FORMAT}"')
+        raise InputError(f'it is not a region file: it needs a table with "format": "{FORMAT}"')
     document = _table(document, _KEYS, ("format", "version", "regions"), "")
     if document["format"] != FORMAT:
         raise InputError(f"format is {quoted(document['format'])}: give {FORMAT!r}")
@@ -165,7 +165,7 @@ def parse_regions(text: str) -> tuple[tuple[Shape, ...], ImageSize | None]:
         )
     regions = document["regions"]
     if not isinstance(regions, list):
-        raise InputError("regions is no list: give a list of regions in square brackets")
+        raise InputError("regions is not a list: give a list of regions in square brackets")
     image = document.get("image")
     return tuple(_shape(at, region) for at, region in enumerate(regions)), None if image is None else _size(image)
 
@@ -184,7 +184,7 @@ def _region(shape: Shape) -> dict[str, Any]:
 
 def _shape(at: int, region: object) -> Shape:
     if not isinstance(region, dict):
-        raise InputError(f"regions[{at}] is no table: give one in curly brackets")
+        raise InputError(f"regions[{at}] is not a table: give one in curly brackets")
     name, kind = region.get("name"), region.get("kind")
     where = f"region {quoted(name)}: " if isinstance(name, str) else f"regions[{at}]: "
     if not isinstance(kind, str) or kind not in _KINDS:
@@ -207,7 +207,7 @@ def _size(image: object) -> ImageSize:
 def _table(table: object, known: Sequence[str], needed: Sequence[str], where: str) -> dict[str, Any]:
     """Return a table that has all keys that are needed, and no unknown one; raises InputError."""
     if not isinstance(table, dict):
-        raise InputError(f"{where.removesuffix(': ')} is no table: give {', '.join(needed)} in curly brackets")
+        raise InputError(f"{where.removesuffix(': ')} is not a table: give {', '.join(needed)} in curly brackets")
     # Unknown keys first: a mistyped key also leaves the right one missing.
     for key in table:
         if key not in known:

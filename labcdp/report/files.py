@@ -174,7 +174,8 @@ def dataset_bytes(dataset: Dataset, what: str) -> bytes:
         return bytes(dataset.to_netcdf(engine="netcdf4", format="NETCDF4", encoding=encoding))
     except (TypeError, ValueError, AttributeError, RuntimeError) as error:
         raise InputError(
-            f"the {what} holds what NetCDF cannot ({reason(error)}): give attributes that are texts or numbers"
+            f"the {what} contains something NetCDF cannot store ({reason(error)}): give attributes that are texts "
+            "or numbers"
         ) from error
 
 
@@ -239,7 +240,7 @@ def read_dataset(path: Path, what: str) -> Dataset:
     """
     data = read_bytes(path, f"the path of a {what} (.nc)", _MOST_BYTES)
     if not data.startswith(_SIGNATURES):
-        raise InputError(f"{path} is no NetCDF file: give the path of a {what} (.nc)")
+        raise InputError(f"{path} is not a NetCDF file: give the path of a {what} (.nc)")
     try:
         # A single damaged byte can make HDF5 loop forever.
         dataset: Dataset = read_in_child(f"{__name__}:_load", data)

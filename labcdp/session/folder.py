@@ -68,7 +68,7 @@ def create_folder(path: Path, configuration: SessionConfiguration, compress: boo
         If there is something already, or it cannot be written.
     """
     if path.resolve() == Path.cwd():
-        raise SessionError("the current folder cannot become a session: give the name of a new folder in it")
+        raise SessionError("the current folder cannot become a session: give the name of a new folder inside it")
     with reported(path, "written"), ExitStack() as end:
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.exists() and not (path.is_dir() and not any(path.iterdir())):
@@ -92,7 +92,7 @@ def create_folder(path: Path, configuration: SessionConfiguration, compress: boo
 
 
 def _exists(path: Path) -> SessionError:
-    return SessionError(f"{path} exists already: give a new folder, or open the session in it")
+    return SessionError(f"{path} exists already: choose a new folder, or open the session in it")
 
 
 def _temporary_folder(path: Path, end: ExitStack) -> Path:
@@ -157,7 +157,9 @@ def remove_session(folder: Path, recorded: Iterable[str]) -> None:
     with reported(folder, "removed"):
         others = {path.relative_to(folder).as_posix() for path in folder.rglob("*")} - own
         if others:
-            raise SessionError(f"{folder} holds {min(others)}, which is not of the session: give a new folder")
+            raise SessionError(
+                f"{folder} holds {min(others)}, which does not belong to the session: choose a new folder"
+            )
         # First of all it loses its name: what a kill leaves is no session in part.
         removed = _part(folder)
         os.rename(folder, removed)
@@ -199,8 +201,7 @@ def problems(folder: Path, entries: Sequence[Entry]) -> list[str]:
         on_disk, _, torn = read_journal(folder)
         if torn:
             found.append(
-                f"{folder / JOURNAL} ends with a line that is not whole: open the session for writing once to set it "
-                "aside"
+                f"{folder / JOURNAL} ends with an incomplete line: open the session for writing once to set it aside"
             )
         if [entry.check for entry in on_disk[: len(entries)]] != [e.check for e in entries]:
             found.append(f"{folder / JOURNAL} was replaced since it was opened: open the session again")

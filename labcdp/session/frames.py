@@ -88,8 +88,8 @@ def reported(path: Path, done: str) -> Iterator[None]:
         raise SessionError(f"{what} is missing: restore it from a copy of the session") from error
     except OSError as error:
         remedies = {
-            errno.EACCES: f"give yourself the right to have it {done}",
-            errno.EPERM: f"give yourself the right to have it {done}",
+            errno.EACCES: f"give yourself the permission to have it {done}",
+            errno.EPERM: f"give yourself the permission to have it {done}",
             errno.EROFS: "use a folder on a disk you may write to",
             errno.ENOSPC: "free some space on the disk and record it again",
             errno.EDQUOT: "free some of your disk quota and record it again",

@@ -50,7 +50,7 @@ Line: TypeAlias = tuple[str, Mapping[str, Any], StoredFile | None]
 
 def _inside(file: StoredFile) -> StoredFile:
     if not (_NAME.fullmatch(file.name) and len(file.name) <= _LONGEST_NAME):
-        raise ValueError("it is no name of a file in the session")
+        raise ValueError("it does not name a file in the session")
     return file
 
 
@@ -200,7 +200,7 @@ class Journal:
         except BlockingIOError as error:
             file.close()
             raise SessionError(
-                f"{folder} is in use by another process: end that one first, or open the session for reading"
+                f"{folder} is in use by another process: end that process first, or open the session for reading"
             ) from error
         except BaseException:
             file.close()
@@ -224,7 +224,7 @@ class Journal:
         with reported(self._folder / JOURNAL, "written"):
             self._file.truncate(self._whole_bytes)
             os.fsync(self._file.fileno())
-        _log.warning("%s: line %d is not whole, it is kept in %s", self._folder / JOURNAL, number, name)
+        _log.warning("%s: line %d is incomplete and kept in %s", self._folder / JOURNAL, number, name)
         self.torn = b""
         self.append("torn line", {"line": number}, aside)
 

@@ -221,6 +221,7 @@ def _checked(kind: type[_Made], entry: Entry, **place: Any) -> _Made:
         return validated_as(kind, entry.content | place)
     except InputError as error:
         raise SessionError(
-            f"line {entry.sequence} of the journal is no record of a {shortened(entry.kind)} ({error}): use the labcdp "
+            f"line {entry.sequence} of the journal is not a record of a {shortened(entry.kind)} ({error}): use the "
+            "labcdp "
             "that wrote it, or restore the journal from a copy of the session"
         ) from error

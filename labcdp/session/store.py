@@ -118,7 +118,7 @@ class Session:
         if not writable:
             entries, _, torn = read_journal(path)
             if torn:
-                _log.warning("%s: the last line is not whole and left out", path / JOURNAL)
+                _log.warning("%s: the last line is incomplete and ignored", path / JOURNAL)
             return cls(path, entries, None)
         journal = Journal.open(path, clock)
         try:
@@ -294,7 +294,7 @@ class Session:
         """
         self._writer()
         if self.problems():
-            raise SessionError(f"{self.path} was altered and is not removed: give a new folder")
+            raise SessionError(f"{self.path} was altered and is not removed: choose a new folder")
         remove_session(self.path, [entry.file.name for entry in self._entries if entry.file])
         self.close()
 
@@ -315,4 +315,6 @@ class Session:
         if journal.torn:
             journal.set_torn_line_aside()
         for name in self.unrecorded():
-            _log.warning("%s is not in the journal: it is left alone and not part of the session", self.path / name)
+            _log.warning(
+                "%s is not in the journal: it is left untouched and is not part of the session", self.path / name
+            )

@@ -69,11 +69,11 @@ class Gate:
             Query string of the address.
         """
         if self.loopback_only and not is_loopback(_name(host)):
-            return "this page is served on loopback only: open the address that labcdp printed"
+            return "this page is served on loopback only: open the address labcdp printed"
         if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
-            return "this page answers no other page"
+            return "requests from other pages are refused"
         if not (self._known(self._of_query(query)) or self._known(self._of_cookies(cookies))):
-            return "the address lacks its token: open the whole address that labcdp printed"
+            return "the address lacks its token: open the complete address labcdp printed"
         return ""
 
     def has_token(self, query: str) -> bool:

@@ -51,9 +51,9 @@ def in_order(*tables, **more):
 
 FRONT = ("scene", "windscreen", "optics", "exposure")
 REFUSED = [
-    (in_order("scene", "optics", "windscreen", "exposure", "sensor"), "windscreen takes luminance in cd/m², but what"),
-    (in_order("scene", "windscreen", "exposure", "sensor"), "the sensor takes illuminance in lx, but what comes to it"),
-    (in_order("hdr", "scene", "optics", "exposure", "sensor"), "hdr merges the exposures of a sensor: put it right be"),
+    (in_order("scene", "optics", "windscreen", "exposure", "sensor"), "windscreen takes luminance in cd/m²"),
+    (in_order("scene", "windscreen", "exposure", "sensor"), "the sensor takes illuminance in lx, but its input"),
+    (in_order("hdr", "scene", "optics", "exposure", "sensor"), "hdr merges the exposures of a sensor"),
     (in_order(*FRONT, "sensor", "isp"), "exposure.exposure_s has 3 times and nothing merges them"),
     (in_order(*FRONT, sensor=[{"name": "a"}, {"name": "a"}]), "sensor has the names a, a: give each sensor a name of"),
     ({"scene": patches(xx=1)}, "scene.patches[1].xx is not a known key: did you mean x?"),
@@ -196,7 +196,7 @@ def test_installed_package_makes_its_parts_known(tmp_path, monkeypatch):
     ("text", "message"),
     [
         ("import not_there_at_all\n", r"entry point 'other_filter'.*No module named 'not_there_at_all'"),
-        (MODULE.replace("process", "proceed"), "filter is registered as Filter, which is no stage"),
+        (MODULE.replace("process", "proceed"), "filter is registered as Filter, which is not a stage"),
     ],
 )
 def test_package_that_cannot_be_imported_or_has_no_stage_is_named(tmp_path, monkeypatch, text, message):

@@ -241,7 +241,7 @@ def test_paths_are_saved_relative_to_the_new_file_which_replaces_no_other_unaske
         chain.save(path)
         assert Chain.load(path).scene.path.samefile(tmp_path / "scene.npy")
     text = (tmp_path / "saved.toml").read_text()
-    with pytest.raises(InputError, match="exists: give another name, or use force"):
+    with pytest.raises(InputError, match=r"exists: .* force"):
         Chain.load("manta-g505").save(tmp_path / "saved.toml")
     assert (tmp_path / "saved.toml").read_text() == text
 

@@ -90,8 +90,8 @@ def test_files_of_spectra_are_read(tmp_path, separator, point):
     ("text", "match"),
     [
         ("wavelength_nm,s\n380,0\n500,1\n500,1\n780,0\n", "wavelengths do not rise at 500 nm"),
-        ("wavelength_nm,s\n380,0\n500,nan\n780,0\n", "line 3: .* holds no number in a cell"),
-        ("wavelength_nm,s\n380,0\n500,1_0\n780,0\n", "line 3: .* holds no number in a cell"),
+        ("wavelength_nm,s\n380,0\n500,nan\n780,0\n", "line 3: .* a cell that is not a number"),
+        ("wavelength_nm,s\n380,0\n500,1_0\n780,0\n", "line 3: .* a cell that is not a number"),
         ("wavelength_nm,s\n380,0\n500,1e999\n780,0\n", "one that is not finite"),
         # A thousand, or one?
         ("wavelength_nm;s\n380;0,5\n500;1.000\n780;0\n", "line 3: .* has another decimal mark"),

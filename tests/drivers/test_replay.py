@@ -55,7 +55,7 @@ def test_the_recorded_procedure_uses_all_frames_each_setting_in_its_own_order(re
         assert camera.configure(exposure_s=0.02).exposure_s == 0.020003
         got += camera.grab(2)
         assert (camera.identity, camera.temperature_c, camera.statistics.completed) == (items[0][0].camera, 35, 4)
-        with pytest.raises(CameraError, match=r"^2 frames were recorded with 20.003 ms, .* and all were given"):
+        with pytest.raises(CameraError, match=r"^2 frames were recorded with 20.003 ms, .* and all have been used"):
             camera.snap()
         camera.configure(exposure_s=0.005)
         got.append(camera.snap(timeout_s=0.1))
@@ -99,7 +99,7 @@ def test_readings_come_in_order_until_none_is_left(recorded, items):
     with meter:
         assert [meter.measure() for _ in range(3)] == items[1]
         assert meter.identity == items[1][2].meter
-        with pytest.raises(MeterError, match="all were given"):
+        with pytest.raises(MeterError, match="all have been used"):
             meter.measure()
 
 

@@ -51,7 +51,7 @@ def test_a_still_camera_becomes_a_luminance_meter(still_camera, labcdp):
     done = labcdp("import", "bench.toml", "session", "--light", "light", "--dark", "dark", "--readings", "readings.csv",
                   "--json")  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert "light: 4 left out, as the names are not those of the pictures that are read: IMG_1.JPG, " in done.stderr
+    assert "light: 4 files skipped, since their names are not those of pictures: IMG_1.JPG, " in done.stderr
     result = valid(done.stdout)
     counts = {row["quantity"]: row["value"] for row in result["tables"]["imported"]["rows"]}
     assert (counts["frames"], counts["readings"], result["findings"]) == (12, 39, [])
@@ -179,7 +179,7 @@ def test_temperatures_are_stated_for_all_for_a_kind_or_for_one_picture(folder, l
     for wrong, message in (
         (["hot"], "--temperature is 'hot': give degrees Celsius from -100 to 200"),
         (["300"], "--temperature is '300': give degrees Celsius from -100 to 200"),
-        (["none.dng=3"], "--temperature names none.dng, which is not among the imported pictures"),
+        (["none.dng=3"], "--temperature names none.dng"),
         (["30", "31"], "--temperature without a file is given twice"),
     ):
         refused = labcdp(*arguments, *(word for text in wrong for word in ("--temperature", text)))
@@ -193,5 +193,5 @@ def test_temperatures_are_stated_for_all_for_a_kind_or_for_one_picture(folder, l
     assert [session.load(r).temperature_c for r in session.frames("dark")] == [-3.0] * 6
     # Repeated without temperatures it adds nothing; other ones are no others of the same frames.
     assert labcdp(*arguments).returncode == 0
-    with pytest.raises(InputError, match=r"is in .* with 29 °C, and given with 30 °C: give a new folder"):
+    with pytest.raises(InputError, match=r"is in .* with 29 °C, and given with 30 °C"):
         imported([replace(f, temperature_c=30.0) for f in files], to="s")

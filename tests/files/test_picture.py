@@ -212,7 +212,7 @@ GAMMA = {value: (b"gAMA", struct.pack(">I", value)) for value in (45_454, 55_556
         ((GAMMA[45_454],), "gamma 2.2", (info("encoding-stated", encoding="gamma 2.2", by="its chunk gAMA"),)),
         ((GAMMA[55_556],), "gamma 1.8", (info("encoding-stated", encoding="gamma 1.8", by="its chunk gAMA"),)),
         (((b"iCCP", b"grey\0\0" + zlib.compress(bytes(400))),), "linear",
-         (warning("icc-profile-not-used", reason="it is no ICC profile"),)),
+         (warning("icc-profile-not-used", reason="it is not an ICC profile"),)),
     ],
 )  # fmt: skip
 def test_a_png_says_how_its_values_follow_light(tmp_path, chunks, encoding, findings):

@@ -323,7 +323,9 @@ def test_further_video_streams_are_named(tmp_path):
 )
 def test_what_is_not_a_video_is_refused(tmp_path, name, data):
     (tmp_path / name).write_bytes(data)
-    with pytest.raises(InputError, match=r"is empty|is no video|which labcdp does not read|, no video: evaluate it"):
+    with pytest.raises(
+        InputError, match=r"is empty|is not a video|which labcdp does not read|, not a video: evaluate it"
+    ):
         open_video(tmp_path / name)
 
 

@@ -37,14 +37,14 @@ def test_the_file_is_as_described(tmp_path):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (json.dumps(document(BOX)).replace("50", "NaN"), "NaN stands where a number should"),
+        (json.dumps(document(BOX)).replace("50", "NaN"), "NaN is not a number"),
         (document(BOX, version=2), "version is 2, this labcdp reads 1"),
-        ("[5]", 'it is no region file: give a table with "format"'),
+        ("[5]", 'it is not a region file: it needs a table with "format"'),
         (document({"name": "b"}), "region 'b': kind is missing: give one of polygon"),
         (document({**BOX, "height": -4}), "region 'b': height is -4"),
         (document({**POLYGON, "corners": [[0, 0], [9, 9], [9, 0], [0, 9]]}), "'a' crosses itself at x 4.5, y 4.5"),
         (document({**GRID, "rows": 200, "columns": 200}), "200 rows of 200 columns are 40000 regions"),
-        (document(BOX, image={"width": 100, "height": 95}), "belong to an image of 100 x 95 pixels, this one has 60"),
+        (document(BOX, image={"width": 100, "height": 95}), "drawn on an image of 100 x 95 pixels, this one has 60"),
         (document(BOX), "region 'b' spans x 50 to 70, y 10 to 40, but the image is 60 x 95 pixels"),
     ],
 )

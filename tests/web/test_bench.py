@@ -224,7 +224,7 @@ def test_a_meter_that_is_unplugged_is_noticed_and_in_a_series_waited_for(bench, 
         assert list(desk.take(meter, "", 3)) == [""]
         bench.run_command("meter unplug for 1 s")
         said = list(desk.take(meter, "", 2))
-        assert "lost and waited for" in said[0]
+        assert "lost; waiting" in said[0]
         assert said[-1] == ""
         # One that does not come back in time is closed.
         meter.close()

@@ -107,7 +107,7 @@ def test_the_page_begins_with_the_plan_and_shows_no_number_of_another_pair(start
     bench.button("Pause").click()
     bench.card_when(0, "paused")
     rows.filter(has_text="upper left / upper right").click()
-    bench.card_when(1, r"not now")
+    bench.card_when(1, r"stale")
     assert served.stop()[0] == 0
 
 

@@ -202,7 +202,7 @@ def test_two_tabs_show_one_drawing_which_a_killed_labcdp_keeps(picture, tmp_path
     served.stop(signal.SIGKILL)
     tab.page.get_by_role("alert").get_by_text("labcdp cannot be reached").wait_for()
     again = serve("rois", picture, "--output", output)
-    assert any("Resuming with 2 regions drawn earlier and not saved" in line for line in again.lines)
+    assert any("Resuming with 2 regions unsaved" in line for line in again.lines)
     tab = open_tab(again)
     tab.wait_for_rows(2)
     tab.page.keyboard.press("Control+s")

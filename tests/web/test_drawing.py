@@ -185,7 +185,7 @@ def test_other_files_are_written_next_to_the_output_and_nowhere_else(space, tmp_
 def test_a_kept_drawing_of_another_image_is_refused(tmp_path):
     files = DrawingFiles(tmp_path / "r.json", (WIDTH, HEIGHT))
     save_regions(files.unsaved, [A], (50, 50))
-    with pytest.raises(InputError, match=r"50 x 50 pixels.*holds what was drawn and not saved"):
+    with pytest.raises(InputError, match=r"50 x 50 pixels.*unsaved drawing"):
         files.kept()
 
 

@@ -75,7 +75,7 @@ def test_nothing_answers_without_the_token(served):
     for path in ("/", "/ws", "/autoload.js", "/metadata", "/static/js/bokeh.min.js", "/?token=wrong", "/x"):
         status, _, text = get(served.port, path)
         assert status == 403
-        assert "open the whole address that labcdp printed" in text
+        assert "the address lacks its token" in text
 
 
 def test_a_long_body_is_refused_before_it_is_read(served):

@@ -133,7 +133,7 @@ def _sensor(chain: Chain, stage: str) -> tuple[Sensor, str]:
                 if isinstance(sensor, Sensor):
                     return sensor, name
                 raise PredictionError(
-                    f"sensor {own!r} is no EMVA 1288 sensor, the only kind that can be predicted: simulate instead"
+                    f"sensor {own!r} is not an EMVA 1288 sensor, the only kind that can be predicted: simulate instead"
                 )
     known = [chain.of_sensor(name, own) for own, _ in chain.sensors for name in chain.recorded_names]
     raise PredictionError(
@@ -150,7 +150,9 @@ def _camera(chain: Chain, sensor: Sensor, stage: str) -> CameraModel:
         return CameraModel(sensor, replace(chain.settings, exposure_s=(chain.settings.exposure_s[place],)))
     curves = [one for name, one in chain.behind if names.index(name) <= place]
     if len(curves) > 1 or not all(isinstance(curve, ToneCurve) for curve in curves):
-        raise PredictionError(f"{stage} is behind other stages than one tone curve: simulate, or give an earlier stage")
+        raise PredictionError(
+            f"{stage} follows stages other than a single tone curve: simulate, or choose an earlier stage"
+        )
     curve = curves[0] if curves else None
     return CameraModel(sensor, chain.settings, chain.hdr, curve if isinstance(curve, ToneCurve) else None)
 

@@ -240,7 +240,7 @@ def import_files(
         ("--temperature", sorted(temperatures_c.keys() - names - set(ROLES))),
     ):
         if unused:
-            raise InputError(f"{option} names {unused[0]}, which is not among the imported pictures: correct the name")
+            raise InputError(f"{option} names {unused[0]}, which was not imported: correct the name")
     with progress_bars() as bars:
         done = import_session(wanted, session, files, readings, bars.update)
     counts = [

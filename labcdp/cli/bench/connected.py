@@ -145,7 +145,8 @@ def _refuse_other_replay(session: Session, recorded: Session) -> None:
     """Refuse to replay a session with another target or plan."""
     if session.frames() or session.readings():
         raise InputError(
-            f"{session.path} already has frames or readings, but a replay starts from the beginning: give a new folder"
+            f"{session.path} already has frames or readings, but a replay starts from the beginning: choose a new "
+            "folder"
         )
     both = (session.configuration, recorded.configuration)
     # What determines the frames and readings and their order.
@@ -211,7 +212,7 @@ def note_bench(session: Session, described: SimulatedBenchFile) -> None:
     if begun is None:
         session.add_event(SIMULATED_BENCH, described.model_dump(mode="json"))
     elif begun != described:
-        raise InputError(f"{session.path} was begun with another simulated bench: use that one, or a new folder")
+        raise InputError(f"{session.path} was started with another simulated bench: use that one, or a new folder")
 
 
 @contextmanager
@@ -239,7 +240,7 @@ def simulated_devices(
             try:
                 camera, transport = _gige_camera(bench, stack, options.patience), "GigE Vision on loopback"
             except CameraError as error:
-                say(f"The camera is simulated in this process, where [camera] of the plan sets nothing: {error}")
+                say(f"The camera runs inside this process and ignores [camera] of the plan: {error}")
         if camera is None:
             camera = stack.enter_context(bench.in_process_camera(patience_s=options.patience))
         yield Devices(camera, meter, bench, transport, bench)

@@ -84,7 +84,7 @@ def snap(
     """
     picture = file.with_suffix(".png")
     if picture == file:
-        raise InputError(f"{file} is the name of the picture to look at: give a name that ends with .tif")
+        raise InputError(f"{file} is reserved for the preview: give a name that ends with .tif")
     for path in (file, picture):
         output_file(path, force, option="FILE")
     with AravisCamera(camera, patience_s=DeviceOptions.patience) as opened:
@@ -165,7 +165,7 @@ def _result(series: ReadingSeries) -> Result:
         Column("number", "number", value=lambda reading: 1 + series.readings.index(reading)),
         Column("as_sent", "as sent", "", "Value and unit on the display of the meter.",
                value=lambda reading: f"{reading.value:g} {reading.unit}"),
-        *uncertain(Column("luminance_cd_m2", "luminance", "cd/m²", "U and u without the scale error of the meter."),
+        *uncertain(Column("luminance_cd_m2", "luminance", "cd/m²", "U and u without the meter's scale error."),
                    "standard_uncertainty_random_cd_m2"),
         Column("time", "time", "", "Time of the reading.", value=lambda reading: reading.timestamp.isoformat()),
         Column("value", "value", "", "Value on the display.", shown=False),

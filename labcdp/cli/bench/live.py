@@ -73,7 +73,7 @@ class Detection:
 
     contrast: Contrasts = None
     epsilon: Annotated[
-        float | None, As("Relative tolerance; default: of the plan, else 50%.", parse=parse_tolerance)
+        float | None, As("Relative tolerance; default: from the plan, otherwise 50%.", parse=parse_tolerance)
     ] = None
 
 

@@ -88,7 +88,7 @@ class Keys:
             if pressed == b"p":
                 self._toggle()
             elif pressed == b"q":
-                say("Ending after this frame")
+                say("Stopping after this frame")
                 self._control.stop()
 
     def _toggle(self) -> None:

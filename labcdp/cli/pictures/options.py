@@ -195,7 +195,7 @@ def rois_and_pairs(options: PairOptions) -> tuple[tuple[Roi, ...], tuple[tuple[s
     """Regions and the pairs that are given; none for nearest-neighbour CDP alone. Raises InputError."""
     if options.roi is None:
         if not options.neighbours:
-            raise InputError("no regions given: give a file with --roi (see labcdp rois), or --neighbours")
+            raise InputError("no regions: add --roi with a region file (see labcdp rois), or --neighbours")
         if options.pair:
             raise InputError("--pair names regions: give their file with --roi")
         return (), ()

@@ -72,7 +72,7 @@ class RegionFiles:
         edited = roi if roi is not None and roi.suffix == ".json" else None
         target = self.output or edited or file.parent / f"{plain_name(name) or 'video'}.rois.json"
         if target.parent.is_dir() and not os.access(target.parent, os.W_OK):
-            raise InputError(f"{target.parent} may not be written to: give --output in another folder")
+            raise InputError(f"{target.parent} is not writable: choose --output in another folder")
         # A region file of labcdp is edited in place; other programs' files are never.
         is_edited = target.suffix == ".json" and (self.roi is None or (roi is not None and is_same_file(roi, target)))
         if not (target.exists() and is_edited) or is_same_file(file, target):
@@ -106,11 +106,11 @@ def rois(
         Find regions and propose them for confirmation on the page.
     """
     if not shown.page and detect is None:
-        raise InputError("--no-page writes what --detect finds: give --detect too, or leave --no-page out")
+        raise InputError("--no-page writes what --detect finds: add --detect, or leave out --no-page")
     if is_video(file) and (light.pixel_format is not None or light.size is not None):
         raise InputError("--size and --pixel-format are for raw dumps: leave them out for a video")
     if frame is not None and not is_video(file):
-        raise InputError(f"--frame chooses a frame of a video, and {file} is none: leave it out")
+        raise InputError(f"--frame selects a frame of a video, but {file} is not one: leave it out")
     target = regions.target(file, shown.page)
     image = _image(file, frame, light.conversion())
     files = DrawingFiles(target, image.size)
@@ -190,7 +190,7 @@ def _result(
     regions = (
         Column("region", "region", value="name"),
         Column("area_px", "area", "px", "Area of its outline.", value="area"),
-        Column("new", "found now", "", "Whether --detect found it now; it is not confirmed.",
+        Column("new", "found now", "", "Whether --detect found it this time; not yet confirmed.",
                value=lambda roi: roi.name in new),
     )  # fmt: skip
     paths = (
@@ -212,7 +212,7 @@ def _tell(image: PageImage, files: DrawingFiles, start: Start) -> None:
         say(f"{finding.severity}: {finding_text(finding)}")
     if start.kept:
         n = _count(len(start.kept))
-        say(f"Resuming with {n} drawn earlier and not saved; Undo returns to the saved file")
+        say(f"Resuming with {n} unsaved from earlier; Undo returns to the saved file")
     elif start.read and start.saved:
         say(f"warning: {files.output} exists; Save replaces it")
     say(f"Save writes {files.output}; until then the drawing is kept in {files.unsaved}")

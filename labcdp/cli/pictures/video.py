@@ -137,7 +137,7 @@ def _regions(chosen: VideoPairOptions) -> tuple[dict[str, Roi], tuple[tuple[str,
             raise InputError(
                 f"{chosen.roi} holds {len(found)} regions ({', '.join(found)}): choose pairs with --pair BRIGHT:DARK"
                 if len(found) > 2
-                else f"{chosen.roi} holds one region: draw a second one, a CDP is of two"
+                else f"{chosen.roi} contains one region: draw a second one, a CDP needs two"
             )
         first, second = found
         pairs = ((first, second),)
@@ -260,5 +260,5 @@ def _paths(files: Sequence[Path]) -> list[Path]:
     """Videos to evaluate, each once."""
     for given in files:
         for folder in left_out(given) if video_paths([given]) != [given] else ():
-            say(f"Note: {folder} contains images and is left out, as {given} contains videos: give {folder} itself")
+            say(f"Note: {folder} contains images and is skipped, since {given} contains videos: give {folder} itself")
     return each_once(video_paths(files), "video")

@@ -20,7 +20,7 @@ from .files import damage_reported, quoted
 
 #: Most arrays in an archive; more indicate damage.
 _MOST_ARRAYS = 1000
-_NO_ARRAY = "it is no NumPy array, or damaged"
+_NO_ARRAY = "it is not a NumPy array, or is damaged"
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def parse_npz(data: bytes, most_bytes: int) -> Mapping[str, NDArray[Any]]:
 
 @contextmanager
 def _archive(data: bytes) -> Iterator[zipfile.ZipFile]:
-    with damage_reported("it is no NumPy archive, or damaged"), zipfile.ZipFile(BytesIO(data)) as archive:
+    with damage_reported("it is not a NumPy archive, or is damaged"), zipfile.ZipFile(BytesIO(data)) as archive:
         if len(archive.infolist()) > _MOST_ARRAYS:
             raise InputError(f"it holds more than {_MOST_ARRAYS} arrays")
         yield archive
@@ -195,7 +195,7 @@ class StoredArray:
         arrays = (info.context or {}).get("arrays", {})
         name = reference["array"]
         if name not in arrays:
-            raise ValueError(f"there is no array {quoted(name)} in the file beside it")
+            raise ValueError(f"there is no array {quoted(name)} in the accompanying file")
         array: NDArray[Any] = arrays[name]
         if str(array.dtype) != self.dtype or list(array.shape) != reference["shape"]:
             raise ValueError(f"array {quoted(name)} is {array.dtype} of shape {array.shape}, not as it is described")

@@ -95,7 +95,7 @@ def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _no_number(text: str) -> float:
-    raise InputError(f"{text} stands where a number should: give a finite number")
+    raise InputError(f"{text} is not a number: give a finite number")
 
 
 def _finite(text: str) -> float:
@@ -113,7 +113,7 @@ def _whole(text: str) -> int:
 def number_of(value: Any) -> float:
     """Return a number that a document holds; raises TypeError for all else, also a truth value or text."""
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise TypeError(f"{quoted(value)} stands where a number should")
+        raise TypeError(f"{quoted(value)} is not a number")
     return float(value)
 
 
@@ -189,7 +189,7 @@ def _record_model(kind: type, *left_out: str) -> Any:
 def _time(text: Any) -> datetime:
     time = datetime.fromisoformat(text) if isinstance(text, str) else None
     if time is None or time.tzinfo is None:
-        raise ValueError("it is no ISO time with a time zone")
+        raise ValueError("it is not an ISO time with a time zone")
     return time
 
 

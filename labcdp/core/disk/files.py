@@ -146,7 +146,9 @@ def _require_regular(path: AnyPath, missing_is_good: bool) -> None:
 def _require_kind(mode: int, path: AnyPath) -> None:
     if not stat.S_ISREG(mode):
         kind = FILE_KINDS.get(stat.S_IFMT(mode))
-        not_file = "it is a folder" if kind == "a folder" else f"it is {kind}, not a file" if kind else "it is no file"
+        not_file = (
+            "it is a folder" if kind == "a folder" else f"it is {kind}, not a file" if kind else "it is not a file"
+        )
         raise OSError(errno.EINVAL, not_file, str(path))
 
 

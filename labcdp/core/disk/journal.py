@@ -69,7 +69,7 @@ class LineJournal:
             journal = cls(path, open_regular(path, writable=True))
             journal._begin(stored_values(head), what)
         except OSError as error:
-            raise InputError(f"{path} cannot be used ({reason(error)}): give a folder you can write to") from error
+            raise InputError(f"{path} cannot be used ({reason(error)}): choose a folder you can write to") from error
         return journal
 
     def _begin(self, head: Row, what: str) -> None:
@@ -78,7 +78,8 @@ class LineJournal:
         if found is None and not encoded(head)[0].startswith(first):
             self._file.close()
             raise InputError(
-                f"{self.path} is no journal of this version of labcdp, or its first line was altered: give another "
+                f"{self.path} is not a journal of this version of labcdp, or its first line was altered: choose "
+                "another "
                 "folder, or remove it"
             )
         has_result = found is not None and decoded(self._line(), found[1]) is not None

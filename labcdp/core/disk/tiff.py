@@ -119,8 +119,8 @@ def pixels_of(page: Any, path: Path) -> NDArray[Any]:
     if sum(1 for offset, count in segments if offset and count) < prod(page.chunked):
         # Programs of maps leave out parts without data (GDAL, SPARSE_OK).
         raise InputError(
-            f"{path} has data for a part of its pixels only, as it is cut off or made without empty parts: copy it "
-            "again, or save it in full"
+            f"{path} has data for a part of its pixels only, since it is truncated or was written without empty "
+            "parts: copy it again, or save it in full"
         )
     samples = page.samplesperpixel if page.planarconfig == 1 else 1
     columns, rows = page.tilewidth, page.tilelength
@@ -203,7 +203,7 @@ def read_in_child(reader: str, data: bytes) -> Any:
     except subprocess.TimeoutExpired as error:
         raise InputError("it is not read in a reasonable time") from error
     if done.returncode != 0:
-        raise InputError("the library that reads it stopped, as of damage, or for lack of memory")
+        raise InputError("the library that reads it stopped, because of damage or lack of memory")
     succeeded, result = pickle.loads(done.stdout)  # noqa: S301 (written by `_work`)
     if not succeeded:
         raise InputError(result)

@@ -142,14 +142,14 @@ def _require_alike(first: ObservedSession, other: ObservedSession) -> None:
         if mine != theirs:
             raise CalibrationError(
                 f"the {what} of session {one.name!r} is {mine or 'none'}, that of {two.name!r} {theirs or 'none'}: "
-                "calibrate them apart"
+                "calibrate them separately"
             )
     # Light and sensitivity of the camera, as measured if they were; their files' names do not matter.
     sensitivities = [of.camera.spectral_sensitivity and of.camera.spectral_sensitivity.spectra for of in (one, two)]
     if one.source.light != two.source.light or sensitivities[0] != sensitivities[1]:
         raise CalibrationError(
             f"sessions {one.name!r} and {two.name!r} have different measured spectra of the light "
-            f"{one.source.spectrum!r} or of the camera: calibrate them apart, or give both the same files"
+            f"{one.source.spectrum!r} or of the camera: calibrate them separately, or give both the same files"
         )
 
 
@@ -208,7 +208,7 @@ def calibrate_recorded(
         As `require_distinct`, `measure_vignetting`, `observe_session`, `response_of_session` and `calibrate_session`.
     """
     if len({planes_of(one) for one in sessions}) > 1:
-        raise CalibrationError("some of the sessions have colour filters, others have none: calibrate them apart")
+        raise CalibrationError("some of the sessions have colour filters, others have none: calibrate them separately")
     require_distinct(sessions)
     lens = corrections_of_lens(sessions[0])
     corrections = with_dark_frames(lens if uniform is None else uniform.corrections, sessions, report("dark frames"))

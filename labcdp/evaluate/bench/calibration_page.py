@@ -81,7 +81,7 @@ def _fit(calibration: Calibration, prefix: str) -> ReportFigure:
     whole = responsivity(calibration)
     title = f"Responsivity {with_half_width(r, whole.expanded or 0.0)} {whole.unit}"
     signal = "signal" if calibration.response.kind == "linear" else "linearised signal"
-    finish(axes, "luminance by the meter in cd/m²", f"{signal} by the camera in DN/s", title)
+    finish(axes, "luminance from the meter in cd/m²", f"{signal} of the camera in DN/s", title)
     return reported(
         f"{prefix}fit",
         figure,
@@ -97,7 +97,7 @@ def _response(calibration: Calibration, prefix: str) -> ReportFigure:
     figure = _figure(calibration, 7.0, 3.6)
     axes = figure.add_axes((0.11, 0.15, 0.86, 0.7))
     inside = (net >= low) & (net <= high)
-    axes.plot(net, bend, color="0.7", linestyle="--", linewidth=1.2, label="beyond the calibrated signals")
+    axes.plot(net, bend, color="0.7", linestyle="--", linewidth=1.2, label="outside the calibrated range")
     axes.plot(net[inside], bend[inside], color=BLUE, linewidth=1.8, label="calibrated")
     finish(axes, "signal above dark in DN", "correction in %", f"Response h: {calibration.response.kind}")
     return reported(
@@ -112,10 +112,10 @@ def _residuals(calibration: AnyCalibration, prefix: str) -> ReportFigure:
     height, width = calibration.state.image_shape
     middle, half_diagonal = (width / 2, height / 2), hypot(height, width) / 2
     places: dict[str, tuple[Callable[[PatchResidual], float], float | None]] = {
-        "luminance by the meter in cd/m²": (lambda row: row.reading_cd_m2, None),
+        "luminance from the meter in cd/m²": (lambda row: row.reading_cd_m2, None),
         "x in pixels": (lambda row: row.centre_px[0], width),
         "y in pixels": (lambda row: row.centre_px[1], height),
-        "distance from the middle of the image in pixels": (lambda row: dist(row.centre_px, middle), half_diagonal),
+        "distance from the image centre in pixels": (lambda row: dist(row.centre_px, middle), half_diagonal),
     }
     groups = ((calibration.residuals, "black", "white", "fit"), (calibration.held_out, ORANGE, ORANGE, "held out"))
     figure = _figure(calibration, 10.0, 6.4)

@@ -28,7 +28,7 @@ PATCH_PIXELS = 1000
 _UNLIMITED = 10_000
 #: Columns of patches that are compared with a fit.
 PATCH = Column("patch", "patch")
-CAMERA = Column("camera_cd_m2", "camera", "cd/m²", "By the calibrated camera.", value="luminance_cd_m2")
+CAMERA = Column("camera_cd_m2", "camera", "cd/m²", "From the calibrated camera.", value="luminance_cd_m2")
 METER = Column("meter_cd_m2", "meter", "cd/m²", "Mean reading; U and u without the meter's scale error.",
                value="reading_cd_m2")  # fmt: skip
 DEVIATION = Column("deviation_rel", "deviation from meter", "%", "Relative deviation of the camera from the meter.",
@@ -40,19 +40,19 @@ WITHOUT_SCALE = "± of the meter is U (95 %) without its scale error, which is c
 _DOF = "Degrees of freedom by Welch and Satterthwaite; empty if practically unlimited."
 #: How well a candidate predicts patches, and whether it was chosen.
 _CANDIDATE = (
-    Column("leave_one_out_rel", "rms deviation", "%", "Of patches from a fit without them, root mean square.", 3),
+    Column("leave_one_out_rel", "rms deviation", "%", "For patches left out of the fit, root mean square.", 3),
     Column("chosen", "chosen", "", "Whether the calibration uses it."),
-    Column("reason", "reason", "", "Why it was chosen, or was not.", value=lambda step: finding_text(step.reason)),
+    Column("reason", "reason", "", "Why it was or was not chosen.", value=lambda step: finding_text(step.reason)),
 )
 _MODELS = (
     Column("model", "model", "", "Candidate model of the response.", value=lambda step: response_name(step.kind)),
-    Column("n_parameters", "parameters", "", "Free parameters, the responsivity among them."),
+    Column("n_parameters", "parameters", "", "Free parameters, including the responsivity."),
     *_CANDIDATE,
 )
 _CHECKS = (
-    Column("check", "check", "", "Assumption that is checked.", value="name"),
+    Column("check", "check", "", "Assumption being checked.", value="name"),
     *uncertain(
-        Column("deviation", "deviation", "", "Deviation that was found.",
+        Column("deviation", "deviation", "", "Deviation found.",
                value=lambda test: test.value if test.tested else None),
         lambda test: test.standard_uncertainty if test.tested else None,
     ),
@@ -63,7 +63,9 @@ _CHECKS = (
 )  # fmt: skip
 _LEFT_OUT = (
     Column("patch", "patch"),
-    Column("exposure_s", "exposure", "s", "The exposure left out; none if it is a reading or all.", 0, time=True),
+    Column(
+        "exposure_s", "exposure", "s", "The exposure left out; empty if it is a reading or all exposures.", 0, time=True
+    ),
     Column("reading", "reading", "", "Which reading is left out, counted from 1."),
     Column("reason", "reason", "", "Why it is left out."),
 )
@@ -119,7 +121,7 @@ def limited_dof(whole: CombinedUncertainty) -> float | None:
 def budget_tables(found: Sequence[BudgetOfPatch]) -> tuple[Table, Table]:
     """Return what the budgets make together, and their sources."""
     columns = (
-        Column("luminance_cd_m2", "luminance", "cd/m²", "Lowest, a middle and highest calibrated luminance."),
+        Column("luminance_cd_m2", "luminance", "cd/m²", "Lowest, medium and highest calibrated luminance."),
         Column("exposure_s", "exposure", "s", "Exposure time of the frame.", digits=0, time=True),
         Column("u_rel", "u", "%", "Relative combined standard uncertainty.", 2, value="whole.standard_uncertainty_rel"),
         Column("effective_dof", "effective dof", "", _DOF, decimals=0,
@@ -144,7 +146,8 @@ def _sources(found: Sequence[BudgetOfPatch]) -> Table:
             for place, one, us in zip(("lowest", "middle", "highest"), found, by_source, strict=True)
         ),
         Column("distribution", "distribution", "", "Distribution of the error."),
-        Column("evaluation", "type", "", "A: from statistics of this measurement; B: from data sheets and the like."),
+        Column("evaluation", "type", "", "A: from statistics of this measurement; B: from data sheets and other "
+            "sources."),
         Column("common", "common", "", "Whether the error is common to all patches, so that it cancels in a contrast."),
         Column("included", "included", "", "Whether the stated uncertainty includes it.",
                value=lambda row: "yes" if row.included else f"in {row.contained_in}" if row.contained_in else "no"),
@@ -193,7 +196,7 @@ def calibration_tables(calibration: AnyCalibration) -> Iterator[Table]:
         yield _planes(calibration)
     yield patch_table(calibration)
     if isinstance(calibration, ColourCalibration):
-        title = "The combination against single colours"
+        title = "Combination compared with single colours"
         of_step = (Column("luminance_from", "luminance from", value="name"), *_CANDIDATE)
         yield Table.of_items("combinations", title, of_step, calibration.ladder, detail=True)
     yield _of_planes("models", "Models of the response", _MODELS, planes, "ladder", page_text("models-of-response"))
@@ -205,14 +208,14 @@ def calibration_tables(calibration: AnyCalibration) -> Iterator[Table]:
 
 def patch_table(calibration: AnyCalibration) -> Table:
     """Return the patches of the fit and those held out, by meter and camera, with rising luminance."""
-    fitted, deviation = set(map(id, calibration.residuals)), "Deviation by a fit without this patch."
+    fitted, deviation = set(map(id, calibration.residuals)), "Deviation from a fit without this patch."
     rows = (*calibration.residuals, *calibration.held_out)
     of_patch = {id(row): budget_of_patch(calibration, row).whole for row in rows}
     columns = (
         PATCH,
         Column("used_for", "used for", "", "Whether the patch was used for the fit.",
                value=lambda row: "fit" if id(row) in fitted else "held out"),
-        Column("n_readings", "readings", "", "Number of readings of the meter."),
+        Column("n_readings", "readings", "", "Number of meter readings."),
         *uncertain(METER, "reading_random_cd_m2"),
         *uncertain(
             CAMERA,
@@ -224,11 +227,11 @@ def patch_table(calibration: AnyCalibration) -> Table:
         Column("coverage_factor", "k", "", "Coverage factor, U over u.", decimals=2, shown=False,
                value=lambda row: of_patch[id(row)].coverage_factor),
         DEVIATION,
-        Column("z", "z", "", "Deviation over its standard uncertainty by the stated errors.", decimals=2,
+        Column("z", "z", "", "Deviation divided by its standard uncertainty from the stated errors.", decimals=2,
                value="standardised_residual"),
-        Column("leave_one_out_rel", "by a fit without it", "%", deviation, decimals=2),
-        Column("x_px", "x", "px", "Middle of the patch in the image.", decimals=0, value=lambda row: row.centre_px[0]),
-        Column("y_px", "y", "px", "Middle of the patch in the image.", decimals=0, value=lambda row: row.centre_px[1]),
+        Column("leave_one_out_rel", "from a fit without it", "%", deviation, decimals=2),
+        Column("x_px", "x", "px", "Centre of the patch in the image.", decimals=0, value=lambda row: row.centre_px[0]),
+        Column("y_px", "y", "px", "Centre of the patch in the image.", decimals=0, value=lambda row: row.centre_px[1]),
         EXPOSURES,
     )  # fmt: skip
     note = f"{WITHOUT_SCALE} {page_text('uncertainty-in-short')}"
@@ -256,7 +259,7 @@ def _planes(colour: ColourCalibration) -> Table:
         Column("weight", "weight", "", "Weight of its luminance in the sum.", decimals=3, value="1"),
         Column("u_weight", "u of weight", "", "Standard uncertainty of the weight.", 2, shown=False, value="2"),
         *uncertain(
-            Column("responsivity", "responsivity", RESPONSIVITY, "U and u without the scale error of the meter.",
+            Column("responsivity", "responsivity", RESPONSIVITY, "U and u without the meter's scale error.",
                    value="0.responsivity.responsivity_dn_s_cd_m2"),
             lambda row: (of := row[0].responsivity).responsivity_dn_s_cd_m2 * of.random_rel,
             lambda row: (of := row[0].responsivity).responsivity_dn_s_cd_m2
@@ -267,7 +270,7 @@ def _planes(colour: ColourCalibration) -> Table:
         Column("dark_offset_dn", "dark offset", "DN", "Mean dark signal at exposure time 0.", decimals=2,
                value="0.dark.offset_dn"),
         Column("k_dn_per_e", "K", "DN/e⁻", "Overall system gain.", digits=3, value="0.noise.k_dn_per_e"),
-        Column("largest_deviation_rel", "largest deviation", "%", "Of a patch from the fit of the plane.", digits=2,
+        Column("largest_deviation_rel", "largest deviation", "%", "Of a patch, from the fit of the plane.", digits=2,
                value=lambda row: max(abs(one.residual_rel) for one in row[0].residuals)),
     )  # fmt: skip
     return Table.of_items("planes", "Colour planes", columns, planes, page_text("weights-of-planes"))

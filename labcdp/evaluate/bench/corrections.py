@@ -245,14 +245,13 @@ def require_same_optics(session: Session, flat: Session) -> None:
     Raises
     ------
     CalibrationError
-        If camera, image size, region of the sensor, pixel format, lens or f-number differ.
+        If camera, image size, binning or part of the sensor, pixel format, lens or f-number differ.
     """
     mine, theirs = (first_frame(one) for one in (session, flat))
-    readouts = (mine.readout, theirs.readout)
     for what, a, b in (
         ("camera", str(mine.camera), str(theirs.camera)),
         ("image size", f"{mine.shape[1]} x {mine.shape[0]}", f"{theirs.shape[1]} x {theirs.shape[0]}"),
-        ("region of the sensor", *(str(one) if all(readouts) else "" for one in readouts)),
+        *Readout.compared(mine.readout, theirs.readout),
         ("pixel format", mine.pixel_format, theirs.pixel_format),
         ("lens", str(lens_of(session.configuration)), str(lens_of(flat.configuration))),
     ):

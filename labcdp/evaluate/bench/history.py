@@ -98,14 +98,14 @@ def _changes(first: tuple[Column, Column], rows: Sequence[_Row]) -> Table:
         Column("first", "first", "", "Time of the first.", value=lambda row: minute(row.history.points[0].measured)),
         Column("last", "last", "", "Time of the last one.", value=lambda row: minute(row.point.measured)),
         *with_expanded(
-            Column("change_rel", "change of R", "%", "From first to last; the scale of one meter cancels.",
+            Column("change_rel", "change of R", "%", "From first to last; the scale error of a single meter cancels.",
                    value="history.change_rel.0"),
             "history.change_rel.1", "expanded_rel",
         ),
-        Column("changed", "changed", "", "Whether the change is more than its U.",
+        Column("changed", "changed", "", "Whether the change exceeds its U.",
                value=lambda row: (of := row.history.change_rel) and ("yes" if abs(of[0]) > of[1] else "no")),
     )  # fmt: skip
-    return Table.of_items("cameras", "Change of the responsivity", columns, rows)
+    return Table.of_items("cameras", "Change of responsivity", columns, rows)
 
 
 def _history(first: tuple[Column, Column], rows: Sequence[_Row]) -> Table:

@@ -36,8 +36,8 @@ def quantities(calibration: AnyCalibration) -> list[Quantity]:
     """Return the numbers of a calibration that are not those of a patch or plane."""
     low, high = calibration.range_cd_m2
     limits = [
-        Quantity("lowest calibrated luminance", low, "cd/m²", "of the patches, by meter or camera"),
-        Quantity("highest calibrated luminance", high, "cd/m²", "of the patches, by meter or camera"),
+        Quantity("lowest calibrated luminance", low, "cd/m²", "of the patches, from meter or camera"),
+        Quantity("highest calibrated luminance", high, "cd/m²", "of the patches, from meter or camera"),
         Quantity("shortest calibrated exposure", 1e3 * calibration.exposures_s[0], "ms"),
         Quantity("longest calibrated exposure", 1e3 * calibration.exposures_s[-1], "ms"),
         _meter(calibration.meter_scale),
@@ -71,7 +71,7 @@ def _of_fit(calibration: Calibration) -> Iterator[Quantity]:
     yield Quantity(
         "U of R without the meter's scale", expanded_rel((), fit.random_rel, fit.dof or inf), "%", "of the fit alone"
     )
-    yield Quantity("χ² of the fit", fit.chi_squared, "", "of patches and exposures, by their stated errors")
+    yield Quantity("χ² of the fit", fit.chi_squared, "", "of patches and exposures, with their stated errors")
     yield Quantity("degrees of freedom", fit.degrees_of_freedom)
     if fit.degrees_of_freedom > 0:
         yield Quantity("reduced χ²", fit.chi_squared / fit.degrees_of_freedom)

@@ -36,7 +36,7 @@ class PatchRow:
     calculated_cd_m2 : float or None
         From guessed camera parameters; None without a guess.
     calibrated : PatchLuminance
-        By the calibrated camera.
+        From the calibrated camera.
     """
 
     patch: Patch

@@ -28,8 +28,8 @@ _BESIDE_PICTURE = (
 )  # fmt: skip
 _CDP = (
     "CDP is the share of all pairs of a bright and a dark pixel whose Weber contrast lies within the tolerance around "
-    "the target contrast; below and above are the shares to either side. Contrasts by meter and camera are those of "
-    "the mean luminances, ± U (95 %); the scale error of the meter cancels in them."
+    "the target contrast; below and above are the shares to either side. Contrasts from meter and camera are those "
+    "of the mean luminances, ± U (95 %); the scale error of the meter cancels in them."
 )
 
 
@@ -50,7 +50,7 @@ def _pictures(evaluation: SessionEvaluation) -> tuple[ReportFigure, ReportFigure
     )
     return target, ReportFigure(
         "luminance.png",
-        luminance_picture(seen, "Luminance by the calibrated camera", simulated, calibrated.range_cd_m2),
+        luminance_picture(seen, "Luminance from the calibrated camera", simulated, calibrated.range_cd_m2),
         f"Luminance of each pixel, from the longest exposure that does not saturate it. {valid} of the pixels "
         f"are valid; the others have the colours of the legend. Calibrated range: {limits}.{scale}",
         f"Luminance map in false colours on a logarithmic scale over {limits}; {valid} of the pixels are valid.",

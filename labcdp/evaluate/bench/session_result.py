@@ -32,13 +32,13 @@ CONTRASTS = (
            value="cdp.interval.1"),
     *uncertain(
         Column("measured_contrast", "contrast by meter", "%",
-               "Of the mean luminances by the meter; its scale error cancels."),
+               "From the mean luminances measured with the meter; its scale error cancels."),
         lambda row: (1 + row.measured_contrast) * hypot(row.bright.measured_random_rel, row.dark.measured_random_rel),
         "measured_contrast_expanded",
     ),
     *uncertain(
         Column("camera_contrast", "contrast by camera", "%",
-               "Of the mean luminances by the camera; scale and fit cancel."),
+               "From the mean luminances of the camera; scale and fit cancel."),
         lambda row: contrast_uncertainty(row.bright.calibrated, row.dark.calibrated),
         lambda row: contrast_half_width_95(row.bright.calibrated, row.dark.calibrated),
     ),
@@ -69,7 +69,7 @@ LUMINANCES = (
         lambda row: expanded_rel([row.meter], row.measured_random_rel, row.reading.dof) * row.reading.luminance_cd_m2,
     ),
     *uncertain(
-        Column("calibrated_cd_m2", "calibrated", "cd/m²", "By the calibrated camera.",
+        Column("calibrated_cd_m2", "calibrated", "cd/m²", "From the calibrated camera.",
                value="calibrated.luminance_cd_m2"),
         lambda row: row.calibrated.standard_uncertainty_rel * row.calibrated.luminance_cd_m2,
         lambda row: row.calibrated.half_width_95_rel * row.calibrated.luminance_cd_m2,
@@ -122,9 +122,10 @@ def _luminance(patches: Sequence[PatchRow]) -> Table:
     limits = (
         Column("lowest_cd_m2", "at least", "cd/m²", "Limit of the plan.", value="patch.limits_cd_m2.0"),
         Column("highest_cd_m2", "at most", "cd/m²", "Limit of the plan.", value="patch.limits_cd_m2.1"),
-        Column("limit_verdict", "limits", "", "Pass or fail if all of calibrated ± U is within or outside."),
+        Column("limit_verdict", "limits", "", "Pass or fail if the whole interval, calibrated ± U, is inside or "
+            "outside."),
     )  # fmt: skip
-    calculated = Column("calculated_cd_m2", "calculated, guessed", "cd/m²", "By guessed parameters of the camera.")
+    calculated = Column("calculated_cd_m2", "calculated, guessed", "cd/m²", "From guessed camera parameters.")
     columns = (
         Column("patch", "patch", value="patch.name"),
         *LUMINANCES[:3],
@@ -133,7 +134,7 @@ def _luminance(patches: Sequence[PatchRow]) -> Table:
         Column("expanded_rel", "U of calibrated", "%", "Relative U (95 %), the meter's scale included.", digits=2,
                value="calibrated.half_width_95_rel"),
         *(limits if any(row.patch.limits_cd_m2 for row in patches) else ()),
-        Column("n_readings", "readings", "", "Number of readings of the meter.", shown=False,
+        Column("n_readings", "readings", "", "Number of meter readings.", shown=False,
                value="reading.n_readings"),
         Column("exposures", "exposures", "", "Exposures that were used.", shown=False,
                value=lambda row: exposures(row.calibrated.exposures_s)),

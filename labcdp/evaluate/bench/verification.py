@@ -118,8 +118,8 @@ def _verdict(verification: Verification) -> Table:
     mean = Column("mean_rel", "mean deviation", "%", "Weighted mean over the patches.")
     columns = (
         Column("verdict", "verdict", "", "Conform, undecided or not conform."),
-        Column("tolerance_rel", "tolerance", "%", "Largest deviation that conforms.", digits=2),
-        Column("tolerance_stated", "stated", "", "Whether it was stated; else it is U (95 %) of the calibration."),
+        Column("tolerance_rel", "tolerance", "%", "Largest deviation that still conforms.", digits=2),
+        Column("tolerance_stated", "stated", "", "Whether it was stated; otherwise it is U (95 %) of the calibration."),
         *with_expanded(mean, "mean_expanded_rel"),
         Column("same_meter", "same meter", "", "Whether it is that of the calibration in the same state."),
         Column("meter", "meter", "", "Meter with its certificate or date.", value=lambda one: str(one.meter)),
@@ -138,13 +138,13 @@ def verified_patches(verification: Verification) -> Table:
     deviation = replace(DEVIATION, label="deviation d", decimals=None, value="")
     columns = (
         PATCH,
-        Column("n_readings", "readings", "", "Number of readings of the meter.", shown=False),
+        Column("n_readings", "readings", "", "Number of meter readings.", shown=False),
         *uncertain(METER, "reading_random_cd_m2"),
         CAMERA,
         *uncertain(deviation, "standard_uncertainty_rel", "expanded_rel"),
-        Column("guard_rel", "guard band w", "%", "U (95 %) of what is measured now.", digits=2),
-        Column("tolerance_rel", "tolerance T", "%", "Largest deviation that conforms.", digits=2),
-        Column("verdict", "verdict", "", "By the decision rule."),
+        Column("guard_rel", "guard band w", "%", "U (95 %) of the present measurement.", digits=2),
+        Column("tolerance_rel", "tolerance T", "%", "Largest deviation that still conforms.", digits=2),
+        Column("verdict", "verdict", "", "According to the decision rule."),
         Column(
             "conformance_probability", "p of conformity", "",
             "Probability that the true deviation is within the tolerance (JCGM 106:2012, 7.2).", decimals=3,
@@ -181,8 +181,8 @@ def _darks(verification: Verification) -> Table:
         Column("exposure_s", "exposure", "s", "Exposure time of the dark frames.", digits=0, time=True),
         *((of_plane,) if len(verification.planes) > 1 else ()),
         Column("mean_dn", "now", "DN", "Mean of the new dark frames.", decimals=2),
-        Column("expected_dn", "by the calibration", "DN", "Mean dark signal by the calibration.", decimals=2),
+        Column("expected_dn", "by the calibration", "DN", "Mean dark signal of the calibration.", decimals=2),
         *uncertain(Column("difference_dn", "difference", "DN", "New minus expected."), "standard_uncertainty_dn"),
-        Column("effect_rel", "effect", "%", "Of the difference on the lowest calibrated luminance.", decimals=2),
+        Column("effect_rel", "effect", "%", "Effect of the difference on the lowest calibrated luminance.", decimals=2),
     )
     return Table.of_items("darks", "Dark signal measured again", columns, verification.darks)

@@ -216,7 +216,7 @@ def photometric_responsivity(
     r = found.responsivity_dn_s_cd_m2
     u = r * hypot(found.random_rel, scale.common_rel)
     expanded = r * expanded_rel([scale], found.random_rel, found.dof or inf)
-    note = f"by the meter over {len(calibration.residuals)} patches, on the optical axis, as the calibration has it"
+    note = f"from the calibration with the meter over {len(calibration.residuals)} patches, on the optical axis"
     return Quantity(r, u, "DN/(cd m^-2 s)", note, expanded), []
 
 

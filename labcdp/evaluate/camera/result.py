@@ -99,10 +99,10 @@ def _series(points: Sequence[SeriesPoint]) -> Table:
                value="light.saturated_share"),
         Column("dark_black_share", "dark at 0 DN", "%", f"Share of the values {of_dark} at 0 DN.", decimals=2,
                value="dark.black_share"),
-        Column("n_pixels", "pixels", meaning="Pixels that are averaged.", value="light.n_pixels"),
-        Column("n_frames", "frames", meaning="Frames that are averaged.", value="light.n_frames"),
+        Column("n_pixels", "pixels", meaning="Number of pixels averaged.", value="light.n_pixels"),
+        Column("n_frames", "frames", meaning="Number of frames averaged.", value="light.n_frames"),
         Column("dark_n_pixels", "dark pixels", meaning=f"Pixels {of_dark}.", value="dark.n_pixels"),
-        Column("dark_n_frames", "dark frames", meaning="Dark frames that are averaged.", value="dark.n_frames"),
+        Column("dark_n_frames", "dark frames", meaning="Number of dark frames averaged.", value="dark.n_frames"),
     )  # fmt: skip
     return Table.of_items("series", "Light and dark at each level", columns, points, detail=True)
 
@@ -118,8 +118,8 @@ def _darks(points: Sequence[DarkObservation]) -> Table:
         *uncertain(variance, lambda point: float(of_variances[id(point)])),
         Column("spatial_variance_dn2", "spatial variance", "DN²", "Variance of the pixels' means.", 4,
                value=lambda point: point.pattern_dn**2),
-        Column("n_pixels", "pixels", meaning="Pixels that are averaged."),
-        Column("n_frames", "frames", meaning="Frames that are averaged."),
+        Column("n_pixels", "pixels", meaning="Number of pixels averaged."),
+        Column("n_frames", "frames", meaning="Number of frames averaged."),
     )  # fmt: skip
     return Table.of_items("dark_signal", "Dark signal", columns, points, detail=True)
 
@@ -149,7 +149,7 @@ def characterisation_files(found: Characterisation, result: Result) -> dict[str,
 
 def _sections(found: Characterisation, result: Result, size: str, figures: Sequence[ReportFigure]) -> Iterator[Section]:
     meanings = result.table("characterisation").only("quantity", "meaning")
-    yield Section("How the values were found", (page_text("characterise-no-compliance"), meanings), collapsed=True)
+    yield Section("How the values were determined", (page_text("characterise-no-compliance"), meanings), collapsed=True)
     yield Section("Signal and noise", figures)
     spatial = spatial_figures(found)
     if spatial:

@@ -134,7 +134,7 @@ def _of_results(path: Path, sensor: Sensor) -> tuple[dict[str, Any], dict[str, s
     except InputError:
         raise
     except (KeyError, TypeError, ValueError, ArithmeticError) as error:
-        raise InputError(f"{path} lacks a part of the results of labcdp characterise: run it again") from error
+        raise InputError(f"{path} lacks some of the results of labcdp characterise: run it again") from error
     if not values.get("dark_current_e_s"):
         values["dsnu_e_s"] = 0.0
     notes = {} if gain_db is not None else {"k_dn_per_e": f"{_RESULTS}; their gain is not stated, taken as 0 dB"}

@@ -204,7 +204,8 @@ def _require_axes(first: str, ours: CdpMap, other: str, theirs: CdpMap) -> None:
     same = set(ours.axes) == set(theirs.axes)
     if not same or not all(_alike(axis, theirs.axes[name]) for name, axis in ours.axes.items()):
         raise InputError(
-            f"the maps have different axes, {first}: {text(ours)}; {other}: {text(theirs)}: sweep both over the same"
+            f"the maps have different axes, {first}: {text(ours)}; {other}: {text(theirs)}: sweep both over the "
+            "same values"
         )
 
 
@@ -226,11 +227,15 @@ def responsivity_grid(subjects: Sequence[Subject]) -> Grid:
     names = [plane.state.plane for plane in cameras[0]]
     for subject, planes in zip(subjects, cameras, strict=True):
         if [plane.state.plane for plane in planes] != names:
-            raise InputError(f"{subjects[0].name} and {subject.name} have other colour planes: compare alike sensors")
+            raise InputError(
+                f"{subjects[0].name} and {subject.name} have different colour planes: compare sensors of the same kind"
+            )
     ranges = [plane.range_net_dn for planes in cameras for plane in planes]
     low, high = max(low for low, _ in ranges), min(high for _, high in ranges)
     if low >= high:
-        raise InputError("the calibrations have no signal in common: compare calibrations of one range of DN")
+        raise InputError(
+            "the calibrations have no signal range in common: compare calibrations over the same range of DN"
+        )
     net_dn = np.linspace(low, high, _SIGNALS)
     logs = [_log_responsivity(planes, net_dn) for planes in cameras]
     relative = tuple(_exponential(difference(logs[0], one)) for one in logs[1:])

@@ -36,8 +36,9 @@ _MOST_ROWS, _MOST_COLUMNS = 30, 3
 #: Most rows of a table beside the figure, and most cards.
 _BRIEF, _MOST_CARDS = 10, 4
 _METHOD = (
-    "Each is compared with the first. The 95 % interval of a difference ends √(a² + b² - 2 r a b) from it, with the "
-    "distances a and b of the ends of the two intervals and the correlation r by their common errors (JCGM 100:2008, "
+    "Each is compared with the first. The 95 % interval of a difference ends √(a² + b² - 2 r a b) from it, where a "
+    "and b are the distances to the ends of the two intervals and r is the correlation due to their common errors "
+    "(JCGM 100:2008, "
     "5.2.2; for probabilities Newcombe 1998, method 10). A difference is significant if the interval does not contain "
     "0, which happens by chance in 1 of 20."
 )
@@ -84,7 +85,7 @@ def _values(found: Comparison, names: Sequence[str], simulated: str) -> Figure:
     axes.locator_params(axis="x", nbins=4)
     if not cdps:
         axes.axvspan(-1.96, 1.96, color="0.88", linewidth=0, zorder=0, label="not significant")
-    text = "CDP with 95 % interval" if cdps else f"z: difference from {names[0]} over its standard uncertainty"
+    text = "CDP with 95 % interval" if cdps else f"z: difference from {names[0]} divided by its standard uncertainty"
     finish(axes, text, "", "", **_OUTSIDE)
     return figure
 

@@ -93,7 +93,7 @@ def _of_maps(found: Comparison) -> Iterator[Finding]:
         others = {one.name for one in grid.axes[:-1]}
         dark = axis.is_luminance and others <= {TO_DETECT}
         refined = found.question is not None and dark
-        values = {"level": analyses[0].level, "how": "" if refined else " (between grid points)"}
+        values = {"level": analyses[0].level, "how": "" if refined else " (interpolated)"}
         if dark and len(analyses[0].usable_ranges) <= _FEW:
             named = {one.name: one for one in grid.axes}
             for place, usable in enumerate(analyses[0].usable_ranges):
@@ -120,13 +120,13 @@ def _lows(found: Comparison, axis: MapAxis, place: int, n_digits: int) -> Iterat
         gaps = [f"{plain(a.high, n_digits)} to {plain(b.low, n_digits)}" for a, b in pairwise(own)]
         ratio = plain(ends[number].place / ends[0].place, n_digits) if number and len(usable) == 2 else "1"
         yield "".join((
-            "to " if number else "",
+            "down to " if number else "",
             f"≤ {plain(ends[number].place)}" if _bound(ends[number]) else plain(ends[number].place, n_digits),
-            f"{'' if number else unit} by {name}",
-            f" (with {'a gap' if len(gaps) == 1 else 'gaps'} from {', '.join(gaps)})" if gaps else "",
-            f", {ratio} times as much" if ratio != "1" and not any(map(_bound, ends)) else "",
+            f"{unit} for {name}",
+            f" (except {', '.join(gaps)})" if gaps else "",
+            f", which needs {ratio} times the light" if ratio != "1" and not any(map(_bound, ends)) else "",
         ))  # fmt: skip
-    yield from (f"{name} nowhere" for name, own in all_intervals if not own)
+    yield from (f"nowhere for {name}" for name, own in all_intervals if not own)
 
 
 def _spans(found: Comparison, axis: MapAxis) -> Iterator[str]:
@@ -135,7 +135,7 @@ def _spans(found: Comparison, axis: MapAxis) -> Iterator[str]:
     usable = sorted(((name, one) for name, one in widest if one), key=lambda pair: pair[1].width, reverse=True)
     for name, one in usable:
         yield f"{ends_text(axis, one, _INTERPOLATED)} {axis_unit(axis)}".rstrip() + f" for {name}"
-    yield from (f"{name} nowhere" for name, one in widest if not one)
+    yield from (f"none for {name}" for name, one in widest if not one)
 
 
 def _pairs(found: Comparison) -> Iterator[tuple[Subject, MapAnalysis]]:
@@ -233,12 +233,12 @@ def _differences(found: Comparison) -> Iterator[Table]:
     several = len(others) > 1
     columns = (
         Column("quantity", "quantity", value="first.quantity"),
-        Column("name", "of", meaning="What is compared with the first.", shown=several),
+        Column("name", "of", meaning="Which one is compared with the first.", shown=several),
         *_interval("first", first, "Value of the first.", "first"),
         *_interval("value", "value" if several else others[0], "Value of the other.", "other"),
         *_interval("difference", "difference", "Value of the other minus that of the first.", "difference"),
         Column("unit", "unit", "", "Unit of values and difference.", value="first.unit"),
-        Column("z", "z", "", "Difference over its standard uncertainty on the side of 0.", decimals=1,
+        Column("z", "z", "", "Difference divided by its standard uncertainty on the side of 0.", decimals=1,
                value=lambda row: float(row.difference.z)),
         Column("differs", "differs", "", "Whether 0 lies outside the 95 % interval of the difference.", value=_differs),
     )  # fmt: skip

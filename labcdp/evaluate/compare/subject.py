@@ -97,7 +97,7 @@ def read_subjects(sources: Sequence[Any], pictures: PictureTask | None = None) -
     kinds = dict(reversed(known))
     if len(kinds) > 1:
         (one, a), (other, b), *_ = reversed(kinds.items())
-        raise InputError(f"{a} is a {one}, but {b} is a {other}: give several of one kind")
+        raise InputError(f"{a} is a {one}, but {b} is a {other}: give several of the same kind")
     if len(known) < 2:
         raise InputError("there is nothing to compare with: give at least two")
     read |= {number: _read(sources[number], pictures) for number in later}
@@ -208,7 +208,7 @@ def _results(name: str, path: Path, content: dict[str, Any], inputs: tuple[Input
 
 def damaged(name: str) -> str:
     """Say that results lack what results of their command have."""
-    return f"the results {name} are damaged or of another version of labcdp: evaluate again"
+    return f"the results {name} are damaged or were written by another version of labcdp: evaluate again"
 
 
 def _session(name: str, session: Session) -> list[Subject]:

@@ -264,8 +264,8 @@ class PictureConversion:
         if picture.light is not None:
             if self.unit == "cd/m^2" and not picture.light_is_cd_m2:
                 raise InputError(
-                    f"{picture.path} holds floats, and does not say that they are cd/m²: calibration and camera "
-                    "specification convert DN; leave them out for relative values"
+                    f"{picture.path} holds floats, and does not state that they are cd/m²: calibrations and camera "
+                    "specifications convert DN; leave them out to get relative values"
                 )
             invalid = np.where(np.isfinite(picture.light), 0, Invalid.DEFECT).astype(np.uint8)
             light, vignetting = picture.light, self._vignetting_of(picture)
@@ -300,7 +300,7 @@ class PictureConversion:
             If it holds no DN.
         """
         if picture.frame is None:
-            raise InputError(f"{picture.path} holds no DN, but floats: give a picture as the camera recorded it")
+            raise InputError(f"{picture.path} contains floats instead of DN: use a picture as the camera recorded it")
         self._require_fit(picture)
         return picture.frame
 
@@ -449,7 +449,7 @@ class Calibrated(PictureConversion):
         """Return the same for pictures of which the user states something; raises InputError for what was measured."""
         for name, what in _OF_CALIBRATION.items():
             if values.get(name) is not None:
-                raise InputError(f"the {what} is given: a calibration includes it, leave it out")
+                raise InputError(f"the {what} is given: a calibration includes it; leave it out")
         return super().given(**values)
 
     @property
@@ -480,7 +480,7 @@ class Calibrated(PictureConversion):
     def _require_fit(self, picture: Picture) -> None:
         if picture.coloured:
             raise CalibrationError(
-                f"{picture.path}: it is coloured, and the calibration is for the DN of the sensor: give the picture as "
+                f"{picture.path}: it is a colour picture, but the calibration is for sensor DN: use the picture as "
                 "the camera recorded it, grey or RAW"
             )
         stated, own = picture.f_number, self.calibration.lens.f_number
@@ -520,7 +520,7 @@ def picture_conversion(
     # Only where they are used: they take longer to load than a small picture to evaluate.
     if calibration is not None:
         if camera is not None:
-            raise InputError("a calibration and a camera specification are given: give one")
+            raise InputError("both a calibration and a camera specification are given: use one")
         if encoding not in (None, "linear"):
             raise InputError(f"the encoding is {encoding}: a calibration includes the encoding, leave it out")
         from ...calibration import load_any

@@ -153,7 +153,7 @@ class ImageRequest:
             if pair[0] == pair[1]:
                 raise InputError(f"region {pair[0]!r} is paired with itself: give two regions")
         if self.pairs is None and len(names) == 1 and not self.neighbours:
-            raise InputError(f"region {names[0]!r} is alone: a contrast needs two regions")
+            raise InputError(f"region {names[0]!r} is the only one: a contrast needs two regions")
         if self.pairs is None and len(names) > MOST_REGIONS_FOR_ALL_PAIRS:
             raise InputError(
                 f"{len(names)} regions make {len(names) * (len(names) - 1) // 2} pairs: choose pairs among "

@@ -78,11 +78,11 @@ def _lines(values: NDArray[Any], side: int, step: int, unit: str) -> list[str]:
         block = side * step
         lines.append(
             f"So that the page opens and turns smoothly, each point stands for a block of {block} x {block} pixels of "
-            "the picture: the button “means” shows the mean of each block, “maxima” its brightest pixel. A mean hides "
-            "what is smaller than a block; the pointer shows both."
+            "the picture: the button “means” shows the mean of each block, “maxima” its brightest pixel. A mean "
+            "hides anything smaller than a block; the pointer shows both."
         )
     if not np.isfinite(values).all():
-        lines.append("Pixels that are not numbers are left out; a block without any other is a hole.")
+        lines.append("Pixels that are not numbers are left out; a block with no other pixels is a hole.")
     return lines
 
 

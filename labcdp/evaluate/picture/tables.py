@@ -92,21 +92,21 @@ _CDP_COLUMNS = (
     # That of neighbours has no uncertainty.
     CONTRAST[0].within("contrast"),
     *_within("regions", *CONTRAST[1:]),
-    Column("u_measured_contrast_pixels", "u of measured contrast, pixels", "%", "Its part by the pixels.", 2,
+    Column("u_measured_contrast_pixels", "u of measured contrast, pixels", "%", "Its part due to the pixels.", 2,
            shown=False, value="regions.contrast_pixels"),
     Column("u_measured_contrast_vignetting", "u of measured contrast, vignetting", "%",
-           "Its part by a vignetting that was not measured.", 2, shown=False, value="regions.contrast_vignetting"),
+           "Its part due to unmeasured vignetting.", 2, shown=False, value="regions.contrast_vignetting"),
     TARGET.within("one"),
-    Column("contrast_origin", "origin", "", "Where the target contrast comes from: given, or measured.",
+    Column("contrast_origin", "origin", "", "Where the target contrast comes from: given or measured.",
            value=lambda row: None if row.one is None else "measured" if row.of_measured else "given"),
     Column("detected_from", "detected from", "%", "Lowest contrast of a pair of pixels that counts as detected.",
            value="one.result.interval.0"),
     Column("detected_to", "detected to", "%", "Highest contrast of a pair of pixels that counts as detected.",
            value="one.result.interval.1"),
     *_within("one", *CDP),
-    Column("u_cdp_pixels", "u of CDP, pixels", "", "Its part by the pixels.", 2, shown=False,
+    Column("u_cdp_pixels", "u of CDP, pixels", "", "Its part due to the pixels.", 2, shown=False,
            value="one.result.standard_error"),
-    Column("u_cdp_calibration", "u of CDP, calibration", "", "Its part by the calibration.", 2, shown=False,
+    Column("u_cdp_calibration", "u of CDP, calibration", "", "Its part due to the calibration.", 2, shown=False,
            value="one.calibration_standard_uncertainty"),
     LIMIT,
     VERDICT,
@@ -120,13 +120,13 @@ _CDP_COLUMNS = (
     _of_kind(Column("bright_pixels", "pixels, bright", "", "Pixels of the bright region.", shown=False), "bright_size"),
     _of_kind(Column("dark_pixels", "pixels, dark", "", "Pixels of the dark region.", shown=False), "dark_size"),
     _of_kind(Column("pairs", "pairs", "", "Pairs of neighbouring pixels.", shown=False)),
-    _of_kind(Column("correlation_inflation", "inflation", "", "Factor on u by noise that is correlated.", shown=False)),
+    _of_kind(Column("correlation_inflation", "inflation", "", "Factor on u due to correlated noise.", shown=False)),
 )  # fmt: skip
 _CDP_NOTE = (
     "CDP is the share of all pairs of a bright and a dark pixel whose Weber contrast lies within the tolerance of "
     "the target contrast; below and above are the shares to either side. CSNR is mean over standard deviation "
-    "of the contrasts of all pairs. Uncertainties include the scatter of the pixels, also where that is "
-    "correlated, and the calibration, or without one the vignetting of the lens."
+    "of the contrasts of all pairs. Uncertainties include the scatter of the pixels, including correlated noise, "
+    "and the calibration, or without one the vignetting of the lens."
 )
 
 
@@ -192,7 +192,7 @@ def picture_table(pictures: Sequence[ReportedPicture], several: bool) -> Table:
         replace(_PICTURE, value="file"),
         Column("width_px", "width", "px", value="evaluation.source.shape.1"),
         Column("height_px", "height", "px", value="evaluation.source.shape.0"),
-        Column("exposure_s", "exposure", "s", "Exposure time, where it is known.", time=True,
+        Column("exposure_s", "exposure", "s", "Exposure time, where known.", time=True,
                value="evaluation.source.exposure_s"),
         Column("encoding", "encoding", "", "How the values are encoded, by the file or as assumed; of no effect with a "
                "calibration, which has its own response.", value="evaluation.source.encoding"),

@@ -90,7 +90,7 @@ def parse_axis(text: str) -> Axis:
     """
     parameter, equals, given = (part.strip() for part in text.partition("="))
     if not (parameter and equals and given):
-        raise InputError(f"{shown(text)} is no axis: {_HOW}")
+        raise InputError(f"{shown(text)} is not an axis: {_HOW}")
     if ":" in given:
         return Axis(parameter, _spaced(parameter, given))
     items = [item.strip() for item in given.split(",")]
@@ -118,7 +118,7 @@ def _spaced(parameter: str, given: str) -> tuple[Value, ...]:
     logarithmic = parts[-1] == "log"
     numbers = parts[:-1] if logarithmic else parts
     if len(numbers) != 3 or any(isinstance(number, str) for number in numbers):
-        raise InputError(f"{parameter}={given} is no axis: {_HOW}")
+        raise InputError(f"{parameter}={given} is not an axis: {_HOW}")
     start, stop, count = (float(number) for number in numbers)
     if not (np.isfinite([start, stop]).all() and count.is_integer() and 2 <= count <= _MOST_VALUES and start != stop):
         raise InputError(

@@ -48,7 +48,7 @@ def labelled(sweep: Sweep, values: NDArray[np.float64]) -> Dataset:
     }
     asked = {} if several else {"contrast": _scene_contrast(sweep) if sweep.contrast is None else sweep.contrast}
     attributes: Mapping[str, Any] = {
-        "title": f"{sweep.chain.name or 'chain'}: CDP behind {sweep.stage}",
+        "title": f"{sweep.chain.name or 'chain'}: CDP after {sweep.stage}",
         **asked,
         "epsilon": sweep.epsilon,
         "method": "exact" if sweep.exact else "simulated",
@@ -159,7 +159,9 @@ def _recorded(journal: LineJournal, n_cells: int) -> Iterator[tuple[int, NDArray
     for row in journal.rows():
         block = validated_as(_Block, row)
         if block.first + len(block.values) > n_cells:
-            raise InputError(f"{journal.path} holds a cell that is not of this sweep: remove it, and start again")
+            raise InputError(
+                f"{journal.path} contains a cell that does not belong to this sweep: remove the file and start again"
+            )
         yield block.first, np.array(block.values)
 
 

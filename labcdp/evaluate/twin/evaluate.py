@@ -113,7 +113,7 @@ def twin_session(
     regions = regions_of(observed, calibration, twin, calibration.to_luminance(first).slow_rel)
     if len(regions) < _PAIR:
         raise CalibrationError(
-            f"a twin is compared by pairs of patches, and {len(regions) or 'none'} of them is left: leave fewer out"
+            f"a twin is compared using pairs of patches, but {len(regions) or 'none'} is left: leave out fewer patches"
         )
     usable = [o for name in regions for o in observed.patches[name] if o.saturated_share == 0]
     longest = {o.patch: o for o in sorted(usable, key=lambda o: o.exposure_s)}

@@ -60,14 +60,14 @@ def _pairs(pairs: Sequence[TwinPair]) -> Table:
         Column("bright", "bright patch", shown=False),
         Column("dark", "dark patch", shown=False),
         Column("epsilon", "tolerance ε", "%", "Contrasts within the target contrast ± ε of it count.", 0),
-        Column("meter_contrast", "contrast by meter", "%", "Of the mean luminances by the meter.", shown=False),
+        Column("meter_contrast", "contrast by meter", "%", "Of the mean luminances from the meter.", shown=False),
         *with_interval(Column("measured_cdp", "measured CDP", value="measured.cdp",
-                              meaning="By the camera; its interval is that of the number of pixels."),
+                              meaning="From the camera; its interval comes from the number of pixels."),
                        "measured.confidence_interval"),
         *with_interval(Column("predicted_cdp", "predicted CDP", value="predicted",
-                              meaning="By the twin, for a region without end."), "predicted_interval"),
+                              meaning="From the twin, for an infinitely large region."), "predicted_interval"),
         *uncertain(difference, "u_difference"),
-        Column("z", "z", "", "The difference over its standard uncertainty.", decimals=1),
+        Column("z", "z", "", "The difference divided by its standard uncertainty.", decimals=1),
         Column("judgement", "comparison", "", "Whether 0 is in the 95 % interval of the difference."),
         Column("exposure_s", "exposure", "s", "Longest that saturates neither patch.", digits=0, time=True),
         Column("frame_number", "frame", "", "Number of the frame with the bright patch.", shown=False),
@@ -91,7 +91,7 @@ def _signals(evaluation: TwinEvaluation) -> Table:
 
 
 def _of_kind(kind: str, label: str) -> tuple[Column, ...]:
-    meaning = "Measured minus predicted, of noise the variance, over its standard uncertainty."
+    meaning = "Measured minus predicted (for noise, of the variances), divided by its standard uncertainty."
     measured, predicted = (Column(f"{of}_{kind}", f"{label}, {of}", "DN") for of in ("measured", "predicted"))
     return (
         *uncertain(replace(measured, value=lambda one: one.measured[kind][0]), lambda one: one.measured[kind][1]),
@@ -152,7 +152,7 @@ def twin_chain_text(evaluation: TwinEvaluation) -> str:
         key = "quantum_efficiency" if name.startswith("quantum") else name
         uncertainty = f"u = {one.known:.2g} {one.unit}; " if one.known > 0 else ""
         comments["sensor", key] = f"{uncertainty}{one.note}".rstrip("; ")
-    head = ["The twin of a camera, made by labcdp from a recorded session.", "u is the standard uncertainty.", *notes]
+    head = ["Twin of a camera, made by labcdp from a recorded session.", "u is the standard uncertainty.", *notes]
     return commented_toml(head, twin_document(evaluation), comments)
 
 

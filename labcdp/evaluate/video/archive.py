@@ -159,7 +159,7 @@ def archive_tasks(videos: Sequence[Path], folder: Path, parts: Sequence[str] = (
     """
     paths = [Path(os.path.abspath(path)) for path in videos]
     if not paths:
-        raise InputError("there is no video to evaluate: give files, or a folder that holds some")
+        raise InputError("there is no video to evaluate: give files, or a folder that contains some")
     if len(set(paths)) < len(paths):
         twice = next(path for path in paths if paths.count(path) > 1)
         raise InputError(f"{twice} is given twice: give each video once")

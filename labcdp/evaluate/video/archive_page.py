@@ -31,7 +31,7 @@ _VIDEOS = (
     # Of the reference contrast, or else of the first one.
     *(replace(column, shown=column.shown and column.name != "lowest_frame") for column in CONTRASTS),
     Column("lost_share", "lost", "%", "Largest share of the chosen frames in which a region was lost.", decimals=1),
-    Column("resumed", "resumed", meaning="Whether the results are of an earlier run.", shown=False),
+    Column("resumed", "resumed", meaning="Whether the results are from an earlier run.", shown=False),
     Column("error", "error", meaning="Why it failed.", shown=False),
 )
 
@@ -47,7 +47,7 @@ def archive_result(archive: ArchiveResult) -> Result:
     done = [one for one in archive.outcomes if one.values is not None]
     text = (
         f"{len(done)} of {len(archive.outcomes)} videos were evaluated, {sum(one.resumed for one in done)} of them in "
-        "an earlier run. CDP is that of the reference contrast, or else of the first contrast to be detected."
+        "an earlier run. CDP refers to the reference contrast, otherwise to the first target contrast."
     )
     tables = [Table.of_items("videos", "Videos", _VIDEOS, map(_video, archive.outcomes), text)]
     for name, title, columns in (

@@ -50,8 +50,8 @@ OF_PLACE = (
     Column("quality", "tracking quality", "", "Quality of the tracking, 0 to 1.", decimals=3,
            value=lambda one: float(one.quality)),
     Column("lost", "lost", "", "Whether the region was lost: 1 or 0.", decimals=0, value=lambda one: bool(one.lost)),
-    Column("centre_x", "centre x", "pixel", "Middle of the region, to the right.", decimals=2, value="roi.centre.0"),
-    Column("centre_y", "centre y", "pixel", "Middle of the region, down.", decimals=2, value="roi.centre.1"),
+    Column("centre_x", "centre x", "pixel", "Centre of the region, to the right.", decimals=2, value="roi.centre.0"),
+    Column("centre_y", "centre y", "pixel", "Centre of the region, down.", decimals=2, value="roi.centre.1"),
 )  # fmt: skip
 OF_REGION = (*OF_LIGHT, *OF_PLACE)
 #: Over frame, region and corner; taken from a `TrackedRoi`.

@@ -252,7 +252,7 @@ def require_same_evaluation(folders: Iterable[Path], settings: VideoSettings) ->
         recorded = recorded_head(folder / JOURNAL)
         if recorded is not None and any(recorded.get(name) != value for name, value in head.items()):
             raise InputError(
-                f"{folder} holds the results of another evaluation: give another folder, or remove {folder.parent}"
+                f"{folder} holds the results of another evaluation: choose another folder, or remove {folder.parent}"
             )
 
 
@@ -279,7 +279,7 @@ def _require_regions(source: VideoSource, settings: VideoSettings) -> None:
     drawn_on = settings.image_size
     if drawn_on is not None and drawn_on != (width, height):
         raise InputError(
-            f"the regions belong to an image of {drawn_on[0]} x {drawn_on[1]} pixels, {source.path} has {width} x "
+            f"the regions were drawn on an image of {drawn_on[0]} x {drawn_on[1]} pixels, {source.path} has {width} x "
             f"{height}: draw them in its first frame"
         )
     first, second = ((roi, roi.window(source.shape), roi.mask(source.shape)) for roi in settings.rois)

@@ -168,7 +168,7 @@ LOST = (
     Column("last_frame", "last frame", decimals=0, meaning="Last frame in which it was lost."),
     Column("n_frames", "frames", decimals=0, meaning="Evaluated frames from the first to the last."),
     Column("start_s", "from", "s", "Time of the first frame.", time=True),
-    Column("duration_s", "for", "s", "Time until the region was there again.", time=True),
+    Column("duration_s", "for", "s", "Time until the region was found again.", time=True),
     # The region is in a separate column.
     Column("reason", "reason", "", "Why it was lost in the first of these frames.",
            value=lambda one: "; ".join(map(reason_of, one.reasons))),
@@ -186,10 +186,10 @@ class _Note(NamedTuple):
 
 
 NOTES = (
-    Column("note", "note", meaning="As in the first frame that has it.", value=lambda one: note_of([one.finding])),
+    Column("note", "note", meaning="As in the first affected frame.", value=lambda one: note_of([one.finding])),
     Column("code", "code", meaning="Code and values of the finding.", shown=False, value="finding.code"),
     Column("subject", "subject", meaning="Region it is about.", shown=False, value="finding.subject"),
-    Column("n_frames", "frames", decimals=0, meaning="Frames that have it."),
+    Column("n_frames", "frames", decimals=0, meaning="Number of affected frames."),
     Column("first_frame", "first frame", decimals=0, meaning="First of them."),
 )
 

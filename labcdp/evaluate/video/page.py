@@ -43,7 +43,7 @@ def video_page(dataset: Dataset, result: Result, figure: ReportFigure) -> Page:
     tables = {table.name: table for table in result.tables}
     sections = []
     if "regions" in tables:
-        text = "A region that cannot be found again is lost: its frames have no CDP."
+        text = "A region that cannot be found is lost: these frames have no CDP."
         blocks: list[Block] = [tables["regions"], *([tables["lost"]] if "lost" in tables else []), text]
         sections.append(Section("Regions", blocks))
     if "notes" in tables:
@@ -211,7 +211,7 @@ def long_tables(dataset: Dataset) -> list[LongTable]:
 
 
 def _frame_columns(dataset: Dataset, frames: range) -> LongTable:
-    """CDP of each contrast, a column a frame."""
+    """CDP of each contrast, one column per frame."""
     part = slice(frames.start, frames.stop)
     numbers = dataset["frame"].values[part].tolist()
     columns = [Column(f"frame_{number}", f"Frame number {number}", "", "CDP.", decimals=4) for number in numbers]
@@ -222,7 +222,7 @@ def _frame_columns(dataset: Dataset, frames: range) -> LongTable:
             yield {"contrast": contrast, **{column.name: value for column, value in zip(columns, cdp, strict=True)}}
 
     heads = (replace(_CONTRAST, label="Contrasts"), *columns)
-    return LongTable("CDP", "CDP of each contrast, a column a frame", heads, rows, matrix=True)
+    return LongTable("CDP", "CDP of each contrast, one column per frame", heads, rows, matrix=True)
 
 
 def _bounds(row: Mapping[str, Any], regions: Sequence[str]) -> dict[str, str]:
@@ -236,7 +236,7 @@ def _bounds(row: Mapping[str, Any], regions: Sequence[str]) -> dict[str, str]:
 
 
 def _frame_rows(dataset: Dataset) -> LongTable:
-    """All numbers, a row for each frame and contrast; the contrast changes fastest."""
+    """All numbers, one row per frame and contrast; the contrast changes fastest."""
     own = (_FRAME, TIME, _CONTRAST, *OF_CONTRAST, *OF_FRAME)
     found: list[tuple[Column, str, dict[str, int]]] = [(one, one.name, {}) for one in own]
     for region in range(dataset.sizes.get("region", 0)):
@@ -272,4 +272,4 @@ def _frame_rows(dataset: Dataset) -> LongTable:
         replace(column, bound=f"bound[{column.name}]") if name in ("mean", "measured_contrast") else column
         for column, name, _ in found
     )
-    return LongTable("Frames", "All numbers, a row for each frame and contrast", columns, rows)
+    return LongTable("Frames", "All numbers, one row per frame and contrast", columns, rows)

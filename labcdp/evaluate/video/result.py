@@ -169,12 +169,12 @@ def _over_all(cdp: NDArray[np.float64], frames: NDArray[Any], lost: NDArray[np.b
 def _summary(dataset: Dataset) -> Table:
     frames, times = dataset["frame"].values, times_s(dataset)
     rows = [
-        ("chosen frames", len(frames), "", "Those without a result included."),
+        ("chosen frames", len(frames), "", "Including those without a result."),
         ("first frame", int(frames[0]), "", "Its number in the video, from 0."),
         ("last frame", int(frames[-1]), "", "Its number in the video."),
         ("start", float(times[0]), "s", "Time of the first frame."),
         ("end", float(times[-1]), "s", "Time of the last frame."),
-        ("detected from CDP", limit_of(dataset), "", "From this CDP on a contrast counts as detected in a frame."),
+        ("detected from CDP", limit_of(dataset), "", "CDP from which on a contrast counts as detected in a frame."),
     ]
     data = dict(zip(("quantity", "value", "unit", "meaning"), zip(*rows, strict=True), strict=True))
     return Table("summary", "Frames", _SUMMARY, data, detail=True)

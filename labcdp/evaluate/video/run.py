@@ -124,7 +124,7 @@ class VideoRun:
                 continue
             if self._methods and frame.pixels is not None:
                 if unseen is not None:
-                    remedy = f"draw them in frame {frame.number}, the first whole one, and start there"
+                    remedy = f"draw them in frame {frame.number}, the first complete one, and start there"
                     raise InputError(f"{self._why(unseen)}; {remedy}")
                 if tracker is None:
                     tracker = self._tracker(frame.pixels)
@@ -139,7 +139,7 @@ class VideoRun:
                 yield FollowedFrame(frame, place, regions, repeats, light)
                 place, last = place + 1, frame
         if unseen is not None and tracker is None:
-            raise InputError(f"{self._why(unseen)}; so are all others")
+            raise InputError(f"{self._why(unseen)}; the same applies to all others")
 
     def _why(self, frame: VideoFrame) -> str:
         """Say why a frame is lost, in which the regions were drawn."""

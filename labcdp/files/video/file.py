@@ -250,8 +250,9 @@ def _opened(path: Path, max_pixels: int) -> Iterator[Any]:
     except (av.FFmpegError, ValueError, OverflowError) as error:
         why = getattr(error, "strerror", None) or reason(error)
         raise no_video(path, head, refused=True) or InputError(
-            f"{path} is no video that FFmpeg reads ({why}): if another program plays it, convert it to FFV1 "
-            "or MJPEG; else copy it again"
+            f"{path} is not a video FFmpeg can read, or is truncated ({why}): if another program plays it, convert "
+            "it to FFV1 "
+            "or MJPEG; otherwise copy it again"
         ) from error
     with container:
         stream = video_stream(container)
@@ -264,7 +265,7 @@ def _opened(path: Path, max_pixels: int) -> Iterator[Any]:
         if context.width * context.height > max_pixels:
             raise InputError(
                 f"{path} has frames of {context.width} x {context.height} pixels, more than {max_pixels / 1e6:g} "
-                "megapixels: raise the limit if they are so large"
+                "megapixels: raise the limit if they are really that large"
             )
         context.options = {"max_pixels": str(max_pixels)}
         yield container

@@ -129,7 +129,7 @@ class Pixels:
             raise InputError(f"its pixels are of the kind {frame.format.name}, not {self.format_name} as before")
         planes = tuple(planes_of(frame))
         if self.kind == "luma" and _kind(frame.format) == "rgb" and grey_if_colourless(np.dstack(planes)).ndim == 3:
-            raise InputError("it is coloured, unlike the frames that were looked at: evaluate it in a video of its own")
+            raise InputError("it is coloured, unlike the frames examined before: evaluate it in a separate video")
         return planes
 
     def followed(self, planes: Sequence[NDArray[Any]]) -> NDArray[Any]:
@@ -335,7 +335,7 @@ def _stated_by_frame(frame: Any, coloured: bool) -> Statement:
         profile = None
     if profile is not None:
         stated = stated_by_profile(bytes(profile), coloured, 8)
-        unused = warning("icc-profile-not-used", reason="its curve is none that labcdp reads in videos")
+        unused = warning("icc-profile-not-used", reason="labcdp cannot decode its curve in videos")
         return stated if stated.light_table is None else replace(stated, findings=(*stated.findings, unused))
     value, _, unit = getattr(frame, "metadata", {}).get("gamma", "").partition("/")
     if not (value.isdecimal() and unit.isdecimal()):

@@ -109,7 +109,7 @@ class Selection:
             return
         pairs = ((self.start.frames, stop.frames), (self.start.seconds, stop.seconds))
         if any(a is not None and b is not None and b <= a for a, b in pairs):
-            raise InputError(f"stop {stop} is not behind start {self.start}: give a later one")
+            raise InputError(f"stop {stop} is not after start {self.start}: choose a later one")
 
     def expected(self, frame_count: int | None, frame_rate: float | None) -> int | None:
         """Return how many frames are going to be taken, as far as can be known: for a progress bar."""

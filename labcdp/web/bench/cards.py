@@ -37,7 +37,7 @@ def camera_card(bench: LiveBench) -> str:
     """Write the card of the camera: frames per second, exposure, and what is wrong."""
     live = bench.camera.live
     if live.error and not live.streaming:
-        return _card("Camera", "no frames", "bad", "trying again every second: see the message")
+        return _card("Camera", "no frames", "bad", "retrying every second: see the message")
     if live.settings is None:
         return _card("Camera", "…", "open", "opening")
     if bench.images.paused:
@@ -45,7 +45,7 @@ def camera_card(bench: LiveBench) -> str:
     if live.overdue:
         return _card("Camera", "no frames", "bad", "the next frame is overdue")
     if live.lent and live.stale:
-        return _card("Camera", "recording", "good", "frames come when the recording takes them")
+        return _card("Camera", "recording", "good", "frames arrive when the recording takes them")
     exposure_s = live.settings.exposure_s if live.frame is None else live.frame.exposure_s
     lines = [f"{exposure_text(exposure_s)}, gain {live.settings.gain_db:g} dB, {live.settings.pixel_format}"]
     focus = bench.images.focus
@@ -99,7 +99,7 @@ def pair_card(bench: LiveBench) -> str:
         asked = f"target contrasts {_percent(points[0])} to {_percent(points[-1])}, {epsilon}"
         words = "CDP " + ", ".join(f"{point.cdp:.4f}" for point in points)
     if not _seen_now(bench):
-        return _card(title, f"{value} <small>not now</small>", "open", "of the last frame", words, raw=True)
+        return _card(title, f"{value} <small>(stale)</small>", "open", "from the last frame", words, raw=True)
     states = {_STATES[point.verdict] for point in points}
     state = states.pop() if len(states) == 1 else "open"
     return _card(title, f"{value} <small>{verdict}</small>", state, words, asked, raw=True)
@@ -177,7 +177,7 @@ def contrast_card(bench: LiveBench) -> str:
 def meter_card(bench: LiveBench) -> str:
     """Write the card of the last reading."""
     if bench.desk.lost:
-        return _card("Meter", "lost", "bad", "check its cable; the next reading waits for it")
+        return _card("Meter", "lost", "bad", "check its cable; the next reading will wait for it")
     last = bench.desk.last
     if last is None:
         none = "none: give --meter PORT, or type readings" if bench.desk.meter is None else "no reading yet"

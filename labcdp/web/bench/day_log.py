@@ -178,18 +178,18 @@ class Day:
     @classmethod
     def read(cls, path: Path) -> Day:
         """Read a log; raises InputError if it is none."""
-        stored, what = read_json(path, "a log of labcdp bench"), f"{path} is no log that labcdp bench can go on with"
+        stored, what = read_json(path, "a log of labcdp bench"), f"labcdp bench cannot continue the log {path}"
         if not isinstance(stored, dict) or stored.get("format") != _FORMAT:
             raise InputError(f"{what}: move it away")
         found: dict[str, Any] = {}
         for name, kind in _KINDS.items():
             entries = stored.get(name, [])
             if not isinstance(entries, list):
-                raise InputError(f"{what}: its {name} are no list; move it away")
+                raise InputError(f"{what}: its {name} are not a list; move the file away")
             try:
                 found[name] = tuple(kind(**record_of(kind, one)) for one in entries)
             except InputError as error:
-                raise InputError(f"{what}: {error} in its {name}; move it away") from error
+                raise InputError(f"{what}: {error} in its {name}; move the file away") from error
         return cls(**found)
 
     def encode(self) -> bytes:
@@ -249,7 +249,7 @@ class DayLog:
         """Mark a reading as deleted: the file and the sheet still have it; raises InputError if there is none."""
         readings = list(self.day.readings)
         if not (0 <= number < len(readings)) or readings[number].deleted:
-            raise InputError("this reading is deleted already")
+            raise InputError("this reading has already been deleted")
         readings[number] = replace(readings[number], deleted=self.time().isoformat())
         self.day = replace(self.day, readings=tuple(readings))
         self._write()
@@ -272,7 +272,7 @@ class DayLog:
             write_file(self.path, self.day.encode(), force=True)
             self.error = ""
         except InputError as error:
-            self.error = f"The log of the day is not on the disk: {error}"
+            self.error = f"The log of the day could not be written: {error}"
 
 
 def _time_of(entry: Any) -> str:
@@ -296,9 +296,9 @@ def log_tables(day: Day) -> tuple[Table, ...]:
     readings = (
         _TIME,
         Column("region", "region", meaning="Region that was selected."),
-        Column("meter_cd_m2", "meter", "cd/m²", f"{luminance} by the meter.", value="luminance_cd_m2"),
+        Column("meter_cd_m2", "meter", "cd/m²", f"{luminance} from the meter.", value="luminance_cd_m2"),
         Column("meter_u_expanded_cd_m2", "U of the meter", "cd/m²", "U (95 %).", value=_expanded("meter_u_cd_m2")),
-        Column("camera_cd_m2", "camera", "cd/m²", f"{luminance} by the camera; empty if it was saturated."),
+        Column("camera_cd_m2", "camera", "cd/m²", f"{luminance} from the camera; empty if it was saturated."),
         Column("camera_u_expanded_cd_m2", "U of the camera", "cd/m²", "U (95 %).", value=_expanded("camera_u_cd_m2")),
         Column("deviation_rel", "deviation", "%", "Of the camera from the meter.", value="deviation"),
         Column("n_readings", "readings", meaning="Number of readings in the mean."),

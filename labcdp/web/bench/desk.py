@@ -166,7 +166,7 @@ class MeterDesk:
                 try:
                     taken.append(meter.measure())
                 except MeterLostError as error:
-                    yield f"The meter is lost and waited for: {error}"
+                    yield f"The meter is lost; waiting for it: {error}"
                     self._reopen(meter, error)
             self.note(ReadingSeries(tuple(taken)), name_of(meter.identity), region)
             yield ""

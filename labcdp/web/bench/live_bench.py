@@ -104,7 +104,7 @@ class LiveBench:
     @property
     def workspace(self) -> Workspace:
         """Regions and their measurements."""
-        assert self._workspace is not None, "the bench has begun"
+        assert self._workspace is not None, "bench started"
         return self._workspace
 
     def measurements(self, image: PageImage) -> LiveMeasurements:
@@ -162,7 +162,7 @@ class LiveBench:
         """Take readings of the meter, for the selected region."""
         meter = self.desk.meter
         if meter is not None and not self.busy:
-            self._work("The meter measures …", self.desk.take(meter, self.workspace.selected or "", n))
+            self._work("Reading the meter …", self.desk.take(meter, self.workspace.selected or "", n))
 
     def enter_reading(self, text: str) -> None:
         """Take a reading that a person typed, of another meter, for the selected region; raises InputError."""
@@ -188,7 +188,7 @@ class LiveBench:
         # The chosen pair may be one of the plan.
         pairs = {id(one): one for one in found if one is not None and one.result is not None}.values()
         if not pairs or measured.taken is None:
-            raise InputError("there is no contrast to note: choose two regions first")
+            raise InputError("there is no CDP to note: choose two regions first")
         unit, time = self.workspace.image.unit, self.log.time()
         notes = [note for pair in pairs for note in snapshots_of(pair, time, measured.taken, unit)]
         self.log.add(*dict.fromkeys(notes))
@@ -214,8 +214,8 @@ class LiveBench:
         if settings is None or drawn is None or not self.workspace.drawing.shapes:
             return ""
         words = (
-            f"{name} is {now[0]} x {now[1]}, and the regions were drawn with {before[0]} x {before[1]}: they are at "
-            "other places; set it back, or draw them again"
+            f"{name} is {now[0]} x {now[1]}, but the regions were drawn with {before[0]} x {before[1]} and no "
+            "longer match: set it back, or redraw them"
             for name in ("binning", "decimation")
             if (before := getattr(drawn, name)) != (now := getattr(settings.readout, name))
         )
@@ -235,7 +235,7 @@ class LiveBench:
     def fit_exposure(self) -> None:
         """Fit the exposure to the regions, or to the whole image if there are none."""
         if not self.busy:
-            self._work("The exposure is fitted …", fit_exposure(self.camera, lambda: self.workspace.drawing.rois))
+            self._work("Fitting the exposure …", fit_exposure(self.camera, lambda: self.workspace.drawing.rois))
 
     @property
     def unrecordable(self) -> str:

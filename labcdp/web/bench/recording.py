@@ -236,7 +236,7 @@ class Recording:
         session = Session.open(self.folder, writable=True)
         if session.configuration != self._configuration:
             session.close()
-            raise LabcdpError(f"{self.folder} was started with another plan: give another folder")
+            raise LabcdpError(f"{self.folder} was started with another plan: choose another folder")
         return session
 
 

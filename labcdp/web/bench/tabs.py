@@ -93,12 +93,12 @@ class CameraTab:
         known = {one.name.lower(): one for one in self._camera.live.features}.get(name.lower())
         value = None if known is None else _value(known, given)
         if known is None or value is None:
-            raise InputError(f"{text!r} is not understood: give NAME = VALUE as the table below has them")
+            raise InputError(f"{text!r} is not understood: write NAME = VALUE as in the table below")
         n = len(self._page.workspace.drawing.shapes)
         if n and known.name.startswith(_OF_PIXELS):
             raise InputError(
-                f"{known.name} makes another image of the sensor, in which the {n} regions would be at other places: "
-                "delete the regions first, or state binning in [camera] of the plan"
+                f"{known.name} changes the image, and the {n} regions would no longer match: delete the regions first, "
+                "or set binning in [camera] of the plan"
             )
         self._camera.request(**{known.name: value})
         self._feature.value = ""

@@ -103,7 +103,7 @@ class Drawing:
     def renamed(self, name: str, to: str) -> Drawing:
         """Return the drawing with a shape renamed; raises InputError as `changed`, or if the name is taken."""
         if to != name and any(shape.name == to for shape in (*self.shapes, *self.proposals)):
-            raise InputError(f"there is a region {to!r} already: give another name")
+            raise InputError(f"there is a region {to!r} already: choose another name")
         before = [roi.name for roi in self.shape(name).rois()]
         renamed = self.changed(name, lambda shape: replace(shape, name=to))
         names = dict(zip(before, (roi.name for roi in renamed.shape(to).rois()), strict=True))
@@ -145,7 +145,7 @@ class Drawing:
         wanted = {shape.name for shape in self.proposals} if names is None else set(names)
         confirmed = tuple(shape for shape in self.proposals if shape.name in wanted)
         if not confirmed:
-            raise InputError("there is no such proposal: let regions be proposed first")
+            raise InputError("there is no such proposal: press Propose first")
         rest = tuple(shape for shape in self.proposals if shape.name not in wanted)
         return replace(self, proposals=rest)._with((*self.shapes, *confirmed))
 

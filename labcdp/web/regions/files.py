@@ -75,7 +75,7 @@ class DrawingFiles:
             return load_regions(self.unsaved, self.size)
         except InputError as error:
             raise InputError(
-                f"{error}; it holds what was drawn and not saved: use the image it was drawn on, or move it away"
+                f"{error}; it contains an unsaved drawing: use the image it was drawn on, or move the file away"
             ) from error
 
     def beside(self, name: str, suffixes: tuple[str, ...] = REGION_SUFFIXES) -> Path:
@@ -204,7 +204,7 @@ def _taken(path: Path, output: Path) -> int:
                 is_file = stat.S_ISREG(os.fstat(descriptor).st_mode)
                 lock(descriptor)
                 if not is_file or os.pread(descriptor, len(_OURS), 0) not in (b"", _OURS):
-                    raise FileExistsError(errno.EEXIST, "it is no lock of labcdp")
+                    raise FileExistsError(errno.EEXIST, "it is not a lock file of labcdp")
                 # Else it was removed by its previous holder in the meantime.
                 if _is_still(path, descriptor):
                     otherwise.pop_all()

@@ -46,7 +46,7 @@ def export_map(image: PageImage, path: Path, scale: DisplayScale) -> None:
     """
     suffix = path.suffix.lower()
     if path.exists():
-        raise InputError(f"the file {path} exists already: give another name")
+        raise InputError(f"the file {path} exists already: choose another name")
     if suffix == ".csv":
         text = StringIO()
         np.savetxt(text, image.luminance.luminance_cd_m2, fmt="%.6g", delimiter=",")
@@ -73,7 +73,7 @@ def dataset_image(path: Path) -> PageImage:
     dataset = read_dataset(path, "luminance map")
     missing = sorted({"luminance", "u_luminance", "invalid"} - set(map(str, dataset.data_vars)))
     if missing or dataset["luminance"].ndim != 2:
-        raise InputError(f"{path} is no luminance map of a picture: it lacks {', '.join(missing) or 'y or x'}")
+        raise InputError(f"{path} is not a luminance map of a picture: it lacks {', '.join(missing) or 'y or x'}")
     light = dataset["luminance"].to_numpy().astype(np.float32)
     with np.errstate(divide="ignore", invalid="ignore"):
         random_rel = dataset["u_luminance"].to_numpy() / np.abs(light)
@@ -119,7 +119,7 @@ def profile(image: PageImage, ends: Sequence[float]) -> Profile:
         If there are not four finite numbers, or all of the line is outside.
     """
     if len(ends) != 4 or not np.isfinite(ends).all():
-        raise InputError("the ends of a line are four numbers x, y, x, y in pixels")
+        raise InputError("the ends of a line are four numbers in pixels: x, y, x, y")
     xa, ya, xb, yb = ends
     step, (height, width) = image.luminance.step, image.luminance.shape
     length_px = hypot(xb - xa, yb - ya)

@@ -217,7 +217,7 @@ class Page(Widgets):
             "Redo": "Ctrl + Y",
             "Delete": "Delete the selected region (Del)",
             "Save": "Ctrl + S",
-            "Load": "Replace the regions by those of the file",
+            "Load": "Replace the regions with those of the file",
             "Replace": "Replace the file that another program changed",
             "Accept": "Accept the selected proposal (Enter)",
             "Accept all": "Accept all proposals",

@@ -149,7 +149,7 @@ def without_corner(shape: Shape, at: int) -> Shape:
     """
     corners = _corners(_polygon(shape), at)
     if len(corners) == 3:
-        raise InputError(f"region {shape.name!r} has 3 corners left: delete the region, or keep them")
+        raise InputError(f"region {shape.name!r} has only 3 corners left: keep them, or delete the region")
     return replace(_polygon(shape), corners=corners[:at] + corners[at + 1 :])
 
 
@@ -161,7 +161,7 @@ def inside(corner: Corner, size: ImageSize) -> Corner:
 
 def _polygon(shape: Shape) -> PolygonShape:
     if not isinstance(shape, PolygonShape):
-        raise InputError(f"region {shape.name!r} is no polygon: only polygons get more or fewer corners")
+        raise InputError(f"region {shape.name!r} is not a polygon: only polygons can gain or lose corners")
     return shape
 
 

@@ -50,7 +50,7 @@ def colour(drawing: Drawing, name: str) -> str:
 def region_table(image: PageImage, drawing: Drawing, measured: Measured, selected: str | None) -> str:
     """Table of the regions, with DN and luminance."""
     if not drawing.shapes:
-        return "<p class='quiet'>No region yet. Choose Polygon or Rectangle and draw on the picture.</p>"
+        return "<p class='quiet'>No regions yet. Choose Polygon or Rectangle and draw on the picture.</p>"
     rows = _region_rows(drawing, measured, selected, lambda _shape, found: _cells(found))
     value = "DN" if image.is_dn else "value"
     heads = ("Region", "pixels", f"mean {value}", f"std {value}", f"mean {image.unit_text}")
@@ -148,9 +148,9 @@ _HEADS = ("Region", "mean", "lowest", "highest", "SNR", "saturated", "limits")
 def statistics_table(image: PageImage, drawing: Drawing, measured: Measured, selected: str | None) -> str:
     """Write the luminance of each region: mean, range, SNR, saturated share, and whether it is within its limits."""
     if not drawing.shapes:
-        return "<p class='quiet'>Draw regions to see their luminance, and give them limits to pass or fail.</p>"
+        return "<p class='quiet'>Draw regions to see their luminance; set limits to get pass or fail.</p>"
     rows = _region_rows(drawing, measured, selected, partial(_statistics, image.unit == "cd/m^2"))
-    unit = f"{image.unit_text}; a verdict needs all of ± U (95 %) on one side of the limits."
+    unit = f"{image.unit_text}; pass or fail only if the whole ± U (95 %) interval is inside or outside the limits."
     return f"{table(_HEADS, rows, 'dense')}<p class='quiet'>{text(unit)}</p>"
 
 

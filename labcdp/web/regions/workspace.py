@@ -175,11 +175,11 @@ class Workspace:
         if not self.unsaved:
             return lines or ["Nothing was changed"]
         if not self.drawing.shapes:
-            return [*lines, "Not saved: all regions were deleted; the file is as it was"]
+            return [*lines, "Not saved: all regions were deleted; the file is unchanged"]
         what = f"Not saved: the drawing of {n} region{'s' if n > 1 else ''}"
         if not self._kept:
-            return [*lines, f"{what}; it is kept in {self.files.unsaved}, and the same command resumes with it"]
-        return [*lines, f"{what}; it is lost, since it could not be kept: {self._kept}"]
+            return [*lines, f"{what}; it is kept in {self.files.unsaved}; the same command resumes it"]
+        return [*lines, f"{what}; it is lost, because it could not be stored: {self._kept}"]
 
     def _do(self, message: dict[str, Any]) -> None:
         what = message["do"]
@@ -230,7 +230,7 @@ class Workspace:
         path = self.files.output if name is None else self.files.beside(str(name))
         there = self.files.fingerprint(path)
         if there and path not in self._stored:
-            raise InputError(f"{path} exists already: give another name")
+            raise InputError(f"{path} exists already: choose another name")
         if there not in ("", self._stored.get(path)) and not (replace and self.in_the_way == (path, there)):
             self.in_the_way = (path, there)
             raise InputError(
@@ -275,7 +275,7 @@ class Workspace:
 
     def _tell(self, notice: Notice) -> None:
         if self._kept:
-            notice = Notice(f"Unsaved regions cannot be kept: {self._kept}. Save it under another name.", "warning")
+            notice = Notice(f"Unsaved regions cannot be stored: {self._kept}. Save it under another name.", "warning")
         self.notice = notice
         self.changed()
 

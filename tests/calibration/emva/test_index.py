@@ -15,7 +15,7 @@ PATH = Path("set") / INDEX_NAME
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("b 1e6 100", "x 1e6 100", r"line 3: 'x 1e6 100' begins with none of the letters v, n, b, d, i and #"),
+        ("b 1e6 100", "x 1e6 100", r"line 3: 'x 1e6 100' starts with none of the letters v, n, b, d, i and #"),
         ("b 1e6 100", "b -1 100", r"line 3: the exposure is -1 ns: give a time from 0 ns to a day"),
         ("n 12 64 48\n", "", r"there is no line n"),
         ("i b.png\n", "", r"line 3: there are 1 images: give at least 2"),

@@ -27,7 +27,7 @@ HOSTILE = {
     "formula": ('<R><IntSwissKnife Name="A"><pVariable Name="X">A</pVariable></IntSwissKnife></R>', "from itself"),
     "nesting": ("<a>" * 5000 + "</a>" * 5000, "nested more than"),
     "entities": ('<!DOCTYPE a [<!ENTITY b "c"><!ENTITY d "&b;&b;">]><a>&d;</a>', "document type"),
-    "no XML": ("<a><b></a>", "no valid XML"),
+    "no XML": ("<a><b></a>", "not valid XML"),
 }
 
 

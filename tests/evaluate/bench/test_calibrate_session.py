@@ -150,13 +150,13 @@ def test_calibration_of_the_whole_sensor_measures_a_part_of_it_and_no_other_part
     # The axis is beside the middle of the part.
     r = of_part.responsivity.responsivity_dn_s_cd_m2
     assert r == pytest.approx(calibration.responsivity.responsivity_dn_s_cd_m2, rel=0.005)
-    message = "region of the sensor of the calibration is from column 40 and row 4, .* has from column 0 and row 0"
+    message = "of the calibration is column 40, row 4, .* has column 0, row 0"
     with Session.open(part) as session, Session.open(corner) as other:
         assert verify_session(session, calibration)[0].verdict == "conform"
         for refused in (lambda: evaluated(corner, of_part), lambda: verify_session(other, of_part)):
             with pytest.raises(CalibrationError, match=message):
                 refused()
-        with pytest.raises(CalibrationError, match="the region of the sensor of the flat field's session is from col"):
+        with pytest.raises(CalibrationError, match="of the flat field's session is column 0, row 0"):
             require_same_optics(session, other)
 
 
@@ -174,5 +174,5 @@ def test_what_does_not_fit_together_is_refused(bench, observed, tmp_path):
         ({"lens": LENS | {"serial": "8"}}, "the lens of session 'bench' is"),
     ):
         other = replace(observed, configuration=configuration(ROIS, **{"name": "other"} | changes))
-        with pytest.raises(CalibrationError, match=f"{what} .*: calibrate them apart"):
+        with pytest.raises(CalibrationError, match=f"{what} .*: calibrate them"):
             calibrate_session(observed, other)

@@ -237,7 +237,7 @@ def test_no_number_of_a_characterisation_is_a_truth_value_or_text(tmp_path):
         kept = row[key]
         for row[key] in (True, False, str(kept)):
             (tmp_path / "results.json").write_text(json.dumps(document))
-            with pytest.raises(InputError, match="lacks a part of the results of labcdp characterise"):
+            with pytest.raises(InputError, match="lacks some of the results of labcdp characterise"):
                 sensor_of("imx250", tmp_path)
         row[key] = kept
 

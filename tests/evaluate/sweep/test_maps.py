@@ -202,5 +202,5 @@ def test_what_is_written_is_read_again_and_damage_is_noticed(tmp_path):
     altered[whole.index(b"\x78\x5e") + 1000] ^= 1  # in the first stream of zlib at this level
     for content in (b"CDP;0.5\n", whole[:5000], altered):
         path.write_bytes(content)
-        with pytest.raises(InputError, match=r"map\.nc (cannot be read as NetCDF|is no NetCDF file)"):
+        with pytest.raises(InputError, match=r"map\.nc (cannot be read as NetCDF|is not a NetCDF file)"):
             read_dataset(path, "map")

@@ -184,9 +184,9 @@ def test_cluster_with_certificates_until_its_only_worker_dies(
     request = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-subj", "/CN=other", "-days", "2"]
     subprocess.run([*request, "-keyout", tmp_path / "other-key.pem", "-out", other], check=True, capture_output=True)
     for wrong in (TlsFiles(other, other, tmp_path / "other-key.pem"), replace(tls, key=tmp_path / "other-key.pem")):
-        with pytest.raises(InputError, match=r"certificates of this computer and of the scheduler at .* do not fit"):
+        with pytest.raises(InputError, match=r"certificates of this computer and of the scheduler at .* do not match"):
             evaluate_videos(videos, settings, tmp_path / "b", workers=Workers(address, tls=wrong))
-    with pytest.raises(InputError, match=r"give its TLS files with an address that begins with tls://"):
+    with pytest.raises(InputError, match=r"an address that begins with tls://"):
         evaluate_videos(videos, settings, tmp_path / "b", workers=Workers(address))
     with with_tls.opened(Processes, tmp_path / "c", {}) as opened:
         monkeypatch.setattr("labcdp.core.cluster._WORKER_S", 3)

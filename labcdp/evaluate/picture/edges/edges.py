@@ -72,7 +72,7 @@ class ContrastMapSettings:
     def __post_init__(self) -> None:
         if self.size_px < SMALLEST_SIZE_PX:
             raise InputError(
-                f"the size of the regions is {self.size_px} pixels: give {SMALLEST_SIZE_PX} or more, so that noise can "
+                f"the region size is {self.size_px} pixels: give {SMALLEST_SIZE_PX} or more, so that noise can "
                 "be distinguished from contrast"
             )
         if not (isfinite(self.minimum_contrast) and self.minimum_contrast > 0):

@@ -27,10 +27,10 @@ _MOST_MAPS = 6
 
 _OWN_CONTRAST = (
     "The target contrast of each edge is that in this image. The map shows where noise and texture hide such "
-    "contrasts; it cannot show contrast that was lost before, as by a veil of glare or fog, or by blur. A reference "
-    "image of the scene, or the contrast of its objects, shows that, too."
+    "contrasts; it cannot show contrast lost before, for example to glare, fog or blur. A reference image of the "
+    "scene, or the contrast of its objects, reveals that too."
 )
-_ASKED = "The target contrast of each edge is {asked}. Contrast that a veil or blur took counts as lost."
+_ASKED = "The target contrast of each edge is {asked}. Contrast lost to a veil or blur counts as lost."
 _HELP = (
     "Warm colours: the camera loses the edge. Point at a dot for the values of its edge. A click in the legend shows "
     "or hides dots; the wheel zooms, dragging moves."
@@ -138,7 +138,7 @@ def _cards(found: ContrastMap) -> list[Card]:
     # Where the contrast of the scene is given, borders that hardly show one are asked for it, too.
     pale = int(np.count_nonzero(found.of_kind(EdgeKind.LOST) & (found.edges.contrast < asked.minimum_contrast)))
     scene = f"at least {least}" if found.contrast is None else f"{percent(found.contrast)} in the scene"
-    of_lost = (f"{pale} measure below {least}: hidden, as by a veil",) if pale else ()
+    of_lost = (f"{pale} measure below {least}: hidden, as behind a veil",) if pale else ()
     return [
         Card(
             "Detected edges", share_percent(found.detected_share), f"{seen} of {seen + lost} edges of objects",

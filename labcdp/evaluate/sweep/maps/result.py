@@ -29,7 +29,8 @@ _PRINTED_CELLS = 30
 _MOST_MATRICES, _MOST_COLUMNS = 12, 2**14 - 1
 
 _END = (
-    "Where CDP crosses; the last grid point before CDP changes by more than 0.2; or the end of the map, beyond which "
+    "Where CDP crosses the level; the last grid point before CDP changes by more than 0.2; or the end of the map, "
+    "beyond which "
     "the range may continue."
 )
 
@@ -135,7 +136,7 @@ def _dips(found: CdpMap, analysis: MapAnalysis) -> Table:
     unit = axis_unit(found.axes[analysis.x])
     columns = (
         *_section_columns(found.axes, analysis.x, lambda dip: dip.at),
-        Column("variable", "dip of", meaning="Quantity that falls although the luminance rises, and then rises again.",
+        Column("variable", "dip of", meaning="Quantity that falls although the luminance rises, then rises again.",
                value=lambda dip: VARIABLES[dip.variable].label),
         Column("start", "from", unit, "Where it is highest before the fall."),
         Column("position", "lowest at", unit, "Where it is lowest."),

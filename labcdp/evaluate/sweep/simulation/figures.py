@@ -49,7 +49,7 @@ def along_figures(evaluation: SimulationEvaluation) -> list[ReportFigure]:
                     _along(dict(zip(asked, lines, strict=True))),
                     f"CDP along the chain, {pair}, {kind}, with 95 % intervals; SNR of {row.bright}, of the values "
                     "(also in dB, 10 lg) and of the luminance they stand for.",
-                    f"CDP and SNR behind each stage, {pair}.",
+                    f"CDP and SNR after each stage, {pair}.",
                 )
             )
     return figures
@@ -68,7 +68,7 @@ def contrast_panels(evaluation: SimulationEvaluation) -> list[ContrastPanel]:
                 continue
             contrasts = contrast_histogram(seen[row.bright], seen[row.dark], row.cdp.interval[1])
             at = f" at {percent(row.cdp.contrast, 4)}" if isinstance(evaluation.contrast, tuple) else ""
-            title = f"{pair_name(row)}{at}, behind {printable(stage.name)}"
+            title = f"{pair_name(row)}{at}, after {printable(stage.name)}"
             panels += [] if contrasts is None else [ContrastPanel(title, contrasts, row.cdp)]
     return panels
 
@@ -83,7 +83,7 @@ def stage_figures(evaluation: SimulationEvaluation) -> list[ReportFigure]:
             ),
             f"{printable(name)}: cumulative probability (blue) and density (grey, scaled to 1) of the values of "
             "the whole frame, and of the luminance they stand for.",
-            f"Distribution of the values behind {printable(name)}.",
+            f"Distribution of the values after {printable(name)}.",
         )
         for name, signal in evaluation.run.items()
         for values, luminance, _ in (pixels_behind(signal),)
@@ -119,7 +119,7 @@ def shown_picture(name: str, values: NDArray[Any]) -> ReportFigure:
         f"{file_name(name)}.png",
         picture(values if side == 1 else drawing.block_mean(values, side)),
         f"{printable(name)}: {span(f'{low:.4g}', f'{high:.4g}')}{reduced}",
-        f"Grey picture behind {printable(name)}.",
+        f"Grey picture after {printable(name)}.",
     )
 
 

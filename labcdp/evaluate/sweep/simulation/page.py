@@ -21,8 +21,8 @@ _MOST_ROWS, _MOST_CARDS = 12, 6
 _RATIOS = (
     "CSNR is the mean over the standard deviation of the contrast, CNR the difference of the mean luminances over the "
     "noise of the dark region, d' over that of both regions. SNR is spatial, mean over standard deviation of the "
-    "pixels of one frame. That of the values gains from the black level, which carries no information; that of the "
-    "luminance does not."
+    "pixels of one frame. The SNR of the values benefits from the black level, which carries no information; the "
+    "SNR of the luminance does not."
 )
 
 
@@ -51,9 +51,9 @@ def simulation_files(result: Result, evaluation: SimulationEvaluation) -> dict[s
             short = short.select([n for n, stage in enumerate(short["stage"]) if stage in final])
     sections = [
         *([Section("Signal and noise", details)] if details else []),
-        Section("Distributions behind each stage", stages, collapsed=True),
+        Section("Distributions after each stage", stages, collapsed=True),
         Section(
-            "Pictures behind each stage",
+            "Pictures after each stage",
             ("Each from its lowest value (black) to its highest (white).", *pictures.values()),
             collapsed=True,
         ),
@@ -108,6 +108,6 @@ def _cards(detection: Table, final: Sequence[str], contrast: TargetContrasts) ->
         of = " at ".join(one for one in (pair, at if several else "") if one)
         detail = f"{kind}; 95 % interval {interval[:-1]}" if interval else kind
         lines = lines or ([] if several else ["contrast of the scene"])
-        name = f"{of}, behind {row['stage']}" if of else f"Behind {row['stage']}"
+        name = f"{of}, after {row['stage']}" if of else f"After {row['stage']}"
         cards.append(Card(name, value, detail, tuple(lines)))
     return [] if several and len(cards) > _MOST_CARDS else cards

@@ -62,9 +62,9 @@ def _hidden(name: str, label: str, meaning: str, unit: str = "", **more: Any) ->
     return Column(name, label, unit, meaning, shown=False, **more)
 
 
-_STAGE = Column("stage", "stage", meaning="Stage of the chain behind which the values are taken.")
+_STAGE = Column("stage", "stage", meaning="Stage of the chain after which the values are taken.")
 _SCENE = "Weber contrast of the mean luminances of the scene."
-_MEASURED = "Weber contrast of the mean luminances behind the stage."
+_MEASURED = "Weber contrast of the mean luminances after the stage."
 _ASKED = "Weber contrast whose detection is evaluated."
 _TARGET = Column("contrast", "target contrast", "%", _ASKED)
 _LOWEST, _HIGHEST = (f"{end} contrast that counts as detected." for end in ("Lowest", "Highest"))
@@ -222,7 +222,7 @@ def predicted_result(
 
 
 def answer(detection: Table, final: Sequence[str], contrast: TargetContrasts = None) -> str:
-    """Return what a chain detects behind its last stages, and which stage costs most of it, in a sentence or two."""
+    """Return what a chain detects after its last stages, and which stage costs most of it, in a sentence."""
     rows = [{"bright": "bright", "dark": "dark", **row} for row in detection.rows()]
     found = [row for row in rows if row["stage"] in final and row["cdp"] is not None]
     if not found:
@@ -231,13 +231,16 @@ def answer(detection: Table, final: Sequence[str], contrast: TargetContrasts = N
     n = len(each_contrast(contrast))
     # The rows of a pair at all contrasts follow each other.
     found = [max(found[first : first + n], key=lambda row: row[name]) for first in range(0, len(found), n)]
-    of = f", the largest of {n} contrasts" if n > 1 else ""
+    of = f" (the largest of {n} contrasts)" if n > 1 else ""
     lowest = min(found, key=lambda row: row[name])
     asked = lowest.get("contrast", contrast)
-    what = "the contrast of the scene" if asked is None else f"a contrast of {percent(asked, 4)}"
-    sentence = f"{what} between {lowest['bright']} and {lowest['dark']} is detected behind {lowest['stage']}"
-    sentence = sentence[0].upper() + sentence[1:] if len(found) == 1 else f"Lowest of {len(found)}: {sentence}"
-    return f"{sentence} with a probability of {lowest[name]:.3f}{of}.{_costs(rows, lowest, name)}"
+    what = "contrast of the scene" if asked is None else percent(asked, 4)
+    stages = {row["stage"] for row in found}
+    worst = f"Worst of {len(found)}{' pairs' if len(stages) == 1 else ''}: " if len(found) > 1 else ""
+    sentence = (
+        f"{worst}{lowest['bright']} / {lowest['dark']} ({what}), CDP {lowest[name]:.3f} after {lowest['stage']}{of}"
+    )
+    return f"{sentence if worst else sentence[0].upper() + sentence[1:]}{_costs(rows, lowest, name)}."
 
 
 def _costs(rows: Sequence[Mapping[str, Any]], last: Mapping[str, Any], name: str) -> str:
@@ -257,7 +260,7 @@ def _costs(rows: Sequence[Mapping[str, Any]], last: Mapping[str, Any], name: str
         return ""
     # Of a bracket, the sensor with all its exposures.
     stage = re.sub(r"^sensor \S+ ms", "sensor", stage)
-    return f" The stage that costs most is {stage}: it lowers the CDP by {before - after:.3f}, to {after:.3f}."
+    return f"; CDP drops most at {stage}, by {before - after:.3f} to {after:.3f}"
 
 
 def _finite_snr(name: str, value: float) -> float:

@@ -10,10 +10,11 @@ from typing import Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from ...core.clock import exposure_text
+from ...core.errors import CalibrationError
 from ..converter import INTERCEPT
 from ..uncertainty import SMALL_EFFECT_REL
 from .design import Array, Design, SharedError
-from .problem import Solution
+from .problem import Solution, solution_at, solve
 from .scatter import covariance_with, residual_scatter
 
 #: Effects that are looked for.
@@ -34,6 +35,8 @@ _MIN_PATCHES, _MAX_SHARE = 4, 0.1
 _SPARE_PATCHES = 2
 #: Readings within this many hours cannot show a drift.
 _MIN_HOURS = 1 / 60
+#: Ratio of luminance to reading from which a solution is far from what the readings say.
+_FAR = 2.0
 #: Share of a column that the model has to leave of it.
 _LEFT = 1e-6
 
@@ -267,6 +270,11 @@ def assess(solution: Solution, effect: Effect) -> Assessed:
     plain = amplitude(solution, columns)
     if plain.n == 0 or solution.degrees_of_freedom <= plain.n:
         return Assessed(effect, plain)
+    ratio = solution.luminance / solution.design.readings
+    if ratio.max() > _FAR or ratio.min() < 1 / _FAR:
+        solution = _where_it_leads(solution, effect, plain)
+        columns = effect.columns(solution)
+        plain = amplitude(solution, columns)
     spare = len(solution.design.patches) - solution.parameters.size - solution.design.n_found - plain.n
     dof = float(max(spare, 1))
     size = residual_scatter(replace(solution, jacobian=np.column_stack([solution.jacobian, columns.T])))
@@ -275,6 +283,17 @@ def assess(solution: Solution, effect: Effect) -> Assessed:
         return Assessed(effect, amplitude(scattered, columns)._replace(dof=dof))
     # Even where the other patches seem not to scatter, they are few.
     return Assessed(effect, plain._replace(dof=dof) if effect.kind == "patch" else plain)
+
+
+def _where_it_leads(solution: Solution, effect: Effect, plain: Amplitude) -> Solution:
+    """Return the solution at the parameters of the fit with an effect: far from these its weights are wrong."""
+    size = np.maximum(np.abs(plain.value), np.where(np.isfinite(plain.uncertainty), plain.uncertainty, 0.0))
+    design = solution.design
+    try:
+        beside = solve(replace(design, shared=(*design.shared, *effect.within(FREE * size))), solution.candidate)
+        return solution_at(design, solution.candidate, beside.parameters)
+    except CalibrationError:
+        return solution
 
 
 def largest_of_each_kind(solution: Solution, effects: Iterable[Effect]) -> list[Effect]:

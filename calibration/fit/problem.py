@@ -153,7 +153,7 @@ def solve(design: Design, candidate: CandidateModel) -> Solution:
     try:
         with np.errstate(all="ignore"):  # parameters on the way may be far out
             found = least_squares(standardised, start / scale, method="lm", xtol=_TOLERANCE, ftol=_TOLERANCE)
-            solution = _solution(design, candidate, found.x * scale) if found.success else None
+            solution = solution_at(design, candidate, found.x * scale) if found.success else None
     except (ValueError, np.linalg.LinAlgError):
         solution = None
     most_rel = _IMPOSSIBLE if candidate.bracket is None else _CONTRADICTION_REL
@@ -187,7 +187,8 @@ def _typical_rel(solution: Solution) -> float:
     return float(relative.max() if not relative.max() < _IMPOSSIBLE else np.median(relative))
 
 
-def _solution(design: Design, candidate: CandidateModel, parameters: Array) -> Solution:
+def solution_at(design: Design, candidate: CandidateModel, parameters: Array) -> Solution:
+    """Return a model with given parameters; raises CalibrationError if they are none of a response that rises."""
     if not candidate.rises(parameters[: candidate.n_parameters]):
         raise CalibrationError(f"the {candidate.kind} response does not rise with luminance: {_CHECK}")
     luminance, slope, jacobian = _luminances(design, candidate, parameters)
@@ -203,13 +204,19 @@ def _solution(design: Design, candidate: CandidateModel, parameters: Array) -> S
 
 
 def _start(design: Design, candidate: CandidateModel) -> Array:
-    """Return a straight line, or the given response, by the median ratio for each gain."""
-    ratio, gain = (
-        design.readings / (candidate.shape(design.net_dn) * design.signals.scale_per_s),
-        design.signals.gain_index,
-    )
-    slopes = [float(np.median(ratio[gain == g])) for g in range(int(gain.max()) + 1)]
-    return np.concatenate([candidate.start(slopes[0]), np.array(slopes[1:]) / slopes[0]])
+    """Return a straight line, or the given response, by the median ratio for each gain, or beside what was found."""
+    shape, gain = candidate.shape(design.net_dn) * design.signals.scale_per_s, design.signals.gain_index
+    of_gains = np.equal.outer(gain, np.arange(int(gain.max()) + 1))
+    slopes = np.array([np.median((design.readings / shape)[own]) for own in of_gains.T])
+    found = replace(design, shared=tuple(error for error in design.shared if error.found))
+    if found.shared:
+        effects = found.patterns(design.readings, design.signals.scale_per_s)
+        columns = np.column_stack([of_gains, (effects / shape).T])
+        size = np.linalg.norm(columns, axis=0)
+        fitted = np.linalg.lstsq(columns / size, design.readings / shape, rcond=None)[0] / size
+        beside = fitted[: slopes.size]
+        slopes = beside if (beside > 0).all() else slopes
+    return np.concatenate([candidate.start(float(slopes[0])), slopes[1:] / slopes[0]])
 
 
 def _luminances(design: Design, candidate: CandidateModel, parameters: Array) -> Curve:

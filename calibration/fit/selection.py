@@ -25,6 +25,8 @@ _CONTRADICTION = 1e-4
 #: Ratio of the probabilities by chance, e^2, within which two effects explain the observations about equally well: the
 #: better one is then no more than about seven times as likely.
 _ALIKE = 2.0
+#: Difference of their logarithms within which effects are the same at these patches; the first one is then named.
+_SAME = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,8 +170,10 @@ def _others(effects: Sequence[Effect], found: Sequence[Found]) -> list[Effect]:
 def _next(solution: Solution, effects: Sequence[Effect], found: Sequence[Found]) -> Found | None:
     """Return the most significant effect that is not found yet."""
     rows = _significant(solution, _others(effects, found))
-    # Of effects that are the same at these patches, the first.
-    return Found(min(rows, key=lambda one: round(one.log_p, 6))) if rows and solution.degrees_of_freedom > 1 else None
+    if not rows or solution.degrees_of_freedom <= 1:
+        return None
+    best = min(one.log_p for one in rows)
+    return Found(next(one for one in rows if one.log_p <= best + _SAME))
 
 
 def _significant(solution: Solution, effects: Iterable[Effect]) -> list[Assessed]:

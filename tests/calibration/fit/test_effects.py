@@ -151,6 +151,17 @@ def test_companding_that_nobody_states_is_found(setup):
         assert abs(patch.luminance_cd_m2 / luminance - 1) < max(patch.half_width_95_rel, 0.005)
 
 
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("veil_cd_m2", [50.0, 200.0])
+def test_a_veil_far_above_the_darkest_patch_is_glare_and_moves_no_responsivity(setup, veil_cd_m2, seed):
+    rng, read = noisy(seed)
+    observations, darks, _ = bench(SimulatedCamera(), rng=rng, luminances=[v + veil_cd_m2 for v in LUMINANCES])
+    calibration = fit(observations, darks, bench(SimulatedCamera(), read)[2], setup)
+    assert codes(calibration) & CAUSES <= {"intercept", "one-of"}
+    assert found(calibration, "glare").value == pytest.approx(veil_cd_m2, rel=0.01)
+    assert calibration.responsivity.responsivity_dn_s_cd_m2 == pytest.approx(1200, rel=0.005)
+
+
 def test_of_two_equal_explanations_both_are_named():
     """At one exposure an offset of the DN and a veil are the same."""
     net = np.geomspace(20, 2000, 9)

@@ -12,6 +12,7 @@ from math import sqrt
 
 import numpy as np
 
+from ..core.errors import CalibrationError
 from ..core.result import Finding, log_findings
 from .convert.patch import patch_luminance
 from .converter import INTERCEPT, VIGNETTING
@@ -21,7 +22,7 @@ from .fit import checks
 from .fit.candidates import candidate_models
 from .fit.demands import design_findings, fit_findings, require_every_gain, require_monotone, require_span
 from .fit.design import DRIFT, Design, SharedError
-from .fit.exposures import with_times
+from .fit.exposures import NO_MODEL, with_times
 from .fit.intake import Intake, take_in, take_usable
 from .fit.problem import Solution, solve
 from .fit.residuals import finite, fit_errors, fitted_rows, held_out_rows, next_response_error
@@ -112,7 +113,16 @@ def fit(
 def _fitted(
     intake: Intake, readings: Readings, setup: Setup, response: ResponseCurve | None
 ) -> tuple[Calibration, list[Finding]]:
-    """Fit all patches that are not held out."""
+    """Fit all patches that are not held out; raises CalibrationError if no model fits them."""
+    try:
+        return _fitted_if_possible(intake, readings, setup, response)
+    except np.linalg.LinAlgError as error:
+        raise CalibrationError(NO_MODEL) from error
+
+
+def _fitted_if_possible(
+    intake: Intake, readings: Readings, setup: Setup, response: ResponseCurve | None
+) -> tuple[Calibration, list[Finding]]:
     settings = intake.settings
     scale = meter_scale(readings, setup.certificate, setup.meter_f1_prime, setup.source_spectrum)
     data = take_usable(intake, readings, setup.exposure_jitter_s)
@@ -129,6 +139,8 @@ def _fitted(
     of_glare = next(test for test in tests if test.name == "glare")
     glare_cd_m2 = checks.possible_glare_cd_m2(of_glare)
     stated, final, times = _final(selection, data.design, glare_cd_m2)
+    if stated.chi_squared < 0:  # only numbers without any digits left
+        raise CalibrationError(NO_MODEL)
     gains = _gains(final, settings)
     tests = (*tests, checks.scatter(stated), checks.gain(gains, settings[0].gain_db))
     responsivity = replace(

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...core.errors import CalibrationError
 from ..converter import EXPOSURE_TIME
 from ..exposure_times import ExposureTimes
 from .design import Array, Design, SharedError
@@ -14,6 +15,12 @@ from .selection import Found
 
 #: Source of the error of an offset.
 OFFSET = "exposure offset"
+#: Of observations that contradict each other so far that no exposure times, or no numbers, are left.
+NO_MODEL = (
+    "no model fits patches and exposures: check that each frame has its own exposure time (recorded, and as the camera "
+    "states it), and that readings and frames belong to the same patches; of a camera with a tone curve (gamma) find "
+    "the response by a bracket (labcdp calibrate --response debevec)"
+)
 
 
 def with_times(design: Design, found: Iterable[Found]) -> tuple[Design, ExposureTimes]:
@@ -27,12 +34,19 @@ def with_times(design: Design, found: Iterable[Found]) -> tuple[Design, Exposure
         The observations.
     found : iterable of Found
         Effects, also of other kinds.
+
+    Raises
+    ------
+    CalibrationError
+        If an exposure would last no time.
     """
     times, stated = ExposureTimes(), design.exposures_s[design.exposure]
     factor: Array = np.ones_like(stated)
     errors = list(design.shared)
     for one in found:
         value, uncertainty = one.assessed.value, one.assessed.uncertainty
+        if one.effect.kind == "exposure" and value <= -1:
+            raise CalibrationError(NO_MODEL)
         if one.effect.kind == "exposure offset":
             times = replace(times, offset_s=value, offset_u_s=uncertainty)
             factor = factor + value / stated

@@ -212,10 +212,10 @@ def _start(design: Design, candidate: CandidateModel) -> Array:
     if found.shared:
         effects = found.patterns(design.readings, design.signals.scale_per_s)
         columns = np.column_stack([of_gains, (effects / shape).T])
-        size = np.linalg.norm(columns, axis=0)
-        fitted = np.linalg.lstsq(columns / size, design.readings / shape, rcond=None)[0] / size
-        beside = fitted[: slopes.size]
-        slopes = beside if (beside > 0).all() else slopes
+        size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        if np.isfinite(size).all():
+            beside = np.linalg.lstsq(columns / size, design.readings / shape, rcond=None)[0] / size
+            slopes = beside[: slopes.size] if (beside[: slopes.size] > 0).all() else slopes
     return np.concatenate([candidate.start(float(slopes[0])), slopes[1:] / slopes[0]])
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from labcdp.calibration import fit, load, patch_luminance, save
 from labcdp.calibration.exposure_times import AS_STATED
+from labcdp.core.errors import CalibrationError
 
 from ..conftest import EXPOSURES_S, SimulatedCamera, bench, codes, make_reading
 
@@ -26,6 +27,16 @@ class LateCamera(SimulatedCamera):
 def calibrated(camera, setup, seed=1):
     rng = np.random.default_rng(seed)
     return fit(*bench(camera, lambda v: make_reading(v * (1 + rng.normal(0, 0.002))), rng), setup)
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.parametrize(
+    ("changes", "seed"),
+    [({"offset_s": 0.001}, 4), ({"offset_s": 0.001}, 6), ({"factors": (10.0, 1.0, 1.0)}, 2)],
+)
+def test_exposures_that_no_model_fits_are_refused(setup, changes, seed):
+    with pytest.raises(CalibrationError, match="check that"):
+        calibrated(LateCamera(**changes), setup, seed)
 
 
 def test_an_offset_of_all_exposures_is_found_and_corrected(setup, tmp_path):

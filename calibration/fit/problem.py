@@ -11,7 +11,6 @@ import numpy as np
 
 from ...core.dn import Response
 from ...core.errors import CalibrationError
-from ..converter import VIGNETTING
 from .candidates import CandidateModel, Curve
 from .design import Array, Design
 
@@ -99,9 +98,8 @@ class Solution:
     @property
     def chi_squared(self) -> float:
         """Minimum of the sum of squares."""
-        # Parameters may have been fitted with other weights than these.
-        others = _weighting(self.design, self.candidate).shared != self.design.shared
-        weight = self.left if others else self.weight
+        # The scale of a given response is fitted with other weights than these.
+        weight = self.weight if self.candidate.bracket is None else self.left
         return float(self.residual @ weight @ self.residual)
 
     @property
@@ -118,9 +116,8 @@ def solve(design: Design, candidate: CandidateModel) -> Solution:
     stated widths. All but the parameters enter linearly and are eliminated: what remains is chi^2 = r^T C^-1 r with
     r = luminance - reading and the effective covariance C of `Design.covariance`, at the slopes of the parameters. It
     is minimised by `scipy.optimize.least_squares`. For a straight line and independent errors these are the equations
-    of D. York et al., Am. J. Phys. 72 (2004) 367. Errors of a given response, and of an assumed vignetting, are in the
-    solution's covariance but not in the weights of the fit, which would otherwise favour signals near the response's
-    reference point, and patches near the axis.
+    of D. York et al., Am. J. Phys. 72 (2004) 367. Errors of a given response are included in the solution's covariance
+    but not in the weights of the fit, which would otherwise favour signals near its reference point.
 
     Parameters
     ----------
@@ -172,13 +169,13 @@ def solutions(design: Design, candidates: Iterable[CandidateModel]) -> Iterator[
 
 
 def _weighting(design: Design, candidate: CandidateModel) -> Design:
-    """Errors that make the weights: without those of an assumed vignetting, which would favour patches near the axis.
+    """Errors that make the weights: of a given response without those that errors of its shape look like.
 
-    Of a given response it is without all that errors of its shape look like. An effect that was found is no such error:
-    without it, the fit would follow it.
+    An effect that was found is no such error: without it, the fit would follow it.
     """
-    kept = (e for e in design.shared if e.found or (candidate.bracket is None and e.source != VIGNETTING))
-    return replace(design, shared=tuple(kept))
+    if candidate.bracket is None:
+        return design
+    return replace(design, shared=tuple(error for error in design.shared if error.found))
 
 
 def _typical_rel(solution: Solution) -> float:

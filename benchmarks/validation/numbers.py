@@ -16,8 +16,8 @@ from scipy.stats import norm, poisson
 from tracking_accuracy import Tally
 from tracking_disturbances import CASES, frames_of
 from worlds.bench import calibrate_once
+from worlds.catalogue import WORLDS
 from worlds.table import HIGHEST, LOWEST, NAMED, binomial_error, summarise
-from worlds.world import WORLDS
 
 import labcdp
 from labcdp.calibration.emva.data_set import characterise_data_set

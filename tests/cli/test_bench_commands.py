@@ -66,7 +66,7 @@ def test_devices_are_found_checked_and_read(labcdp, running_bench, tmp_path):
     done = labcdp("doctor", "--json", *port, "--stream-test", camera["serial"], "--report", "bug.zip")
     groups = checks_of(done)
     _, of_camera, of_meter = groups
-    assert groups[of_camera]["frames"]["cause"].startswith("5 of 5 frames came whole")
+    assert groups[of_camera]["frames"]["cause"].startswith("5 of 5 frames ")
     assert groups[of_meter]["unit"]["state"] == "good"
     # The problem report holds description, features and bytes.
     with ZipFile(tmp_path / "bug.zip") as archive:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from labcdp.cli.app import app
+from labcdp.cli.options import default_folder
 from labcdp.core.errors import LabcdpError
 from labcdp.output import LIST_FILE
 from labcdp.regions import RectangleShape, save_regions
@@ -83,16 +84,17 @@ def put_foreign(folder, names=USUAL):
 @pytest.mark.parametrize("command", FOLDERS)
 def test_a_folder_of_others_is_refused_before_any_work(command, work):
     put_foreign(work / "out")
-    name = Path([*FOLDERS[command], "labcdp"][1 if command == "verify" else 0]).stem
-    (work / f"{name}-{command}").mkdir()
-    (work / f"{name}-{command}" / "mine").touch()
+    source = Path([*FOLDERS[command], "labcdp"][1 if command == "verify" else 0])
+    folder = default_folder(work / source, command).name
+    (work / folder).mkdir()
+    (work / folder / "mine").touch()
     before = contents(work)
     for output in ("out", ".", "", "small.toml", "a.png"):
         for force in ([], ["--force"]):
             error = run(command, *FOLDERS[command], "--output", output, *force)
             assert "another folder" in error, (output, error)
     # The default folder says input and command.
-    assert f"{name}-{command} contains files but no {LIST_FILE}" in run(command, *FOLDERS[command])
+    assert f"{folder} contains files but no {LIST_FILE}" in run(command, *FOLDERS[command])
     assert contents(work) == before
 
 

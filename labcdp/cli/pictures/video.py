@@ -33,6 +33,9 @@ from ..terminal import progress_bars, say
 from ..values import fraction_of_percent
 from .options import FrameOptions, LightOptions, MadeOptions, PairOptions, each_once, require_kind, rois_and_pairs
 
+#: First bytes of TIFF and BigTIFF files.
+_TIFF = b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"
+
 
 def _reference(text: str, name: str) -> Reference:
     """Return a reference contrast, or where it is; raises InputError."""
@@ -95,8 +98,7 @@ def video(
     files : VIDEO...
         Video files, folders of numbered images, recorded sessions; or a folder of video files.
     """
-    # Whose name says so: Motion JPEG begins as a JPEG does.
-    require_kind(files, lambda path, head: no_video(path, head, path.suffix.lower() in (".jpg", ".jpeg")))
+    require_kind(files, _no_video)
     named, pairs = _regions(chosen)
     common = _common(chosen, light, frames)
 
@@ -262,3 +264,10 @@ def _paths(files: Sequence[Path]) -> list[Path]:
         for folder in left_out(given) if video_paths([given]) != [given] else ():
             say(f"Note: {folder} contains images and is skipped, since {given} contains videos: give {folder} itself")
     return each_once(video_paths(files), "video")
+
+
+def _no_video(path: Path, head: bytes) -> InputError | None:
+    """Return the error of a picture; a TIFF may hold a stack of frames, and Motion JPEG begins as a JPEG does."""
+    if head[:4] in _TIFF:
+        return None
+    return no_video(path, head, path.suffix.lower() in (".jpg", ".jpeg"))

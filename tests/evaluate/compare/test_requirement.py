@@ -30,7 +30,7 @@ def lowest(chain, requirement):
         ({}, {"glare_cd_m2": 5.0}, "glare"),
         ({"windscreen__glare_fraction": 0.8}, {}, "glare"),
         ({"sensor__read_noise_e": 60.0}, {}, "read noise"),
-        ({"sensor__prnu_rel": 0.1}, {}, "non-uniformity"),
+        pytest.param({"sensor__prnu_rel": 0.1}, {}, "non-uniformity", marks=pytest.mark.long),
         ({"sensor__dark_current_e_s": 20000.0}, {"luminance_cd_m2": (0.5, 1.0)}, "dark current"),
         ({"sensor__read_noise_e": 0.0}, {"luminance_cd_m2": (0.01, 1.0), "temperature_c": -40.0}, "photon noise"),
         ({}, {"luminance_cd_m2": (1e5, 1e6)}, "saturation"),
@@ -45,6 +45,7 @@ def test_the_lowest_cdp_and_what_limits_it(chain, changes, required, limit):
     assert found.limit == limit
 
 
+@pytest.mark.long
 def test_the_uncertainty_of_parameters_decides_near_the_limit(chain):
     """U is twice the root of the sum of squares of what each parameter does; half of it is not enough."""
     noisy = chain.with_(sensor__read_noise_e=40.0)

@@ -8,7 +8,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from importlib.metadata import version
-from math import sqrt
+from math import hypot, sqrt
 
 import numpy as np
 
@@ -144,7 +144,7 @@ def _fitted_if_possible(
     gains = _gains(final, settings)
     tests = (*tests, checks.scatter(stated), checks.gain(gains, settings[0].gain_db))
     responsivity = replace(
-        _responsivity(stated, final, of_glare),
+        _responsivity(stated, final, of_glare, times),
         glare_cd_m2=glare_cd_m2,
         dark_offset_dn=abs(selection.size_of("dark signal")),
         dark_rate_dn_s=abs(selection.size_of("dark current")),
@@ -211,7 +211,7 @@ def _final(selection: Selection, given: Design, glare_cd_m2: float) -> tuple[Sol
         design = design.without_shared(source) if found else design
     errors = [SharedError("step", abs(selection.size_of("step")) / 2 / sqrt(3))]
     if "glare" not in kinds:
-        errors.append(SharedError(INTERCEPT, cd_m2=glare_cd_m2 * design.veil))
+        errors.append(SharedError(INTERCEPT, cd_m2=glare_cd_m2 * given.veil))
     known = replace(design, shared=(*design.shared, *errors))
     design = with_found(known, [one for one in selection.found if one.effect.kind not in _AS_IN_USE])
     candidate = selection.solution.candidate
@@ -224,13 +224,13 @@ def _versions() -> tuple[tuple[str, str], ...]:
     return (("python", platform.python_version()), *((name, version(name)) for name in ("labcdp", "numpy", "scipy")))
 
 
-def _responsivity(first: Solution, final: Solution, glare: FitTest) -> ResponsivityFit:
+def _responsivity(first: Solution, final: Solution, glare: FitTest, times: ExposureTimes) -> ResponsivityFit:
     design, responsivity = final.design, final.response[1]
     relative = float(np.sqrt(final.parameter_covariance[0, 0]) / final.parameters[0])
     scatter = scatter_of_one(design)
     return ResponsivityFit(
         responsivity_dn_s_cd_m2=responsivity,
-        random_rel=relative,
+        random_rel=hypot(relative, times.either_rel),
         chi_squared=first.chi_squared,
         degrees_of_freedom=first.degrees_of_freedom,
         scatter_rel=scatter.size,

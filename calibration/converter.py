@@ -267,7 +267,7 @@ def common_errors(
             if part
         ),
         *((CommonError(REFOCUS, calibration.lens.refocus_rel),) if calibration.lens.refocus_rel else ()),
-        CommonError(EXPOSURE_TIME, times.u_rel(exposure_s, jitter_rel)),
+        CommonError(EXPOSURE_TIME, times.u_rel(exposure_s, jitter_rel, calibration.exposures_s)),
         *((CommonError("exposure offset", times.offset_u_rel(exposure_s)),) if times.offset_u_s else ()),
     ]
     fit = calibration.responsivity

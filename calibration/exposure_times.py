@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from math import hypot
 
@@ -21,6 +22,9 @@ class ExposureTimes:
         Added to each stated exposure, with its standard uncertainty.
     deviations : tuple of (float, float, float)
         Stated exposure in s, its relative deviation, and the standard uncertainty of that.
+    either_rel : float
+        Relative standard uncertainty of the responsivity, and of other exposures than the calibrated ones, where others
+        may deviate as well: at those, responsivity times exposure is what the patches show.
 
     Raises
     ------
@@ -37,8 +41,10 @@ class ExposureTimes:
     offset_s: float = 0.0
     offset_u_s: float = 0.0
     deviations: tuple[tuple[float, float, float], ...] = ()
+    either_rel: float = 0.0
 
     def __post_init__(self) -> None:
+        require_not_negative(either_rel=self.either_rel)
         require_not_negative(offset_u_s=self.offset_u_s, deviations=[u for _, _, u in self.deviations])
         if any(deviation <= -1 for _, deviation, _ in self.deviations):
             raise InputError("an exposure would last no time: give relative deviations above -1")
@@ -51,9 +57,10 @@ class ExposureTimes:
         """Relative standard uncertainty by the offset: an error of all exposures with one sign."""
         return self.offset_u_s / self.applied_s(exposure_s)
 
-    def u_rel(self, exposure_s: float, jitter_rel: float) -> float:
-        """Relative standard uncertainty of one exposure by its own deviation and by jitter."""
-        return hypot(self._deviation(exposure_s)[1], jitter_rel)
+    def u_rel(self, exposure_s: float, jitter_rel: float, calibrated_s: Iterable[float]) -> float:
+        """Relative standard uncertainty of one exposure by its own deviation, by jitter and by that of all."""
+        either_rel = 0.0 if any(_same(exposure_s, one) for one in calibrated_s) else self.either_rel
+        return hypot(self._deviation(exposure_s)[1], jitter_rel, either_rel)
 
     def more_uncertain(self, exposure_s: float, u_rel: float) -> ExposureTimes:
         """Return times of which one has a further relative standard uncertainty."""

@@ -129,7 +129,8 @@ class Calibration(Converter):
     def fit_part(self) -> tuple[float, float]:
         """Relative variance of a luminance by fit and scatter of the patches, and its degrees of freedom."""
         fit = self.responsivity
-        parts = (fit.random_rel**2, fit.dof or inf), (fit.scatter_rel**2, fit.scatter_dof or inf)
+        random2 = max(fit.random_rel**2 - self.exposure_times.either_rel**2, 0.0)
+        parts = (random2, fit.dof or inf), (fit.scatter_rel**2, fit.scatter_dof or inf)
         return of_one_estimate(parts)
 
     @property

@@ -232,7 +232,7 @@ def expose(
         Exposure of the frame before, of the same scene, times the light of the lamp; None for the same as this one.
     """
     world = device.world
-    exposed_s = exposure_s + world.exposure_offset_s
+    exposed_s = applied_s(world, exposure_s)
     light = veiled(spread(np.broadcast_to(scene_cd_m2, device.prnu.shape) * device.vignetting, world), world.glare_rel)
     per_s = device.responsivity_e_s_cd_m2 * breathing * light * device.filters * device.prnu
     mean_e = lagging(per_s * exposed_s * lamp, None if before_s is None else per_s * before_s, world)
@@ -242,6 +242,11 @@ def expose(
     offset_dn = offset_dn + (world.light_offset_dn if np.any(light) else 0.0)
     charge_e = electrons(mean_e, world, exposure_s, rng)
     return digitised(curved(analogue_dn(charge_e, world, offset_dn, rng, device.gain), world))
+
+
+def applied_s(world: World, exposure_s: float) -> float:
+    """Exposure time that the camera applies where it states another one."""
+    return exposure_s * dict(world.exposure_factors).get(exposure_s, 1.0) + world.exposure_offset_s
 
 
 def lagging(mean_e: Array, before_e: Array | None, world: World) -> Array:

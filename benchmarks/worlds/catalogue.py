@@ -88,6 +88,10 @@ WORLDS = (
           later=(("hot_spot_rel", 0.0),)),
     World("exposures 50 µs longer than stated", _OFFSET, exposure_offset_s=50e-6),
     World("exposures 50 µs longer than stated, 4 patches", _OFFSET, exposure_offset_s=50e-6, patches=4),
+    World("exposures 200 µs longer than stated", _OFFSET, exposure_offset_s=200e-6),
+    World("one exposure of three twice as long as stated", _OFFSET, exposure_factors=((1e-2, 2.0),)),
+    World("one exposure of two 2 % longer than stated", _OFFSET, exposures_s=(1e-3, 1e-2), darkest_cd_m2=5.0,
+          exposure_factors=((1e-2, 1.02),)),
     # Lamps with a period: pulses of 237 Hz, of which no exposure is a multiple, and mains of 50 Hz behind a rectifier.
     World("later: lamp of 237 Hz, 5 %", _FLICKER, later=(("ripple_rel", 0.05),)),
     World("later: lamp of 237 Hz, 20 %", _FLICKER, later=(("ripple_rel", 0.2),)),

@@ -44,7 +44,7 @@ def read_patches(
     that lags is a low pass of first order: each reading has a share of the one before, the first ones settled.
     """
     total = len(luminances_cd_m2) * world.readings
-    wrong = int(rng.integers(total)) if world.wrong_reading_rel else -1
+    wrong = rng.choice(total, world.wrong_readings, replace=False) if world.wrong_reading_rel else ()
     shown, settled = list[Shown](), float("nan")
     for number, (patch, luminance) in enumerate(luminances_cd_m2.items()):
         half = int(number >= len(luminances_cd_m2) / 2)
@@ -55,7 +55,7 @@ def read_patches(
             light = luminance * lamp(world, second) * (1 + scales[half])
             settled = light if index == 0 else light + world.meter_lag_rel * (settled - light)
             value = settled * (1 + rng.normal(0, world.repeatability_rel * world.noisier)) + shift
-            if index == wrong:
+            if index in wrong:
                 value *= 1 + float(rng.choice([-1, 1])) * world.wrong_reading_rel
             value = max(round(value / world.resolution_cd_m2), 0) * world.resolution_cd_m2
             stated = half if world.recalibrated == "stated" else 0

@@ -14,7 +14,7 @@ from labcdp.core.frame import CameraIdentity, Frame
 from labcdp.core.reading import MeterIdentity, Reading
 from labcdp.session import SessionConfiguration
 
-from .camera import Device, expose, warming
+from .camera import Device, applied_s, expose, warming
 from .lamp import light_of_lamp
 from .meter import SESSION_S, Shown, lamp
 from .target import Target
@@ -91,7 +91,7 @@ class Recorder:
             of_lamp = light_of_lamp(world, exposure_s, self._rng, phase)
             self.light.setdefault(exposure_s, of_lamp)
             dn = expose(device, light, exposure_s, self._rng, 1.0 if after is None else after, of_lamp, before_s)
-            before_s = (exposure_s + world.exposure_offset_s) * of_lamp
+            before_s = applied_s(world, exposure_s) * of_lamp
             taken.append((self.frame(dn, exposure_s, second, device.world.temperature_c), "light", None))
         covered = warming(self.device, READ_S) if after is None else self.device
         for exposure_s in np.repeat(exposures_s, n_dark).tolist():

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from .camera import BAYER, Array, Device, analogue_dn, curved, digitised, electrons, straightened
+from .camera import BAYER, Array, Device, analogue_dn, applied_s, curved, digitised, electrons, straightened
 from .target import Target
 
 #: Pixels drawn of each region.
@@ -58,7 +58,7 @@ def true_pixels(
     total = sum(weight * colour.get(plane, 1.0) for plane, weight in weights.items())
     values = np.zeros(PIXELS)
     for plane, weight in weights.items():
-        per_cd_m2 = device.responsivity_e_s_cd_m2 * exposure_s * BAYER.get(plane, 1.0) * v
+        per_cd_m2 = device.responsivity_e_s_cd_m2 * applied_s(world, exposure_s) * BAYER.get(plane, 1.0) * v
         prnu = 1 if "prnu" in without else 1 + world.prnu_rel * rng.normal(size=PIXELS)
         dsnu_dn = 0 if "dsnu" in without else world.k_dn_per_e * world.dsnu_e * rng.normal(size=PIXELS)
         lines_dn = np.hypot(world.column_dn, world.row_dn) * rng.normal(size=PIXELS)

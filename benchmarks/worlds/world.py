@@ -112,7 +112,9 @@ class World:
     readings : int
         Readings of each patch.
     wrong_reading_rel : float
-        Error of one of all readings.
+        Error of some readings.
+    wrong_readings : int
+        How many of all readings have it.
     recalibrated : {'', 'stated', 'not stated'}
         Whether the meter is readjusted after half the patches, and whether the readings say so.
     patches : int
@@ -127,6 +129,8 @@ class World:
         How much brighter the middle of each patch is than its edge; the meter sees the middle third, in both sessions.
     exposure_offset_s : float
         Added to each exposure time by the camera, which does not say so.
+    exposure_factors : tuple of (float, float)
+        Exposure times and what the camera multiplies them by, of those that are not as stated.
     temperature_c : float
         Of the camera.
     stated_temperature : bool
@@ -190,6 +194,7 @@ class World:
     meter_lag_rel: float = 0.0
     readings: int = 3
     wrong_reading_rel: float = 0.0
+    wrong_readings: int = 1
     recalibrated: Literal["", "stated", "not stated"] = ""
     patches: int = 10
     exposures_s: tuple[float, ...] = (1e-3, 1e-2, 1e-1)
@@ -197,6 +202,7 @@ class World:
     gradient_rel: float = 0.0
     hot_spot_rel: float = 0.0
     exposure_offset_s: float = 0.0
+    exposure_factors: tuple[tuple[float, float], ...] = ()
     temperature_c: float = 30.0
     stated_temperature: bool = True
     later: tuple[tuple[str, float | str | bool], ...] = ()

@@ -78,6 +78,17 @@ class Effect:
         return _NAMES[self.kind].format(self.subject)
 
     @property
+    def of_times(self) -> bool:
+        """Whether it is one of exposure times, which are corrected by it."""
+        return self.kind in ("exposure offset", "exposure")
+
+    def around(self, factor: Array) -> Effect:
+        """Return the effect where exposure times are longer by a factor already, shape (n,)."""
+        if not self.of_times:
+            return self
+        return replace(self, errors=tuple(replace(e, relative=e.relative / factor) for e in self.errors))
+
+    @property
     def what_tells(self) -> str:
         """What would tell it from other effects, in words."""
         return _WHAT_TELLS[self.kind]

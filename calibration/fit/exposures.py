@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from math import hypot, sqrt
 
 import numpy as np
 
 from ...core.errors import CalibrationError
 from ..converter import EXPOSURE_TIME
 from ..exposure_times import ExposureTimes
-from .design import Array, Design, SharedError
-from .selection import Found
+from .design import Design, SharedError
+from .selection import Found, time_factor, with_times_of
 
 #: Source of the error of an offset.
 OFFSET = "exposure offset"
@@ -26,7 +27,7 @@ NO_MODEL = (
 def with_times(design: Design, found: Iterable[Found]) -> tuple[Design, ExposureTimes]:
     """Correct exposure times by what was found of them, whose uncertainties are common errors.
 
-    Where no two exposures agree, nothing says which is as stated: the deviations are an error of all luminances, too.
+    Where others explain the observations as well, nothing says which are as stated.
 
     Parameters
     ----------
@@ -40,25 +41,25 @@ def with_times(design: Design, found: Iterable[Found]) -> tuple[Design, Exposure
     CalibrationError
         If an exposure would last no time.
     """
-    times, stated = ExposureTimes(), design.exposures_s[design.exposure]
-    factor: Array = np.ones_like(stated)
+    found = [one for one in found if one.effect.of_times]
+    times = ExposureTimes()
     errors = list(design.shared)
+    factor = time_factor(design, found)
     for one in found:
         value, uncertainty = one.assessed.value, one.assessed.uncertainty
         if one.effect.kind == "exposure" and value <= -1:
             raise CalibrationError(NO_MODEL)
+        relative = uncertainty * one.effect.around(factor).errors[0].relative
         if one.effect.kind == "exposure offset":
             times = replace(times, offset_s=value, offset_u_s=uncertainty)
-            factor = factor + value / stated
-            errors.append(SharedError(OFFSET, uncertainty / stated))
-        elif one.effect.kind == "exposure":
+            errors.append(SharedError(OFFSET, relative))
+        else:
             exposure_s = float(design.exposures_s[one.effect.number])
-            times = replace(times, deviations=(*times.deviations, (exposure_s, value, uncertainty)))
-            own = stated == exposure_s
-            factor = factor + np.where(own, value, 0.0)
-            errors.append(SharedError(EXPOSURE_TIME, np.where(own, uncertainty, 0.0)))
-    deviations = [deviation for _, deviation, _ in times.deviations]
-    if deviations and len(deviations) >= design.exposures_s.size - 1:
-        errors.append(SharedError(EXPOSURE_TIME, float(np.sqrt(np.mean(np.square(deviations))))))
-    signals = replace(design.signals, scale_per_s=design.signals.scale_per_s / factor)
-    return replace(design, signals=signals, shared=tuple(errors)), times
+            times = replace(times, deviations=(*times.deviations, (exposure_s, value, uncertainty / (1 + value))))
+            errors.append(SharedError(EXPOSURE_TIME, relative))
+        if any(rival.effect.of_times for rival in one.rivals):
+            # None or all of it is an error of the responsivity, with equal probabilities.
+            without = time_factor(design, [other for other in found if other is not one])
+            either_rel = float(np.ptp(np.log(factor / without))) / sqrt(2)
+            times = replace(times, either_rel=hypot(times.either_rel, either_rel))
+    return replace(with_times_of(design, found), shared=tuple(errors)), times

@@ -80,8 +80,10 @@ class Solution:
     @cached_property
     def left(self) -> Array:
         """P = K - K X (X^T K X)^-1 X^T K with the Jacobian X, shape (n, n): what the parameters leave."""
-        columns = self.weight @ self.jacobian
-        left: Array = self.weight - columns @ np.linalg.solve(self.jacobian.T @ columns, columns.T)
+        # Parameters of very different sizes: their columns are scaled.
+        jacobian = self.jacobian / np.sqrt(np.einsum("ni,nm,mi->i", self.jacobian, self.weight, self.jacobian))
+        columns = self.weight @ jacobian
+        left: Array = self.weight - columns @ np.linalg.solve(jacobian.T @ columns, columns.T)
         return left
 
     @property

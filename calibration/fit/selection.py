@@ -27,6 +27,10 @@ _CONTRADICTION = 1e-4
 _ALIKE = 2.0
 #: Difference of their logarithms within which effects are the same at these patches; the first one is then named.
 _SAME = 0.01
+#: Least factor by which an exposure may be shorter than stated.
+SHORTEST = 0.01
+#: Most rounds for exposure times, and the step in standard uncertainties at which they end.
+_TIME_ROUNDS, _EXACT = 20, 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,8 +134,9 @@ class Found:
 def select(design: Design, candidates: Sequence[CandidateModel]) -> Selection:
     """Select the response, and the effects beside it that are significant, one after the other.
 
-    Each step takes what explains the observations best, a better response or one more effect, and fits all anew. At
-    last, effects that the others have made insignificant are dropped.
+    Each step takes what explains the observations best, a better response or one more effect, and fits all anew, at
+    corrected exposure times before the next effect is looked for. At last, effects that the others have made
+    insignificant are dropped.
 
     Raises
     ------
@@ -142,16 +147,67 @@ def select(design: Design, candidates: Sequence[CandidateModel]) -> Selection:
     now = Selection(*select_model(design, candidates, effects))
     while found_more := _next(now.solution, effects, found):
         found.append(found_more)
-        now = Selection(*_with(design, candidates, effects, found))
-    settled = _without_others(design, now.solution.candidate, effects, found)
+        for _ in candidates:
+            candidate = now.solution.candidate
+            found = _with_exact_times(design, candidate, found)
+            now = Selection(*_with(design, candidates, effects, found))
+            if now.solution.candidate == candidate:
+                break
+    settled = _without_others(design, now.solution.candidate, found)
     if len(settled) < len(found):
         now = Selection(*_with(design, candidates, effects, settled))
-    return replace(now, found=tuple(settled))
+    candidate = now.solution.candidate
+    return replace(now, found=tuple(_with_rivals(design, candidate, effects, settled, one) for one in settled))
+
+
+def time_factor(design: Design, found: Iterable[Found]) -> Array:
+    """Return exposure times by what was found of them, over the stated ones, shape (n,)."""
+    errors = [(one.assessed.value, one.effect.errors[0].relative) for one in found if one.effect.of_times]
+    factor: Array = np.ones_like(design.net_dn) + sum(value * relative for value, relative in errors)
+    return np.maximum(factor, SHORTEST)
+
+
+def with_times_of(design: Design, found: Iterable[Found]) -> Design:
+    """Return the design with exposure times as they were found."""
+    factor = time_factor(design, found)
+    return replace(design, signals=replace(design.signals, scale_per_s=design.signals.scale_per_s / factor))
 
 
 def with_found(design: Design, found: Sequence[Found]) -> Design:
-    """Return the design with effects as parameters."""
-    return replace(design, shared=(*design.shared, *(e for one in found for e in one.effect.within(one.widths))))
+    """Return the design with effects as parameters, those of exposure times around what was found."""
+    factor = time_factor(design, found)
+    shared = (*design.shared, *(e for one in found for e in one.effect.around(factor).within(one.widths)))
+    return replace(with_times_of(design, found), shared=shared)
+
+
+def _with_exact_times(design: Design, candidate: CandidateModel, found: Sequence[Found]) -> list[Found]:
+    """Return exposure times that leave nothing: they are factors of luminances, and their columns only tangents."""
+    now = list(found)
+    numbers = [k for k, one in enumerate(now) if one.effect.of_times]
+    for _ in range(_TIME_ROUNDS):
+        steps = [_step_of_time(design, candidate, now, k) for k in numbers]
+        if all(step < _EXACT for step in steps):
+            break
+    return now
+
+
+def _step_of_time(design: Design, candidate: CandidateModel, now: list[Found], number: int) -> float:
+    """Correct what was found of an exposure time by what it leaves; return that, in standard uncertainties."""
+    before, rest = now[number], [one for k, one in enumerate(now) if k != number]
+    effect = before.effect.around(time_factor(design, now))
+    corrected = replace(with_found(design, rest), signals=with_times_of(design, now).signals)
+    try:
+        left = assess(solve(corrected, candidate), effect)
+    except CalibrationError:
+        return 0.0
+    if not left.amplitude.n:
+        return 0.0
+    # The column is relative to the root of luminance times reading, see `Design.level`.
+    largest = float(np.max(np.abs(effect.errors[0].relative)))
+    moved = before.assessed.amplitude.value + np.expm1(2 * np.arcsinh(left.value * largest / 2)) / largest
+    amplitude = before.assessed.amplitude._replace(value=moved, uncertainty=left.amplitude.uncertainty)
+    now[number] = replace(before, assessed=before.assessed._replace(amplitude=amplitude))
+    return abs(left.value / left.uncertainty)
 
 
 def _with(
@@ -181,25 +237,50 @@ def _significant(solution: Solution, effects: Iterable[Effect]) -> list[Assessed
     return [one for one in rows if one.significant and one.matters(solution)]
 
 
-def _without_others(
-    design: Design, candidate: CandidateModel, effects: Sequence[Effect], found: Sequence[Found]
-) -> list[Found]:
-    """Assess each effect beside the others that were found, with its rivals, and drop what is not significant."""
+def _without_others(design: Design, candidate: CandidateModel, found: Sequence[Found]) -> list[Found]:
+    """Assess each effect beside the others that were found, and drop what is not significant."""
     kept = list(found)
     for one in found:
         rest = [other for other in kept if other is not one]
-        solution = solve(with_found(design, rest), candidate)
-        again = assess(solution, one.effect)
-        number = kept.index(one)
+        again = assess(solve(with_found(design, rest), candidate), one.effect)
         if not again.significant:
-            kept.pop(number)
-            continue
-        others = [other for other in _others(effects, kept) if other.kind != one.effect.kind]
-        alike = [row for row in _significant(solution, others) if row.log_p <= again.log_p + _ALIKE]
-        if one.effect.kind == "patch":
-            alike += [row.assessed for row in rest if _is_most_at(row, one.effect, solution)]
-        kept[number] = Found(again, tuple(sorted(alike, key=lambda row: row.log_p)))
-    return kept
+            kept = rest
+        elif not one.effect.of_times:
+            kept[kept.index(one)] = Found(again)
+    return _with_exact_times(design, candidate, kept)
+
+
+def _with_rivals(
+    design: Design, candidate: CandidateModel, effects: Sequence[Effect], found: Sequence[Found], one: Found
+) -> Found:
+    """Return an effect with others that explain the observations about as well in its place."""
+    rest = [other for other in found if other is not one]
+    solution = solve(with_found(design, rest), candidate)
+    alike = _significant(solution, [other for other in _others(effects, rest) if _is_another(other, one.effect)])
+    if one.effect.of_times:
+        alike = _as_good(design, candidate, found, one, alike)
+    else:
+        alike = [row for row in alike if row.log_p <= one.assessed.log_p + _ALIKE]
+    if one.effect.kind == "patch":
+        alike += [row.assessed for row in rest if _is_most_at(row, one.effect, solution)]
+    return replace(one, rivals=tuple(sorted(alike, key=lambda row: row.log_p)))
+
+
+def _as_good(
+    design: Design, candidate: CandidateModel, found: Sequence[Found], one: Found, others: Iterable[Assessed]
+) -> list[Assessed]:
+    """Return what may stand for an effect of exposure times, by fits at exact ones: a linear test only says where."""
+    own, rest, result = solve(with_found(design, found), candidate), [f for f in found if f is not one], []
+    most = own.chi_squared + 2 * _ALIKE * max(1.0, own.chi_squared / max(own.degrees_of_freedom, 1))
+    for other in others:
+        instead = with_found(design, _with_exact_times(design, candidate, [*rest, Found(other)]))
+        result += [other for solution in solutions(instead, [candidate]) if solution.chi_squared <= most]
+    return result
+
+
+def _is_another(other: Effect, effect: Effect) -> bool:
+    """Whether an effect is another cause than one that was found: each exposure is one of its own."""
+    return other.key != effect.key and (other.kind != effect.kind or effect.of_times)
 
 
 def _is_most_at(found: Found, patch: Effect, solution: Solution) -> bool:

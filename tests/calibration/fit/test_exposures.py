@@ -7,7 +7,6 @@ import pytest
 
 from labcdp.calibration import fit, load, patch_luminance, save
 from labcdp.calibration.exposure_times import AS_STATED
-from labcdp.core.errors import CalibrationError
 
 from ..conftest import EXPOSURES_S, SimulatedCamera, bench, codes, make_reading
 
@@ -29,14 +28,39 @@ def calibrated(camera, setup, seed=1):
     return fit(*bench(camera, lambda v: make_reading(v * (1 + rng.normal(0, 0.002))), rng), setup)
 
 
-@pytest.mark.filterwarnings("ignore::RuntimeWarning")
 @pytest.mark.parametrize(
     ("changes", "seed"),
-    [({"offset_s": 0.001}, 4), ({"offset_s": 0.001}, 6), ({"factors": (10.0, 1.0, 1.0)}, 2)],
+    [
+        ({"offset_s": 0.001}, 4),
+        ({"offset_s": 0.001}, 6),
+        ({"offset_s": 0.0002}, 1),
+        ({"factors": (10.0, 1.0, 1.0)}, 2),
+        ({"factors": (1.0, 2.0, 1.0)}, 3),
+        ({"factors": (1.0, 1.0, 2.0)}, 4),
+        ({"factors": (0.5, 1.0, 1.0)}, 5),
+    ],
 )
-def test_exposures_that_no_model_fits_are_refused(setup, changes, seed):
-    with pytest.raises(CalibrationError, match="check that"):
-        calibrated(LateCamera(**changes), setup, seed)
+def test_large_errors_of_exposures_are_corrected_as_factors(setup, changes, seed):
+    camera = LateCamera(**changes)
+    calibration = calibrated(camera, setup, seed)
+    assert calibration.responsivity.responsivity_dn_s_cd_m2 == pytest.approx(1200, rel=0.005)
+    for k, exposure_s in enumerate(EXPOSURES_S):
+        applied_s = exposure_s * camera.factors[k] + camera.offset_s
+        assert calibration.exposure_times.applied_s(exposure_s) == pytest.approx(applied_s, rel=0.01)
+    assert not {"patches-scatter", "exposures-scatter", "exposures-scatter-dn"} & {*codes(calibration)}
+
+
+@pytest.mark.parametrize("factors", [(1.02, 1.0, 1.0), (1.0, 1.02, 1.0)])
+def test_of_two_exposures_either_may_be_wrong(setup, factors):
+    camera, rng = LateCamera(factors=factors), np.random.default_rng(4)
+    observations, darks, readings = bench(camera, lambda v: make_reading(v * (1 + rng.normal(0, 0.002))), rng)
+    calibration = fit([o for o in observations if o.exposure_s < EXPOSURES_S[2]], darks, readings, setup)
+    seen = {o.patch for o in observations if o.exposure_s < EXPOSURES_S[2]}
+    assert seen == {*readings}
+    fitted = calibration.responsivity
+    assert abs(fitted.responsivity_dn_s_cd_m2 / 1200 - 1) < 1.96 * fitted.random_rel < 0.05
+    either = next(one for one in calibration.findings if one.code == "one-of")
+    assert "exposure-deviates" in either.values["codes"]
 
 
 def test_an_offset_of_all_exposures_is_found_and_corrected(setup, tmp_path):

@@ -276,18 +276,35 @@ class _KeptReadings:
 
 
 def _alike(several: Sequence[_KeptReadings]) -> list[_KeptReadings]:
-    """Patches whose readings scatter alike: without those that scatter more than all others together (F test)."""
+    """Patches whose readings scatter alike: without those of readings beyond the scatter of all others (F test).
+
+    Bad readings hide each other: the one that deviates most from its patch is left out in turn, up to a quarter, and as
+    many count as the last one that is significant has before it, as of patches (`labcdp.calibration.fit.selection`).
+    """
     from scipy.stats import f
 
-    alike = sorted(several, key=lambda one: one.chi_squared / one.dof)
-    while len(alike) > 1:
-        *others, worst = alike
-        dof = sum(one.dof for one in others)
-        usual = max(sum(one.chi_squared for one in others) / dof, 1.0)
-        if len(alike) * f.sf(worst.chi_squared / worst.dof / usual, worst.dof, dof) >= _CHANCE:
+    left = [one.values / sqrt(one.variance) for one in several]
+    without: set[int] = set()
+    odd: set[int] = set()
+    n_left = sum(values.size for values in left)
+    for _ in range(n_left // 4):
+        worst, drop = max(((k, _drops(values).max()) for k, values in enumerate(left)), key=lambda one: one[1])
+        left[worst] = np.delete(left[worst], int(np.argmax(_drops(left[worst]))))
+        without.add(worst)
+        dof = sum(values.size - 1 for values in left)
+        if dof < 1:
             break
-        alike = others
-    return alike
+        usual = max(sum(float(np.sum((values - values.mean()) ** 2)) for values in left) / dof, 1.0)
+        if n_left * f.sf(drop / usual, 1, dof) < _CHANCE:
+            odd = set(without)
+    return [one for k, one in enumerate(several) if k not in odd]
+
+
+def _drops(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Decrease of the sum of squares about the mean without each value."""
+    n = values.size
+    drops: NDArray[np.float64] = (values - values.mean()) ** 2 * n / max(n - 1, 1)
+    return drops
 
 
 def parts_of_readings(readings: Sequence[PatchReading], weights: Sequence[float]) -> list[tuple[float, float]]:

@@ -51,6 +51,7 @@ WORLDS = (
     World("meter digits", resolution_cd_m2=0.01, digits=2),
     World("one wrong reading of three, 20 %", _READINGS, wrong_reading_rel=0.2),
     World("one wrong reading of one, 20 %", _READINGS, wrong_reading_rel=0.2, readings=1),
+    World("two wrong readings of ten, 20 %", _READINGS, wrong_reading_rel=0.2, wrong_readings=2, readings=1),
     World("recalibrated meter", ("step",), scale_half_width_rel=0.02, recalibrated="stated"),
     World("recalibrated meter, not stated", ("step",),
           scale_half_width_rel=0.02, recalibrated="not stated"),

@@ -44,7 +44,7 @@ def read_patches(
     that lags is a low pass of first order: each reading has a share of the one before, the first ones settled.
     """
     total = len(luminances_cd_m2) * world.readings
-    wrong = rng.choice(total, world.wrong_readings, replace=False) if world.wrong_reading_rel else ()
+    wrong = set(rng.permutation(total)[: world.wrong_readings].tolist()) if world.wrong_reading_rel else set()
     shown, settled = list[Shown](), float("nan")
     for number, (patch, luminance) in enumerate(luminances_cd_m2.items()):
         half = int(number >= len(luminances_cd_m2) / 2)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import combinations
-from math import log, log1p
+from math import comb, log, log1p
 from typing import NamedTuple
 
 import numpy as np
@@ -70,6 +70,11 @@ class CandidateModel:
         """Number of parameters b."""
         n = len(self.knots_dn)
         return {"linear": 1, "quadratic": 2, "cubic": 3, "gamma": 2, "knees": 2 * n - 1, "table": 1}.get(self.kind, n)
+
+    @property
+    def alike(self) -> int:
+        """Models of its kind that it is the best of: places at which knees were looked for."""
+        return comb(_N_PLACES, len(self.knots_dn) - 1) if self.kind == "knees" else 1
 
     def shape(self, net_dn: Array) -> Array:
         """Return the approximate shape of c: h of a table or of a typical gamma, else the signal itself."""

@@ -55,7 +55,7 @@ def require_every_gain(design: Design, settings: Sequence[GainSetting]) -> None:
 def require_monotone(solution: Solution, deviating: Collection[str]) -> None:
     """Refuse two patches of which the brighter one gives clearly less signal; raises CalibrationError, naming them.
 
-    Those that deviate from all others are named already.
+    Those that deviate from all others are named already, unless each has the other's reading.
     """
     design = solution.design
     reading, seen, by_meter = design.reading_cd_m2, seen_cd_m2(solution), np.sqrt(design.reading_variance)
@@ -66,7 +66,11 @@ def require_monotone(solution: Solution, deviating: Collection[str]) -> None:
         for k in range(seen.size):
             apart = reading[i] - reading[k] > _INVERSION_LIMIT * hypot(by_meter[i], by_meter[k])
             inverted = seen[k] - seen[i] > _INVERSION_LIMIT * hypot(by_camera[i], by_camera[k])
-            named = deviating and {design.patches[i], design.patches[k]} & {*deviating}
+            named = {design.patches[i], design.patches[k]} & {*deviating}
+            # Two that deviate may be exchanged.
+            if len(named) == 2:
+                apart_rel = max(abs(reading[i] / seen[k] - 1), abs(reading[k] / seen[i] - 1))
+                named = named if apart_rel > _INVERSION - 1 else set()
             if not named and apart and inverted and reading[i] * seen[k] > _INVERSION * reading[k] * seen[i]:
                 raise CalibrationError(
                     f"patch {design.patches[i]!r} reads {reading[i]:.4g} cd/m² and patch {design.patches[k]!r} "

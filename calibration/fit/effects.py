@@ -30,7 +30,7 @@ WORTH = 6.6
 #: Width of the prior of an effect that was found, over its size: it is as good as free.
 FREE = 10.0
 #: Fewest patches for finding a bad one, so that three remain; and the largest fraction of them (at least one).
-_MIN_PATCHES, _MAX_SHARE = 4, 0.1
+_MIN_PATCHES, _MAX_SHARE = 4, 0.25
 #: Patches in excess of the parameters required for a test of positions.
 _SPARE_PATCHES = 2
 #: Readings within this many hours cannot show a drift.

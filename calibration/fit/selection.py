@@ -145,8 +145,8 @@ def select(design: Design, candidates: Sequence[CandidateModel]) -> Selection:
     """
     effects, found = effects_of(design, with_exposures=candidates[0].bracket is None), list[Found]()
     now = Selection(*select_model(design, candidates, effects))
-    while found_more := _next(now.solution, effects, found):
-        found.append(found_more)
+    while found_more := _next(design, now.solution, effects, found):
+        found = [*found, *found_more]
         for _ in candidates:
             candidate = now.solution.candidate
             found = _with_exact_times(design, candidate, found)
@@ -223,13 +223,34 @@ def _others(effects: Sequence[Effect], found: Sequence[Found]) -> list[Effect]:
     return [one for one in effects if one.key not in keys and kinds.count(one.kind) < one.most]
 
 
-def _next(solution: Solution, effects: Sequence[Effect], found: Sequence[Found]) -> Found | None:
-    """Return the most significant effect that is not found yet."""
+def _next(design: Design, solution: Solution, effects: Sequence[Effect], found: Sequence[Found]) -> Sequence[Found]:
+    """Return the most significant effect that is not found yet, or patches that hide each other."""
+    if solution.degrees_of_freedom <= 1:
+        return ()
     rows = _significant(solution, _others(effects, found))
-    if not rows or solution.degrees_of_freedom <= 1:
-        return None
+    if not rows:
+        return _several_patches(design, solution.candidate, effects, found)
     best = min(one.log_p for one in rows)
-    return Found(next(one for one in rows if one.log_p <= best + _SAME))
+    return (Found(next(one for one in rows if one.log_p <= best + _SAME)),)
+
+
+def _several_patches(
+    design: Design, candidate: CandidateModel, effects: Sequence[Effect], found: Sequence[Found]
+) -> Sequence[Found]:
+    """Return patches of which each makes the others look like scatter: the one that deviates most is left out in turn.
+
+    As many count as the last one that is significant has before it: B. Rosner, Technometrics 25 (1983) 165.
+    """
+    more, result = list[Found](), list[Found]()
+    while patches := [one for one in _others(effects, [*found, *more]) if one.kind == "patch"]:
+        solution = next(solutions(with_found(design, [*found, *more]), [candidate]), None)
+        if solution is None or solution.degrees_of_freedom <= 1:
+            break
+        row = assess(solution, largest_of_each_kind(solution, patches)[0])
+        more.append(Found(row))
+        if row.significant and row.matters(solution):
+            result = list(more)
+    return result
 
 
 def _significant(solution: Solution, effects: Iterable[Effect]) -> list[Assessed]:
@@ -377,7 +398,7 @@ def _obstacle(
     dof = max(better.candidate.n_parameters - simple.candidate.n_parameters, 1)
     unexplained = max(1.0, better.chi_squared / max(better.degrees_of_freedom, 1))
     drop = simple.chi_squared - better.chi_squared
-    if p_value_of_chi_squared(max(drop, 0.0) / unexplained, dof) >= SMALL_P_VALUE:
+    if p_value_of_chi_squared(max(drop, 0.0) / unexplained, dof) * better.candidate.alike >= SMALL_P_VALUE:
         return info("model-not-significant")
     alternative = max(effects, key=lambda one: worth(simple, one), default=None)
     if alternative is not None and worth(simple, alternative) >= drop:

@@ -203,6 +203,33 @@ def test_a_bad_reading_is_named_and_moves_nothing(camera, setup, factor, index, 
     assert calibration.range_cd_m2 == pytest.approx(right.range_cd_m2, rel=0.01)
 
 
+@pytest.mark.parametrize("factors", [(1.2, 1.2), (0.8, 1.2), (1.05, 0.95), (1.03, 1.2)])
+@pytest.mark.parametrize("patches", [(3, 9), (6, 7)])
+def test_two_bad_readings_of_twelve_do_not_hide_each_other(camera, setup, factors, patches):
+    rng = np.random.default_rng([*patches, *(int(100 * f) for f in factors)])
+    observations, darks, readings = bench(camera, noisy(rng), rng)
+    wrong = {f"P{k}": [make_reading(LUMINANCES[k] * f)] for k, f in zip(patches, factors, strict=True)}
+    calibration = fit(observations, darks, readings | wrong, setup)
+    named = {one.subject: one.values["ratio"] for one in calibration.findings if "contradicts" in one.code}
+    assert named == {f"P{k}": pytest.approx(f, abs=0.01) for k, f in zip(patches, factors, strict=True)}
+    assert calibration.responsivity.responsivity_dn_s_cd_m2 == pytest.approx(1200, rel=0.004)
+    assert calibration.responsivity.scatter_rel < 0.003
+    assert not calibration.left_out or all(one.reading is None for one in calibration.left_out)
+
+
+@pytest.mark.parametrize("factors", [(1.2, 0.8), (1.05, 1.05)])
+def test_two_bad_readings_of_four_patches_are_named(camera, setup, factors):
+    """Three readings of each: half of the patches have one that is wrong."""
+    rng = np.random.default_rng(5)
+    observations, darks, readings = bench(camera, noisy(rng), rng, LUMINANCES[1::3], n_readings=3)
+    for patch, factor, number in (("P1", factors[0], 1), ("P3", factors[1], 2)):
+        value = readings[patch][number].value * factor
+        readings[patch][number] = replace(readings[patch][number], value=value)
+    found = fit(observations, darks, readings, setup).findings
+    named = {(one.subject, one.values["number"]) for one in found if one.code == "reading-contradicts"}
+    assert named == {("P1", 2), ("P3", 3)}
+
+
 def test_two_readings_that_contradict_each_other_have_little_weight(camera, setup):
     observations, darks, readings = bench(camera)
     (one,) = readings["P5"]

@@ -7,6 +7,7 @@ from math import inf, sqrt
 from typing import Protocol, TypeAlias
 
 from ..core.result import Finding, warning
+from .converter import Converter
 from .setup import LensIdentity, MeterScale
 from .uncertainty import effective_dof, expanded_rel
 
@@ -32,16 +33,26 @@ class _Calibration(Protocol):
     def field_rel(self) -> float: ...
     @property
     def fit_part(self) -> Part: ...
+    @property
+    def range_cd_m2(self) -> tuple[float, float]: ...
+    @property
+    def weights(self) -> tuple[float, ...]: ...
+    @property
+    def planes(self) -> tuple[Converter, ...]: ...
 
 
-def own_tolerance_rel(calibration: _Calibration, of_place_rel: float = 0.0) -> float:
-    """Relative U (95 %) of a calibration without a patch's noise; `of_place_rel` is by an assumed vignetting there."""
-    others = calibration.lens.refocus_rel**2 + of_place_rel**2 + calibration.field_rel**2
+def own_tolerance_rel(calibration: _Calibration, other_rel: float = 0.0) -> float:
+    """Relative U (95 %) of a calibration without a patch's noise; `other_rel` is by vignetting there, or by glare."""
+    others = calibration.lens.refocus_rel**2 + other_rel**2 + calibration.field_rel**2
     return expanded_of_scales([calibration.meter_scale], [calibration.fit_part, (others, inf)])
 
 
 def of_no_use(calibration: _Calibration) -> list[Finding]:
-    """Warn of a calibration whose U is so large that it is of no use."""
-    expanded = own_tolerance_rel(calibration)
-    limits = {"expanded_rel": expanded, "limit_rel": _NO_USE_REL}
+    """Warn of a calibration whose U in the middle of its range, glare included, is so large that it is of no use."""
+    middle_cd_m2 = sqrt(calibration.range_cd_m2[0] * calibration.range_cd_m2[1])
+    # Each plane sees its part of the luminance.
+    of_plane_cd_m2 = middle_cd_m2 / sum(calibration.weights)
+    glare_rel = max(abs(plane.responsivity.glare_cd_m2) for plane in calibration.planes) / of_plane_cd_m2
+    expanded = own_tolerance_rel(calibration, glare_rel)
+    limits = {"expanded_rel": expanded, "limit_rel": _NO_USE_REL, "luminance_cd_m2": middle_cd_m2}
     return [warning("calibration-of-no-use", **limits)] if expanded > _NO_USE_REL else []

@@ -263,7 +263,9 @@ def _without_others(design: Design, candidate: CandidateModel, found: Sequence[F
     kept = list(found)
     for one in found:
         rest = [other for other in kept if other is not one]
-        again = assess(solve(with_found(design, rest), candidate), one.effect)
+        # A response may need an effect to rise at all.
+        solution = next(solutions(with_found(design, rest), [candidate]), None)
+        again = one.assessed if solution is None else assess(solution, one.effect)
         if not again.significant:
             kept = rest
         elif not one.effect.of_times:
@@ -276,7 +278,9 @@ def _with_rivals(
 ) -> Found:
     """Return an effect with others that explain the observations about as well in its place."""
     rest = [other for other in found if other is not one]
-    solution = solve(with_found(design, rest), candidate)
+    solution = next(solutions(with_found(design, rest), [candidate]), None)
+    if solution is None:
+        return one
     alike = _significant(solution, [other for other in _others(effects, rest) if _is_another(other, one.effect)])
     if one.effect.of_times:
         alike = _as_good(design, candidate, found, one, alike)

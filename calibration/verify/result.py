@@ -192,6 +192,8 @@ class Verification:
         Weighted mean of the deviations, and its U (95 %).
     frames_sha256 : tuple of str
         Hash of the pixels of each frame; empty in files of labcdp 0.2.0.
+    calibration_number : str
+        Number of the calibration's file, as its certificate has it; empty where it was in no file.
     """
 
     findings: tuple[Finding, ...]
@@ -211,6 +213,7 @@ class Verification:
     mean_rel: float
     mean_expanded_rel: float
     frames_sha256: tuple[str, ...] = ()
+    calibration_number: str = ""
 
     @property
     def same_meter(self) -> bool:

@@ -6,6 +6,7 @@ import shutil
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Literal
 
 from ..core.dn import pixel_format
@@ -292,6 +293,15 @@ def contrast_findings(configuration: SessionConfiguration) -> tuple[Finding, ...
             names = f"{pair.bright} / {pair.dark}"
             findings.append(warning("target-contrast-doubtful", names, contrast=pair.contrast, nominal=expected))
     return tuple(findings)
+
+
+def certificate_findings(configuration: SessionConfiguration, now: datetime) -> tuple[Finding, ...]:
+    """Find a certificate of the meter that says nothing about readings at a time: calibrate would refuse them."""
+    certificate = configuration.meter.certificate
+    if certificate is None or certificate.holds_at(now):
+        return ()
+    named = {"number": certificate.number, "date": f"{certificate.date}", "today": f"{now:%Y-%m-%d}"}
+    return (warning("certificate-later", configuration.meter.model, **named),)
 
 
 def check_room(camera: Camera, session: Session) -> None:

@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
 
 from ..core.clock import Clock, SystemClock, exposure_text
 from ..core.errors import InputError, SessionError
@@ -34,6 +35,7 @@ from .plan import (
     CHECK,
     Unit,
     before_and_after,
+    certificate_findings,
     check_devices,
     check_plan,
     check_room,
@@ -162,7 +164,8 @@ def _begin(session: Session, camera: Camera, meter: Meter, report: Report) -> No
     setup = prepare_camera(camera, session.configuration.camera)
     check_plan(camera, session.configuration)
     check_room(camera, session)
-    for finding in contrast_findings(session.configuration):
+    now = datetime.now(UTC)
+    for finding in (*contrast_findings(session.configuration), *certificate_findings(session.configuration, now)):
         report(Progress("plan", 0, 1, note=f"Warning: {finding_text(finding)}"))
     session.add_event("devices", {"camera": asdict(camera.identity), "meter": asdict(meter.identity)})
     session.add_event("camera setup", asdict(setup))

@@ -46,6 +46,7 @@ class StatedOfVideo(TypedDict, total=False):
 
     exposure_s: float | None
     gain_db: float | None
+    temperature_c: float | None
     bit_depth: int | None
     black_level_dn: float | None
     bayer: Literal["RGGB", "GRBG", "GBRG", "BGGR"] | None
@@ -85,7 +86,7 @@ def read_image(
         Camera specification (TOML), for luminance in cd/m^2 by guessed parameters.
     encoding : {'linear', 'srgb'}
         How values are encoded; None for what the kind of file suggests.
-    exposure_s, gain_db, bit_depth
+    exposure_s, gain_db, temperature_c, bit_depth
         What the user states about the picture; it counts before what the file says.
     black_level_dn, bayer
         DN of pixels without light, and colour filter of a sensor in a grey file by its first 2 x 2 pixels.

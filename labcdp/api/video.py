@@ -56,8 +56,8 @@ def open_video(
     ----------
     path : path
         A video file, a folder of numbered images, or a recorded session.
-    calibration, camera_spec, encoding, exposure_s, gain_db, bit_depth, black_level_dn, bayer, focal_length_m, \
-pixel_pitch_m, no_vignetting
+    calibration, camera_spec, encoding, exposure_s, gain_db, temperature_c, bit_depth, black_level_dn, bayer, \
+focal_length_m, pixel_pitch_m, no_vignetting
         As for `labcdp.read_image`.
 
     Returns

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -192,10 +192,12 @@ def verify(
                 judgement.tolerance,
                 certificate,
             )
+        file = SavedFile.of(calibration)
+        verification = replace(verification, calibration_number=file.number)
         save_verification(verification, folder.path(path.name))
         inputs = (session_input(measured), InputFile.of("calibration", calibration))
         result = verification_result(verification, session.resolve().name, inputs)
-        files = SavedFile.of(folder.path(path.name)), SavedFile.of(calibration)
+        files = SavedFile.of(folder.path(path.name)), file
         certified = verification_certificate(observed, loaded, verification, *files)
         folder.add({"certificate.html": certified, "results.json": envelope_json(result).encode()})
     following = [f"Saved: {path}"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from math import isclose
+from math import hypot, isclose
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,6 +13,7 @@ import numpy as np
 from ..calibration.bracket import Bracket, bracket_luminance
 from ..calibration.colour.model import AnyCalibration
 from ..calibration.record import calibration_sha256, load_any
+from ..calibration.uncertainty import expanded_half_width
 from ..core.errors import InputError
 from ..core.frame import Frame
 from ..core.result import Finding, InputFile, Quantity, Result, quantity_table, unique
@@ -27,7 +28,7 @@ from ..report.maps import luminance_picture
 from ..report.text import exposures
 from ..session import Session
 from .commands import As
-from .options import Force, output_file
+from .options import Force, Temperature, output_file
 from .terminal import print_result
 from .values import parse_seconds
 
@@ -67,11 +68,15 @@ class ChosenFrames:
         Only this exposure, for example 8ms; may be repeated. Default: all.
     patch
         Patch to convert, if the session shows one patch at a time.
+    temperature
+        Temperature of the camera in degrees Celsius of files that do not state it, for example 31.5. Without it, the
+        dark signal is less certain.
     """
 
     frame: tuple[int, ...] = ()
     exposure: Annotated[tuple[float, ...], As(names=("--only-exposure",), parse=_each_in_s, many=True)] = ()
     patch: str | None = None
+    temperature: Temperature | None = None
 
     def wanted(self, exposure_s: float) -> bool:
         """Whether frames of an exposure are converted; cameras apply an exposure in steps of their own."""
@@ -178,11 +183,13 @@ def _selected(files: Sequence[Path], chosen: ChosenFrames, calibration: Path, lo
     folders = [path for path in files if path.is_dir()]
     if folders and len(files) > 1:
         raise InputError(f"{folders[0]} is a folder: give it alone, or give files of frames")
+    if folders and chosen.temperature is not None:
+        raise InputError("--temperature is of files: frames of a session have theirs; leave it out")
     if folders:
         return _of_session(folders[0], chosen, loaded)
     if chosen.frame or chosen.patch is not None:
         raise InputError("--frame and --patch select frames of a session: give its folder, or leave them out")
-    conversion = calibrated_conversion(loaded, calibration.name)
+    conversion = calibrated_conversion(loaded, calibration.name).given(temperature_c=chosen.temperature)
     read = [(str(path), *_of_file(path, conversion)) for path in files]
     kept = [one for one in read if chosen.wanted(one[1].exposure_s)]
     if not kept:
@@ -250,17 +257,25 @@ def _in_ms(exposures_s: Iterable[float], between: str = ", ") -> str:
     return between.join(f"{1e3 * one:g}ms" for one in exposures_s)
 
 
+def _expanded(u_rel: float | None) -> float | None:
+    """U (95 %) of a standard uncertainty of many parts."""
+    return None if u_rel is None else expanded_half_width(0.0, u_rel)
+
+
 def _quantities(result: Bracket, values: Mapping[str, Any]) -> list[Quantity]:
     seen = result.map
     lit = seen.luminance_cd_m2[seen.valid]
     n_used, counts = np.unique(result.n_used, return_counts=True)
+    random_rel, common_rel = values["median_random_rel"], values["median_common_rel"]
+    u_rel, middle = hypot(random_rel or 0.0, common_rel or 0.0), float(np.median(lit)) if lit.size else None
     n_pixels, invalid, shares = seen.valid.size, values["invalid_share"], "share of the pixels"
     return [
         Quantity("mean", float(lit.mean(dtype=float)) if lit.size else None, "cd/m²", "of the valid pixels"),
         Quantity("lowest", float(lit.min()) if lit.size else None, "cd/m²", "of the valid pixels"),
         Quantity("highest", float(lit.max()) if lit.size else None, "cd/m²", "of the valid pixels"),
-        Quantity("u of a pixel, independent", values["median_random_rel"], "%", "median of the valid pixels"),
-        Quantity("u of a pixel, common", values["median_common_rel"], "%", "median; the same error in all pixels"),
+        Quantity("a pixel", middle, "cd/m²", "median of the valid pixels", None if middle is None else middle * u_rel),
+        Quantity("U of a pixel, independent", _expanded(random_rel), "%", "median of the valid pixels"),
+        Quantity("U of a pixel, common", _expanded(common_rel), "%", "median; the same error in all pixels"),
         Quantity("valid pixels", float(seen.valid.mean()), "%", shares),
         *(Quantity(text, invalid[name], "%", shares) for name, text in _REASONS.items() if name in invalid),
         *(

@@ -20,7 +20,7 @@ from ..output import ResultsFolder, check_file
 from ..session.journal import JOURNAL
 from .commands import RUNNING, As, Json
 from .terminal import print_result, say, say_where
-from .values import fraction_of_percent, parse_changes, parse_length, parse_seconds, parse_tolerance
+from .values import fraction_of_percent, parse_changes, parse_length, parse_seconds, parse_temperature, parse_tolerance
 
 if TYPE_CHECKING:
     from ..web.server import Address
@@ -44,6 +44,7 @@ Tolerance = Annotated[
     As("Relative tolerance of the contrast.", parse=parse_tolerance, show=lambda value: f"{100 * value:g}%"),
 ]
 Seconds = Annotated[float, As(parse=parse_seconds, show=lambda value: f"{1e3 * value:g}ms")]
+Temperature = Annotated[float, As(parse=parse_temperature)]
 Length = Annotated[float, As(parse=parse_length, show=lambda value: f"{1e3 * value:g}mm")]
 #: Changed parameters of a chain, by name.
 Changes = Annotated[

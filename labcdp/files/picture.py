@@ -122,6 +122,8 @@ class PictureOptions:
     ----------
     exposure_s, gain_db : float or None
         Exposure time and gain; None for not known, and for 0 dB.
+    temperature_c : float or None
+        Temperature of the camera; None for what the file says.
     camera : CameraIdentity or None
         Camera; None if unknown.
     bit_depth : int or None
@@ -161,6 +163,7 @@ class PictureOptions:
 
     exposure_s: float | None = None
     gain_db: float | None = None
+    temperature_c: float | None = None
     camera: CameraIdentity | None = None
     bit_depth: int | None = None
     pixel_format: str | None = None
@@ -183,6 +186,8 @@ class PictureOptions:
             raise InputError(f"the exposure is {self.exposure_s} s: give a time above 0 s")
         if self.gain_db is not None and not np.isfinite(self.gain_db):
             raise InputError(f"the gain is {self.gain_db} dB: give a number")
+        if self.temperature_c is not None and not -100 <= self.temperature_c <= 200:
+            raise InputError(f"the temperature is {self.temperature_c} °C: give -100 to 200")
         if self.bit_depth is not None and not 1 <= self.bit_depth <= 16:
             raise InputError(f"the bit depth is {self.bit_depth}: give 1 to 16 bits")
         if self.pixel_format is not None:
@@ -202,7 +207,16 @@ class PictureOptions:
 
     def given(self, **values: Any) -> Self:
         """Return options with what the user states, which counts before what files say; None states nothing."""
-        for name in ("exposure_s", "gain_db", "bit_depth", "black_level_dn", "focal_length_m", "pixel_pitch_m"):
+        numbers = (
+            "exposure_s",
+            "gain_db",
+            "temperature_c",
+            "bit_depth",
+            "black_level_dn",
+            "focal_length_m",
+            "pixel_pitch_m",
+        )
+        for name in numbers:
             value = values.get(name)
             if value is not None and (isinstance(value, bool) or not isinstance(value, int | float | np.number)):
                 raise InputError(f"{name} is {shown(value)}: give a number")
@@ -236,8 +250,8 @@ _OF_DN = {"exposure_s": "exposure", "gain_db": "gain", "bit_depth": "bit depth",
 
 
 def overridden_frame(frame: Frame, options: PictureOptions) -> Frame:
-    """Frame with the exposure and gain, and of DN as stored the black level and colour filter, that the user gave."""
-    given = {name: options.override(name) for name in ("exposure_s", "gain_db")}
+    """Frame with exposure, gain, temperature, and of DN as stored black level and colour filter, that the user gave."""
+    given = {name: options.override(name) for name in ("exposure_s", "gain_db", "temperature_c")}
     frame = replace(frame, **{name: value for name, value in given.items() if value is not None})
     if frame.clipped is not None:
         # Light, that was made of colours or by a table.

@@ -3,7 +3,7 @@
 import os
 import threading
 from dataclasses import replace
-from datetime import datetime, timedelta
+from datetime import date, datetime, timedelta
 from itertools import pairwise
 
 import numpy as np
@@ -15,6 +15,7 @@ from labcdp.core.errors import InputError, SessionError
 from labcdp.drivers.camera import MOST_REFUSED, CameraNotFoundError, CameraSettingError, IncompleteFrameError
 from labcdp.drivers.meter import MeterError
 from labcdp.session.configuration import ContrastConfiguration
+from labcdp.session.tables import MeterCertificate
 
 from .conftest import FAR, Hands
 
@@ -149,6 +150,24 @@ def test_a_target_contrast_ten_times_the_nominal_one_is_warned_of_before_recordi
             raise KeyboardInterrupt
 
     with on_bench(configuration.model_copy(update={"contrasts": (pair,)})) as on, pytest.raises(KeyboardInterrupt):
+        on.acquire(report=stop)
+    assert len(notes) == warned
+
+
+@pytest.mark.parametrize(("day", "warned"), [(date(2999, 1, 1), True), (date(2026, 3, 3), False)])
+def test_a_certificate_of_the_future_is_warned_of_before_recording(changed, on_bench, day, warned):
+    configuration = changed(FAR)
+    certificate = MeterCertificate(number="1", laboratory="PTB", date=day, expanded_uncertainty_rel=0.008)
+    meter = configuration.meter.model_copy(update={"certificate": certificate})
+    notes = []
+
+    def stop(progress):
+        if progress.note:
+            notes.append(progress.note)
+        elif progress.step == "light frames":
+            raise KeyboardInterrupt
+
+    with on_bench(configuration.model_copy(update={"meter": meter})) as on, pytest.raises(KeyboardInterrupt):
         on.acquire(report=stop)
     assert len(notes) == warned
 

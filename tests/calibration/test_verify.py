@@ -246,3 +246,9 @@ def test_a_calibration_of_no_use_says_so(calibration):
     assert (found.code, found.severity) == ("calibration-of-no-use", "warning")
     assert found.values["expanded_rel"] == pytest.approx(own_tolerance_rel(bad))
     assert found.values["expanded_rel"] > 1.96 * 0.15
+    # What counts by the luminance, in the middle of the range.
+    low, high = calibration.range_cd_m2
+    glare_cd_m2 = 0.2 * (low * high) ** 0.5
+    veiled = replace(calibration, responsivity=replace(calibration.responsivity, glare_cd_m2=glare_cd_m2))
+    (found,) = of_no_use(veiled)
+    assert found.values["expanded_rel"] == pytest.approx(1.96 * 0.2, rel=0.05)

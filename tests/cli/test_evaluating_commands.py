@@ -66,6 +66,14 @@ def test_luminance_of_a_session_and_of_frames_that_labcdp_did_not_record(labcdp,
     result = results_of(luminance("a.tif", "-o", "a.npz", "--json"))
     assert result["configuration"]["exposures_s"] == [0.008]
     assert result["tables"]["luminance"]["rows"][0]["value"] == one["tables"]["luminance"]["rows"][0]["value"]
+    warm = results_of(luminance("a.tif", "-o", "b.npz", "--temperature", "60", "--json"))
+    new = {one["code"] for one in warm["findings"]} - {one["code"] for one in result["findings"]}
+    assert new == {"temperature-not-covered"}
+    assert luminance(example, "-o", "c.npz", "--temperature", "9").returncode == 1
+    rows = {row["quantity"]: row for row in result["tables"]["luminance"]["rows"]}
+    parts = [rows[f"U of a pixel, {part}"]["value"] for part in ("independent", "common")]
+    expanded = next(value for name, value in rows["a pixel"].items() if name.startswith("expanded"))
+    assert expanded / rows["a pixel"]["value"] == pytest.approx(np.hypot(*parts), rel=1e-3)
 
 
 def test_pictures_are_compared_as_their_results_are(labcdp, inputs, tmp_path):

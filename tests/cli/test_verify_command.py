@@ -60,6 +60,8 @@ def test_a_recorded_session_is_verified_and_stands_in_the_history(labcdp, record
     _, again, saved = recorded
     done = labcdp("verify", saved, again, "--output", "all/2026", "--tolerance", "6%")
     assert done.returncode == 0, done.stderr
+    made = json.loads((tmp_path / "all/2026/verification.json").read_text(encoding="utf-8"))
+    assert made["verification"]["calibration_number"] == json.loads(saved.read_text(encoding="utf-8"))["number"]
     # One is cut off, one altered, one something else: they are left out.
     (tmp_path / "all/calibration.json").write_bytes(saved.read_bytes())
     (tmp_path / "all/calibration-2.json").write_bytes(saved.read_bytes()[:500])

@@ -125,7 +125,10 @@ def _task(pairs: PairOptions, light: PictureLightOptions, rectangle: tuple[int, 
         "conversion": conversion.description,
         "encoding": light.encoding,
         **{name: None if path is None else str(path) for name, path in given.items()},
-        **{name: getattr(options, name) for name in ("exposure_s", "gain_db", "bit_depth", "pixel_format", "size")},
+        **{
+            name: getattr(options, name)
+            for name in ("exposure_s", "gain_db", "temperature_c", "bit_depth", "pixel_format", "size")
+        },
         **{name: getattr(options, name) for name in OF_VALUES},
     }
     return PictureTask(request, conversion, configuration, tuple(light.inputs({"regions": pairs.roi})), pairs.roi)

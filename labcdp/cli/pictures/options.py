@@ -18,7 +18,7 @@ from ...files.kinds import HEAD_BYTES
 from ...files.video.selection import Position, Selection
 from ...regions import load_regions, rois_of
 from ..commands import As
-from ..options import Contrasts, Length, Seconds, Tolerance
+from ..options import Contrasts, Length, Seconds, Temperature, Tolerance
 from ..terminal import say
 from ..values import parse_pair
 
@@ -51,6 +51,9 @@ class LightOptions:
         Exposure time, for example 5ms; default: as stated by each file.
     gain_db
         Gain in dB; default: as stated by each file, else 0.
+    temperature
+        Temperature of the camera in degrees Celsius, for example 31.5; default: as stated by each file. Without it, the
+        dark signal of a calibration is less certain.
     bit_depth
         Bit depth of the values in 16-bit files, for example 12; default: estimated.
     black_level
@@ -71,6 +74,7 @@ class LightOptions:
     encoding: Literal["linear", "srgb"] | None = None
     exposure: Seconds | None = None
     gain_db: float | None = None
+    temperature: Temperature | None = None
     bit_depth: Annotated[int | None, As(least=1, most=16)] = None
     black_level: Annotated[float | None, As(least=0)] = None
     bayer: Literal["RGGB", "GRBG", "GBRG", "BGGR"] | None = None
@@ -87,6 +91,7 @@ class LightOptions:
         return {
             "exposure_s": self.exposure,
             "gain_db": self.gain_db,
+            "temperature_c": self.temperature,
             "bit_depth": self.bit_depth,
             "black_level_dn": self.black_level,
             "bayer": self.bayer,

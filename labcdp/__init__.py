@@ -5,6 +5,7 @@
 - `Session`: recorded bench sessions, their calibration and evaluation
 - `Chain`: the simulated imaging chain, runs and sweeps
 - `compare`: chains, sweeps, sessions or calibrations side by side
+- `Requirement`: what pictures, videos, sessions and chains are judged by
 - `read_dataset`: results that were saved as NetCDF
 - `drivers.open_camera`, `drivers.open_meter`: devices
 - `calibration`, `chain`, `drivers`, `files`, `metrics`, `regions`: the packages behind them
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from .core.luminance import LuminanceMap as LuminanceMap
     from .core.reading import Reading as Reading
     from .core.roi import Roi as Roi
+    from .evaluate.requirement import Requirement as Requirement
     from .metrics import DetectionInterval as DetectionInterval
     from .metrics import DetectionProbability as DetectionProbability
     from .metrics import cdp as cdp
@@ -56,6 +58,7 @@ _HOME = {
     "LabcdpError": "core.errors",
     "LuminanceMap": "core.luminance",
     "Reading": "core.reading",
+    "Requirement": "evaluate.requirement",
     "Roi": "core.roi",
     "Session": "api.session",
     "Video": "api.video",

@@ -50,7 +50,12 @@ def pictures(path: Path, regions: Path) -> xr.Dataset:
     assert len(labcdp.regions.load_regions(regions)) == 2
     frame: labcdp.Frame | None = labcdp.files.read_picture(path).frame
     assert frame is not None
-    return image.regions(regions).cdp([1, 10], epsilon=0.5)
+    found = image.regions(regions).cdp([1, 10], epsilon=0.5)
+    file = path.with_name("requirement.toml")
+    file.write_text('contrast = "100%"\nluminance_cd_m2 = [1.0, 10.0]\n')
+    required: labcdp.Requirement = labcdp.Requirement.load(file)
+    assert found.labcdp.judged(required).verdict in ("met", "not met", "undecided")
+    return found
 
 
 def videos(path: Path, regions: Path) -> xr.Dataset:

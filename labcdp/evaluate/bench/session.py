@@ -144,8 +144,9 @@ def chosen_contrasts(
     pairs: Sequence[tuple[str, str]] | None,
     contrasts: Sequence[float] | None,
     epsilon: float | None,
+    cdp_limit: float | None = None,
 ) -> list[ContrastConfiguration]:
-    """Return pairs of patches with contrasts and tolerance as given, or else as configured."""
+    """Return pairs of patches with contrasts, tolerance and limit as given, or else as configured."""
     chosen = configuration.contrasts
     if pairs is not None:
         names = [patch.name for patch in configuration.target.patches]
@@ -154,6 +155,8 @@ def chosen_contrasts(
         chosen = tuple(map(ContrastConfiguration.model_validate, asked))
     if epsilon is not None:
         chosen = tuple(one.model_copy(update={"epsilon": float(epsilon)}) for one in chosen)
+    if cdp_limit is not None:
+        chosen = tuple(one.model_copy(update={"cdp_limit": cdp_limit}) for one in chosen)
     if contrasts is None:
         return list(chosen)
     different = dict.fromkeys(one.model_copy(update={"contrast": 1.0}) for one in chosen)

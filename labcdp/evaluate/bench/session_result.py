@@ -11,6 +11,7 @@ from ...core.result import Finding, InputFile, Result, info
 from ...core.table import Column, Table, uncertain, with_interval
 from ...report.text import day, exposures, minute, span
 from ...session import Session
+from ..requirement import Requirement, SeenContrast, judged_pairs
 from ..verdict import LIMIT, VERDICT
 from .calibration_result import calibration_tables
 from .observe import ObservedSession
@@ -79,7 +80,11 @@ LUMINANCES = (
 
 
 def session_result(
-    evaluation: SessionEvaluation, inputs: Sequence[InputFile] = (), kind: str = "evaluate", seed: int | None = None
+    evaluation: SessionEvaluation,
+    inputs: Sequence[InputFile] = (),
+    kind: str = "evaluate",
+    seed: int | None = None,
+    requirement: Requirement | None = None,
 ) -> Result:
     """Return all numbers of an evaluated session.
 
@@ -93,12 +98,35 @@ def session_result(
         Name of the command.
     seed : int or None
         Of a simulation.
+    requirement : Requirement or None
+        What the pairs are judged by, which were evaluated at its contrast.
     """
     configuration = evaluation.observed.configuration
     made = configuration.model_dump(mode="json", by_alias=True, exclude_none=True)
     more = {"configuration": made, "seed": seed, "simulated": bool(evaluation.simulated)}
     findings, session = [*evaluation.findings, _check(evaluation)], evaluation.observed.session
-    return Result.of(kind, configuration.name, _tables(evaluation), findings, session_input(session), *inputs, **more)
+    tables = [*_tables(evaluation)]
+    if requirement is not None:
+        judgement = judged_pairs(requirement, map(_seen, evaluation.contrasts))
+        tables.insert(0, judgement.table)
+        findings += judgement.findings
+        made["requirement"] = requirement.model_dump(mode="json", exclude_none=True)
+    return Result.of(kind, configuration.name, tables, findings, session_input(session), *inputs, **more)
+
+
+def _seen(row: ContrastRow) -> SeenContrast:
+    """Return what a requirement judges."""
+    luminance = row.dark.calibrated.luminance_cd_m2
+    return SeenContrast(
+        row.name,
+        "",
+        luminance,
+        row.camera_contrast,
+        False,
+        row.cdp.cdp,
+        row.cdp.confidence_interval,
+        row.measured_contrast,
+    )
 
 
 def session_input(session: Session) -> InputFile:

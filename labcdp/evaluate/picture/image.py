@@ -13,6 +13,7 @@ from ...core.result import Finding, info, unique, warning
 from ...core.roi import Rectangle, Roi
 from ...metrics.pair import VIGNETTING_CODE, PairResult, evaluate_pair
 from ...metrics.region import RegionResult, evaluate_region
+from ..requirement import Requirement
 from ..verdict import CDP_LIMIT, require_limit
 from .conversion import PictureSource
 from .neighbours import NeighbourEvaluation, evaluate_neighbours
@@ -125,6 +126,8 @@ class ImageRequest:
         Corner pixels x0, y0, x1, y1, both in, that it is limited to.
     cdp_limit : float
         CDP from which a contrast counts as detected.
+    requirement : Requirement or None
+        What the pairs are judged by; contrast, tolerance and limit are then its own.
 
     Raises
     ------
@@ -140,6 +143,7 @@ class ImageRequest:
     neighbours: bool = False
     rectangle: Rectangle | None = None
     cdp_limit: float = CDP_LIMIT
+    requirement: Requirement | None = None
 
     def __post_init__(self) -> None:
         require_limit(self.cdp_limit)
@@ -164,7 +168,8 @@ class ImageRequest:
     def configuration(self) -> dict[str, Any]:
         """Return it but for the corners of the regions, as values JSON can hold."""
         names = ("contrasts", "epsilon", "neighbours", "rectangle", "cdp_limit")
-        return {**{name: getattr(self, name) for name in names}, "pairs": self.chosen_pairs}
+        required = {} if self.requirement is None else {"requirement": self.requirement.model_dump(mode="json")}
+        return {**{name: getattr(self, name) for name in names}, "pairs": self.chosen_pairs, **required}
 
     @property
     def chosen_pairs(self) -> tuple[tuple[str, str], ...]:

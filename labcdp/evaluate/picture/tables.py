@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import isfinite
+from math import isfinite, nan
 from typing import Any, TypeAlias
 
 from ...core.table import Column, Table
@@ -12,6 +12,7 @@ from ...metrics import CalibratedCdp, CdpResult, DetectionInterval, NeighbourCdp
 from ...metrics.pair import PairResult
 from ...metrics.region import REASONS, RegionResult
 from ..columns import CDP, CONTRAST, CSNR, SHARES, TARGET, invalid_share, region_columns
+from ..requirement import SeenContrast
 from ..verdict import LIMIT, VERDICT, Verdict, cdp_verdict
 from .image import AnyContrast, ImageEvaluation, ImageRequest
 
@@ -156,6 +157,29 @@ def cdp_table(pictures: Sequence[ReportedPicture], several: bool, limit: float) 
 def _of_pictures(columns: Sequence[Column], several: bool) -> tuple[Column, ...]:
     """Return the columns with picture and number: before them of several pictures, else behind."""
     return (_PICTURE, _NUMBER, *columns) if several else (*columns, replace(_PICTURE, shown=False), _NUMBER)
+
+
+def seen_contrasts(pictures: Sequence[ReportedPicture], several: bool) -> Iterator[SeenContrast]:
+    """Yield what a requirement judges: each pair in each picture, at its first target contrast."""
+    # Which region is the brighter one may change from picture to picture.
+    names: dict[Any, str] = {}
+    for picture in pictures:
+        for one in () if picture.evaluation is None else picture.evaluation.contrasts:
+            regions = one if isinstance(one, PairResult) else None
+            same = one.name if regions is None else frozenset((regions.a.roi.name, regions.b.roi.name))
+            in_cd_m2 = picture.evaluation is not None and picture.evaluation.source.unit != "relative"
+            cdp, interval = (
+                (one.results[0].result.cdp, one.results[0].confidence_interval) if one.results else (nan, (nan, nan))
+            )
+            yield SeenContrast(
+                names.setdefault(same, one.name),
+                picture.file if several else "",
+                regions.dark_region.mean if regions is not None and in_cd_m2 else None,
+                one.contrast.value,
+                regions is not None and bool(regions.bound),
+                cdp,
+                interval,
+            )
 
 
 @dataclass(frozen=True)

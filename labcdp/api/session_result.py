@@ -27,7 +27,7 @@ def _variable(name: str, column: str, label: str = "") -> Column:
     return replace(found, name=name, label=label or found.label, value=found.value or found.name)
 
 
-_INTERVAL = "calibrated.interval_95_cd_m2"
+_INTERVAL = "interval_95_cd_m2"
 #: Of a patch, and of a contrast of two patches.
 _OF_PATCH = (
     _variable("meter_luminance", "measured_cd_m2", "luminance by meter"),

@@ -223,11 +223,17 @@ def _of_pair(requirement: Requirement, pair: str, seen: Sequence[SeenContrast]) 
     if not judged:
         why = ", ".join(sorted({_why_not(requirement, one) for one in seen}))
         return JudgedPair(pair, "undecided", None, None, why, 0, 0, len(seen))
-    verdicts = [(VERDICTS[cdp_verdict(one.cdp, one.interval, limit)], one) for one in judged]
+    verdicts = [(_verdict(one, limit), one) for one in judged]
     verdict, worst = min(verdicts, key=lambda one: (_ORDER.index(one[0]), one[1].cdp))
     n_met = sum(one == "met" for one, _ in verdicts)
     margin = worst.cdp - limit
     return JudgedPair(pair, verdict, worst, margin, _limit(requirement, worst), len(verdicts), n_met, len(seen))
+
+
+def _verdict(one: SeenContrast, limit: float) -> Verdict:
+    """Return the verdict on a contrast: where pixels are clipped, a high CDP proves nothing."""
+    verdict = VERDICTS[cdp_verdict(one.cdp, one.interval, limit)]
+    return "undecided" if one.saturated and verdict == "met" else verdict
 
 
 def _limit(requirement: Requirement, worst: SeenContrast) -> str:

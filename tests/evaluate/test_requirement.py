@@ -26,6 +26,8 @@ DARK, LOST = seen(0.1, 0.05, 0.15, luminance=4.0), seen(nan, nan, nan)
         ([GOOD, OPEN, GOOD], "undecided", 0.01, (3, 2, 3)),
         ([GOOD, OPEN, BAD], "not met", -0.3, (3, 1, 3)),
         ([GOOD, UNKNOWN], "undecided", 0.05, (2, 1, 2)),
+        ([GOOD, seen(1.0, 0.99, 1.0, saturated=True)], "undecided", 0.1, (2, 1, 2)),
+        ([GOOD, seen(0.0, 0.0, 0.01, saturated=True)], "not met", -0.9, (2, 1, 2)),
         # Where the requirement asks nothing, and where there is nothing, no verdict changes.
         ([GOOD, DARK, LOST], "met", 0.07, (1, 1, 3)),
         ([DARK], "undecided", None, (0, 0, 1)),

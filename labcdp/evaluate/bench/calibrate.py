@@ -31,6 +31,7 @@ def calibrate_session(
     *more: ObservedSession,
     held_out: Collection[str] = (),
     response: ResponseCurve | None = None,
+    all_used: bool = True,
 ) -> AnyCalibration:
     """Calibrate a camera from what sessions say; one with colour filters plane by plane, and their combination.
 
@@ -45,6 +46,8 @@ def calibrate_session(
         Patches that the fit is not shown, but tested with.
     response : ResponseCurve or None
         Shape of the response by a bracket, for a monochrome sensor; see `response_of_session`.
+    all_used : bool
+        Whether a patch that no exposure shows is refused; else the others calibrate alone.
 
     Raises
     ------
@@ -65,7 +68,8 @@ def calibrate_session(
         frames_sha256=tuple(sorted({key for one in (observed, *more) for key in one.frames_sha256})),
     )
     calibration = _fit(joined, setup, held_out, response)
-    _require_all_used(calibration, joined)
+    if all_used:
+        _require_all_used(calibration, joined)
     of_corrections = [
         finding if plane is None else finding.within(f"plane {plane}")
         for plane, seen in observed.planes.items()

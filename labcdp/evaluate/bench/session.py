@@ -87,7 +87,7 @@ def observe_calibrated(
     """
     if calibration is None:
         observed = observe_session(session, without, report, certificate=certificate)
-        return observed, calibrate_session(observed)
+        return observed, calibrate_session(observed, all_used=False)
     own = calibration_for(session, calibration)
     certificate = certificate or certificate_of(own, session)
     return observe_session(session, without, report, corrections_of(own), certificate), own
@@ -110,7 +110,7 @@ def evaluate_session(
     Raises
     ------
     CalibrationError
-        If the calibration is not for these frames, or a patch is saturated or black at every exposure.
+        If the calibration is not for these frames.
     SessionError
         If a file is missing or altered.
     """
@@ -128,14 +128,16 @@ def evaluate_session(
     patches = {patch.name: patch_row(patch, observed, calibration) for patch in measured}
     asked = [name for pair in pairs for name in (pair.bright, pair.dark)]
     require_patches(asked, [*patches], "for the contrast (it may have been left out)")
-    of_patches = (finding for row in patches.values() for finding in row.calibrated.findings)
+    of_patches = [finding for row in patches.values() for finding in row.calibrated.findings]
+    rows = [contrast_row(observed, calibration, pair, patches[pair.bright], patches[pair.dark]) for pair in pairs]
+    of_pairs = [finding for row in rows for finding in row.findings]
     return SessionEvaluation(
         observed,
         calibration,
         [*patches.values()],
-        [contrast_row(observed, calibration, pair, patches[pair.bright], patches[pair.dark]) for pair in pairs],
+        rows,
         target_map(observed, calibration),
-        summarised([*findings, *calibration.findings, *of_patches]),
+        summarised([*findings, *calibration.findings, *of_patches, *of_pairs]),
     )
 
 

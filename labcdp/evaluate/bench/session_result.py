@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from math import hypot
+from math import hypot, nan
 
 from ...calibration import AnyCalibration, contrast_half_width_95, contrast_uncertainty
 from ...calibration.uncertainty import expanded_rel
 from ...core.result import Finding, InputFile, Result, info
-from ...core.table import Column, Table, uncertain, with_interval
+from ...core.table import Column, Table, uncertain, with_bound, with_interval
 from ...report.text import day, exposures, minute, span
 from ...session import Session
 from ..requirement import Requirement, SeenContrast, judged_pairs
@@ -37,12 +37,12 @@ CONTRASTS = (
         lambda row: (1 + row.measured_contrast) * hypot(row.bright.measured_random_rel, row.dark.measured_random_rel),
         "measured_contrast_expanded",
     ),
-    *uncertain(
+    *with_bound(uncertain(
         Column("camera_contrast", "contrast by camera", "%",
                "From the mean luminances of the camera; scale and fit cancel."),
-        lambda row: contrast_uncertainty(row.bright.calibrated, row.dark.calibrated),
-        lambda row: contrast_half_width_95(row.bright.calibrated, row.dark.calibrated),
-    ),
+        lambda row: nan if row.bound else contrast_uncertainty(row.bright.calibrated, row.dark.calibrated),
+        lambda row: nan if row.bound else contrast_half_width_95(row.bright.calibrated, row.dark.calibrated),
+    ), "bound"),
     *with_interval(Column("cdp", "CDP", "", "Share of pixel pairs whose contrast counts.", value="cdp.cdp"),
                    "cdp.confidence_interval"),
     Column("u_cdp", "u of CDP", "", "Standard uncertainty by pixels and calibration.", digits=2, shown=False,
@@ -69,12 +69,12 @@ LUMINANCES = (
         lambda row: hypot(row.measured_random_rel, row.meter.common_rel) * row.reading.luminance_cd_m2,
         lambda row: expanded_rel([row.meter], row.measured_random_rel, row.reading.dof) * row.reading.luminance_cd_m2,
     ),
-    *uncertain(
+    *with_bound(uncertain(
         Column("calibrated_cd_m2", "calibrated", "cd/m²", "From the calibrated camera.",
                value="calibrated.luminance_cd_m2"),
         lambda row: row.calibrated.standard_uncertainty_rel * row.calibrated.luminance_cd_m2,
-        lambda row: row.calibrated.half_width_95_rel * row.calibrated.luminance_cd_m2,
-    ),
+        lambda row: row.half_width_95_rel * row.calibrated.luminance_cd_m2,
+    ), "bound"),
     Column("deviation_rel", "deviation", "%", "Relative deviation of the camera from the meter.", decimals=2),
 )  # fmt: skip
 
@@ -116,13 +116,13 @@ def session_result(
 
 def _seen(row: ContrastRow) -> SeenContrast:
     """Return what a requirement judges."""
-    luminance = row.dark.calibrated.luminance_cd_m2
+    luminance = None if row.dark.bound else row.dark.calibrated.luminance_cd_m2
     return SeenContrast(
         row.name,
         "",
         luminance,
         row.camera_contrast,
-        False,
+        bool(row.bound),
         row.cdp.cdp,
         row.cdp.confidence_interval,
         row.measured_contrast,
@@ -160,7 +160,7 @@ def _luminance(patches: Sequence[PatchRow]) -> Table:
         *((calculated,) if guessed else ()),
         *LUMINANCES[3:],
         Column("expanded_rel", "U of calibrated", "%", "Relative U (95 %), the meter's scale included.", digits=2,
-               value="calibrated.half_width_95_rel"),
+               value="half_width_95_rel"),
         *(limits if any(row.patch.limits_cd_m2 for row in patches) else ()),
         Column("n_readings", "readings", "", "Number of meter readings.", shown=False,
                value="reading.n_readings"),

@@ -11,7 +11,8 @@ from labcdp.core.luminance import Invalid
 from labcdp.evaluate.bench.calibrate import calibrate_session
 from labcdp.evaluate.bench.corrections import corrections_of, corrections_of_lens, with_dark_frames
 from labcdp.evaluate.bench.observe import observe_session
-from labcdp.evaluate.bench.session import evaluate_session
+from labcdp.evaluate.bench.session import evaluate_session, observe_calibrated
+from labcdp.evaluate.bench.session_page import session_files
 from labcdp.evaluate.bench.session_result import session_result
 from labcdp.evaluate.bench.verification import verify_session
 from labcdp.report.files import envelope
@@ -173,3 +174,44 @@ def test_pattern_and_hot_pixels_are_found_taken_off_once_everywhere_and_saved(re
     assert (loaded.dark_library, loaded.defects) == (calibrated.dark_library, calibrated.defects)
     assert envelope(session_result(first)) == envelope(session_result(other))
     assert first.map.invalid[HOT[0]] & Invalid.DEFECT
+
+
+@pytest.mark.parametrize("own", [False, True])
+def test_a_patch_that_is_saturated_at_every_exposure_has_a_bound(recorded, calibration, tmp_path, own):
+    """Without the frames of 2 ms the brightest patches are saturated in all.
+
+    All others keep their values; the simulated truth of the saturated ones is above the bound.
+    """
+    truth = {patch.name: patch.nominal_luminance_cd_m2 for patch in recorded.configuration.target.patches}
+    limits = {"lower left": (100.0, 500.0), "upper left": (1.0, 50.0)}
+    patches = [
+        patch.model_copy(update={"limits_cd_m2": limits.get(patch.name)})
+        for patch in recorded.configuration.target.patches
+    ]
+    target = recorded.configuration.target.model_copy(update={"patches": tuple(patches)})
+    again(tmp_path / "s", recorded, lambda frames: ((f, role, None) for f, role in frames if f.exposure_s > 0.004),
+          target=target)  # fmt: skip
+    with Session.open(tmp_path / "s") as session:
+        found = evaluate_session(*observe_calibrated(session, None if own else calibration))
+    rows = {row.patch.name: row for row in found.patches}
+    bounded = {name for name, row in rows.items() if row.bound}
+    assert {"lower left", "upper left"} <= bounded < set(rows)
+    for name, row in rows.items():
+        low, high = row.interval_95_cd_m2
+        assert row.calibrated.luminance_cd_m2 < truth[name] if row.bound else low < truth[name] < high
+    # A bound decides where it is above the limits.
+    assert [rows[name].limit_verdict for name in limits] == ["undecided", "fail"]
+    for row in found.contrasts:
+        saturated = row.asked.bright in bounded
+        assert row.bound == (">" if saturated and row.asked.dark not in bounded else "?" if saturated else "")
+        assert np.isnan(row.cdp.cdp) == saturated
+        assert not saturated or row.verdict == "undecided"
+        assert row.bound != ">" or row.camera_contrast < row.measured_contrast
+    result = session_result(found)
+    assert "patch-saturated-everywhere" in {one.code for one in result.findings}
+    for table, value in (("contrasts", "camera_contrast"), ("luminance", "calibrated_cd_m2")):
+        written = envelope(result)["tables"][table]["rows"]
+        assert {row[f"{value}_bound"] for row in written} > {""}
+        assert all(row[f"expanded_{value}"] is None for row in written if row[f"{value}_bound"])
+    page = session_files(found, result)["report.html"].decode()
+    assert f"&gt; {rows['lower left'].calibrated.luminance_cd_m2:.3g}"[:7] in page

@@ -177,7 +177,7 @@ class ContrastRow:
         Numbers of the frames in the session with the bright and the dark patch: one frame, unless patches were
         shown one by one.
     findings : tuple of Finding
-        On saturated pixels in that frame.
+        On single saturated pixels in that frame; what is said of a whole patch is with the patch.
     """
 
     asked: ContrastConfiguration
@@ -240,6 +240,7 @@ def contrast_row(
     Of a saturated patch there is no CDP.
     """
     exposure_s = observed.longest_unsaturated_s(calibration, pair.bright, pair.dark)
+    clipped = exposure_s is None and not (bright.bound or dark.bound)
     if exposure_s is None:
         exposure_s = min(o.exposure_s for name in (pair.bright, pair.dark) for o in observed.of_patch(name))
     seen = maps_of(observed.session, calibration, exposure_s, (pair.bright, pair.dark))
@@ -247,7 +248,7 @@ def contrast_row(
     regions = RegionPixels.of(bright_map, bright.region), RegionPixels.of(dark_map, dark.region)
     both = evaluate_regions(*regions, (pair.contrast,), pair.epsilon)
     (found,) = both.results
-    shown = exposure_s, bright_number, dark_number, both.findings
+    shown = exposure_s, bright_number, dark_number, both.findings if clipped else ()
     if both.bound:
         return ContrastRow(pair, bright, dark, _without_cdp(found), None, *shown)
     if found.result.bright == "b":

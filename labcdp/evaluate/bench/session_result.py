@@ -226,5 +226,5 @@ def _check(evaluation: SessionEvaluation) -> Finding:
     if not calibration.provenance.comes_from(evaluation.observed.input_sha256):
         return info("checked-by-another-measurement", calibrated=day(calibration.provenance.measured))
     fitted = {row.patch for row in calibration.residuals}
-    held_out = [row.patch.name for row in evaluation.patches if row.patch.name not in fitted]
+    held_out = [row.patch.name for row in evaluation.patches if not (row.bound or row.patch.name in fitted)]
     return info("checked-by-held-out", patches=held_out) if held_out else info("not-checked")

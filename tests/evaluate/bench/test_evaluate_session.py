@@ -208,7 +208,10 @@ def test_a_patch_that_is_saturated_at_every_exposure_has_a_bound(recorded, calib
         assert not saturated or row.verdict == "undecided"
         assert row.bound != ">" or row.camera_contrast < row.measured_contrast
     result = session_result(found)
-    assert "patch-saturated-everywhere" in {one.code for one in result.findings}
+    codes = {one.code for one in result.findings}
+    # A bound checks no calibration.
+    assert "patch-saturated-everywhere" in codes
+    assert "checked-by-held-out" not in codes
     for table, value in (("contrasts", "camera_contrast"), ("luminance", "calibrated_cd_m2")):
         written = envelope(result)["tables"][table]["rows"]
         assert {row[f"{value}_bound"] for row in written} > {""}

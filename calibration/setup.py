@@ -292,14 +292,22 @@ class LensIdentity:
                 raise InputError(f"{name} of the lens is {value}: give a positive number")
 
     def __str__(self) -> str:
-        focus = "" if self.focus_distance_m is None else f", focused at {self.focus_distance_m:g} m"
-        return f"{self.model} ({self.serial}, {1e3 * self.focal_length_m:g} mm, f/{self.f_number:g}{focus})"
+        focus = "" if self.focus_distance_m is None else f"focused at {self.focus_distance_m:g} m"
+        known = (self.serial, f"{1e3 * self.focal_length_m:g} mm", f"f/{self.f_number:g}", focus)
+        return f"{self.model} ({', '.join(one for one in known if one)})"
 
     def is_as_in(self, other: LensIdentity) -> bool:
-        """Whether the lens and its settings are the same; an unknown distance of focus is any."""
+        """Whether the lens and its settings are the same; an unknown serial number or distance of focus is any."""
+        known = self
         if None in (self.focus_distance_m, other.focus_distance_m):
-            return replace(self, focus_distance_m=None) == replace(other, focus_distance_m=None)
-        return self == other
+            known = replace(known, focus_distance_m=other.focus_distance_m)
+        if self.serial_is_open(other):
+            known = replace(known, serial=other.serial)
+        return known == other
+
+    def serial_is_open(self, other: LensIdentity) -> bool:
+        """Whether one of two states a serial number and the other one does not."""
+        return bool(self.serial) != bool(other.serial)
 
 
 @dataclass(frozen=True)

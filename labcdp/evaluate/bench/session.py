@@ -19,7 +19,17 @@ from ...session import ContrastConfiguration, FrameRecord, MeterCertificate, Ses
 from .calibrate import calibrate_session
 from .corrections import calibration_for, corrections_of
 from .observe import ObservedSession, observe_session
-from .recorded import NO_LIGHT, Report, by_exposure, by_patch, certificate_of, lens_of, measured_in, require_patches
+from .recorded import (
+    NO_LIGHT,
+    Report,
+    by_exposure,
+    by_patch,
+    certificate_of,
+    lens_findings,
+    lens_of,
+    measured_in,
+    require_patches,
+)
 from .rows import ContrastRow, PatchRow, contrast_row, patch_row
 
 
@@ -166,12 +176,14 @@ def chosen_contrasts(
 
 
 def mismatch(configuration: SessionConfiguration, calibration: AnyCalibration) -> list[Finding]:
-    """Refuse a calibration with another lens or f-number; return a finding if the light was another."""
-    require_lens(calibration.lens, lens_of(configuration))
+    """Refuse a calibration with another lens or f-number; return findings if lens or light may be another."""
+    lens = lens_of(configuration)
+    require_lens(calibration.lens, lens)
     given = configuration.camera.spectral_sensitivity
     of_camera = None if given is None else given.spectra.get(ONLY)
     sensitivity = of_camera if isinstance(calibration, Calibration) else calibration.sensitivity
-    return mismatch_findings(calibration.light, configuration.source.light, sensitivity)
+    of_light = mismatch_findings(calibration.light, configuration.source.light, sensitivity)
+    return [*lens_findings(calibration.lens, lens), *of_light]
 
 
 def target_map(observed: ObservedSession, calibration: AnyCalibration) -> LuminanceMap:

@@ -99,6 +99,14 @@ def test_another_light_lens_or_black_level_is_not_evaluated_without_a_word(recor
     another_light = other(observed, source=observed.configuration.source.model_copy(update={"spectrum": "A"}))
     found = evaluate_session(another_light, evaluation.calibration).findings[0]
     assert (found.code, found.severity) == ("light-differs", "warning")
+    # An unknown serial number is not another one.
+    lens = observed.configuration.lens.model_copy(update={"serial": None})
+    found = evaluate_session(other(observed, lens=lens), evaluation.calibration)
+    assert "lens-serial-open" in {one.code for one in found.findings}
+    assert "lens-serial-open" not in {one.code for one in evaluation.findings}
+    lens = observed.configuration.lens.model_copy(update={"serial": "another"})
+    with pytest.raises(CalibrationError, match="another"):
+        evaluate_session(other(observed, lens=lens), evaluation.calibration)
     lens = observed.configuration.lens.model_copy(update={"f_number": 4.0})
     with pytest.raises(CalibrationError, match=r"for the lens .*f/2\.6\), the frame was taken with .*f/4\)"):
         evaluate_session(other(observed, lens=lens), evaluation.calibration)

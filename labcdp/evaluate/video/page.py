@@ -27,7 +27,7 @@ from ..requirement import requirement_cards
 from ..verdict import changes_of
 from .dataset import LIGHT, NOTE, OF_CONTRAST, OF_CORNER, OF_FRAME, OF_REGION, TIME, VideoRows, blocks_of, check_video
 from .figure import drawn_contrasts, frames_of_a_point, video_figure
-from .result import contrast_name, is_neighbours, limit_of, unit_of, video_result
+from .result import answer_of, contrast_name, is_neighbours, limit_of, unit_of, video_result
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -69,7 +69,7 @@ def over_time(dataset: Dataset, result: Result) -> ReportFigure:
     parts = {
         f"CDP with its 95 % interval; the dotted line is the limit of {limit_of(dataset):g}.": True,
         f"Of the {dataset.sizes['contrast']} contrasts some are drawn.": (
-            len(drawn_contrasts(dataset)) + 1 < dataset.sizes["contrast"]
+            len(drawn_contrasts(dataset, result)) + 1 < dataset.sizes["contrast"]
         ),
         "Below: Weber contrast of the regions' means with its 95 % interval.": "measured_contrast" in dataset,
         "At the bottom: tracking quality of each region, from 0 to 1.": "quality" in dataset,
@@ -87,13 +87,8 @@ def _chosen(contrasts: Table) -> list[dict[str, Any]]:
     rows = list(contrasts.rows())
     reference = [row for row in rows if row["kind"] == "reference"]
     others = [row for row in rows if row["kind"] != "reference"]
-    places = changes_of([*map(_answer, others)], _MOST_CARDS - len(reference))
+    places = changes_of([*map(answer_of, others)], _MOST_CARDS - len(reference))
     return [*reference, *(others[place] for place in places)]
-
-
-def _answer(row: Mapping[str, Any]) -> float | None:
-    """Return how often the contrast is detected; where that is the same, the CDP decides."""
-    return row["detected_share"] + row["mean_cdp"] / 100 if row["n_evaluated"] else None
 
 
 def _measured(dataset: Dataset) -> Iterator[Card]:

@@ -175,6 +175,14 @@ def limit_of(dataset: Dataset) -> float:
     return float(configuration_of(dataset).get("cdp_limit", CDP_LIMIT))
 
 
+def answer_of(row: Mapping[str, Any]) -> float | None:
+    """Return how often a contrast of the table is detected; where that is the same, the CDP decides.
+
+    None if no frame has a CDP of it.
+    """
+    return float(row["detected_share"] + row["mean_cdp"] / 100) if row["n_evaluated"] else None
+
+
 def _over_all(cdp: NDArray[np.float64], frames: NDArray[Any], lost: NDArray[np.bool_], limit: float) -> dict[str, Any]:
     known = np.isfinite(cdp)
     n_detected, n_evaluated, n_lost = int((cdp[known] >= limit).sum()), int(known.sum()), int((lost & ~known).sum())

@@ -307,3 +307,40 @@ def test_a_region_that_cannot_be_followed_costs_only_its_own_pairs(tmp_path: Pat
     result = regions.cdp([1.0])
     assert result["pair"].values.tolist() == ["bright / middle"]
     assert "no result of bright / plain: region 'plain' cannot be followed" in result.attrs["warnings"]
+
+
+def of_two_patches(folder, levels, codec="FFV1"):
+    """A video of noise around 40 DN with a bright and a dark patch, of these levels in each frame."""
+    rng, frames = np.random.default_rng(8), []
+    for bright, dark in levels:
+        image = rng.normal(40, 12, (80, 120))
+        image[20:40, 20:44] = rng.normal(bright, 1, (20, 24))
+        image[20:40, 60:84] = rng.normal(dark, 1, (20, 24))
+        frames.append(np.clip(np.rint(image), 0, 255).astype(np.uint8))
+    return write(folder / "patches.avi", frames, codec)
+
+
+def linear_of_srgb(dn):
+    """IEC 61966-2-1."""
+    return ((dn / 255 + 0.055) / 1.055) ** 2.4
+
+
+@pytest.mark.parametrize("encoding", [None, "linear"])
+def test_another_encoding_is_weighed_for_the_regions_in_all_frames(tmp_path, encoding):
+    """In the first frames the regions are alike, and so by any encoding; in the last ones they are not."""
+    video = of_two_patches(tmp_path, [(100, 100)] * 3 + [(200, 100), (220, 100)])
+    dataset = evaluate_video(video, fixed(encoding=encoding))
+    found = [one for one in json.loads(dataset.attrs["findings"]) if one["code"].startswith("encoding-assumed")]
+    assert len(found) == (encoding is None)
+    for one in found:
+        assert (one["code"], one["subject"]) == ("encoding-assumed-frames", "bright / dark")
+        values = one["values"]
+        assert (values["count"], values["n_frames"], values["frame"]) == (2, 5, 4)
+        srgb = linear_of_srgb(220) / linear_of_srgb(100) - 1
+        both = sorted([values["taken"], values["otherwise"]])
+        assert both == pytest.approx([1.2, srgb], rel=0.02)
+
+
+def test_an_encoding_that_matters_in_no_frame_is_not_doubted(tmp_path):
+    dataset = evaluate_video(of_two_patches(tmp_path, [(100, 100)] * 3), fixed())
+    assert not [one for one in json.loads(dataset.attrs["findings"]) if one["code"].startswith("encoding-assumed")]

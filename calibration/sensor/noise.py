@@ -227,14 +227,7 @@ def first_frames(observations: Sequence[PatchObservation], dark: DarkModel) -> l
     """Return a finding if the first frames of the exposures differ from those that follow, which agree (F test).
 
     So they do by image lag, and by a camera or a lamp that settles; a light that flickers changes from any frame to the
-    next.
-
-    Parameters
-    ----------
-    observations : sequence of PatchObservation
-        All patches and exposures of a session.
-    dark : DarkModel
-        Dark signal there.
+    next. Observations and dark signal as of `flicker_of_light`.
     """
     from scipy.stats import f
 
@@ -243,7 +236,7 @@ def first_frames(observations: Sequence[PatchObservation], dark: DarkModel) -> l
         n = group[0].n_frames
         if n < _FEWEST_FRAMES or any(o.n_frames != n for o in group):
             continue
-        net = np.array([o.net_dn(dark.mean_dn(o.exposure_s, o.temperature_c)) / o.mean_inverse_v for o in group])
+        net = _net_dn(group, dark) / [o.mean_inverse_v for o in group]
         means = np.array([o.frame_means_dn for o in group])
         noise = np.maximum([_frame_noise_dn2(o, dark) / o.mean_inverse_v**2 for o in group], 1e-12) / net**2
         weight = 1 / noise / np.sum(1 / noise)
@@ -282,12 +275,16 @@ def _contradict(seen: Array, expected: Array, dof: Array) -> bool:
 
 def _flicker_of_frames(group: Sequence[PatchObservation], dark: DarkModel) -> tuple[float, float, int]:
     """Relative variance of the light over the frames of one exposure, that of its noise, and degrees of freedom."""
-    net = np.array([o.net_dn(dark.mean_dn(o.exposure_s, o.temperature_c)) for o in group])
+    net = _net_dn(group, dark)
     noise = np.maximum([_frame_noise_dn2(o, dark) for o in group], 1e-12) / net**2
     seen = np.array([o.frame_means_variance_dn2 * o.mean_inverse_v**2 for o in group]) / net**2
     weight = 1 / noise**2
     excess = float(weight @ (seen - noise) / weight.sum())
     return excess, float(weight.sum()) ** -0.5, group[0].n_frames - 1
+
+
+def _net_dn(group: Sequence[PatchObservation], dark: DarkModel) -> Array:
+    return np.array([o.net_dn(dark.mean_dn(o.exposure_s, o.temperature_c)) for o in group])
 
 
 def _frame_noise_dn2(o: PatchObservation, dark: DarkModel) -> float:

@@ -25,7 +25,7 @@ from ..evaluate.sweep.plan import Axis
 from ..report.files import envelope
 from ..report.text import finding_text, text_table
 from .arguments import Contrasts, PathArgument, as_contrasts, as_number, as_path
-from .picture import Stated, conversion_of, require_known
+from .picture import Stated, conversion_of
 from .session import CalibratedSession
 
 
@@ -98,11 +98,10 @@ def _of_pictures(
     **stated: Unpack[Stated],
 ) -> PictureTask:
     """Return what pictures are asked, from the arguments of `compare` and `read_image`."""
-    require_known(stated, Stated)
     files = {"regions": regions, "calibration": calibration, "camera specification": camera_spec}
     return picture_task(
         as_path(regions, "regions"),
-        conversion_of(calibration, camera_spec, encoding).given(**stated),
+        conversion_of(calibration, camera_spec, encoding, stated, Stated),
         tuple(InputFile.of(role, Path(one)) for role, one in files.items() if isinstance(one, str | PathLike)),
         as_contrasts(contrast, epsilon).values,
         epsilon,

@@ -204,6 +204,7 @@ class PictureConversion:
         window: Window,
         f_number: float | None,
         vignetting: AssumedVignetting | None,
+        /,
     ) -> LuminanceMap:
         """Return the luminance of a frame whose DN are encoded by `encoding`, or a window of it."""
         return light_of_dn(frame, encoding, self.specification, f_number, vignetting).map_of(frame, window)
@@ -467,14 +468,7 @@ class Calibrated(PictureConversion):
         """Return None: that of the calibration was measured."""
         return None
 
-    def _map(
-        self,
-        frame: Frame,
-        encoding: Encoding,
-        window: Window,
-        f_number: float | None,
-        vignetting: AssumedVignetting | None,
-    ) -> LuminanceMap:
+    def _map(self, frame: Frame, encoding: Encoding, window: Window, /, *_: object) -> LuminanceMap:
         return self.calibration.to_luminance(frame, window)
 
     def _require_fit(self, picture: Picture) -> None:

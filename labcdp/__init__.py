@@ -40,18 +40,18 @@ if TYPE_CHECKING:
     from .core.reading import Reading as Reading
     from .core.roi import Roi as Roi
     from .evaluate.requirement import Requirement as Requirement
+    from .metrics import Cdp as Cdp
     from .metrics import DetectionInterval as DetectionInterval
-    from .metrics import DetectionProbability as DetectionProbability
     from .metrics import cdp as cdp
     from .metrics import cdp_neighbours as cdp_neighbours
 
     __version__: str
 
 _HOME = {
+    "Cdp": "metrics",
     "Chain": "api.chain",
     "Comparison": "api.compare",
     "DetectionInterval": "metrics",
-    "DetectionProbability": "metrics",
     "Frame": "core.frame",
     "Image": "api.picture",
     "InputError": "core.errors",

@@ -228,7 +228,7 @@ class Image:
         found = evaluate_neighbours(
             self.luminance, asked.values, asked.epsilon, None if corners is None else tuple(corners)
         )
-        data = cdp_variables(("contrast",), found.results or (None,))
+        data = cdp_variables(("contrast",), list(found.cdp) or (None,))
         dataset = Dataset(data, attrs=self.attributes(asked.epsilon, found.findings))
         return described(at_contrasts(dataset, asked, found.contrast.value))
 

@@ -30,7 +30,8 @@ def test_regions_of_a_picture(picture, rois, tables):
             assert float(found[name]) == row[name]
     (row,) = tables("image", picture, "--neighbours", "-o", "neighbours")["cdp"]["rows"]
     found = api.read_image(picture).cdp_neighbours()
-    assert all(float(found[name]) == row[name] for name in ("contrast", "cdp", "u_cdp"))
+    for name in ("contrast", "cdp", "u_cdp"):
+        assert float(found[name]) == row[name], name
 
 
 def test_regions_of_a_video(video, rois, tables, tmp_path):

@@ -18,7 +18,7 @@ def probabilities() -> float:
     number: float = one.cdp + one.u + low + high
     several = labcdp.cdp(bright, dark, [0.1, 0.2], labcdp.DetectionInterval.at_least(0.5))
     array: NDArray[np.float64] = several.cdp + several.interval.low
-    neighbours: labcdp.DetectionProbability[NDArray[np.float64]] = labcdp.cdp_neighbours(
+    neighbours: labcdp.Cdp[NDArray[np.float64]] = labcdp.cdp_neighbours(
         np.arange(1, 101).reshape(10, 10), np.array([0.1, 0.2])
     )
     return number + float(array.sum()) + float(neighbours.cdp.mean())
@@ -82,7 +82,7 @@ def devices() -> None:
 
 
 def main(picture: Path, video: Path, regions: Path, folder: Path) -> None:
-    print(probabilities(), readings([]), labcdp.metrics.contrast_range(0.1, 0.3, 0.1), labcdp.__version__)
+    print(probabilities(), readings([]), labcdp.metrics.weber_contrast(2.0, 1.0), labcdp.__version__)
     for dataset in (chains(folder), pictures(picture, regions), videos(video, regions), sessions()):
         print(dataset)
     try:

@@ -163,7 +163,7 @@ def test_saturation_contrast_and_verdict_follow_the_exposure(bench):
     # The true contrast of upper left and lower right is 358 / 33.8 - 1, less the vignetting of the lens.
     assert number(bench.card_when(2, r"[89]\d\d")) == pytest.approx(880, rel=0.1)
     # A list has a row for each contrast, also a range; a comma in a single number is that of decimals.
-    bench.fill("Target contrast", "88%,700%:1100%:3")
+    bench.fill("Target contrast", "88%,850%:950%:3")
     bench.card_when(1, r"3 of 4\s*detected")
     assert bench.page.locator(".contrasts tbody tr").first.inner_text().endswith("too strong")
     # A long list keeps its place while frames come.

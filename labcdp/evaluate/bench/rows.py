@@ -12,9 +12,10 @@ from ...calibration.readings import PatchReading, combine_patches, expanded_of_r
 from ...calibration.setup import MeterScale
 from ...calibration.signal import usable
 from ...core.errors import CalibrationError, InputError
+from ...core.quantity import Interval
 from ...core.result import Finding, warning
 from ...core.roi import Roi
-from ...metrics import CalibratedCdp, CdpResult, ContrastDistribution, contrast_histogram
+from ...metrics import Cdp, ContrastDistribution, contrast_histogram
 from ...metrics.pair import bound_of_contrast, evaluate_regions
 from ...metrics.region import Bound, RegionPixels, evaluate_region
 from ...metrics.uncertainty import LimitVerdict, limit_verdict
@@ -167,7 +168,7 @@ class ContrastRow:
         Names of the patches, and what counts as detected.
     bright, dark : PatchRow
         The patches; the scale errors of meter and fit cancel in their contrasts.
-    calibrated_cdp : CalibratedCdp
+    cdp : Cdp
         At the target contrast, with what pixels and calibration leave uncertain.
     distribution : ContrastDistribution or None
         Of all pairs of pixels, for plots; None if no contrast is finite.
@@ -183,7 +184,7 @@ class ContrastRow:
     asked: ContrastConfiguration
     bright: PatchRow
     dark: PatchRow
-    calibrated_cdp: CalibratedCdp[CdpResult]
+    cdp: Cdp[float]
     distribution: ContrastDistribution | None
     exposure_s: float
     frame_number: int
@@ -217,15 +218,9 @@ class ContrastRow:
         return self.bright.calibrated.luminance_cd_m2 / self.dark.calibrated.luminance_cd_m2 - 1
 
     @property
-    def cdp(self) -> CdpResult:
-        """CDP with its 95 % interval by pixels and calibration; its standard error is by the pixels alone."""
-        both = self.calibrated_cdp
-        return replace(both.result, confidence_interval=both.confidence_interval)
-
-    @property
     def verdict(self) -> Verdict:
         """Whether the contrast is detected: undecided if the interval of the CDP includes the limit."""
-        return cdp_verdict(self.cdp.cdp, self.cdp.confidence_interval, self.asked.cdp_limit)
+        return cdp_verdict(self.cdp.cdp, self.cdp.interval, self.asked.cdp_limit)
 
 
 def contrast_row(
@@ -247,19 +242,18 @@ def contrast_row(
     (bright_number, bright_map), (dark_number, dark_map) = seen[pair.bright], seen[pair.dark]
     regions = RegionPixels.of(bright_map, bright.region), RegionPixels.of(dark_map, dark.region)
     both = evaluate_regions(*regions, (pair.contrast,), pair.epsilon)
-    (found,) = both.results
+    (cdp,) = both.cdp
     shown = exposure_s, bright_number, dark_number, both.findings if clipped else ()
     if both.bound:
-        return ContrastRow(pair, bright, dark, _without_cdp(found), None, *shown)
-    if found.result.bright == "b":
+        return ContrastRow(pair, bright, dark, _without_cdp(cdp), None, *shown)
+    if cdp.swapped:
         raise InputError(f"patch {pair.bright!r} is darker than {pair.dark!r}: give the brighter one as bright")
-    distribution = contrast_histogram(regions[0].distribution, regions[1].distribution, found.result.interval[1])
-    return ContrastRow(pair, bright, dark, found, distribution, *shown)
+    distribution = contrast_histogram(regions[0].distribution, regions[1].distribution, cdp.detected_range.high)
+    return ContrastRow(pair, bright, dark, cdp, distribution, *shown)
 
 
-def _without_cdp(found: CalibratedCdp[CdpResult]) -> CalibratedCdp[CdpResult]:
-    """Return what was asked, with nan for all that clipped pixels do not show."""
-    unknown = replace(
-        found.result, cdp=nan, below=nan, above=nan, undefined=nan, standard_error=nan, confidence_interval=(nan, nan)
+def _without_cdp(cdp: Cdp[float]) -> Cdp[float]:
+    """Return the record with nan for all that clipped pixels do not show."""
+    return replace(
+        cdp, cdp=nan, below=nan, above=nan, undefined=nan, u_pixels=nan, u_calibration=nan, interval=Interval(nan, nan)
     )
-    return CalibratedCdp(unknown, nan, (nan, nan))

@@ -12,7 +12,7 @@ from ...core.luminance import LuminanceMap
 from ...core.result import Finding, info, unique, warning
 from ...core.roi import Rectangle, Roi
 from ...metrics.pair import VIGNETTING_CODE, PairResult, evaluate_pair
-from ...metrics.region import RegionResult, evaluate_region
+from ...metrics.region import RegionLight, evaluate_region
 from ..requirement import Requirement
 from ..verdict import CDP_LIMIT, require_limit
 from .conversion import PictureSource
@@ -30,7 +30,7 @@ class ImageEvaluation:
     ----------
     source : PictureSource
         The picture.
-    regions : tuple of RegionResult
+    regions : tuple of RegionLight
         All regions, in the order of the request.
     pairs : tuple of PairResult
         In the order of the request.
@@ -41,7 +41,7 @@ class ImageEvaluation:
     """
 
     source: PictureSource
-    regions: tuple[RegionResult, ...]
+    regions: tuple[RegionLight, ...]
     pairs: tuple[PairResult, ...]
     neighbours: NeighbourEvaluation | None
     findings: tuple[Finding, ...]
@@ -78,7 +78,7 @@ def evaluate_image(luminance: LuminanceMap, source: PictureSource, request: Imag
     if request.neighbours:
         neighbours = evaluate_neighbours(luminance, *asked, request.rectangle)
     found = [*source.findings]
-    if any(pair.of_measured_contrast for pair in pairs) and request.contrasts is None:
+    if any(pair.targets_measured_contrast for pair in pairs) and request.contrasts is None:
         found.append(info("contrast-is-measured"))
     found += [
         warning("pair-swapped", bright=pair.b.roi.name, dark=pair.a.roi.name)

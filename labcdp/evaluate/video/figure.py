@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.quantity import Z_95
 from ...core.result import Result
-from ...core.table import Z_95
 from ...report.drawing import (
     BLUE,
     GREEN,

@@ -8,7 +8,7 @@ from math import hypot, sqrt
 
 import numpy as np
 
-from ..core.result import Finding, warning
+from ..core.result import Finding, info, warning
 from .agreement import with_agreement
 from .colour.conversion import ByPlane
 from .colour.model import AnyCalibration
@@ -55,6 +55,14 @@ def in_session(
     if isinstance(calibration, Calibration):
         return done[0][0], findings
     return replace(calibration, planes=tuple(converter for converter, _ in done)), findings
+
+
+def of_another_day(calibration: AnyCalibration) -> list[Finding]:
+    """Say that a calibration is of another day than what it converts, where that counts."""
+    if not calibration.stability_rel:
+        return []
+    measured = f"{calibration.provenance.measured:%Y-%m-%d}"
+    return [info("calibration-of-another-day", measured=measured, stability_rel=calibration.stability_rel)]
 
 
 def _plane_in_session(

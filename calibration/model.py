@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
-from math import inf
+from datetime import datetime
+from math import hypot, inf
 from typing import Any, Self, TypeAlias
 
 from ..core.errors import InputError
@@ -142,9 +143,19 @@ class Calibration(Converter):
         """The spectrum it is valid for as measured, else its name."""
         return self.source_spectrum if self.measured_spectrum is None else self.measured_spectrum
 
+    def for_day_of(self, recorded: Iterable[datetime | None]) -> Self:
+        """Return it for what was recorded at these times, None for one that is not known."""
+        apart = any(self.provenance.is_of_another_day(one) for one in recorded if one is not None)
+        return replace(self, of_another_day=True) if apart and not self.of_another_day else self
+
+    def changed_by(self, relative: float) -> Self:
+        """Return it with a responsivity that has changed by about as much since."""
+        stability_rel = hypot(self.stability_rel, relative)
+        return replace(self, lens=replace(self.lens, stability_rel=stability_rel), of_another_day=True)
+
     def to_luminance(self, frame: Frame, window: Window = WHOLE) -> LuminanceMap:
         """Convert a frame, or a window of it, to luminance; see `labcdp.calibration.convert.conversion`."""
-        return to_luminance(self, frame, window)
+        return to_luminance(self.for_day_of([frame.timestamp]), frame, window)
 
     def _cropped(self, corner: tuple[int, int], part: CameraState) -> Self:
         return replace(

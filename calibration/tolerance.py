@@ -27,6 +27,8 @@ class _Calibration(Protocol):
     @property
     def lens(self) -> LensIdentity: ...
     @property
+    def stability_rel(self) -> float: ...
+    @property
     def meter_scale(self) -> MeterScale: ...
     @property
     def field_rel(self) -> float: ...
@@ -36,7 +38,8 @@ class _Calibration(Protocol):
 
 def own_tolerance_rel(calibration: _Calibration, of_place_rel: float = 0.0) -> float:
     """Relative U (95 %) of a calibration without a patch's noise; `of_place_rel` is by an assumed vignetting there."""
-    others = calibration.lens.refocus_rel**2 + of_place_rel**2 + calibration.field_rel**2
+    of_time = calibration.lens.refocus_rel**2 + calibration.stability_rel**2
+    others = of_time + of_place_rel**2 + calibration.field_rel**2
     return expanded_of_scales([calibration.meter_scale], [calibration.fit_part, (others, inf)])
 
 

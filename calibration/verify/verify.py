@@ -20,7 +20,7 @@ from ..colour.conversion import ByPlane, luminance_of_planes, own_rel
 from ..colour.model import AnyCalibration
 from ..colour.patches import by_patch, nonuniformity_rel
 from ..convert.patch import PatchLuminance, numbered, patch_luminance
-from ..converter import EXPOSURE_TIME, FLAT_FIELD, OF_FRAMES, VIGNETTING
+from ..converter import EXPOSURE_TIME, FLAT_FIELD, OF_FRAMES, STABILITY, VIGNETTING
 from ..findings import summarised
 from ..frames.observations import DarkObservation, PatchObservation
 from ..model import Calibration
@@ -30,9 +30,13 @@ from ..setup import METER_SOURCES, MeterScale
 from ..signal import temperature_findings
 from ..tolerance import Part, expanded_of_scales, own_tolerance_rel
 from ..uncertainty import (
+    FALSE_ALARM,
+    SMALL_EFFECT_REL,
+    critical_value,
     effective_dof,
     expanded_half_width,
     of_one_estimate,
+    p_value_of_chi_squared,
     scales_apart,
     student_factor,
 )
@@ -80,6 +84,7 @@ def verify(
     stated_rel = None if tolerance_rel is None else require_tolerance(tolerance_rel)
     # What another temperature of the camera does is seen on the dark frames.
     calibration = calibration.at_their_temperature()
+    calibration = calibration.for_day_of(reading.timestamp for group in readings.values() for reading in group)
     groups = by_patch(observations, [plane.state.plane for plane in calibration.planes])
     seen, unusable, of_frames = _measured(calibration, groups)
     comparison, of_readings = _compared(calibration, groups, list(seen.values()), readings, meter)
@@ -111,7 +116,10 @@ def verify(
 
 @dataclass(frozen=True, eq=False)
 class _Comparison:
-    """Deviations of n patches; `scales` are those that matter, by `scales_apart`."""
+    """Deviations of n patches; `scales` are those that matter, by `scales_apart`.
+
+    Errors of the sources `shown` are what the deviations are to show, and no part of their uncertainty.
+    """
 
     seen: Sequence[PatchLuminance]
     read: Mapping[str, PatchReading]
@@ -119,6 +127,7 @@ class _Comparison:
     meter: MeterScale
     scales: Sequence[MeterScale]
     field_rel: float
+    shown: tuple[str, ...]
 
     @property
     def deviation_rel(self) -> NDArray[np.float64]:
@@ -134,11 +143,11 @@ class _Comparison:
 
     @cached_property
     def _common(self) -> list[tuple[str, NDArray[np.float64], float]]:
-        """Source, pattern and degrees of freedom of each common error but those of meter and assumed vignetting."""
+        """Source, pattern and degrees of freedom of each common error but those of the meter and those to be shown."""
         common = [numbered(one.common) for one in self.seen]
         found = []
         for name in dict.fromkeys(name for errors in common for name in errors):
-            if name[0] not in (*METER_SOURCES, VIGNETTING):
+            if name[0] not in (*METER_SOURCES, *self.shown):
                 own = [errors.get(name, CommonError(name[0], 0.0)) for errors in common]
                 pattern = np.array([float(error.relative) for error in own])
                 found.append((name[0], pattern, min(error.dof for error in own)))
@@ -237,6 +246,7 @@ def _compared(
     seen: Sequence[PatchLuminance],
     readings: Mapping[str, Sequence[Reading]],
     meter: MeterScale,
+    shown: tuple[str, ...] = (VIGNETTING, STABILITY),
 ) -> tuple[_Comparison, list[Finding]]:
     """Combine the readings of each patch, and determine the relevant scale errors."""
     read, findings = combine_patches({one.patch: readings.get(one.patch, ()) for one in seen})
@@ -249,7 +259,44 @@ def _compared(
         # One instrument: its spectral mismatch is the same in the same light.
         scales = tuple(replace(one, f1_prime=None) for one in scales)
     uneven = {patch: nonuniformity_rel(calibration.planes, groups[patch]) for patch in read}
-    return _Comparison(seen, read, uneven, meter, scales, calibration.field_rel), findings
+    return _Comparison(seen, read, uneven, meter, scales, calibration.field_rel, shown), findings
+
+
+def changes_since(
+    calibration: AnyCalibration,
+    observations: ByPlane[PatchObservation],
+    seen: Sequence[PatchLuminance],
+    readings: Mapping[str, Sequence[Reading]],
+    meter: MeterScale,
+) -> tuple[AnyCalibration, list[Finding]]:
+    """Return a calibration as uncertain as the patches of a session, all alike, contradict the meter, if they do.
+
+    They contradict it if they differ by more than both are uncertain, by chance in 1 %.
+
+    Parameters
+    ----------
+    calibration : Calibration or ColourCalibration
+        As it holds in the session.
+    observations, readings : mapping
+        Of the session, as of `verify`.
+    seen : sequence of PatchLuminance
+        Its patches.
+    meter : MeterScale
+        The meter that took the readings.
+    """
+    groups = by_patch(observations, [plane.state.plane for plane in calibration.planes])
+    comparison, _ = _compared(calibration, groups, seen, readings, meter, (STABILITY,))
+    deviation, expanded = comparison.mean()
+    left, n = comparison.deviation_rel - deviation, len(seen) - 1
+    chi_squared = float(left @ np.linalg.solve(comparison.covariance, left))
+    differ = n > 0 and p_value_of_chi_squared(chi_squared, n) < FALSE_ALARM
+    by_chance_rel = expanded * critical_value(1) / expanded_half_width(0.0, 1.0)
+    with_stability_rel = hypot(expanded, expanded_half_width(0.0, calibration.stability_rel))
+    if differ or abs(deviation) <= max(by_chance_rel, with_stability_rel, SMALL_EFFECT_REL):
+        return calibration, []
+    measured = f"{calibration.provenance.measured:%Y-%m-%d}"
+    found = warning("responsivity-changed", deviation_rel=deviation, expanded_rel=expanded, measured=measured)
+    return calibration.changed_by(deviation), [found]
 
 
 def _planes(

@@ -13,7 +13,7 @@ from labcdp.calibration.setup import meter_scale
 from labcdp.calibration.tolerance import of_no_use, own_tolerance_rel
 from labcdp.calibration.verify.history import histories
 from labcdp.calibration.verify.result import conformance_probability, decide
-from labcdp.calibration.verify.verify import verify
+from labcdp.calibration.verify.verify import changes_since, verify
 from labcdp.core.errors import CalibrationError
 from labcdp.core.reading import MeterIdentity
 from labcdp.core.vignetting import Cos4Vignetting, RadialVignetting
@@ -246,3 +246,37 @@ def test_a_calibration_of_no_use_says_so(calibration):
     assert (found.code, found.severity) == ("calibration-of-no-use", "warning")
     assert found.values["expanded_rel"] == pytest.approx(own_tolerance_rel(bad))
     assert found.values["expanded_rel"] > 1.96 * 0.15
+
+
+@pytest.mark.parametrize("days", [0, 3])
+def test_on_another_day_the_stability_of_the_camera_counts(setup, days):
+    calibration = calibrate(replace(setup, lens=replace(setup.lens, stability_rel=0.01)))
+    observations = [one for one in measured()[0][None] if one.patch == "P1"]
+    recorded = calibration.provenance.measured + timedelta(days=days)
+    before, after = (
+        patch_luminance(one, observations).standard_uncertainty_rel
+        for one in (calibration, calibration.for_day_of([None, recorded]))
+    )
+    assert after == pytest.approx(hypot(before, 0.01 if days else 0.0))
+
+
+def changed(calibration, seed, responsivity_dn_s_cd_m2=1200.0):
+    """A calibration after patches measured again with another responsivity, and codes of what that says."""
+    camera = SimulatedCamera(responsivity_dn_s_cd_m2=responsivity_dn_s_cd_m2)
+    observations, _, readings, meter = measured(seed, camera)
+    names = dict.fromkeys(one.patch for one in observations[None])
+    seen = [patch_luminance(calibration, [o for o in observations[None] if o.patch == name]) for name in names]
+    after, findings = changes_since(calibration, observations, seen, readings, meter)
+    return after, [one.code for one in findings]
+
+
+def test_a_change_of_the_responsivity_is_named_and_counts(calibration):
+    after, named = changed(calibration, 4, 1200 * 1.02)
+    assert named == ["responsivity-changed"]
+    assert after.stability_rel == pytest.approx(0.02, abs=0.004)
+
+
+def test_no_change_of_the_responsivity_is_named_by_chance(setup):
+    """In 1 % of sessions: more than 3 of 40 happen in 1 of 1000."""
+    named = [changed(calibrate(setup, 300 + seed), 700 + seed)[1] for seed in range(40)]
+    assert sum(map(bool, named)) <= 3

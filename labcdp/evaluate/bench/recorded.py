@@ -97,7 +97,13 @@ def lens_of(configuration: SessionConfiguration) -> LensIdentity:
     """Return the configured lens as a calibration keeps it."""
     lens = configuration.lens
     return LensIdentity(
-        lens.model, lens.serial or "", lens.focal_length_m, lens.f_number, lens.focus_distance_m, lens.refocus_rel
+        lens.model,
+        lens.serial or "",
+        lens.focal_length_m,
+        lens.f_number,
+        lens.focus_distance_m,
+        lens.refocus_rel,
+        lens.stability_rel,
     )
 
 

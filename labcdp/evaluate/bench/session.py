@@ -10,7 +10,8 @@ import numpy as np
 from ...calibration import AnyCalibration, Calibration
 from ...calibration.convert.conversion import require_lens
 from ...calibration.findings import summarised
-from ...calibration.in_session import in_session
+from ...calibration.in_session import in_session, of_another_day
+from ...calibration.verify.verify import changes_since
 from ...core.errors import CalibrationError
 from ...core.luminance import Invalid, LuminanceMap, chosen
 from ...core.result import Finding, warning
@@ -127,15 +128,24 @@ def evaluate_session(
     configuration, session = observed.configuration, observed.session
     pairs = configuration.contrasts if contrasts is None else contrasts
     findings = mismatch(configuration, calibration)
-    if calibration.provenance.comes_from(observed.input_sha256):
+    own = calibration.provenance.comes_from(observed.input_sha256)
+    if own:
         calibration = calibration.at_their_temperature()
     else:
         if measured_in(session, calibration):
             findings = [warning("calibration-before-retake", str(session.path)), *findings]
         calibration, of_session = in_session(calibration, observed.by_plane, observed.darks_by_plane)
         findings += of_session
+        calibration = calibration.for_day_of(observed.times)
+        findings += of_another_day(calibration)
     measured = [patch for patch in configuration.target.patches if patch.name in observed.names]
     patches = {patch.name: patch_row(patch, observed, calibration) for patch in measured}
+    if not own:
+        seen = [row.calibrated for row in patches.values()]
+        rest = observed.by_plane, seen, observed.readings, observed.meter_scale
+        calibration, of_change = changes_since(calibration, *rest)
+        findings += of_change
+        patches = {name: patch_row(row.patch, observed, calibration) for name, row in patches.items()}
     asked = [name for pair in pairs for name in (pair.bright, pair.dark)]
     require_patches(asked, [*patches], "for the contrast (it may have been left out)")
     of_patches = [finding for row in patches.values() for finding in row.calibrated.findings]

@@ -108,6 +108,7 @@ def patch_luminance(calibration: Converter, observations: Sequence[PatchObservat
         If there is no observation, observations are of several patches, of another camera, setting or
         vignetting, or the patch is clipped or black at every exposure.
     """
+    observations = [o.with_vignetting(calibration.vignetting) for o in observations]
     names = sorted({o.patch for o in observations})
     if len(names) != 1:
         raise CalibrationError(f"observations are of patches {names}: give those of one patch at a time")

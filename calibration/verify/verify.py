@@ -32,13 +32,13 @@ from ..tolerance import Part, expanded_of_scales, own_tolerance_rel
 from ..uncertainty import (
     FALSE_ALARM,
     SMALL_EFFECT_REL,
-    critical_value,
     effective_dof,
     expanded_half_width,
     of_one_estimate,
     p_value_of_chi_squared,
     scales_apart,
     student_factor,
+    three_over_two,
 )
 from .findings import findings_of
 from .result import DRIFT_DN, Drift, Verification, VerifiedDark, VerifiedPatch, VerifiedPlane, require_tolerance
@@ -189,6 +189,11 @@ class _Comparison:
         weights = self._weights()
         return float(weights @ self.deviation_rel), expanded_of_scales(self.scales, self._whole(weights))
 
+    @property
+    def dof(self) -> float:
+        """Degrees of freedom of the mean's uncertainty."""
+        return effective_dof(self._whole(self._weights()))
+
     def _weights(self) -> NDArray[np.float64]:
         weights = np.linalg.solve(self.covariance, np.ones(len(self.seen)))
         normed: NDArray[np.float64] = weights / weights.sum()
@@ -271,7 +276,7 @@ def changes_since(
 ) -> tuple[AnyCalibration, list[Finding]]:
     """Return a calibration as uncertain as the patches of a session, all alike, contradict the meter, if they do.
 
-    They contradict it if they differ by more than both are uncertain, by chance in 1 %.
+    They contradict it if they differ by more than both are uncertain, by chance in 0.27 % (three standard deviations).
 
     Parameters
     ----------
@@ -290,7 +295,7 @@ def changes_since(
     left, n = comparison.deviation_rel - deviation, len(seen) - 1
     chi_squared = float(left @ np.linalg.solve(comparison.covariance, left))
     differ = n > 0 and p_value_of_chi_squared(chi_squared, n) < FALSE_ALARM
-    by_chance_rel = expanded * critical_value(1) / expanded_half_width(0.0, 1.0)
+    by_chance_rel = expanded * three_over_two(comparison.dof)
     with_stability_rel = hypot(expanded, expanded_half_width(0.0, calibration.stability_rel))
     if differ or abs(deviation) <= max(by_chance_rel, with_stability_rel, SMALL_EFFECT_REL):
         return calibration, []

@@ -218,8 +218,6 @@ def test_u_of_certificate_and_calibration_is_that_of_the_evaluated_patch(evaluat
     expected = {row.patch.name: row.calibrated.half_width_95_rel for row in evaluated.patches}
     table = calibration_result(evaluated.calibration).table("calibration_patches")
     assert {row["patch"]: row["expanded_rel"] for row in table.rows()} == pytest.approx(expected, rel=0.05)
-    # They differ by the place: the same luminance on the axis would have one.
-    assert max(expected.values()) > 1.2 * min(expected.values())
     for row in table.rows():
         assert row["expanded_camera_cd_m2"] == pytest.approx(row["expanded_rel"] * row["camera_cd_m2"])
         u = row["u_camera_cd_m2"] / row["camera_cd_m2"]

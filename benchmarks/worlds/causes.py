@@ -27,6 +27,9 @@ NAMED_BY: dict[str, tuple[str, ...]] = {
     "meter-recalibrated": ("step",),
     "patch-coloured": ("colours",),
     "patch-contradicts": ("patch",),
+    "patch-contradicts-meter": (
+        "flicker", "focus", "glare", "shape of patches", "image lag", "patch", "readings", "scatter of patches",
+    ),
     "patch-rim": ("focus", "glare", "shape of patches"),
     "patch-shape": ("shape of patches",),
     "patches-scatter": ("scatter of patches",),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from math import log, sqrt
 
@@ -25,6 +26,9 @@ _CONTRADICTION = 1e-4
 #: Ratio of the probabilities by chance, e^2, within which two effects explain the observations about equally well: the
 #: better one is then no more than about seven times as likely.
 _ALIKE = 2.0
+#: Probability by chance below which an effect may be the cause of what another one, beside it no longer significant,
+#: explains.
+_RIVAL = 0.05
 #: Difference of their logarithms within which effects are the same at these patches; the first one is then named.
 _SAME = 0.01
 
@@ -177,8 +181,11 @@ def _next(solution: Solution, effects: Sequence[Effect], found: Sequence[Found])
 
 
 def _significant(solution: Solution, effects: Iterable[Effect]) -> list[Assessed]:
-    rows = [assess(solution, one) for one in largest_of_each_kind(solution, effects)]
-    return [one for one in rows if one.significant and one.matters(solution)]
+    return [one for one in _assessed(solution, effects) if one.significant and one.matters(solution)]
+
+
+def _assessed(solution: Solution, effects: Iterable[Effect]) -> list[Assessed]:
+    return [assess(solution, one) for one in largest_of_each_kind(solution, effects)]
 
 
 def _without_others(
@@ -195,11 +202,23 @@ def _without_others(
             kept.pop(number)
             continue
         others = [other for other in _others(effects, kept) if other.kind != one.effect.kind]
-        alike = [row for row in _significant(solution, others) if row.log_p <= again.log_p + _ALIKE]
+        rows = [row for row in _assessed(solution, others) if row.log_p < log(_RIVAL) and row.possible]
+        alike = [row for row in rows if _is_rival(row, again, with_found(design, rest), solution)]
         if one.effect.kind == "patch":
             alike += [row.assessed for row in rest if _is_most_at(row, one.effect, solution)]
         kept[number] = Found(again, tuple(sorted(alike, key=lambda row: row.log_p)))
     return kept
+
+
+def _is_rival(row: Assessed, found: Assessed, design: Design, solution: Solution) -> bool:
+    """Whether an effect explains the observations about as well as one that was found, or what that one explains."""
+    if not row.matters(solution):
+        return False
+    if row.significant and row.log_p <= found.log_p + _ALIKE:
+        return True
+    with suppress(CalibrationError):
+        return not assess(solve(with_found(design, [Found(row)]), solution.candidate), found.effect).significant
+    return False
 
 
 def _is_most_at(found: Found, patch: Effect, solution: Solution) -> bool:

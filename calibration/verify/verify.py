@@ -202,6 +202,10 @@ class _Comparison:
     def _whole(self, weights: NDArray[np.float64]) -> list[Part]:
         return [*self._measured(weights), *self._calibrated(weights), *self._of_place(weights)]
 
+    def parts_of(self, number: int) -> list[Part]:
+        """Parts of the deviation of one patch."""
+        return self._whole(np.eye(len(self.seen))[number])
+
     def drift(self, plane: Calibration) -> Drift:
         """Return the mean deviation as a change of a plane's responsivity.
 
@@ -273,10 +277,8 @@ def changes_since(
     seen: Sequence[PatchLuminance],
     readings: Mapping[str, Sequence[Reading]],
     meter: MeterScale,
-) -> tuple[AnyCalibration, list[Finding]]:
-    """Return a calibration as uncertain as the patches of a session, all alike, contradict the meter, if they do.
-
-    They contradict it if they differ by more than both are uncertain, by chance in 0.27 % (three standard deviations).
+) -> tuple[AnyCalibration, dict[str, float], list[Finding]]:
+    """Compare the patches of a session with its readings: a finding by chance in 0.27 % (three standard deviations).
 
     Parameters
     ----------
@@ -288,20 +290,43 @@ def changes_since(
         Its patches.
     meter : MeterScale
         The meter that took the readings.
+
+    Returns
+    -------
+    Calibration or ColourCalibration
+        As uncertain as all patches, alike, contradict the meter.
+    dict of str to float
+        Relative deviations of patches that contradict it alone.
+    list of Finding
+        What was found.
     """
     groups = by_patch(observations, [plane.state.plane for plane in calibration.planes])
     comparison, _ = _compared(calibration, groups, seen, readings, meter, (STABILITY,))
     deviation, expanded = comparison.mean()
     left, n = comparison.deviation_rel - deviation, len(seen) - 1
     chi_squared = float(left @ np.linalg.solve(comparison.covariance, left))
-    differ = n > 0 and p_value_of_chi_squared(chi_squared, n) < FALSE_ALARM
+    if n > 0 and p_value_of_chi_squared(chi_squared, n) < FALSE_ALARM:
+        return calibration, *_deviating(comparison, calibration.stability_rel)
     by_chance_rel = expanded * three_over_two(comparison.dof)
     with_stability_rel = hypot(expanded, expanded_half_width(0.0, calibration.stability_rel))
-    if differ or abs(deviation) <= max(by_chance_rel, with_stability_rel, SMALL_EFFECT_REL):
-        return calibration, []
+    if abs(deviation) <= max(by_chance_rel, with_stability_rel, SMALL_EFFECT_REL):
+        return calibration, {}, []
     measured = f"{calibration.provenance.measured:%Y-%m-%d}"
     found = warning("responsivity-changed", deviation_rel=deviation, expanded_rel=expanded, measured=measured)
-    return calibration.changed_by(deviation), [found]
+    return calibration.changed_by(deviation), {}, [found]
+
+
+def _deviating(comparison: _Comparison, stability_rel: float) -> tuple[dict[str, float], list[Finding]]:
+    """Return the patches that contradict the meter alone, with their deviations, and findings."""
+    deviating, findings = {}, []
+    for n, (one, deviation) in enumerate(zip(comparison.seen, comparison.deviation_rel.tolist(), strict=True)):
+        parts = comparison.parts_of(n)
+        expanded = expanded_of_scales(comparison.scales, [*parts, (stability_rel**2, inf)])
+        if abs(deviation) > max(expanded * three_over_two(effective_dof(parts)), SMALL_EFFECT_REL):
+            deviating[one.patch] = deviation
+            values = {"deviation_rel": deviation, "expanded_rel": expanded}
+            findings.append(warning("patch-contradicts-meter", one.patch, **values))
+    return deviating, findings
 
 
 def _planes(

@@ -260,23 +260,33 @@ def test_on_another_day_the_stability_of_the_camera_counts(setup, days):
     assert after == pytest.approx(hypot(before, 0.01 if days else 0.0))
 
 
-def changed(calibration, seed, responsivity_dn_s_cd_m2=1200.0):
-    """A calibration after patches measured again with another responsivity, and codes of what that says."""
+def changed(calibration, seed, responsivity_dn_s_cd_m2=1200.0, light=()):
+    """A calibration after patches measured again with another responsivity or light, and what that says."""
     camera = SimulatedCamera(responsivity_dn_s_cd_m2=responsivity_dn_s_cd_m2)
     observations, _, readings, meter = measured(seed, camera)
+    readings |= {
+        name: [replace(one, value=one.value * by) for one in readings[name]] for name, by in dict(light).items()
+    }
     names = dict.fromkeys(one.patch for one in observations[None])
     seen = [patch_luminance(calibration, [o for o in observations[None] if o.patch == name]) for name in names]
-    after, findings = changes_since(calibration, observations, seen, readings, meter)
-    return after, [one.code for one in findings]
+    after, deviating, findings = changes_since(calibration, observations, seen, readings, meter)
+    return after, deviating, [(one.code, one.subject) for one in findings]
 
 
 def test_a_change_of_the_responsivity_is_named_and_counts(calibration):
-    after, named = changed(calibration, 4, 1200 * 1.02)
-    assert named == ["responsivity-changed"]
+    after, deviating, named = changed(calibration, 4, 1200 * 1.02)
+    assert (deviating, named) == ({}, [("responsivity-changed", "")])
     assert after.stability_rel == pytest.approx(0.02, abs=0.004)
 
 
-def test_no_change_of_the_responsivity_is_named_by_chance(setup):
-    """In 1 % of sessions: more than 3 of 40 happen in 1 of 1000."""
-    named = [changed(calibrate(setup, 300 + seed), 700 + seed)[1] for seed in range(40)]
+def test_a_patch_that_contradicts_the_meter_alone_is_named_and_counts(calibration):
+    after, deviating, named = changed(calibration, 4, light={"P1": 0.97}.items())
+    assert named == [("patch-contradicts-meter", "P1")]
+    assert deviating == {"P1": pytest.approx(1 / 0.97 - 1, abs=0.006)}
+    assert after == calibration
+
+
+def test_no_change_is_named_by_chance(setup):
+    """In 0.3 to 1 % of sessions: more than 3 of 40 happen in 1 of 1000."""
+    named = [changed(calibrate(setup, 300 + seed), 700 + seed)[2] for seed in range(40)]
     assert sum(map(bool, named)) <= 3

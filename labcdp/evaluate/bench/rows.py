@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import nan
+from math import hypot, nan
 
 from ...calibration import AnyCalibration, PatchLuminance
 from ...calibration.colour.conversion import luminance_of_planes
@@ -83,6 +83,11 @@ class PatchRow:
     def measured_random_rel(self) -> float:
         """Relative standard uncertainty of the meter's value, the scale excluded."""
         return self.reading.random_cd_m2 / self.reading.luminance_cd_m2
+
+    def doubted(self, deviation_rel: float) -> PatchRow:
+        """Return it with a luminance as uncertain as it deviates."""
+        random_rel = hypot(self.calibrated.random_rel, deviation_rel)
+        return replace(self, calibrated=replace(self.calibrated, random_rel=random_rel))
 
     @property
     def deviation_rel(self) -> float:

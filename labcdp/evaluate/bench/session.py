@@ -143,9 +143,10 @@ def evaluate_session(
     if not own:
         seen = [row.calibrated for row in patches.values()]
         rest = observed.by_plane, seen, observed.readings, observed.meter_scale
-        calibration, of_change = changes_since(calibration, *rest)
+        calibration, deviating, of_change = changes_since(calibration, *rest)
         findings += of_change
         patches = {name: patch_row(row.patch, observed, calibration) for name, row in patches.items()}
+        patches |= {name: patches[name].doubted(deviation) for name, deviation in deviating.items()}
     asked = [name for pair in pairs for name in (pair.bright, pair.dark)]
     require_patches(asked, [*patches], "for the contrast (it may have been left out)")
     of_patches = [finding for row in patches.values() for finding in row.calibrated.findings]

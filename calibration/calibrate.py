@@ -146,6 +146,7 @@ def _fitted_if_possible(
     if stated.chi_squared < 0:  # only numbers without any digits left
         raise CalibrationError(NO_MODEL)
     gains = _gains(final, settings)
+    observations = [o for group in intake.groups.values() for o in group]
     tests = (*tests, checks.scatter(stated), checks.gain(gains, settings[0].gain_db))
     responsivity = replace(
         _responsivity(stated, final, of_glare),
@@ -164,7 +165,7 @@ def _fitted_if_possible(
         *scale.findings(readings),
         *data.findings,
         *(() if response is None else response.findings),
-        *design_findings(final.design, settings, intake.findings),
+        *design_findings(final.design, settings, intake.findings, observations),
         *checks.found_findings(selection, seen.vignetting),
         *fit_findings(final, tests),
     ]

@@ -12,7 +12,7 @@ from ..core.result import Finding, info, warning
 from .agreement import with_agreement
 from .colour.conversion import ByPlane
 from .colour.model import AnyCalibration
-from .findings import FitError
+from .findings import DISAGREEING, SETTLING, FitError, one_of
 from .fit.design import DARK
 from .frames.observations import DarkObservation, PatchObservation
 from .model import Calibration
@@ -84,6 +84,8 @@ def _plane_in_session(
     dark, noise = own_gain.dark, own_gain.noise
     here = replace(plane, fit_errors=tuple(errors), dark=dark, noise=noise, gains=tuple(others))
     done, of_times = with_agreement(here, observations)
+    if of_times and any(one.code == SETTLING[1] for one in findings):
+        of_times = [*of_times, one_of(SETTLING, DISAGREEING)]
     return done, [*findings, *of_times]
 
 

@@ -29,6 +29,8 @@ _ALIKE = 2.0
 #: Probability by chance below which an effect may be the cause of what another one, beside it no longer significant,
 #: explains.
 _RIVAL = 0.05
+#: Share of the deviation of a patch from which another effect is about as large there.
+_AS_MUCH = 0.5
 #: Difference of their logarithms within which effects are the same at these patches; the first one is then named.
 _SAME = 0.01
 
@@ -205,7 +207,7 @@ def _without_others(
         rows = [row for row in _assessed(solution, others) if row.log_p < log(_RIVAL) and row.possible]
         alike = [row for row in rows if _is_rival(row, again, with_found(design, rest), solution)]
         if one.effect.kind == "patch":
-            alike += [row.assessed for row in rest if _is_most_at(row, one.effect, solution)]
+            alike += [row.assessed for row in rest if _is_more_at(row, again, solution)]
         kept[number] = Found(again, tuple(sorted(alike, key=lambda row: row.log_p)))
     return kept
 
@@ -221,11 +223,13 @@ def _is_rival(row: Assessed, found: Assessed, design: Design, solution: Solution
     return False
 
 
-def _is_most_at(found: Found, patch: Effect, solution: Solution) -> bool:
-    """Whether another effect is largest at a patch that deviates, which may then be more of the same."""
+def _is_more_at(found: Found, patch: Assessed, solution: Solution) -> bool:
+    """Whether a patch that deviates may be more of another effect: that is largest there, or about as large."""
     moved = np.abs(found.assessed.amplitude.value @ found.effect.columns(solution)) / solution.level
-    largest = int(solution.design.patch[int(np.argmax(moved))])
-    return found.effect.kind in ("rim", "glare", "place", "dark signal") and largest == patch.number
+    own, design = solution.design.patch == patch.effect.number, solution.design
+    deviation_rel = abs(patch.value) / design.reading_cd_m2[patch.effect.number]
+    much = moved[own].max() >= min(moved.max(), _AS_MUCH * deviation_rel)
+    return found.effect.kind in ("rim", "glare", "place", "dark signal") and bool(much)
 
 
 def worth(solution: Solution, effect: Effect) -> float:

@@ -223,11 +223,13 @@ def flicker_of_light(observations: Sequence[PatchObservation], dark: DarkModel) 
     return Flicker(sqrt(flicker), max(round(effective_dof), 1), noise_rel, by_exposure)
 
 
-def first_frames(observations: Sequence[PatchObservation], dark: DarkModel) -> list[Finding]:
+def first_frames(
+    observations: Sequence[PatchObservation], dark: DarkModel, by_chance: float = _FIRST_BY_CHANCE
+) -> list[Finding]:
     """Return a finding if the first frames of the exposures differ from those that follow, which agree (F test).
 
     So they do by image lag, and by a camera or a lamp that settles; a light that flickers changes from any frame to the
-    next. Observations and dark signal as of `flicker_of_light`.
+    next. Observations and dark signal as of `flicker_of_light`; chance gives a finding with the probability `by_chance`.
     """
     from scipy.stats import f
 
@@ -249,7 +251,7 @@ def first_frames(observations: Sequence[PatchObservation], dark: DarkModel) -> l
     firsts, squares, within, dof, exposures_s = (np.array(column) for column in zip(*rows, strict=True))
     ratio = squares.mean() / (within.sum() / dof.sum())
     largest = int(np.argmax(np.abs(firsts)))
-    if f.sf(ratio, squares.size, dof.sum()) >= _FIRST_BY_CHANCE or abs(firsts[largest]) <= SMALL_EFFECT_REL:
+    if f.sf(ratio, squares.size, dof.sum()) >= by_chance or abs(firsts[largest]) <= SMALL_EFFECT_REL:
         return []
     shown = {"deviation_rel": float(firsts[largest]), "exposure_s": float(exposures_s[largest])}
     return [warning("first-frames-differ", **shown)]

@@ -43,6 +43,8 @@ from ..uncertainty import (
 from .findings import findings_of
 from .result import DRIFT_DN, Drift, Verification, VerifiedDark, VerifiedPatch, VerifiedPlane, require_tolerance
 
+#: Source of what light of the surroundings does in a region.
+SURROUNDINGS = "surroundings"
 #: Begin the names of common errors of the frames, and not of the calibration.
 _MEASURED = (*OF_FRAMES, EXPOSURE_TIME)
 
@@ -137,6 +139,8 @@ class _Comparison:
     def _own_rel2(self) -> NDArray[np.float64]:
         """Variances by the pixels and the place of each patch."""
         of_pixels = [one.random_rel**2 - one.scatter_rel**2 - self.field_rel**2 for one in self.seen]
+        if SURROUNDINGS in self.shown:
+            of_pixels = [part - one.rim_rel**2 for part, one in zip(of_pixels, self.seen, strict=True)]
         uneven = [self.nonuniformity_rel[one.patch] ** 2 for one in self.seen]
         own: NDArray[np.float64] = np.maximum(of_pixels, 0.0) + uneven
         return own
@@ -301,7 +305,7 @@ def changes_since(
         What was found.
     """
     groups = by_patch(observations, [plane.state.plane for plane in calibration.planes])
-    comparison, _ = _compared(calibration, groups, seen, readings, meter, (STABILITY,))
+    comparison, _ = _compared(calibration, groups, seen, readings, meter, (STABILITY, SURROUNDINGS))
     deviation, expanded = comparison.mean()
     left, n = comparison.deviation_rel - deviation, len(seen) - 1
     chi_squared = float(left @ np.linalg.solve(comparison.covariance, left))

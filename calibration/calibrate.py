@@ -20,7 +20,7 @@ from .converter import INTERCEPT, VIGNETTING
 from .exposure_times import ExposureTimes
 from .findings import FitTest, ResponsivityFit, summarised
 from .fit import checks
-from .fit.candidates import candidate_models
+from .fit.candidates import CandidateModel, candidate_models
 from .fit.demands import design_findings, fit_findings, require_every_gain, require_monotone, require_span
 from .fit.design import DRIFT, Design, SharedError
 from .fit.effects import FREE
@@ -30,7 +30,7 @@ from .fit.place import SeenVignetting, with_wider_vignetting
 from .fit.problem import Solution, solve
 from .fit.residuals import finite, fit_errors, fitted_rows, held_out_rows, next_response_error
 from .fit.scatter import fit_dof, scatter_of_one, with_scatter
-from .fit.selection import Selection, select, with_found
+from .fit.selection import Selection, select, select_model, with_found
 from .frames.defects import DefectMap
 from .frames.observations import DarkObservation, PatchObservation
 from .model import Calibration, range_of
@@ -141,7 +141,7 @@ def _fitted_if_possible(
     tests = checks.effect_tests(selection, seen.vignetting, settings[0].dark, intake.findings)
     of_glare = next(test for test in tests if test.name == "glare")
     glare_cd_m2 = checks.possible_glare_cd_m2(of_glare)
-    stated, final, times, prior = _final(selection, data.design, glare_cd_m2, seen.vignetting)
+    stated, final, times, prior = _final(selection, data.design, glare_cd_m2, seen.vignetting, models)
     of_place = SeenVignetting.of(final)
     if stated.chi_squared < 0:  # only numbers without any digits left
         raise CalibrationError(NO_MODEL)
@@ -192,7 +192,7 @@ def _fitted_if_possible(
         residuals=residuals,
         held_out=(),
         left_out=data.left_out,
-        ladder=selection.ladder,
+        ladder=tuple(replace(one, chosen=one.kind == final.candidate.kind) for one in selection.ladder),
         tests=tests,
         findings=(),
         provenance=Provenance(
@@ -202,7 +202,11 @@ def _fitted_if_possible(
 
 
 def _final(
-    selection: Selection, given: Design, glare_cd_m2: float, vignetting: AnyVignetting | None
+    selection: Selection,
+    given: Design,
+    glare_cd_m2: float,
+    vignetting: AnyVignetting | None,
+    models: Sequence[CandidateModel],
 ) -> tuple[Solution, Solution, ExposureTimes, AnyVignetting | None]:
     """Fit once more with what was found as it is in use, without and with the scatter of what is left.
 
@@ -225,7 +229,13 @@ def _final(
     known = replace(design, shared=(*design.shared, *errors))
     design = with_found(known, [one for one in selection.found if one.effect.kind not in _AS_IN_USE])
     candidate = selection.solution.candidate
-    return solve(design, candidate), with_scatter(design, candidate, by_place=beyond), times, vignetting
+    try:
+        stated = solve(design, candidate)
+    except CalibrationError:
+        # Some responses need the effects that are no parameters in use.
+        stated, _ = select_model(design, models, [])
+        candidate = stated.candidate
+    return stated, with_scatter(design, candidate, by_place=beyond), times, vignetting
 
 
 @cache

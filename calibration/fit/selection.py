@@ -197,7 +197,11 @@ def _without_others(
     kept = list(found)
     for one in found:
         rest = [other for other in kept if other is not one]
-        solution = solve(with_found(design, rest), candidate)
+        try:
+            solution = solve(with_found(design, rest), candidate)
+        except CalibrationError:
+            # Without it there is no fit at all.
+            continue
         again = assess(solution, one.effect)
         number = kept.index(one)
         if not again.significant:

@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import cache, partial
 from importlib.metadata import version
 from math import sqrt
+from statistics import fmean
 
 import numpy as np
 
@@ -147,6 +148,7 @@ def _fitted_if_possible(
         raise CalibrationError(NO_MODEL)
     gains = _gains(final, settings)
     observations = [o for group in intake.groups.values() for o in group]
+    known_c = [o.temperature_c for o in observations if o.temperature_c is not None]
     tests = (*tests, checks.scatter(stated), checks.gain(gains, settings[0].gain_db))
     responsivity = replace(
         _responsivity(stated, final, of_glare),
@@ -189,6 +191,7 @@ def _fitted_if_possible(
         exposures_s=tuple(float(v) for v in np.unique(final.design.exposures_s[final.design.exposure])),
         exposure_jitter_s=setup.exposure_jitter_s,
         exposure_times=times,
+        light_temperature_c=fmean(known_c) if known_c else None,
         residuals=residuals,
         held_out=(),
         left_out=data.left_out,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from math import hypot, inf
+from math import hypot, inf, sqrt
 from typing import Any, Self
 
 import numpy as np
@@ -38,6 +38,9 @@ INTERCEPT, DARK_OFFSET, REFOCUS, STABILITY = "intercept", "dark offset", "focus 
 VIGNETTING, FLAT_FIELD = "vignetting", "flat field"
 TEMPERATURE, EXPOSURE_TIME = "unknown temperature", "exposure time"
 
+#: Relative standard uncertainty of the responsivity by kelvin: limits of 0.1 % to either side, as of good photometers
+#: (DIN 5032-7, class L).
+_REL_PER_K = 0.001 / sqrt(3)
 #: Cached, as each frame of a part of the sensor asks for the same.
 _cropped_vignetting = lru_cache(maxsize=8)(cropped)
 
@@ -92,8 +95,12 @@ class Converter:
         Standard uncertainty of one exposure time relative to the others.
     exposure_times : ExposureTimes
         Where the patches have shown other exposures than the camera states.
+    light_temperature_c : float or None
+        Mean temperature of the camera when the patches were recorded; None if unknown.
     of_another_day : bool
         Whether it converts frames of another day than its own.
+    warmer_k : float
+        How much warmer the camera is in the frames that it converts.
 
     Raises
     ------
@@ -118,7 +125,9 @@ class Converter:
     exposures_s: tuple[float, ...]
     exposure_jitter_s: float = EXPOSURE_JITTER_S
     exposure_times: ExposureTimes = AS_STATED
+    light_temperature_c: float | None = None
     of_another_day: bool = False
+    warmer_k: float = 0.0
 
     def __post_init__(self) -> None:
         low, high = self.range_cd_m2
@@ -132,8 +141,8 @@ class Converter:
 
     @property
     def stability_rel(self) -> float:
-        """Relative standard uncertainty of the responsivity since the day of the calibration."""
-        return self.lens.stability_rel if self.of_another_day else 0.0
+        """Relative standard uncertainty of the responsivity by another day, and by another temperature."""
+        return hypot(self.lens.stability_rel if self.of_another_day else 0.0, _REL_PER_K * self.warmer_k)
 
     @property
     def field_rel(self) -> float:

@@ -19,7 +19,7 @@ from .model import Calibration
 from .sensor.dark import DarkModel, fit_dark
 from .sensor.dark_fit import drift_of_black_level, rows_of
 from .sensor.noise import GainSetting, TemporalNoise, first_frames, flicker_of_light
-from .uncertainty import FALSE_ALARM, Scatter, critical_value
+from .uncertainty import FALSE_ALARM, SMALL_EFFECT_REL, Scatter, critical_value
 
 #: Least change of the dark signal, in DN, and least flicker of the light that are reported.
 _REPORTED_DN, _REPORTED_FLICKER_REL = 0.1, 0.002
@@ -57,12 +57,17 @@ def in_session(
     return replace(calibration, planes=tuple(converter for converter, _ in done)), findings
 
 
-def of_another_day(calibration: AnyCalibration) -> list[Finding]:
-    """Say that a calibration is of another day than what it converts, where that counts."""
-    if not calibration.stability_rel:
-        return []
-    measured = f"{calibration.provenance.measured:%Y-%m-%d}"
-    return [info("calibration-of-another-day", measured=measured, stability_rel=calibration.stability_rel)]
+def of_other_conditions(calibration: AnyCalibration) -> list[Finding]:
+    """Say that a calibration is of another day or temperature than what it converts, where that counts."""
+    plane, findings = calibration.planes[0], list[Finding]()
+    if plane.of_another_day and plane.lens.stability_rel:
+        measured = f"{calibration.provenance.measured:%Y-%m-%d}"
+        findings.append(info("calibration-of-another-day", measured=measured, stability_rel=plane.lens.stability_rel))
+    by_temperature_rel = sqrt(max(plane.stability_rel**2 - replace(plane, warmer_k=0.0).stability_rel ** 2, 0.0))
+    if by_temperature_rel > SMALL_EFFECT_REL:
+        shown = {"warmer_k": plane.warmer_k, "stability_rel": by_temperature_rel}
+        findings.append(warning("temperature-differs", **shown))
+    return findings
 
 
 def _plane_in_session(

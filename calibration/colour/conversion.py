@@ -89,10 +89,10 @@ class ColourConverter:
         """Return the converter for frames of the session of its dark frames, at whose temperature they were taken."""
         return replace(self, planes=tuple(plane.at_their_temperature() for plane in self.planes))
 
-    def for_day_of(self, recorded: Iterable[datetime | None]) -> Self:
-        """Return it for what was recorded at these times, as a plane."""
-        times = [*recorded]
-        return replace(self, planes=tuple(plane.for_day_of(times) for plane in self.planes))
+    def for_use(self, recorded: Iterable[datetime | None], temperatures_c: Iterable[float | None] = ()) -> Self:
+        """Return it for what was recorded at these times and temperatures, as a plane."""
+        times, known = [*recorded], [*temperatures_c]
+        return replace(self, planes=tuple(plane.for_use(times, known) for plane in self.planes))
 
     def changed_by(self, relative: float) -> Self:
         """Return it with a responsivity that has changed, as a plane."""

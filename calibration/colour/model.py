@@ -196,7 +196,7 @@ class ColourCalibration(ColourConverter):
 
     @property
     def stability_rel(self) -> float:
-        """Relative standard uncertainty of the responsivity since the day of the calibration."""
+        """Relative standard uncertainty of the responsivity by another day, and by another temperature."""
         return self.planes[0].stability_rel
 
     @property

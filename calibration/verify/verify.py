@@ -86,7 +86,7 @@ def verify(
     stated_rel = None if tolerance_rel is None else require_tolerance(tolerance_rel)
     # What another temperature of the camera does is seen on the dark frames.
     calibration = calibration.at_their_temperature()
-    calibration = calibration.for_day_of(reading.timestamp for group in readings.values() for reading in group)
+    calibration = calibration.for_use(reading.timestamp for group in readings.values() for reading in group)
     groups = by_patch(observations, [plane.state.plane for plane in calibration.planes])
     seen, unusable, of_frames = _measured(calibration, groups)
     comparison, of_readings = _compared(calibration, groups, list(seen.values()), readings, meter)

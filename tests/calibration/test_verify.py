@@ -248,16 +248,18 @@ def test_a_calibration_of_no_use_says_so(calibration):
     assert found.values["expanded_rel"] > 1.96 * 0.15
 
 
-@pytest.mark.parametrize("days", [0, 3])
-def test_on_another_day_the_stability_of_the_camera_counts(setup, days):
+@pytest.mark.parametrize(("days", "warmer_k"), [(0, 0.0), (3, 0.0), (0, 10.0), (3, -10.0)])
+def test_another_day_and_another_temperature_of_the_camera_count(setup, days, warmer_k):
     calibration = calibrate(replace(setup, lens=replace(setup.lens, stability_rel=0.01)))
+    calibration = replace(calibration, light_temperature_c=30.0)
     observations = [one for one in measured()[0][None] if one.patch == "P1"]
     recorded = calibration.provenance.measured + timedelta(days=days)
     before, after = (
         patch_luminance(one, observations).standard_uncertainty_rel
-        for one in (calibration, calibration.for_day_of([None, recorded]))
+        for one in (calibration, calibration.for_use([None, recorded], [None, 30.0 + warmer_k]))
     )
-    assert after == pytest.approx(hypot(before, 0.01 if days else 0.0))
+    # Limits of 0.1 % by kelvin.
+    assert after == pytest.approx(hypot(before, 0.01 if days else 0.0, 0.01 / sqrt(3) if warmer_k else 0.0))
 
 
 def changed(calibration, seed, responsivity_dn_s_cd_m2=1200.0, light=()):

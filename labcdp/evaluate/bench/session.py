@@ -10,7 +10,7 @@ import numpy as np
 from ...calibration import AnyCalibration, Calibration
 from ...calibration.convert.conversion import require_lens
 from ...calibration.findings import summarised
-from ...calibration.in_session import in_session, of_another_day
+from ...calibration.in_session import in_session, of_other_conditions
 from ...calibration.verify.verify import changes_since
 from ...core.errors import CalibrationError
 from ...core.luminance import Invalid, LuminanceMap, chosen
@@ -136,8 +136,9 @@ def evaluate_session(
             findings = [warning("calibration-before-retake", str(session.path)), *findings]
         calibration, of_session = in_session(calibration, observed.by_plane, observed.darks_by_plane)
         findings += of_session
-        calibration = calibration.for_day_of(observed.times)
-        findings += of_another_day(calibration)
+        seen_c = [one.temperature_c for group in observed.by_plane.values() for one in group]
+        calibration = calibration.for_use(observed.times, seen_c)
+        findings += of_other_conditions(calibration)
     measured = [patch for patch in configuration.target.patches if patch.name in observed.names]
     patches = {patch.name: patch_row(patch, observed, calibration) for patch in measured}
     if not own:

@@ -229,7 +229,7 @@ def first_frames(
     """Return a finding if the first frames of the exposures differ from those that follow, which agree (F test).
 
     So they do by image lag, and by a camera or a lamp that settles; a light that flickers changes from any frame to the
-    next. Observations and dark signal as of `flicker_of_light`; chance gives a finding with the probability `by_chance`.
+    next. Observations and dark signal as of `flicker_of_light`; `by_chance` is the probability of a finding by chance.
     """
     from scipy.stats import f
 

@@ -15,6 +15,7 @@ from labcdp.evaluate.bench.session import evaluate_session, observe_calibrated
 from labcdp.evaluate.bench.session_page import session_files
 from labcdp.evaluate.bench.session_result import session_result
 from labcdp.evaluate.bench.verification import verify_session
+from labcdp.report.files import envelope
 from labcdp.session import ContrastConfiguration, Session
 
 from .synthetic import again

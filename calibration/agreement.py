@@ -16,9 +16,11 @@ from .frames.observations import PatchObservation
 from .model import Calibration
 from .setup import METER_SOURCES
 from .signal import net_signals, usable
-from .uncertainty import FALSE_ALARM, SMALL_EFFECT_REL, p_value_of_chi_squared
+from .uncertainty import SMALL_EFFECT_REL, p_value_of_chi_squared
 
 Array = NDArray[np.floating[Any]]
+#: Probability with which chance makes exposures disagree: that of three standard deviations.
+_BY_CHANCE = 0.0027
 
 
 def with_agreement(plane: Calibration, observations: Sequence[PatchObservation]) -> tuple[Calibration, list[Finding]]:
@@ -49,7 +51,7 @@ def with_agreement(plane: Calibration, observations: Sequence[PatchObservation])
     deviations = (normal @ columns.T @ weight @ logarithms)[-n:]
     chi_squared = float(deviations @ np.linalg.solve(normal[-n:, -n:], deviations))
     largest = int(np.argmax(np.abs(deviations)))
-    agree = p_value_of_chi_squared(chi_squared, n) >= FALSE_ALARM
+    agree = p_value_of_chi_squared(chi_squared, n) >= _BY_CHANCE
     if agree or abs(deviations[largest]) <= SMALL_EFFECT_REL:
         return plane, []
     of_longest = deviations[-1] * times_s[-2] / times_s[-1]

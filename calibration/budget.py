@@ -23,6 +23,7 @@ from .converter import (
     FLICKER,
     INTERCEPT,
     REFOCUS,
+    STABILITY,
     TEMPERATURE,
     VIGNETTING,
     common_errors,
@@ -43,10 +44,10 @@ SOURCES = (
     "meter scale", "meter digits", "meter repeatability", "meter f1'", "meter drift", "patch uniformity",
     "exposure scatter", "shot and read noise", "pixel sensitivity", "dark non-uniformity", "dark and temperature",
     DARK_OFFSET, TEMPERATURE, BLACK_LEVEL, FLICKER, "linearity", VIGNETTING, FLAT_FIELD, "exposure time",
-    "exposure offset", REFOCUS, "gain", "spectral mismatch", INTERCEPT, "drift", "fit",
+    "exposure offset", REFOCUS, STABILITY, "gain", "spectral mismatch", INTERCEPT, "drift", "fit",
 )  # fmt: skip
 #: Sources whose uncertainty is not evaluated by statistics.
-_TYPE_B = (*METER_SOURCES, "spectral mismatch", "exposure time", REFOCUS, VIGNETTING, TEMPERATURE)
+_TYPE_B = (*METER_SOURCES, "spectral mismatch", "exposure time", REFOCUS, STABILITY, VIGNETTING, TEMPERATURE)
 #: Sources that follow from one estimate, the scatter of the patches.
 _OF_SCATTER = ("fit", "meter repeatability", "patch uniformity")
 #: Sources that differ between the planes of a camera with colour filters.
@@ -327,6 +328,7 @@ def not_included(plane: Calibration) -> dict[str, BudgetRow]:
         DARK_OFFSET: (basis(DARK_OFFSET, "none"), ""),
         "exposure offset": (basis("exposure offset", "none"), ""),
         REFOCUS: (basis(REFOCUS, "locked"), ""),
+        STABILITY: (basis(STABILITY, "same day", stability_rel=plane.lens.stability_rel), ""),
         "gain": (basis("gain", "one"), ""),
         "spectral mismatch": (basis("spectral mismatch", light=plane.source_spectrum), ""),
         INTERCEPT: (basis(INTERCEPT, "not tested"), ""),

@@ -9,25 +9,29 @@ from dataclasses import replace
 from functools import cache, partial
 from importlib.metadata import version
 from math import hypot, sqrt
+from statistics import fmean
 
 import numpy as np
 
 from ..core.errors import CalibrationError
 from ..core.result import Finding, log_findings
+from ..core.vignetting import AnyVignetting
 from .convert.patch import patch_luminance
 from .converter import INTERCEPT, VIGNETTING
 from .exposure_times import ExposureTimes
 from .findings import FitTest, ResponsivityFit, summarised
 from .fit import checks
-from .fit.candidates import candidate_models
+from .fit.candidates import CandidateModel, candidate_models
 from .fit.demands import design_findings, fit_findings, require_every_gain, require_monotone, require_span
 from .fit.design import DRIFT, Design, SharedError
+from .fit.effects import FREE
 from .fit.exposures import NO_MODEL, with_times
 from .fit.intake import Intake, take_in, take_usable
+from .fit.place import SeenVignetting, with_wider_vignetting
 from .fit.problem import Solution, solve
 from .fit.residuals import finite, fit_errors, fitted_rows, held_out_rows, next_response_error
 from .fit.scatter import fit_dof, scatter_of_one, with_scatter
-from .fit.selection import Selection, select, with_found
+from .fit.selection import Selection, select, select_model, with_found
 from .frames.defects import DefectMap
 from .frames.observations import DarkObservation, PatchObservation
 from .model import Calibration, range_of
@@ -138,10 +142,13 @@ def _fitted_if_possible(
     tests = checks.effect_tests(selection, seen.vignetting, settings[0].dark, intake.findings)
     of_glare = next(test for test in tests if test.name == "glare")
     glare_cd_m2 = checks.possible_glare_cd_m2(of_glare)
-    stated, final, times = _final(selection, data.design, glare_cd_m2)
+    stated, final, times, prior = _final(selection, data.design, glare_cd_m2, seen.vignetting, models)
+    of_place = SeenVignetting.of(final)
     if stated.chi_squared < 0:  # only numbers without any digits left
         raise CalibrationError(NO_MODEL)
     gains = _gains(final, settings)
+    observations = [o for group in intake.groups.values() for o in group]
+    known_c = [o.temperature_c for o in observations if o.temperature_c is not None]
     tests = (*tests, checks.scatter(stated), checks.gain(gains, settings[0].gain_db))
     responsivity = replace(
         _responsivity(stated, final, of_glare, times),
@@ -155,12 +162,12 @@ def _fitted_if_possible(
     scale = replace(scale, step_rel=step_rel if step_rel <= scale.half_width_rel else 0.0)
     measured = max(reading.timestamp for group in readings.values() for reading in group)
     net_dn = final.design.net_dn
-    residuals = fitted_rows(final, intake.groups)
+    residuals = fitted_rows(final, intake.groups, of_place.moved)
     findings = [
         *scale.findings(readings),
         *data.findings,
         *(() if response is None else response.findings),
-        *design_findings(final.design, settings, intake.findings),
+        *design_findings(final.design, settings, intake.findings, observations),
         *checks.found_findings(selection, seen.vignetting),
         *fit_findings(final, tests),
     ]
@@ -172,11 +179,11 @@ def _fitted_if_possible(
         meter_scale=scale,
         responsivity=responsivity,
         response=final.response[0],
-        fit_errors=(*fit_errors(final), *next_response_error(final, models)),
+        fit_errors=(*fit_errors(final, of_place.width), *next_response_error(final, models)),
         dark=settings[0].dark,
         noise=settings[0].noise,
         gains=gains,
-        vignetting=seen.vignetting,
+        vignetting=of_place.after(prior),
         defects=None,
         dark_library=None,
         range_cd_m2=range_of(residuals, deviating),
@@ -184,10 +191,11 @@ def _fitted_if_possible(
         exposures_s=tuple(float(v) for v in np.unique(final.design.exposures_s[final.design.exposure])),
         exposure_jitter_s=setup.exposure_jitter_s,
         exposure_times=times,
+        light_temperature_c=fmean(known_c) if known_c else None,
         residuals=residuals,
         held_out=(),
         left_out=data.left_out,
-        ladder=selection.ladder,
+        ladder=tuple(replace(one, chosen=one.kind == final.candidate.kind) for one in selection.ladder),
         tests=tests,
         findings=(),
         provenance=Provenance(
@@ -196,26 +204,41 @@ def _fitted_if_possible(
     ), findings
 
 
-def _final(selection: Selection, given: Design, glare_cd_m2: float) -> tuple[Solution, Solution, ExposureTimes]:
+def _final(
+    selection: Selection,
+    given: Design,
+    glare_cd_m2: float,
+    vignetting: AnyVignetting | None,
+    models: Sequence[CandidateModel],
+) -> tuple[Solution, Solution, ExposureTimes, AnyVignetting | None]:
     """Fit once more with what was found as it is in use, without and with the scatter of what is left.
 
-    Exposure times are corrected. Which side of a step is right is unknown. What depends on the place in the image
-    beyond the stated uncertainty of the vignetting is scatter of patches elsewhere. Glare that they do not exclude
-    is as large as they show it.
+    Exposure times are corrected. Which side of a step is right is unknown. Where the patches depend on the place in the
+    image beyond the stated uncertainty of the vignetting, it is as they show it, which is returned, and what is left of
+    it is scatter of patches elsewhere. Glare that they do not exclude is as large as they show it.
     """
     kinds = {one.effect.kind for one in selection.found}
     design, times = with_times(given, selection.found)
     place = next((one.assessed for one in selection.found if one.effect.kind == "place"), None)
-    beyond = place is not None and checks.size(place, given)[0] > _BEYOND * checks.stated_vignetting_rel(given)
-    for found, source in (("drift" in kinds, DRIFT), (beyond, VIGNETTING)):
-        design = design.without_shared(source) if found else design
+    stated_rel = checks.stated_vignetting_rel(given)
+    size_rel = 0.0 if place is None else checks.size(place, given)[0]
+    beyond = size_rel > _BEYOND * stated_rel
+    if beyond and stated_rel:
+        design, vignetting = with_wider_vignetting(design, vignetting, FREE * size_rel / stated_rel)
+    design = design.without_shared(DRIFT) if "drift" in kinds else design
     errors = [SharedError("step", abs(selection.size_of("step")) / 2 / sqrt(3))]
     if "glare" not in kinds:
         errors.append(SharedError(INTERCEPT, cd_m2=glare_cd_m2 * given.veil))
     known = replace(design, shared=(*design.shared, *errors))
     design = with_found(known, [one for one in selection.found if one.effect.kind not in _AS_IN_USE])
     candidate = selection.solution.candidate
-    return solve(design, candidate), with_scatter(design, candidate, by_place=beyond), times
+    try:
+        stated = solve(design, candidate)
+    except CalibrationError:
+        # Some responses need the effects that are no parameters in use.
+        stated, _ = select_model(design, models, [])
+        candidate = stated.candidate
+    return stated, with_scatter(design, candidate, by_place=beyond), times, vignetting
 
 
 @cache

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from math import hypot, inf
+from math import hypot, inf, sqrt
 from typing import Any, Self
 
 import numpy as np
@@ -31,13 +31,16 @@ from .setup import METER_SOURCES, LensIdentity, MeterScale
 #: (GenICam SFNC, ExposureTime). Larger errors make the exposures inconsistent, and the fit includes them as scatter.
 EXPOSURE_TIME_REL = 5e-5
 #: Sources of common errors: flicker of the light and drift of the black level, common to all patches of the same
-#: frames; an intercept, where the fit found some; setting focus and aperture anew; vignetting that is assumed, or
-#: measured by a flat field; a temperature of the camera that is not stated.
+#: frames; an intercept, where the fit found some; setting focus and aperture anew; another day; vignetting that is
+#: assumed, or measured by a flat field; a temperature of the camera that is not stated.
 OF_FRAMES = FLICKER, BLACK_LEVEL = "lamp flicker", "black level"
-INTERCEPT, DARK_OFFSET, REFOCUS = "intercept", "dark offset", "focus and aperture"
+INTERCEPT, DARK_OFFSET, REFOCUS, STABILITY = "intercept", "dark offset", "focus and aperture", "stability"
 VIGNETTING, FLAT_FIELD = "vignetting", "flat field"
 TEMPERATURE, EXPOSURE_TIME = "unknown temperature", "exposure time"
 
+#: Relative standard uncertainty of the responsivity by kelvin: limits of 0.1 % to either side, as of good photometers
+#: (DIN 5032-7, class L).
+_REL_PER_K = 0.001 / sqrt(3)
 #: Cached, as each frame of a part of the sensor asks for the same.
 _cropped_vignetting = lru_cache(maxsize=8)(cropped)
 
@@ -92,6 +95,12 @@ class Converter:
         Standard uncertainty of one exposure time relative to the others.
     exposure_times : ExposureTimes
         Where the patches have shown other exposures than the camera states.
+    light_temperature_c : float or None
+        Mean temperature of the camera when the patches were recorded; None if unknown.
+    of_another_day : bool
+        Whether it converts frames of another day than its own.
+    warmer_k : float
+        How much warmer the camera is in the frames that it converts.
 
     Raises
     ------
@@ -116,6 +125,9 @@ class Converter:
     exposures_s: tuple[float, ...]
     exposure_jitter_s: float = EXPOSURE_JITTER_S
     exposure_times: ExposureTimes = AS_STATED
+    light_temperature_c: float | None = None
+    of_another_day: bool = False
+    warmer_k: float = 0.0
 
     def __post_init__(self) -> None:
         low, high = self.range_cd_m2
@@ -126,6 +138,11 @@ class Converter:
         if min(self.exposures_s) <= 0:
             raise InputError(f"exposures_s has {min(self.exposures_s):g} s: give times above 0 s")
         require_not_negative(exposure_jitter_s=self.exposure_jitter_s)
+
+    @property
+    def stability_rel(self) -> float:
+        """Relative standard uncertainty of the responsivity by another day, and by another temperature."""
+        return hypot(self.lens.stability_rel if self.of_another_day else 0.0, _REL_PER_K * self.warmer_k)
 
     @property
     def field_rel(self) -> float:
@@ -267,6 +284,7 @@ def common_errors(
             if part
         ),
         *((CommonError(REFOCUS, calibration.lens.refocus_rel),) if calibration.lens.refocus_rel else ()),
+        *((CommonError(STABILITY, calibration.stability_rel),) if calibration.stability_rel else ()),
         CommonError(EXPOSURE_TIME, times.u_rel(exposure_s, jitter_rel, calibration.exposures_s)),
         *((CommonError("exposure offset", times.offset_u_rel(exposure_s)),) if times.offset_u_s else ()),
     ]

@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 
 from ..core.dn import ResponseKind
 from ..core.errors import InputError, require_not_negative
-from ..core.result import Finding, FindingValue, info, unique
+from ..core.result import Finding, FindingValue, info, unique, warning
 
 #: Distribution of an error in a budget.
 Distribution: TypeAlias = Literal["normal", "rectangular"]
@@ -268,3 +268,15 @@ class ResponsivityFit:
             dark_offset_dn=self.dark_offset_dn,
             dark_rate_dn_s=self.dark_rate_dn_s,
         )
+
+
+def one_of(*causes: tuple[str, str, str]) -> Finding:
+    """Return the finding of several causes that cannot be told apart: each in words, its code, and what would tell."""
+    names, codes, remedies = (list(column) for column in zip(*causes, strict=True))
+    return warning("one-of", causes=names, codes=codes, remedies="; ".join(remedies))
+
+
+#: Causes that frames show, as of `one_of`.
+SETTLING = ("first frames unlike the others (image lag)", "first-frames-differ", "discard the first frames")
+FLICKERING = ("a light that flickers", "flicker", "take more frames, in a steady light")
+DISAGREEING = ("a pulsed lamp, or other exposure times", "exposures-disagree", "use a steady lamp")

@@ -8,18 +8,18 @@ from math import hypot, sqrt
 
 import numpy as np
 
-from ..core.result import Finding, warning
+from ..core.result import Finding, info, warning
 from .agreement import with_agreement
 from .colour.conversion import ByPlane
 from .colour.model import AnyCalibration
-from .findings import FitError
+from .findings import DISAGREEING, SETTLING, FitError, one_of
 from .fit.design import DARK
 from .frames.observations import DarkObservation, PatchObservation
 from .model import Calibration
 from .sensor.dark import DarkModel, fit_dark
 from .sensor.dark_fit import drift_of_black_level, rows_of
 from .sensor.noise import GainSetting, TemporalNoise, first_frames, flicker_of_light
-from .uncertainty import FALSE_ALARM, Scatter, critical_value
+from .uncertainty import FALSE_ALARM, SMALL_EFFECT_REL, Scatter, critical_value
 
 #: Least change of the dark signal, in DN, and least flicker of the light that are reported.
 _REPORTED_DN, _REPORTED_FLICKER_REL = 0.1, 0.002
@@ -57,6 +57,19 @@ def in_session(
     return replace(calibration, planes=tuple(converter for converter, _ in done)), findings
 
 
+def of_other_conditions(calibration: AnyCalibration) -> list[Finding]:
+    """Say that a calibration is of another day or temperature than what it converts, where that counts."""
+    plane, findings = calibration.planes[0], list[Finding]()
+    if plane.of_another_day and plane.lens.stability_rel:
+        measured = f"{calibration.provenance.measured:%Y-%m-%d}"
+        findings.append(info("calibration-of-another-day", measured=measured, stability_rel=plane.lens.stability_rel))
+    by_temperature_rel = sqrt(max(plane.stability_rel**2 - replace(plane, warmer_k=0.0).stability_rel ** 2, 0.0))
+    if by_temperature_rel > SMALL_EFFECT_REL:
+        shown = {"warmer_k": plane.warmer_k, "stability_rel": by_temperature_rel}
+        findings.append(warning("temperature-differs", **shown))
+    return findings
+
+
 def _plane_in_session(
     plane: Calibration, observations: Sequence[PatchObservation], darks: Sequence[DarkObservation]
 ) -> tuple[Calibration, list[Finding]]:
@@ -76,6 +89,8 @@ def _plane_in_session(
     dark, noise = own_gain.dark, own_gain.noise
     here = replace(plane, fit_errors=tuple(errors), dark=dark, noise=noise, gains=tuple(others))
     done, of_times = with_agreement(here, observations)
+    if of_times and any(one.code == SETTLING[1] for one in findings):
+        of_times = [*of_times, one_of(SETTLING, DISAGREEING)]
     return done, [*findings, *of_times]
 
 

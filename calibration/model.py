@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
-from math import inf
+from datetime import datetime
+from math import hypot, inf
+from statistics import fmean
 from typing import Any, Self, TypeAlias
 
 from ..core.errors import InputError
@@ -143,9 +145,23 @@ class Calibration(Converter):
         """The spectrum it is valid for as measured, else its name."""
         return self.source_spectrum if self.measured_spectrum is None else self.measured_spectrum
 
+    def for_use(self, recorded: Iterable[datetime | None], temperatures_c: Iterable[float | None] = ()) -> Self:
+        """Return it for what was recorded at these times and temperatures of the camera, None for unknown ones."""
+        apart = any(self.provenance.is_of_another_day(one) for one in recorded if one is not None)
+        known_c, own_c = [one for one in temperatures_c if one is not None], self.light_temperature_c
+        warmer_k = fmean(known_c) - own_c if known_c and own_c is not None else self.warmer_k
+        if (apart or self.of_another_day, warmer_k) == (self.of_another_day, self.warmer_k):
+            return self
+        return replace(self, of_another_day=apart or self.of_another_day, warmer_k=warmer_k)
+
+    def changed_by(self, relative: float) -> Self:
+        """Return it with a responsivity that has changed by about as much since."""
+        stability_rel = hypot(self.lens.stability_rel if self.of_another_day else 0.0, relative)
+        return replace(self, lens=replace(self.lens, stability_rel=stability_rel), of_another_day=True)
+
     def to_luminance(self, frame: Frame, window: Window = WHOLE) -> LuminanceMap:
         """Convert a frame, or a window of it, to luminance; see `labcdp.calibration.convert.conversion`."""
-        return to_luminance(self, frame, window)
+        return to_luminance(self.for_use([frame.timestamp], [frame.temperature_c]), frame, window)
 
     def _cropped(self, corner: tuple[int, int], part: CameraState) -> Self:
         return replace(

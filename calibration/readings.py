@@ -17,10 +17,11 @@ from ..core.reading import CD_M2_PER_FL, Reading
 from ..core.result import Finding, FindingValue, info, warning
 from .findings import LeftOut
 from .setup import require_one_correction
-from .uncertainty import SMALL_P_VALUE, effective_dof, expanded_of, of_one_estimate, p_value_of_chi_squared
+from .uncertainty import effective_dof, expanded_of, of_one_estimate, p_value_of_chi_squared
 
-#: p-value of the scatter below which the patch itself has changed.
-_CHANCE = 0.001
+#: p-values of the scatter below which a patch itself has changed, by chance as rarely in one of ten as three standard
+#: deviations of one are exceeded, and below which all readings scatter more than stated.
+_CHANCE, _CHANCE_OF_ALL = 3e-4, 3e-3
 #: Relative tolerance for recognising a factor as 10 or as fL per cd/m^2.
 _HINT_TOLERANCE = 0.1
 
@@ -169,7 +170,7 @@ def combine_patches(
     dof = sum(one.dof for one in alike)
     chi_squared = sum(one.chi_squared for one in alike)
     # One patch alone says nothing of the others.
-    widened = len(alike) > 1 and p_value_of_chi_squared(chi_squared, dof) < SMALL_P_VALUE
+    widened = len(alike) > 1 and p_value_of_chi_squared(chi_squared, dof) < _CHANCE_OF_ALL
     if widened:
         findings.append(warning("readings-scatter-all", ratio=sqrt(chi_squared / dof), dof=dof))
     result = {}

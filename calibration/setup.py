@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import date, datetime
+from datetime import date, datetime, timedelta
 from math import hypot, inf, isfinite, sqrt
 from statistics import fmean
 from typing import TypeAlias
@@ -14,13 +14,15 @@ from ..core.reading import MeterIdentity, Reading
 from ..core.result import Finding, FindingValue, info, warning
 from ..core.spectra import SpectralTable
 from ..session import MeterCertificate
-from ..session.tables import EXPOSURE_JITTER_S
+from ..session.tables import EXPOSURE_JITTER_S, STABILITY_REL
 from .findings import basis
 
 #: Sources of common errors that belong to the meter and cancel in contrasts.
 METER_SOURCES = ("meter scale", "meter f1'", "meter drift")
 
 
+#: Time between a calibration and what is of its day: less than to the evening, more than to the next morning.
+_WITHIN_A_DAY = timedelta(hours=12)
 #: Readings of the meter by patch.
 Readings: TypeAlias = Mapping[str, Sequence[Reading]]
 
@@ -271,6 +273,8 @@ class LensIdentity:
         Distance of focus, which changes the responsivity too; None if not known.
     refocus_rel : float
         Relative standard uncertainty of the responsivity after focus and aperture are set anew; 0 if locked.
+    stability_rel : float
+        The same of camera and lens on another day.
 
     Raises
     ------
@@ -284,6 +288,7 @@ class LensIdentity:
     f_number: float
     focus_distance_m: float | None = None
     refocus_rel: float = field(default=0.0, compare=False)
+    stability_rel: float = field(default=STABILITY_REL, compare=False)
 
     def __post_init__(self) -> None:
         for name in ("focal_length_m", "f_number", "focus_distance_m"):
@@ -292,14 +297,22 @@ class LensIdentity:
                 raise InputError(f"{name} of the lens is {value}: give a positive number")
 
     def __str__(self) -> str:
-        focus = "" if self.focus_distance_m is None else f", focused at {self.focus_distance_m:g} m"
-        return f"{self.model} ({self.serial}, {1e3 * self.focal_length_m:g} mm, f/{self.f_number:g}{focus})"
+        focus = "" if self.focus_distance_m is None else f"focused at {self.focus_distance_m:g} m"
+        known = (self.serial, f"{1e3 * self.focal_length_m:g} mm", f"f/{self.f_number:g}", focus)
+        return f"{self.model} ({', '.join(one for one in known if one)})"
 
     def is_as_in(self, other: LensIdentity) -> bool:
-        """Whether the lens and its settings are the same; an unknown distance of focus is any."""
+        """Whether the lens and its settings are the same; an unknown serial number or distance of focus is any."""
+        known = self
         if None in (self.focus_distance_m, other.focus_distance_m):
-            return replace(self, focus_distance_m=None) == replace(other, focus_distance_m=None)
-        return self == other
+            known = replace(known, focus_distance_m=other.focus_distance_m)
+        if self.serial_is_open(other):
+            known = replace(known, serial=other.serial)
+        return known == other
+
+    def serial_is_open(self, other: LensIdentity) -> bool:
+        """Whether one of two states a serial number and the other one does not."""
+        return bool(self.serial) != bool(other.serial)
 
 
 @dataclass(frozen=True)
@@ -366,6 +379,10 @@ class Provenance:
     versions: dict[str, str]
     sessions_sha256: tuple[str, ...] = ()
     frames_sha256: tuple[str, ...] = ()
+
+    def is_of_another_day(self, recorded: datetime) -> bool:
+        """Whether a night is between it and what was recorded at a time."""
+        return abs(recorded - self.measured) > _WITHIN_A_DAY
 
     def comes_from(self, sha256: str) -> bool:
         """Whether frames and readings with this hash are among the inputs."""

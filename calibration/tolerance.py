@@ -28,6 +28,8 @@ class _Calibration(Protocol):
     @property
     def lens(self) -> LensIdentity: ...
     @property
+    def stability_rel(self) -> float: ...
+    @property
     def meter_scale(self) -> MeterScale: ...
     @property
     def field_rel(self) -> float: ...
@@ -43,7 +45,8 @@ class _Calibration(Protocol):
 
 def own_tolerance_rel(calibration: _Calibration, other_rel: float = 0.0) -> float:
     """Relative U (95 %) of a calibration without a patch's noise; `other_rel` is by vignetting there, or by glare."""
-    others = calibration.lens.refocus_rel**2 + other_rel**2 + calibration.field_rel**2
+    of_time = calibration.lens.refocus_rel**2 + calibration.stability_rel**2
+    others = of_time + other_rel**2 + calibration.field_rel**2
     return expanded_of_scales([calibration.meter_scale], [calibration.fit_part, (others, inf)])
 
 

@@ -65,6 +65,14 @@ def student_factor(dof: float) -> float:
     return 1.0 if dof == inf else float(t.isf(tail, max(dof, 1)) / norm.isf(tail))
 
 
+def three_over_two(dof: float) -> float:
+    """Ratio of Student's t exceeded by chance as rarely as three standard deviations to that of 95 %."""
+    from scipy.stats import norm, t
+
+    rare = 2 * norm.sf(3.0)
+    return float(t.isf(rare / 2, max(dof, 1)) / t.isf((1 - COVERAGE) / 2, max(dof, 1)))
+
+
 def expanded_of(parts: Iterable[tuple[float, float]], rectangular: Iterable[float] = ()) -> float:
     """Return the expanded uncertainty U (95 %) of independent errors.
 

@@ -5,6 +5,7 @@
 - `Session`: recorded bench sessions, their calibration and evaluation
 - `Chain`: the simulated imaging chain, runs and sweeps
 - `compare`: chains, sweeps, sessions or calibrations side by side
+- `Requirement`: what pictures, videos, sessions and chains are judged by
 - `read_dataset`: results that were saved as NetCDF
 - `drivers.open_camera`, `drivers.open_meter`: devices
 - `calibration`, `chain`, `drivers`, `files`, `metrics`, `regions`: the packages behind them
@@ -38,24 +39,26 @@ if TYPE_CHECKING:
     from .core.luminance import LuminanceMap as LuminanceMap
     from .core.reading import Reading as Reading
     from .core.roi import Roi as Roi
+    from .evaluate.requirement import Requirement as Requirement
+    from .metrics import Cdp as Cdp
     from .metrics import DetectionInterval as DetectionInterval
-    from .metrics import DetectionProbability as DetectionProbability
     from .metrics import cdp as cdp
     from .metrics import cdp_neighbours as cdp_neighbours
 
     __version__: str
 
 _HOME = {
+    "Cdp": "metrics",
     "Chain": "api.chain",
     "Comparison": "api.compare",
     "DetectionInterval": "metrics",
-    "DetectionProbability": "metrics",
     "Frame": "core.frame",
     "Image": "api.picture",
     "InputError": "core.errors",
     "LabcdpError": "core.errors",
     "LuminanceMap": "core.luminance",
     "Reading": "core.reading",
+    "Requirement": "evaluate.requirement",
     "Roi": "core.roi",
     "Session": "api.session",
     "Video": "api.video",

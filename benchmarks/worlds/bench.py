@@ -168,7 +168,7 @@ def _compared(
     ]
     true_cdp = cdp(*pixels, pair.contrast, pair.epsilon)
     low, high = single.interval_95_cd_m2
-    cdp_low, cdp_high = row.cdp.confidence_interval
+    cdp_low, cdp_high = row.cdp.interval
     of_contrast = contrast_half_width_95(row.bright.calibrated, row.dark.calibrated)
     error = {
         "luminance": single.luminance_cd_m2 / truth_cd_m2 - 1,

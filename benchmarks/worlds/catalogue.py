@@ -104,10 +104,12 @@ WORLDS = (
           later=(("ripple_rel", 0.0),)),
     World("later: rectifier ripple 3 %", _FLICKER, ripple="sine", ripple_hz=100.0, later=(("ripple_rel", 0.03),)),
     World("rectifier ripple 3 %", _FLICKER, ripple="sine", ripple_hz=100.0, ripple_rel=0.03),
-    # A responsivity that no frame shows: the user can state it only (refocus_rel), or measure it (verify).
+    # A responsivity that no frame shows: the user can state it (refocus_rel), or readings of the session show it.
     World("later: responsivity 0.3 %, stated", ("responsivity",), stated_change_rel=0.003,
           later=(("aged_rel", 0.003),)),
     World("later: responsivity 0.3 %, not stated", ("responsivity",), later=(("aged_rel", 0.003),)),
+    World("days later: responsivity 0.3 %, not stated", ("responsivity",), later=(("aged_rel", 0.003), ("days", 3.0))),
+    World("days later: responsivity 1 %, not stated", ("responsivity",), later=(("aged_rel", 0.01), ("days", 3.0))),
     World("camera warms up by 8 K and 0.5 %, 100 e-/s", ("drift", "temperature", "dark signal"), warm_up_k=8.0,
           warm_up_rel=0.005, dark_current_e_s=100.0, darkest_cd_m2=0.1, exposures_s=_TO_1_S),
     World("camera warms up by 8 K and 0.5 %, not stated, 100 e-/s", ("drift", "temperature", "dark signal"),

@@ -27,6 +27,16 @@ NAMED_BY: dict[str, tuple[str, ...]] = {
     "meter-recalibrated": ("step",),
     "patch-coloured": ("colours",),
     "patch-contradicts": ("patch",),
+    "patch-contradicts-meter": (
+        "flicker",
+        "focus",
+        "glare",
+        "shape of patches",
+        "image lag",
+        "patch",
+        "readings",
+        "scatter of patches",
+    ),
     "patch-rim": ("focus", "glare", "shape of patches"),
     "patch-shape": ("shape of patches",),
     "patches-scatter": ("scatter of patches",),
@@ -35,12 +45,11 @@ NAMED_BY: dict[str, tuple[str, ...]] = {
     "region-edge": ("shape of patches",),
     "readings-scatter": ("readings",),
     "readings-step": ("step",),
+    "responsivity-changed": ("responsivity", "flicker", "drift"),
     "surroundings": ("focus", "glare", "shape of patches"),
     "temperature-": ("temperature",),
     "vignetting-": ("place",),
 }
-#: Causes of worlds that no finding names.
-NOT_NAMED = ("responsivity",)
 #: What some of them say is how large something is, and not why: right where a world has it, and false nowhere.
 SIZES = ("glare not excluded", "scatter of exposures", "scatter of patches")
 #: Findings of these severities claim something; others report that nothing was found, or what was done.

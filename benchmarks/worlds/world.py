@@ -135,6 +135,8 @@ class World:
         Of the camera.
     stated_temperature : bool
         Whether frames state the camera's temperature.
+    days : float
+        After the calibration.
     later : tuple of (str, float or str or bool)
         What is otherwise in the session that is evaluated: names of these parameters and their values, and
         ``warmer_k``, the standard deviation of the camera's temperature from that of the calibration (its dark current
@@ -205,4 +207,5 @@ class World:
     exposure_factors: tuple[tuple[float, float], ...] = ()
     temperature_c: float = 30.0
     stated_temperature: bool = True
+    days: float = 0.0
     later: tuple[tuple[str, float | str | bool], ...] = ()

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import datetime
 from functools import cached_property
 from math import hypot, inf, sqrt
 from typing import Any, Self, TypeAlias, TypeVar
@@ -15,14 +16,14 @@ from ...core.errors import CalibrationError, InputError
 from ...core.luminance import CommonError
 from ...core.result import unique
 from ..convert.patch import PatchLuminance, outside_range, patch_luminance
-from ..converter import FLICKER, INTERCEPT, REFOCUS, TEMPERATURE, VIGNETTING
+from ..converter import FLICKER, INTERCEPT, REFOCUS, STABILITY, TEMPERATURE, VIGNETTING
 from ..frames.observations import PatchObservation
 from ..model import Calibration, PatchResidual
 from ..setup import METER_SOURCES
 from ..uncertainty import effective_dof
 
 #: Common errors of all planes of a frame, which add with their signs.
-_OF_ALL_PLANES = (*METER_SOURCES, "exposure time", FLICKER, REFOCUS, VIGNETTING, INTERCEPT, TEMPERATURE)
+_OF_ALL_PLANES = (*METER_SOURCES, "exposure time", FLICKER, REFOCUS, STABILITY, VIGNETTING, INTERCEPT, TEMPERATURE)
 _T = TypeVar("_T")
 #: Observations by the name of the plane, None for a monochrome sensor.
 ByPlane: TypeAlias = Mapping[str | None, Sequence[_T]]
@@ -87,6 +88,15 @@ class ColourConverter:
     def at_their_temperature(self) -> Self:
         """Return the converter for frames of the session of its dark frames, at whose temperature they were taken."""
         return replace(self, planes=tuple(plane.at_their_temperature() for plane in self.planes))
+
+    def for_use(self, recorded: Iterable[datetime | None], temperatures_c: Iterable[float | None] = ()) -> Self:
+        """Return it for what was recorded at these times and temperatures, as a plane."""
+        times, known = [*recorded], [*temperatures_c]
+        return replace(self, planes=tuple(plane.for_use(times, known) for plane in self.planes))
+
+    def changed_by(self, relative: float) -> Self:
+        """Return it with a responsivity that has changed, as a plane."""
+        return replace(self, planes=tuple(plane.changed_by(relative) for plane in self.planes))
 
     @property
     def field_rel(self) -> float:

@@ -195,6 +195,11 @@ class ColourCalibration(ColourConverter):
         return self.planes[0].lens
 
     @property
+    def stability_rel(self) -> float:
+        """Relative standard uncertainty of the responsivity by another day, and by another temperature."""
+        return self.planes[0].stability_rel
+
+    @property
     def source_spectrum(self) -> str:
         """Light it is valid for."""
         return self.planes[0].source_spectrum

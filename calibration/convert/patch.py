@@ -52,6 +52,8 @@ class PatchLuminance:
         the calibrated range.
     scatter_rel, scatter_dof : float
         Part of `random_rel` by the scatter of the calibration's patches, and its degrees of freedom.
+    rim_rel : float
+        Part of it by light of the surroundings in the region.
     """
 
     patch: str
@@ -62,6 +64,7 @@ class PatchLuminance:
     findings: tuple[Finding, ...]
     scatter_rel: float = 0.0
     scatter_dof: float = inf
+    rim_rel: float = 0.0
 
     @property
     def fit_rel(self) -> float:
@@ -108,6 +111,7 @@ def patch_luminance(calibration: Converter, observations: Sequence[PatchObservat
         If there is no observation, observations are of several patches, of another camera, setting or
         vignetting, or the patch is clipped or black at every exposure.
     """
+    observations = [o.with_vignetting(calibration.vignetting) for o in observations]
     names = sorted({o.patch for o in observations})
     if len(names) != 1:
         raise CalibrationError(f"observations are of patches {names}: give those of one patch at a time")
@@ -226,6 +230,7 @@ def _combined(
         exposures_s=tuple(sorted({o.exposure_s for o in observations})),
         scatter_rel=calibration.responsivity.scatter_rel,
         scatter_dof=calibration.responsivity.scatter_dof or inf,
+        rim_rel=rim_rel,
         findings=(
             *findings,
             *temperature_findings(observations, calibration.settings),
@@ -247,7 +252,11 @@ def _rim_rel(calibration: Converter, weight: Array, signals: NetSignals) -> floa
     """
     rim, u = float(weight @ signals.rim_rel), float(np.hypot.reduce(weight * signals.rim_u_rel))
     beyond = min(rim, rim - calibration.responsivity.rim_rel, key=abs)
-    return beyond if abs(beyond) > _RIM_LIMIT * u else 0.0
+    if abs(beyond) <= _RIM_LIMIT * u:
+        return 0.0
+    # A halo reaches beyond the rim: the middle has least of it.
+    of_middle = -float(weight @ signals.shape_rel)
+    return max(beyond, of_middle, key=abs) if beyond * of_middle > 0 else beyond
 
 
 def _unknown_temperatures(calibration: Converter, observations: Sequence[PatchObservation]) -> tuple[Finding, ...]:

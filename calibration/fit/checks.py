@@ -11,7 +11,7 @@ import numpy as np
 from ...core.result import Finding, FindingValue, info, warning
 from ...core.vignetting import AnyVignetting, Cos4Vignetting
 from ..converter import VIGNETTING
-from ..findings import FitTest
+from ..findings import FitTest, one_of
 from ..readings import contradiction
 from ..sensor.dark import DarkModel
 from ..sensor.noise import GainSetting
@@ -95,9 +95,8 @@ def found_findings(selection: Selection, vignetting: AnyVignetting | None) -> li
         of_each = [_finding(row, selection.solution, vignetting, found=True) for row in rows]
         findings.append(of_each[0])
         if one.rivals:
-            causes, codes = [row.effect.name for row in rows], [finding.code for finding in of_each]
-            remedies = "; ".join(row.effect.what_tells for row in rows)
-            findings.append(warning("one-of", causes=causes, codes=codes, remedies=remedies))
+            pairs = zip(rows, of_each, strict=True)
+            findings.append(one_of(*((row.effect.name, f.code, row.effect.what_tells) for row, f in pairs)))
     return findings
 
 

@@ -9,8 +9,9 @@ import numpy as np
 
 from ...core.errors import CalibrationError
 from ...core.result import Finding, info, warning
-from ..findings import FitTest
-from ..sensor.noise import GainSetting
+from ..findings import FLICKERING, SETTLING, FitTest, one_of
+from ..frames.observations import PatchObservation
+from ..sensor.noise import GainSetting, first_frames
 from ..uncertainty import SMALL_EFFECT_REL, expanded_half_width
 from .design import PATCH_SHAPE, Design
 from .effects import MIN_SPAN
@@ -31,6 +32,9 @@ _INVERSION_LIMIT = 4.0
 _GLARE_TOLERANCE_REL = 0.02
 #: Flicker of the light from which it is named: as much as a meter's repeatability, by some frames.
 _FLICKER_TOLERANCE_REL = 0.005
+
+#: Probability by chance below which what the first frames have may be the cause of a flicker.
+_PERHAPS = 0.05
 
 
 def require_span(design: Design) -> None:
@@ -80,7 +84,12 @@ def require_monotone(solution: Solution, deviating: Collection[str]) -> None:
                 )
 
 
-def design_findings(design: Design, settings: Sequence[GainSetting], of_noise: Sequence[Finding]) -> list[Finding]:
+def design_findings(
+    design: Design,
+    settings: Sequence[GainSetting],
+    of_noise: Sequence[Finding],
+    observations: Sequence[PatchObservation],
+) -> list[Finding]:
     """Return recommendations for a better fit; what the first frames have explains a flicker."""
     findings = []
     if len(design.patches) < ADVISED_PATCHES:
@@ -96,6 +105,8 @@ def design_findings(design: Design, settings: Sequence[GainSetting], of_noise: S
     settling = any(one.code == "first-frames-differ" for one in of_noise)
     if flicker_rel > _FLICKER_TOLERANCE_REL and not settling:
         findings.append(warning("flicker", flicker_rel=flicker_rel, exposure_s=exposure_s))
+        if first_frames(observations, settings[0].dark, _PERHAPS):
+            findings.append(one_of(FLICKERING, SETTLING))
     for index, setting in enumerate(settings):
         times = design.exposures_s[design.exposure[design.signals.gain_index == index]]
         darks = setting.dark.exposures_s

@@ -186,8 +186,13 @@ class Assessed(NamedTuple):
 
     @property
     def significant(self) -> bool:
-        """Whether it is improbable by chance; no glare is negative."""
-        return self.log_p < log(FALSE_ALARM) and (self.effect.kind != "glare" or self.value > 0)
+        """Whether it is improbable by chance, and possible."""
+        return self.log_p < log(FALSE_ALARM) and self.possible
+
+    @property
+    def possible(self) -> bool:
+        """Whether its sign is; no glare is negative."""
+        return self.effect.kind != "glare" or self.value > 0
 
     def matters(self, solution: Solution) -> bool:
         """Whether it changes observations, beside others, by more than is small compared with the 2 % of a meter."""

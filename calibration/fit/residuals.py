@@ -11,6 +11,7 @@ import numpy as np
 from ...core.errors import CalibrationError
 from ...core.result import Finding, warning
 from ..convert.patch import PatchLuminance
+from ..converter import VIGNETTING
 from ..findings import FitError
 from ..frames.observations import Groups
 from ..model import PatchResidual
@@ -26,7 +27,7 @@ from .selection import leave_one_out, weights_by_patch
 _N_NODES = 96
 
 
-def fitted_rows(solution: Solution, groups: Groups) -> tuple[PatchResidual, ...]:
+def fitted_rows(solution: Solution, groups: Groups, moved: Array | float) -> tuple[PatchResidual, ...]:
     """One row for each patch of the fit.
 
     Parameters
@@ -35,14 +36,17 @@ def fitted_rows(solution: Solution, groups: Groups) -> tuple[PatchResidual, ...]
         The fit.
     groups : mapping of str to sequence of PatchObservation
         Observations of its patches.
+    moved : ndarray of float, shape (n,), or float
+        Part of its luminances that is no deviation of the patches, as that of the vignetting, cd/m^2.
     """
     design, rows = solution.design, []
+    luminance = solution.luminance - moved
     supported = len(design.patches) > solution.candidate.n_parameters
     by_patch = zip(design.patch_readings, weights_by_patch(solution), leave_one_out(solution).relative, strict=True)
     for reading, (own, weight), left_out_rel in by_patch:
         stated = sqrt(float(weight @ solution.covariance[np.ix_(own, own)] @ weight)) / reading.luminance_cd_m2
         exposures_s = tuple(np.unique(design.exposures_s[design.exposure[own]]).tolist())
-        seen = float(weight @ solution.luminance[own]), exposures_s
+        seen = float(weight @ luminance[own]), exposures_s
         without = float(left_out_rel) if supported else None
         rows.append(PatchResidual.compared(reading, seen, stated, groups[reading.patch][0].centre_px, without))
     return tuple(rows)
@@ -85,7 +89,7 @@ def held_out_rows(
     return tuple(rows), findings
 
 
-def fit_errors(solution: Solution) -> tuple[FitError, ...]:
+def fit_errors(solution: Solution, of_vignetting: float = 1.0) -> tuple[FitError, ...]:
     """Split the errors of parameters and dark signal into independent ones.
 
     An error of the dark signal, or of the vignetting, also changes the parameters: it is kept as one error with both
@@ -98,10 +102,16 @@ def fit_errors(solution: Solution) -> tuple[FitError, ...]:
     ----------
     solution : Solution
         The fit.
+    of_vignetting : float
+        Standard deviation that the fit leaves of the error of an assumed vignetting, over that of its prior.
     """
     twice = [error for error in solution.design.shared if error.dark or error.pattern is not None]
     # What an error adds to the readings that the parameters are fitted to.
-    by_twice = [solution.slope * error.dn - solution.level * error.relative for error in twice]
+    left = [of_vignetting if error.source == VIGNETTING else 1.0 for error in twice]
+    by_twice = [
+        (solution.slope * error.dn - solution.level * error.relative) / part
+        for error, part in zip(twice, left, strict=True)
+    ]
     by_shape = list(solution.luminance * solution.candidate.errors(solution.design.net_dn))
     rest = solution.covariance - sum(np.outer(column, column) for column in (*by_twice, *by_shape))
     own = solution.gain @ rest @ solution.gain.T

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from math import log, sqrt
 
@@ -25,6 +26,11 @@ _CONTRADICTION = 1e-4
 #: Ratio of the probabilities by chance, e^2, within which two effects explain the observations about equally well: the
 #: better one is then no more than about seven times as likely.
 _ALIKE = 2.0
+#: Probability by chance below which an effect may be the cause of what another one, beside it no longer significant,
+#: explains.
+_RIVAL = 0.05
+#: Share of the deviation of a patch from which another effect is about as large there.
+_AS_MUCH = 0.5
 #: Difference of their logarithms within which effects are the same at these patches; the first one is then named.
 _SAME = 0.01
 #: Least factor by which an exposure may be shorter than stated.
@@ -254,8 +260,11 @@ def _several_patches(
 
 
 def _significant(solution: Solution, effects: Iterable[Effect]) -> list[Assessed]:
-    rows = [assess(solution, one) for one in largest_of_each_kind(solution, effects)]
-    return [one for one in rows if one.significant and one.matters(solution)]
+    return [one for one in _assessed(solution, effects) if one.significant and one.matters(solution)]
+
+
+def _assessed(solution: Solution, effects: Iterable[Effect]) -> list[Assessed]:
+    return [assess(solution, one) for one in largest_of_each_kind(solution, effects)]
 
 
 def _without_others(design: Design, candidate: CandidateModel, found: Sequence[Found]) -> list[Found]:
@@ -281,13 +290,15 @@ def _with_rivals(
     solution = next(solutions(with_found(design, rest), [candidate]), None)
     if solution is None:
         return one
-    alike = _significant(solution, [other for other in _others(effects, rest) if _is_another(other, one.effect)])
     if one.effect.of_times:
-        alike = _as_good(design, candidate, found, one, alike)
+        others = [other for other in _others(effects, rest) if other.key != one.effect.key]
+        alike = _as_good(design, candidate, found, one, _significant(solution, others))
     else:
-        alike = [row for row in alike if row.log_p <= one.assessed.log_p + _ALIKE]
+        others = [other for other in _others(effects, found) if other.kind != one.effect.kind]
+        rows = [row for row in _assessed(solution, others) if row.log_p < log(_RIVAL) and row.possible]
+        alike = [row for row in rows if _is_rival(row, one.assessed, with_found(design, rest), solution)]
     if one.effect.kind == "patch":
-        alike += [row.assessed for row in rest if _is_most_at(row, one.effect, solution)]
+        alike += [row.assessed for row in rest if _is_more_at(row, one.assessed, solution)]
     return replace(one, rivals=tuple(sorted(alike, key=lambda row: row.log_p)))
 
 
@@ -303,16 +314,24 @@ def _as_good(
     return result
 
 
-def _is_another(other: Effect, effect: Effect) -> bool:
-    """Whether an effect is another cause than one that was found: each exposure is one of its own."""
-    return other.key != effect.key and (other.kind != effect.kind or effect.of_times)
+def _is_rival(row: Assessed, found: Assessed, design: Design, solution: Solution) -> bool:
+    """Whether an effect explains the observations about as well as one that was found, or what that one explains."""
+    if not row.matters(solution):
+        return False
+    if row.significant and row.log_p <= found.log_p + _ALIKE:
+        return True
+    with suppress(CalibrationError):
+        return not assess(solve(with_found(design, [Found(row)]), solution.candidate), found.effect).significant
+    return False
 
 
-def _is_most_at(found: Found, patch: Effect, solution: Solution) -> bool:
-    """Whether another effect is largest at a patch that deviates, which may then be more of the same."""
+def _is_more_at(found: Found, patch: Assessed, solution: Solution) -> bool:
+    """Whether a patch that deviates may be more of another effect: that is largest there, or about as large."""
     moved = np.abs(found.assessed.amplitude.value @ found.effect.columns(solution)) / solution.level
-    largest = int(solution.design.patch[int(np.argmax(moved))])
-    return found.effect.kind in ("rim", "glare", "place", "dark signal") and largest == patch.number
+    own, design = solution.design.patch == patch.effect.number, solution.design
+    deviation_rel = abs(patch.value) / design.reading_cd_m2[patch.effect.number]
+    much = moved[own].max() >= min(moved.max(), _AS_MUCH * deviation_rel)
+    return found.effect.kind in ("rim", "glare", "place", "dark signal") and bool(much)
 
 
 def worth(solution: Solution, effect: Effect) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import hypot, sqrt
 from typing import Any
 
@@ -39,6 +39,15 @@ class Nonuniformity:
     between: MeanSquares
     dof: int
     cell_pixels: float
+
+    def scaled(self, factor: float) -> Nonuniformity:
+        """Return that of values that are larger by a factor."""
+
+        def of(squares: MeanSquares) -> MeanSquares:
+            aa, ab, bb = squares
+            return factor**2 * aa, factor**2 * ab, factor**2 * bb
+
+        return replace(self, within=of(self.within), between=of(self.between))
 
     def pixel_variance_dn2(self, dark_dn: float) -> float:
         """Variance of (DN - d) / V from pixel to pixel, in DN^2; noise included."""

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 from ...core.clock import exposure_text
 from ...core.errors import CalibrationError, InputError
 from ...core.frame import CameraIdentity, Frame, Readout, nominal_black_dn
-from ...core.vignetting import AnyVignetting
+from ...core.vignetting import AnyVignetting, Cos4Vignetting
 from .nonuniformity import Nonuniformity
 from .rounding import ROUNDING_DN2, quantisation_variance_dn2
 from .statistics import Level, lines_variance_dn2
@@ -170,6 +170,10 @@ class PatchPart:
     share: float
     is_field: bool = False
 
+    def scaled(self, factor: float) -> PatchPart:
+        """Return it with another 1 / V."""
+        return replace(self, mean_dn=factor * self.mean_dn, mean_inverse_v=factor * self.mean_inverse_v)
+
 
 @dataclass(frozen=True, kw_only=True)
 class PatchObservation(Observation):
@@ -206,6 +210,23 @@ class PatchObservation(Observation):
     recorded: datetime | None = None
     middle: PatchPart | None = None
     inside: PatchPart | None = None
+
+    def with_vignetting(self, vignetting: AnyVignetting | None) -> PatchObservation:
+        """Return the same with another vignetting, where that differs only by what patches have shown of it."""
+        own = self.vignetting
+        if own == vignetting or not (isinstance(vignetting, Cos4Vignetting) and vignetting.is_but_for_corners(own)):
+            return self
+        assert isinstance(own, Cos4Vignetting)
+        factor = 1 / vignetting.more_than(own, self.state.image_shape, self.centre_px)
+        return replace(
+            self,
+            mean_dn=factor * self.mean_dn,
+            mean_inverse_v=factor * self.mean_inverse_v,
+            nonuniformity=self.nonuniformity.scaled(factor),
+            middle=self.middle and self.middle.scaled(factor),
+            inside=self.inside and self.inside.scaled(factor),
+            vignetting=vignetting,
+        )
 
     def saturating_at(self, saturation_dn: float) -> PatchObservation:
         """Return the same of a camera whose pixels are full from a lower DN on than its frames state."""

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import CalibrationError, require_not_negative
+from ...core.quantity import Z_95
 from ...core.result import Finding, warning
-from ...core.table import Z_95
 from ..frames.observations import DarkObservation
 from ..frames.statistics import MAX_CLIPPED_SHARE
 from ..uncertainty import COVERAGE

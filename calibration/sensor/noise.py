@@ -223,18 +223,13 @@ def flicker_of_light(observations: Sequence[PatchObservation], dark: DarkModel) 
     return Flicker(sqrt(flicker), max(round(effective_dof), 1), noise_rel, by_exposure)
 
 
-def first_frames(observations: Sequence[PatchObservation], dark: DarkModel) -> list[Finding]:
+def first_frames(
+    observations: Sequence[PatchObservation], dark: DarkModel, by_chance: float = _FIRST_BY_CHANCE
+) -> list[Finding]:
     """Return a finding if the first frames of the exposures differ from those that follow, which agree (F test).
 
     So they do by image lag, and by a camera or a lamp that settles; a light that flickers changes from any frame to the
-    next.
-
-    Parameters
-    ----------
-    observations : sequence of PatchObservation
-        All patches and exposures of a session.
-    dark : DarkModel
-        Dark signal there.
+    next. Observations and dark signal as of `flicker_of_light`; `by_chance` is the probability of a finding by chance.
     """
     from scipy.stats import f
 
@@ -243,7 +238,7 @@ def first_frames(observations: Sequence[PatchObservation], dark: DarkModel) -> l
         n = group[0].n_frames
         if n < _FEWEST_FRAMES or any(o.n_frames != n for o in group):
             continue
-        net = np.array([o.net_dn(dark.mean_dn(o.exposure_s, o.temperature_c)) / o.mean_inverse_v for o in group])
+        net = _net_dn(group, dark) / [o.mean_inverse_v for o in group]
         means = np.array([o.frame_means_dn for o in group])
         noise = np.maximum([_frame_noise_dn2(o, dark) / o.mean_inverse_v**2 for o in group], 1e-12) / net**2
         weight = 1 / noise / np.sum(1 / noise)
@@ -256,7 +251,7 @@ def first_frames(observations: Sequence[PatchObservation], dark: DarkModel) -> l
     firsts, squares, within, dof, exposures_s = (np.array(column) for column in zip(*rows, strict=True))
     ratio = squares.mean() / (within.sum() / dof.sum())
     largest = int(np.argmax(np.abs(firsts)))
-    if f.sf(ratio, squares.size, dof.sum()) >= _FIRST_BY_CHANCE or abs(firsts[largest]) <= SMALL_EFFECT_REL:
+    if f.sf(ratio, squares.size, dof.sum()) >= by_chance or abs(firsts[largest]) <= SMALL_EFFECT_REL:
         return []
     shown = {"deviation_rel": float(firsts[largest]), "exposure_s": float(exposures_s[largest])}
     return [warning("first-frames-differ", **shown)]
@@ -282,12 +277,16 @@ def _contradict(seen: Array, expected: Array, dof: Array) -> bool:
 
 def _flicker_of_frames(group: Sequence[PatchObservation], dark: DarkModel) -> tuple[float, float, int]:
     """Relative variance of the light over the frames of one exposure, that of its noise, and degrees of freedom."""
-    net = np.array([o.net_dn(dark.mean_dn(o.exposure_s, o.temperature_c)) for o in group])
+    net = _net_dn(group, dark)
     noise = np.maximum([_frame_noise_dn2(o, dark) for o in group], 1e-12) / net**2
     seen = np.array([o.frame_means_variance_dn2 * o.mean_inverse_v**2 for o in group]) / net**2
     weight = 1 / noise**2
     excess = float(weight @ (seen - noise) / weight.sum())
     return excess, float(weight.sum()) ** -0.5, group[0].n_frames - 1
+
+
+def _net_dn(group: Sequence[PatchObservation], dark: DarkModel) -> Array:
+    return np.array([o.net_dn(dark.mean_dn(o.exposure_s, o.temperature_c)) for o in group])
 
 
 def _frame_noise_dn2(o: PatchObservation, dark: DarkModel) -> float:

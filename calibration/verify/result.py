@@ -9,8 +9,8 @@ from math import hypot, isfinite
 from typing import Literal
 
 from ...core.errors import InputError
+from ...core.quantity import Z_95
 from ...core.result import Finding
-from ...core.table import Z_95
 from ..frames.observations import CameraState
 from ..readings import MeasuredPatch
 from ..sensor.dark import DarkModel

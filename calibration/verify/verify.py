@@ -20,7 +20,7 @@ from ..colour.conversion import ByPlane, luminance_of_planes, own_rel
 from ..colour.model import AnyCalibration
 from ..colour.patches import by_patch, nonuniformity_rel
 from ..convert.patch import PatchLuminance, numbered, patch_luminance
-from ..converter import EXPOSURE_TIME, FLAT_FIELD, OF_FRAMES, VIGNETTING
+from ..converter import EXPOSURE_TIME, FLAT_FIELD, OF_FRAMES, STABILITY, VIGNETTING
 from ..findings import summarised
 from ..frames.observations import DarkObservation, PatchObservation
 from ..model import Calibration
@@ -30,15 +30,21 @@ from ..setup import METER_SOURCES, MeterScale
 from ..signal import temperature_findings
 from ..tolerance import Part, expanded_of_scales, own_tolerance_rel
 from ..uncertainty import (
+    FALSE_ALARM,
+    SMALL_EFFECT_REL,
     effective_dof,
     expanded_half_width,
     of_one_estimate,
+    p_value_of_chi_squared,
     scales_apart,
     student_factor,
+    three_over_two,
 )
 from .findings import findings_of
 from .result import DRIFT_DN, Drift, Verification, VerifiedDark, VerifiedPatch, VerifiedPlane, require_tolerance
 
+#: Source of what light of the surroundings does in a region.
+SURROUNDINGS = "surroundings"
 #: Begin the names of common errors of the frames, and not of the calibration.
 _MEASURED = (*OF_FRAMES, EXPOSURE_TIME)
 
@@ -80,6 +86,7 @@ def verify(
     stated_rel = None if tolerance_rel is None else require_tolerance(tolerance_rel)
     # What another temperature of the camera does is seen on the dark frames.
     calibration = calibration.at_their_temperature()
+    calibration = calibration.for_use(reading.timestamp for group in readings.values() for reading in group)
     groups = by_patch(observations, [plane.state.plane for plane in calibration.planes])
     seen, unusable, of_frames = _measured(calibration, groups)
     comparison, of_readings = _compared(calibration, groups, list(seen.values()), readings, meter)
@@ -111,7 +118,10 @@ def verify(
 
 @dataclass(frozen=True, eq=False)
 class _Comparison:
-    """Deviations of n patches; `scales` are those that matter, by `scales_apart`."""
+    """Deviations of n patches; `scales` are those that matter, by `scales_apart`.
+
+    Errors of the sources `shown` are what the deviations are to show, and no part of their uncertainty.
+    """
 
     seen: Sequence[PatchLuminance]
     read: Mapping[str, PatchReading]
@@ -119,6 +129,7 @@ class _Comparison:
     meter: MeterScale
     scales: Sequence[MeterScale]
     field_rel: float
+    shown: tuple[str, ...]
 
     @property
     def deviation_rel(self) -> NDArray[np.float64]:
@@ -128,17 +139,19 @@ class _Comparison:
     def _own_rel2(self) -> NDArray[np.float64]:
         """Variances by the pixels and the place of each patch."""
         of_pixels = [one.random_rel**2 - one.scatter_rel**2 - self.field_rel**2 for one in self.seen]
+        if SURROUNDINGS in self.shown:
+            of_pixels = [part - one.rim_rel**2 for part, one in zip(of_pixels, self.seen, strict=True)]
         uneven = [self.nonuniformity_rel[one.patch] ** 2 for one in self.seen]
         own: NDArray[np.float64] = np.maximum(of_pixels, 0.0) + uneven
         return own
 
     @cached_property
     def _common(self) -> list[tuple[str, NDArray[np.float64], float]]:
-        """Source, pattern and degrees of freedom of each common error but those of meter and assumed vignetting."""
+        """Source, pattern and degrees of freedom of each common error but those of the meter and those to be shown."""
         common = [numbered(one.common) for one in self.seen]
         found = []
         for name in dict.fromkeys(name for errors in common for name in errors):
-            if name[0] not in (*METER_SOURCES, VIGNETTING):
+            if name[0] not in (*METER_SOURCES, *self.shown):
                 own = [errors.get(name, CommonError(name[0], 0.0)) for errors in common]
                 pattern = np.array([float(error.relative) for error in own])
                 found.append((name[0], pattern, min(error.dof for error in own)))
@@ -180,6 +193,11 @@ class _Comparison:
         weights = self._weights()
         return float(weights @ self.deviation_rel), expanded_of_scales(self.scales, self._whole(weights))
 
+    @property
+    def dof(self) -> float:
+        """Degrees of freedom of the mean's uncertainty."""
+        return effective_dof(self._whole(self._weights()))
+
     def _weights(self) -> NDArray[np.float64]:
         weights = np.linalg.solve(self.covariance, np.ones(len(self.seen)))
         normed: NDArray[np.float64] = weights / weights.sum()
@@ -187,6 +205,10 @@ class _Comparison:
 
     def _whole(self, weights: NDArray[np.float64]) -> list[Part]:
         return [*self._measured(weights), *self._calibrated(weights), *self._of_place(weights)]
+
+    def parts_of(self, number: int) -> list[Part]:
+        """Parts of the deviation of one patch."""
+        return self._whole(np.eye(len(self.seen))[number])
 
     def drift(self, plane: Calibration) -> Drift:
         """Return the mean deviation as a change of a plane's responsivity.
@@ -237,6 +259,7 @@ def _compared(
     seen: Sequence[PatchLuminance],
     readings: Mapping[str, Sequence[Reading]],
     meter: MeterScale,
+    shown: tuple[str, ...] = (VIGNETTING, STABILITY),
 ) -> tuple[_Comparison, list[Finding]]:
     """Combine the readings of each patch, and determine the relevant scale errors."""
     read, findings = combine_patches({one.patch: readings.get(one.patch, ()) for one in seen})
@@ -249,7 +272,65 @@ def _compared(
         # One instrument: its spectral mismatch is the same in the same light.
         scales = tuple(replace(one, f1_prime=None) for one in scales)
     uneven = {patch: nonuniformity_rel(calibration.planes, groups[patch]) for patch in read}
-    return _Comparison(seen, read, uneven, meter, scales, calibration.field_rel), findings
+    return _Comparison(seen, read, uneven, meter, scales, calibration.field_rel, shown), findings
+
+
+def changes_since(
+    calibration: AnyCalibration,
+    observations: ByPlane[PatchObservation],
+    seen: Sequence[PatchLuminance],
+    readings: Mapping[str, Sequence[Reading]],
+    meter: MeterScale,
+) -> tuple[AnyCalibration, dict[str, float], list[Finding]]:
+    """Compare the patches of a session with its readings: a finding by chance in 0.27 % (three standard deviations).
+
+    Parameters
+    ----------
+    calibration : Calibration or ColourCalibration
+        As it holds in the session.
+    observations, readings : mapping
+        Of the session, as of `verify`.
+    seen : sequence of PatchLuminance
+        Its patches.
+    meter : MeterScale
+        The meter that took the readings.
+
+    Returns
+    -------
+    Calibration or ColourCalibration
+        As uncertain as all patches, alike, contradict the meter.
+    dict of str to float
+        Relative deviations of patches that contradict it alone.
+    list of Finding
+        What was found.
+    """
+    groups = by_patch(observations, [plane.state.plane for plane in calibration.planes])
+    comparison, _ = _compared(calibration, groups, seen, readings, meter, (STABILITY, SURROUNDINGS))
+    deviation, expanded = comparison.mean()
+    left, n = comparison.deviation_rel - deviation, len(seen) - 1
+    chi_squared = float(left @ np.linalg.solve(comparison.covariance, left))
+    if n > 0 and p_value_of_chi_squared(chi_squared, n) < FALSE_ALARM:
+        return calibration, *_deviating(comparison, calibration.stability_rel)
+    by_chance_rel = expanded * three_over_two(comparison.dof)
+    with_stability_rel = hypot(expanded, expanded_half_width(0.0, calibration.stability_rel))
+    if abs(deviation) <= max(by_chance_rel, with_stability_rel, SMALL_EFFECT_REL):
+        return calibration, {}, []
+    measured = f"{calibration.provenance.measured:%Y-%m-%d}"
+    found = warning("responsivity-changed", deviation_rel=deviation, expanded_rel=expanded, measured=measured)
+    return calibration.changed_by(deviation), {}, [found]
+
+
+def _deviating(comparison: _Comparison, stability_rel: float) -> tuple[dict[str, float], list[Finding]]:
+    """Return the patches that contradict the meter alone, with their deviations, and findings."""
+    deviating, findings = {}, []
+    for n, (one, deviation) in enumerate(zip(comparison.seen, comparison.deviation_rel.tolist(), strict=True)):
+        parts = comparison.parts_of(n)
+        expanded = expanded_of_scales(comparison.scales, [*parts, (stability_rel**2, inf)])
+        if abs(deviation) > max(expanded * three_over_two(effective_dof(parts)), SMALL_EFFECT_REL):
+            deviating[one.patch] = deviation
+            values = {"deviation_rel": deviation, "expanded_rel": expanded}
+            findings.append(warning("patch-contradicts-meter", one.patch, **values))
+    return deviating, findings
 
 
 def _planes(

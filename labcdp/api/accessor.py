@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from ..core.errors import InputError
+from ..evaluate.requirement import Judgement, Requirement, judged_pairs
 from ..evaluate.sweep.maps.axes import CdpMap
 from ..evaluate.sweep.maps.dips import SnrDip
 from ..evaluate.sweep.maps.map import MapAnalysis, analyse_map
@@ -19,6 +20,7 @@ from ..report.files import dataset_bytes
 from ..report.files import read_dataset as read_netcdf
 from .arguments import PathArgument, as_list, as_number, as_path, as_text
 from .figure import draw_pairs
+from .seen import seen_in
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -182,6 +184,29 @@ class LabcdpAccessor:
         from ..evaluate.sweep.maps.view import MapView
 
         return draw_map(MapView.of(self._dataset, self.analysis(level)))
+
+    def judged(self, requirement: Requirement | PathArgument) -> Judgement:
+        """Judge pictures, videos and sessions by a requirement, as ``labcdp image --require`` does.
+
+        Parameters
+        ----------
+        requirement : Requirement or path
+            Its contrast and tolerance must be among those of the dataset.
+
+        Returns
+        -------
+        Judgement
+            Its `verdict` is "met", "not met" or "undecided"; `pairs` has that on each pair, `findings` what the
+            requirement asks and nobody could see.
+
+        Raises
+        ------
+        InputError
+            If the dataset has no pairs, or another contrast or tolerance.
+        """
+        if not isinstance(requirement, Requirement):
+            requirement = Requirement.load(as_path(requirement, "requirement"))
+        return judged_pairs(requirement, seen_in(self._dataset, requirement))
 
     def save(self, path: PathArgument, *, force: bool = False) -> Path:
         """Write the dataset as NetCDF; with `force` an existing file is replaced.

@@ -18,7 +18,7 @@ from ..core.roi import Roi
 from ..evaluate.picture.image import ImageRequest
 from ..metrics import Epsilon
 from ..metrics.contrast import TargetContrasts
-from ..metrics.result import asked_contrasts
+from ..metrics.result import target_contrasts
 from ..regions import PolygonShape, Shape, image_size_of, load_regions, rois_of
 
 #: A path as users write it.
@@ -146,9 +146,9 @@ def as_contrasts(contrasts: Contrasts | None, tolerance: Tolerance) -> Asked:
     epsilon: Epsilon = plain_fraction(tolerance)
     if contrasts is None:
         # The tolerance is checked as with any contrast.
-        asked_contrasts(1.0, epsilon, "weber")
+        target_contrasts(1.0, epsilon, "weber")
         return Asked(None, False, epsilon)
-    asked, shape = asked_contrasts(contrasts, epsilon, "weber")
+    asked, shape = target_contrasts(contrasts, epsilon, "weber")
     values = tuple(one.contrast for one in asked)
     if len(shape) > 1 or not values:
         raise InputError(f"contrasts have the shape {shape}: give a number, or a list of at least one")

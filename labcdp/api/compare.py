@@ -12,17 +12,20 @@ import numpy as np
 from xarray import Dataset
 
 from ..calibration import AnyCalibration
+from ..core.errors import InputError
 from ..core.result import InputFile, html_table
 from ..evaluate.compare.compare import LUMINANCES, Question, compare_subjects
 from ..evaluate.compare.compare import Comparison as _Comparison
+from ..evaluate.compare.requirement import Judged
 from ..evaluate.compare.result import answer, compare_result
 from ..evaluate.compare.subject import picture_task
 from ..evaluate.picture.result import PictureTask
+from ..evaluate.requirement import Requirement
 from ..evaluate.sweep.plan import Axis
 from ..report.files import envelope
 from ..report.text import finding_text, text_table
 from .arguments import Contrasts, PathArgument, as_contrasts, as_number, as_path
-from .picture import Stated, conversion_of, require_known
+from .picture import Stated, conversion_of
 from .session import CalibratedSession
 
 
@@ -32,6 +35,7 @@ def compare(
     epsilon: float | str = 0.5,
     progress: Callable[[int, int], None] | None = None,
     regions: PathArgument | None = None,
+    requirement: Requirement | PathArgument | None = None,
     **options: Any,
 ) -> Comparison:
     """Compare chains, sweeps, sessions, calibrations, characterisations or pictures, as ``labcdp compare`` does.
@@ -50,6 +54,9 @@ def compare(
         Called with the number of cells of a chain's prediction that are done, and of all.
     regions : path or None
         For pictures: region file.
+    requirement : Requirement, path or None
+        For chains: what each is judged by, in the place of contrast, tolerance and varied parameters; `judged` of the
+        comparison has the verdicts.
     **options
         For chains: parameters and their values, as for `Chain.sweep`; none for a range of luminances. For pictures:
         what `read_image` takes, such as ``calibration``.
@@ -67,6 +74,13 @@ def compare(
     epsilon = as_number(epsilon, "epsilon")
     if regions is not None:
         return Comparison(compare_subjects(sources, _of_pictures(regions, contrast, epsilon, **options), progress))
+    if requirement is not None:
+        if contrast is not None or epsilon != 0.5 or any(np.ndim(one) for one in options.values()):
+            raise InputError("a requirement has its own contrast, tolerance and luminances: leave out those given")
+        if not isinstance(requirement, Requirement):
+            requirement = Requirement.load(as_path(requirement, "requirement"))
+        changes = {name if "." in name else name.replace("__", "."): value for name, value in options.items()}
+        return Comparison(compare_subjects(sources, Question.by(requirement, changes), progress))
     varied = tuple(Axis(name if "." in name else name.replace("__", "."), values) for name, values in options.items())
     asked = contrast is not None or epsilon != 0.5 or varied
     one_or_all = as_contrasts(contrast, epsilon).one_or_all
@@ -84,11 +98,10 @@ def _of_pictures(
     **stated: Unpack[Stated],
 ) -> PictureTask:
     """Return what pictures are asked, from the arguments of `compare` and `read_image`."""
-    require_known(stated, Stated)
     files = {"regions": regions, "calibration": calibration, "camera specification": camera_spec}
     return picture_task(
         as_path(regions, "regions"),
-        conversion_of(calibration, camera_spec, encoding).given(**stated),
+        conversion_of(calibration, camera_spec, encoding, stated, Stated),
         tuple(InputFile.of(role, Path(one)) for role, one in files.items() if isinstance(one, str | PathLike)),
         as_contrasts(contrast, epsilon).values,
         epsilon,
@@ -111,6 +124,11 @@ class Comparison:
     def answer(self) -> str:
         """What differs, in a sentence or two."""
         return "; ".join(finding_text(one) for one in answer(self.comparison))
+
+    @property
+    def judged(self) -> tuple[Judged, ...]:
+        """The verdict on each chain by the requirement, if one was given."""
+        return self.comparison.judged
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of results.json."""

@@ -71,7 +71,7 @@ class ImageRegions:
         rois = {roi.name: roi for roi in self.rois}
         found = [evaluate_pair(self.luminance, rois[a], rois[b], asked.values, asked.epsilon) for a, b in self.pairs]
         data = pair_variables(found, self.unit) | cdp_variables(
-            ("pair", "contrast"), [pair.results or (None,) for pair in found]
+            ("pair", "contrast"), [list(pair.cdp) or (None,) for pair in found]
         )
         coordinates = {"pair": [pair.name for pair in found], "side": ["bright", "dark"], "region": data.pop("region")}
         regions = [(pair.bright_region.roi, pair.dark_region.roi) for pair in found]

@@ -108,30 +108,35 @@ def read_image(
         If the calibration is not for this picture.
     """
     file = as_path(path, "the picture")
-    require_known(stated, Stated)
-    conversion = conversion_of(calibration, camera_spec, encoding).given(**stated)
+    conversion = conversion_of(calibration, camera_spec, encoding, stated, Stated)
     picture = read_picture(file, conversion.options)
     return Image(picture, conversion, conversion.luminance(picture))
-
-
-def require_known(stated: Mapping[str, Any], kind: Any) -> None:
-    """Refuse names of keyword arguments that are not known, as Python does."""
-    for name in stated.keys() - kind.__annotations__.keys():
-        raise TypeError(f"unexpected keyword argument {name!r}: give some of {', '.join(kind.__annotations__)}")
 
 
 def conversion_of(
     calibration: PathArgument | AnyCalibration | None,
     camera_spec: PathArgument | None,
     encoding: Literal["linear", "srgb"] | None,
+    stated: Mapping[str, Any],
+    kind: Any,
 ) -> PictureConversion:
-    """Return the conversion to luminance that the arguments of `read_image` ask for; raises InputError."""
+    """Return the conversion to luminance that the arguments of `read_image` ask for.
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be used.
+    TypeError
+        If something is stated that `kind`, one of the classes above, does not have: as Python does.
+    """
+    for name in stated.keys() - kind.__annotations__.keys():
+        raise TypeError(f"unexpected keyword argument {name!r}: give some of {', '.join(kind.__annotations__)}")
     if encoding not in (None, "linear", "srgb"):
         raise InputError(f"encoding is {encoding!r}: give 'linear' or 'srgb'")
     if calibration is not None and not isinstance(calibration, Calibration | ColourCalibration):
         calibration = as_path(calibration, "calibration")
     spec = None if camera_spec is None else as_path(camera_spec, "camera_spec")
-    return picture_conversion(calibration, spec, encoding)
+    return picture_conversion(calibration, spec, encoding).given(**stated)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -224,7 +229,7 @@ class Image:
         found = evaluate_neighbours(
             self.luminance, asked.values, asked.epsilon, None if corners is None else tuple(corners)
         )
-        data = cdp_variables(("contrast",), found.results or (None,))
+        data = cdp_variables(("contrast",), list(found.cdp) or (None,))
         dataset = Dataset(data, attrs=self.attributes(asked.epsilon, found.findings))
         return described(at_contrasts(dataset, asked, found.contrast.value))
 

@@ -27,7 +27,7 @@ def _variable(name: str, column: str, label: str = "") -> Column:
     return replace(found, name=name, label=label or found.label, value=found.value or found.name)
 
 
-_INTERVAL = "calibrated.interval_95_cd_m2"
+_INTERVAL = "interval_95_cd_m2"
 #: Of a patch, and of a contrast of two patches.
 _OF_PATCH = (
     _variable("meter_luminance", "measured_cd_m2", "luminance by meter"),
@@ -82,7 +82,7 @@ class SessionResult:
             table[pairs.index((row.asked.bright, row.asked.dark))][contrasts.index(row.cdp.contrast)] = row
         data = {
             **variables_of(_OF_PATCH, ("patch",), found.patches),
-            **cdp_variables(("pair", "contrast"), [[row and row.calibrated_cdp for row in rows] for rows in table]),
+            **cdp_variables(("pair", "contrast"), [[row and row.cdp for row in rows] for rows in table]),
             **variables_of([_variable("epsilon", "epsilon")], ("pair", "contrast"), table),
             **variables_of(_OF_PAIR, ("pair",), [[row for row in rows if row][-1] for rows in table]),
         }
@@ -117,7 +117,7 @@ class SessionResult:
         """Table for notebooks."""
         rows = []
         for row in self.evaluation.contrasts:
-            low, high = row.cdp.confidence_interval
+            low, high = row.cdp.interval
             values = (row.cdp.contrast, row.camera_contrast, row.cdp.cdp, low, high)
             rows.append((row.name, *(number(value) for value in values)))
         return html_table(("pair", "contrast", "measured", "CDP", "95 % from", "to"), rows, repr(self)[1:-1])

@@ -37,7 +37,7 @@ def described(dataset: Dataset, unit: str = "cd/m^2") -> Dataset:
 
 
 def cdp_variables(dims: tuple[str, ...], items: Sequence[Any]) -> dict[str, Any]:
-    """Return the variables of `CalibratedCdp`, or None for no CDP."""
+    """Return the variables of `Cdp`, or None for no CDP."""
     return variables_of((*CDP, *SHARES), dims, items)
 
 

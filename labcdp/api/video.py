@@ -35,7 +35,7 @@ from .arguments import (
     as_text,
     drawn_on,
 )
-from .picture import StatedOfVideo, conversion_of, require_known
+from .picture import StatedOfVideo, conversion_of
 from .tracked_regions import TrackedRegions
 from .variables import described
 
@@ -70,8 +70,7 @@ focal_length_m, pixel_pitch_m, no_vignetting
         If the video cannot be read, or an argument cannot be used.
     """
     file = as_path(path, "the video")
-    require_known(stated, StatedOfVideo)
-    conversion = conversion_of(calibration, camera_spec, encoding).given(**stated)
+    conversion = conversion_of(calibration, camera_spec, encoding, stated, StatedOfVideo)
     spec = None if camera_spec is None else as_path(camera_spec, "camera_spec")
     known = {"encoding": encoding, **stated}
     return Video(open_source(file, conversion.options), conversion, calibration, spec, known)

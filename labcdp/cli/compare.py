@@ -6,8 +6,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import typer
-
 from ..calibration import AnyCalibration, load_any
 from ..calibration.record import CALIBRATION, MOST_BYTES, VERIFICATION, load_verification
 from ..calibration.verify.history import histories
@@ -18,13 +16,11 @@ from ..core.result import InputFile
 from ..evaluate.bench.history import history_files, history_result
 from ..evaluate.compare.compare import LUMINANCES, Question, compare_subjects
 from ..evaluate.compare.page import comparison_files
-from ..evaluate.compare.requirement import Requirement
 from ..evaluate.compare.result import compare_result
 from ..evaluate.compare.subject import picture_task
 from ..evaluate.picture.result import PictureTask
-from .bench.options import require_apart
-from .camera import EXIT_STATUS
-from .options import Changes, Contrasts, Results, Tolerance, one_or_all
+from ..evaluate.requirement import Requirement
+from .options import Changes, Contrasts, Results, Tolerance, end_by_requirement, one_or_all, require_apart
 from .pictures.options import PictureLightOptions
 from .simulation import Axes
 from .terminal import progress_bar, say
@@ -83,8 +79,7 @@ class QuestionOptions:
         if of_light:
             raise InputError(f"{of_light[0]} is an option for pictures: give their regions with --roi, too")
         if self.require is not None:
-            required = Requirement.load(self.require)
-            return Question((required.axis,), dict(self.changes), None, required.epsilon, required)
+            return Question.by(Requirement.load(self.require), dict(self.changes))
         if not (self.over or self.changes or (self.contrast, self.epsilon) != (None, None)):
             return None
         return Question(self.over or (LUMINANCES,), dict(self.changes), one_or_all(self.contrast), epsilon)
@@ -118,11 +113,7 @@ def compare(
         result = compare_result(found)
         folder.add(comparison_files(found, result))
     results.show(result, folder)
-    verdicts = {one.verdict for one in found.judged}
-    if verdicts - {"met"}:
-        missed = ", ".join(f"{one.name} ({one.verdict})" for one in found.judged if one.verdict != "met")
-        say(f"Requirement not met: {missed}")
-        raise typer.Exit(EXIT_STATUS["not conform" if "not met" in verdicts else "undecided"])
+    end_by_requirement({one.name: one.verdict for one in found.judged})
 
 
 def history(results: Results, paths: tuple[Path, ...]) -> None:

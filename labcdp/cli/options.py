@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +15,7 @@ from ..core.cluster import TlsFiles, Workers
 from ..core.errors import InputError
 from ..core.result import Result
 from ..evaluate.contrasts import parse_contrasts
+from ..evaluate.requirement import Verdict, worst_verdict
 from ..metrics.contrast import TargetContrasts
 from ..output import ResultsFolder, check_file
 from ..session.journal import JOURNAL
@@ -25,6 +26,8 @@ from .values import fraction_of_percent, parse_changes, parse_length, parse_seco
 if TYPE_CHECKING:
     from ..web.server import Address
 
+#: Exit status by verdict of a requirement.
+REQUIREMENT_STATUS: dict[Verdict, int] = {"met": 0, "not met": 3, "undecided": 4}
 #: Parameters of commands that name what is written, or no file at all.
 _WRITTEN = {"output", "preview", "transcript", "template"}
 
@@ -81,6 +84,44 @@ SimulatedBenchPath = Annotated[
 Without = Annotated[
     tuple[str, ...], As("Patch to leave out, or PATCH:NUMBER for one of its readings; may be repeated.")
 ]
+
+
+#: File of a requirement.
+Require = Annotated[
+    Path | None,
+    As("TOML file with a requirement to judge by; it sets contrast, tolerance and limit, and the exit status."),
+]
+
+
+def _given(options: Mapping[str, object]) -> list[str]:
+    return [option for option, value in options.items() if value is not None and value is not False]
+
+
+def require_together(options: Mapping[str, object], required: Mapping[str, object]) -> None:
+    """Refuse options, by name with their values, that require another one that is not given."""
+    for option in _given(options) if not _given(required) else ():
+        raise InputError(f"{option} requires {', '.join(required)}: give both or neither")
+
+
+def require_apart(options: Mapping[str, object], others: Mapping[str, object]) -> None:
+    """Refuse options, by name with their values, that exclude another one that is given."""
+    for option in _given(options) if _given(others) else ():
+        raise InputError(f"{option} cannot be combined with {', '.join(others)}: leave one out")
+
+
+def say_unmet(verdicts: Mapping[str, Verdict]) -> None:
+    """Say which ones do not meet a requirement, by name."""
+    missed = ", ".join(f"{name} ({verdict})" for name, verdict in verdicts.items() if verdict != "met")
+    if missed:
+        say(f"Requirement not met: {missed}")
+
+
+def end_by_requirement(verdicts: Mapping[str, Verdict]) -> None:
+    """Do the same and end with the exit status, unless all meet it."""
+    say_unmet(verdicts)
+    worst = worst_verdict(["met", *verdicts.values()])
+    if worst != "met":
+        raise typer.Exit(REQUIREMENT_STATUS[worst])
 
 
 def one_or_all(contrasts: tuple[float, ...] | None) -> TargetContrasts:

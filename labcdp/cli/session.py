@@ -25,11 +25,23 @@ from ..evaluate.bench.corrections import UniformLight, require_same_optics
 from ..evaluate.bench.session import chosen_contrasts, evaluate_session, observe_calibrated
 from ..evaluate.bench.session_page import session_files
 from ..evaluate.bench.session_result import session_input, session_result
+from ..evaluate.requirement import Requirement, Verdict, verdicts_of, worst_verdict
+from ..metrics.uncertainty import LimitVerdict
 from ..report.files import SCHEMA, WrittenResult, envelope, envelope_json, whole_result
 from ..session import ContrastConfiguration, MeterCertificate, Session, SessionConfiguration, example_session
-from .bench.options import require_apart, require_together
-from .camera import EXIT_STATUS
-from .options import Certificate, Contrasts, Results, Tolerance, Without, default_folder
+from .options import (
+    REQUIREMENT_STATUS,
+    Certificate,
+    Contrasts,
+    Require,
+    Results,
+    Tolerance,
+    Without,
+    default_folder,
+    require_apart,
+    require_together,
+    say_unmet,
+)
 from .terminal import progress_bar, progress_bars, say
 from .values import fraction_of_percent, parse_pair
 
@@ -90,14 +102,24 @@ class ContrastOptions:
     contrast: Contrasts = None
     epsilon: Tolerance | None = None
     pair: tuple[str, ...] = ()
+    require: Require = None
 
-    def contrasts(self, configuration: SessionConfiguration) -> list[ContrastConfiguration]:
-        """Return pairs and contrasts as given, or else as configured; raises InputError."""
-        if self.pair and not self.contrast:
+    def requirement(self) -> Requirement | None:
+        """Return what the pairs are judged by; raises InputError if contrast or tolerance are given beside it."""
+        require_apart({"--require": self.require}, {"--contrast": self.contrast, "--epsilon": self.epsilon})
+        return None if self.require is None else Requirement.load(self.require)
+
+    def contrasts(self, configuration: SessionConfiguration, by: Requirement | None) -> list[ContrastConfiguration]:
+        """Return pairs and contrasts as given or required, or else as configured; raises InputError."""
+        if self.pair and not self.contrast and by is None:
             raise InputError("--pair needs a contrast: give --contrast, for example --contrast 1000%")
         names = [patch.name for patch in configuration.target.patches]
         pairs = [parse_pair(text, names) for text in self.pair] or None
-        return chosen_contrasts(configuration, pairs, self.contrast, self.epsilon)
+        if by is None:
+            return chosen_contrasts(configuration, pairs, self.contrast, self.epsilon)
+        if not (pairs or configuration.contrasts):
+            raise InputError("the plan names no pairs of patches to judge by the requirement: give --pair BRIGHT:DARK")
+        return chosen_contrasts(configuration, pairs, [by.contrast], by.epsilon, by.cdp_limit)
 
 
 @dataclass(frozen=True)
@@ -213,12 +235,15 @@ def evaluate(
     opened = Session.open(source)
     path = by.file(source)
     recorded = by.recorded()
-    contrasts = options.contrasts(opened.configuration)
+    requirement = options.requirement()
+    contrasts = options.contrasts(opened.configuration, requirement)
     with results.folder(source) as folder:
         with progress_bar("reading") as report:
             loaded = None if path is None else load_any(path)
             evaluation = evaluate_session(*observe_calibrated(opened, loaded, options.without, report), contrasts)
-        result = session_result(evaluation, [] if path is None else [InputFile.of("calibration", path)])
+        files = {"calibration": path, "requirement": options.require}
+        inputs = [InputFile.of(role, one) for role, one in files.items() if one is not None]
+        result = session_result(evaluation, inputs, requirement=requirement)
         if by.against is not None and recorded is not None:
             _require_same(result, recorded, by.against)
         if path is None:
@@ -231,7 +256,12 @@ def evaluate(
     if not set(verdicts.values()) <= {None, "pass"}:
         missed = [f"{name} ({verdict})" for name, verdict in verdicts.items() if verdict not in (None, "pass")]
         say(f"Limits not met: {', '.join(missed)}")
-        raise typer.Exit(EXIT_STATUS["not conform" if "fail" in verdicts.values() else "undecided"])
+    required = verdicts_of(result)
+    say_unmet(required)
+    as_required: dict[LimitVerdict | None, Verdict] = {"fail": "not met", "undecided": "undecided"}
+    worst = worst_verdict(["met", *(as_required.get(one, "met") for one in verdicts.values()), *required.values()])
+    if worst != "met":
+        raise typer.Exit(REQUIREMENT_STATUS[worst])
 
 
 def _require_same(result: Result, recorded: WrittenResult, against: Path) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from math import isfinite, nan
 from typing import Any
@@ -50,38 +50,28 @@ def parse_pair(text: str, names: Sequence[str], name: str = "--pair") -> tuple[s
     raise InputError(f"{name} is {shown(text)}, but there is no {missing!r}: choose from {', '.join(names)}")
 
 
-#: Units of a time, in seconds.
-_SCALES = {"ms": 1e-3, "us": 1e-6, "s": 1.0}
+#: Units of a time in seconds, and of a length in metres.
+_TIMES = {"ms": 1e-3, "us": 1e-6, "s": 1.0}
+_LENGTHS = {"mm": 1e-3, "um": 1e-6, "µm": 1e-6, "m": 1.0}
 
 
 def parse_seconds(text: str, name: str) -> float:
-    """Turn ``5ms`` into 0.005.
-
-    Raises
-    ------
-    InputError
-        If it is not a number above 0 with s, ms or us.
-    """
-    unit = next((one for one in _SCALES if text.endswith(one)), "")
-    with suppress(ValueError):
-        value = float(text.removesuffix(unit)) * _SCALES.get(unit, nan)
-        if isfinite(value) and value > 0:
-            return value
-    raise InputError(f"{name} is {shown(text)}: give a number above 0 with s, ms or us, for example 5ms")
-
-
-#: Units of a length, in metres.
-_LENGTHS = {"mm": 1e-3, "um": 1e-6, "µm": 1e-6, "m": 1.0}
+    """Turn ``5ms`` into 0.005; raises InputError if it is not a number above 0 with s, ms or us."""
+    return _with_unit(text, name, _TIMES, "s, ms or us, for example 5ms")
 
 
 def parse_length(text: str, name: str) -> float:
     """Turn ``3.45um`` into 3.45e-6; raises InputError if it is not a number above 0 with mm, um or m."""
-    unit = next((one for one in _LENGTHS if text.endswith(one)), "")
+    return _with_unit(text, name, _LENGTHS, "mm or um, for example 6mm or 3.45um")
+
+
+def _with_unit(text: str, name: str, units: Mapping[str, float], allowed: str) -> float:
+    unit = next((one for one in units if text.endswith(one)), "")
     with suppress(ValueError):
-        value = float(text.removesuffix(unit)) * _LENGTHS.get(unit, nan)
+        value = float(text.removesuffix(unit)) * units.get(unit, nan)
         if isfinite(value) and value > 0:
             return value
-    raise InputError(f"{name} is {shown(text)}: give a number above 0 with mm or um, for example 6mm or 3.45um")
+    raise InputError(f"{name} is {shown(text)}: give a number above 0 with {allowed}")
 
 
 def parse_temperature(text: str, name: str) -> float:

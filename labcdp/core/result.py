@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 from .disk import file_sha256
-from .table import Z_95, Column, Table, uncertain
+from .quantity import Z_95
+from .table import Column, Table, uncertain
 
 #: ``info``: worth knowing, nothing to do. ``warning``: the user should act. ``error``: a part has no result.
 Severity: TypeAlias = Literal["info", "warning", "error"]

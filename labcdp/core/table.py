@@ -7,13 +7,11 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from .errors import InputError
+from .quantity import Z_95
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
     from xarray import Dataset
-
-#: 97.5 % quantile of the standard normal distribution: U (95 %) in standard uncertainties.
-Z_95 = 1.959963984540054
 
 #: What a cell can hold; None and nan are shown as missing.
 Value: TypeAlias = str | int | float | bool | None
@@ -156,6 +154,11 @@ def _taken(value: Taken, item: Any) -> Any:
 def values_of(columns: Sequence[Column], items: Sequence[Any]) -> dict[str, list[Any]]:
     """Return the values that columns take from items, a list for each column; of mappings those of its name."""
     return {column.name: [_value(column, item) for item in items] for column in columns}
+
+
+def array_values_of(columns: Sequence[Column], record: Any) -> dict[str, list[Any]]:
+    """Return the values that columns take from a record of arrays, a list for each column."""
+    return {column.name: _taken(column.value or column.name, record).tolist() for column in columns}
 
 
 def _value(column: Column, item: Any) -> Any:

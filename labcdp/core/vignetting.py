@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import hypot, radians, sqrt, tan
+from math import exp, hypot, radians, sqrt, tan
 from typing import Annotated, Any, Protocol
 
 import numpy as np
@@ -18,6 +18,8 @@ from .frame import Readout
 #: good lenses then lose 30 to 40 % (D. B. Goldman and J.-H. Chen, "Vignette and exposure calibration and compensation",
 #: ICCV 2005).
 VIGNETTING_REL = 0.05
+#: Beyond any lens.
+_LARGEST_LOG = 10.0
 #: Side of the middle field a flat field is 1 on, as a share of the sensor's height and width.
 MIDDLE_SHARE = 0.1
 
@@ -52,10 +54,13 @@ class _Radial:
         place_px : (float, float)
             The place (x, y); the upper left corner of the image is (0, 0).
         """
+        return [float(error) for error in self._patterns(np.float64(self.squared_radius_at(shape, place_px)))]
+
+    def squared_radius_at(self, shape: tuple[int, int], place_px: tuple[float, float]) -> float:
+        """r^2 at one place (x, y) of an image of `shape` (height, width)."""
         height, width = shape
         x0, y0 = self.centre_px or (width / 2, height / 2)
-        r2 = np.float64(((place_px[0] - x0) ** 2 + (place_px[1] - y0) ** 2) / (hypot(height, width) / 2) ** 2)
-        return [float(error) for error in self._patterns(r2)]
+        return ((place_px[0] - x0) ** 2 + (place_px[1] - y0) ** 2) / (hypot(height, width) / 2) ** 2
 
     def patterns_at(
         self, shape: tuple[int, int], y_px: NDArray[np.float64], x_px: NDArray[np.float64]
@@ -92,6 +97,8 @@ class Cos4Vignetting(_Radial):
         The axis, (x, y) in pixels of the image; None for its middle.
     corner_rel : float
         Relative standard uncertainty in the corners of an image; it grows with the squared distance from the axis.
+    log_corner : float
+        Logarithm of what the lens' corners have more than cos^4, as patches have shown; it grows alike.
 
     Raises
     ------
@@ -103,6 +110,7 @@ class Cos4Vignetting(_Radial):
     pixel_pitch_m: float
     centre_px: tuple[float, float] | None = None
     corner_rel: float = 0.0
+    log_corner: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("focal_length_m", "pixel_pitch_m"):
@@ -111,6 +119,10 @@ class Cos4Vignetting(_Radial):
                 raise InputError(f"{name} is {value}: give a positive number of metres")
         if not (np.isfinite(self.corner_rel) and self.corner_rel >= 0):
             raise InputError(f"corner_rel is {self.corner_rel}: give a fraction of at least 0")
+        if not abs(self.log_corner) <= _LARGEST_LOG:
+            raise InputError(
+                f"log_corner is {self.log_corner}: give a number from -{_LARGEST_LOG:g} to {_LARGEST_LOG:g}"
+            )
 
     def relative_illuminance(self, shape: tuple[int, int]) -> NDArray[np.float64]:
         """Illuminance relative to the axis, for an image of `shape` (height, width).
@@ -120,7 +132,20 @@ class Cos4Vignetting(_Radial):
         result = _squared_distance(shape, self.centre_px, self.pixel_pitch_m / self.focal_length_m, 1.0)
         # In place: for a large sensor each intermediate would be a third of all memory.
         result *= result
-        return np.reciprocal(result, out=result)
+        np.reciprocal(result, out=result)
+        if self.log_corner:
+            result *= np.exp(self.log_corner * self.squared_radius(shape))
+        return result
+
+    def is_but_for_corners(self, other: object) -> bool:
+        """Whether another one differs at most by what patches have shown."""
+        if not isinstance(other, Cos4Vignetting):
+            return False
+        return replace(other, corner_rel=self.corner_rel, log_corner=self.log_corner) == self
+
+    def more_than(self, other: Cos4Vignetting, shape: tuple[int, int], place_px: tuple[float, float]) -> float:
+        """Ratio to another one at a place (x, y) of an image of `shape`, as far as patches have shown it."""
+        return exp((self.log_corner - other.log_corner) * self.squared_radius_at(shape, place_px))
 
     def _patterns(self, r2: Any) -> list[Any]:
         return [self.corner_rel * r2] if self.corner_rel else []
@@ -325,7 +350,9 @@ def cropped(
     # The unit of r is half the diagonal.
     scale = np.array([(hypot(*shape) / hypot(*whole)) ** power for power in (2, 4, 6)])
     if isinstance(vignetting, Cos4Vignetting):
-        return replace(vignetting, centre_px=centre_px, corner_rel=float(scale[0]) * vignetting.corner_rel)
+        r2 = float(scale[0])
+        corners = {"corner_rel": r2 * vignetting.corner_rel, "log_corner": r2 * vignetting.log_corner}
+        return replace(vignetting, centre_px=centre_px, **corners)
     a2, a4, a6 = scale * (vignetting.a2, vignetting.a4, vignetting.a6)
     rows = scale[:, None] * np.array(vignetting.covariance) * scale
     covariance = tuple((float(a), float(b), float(c)) for a, b, c in rows)

@@ -6,56 +6,56 @@ from dataclasses import replace
 
 from ..core.table import Column, uncertain, with_bound
 
-#: Of a `CalibratedCdp`: the probability, and the shares of the pairs to either side.
+#: Of a `Cdp`: the probability, and the shares of the pairs to either side.
 CDP = (
     Column("cdp", "CDP", "", "Share of the pairs of pixels that are detected.", low="cdp_low", high="cdp_high",
-           value="result.cdp"),
+           value="cdp"),
     Column("cdp_low", "CDP, low", "", "Lower end of the 95 % interval, by pixels and calibration.", decimals=5,
-           shown=False, value="confidence_interval.0"),
+           shown=False, value="interval.0"),
     Column("cdp_high", "CDP, high", "", "Upper end of the 95 % interval.", decimals=5, shown=False,
-           value="confidence_interval.1"),
+           value="interval.1"),
     Column("u_cdp", "u of CDP", "", "Standard uncertainty, by pixels and calibration.", 2, shown=False,
-           value="standard_uncertainty"),
+           value="u"),
 )  # fmt: skip
 SHARES = (
-    Column("below", "below", "", "Share of the pairs with a lower contrast.", decimals=4, value="result.below"),
-    Column("above", "above", "", "Share of the pairs with a higher contrast.", decimals=4, value="result.above"),
+    Column("below", "below", "", "Share of the pairs with a lower contrast.", decimals=4, value="below"),
+    Column("above", "above", "", "Share of the pairs with a higher contrast.", decimals=4, value="above"),
     Column("undefined", "undefined", "", "Share of the pairs without light; they count as below.", shown=False,
-           value="result.undefined"),
+           value="undefined"),
 )  # fmt: skip
-TARGET = Column("contrast", "target contrast", "%", "Contrast whose CDP is computed.", value="result.contrast")
+TARGET = Column("contrast", "target contrast", "%", "Contrast whose CDP is computed.", value="contrast")
 #: Of a `PairResult`.
 CONTRAST = with_bound(
     uncertain(
         Column("measured_contrast", "measured contrast", "%", "Weber contrast of the means.", value="contrast.value"),
-        u="contrast.standard_error",
+        u="contrast.u",
     ),
     "bound",
 )
 CSNR = uncertain(
     Column("csnr", "CSNR", "", "Mean over standard deviation of the contrasts of all pairs of pixels.", 3,
            value="csnr.value"),
-    u="csnr.standard_error",
+    u="csnr.u",
 )  # fmt: skip
 
 
 def region_columns(unit: str, unit_of: str = "") -> tuple[Column, ...]:
-    """Return the columns of a `RegionResult`, in a unit or in those of a column."""
+    """Return the columns of a `RegionLight`, in a unit or in those of a column."""
     return (
         Column("region", "region", value="roi.name"),
         Column("pixels", "pixels", meaning="Number of its pixels, all of which are used.", value="n_pixels"),
         *with_bound(
-            uncertain(Column("mean", "mean", unit, "Mean luminance.", unit_of=unit_of), u="standard_uncertainty"),
+            uncertain(Column("mean", "mean", unit, "Mean luminance.", unit_of=unit_of), u="u"),
             "bound",
         ),
         Column("std", "standard deviation", unit, "Of the pixels, with n - 1.", 3, unit_of=unit_of),
         *uncertain(Column("snr", "spatial SNR", "", "Mean over standard deviation of the pixels.", 3,
-                          value="snr.value"), u="snr.standard_error"),
+                          value="snr.value"), u="snr.u"),
     )  # fmt: skip
 
 
 def invalid_share(reason: str, shown: bool = False) -> Column:
-    """Return the column of a `RegionResult` with the share of the pixels that are invalid for a reason."""
+    """Return the column of a `RegionLight` with the share of the pixels that are invalid for a reason."""
     return Column(
         reason, reason.replace("_", " "), "%", "Share of the pixels that are not valid for this reason.", 2,
         shown=shown, value=lambda region: float(region.invalid_shares.get(reason, 0.0)),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from math import inf
 from typing import Any
 
@@ -33,6 +34,8 @@ _BELOW = 1e-4
 _OF_MOSAIC, _ALIKE = 0.03, 0.015
 #: Pixels along a side from which a mosaic can be seen.
 _SMALLEST = 16
+#: Steps of a curve that is read backwards.
+_STEPS = 2**14
 #: Patterns of a colour filter by where the two green pixels are: beside the diagonal from the upper left, or on it.
 _PATTERNS = ("RGGB or BGGR", "GRBG or GBRG")
 
@@ -74,6 +77,18 @@ class Doubts:
         """Weber contrast of the brighter half of the values to the darker one, read in another way if one is given."""
         low, high, zero = decoded([self.low, self.high, self.black if black else 0.0], encoding or self.encoding)
         return float((high - zero) / (low - zero) - 1) if low > zero else inf
+
+    def light(self, taken: float, encoding: Encoding | None = None, black: bool = False) -> float:
+        """Return light, as a share of the scale, that was taken as such, if its value is read in another way."""
+        value = float(np.interp(taken, *_curve(self.encoding)))
+        return float(decoded([value], encoding or self.encoding)[0]) - (self.black if black else 0.0)
+
+
+@cache
+def _curve(encoding: Encoding) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Light and values of an encoding, in small steps."""
+    values = np.linspace(0.0, 1.0, _STEPS)
+    return decoded(values, encoding), values
 
 
 #: Nothing is.

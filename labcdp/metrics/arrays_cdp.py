@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core.percent import plain_fraction
 from ..core.result import Finding, info
 from .contrast import ContrastDefinition, Epsilon
 from .correlated_cdp import NoisyRegion, cdp_of_regions, size_findings
-from .detection import results_of
+from .detection import count_cdp
 from .distribution import Distribution, Region
 from .pairs import bright_and_dark
-from .result import CdpResult, DetectionProbability, asked_contrasts, joined
+from .result import Cdp, target_contrasts
 
 
 @overload
@@ -25,7 +27,7 @@ def cdp(
     epsilon: Epsilon | str = ...,
     *,
     definition: ContrastDefinition = ...,
-) -> DetectionProbability[float]: ...
+) -> Cdp[float]: ...
 @overload
 def cdp(
     bright: Region,
@@ -34,7 +36,7 @@ def cdp(
     epsilon: Epsilon | str = ...,
     *,
     definition: ContrastDefinition = ...,
-) -> DetectionProbability[NDArray[np.float64]]: ...
+) -> Cdp[NDArray[np.float64]]: ...
 def cdp(
     bright: Region,
     dark: Region,
@@ -42,7 +44,7 @@ def cdp(
     epsilon: Epsilon | str = 0.5,
     *,
     definition: ContrastDefinition = "weber",
-) -> DetectionProbability[Any]:
+) -> Cdp[Any]:
     """Contrast detection probability between two regions, over every pixel of one against every pixel of the other.
 
     Parameters
@@ -61,7 +63,7 @@ def cdp(
 
     Returns
     -------
-    DetectionProbability
+    Cdp
         With floats for a number, and arrays of the contrasts' shape for an array. `findings` says by how much
         correlated noise raises `u`, and which regions are too small to tell.
 
@@ -84,19 +86,18 @@ def cdp(
     interval has no upper end); with both at 0 or below the contrast is undefined. Such pairs count as `below`, and
     their share is reported.
     """
-    asked, shape = asked_contrasts(contrast, epsilon, definition)
+    targets, shape = target_contrasts(contrast, epsilon, definition)
     upper, lower, name = bright_and_dark(bright, dark, ("bright region", "dark region"))
-    pairs = None if upper.size is None or lower.size is None else upper.size * lower.size
     images = None if isinstance(bright, Distribution) or isinstance(dark, Distribution) else _images(bright, dark)
-    findings: tuple[Finding, ...] = ()
     if images is None:
-        results = results_of(upper, lower, name, asked)
+        result = count_cdp(upper, lower, targets, swapped=name == "b")
     else:
         first, second = images if name == "a" else images[::-1]
         regions = _region(first, upper, 0), _region(second, lower, first.shape[0] + first.shape[1])
-        results = tuple(cdp_of_regions(*regions, name, one) for one in asked)
-        findings = _findings(results, dict(zip(("bright", "dark"), images, strict=True)))
-    return joined(results, asked, shape, epsilon, definition, pairs, findings, swapped=name == "b")
+        result = cdp_of_regions(*regions, targets, swapped=name == "b")
+        findings = _findings(result, dict(zip(("bright", "dark"), images, strict=True)))
+        result = replace(result, findings=findings)
+    return replace(result.reshape(shape), epsilon=plain_fraction(epsilon), definition=definition)
 
 
 def _images(bright: ArrayLike, dark: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
@@ -111,7 +112,7 @@ def _region(image: NDArray[np.float64], distribution: Distribution, start: int) 
     return NoisyRegion(image, np.ones(image.shape, dtype=np.bool_), distribution, window)
 
 
-def _findings(results: Sequence[CdpResult], images: Mapping[str, NDArray[np.float64]]) -> tuple[Finding, ...]:
-    found = [finding for name, image in images.items() for finding in size_findings(name, image.size)]
-    inflation = max((result.correlation_inflation for result in results), default=1.0)
-    return (*found, *([info("pixels-correlated", inflation=inflation)] if inflation > 1 else []))
+def _findings(result: Cdp[NDArray[np.float64]], images: Mapping[str, NDArray[np.float64]]) -> tuple[Finding, ...]:
+    sizes = [finding for name, image in images.items() for finding in size_findings(name, image.size)]
+    inflation = float(result.correlation_inflation.max(initial=1.0))
+    return (*sizes, *([info("pixels-correlated", inflation=inflation)] if inflation > 1 else []))

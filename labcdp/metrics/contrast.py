@@ -79,38 +79,6 @@ def weber_contrast_of_means(a: Region, b: Region) -> float:
     return float(weber_contrast(bright.mean, dark.mean))
 
 
-def michelson_contrast(bright: ArrayLike, dark: ArrayLike) -> NDArray[np.float64]:
-    """Michelson contrast M = (bright - dark) / (bright + dark), a fraction (1.0 is 100 %).
-
-    Parameters
-    ----------
-    bright, dark : array_like of int or float
-        Values in one linear unit, of broadcastable shapes. Values below 0 count as 0.
-
-    Returns
-    -------
-    ndarray of float64
-        Contrast from -1 to 1, of the common shape; nan where no value is above 0.
-
-    Raises
-    ------
-    InputError
-        If the values are not integers or floats of at most 64 bit.
-
-    Notes
-    -----
-    A. A. Michelson, Studies in Optics, 1927 (visibility). With Weber contrast K: M = K / (K + 2). For detection
-    probabilities use `cdp` with definition 'michelson', which rounds no quotient.
-    """
-    upper = np.maximum(numeric_array(bright, "bright").astype(np.float64), 0)
-    lower = np.maximum(numeric_array(dark, "dark").astype(np.float64), 0)
-    total = upper + lower
-    lit = total > 0
-    return np.where(lit, (upper - lower) / np.where(lit, total, 1), np.nan)
-
-
-#: Most contrasts of one range; more are treated as an error.
-_MOST_STEPS = 100_000
 #: Definition of the contrast of a bright value b and a dark one d: Weber b / d - 1, Michelson (b - d) / (b + d).
 ContrastDefinition: TypeAlias = Literal["weber", "michelson"]
 
@@ -249,34 +217,3 @@ def _is_number(value: object) -> bool:
 def decimal_fraction(number: float) -> Fraction:
     """Return a float as the exact fraction of its shortest decimal: 0.1 is exactly 1/10."""
     return Fraction(repr(float(number)))
-
-
-def contrast_range(start: float, stop: float, step: float) -> tuple[float, ...]:
-    """List contrasts in equal steps, both ends included: 0.1 to 1.0 in steps of 0.1 are ten exact decimals.
-
-    Parameters
-    ----------
-    start, stop, step : float
-        First and last contrast and the step, fractions above 0.
-
-    Raises
-    ------
-    InputError
-        If one is not above 0 or not finite, stop is below start, stop is not reached by whole steps, or there are more
-        than 100 000.
-    """
-    for name, value in (("start", start), ("stop", stop), ("step", step)):
-        if not (isfinite(value) and value > 0):
-            raise InputError(f"{name} of the contrasts is {value}: give a fraction above 0 (1.0 is 100 %)")
-    first, last, distance = map(decimal_fraction, (start, stop, step))
-    if last < first:
-        raise InputError(f"contrasts run from {start} down to {stop}: give the smaller one first")
-    if last - first > _MOST_STEPS * distance:
-        raise InputError(f"steps of {step} from {start} to {stop} are more than {_MOST_STEPS}: give a larger step")
-    steps, rest = divmod(last - first, distance)
-    if rest:
-        before = last - rest
-        raise InputError(
-            f"steps of {step} from {start} do not meet {stop}: end at {float(before)} or {float(before + distance)}"
-        )
-    return tuple(float(first + n * distance) for n in range(steps + 1))

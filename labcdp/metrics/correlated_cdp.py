@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from ..core.errors import InputError
 from ..core.luminance import Window
 from ..core.result import Finding, info
-from .arrays import image_array, mask_array, window_of
-from .contrast import ContrastDefinition, Epsilon, TargetContrast
+from .contrast import TargetContrast
 from .correlation import inflation_of
-from .detection import result_of_tally
+from .detection import count_cdp
 from .distribution import Distribution
-from .pairs import PairTally, bright_and_dark, tally_pairs
-from .result import CdpResult
+from .pairs import PairTally
+from .result import Cdp
 
-#: Pixels of a region from which intervals cover the truth also where its noise is correlated; see `cdp_correlated`.
+#: Pixels of a region from which intervals cover the truth also where its noise is correlated; see `cdp_of_regions`.
 CORRELATION_PIXELS = 200
 
 
@@ -46,12 +43,6 @@ class NoisyRegion:
     distribution: Distribution
     window: Window
 
-    @staticmethod
-    def in_mask(pixels: NDArray[Any], mask: NDArray[np.bool_], distribution: Distribution) -> NoisyRegion:
-        """Take the region of an image that a mask of its size marks."""
-        window = window_of(mask)
-        return NoisyRegion(pixels[window].astype(np.float64), mask[window], distribution, window)
-
     @cached_property
     def inflation(self) -> float:
         """Factor by which the correlation of the pixels raises the variance of their mean."""
@@ -69,35 +60,17 @@ class NoisyRegion:
         return image
 
 
-def cdp_correlated(
-    image: ArrayLike,
-    mask_a: ArrayLike,
-    mask_b: ArrayLike,
-    contrast: float,
-    epsilon: Epsilon = 0.5,
-    *,
-    definition: ContrastDefinition = "weber",
-) -> CdpResult:
-    """Contrast detection probability between two regions of an image whose noise may be correlated.
+def size_findings(region: str, n_pixels: int) -> list[Finding]:
+    """Return a finding about a region in which correlated noise cannot be told from chance."""
+    if n_pixels >= CORRELATION_PIXELS:
+        return []
+    return [info("region-correlation-unknown", region, pixels=n_pixels, recommended=CORRELATION_PIXELS)]
 
-    Parameters
-    ----------
-    image : array_like of int or float, shape (height, width)
-        Image in one linear unit, best cd/m^2.
-    mask_a, mask_b : array_like of bool, shape (height, width)
-        Pixels of the two regions, of any shape, disjoint.
-    contrast, epsilon, definition
-        As for `cdp`.
 
-    Returns
-    -------
-    CdpResult
-        As from `cdp`, with standard error and interval for the correlation, whose factor is `correlation_inflation`.
-
-    Raises
-    ------
-    InputError
-        As `cdp`; also for an image not of two dimensions, and masks that overlap, are empty or do not fit.
+def cdp_of_regions(
+    bright: NoisyRegion, dark: NoisyRegion, targets: Sequence[TargetContrast], swapped: bool = False
+) -> Cdp[NDArray[np.float64]]:
+    """Contrast detection probability of two regions of an image whose noise may be correlated from pixel to pixel.
 
     Notes
     -----
@@ -118,38 +91,10 @@ def cdp_correlated(
     In regions of less than 200 pixels, correlation cannot be told from chance, which is in `findings`: of 6 x 6 pixels
     smoothed by 0.6 to 2 px they covered it in 81 to 94 %.
     """
-    asked = TargetContrast(contrast, epsilon, definition)
-    pixels = image_array(image)
-    masks = [mask_array(mask_a, pixels.shape, "mask_a"), mask_array(mask_b, pixels.shape, "mask_b")]
-    _require_apart(*masks)
-    bright, dark, bright_name = bright_and_dark(pixels[masks[0]], pixels[masks[1]])
-    upper, lower = masks if bright_name == "a" else masks[::-1]
-    regions = NoisyRegion.in_mask(pixels, upper, bright), NoisyRegion.in_mask(pixels, lower, dark)
-    result = cdp_of_regions(*regions, bright_name, asked)
-    counts = [int(np.count_nonzero(mask)) for mask in masks]
-    return replace(result, findings=(*size_findings("a", counts[0]), *size_findings("b", counts[1])))
-
-
-def size_findings(region: str, n_pixels: int) -> list[Finding]:
-    """Return a finding about a region in which correlated noise cannot be told from chance."""
-    if n_pixels >= CORRELATION_PIXELS:
-        return []
-    return [info("region-correlation-unknown", region, pixels=n_pixels, recommended=CORRELATION_PIXELS)]
-
-
-def _require_apart(mask_a: NDArray[np.bool_], mask_b: NDArray[np.bool_]) -> None:
-    common = np.count_nonzero(mask_a & mask_b)
-    if common:
-        raise InputError(f"mask_a and mask_b have {common} pixels in common: give two regions that do not overlap")
-
-
-def cdp_of_regions(
-    bright: NoisyRegion, dark: NoisyRegion, bright_name: Literal["a", "b"], asked: TargetContrast
-) -> CdpResult:
-    """CDP of two regions, with standard error and interval for the correlation of their noise."""
-    tally = tally_pairs(bright.distribution, dark.distribution, asked.ratios)
-    inflation = _inflation(tally, (bright, dark))
-    return result_of_tally(tally, bright.distribution, dark.distribution, bright_name, asked, inflation)
+    return count_cdp(
+        bright.distribution, dark.distribution, targets, swapped=swapped,
+        inflation_of=lambda tally: _inflation(tally, (bright, dark)),
+    )  # fmt: skip
 
 
 def _inflation(tally: PairTally, regions: Sequence[NoisyRegion]) -> float:

@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 
 from ..core.errors import InputError
 from ..core.luminance import LuminanceMap, Window
+from ..core.quantity import Z_95, Quantity
 from ..core.result import Finding, warning
 from ..core.roi import Roi
-from ..core.table import Z_95
-from . import CalibratedCdp, CdpResult, Distribution, Epsilon, Estimate, csnr, snr, weber_contrast
+from . import Cdp, Distribution, Epsilon, csnr, snr, weber_contrast
 from .contrast import TargetContrast
 from .correlated_cdp import cdp_of_regions, size_findings
 from .detection import PairError, joined_errors, variance_of_changes
 from .pairs import bright_and_dark, tally_pairs
-from .region import Bound, RegionPixels, RegionResult, region_result, with_uncertainty
+from .region import Bound, RegionLight, RegionPixels, region_result, with_uncertainty
 
 _Array = NDArray[np.float64]
 #: Standard uncertainty of a ratio of two regions by the vignetting from which a warning names it.
@@ -38,34 +38,34 @@ class PairResult:
 
     Parameters
     ----------
-    a, b : RegionResult
+    a, b : RegionLight
         The regions.
     bright : {'a', 'b'}
         Name of the region with the larger mean.
-    results : tuple of CalibratedCdp
-        One for each target contrast; the intervals combine pixels, whose noise may be correlated, and calibration.
-    contrast : Estimate
+    cdp : Cdp
+        Of all target contrasts; the intervals combine pixels, whose noise may be correlated, and calibration.
+    contrast : Quantity
         Weber contrast of the means, with its standard uncertainty, nan if a region is saturated; common errors of both
         regions have cancelled.
     contrast_pixels : float
         Part of that standard uncertainty by the pixels; the rest is by calibration and vignetting.
     contrast_vignetting : float
         Part of that standard uncertainty by a vignetting that was not measured.
-    csnr : Estimate
+    csnr : Quantity
         Mean over standard deviation of the contrasts of all pairs of pixels, with its standard uncertainty; nan if a
         region is saturated.
     findings : tuple of Finding
         Findings on invalid pixels, and on a missing CDP of the measured contrast.
     """
 
-    a: RegionResult
-    b: RegionResult
+    a: RegionLight
+    b: RegionLight
     bright: Literal["a", "b"]
-    results: tuple[CalibratedCdp[CdpResult], ...]
-    contrast: Estimate
+    cdp: Cdp[_Array]
+    contrast: Quantity[float]
     contrast_pixels: float
     contrast_vignetting: float
-    csnr: Estimate
+    csnr: Quantity[float]
     findings: tuple[Finding, ...]
 
     @property
@@ -79,17 +79,17 @@ class PairResult:
         return bound_of_contrast(bool(self.bright_region.bound), bool(self.dark_region.bound))
 
     @property
-    def of_measured_contrast(self) -> bool:
+    def targets_measured_contrast(self) -> bool:
         """Whether the target contrast is the measured one."""
-        return [one.result.contrast for one in self.results] == [self.contrast.value]
+        return len(self.cdp) == 1 and bool(self.cdp.contrast[0] == self.contrast.value)
 
     @property
-    def bright_region(self) -> RegionResult:
+    def bright_region(self) -> RegionLight:
         """The brighter region."""
         return self.a if self.bright == "a" else self.b
 
     @property
-    def dark_region(self) -> RegionResult:
+    def dark_region(self) -> RegionLight:
         """The darker region."""
         return self.b if self.bright == "a" else self.a
 
@@ -128,8 +128,10 @@ def evaluate_pair(
     -----
     All pixels of the regions are used, as in sessions: without the saturated ones the mean would be biased. The
     variance by the pixels is inflated for correlated noise; a slow change across a region is not noise
-    (`labcdp.metrics.variance_inflation`). The errors of the calibration, independent of it, are propagated as by
-    `cdp_with_common_errors`: each is added and subtracted once, and the mean square of the two changes is its variance.
+    (`labcdp.metrics.variance_inflation`). An error of the calibration, independent of it, is added and
+    subtracted once, and the mean square of the two changes of the CDP is its variance: for small errors the law of
+    propagation (JCGM 100:2008, 5.1.2), and non-zero also at a maximum of the CDP. The contrast of a pair is a ratio, so
+    an equal relative error of both regions cancels; numbers are combined to one error by their root sum of squares.
     The rounding to DN of each region is treated likewise where its noise does not dither it
     (`labcdp.metrics.region`).
     """
@@ -157,19 +159,19 @@ def evaluate_regions(
         both if name == "a" else [(y, x) for x, y in both] for both in (errors, lens)
     ))  # fmt: skip
     of_these = (contrast.value,) if isfinite(contrast.value) and contrast.value > 0 else ()
-    asked = _asked(of_these if contrasts is None else tuple(contrasts), epsilon)
+    targets = _targets(of_these if contrasts is None else tuple(contrasts), epsilon)
     ratios = snr(first.distribution), snr(second.distribution), csnr(first.distribution, second.distribution)
-    cdps = [cdp_of_regions(bright, dark, name, one) for one in asked]
+    cdp = cdp_of_regions(bright, dark, targets, swapped=name == "b")
 
     def changes(by: Sequence[PairError]) -> list[list[_Array]]:
         return [
-            [_values(first.changed(sign * x), second.changed(sign * y), asked) for sign in (1, -1)]
+            [_values(first.changed(sign * x), second.changed(sign * y), targets) for sign in (1, -1)]
             for x, y in joined_errors(by)
         ]
 
-    base = np.array([*(one.value for one in ratios), *(one.cdp for one in cdps)])
+    base = np.array([*(one.value for one in ratios), *cdp.cdp])
     # A contrast that was measured there changes with the vignetting as the pixels do.
-    of_place = [True] * len(cdps) if contrasts is None else measured or [False] * len(cdps)
+    of_place = [True] * len(cdp) if contrasts is None else measured or [False] * len(cdp)
     others, alike = [*errors, *_of_rounding(first, second)], [False] * len(ratios) + list(of_place)
     changed = changes(others if any(alike) else [*others, *lens])
     if any(alike):
@@ -189,14 +191,11 @@ def evaluate_regions(
         a=regions[0],
         b=regions[1],
         bright=name,
-        results=tuple(
-            CalibratedCdp.of(one, variance, min(bright.values.size, dark.values.size) / one.correlation_inflation**2)
-            for one, variance in zip(cdps, variances[3:].tolist(), strict=True)
-        ),
-        contrast=Estimate(contrast.value, nan) if saturated else contrast,
+        cdp=cdp.with_calibration(variances[3:]),
+        contrast=Quantity(contrast.value, nan) if saturated else contrast,
         contrast_pixels=nan if saturated else by_pixels,
         contrast_vignetting=nan if saturated else by_lens,
-        csnr=Estimate(nan, nan)
+        csnr=Quantity(nan, nan)
         if saturated
         else with_uncertainty(ratios[2], max(first.inflation, second.inflation), variances[2]),
         findings=tuple(findings),
@@ -254,15 +253,15 @@ def require_apart(first: Placed, second: Placed) -> None:
 
 
 @lru_cache(maxsize=64)
-def _asked(contrasts: tuple[float, ...], epsilon: Epsilon) -> list[TargetContrast]:
+def _targets(contrasts: tuple[float, ...], epsilon: Epsilon) -> list[TargetContrast]:
     """Target contrasts with their exact intervals, cached for the next frame of a video."""
     return [TargetContrast(contrast, epsilon, "weber") for contrast in contrasts]
 
 
-def _values(a: Distribution, b: Distribution, asked: Sequence[TargetContrast]) -> _Array:
+def _values(a: Distribution, b: Distribution, targets: Sequence[TargetContrast]) -> _Array:
     """Quantities for error propagation: both SNR, the CSNR, and the CDP of each contrast."""
     bright, dark, _ = bright_and_dark(a, b)
-    cdps = [tally_pairs(bright, dark, one.ratios).inside for one in asked]
+    cdps = [tally_pairs(bright, dark, target.ratios).inside for target in targets]
     return np.array([snr(a).value, snr(b).value, csnr(a, b).value, *cdps])
 
 
@@ -272,7 +271,7 @@ def _of_rounding(first: RegionPixels, second: RegionPixels) -> list[PairError]:
     return [(np.array(first.rounding_rel), nothing), (nothing, np.array(second.rounding_rel))]
 
 
-def _of_pixels(region: RegionResult) -> list[Finding]:
+def _of_pixels(region: RegionLight) -> list[Finding]:
     return [
         *size_findings(region.roi.name, region.n_pixels),
         *(
@@ -284,15 +283,15 @@ def _of_pixels(region: RegionResult) -> list[Finding]:
 
 def _contrast(
     bright: RegionPixels, dark: RegionPixels, errors: Sequence[PairError], lens: Sequence[PairError]
-) -> tuple[Estimate, float, float]:
+) -> tuple[Quantity[float], float, float]:
     """Weber contrast of the means, by the law of propagation (JCGM 100:2008, 5.1.2); its parts by pixels and lens."""
     contrast = float(weber_contrast(bright.mean, dark.mean))
     if not isfinite(contrast):
-        return Estimate(contrast, nan), nan, nan
+        return Quantity(contrast, nan), nan, nan
     of_pixels = hypot(*(hypot(pixels.random, pixels.rounding) / pixels.mean for pixels in (bright, dark)))
     of_calibration = [
         float(np.mean(x * bright.values)) / bright.mean - float(np.mean(y * dark.values)) / dark.mean for x, y in errors
     ]
     of_lens = hypot(*(float(x - y) for x, y in lens))
     together = hypot(of_pixels, of_lens, *of_calibration)
-    return Estimate(contrast, (1 + contrast) * together), (1 + contrast) * of_pixels, (1 + contrast) * of_lens
+    return Quantity(contrast, (1 + contrast) * together), (1 + contrast) * of_pixels, (1 + contrast) * of_lens

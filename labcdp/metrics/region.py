@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from ..core.errors import InputError
 from ..core.luminance import WHOLE, CommonError, Invalid, LuminanceMap, Window
+from ..core.quantity import Quantity
 from ..core.roi import Roi
-from . import Distribution, Estimate, snr
+from . import Distribution, snr
 from .correlated_cdp import NoisyRegion
 from .detection import variance_of_changes, with_error
 
@@ -28,7 +29,7 @@ _Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class RegionResult:
+class RegionLight:
     """Luminance of a region, in the unit of the map.
 
     Parameters
@@ -37,13 +38,13 @@ class RegionResult:
         The region.
     n_pixels : int
         Number of its pixels, valid or not.
-    mean, standard_uncertainty : float
+    mean, u : float
         Mean, with the standard uncertainty by the scatter of the pixels, which may be correlated, by their rounding to
         DN, and by the calibration; nan for a single pixel, for a guessed scale of unknown uncertainty, and if it is
         saturated.
     std : float
         Standard deviation of the pixels, with n - 1.
-    snr : Estimate
+    snr : Quantity
         Mean over standard deviation, with its standard uncertainty; nan if it is saturated.
     invalid_shares : dict of str to float
         Share of invalid pixels by reason (`REASONS`); only reasons that occur.
@@ -52,9 +53,9 @@ class RegionResult:
     roi: Roi
     n_pixels: int
     mean: float
-    standard_uncertainty: float
+    u: float
     std: float
-    snr: Estimate
+    snr: Quantity[float]
     invalid_shares: dict[str, float]
 
     @property
@@ -63,7 +64,7 @@ class RegionResult:
         return ">" if is_saturated(self.invalid_shares) else ""
 
 
-def evaluate_region(luminance: LuminanceMap, roi: Roi) -> RegionResult:
+def evaluate_region(luminance: LuminanceMap, roi: Roi) -> RegionLight:
     """Evaluate one region of a map, of which only its bounding box is used.
 
     Raises
@@ -74,7 +75,7 @@ def evaluate_region(luminance: LuminanceMap, roi: Roi) -> RegionResult:
     return result_of_region(RegionPixels.of(luminance, roi))
 
 
-def result_of_region(region: RegionPixels) -> RegionResult:
+def result_of_region(region: RegionPixels) -> RegionLight:
     """Evaluate one region as `evaluate_region`."""
     errors = [*region.common, *region.own, *region.smooth]
     ratio = snr(region.distribution)
@@ -232,31 +233,31 @@ def is_saturated(invalid_shares: Mapping[str, float]) -> bool:
 
 
 def region_result(
-    pixels: RegionPixels, errors: Sequence[_Array], ratio: Estimate, ratio_variance: float
-) -> RegionResult:
+    pixels: RegionPixels, errors: Sequence[_Array], ratio: Quantity[float], ratio_variance: float
+) -> RegionLight:
     """Make the result of a region, given its SNR and the variance these errors add to it."""
     flags = pixels.luminance.invalid[pixels.part][pixels.mask]
     shares = {name: float(np.mean(flags & reason != 0)) for reason, name in REASONS.items()} if flags.any() else {}
     of_calibration = [float(np.mean(error * pixels.values)) for error in errors] if pixels.scale_known else [nan]
     saturated = is_saturated(shares)
-    return RegionResult(
+    return RegionLight(
         roi=pixels.roi,
         n_pixels=pixels.values.size,
         mean=pixels.mean,
-        standard_uncertainty=nan if saturated else hypot(pixels.random, pixels.rounding, *of_calibration),
+        u=nan if saturated else hypot(pixels.random, pixels.rounding, *of_calibration),
         std=pixels.std,
         # What clipping takes from the noise is no signal.
-        snr=Estimate(nan, nan) if saturated else with_uncertainty(ratio, pixels.inflation, ratio_variance),
+        snr=Quantity(nan, nan) if saturated else with_uncertainty(ratio, pixels.inflation, ratio_variance),
         invalid_shares={name: share for name, share in shares.items() if share},
     )
 
 
-def with_uncertainty(metric: Estimate, inflation: float, variance: float) -> Estimate:
-    """Estimate with an uncertainty for correlated noise and calibration.
+def with_uncertainty(metric: Quantity[float], inflation: float, variance: float) -> Quantity[float]:
+    """Return a quantity with an uncertainty for correlated noise and calibration.
 
     The inflation is that of the pixels, an upper bound for functions of them.
     """
-    return Estimate(metric.value, sqrt(metric.standard_error**2 * inflation + variance))
+    return Quantity(metric.value, sqrt(metric.u**2 * inflation + variance))
 
 
 def finite_errors(relative: NDArray[np.floating[Any]] | float) -> _Array:

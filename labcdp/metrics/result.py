@@ -1,156 +1,132 @@
-"""Result records of the contrast detection probability."""
+"""The record of a contrast detection probability."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any, Generic, Literal, NamedTuple, TypeVar
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from math import nan
+from typing import Any, Generic
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core.errors import InputError
 from ..core.percent import plain_contrast, plain_fraction
+from ..core.quantity import Interval, Number, as_number
 from ..core.result import Finding, html_table, number
 from .contrast import ContrastDefinition, Epsilon, TargetContrast
-
-
-@dataclass(frozen=True)
-class DetectionResult:
-    """Share of pairs of pixels whose contrast counts as detected; all shares are fractions of all pairs.
-
-    Parameters
-    ----------
-    cdp : float
-        Share of pairs whose contrast lies in `interval`, ends included.
-    standard_error : float
-        Standard error of `cdp`; nan where there are too few pixels.
-    confidence_interval : (float, float)
-        95 % interval of `cdp`; (nan, nan) where the standard error is nan.
-    contrast : float
-        Target contrast.
-    epsilon : float or DetectionInterval
-        Its tolerance.
-    definition : {'weber', 'michelson'}
-        Definition of the contrast.
-    interval : (float, float)
-        Lowest and highest contrast that counts as detected; -inf or inf for an end that is open.
-    below, above : float
-        Share of pairs with a lower or a higher contrast; `below` + `cdp` + `above` is 1.
-    undefined : float
-        Share of pairs in which no pixel is above 0; they are part of `below`.
-    """
-
-    cdp: float
-    standard_error: float
-    confidence_interval: tuple[float, float]
-    contrast: float
-    epsilon: Epsilon
-    definition: ContrastDefinition
-    interval: tuple[float, float]
-    below: float
-    above: float
-    undefined: float
-
-
-@dataclass(frozen=True)
-class CdpResult(DetectionResult):
-    """Contrast detection probability between two regions; see `DetectionResult` for the fields before these.
-
-    The standard error assumes independent pixels, unless it is from `cdp_correlated`. It is nan if a region has one
-    pixel only or weights that are not counts.
-
-    Parameters
-    ----------
-    bright : {'a', 'b'}
-        Which region was the bright one.
-    bright_size, dark_size : int or None
-        Pixels of the two regions; None if the weights are not counts.
-    correlation_inflation : float
-        Factor by which noise correlated from pixel to pixel raised the standard error; 1 if it was not estimated.
-    findings : tuple of Finding
-        From `cdp_correlated`: regions in which correlation cannot be told from chance, ``a`` or ``b``.
-    """
-
-    bright: Literal["a", "b"]
-    bright_size: int | None
-    dark_size: int | None
-    correlation_inflation: float
-    findings: tuple[Finding, ...] = ()
-
-
-@dataclass(frozen=True)
-class NeighbourCdp(DetectionResult):
-    """Nearest-neighbour contrast detection probability; see `DetectionResult` for the fields before this.
-
-    Parameters
-    ----------
-    pairs : int
-        Number of pairs of neighbours.
-    """
-
-    pairs: int
-
-
-_T = TypeVar("_T", float, NDArray[np.float64])
-
-
-class Interval(NamedTuple, Generic[_T]):
-    """Lower and upper end of an interval, scalars or arrays."""
-
-    low: _T
-    high: _T
+from .uncertainty import confidence_interval
 
 
 @dataclass(frozen=True, eq=False)
-class DetectionProbability(Generic[_T]):
-    """Contrast detection probability (CDP) of one contrast, or of an array of them.
+class Cdp(Generic[Number]):
+    """Contrast detection probability (CDP) of one target contrast, or of an array of them.
 
     All values are floats where the contrast was a number, and arrays of its shape where it was an array. Shares are
-    fractions of all pairs.
+    fractions of all pairs. An array of contrasts can be indexed and iterated over.
 
     Parameters
     ----------
+    contrast : float or ndarray
+        Target contrast, a fraction.
+    detected_range : Interval
+        Lowest and highest contrast that counts as detected; -inf or inf for an end that is open.
     cdp : float or ndarray
         Share of pairs whose contrast counts as detected.
-    u : float or ndarray
-        Its standard uncertainty by the finite number of pixels; nan where there are too few.
-    interval : Interval
-        95 % interval of `cdp`: ``low, high = result.interval``; nan where `u` is nan.
     below, above : float or ndarray
         Share of pairs with a lower or a higher contrast; `below` + `cdp` + `above` is 1.
     undefined : float or ndarray
         Share of pairs in which no pixel is above 0; they are part of `below`.
-    contrast : float or ndarray
-        Target contrast, a fraction.
-    detected : Interval
-        Lowest and highest contrast that counts as detected; -inf or inf for an end that is open.
+    u_pixels : float or ndarray
+        Standard uncertainty of `cdp` by the finite number of pixels; nan where there are too few, or weights that are
+        not counts.
+    interval : Interval
+        95 % interval of `cdp`: ``low, high = result.interval``; nan where `u_pixels` is nan.
     epsilon : float or DetectionInterval
         Relative tolerance of the contrast.
     definition : {'weber', 'michelson'}
         Definition of the contrast.
     pairs : int or None
         Number of pairs; None where the weights of a `Distribution` are not counts.
+    correlation_inflation : float or ndarray
+        Factor by which noise correlated from pixel to pixel raised `u_pixels`; 1 if it was not estimated.
+    u_calibration : float or ndarray
+        Standard uncertainty of `cdp` by the calibration; 0 for arrays.
+    n_bright, n_dark : int or None
+        Pixels of the bright and of the dark region; None for neighbours, and where `pairs` is None.
     swapped : bool
         Whether the region given as dark has the larger mean and was used as the bright one; False for neighbours.
     findings : tuple of Finding
-        ``pixels-correlated`` with the factor by which correlated noise raised `u`, and ``region-correlation-unknown``
-        for a region of too few pixels; for parts of images only.
+        ``pixels-correlated`` with the factor by which correlated noise raised `u_pixels`, and
+        ``region-correlation-unknown`` for a region of too few pixels; for parts of images only.
+
+    Examples
+    --------
+    >>> import labcdp
+    >>> result = labcdp.cdp([120, 121, 119, 120], [100, 101, 99, 100], [0.1, 0.2], epsilon=0.2)
+    >>> result.cdp
+    array([0., 1.])
+    >>> [f"{one.contrast:.0%}: {one.cdp:.2f}" for one in result]
+    ['10%: 0.00', '20%: 1.00']
     """
 
-    cdp: _T
-    u: _T
-    interval: Interval[_T]
-    below: _T
-    above: _T
-    undefined: _T
-    contrast: _T
-    detected: Interval[_T]
+    contrast: Number
+    detected_range: Interval[Number]
+    cdp: Number
+    below: Number
+    above: Number
+    undefined: Number
+    u_pixels: Number
+    interval: Interval[Number]
     epsilon: Epsilon
     definition: ContrastDefinition
     pairs: int | None
+    correlation_inflation: Number
+    u_calibration: Number
+    n_bright: int | None = None
+    n_dark: int | None = None
     swapped: bool = False
     findings: tuple[Finding, ...] = ()
+
+    @property
+    def u(self) -> Number:
+        """Standard uncertainty of `cdp`, by pixels and calibration."""
+        u: Number = as_number(np.hypot(self.u_pixels, self.u_calibration))
+        return u
+
+    def with_calibration(self, variance: ArrayLike) -> Cdp[Number]:
+        """Return the probability with a variance by the calibration, independent of the pixels."""
+        u_calibration = as_number(np.broadcast_to(np.sqrt(variance), np.shape(self.cdp)))
+        interval = confidence_interval(self.cdp, np.square(self.u_pixels) + variance, self._independent_pixels)
+        return replace(self, u_calibration=u_calibration, interval=interval)
+
+    @property
+    def _independent_pixels(self) -> Any:
+        """Effective number of independent pixels of the smaller region."""
+        if self.n_bright is None or self.n_dark is None:
+            # A pixel is part of up to four pairs of neighbours.
+            return nan if self.pairs is None else self.pairs / 4
+        return min(self.n_bright, self.n_dark) / np.square(self.correlation_inflation)
+
+    def _each(self, change: Callable[[NDArray[np.float64]], Any]) -> Cdp[Any]:
+        """Return the record with all its arrays changed."""
+        changed: dict[str, Any] = {name: change(np.asarray(getattr(self, name))) for name in _ARRAYS}
+        for name in _INTERVALS:
+            changed[name] = Interval(*(change(np.asarray(end)) for end in getattr(self, name)))
+        return replace(self, **changed)
+
+    def reshape(self, shape: tuple[int, ...]) -> Cdp[Any]:
+        """Return the record with arrays of another shape, floats for the shape ()."""
+        return self._each(lambda values: values.reshape(shape) if shape else float(values.item()))
+
+    def __len__(self) -> int:
+        return len(np.asarray(self.cdp))
+
+    def __getitem__(self, index: int | slice) -> Cdp[Any]:
+        return self._each(lambda values: as_number(values[index]))
+
+    def __iter__(self) -> Iterator[Cdp[float]]:
+        return (self[index] for index in range(len(self)))
 
     def _repr_html_(self) -> str:
         """Table for notebooks."""
@@ -160,7 +136,53 @@ class DetectionProbability(Generic[_T]):
         return html_table(head, [[number(value) for value in row] for row in rows])
 
 
-def asked_contrasts(
+#: Fields of `Cdp` that are arrays over the contrasts, and those that are intervals of arrays.
+_ARRAYS = (
+    "contrast", "cdp", "below", "above", "undefined", "u_pixels", "correlation_inflation", "u_calibration",
+)  # fmt: skip
+_INTERVALS = ("detected_range", "interval")
+
+
+def cdp_of_shares(
+    targets: Sequence[TargetContrast],
+    shares: Sequence[tuple[float, float, float, float]],
+    variances: ArrayLike,
+    *,
+    pairs: int | None,
+    inflations: ArrayLike = 1.0,
+    n_bright: int | None = None,
+    n_dark: int | None = None,
+    swapped: bool = False,
+    findings: tuple[Finding, ...] = (),
+) -> Cdp[NDArray[np.float64]]:
+    """Make the record from the shares of all pairs that are below, inside and above each target, and undefined.
+
+    `variances` are those of the shares inside by the pixels, already raised by the `inflations` of correlated noise.
+    """
+    below, inside, above, undefined = np.array(shares, dtype=np.float64).reshape(-1, 4).T
+    ends = np.array([target.interval for target in targets], dtype=np.float64).reshape(-1, 2).T
+    return Cdp(
+        contrast=np.array([target.contrast for target in targets], dtype=np.float64),
+        detected_range=Interval(*ends),
+        cdp=inside,
+        below=below,
+        above=above,
+        undefined=undefined,
+        u_pixels=np.sqrt(np.broadcast_to(np.asarray(variances, dtype=np.float64), inside.shape)),
+        interval=Interval(inside, inside),
+        epsilon=targets[0].epsilon if targets else nan,
+        definition=targets[0].definition if targets else "weber",
+        pairs=pairs,
+        correlation_inflation=np.sqrt(np.broadcast_to(np.asarray(inflations, dtype=np.float64), inside.shape)),
+        u_calibration=np.zeros(inside.shape),
+        n_bright=n_bright,
+        n_dark=n_dark,
+        swapped=swapped,
+        findings=findings,
+    ).with_calibration(0.0)
+
+
+def target_contrasts(
     contrast: ArrayLike, epsilon: Epsilon | str, definition: ContrastDefinition
 ) -> tuple[list[TargetContrast], tuple[int, ...]]:
     """Return the contrasts of a number or an array as a flat sequence, and the shape.
@@ -178,8 +200,12 @@ def asked_contrasts(
         array = np.asarray(None)
     if array.dtype.kind not in "iuf":
         raise InputError(f"contrast is {_shown(contrast)}: give fractions, or percentages such as '50%'")
-    # A number is used as its shortest decimal, which for float32 differs from that of the nearest float64.
-    return [TargetContrast(float(str(one)), plain_fraction(epsilon), definition) for one in array.ravel()], array.shape
+    # A number is used as its shortest decimal, which for float32 differs from that of the nearest float64. `str` would
+    # follow NumPy's print options, which other packages change.
+    tolerance = plain_fraction(epsilon)
+    return [
+        TargetContrast(float(np.format_float_scientific(value)), tolerance, definition) for value in array.ravel()
+    ], array.shape
 
 
 def _plain(contrast: Any) -> Any:
@@ -187,43 +213,9 @@ def _plain(contrast: Any) -> Any:
     if isinstance(contrast, np.ndarray):
         return np.reshape(_plain(contrast.tolist()), contrast.shape) if contrast.dtype.kind in "iuUO" else contrast
     return (
-        [_plain(one) for one in contrast]
+        [_plain(each) for each in contrast]
         if isinstance(contrast, list | tuple)
         else plain_contrast(contrast, "contrast")
-    )
-
-
-def joined(
-    results: Sequence[DetectionResult],
-    asked: Sequence[TargetContrast],
-    shape: tuple[int, ...],
-    epsilon: Epsilon | str,
-    definition: ContrastDefinition,
-    pairs: int | None,
-    findings: tuple[Finding, ...] = (),
-    swapped: bool = False,
-) -> DetectionProbability[Any]:
-    """Join the results of contrasts, scalars for the shape ()."""
-
-    def values(of: Callable[[DetectionResult], float]) -> Any:
-        array = np.array([of(result) for result in results], dtype=np.float64).reshape(shape)
-        return array if shape else float(array)
-
-    contrasts = np.array([one.contrast for one in asked], dtype=np.float64).reshape(shape)
-    return DetectionProbability(
-        cdp=values(lambda one: one.cdp),
-        u=values(lambda one: one.standard_error),
-        interval=Interval(*(values(lambda one, end=end: one.confidence_interval[end]) for end in (0, 1))),  # type: ignore[misc]
-        below=values(lambda one: one.below),
-        above=values(lambda one: one.above),
-        undefined=values(lambda one: one.undefined),
-        contrast=contrasts if shape else float(contrasts),
-        detected=Interval(*(values(lambda one, end=end: one.interval[end]) for end in (0, 1))),  # type: ignore[misc]
-        epsilon=plain_fraction(epsilon),
-        definition=definition,
-        pairs=pairs,
-        swapped=swapped,
-        findings=findings,
     )
 
 

@@ -2,34 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import inf, log, log10, nan, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.quantity import Quantity
 from .distribution import Distribution, Region, as_distribution, weighted_sum
 from .pairs import bright_and_dark
 
 
-@dataclass(frozen=True)
-class Estimate:
-    """A value with its standard error.
-
-    Parameters
-    ----------
-    value : float
-        The estimate.
-    standard_error : float
-        Standard error of `value` for independent pixels, to first order in 1 / pixels; nan where the value is not
-        finite, a region has one pixel only, or its weights are not counts.
-    """
-
-    value: float
-    standard_error: float
-
-
-def snr(region: Region) -> Estimate:
+def snr(region: Region) -> Quantity[float]:
     """Signal-to-noise ratio mean / standard deviation of a region.
 
     Parameters
@@ -39,8 +22,9 @@ def snr(region: Region) -> Estimate:
 
     Returns
     -------
-    Estimate
-        Ratio, not in dB; inf if all pixels are equal and above 0, nan if they are 0 or there is one pixel only.
+    Quantity
+        Ratio, not in dB, with its standard uncertainty for independent pixels, to first order in 1 / pixels; inf if all
+        pixels are equal and above 0, nan if they are 0 or there is one pixel only.
 
     Raises
     ------
@@ -50,19 +34,19 @@ def snr(region: Region) -> Estimate:
     Notes
     -----
     SNR = mu / s (EMVA Standard 1288, with the dark signal subtracted from mu), s with n - 1. For normal pixels
-    its standard error is sqrt((1 + SNR^2 / 2) / n); here skewness and kurtosis are those of the region.
+    its standard uncertainty is sqrt((1 + SNR^2 / 2) / n); here skewness and kurtosis are those of the region.
     """
     pixels = as_distribution(region, "region")
     deviations, variance = pixels.deviations, pixels.variance
     ratio = _over(pixels.mean, sqrt(variance))
     if not np.isfinite(ratio):
-        return Estimate(ratio, nan)
+        return Quantity(ratio, nan)
     # Derivative of the ratio with respect to each pixel.
     influence = deviations / sqrt(variance) - ratio / 2 * (deviations**2 / variance - 1)
-    return Estimate(ratio, _standard_error((pixels, influence)))
+    return Quantity(ratio, _u((pixels, influence)))
 
 
-def snr_20log10_db(region: Region) -> Estimate:
+def snr_20log10_db(region: Region) -> Quantity[float]:
     """Signal-to-noise ratio in dB as EMVA Standard 1288 defines it, 20 log10(mean / standard deviation).
 
     Parameters and errors as for `snr`; inf where that is, -inf where it is 0, nan where it is below.
@@ -70,7 +54,7 @@ def snr_20log10_db(region: Region) -> Estimate:
     return _decibels(snr(region), 20)
 
 
-def snr_10log10_db(region: Region) -> Estimate:
+def snr_10log10_db(region: Region) -> Quantity[float]:
     """Signal-to-noise ratio in dB as L. Ebbert (Implementierung von CDP, 2018, eq. 2.1), 10 log10(mean / deviation).
 
     Half of what `snr_20log10_db` gives. Parameters and errors as for `snr`; inf where that is, -inf where it is 0, nan
@@ -79,7 +63,7 @@ def snr_10log10_db(region: Region) -> Estimate:
     return _decibels(snr(region), 10)
 
 
-def csnr(a: Region, b: Region) -> Estimate:
+def csnr(a: Region, b: Region) -> Quantity[float]:
     """Contrast signal-to-noise ratio: mean over standard deviation of the Weber contrast of all pairs of pixels.
 
     Parameters
@@ -89,7 +73,7 @@ def csnr(a: Region, b: Region) -> Estimate:
 
     Returns
     -------
-    Estimate
+    Quantity
         nan if a dark value is 0 or below, since its contrasts are unbounded or undefined; inf if all contrasts are
         equal and above 0, nan if all are 0.
 
@@ -107,7 +91,7 @@ def csnr(a: Region, b: Region) -> Estimate:
     """
     bright, dark, _ = bright_and_dark(a, b)
     if dark.values[0] <= 0:
-        return Estimate(nan, nan)
+        return Quantity(nan, nan)
     inverse = 1 / dark.values
     above, above_square = _moments(bright, bright.values)
     below, below_square = _moments(dark, inverse)
@@ -116,7 +100,7 @@ def csnr(a: Region, b: Region) -> Estimate:
     variance = above_square * (below_square + below**2) + above**2 * below_square
     ratio = _over(mean, sqrt(variance))
     if not np.isfinite(ratio):
-        return Estimate(ratio, nan)
+        return Quantity(ratio, nan)
     influences = []
     for region, values, own, own_square, other, other_square in (
         (bright, bright.values, above, above_square, below, below_square),
@@ -126,10 +110,10 @@ def csnr(a: Region, b: Region) -> Estimate:
         by_mean = off * other
         by_variance = (off**2 - own_square) * (other_square + other**2) + 2 * own * off * other_square
         influences.append((region, by_mean / sqrt(variance) - ratio / (2 * variance) * by_variance))
-    return Estimate(ratio, _standard_error(*influences))
+    return Quantity(ratio, _u(*influences))
 
 
-def cnr(a: Region, b: Region) -> Estimate:
+def cnr(a: Region, b: Region) -> Quantity[float]:
     """Contrast-to-noise ratio: difference of the means over the standard deviation of the darker region.
 
     Parameters
@@ -139,7 +123,7 @@ def cnr(a: Region, b: Region) -> Estimate:
 
     Returns
     -------
-    Estimate
+    Quantity
         inf if the dark pixels are all equal, nan if the means are too or the dark region has one pixel only.
 
     Raises
@@ -156,13 +140,13 @@ def cnr(a: Region, b: Region) -> Estimate:
     off, variance = dark.deviations, dark.variance
     ratio = _over(bright.mean - dark.mean, sqrt(variance))
     if not np.isfinite(ratio):
-        return Estimate(ratio, nan)
+        return Quantity(ratio, nan)
     of_dark = -off / sqrt(variance) - ratio / 2 * (off**2 / variance - 1)
     of_bright = (bright.values - bright.mean) / sqrt(variance)
-    return Estimate(ratio, _standard_error((bright, of_bright), (dark, of_dark)))
+    return Quantity(ratio, _u((bright, of_bright), (dark, of_dark)))
 
 
-def d_prime(a: Region, b: Region) -> Estimate:
+def d_prime(a: Region, b: Region) -> Quantity[float]:
     """Compute the detectability d', difference of the means over the root mean square of the standard deviations.
 
     Parameters
@@ -172,7 +156,7 @@ def d_prime(a: Region, b: Region) -> Estimate:
 
     Returns
     -------
-    Estimate
+    Quantity
         0 or more; inf if the pixels of each region are all equal, nan if the means are too or one region has one pixel
         only.
 
@@ -185,20 +169,20 @@ def d_prime(a: Region, b: Region) -> Estimate:
     -----
     d' = abs(mu_1 - mu_2) / sqrt((s_1^2 + s_2^2) / 2), s with n - 1 (Green and Swets, Signal Detection Theory and
     Psychophysics, 1966; in this form for unequal variances Simpson and Fitter, Psychol. Bull. 80, 1973). The standard
-    error assumes different means: where they are equal, d' only reflects scatter.
+    uncertainty assumes different means: where they are equal, d' only reflects scatter.
     """
     first, second = as_distribution(a, "region a"), as_distribution(b, "region b")
     variance = (first.variance + second.variance) / 2
     difference = first.mean - second.mean
     value = _over(abs(difference), sqrt(variance))
     if not np.isfinite(value):
-        return Estimate(value, nan)
+        return Quantity(value, nan)
     influences = []
     for region, sign in ((first, 1), (second, -1)):
         off, direction = region.deviations, sign * (1 if difference >= 0 else -1)
         influence = direction * off / sqrt(variance) - value / (4 * variance) * (off**2 - region.variance)
         influences.append((region, influence))
-    return Estimate(value, _standard_error(*influences))
+    return Quantity(value, _u(*influences))
 
 
 def _moments(region: Distribution, values: NDArray[np.float64]) -> tuple[float, float]:
@@ -214,8 +198,8 @@ def _over(signal: float, noise: float) -> float:
     return signal / noise
 
 
-def _standard_error(*influences: tuple[Distribution, NDArray[np.float64]]) -> float:
-    """Compute the standard error of a value from its derivative with respect to each pixel of its regions."""
+def _u(*influences: tuple[Distribution, NDArray[np.float64]]) -> float:
+    """Compute the standard uncertainty of a value from its derivative with respect to each pixel of its regions."""
     variance = 0.0
     for region, influence in influences:
         if region.size is None or region.size < 2:
@@ -224,7 +208,7 @@ def _standard_error(*influences: tuple[Distribution, NDArray[np.float64]]) -> fl
     return sqrt(variance)
 
 
-def _decibels(ratio: Estimate, factor: int) -> Estimate:
+def _decibels(ratio: Quantity[float], factor: int) -> Quantity[float]:
     if not ratio.value > 0:
-        return Estimate(-inf if ratio.value == 0 else nan, nan)
-    return Estimate(factor * log10(ratio.value), factor / log(10) * ratio.standard_error / ratio.value)
+        return Quantity(-inf if ratio.value == 0 else nan, nan)
+    return Quantity(factor * log10(ratio.value), factor / log(10) * ratio.u / ratio.value)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from fractions import Fraction
-from math import ceil, floor, inf, nan, sqrt
+from math import ceil, floor, inf, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -153,42 +152,6 @@ def _finite_range(bright: Distribution, dark: Distribution) -> tuple[float, floa
 
 #: Upper bound of all relevant finite ratios.
 _BEYOND_ALL = 1e300
-
-
-def contrast_quantile(a: Region, b: Region, probability: float) -> float:
-    """Weber contrast that a share of all pairs of pixels does not exceed.
-
-    Parameters
-    ----------
-    a, b : array_like of int or float of any shape, or Distribution
-        Pixels of the two regions, as for `cdp`.
-    probability : float
-        Share of all pairs, 0 to 1; 0.5 is the median contrast.
-
-    Returns
-    -------
-    float
-        Smallest contrast that at least this share of the pairs does not exceed; the ratio 1 + K is accurate to 1e-12.
-        nan where the share is reached by undefined pairs, which count as below every contrast; inf where unbounded ones
-        are needed. The result is at least -1, the contrast of pairs whose bright region's pixel is 0 or below.
-
-    Raises
-    ------
-    InputError
-        If the probability is out of range, or a region cannot be used (see `cdp`).
-
-    Notes
-    -----
-    Found by bisection with some 40 passes over the distinct values; the pairs are never stored.
-    """
-    if not 0 <= probability <= 1:
-        raise InputError(f"probability is {probability}: give a number from 0 to 1")
-    bright, dark, _ = bright_and_dark(a, b)
-    weight = float(decimal_fraction(probability) * Fraction(bright.total * dark.total))
-    undefined, bounded = finite_weights(bright, dark)
-    if undefined and weight <= undefined:
-        return nan
-    return finite_quantile(bright, dark, weight, 1e-12) if undefined < bounded >= weight else inf
 
 
 def finite_weights(bright: Distribution, dark: Distribution) -> tuple[float, float]:

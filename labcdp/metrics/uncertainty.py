@@ -14,12 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import InputError
+from ..core.quantity import Z_95, Interval, Number, as_number
 from .contrast import ContrastDefinition, Epsilon, TargetContrast
 from .distribution import Distribution, Region, weighted_sum
 from .pairs import bright_and_dark, tally_pairs
-
-#: 97.5 % quantile of the standard normal distribution.
-_Z_95 = 1.959963984540054
 
 #: Prior weight of one outlying pixel in `confidence_interval`, chosen by simulation of normal regions of 10 to 400
 #: pixels and CDP 0.25 to 0.99997: from 30 pixels on the 95 % intervals cover the truth in 93 to 100 % of the cases.
@@ -75,22 +73,22 @@ def unbiased_variance(
     return max(variance, binomial / (m * n))
 
 
-def confidence_interval(share: float, variance: float, smaller_size: float) -> tuple[float, float]:
+def confidence_interval(share: Number, variance: Number, smaller_size: Number) -> Interval[Number]:
     """95 % confidence interval of an all-pairs share, within 0 to 1.
 
     Parameters
     ----------
-    share : float
+    share : float or ndarray
         U, share of all pairs.
-    variance : float
+    variance : float or ndarray
         Its variance from `unbiased_variance`; nan gives (nan, nan).
-    smaller_size : float
+    smaller_size : float or ndarray
         s, pixels of the smaller region.
 
     Returns
     -------
-    (float, float)
-        Lower and upper end.
+    Interval
+        Lower and upper end, numbers or arrays as `share`.
 
     Notes
     -----
@@ -99,14 +97,14 @@ def confidence_interval(share: float, variance: float, smaller_size: float) -> t
     towards one outlying pixel in the smaller region (share 1/s, variance 1/s^2) with the weight 0.1. For U of 0 or 1
     this gives s trials, the fewest there can be.
     """
-    if np.isnan(variance):
-        return nan, nan
     trials = (share * (1 - share) + _OUTLIER_WEIGHT / smaller_size) / (variance + _OUTLIER_WEIGHT / smaller_size**2)
-    z2 = _Z_95**2 / trials
+    z2 = Z_95**2 / trials
     centre = (share + z2 / 2) / (1 + z2)
-    half_width = sqrt(share * (1 - share) * z2 + z2**2 / 4) / (1 + z2)
-    # The interval must contain the share despite rounding.
-    return max(min(centre - half_width, share), 0.0), min(max(centre + half_width, share), 1.0)
+    half_width = np.sqrt(share * (1 - share) * z2 + z2**2 / 4) / (1 + z2)
+    # The interval must contain the share despite rounding; nan stays.
+    low = np.maximum(np.minimum(centre - half_width, share), 0.0)
+    high = np.minimum(np.maximum(centre + half_width, share), 1.0)
+    return Interval(as_number(low), as_number(high))
 
 
 def scatter(shares: NDArray[np.float64], counts: NDArray[np.float64], centre: float) -> float:
@@ -153,7 +151,7 @@ def pixels_needed(
     see `uncertainty.unbiased_variance`), which is solved for n. The zetas of a pilot are estimated without bias: with m
     dark pixels the sample variance of q exceeds zeta01 by (zeta11 - zeta10 - zeta01) / m, and likewise that of p. Both
     regions are assumed to be equally large and the pixels independent; with correlated noise, multiply by the square of
-    `CdpResult.correlation_inflation`.
+    `Cdp.correlation_inflation`.
     """
     asked = TargetContrast(contrast, epsilon, definition)
     if not 0 < standard_error <= 0.5:

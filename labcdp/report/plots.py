@@ -17,7 +17,7 @@ from .text import cdp_decimals, cdp_interval, decimals, fixed, percent, printabl
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from ..metrics import ContrastDistribution, DetectionResult, Distribution
+    from ..metrics import Cdp, ContrastDistribution, Distribution
 
 
 #: Least and greatest upper end of the contrast axis as multiples of the interval's upper end, and share of the pairs
@@ -43,7 +43,7 @@ class ContrastPanel:
         Name of the pair.
     distribution : ContrastDistribution
         The contrasts.
-    result : DetectionResult
+    result : Cdp
         CDP of the same pixels.
     measured : float
         Contrast of the means; nan for none.
@@ -51,7 +51,7 @@ class ContrastPanel:
 
     title: str
     distribution: ContrastDistribution
-    result: DetectionResult
+    result: Cdp[float]
     measured: float = nan
 
 
@@ -104,7 +104,7 @@ def _draw_panel(axes: Axes, panel: ContrastPanel) -> None:
     edges = 100 * distribution.edges
     share = np.diff(distribution.cumulative)
     density = share / share.max() if share.any() else share
-    low, high = result.interval
+    low, high = result.detected_range
     axes.plot(edges, distribution.cumulative, color=drawing.BLUE, linewidth=1.8, label="cumulative probability")
     axes.stairs(density, edges, fill=True, color="0.6", label="density, scaled to 1")
     shaded: dict[str, Any] = {"color": drawing.ORANGE, "alpha": 0.25, "linewidth": 0, "zorder": 0}
@@ -116,7 +116,7 @@ def _draw_panel(axes: Axes, panel: ContrastPanel) -> None:
     start, stop, beyond = _drawn_contrasts(distribution, result)
     axes.set_xlim(100 * start, 100 * stop)
     cdp = fixed(result.cdp, cdp_decimals(result))
-    interval = f" (95 %: {cdp_interval(result)})" if isfinite(result.standard_error) else ""
+    interval = f" (95 %: {cdp_interval(result)})" if isfinite(result.u_pixels) else ""
     target = f"target contrast {percent(result.contrast, 4)}"
     above = f"; {share_percent(beyond)} of the pairs are above" if beyond >= _STATED_SHARE else ""
     title = f"{panel.title}\nCDP {cdp}{interval}; {target}"
@@ -124,9 +124,9 @@ def _draw_panel(axes: Axes, panel: ContrastPanel) -> None:
     axes.title.set_fontsize(drawing.SMALL_SIZE)
 
 
-def _drawn_contrasts(distribution: ContrastDistribution, result: DetectionResult) -> tuple[float, float, float]:
+def _drawn_contrasts(distribution: ContrastDistribution, result: Cdp[float]) -> tuple[float, float, float]:
     """Lowest and highest contrast that are drawn, and the share of pairs above the latter."""
-    low, high = result.interval
+    low, high = result.detected_range
     edges, cumulative = distribution.edges, distribution.cumulative
     bulk = edges[min(int(np.searchsorted(cumulative, _DRAWN_SHARE)), edges.size - 1)]
     wanted = min(max(_LEAST_TIMES * high, bulk), _MOST_TIMES * high)

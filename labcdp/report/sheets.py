@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
 from io import BytesIO
-from itertools import chain, count, islice
+from itertools import chain, islice
 from math import ceil, isfinite
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
+from ..core.disk.text import numbered
 from ..core.errors import InputError
 from ..core.result import Result
 from ..core.table import Column, Table
@@ -195,8 +196,7 @@ def _width(column: Column, values: Sequence[Any]) -> float:
 def _sheet_name(name: str, taken: set[str]) -> str:
     """Return a unique sheet name; names are case-insensitive."""
     base = printable(name).translate(_FORBIDDEN).strip("'") or "sheet"
-    suffixes = chain([""], (f" ({number})" for number in count(2)))
-    names = (base[: _LONGEST_NAME - len(suffix)] + suffix for suffix in suffixes)
+    names = (base[: _LONGEST_NAME - len(ending)] + ending for ending in numbered(" ({})"))
     found = next(name for name in names if name.lower() not in taken)
     taken.add(found.lower())
     return found

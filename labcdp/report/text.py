@@ -15,10 +15,10 @@ from typing import Any
 
 from ..core.clock import exposure_text
 from ..core.errors import LabcdpError
+from ..core.quantity import Z_95 as Z_95
 from ..core.result import Finding, Severity, unique
-from ..core.table import Z_95 as Z_95
 from ..core.table import Column, Table
-from ..metrics import DetectionResult
+from ..metrics import Cdp
 
 #: Text for an unknown value.
 UNKNOWN = "unknown"
@@ -115,17 +115,17 @@ def exposures(exposures_s: Iterable[float]) -> str:
     return ", ".join(exposure_text(value) for value in sorted(exposures_s))
 
 
-def cdp_decimals(result: DetectionResult) -> int:
+def cdp_decimals(result: Cdp[float]) -> int:
     """Count the decimals that the 95 % interval of a CDP supports."""
-    low, high = result.confidence_interval
+    low, high = result.interval
     if not high > low:
         return 4
     return min(decimals((high - low) / 2, 2), _MOST_OF_INTERVAL)
 
 
-def cdp_interval(result: DetectionResult) -> str:
+def cdp_interval(result: Cdp[float]) -> str:
     """Write the 95 % interval of a CDP."""
-    low, high = result.confidence_interval
+    low, high = result.interval
     n = cdp_decimals(result)
     return f"{fixed(low, n)} to {fixed(high, n)}" if isfinite(low) and isfinite(high) else UNKNOWN
 

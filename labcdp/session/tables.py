@@ -139,6 +139,9 @@ class CameraConfiguration(Table):
 #: Relative standard uncertainty of the responsivity after focus and aperture are set anew, unless the user states it:
 #: focus breathing over the reading of a distance scale, and the play of an iris.
 REFOCUS_REL = 0.005
+#: Relative standard uncertainty of the responsivity of camera and lens from day to day, unless the user states it:
+#: 0.1 % per kelvin, as good photometers have (DIN 5032-7, class L), in rooms of 23 ± 5 °C, which is 2.9 K. A judgement.
+STABILITY_REL = 0.003
 
 
 class LensConfiguration(Table):
@@ -150,6 +153,7 @@ class LensConfiguration(Table):
     f_number: Positive = Field(description="an f-number above 0")
     focus_distance_m: Positive | None = Field(None, description="a distance of focus above 0 m")
     refocus_rel: Share = Field(REFOCUS_REL, description="a fraction from 0 (focus and aperture are locked) to 1")
+    stability_rel: Share = Field(STABILITY_REL, description="a fraction from 0 (responsivity stays as it is) to 1")
     vignetting_rel: Share = Field(VIGNETTING_REL, description="a fraction from 0 (the vignetting is exactly cos⁴) to 1")
     transmittance: Fraction | None = Field(None, description="a fraction above 0, up to 1")
 

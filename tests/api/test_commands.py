@@ -30,7 +30,8 @@ def test_regions_of_a_picture(picture, rois, tables):
             assert float(found[name]) == row[name]
     (row,) = tables("image", picture, "--neighbours", "-o", "neighbours")["cdp"]["rows"]
     found = api.read_image(picture).cdp_neighbours()
-    assert all(float(found[name]) == row[name] for name in ("contrast", "cdp", "u_cdp"))
+    for name in ("contrast", "cdp", "u_cdp"):
+        assert float(found[name]) == row[name], name
 
 
 def test_regions_of_a_video(video, rois, tables, tmp_path):
@@ -91,3 +92,51 @@ def test_session_and_its_saved_calibration(tables, tmp_path):
     by_object, by_file = (api.read_image(frame, calibration=one) for one in (calibrated.calibration, str(path)))
     assert by_file.unit == "cd/m^2"
     np.testing.assert_array_equal(np.asarray(by_object), np.asarray(by_file))
+
+
+def test_pictures_videos_and_sessions_are_judged_as_by_the_commands(picture, video, rois, labcdp, tmp_path):
+    text = 'contrast = "80%"\nluminance_cd_m2 = [0.1, 1000.0]\ntemperature_c = 60.0\n'
+    (tmp_path / "requirement.toml").write_text(text)
+    required = api.Requirement.load(tmp_path / "requirement.toml")
+    asked, with_file = (required.contrast, required.epsilon), ("--require", "requirement.toml", "--json", "--force")
+    found = {
+        "image": (api.read_image(picture).regions(rois).cdp(*asked), (picture, "--roi", rois)),
+        "video": (api.open_video(video).track(rois).cdp(*asked), (video, "--roi", rois)),
+        "evaluate": (
+            api.Session.open(example_session()).calibrate().evaluate(*asked).to_dataset(),
+            (example_session(), "--recalibrate"),
+        ),
+    }
+    for command, (dataset, arguments) in found.items():
+        judgement = dataset.labcdp.judged(tmp_path / "requirement.toml")
+        done = labcdp(command, *arguments, *with_file)
+        values = results_of(done, {"met": 0, "not met": 3, "undecided": 4}[judgement.verdict])
+        rows = values["tables"]["requirement"]["rows"]
+        assert [one.verdict for one in judgement.pairs] == [row["verdict"] for row in rows]
+        for one, row in zip(judgement.pairs, rows, strict=True):
+            assert (one.pair, one.limit) == (row["pair"], row["limit"])
+            assert one.margin == pytest.approx(row["margin"])
+        assert any(one.worst is not None for one in judgement.pairs)
+        codes = {one["code"] for one in values["findings"]}
+        assert {one.code for one in judgement.findings} <= codes
+
+
+def test_chains_are_judged_as_by_compare(labcdp, tmp_path):
+    (tmp_path / "r.toml").write_text('contrast = "80%"\nluminance_cd_m2 = [1.0, 2.0]\n')
+    sizes = ("scene.width=32", "scene.height=24", "scene.square_px=4")
+    options = [word for size in sizes for word in ("--set", size)]
+    done = labcdp("compare", "imx250", "manta-g505", "--require", "r.toml", *options, "--json")
+    found = api.compare("imx250", "manta-g505", requirement=tmp_path / "r.toml", **{
+        name: int(value) for name, value in (size.split("=") for size in sizes)
+    })  # fmt: skip
+    rows = json.loads(done.stdout)["tables"]["requirement"]["rows"]
+    assert [(one.name, one.verdict, one.cdp) for one in found.judged] == [
+        (row["name"], row["verdict"], row["cdp"]) for row in rows
+    ]
+
+
+@pytest.mark.parametrize("asked", [(1.0, 0.5), (1.5, 0.4), (None, 0.5)])
+def test_a_dataset_of_another_question_is_not_judged(picture, rois, asked):
+    dataset = api.read_image(picture).regions(rois).cdp(*asked)
+    with pytest.raises(api.InputError, match="evaluate"):
+        dataset.labcdp.judged(api.Requirement(contrast=1.5, luminance_cd_m2=(1.0, 2.0)))

@@ -18,7 +18,7 @@ def probabilities() -> float:
     number: float = one.cdp + one.u + low + high
     several = labcdp.cdp(bright, dark, [0.1, 0.2], labcdp.DetectionInterval.at_least(0.5))
     array: NDArray[np.float64] = several.cdp + several.interval.low
-    neighbours: labcdp.DetectionProbability[NDArray[np.float64]] = labcdp.cdp_neighbours(
+    neighbours: labcdp.Cdp[NDArray[np.float64]] = labcdp.cdp_neighbours(
         np.arange(1, 101).reshape(10, 10), np.array([0.1, 0.2])
     )
     return number + float(array.sum()) + float(neighbours.cdp.mean())
@@ -50,7 +50,12 @@ def pictures(path: Path, regions: Path) -> xr.Dataset:
     assert len(labcdp.regions.load_regions(regions)) == 2
     frame: labcdp.Frame | None = labcdp.files.read_picture(path).frame
     assert frame is not None
-    return image.regions(regions).cdp([1, 10], epsilon=0.5)
+    found = image.regions(regions).cdp([1, 10], epsilon=0.5)
+    file = path.with_name("requirement.toml")
+    file.write_text('contrast = "100%"\nluminance_cd_m2 = [1.0, 10.0]\n')
+    required: labcdp.Requirement = labcdp.Requirement.load(file)
+    assert found.labcdp.judged(required).verdict in ("met", "not met", "undecided")
+    return found
 
 
 def videos(path: Path, regions: Path) -> xr.Dataset:
@@ -77,7 +82,7 @@ def devices() -> None:
 
 
 def main(picture: Path, video: Path, regions: Path, folder: Path) -> None:
-    print(probabilities(), readings([]), labcdp.metrics.contrast_range(0.1, 0.3, 0.1), labcdp.__version__)
+    print(probabilities(), readings([]), labcdp.metrics.weber_contrast(2.0, 1.0), labcdp.__version__)
     for dataset in (chains(folder), pictures(picture, regions), videos(video, regions), sessions()):
         print(dataset)
     try:

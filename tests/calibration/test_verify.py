@@ -13,7 +13,7 @@ from labcdp.calibration.setup import meter_scale
 from labcdp.calibration.tolerance import of_no_use, own_tolerance_rel
 from labcdp.calibration.verify.history import histories
 from labcdp.calibration.verify.result import conformance_probability, decide
-from labcdp.calibration.verify.verify import verify
+from labcdp.calibration.verify.verify import changes_since, verify
 from labcdp.core.errors import CalibrationError
 from labcdp.core.reading import MeterIdentity
 from labcdp.core.vignetting import Cos4Vignetting, RadialVignetting
@@ -252,3 +252,49 @@ def test_a_calibration_of_no_use_says_so(calibration):
     veiled = replace(calibration, responsivity=replace(calibration.responsivity, glare_cd_m2=glare_cd_m2))
     (found,) = of_no_use(veiled)
     assert found.values["expanded_rel"] == pytest.approx(1.96 * 0.2, rel=0.05)
+
+
+@pytest.mark.parametrize(("days", "warmer_k"), [(0, 0.0), (3, 0.0), (0, 10.0), (3, -10.0)])
+def test_another_day_and_another_temperature_of_the_camera_count(setup, days, warmer_k):
+    calibration = calibrate(replace(setup, lens=replace(setup.lens, stability_rel=0.01)))
+    calibration = replace(calibration, light_temperature_c=30.0)
+    observations = [one for one in measured()[0][None] if one.patch == "P1"]
+    recorded = calibration.provenance.measured + timedelta(days=days)
+    before, after = (
+        patch_luminance(one, observations).standard_uncertainty_rel
+        for one in (calibration, calibration.for_use([None, recorded], [None, 30.0 + warmer_k]))
+    )
+    # Limits of 0.1 % by kelvin.
+    assert after == pytest.approx(hypot(before, 0.01 if days else 0.0, 0.01 / sqrt(3) if warmer_k else 0.0))
+
+
+def changed(calibration, seed, responsivity_dn_s_cd_m2=1200.0, light=()):
+    """A calibration after patches measured again with another responsivity or light, and what that says."""
+    camera = SimulatedCamera(responsivity_dn_s_cd_m2=responsivity_dn_s_cd_m2)
+    observations, _, readings, meter = measured(seed, camera)
+    readings |= {
+        name: [replace(one, value=one.value * by) for one in readings[name]] for name, by in dict(light).items()
+    }
+    names = dict.fromkeys(one.patch for one in observations[None])
+    seen = [patch_luminance(calibration, [o for o in observations[None] if o.patch == name]) for name in names]
+    after, deviating, findings = changes_since(calibration, observations, seen, readings, meter)
+    return after, deviating, [(one.code, one.subject) for one in findings]
+
+
+def test_a_change_of_the_responsivity_is_named_and_counts(calibration):
+    after, deviating, named = changed(calibration, 4, 1200 * 1.02)
+    assert (deviating, named) == ({}, [("responsivity-changed", "")])
+    assert after.stability_rel == pytest.approx(0.02, abs=0.004)
+
+
+def test_a_patch_that_contradicts_the_meter_alone_is_named_and_counts(calibration):
+    after, deviating, named = changed(calibration, 4, light={"P1": 0.97}.items())
+    assert named == [("patch-contradicts-meter", "P1")]
+    assert deviating == {"P1": pytest.approx(1 / 0.97 - 1, abs=0.006)}
+    assert after == calibration
+
+
+def test_no_change_is_named_by_chance(setup):
+    """In 0.3 to 1 % of sessions: more than 3 of 40 happen in 1 of 1000."""
+    named = [changed(calibrate(setup, 300 + seed), 700 + seed)[2] for seed in range(40)]
+    assert sum(map(bool, named)) <= 3

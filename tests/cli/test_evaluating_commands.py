@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 import tifffile
+from openpyxl import load_workbook
 
 from labcdp import compare
 from labcdp.chain import Chain
@@ -175,3 +176,75 @@ def test_chains_are_judged_by_a_requirement(labcdp, inputs, tmp_path, contrast, 
     assert [row["margin"] for row in rows] == [row["cdp"] - 0.6 for row in rows]
     assert done.stderr.count("Requirement not met: a.toml (not met), b.toml (not met)") == (status > 0)
     assert "verdict" in (tmp_path / "a-compare" / "report.html").read_text()
+
+
+#: Regions of 60 and 160 DN have a contrast of 167 %; the CDP of the patches, of 78 %, is between 70 and 90 %.
+SEEN = {
+    "image": ("a.png", "b.png", "--roi", "rois.json", "--encoding", "linear"),
+    "video": ("a.avi", "--roi", "rois.json", "--encoding", "linear"),
+    "evaluate": ("s", "--calibration", "c/calibration.json", "--pair", "P02:P01"),
+}
+ASKED = {
+    "image": [("167%", "60%"), ("20%", "60%")],
+    "video": [("167%", "60%"), ("20%", "60%")],
+    "evaluate": [("80%", "60%"), ("80%", "95%")],
+}
+
+
+@pytest.fixture
+def seen(inputs, tmp_path):
+    """Inputs in the working folder, and a function that writes a requirement."""
+    for name in ("a.png", "a.avi", "rois.json"):
+        shutil.copy(inputs / name, tmp_path)
+    # Another file, of nearly the same contrast.
+    cv2.imwrite(str(tmp_path / "b.png"), cv2.imread(str(tmp_path / "a.png"))[:, :, 0] + 1)
+    for name in ("s", "c"):
+        shutil.copytree(inputs / name, tmp_path / name)
+
+    def write_requirement(contrast, **more):
+        values = {"contrast": contrast, "luminance_cd_m2": [0.1, 1000.0], "cdp_limit": "60%", **more}
+        (tmp_path / "requirement.toml").write_text(
+            "\n".join(f"{key} = {json.dumps(one)}" for key, one in values.items())
+        )
+
+    return write_requirement
+
+
+@pytest.mark.parametrize("command", SEEN)
+@pytest.mark.parametrize("status", [0, 3])
+def test_pictures_videos_and_sessions_are_judged_by_the_same_file(labcdp, seen, tmp_path, command, status):
+    contrast, limit = ASKED[command][status > 0]
+    seen(contrast, cdp_limit=limit, temperature_c=60.0)
+    done = labcdp(command, *SEEN[command], "--require", "requirement.toml", "-o", "out", "--json")
+    values = results_of(done, status)
+    (row,) = values["tables"]["requirement"]["rows"]
+    assert row["verdict"] == ("not met" if status else "met")
+    assert row["limit"] == ("measured contrast" if contrast == "20%" else "scatter of the pixels")
+    assert row["margin"] == pytest.approx(row["cdp"] - float(limit[:-1]) / 100)
+    assert "requirement-temperature" in [one["code"] for one in values["findings"]]
+    assert ("Requirement not met" in done.stderr) == (status > 0)
+    # The limit of the requirement is that of every other verdict.
+    name = {"image": "cdp", "video": "contrasts", "evaluate": "contrasts"}[command]
+    assert {one["cdp_limit"] for one in values["tables"][name]["rows"]} == {float(limit[:-1]) / 100}
+    assert "limited by" in (tmp_path / "out" / "report.html").read_text()
+    assert "requirement" in load_workbook(tmp_path / "out" / "results.xlsx").sheetnames
+
+
+@pytest.mark.parametrize("option", [("--contrast", "50%"), ("--epsilon", "30%"), ("--cdp-limit", "0.8")])
+@pytest.mark.parametrize("command", ["image", "video"])
+def test_a_requirement_and_what_it_sets_exclude_each_other(labcdp, seen, command, option):
+    seen("160%")
+    done = labcdp(command, *SEEN[command], "--require", "requirement.toml", *option)
+    assert done.returncode == 1
+    assert option[0] in done.stderr
+
+
+def test_several_videos_are_judged_together(labcdp, seen, tmp_path):
+    seen("20%")
+    shutil.copy(tmp_path / "a.avi", tmp_path / "b.avi")
+    with (tmp_path / "b.avi").open("ab") as file:
+        file.write(b"\0\0")
+    command = ("video", "a.avi", "b.avi", "--roi", "rois.json", "-o", "out", "--workers", 1, "--json")
+    values = results_of(labcdp(*command, "--require", "requirement.toml"), 3)
+    rows = values["tables"]["requirement"]["rows"]
+    assert [(row["video"], row["verdict"]) for row in rows] == [("a", "not met"), ("b", "not met")]

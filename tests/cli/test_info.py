@@ -62,3 +62,32 @@ def test_files_of_others_are_refused(tmp_path, name):
         (tmp_path / name).write_bytes(content)
         with pytest.raises(InputError, match=name):
             app(["info", str(tmp_path / name)], standalone_mode=False)
+
+
+def spectrum(folder, wavelengths_nm, header="wavelength_nm,relative"):
+    """A smooth sensitivity that vanishes at 380 and 780 nm, at some wavelengths."""
+    n_columns = header.count(",")
+    values = [max(1 - ((nm - 580) / 200) ** 2, 0.0) for nm in wavelengths_nm]
+    lines = (
+        ",".join([f"{nm}", *[f"{value:.6f}"] * n_columns]) for nm, value in zip(wavelengths_nm, values, strict=True)
+    )
+    (folder / "spectrum.csv").write_text("\n".join([header, *lines]))
+    return folder / "spectrum.csv"
+
+
+def not_known(capsys, path):
+    return [text for name, text in info(capsys, path).items() if name.startswith("not known")]
+
+
+def test_what_a_spectrum_leaves_open_is_listed(tmp_path, capsys):
+    """At all wavelengths only the kind of values and of the spectrum is open; ends and gaps come on top."""
+    whole = not_known(capsys, spectrum(tmp_path, range(380, 781, 5)))
+    assert len(whole) == 3
+    assert len(not_known(capsys, spectrum(tmp_path, range(380, 781, 5), "wavelength_nm,R,G,B"))) == 2
+    cut = not_known(capsys, spectrum(tmp_path, range(385, 776, 5)))
+    assert set(whole) < set(cut)
+    assert [text.partition(":")[0] for text in cut if text not in whole] == ["below 385 nm", "above 775 nm"]
+    # 1 - (195 / 200)^2 of the maximum is left at both ends.
+    assert all("4.9%" in text for text in cut if text not in whole)
+    (gap,) = set(not_known(capsys, spectrum(tmp_path, [*range(380, 501, 5), *range(540, 781, 5)]))) - set(whole)
+    assert "500 to 540 nm" in gap

@@ -44,7 +44,6 @@ PLACES = {
     "cdp of several": lambda contrast: float(labcdp.cdp(BRIGHT, DARK, [contrast]).contrast[0]),
     "cdp beside fractions": lambda contrast: float(labcdp.cdp(BRIGHT, DARK, [0.25, contrast]).contrast[1]),
     "neighbours": lambda contrast: labcdp.cdp_neighbours(PICTURE, contrast).contrast,
-    "records": lambda contrast: labcdp.metrics.cdp_range(BRIGHT, DARK, [contrast])[0].contrast,
     "plan": of_plan,
     "session": of_session,
     "chain": of_chain,
@@ -69,7 +68,7 @@ def test_an_array_of_whole_numbers_is_no_list_of_percentages():
 
 def test_a_tolerance_may_have_its_sign():
     with_sign, without = labcdp.cdp(BRIGHT, DARK, "50%", "20%"), labcdp.cdp(BRIGHT, DARK, 0.5, 0.2)
-    assert (with_sign.cdp, with_sign.detected, with_sign.epsilon) == (without.cdp, without.detected, 0.2)
+    assert (with_sign.cdp, with_sign.detected_range, with_sign.epsilon) == (without.cdp, without.detected_range, 0.2)
     by_sign = CHAIN.sweep(scene__luminance_cd_m2=[5.0], exact=True, contrast="50%", epsilon="20%")
     by_number = CHAIN.sweep(scene__luminance_cd_m2=[5.0], exact=True, contrast=0.5, epsilon=0.2)
     xr.testing.assert_equal(by_sign, by_number)

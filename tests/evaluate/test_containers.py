@@ -156,7 +156,7 @@ def by_picture(path, pair, encoding=None, **stated):
     evaluation, _ = PictureTask(request, conversion, {}).made(path, pages=False, surface=False)
     (found,) = evaluation.pairs
     sign = found.bright_region.roi.name == pair[0]
-    return found.contrast.value, found.contrast.standard_error, sign, evaluation.findings
+    return found.contrast.value, found.contrast.u, sign, evaluation.findings
 
 
 def by_video(path, pair, **stated):

@@ -37,20 +37,20 @@ def assert_same_as_video(picture, path, rois, **settings):
     video = evaluate_video(path, VideoSettings(CONTRASTS, rois, "fixed", **settings)).isel(frame=0)
     both = (picture.a, picture.b)
     expected = {
-        "cdp": [one.result.cdp for one in picture.results],
-        "u_cdp": [one.standard_uncertainty for one in picture.results],
-        "cdp_low": [one.confidence_interval[0] for one in picture.results],
-        "cdp_high": [one.confidence_interval[1] for one in picture.results],
-        "below": [one.result.below for one in picture.results],
-        "above": [one.result.above for one in picture.results],
+        "cdp": picture.cdp.cdp,
+        "u_cdp": picture.cdp.u,
+        "cdp_low": picture.cdp.interval.low,
+        "cdp_high": picture.cdp.interval.high,
+        "below": picture.cdp.below,
+        "above": picture.cdp.above,
         "measured_contrast": picture.contrast.value,
-        "u_measured_contrast": picture.contrast.standard_error,
+        "u_measured_contrast": picture.contrast.u,
         "csnr": picture.csnr.value,
-        "u_csnr": picture.csnr.standard_error,
+        "u_csnr": picture.csnr.u,
         "mean": [one.mean for one in both],
-        "u_mean": [one.standard_uncertainty for one in both],
+        "u_mean": [one.u for one in both],
         "snr": [one.snr.value for one in both],
-        "u_snr": [one.snr.standard_error for one in both],
+        "u_snr": [one.snr.u for one in both],
     }
     for name, values in expected.items():
         np.testing.assert_allclose(video[name], values, rtol=1e-6, err_msg=name)
@@ -62,9 +62,9 @@ def test_a_picture_is_a_video_of_one_frame(tmp_path, smoothing_px, noise_dn, enc
     """Of independent noise, of correlated noise, and where the noise does not dither the rounding."""
     cv2.imwrite(str(tmp_path / "0.png"), scene(smoothing_px, noise_dn if noise_dn else 1e-9))
     picture = picture_of(tmp_path / "0.png", (BRIGHT, DARK), encoding=encoding)
-    assert (max(one.result.correlation_inflation for one in picture.results) > 2) == (smoothing_px > 0)
+    assert (picture.cdp.correlation_inflation.max() > 2) == (smoothing_px > 0)
     assert_same_as_video(picture, tmp_path, (BRIGHT, DARK), encoding=encoding)
-    rows = [(one.result.cdp, one.standard_uncertainty, *one.confidence_interval) for one in picture.results]
+    rows = [(one.cdp, one.u, *one.interval) for one in picture.cdp]
     in_python = labcdp.read_image(tmp_path / "0.png", encoding=encoding).regions([BRIGHT, DARK]).cdp(CONTRASTS)
     by_hand = labcdp.open_video(tmp_path, encoding=encoding).track([BRIGHT, DARK], "fixed").cdp(CONTRASTS)
     for name, values in zip(("cdp", "u_cdp", "cdp_low", "cdp_high"), np.transpose(rows), strict=True):
@@ -102,7 +102,7 @@ def test_8_12_and_16_bits_of_one_scene_agree_within_quantisation(tmp_path, noise
             ((bright >= low - sign * moved[0]) & (bright <= high + sign * moved[1])).mean(axis=(1, 2))
             for sign in (-1, 1)
         )
-        cdps = np.array([one.result.cdp for one in seen.results])
+        cdps = seen.cdp.cdp
         assert ((least - 1e-12 <= cdps) & (cdps <= most + 1e-12)).all()
 
 
@@ -111,17 +111,17 @@ def test_a_session_a_picture_and_a_video_with_one_calibration_agree(recorded, ev
     files = {record.number: recorded.path / record.file.name for record in recorded.frames()}
     for row in evaluation.contrasts:
         rois, file = (row.bright.region, row.dark.region), files[row.frame_number]
-        (asked,) = picture_of(file, rois, (row.asked.contrast,), calibration, epsilon=row.asked.epsilon).results
-        assert asked.result.cdp == row.cdp.cdp
-        assert asked.standard_uncertainty == pytest.approx(row.calibrated_cdp.standard_uncertainty, rel=1e-6)
-        assert asked.confidence_interval == pytest.approx(row.cdp.confidence_interval, rel=1e-6)
+        (asked,) = picture_of(file, rois, (row.asked.contrast,), calibration, epsilon=row.asked.epsilon).cdp
+        assert asked.cdp == row.cdp.cdp
+        assert asked.u == pytest.approx(row.cdp.u, rel=1e-6)
+        assert asked.interval == pytest.approx(row.cdp.interval, rel=1e-6)
         folder = tmp_path / f"{row.asked.bright}-{row.asked.dark}"
         folder.mkdir()
         shutil.copy(file, folder / "frame.tif")
         assert_same_as_video(picture_of(file, rois, calibration=calibration), folder, rois, calibration=calibration)
     conversion = picture_conversion(calibration, None, None)
-    near = evaluate_neighbours(conversion.luminance(read_picture(file, conversion.options)), CONTRASTS).results
+    near = evaluate_neighbours(conversion.luminance(read_picture(file, conversion.options)), CONTRASTS).cdp
     video = evaluate_video(folder, VideoSettings(CONTRASTS, calibration=calibration)).isel(frame=0)
-    assert max(one.calibration_standard_uncertainty for one in near) > 0
-    np.testing.assert_allclose(video["cdp"], [one.result.cdp for one in near], rtol=1e-9)
-    np.testing.assert_allclose(video["u_cdp"], [one.standard_uncertainty for one in near], rtol=1e-6)
+    assert near.u_calibration.max() > 0
+    np.testing.assert_allclose(video["cdp"], near.cdp, rtol=1e-9)
+    np.testing.assert_allclose(video["u_cdp"], near.u, rtol=1e-6)

@@ -27,7 +27,7 @@ def assert_array_equals_numbers():
 
     def check(array, numbers):
         assert array.cdp.shape == array.contrast.shape == (len(numbers),)
-        for name in ("cdp", "u", "below", "above", "undefined", "contrast", "interval", "detected"):
+        for name in ("cdp", "u", "below", "above", "undefined", "contrast", "interval", "detected_range"):
             np.testing.assert_array_equal(np.transpose(getattr(array, name)), [getattr(one, name) for one in numbers])
 
     return check

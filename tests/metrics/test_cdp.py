@@ -12,7 +12,7 @@ from hypothesis.extra import numpy as hnp
 from scipy.stats import poisson
 
 from labcdp.core.errors import InputError
-from labcdp.metrics import DetectionInterval, Distribution, cdp, cdp_neighbours, cdp_range
+from labcdp.metrics import DetectionInterval, Distribution, cdp, cdp_neighbours
 
 from .conftest import share_of_normal
 
@@ -49,7 +49,7 @@ def test_all_shares_are_those_of_exact_arithmetic(all_contrasts, a, b, contrast,
     assert result.above == share(lambda value: value > high)
     assert result.below == share(lambda value: not value >= low)
     assert result.undefined == pytest.approx(share(lambda value: value != value), abs=1e-15)
-    assert result.detected == (float(low), float(high))
+    assert result.detected_range == (float(low), float(high))
 
 
 @given(region, region, st.lists(contrasts, min_size=1, max_size=3), st.decimals("0.01", "1", places=2).map(float))
@@ -58,8 +58,8 @@ def test_arrays_records_types_and_units_give_the_same(assert_array_equals_number
     array = cdp(a, b, np.array(asked), epsilon)
     assert_array_equals_numbers(array, [cdp(a, b, one, epsilon) for one in asked])
     for kind in (np.int16, np.float32, np.float64):
-        for index, record in enumerate(cdp_range(np.array(a, kind), np.array(b, kind), asked, epsilon)):
-            found = (record.cdp, record.below, record.above, record.standard_error)
+        for index, record in enumerate(cdp(np.array(a, kind), np.array(b, kind), asked, epsilon)):
+            found = (record.cdp, record.below, record.above, record.u)
             alone = (array.cdp[index], array.below[index], array.above[index], array.u[index])
             np.testing.assert_array_equal(found, alone)
     assert repr(cdp(np.array(a) * 2.0**-7, np.array(b) * 2.0**-7, asked, epsilon)) == repr(cdp(a, b, asked, epsilon))
@@ -187,8 +187,8 @@ def test_mean_total_and_cumulative_are_weighted():
 def test_converting_the_distinct_values_equals_converting_each_pixel():
     rng = np.random.default_rng(2)
     regions = rng.integers(100, 140, 500), rng.integers(120, 180, 700)
-    converted = cdp_range(*(Distribution.from_array(dn).map(lambda dn: (dn - 64) / 17.3) for dn in regions), [0.2])
-    assert converted == cdp_range(*((dn - 64) / 17.3 for dn in regions), [0.2])
+    converted = cdp(*(Distribution.from_array(dn).map(lambda dn: (dn - 64) / 17.3) for dn in regions), [0.2])
+    assert repr(converted) == repr(cdp(*((dn - 64) / 17.3 for dn in regions), [0.2]))
 
 
 LONG, MASKED = np.array([1], np.longdouble), np.ma.masked_equal([1, 2], 2)

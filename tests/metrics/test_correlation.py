@@ -8,16 +8,18 @@ from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter, uniform_filter
 
 import labcdp
-from labcdp.core.errors import InputError
-from labcdp.metrics import cdp_correlated, variance_inflation
+from labcdp.core.roi import Roi
+from labcdp.metrics import variance_inflation
 from labcdp.metrics.lags import Lags, products_by_lag
+from labcdp.metrics.pair import evaluate_pair
 
-from .conftest import share_of_normal
+from .conftest import map_of, share_of_normal
 
 SIDE = 40
 SHAPE = (SIDE, 2 * SIDE + 6)
 LEFT, RIGHT = np.zeros(SHAPE, dtype=bool), np.zeros(SHAPE, dtype=bool)
 LEFT[:, :SIDE], RIGHT[:, -SIDE:] = True, True
+ROIS = Roi.rectangle("left", 0, 0, SIDE, SIDE), Roi.rectangle("right", SIDE + 6, 0, SIDE, SIDE)
 REPEATS = {30: 60, 60: 40, 150: 20}
 
 
@@ -76,13 +78,13 @@ def test_intervals_cover_the_truth_and_are_hardly_wider_than_they_must_be(field,
     for _ in range(repeats):
         image = np.where(LEFT, 100, 120) + 5 * field(rng)
         for contrast, results in found.items():
-            results.append(cdp_correlated(image, LEFT, RIGHT, contrast))
+            results.append(evaluate_pair(map_of(image), *ROIS, (contrast,)).cdp[0])
     for contrast, results in found.items():
         true = share_of_normal((120, 5), (100, 5), 0.5 * contrast, 1.5 * contrast)
-        ends = np.array([result.confidence_interval for result in results])
+        ends = np.array([result.interval for result in results])
         covered.append(np.mean((ends[:, 0] <= true) & (true <= ends[:, 1])))
         scatter = sqrt(np.mean([(result.cdp - true) ** 2 for result in results]))
-        stated = sqrt(np.mean([result.standard_error**2 for result in results]))
+        stated = sqrt(np.mean([result.u**2 for result in results]))
         assert 0.9 * scatter * (1 - 3 / sqrt(2 * repeats)) <= stated <= widest * scatter * (1 + 3 / sqrt(2 * repeats))
     assert min(covered) >= 0.91 - 3 * sqrt(0.91 * 0.09 / repeats), covered
     assert np.mean(covered) >= 0.95 - 3 * sqrt(0.95 * 0.05 / repeats), covered
@@ -108,11 +110,10 @@ def test_parts_of_images_have_intervals_for_correlated_noise_and_a_finding(filte
 
 def test_regions_in_which_correlation_cannot_be_seen_are_stated():
     image = np.random.default_rng(1).normal(100, 5, SHAPE)
-    small = np.zeros(SHAPE, bool)
-    small[3:9, 2:8] = True
-    found = cdp_correlated(image, RIGHT, small, 0.2).findings
-    assert [(one.code, one.subject) for one in found] == [("region-correlation-unknown", "b")]
-    assert cdp_correlated(image, LEFT, RIGHT, 0.2).findings == ()
+    small = Roi.rectangle("small", 2, 3, 6, 6)
+    found = evaluate_pair(map_of(image), ROIS[1], small, (0.2,)).findings
+    assert [(one.code, one.subject) for one in found] == [("region-correlation-unknown", "small")]
+    assert evaluate_pair(map_of(image), *ROIS, (0.2,)).findings == ()
 
 
 @pytest.mark.parametrize("sigma", [0.0, 0.7, 3.0])
@@ -192,9 +193,3 @@ def test_a_thin_region_is_not_more_often_taken_for_correlated_than_chance_says(w
     found = [variance_inflation(rng.normal(size=thin.shape), thin) > 1 for _ in range(20)]
     assert np.mean(found) <= 0.05 + 3 * sqrt(0.05 * 0.95 / 20)
     assert variance_inflation(smoothed(rng, (600, 600), gaussian(2.0)), thin) > 5
-
-
-@pytest.mark.parametrize("masks", [(LEFT, LEFT), (LEFT, RIGHT[:, 1:]), (LEFT.astype(int), RIGHT), (LEFT, LEFT & RIGHT)])
-def test_unusable_masks_are_refused(masks):
-    with pytest.raises(InputError, match=r"mask_[ab] (and mask_b have|has type|marks no)"):
-        cdp_correlated(np.ones(SHAPE), *masks, 0.2)

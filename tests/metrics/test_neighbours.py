@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from labcdp.core.errors import InputError
-from labcdp.metrics import DetectionInterval, cdp_neighbours, cdp_neighbours_range, cdp_rectangle
+from labcdp.metrics import DetectionInterval, cdp_neighbours
 
 from .conftest import neighbours_of
 
@@ -53,7 +53,7 @@ def test_every_pair_of_neighbours_is_compared_in_exact_arithmetic(image, contras
 def test_a_range_equals_single_contrasts(assert_array_equals_numbers, image, asked):
     array = cdp_neighbours(image, np.array(asked), definition="michelson")
     assert_array_equals_numbers(array, [cdp_neighbours(image, one, definition="michelson") for one in asked])
-    for index, record in enumerate(cdp_neighbours_range(image, asked, definition="michelson")):
+    for index, record in enumerate(array):
         assert (array.cdp[index], array.below[index], array.pairs) == (record.cdp, record.below, record.pairs)
 
 
@@ -91,22 +91,3 @@ def test_few_rows_or_columns_have_no_standard_error(shape):
 def test_unusable_images_are_refused(image):
     with pytest.raises(InputError, match=r"image (has 1 dimensions|holds|spans)"):
         cdp_neighbours(image, 0.2)
-
-
-@given(st.data())
-def test_a_rectangle_holds_both_corners_in_any_order_and_is_clipped(data):
-    image = np.random.default_rng(9).integers(90, 131, (6, 8))
-    corners = [(data.draw(st.integers(-3, 11)), data.draw(st.integers(-3, 9))) for _ in range(2)]
-    inside = [
-        (y, x)
-        for y in range(6)
-        for x in range(8)
-        if min(c[0] for c in corners) <= x <= max(c[0] for c in corners)
-        and min(c[1] for c in corners) <= y <= max(c[1] for c in corners)
-    ]
-    if len(inside) < 2:
-        with pytest.raises(InputError, match=r"lies outside the image of 8 x 6 pixels|the image holds 1 pixels"):
-            cdp_rectangle(image, *corners, 0.2)
-        return
-    rows, columns = (sorted({pixel[axis] for pixel in inside}) for axis in (0, 1))
-    assert repr(cdp_rectangle(image, *corners, 0.2)) == repr(cdp_neighbours(image[np.ix_(rows, columns)], 0.2))

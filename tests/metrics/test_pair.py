@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter, uniform_filter
 from labcdp.core.errors import InputError
 from labcdp.core.luminance import CommonError, Invalid
 from labcdp.core.roi import Roi
-from labcdp.metrics import cdp, cdp_correlated, cdp_with_common_errors, csnr
+from labcdp.metrics import cdp, csnr
 from labcdp.metrics.pair import evaluate_pair
 from labcdp.metrics.region import evaluate_region
 
@@ -33,12 +33,8 @@ def test_without_errors_of_a_calibration_a_pair_is_that_of_its_pixels_and_of_the
     smooth = 100 + 5 * uniform_filter(np.random.default_rng(1).normal(0, 3, SHAPE), 3)
     smooth[:, 45:] *= 1.2
     for luminance, left in ((_scene(3), Roi("triangle", ((2, 3), (38, 8), (20.5, 50)))), (smooth, LEFT)):
-        masks = np.zeros((2, *SHAPE), dtype=bool)
-        for mask, roi in zip(masks, (left, RIGHT), strict=True):
-            mask[roi.window(SHAPE)] = roi.mask(SHAPE)
         for contrast in (0.2, 0.3):
-            found = evaluate_pair(map_of(luminance), left, RIGHT, (contrast,), 0.4).results[0].result
-            assert found == cdp_correlated(luminance, *masks, contrast, 0.4)
+            found = evaluate_pair(map_of(luminance), left, RIGHT, (contrast,), 0.4).cdp[0]
             expected = cdp(*(roi.select(luminance) for roi in (left, RIGHT)), contrast, 0.4)
             assert (found.cdp, found.below, found.above) == (expected.cdp, expected.below, expected.above)
     assert found.correlation_inflation > 1.5
@@ -49,27 +45,27 @@ def test_an_error_both_regions_share_cancels_in_contrast_cdp_and_ratios_but_not_
     plain = evaluate_pair(map_of(luminance), LEFT, RIGHT, (0.3,))
     for shared in (0.05, np.full(SHAPE, 0.05)):
         found = evaluate_pair(map_of(luminance, (CommonError("scale", shared),)), LEFT, RIGHT, (0.3,))
-        assert found.contrast.standard_error == pytest.approx(plain.contrast.standard_error)
-        assert found.csnr.standard_error == pytest.approx(plain.csnr.standard_error)
-        assert found.a.snr.standard_error == pytest.approx(plain.a.snr.standard_error)
-        assert found.results[0].standard_uncertainty == pytest.approx(plain.results[0].standard_uncertainty)
-        expected = sqrt(plain.a.standard_uncertainty**2 + 5.0**2)
-        assert found.a.standard_uncertainty == pytest.approx(expected, rel=0.01)
+        assert found.contrast.u == pytest.approx(plain.contrast.u)
+        assert found.csnr.u == pytest.approx(plain.csnr.u)
+        assert found.a.snr.u == pytest.approx(plain.a.snr.u)
+        assert found.cdp[0].u == pytest.approx(plain.cdp[0].u)
+        expected = sqrt(plain.a.u**2 + 5.0**2)
+        assert found.a.u == pytest.approx(expected, rel=0.01)
     # A scale of which nothing is known leaves the luminance alone without an uncertainty.
     found = evaluate_pair(map_of(_scene(2), (CommonError("guess", inf),)), LEFT, RIGHT, (0.3,))
-    assert isnan(found.a.standard_uncertainty)
-    assert (found.contrast, found.results) == (plain.contrast, plain.results)
+    assert isnan(found.a.u)
+    assert (found.contrast, repr(found.cdp)) == (plain.contrast, repr(plain.cdp))
 
 
 def test_a_slow_change_across_a_region_is_no_noise():
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
     slow = 1 + 0.2 * (x / 90) + 0.1 * (y / 60) ** 2
     plain, sloped = (evaluate_pair(map_of(_scene(8) * factor), LEFT, RIGHT, (0.2,)) for factor in (1, slow))
-    assert sloped.a.standard_uncertainty < 1.5 * plain.a.standard_uncertainty
-    assert sloped.results[0].result.correlation_inflation == 1
+    assert sloped.a.u < 1.5 * plain.a.u
+    assert sloped.cdp[0].correlation_inflation == 1
     # Where all pairs agree too, and where there is no noise at all.
     for luminance in (_scene(8) * slow, np.where(x < 45, 100.0, 120.0) * slow):
-        assert evaluate_pair(map_of(luminance), LEFT, RIGHT, (5.0,)).results[0].confidence_interval[1] < 0.01
+        assert evaluate_pair(map_of(luminance), LEFT, RIGHT, (5.0,)).cdp[0].interval[1] < 0.01
 
 
 @pytest.mark.parametrize("blurred", [np.asarray, partial(uniform_filter, size=2), partial(gaussian_filter, sigma=2)])
@@ -92,9 +88,9 @@ def test_the_intervals_cover_the_truth(blurred):
         )
         found = evaluate_pair(image, LEFT, RIGHT, (contrast,))
         of = found.contrast, found.csnr
-        values = [*((one.value, one.standard_error) for one in of), (found.b.mean, found.b.standard_uncertainty)]
+        values = [*((one.value, one.u) for one in of), (found.b.mean, found.b.u)]
         inside = [abs(value - true) <= 1.96 * u for (value, u), true in zip(values, (0.2, CSNR, 120), strict=True)]
-        low, high = found.results[0].confidence_interval
+        low, high = found.cdp[0].interval
         covered += [*inside, low <= truth <= high]
     assert (covered / repeats >= 0.95 - 3 * sqrt(0.95 * 0.05 / repeats)).all(), covered / repeats
 
@@ -105,8 +101,8 @@ def test_the_uncertainty_of_the_snr_has_the_dark_signal_in_it():
         evaluate_region(map_of(luminance, common), LEFT).snr for common in ((), (CommonError("d", 5 / luminance),))
     )
     # An offset of 5 changes the mean by 5 and the noise not at all.
-    expected = sqrt(plain.standard_error**2 + (5 / LEFT.select(luminance).std(ddof=1)) ** 2)
-    assert offset.standard_error == pytest.approx(expected)
+    expected = sqrt(plain.u**2 + (5 / LEFT.select(luminance).std(ddof=1)) ** 2)
+    assert offset.u == pytest.approx(expected)
 
 
 def test_pixels_that_are_not_valid_count_and_are_warned_about():
@@ -118,7 +114,7 @@ def test_pixels_that_are_not_valid_count_and_are_warned_about():
     found = evaluate_pair(map_of(luminance, invalid=invalid), LEFT, RIGHT, (0.2,))
     assert found.a.invalid_shares == {"saturated": 0.25, "outside_calibrated": 0.25}
     assert found.b.invalid_shares == {"below_black": 0.01, "defect": 0.0025}
-    assert found.results[0].result.cdp == cdp(LEFT.select(luminance), RIGHT.select(luminance), 0.2).cdp
+    assert found.cdp[0].cdp == cdp(LEFT.select(luminance), RIGHT.select(luminance), 0.2).cdp
     named = [("saturated", "left"), ("outside-calibrated", "left"), ("below-black", "right"), ("defect", "right")]
     assert [(one.code, one.subject) for one in found.findings] == [(f"region-{what}", where) for what, where in named]
 
@@ -137,8 +133,8 @@ def test_a_dark_region_below_the_black_has_no_finite_contrast():
     luminance[:, :45] -= 3
     found = evaluate_pair(map_of(luminance, (CommonError("d", 0.1 / luminance),)), LEFT, RIGHT, (1.0,))
     assert found.contrast.value == inf
-    assert np.isnan([found.contrast.standard_error, found.csnr.value]).all()
-    assert found.results[0].result.above > 0.5
+    assert np.isnan([found.contrast.u, found.csnr.value]).all()
+    assert found.cdp[0].above > 0.5
 
 
 def test_a_small_error_propagates_by_the_derivative_of_the_closed_form():
@@ -147,12 +143,13 @@ def test_a_small_error_propagates_by_the_derivative_of_the_closed_form():
     # At a contrast of 30 % the interval's lower end cuts the distribution, the CDP has a slope.
     above, below = (share_of_normal((120 * (1 + sign * u), 5), (100, 5), 0.15, 0.45) for sign in (1, -1))
     expected = (above - below) / 2
-    found = cdp_with_common_errors(a, b, 0.3, 0.5, [(u, 0.0)])
+    luminance = np.concatenate((a, b)).reshape(2, n)
+    regions = Roi.rectangle("a", 0, 0, n, 1), Roi.rectangle("b", 0, 1, n, 1)
+    errors = u * np.array([[1.0], [0.0]]) * np.ones((2, n))
+    (found,) = evaluate_pair(map_of(luminance, (CommonError("scale of a", errors),)), *regions, (0.3,)).cdp
     # The slope is a density at the end, which 2000 x 2000 pixels give to about 1 / sqrt(2000 x 0.1).
-    assert found.calibration_standard_uncertainty == pytest.approx(abs(expected), rel=4 / sqrt(n * 0.1))
-    assert found.confidence_interval[1] > found.result.confidence_interval[1]
-    of_arrays = cdp_with_common_errors(a, b, 0.3, 0.5, [(np.full(n, u), np.zeros(n))])
-    assert of_arrays.calibration_standard_uncertainty == pytest.approx(found.calibration_standard_uncertainty, rel=0.02)
+    assert found.u_calibration == pytest.approx(abs(expected), rel=4 / sqrt(n * 0.1))
+    assert found.interval.high > cdp(a, b, 0.3).interval.high
 
 
 @pytest.mark.parametrize("size", [0.9, 1.0, 1.5, 20.0])
@@ -164,7 +161,7 @@ def test_an_error_of_the_light_itself_makes_an_uncertainty_and_no_failure(size, 
     slow = {"slow_rel": size} if kind == "scale of one" else {}
     plain = evaluate_pair(map_of(luminance), LEFT, RIGHT, (0.2,))
     found = evaluate_pair(map_of(luminance, (CommonError("v", relative),), **slow), LEFT, RIGHT, (0.2,))
-    assert found.results[0].result.cdp == plain.results[0].result.cdp
-    assert np.isfinite(found.results[0].calibration_standard_uncertainty)
-    low, high = found.results[0].confidence_interval
+    assert found.cdp[0].cdp == plain.cdp[0].cdp
+    assert np.isfinite(found.cdp[0].u_calibration)
+    low, high = found.cdp[0].interval
     assert 0 <= low <= high <= 1

@@ -163,7 +163,7 @@ def test_saturation_contrast_and_verdict_follow_the_exposure(bench):
     # The true contrast of upper left and lower right is 358 / 33.8 - 1, less the vignetting of the lens.
     assert number(bench.card_when(2, r"[89]\d\d")) == pytest.approx(880, rel=0.1)
     # A list has a row for each contrast, also a range; a comma in a single number is that of decimals.
-    bench.fill("Target contrast", "88%,700%:1100%:3")
+    bench.fill("Target contrast", "88%,850%:950%:3")
     bench.card_when(1, r"3 of 4\s*detected")
     assert bench.page.locator(".contrasts tbody tr").first.inner_text().endswith("too strong")
     # A long list keeps its place while frames come.
@@ -178,6 +178,69 @@ def test_saturation_contrast_and_verdict_follow_the_exposure(bench):
     bench.card_when(1, r"detected.*target contrast 880\.5 %")
     bench.fill("Target contrast", "88%,100")
     bench.page.locator(".notice", has_text="the target contrast is '100'").wait_for()
+
+
+# Notes value and lines of the card of the pair each time it changes.
+WATCH = """() => {
+  window.noted = []
+  const all = (root) => [...root.querySelectorAll("*")]
+    .flatMap((one) => [one, ...(one.shadowRoot ? all(one.shadowRoot) : [])])
+  const look = () => {
+    const card = all(document).filter((one) => one.classList?.contains("card"))[1]
+    if (card && card.innerText != window.noted.at(-1))
+      window.noted.push(card.innerText)
+    if (window.noting)
+      requestAnimationFrame(look)
+  }
+  window.noting = true
+  look()
+}"""
+
+
+def test_a_card_has_the_numbers_of_the_contrast_and_the_tolerance_that_it_names(bench):
+    """Nearly all pairs of pixels have the contrast within 50 %, few within 0.5 %, and none has a third of it."""
+    bench.tab(1)
+    bench.expose("2")
+    bench.fill("Target contrast", "880")
+    bench.fill("Tolerance", "50")
+    bench.card_when(1, r"target contrast 880 %, ε 50 %")
+    bench.page.evaluate(WATCH)
+    for label, typed, named in (
+        ("Tolerance", "0,5", "target contrast 880 %, ε 0.5 %"),
+        ("Tolerance", "50", "target contrast 880 %, ε 50 %"),
+        ("Target contrast", "300", "target contrast 300 %, ε 50 %"),
+        ("Target contrast", "880", "target contrast 880 %, ε 50 %"),
+    ):
+        bench.fill(label, typed)
+        bench.card_when(1, re.escape(named))
+    noted = bench.page.evaluate("() => { window.noting = false; return window.noted }")
+    seen = {}
+    for text in noted:
+        if found := re.search(r"target contrast (\S+) %, ε (\S+) %", text):
+            seen.setdefault(found.groups(), []).append(float(text.split("\n")[1].split()[0]))
+    assert set(seen) == {("880", "50"), ("880", "0.5"), ("300", "50")}
+    assert min(seen["880", "50"]) > 0.9
+    assert max(seen["880", "0.5"]) < 0.5
+    assert max(seen["300", "50"]) < 0.1
+
+
+def test_the_pair_is_chosen_on_the_first_screen_of_live(bench):
+    bench.tab(1)
+    for label in ("Contrast of", "and of", "Target contrast", "Tolerance"):
+        box = bench.page.get_by_label(label).first.bounding_box()
+        assert box["y"] + box["height"] < 800, label
+
+
+def test_fields_of_the_camera_take_decimal_commas_and_refuse_binning_with_regions(bench):
+    for typed, shown in (("1,5", r"1\.5"), ("0", "0")):
+        bench.tab(1)
+        bench.fill("Gain (dB)", typed)
+        bench.tab(2)
+        bench.page.get_by_text(re.compile(rf"In effect: .*, {shown} dB,")).first.wait_for()
+    bench.fill("Set a feature", "BinningHorizontal = 2")
+    bench.page.locator(".notice", has_text="Binning").wait_for()
+    bench.fill("Set a feature", "")
+    bench.page.locator(".notice", has_text="Binning").wait_for(state="detached")
 
 
 def test_the_meter_reads_the_patch_that_is_selected(bench):

@@ -203,19 +203,21 @@ def test_readings_have_time_and_origin_can_be_deleted_and_stay_in_the_log_of_the
     assert again.stop()[0] == 0
 
 
-def test_a_phone_has_one_column_of_its_own_width(start):
-    _, bench = start(viewport={"width": 390, "height": 844}, is_mobile=True, has_touch=True, device_scale_factor=2)
-    assert bench.page.evaluate("[innerWidth, document.documentElement.scrollWidth]") == [390, 390]
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (768, 1024)])
+def test_phones_and_tablets_have_one_column_of_their_own_width(start, width, height):
+    size = {"width": width, "height": height}
+    _, bench = start(viewport=size, is_mobile=True, has_touch=True, device_scale_factor=2)
+    assert bench.page.evaluate("[innerWidth, document.documentElement.scrollWidth]") == [width, width]
     picture = bench.page.evaluate(f"() => {PICTURE}.el.getBoundingClientRect().toJSON()")
     tabs = bench.page.get_by_text("Luminance", exact=True).first.bounding_box()
-    assert picture["width"] > 370
+    assert picture["width"] > width - 20
     assert tabs["y"] > picture["bottom"]
     places = bench.page.evaluate(PLACES)
-    assert all(0 <= x < 390 for x, _ in places.values())
+    assert all(0 <= x < width for x, _ in places.values())
     # A message is seen where the field is.
     field = bench.page.get_by_label("Exposure (ms)")
     field.scroll_into_view_if_needed()
     bench.fill("Exposure (ms)", "abc")
     notice = bench.page.locator(".notice", has_text="abc")
     notice.wait_for()
-    assert 0 <= notice.bounding_box()["y"] < 844
+    assert 0 <= notice.bounding_box()["y"] < height

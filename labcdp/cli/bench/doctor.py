@@ -32,9 +32,8 @@ from ...drivers.network import interfaces
 from ...output import write_file
 from ...report.files import envelope_json
 from ..commands import RUNNING
-from ..options import Force, MeterModel, output_file
+from ..options import Force, MeterModel, output_file, require_apart
 from ..terminal import print_result, say
-from .options import require_apart
 
 #: Marks and colours of the states; the second marks are for terminals without the first.
 _MARKS = {"good": ("✓", "ok", "green"), "notice": ("!", "!", "yellow"), "fault": ("✗", "XX", "red")}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -10,23 +9,7 @@ from typing import Literal
 from ...acquire import Unattended
 from ...core.errors import InputError
 from ...session import MeterConfiguration
-from ..options import MeterPort, NonNegative, SimulatedBenchPath
-
-
-def _given(options: Mapping[str, object]) -> list[str]:
-    return [option for option, value in options.items() if value is not None and value is not False]
-
-
-def require_together(options: Mapping[str, object], required: Mapping[str, object]) -> None:
-    """Refuse options, by name with their values, that require another one that is not given."""
-    for option in _given(options) if not _given(required) else ():
-        raise InputError(f"{option} requires {', '.join(required)}: give both or neither")
-
-
-def require_apart(options: Mapping[str, object], others: Mapping[str, object]) -> None:
-    """Refuse options, by name with their values, that exclude another one that is given."""
-    for option in _given(options) if _given(others) else ():
-        raise InputError(f"{option} cannot be combined with {', '.join(others)}: leave one out")
+from ..options import MeterPort, NonNegative, SimulatedBenchPath, require_apart, require_together
 
 
 @dataclass(frozen=True)

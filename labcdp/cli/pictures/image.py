@@ -18,12 +18,13 @@ from ...core.errors import InputError, LabcdpError
 from ...evaluate.picture.image import ImageRequest
 from ...evaluate.picture.result import PictureTask, picture_folder, summary_files
 from ...evaluate.picture.tables import ReportedPicture
+from ...evaluate.requirement import verdicts_of
 from ...files.kinds import no_picture
 from ...files.picture import OF_VALUES
 from ...files.read import picture_paths
 from ...output import ResultsFolder
 from ..commands import As
-from ..options import Results
+from ..options import Results, end_by_requirement
 from ..terminal import print_result, progress_bars, say
 from .options import PairOptions, PictureLightOptions, each_once, require_kind, rois_and_pairs
 
@@ -94,6 +95,7 @@ def image(
         several = [f"{len(failed)} of {len(pictures)} pictures failed:", *(f"  {line}" for line in _failures(failed))]
         say("labcdp: " + "\n".join(several if len(pictures) > 1 else _failures(failed)))
         raise typer.Exit(1)
+    end_by_requirement(verdicts_of(result))
 
 
 def _failures(failed: Sequence[ReportedPicture]) -> list[str]:
@@ -115,8 +117,9 @@ def _task(pairs: PairOptions, light: PictureLightOptions, rectangle: tuple[int, 
     if rectangle is not None:
         pairs = replace(pairs, neighbours=True)
     rois, chosen = rois_and_pairs(pairs)
-    how = pairs.neighbours, rectangle, pairs.cdp_limit
-    request = ImageRequest(pairs.contrast, pairs.epsilon, rois, chosen or None, *how)
+    asked = pairs.asked()
+    how = pairs.neighbours, rectangle, asked.cdp_limit, asked.requirement
+    request = ImageRequest(asked.contrasts, asked.epsilon, rois, chosen or None, *how)
     conversion = light.conversion()
     options = conversion.options
     given = {"roi": pairs.roi, "calibration": light.calibration, "camera": light.camera_spec}
@@ -131,7 +134,13 @@ def _task(pairs: PairOptions, light: PictureLightOptions, rectangle: tuple[int, 
         },
         **{name: getattr(options, name) for name in OF_VALUES},
     }
-    return PictureTask(request, conversion, configuration, tuple(light.inputs({"regions": pairs.roi})), pairs.roi)
+    return PictureTask(
+        request,
+        conversion,
+        configuration,
+        tuple(light.inputs({"regions": pairs.roi, "requirement": pairs.require})),
+        pairs.roi,
+    )
 
 
 def _evaluated(

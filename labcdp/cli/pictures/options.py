@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 from ...core.disk import real_path
 from ...core.disk.files import open_regular, shown
@@ -13,12 +13,13 @@ from ...core.errors import InputError
 from ...core.result import InputFile
 from ...core.roi import Roi
 from ...evaluate.picture.conversion import PictureConversion, picture_conversion
+from ...evaluate.requirement import Requirement
 from ...evaluate.verdict import CDP_LIMIT
 from ...files.kinds import HEAD_BYTES
 from ...files.video.selection import Position, Selection
 from ...regions import load_regions, rois_of
 from ..commands import As
-from ..options import Contrasts, Length, Seconds, Temperature, Tolerance
+from ..options import Contrasts, Length, Require, Seconds, Temperature, Tolerance, require_apart
 from ..terminal import say
 from ..values import parse_pair
 
@@ -126,6 +127,15 @@ class PictureLightOptions(LightOptions):
         return {**super().stated(), "pixel_format": self.pixel_format, "size": self.size}
 
 
+class AskedContrasts(NamedTuple):
+    """Contrasts, None for the measured ones, tolerance and limit of pictures and videos, and the requirement if any."""
+
+    contrasts: tuple[float, ...] | None
+    epsilon: float
+    cdp_limit: float
+    requirement: Requirement | None = None
+
+
 @dataclass(frozen=True)
 class PairOptions:
     """Options of pictures and videos: regions, their pairs, and the target contrasts.
@@ -137,8 +147,10 @@ class PairOptions:
     contrast
         Target contrasts: 100%, a list such as 50%,100%, or a range START:STOP:COUNT[:log] such as 10%:200%:20. May
         be repeated; default: the measured contrast of each pair (for a video: in its first frame).
+    epsilon
+        Relative tolerance of the contrast; default: 50%.
     cdp_limit
-        CDP from which a contrast counts as detected.
+        CDP from which a contrast counts as detected; default: 0.9.
     pair : BRIGHT:DARK
         Names of two regions, the brighter one first; may be repeated. Default: all pairs of up to 6 regions of a
         picture, the only pair of a video.
@@ -148,10 +160,24 @@ class PairOptions:
 
     roi: Path | None = None
     contrast: Contrasts = None
-    epsilon: Tolerance = 0.5
-    cdp_limit: Annotated[float, As(least=0, most=1)] = CDP_LIMIT
+    epsilon: Tolerance | None = None
+    cdp_limit: Annotated[float | None, As(least=0, most=1)] = None
+    require: Require = None
     pair: tuple[str, ...] = ()
     neighbours: bool = False
+
+    def asked(self) -> AskedContrasts:
+        """Return contrasts, tolerance and limit as given, or those of the requirement; raises InputError."""
+        given = {"--contrast": self.contrast, "--epsilon": self.epsilon, "--cdp-limit": self.cdp_limit}
+        require_apart({"--require": self.require}, given)
+        if self.require is not None:
+            required = Requirement.load(self.require)
+            return AskedContrasts((required.contrast,), required.epsilon, required.cdp_limit, required)
+        return AskedContrasts(
+            self.contrast,
+            0.5 if self.epsilon is None else self.epsilon,
+            CDP_LIMIT if self.cdp_limit is None else self.cdp_limit,
+        )
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from ...core.disk.files import shown
 from ...core.errors import InputError, LabcdpError
 from ...core.result import Result
 from ...core.roi import Roi
+from ...evaluate.requirement import verdicts_of
 from ...evaluate.video.annotated import AnnotatedVideo, FrameImages
 from ...evaluate.video.archive import archive_tasks, evaluate_archive, require_same_archive
 from ...evaluate.video.archive_page import archive_files, archive_result
@@ -28,7 +29,7 @@ from ...regions import image_size_of
 from ...report.files import envelope
 from ...tracking import method_among
 from ..commands import As
-from ..options import ClusterOptions, Results
+from ..options import ClusterOptions, Results, end_by_requirement
 from ..terminal import progress_bars, say
 from ..values import fraction_of_percent
 from .options import FrameOptions, LightOptions, MadeOptions, PairOptions, each_once, require_kind, rois_and_pairs
@@ -123,6 +124,7 @@ def video(
             if isinstance(result, LabcdpError):
                 raise result
         results.show(result, folder, also="; also results.xlsx, results.nc and results.json")
+        end_by_requirement(verdicts_of(result))
         return
     folder = results.folder(files[0] if len(files) == 1 else "videos", resume=True)
     _several(paths, settings, of_pairs, folder, made, where, results)
@@ -148,11 +150,13 @@ def _regions(chosen: VideoPairOptions) -> tuple[dict[str, Roi], tuple[tuple[str,
 
 def _common(chosen: VideoPairOptions, light: LightOptions, frames: FrameOptions) -> VideoSettings:
     """Return what is asked of all pairs of regions."""
+    asked = chosen.asked()
     return VideoSettings(
-        contrasts=chosen.contrast,
+        contrasts=asked.contrasts,
         image_size=None if chosen.roi is None else image_size_of(chosen.roi),
-        epsilon=chosen.epsilon,
-        cdp_limit=chosen.cdp_limit,
+        epsilon=asked.epsilon,
+        cdp_limit=asked.cdp_limit,
+        requirement=asked.requirement,
         reference_by=chosen.reference_by,
         selection=frames.selection(),
         damaged=frames.damaged,
@@ -256,6 +260,7 @@ def _several(
     if archive.failures:
         say(f"labcdp: {len(archive.failures)} of {len(archive.outcomes)} videos failed")
         raise typer.Exit(1)
+    end_by_requirement(verdicts_of(result))
 
 
 def _paths(files: Sequence[Path]) -> list[Path]:

@@ -9,6 +9,7 @@ from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import date
+from itertools import chain, count
 from math import isfinite
 from typing import Any
 
@@ -202,3 +203,8 @@ def _rows(lines: list[str], separator: str, path: AnyPath) -> Iterator[CsvRow]:
         raise InputError(f"{path}, line {reader.line_num}: {error}") from error
     except csv.Error as error:
         raise InputError(f"{path}, line {reader.line_num}: {reason(error)}") from error
+
+
+def numbered(pattern: str) -> Iterator[str]:
+    """Yield endings that make equal names differ: none, then the pattern with 2, 3 and so on."""
+    return chain([""], map(pattern.format, count(2)))

@@ -18,7 +18,7 @@ from ...core.vignetting import AnyVignetting
 from ...session import MeterCertificate, Session, SessionConfiguration
 from .corrections import Corrections, PlaneCorrections, UniformLight, corrections_of_lens, with_dark_frames
 from .observe import ObservedSession, observe_session, response_of_session
-from .recorded import Report, lens_of, planes_of, require_distinct, require_patches
+from .recorded import Report, lens_findings, lens_of, planes_of, require_distinct, require_patches
 
 #: Most rounds in which the flat field is linearised by the response, and the response fitted with the flat field.
 _MOST_ROUNDS = 5
@@ -31,6 +31,7 @@ def calibrate_session(
     *more: ObservedSession,
     held_out: Collection[str] = (),
     response: ResponseCurve | None = None,
+    all_used: bool = True,
 ) -> AnyCalibration:
     """Calibrate a camera from what sessions say; one with colour filters plane by plane, and their combination.
 
@@ -45,6 +46,8 @@ def calibrate_session(
         Patches that the fit is not shown, but tested with.
     response : ResponseCurve or None
         Shape of the response by a bracket, for a monochrome sensor; see `response_of_session`.
+    all_used : bool
+        Whether a patch that no exposure shows is refused; else the others calibrate alone.
 
     Raises
     ------
@@ -65,13 +68,16 @@ def calibrate_session(
         frames_sha256=tuple(sorted({key for one in (observed, *more) for key in one.frames_sha256})),
     )
     calibration = _fit(joined, setup, held_out, response)
-    _require_all_used(calibration, joined)
+    if all_used:
+        _require_all_used(calibration, joined)
     of_corrections = [
         finding if plane is None else finding.within(f"plane {plane}")
         for plane, seen in observed.planes.items()
         for finding in seen.corrections.findings
     ]
-    return replace(calibration, findings=unique([*calibration.findings, *of_corrections]))
+    lenses = [lens_of(one.configuration) for one in (observed, *more)]
+    of_lens = [found for lens in lenses[1:] for found in lens_findings(lenses[0], lens)]
+    return replace(calibration, findings=unique([*calibration.findings, *of_corrections, *of_lens]))
 
 
 def setup_of(bench: SessionConfiguration, input_sha256: str) -> Setup:
@@ -133,9 +139,10 @@ def _joined(sessions: Sequence[ObservedSession]) -> ObservedSession:
 
 def _require_alike(first: ObservedSession, other: ObservedSession) -> None:
     one, two = first.configuration, other.configuration
+    lens = lens_of(one)
     certificates = (of.meter.certificate for of in (one, two))
     for what, mine, theirs in (
-        ("lens", lens_of(one), lens_of(two)),
+        ("lens", lens, lens if lens_of(two).is_as_in(lens) else lens_of(two)),
         ("certificate of the meter", *("none" if c is None else f"{c.number} of {c.date}" for c in certificates)),
         ("source spectrum", one.source.spectrum, two.source.spectrum),
     ):

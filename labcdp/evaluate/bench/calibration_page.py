@@ -10,8 +10,9 @@ import numpy as np
 
 from ...calibration import AnyCalibration, Calibration, PatchResidual
 from ...core.clock import exposure_text
+from ...core.quantity import Z_95
 from ...core.result import Result
-from ...core.table import Z_95, Table
+from ...core.table import Table
 from ...report.drawing import BLUE, ORANGE, finish, logarithmic, placed_figure, reported
 from ...report.html import render_page
 from ...report.layout import Block, Card, Facts, Page, ReportFigure, Section, page_text

@@ -248,12 +248,13 @@ def require_same_optics(session: Session, flat: Session) -> None:
         If camera, image size, binning or part of the sensor, pixel format, lens or f-number differ.
     """
     mine, theirs = (first_frame(one) for one in (session, flat))
+    lens, other = (lens_of(one.configuration) for one in (session, flat))
     for what, a, b in (
         ("camera", str(mine.camera), str(theirs.camera)),
         ("image size", f"{mine.shape[1]} x {mine.shape[0]}", f"{theirs.shape[1]} x {theirs.shape[0]}"),
         *Readout.compared(mine.readout, theirs.readout),
         ("pixel format", mine.pixel_format, theirs.pixel_format),
-        ("lens", str(lens_of(session.configuration)), str(lens_of(flat.configuration))),
+        ("lens", str(lens), str(lens if other.is_as_in(lens) else other)),
     ):
         if a != b:
             raise CalibrationError(

@@ -16,7 +16,7 @@ from ...calibration import AnyCalibration, DarkObservation, PatchObservation, ob
 from ...calibration.convert.patch import is_within_response
 from ...calibration.frames.measure import MIN_FRAMES, plane_region
 from ...calibration.frames.statistics import MAX_CLIPPED_SHARE
-from ...calibration.in_session import in_session
+from ...calibration.in_session import in_session, of_other_conditions
 from ...calibration.sensor.response import MIN_EXPOSURES, ResponseCurve, response_from_bracket
 from ...calibration.setup import MeterScale, corrected, meter_scale
 from ...core.errors import CalibrationError, InputError
@@ -278,14 +278,17 @@ def for_frames_of(session: Session, calibration: AnyCalibration) -> tuple[AnyCal
     """
     if calibration.provenance.comes_from(input_sha256(session)):
         return calibration.at_their_temperature(), []
+    first = [session.load(record) for record in session.frames()[:1]]
+    calibration = calibration.for_use([one.timestamp for one in first], [one.temperature_c for one in first])
     groups = by_exposure(session, "dark").values()
     if not groups or min(map(len, groups)) < MIN_FRAMES:
-        return calibration, []
+        return calibration, of_other_conditions(calibration)
     own = calibration_for(session, calibration)
     read = partial(SessionReader(lambda _done, _total: None, len(session.frames("dark"))).frames, session)
     corrections = corrections_of(own)
     darks = {plane: _observe_darks(session, read, plane, corrections[plane]) for plane in planes_of(session)}
-    return in_session(own, {}, darks)
+    calibration, findings = in_session(own, {}, darks)
+    return calibration, [*findings, *of_other_conditions(calibration)]
 
 
 def _field_px(configuration: SessionConfiguration, step: int) -> float | None:

@@ -162,7 +162,8 @@ def _vignetting(calibration: Calibration) -> str:
         diagonal = round(hypot(shape[0] - 1, shape[1] - 1)) + 1
         corner = vignetting.relative_illuminance((1, diagonal))[0, 0]
         by = {"focal_length_mm": 1e3 * vignetting.focal_length_m, "pixel_pitch_um": 1e6 * vignetting.pixel_pitch_m}
-        return page_text("vignetting-cos4", corner=100 * float(corner), corner_rel=vignetting.corner_rel, **by)
+        shown = "-shown" if vignetting.log_corner else ""
+        return page_text(f"vignetting-cos4{shown}", corner=100 * float(corner), corner_rel=vignetting.corner_rel, **by)
     image, slow_rel = vignetting.relative_illuminance(shape), vignetting.slow_rel
     ends = [100 * float(end) for end in (image.min(), image.max())]
     if isinstance(vignetting, RadialVignetting):

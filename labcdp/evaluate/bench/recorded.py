@@ -11,6 +11,7 @@ from ...calibration.frames.measure import plane_of
 from ...core.errors import CalibrationError, InputError
 from ...core.frame import PLANES, Frame, pixels_sha256
 from ...core.luminance import LuminanceMap
+from ...core.result import Finding, warning
 from ...session import EventRecord, FrameRecord, MeterCertificate, ReadingRecord, Role, Session, SessionConfiguration
 from ...session.records import SIMULATED_BENCH
 
@@ -96,8 +97,20 @@ def lens_of(configuration: SessionConfiguration) -> LensIdentity:
     """Return the configured lens as a calibration keeps it."""
     lens = configuration.lens
     return LensIdentity(
-        lens.model, lens.serial or "", lens.focal_length_m, lens.f_number, lens.focus_distance_m, lens.refocus_rel
+        lens.model,
+        lens.serial or "",
+        lens.focal_length_m,
+        lens.f_number,
+        lens.focus_distance_m,
+        lens.refocus_rel,
+        lens.stability_rel,
     )
+
+
+def lens_findings(one: LensIdentity, other: LensIdentity) -> list[Finding]:
+    """Return a finding if only one of two lenses that are taken for the same has a serial number."""
+    serial = one.serial or other.serial
+    return [warning("lens-serial-open", serial, model=one.model)] if one.serial_is_open(other) else []
 
 
 def certificate_of(calibration: AnyCalibration, session: Session) -> MeterCertificate | None:

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import hypot, nan
 
 from ...calibration import AnyCalibration, PatchLuminance
 from ...calibration.colour.conversion import luminance_of_planes
+from ...calibration.findings import Reason
 from ...calibration.readings import PatchReading, combine_patches, expanded_of_readings
 from ...calibration.setup import MeterScale
+from ...calibration.signal import usable
 from ...core.errors import CalibrationError, InputError
+from ...core.quantity import Interval
+from ...core.result import Finding, warning
 from ...core.roi import Roi
-from ...metrics import CalibratedCdp, CdpResult, ContrastDistribution, contrast_histogram
-from ...metrics.pair import evaluate_regions
-from ...metrics.region import RegionPixels
+from ...metrics import Cdp, ContrastDistribution, contrast_histogram
+from ...metrics.pair import bound_of_contrast, evaluate_regions
+from ...metrics.region import Bound, RegionPixels, evaluate_region
 from ...metrics.uncertainty import LimitVerdict, limit_verdict
 from ...session import ContrastConfiguration, Patch
 from ..verdict import Verdict, cdp_verdict
@@ -37,6 +42,9 @@ class PatchRow:
         From guessed camera parameters; None without a guess.
     calibrated : PatchLuminance
         From the calibrated camera.
+    bound : {'>', '?', ''}
+        Whether the camera's luminance is a bound, as the patch is saturated at every exposure, or not known, as none
+        shows it.
     """
 
     patch: Patch
@@ -44,6 +52,7 @@ class PatchRow:
     meter: MeterScale
     calculated_cd_m2: float | None
     calibrated: PatchLuminance
+    bound: Bound = ""
 
     @property
     def region(self) -> Roi:
@@ -51,28 +60,75 @@ class PatchRow:
         return self.patch.region()
 
     @property
+    def half_width_95_rel(self) -> float:
+        """Relative expanded uncertainty U (95 %) by the camera; nan for a bound."""
+        return nan if self.bound else self.calibrated.half_width_95_rel
+
+    @property
+    def interval_95_cd_m2(self) -> tuple[float, float]:
+        """Ends of the 95 % interval by the camera; nan for a bound."""
+        return (nan, nan) if self.bound else self.calibrated.interval_95_cd_m2
+
+    @property
     def limit_verdict(self) -> LimitVerdict | None:
         """Whether the luminance by the camera is within the limits of the plan; None without limits."""
         seen, limits = self.calibrated, self.patch.limits_cd_m2
-        of_u = seen.luminance_cd_m2, seen.half_width_95_rel * seen.luminance_cd_m2
-        return None if limits is None else limit_verdict(*of_u, limits)
+        if limits is None:
+            return None
+        if self.bound:
+            return "fail" if seen.luminance_cd_m2 > limits[1] else "undecided"
+        return limit_verdict(seen.luminance_cd_m2, self.half_width_95_rel * seen.luminance_cd_m2, limits)
 
     @property
     def measured_random_rel(self) -> float:
         """Relative standard uncertainty of the meter's value, the scale excluded."""
         return self.reading.random_cd_m2 / self.reading.luminance_cd_m2
 
+    def doubted(self, deviation_rel: float) -> PatchRow:
+        """Return it with a luminance as uncertain as it deviates."""
+        random_rel = hypot(self.calibrated.random_rel, deviation_rel)
+        return replace(self, calibrated=replace(self.calibrated, random_rel=random_rel))
+
     @property
     def deviation_rel(self) -> float:
         """Relative deviation of the camera from the meter."""
+        if self.bound:
+            return nan
         return self.calibrated.luminance_cd_m2 / self.reading.luminance_cd_m2 - 1
 
 
 def patch_row(patch: Patch, observed: ObservedSession, calibration: AnyCalibration) -> PatchRow:
-    """Evaluate a patch; raises CalibrationError if it reads 0, or is saturated or black at every exposure."""
-    calculated, planes = _calculated_cd_m2(observed, patch.name), observed.planes.items()
-    seen = luminance_of_planes(calibration, {plane: seen.patches[patch.name] for plane, seen in planes})
-    return PatchRow(patch, read_patch(observed, patch.name), observed.meter_scale, calculated, seen)
+    """Evaluate a patch; raises CalibrationError if it reads 0."""
+    calculated, bound = _calculated_cd_m2(observed, patch.name), _bound(observed, calibration, patch.name)
+    if bound:
+        seen = _bounded(observed, calibration, patch, bound)
+    else:
+        planes = {plane: one.patches[patch.name] for plane, one in observed.planes.items()}
+        seen = luminance_of_planes(calibration, planes)
+    return PatchRow(patch, read_patch(observed, patch.name), observed.meter_scale, calculated, seen, bound)
+
+
+def _bound(observed: ObservedSession, calibration: AnyCalibration, name: str) -> Bound:
+    """Whether no exposure gives the luminance of a patch: ">" if all are saturated, else "?"."""
+    reasons: set[Reason] = set()
+    for plane in calibration.planes:
+        seen = observed.planes[plane.state.plane].patches[name]
+        kept, left_out, _ = usable([o.saturating_at(plane.state.saturation_dn) for o in seen], plane.settings)
+        reasons |= set() if kept else {one.reason for one in left_out}
+    return "" if not reasons else ">" if reasons == {"saturated"} else "?"
+
+
+def _bounded(observed: ObservedSession, calibration: AnyCalibration, patch: Patch, bound: Bound) -> PatchLuminance:
+    """Return the luminance from which the shortest exposure is saturated; nan if that is not the reason."""
+    name, at_least = patch.name, nan
+    if bound == ">":
+        shortest_s = min(o.exposure_s for o in observed.of_patch(name))
+        (_, luminance) = maps_of(observed.session, calibration, shortest_s, [name])[name]
+        at_least = evaluate_region(luminance, patch.region()).mean
+        found = warning("patch-saturated-everywhere", name, luminance_cd_m2=at_least, exposure_s=shortest_s)
+    else:
+        found = warning("patch-not-seen", name)
+    return PatchLuminance(name, at_least, nan, (), (), (found,))
 
 
 def read_patch(observed: ObservedSession, name: str) -> PatchReading:
@@ -117,7 +173,7 @@ class ContrastRow:
         Names of the patches, and what counts as detected.
     bright, dark : PatchRow
         The patches; the scale errors of meter and fit cancel in their contrasts.
-    calibrated_cdp : CalibratedCdp
+    cdp : Cdp
         At the target contrast, with what pixels and calibration leave uncertain.
     distribution : ContrastDistribution or None
         Of all pairs of pixels, for plots; None if no contrast is finite.
@@ -126,16 +182,25 @@ class ContrastRow:
     frame_number, dark_frame_number : int
         Numbers of the frames in the session with the bright and the dark patch: one frame, unless patches were
         shown one by one.
+    findings : tuple of Finding
+        On single saturated pixels in that frame; what is said of a whole patch is with the patch.
     """
 
     asked: ContrastConfiguration
     bright: PatchRow
     dark: PatchRow
-    calibrated_cdp: CalibratedCdp[CdpResult]
+    cdp: Cdp[float]
     distribution: ContrastDistribution | None
     exposure_s: float
     frame_number: int
     dark_frame_number: int
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def bound(self) -> Bound:
+        """Whether the contrast by the camera is larger or smaller than `camera_contrast`, or not known."""
+        bounds = self.bright.bound, self.dark.bound
+        return "?" if "?" in bounds else bound_of_contrast(bounds[0] == ">", bounds[1] == ">")
 
     @property
     def name(self) -> str:
@@ -158,15 +223,9 @@ class ContrastRow:
         return self.bright.calibrated.luminance_cd_m2 / self.dark.calibrated.luminance_cd_m2 - 1
 
     @property
-    def cdp(self) -> CdpResult:
-        """CDP with its 95 % interval by pixels and calibration; its standard error is by the pixels alone."""
-        both = self.calibrated_cdp
-        return replace(both.result, confidence_interval=both.confidence_interval)
-
-    @property
     def verdict(self) -> Verdict:
         """Whether the contrast is detected: undecided if the interval of the CDP includes the limit."""
-        return cdp_verdict(self.cdp.cdp, self.cdp.confidence_interval, self.asked.cdp_limit)
+        return cdp_verdict(self.cdp.cdp, self.cdp.interval, self.asked.cdp_limit)
 
 
 def contrast_row(
@@ -176,17 +235,30 @@ def contrast_row(
     bright: PatchRow,
     dark: PatchRow,
 ) -> ContrastRow:
-    """Evaluate a pair in its longest exposure without saturated pixels; raises CalibrationError if there is none."""
+    """Evaluate a pair in its longest exposure without saturated pixels, else in the shortest.
+
+    Of a saturated patch there is no CDP.
+    """
     exposure_s = observed.longest_unsaturated_s(calibration, pair.bright, pair.dark)
+    clipped = exposure_s is None and not (bright.bound or dark.bound)
     if exposure_s is None:
-        raise CalibrationError(
-            f"patch {pair.bright!r} or {pair.dark!r} has saturated pixels at every exposure: acquire a shorter one"
-        )
+        exposure_s = min(o.exposure_s for name in (pair.bright, pair.dark) for o in observed.of_patch(name))
     seen = maps_of(observed.session, calibration, exposure_s, (pair.bright, pair.dark))
     (bright_number, bright_map), (dark_number, dark_map) = seen[pair.bright], seen[pair.dark]
     regions = RegionPixels.of(bright_map, bright.region), RegionPixels.of(dark_map, dark.region)
-    (found,) = evaluate_regions(*regions, (pair.contrast,), pair.epsilon).results
-    if found.result.bright == "b":
+    both = evaluate_regions(*regions, (pair.contrast,), pair.epsilon)
+    (cdp,) = both.cdp
+    shown = exposure_s, bright_number, dark_number, both.findings if clipped else ()
+    if both.bound:
+        return ContrastRow(pair, bright, dark, _without_cdp(cdp), None, *shown)
+    if cdp.swapped:
         raise InputError(f"patch {pair.bright!r} is darker than {pair.dark!r}: give the brighter one as bright")
-    distribution = contrast_histogram(regions[0].distribution, regions[1].distribution, found.result.interval[1])
-    return ContrastRow(pair, bright, dark, found, distribution, exposure_s, bright_number, dark_number)
+    distribution = contrast_histogram(regions[0].distribution, regions[1].distribution, cdp.detected_range.high)
+    return ContrastRow(pair, bright, dark, cdp, distribution, *shown)
+
+
+def _without_cdp(cdp: Cdp[float]) -> Cdp[float]:
+    """Return the record with nan for all that clipped pixels do not show."""
+    return replace(
+        cdp, cdp=nan, below=nan, above=nan, undefined=nan, u_pixels=nan, u_calibration=nan, interval=Interval(nan, nan)
+    )

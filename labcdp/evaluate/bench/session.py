@@ -10,7 +10,8 @@ import numpy as np
 from ...calibration import AnyCalibration, Calibration
 from ...calibration.convert.conversion import require_lens
 from ...calibration.findings import summarised
-from ...calibration.in_session import in_session
+from ...calibration.in_session import in_session, of_other_conditions
+from ...calibration.verify.verify import changes_since
 from ...core.errors import CalibrationError
 from ...core.luminance import Invalid, LuminanceMap, chosen
 from ...core.result import Finding, warning
@@ -19,7 +20,17 @@ from ...session import ContrastConfiguration, FrameRecord, MeterCertificate, Ses
 from .calibrate import calibrate_session
 from .corrections import calibration_for, corrections_of
 from .observe import ObservedSession, observe_session
-from .recorded import NO_LIGHT, Report, by_exposure, by_patch, certificate_of, lens_of, measured_in, require_patches
+from .recorded import (
+    NO_LIGHT,
+    Report,
+    by_exposure,
+    by_patch,
+    certificate_of,
+    lens_findings,
+    lens_of,
+    measured_in,
+    require_patches,
+)
 from .rows import ContrastRow, PatchRow, contrast_row, patch_row
 
 
@@ -87,7 +98,7 @@ def observe_calibrated(
     """
     if calibration is None:
         observed = observe_session(session, without, report, certificate=certificate)
-        return observed, calibrate_session(observed)
+        return observed, calibrate_session(observed, all_used=False)
     own = calibration_for(session, calibration)
     certificate = certificate or certificate_of(own, session)
     return observe_session(session, without, report, corrections_of(own), certificate), own
@@ -110,32 +121,45 @@ def evaluate_session(
     Raises
     ------
     CalibrationError
-        If the calibration is not for these frames, or a patch is saturated or black at every exposure.
+        If the calibration is not for these frames.
     SessionError
         If a file is missing or altered.
     """
     configuration, session = observed.configuration, observed.session
     pairs = configuration.contrasts if contrasts is None else contrasts
     findings = mismatch(configuration, calibration)
-    if calibration.provenance.comes_from(observed.input_sha256):
+    own = calibration.provenance.comes_from(observed.input_sha256)
+    if own:
         calibration = calibration.at_their_temperature()
     else:
         if measured_in(session, calibration):
             findings = [warning("calibration-before-retake", str(session.path)), *findings]
         calibration, of_session = in_session(calibration, observed.by_plane, observed.darks_by_plane)
         findings += of_session
+        seen_c = [one.temperature_c for group in observed.by_plane.values() for one in group]
+        calibration = calibration.for_use(observed.times, seen_c)
+        findings += of_other_conditions(calibration)
     measured = [patch for patch in configuration.target.patches if patch.name in observed.names]
     patches = {patch.name: patch_row(patch, observed, calibration) for patch in measured}
+    if not own:
+        seen = [row.calibrated for row in patches.values()]
+        rest = observed.by_plane, seen, observed.readings, observed.meter_scale
+        calibration, deviating, of_change = changes_since(calibration, *rest)
+        findings += of_change
+        patches = {name: patch_row(row.patch, observed, calibration) for name, row in patches.items()}
+        patches |= {name: patches[name].doubted(deviation) for name, deviation in deviating.items()}
     asked = [name for pair in pairs for name in (pair.bright, pair.dark)]
     require_patches(asked, [*patches], "for the contrast (it may have been left out)")
-    of_patches = (finding for row in patches.values() for finding in row.calibrated.findings)
+    of_patches = [finding for row in patches.values() for finding in row.calibrated.findings]
+    rows = [contrast_row(observed, calibration, pair, patches[pair.bright], patches[pair.dark]) for pair in pairs]
+    of_pairs = [finding for row in rows for finding in row.findings]
     return SessionEvaluation(
         observed,
         calibration,
         [*patches.values()],
-        [contrast_row(observed, calibration, pair, patches[pair.bright], patches[pair.dark]) for pair in pairs],
+        rows,
         target_map(observed, calibration),
-        summarised([*findings, *calibration.findings, *of_patches]),
+        summarised([*findings, *calibration.findings, *of_patches, *of_pairs]),
     )
 
 
@@ -144,8 +168,9 @@ def chosen_contrasts(
     pairs: Sequence[tuple[str, str]] | None,
     contrasts: Sequence[float] | None,
     epsilon: float | None,
+    cdp_limit: float | None = None,
 ) -> list[ContrastConfiguration]:
-    """Return pairs of patches with contrasts and tolerance as given, or else as configured."""
+    """Return pairs of patches with contrasts, tolerance and limit as given, or else as configured."""
     chosen = configuration.contrasts
     if pairs is not None:
         names = [patch.name for patch in configuration.target.patches]
@@ -154,6 +179,8 @@ def chosen_contrasts(
         chosen = tuple(map(ContrastConfiguration.model_validate, asked))
     if epsilon is not None:
         chosen = tuple(one.model_copy(update={"epsilon": float(epsilon)}) for one in chosen)
+    if cdp_limit is not None:
+        chosen = tuple(one.model_copy(update={"cdp_limit": cdp_limit}) for one in chosen)
     if contrasts is None:
         return list(chosen)
     different = dict.fromkeys(one.model_copy(update={"contrast": 1.0}) for one in chosen)
@@ -161,12 +188,14 @@ def chosen_contrasts(
 
 
 def mismatch(configuration: SessionConfiguration, calibration: AnyCalibration) -> list[Finding]:
-    """Refuse a calibration with another lens or f-number; return a finding if the light was another."""
-    require_lens(calibration.lens, lens_of(configuration))
+    """Refuse a calibration with another lens or f-number; return findings if lens or light may be another."""
+    lens = lens_of(configuration)
+    require_lens(calibration.lens, lens)
     given = configuration.camera.spectral_sensitivity
     of_camera = None if given is None else given.spectra.get(ONLY)
     sensitivity = of_camera if isinstance(calibration, Calibration) else calibration.sensitivity
-    return mismatch_findings(calibration.light, configuration.source.light, sensitivity)
+    of_light = mismatch_findings(calibration.light, configuration.source.light, sensitivity)
+    return [*lens_findings(calibration.lens, lens), *of_light]
 
 
 def target_map(observed: ObservedSession, calibration: AnyCalibration) -> LuminanceMap:

@@ -15,6 +15,7 @@ from ...report.layout import SIMULATED, Card, Facts, Page, ReportFigure, Section
 from ...report.maps import luminance_picture, regions_picture
 from ...report.plots import ContrastPanel, contrast_figures
 from ...report.text import cell_text, day, percent, printable, share_percent, shortened, span
+from ..requirement import requirement_cards
 from ..verdict import STATES
 from .calibration_page import calibration_figures, condition_blocks
 from .quantities import range_text
@@ -71,8 +72,9 @@ def session_files(evaluation: SessionEvaluation, result: Result) -> dict[str, by
     main = replace(main, note=f"{main.note} {page_text('uncertainty-in-short')}".strip())
     target, luminance = _pictures(evaluation)
     lead, sections = (target, main), _sections(evaluation, result, luminance)
+    cards = [*requirement_cards(result), *_cards(result.table("contrasts"))]
     kind = "Luminance and contrast detection probability (CDP)"
-    page = Page.of(result, kind, _summary(evaluation), _cards(result.table("contrasts")), lead, sections)
+    page = Page.of(result, kind, _summary(evaluation), cards, lead, sections)
     if evaluation.simulated:
         page = replace(page, banner=f"{SIMULATED[:-1]}: {printable(', '.join(evaluation.simulated))}.")
     return result_files(result, page, time=evaluation.observed.times[-1])
@@ -108,6 +110,7 @@ def _summary(evaluation: SessionEvaluation) -> str:
 
 
 def _sections(evaluation: SessionEvaluation, result: Result, luminance: ReportFigure) -> Iterator[Section]:
+    yield from (Section("Requirement", (table,)) for table in result.tables if table.name == "requirement")
     if evaluation.contrasts:
         panels = [_panel(row, row.distribution) for row in evaluation.contrasts if row.distribution is not None]
         figures = contrast_figures(panels, "bench" if evaluation.simulated else "")

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from math import hypot
+from math import hypot, nan
 
 from ...calibration import AnyCalibration, contrast_half_width_95, contrast_uncertainty
 from ...calibration.uncertainty import expanded_rel
 from ...core.result import Finding, InputFile, Result, info
-from ...core.table import Column, Table, uncertain, with_interval
+from ...core.table import Column, Table, uncertain, with_bound, with_interval
 from ...report.text import day, exposures, minute, span
 from ...session import Session
+from ..requirement import Requirement, SeenContrast, judged_pairs
 from ..verdict import LIMIT, VERDICT
 from .calibration_result import calibration_tables
 from .observe import ObservedSession
@@ -36,26 +37,26 @@ CONTRASTS = (
         lambda row: (1 + row.measured_contrast) * hypot(row.bright.measured_random_rel, row.dark.measured_random_rel),
         "measured_contrast_expanded",
     ),
-    *uncertain(
+    *with_bound(uncertain(
         Column("camera_contrast", "contrast by camera", "%",
                "From the mean luminances of the camera; scale and fit cancel."),
-        lambda row: contrast_uncertainty(row.bright.calibrated, row.dark.calibrated),
-        lambda row: contrast_half_width_95(row.bright.calibrated, row.dark.calibrated),
-    ),
+        lambda row: nan if row.bound else contrast_uncertainty(row.bright.calibrated, row.dark.calibrated),
+        lambda row: nan if row.bound else contrast_half_width_95(row.bright.calibrated, row.dark.calibrated),
+    ), "bound"),
     *with_interval(Column("cdp", "CDP", "", "Share of pixel pairs whose contrast counts.", value="cdp.cdp"),
-                   "cdp.confidence_interval"),
+                   "cdp.interval"),
     Column("u_cdp", "u of CDP", "", "Standard uncertainty by pixels and calibration.", digits=2, shown=False,
-           value="calibrated_cdp.standard_uncertainty"),
+           value="cdp.u"),
     Column("u_cdp_pixels", "u of CDP by pixels", "", "Standard uncertainty, pixels alone.", digits=2, shown=False,
-           value="cdp.standard_error"),
+           value="cdp.u_pixels"),
     LIMIT.within("asked"),
     VERDICT,
     Column("below", "below", "", "Share of pixel pairs with a lower contrast.", decimals=4, value="cdp.below"),
     Column("above", "above", "", "Share of pixel pairs with a higher contrast.", decimals=4, value="cdp.above"),
     Column("undefined", "undefined", "", "Share of pixel pairs without a contrast.", shown=False,
            value="cdp.undefined"),
-    Column("bright_pixels", "bright pixels", "", "Pixels of the bright patch.", shown=False, value="cdp.bright_size"),
-    Column("dark_pixels", "dark pixels", "", "Pixels of the dark patch.", shown=False, value="cdp.dark_size"),
+    Column("bright_pixels", "bright pixels", "", "Pixels of the bright patch.", shown=False, value="cdp.n_bright"),
+    Column("dark_pixels", "dark pixels", "", "Pixels of the dark patch.", shown=False, value="cdp.n_dark"),
     Column("exposure_s", "exposure", "s", "Of the frame: the longest without saturation.", digits=0, time=True),
     Column("frame_number", "frame", "", "Number of the frame with the bright patch.", shown=False),
     Column("dark_frame_number", "frame (dark)", "", "Number of the frame with the dark patch.", shown=False),
@@ -68,18 +69,22 @@ LUMINANCES = (
         lambda row: hypot(row.measured_random_rel, row.meter.common_rel) * row.reading.luminance_cd_m2,
         lambda row: expanded_rel([row.meter], row.measured_random_rel, row.reading.dof) * row.reading.luminance_cd_m2,
     ),
-    *uncertain(
+    *with_bound(uncertain(
         Column("calibrated_cd_m2", "calibrated", "cd/m²", "From the calibrated camera.",
                value="calibrated.luminance_cd_m2"),
         lambda row: row.calibrated.standard_uncertainty_rel * row.calibrated.luminance_cd_m2,
-        lambda row: row.calibrated.half_width_95_rel * row.calibrated.luminance_cd_m2,
-    ),
+        lambda row: row.half_width_95_rel * row.calibrated.luminance_cd_m2,
+    ), "bound"),
     Column("deviation_rel", "deviation", "%", "Relative deviation of the camera from the meter.", decimals=2),
 )  # fmt: skip
 
 
 def session_result(
-    evaluation: SessionEvaluation, inputs: Sequence[InputFile] = (), kind: str = "evaluate", seed: int | None = None
+    evaluation: SessionEvaluation,
+    inputs: Sequence[InputFile] = (),
+    kind: str = "evaluate",
+    seed: int | None = None,
+    requirement: Requirement | None = None,
 ) -> Result:
     """Return all numbers of an evaluated session.
 
@@ -93,12 +98,35 @@ def session_result(
         Name of the command.
     seed : int or None
         Of a simulation.
+    requirement : Requirement or None
+        What the pairs are judged by, which were evaluated at its contrast.
     """
     configuration = evaluation.observed.configuration
     made = configuration.model_dump(mode="json", by_alias=True, exclude_none=True)
     more = {"configuration": made, "seed": seed, "simulated": bool(evaluation.simulated)}
     findings, session = [*evaluation.findings, _check(evaluation)], evaluation.observed.session
-    return Result.of(kind, configuration.name, _tables(evaluation), findings, session_input(session), *inputs, **more)
+    tables = [*_tables(evaluation)]
+    if requirement is not None:
+        judgement = judged_pairs(requirement, map(_seen, evaluation.contrasts))
+        tables.insert(0, judgement.table)
+        findings += judgement.findings
+        made["requirement"] = requirement.model_dump(mode="json", exclude_none=True)
+    return Result.of(kind, configuration.name, tables, findings, session_input(session), *inputs, **more)
+
+
+def _seen(row: ContrastRow) -> SeenContrast:
+    """Return what a requirement judges."""
+    luminance = None if row.dark.bound else row.dark.calibrated.luminance_cd_m2
+    return SeenContrast(
+        row.name,
+        "",
+        luminance,
+        row.camera_contrast,
+        bool(row.bound),
+        row.cdp.cdp,
+        row.cdp.interval,
+        row.measured_contrast,
+    )
 
 
 def session_input(session: Session) -> InputFile:
@@ -132,7 +160,7 @@ def _luminance(patches: Sequence[PatchRow]) -> Table:
         *((calculated,) if guessed else ()),
         *LUMINANCES[3:],
         Column("expanded_rel", "U of calibrated", "%", "Relative U (95 %), the meter's scale included.", digits=2,
-               value="calibrated.half_width_95_rel"),
+               value="half_width_95_rel"),
         *(limits if any(row.patch.limits_cd_m2 for row in patches) else ()),
         Column("n_readings", "readings", "", "Number of meter readings.", shown=False,
                value="reading.n_readings"),
@@ -198,5 +226,5 @@ def _check(evaluation: SessionEvaluation) -> Finding:
     if not calibration.provenance.comes_from(evaluation.observed.input_sha256):
         return info("checked-by-another-measurement", calibrated=day(calibration.provenance.measured))
     fitted = {row.patch for row in calibration.residuals}
-    held_out = [row.patch.name for row in evaluation.patches if row.patch.name not in fitted]
+    held_out = [row.patch.name for row in evaluation.patches if not (row.bound or row.patch.name in fitted)]
     return info("checked-by-held-out", patches=held_out) if held_out else info("not-checked")

@@ -13,11 +13,12 @@ from ...core.disk import shortened
 from ...core.errors import InputError, PredictionError
 from ...metrics.contrast import TargetContrasts
 from ..picture.result import PictureTask
+from ..requirement import Requirement
 from ..sweep.maps.map import MapAnalysis, analyse_map
 from ..sweep.plan import Axis, Sweep
 from ..sweep.run import run_sweep
 from .grid import Difference, Grid, difference, map_grid, responsivity_grid
-from .requirement import Judged, Requirement, judged
+from .requirement import Judged, applied, judged, luminances
 from .rows import Named, values_of
 from .subject import Subject, read_subjects
 
@@ -55,6 +56,11 @@ class Question:
     contrast: TargetContrasts = None
     epsilon: float = 0.5
     requirement: Requirement | None = None
+
+    @classmethod
+    def by(cls, requirement: Requirement, changes: Mapping[str, Any] | None = None) -> Question:
+        """Return the question of a requirement, with parameters that are set in all chains."""
+        return cls((luminances(requirement),), changes, None, requirement.epsilon, requirement)
 
     @property
     def configuration(self) -> dict[str, Any]:
@@ -175,7 +181,7 @@ def _chains(
         chain: Chain = subject.content.with_(**question.changes) if question.changes else subject.content
         if question.requirement is not None:
             verdicts.append(judged(subject.name, chain, question.requirement))
-            chain = question.requirement.applied(chain)
+            chain = applied(question.requirement, chain)
         wanted = Sweep(chain, question.axes, True, None, question.contrast, question.epsilon)
         try:
             maps.append(run_sweep(wanted, None, progress))

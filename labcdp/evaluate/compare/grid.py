@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...calibration import Calibration
 from ...calibration.uncertainty import expanded_rel
 from ...core.errors import InputError
-from ...core.table import Z_95
+from ...core.quantity import Z_95
 from ..sweep.maps.axes import CdpMap, MapAxis
 from .subject import Subject
 

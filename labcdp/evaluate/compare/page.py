@@ -15,6 +15,7 @@ from ...report.drawing import SMALL_SIZE, finish, label, new_figure, reported
 from ...report.files import result_files
 from ...report.layout import Block, Card, Facts, Page, ReportFigure, Section, State, input_facts
 from ...report.text import capitalised, finding_text, printable
+from ..requirement import STATES
 from ..sweep.maps.axes import MapAxis
 from ..sweep.maps.labels import at_text, axis_label, axis_unit, ends_text, shown
 from ..sweep.maps.map import MapAnalysis
@@ -196,11 +197,10 @@ def comparison_files(found: Comparison, result: Result) -> dict[str, bytes]:
 def _cards(found: Comparison) -> Iterator[Card]:
     """Yield the verdict on or usable range of each map, or how many values differ and which one most."""
     if found.judged:
-        states: dict[str, State] = {"met": "good", "not met": "bad", "undecided": "open"}
         for judgement in found.judged[:_MOST_CARDS]:
             detail = f"CDP {judgement.cdp:.3f} ± {judgement.expanded_cdp:.3f} at {judgement.luminance_cd_m2:.3g} cd/m²"
             detail += f", limited by {judgement.limit}"
-            yield Card(judgement.name, judgement.verdict, detail, state=states[judgement.verdict])
+            yield Card(judgement.name, judgement.verdict, detail, state=STATES[judgement.verdict])
         return
     if found.grid is not None and found.analyses:
         if len(found.subjects) > _MOST_CARDS:

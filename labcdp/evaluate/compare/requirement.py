@@ -1,25 +1,21 @@
-"""What a camera must detect, and whether chains do: the lowest CDP over the luminances, with its uncertainty."""
+"""Whether chains meet a requirement: the lowest CDP over the luminances, with its uncertainty."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import hypot
-from os import PathLike
-from typing import Any, Literal, Self
+from typing import Any
 
 import numpy as np
-from pydantic import Field, model_validator
 
 from ...chain import Chain
-from ...core.disk import read_toml
 from ...core.errors import InputError, naming
 from ...core.table import Column, Table
-from ...session.tables import Contrast, Format, Fraction, NotNegative, Number, Positive, Text
-from ...session.tables import Table as Described
-from ...session.validation import validated
+from ..requirement import VERDICTS, Requirement, Verdict, required_text
 from ..sweep.plan import Axis, Sweep
 from ..sweep.run import run_sweep
+from ..verdict import cdp_verdict
 
 #: Luminances of the range at which chains are predicted.
 _POINTS = 41
@@ -47,53 +43,23 @@ _LIMITS: dict[str, tuple[str, ...]] = {
 #: Least gain of CDP for which something counts as the limit, and least share of saturated pixels.
 _LEAST_GAIN, _LEAST_SATURATED = 1e-3, 1e-3
 
-Verdict = Literal["met", "not met", "undecided"]
+
+def luminances(requirement: Requirement) -> Axis:
+    """Return the luminances at which chains are predicted."""
+    values = tuple(np.geomspace(*requirement.luminance_cd_m2, _POINTS).tolist())
+    return Axis("scene.luminance_cd_m2", values)
 
 
-class Requirement(Described):
-    """What must be detected: a contrast, over a range of luminances, at a temperature and behind a veil."""
-
-    format: Format = Field(1, description="1, the format this labcdp knows, or update labcdp")
-    name: Text = Field("requirement", description="a name as text")
-    contrast: Contrast = Field(description='a Weber contrast above 0, as "50%" or as a fraction')
-    epsilon: Fraction = Field(0.5, description='"50%", or a fraction above 0, up to 1')
-    luminance_cd_m2: tuple[Positive, Positive] = Field(
-        description="[lowest, highest] luminance of the darker region above 0 cd/m2"
-    )
-    temperature_c: Number | None = Field(None, description="a temperature of the sensor in °C")
-    glare_cd_m2: NotNegative = Field(0.0, description="a veil of at least 0 cd/m2")
-    cdp_limit: Fraction = Field(0.9, description='"90%", or a probability above 0, up to 1')
-    # By table and key of a chain, such as "sensor.read_noise_e"; others have a typical one.
-    uncertainty_rel: dict[str, Fraction] = Field(
-        {}, description='standard uncertainties by parameter, such as "sensor.read_noise_e" = "10%"'
-    )
-
-    @model_validator(mode="after")
-    def _rising(self) -> Self:
-        if self.luminance_cd_m2[0] >= self.luminance_cd_m2[1]:
-            raise ValueError("luminance_cd_m2 is in the wrong order: give [lowest, highest]")
-        return self
-
-    @classmethod
-    def load(cls, path: str | PathLike[str]) -> Requirement:
-        """Read a requirement from a TOML file; raises ConfigurationError if a key or value is wrong."""
-        return validated(cls, read_toml(path, "a requirement"), str(path))
-
-    @property
-    def axis(self) -> Axis:
-        """The luminances."""
-        return Axis("scene.luminance_cd_m2", tuple(np.geomspace(*self.luminance_cd_m2, _POINTS).tolist()))
-
-    def applied(self, chain: Chain) -> Chain:
-        """Return a chain in the scene and conditions of the requirement; raises InputError if it has no such ones."""
-        changes: dict[str, Any] = {"scene.contrast": self.contrast}
-        if self.temperature_c is not None:
-            changes["exposure.temperature_c"] = self.temperature_c
-        if "windscreen" in chain.document:
-            changes["windscreen.glare_cd_m2"] = self.glare_cd_m2
-        elif self.glare_cd_m2 > 0:
-            raise InputError("the chain has no windscreen, but the requirement a veil: add a table [windscreen]")
-        return chain.with_(**changes)
+def applied(requirement: Requirement, chain: Chain) -> Chain:
+    """Return a chain in the scene and conditions of a requirement; raises InputError if it has no such ones."""
+    changes: dict[str, Any] = {"scene.contrast": requirement.contrast}
+    if requirement.temperature_c is not None:
+        changes["exposure.temperature_c"] = requirement.temperature_c
+    if "windscreen" in chain.document:
+        changes["windscreen.glare_cd_m2"] = requirement.glare_cd_m2
+    elif requirement.glare_cd_m2 > 0:
+        raise InputError("the chain has no windscreen, but the requirement a veil: add a table [windscreen]")
+    return chain.with_(**changes)
 
 
 @dataclass(frozen=True)
@@ -131,26 +97,26 @@ class Judged:
 def judged(name: str, chain: Chain, requirement: Requirement) -> Judged:
     """Predict a chain over the luminances of a requirement; raises InputError as `Sweep`."""
     with naming(name):
-        applied = requirement.applied(chain)
-        return _judged(name, applied, requirement)
+        return _judged(name, applied(requirement, chain), requirement)
 
 
-def _judged(name: str, applied: Chain, requirement: Requirement) -> Judged:
-    found = run_sweep(Sweep(applied, (requirement.axis,), True, None, None, requirement.epsilon))
+def _judged(name: str, chain: Chain, requirement: Requirement) -> Judged:
+    axis = luminances(requirement)
+    found = run_sweep(Sweep(chain, (axis,), True, None, None, requirement.epsilon))
     worst = int(np.argmin(found["cdp"].values))
-    luminance, cdp = requirement.axis.values[worst], float(found["cdp"].values[worst])
+    luminance, cdp = axis.values[worst], float(found["cdp"].values[worst])
 
     def at_worst(changes: Mapping[str, Any]) -> float:
-        one = Axis(requirement.axis.parameter, (luminance,))
-        sweep = Sweep(applied.with_(**changes), (one,), True, None, None, requirement.epsilon)
+        one = Axis(axis.parameter, (luminance,))
+        sweep = Sweep(chain.with_(**changes), (one,), True, None, None, requirement.epsilon)
         return float(run_sweep(sweep)["cdp"].values[0])
 
-    errors = _errors(applied.document, requirement, cdp, at_worst)
+    errors = _errors(chain.document, requirement, cdp, at_worst)
     expanded = _K * hypot(*errors.values())
     margin = cdp - requirement.cdp_limit
-    verdict: Verdict = "met" if margin >= expanded else "not met" if margin < -expanded else "undecided"
+    verdict = VERDICTS[cdp_verdict(cdp, (cdp - expanded, cdp + expanded), requirement.cdp_limit)]
     saturated = max(float(found[key].values[worst]) for key in found if str(key).startswith("saturated"))
-    limit = "saturation" if saturated > _LEAST_SATURATED else _limit(applied.document, cdp, at_worst)
+    limit = "saturation" if saturated > _LEAST_SATURATED else _limit(chain.document, cdp, at_worst)
     dominant = max(errors, key=lambda key: errors[key]) if expanded > 0 else ""
     return Judged(name, verdict, float(luminance), cdp, expanded, margin, limit, dominant)
 
@@ -219,10 +185,4 @@ def requirement_table(rows: tuple[Judged, ...], requirement: Requirement) -> Tab
         Column("limit", "limited by"),
         Column("dominant", "U mostly by"),
     )  # fmt: skip
-    low, high = requirement.luminance_cd_m2
-    contrast, within, veil = 100 * requirement.contrast, 100 * requirement.epsilon, requirement.glare_cd_m2
-    note = (
-        f"Required: CDP of at least {requirement.cdp_limit:g} for a contrast of {contrast:g} % within {within:g} % of "
-        f"it, from {low:g} to {high:g} cd/m², behind a veil of {veil:g} cd/m²."
-    )
-    return Table.of_items("requirement", requirement.name, columns, rows, note)
+    return Table.of_items("requirement", requirement.name, columns, rows, required_text(requirement))

@@ -16,7 +16,7 @@ from ...core.dn import PIXEL_FORMATS
 from ...core.errors import CalibrationError, InputError
 from ...core.frame import Frame, Readout
 from ...core.luminance import WHOLE, Invalid, LuminanceMap, Window
-from ...core.result import Finding, info, unique, warning
+from ...core.result import Finding, FindingValue, info, unique, warning
 from ...core.roi import Roi
 from ...core.vignetting import (
     AssumedVignetting,
@@ -119,10 +119,10 @@ class OtherReading:
             return read_picture(picture.path, replace(options, encoding=encoding))
         return replace(picture, encoding=encoding)
 
-    def finding(self, pair: str, taken: float, otherwise: float) -> Finding:
-        """Return the warning, about a pair of regions if it is named."""
-        code = f"{self.code}-pair" if pair else self.code
-        return warning(code, pair, taken=taken, otherwise=otherwise, **self.about)
+    def finding(self, pair: str, taken: float, otherwise: float, **of_frames: FindingValue) -> Finding:
+        """Return the warning, about a pair of regions if it is named, of a video with what is said of its frames."""
+        code = f"{self.code}-frames" if of_frames else f"{self.code}-pair" if pair else self.code
+        return warning(code, pair, taken=taken, otherwise=otherwise, **self.about, **of_frames)
 
 
 @dataclass(frozen=True)
@@ -204,6 +204,7 @@ class PictureConversion:
         window: Window,
         f_number: float | None,
         vignetting: AssumedVignetting | None,
+        /,
     ) -> LuminanceMap:
         """Return the luminance of a frame whose DN are encoded by `encoding`, or a window of it."""
         return light_of_dn(frame, encoding, self.specification, f_number, vignetting).map_of(frame, window)
@@ -467,14 +468,7 @@ class Calibrated(PictureConversion):
         """Return None: that of the calibration was measured."""
         return None
 
-    def _map(
-        self,
-        frame: Frame,
-        encoding: Encoding,
-        window: Window,
-        f_number: float | None,
-        vignetting: AssumedVignetting | None,
-    ) -> LuminanceMap:
+    def _map(self, frame: Frame, encoding: Encoding, window: Window, /, *_: object) -> LuminanceMap:
         return self.calibration.to_luminance(frame, window)
 
     def _require_fit(self, picture: Picture) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from math import ceil, isfinite, log
 from typing import TYPE_CHECKING, Any
 
@@ -33,7 +32,7 @@ from .neighbours import NeighbourEvaluation, neighbour_distribution
 if TYPE_CHECKING:
     from ...core.luminance import LuminanceMap
     from ...files.picture import Picture
-    from ...metrics import DetectionResult
+    from ...metrics import Cdp
 
 #: Most contrasts of a pair with a panel each; of more, only the one closest to the measured contrast is shown.
 _MOST_CONTRASTS = 3
@@ -49,20 +48,15 @@ _MOST_BARS = 256
 
 def image_figures(evaluation: ImageEvaluation, picture: Picture, luminance: LuminanceMap) -> list[ReportFigure]:
     """Draw a picture with its regions, the contrasts of its pairs, and the values of picture and regions."""
-    # With the interval by pixels and calibration together.
-    found = [
-        (pair, [replace(one.result, confidence_interval=one.confidence_interval) for one in pair.results])
-        for pair in evaluation.contrasts
-    ]
     panels = []
-    for pair, results in found:
+    for pair in evaluation.contrasts:
         distribution, measured = distribution_of(pair, luminance), pair.contrast.value
         if distribution is not None:
             name = shortened(pair.name, 40)
-            panels += [ContrastPanel(name, distribution, one, measured) for one in _drawn(results, measured)]
+            panels += [ContrastPanel(name, distribution, one, measured) for one in _drawn(pair.cdp, measured)]
     figures = [_picture(evaluation, luminance), *contrast_figures(panels[:_MOST_PANELS])]
-    if any(len(results) > 1 for _, results in found):
-        figures.append(_curves([(pair.name, results) for pair, results in found]))
+    if any(len(pair.cdp) > 1 for pair in evaluation.contrasts):
+        figures.append(_curves([(pair.name, pair.cdp) for pair in evaluation.contrasts]))
     return [*figures, _values(evaluation, picture, luminance)]
 
 
@@ -70,15 +64,15 @@ def distribution_of(pair: AnyContrast, luminance: LuminanceMap) -> ContrastDistr
     """Return the contrasts of all pairs of pixels; None where no contrast is finite."""
     if isinstance(pair, NeighbourEvaluation):
         return neighbour_distribution(luminance, pair)
-    highest = max((one.result.interval[1] for one in pair.results), default=1.0)
+    highest = float(pair.cdp.detected_range.high.max(initial=0.0)) or 1.0
     a, b = (luminance.select(region.roi).astype(np.float64) for region in (pair.a, pair.b))
     return contrast_histogram(a, b, highest)
 
 
-def _drawn(found: Sequence[DetectionResult], measured: float) -> Sequence[DetectionResult]:
+def _drawn(found: Cdp[NDArray[np.float64]], measured: float) -> Sequence[Cdp[float]]:
     """Return the contrasts of a pair with a panel each: of many only the one closest to the measured contrast."""
     if len(found) <= _MOST_CONTRASTS:
-        return found
+        return list(found)
     if isfinite(measured) and measured > 0:
         return [min(found, key=lambda one: abs(log(one.contrast / measured)))]
     return [max(found, key=lambda one: one.cdp)]
@@ -115,17 +109,16 @@ def _picture(evaluation: ImageEvaluation, luminance: LuminanceMap) -> ReportFigu
     )
 
 
-def _curves(found: Sequence[tuple[str, Sequence[DetectionResult]]]) -> ReportFigure:
+def _curves(found: Sequence[tuple[str, Cdp[NDArray[np.float64]]]]) -> ReportFigure:
     """Draw CDP over the target contrast, a line a pair."""
     figure = placed_figure(9.0, 4.2)
     axes = figure.add_axes((0.08, 0.14, 0.6, 0.77))
     drawn = found[: len(_COLOURS)]
     for (name, results), colour in zip(drawn, _COLOURS, strict=False):
-        percents = np.array([100 * result.contrast for result in results])
-        ends = np.array([result.confidence_interval for result in results]).reshape(-1, 2)
-        known = np.isfinite(ends).all(axis=1)
-        axes.plot(percents, [one.cdp for one in results], "o-", color=colour, markersize=3, label=shortened(name, 30))
-        axes.fill_between(percents[known], *ends[known].T, color=colour, alpha=0.2, linewidth=0)
+        percents, (low, high) = 100 * results.contrast, results.interval
+        known = np.isfinite(low) & np.isfinite(high)
+        axes.plot(percents, results.cdp, "o-", color=colour, markersize=3, label=shortened(name, 30))
+        axes.fill_between(percents[known], low[known], high[known], color=colour, alpha=0.2, linewidth=0)
     axes.set_ylim(-0.02, 1.05)
     title = "CDP over the target contrast, with 95 % intervals"
     beside = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0), "frameon": False}

@@ -12,7 +12,8 @@ from ...core.luminance import LuminanceMap
 from ...core.result import Finding, info, unique, warning
 from ...core.roi import Rectangle, Roi
 from ...metrics.pair import VIGNETTING_CODE, PairResult, evaluate_pair
-from ...metrics.region import RegionResult, evaluate_region
+from ...metrics.region import RegionLight, evaluate_region
+from ..requirement import Requirement
 from ..verdict import CDP_LIMIT, require_limit
 from .conversion import PictureSource
 from .neighbours import NeighbourEvaluation, evaluate_neighbours
@@ -29,7 +30,7 @@ class ImageEvaluation:
     ----------
     source : PictureSource
         The picture.
-    regions : tuple of RegionResult
+    regions : tuple of RegionLight
         All regions, in the order of the request.
     pairs : tuple of PairResult
         In the order of the request.
@@ -40,7 +41,7 @@ class ImageEvaluation:
     """
 
     source: PictureSource
-    regions: tuple[RegionResult, ...]
+    regions: tuple[RegionLight, ...]
     pairs: tuple[PairResult, ...]
     neighbours: NeighbourEvaluation | None
     findings: tuple[Finding, ...]
@@ -77,7 +78,7 @@ def evaluate_image(luminance: LuminanceMap, source: PictureSource, request: Imag
     if request.neighbours:
         neighbours = evaluate_neighbours(luminance, *asked, request.rectangle)
     found = [*source.findings]
-    if any(pair.of_measured_contrast for pair in pairs) and request.contrasts is None:
+    if any(pair.targets_measured_contrast for pair in pairs) and request.contrasts is None:
         found.append(info("contrast-is-measured"))
     found += [
         warning("pair-swapped", bright=pair.b.roi.name, dark=pair.a.roi.name)
@@ -125,6 +126,8 @@ class ImageRequest:
         Corner pixels x0, y0, x1, y1, both in, that it is limited to.
     cdp_limit : float
         CDP from which a contrast counts as detected.
+    requirement : Requirement or None
+        What the pairs are judged by; contrast, tolerance and limit are then its own.
 
     Raises
     ------
@@ -140,6 +143,7 @@ class ImageRequest:
     neighbours: bool = False
     rectangle: Rectangle | None = None
     cdp_limit: float = CDP_LIMIT
+    requirement: Requirement | None = None
 
     def __post_init__(self) -> None:
         require_limit(self.cdp_limit)
@@ -164,7 +168,8 @@ class ImageRequest:
     def configuration(self) -> dict[str, Any]:
         """Return it but for the corners of the regions, as values JSON can hold."""
         names = ("contrasts", "epsilon", "neighbours", "rectangle", "cdp_limit")
-        return {**{name: getattr(self, name) for name in names}, "pairs": self.chosen_pairs}
+        required = {} if self.requirement is None else {"requirement": self.requirement.model_dump(mode="json")}
+        return {**{name: getattr(self, name) for name in names}, "pairs": self.chosen_pairs, **required}
 
     @property
     def chosen_pairs(self) -> tuple[tuple[str, str], ...]:

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from ...core.frame import Frame
 from ...core.luminance import LuminanceMap, Window
+from ...core.quantity import Quantity
 from ...core.result import Finding, info, warning
 from ...core.roi import Rectangle, clipped_rectangle
 from ...core.vignetting import Cos4Vignetting
-from ...metrics import CalibratedCdp, ContrastDistribution, Distribution, Epsilon, NeighbourCdp, cdp_neighbours_range
+from ...metrics import Cdp, ContrastDistribution, Distribution, Epsilon, cdp_neighbours
 from ...metrics.detection import variance_of_changes
 from ...metrics.neighbours.tables import MOST_CONTRASTS, neighbour_tables
-from ...metrics.signal_to_noise import Estimate
 from ...metrics.spread import CUT_OFF, MOST_BINS, MOST_TIMES, spacing
 from .conversion import Calibrated, PictureConversion
 from .dn_light import light_of_dn
@@ -32,18 +32,18 @@ class NeighbourEvaluation:
     ----------
     rectangle : (int, int, int, int) or None
         Corner pixels of the rectangle, both in; None for the whole picture.
-    contrast : Estimate
+    contrast : Quantity
         Measured contrast of the neighbours: mean of the brighter over mean of the darker pixels of all pairs, minus 1;
-        nan where no darker one is above 0. Its standard error is not known (nan).
-    results : tuple of CalibratedCdp
-        One for each contrast.
+        nan where no darker one is above 0. Its u is not known (nan).
+    cdp : Cdp
+        Of all contrasts.
     findings : tuple of Finding
         What a user should know.
     """
 
     rectangle: Rectangle | None
-    contrast: Estimate
-    results: tuple[CalibratedCdp[NeighbourCdp], ...]
+    contrast: Quantity[float]
+    cdp: Cdp[NDArray[np.float64]]
     findings: tuple[Finding, ...]
 
     @property
@@ -82,26 +82,25 @@ def evaluate_neighbours(
 
     Notes
     -----
-    Errors of the calibration are propagated as by `labcdp.metrics.cdp_with_common_errors`. A factor common to all
+    Errors of the calibration are propagated as by `labcdp.metrics.pair.evaluate_pair`. A factor common to all
     pixels cancels between neighbours, and so does one that changes slowly; slow changes of the dark signal count as if
     they were the same everywhere, which is the most that they can do.
     """
     window, inside = _window(luminance, rectangle)
     values = np.asarray(luminance.luminance_cd_m2[window], dtype=np.float64)
     contrast = neighbour_contrast(values)
-    asked = contrasts if contrasts is not None else (contrast,) if contrast > 0 else ()
-    base = cdp_neighbours_range(values, asked, epsilon)
+    asked = list(contrasts if contrasts is not None else (contrast,) if contrast > 0 else ())
+    base = cdp_neighbours(values, asked, epsilon)
     changed = [
-        [np.array([one.cdp for one in cdp_neighbours_range(values * (1 + sign * error), asked, epsilon)])
-         for sign in (1, -1)]
+        [cdp_neighbours(values * (1 + sign * error), asked, epsilon).cdp for sign in (1, -1)]
         for error in _errors(luminance, window, values)
-    ]  # fmt: skip
-    variance = variance_of_changes(np.array([one.cdp for one in base]), changed)
+    ]
+    variance = variance_of_changes(base.cdp, changed)
     findings = [info("neighbour-contrast-is-measured")] if contrasts is None else []
     return NeighbourEvaluation(
         rectangle=inside,
-        contrast=Estimate(contrast, nan),
-        results=_calibrated(base, variance),
+        contrast=Quantity(contrast, nan),
+        cdp=base.with_calibration(variance),
         findings=tuple(findings if asked else [warning("contrast-undefined", "nearest-neighbour")]),
     )
 
@@ -123,7 +122,7 @@ def neighbours_of_frame(
     if contrasts is None or light is None:
         return evaluate_neighbours(conversion.convert(frame), contrasts, epsilon)
     found = neighbour_tables(light, contrasts, epsilon).evaluate(frame.dn)
-    return NeighbourEvaluation(None, Estimate(nan, nan), _calibrated(found, np.zeros(len(found))), ())
+    return NeighbourEvaluation(None, Quantity(nan, nan), found, ())
 
 
 def _light_by_dn(frame: Frame, conversion: PictureConversion) -> NDArray[np.floating[Any]] | None:
@@ -134,13 +133,6 @@ def _light_by_dn(frame: Frame, conversion: PictureConversion) -> NDArray[np.floa
     found = light_of_dn(frame, conversion.options.encoding or "linear", conversion.specification)
     corrected = isinstance(conversion.vignetting(frame.shape, frame.readout), Cos4Vignetting)
     return None if corrected or found.glare_fraction else found.light
-
-
-def _calibrated(
-    found: Sequence[NeighbourCdp], variance: NDArray[np.float64]
-) -> tuple[CalibratedCdp[NeighbourCdp], ...]:
-    # One pixel takes part in four pairs.
-    return tuple(CalibratedCdp.of(one, added, one.pairs / 4) for one, added in zip(found, variance, strict=True))
 
 
 def neighbour_contrast(values: NDArray[np.float64]) -> float:
@@ -183,7 +175,7 @@ def _errors(luminance: LuminanceMap, window: Window, values: NDArray[np.float64]
 def neighbour_distribution(luminance: LuminanceMap, found: NeighbourEvaluation) -> ContrastDistribution | None:
     """Cumulative probability of the contrasts of all neighbours, larger over smaller, for plots; None without any."""
     values = np.asarray(luminance.luminance_cd_m2[_window(luminance, found.rectangle)[0]], dtype=np.float64)
-    most = MOST_TIMES * max((one.result.interval[1] for one in found.results), default=inf)
+    most = MOST_TIMES * float(found.cdp.detected_range.high.max()) if len(found.cdp) else inf
     contrasts = []
     undefined = pairs = 0
     for larger, smaller in _pairs(values):

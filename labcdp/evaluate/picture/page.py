@@ -11,6 +11,7 @@ from ...core.table import Table
 from ...report.html import render_page
 from ...report.layout import Block, Card, Facts, Links, Page, ReportFigure, Section, input_facts
 from ...report.text import MISSING, UNKNOWN, cell_text
+from ..requirement import requirement_cards
 from ..verdict import STATES
 from .summary import summary_cards, trend_figure
 from .tables import ReportedPicture
@@ -48,6 +49,7 @@ def picture_page(result: Result, figures: Sequence[ReportFigure], conversion: st
         lead.append(_short(table))
         details.append(table)
     sections = [
+        *(Section("Requirement", [table]) for table in _tables(result, "requirement")),
         Section("Contrasts", details),
         Section("Regions and values", [*_tables(result, "regions"), values]),
         *([Section("Surface", [Links([("The luminance as a surface that can be turned", "surface.html")])])]
@@ -58,7 +60,7 @@ def picture_page(result: Result, figures: Sequence[ReportFigure], conversion: st
         Page.of(
             result,
             "Contrast detection probability (CDP) of a picture",
-            cards=[] if table is None else _cards(table),
+            cards=[*requirement_cards(result), *([] if table is None else _cards(table))],
             lead=lead,
             sections=sections,
         )
@@ -82,12 +84,12 @@ def overview_page(result: Result, pictures: Sequence[ReportedPicture], conversio
     of_all = f"{len(pictures) - failed} of {len(pictures)} pictures were evaluated." if failed else ""
     cards: list[Card] = []
     lead: list[Block] = []
-    sections: list[Section] = []
+    sections = [Section("Requirement", [table]) for table in _tables(result, "requirement")]
     # Neighbours without light have no contrast at all.
     for cdp in _tables(result, "cdp"):
         summary, limit = result.table("over_pictures"), cdp["cdp_limit"][0]
         cards, lead = [*summary_cards(summary, limit)], [trend_figure(cdp, summary, limit)]
-        sections = [
+        sections += [
             Section("", [summary]),
             *(
                 [Section("Pictures with the lowest CDP", [Links(_worst(cdp, pages))])]
@@ -106,7 +108,7 @@ def overview_page(result: Result, pictures: Sequence[ReportedPicture], conversio
             result,
             "Contrast detection probability (CDP) of pictures",
             of_all,
-            cards=cards,
+            cards=[*requirement_cards(result), *cards],
             lead=lead,
             sections=sections,
         )

@@ -14,12 +14,13 @@ from ...files.read import read_picture
 from ...regions import load_regions
 from ...report.files import envelope_json
 from ...report.sheets import result_workbook
+from ..requirement import judged_pairs
 from .conversion import PictureConversion
 from .figures import image_figures
 from .image import ImageEvaluation, ImageRequest, evaluate_image
 from .page import MOST_ROWS, overview_page, picture_page
 from .summary import summary_table
-from .tables import ReportedPicture, cdp_table, matrices, picture_table, region_table
+from .tables import ReportedPicture, cdp_table, matrices, picture_table, region_table, seen_contrasts
 
 #: Columns that a sheet can have, less the one for the contrasts.
 _MOST_PICTURES = 2**14 - 1
@@ -92,6 +93,11 @@ class PictureTask:
             tables = [overall, cdp if len(cdp) <= MOST_ROWS else cdp.as_detail()]
         else:
             tables = [cdp]
+        findings = _findings(pictures)
+        if self.request.requirement is not None:
+            judgement = judged_pairs(self.request.requirement, seen_contrasts(good, several))
+            tables.insert(0, judgement.table)
+            findings = unique([*findings, *judgement.findings])
         tables += [region_table(good, several), picture_table(pictures, several)]
         if several and contrasts is not None and len(pictures) <= _MOST_PICTURES:
             tables += matrices(pictures, self.request, contrasts)
@@ -99,7 +105,7 @@ class PictureTask:
             kind="image",
             title=f"{len(pictures)} pictures" if several else pictures[0].file,
             tables=tuple(table for table in tables if len(table)),
-            findings=_findings(pictures),
+            findings=findings,
             inputs=(*(InputFile("picture", file, source.sha256) for file, source in sources), *self.inputs),
             configuration=self.configuration,
             simulated=any(source.simulated for _, source in sources),

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import isfinite
-from typing import Any, TypeAlias
+from math import isfinite, nan
+from typing import Any
 
 from ...core.table import Column, Table
-from ...metrics import CalibratedCdp, CdpResult, DetectionInterval, NeighbourCdp
+from ...metrics import Cdp, DetectionInterval
 from ...metrics.pair import PairResult
-from ...metrics.region import REASONS, RegionResult
+from ...metrics.region import REASONS, RegionLight
 from ..columns import CDP, CONTRAST, CSNR, SHARES, TARGET, invalid_share, region_columns
+from ..requirement import SeenContrast
 from ..verdict import LIMIT, VERDICT, Verdict, cdp_verdict
 from .image import AnyContrast, ImageEvaluation, ImageRequest
-
-#: CDP of two regions, or of neighbouring pixels.
-AnyCdp: TypeAlias = CalibratedCdp[CdpResult] | CalibratedCdp[NeighbourCdp]
 
 
 @dataclass(frozen=True)
@@ -50,36 +48,32 @@ class _Row:
 
     picture: ReportedPicture
     contrast: AnyContrast
-    one: AnyCdp | None
+    cdp: Cdp[float] | None
     cdp_limit: float
 
     @property
     def verdict(self) -> Verdict | None:
-        if self.one is None or not isfinite(self.one.result.cdp):
+        if self.cdp is None or not isfinite(self.cdp.cdp):
             return None
-        return cdp_verdict(self.one.result.cdp, self.one.confidence_interval, self.cdp_limit)
+        return cdp_verdict(self.cdp.cdp, self.cdp.interval, self.cdp_limit)
 
     @property
     def regions(self) -> PairResult | None:
         return self.contrast if isinstance(self.contrast, PairResult) else None
 
     @property
-    def of_measured(self) -> bool:
-        return [one.result.contrast for one in self.contrast.results] == [self.contrast.contrast.value]
+    def targets_measured_contrast(self) -> bool:
+        contrasts = self.contrast.cdp.contrast
+        return len(contrasts) == 1 and bool(contrasts[0] == self.contrast.contrast.value)
 
     def tolerance(self, side: str) -> float | None:
-        epsilon = None if self.one is None else self.one.result.epsilon
+        epsilon = None if self.cdp is None else self.cdp.epsilon
         found: float | None = getattr(epsilon, side) if isinstance(epsilon, DetectionInterval) else epsilon
         return found
 
 
 def _within(path: str, *columns: Column) -> tuple[Column, ...]:
     return tuple(column.within(path) for column in columns)
-
-
-def _of_kind(column: Column, field: str = "") -> Column:
-    """Return a column of a field that CDP of regions or that of neighbours has, by default of its name."""
-    return replace(column, value=lambda row: getattr(row.one and row.one.result, field or column.name, None))
 
 
 _PICTURE = Column("picture", "picture", meaning="Name of the file.", value="picture.file")
@@ -96,31 +90,33 @@ _CDP_COLUMNS = (
            shown=False, value="regions.contrast_pixels"),
     Column("u_measured_contrast_vignetting", "u of measured contrast, vignetting", "%",
            "Its part due to unmeasured vignetting.", 2, shown=False, value="regions.contrast_vignetting"),
-    TARGET.within("one"),
+    TARGET.within("cdp"),
     Column("contrast_origin", "origin", "", "Where the target contrast comes from: given or measured.",
-           value=lambda row: None if row.one is None else "measured" if row.of_measured else "given"),
+           value=lambda row: None if row.cdp is None else "measured" if row.targets_measured_contrast else "given"),
     Column("detected_from", "detected from", "%", "Lowest contrast of a pair of pixels that counts as detected.",
-           value="one.result.interval.0"),
+           value="cdp.detected_range.0"),
     Column("detected_to", "detected to", "%", "Highest contrast of a pair of pixels that counts as detected.",
-           value="one.result.interval.1"),
-    *_within("one", *CDP),
+           value="cdp.detected_range.1"),
+    *_within("cdp", *CDP),
     Column("u_cdp_pixels", "u of CDP, pixels", "", "Its part due to the pixels.", 2, shown=False,
-           value="one.result.standard_error"),
+           value="cdp.u_pixels"),
     Column("u_cdp_calibration", "u of CDP, calibration", "", "Its part due to the calibration.", 2, shown=False,
-           value="one.calibration_standard_uncertainty"),
+           value="cdp.u_calibration"),
     LIMIT,
     VERDICT,
-    *_within("one", *SHARES),
+    *_within("cdp", *SHARES),
     *_within("regions", *CSNR),
     Column("tolerance_below", "tolerance below", "%", "Of the target contrast; empty for an open end.", shown=False,
            value=lambda row: row.tolerance("below")),
     Column("tolerance_above", "tolerance above", "%", "Of the target contrast; empty for an open end.", shown=False,
            value=lambda row: row.tolerance("above")),
-    Column("definition", "definition", "", "Definition of the contrast.", shown=False, value="one.result.definition"),
-    _of_kind(Column("bright_pixels", "pixels, bright", "", "Pixels of the bright region.", shown=False), "bright_size"),
-    _of_kind(Column("dark_pixels", "pixels, dark", "", "Pixels of the dark region.", shown=False), "dark_size"),
-    _of_kind(Column("pairs", "pairs", "", "Pairs of neighbouring pixels.", shown=False)),
-    _of_kind(Column("correlation_inflation", "inflation", "", "Factor on u due to correlated noise.", shown=False)),
+    Column("definition", "definition", "", "Definition of the contrast.", shown=False, value="cdp.definition"),
+    Column("bright_pixels", "pixels, bright", "", "Pixels of the bright region.", shown=False, value="cdp.n_bright"),
+    Column("dark_pixels", "pixels, dark", "", "Pixels of the dark region.", shown=False, value="cdp.n_dark"),
+    Column("pairs", "pairs", "", "Pairs of neighbouring pixels.", shown=False,
+           value=lambda row: row.cdp.pairs if row.cdp is not None and row.regions is None else None),
+    Column("correlation_inflation", "inflation", "", "Factor on u due to correlated noise.", shown=False,
+           value=lambda row: row.cdp.correlation_inflation if row.cdp is not None and row.regions else None),
 )  # fmt: skip
 _CDP_NOTE = (
     "CDP is the share of all pairs of a bright and a dark pixel whose Weber contrast lies within the tolerance of "
@@ -133,19 +129,19 @@ _CDP_NOTE = (
 def cdp_table(pictures: Sequence[ReportedPicture], several: bool, limit: float) -> Table:
     """Return CDP, contrasts and verdicts by a limit, a row for each picture, pair and target contrast."""
     rows = [
-        _Row(picture, contrast, one, limit)
+        _Row(picture, contrast, cdp, limit)
         for picture in pictures
         if picture.evaluation is not None
         for contrast in picture.evaluation.contrasts
         # Regions without a target contrast have a row for their contrast all the same.
-        for one in contrast.results or ((None,) if isinstance(contrast, PairResult) else ())
+        for cdp in list(contrast.cdp) or ((None,) if isinstance(contrast, PairResult) else ())
     ]
-    of_measured = any(row.one is not None and row.of_measured for row in rows)
-    hidden = set() if of_measured else {"contrast_origin"}
+    measured = any(row.cdp is not None and row.targets_measured_contrast for row in rows)
+    hidden = set() if measured else {"contrast_origin"}
     if all(row.regions is None for row in rows):
         hidden.add("csnr")
     # Contrasts that were given are shown as they were written.
-    as_written = () if of_measured else ("contrast", "detected_from", "detected_to")
+    as_written = () if measured else ("contrast", "detected_from", "detected_to")
     columns = [
         replace(one, shown=one.shown and one.name not in hidden, digits=0 if one.name in as_written else one.digits)
         for one in _CDP_COLUMNS
@@ -158,10 +154,31 @@ def _of_pictures(columns: Sequence[Column], several: bool) -> tuple[Column, ...]
     return (_PICTURE, _NUMBER, *columns) if several else (*columns, replace(_PICTURE, shown=False), _NUMBER)
 
 
+def seen_contrasts(pictures: Sequence[ReportedPicture], several: bool) -> Iterator[SeenContrast]:
+    """Yield what a requirement judges: each pair in each picture, at its first target contrast."""
+    # Which region is the brighter one may change from picture to picture.
+    names: dict[Any, str] = {}
+    for picture in pictures:
+        for one in () if picture.evaluation is None else picture.evaluation.contrasts:
+            regions = one if isinstance(one, PairResult) else None
+            same = one.name if regions is None else frozenset((regions.a.roi.name, regions.b.roi.name))
+            in_cd_m2 = picture.evaluation is not None and picture.evaluation.source.unit != "relative"
+            cdp, interval = (one.cdp[0].cdp, one.cdp[0].interval) if len(one.cdp) else (nan, (nan, nan))
+            yield SeenContrast(
+                names.setdefault(same, one.name),
+                picture.file if several else "",
+                regions.dark_region.mean if regions is not None and in_cd_m2 else None,
+                one.contrast.value,
+                regions is not None and bool(regions.bound),
+                cdp,
+                interval,
+            )
+
+
 @dataclass(frozen=True)
 class _RegionRow:
     picture: ReportedPicture
-    region: RegionResult
+    region: RegionLight
 
 
 def region_table(pictures: Sequence[ReportedPicture], several: bool) -> Table:
@@ -216,5 +233,5 @@ def matrices(pictures: Sequence[ReportedPicture], request: ImageRequest, contras
     for number, (name, title) in enumerate(names):
         data: dict[str, Sequence[Any]] = {"contrast": list(contrasts)}
         for column, pairs in zip(columns, found, strict=True):
-            data[column.name] = [one.result.cdp for one in pairs[number].results] if pairs else [None] * len(contrasts)
+            data[column.name] = pairs[number].cdp.cdp.tolist() if pairs else [None] * len(contrasts)
         yield Table(f"cdp {name}", f"CDP, {title}", (first, *columns), data, matrix=True, detail=True)

@@ -17,7 +17,7 @@ from ...core.computer import Threads
 from ...core.disk import validated_as
 from ...core.disk.journal import LineJournal
 from ...core.errors import InputError
-from ...metrics import Estimate
+from ...core.quantity import Quantity
 from ...metrics.contrast import each_contrast
 from ...output import Destination, results_journal
 from .maps.axes import TO_DETECT, UNITS, VARIABLES
@@ -224,8 +224,8 @@ def _simulated(block: range, sweep: Sweep) -> NDArray[np.float64]:
 def _row(pair: PairRow, dark: SeenRegion, bright: SeenRegion) -> NDArray[np.float64]:
     """Return the variables of `VARIABLES` for one cell; where no pixel is above 0 cd/m^2, nothing is detected."""
     found = pair.cdp
-    shares = (0.0, np.nan, 1.0, 0.0) if found is None else (found.cdp, found.standard_error, found.below, found.above)
-    snr = [one.luminance_snr if one.saturated_share < _CLIPPED else Estimate(nan, nan) for one in (dark, bright)]
+    shares = (0.0, np.nan, 1.0, 0.0) if found is None else (found.cdp, found.u, found.below, found.above)
+    snr = [one.luminance_snr if one.saturated_share < _CLIPPED else Quantity(nan, nan) for one in (dark, bright)]
     values = [one.value for one in snr]
-    errors = [one.standard_error for one in snr]
+    errors = [one.u for one in snr]
     return np.array([*shares, pair.mean_contrast, pair.csnr.value, *values, *errors, bright.saturated_share])

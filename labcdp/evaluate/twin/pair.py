@@ -9,10 +9,10 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.table import Z_95
-from ...metrics import CdpResult, Distribution
+from ...core.quantity import Z_95
+from ...metrics import Cdp, Distribution
 from ...metrics.contrast import TargetContrast
-from ...metrics.detection import result_of_tally
+from ...metrics.detection import count_cdp
 from ...metrics.pairs import PairTally, tally_pairs
 from .prediction import RegionPrediction, added, scaled
 from .regions import SeenRegion
@@ -58,7 +58,7 @@ class TwinPair(PairAsked):
         Exposure of the frames.
     frame_number, dark_frame_number : int
         Frames of the bright and of the dark patch.
-    measured : CdpResult
+    measured : Cdp
         CDP by the camera; its interval is for the finite number of pixels.
     predicted : float
         CDP by the twin, for an infinite region.
@@ -71,7 +71,7 @@ class TwinPair(PairAsked):
     exposure_s: float
     frame_number: int
     dark_frame_number: int
-    measured: CdpResult
+    measured: Cdp[float]
     predicted: float
     u_predicted: float
     u_pixels: float
@@ -157,7 +157,7 @@ def compare_pair(
         exposure_s=seen[0].exposure_s,
         frame_number=seen[0].frame_number,
         dark_frame_number=seen[1].frame_number,
-        measured=result_of_tally(tally(bright, dark), bright, dark, "a", asked),
+        measured=count_cdp(bright, dark, [asked])[0],
         predicted=best.inside,
         u_predicted=sqrt(of_parameters),
         u_pixels=sqrt(of_pixels),

@@ -63,7 +63,7 @@ def _pairs(pairs: Sequence[TwinPair]) -> Table:
         Column("meter_contrast", "contrast by meter", "%", "Of the mean luminances from the meter.", shown=False),
         *with_interval(Column("measured_cdp", "measured CDP", value="measured.cdp",
                               meaning="From the camera; its interval comes from the number of pixels."),
-                       "measured.confidence_interval"),
+                       "measured.interval"),
         *with_interval(Column("predicted_cdp", "predicted CDP", value="predicted",
                               meaning="From the twin, for an infinitely large region."), "predicted_interval"),
         *uncertain(difference, "u_difference"),
@@ -216,7 +216,7 @@ def twin_figure(evaluation: TwinEvaluation) -> ReportFigure:
         if not pairs:
             continue
         style = {"fmt": marker, "markersize": 5, "color": colour, "markerfacecolor": "none"}
-        measured = np.array([[pair.measured.cdp, *pair.measured.confidence_interval] for pair in pairs]).T
+        measured = np.array([[pair.measured.cdp, *pair.measured.interval] for pair in pairs]).T
         predicted = np.array([[pair.predicted, *pair.predicted_interval] for pair in pairs]).T
         x, y = (np.maximum([one[0] - one[1], one[2] - one[0]], 0) for one in (predicted, measured))
         left.errorbar(predicted[0], measured[0], y, x, elinewidth=0.8, label=name, **style)

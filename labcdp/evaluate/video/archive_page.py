@@ -16,6 +16,7 @@ from ...report.html import render_page
 from ...report.layout import Card, Links, Page, Section, State
 from ...report.sheets import result_workbook
 from ...report.text import fixed
+from ..requirement import COLUMNS, requirement_cards
 from .archive import ArchiveResult, VideoOutcome
 from .findings import LOST
 from .result import CONTRASTS, REGIONS
@@ -51,6 +52,7 @@ def archive_result(archive: ArchiveResult) -> Result:
     )
     tables = [Table.of_items("videos", "Videos", _VIDEOS, map(_video, archive.outcomes), text)]
     for name, title, columns in (
+        ("requirement", "Requirement", COLUMNS),
         ("contrasts", "CDP over the evaluated frames", CONTRASTS),
         ("regions", "Regions", REGIONS),
         ("lost", "Stretches in which a region was lost", LOST),
@@ -129,12 +131,13 @@ def archive_page(result: Result) -> Page:
     done = [row["video"] for row in videos.rows() if row["error"] is None]
     pages = [(name, f"{name}/report.html") for name in done]
     state: State = "good" if len(done) == len(videos) else "bad"
+    first = Card("Videos", f"{len(done)} of {len(videos)}", "evaluated", state=state)
     is_long = len(videos) > _MOST_ROWS
     details = [table for table in result.tables if table.name not in ("videos", "contrasts")]
     return Page(
         "CDP of videos",
         "Archive of videos",
-        cards=[Card("Videos", f"{len(done)} of {len(videos)}", "evaluated", state=state), *_over_all(videos)],
+        cards=[first, *requirement_cards(result), *_over_all(videos)],
         lead=() if is_long else (videos,),
         findings=result.findings,
         sections=[

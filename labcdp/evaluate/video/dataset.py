@@ -26,11 +26,11 @@ if TYPE_CHECKING:
 
 #: Stands for the unit of the video's means: cd/m² or none.
 LIGHT = "light"
-#: Over frame and contrast; taken from a `CalibratedCdp`.
+#: Over frame and contrast; taken from a `Cdp`.
 OF_CONTRAST = by_itself(*CDP, *SHARES)
 #: Over frame; taken from a `PairResult`.
 OF_PAIR = by_itself(*CONTRAST, *CSNR)
-#: Over frame; taken from the `CalibratedCdp` of the reference contrast.
+#: Over frame; taken from the `Cdp` of the reference contrast.
 OF_REFERENCE = tuple(
     replace(one, name=f"reference_{one.name}", label=one.label.replace("CDP", "CDP of reference"))
     for one in by_itself(
@@ -39,7 +39,7 @@ OF_REFERENCE = tuple(
     if one.name != "u_cdp"
 )
 OF_FRAME = (*OF_PAIR, *OF_REFERENCE)
-#: Over frame and region; taken from a `RegionResult`.
+#: Over frame and region; taken from a `RegionLight`.
 OF_LIGHT = tuple(
     one
     for one in by_itself(*region_columns(LIGHT), invalid_share("saturated"))

@@ -24,9 +24,10 @@ from ...metrics.correlated_cdp import size_findings
 from ...metrics.pair import require_apart, vignetting_findings
 from ...output import Destination, results_journal
 from ...report.text import finding_text
-from ..picture.conversion import Calibrated, PictureConversion, picture_conversion
+from ..picture.conversion import MOSAIC, Calibrated, PictureConversion, picture_conversion
 from .dataset import VideoRows, as_json, recorded
 from .findings import VideoFindings
+from .otherwise import ReadOtherwise
 from .rows import PartRun, is_end, variables
 from .run import VideoRun
 from .settings import Observer, Progress, VideoSettings, evaluation_head, make_reference
@@ -171,15 +172,23 @@ def _rows(source: VideoSource, conversion: PictureConversion, run: PartRun) -> V
         raise run.failure
     settings, journal = run.settings, run.journal
     found = VideoFindings([roi.name for roi in settings.rois])
+    otherwise = ReadOtherwise(conversion, source.doubts) if settings.rois and conversion.unit == "relative" else None
     for row in journal.rows():
         if not is_end(row):
             found.add(row)
+            if otherwise is not None:
+                otherwise.add(row, (settings.rois[0].name, settings.rois[1].name))
     if found.first_measured is None:
         journal.discard()
         number, finding = found.first or (0, None)
         why = f"; frame {number}: {finding_text(finding)}" if finding is not None else ""
         raise InputError(f"{source.path}: no frame could be evaluated{why}")
-    findings = [*source.findings, *conversion_findings(conversion, source), *_announced(source, run), *found.findings]
+    findings = [
+        *source.findings,
+        *conversion_findings(conversion, source, otherwise),
+        *_announced(source, run),
+        *found.findings,
+    ]
     findings += _of_vignetting(source, conversion, settings.rois)
     for roi in settings.rois:
         findings += size_findings(roi.name, int(roi.mask(source.shape).sum()))
@@ -286,10 +295,16 @@ def _require_regions(source: VideoSource, settings: VideoSettings) -> None:
     require_apart(first, second)
 
 
-def conversion_findings(conversion: PictureConversion, source: VideoSource) -> tuple[Finding, ...]:
-    """Return what there is to know about the luminance of a video's frames."""
+def conversion_findings(
+    conversion: PictureConversion, source: VideoSource, otherwise: ReadOtherwise | None = None
+) -> tuple[Finding, ...]:
+    """Return what there is to know about the luminance of a video's frames, and of its regions if they are known."""
     found = [*conversion.vignetting_findings(conversion.vignetting(source.shape, source.readout))]
-    found += conversion.doubt_findings(source.doubts)
+    of_first = conversion.doubt_findings(source.doubts)
+    if otherwise is not None:
+        # What is said of the values of the first frame is said of the regions in all frames.
+        of_first = (*(one for one in of_first if one.code == MOSAIC), *otherwise.findings)
+    found += of_first
     if source.encoding != "linear" or any(one.code == "srgb-colour-to-grey" for one in source.findings):
         calibrated = isinstance(conversion, Calibrated)
         found.append(warning("srgb-taken-as-dn" if calibrated else "srgb-assumed"))

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from math import ceil
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.quantity import Z_95
 from ...core.result import Result
-from ...core.table import Z_95
 from ...report.drawing import (
     BLUE,
     GREEN,
@@ -23,8 +23,9 @@ from ...report.drawing import (
     taken_literally,
 )
 from ...report.text import shortened
+from ..verdict import changes_of
 from .findings import period_s, runs, times_s
-from .result import contrast_name, limit_of
+from .result import answer_of, contrast_name, limit_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -75,7 +76,7 @@ def video_figure(dataset: Dataset, result: Result) -> bytes:
     result : Result
         Its tables.
     """
-    panels = [_cdp(dataset, list(result.table("contrasts").rows()))]
+    panels = [_cdp(dataset, result)]
     panels += [_contrast(dataset)] if "measured_contrast" in dataset else []
     panels += [_quality(dataset)] if "quality" in dataset else []
     heights = [panel.height_in for panel in panels]
@@ -104,16 +105,17 @@ def video_figure(dataset: Dataset, result: Result) -> bytes:
     return png(figure)
 
 
-def drawn_contrasts(dataset: Dataset) -> list[int]:
-    """Places of the contrasts drawn in addition to the reference: all, or a selection over the range."""
+def drawn_contrasts(dataset: Dataset, result: Result) -> list[int]:
+    """Places of the contrasts drawn in addition to the reference: all, or those where the answer changes, as cards."""
     reference = dataset["reference_contrast"].values if "reference_contrast" in dataset else np.array([np.nan])
     places = [
         place
         for place, contrast in enumerate(dataset["contrast"].values)
         if not np.isclose(reference, contrast, rtol=1e-9).all()
     ]
-    chosen = np.linspace(0, len(places) - 1, min(len(places), _MOST_CONTRASTS)).round().astype(int)
-    return [places[number] for number in chosen]
+    rows = [row for row in result.table("contrasts").rows() if row["kind"] != "reference"]
+    answers = [answer_of(rows[place]) for place in places]
+    return [places[number] for number in changes_of(answers, _MOST_CONTRASTS)]
 
 
 def frames_of_a_point(dataset: Dataset) -> int:
@@ -121,12 +123,13 @@ def frames_of_a_point(dataset: Dataset) -> int:
     return ceil(dataset.sizes["frame"] / _MOST_POINTS)
 
 
-def _cdp(dataset: Dataset, rows: list[dict[str, Any]]) -> _Panel:
+def _cdp(dataset: Dataset, result: Result) -> _Panel:
+    rows = list(result.table("contrasts").rows())
     curves, colours = [], iter(_COLOURS)
     if rows[0]["kind"] == "reference":
         y, low, high = (dataset[name].values for name in ("reference_cdp", "reference_cdp_low", "reference_cdp_high"))
         curves.append(_Curve(contrast_name(rows.pop(0)), next(colours), y, low, high))
-    for place in drawn_contrasts(dataset):
+    for place in drawn_contrasts(dataset, result):
         y, low, high = (dataset[name].isel(contrast=place).values for name in ("cdp", "cdp_low", "cdp_high"))
         curves.append(_Curve(contrast_name(rows[place]), next(colours), y, low, high))
     return _Panel(2.4, "CDP", (-0.03, 1.03), curves)

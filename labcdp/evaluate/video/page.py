@@ -23,10 +23,11 @@ from ...report.html import render_page
 from ...report.layout import Block, Card, Facts, Page, ReportFigure, Section, State, Verbatim, input_facts
 from ...report.sheets import MOST_COLUMNS, LongTable, write_result
 from ...report.text import cell_text, fixed, percent, printable, significant, span
+from ..requirement import requirement_cards
 from ..verdict import changes_of
 from .dataset import LIGHT, NOTE, OF_CONTRAST, OF_CORNER, OF_FRAME, OF_REGION, TIME, VideoRows, blocks_of, check_video
 from .figure import drawn_contrasts, frames_of_a_point, video_figure
-from .result import contrast_name, is_neighbours, limit_of, unit_of, video_result
+from .result import answer_of, contrast_name, is_neighbours, limit_of, unit_of, video_result
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -41,7 +42,7 @@ METHODS = {"follow": "tracked", "homography": "tracked by the homography of a pl
 def video_page(dataset: Dataset, result: Result, figure: ReportFigure) -> Page:
     """Return the page: how often contrasts were detected, curves over time, then regions, notes and provenance."""
     tables = {table.name: table for table in result.tables}
-    sections = []
+    sections = [Section("Requirement", [tables[name]]) for name in ("requirement",) if name in tables]
     if "regions" in tables:
         text = "A region that cannot be found is lost: these frames have no CDP."
         blocks: list[Block] = [tables["regions"], *([tables["lost"]] if "lost" in tables else []), text]
@@ -49,11 +50,13 @@ def video_page(dataset: Dataset, result: Result, figure: ReportFigure) -> Page:
     if "notes" in tables:
         sections.append(Section("Notes on frames", [tables["notes"]], collapsed=True))
     sections.append(Section("Provenance and settings", _provenance(dataset, result), collapsed=True))
+    of_contrasts = (_card(row, tables["contrasts"]) for row in _chosen(tables["contrasts"]))
+    cards = [*requirement_cards(result), *_measured(dataset), *of_contrasts]
     return Page.of(
         result,
         "CDP of a video",
         summary=_summary(dataset, result),
-        cards=[*_measured(dataset), *(_card(row, tables["contrasts"]) for row in _chosen(tables["contrasts"]))],
+        cards=cards,
         lead=(figure, tables["contrasts"]),
         sections=sections,
     )
@@ -66,7 +69,7 @@ def over_time(dataset: Dataset, result: Result) -> ReportFigure:
     parts = {
         f"CDP with its 95 % interval; the dotted line is the limit of {limit_of(dataset):g}.": True,
         f"Of the {dataset.sizes['contrast']} contrasts some are drawn.": (
-            len(drawn_contrasts(dataset)) + 1 < dataset.sizes["contrast"]
+            len(drawn_contrasts(dataset, result)) + 1 < dataset.sizes["contrast"]
         ),
         "Below: Weber contrast of the regions' means with its 95 % interval.": "measured_contrast" in dataset,
         "At the bottom: tracking quality of each region, from 0 to 1.": "quality" in dataset,
@@ -84,13 +87,8 @@ def _chosen(contrasts: Table) -> list[dict[str, Any]]:
     rows = list(contrasts.rows())
     reference = [row for row in rows if row["kind"] == "reference"]
     others = [row for row in rows if row["kind"] != "reference"]
-    places = changes_of([*map(_answer, others)], _MOST_CARDS - len(reference))
+    places = changes_of([*map(answer_of, others)], _MOST_CARDS - len(reference))
     return [*reference, *(others[place] for place in places)]
-
-
-def _answer(row: Mapping[str, Any]) -> float | None:
-    """Return how often the contrast is detected; where that is the same, the CDP decides."""
-    return row["detected_share"] + row["mean_cdp"] / 100 if row["n_evaluated"] else None
 
 
 def _measured(dataset: Dataset) -> Iterator[Card]:

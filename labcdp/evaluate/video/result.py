@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.disk import parse_json
-from ...core.result import InputFile, Result
+from ...core.result import InputFile, Result, unique
 from ...core.table import Column, Table, with_bound
 from ...metrics.region import SATURATED_SHARE
 from ...report.text import percent
+from ..requirement import Judgement, Requirement, SeenContrast, judged_pairs
 from ..verdict import CDP_LIMIT, LIMIT
 from .dataset import check_video, restored
 from .findings import frame_tables, times_s
@@ -71,15 +72,41 @@ def video_result(dataset: Dataset) -> Result:
     check_video(dataset)
     video = InputFile("video", str(dataset.attrs.get("file", "")), str(dataset.attrs.get("sha256", "")))
     regions = _regions(dataset)
-    tables = [_contrasts(dataset), _summary(dataset), *([regions] if len(regions) else []), *frame_tables(dataset)]
+    findings = restored(_json(dataset, "findings", []))
+    judgement = judged_video(dataset)
+    verdicts = [] if judgement is None else [judgement.table]
+    if judgement is not None:
+        findings = unique([*findings, *judgement.findings])
+    tables = [*verdicts, _contrasts(dataset), _summary(dataset), *([regions] if len(regions) else [])]
+    tables += frame_tables(dataset)
     return Result(
         "video",
         PurePath(str(dataset.attrs.get("file", ""))).name or "video",
         tuple(tables),
-        restored(_json(dataset, "findings", [])),
+        findings,
         (video, *(InputFile(**one) for one in _json(dataset, "inputs", []))),
         configuration_of(dataset),
     )
+
+
+def judged_video(dataset: Dataset) -> Judgement | None:
+    """Return the judgement of a video by the requirement it was evaluated for; None for none."""
+    required = configuration_of(dataset).get("requirement")
+    if required is None:
+        return None
+    regions = "region" in dataset.dims
+    pair = " / ".join(map(str, dataset["region"].values)) if regions else "nearest-neighbour"
+    unknown = np.full(dataset.sizes["frame"], np.nan)
+    luminance = dataset["mean"].min("region").values if regions and unit_of(dataset) else unknown
+    contrast = dataset["measured_contrast"].values if "measured_contrast" in dataset else unknown
+    saturated = dataset["saturated"].max("region").values if "saturated" in dataset else unknown
+    cdp, low, high = (dataset[name].isel(contrast=0).values for name in ("cdp", "cdp_low", "cdp_high"))
+    values = zip(dataset["frame"].values, luminance, contrast, saturated, cdp, low, high, strict=True)
+    return judged_pairs(Requirement.model_validate(required), (
+        SeenContrast(pair, f"frame {frame}", float(at) if unit_of(dataset) and regions else None, float(measured),
+                     bool(share > SATURATED_SHARE), float(one), (float(lowest), float(highest)))
+        for frame, at, measured, share, one, lowest, highest in values
+    ))  # fmt: skip
 
 
 def is_neighbours(dataset: Dataset) -> bool:
@@ -146,6 +173,14 @@ def lost_frames(dataset: Dataset) -> NDArray[np.bool_]:
 def limit_of(dataset: Dataset) -> float:
     """Return the CDP from which a contrast counts as detected in a frame."""
     return float(configuration_of(dataset).get("cdp_limit", CDP_LIMIT))
+
+
+def answer_of(row: Mapping[str, Any]) -> float | None:
+    """Return how often a contrast of the table is detected; where that is the same, the CDP decides.
+
+    None if no frame has a CDP of it.
+    """
+    return float(row["detected_share"] + row["mean_cdp"] / 100) if row["n_evaluated"] else None
 
 
 def _over_all(cdp: NDArray[np.float64], frames: NDArray[Any], lost: NDArray[np.bool_], limit: float) -> dict[str, Any]:

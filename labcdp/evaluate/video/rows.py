@@ -16,7 +16,7 @@ from ...core.frame import Frame
 from ...core.luminance import WHOLE
 from ...core.result import Finding, warning
 from ...core.roi import Roi
-from ...core.table import values_of
+from ...core.table import array_values_of, values_of
 from ...core.vignetting import Cos4Vignetting
 from ...files.video.source import VideoFrame
 from ...metrics.pair import evaluate_regions, require_apart
@@ -187,14 +187,14 @@ class PartRun:
         n, both = len(contrasts), (found.a, found.b)
         row: Row = {name: values[0] for name, values in values_of(OF_PAIR, [found]).items()}
         row |= values_of(OF_LIGHT, both) | {_INVALID: [region.invalid_shares for region in both]}
-        row |= values_of(OF_CONTRAST, found.results[:n]) if n else {}
-        row |= {name: values[0] for name, values in values_of(OF_REFERENCE, found.results[n:]).items() if values}
+        row |= array_values_of(OF_CONTRAST, found.cdp[:n]) if n else {}
+        row |= {name: values[0] for name, values in array_values_of(OF_REFERENCE, found.cdp[n:]).items() if values}
         return row, [] if why is None else [why]
 
     def _of_neighbours(self, frame: Frame) -> Row:
         given = None if isnan(self.contrasts[0]) else self.contrasts
         found = neighbours_of_frame(frame, self._conversion, given, self.settings.epsilon)
-        row: Row = {**values_of(OF_CONTRAST, found.results)} if found.results else {}
+        row: Row = {**array_values_of(OF_CONTRAST, found.cdp)} if len(found.cdp) else {}
         if given is None:
             row[_MEASURED] = found.contrast.value
             self._learn(found.contrast.value)

@@ -25,6 +25,7 @@ from ...metrics import Epsilon
 from ...metrics.contrast import TargetContrast
 from ...report.files import read_dataset
 from ...tracking import TrackedRoi, methods_of
+from ..requirement import Requirement
 from ..verdict import CDP_LIMIT, require_limit
 
 #: Called for each evaluated frame: its number, the frame in 8 bits, where the regions are in it, and its results by
@@ -72,6 +73,8 @@ class VideoSettings:
         Whether frames that are damaged, or build on damaged ones, are evaluated, with a note.
     cdp_limit : float
         CDP from which a contrast counts as detected in a frame.
+    requirement : Requirement or None
+        What the pair is judged by; contrast, tolerance and limit are then its own.
 
     Raises
     ------
@@ -100,6 +103,7 @@ class VideoSettings:
     pixel_pitch_m: float | None = None
     no_vignetting: bool | None = None
     cdp_limit: float = CDP_LIMIT
+    requirement: Requirement | None = None
 
     def __post_init__(self) -> None:
         require_limit(self.cdp_limit)
@@ -288,5 +292,6 @@ def video_configuration(settings: VideoSettings, reference: ReferenceContrast | 
         "calibration_sha256": None if settings.calibration is None else calibration_sha256(settings.calibration),
         "camera_sha256": None if settings.camera is None else InputFile.of("camera", settings.camera).sha256,
         **{name: getattr(settings, name) for name in as_they_are},
+        **({} if settings.requirement is None else {"requirement": settings.requirement.model_dump(mode="json")}),
         **settings.stated,
     }

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from math import isfinite, nan, sqrt
-from operator import index
+from collections.abc import Sequence
+from dataclasses import replace
+from math import isfinite, nan
 from typing import Any, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.errors import InputError
-from ...core.roi import clipped_rectangle
+from ...core.percent import plain_fraction
 from ..arrays import check_exact, image_array
 from ..contrast import ContrastDefinition, Epsilon, TargetContrast
 from ..distribution import weighted_sum
 from ..pairs import RELATIVE_TOLERANCE
-from ..result import DetectionProbability, NeighbourCdp, asked_contrasts, joined
-from ..uncertainty import confidence_interval
+from ..result import Cdp, cdp_of_shares, target_contrasts
 
 #: Rows compared at once, to limit temporary memory.
 _ROWS = 64
@@ -26,7 +25,7 @@ _ROWS = 64
 @overload
 def cdp_neighbours(
     image: ArrayLike, contrast: float | str, epsilon: Epsilon | str = ..., *, definition: ContrastDefinition = ...
-) -> DetectionProbability[float]: ...
+) -> Cdp[float]: ...
 @overload
 def cdp_neighbours(
     image: ArrayLike,
@@ -34,10 +33,10 @@ def cdp_neighbours(
     epsilon: Epsilon | str = ...,
     *,
     definition: ContrastDefinition = ...,
-) -> DetectionProbability[NDArray[np.float64]]: ...
+) -> Cdp[NDArray[np.float64]]: ...
 def cdp_neighbours(
     image: ArrayLike, contrast: ArrayLike, epsilon: Epsilon | str = 0.5, *, definition: ContrastDefinition = "weber"
-) -> DetectionProbability[Any]:
+) -> Cdp[Any]:
     """Contrast detection probability of each pixel against its right and its lower neighbour.
 
     Parameters
@@ -49,7 +48,7 @@ def cdp_neighbours(
 
     Returns
     -------
-    DetectionProbability
+    Cdp
 
     Raises
     ------
@@ -64,77 +63,11 @@ def cdp_neighbours(
     for the dependence of pairs with common pixels, and of rows and columns with a pattern (see
     `MarkSums.variance`). It is nan for fewer than 8 rows or columns.
     """
-    asked, shape = asked_contrasts(contrast, epsilon, definition)
+    targets, shape = target_contrasts(contrast, epsilon, definition)
     values = _usable(image_array(image))
-    return joined([_cdp_of(values, one) for one in asked], asked, shape, epsilon, definition, _pairs(values))
-
-
-def cdp_neighbours_range(
-    image: ArrayLike, contrasts: Iterable[float], epsilon: Epsilon = 0.5, *, definition: ContrastDefinition = "weber"
-) -> tuple[NeighbourCdp, ...]:
-    """Nearest-neighbour contrast detection probability at several contrasts, as one record each.
-
-    Parameters
-    ----------
-    image, epsilon, definition
-        As for `cdp_neighbours`.
-    contrasts : iterable of float
-        Contrasts; for equal steps see `contrast_range`.
-
-    Returns
-    -------
-    tuple of NeighbourCdp
-        One for each contrast.
-
-    Raises
-    ------
-    InputError
-        As `cdp_neighbours`.
-    """
-    asked = [TargetContrast(contrast, epsilon, definition) for contrast in contrasts]
-    values = _usable(image_array(image))
-    return tuple(_cdp_of(values, one) for one in asked)
-
-
-def cdp_rectangle(
-    image: ArrayLike,
-    corner1: tuple[int, int],
-    corner2: tuple[int, int],
-    contrast: float | Sequence[float] | NDArray[Any],
-    epsilon: Epsilon = 0.5,
-    *,
-    definition: ContrastDefinition = "weber",
-) -> DetectionProbability[Any]:
-    """Nearest-neighbour contrast detection probability inside a rectangle.
-
-    Parameters
-    ----------
-    image : array_like of int or float, shape (height, width)
-        Only the part inside the rectangle must be finite.
-    corner1, corner2 : (int, int)
-        Opposite corner pixels (x, y), x to the right and y down from (0, 0), in any order. Both are included. The
-        rectangle is clipped to the image.
-    contrast, epsilon, definition
-        As for `cdp`.
-
-    Returns
-    -------
-    DetectionProbability
-        As from `cdp_neighbours`.
-
-    Raises
-    ------
-    InputError
-        As `cdp_neighbours`; and if a corner is not a pair of integers, or the rectangle lies outside the image.
-    """
-    pixels = image_array(image)
-    height, width = pixels.shape
-    try:
-        (xa, ya), (xb, yb) = (tuple(map(index, corner)) for corner in (corner1, corner2))
-    except (TypeError, ValueError) as error:
-        raise InputError(f"corners are {corner1} and {corner2}: give two pixels (x, y) as integers") from error
-    left, top, right, bottom = clipped_rectangle((xa, ya, xb, yb), width, height)
-    return cdp_neighbours(pixels[top : bottom + 1, left : right + 1], contrast, epsilon, definition=definition)
+    counts, marks = zip(*(_count(values, target) for target in targets), strict=True) if targets else ((), ())
+    result = cdp_of_counts(targets, _pairs(values), counts, marks)
+    return replace(result.reshape(shape), epsilon=plain_fraction(epsilon), definition=definition)
 
 
 def _usable(image: NDArray[np.generic]) -> NDArray[np.float64]:
@@ -153,37 +86,32 @@ def _usable(image: NDArray[np.generic]) -> NDArray[np.float64]:
     return values
 
 
-def _cdp_of(values: NDArray[np.float64], asked: TargetContrast) -> NeighbourCdp:
-    height, pairs = values.shape[0], _pairs(values)
+def _count(values: NDArray[np.float64], target: TargetContrast) -> tuple[tuple[int, int, int], MarkSums]:
+    """Count the pairs that are undefined, below, and up to the upper end, and mark the detected ones."""
     counts = np.zeros(3, dtype=np.int64)
     detected = np.zeros(values.shape, dtype=np.int8)  # pairs of each pixel with its right and its lower neighbour
-    for start in range(0, height, _ROWS):
+    for start in range(0, values.shape[0], _ROWS):
         block = values[start : start + _ROWS + 1]
         rows, marks = block[:_ROWS], detected[start : start + _ROWS]
-        counts += _compare(rows[:, :-1], rows[:, 1:], asked, marks[:, :-1])
-        counts += _compare(block[:-1], block[1:], asked, marks[: len(block) - 1])
-    return result_of_counts(asked, pairs, counts.tolist(), MarkSums.of(detected))
+        counts += _compare(rows[:, :-1], rows[:, 1:], target, marks[:, :-1])
+        counts += _compare(block[:-1], block[1:], target, marks[: len(block) - 1])
+    undefined, below, up_to = counts.tolist()
+    return (undefined, below, up_to), MarkSums.of(detected)
 
 
-def result_of_counts(asked: TargetContrast, pairs: int, counts: Iterable[int], marks: MarkSums) -> NeighbourCdp:
-    """Make the result of a contrast from the pairs that are undefined, below, and up to the upper end."""
-    undefined, below, up_to = counts
-    cdp = (up_to - below) / pairs
-    variance = marks.variance(cdp)
-    return NeighbourCdp(
-        cdp=cdp,
-        standard_error=sqrt(variance),
-        # A pixel is part of up to four pairs.
-        confidence_interval=confidence_interval(cdp, variance, pairs / 4),
-        contrast=asked.contrast,
-        epsilon=asked.epsilon,
-        definition=asked.definition,
-        interval=asked.interval,
-        below=below / pairs,
-        above=(pairs - up_to) / pairs,
-        undefined=undefined / pairs,
-        pairs=pairs,
-    )
+def cdp_of_counts(
+    targets: Sequence[TargetContrast],
+    pairs: int,
+    counts: Sequence[tuple[int, int, int]],
+    marks: Sequence[MarkSums],
+) -> Cdp[NDArray[np.float64]]:
+    """Make the record from the pairs that are undefined, below, and up to the upper end of each target."""
+    shares = [
+        (below / pairs, (up_to - below) / pairs, (pairs - up_to) / pairs, undefined / pairs)
+        for undefined, below, up_to in counts
+    ]
+    variances = [sums.variance(inside) for sums, (_, inside, _, _) in zip(marks, shares, strict=True)]
+    return cdp_of_shares(targets, shares, variances, pairs=pairs)
 
 
 def _pairs(values: NDArray[np.float64]) -> int:
@@ -192,13 +120,13 @@ def _pairs(values: NDArray[np.float64]) -> int:
 
 
 def _compare(
-    first: NDArray[np.float64], second: NDArray[np.float64], asked: TargetContrast, marks: NDArray[np.int8]
+    first: NDArray[np.float64], second: NDArray[np.float64], target: TargetContrast, marks: NDArray[np.int8]
 ) -> tuple[int, int, int]:
     """Add the detected pairs to `marks`; count the undefined ones, those below, and those up to the upper end."""
     larger, smaller = np.maximum(first, second), np.maximum(np.minimum(first, second), 0)
     undefined = larger <= 0
     below, up_to = undefined, np.ones_like(undefined)
-    low, high = asked.ratios
+    low, high = target.ratios
     with np.errstate(over="ignore"):
         if isfinite(low):
             below = larger <= smaller * (low * (1 - RELATIVE_TOLERANCE))

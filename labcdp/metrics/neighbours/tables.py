@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from ...core.errors import InputError
 from ..contrast import Epsilon, TargetContrast
 from ..pairs import RELATIVE_TOLERANCE
-from ..result import NeighbourCdp
-from .cdp import MarkSums, result_of_counts
+from ..result import Cdp
+from .cdp import MarkSums, cdp_of_counts
 
 #: Contrasts at once: each has two ends, and a class has one byte.
 MOST_CONTRASTS = 120
@@ -25,7 +25,7 @@ class NeighbourTables:
     There are 2^16 pairs of DN, so that it is known beforehand between which of all ends of the intervals the contrast
     of a pair lies: one look-up a pair, whatever the number of contrasts, and none where neighbours differ less than
     any contrast asks for. All sums are those of integers; results are those of
-    `cdp_neighbours_range` to the rounding of its floats.
+    `cdp_neighbours` to the rounding of its floats.
 
     Parameters
     ----------
@@ -47,10 +47,10 @@ class NeighbourTables:
             raise InputError(f"{len(contrasts)} contrasts are given: give up to {MOST_CONTRASTS}")
         if not np.isfinite(light).all():
             raise InputError("the light of a DN is not finite: check calibration or camera specification")
-        self._asked = [TargetContrast(contrast, epsilon, "weber") for contrast in contrasts]
+        self._targets = [TargetContrast(contrast, epsilon, "weber") for contrast in contrasts]
         intervals = [
             (max(low * (1 - RELATIVE_TOLERANCE), 0.0), high * (1 + RELATIVE_TOLERANCE))
-            for low, high in (one.ratios for one in self._asked)
+            for low, high in (target.ratios for target in self._targets)
         ]
         # Place 0 is exceeded by all pairs with light, the last one by none, and those between by what exceeds an end.
         ends = sorted({end for pair in intervals for end in pair if 0 < end < np.inf})
@@ -60,7 +60,7 @@ class NeighbourTables:
         classes = _classes(np.asarray(light, dtype=float), ends)
         self._classes, self._alike = classes.ravel(), _alike(classes)
 
-    def evaluate(self, dn: NDArray[np.uint8]) -> tuple[NeighbourCdp, ...]:
+    def evaluate(self, dn: NDArray[np.uint8]) -> Cdp[NDArray[np.float64]]:
         """Evaluate a frame.
 
         Parameters
@@ -70,8 +70,8 @@ class NeighbourTables:
 
         Returns
         -------
-        tuple of NeighbourCdp
-            One for each contrast.
+        Cdp
+            Of all contrasts.
 
         Raises
         ------
@@ -85,7 +85,7 @@ class NeighbourTables:
         # Neighbours are the same ones in a column and in a row.
         image = np.ascontiguousarray(dn if dn.shape[1] > 1 else dn.T)
         height, width = image.shape
-        n = len(self._asked)
+        n = len(self._targets)
         shapes = ((self._n_places,), (n,), (n, height), (n, width), (n, height, 3))
         types = (np.int64, np.int64, np.int64, np.uint32, np.uint8)
         sums = Sums(*(np.zeros(shape, dtype) for shape, dtype in zip(shapes, types, strict=True)))
@@ -96,13 +96,12 @@ class NeighbourTables:
             )
         n_pairs = height * (width - 1) + (height - 1) * width
         n_lit, *_ = exceeding = sums.counts.tolist()
-        found = []
-        for one, (low, high), *own in zip(
-            self._asked, self._intervals.tolist(), sums.near.tolist(), sums.rows, sums.columns, sums.sides, strict=True
-        ):
-            counts = n_pairs - n_lit, n_pairs - exceeding[low], n_pairs - exceeding[high]
-            found.append(result_of_counts(one, n_pairs, counts, MarkSums(*own)))
-        return tuple(found)
+        counts = [
+            (n_pairs - n_lit, n_pairs - exceeding[low], n_pairs - exceeding[high])
+            for low, high in self._intervals.tolist()
+        ]
+        marks = map(MarkSums, sums.near.tolist(), sums.rows, sums.columns, sums.sides)
+        return cdp_of_counts(self._targets, n_pairs, counts, list(marks))
 
 
 def neighbour_tables(

@@ -84,14 +84,14 @@ def pair_card(bench: LiveBench) -> str:
     if is_saturated(found.a, found.b):
         which = "both regions are" if is_saturated(found.a) and is_saturated(found.b) else "a region is"
         return _card(title, "saturated", "bad", f"{which}: shorten the exposure")
-    if not found.results:
+    if not len(found.cdp):
         return _card(title, "no contrast", "bad", "both regions look the same")
     if not points:
         return _card(title, "…", "open", "measuring")
     epsilon = f"ε {100 * target.epsilon:.3g} %"
     if len(points) == 1:
         (point,) = points
-        asked = ": measured" if found.of_measured_contrast else f" {_percent(point)}"
+        asked = ": measured" if found.targets_measured_contrast else f" {_percent(point)}"
         value, verdict, asked = f"{point.cdp:.4f}", str(point.verdict), f"target contrast{asked}, {epsilon}"
         words = f"95 % interval {point.low:.4f} to {point.high:.4f}"
     else:

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime
-from itertools import chain, count
 from math import hypot
 from pathlib import Path
 from typing import Any
 
 from ...core.disk import read_json, record_of
-from ...core.disk.text import results_json
+from ...core.disk.text import numbered, results_json
 from ...core.errors import InputError
 from ...core.result import Result
 from ...core.table import Column, Table
@@ -256,7 +255,7 @@ class DayLog:
 
     def export(self, simulated: bool) -> Path:
         """Write a new workbook of the day; raises InputError if it cannot be written."""
-        paths = (self._beside(f"{number}.xlsx") for number in chain([""], (f"-{n}" for n in count(2))))
+        paths = (self._beside(f"{ending}.xlsx") for ending in numbered("-{}"))
         path = next(path for path in paths if not path.exists())
         title = f"Log of {self._date.isoformat()}"
         result = Result("bench", title, log_tables(self.day), simulated=simulated)

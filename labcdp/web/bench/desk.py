@@ -66,7 +66,7 @@ def meter_reading(
         if roi.name == region and image.unit == "cd/m^2":
             found = result_of_region(image.pixels(roi))
             saturated = is_saturated(found)
-            camera, camera_u = (None, None) if saturated else (found.mean, found.standard_uncertainty)
+            camera, camera_u = (None, None) if saturated else (found.mean, found.u)
     mean = taken.mean_cd_m2
     u = hypot(taken.standard_uncertainty_random_cd_m2, taken.standard_uncertainty_common_rel * mean)
     n, scatter = len(taken.readings), taken.scatter_rel if len(taken.readings) > 1 else None

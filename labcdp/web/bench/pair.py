@@ -115,13 +115,11 @@ class Trace:
 def pair_points(pair: PairResult, time_s: float) -> tuple[PairPoint, ...]:
     """Return a pair's point for each target contrast; no number of saturated regions."""
     if is_saturated(pair.a, pair.b):
-        contrasts = (one.result.contrast for one in pair.results)
-        return tuple(PairPoint(time_s, contrast, nan, nan, nan, "saturated") for contrast in contrasts)
-    points = []
-    for result, (low, high) in ((one.result, one.confidence_interval) for one in pair.results):
-        found = verdict(result.below, result.above, (low, high))
-        points.append(PairPoint(time_s, result.contrast, result.cdp, low, high, found))
-    return tuple(points)
+        return tuple(PairPoint(time_s, cdp.contrast, nan, nan, nan, "saturated") for cdp in pair.cdp)
+    return tuple(
+        PairPoint(time_s, cdp.contrast, cdp.cdp, *cdp.interval, verdict(cdp.below, cdp.above, cdp.interval))
+        for cdp in pair.cdp
+    )
 
 
 def verdict(below: float, above: float, interval: tuple[float, float]) -> Verdict:
@@ -150,7 +148,7 @@ def snapshots_of(pair: PairEvaluation, time: datetime, taken: tuple[float, float
             first=pair.first.name,
             second=pair.second.name,
             contrast=known(contrast.value),
-            contrast_u=known(contrast.standard_error),
+            contrast_u=known(contrast.u),
             target_contrast=one.contrast,
             epsilon=pair.epsilon,
             cdp=known(one.cdp),

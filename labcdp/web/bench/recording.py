@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain, count
 from pathlib import Path
 from threading import Condition, Event
 from time import monotonic
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING
 from ...acquire import AcquisitionStoppedError, Control, acquire, forget
 from ...acquire.control import STOPPED, no_bare_session, warnings_to
 from ...acquire.operator import AskedOperator
+from ...core.disk.text import numbered
 from ...core.errors import InputError, LabcdpError, SessionError
 from ...drivers.meter import Meter
 from ...regions import Shape
@@ -258,8 +258,8 @@ def _report(session: Session) -> Path:
 
 def _new_folder(name: str) -> Path:
     """Return a folder that does not exist: earlier results stay."""
-    numbered = (Path(f"{name}-{number}") for number in count(2))
-    return next(path for path in chain((Path(name),), numbered) if not path.exists())
+    paths = (Path(f"{name}{ending}") for ending in numbered("-{}"))
+    return next(path for path in paths if not path.exists())
 
 
 def with_regions(plan: SessionConfiguration, shapes: Sequence[Shape]) -> SessionConfiguration:

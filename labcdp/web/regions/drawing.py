@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
-from itertools import chain, count
+from itertools import count
 
+from ...core.disk.text import numbered
 from ...core.errors import InputError
 from ...core.roi import Roi
 from ...regions import ImageSize, Shape, rois_of
@@ -127,8 +128,8 @@ class Drawing:
         taken = {shape.name for shape in self.shapes} | {roi.name for roi in self.rois}
         named: list[Shape] = []
         for shape in proposals:
-            others = (f"{shape.name} ({number})" for number in count(2))
-            free = next(name for name in chain([shape.name], others) if name not in taken)
+            names = (f"{shape.name}{ending}" for ending in numbered(" ({})"))
+            free = next(name for name in names if name not in taken)
             taken.add(free)
             named.append(shape if free == shape.name else replace(shape, name=free))
         self._check(named)

@@ -13,7 +13,7 @@ from ...core.errors import LabcdpError
 from ...core.result import Finding
 from ...core.roi import Roi
 from ...metrics.pair import PairResult, evaluate_regions, require_apart
-from ...metrics.region import RegionResult, result_of_region
+from ...metrics.region import RegionLight, result_of_region
 from ...regions import check_region
 from .drawing import Drawing
 from .page_image import PageImage
@@ -22,7 +22,7 @@ from .page_image import PageImage
 MOST_MEASURED = 200
 
 
-def is_saturated(*regions: RegionResult) -> bool:
+def is_saturated(*regions: RegionLight) -> bool:
     """Whether so many pixels of a region are saturated that its luminance is only known to be higher."""
     return any(region.bound for region in regions)
 
@@ -43,7 +43,7 @@ class RegionNumbers:
         Share of saturated pixels.
     evaluated : bool
         Whether the rest is known.
-    result : RegionResult or None
+    result : RegionLight or None
         Luminance with its uncertainty; None if it cannot be evaluated.
     findings : tuple of Finding
         Findings for the user.
@@ -60,7 +60,7 @@ class RegionNumbers:
     highest: float | None = None
     saturated: float = 0.0
     evaluated: bool = False
-    result: RegionResult | None = None
+    result: RegionLight | None = None
     findings: tuple[Finding, ...] = ()
     error: str = ""
 
@@ -195,7 +195,7 @@ class Measurements:
         except LabcdpError as error:
             return replace(done, error=str(error))
 
-    def _of_pair(self, roi: Roi) -> RegionResult | None:
+    def _of_pair(self, roi: Roi) -> RegionLight | None:
         """Return the result of a region from that of the pair."""
         pair = None if self._pair is None else self._pair.result
         return None if pair is None else next((one for one in (pair.a, pair.b) if one.roi == roi), None)

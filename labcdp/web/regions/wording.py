@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import partial
 from math import isfinite, nan
 
@@ -73,17 +72,16 @@ def pair_table(drawing: Drawing, measured: Measured) -> str:
         return f"<p class='warning'>{text(found.error)}</p>"
     if is_saturated(pair.a, pair.b):
         return f"<p class='warning'>Measured contrast {contrast_text(pair)}: a region is saturated.</p>"
-    of_measured, rows = pair.of_measured_contrast, []
-    for one in pair.results:
-        result = replace(one.result, confidence_interval=one.confidence_interval)
-        asked = significant(100 * result.contrast) if of_measured else f"{100 * result.contrast:.6g}"
-        rows.append(table_row(f"{asked} %", ((fixed(result.cdp, cdp_decimals(result)), "cdp"), cdp_interval(result))))
+    measured_target, rows = pair.targets_measured_contrast, []
+    for cdp in pair.cdp:
+        target = significant(100 * cdp.contrast) if measured_target else f"{100 * cdp.contrast:.6g}"
+        rows.append(table_row(f"{target} %", ((fixed(cdp.cdp, cdp_decimals(cdp)), "cdp"), cdp_interval(cdp))))
     csnr = pair.csnr
     facts = [f"Measured contrast {contrast_text(pair)}"]
     if isfinite(csnr.value):
-        facts.append(f"CSNR {_with_interval(csnr.value, csnr.standard_error)}")
+        facts.append(f"CSNR {_with_interval(csnr.value, csnr.u)}")
     bright = text(pair.bright_region.roi.name)
-    head = "Target contrast (measured)" if of_measured else "Target contrast"
+    head = "Target contrast (measured)" if measured_target else "Target contrast"
     if not rows:
         return f"<p>{'; '.join(facts)}. Without a target contrast there is no CDP.</p>"
     return f"{table((head, 'CDP', '95 % interval'), rows)}<p>{'; '.join(facts)}. The brighter region is {bright}.</p>"
@@ -114,7 +112,7 @@ def _cells(found: RegionNumbers | None) -> tuple[str, ...]:
     std = "" if found.value_std is None else f"{found.value_std:.3g}"
     light = "" if found.light is None else significant(found.light)
     if found.result is not None:
-        light = _with_interval(found.result.mean, found.result.standard_uncertainty, found.result.bound)
+        light = _with_interval(found.result.mean, found.result.u, found.result.bound)
     elif light and not found.evaluated:
         light += " …"
     return str(found.n_pixels or ""), value, std, light
@@ -139,7 +137,7 @@ def percent_with_interval(value: float, standard_error: float, bound: str = "") 
 
 def contrast_text(pair: PairResult) -> str:
     """Contrast with U (95 %); without it, and only as a bound, if a region is saturated."""
-    return percent_with_interval(pair.contrast.value, pair.contrast.standard_error, pair.bound)
+    return percent_with_interval(pair.contrast.value, pair.contrast.u, pair.bound)
 
 
 _HEADS = ("Region", "mean", "lowest", "highest", "SNR", "saturated", "limits")
@@ -158,7 +156,7 @@ def _statistics(calibrated: bool, shape: Shape, found: RegionNumbers | None) -> 
     """Cells of a region: luminance, and whether it is within the limits of its shape."""
     if found is None or found.light is None:
         return [(found.error if found else "") or "…", *[""] * 5]
-    expanded = nan if found.result is None else Z_95 * found.result.standard_uncertainty
+    expanded = nan if found.result is None else Z_95 * found.result.u
     limits, light = shape.limits_cd_m2, found.light
     saturated = found.saturated > SATURATED_SHARE
     verdict = limit_verdict(light, expanded, limits) if limits is not None and calibrated else ""

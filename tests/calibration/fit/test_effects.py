@@ -182,3 +182,32 @@ def test_a_bad_patch_has_little_weight_and_does_not_leave_the_fit(setup):
     row = next(row for row in calibration.residuals if row.patch == "P6")
     assert row.residual_rel == pytest.approx(1 / 1.3 - 1, abs=0.01)
     assert calibration.responsivity.scatter_rel < 0.003
+
+
+def drifting(setup, seed):
+    """A calibration whose readings fall by 1 % in an hour, and of which causes it says that they may be."""
+    rng, _ = noisy(seed)
+    observations, darks, readings = bench(SimulatedCamera(), rng=rng)
+    for k, (name, (one,)) in enumerate(readings.items()):
+        minutes = 5 * (5 * k % 12)
+        value = one.value * (1 - 0.01 * minutes / 60) * (1 + rng.normal(0, 0.002))
+        readings[name] = [replace(one, value=value, timestamp=START + timedelta(minutes=minutes))]
+    findings = fit(observations, darks, readings, setup).findings
+    return {code for one in findings for code in one.values.get("codes", [one.code])} & CAUSES
+
+
+def test_a_cause_beside_which_another_one_is_not_significant_is_named_with_it(setup):
+    named = [drifting(setup, seed) for seed in range(24)]
+    assert sum(map(bool, named)) > 8
+    assert all("drift" in one for one in named if one)
+
+
+def test_light_that_reaches_the_middle_of_a_region_counts_as_far_as_it_is_seen(setup):
+    """A halo of which the rim has 2 % and the middle third 6 % less than the mean of the region."""
+    sharp = calibrated(setup)
+    o = with_rim({"X": 0.02})(SimulatedCamera().observe("X", 20.0, 0.064, None))
+    net = o.mean_dn - 64 - 40 * o.exposure_s
+    middle = PatchPart(o.mean_dn - 0.06 * net, 1.0, 0.11)
+    patch = patch_luminance(sharp, [replace(o, middle=middle)])
+    assert patch.rim_rel == pytest.approx(0.06, abs=0.002)
+    assert patch.half_width_95_rel > 1.96 * 0.06

@@ -53,10 +53,45 @@ def test_an_error_of_the_vignetting_moves_fit_and_patches_together(camera, setup
         readings = {name: [make_reading(one)] for name, (one, _) in lit.items()}
         return fit([o for group in seen for o in group], [camera.dark(t, None) for t in EXPOSURES_S], readings, setup)
 
-    right, wrong = (seen(fitted(of_light), of_light) for of_light in (lambda _: 1.0, light))
+    calibrations = [fitted(of_light) for of_light in (lambda _: 1.0, light)]
+    right, wrong = map(seen, calibrations, (lambda _: 1.0, light))
+    # Of a normal error of width 1, the patches take off all but the square of the width that they leave.
+    left = (
+        calibrations[0].vignetting.corner_rel / vignetting.corner_rel if isinstance(vignetting, Cos4Vignetting) else 1
+    )
     stated = [[e for e in right[name].common if e.source in ("vignetting", "flat field")] for name in places]
     moved = {name: wrong[name].luminance_cd_m2 / right[name].luminance_cd_m2 - 1 for name in places}
-    assert [-float(error.relative) for (error,) in stated] == pytest.approx(list(moved.values()), abs=2e-4)
+    assert [-left * float(error.relative) for (error,) in stated] == pytest.approx(list(moved.values()), abs=2e-4)
+    assert 1 >= left > 0.3
     assert abs(moved["middle"]) > 1e-3
     near, far = (contrast_uncertainty(right["edge"], right[other]) for other in ("near", "middle"))
     assert near < 0.1 * far
+
+
+def test_intervals_hold_for_lenses_that_differ_from_cos4_as_assumed(camera, setup):
+    """Share of intervals that hold at the middle and at a corner, within 3 sigma; and U is not that of the lenses."""
+    n, inside, half_widths = 40, [], []
+    prior = Cos4Vignetting(1.0, 1e-6, None, 0.05)
+    places = [(x, y) for x in (8, 24, 40, 56) for y in (6, 18, 30, 42)]
+    for seed in range(n):
+        rng = np.random.default_rng(seed)
+        lens = replace(prior, log_corner=0.05 * rng.normal())
+
+        def seen(name, luminance, place, lens=lens, rng=rng):
+            light = luminance * lens.more_than(prior, SHAPE, place)
+            observed = (camera.observe(name, light, t, rng) for t in EXPOSURES_S)
+            return [replace(one, centre_px=place, vignetting=prior) for one in observed]
+
+        lights = rng.permutation(np.geomspace(1, 500, 16))
+        lit = {f"P{k}": one for k, one in enumerate(zip(lights, places, strict=True))}
+        readings = {name: [make_reading(float(one * (1 + 0.002 * rng.normal())))] for name, (one, _) in lit.items()}
+        observations = [o for name, (one, place) in lit.items() for o in seen(name, one, place)]
+        calibration = fit(observations, [camera.dark(t, rng) for t in EXPOSURES_S], readings, setup)
+        for place in ((32, 24), (2, 2)):
+            one = patch_luminance(calibration, seen("new", 300.0, place))
+            # The readings here are without a scale error.
+            u = np.hypot(one.random_rel, one.fit_rel)
+            inside.append(abs(one.luminance_cd_m2 / 300 - 1) <= 1.96 * u)
+            half_widths.append(1.96 * u)
+    assert np.mean(inside) >= 0.95 - 3 * np.sqrt(0.95 * 0.05 / n)
+    assert np.max(half_widths) < 0.02

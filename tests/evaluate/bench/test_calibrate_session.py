@@ -14,6 +14,7 @@ from labcdp.core.vignetting import Cos4Vignetting
 from labcdp.evaluate.bench.calibrate import calibrate_session
 from labcdp.evaluate.bench.corrections import UniformLight, require_same_optics
 from labcdp.evaluate.bench.observe import observe_session
+from labcdp.evaluate.bench.recorded import lens_of
 from labcdp.evaluate.bench.session import evaluate_session, observe_calibrated
 from labcdp.evaluate.bench.verification import verify_session
 from labcdp.session import Session
@@ -95,9 +96,10 @@ def evaluated(path, calibration):
 def test_a_measured_flat_field_takes_off_what_cos4_does_not_know(bench, observed, corrections, tmp_path):
     plain, calibration = calibrate_session(observed), calibrate_session(observe(bench, corrections))
     assert not isinstance(calibration.vignetting, Cos4Vignetting)
-    # What is left is noise and the readings' scatter; without the flat field it is the vignetting, up to 20 %.
+    # What is left is noise and the readings' scatter; without the flat field the patches show it, up to 20 %.
     assert np.abs(deviations(calibration)).max() < 0.01
-    assert np.abs(deviations(plain)).max() > 0.03
+    assert np.abs(deviations(plain)).max() < 0.01
+    assert abs(plain.vignetting.log_corner) > 0.03
     save(calibration, tmp_path / "calibration.json")
     (contrast,) = evaluated(bench, load(tmp_path / "calibration.json")).contrasts
     truth = LUMINANCES_CD_M2["P9"] / LUMINANCES_CD_M2["P2"] - 1
@@ -176,3 +178,14 @@ def test_what_does_not_fit_together_is_refused(bench, observed, tmp_path):
         other = replace(observed, configuration=configuration(ROIS, **{"name": "other"} | changes))
         with pytest.raises(CalibrationError, match=f"{what} .*: calibrate them"):
             calibrate_session(observed, other)
+
+
+@pytest.mark.parametrize("focus", [{}, {"focus_distance_m": 0.5}])
+def test_a_lens_without_a_serial_number_may_be_the_same(observed, focus):
+    """No serial number leaves no hole in the name of the lens, and is none that is another."""
+    lens = {name: value for name, value in LENS.items() if name != "serial"} | focus
+    other = replace(observed, configuration=configuration(ROIS, name="other", lens=lens))
+    assert "(2 mm, f/2.8" in str(lens_of(other.configuration))
+    codes = {one.code for one in calibrate_session(observed, other).findings}
+    assert "lens-serial-open" in codes
+    assert "lens-serial-open" not in {one.code for one in calibrate_session(observed).findings}

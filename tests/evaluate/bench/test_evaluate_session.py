@@ -11,7 +11,8 @@ from labcdp.core.luminance import Invalid
 from labcdp.evaluate.bench.calibrate import calibrate_session
 from labcdp.evaluate.bench.corrections import corrections_of, corrections_of_lens, with_dark_frames
 from labcdp.evaluate.bench.observe import observe_session
-from labcdp.evaluate.bench.session import evaluate_session
+from labcdp.evaluate.bench.session import evaluate_session, observe_calibrated
+from labcdp.evaluate.bench.session_page import session_files
 from labcdp.evaluate.bench.session_result import session_result
 from labcdp.evaluate.bench.verification import verify_session
 from labcdp.report.files import envelope
@@ -80,7 +81,7 @@ def test_patches_shown_one_by_one_give_what_they_give_in_one_image(recorded, eva
         by_number = {record.number: record for record in session.frames("light")}
     assert [astuple(row) for row in result.patches] == [astuple(row) for row in evaluation.patches]
     for row, expected in zip(result.contrasts, evaluation.contrasts, strict=True):
-        assert row.cdp == expected.cdp
+        assert repr(row.cdp) == repr(expected.cdp)
         frames = [by_number[n] for n in (row.frame_number, row.dark_frame_number)]
         assert [frame.patch for frame in frames] == row.name.split(" / ")
         assert {frame.exposure_s for frame in frames} == {row.exposure_s}
@@ -98,6 +99,14 @@ def test_another_light_lens_or_black_level_is_not_evaluated_without_a_word(recor
     another_light = other(observed, source=observed.configuration.source.model_copy(update={"spectrum": "A"}))
     found = evaluate_session(another_light, evaluation.calibration).findings[0]
     assert (found.code, found.severity) == ("light-differs", "warning")
+    # An unknown serial number is not another one.
+    lens = observed.configuration.lens.model_copy(update={"serial": None})
+    found = evaluate_session(other(observed, lens=lens), evaluation.calibration)
+    assert "lens-serial-open" in {one.code for one in found.findings}
+    assert "lens-serial-open" not in {one.code for one in evaluation.findings}
+    lens = observed.configuration.lens.model_copy(update={"serial": "another"})
+    with pytest.raises(CalibrationError, match="another"):
+        evaluate_session(other(observed, lens=lens), evaluation.calibration)
     lens = observed.configuration.lens.model_copy(update={"f_number": 4.0})
     with pytest.raises(CalibrationError, match=r"for the lens .*f/2\.6\), the frame was taken with .*f/4\)"):
         evaluate_session(other(observed, lens=lens), evaluation.calibration)
@@ -165,11 +174,59 @@ def test_pattern_and_hot_pixels_are_found_taken_off_once_everywhere_and_saved(re
         )
         sound = ~patch.region().select(calibrated.defects.mask(SHAPE))
         by_map = np.mean([patch.region().select(m.luminance_cd_m2)[sound].mean(dtype=float) for m in maps])
+        as_shown = seen.with_vignetting(calibrated.vignetting)
+        # Over a region, what patches have shown of the vignetting is that in its middle.
+        of_patch = as_shown.net_dn(calibrated.dark.mean_dn(0.032))
+        assert by_map * dn_per_cd_m2 == pytest.approx(of_patch, rel=2e-5)
         net_dn = seen.net_dn(calibrated.dark.mean_dn(0.032))
-        assert by_map * dn_per_cd_m2 == pytest.approx(net_dn, abs=1e-3)
         # What the sensor's pattern adds to the region's mean is gone, but for the library's noise over its pixels.
         noise = own.dark_library.noise_dn(0.032) / np.sqrt(seen.n_pixels)
         assert net_dn == pytest.approx(even.net_dn(observed.monochrome.darks[-1].mean_dn), abs=5 * noise + 0.1)
     assert (loaded.dark_library, loaded.defects) == (calibrated.dark_library, calibrated.defects)
-    assert envelope(session_result(first)) == envelope(session_result(other))
+    for one, two in zip(first.patches, other.patches, strict=True):
+        assert one.calibrated.luminance_cd_m2 == pytest.approx(two.calibrated.luminance_cd_m2, rel=2e-5)
     assert first.map.invalid[HOT[0]] & Invalid.DEFECT
+
+
+@pytest.mark.parametrize("own", [False, True])
+def test_a_patch_that_is_saturated_at_every_exposure_has_a_bound(recorded, calibration, tmp_path, own):
+    """Without the frames of 2 ms the brightest patches are saturated in all.
+
+    All others keep their values; the simulated truth of the saturated ones is above the bound.
+    """
+    truth = {patch.name: patch.nominal_luminance_cd_m2 for patch in recorded.configuration.target.patches}
+    limits = {"lower left": (100.0, 500.0), "upper left": (1.0, 50.0)}
+    patches = [
+        patch.model_copy(update={"limits_cd_m2": limits.get(patch.name)})
+        for patch in recorded.configuration.target.patches
+    ]
+    target = recorded.configuration.target.model_copy(update={"patches": tuple(patches)})
+    again(tmp_path / "s", recorded, lambda frames: ((f, role, None) for f, role in frames if f.exposure_s > 0.004),
+          target=target)  # fmt: skip
+    with Session.open(tmp_path / "s") as session:
+        found = evaluate_session(*observe_calibrated(session, None if own else calibration))
+    rows = {row.patch.name: row for row in found.patches}
+    bounded = {name for name, row in rows.items() if row.bound}
+    assert {"lower left", "upper left"} <= bounded < set(rows)
+    for name, row in rows.items():
+        low, high = row.interval_95_cd_m2
+        assert row.calibrated.luminance_cd_m2 < truth[name] if row.bound else low < truth[name] < high
+    # A bound decides where it is above the limits.
+    assert [rows[name].limit_verdict for name in limits] == ["undecided", "fail"]
+    for row in found.contrasts:
+        saturated = row.asked.bright in bounded
+        assert row.bound == (">" if saturated and row.asked.dark not in bounded else "?" if saturated else "")
+        assert np.isnan(row.cdp.cdp) == saturated
+        assert not saturated or row.verdict == "undecided"
+        assert row.bound != ">" or row.camera_contrast < row.measured_contrast
+    result = session_result(found)
+    codes = {one.code for one in result.findings}
+    # A bound checks no calibration.
+    assert "patch-saturated-everywhere" in codes
+    assert "checked-by-held-out" not in codes
+    for table, value in (("contrasts", "camera_contrast"), ("luminance", "calibrated_cd_m2")):
+        written = envelope(result)["tables"][table]["rows"]
+        assert {row[f"{value}_bound"] for row in written} > {""}
+        assert all(row[f"expanded_{value}"] is None for row in written if row[f"{value}_bound"])
+    page = session_files(found, result)["report.html"].decode()
+    assert f"&gt; {rows['lower left'].calibrated.luminance_cd_m2:.3g}"[:7] in page

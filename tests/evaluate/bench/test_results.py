@@ -90,7 +90,7 @@ def test_results_hold_the_evaluation(evaluated, written):
     values = valid((written / "results.json").read_text(encoding="utf-8"))
     for row, one in zip(values["tables"]["contrasts"]["rows"], evaluated.contrasts, strict=True):
         assert (row["cdp"], row["below"], row["above"]) == (one.cdp.cdp, one.cdp.below, one.cdp.above)
-        assert (row["cdp_low"], row["cdp_high"]) == one.cdp.confidence_interval
+        assert (row["cdp_low"], row["cdp_high"]) == one.cdp.interval
         assert row["measured_contrast"] == one.measured_contrast
     patches = {row["patch"]: row for row in values["tables"]["luminance"]["rows"]}
     for patch in evaluated.patches:
@@ -103,7 +103,7 @@ def test_results_hold_the_evaluation(evaluated, written):
 
 def test_limits_of_cdp_and_luminance_decide_with_the_whole_interval(evaluated):
     contrast = next(row for row in evaluated.contrasts if 0.01 < row.cdp.cdp < 0.99)
-    low, high = contrast.cdp.confidence_interval
+    low, high = contrast.cdp.interval
     limits = {"detected": low / 2, "undecided": (low + high) / 2, "not detected": (1 + high) / 2}
     asked = [contrast.asked.model_copy(update={"cdp_limit": limit}) for limit in limits.values()]
     assert [replace(contrast, asked=one).verdict for one in asked] == list(limits)
@@ -218,8 +218,6 @@ def test_u_of_certificate_and_calibration_is_that_of_the_evaluated_patch(evaluat
     expected = {row.patch.name: row.calibrated.half_width_95_rel for row in evaluated.patches}
     table = calibration_result(evaluated.calibration).table("calibration_patches")
     assert {row["patch"]: row["expanded_rel"] for row in table.rows()} == pytest.approx(expected, rel=0.05)
-    # They differ by the place: the same luminance on the axis would have one.
-    assert max(expected.values()) > 1.2 * min(expected.values())
     for row in table.rows():
         assert row["expanded_camera_cd_m2"] == pytest.approx(row["expanded_rel"] * row["camera_cd_m2"])
         u = row["u_camera_cd_m2"] / row["camera_cd_m2"]

@@ -6,7 +6,8 @@ import pytest
 
 from labcdp import Chain
 from labcdp.core.errors import ConfigurationError, InputError
-from labcdp.evaluate.compare.requirement import TYPICAL, Requirement, judged
+from labcdp.evaluate.compare.requirement import TYPICAL, judged, luminances
+from labcdp.evaluate.requirement import Requirement
 
 REQUIRED = Requirement(contrast=0.8, luminance_cd_m2=(5.0, 50.0), temperature_c=60.0, cdp_limit=0.9)
 
@@ -20,8 +21,9 @@ def lowest(chain, requirement):
     """The lowest CDP by a sweep of the same chain, and its luminance."""
     changes = {"scene__contrast": requirement.contrast, "exposure__temperature_c": requirement.temperature_c}
     chain = chain.with_(**changes, windscreen__glare_cd_m2=requirement.glare_cd_m2)
-    found = chain.sweep(scene__luminance_cd_m2=requirement.axis.values, exact=True)["cdp"]
-    return float(found.min()), requirement.axis.values[int(found.values.argmin())]
+    axis = luminances(requirement)
+    found = chain.sweep(scene__luminance_cd_m2=axis.values, exact=True)["cdp"]
+    return float(found.min()), axis.values[int(found.values.argmin())]
 
 
 @pytest.mark.parametrize(

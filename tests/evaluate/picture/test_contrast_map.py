@@ -15,7 +15,7 @@ from labcdp.evaluate.picture.edges.edges import ContrastMapSettings, EdgeKind
 from labcdp.evaluate.picture.edges.map import contrast_map
 from labcdp.evaluate.picture.edges.page import contrast_map_files
 from labcdp.evaluate.picture.edges.result import contrast_map_dataset, map_result
-from labcdp.metrics import DetectionInterval, cdp_range, cdp_with_common_errors
+from labcdp.metrics import DetectionInterval, cdp
 
 from ...conftest import valid
 from ...metrics.conftest import map_of, share_of_normal
@@ -53,10 +53,10 @@ def test_contrast_and_cdp_of_an_edge_are_those_of_its_pixels(epsilon):
     for edge in _across(found):
         bright, dark = (_pixels(found, image, side[edge]) for side in (edges.bright, edges.dark))
         assert edges.contrast[edge] == pytest.approx(bright.mean() / dark.mean() - 1, rel=1e-9)
-        (expected,) = cdp_range(bright, dark, (float(edges.contrast[edge]),), epsilon)
+        expected = cdp(bright, dark, float(edges.contrast[edge]), epsilon)
         assert edges.cdp[edge] == expected.cdp
         inflation = found.noise.inflation
-        assert edges.cdp_standard_error[edge] == pytest.approx(expected.standard_error * sqrt(inflation), rel=1e-9)
+        assert edges.cdp_standard_error[edge] == pytest.approx(expected.u * sqrt(inflation), rel=1e-9)
         of_means = sum(side.var(ddof=1) / side.size / side.mean() ** 2 for side in (bright, dark))
         assert edges.contrast_standard_uncertainty[edge] == pytest.approx(
             (1 + edges.contrast[edge]) * sqrt(inflation * of_means), rel=1e-9
@@ -131,8 +131,14 @@ def test_errors_alike_for_neighbours_cancel_and_others_count():
     assert differing.contrast_standard_uncertainty[across] == pytest.approx(expected, rel=0.02)
     edge = across[3]
     sides = (_pixels(plain, image, side[edge]) for side in (edges.bright, edges.dark))
-    both = [(0.04, 0.01), (-0.04 / 3, -0.01 / 3)]
-    one = cdp_with_common_errors(*sides, float(edges.contrast[edge]), errors=both).calibration_standard_uncertainty
+    bright, dark = sides
+    # Each error is added and subtracted; only its ratio in the two regions counts.
+    changes = [
+        cdp(bright * (1 + sign * x), dark * (1 + sign * y), float(edges.contrast[edge])).cdp - edges.cdp[edge]
+        for x, y in ((np.hypot(0.03, 0.01), 0.0),)
+        for sign in (1, -1)
+    ]
+    one = sqrt(np.mean(np.square(changes)))
     by_calibration = sqrt(differing.cdp_standard_error[edge] ** 2 - edges.cdp_standard_error[edge] ** 2)
     assert by_calibration == pytest.approx(one, rel=0.1)
 

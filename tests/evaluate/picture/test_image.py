@@ -23,7 +23,7 @@ from labcdp.evaluate.picture.result import PictureTask
 from labcdp.evaluate.picture.tables import ReportedPicture
 from labcdp.files.picture import ExifFacts, Picture
 from labcdp.files.read import PictureOptions, read_picture
-from labcdp.metrics import cdp, cdp_neighbours_range
+from labcdp.metrics import cdp, cdp_neighbours
 from labcdp.metrics.pair import evaluate_pair
 from labcdp.metrics.region import rounding_uncertainty
 from labcdp.regions import RectangleShape, save_regions
@@ -50,14 +50,14 @@ def _evaluate(request, luminance=SCENE):
 
 
 def _near(values, contrast):
-    return cdp_neighbours_range(values, (contrast,))[0]
+    return cdp_neighbours(values, contrast)
 
 
 def test_all_pairs_or_the_chosen_ones_each_once_with_their_numbers():
     found = _evaluate(ImageRequest((1.0, 2.0), 0.5, (BRIGHT, DARK, CORNER)))
     assert [pair.name for pair in found.pairs] == ["bright / dark", "bright / corner", "dark / corner"]
     a, b = BRIGHT.select(SCENE), DARK.select(SCENE)
-    assert found.pairs[0].results[1].result.cdp == cdp(a, b, 2.0).cdp
+    assert found.pairs[0].cdp[1].cdp == cdp(a, b, 2.0).cdp
     assert found.findings == (info("region-correlation-unknown", "corner", pixels=81, recommended=200),)
     distribution, contrasts = distribution_of(found.pairs[0], _map(SCENE)), (a[:, None] / b - 1).ravel()
     middle = len(distribution.edges) // 2
@@ -72,42 +72,42 @@ def test_all_pairs_or_the_chosen_ones_each_once_with_their_numbers():
 def test_without_contrasts_the_measured_one_of_each_pair_is_used():
     found = _evaluate(ImageRequest(None, 0.5, (BRIGHT, DARK, CORNER), neighbours=True))
     for pair in found.pairs[:2]:
-        (one,) = pair.results
-        assert one.result.contrast == pair.contrast.value
-        assert one.result.cdp == cdp(BRIGHT.select(SCENE), pair.b.roi.select(SCENE), one.result.contrast).cdp
-    assert found.pairs[0].results[0].result.cdp > 0.9
+        (one,) = pair.cdp
+        assert one.contrast == pair.contrast.value
+        assert one.cdp == cdp(BRIGHT.select(SCENE), pair.b.roi.select(SCENE), one.contrast).cdp
+    assert found.pairs[0].cdp[0].cdp > 0.9
     small, large = np.sum(neighbours_of(SCENE), axis=0)
     measured = large / small - 1
     assert found.neighbours.contrast.value == pytest.approx(measured)
-    assert found.neighbours.results[0].result == _near(SCENE, found.neighbours.contrast.value)
+    assert repr(found.neighbours.cdp[0]) == repr(_near(SCENE, found.neighbours.contrast.value))
     for corners in ((3, 4, 40, 30), (40, 30, 3, 4), (3, 30, 40, 4)):
         inside = evaluate_neighbours(_map(SCENE), (0.05,), 0.5, corners)
-        assert (inside.results[0].result, inside.rectangle) == (_near(SCENE[4:31, 3:41], 0.05), (3, 4, 40, 30))
+        assert repr(inside.cdp[0]) == repr(_near(SCENE[4:31, 3:41], 0.05))
+        assert inside.rectangle == (3, 4, 40, 30)
     assert {"contrast-is-measured", "neighbour-contrast-is-measured"} < {one.code for one in found.findings}
 
 
 def test_a_measured_contrast_that_is_not_defined_has_no_cdp():
     half = (np.arange(90) >= 45) * np.ones((60, 1))
-    assert (
-        _evaluate(ImageRequest(None, 0.5, neighbours=True, rectangle=(0, 0, 20, 20)), half + 1).neighbours.results == ()
-    )
+    uniform = _evaluate(ImageRequest(None, 0.5, neighbours=True, rectangle=(0, 0, 20, 20)), half + 1)
+    assert len(uniform.neighbours.cdp) == 0
     dark = _evaluate(ImageRequest(None, 0.5, (BRIGHT, DARK)), half)
-    assert dark.pairs[0].results == ()
+    assert len(dark.pairs[0].cdp) == 0
     assert dark.findings[0] == Finding("contrast-undefined", subject="bright / dark")
 
 
 def test_a_shared_factor_cancels_between_neighbours_and_an_offset_does_not():
     luminance = SCENE - 80
-    scale = evaluate_neighbours(_map(luminance, (CommonError("scale", 0.2),), slow_rel=0.1), (0.2,)).results[0]
-    assert scale.calibration_standard_uncertainty == 0
-    assert scale.standard_uncertainty == scale.result.standard_error
+    scale = evaluate_neighbours(_map(luminance, (CommonError("scale", 0.2),), slow_rel=0.1), (0.2,)).cdp[0]
+    assert scale.u_calibration == 0
+    assert scale.u == scale.u_pixels
     offset = _map(luminance, (CommonError("offset", 0.7 / luminance),))
-    found = evaluate_neighbours(offset, (0.2,)).results[0]
-    changes = [_near(luminance + s * 0.7, 0.2).cdp - found.result.cdp for s in (1, -1)]
-    assert found.calibration_standard_uncertainty == pytest.approx(sqrt(np.mean(np.square(changes))))
-    assert found.confidence_interval[1] > found.result.confidence_interval[1]
-    slow = evaluate_neighbours(_map(luminance, slow_cd_m2=0.7), (0.2,)).results[0]
-    assert slow.calibration_standard_uncertainty == pytest.approx(found.calibration_standard_uncertainty)
+    found = evaluate_neighbours(offset, (0.2,)).cdp[0]
+    changes = [_near(luminance + s * 0.7, 0.2).cdp - found.cdp for s in (1, -1)]
+    assert found.u_calibration == pytest.approx(sqrt(np.mean(np.square(changes))))
+    assert found.interval.high > _near(luminance, 0.2).interval.high
+    slow = evaluate_neighbours(_map(luminance, slow_cd_m2=0.7), (0.2,)).cdp[0]
+    assert slow.u_calibration == pytest.approx(found.u_calibration)
 
 
 def test_the_contrasts_of_all_neighbours_are_counted():
@@ -173,18 +173,18 @@ def test_json_and_sheets_hold_the_numbers_of_the_evaluation(made):
     values = valid(envelope_json(result))
     tables = {name: table["rows"] for name, table in values["tables"].items()}
     first, found = tables["cdp"][1], pictures[0].evaluation.pairs[0]
-    one = found.results[1]
+    one = found.cdp[1]
     assert (first["picture"], first["dark"], first["contrast"]) == ("1.png", HOSTILE, 1.0)
-    assert (first["cdp"], first["cdp_low"], first["cdp_high"]) == (one.result.cdp, *one.confidence_interval)
-    assert (first["measured_contrast"], first["u_csnr"]) == (found.contrast.value, found.csnr.standard_error)
+    assert (first["cdp"], first["cdp_low"], first["cdp_high"]) == (one.cdp, *one.interval)
+    assert (first["measured_contrast"], first["u_csnr"]) == (found.contrast.value, found.csnr.u)
     assert first["expanded_measured_contrast"] == pytest.approx(1.96 * first["u_measured_contrast"], rel=1e-4)
     assert [row["failure"] for row in tables["pictures"]] == [None, None, "bad.png is empty"]
     # As in the program of the 2018 thesis: a column a picture.
     book = openpyxl.load_workbook(BytesIO(result_workbook(result, datetime(2026, 1, 2, tzinfo=UTC))))
     evaluation = pictures[1].evaluation
-    for number, results in ((4, evaluation.pairs[0].results), (5, evaluation.neighbours.results)):
+    for number, results in ((4, evaluation.pairs[0].cdp), (5, evaluation.neighbours.cdp)):
         _, *lines = ([cell.value for cell in line] for line in book.worksheets[number].iter_rows())
-        expected = [(100 * one.result.contrast, pytest.approx(one.result.cdp, rel=1e-14), None) for one in results]
+        expected = [(100 * one.contrast, pytest.approx(one.cdp, rel=1e-14), None) for one in results]
         assert [(line[0], *line[2:]) for line in lines] == expected
 
 
@@ -256,9 +256,9 @@ def test_cdp_as_by_brute_force_on_the_integers(tmp_path, bits, camera):
     dn = dn - black_dn
     near = [(large, small) for small, large in neighbours_of(dn)]
     far = [(bright, dark) for bright in dn[:, 10:].flat for dark in dn[:, :10].flat]
-    assert [one.result.cdp for one in found.neighbours.results] == [share(near, one) for one in contrasts]
+    assert found.neighbours.cdp.cdp.tolist() == [share(near, one) for one in contrasts]
     expected = [share(far, one) for one in contrasts]
-    assert [one.result.cdp for one in found.pairs[0].results] == pytest.approx(expected, rel=1e-14)
+    assert found.pairs[0].cdp.cdp.tolist() == pytest.approx(expected, rel=1e-14)
 
 
 @pytest.mark.parametrize("noise_dn", [0.0, 0.1, 0.3, 0.5, 2.0])
@@ -279,10 +279,10 @@ def test_flat_regions_state_the_rounding_of_each(tmp_path):
     seen = conversion.luminance(read_picture(tmp_path / "a.png", PictureOptions()))
     left, right = Roi.rectangle("left", 0, 0, 30, 40), Roi.rectangle("right", 30, 0, 30, 40)
     found = evaluate_pair(seen, left, right, (0.5, 1.0))
-    assert found.a.standard_uncertainty == pytest.approx(1 / 256 / sqrt(12), rel=1e-6)
+    assert found.a.u == pytest.approx(1 / 256 / sqrt(12), rel=1e-6)
     assert found.contrast.value == 0.5
-    assert found.contrast.standard_error == pytest.approx(1.5 / sqrt(12) * np.hypot(1 / 6, 1 / 4), rel=1e-6)
-    assert abs(5.6 / 4.4 - 1 - found.contrast.value) < 1.96 * found.contrast.standard_error
+    assert found.contrast.u == pytest.approx(1.5 / sqrt(12) * np.hypot(1 / 6, 1 / 4), rel=1e-6)
+    assert abs(5.6 / 4.4 - 1 - found.contrast.value) < 1.96 * found.contrast.u
     # Of a contrast of 100 % the lower end, 50 %, is just met.
-    assert found.results[1].result.cdp == 1
-    assert found.results[1].calibration_standard_uncertainty > 0.5
+    assert found.cdp[1].cdp == 1
+    assert found.cdp[1].u_calibration > 0.5

@@ -56,11 +56,11 @@ def test_the_files_hold_what_was_evaluated(tmp_path):
     write(tmp_path, simulation_files(result(evaluation), evaluation))
     values = valid((tmp_path / "results.json").read_text())
     (pair,), row = evaluation.stages[3].pairs, values["tables"]["detection"]["rows"][3]
-    assert (row["stage"], row["cdp"], row["u_cdp"]) == ("sensor", pair.cdp.cdp, pair.cdp.standard_error)
-    assert (row["cdp_low"], row["cdp_high"]) == pair.cdp.confidence_interval
-    assert (row["lowest_contrast"], row["highest_contrast"]) == pair.cdp.interval
+    assert (row["stage"], row["cdp"], row["u_cdp"]) == ("sensor", pair.cdp.cdp, pair.cdp.u)
+    assert (row["cdp_low"], row["cdp_high"]) == pair.cdp.interval
+    assert (row["lowest_contrast"], row["highest_contrast"]) == pair.cdp.detected_range
     assert (row["cdp_neighbours"], row["csnr"]) == (pair.neighbours.cdp, pair.csnr.value)
-    assert row["expanded_csnr"] == pytest.approx(1.959964 * pair.csnr.standard_error)
+    assert row["expanded_csnr"] == pytest.approx(1.959964 * pair.csnr.u)
     dark, row = evaluation.stages[3].regions[0], values["tables"]["signal"]["rows"][6]
     assert (row["region"], row["unit"], row["mean"], row["snr"]) == ("dark", "DN", dark.mean, dark.snr.value)
     assert (values["seed"], values["simulated"]) == (1, True)

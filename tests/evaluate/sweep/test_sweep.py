@@ -47,7 +47,7 @@ def test_simulated_cell_is_the_run_of_its_chain(chain):
     for contrast in (0.3, 0.7):
         (pair,), dark, bright = evaluate_pair(run, "hdr", contrast)
         assert cell["cdp"].sel(contrast=contrast) == pair.cdp.cdp
-        assert cell["standard_error"].sel(contrast=contrast) == pair.cdp.standard_error
+        assert cell["standard_error"].sel(contrast=contrast) == pair.cdp.u
     assert float(cell["mean_contrast"]) == pair.mean_contrast
     assert float(cell["snr_dark"]) == dark.luminance_snr.value
     assert float(cell["saturated_share"]) == bright.saturated_share

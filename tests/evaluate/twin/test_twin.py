@@ -68,7 +68,7 @@ def test_all_pairs_and_signals_of_patches_agree(twin, recorded, calibration):
     regions = {p.name: p.region() for p in twin.observed.configuration.target.patches}
     seen = calibration.to_luminance(frame)
     expected = cdp(*(seen.select(regions[n]) for n in (pair.bright, pair.dark)), pair.contrast)
-    assert (pair.measured.cdp, pair.measured.confidence_interval) == (expected.cdp, expected.interval)
+    assert (pair.measured.cdp, pair.measured.interval) == (expected.cdp, expected.interval)
 
 
 def region(name, luminance_cd_m2, relative_illuminance):

@@ -27,7 +27,7 @@ from labcdp.evaluate.video.settings import VideoSettings
 from labcdp.files.read import PictureOptions, frame_of_pixels, read_picture
 from labcdp.files.video.selection import Position, Selection
 from labcdp.files.video.source import VideoFrame, stored_pixels
-from labcdp.metrics import DetectionInterval, cdp_neighbours_range
+from labcdp.metrics import DetectionInterval, cdp_neighbours
 from labcdp.metrics.neighbours.tables import NeighbourTables
 from labcdp.metrics.pair import evaluate_pair, evaluate_regions
 
@@ -90,7 +90,7 @@ def test_without_a_contrast_that_of_the_first_measured_frame_is_to_be_detected(t
     cv2.imwrite(str(tmp_path / "0.png"), frames[1])
     picture = evaluate_neighbours(conversion.luminance(read_picture(tmp_path / "0.png", conversion.options)))
     assert near["contrast"].values == pytest.approx([picture.contrast.value])
-    assert near["cdp"].values[0] == pytest.approx([one.result.cdp for one in picture.results])
+    assert near["cdp"].values[0] == pytest.approx(picture.cdp.cdp)
     assert found(near, "neighbour-contrast-measured")["frame"] == 0
 
 
@@ -113,12 +113,10 @@ def test_tables_give_what_the_metric_gives(
     if dn.size < 2 or light[dn].max() <= 0:
         return
     found = NeighbourTables(light, contrasts, epsilon).evaluate(dn)
-    for one, other in zip(found, cdp_neighbours_range(light[dn].astype(float), contrasts, epsilon), strict=True):
-        names = ("cdp", "below", "above", "undefined", "pairs", "interval")
+    for one, other in zip(found, cdp_neighbours(light[dn].astype(float), contrasts, epsilon), strict=True):
+        names = ("cdp", "below", "above", "undefined", "pairs", "detected_range")
         assert [getattr(one, name) for name in names] == [getattr(other, name) for name in names]
-        assert [one.standard_error, *one.confidence_interval] == pytest.approx(
-            [other.standard_error, *other.confidence_interval], rel=1e-7, abs=1e-7, nan_ok=True
-        )
+        assert [one.u, *one.interval] == pytest.approx([other.u, *other.interval], rel=1e-7, abs=1e-7, nan_ok=True)
 
 
 def test_neighbours_take_any_number_of_contrasts(tmp_path: Path) -> None:
@@ -207,7 +205,7 @@ def test_a_frame_of_a_colour_filter_is_evaluated_by_its_green_pixels() -> None:
     rois = Roi.rectangle("a", 4, 4, 20, 20), Roi.rectangle("b", 30, 8, 20, 20)
     shown = VideoFrame(0, 0.0, None, lambda: stored_pixels(frame), pixels=stored_pixels(frame))
     found = evaluate_regions(*(light_of(shown, conversion, roi) for roi in rois), (0.5,))
-    assert found == evaluate_pair(conversion.convert(frame), *rois, (0.5,))
+    assert repr(found) == repr(evaluate_pair(conversion.convert(frame), *rois, (0.5,)))
     assert found.a.mean == pytest.approx((dn[4:24:2, 5:24:2].mean() + dn[5:24:2, 4:24:2].mean()) / 2 / 256)
 
 
@@ -307,3 +305,40 @@ def test_a_region_that_cannot_be_followed_costs_only_its_own_pairs(tmp_path: Pat
     result = regions.cdp([1.0])
     assert result["pair"].values.tolist() == ["bright / middle"]
     assert "no result of bright / plain: region 'plain' cannot be followed" in result.attrs["warnings"]
+
+
+def of_two_patches(folder, levels, codec="FFV1"):
+    """A video of noise around 40 DN with a bright and a dark patch, of these levels in each frame."""
+    rng, frames = np.random.default_rng(8), []
+    for bright, dark in levels:
+        image = rng.normal(40, 12, (80, 120))
+        image[20:40, 20:44] = rng.normal(bright, 1, (20, 24))
+        image[20:40, 60:84] = rng.normal(dark, 1, (20, 24))
+        frames.append(np.clip(np.rint(image), 0, 255).astype(np.uint8))
+    return write(folder / "patches.avi", frames, codec)
+
+
+def linear_of_srgb(dn):
+    """IEC 61966-2-1."""
+    return ((dn / 255 + 0.055) / 1.055) ** 2.4
+
+
+@pytest.mark.parametrize("encoding", [None, "linear"])
+def test_another_encoding_is_weighed_for_the_regions_in_all_frames(tmp_path, encoding):
+    """In the first frames the regions are alike, and so by any encoding; in the last ones they are not."""
+    video = of_two_patches(tmp_path, [(100, 100)] * 3 + [(200, 100), (220, 100)])
+    dataset = evaluate_video(video, fixed(encoding=encoding))
+    found = [one for one in json.loads(dataset.attrs["findings"]) if one["code"].startswith("encoding-assumed")]
+    assert len(found) == (encoding is None)
+    for one in found:
+        assert (one["code"], one["subject"]) == ("encoding-assumed-frames", "bright / dark")
+        values = one["values"]
+        assert (values["count"], values["n_frames"], values["frame"]) == (2, 5, 4)
+        srgb = linear_of_srgb(220) / linear_of_srgb(100) - 1
+        both = sorted([values["taken"], values["otherwise"]])
+        assert both == pytest.approx([1.2, srgb], rel=0.02)
+
+
+def test_an_encoding_that_matters_in_no_frame_is_not_doubted(tmp_path):
+    dataset = evaluate_video(of_two_patches(tmp_path, [(100, 100)] * 3), fixed())
+    assert not [one for one in json.loads(dataset.attrs["findings"]) if one["code"].startswith("encoding-assumed")]

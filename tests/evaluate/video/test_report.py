@@ -15,6 +15,7 @@ from labcdp.evaluate.video import page as video_page
 from labcdp.evaluate.video.annotated import AnnotatedVideo
 from labcdp.evaluate.video.archive import ArchiveResult, VideoOutcome, archive_tasks
 from labcdp.evaluate.video.archive_page import archive_files, archive_result
+from labcdp.evaluate.video.figure import drawn_contrasts
 from labcdp.evaluate.video.page import write_video
 from labcdp.evaluate.video.result import video_result
 from labcdp.report.files import envelope
@@ -89,6 +90,10 @@ def test_the_limit_of_the_settings_decides_and_cards_show_where_the_answer_chang
     cards = video_page.video_page(dataset, result, ReportFigure("a.png", b"", "", "")).cards
     assert [card.title for card in cards] == ["Contrast 40 %", "Contrast 50 %", "Contrast 60 %"]
     assert [card.state for card in cards] == ["bad", "open", "good"]
+    # A curve has no other contrasts than the cards, and one more.
+    drawn = [contrasts[place] for place in drawn_contrasts(dataset, result)]
+    assert {0.4, 0.5, 0.6} < set(drawn) < set(contrasts)
+    assert len(drawn) == 4
 
 
 def test_a_row_for_each_frame_and_contrast(followed: xr.Dataset, written: Path) -> None:

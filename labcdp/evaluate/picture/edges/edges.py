@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....core.errors import InputError
-from ....metrics import CalibratedCdp, Distribution, Epsilon
+from ....metrics import Distribution, Epsilon
 from ....metrics.contrast import TargetContrast, TargetContrasts, each_contrast
-from ....metrics.detection import LEAST_FACTOR, result_of_tally, variance_of_changes
+from ....metrics.detection import LEAST_FACTOR, count_cdp, variance_of_changes
 from ....metrics.pairs import tally_pairs
 from ....metrics.region import SATURATED_SHARE
 from ....regions.superpixels import Neighbours
@@ -250,13 +250,13 @@ def _cdps(
     for edge in chosen:
         a, b = (pixels[int(side)] for side in sides[:, edge])
         asked = TargetContrast(float(contrast[edge]), epsilon, "weber")
-        result = result_of_tally(tally_pairs(a, b, asked.ratios), a, b, "a", asked, inflation)
+        (result,) = count_cdp(a, b, [asked], inflation_of=lambda _: inflation)
         error, variance = float(by_calibration[edge]), 0.0
         if error >= _LEAST_ERROR:
             factors = (1 + error, max(1 - error, LEAST_FACTOR))
             variance = float(variance_of_changes(result.cdp, [[_changed(a, b, asked, one) for one in factors]]))
-        one = CalibratedCdp.of(result, variance, min(a.size or 0, b.size or 0) / inflation)
-        results[edge] = (result.cdp, one.standard_uncertainty, *one.confidence_interval)
+        result = result.with_calibration(variance)
+        results[edge] = (result.cdp, result.u, *result.interval)
     return results
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ....core.table import Z_95
+from ....core.quantity import Z_95
 from ....report.drawing import DPI, add_legend, block_mean, png
 from ....report.html import interactive
 from ....report.layout import Script

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....core.disk.text import json_values
+from ....core.quantity import Z_95
 from ....core.result import InputFile, Quantity, Result, info, quantity_table, unique
-from ....core.table import Z_95, Column, Table, uncertain
+from ....core.table import Column, Table, uncertain
 from ....metrics import DetectionInterval
 from ....metrics.region import SATURATED_SHARE
 from ..conversion import PictureSource

@@ -14,6 +14,7 @@ from .... import metrics
 from ....chain import ChainRun, Checkerboard, Signal
 from ....chain.point_spread import pixel_means
 from ....core.errors import InputError
+from ....core.quantity import Quantity
 from ....metrics.contrast import TargetContrasts, each_contrast
 from .rows import PairRow, RegionRow, SeenRegion, SimulationEvaluation, StageRow
 
@@ -170,7 +171,7 @@ def evaluate_pair(
 
 def _seen_region(
     signal: Signal, light: metrics.Distribution, mask: NDArray[np.bool_]
-) -> tuple[float, float, metrics.Estimate, float]:
+) -> tuple[float, float, Quantity[float], float]:
     """Return what `SeenRegion` holds."""
     saturated = 0.0 if signal.saturated is None else float(signal.saturated[mask].mean())
     return light.mean, _deviation(light), metrics.snr(light), saturated
@@ -201,15 +202,15 @@ def _pairs(
     asked = [true_contrast if one is None else one for one in each_contrast(contrast)]
     names, regions = (stage, dark, bright), (seen[bright], seen[dark])
     if max(region.values[-1] for region in regions) <= 0 or not all(map(isfinite, asked)):
-        nothing = metrics.Estimate(nan, nan)
+        nothing = Quantity(nan, nan)
         row = PairRow(*names, true_contrast, nan, nan, None, None, nothing, nothing, metrics.d_prime(*regions))
         yield from repeat(row, len(asked))
         return
     means = metrics.weber_contrast_of_means(*regions), _mean_contrast(*regions)
     ratios = metrics.csnr(*regions), metrics.cnr(*regions), metrics.d_prime(*regions)
-    of_pixels = [None] * len(asked) if pixels is None else metrics.cdp_neighbours_range(pixels, asked, epsilon)
-    for region_to_region, neighbours in zip(metrics.cdp_range(*regions, asked, epsilon), of_pixels, strict=True):
-        yield PairRow(*names, true_contrast, *means, region_to_region, neighbours, *ratios)
+    neighbours = repeat(None, len(asked)) if pixels is None else metrics.cdp_neighbours(pixels, asked, epsilon)
+    for cdp, of_pixels in zip(metrics.cdp(*regions, asked, epsilon), neighbours, strict=True):
+        yield PairRow(*names, true_contrast, *means, cdp, of_pixels, *ratios)
 
 
 def _mean_contrast(bright: metrics.Distribution, dark: metrics.Distribution) -> float:

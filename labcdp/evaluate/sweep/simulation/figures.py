@@ -42,7 +42,7 @@ def along_figures(evaluation: SimulationEvaluation) -> list[ReportFigure]:
         for number, first in enumerate(range(0, len(stages[0].pairs), len(asked)), start=1):
             lines = [[(stage, stage.pairs[first + place]) for stage in stages] for place in range(len(asked))]
             row = stages[0].pairs[first]
-            pair, kind = pair_name(row), "nearest-neighbour" if row.neighbours else "region to region"
+            pair, kind = pair_name(row), "region to region" if row.neighbours is None else "nearest-neighbour"
             figures.append(
                 ReportFigure(
                     f"chain-{key}{number}.png",
@@ -66,7 +66,7 @@ def contrast_panels(evaluation: SimulationEvaluation) -> list[ContrastPanel]:
         for row in stage.pairs:
             if row.cdp is None:
                 continue
-            contrasts = contrast_histogram(seen[row.bright], seen[row.dark], row.cdp.interval[1])
+            contrasts = contrast_histogram(seen[row.bright], seen[row.dark], row.cdp.detected_range.high)
             at = f" at {percent(row.cdp.contrast, 4)}" if isinstance(evaluation.contrast, tuple) else ""
             title = f"{pair_name(row)}{at}, after {printable(stage.name)}"
             panels += [] if contrasts is None else [ContrastPanel(title, contrasts, row.cdp)]
@@ -177,8 +177,10 @@ def _along(lines: Mapping[float | None, _Points]) -> bytes:
 
 def _draw_cdp(axes: Axes, points: _Points, colour: str, text: str = "") -> None:
     """Draw CDP with its intervals, as text or with a name in the legend."""
-    found = [(place, pair.neighbours or pair.cdp) for place, (_, pair) in enumerate(points)]
-    known = [(place, one.cdp, *one.confidence_interval) for place, one in found if one is not None]
+    found = [
+        (place, pair.cdp if pair.neighbours is None else pair.neighbours) for place, (_, pair) in enumerate(points)
+    ]
+    known = [(place, one.cdp, *one.interval) for place, one in found if one is not None]
     if known:
         places, cdp, low, high = np.array(known).T
         axes.plot(places, cdp, "o-", color=colour, linewidth=1.5, markersize=5, label=text or None)

@@ -27,14 +27,14 @@ _LOSS = 0.001
 
 
 def _estimated(column: Column, *, expanded: bool = True) -> tuple[Column, ...]:
-    """Return the columns of an `Estimate`; a ratio that only rounding limits is infinite and has no uncertainty."""
+    """Return the columns of a ratio; a ratio that only rounding limits is infinite and has no uncertainty."""
     estimate = attrgetter(column.name)
 
     def value(row: Any) -> float:
         return inf if estimate(row).value > LARGEST_SNR else float(estimate(row).value)
 
     def u(row: Any) -> float | None:
-        return None if isinf(value(row)) else float(estimate(row).standard_error)
+        return None if isinf(value(row)) else float(estimate(row).u)
 
     value_column, of_u, standard = uncertain(replace(column, value=value), u)
     if expanded:
@@ -48,8 +48,8 @@ def _detection(part: str, suffix: str, label: str) -> tuple[Column, ...]:
     probability = Column(cdp, label, meaning="Contrast detection probability.", value=f"{part}.cdp")
     nothing = "Share of pairs in which no pixel is above 0."
     return (
-        *with_interval(probability, f"{part}.confidence_interval"),
-        _hidden(f"u_{cdp}", f"u of {label}", "Its standard uncertainty.", digits=2, value=f"{part}.standard_error"),
+        *with_interval(probability, f"{part}.interval"),
+        _hidden(f"u_{cdp}", f"u of {label}", "Its standard uncertainty.", digits=2, value=f"{part}.u"),
         Column(f"below{suffix}", "below", "", "Share of pairs with a lower contrast.", decimals=4, shown=shown,
                value=f"{part}.below"),
         Column(f"above{suffix}", "above", "", "Share of pairs with a higher contrast.", decimals=4, shown=shown,
@@ -75,8 +75,8 @@ _CONTRAST = (
     Column("dark", "dark", meaning="Dark region of the pair."),
     Column("scene_contrast", "scene contrast", "%", _SCENE, value="true_contrast"),
     replace(_TARGET, value="cdp.contrast", shown=False),
-    _hidden("lowest_contrast", "lowest detected", _LOWEST, "%", value="cdp.interval.0"),
-    _hidden("highest_contrast", "highest detected", _HIGHEST, "%", value="cdp.interval.1"),
+    _hidden("lowest_contrast", "lowest detected", _LOWEST, "%", value="cdp.detected_range.0"),
+    _hidden("highest_contrast", "highest detected", _HIGHEST, "%", value="cdp.detected_range.1"),
     Column("measured_contrast", "measured contrast", "%", _MEASURED),
     _hidden("mean_contrast", "mean contrast", _OF_PIXELS, "%"),
 )
@@ -84,8 +84,8 @@ _RATIOS = (
     *_estimated(Column("csnr", "CSNR", meaning="Mean over standard deviation of the contrast.")),
     *_estimated(Column("cnr", "CNR", meaning="Difference of the mean luminances over the noise of the dark region.")),
     *_estimated(Column("d_prime", "d'", meaning="Difference of the mean luminances over the noise of both regions.")),
-    _hidden("n_bright", "pixels of bright", "Pixels of the bright region.", value="cdp.bright_size"),
-    _hidden("n_dark", "pixels of dark", "Pixels of the dark region.", value="cdp.dark_size"),
+    _hidden("n_bright", "pixels of bright", "Pixels of the bright region.", value="cdp.n_bright"),
+    _hidden("n_dark", "pixels of dark", "Pixels of the dark region.", value="cdp.n_dark"),
     _hidden("n_pairs_neighbours", "pairs of neighbours", "Pairs of neighbouring pixels.", value="neighbours.pairs"),
 )
 _OF_VALUES = "Mean over standard deviation of the values; ∞ without noise."
@@ -144,7 +144,7 @@ def result(evaluation: SimulationEvaluation, inputs: Sequence[InputFile] = ()) -
     regions = [region for stage in evaluation.stages for region in stage.regions]
     neighbours: tuple[Column, ...] = ()
     note = _NOTE.format(percent(evaluation.epsilon))
-    if any(pair.neighbours for pair in pairs):
+    if any(pair.neighbours is not None for pair in pairs):
         neighbours = _detection("neighbours", "_neighbours", "CDP, nearest-neighbour")
         note += "; nearest-neighbour: of each pixel and its right and its lower neighbour"
     asked = evaluation.contrast if isinstance(evaluation.contrast, tuple) else ()

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ....chain import ChainRun
-from ....metrics import CdpResult, Estimate, NeighbourCdp
+from ....core.quantity import Quantity
+from ....metrics import Cdp
 from ....metrics.contrast import TargetContrasts
 
 
@@ -17,7 +18,7 @@ class SeenRegion:
     ----------
     luminance_cd_m2, luminance_standard_deviation_cd_m2 : float
         Mean and standard deviation of the luminance the stage's values stand for.
-    luminance_snr : Estimate
+    luminance_snr : Quantity
         Mean over standard deviation of that luminance; unlike that of the values it does not gain from a black level,
         nor from glare that is subtracted.
     saturated_share : float
@@ -26,7 +27,7 @@ class SeenRegion:
 
     luminance_cd_m2: float
     luminance_standard_deviation_cd_m2: float
-    luminance_snr: Estimate
+    luminance_snr: Quantity[float]
     saturated_share: float
 
 
@@ -44,9 +45,9 @@ class RegionRow(SeenRegion):
         Mean luminance of the scene there.
     mean, standard_deviation : float
         Of the native values, in the unit of the stage; the deviation without what follows the vignetting.
-    snr : Estimate
+    snr : Quantity
         Their mean over standard deviation; inf without noise.
-    snr_10log10_db, snr_20log10_db : Estimate
+    snr_10log10_db, snr_20log10_db : Quantity
         The same in decibels: 10 log10 as in the 2018 thesis (eq. 2.1), 20 log10 as in EMVA 1288.
     """
 
@@ -57,9 +58,9 @@ class RegionRow(SeenRegion):
     true_cd_m2: float
     mean: float
     standard_deviation: float
-    snr: Estimate
-    snr_10log10_db: Estimate
-    snr_20log10_db: Estimate
+    snr: Quantity[float]
+    snr_10log10_db: Quantity[float]
+    snr_20log10_db: Quantity[float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,11 +77,11 @@ class PairRow:
         Weber contrast of the mean luminances behind the stage; nan or inf where there is none.
     mean_contrast : float
         Mean Weber contrast of all pairs of pixels whose dark one is above 0; nan if there is none.
-    cdp : CdpResult or None
+    cdp : Cdp or None
         Region to region; None if no pixel of the two is above 0 cd/m^2.
-    neighbours : NeighbourCdp or None
+    neighbours : Cdp or None
         Nearest-neighbour over the whole frame, for a checkerboard with squares of one pixel.
-    csnr, cnr, d_prime : Estimate
+    csnr, cnr, d_prime : Quantity
         Contrast signal-to-noise ratio, contrast-to-noise ratio and detectability of the two luminances.
     """
 
@@ -90,11 +91,11 @@ class PairRow:
     true_contrast: float
     measured_contrast: float
     mean_contrast: float
-    cdp: CdpResult | None
-    neighbours: NeighbourCdp | None
-    csnr: Estimate
-    cnr: Estimate
-    d_prime: Estimate
+    cdp: Cdp[float] | None
+    neighbours: Cdp[float] | None
+    csnr: Quantity[float]
+    cnr: Quantity[float]
+    d_prime: Quantity[float]
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,55 @@
+"""What a requirement judges, in the datasets of pictures, videos and sessions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import nan
+
+import numpy as np
+from xarray import Dataset
+
+from ..core.errors import InputError
+from ..evaluate.requirement import Requirement, SeenContrast
+from ..metrics.region import SATURATED_SHARE
+
+
+def seen_in(dataset: Dataset, requirement: Requirement) -> Iterator[SeenContrast]:
+    """Yield the pairs of a dataset, of a video in each frame, at the contrast of a requirement.
+
+    Raises
+    ------
+    InputError
+        If it has no pairs, or another contrast or tolerance.
+    """
+    if "pair" not in dataset.dims or "cdp" not in dataset:
+        raise InputError("the dataset has no CDP of pairs of regions: give one of pictures, videos or sessions")
+    found = _at_contrast(dataset, requirement)
+    epsilon = found["epsilon"].values if "epsilon" in found else np.array(found.attrs.get("epsilon"), dtype=object)
+    if any(one != requirement.epsilon for one in epsilon.ravel().tolist()):
+        raise InputError(f"the tolerance of the dataset is not {requirement.epsilon:g}: evaluate with that")
+    rows = found if "frame" in found.dims else found.expand_dims(frame=[-1])
+    for frame in rows["frame"].values.tolist():
+        for name in rows["pair"].values.tolist():
+            yield _of_pair(rows.sel(frame=frame, pair=name), str(name), "" if frame < 0 else f"frame {frame}")
+
+
+def _at_contrast(dataset: Dataset, requirement: Requirement) -> Dataset:
+    contrasts = np.atleast_1d(dataset["contrast"].values)
+    at = np.flatnonzero(np.isclose(contrasts, requirement.contrast, rtol=1e-9))
+    # Contrasts as measured are those of the pairs.
+    if at.size < (1 if "contrast" in dataset.dims else contrasts.size):
+        raise InputError(f"the dataset has no CDP of a contrast of {requirement.contrast:g}: evaluate it with that")
+    return dataset.isel(contrast=int(at[0])) if "contrast" in dataset.dims else dataset
+
+
+def _of_pair(one: Dataset, name: str, where: str) -> SeenContrast:
+    """Return a pair, with the luminance of its darker region or patch."""
+    means = one["mean"].values if "mean" in one else one["camera_luminance"].sel(patch=one["region"].values).values
+    known = one.attrs.get("unit") == "cd/m^2" and bool(np.isfinite(means).any())
+    saturated = "saturated" in one and bool((one["saturated"].values > SATURATED_SHARE).any())
+    measured = float(one["measured_contrast"]) if "measured_contrast" in one else nan
+    cdp, low, high = (float(one[key]) for key in ("cdp", "cdp_low", "cdp_high"))
+    scene = float(one["meter_contrast"]) if "meter_contrast" in one else None
+    return SeenContrast(
+        name, where, float(np.nanmin(means)) if known else None, measured, saturated, cdp, (low, high), scene
+    )

@@ -142,7 +142,8 @@ def evaluate_session(
     measured = [patch for patch in configuration.target.patches if patch.name in observed.names]
     patches = {patch.name: patch_row(patch, observed, calibration) for patch in measured}
     if not own:
-        seen = [row.calibrated for row in patches.values()]
+        # A bound contradicts no reading.
+        seen = [row.calibrated for row in patches.values() if not row.bound]
         rest = observed.by_plane, seen, observed.readings, observed.meter_scale
         calibration, deviating, of_change = changes_since(calibration, *rest)
         findings += of_change

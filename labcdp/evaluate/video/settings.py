@@ -65,7 +65,7 @@ class VideoSettings:
         How values are encoded; None for what the camera specification or the file says, else the usual one.
     image_size : (int, int) or None
         Width and height of the image the regions were drawn on, which must be those of the frames; None if not known.
-    exposure_s, gain_db, bit_depth : float or int or None
+    exposure_s, gain_db, temperature_c, bit_depth : float or int or None
         Of the video; they count before what it or the calibration says. Bits are those of 16-bit values.
     black_level_dn, bayer, focal_length_m, pixel_pitch_m, no_vignetting
         As of `labcdp.files.picture.PictureOptions`; None for what the video or the camera specification says.
@@ -95,6 +95,7 @@ class VideoSettings:
     image_size: tuple[int, int] | None = None
     exposure_s: float | None = None
     gain_db: float | None = None
+    temperature_c: float | None = None
     bit_depth: int | None = None
     damaged: bool = False
     black_level_dn: float | None = None
@@ -139,7 +140,8 @@ class VideoSettings:
     @property
     def stated(self) -> dict[str, Any]:
         """What is given about the video, None for what is not."""
-        return {name: getattr(self, name) for name in ("exposure_s", "gain_db", "bit_depth", *OF_VALUES)}
+        names = ("exposure_s", "gain_db", "temperature_c", "bit_depth", *OF_VALUES)
+        return {name: getattr(self, name) for name in names}
 
     @property
     def n_contrasts(self) -> int:

@@ -19,9 +19,10 @@ demo: setup
 test: setup-test
 	@$(MAKE) --no-print-directory --jobs 2 lint pytest
 
-# The matrices of the tests are small: with several processes, threads of the linear algebra wait for each other.
+# The matrices of the tests are small: with several processes, threads of the linear algebra wait for each other. Half of the
+# time goes to waiting for devices, browsers and kills: twice as many processes as processors.
 pytest: setup-test
-	OMP_NUM_THREADS=1 $(PYTHON) -m pytest --numprocesses auto --dist loadfile --no-loadscope-reorder
+	OMP_NUM_THREADS=1 $(PYTHON) -m pytest --numprocesses $$((2 * $$(nproc))) --dist loadfile --no-loadscope-reorder
 
 # Minutes of what make test shows a part of: kills, faults in all states, long streams, all compiled loops.
 test-long: setup-test

@@ -29,7 +29,7 @@ HOLDING += ("exposures 50 µs longer than stated",)
 SEEN = ("one wrong reading of one, 20 %", "vignetting, no correction", "lamp drift 3 %")
 SEEN += ("hot spot 5 % in each patch, meter sees a third", "exposures 50 µs longer than stated")
 MORE = ("patch scatter 0.3 %", "lamp drift 1 %", "refocusing 0.5 %", "glare 0.5 %", "meter scale 2 %")
-FEW = 3
+FEW = 2
 RUNS = [(name, FEW) for name in HOLDING] + [pytest.param(name, 40, marks=pytest.mark.long) for name in HOLDING + MORE]
 
 

@@ -78,7 +78,9 @@ def uninterrupted(tmp_path_factory, inputs, labcdp_in):
     return run
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    "command", [pytest.param(one, marks=() if one == "sweep" else pytest.mark.long) for one in COMMANDS]
+)
 def test_killed_again_and_again_at_calls_that_change_the_disk_it_ends_the_same(command, work, uninterrupted, labcdp):
     steps = np.random.default_rng(7).integers(1, 9, 100)
     n_kills = 0

@@ -128,6 +128,7 @@ def number(text):
     return float(re.findall(r"-?\d+\.?\d*", text)[0])
 
 
+@pytest.mark.long
 def test_a_recording_goes_on_after_its_server_was_killed(browser, tmp_path, folder, serve):
     # The first test: there is one simulated camera on loopback at a time.
     for name in ("plan.toml", "bench.toml"):

@@ -85,6 +85,7 @@ def test_a_long_body_is_refused_before_it_is_read(served):
     assert answer == b"" or b" 4" in answer.split(b"\r\n")[0]
 
 
+@pytest.mark.long
 def test_tabs_beyond_a_limit_are_refused_until_others_are_closed(serve, picture, tmp_path):
     served = serve("rois", picture, "--output", tmp_path / "regions.json")
     cookie = get(served.port, f"/?{urlsplit(served.url).query}")[1]["Set-Cookie"].split("; ")[0]

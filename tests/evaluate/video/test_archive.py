@@ -170,6 +170,7 @@ def cluster(tmp_path: Path) -> Any:
         scheduler.kill()
 
 
+@pytest.mark.long
 def test_cluster_with_certificates_until_its_only_worker_dies(
     videos: list[Path], tmp_path: Path, cluster: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

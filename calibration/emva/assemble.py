@@ -8,13 +8,14 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from ...core.quantity import Quantity
 from ...core.result import Finding, info, unique, warning
 from ..frames.observations import DarkObservation
 from ..frames.rounding import ROUNDING_DN2
 from ..frames.statistics import MAX_CLIPPED_SHARE
 from ..sensor.dark_fit import drift_of_black_level
 from .quantities import LEAST_VARIANCE_DN2, fit_dark_current, sensitivity_threshold_e, snr_max
-from .result import Characterisation, Quantity, SeriesPoint
+from .result import Characterisation, SeriesPoint
 from .transfer import Saturation, departure_rel, find_saturation, points_to_fit, system_gain
 
 _Point = TypeVar("_Point", bound=SeriesPoint)
@@ -195,7 +196,7 @@ def findings_of(found: Characterisation, departure_rel: float) -> Iterator[Findi
     # Deviations from the line that no usable camera has.
     errors = [one for one in (found.linearity_error_min_rel, found.linearity_error_max_rel) if one is not None]
     worst = max(errors, key=lambda error: abs(error.value), default=None)
-    if worst is not None and abs(worst.value) > max(_LARGEST_LINEARITY_ERROR, _CHANCE * worst.standard_uncertainty):
+    if worst is not None and abs(worst.value) > max(_LARGEST_LINEARITY_ERROR, _CHANCE * worst.u):
         yield warning("not-linear", deviation_rel=worst.value, usual_rel=_LARGEST_LINEARITY_ERROR)
     # Dark signals with too little noise to dither rounding.
     least = min(dark.temporal_variance_dn2 for dark in found.darks)
@@ -213,7 +214,7 @@ def findings_of_data_set(found: Characterisation) -> Iterator[Finding]:
         yield warning("exposures-not-in-ns", range_ns=[shortest * 1e9, longest * 1e9])
     elif longest < _RARELY_SHORT_S:
         yield warning("exposures-perhaps-in-us", longest_s=longest)
-    low = current is not None and current.value + 2 * current.standard_uncertainty < _LOW_CURRENT_E_S
+    low = current is not None and current.value + 2 * current.u < _LOW_CURRENT_E_S
     if current is not None and low and _RARELY_LONG_S < longest <= _LONGEST_S:
         yield warning("exposures-perhaps-in-ps", longest_s=longest, dark_current_e_s=current.value)
     if all(point.photons is None for point in found.series):
@@ -229,10 +230,10 @@ def findings_of_data_set(found: Characterisation) -> Iterator[Finding]:
 def _of_dark_current(found: Characterisation) -> Iterator[Finding]:
     mean, by_variance = found.dark_current_e_s, found.dark_current_by_variance_e_s
     for current, code in ((mean, "dark-current-negative"), (by_variance, "dark-current-by-variance-negative")):
-        if current is not None and current.value < -_CHANCE * current.standard_uncertainty:
-            z = -current.value / current.standard_uncertainty
+        if current is not None and current.value < -_CHANCE * current.u:
+            z = -current.value / current.u
             yield warning(code, dark_current_e_s=current.value, z=z)
-    if mean is not None and mean.value - _CHANCE * mean.standard_uncertainty > _LARGEST_CURRENT_E_S:
+    if mean is not None and mean.value - _CHANCE * mean.u > _LARGEST_CURRENT_E_S:
         yield warning("dark-current-too-large", dark_current_e_s=mean.value)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 from ...core.clock import exposure_text
 from ...core.errors import CalibrationError, InputError
 from ...core.frame import CameraIdentity
+from ...core.quantity import Quantity
 from ...core.result import Finding, info, warning
 from ..frames.measure import MeasuredFrames
 from ..frames.observations import CameraState, DarkObservation
@@ -18,7 +19,7 @@ from .assemble import Transfer, assemble, findings_of_data_set, photon_transfer,
 from .images import ImageCheck, read_image, require_levels
 from .index import DataSetIndex, IndexBlock, load_index
 from .quantities import dsnu_parts, prnu_parts, spatial_variance_of
-from .result import Characterisation, Quantity, SeriesPoint
+from .result import Characterisation, SeriesPoint
 from .transfer import MIN_POINTS, linearity, responsivity
 
 #: Note on the missing uncertainty of the photon numbers.
@@ -142,7 +143,7 @@ def _sensitivity(points: Sequence[SeriesPoint], transfer: Transfer) -> dict[str,
     if fit is None or fit.value <= 0:
         return errors
     note = f"up to 70 % of saturation; {_WITHOUT_PHOTONS}"
-    r = Quantity(fit.value, fit.standard_uncertainty, "DN/photon", note)
+    r = Quantity(fit.value, fit.u, "DN/photon", note)
     return errors | {"responsivity": r, "quantum_efficiency": r.over(transfer.k, "1", f"R / K; {_WITHOUT_PHOTONS}")}
 
 

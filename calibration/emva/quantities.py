@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..frames.nonuniformity import Estimate, SpatialVariance, spatial_variance
+from ...core.quantity import Quantity
+from ..frames.nonuniformity import SpatialVariance, spatial_variance
 from ..frames.observations import DarkObservation
 from ..frames.rounding import ROUNDING_DN2, Range, variance_before_rounding
 from ..frames.statistics import FrameStatistics, LineVariances
 from ..sensor.dark import DarkModel, fit_dark
 from ..sensor.dark_fit import Line, line, variance_uncertainties_dn2
-from .result import Quantity
 
 #: Variance of the dark signal, in DN^2, below which rounding dominates (EMVA 1288 Release 4.0 Linear: sigma < 0.5 DN).
 LEAST_VARIANCE_DN2 = 0.24
@@ -55,7 +55,7 @@ class DarkFit:
         """
         dark, model, variance = self._noise_dn(), self.model, self.variance
         own = sqrt(dark.value**2 - ROUNDING_DN2)
-        by_noise = dark.value * dark.standard_uncertainty / own
+        by_noise = dark.value * dark.u / own
         by_rounding = variance_before_rounding(variance.intercept).root().error_of(own)
         noise = Quantity(own, max(by_noise, by_rounding), "DN")
         rate = Quantity(model.rate_dn_s, sqrt(model.rate_variance_dn2_s2), "DN/s")
@@ -131,14 +131,14 @@ def sensitivity_threshold_e(dark_noise_dn: Quantity, k: Quantity) -> Quantity:
 def snr_max(full_well_e: Quantity, note: str = "") -> Quantity:
     """SNR at saturation: sqrt(mu_e.sat) (EMVA 1288 Release 4.0 Linear)."""
     value = sqrt(full_well_e.value)
-    return Quantity(value, full_well_e.standard_uncertainty / (2 * value), "1", note)
+    return Quantity(value, full_well_e.u / (2 * value), "1", note)
 
 
-def dsnu_e(variance: Estimate, k: Quantity, rounding_e: float, note: str = "", unit: str = "e-") -> Quantity:
+def dsnu_e(variance: Quantity, k: Quantity, rounding_e: float, note: str = "", unit: str = "e-") -> Quantity:
     """DSNU in electrons: sqrt(s_dark^2) / K (EMVA 1288 Release 4.0 Linear), with its uncertainty by rounding too."""
     in_dn = spread(variance, 1.0, "DN", note)
     found = in_dn.over(k, unit, in_dn.note)
-    return replace(found, standard_uncertainty=hypot(found.standard_uncertainty, rounding_e))
+    return replace(found, u=hypot(found.u, rounding_e))
 
 
 def dsnu_parts(variance: SpatialVariance, k: Quantity, dark: FrameStatistics, note: str) -> dict[str, Quantity]:
@@ -159,7 +159,7 @@ def dsnu_parts(variance: SpatialVariance, k: Quantity, dark: FrameStatistics, no
     whole = dsnu_e(variance.total, k, rounding_e, note)
     found = {"dsnu_e": whole}
     for name in PARTS:
-        one: Estimate = getattr(variance, name)
+        one: Quantity = getattr(variance, name)
         share = abs(spread(one, k.value).value / whole.value) if whole.value else 1.0
         found[f"dsnu_{name}_e"] = dsnu_e(one, k, rounding_e * share)
     return found
@@ -187,9 +187,9 @@ def spatial_variance_of(one: FrameStatistics) -> SpatialVariance:
     return spatial_variance(one.image_dn, one.temporal.scaled(1 / one.n_frames))
 
 
-def spread(variance: Estimate, per: float, unit: str = "", note: str = "") -> Quantity:
+def spread(variance: Quantity, per: float, unit: str = "", note: str = "") -> Quantity:
     """Root of a variance with its sign, over `per`; where that is not significant, u is the root of its uncertainty."""
-    root, u = copysign(sqrt(abs(variance.value)), variance.value), variance.uncertainty
+    root, u = copysign(sqrt(abs(variance.value)), variance.value), variance.u
     u_root = sqrt(u) if abs(variance.value) <= u else u / (2 * abs(root))
     if variance.value <= u:
         why = "not more than temporal noise leaves"
@@ -230,7 +230,7 @@ def flat_variance(
     rows: NDArray[np.integer[Any]],
     columns: NDArray[np.integer[Any]],
     noise_dn2: float,
-) -> Estimate:
+) -> Quantity:
     """Variance from pixel to pixel of a patch, its slow gradients subtracted.
 
     A surface of second order in row and column is fitted and removed; it removes vignetting and non-uniform light, but
@@ -247,7 +247,7 @@ def flat_variance(
 
     Returns
     -------
-    Estimate
+    Quantity
         May be below 0.
     """
     y, x = (2 * (place - place.min()) / max(np.ptp(place), 1) - 1 for place in (rows, columns))
@@ -255,11 +255,11 @@ def flat_variance(
     fitted, *_ = np.linalg.lstsq(surface, values)
     dof = values.size - surface.shape[1]
     measured = float(np.sum((values - surface @ fitted) ** 2)) / dof
-    return Estimate(measured - noise_dn2, measured * sqrt(2 / dof))
+    return Quantity(measured - noise_dn2, measured * sqrt(2 / dof))
 
 
-def combined(estimates: Sequence[Estimate]) -> Estimate:
+def combined(estimates: Sequence[Quantity]) -> Quantity:
     """Mean of independent estimates, weighted with the inverse squares of their uncertainties."""
-    weights = [1 / estimate.uncertainty**2 for estimate in estimates]
+    weights = [1 / estimate.u**2 for estimate in estimates]
     value = sum(weight * estimate.value for weight, estimate in zip(weights, estimates, strict=True))
-    return Estimate(value / sum(weights), 1 / sqrt(sum(weights)))
+    return Quantity(value / sum(weights), 1 / sqrt(sum(weights)))

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
-from math import hypot, isfinite, sqrt
+from math import sqrt
 from operator import attrgetter
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.quantity import Quantity
 from ...core.result import Finding
 from ..frames.observations import DarkObservation
 from ..frames.statistics import FrameStatistics, Level
@@ -74,47 +75,6 @@ def columns(points: Sequence[object], *names: str) -> NDArray[np.float64]:
 
 #: Cause of saturation: the converter's last DN, a full pixel, or neither observed.
 SaturationLimit = Literal["converter", "full well", "not reached"]
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """A measured value.
-
-    Parameters
-    ----------
-    value : float
-        In `unit`.
-    standard_uncertainty : float
-        Of the value, in `unit` (JCGM 100:2008); nan where it is not known.
-    unit : str
-        For example ``DN/e-``; ``1`` for fractions.
-    note : str
-        Method or limitation; may be empty.
-    expanded : float or None
-        U (95 %), where it is not 1.96 standard uncertainties.
-    """
-
-    value: float
-    standard_uncertainty: float
-    unit: str
-    note: str = ""
-    expanded: float | None = None
-
-    @property
-    def known(self) -> float:
-        """Standard uncertainty, 0 where it is not known."""
-        return self.standard_uncertainty if isfinite(self.standard_uncertainty) else 0.0
-
-    @property
-    def relative(self) -> float:
-        """Relative standard uncertainty, 0 where it is not known."""
-        return self.known / abs(self.value)
-
-    def over(self, other: Quantity, unit: str, note: str = "", power: int = 1) -> Quantity:
-        """Ratio to a power of an independent quantity."""
-        divisor = other.value**power
-        value = self.value / divisor
-        return Quantity(value, hypot(self.known / divisor, power * value * other.relative), unit, note)
 
 
 def _called(name: str) -> dict[str, str]:

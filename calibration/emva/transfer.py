@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import CalibrationError
-from ..sensor.noise import FIT_SHARE, Slope, slope_through_origin, weighted_gain
-from .result import Quantity, SaturationLimit, SeriesPoint, columns
+from ...core.quantity import Quantity
+from ..sensor.noise import FIT_SHARE, slope_through_origin, weighted_gain
+from .result import SaturationLimit, SeriesPoint, columns
 
 #: Fewest points of a fit.
 MIN_POINTS = 3
@@ -80,7 +81,7 @@ def system_gain(points: Sequence[SeriesPoint], weighted: bool = False) -> Quanti
     if not fit.value > 0:
         raise _no_noise(f"K is {fit.value:.3g} DN/e-")
     note = f"photon transfer over {len(points)} points up to 70 % of saturation"
-    return Quantity(fit.value, fit.standard_uncertainty, "DN/e-", note)
+    return Quantity(fit.value, fit.u, "DN/e-", note)
 
 
 def _no_noise(found: str) -> CalibrationError:
@@ -101,12 +102,12 @@ def departure_rel(points: Sequence[SeriesPoint], k_dn_per_e: float) -> float:
     return float(np.sqrt(max(np.mean((excess / expected - 1) ** 2) - np.mean((u / expected) ** 2), 0.0)))
 
 
-def responsivity(points: Sequence[SeriesPoint]) -> Slope | None:
+def responsivity(points: Sequence[SeriesPoint]) -> Quantity | None:
     """Responsivity R in DN per photon: mean - mean_dark = R photons, through the origin.
 
     Returns
     -------
-    Slope or None
+    Quantity or None
         None if the photons are not known. The uncertainty includes noise and scatter of the points, but not that of the
         photon numbers, which a data set does not state.
     """

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.quantity import Quantity
 from ...core.vignetting import AnyVignetting, Cos4Vignetting, FlatField, RadialVignetting
 from .statistics import LineVariances
 
@@ -113,21 +114,9 @@ def _of_difference(squares: MeanSquares, dark_dn: float) -> float:
     return max(aa - 2 * dark_dn * ab + dark_dn**2 * bb, 0.0)
 
 
-@dataclass(frozen=True)
-class Estimate:
-    """A variance, which may be below 0 by chance, and its standard uncertainty."""
-
-    value: float
-    uncertainty: float
-
-    @property
-    def root(self) -> float:
-        """Square root; 0 where the variance is not significantly above 0."""
-        return sqrt(self.value) if self.value > 2 * self.uncertainty else 0.0
-
-    def __sub__(self, other: Estimate) -> Estimate:
-        """Difference of independent estimates."""
-        return Estimate(self.value - other.value, hypot(self.uncertainty, other.uncertainty))
+def root_of(variance: Quantity) -> float:
+    """Return the square root of a variance that may be below 0 by chance; 0 where it is not significantly above 0."""
+    return sqrt(variance.value) if variance.value > 2 * variance.u else 0.0
 
 
 @dataclass(frozen=True)
@@ -136,14 +125,14 @@ class SpatialVariance:
 
     Parameters
     ----------
-    total, pixel, column, row : Estimate
+    total, pixel, column, row : Quantity
         Of all pixels, and its parts (EMVA 1288 Release 4.0 Linear, section 4.2).
     """
 
-    total: Estimate
-    pixel: Estimate
-    column: Estimate
-    row: Estimate
+    total: Quantity
+    pixel: Quantity
+    column: Quantity
+    row: Quantity
 
 
 def spatial_variance(mean_image: NDArray[np.floating[Any]], noise: LineVariances) -> SpatialVariance:
@@ -175,10 +164,10 @@ def spatial_variance(mean_image: NDArray[np.floating[Any]], noise: LineVariances
     u_columns = max(columns, noise.column + max(parts.pixel, 0.0) / height) * sqrt(2 / (width - 1))
     u_rows = max(rows, noise.row + max(parts.pixel, 0.0) / width) * sqrt(2 / (height - 1))
     return SpatialVariance(
-        Estimate(measured - noise.pixel, hypot(u_pixels, u_columns, u_rows)),
-        Estimate(parts.pixel, u_pixels),
-        Estimate(parts.column, u_columns),
-        Estimate(parts.row, u_rows),
+        Quantity(measured - noise.pixel, hypot(u_pixels, u_columns, u_rows)),
+        Quantity(parts.pixel, u_pixels),
+        Quantity(parts.column, u_columns),
+        Quantity(parts.row, u_rows),
     )
 
 

@@ -17,7 +17,7 @@ from ...core.roi import Roi
 from ...core.vignetting import AnyVignetting
 from .defects import DefectMap
 from .measure import MIN_FRAMES, MeasuredFrames, measure_frames, measure_whole
-from .nonuniformity import Array, cells_of, nonuniformity, spatial_variance
+from .nonuniformity import Array, cells_of, nonuniformity, root_of, spatial_variance
 from .observations import DarkObservation, Observation, PatchObservation, PatchPart
 from .statistics import FrameStatistics
 
@@ -184,7 +184,7 @@ def dark_observation(measured: MeasuredFrames, dark_library: DarkPattern | None 
         nonuniformity_dn=sqrt(spread.slow_variance_dn2(0.0)),
         pattern_dn=max(sqrt(max(spread.pixel_variance_dn2(0.0) - noise_dn2, 0.0)), left_dn),
         line_noise_dn=(column_dn, row_dn),
-        line_pattern_dn=(max(lines.column.root, left * column_dn), max(lines.row.root, left * row_dn)),
+        line_pattern_dn=(max(root_of(lines.column), left * column_dn), max(root_of(lines.row), left * row_dn)),
     )
 
 

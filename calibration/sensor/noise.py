@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ...core.dn import Response
 from ...core.errors import CalibrationError, InputError, require_not_negative
+from ...core.quantity import Quantity
 from ...core.result import Finding, warning
 from ..frames.observations import GAIN_TOLERANCE_DB, PatchObservation
 from ..frames.rounding import ROUNDING_DN2
@@ -313,15 +314,7 @@ def _before_tone(net_dn: Array, variance_dn2: Array, dof: Array, tone: Response)
     return float(found[0]), sqrt(float(found[1]))
 
 
-@dataclass(frozen=True)
-class Slope:
-    """y = `value` x, with its standard uncertainty."""
-
-    value: float
-    standard_uncertainty: float
-
-
-def slope_through_origin(x: Array, y: Array, u: Array, weighted: bool = False) -> Slope:
+def slope_through_origin(x: Array, y: Array, u: Array, weighted: bool = False) -> Quantity:
     """Fit a line through the origin.
 
     Parameters
@@ -334,7 +327,7 @@ def slope_through_origin(x: Array, y: Array, u: Array, weighted: bool = False) -
 
     Returns
     -------
-    Slope
+    Quantity
         b = sum(w x y) / sum(w x^2). The uncertainty is propagated from u, sqrt(sum((w x u)^2)) / sum(w x^2), and
         widened by the Birge ratio if the points scatter more than u says.
     """
@@ -342,12 +335,12 @@ def slope_through_origin(x: Array, y: Array, u: Array, weighted: bool = False) -
     normal = float(np.sum(weight * x**2))
     slope = float(np.sum(weight * x * y)) / normal
     propagated = sqrt(float(np.sum((weight * x * u) ** 2))) / normal
-    return Slope(slope, propagated * birge(float(np.sum(((y - slope * x) / u) ** 2)), x.size - 1))
+    return Quantity(slope, propagated * birge(float(np.sum(((y - slope * x) / u) ** 2)), x.size - 1))
 
 
 def weighted_gain(
     net_dn: Array, excess_dn2: Array, dark_dn2: Array, dof: Array, dark_dof: Array | float = inf
-) -> Slope:
+) -> Quantity:
     """Fit var - var_dark = K (mean - mean_dark) with the variances of the variances, 2 s^4 / dof.
 
     The weights follow from the fitted line: those from the points would be biased towards low values.
@@ -361,7 +354,7 @@ def weighted_gain(
     dof, dark_dof : ndarray of float, shape (n,)
         Degrees of freedom of both.
     """
-    found = Slope(float(excess_dn2.sum() / net_dn.sum()), 0.0)
+    found = Quantity(float(excess_dn2.sum() / net_dn.sum()), 0.0)
     for _ in range(_ROUNDS):
         light_dn2 = max(found.value, 0.0) * net_dn + dark_dn2
         u = np.sqrt(2 * (light_dn2**2 / dof + dark_dn2**2 / dark_dof)) + 1e-12

@@ -16,7 +16,7 @@ from ..calibration.record import calibration_sha256, load_any
 from ..calibration.uncertainty import expanded_half_width
 from ..core.errors import InputError
 from ..core.frame import Frame
-from ..core.result import Finding, InputFile, Quantity, Result, quantity_table, unique
+from ..core.result import Finding, InputFile, NamedValue, Result, quantity_table, unique
 from ..evaluate.bench.observe import for_frames_of
 from ..evaluate.bench.session import mismatch
 from ..evaluate.bench.session_result import session_input
@@ -262,7 +262,7 @@ def _expanded(u_rel: float | None) -> float | None:
     return None if u_rel is None else expanded_half_width(0.0, u_rel)
 
 
-def _quantities(result: Bracket, values: Mapping[str, Any]) -> list[Quantity]:
+def _quantities(result: Bracket, values: Mapping[str, Any]) -> list[NamedValue]:
     seen = result.map
     lit = seen.luminance_cd_m2[seen.valid]
     n_used, counts = np.unique(result.n_used, return_counts=True)
@@ -270,17 +270,19 @@ def _quantities(result: Bracket, values: Mapping[str, Any]) -> list[Quantity]:
     u_rel, middle = hypot(random_rel or 0.0, common_rel or 0.0), float(np.median(lit)) if lit.size else None
     n_pixels, invalid, shares = seen.valid.size, values["invalid_share"], "share of the pixels"
     return [
-        Quantity("mean", float(lit.mean(dtype=float)) if lit.size else None, "cd/m²", "of the valid pixels"),
-        Quantity("lowest", float(lit.min()) if lit.size else None, "cd/m²", "of the valid pixels"),
-        Quantity("highest", float(lit.max()) if lit.size else None, "cd/m²", "of the valid pixels"),
-        Quantity("a pixel", middle, "cd/m²", "median of the valid pixels", None if middle is None else middle * u_rel),
-        Quantity("U of a pixel, independent", _expanded(random_rel), "%", "median of the valid pixels"),
-        Quantity("U of a pixel, common", _expanded(common_rel), "%", "median; the same error in all pixels"),
-        Quantity("valid pixels", float(seen.valid.mean()), "%", shares),
-        *(Quantity(text, invalid[name], "%", shares) for name, text in _REASONS.items() if name in invalid),
+        NamedValue("mean", float(lit.mean(dtype=float)) if lit.size else None, "cd/m²", "of the valid pixels"),
+        NamedValue("lowest", float(lit.min()) if lit.size else None, "cd/m²", "of the valid pixels"),
+        NamedValue("highest", float(lit.max()) if lit.size else None, "cd/m²", "of the valid pixels"),
+        NamedValue(
+            "a pixel", middle, "cd/m²", "median of the valid pixels", None if middle is None else middle * u_rel
+        ),
+        NamedValue("U of a pixel, independent", _expanded(random_rel), "%", "median of the valid pixels"),
+        NamedValue("U of a pixel, common", _expanded(common_rel), "%", "median; the same error in all pixels"),
+        NamedValue("valid pixels", float(seen.valid.mean()), "%", shares),
+        *(NamedValue(text, invalid[name], "%", shares) for name, text in _REASONS.items() if name in invalid),
         *(
-            Quantity(f"pixels from {n} frames", count / n_pixels, "%", shares)
+            NamedValue(f"pixels from {n} frames", count / n_pixels, "%", shares)
             for n, count in zip(n_used.tolist(), counts.tolist(), strict=True)
         ),
-        Quantity("inconsistent pixels", result.inconsistent_share, "%", "different between the exposures"),
+        NamedValue("inconsistent pixels", result.inconsistent_share, "%", "different between the exposures"),
     ]

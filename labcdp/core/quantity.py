@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import inf
-from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple
 
 import numpy as np
+from typing_extensions import TypeVar
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -14,8 +15,8 @@ if TYPE_CHECKING:
 #: 97.5 % quantile of the standard normal distribution: U (95 %) in standard uncertainties.
 Z_95 = 1.959963984540054
 
-#: A number, or an array of numbers.
-Number = TypeVar("Number", float, "NDArray[np.float64]")
+#: A number, or an array of numbers; a number where it is not said.
+Number = TypeVar("Number", float, "NDArray[np.float64]", default=float)
 
 
 class Interval(NamedTuple, Generic[Number]):
@@ -35,14 +36,19 @@ class Quantity(Generic[Number]):
         The value, in `unit`.
     u : float or ndarray of float
         Its standard uncertainty, in `unit`; nan where it is not known.
+    unit : str
+        For example ``cd/m²``; empty or ``1`` for a number.
+    note : str
+        Method or limitation; may be empty.
     dof : float
         Effective degrees of freedom of `u`; inf for an uncertainty that is known exactly.
-    unit : str
-        For example ``cd/m²``; empty for a number.
+    coverage : float or None
+        Coverage factor k of `U` where its distribution is neither normal nor that of Student, as of limits that
+        prevail; None for that of `dof`.
 
     Examples
     --------
-    >>> luminance = Quantity(102.0, 0.5, unit="cd/m²")
+    >>> luminance = Quantity(102.0, 0.5, "cd/m²")
     >>> round(luminance.U, 2)
     0.98
     >>> round(Quantity(102.0, 0.5, dof=2).U, 2)
@@ -53,13 +59,15 @@ class Quantity(Generic[Number]):
 
     value: Number
     u: Number
-    dof: float = inf
     unit: str = ""
+    note: str = ""
+    dof: float = inf
+    coverage: float | None = None
 
     @property
     def k(self) -> float:
-        """Coverage factor of `U`: the 97.5 % quantile of Student's t distribution, 1.96 for infinite `dof`."""
-        return coverage_factor(self.dof)
+        """Coverage factor of `U`."""
+        return coverage_factor(self.dof) if self.coverage is None else self.coverage
 
     @property
     def U(self) -> Number:  # noqa: N802 - the symbol of the GUM
@@ -70,6 +78,12 @@ class Quantity(Generic[Number]):
     def interval(self) -> Interval[Number]:
         """95 % interval, `value` - `U` to `value` + `U`."""
         return Interval(self.value - self.U, self.value + self.U)
+
+    @property
+    def u_known(self) -> Number:
+        """Standard uncertainty, 0 where it is not known."""
+        u: Number = as_number(np.where(np.isfinite(self.u), self.u, 0.0))
+        return u
 
     @property
     def u_rel(self) -> Number:
@@ -83,9 +97,23 @@ class Quantity(Generic[Number]):
         """Expanded uncertainty (95 %) relative to the absolute value."""
         return self.k * self.u_rel
 
-    def with_u(self, u: Number) -> Self:
-        """Return the value with another standard uncertainty."""
-        return replace(self, u=u)
+    def over(self, other: Quantity, unit: str, note: str = "", power: int = 1) -> Quantity[Number]:
+        """Return the ratio to a power of an independent quantity, by the law of propagation (JCGM 100:2008, 5.1.2).
+
+        Examples
+        --------
+        >>> Quantity(10.0, 0.3, "DN").over(Quantity(2.0, 0.08, "DN/e-"), "e-")
+        Quantity(value=5.0, u=0.25, unit='e-', note='', dof=inf, coverage=None)
+        """
+        divisor = other.value**power
+        value = self.value / divisor
+        u: Number = as_number(np.hypot(self.u_known / divisor, power * value * other.u_known / abs(other.value)))
+        return Quantity(value, u, unit, note)
+
+    def __sub__(self, other: Quantity[Number]) -> Quantity[Number]:
+        """Return the difference of independent quantities of one unit."""
+        u: Number = as_number(np.hypot(self.u, other.u))
+        return Quantity(self.value - other.value, u, self.unit)
 
     def __float__(self) -> float:
         return float(self.value)

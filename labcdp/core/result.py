@@ -80,8 +80,8 @@ def unique(findings: Iterable[Finding]) -> tuple[Finding, ...]:
 
 
 @dataclass(frozen=True)
-class Quantity:
-    """A named value.
+class NamedValue:
+    """A named value, as a row of a table.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ class Quantity:
     key: str = ""
 
 
-def quantity_table(name: str, title: str, quantities: Iterable[Quantity], detail: bool = False) -> Table:
+def quantity_table(name: str, title: str, quantities: Iterable[NamedValue], detail: bool = False) -> Table:
     """Return a table of quantities, one a row."""
     quantities = list(quantities)
     columns = (
@@ -124,7 +124,7 @@ def quantity_table(name: str, title: str, quantities: Iterable[Quantity], detail
     return Table.of_items(name, title, columns if named else columns[:-1], quantities, detail=detail)
 
 
-def _expanded(quantity: Quantity) -> float | None:
+def _expanded(quantity: NamedValue) -> float | None:
     return Z_95 * quantity.u if quantity.expanded is None and quantity.u is not None else quantity.expanded
 
 

@@ -62,10 +62,10 @@ class PairResult:
     b: RegionLight
     bright: Literal["a", "b"]
     cdp: Cdp[_Array]
-    contrast: Quantity[float]
+    contrast: Quantity
     contrast_pixels: float
     contrast_vignetting: float
-    csnr: Quantity[float]
+    csnr: Quantity
     findings: tuple[Finding, ...]
 
     @property
@@ -283,7 +283,7 @@ def _of_pixels(region: RegionLight) -> list[Finding]:
 
 def _contrast(
     bright: RegionPixels, dark: RegionPixels, errors: Sequence[PairError], lens: Sequence[PairError]
-) -> tuple[Quantity[float], float, float]:
+) -> tuple[Quantity, float, float]:
     """Weber contrast of the means, by the law of propagation (JCGM 100:2008, 5.1.2); its parts by pixels and lens."""
     contrast = float(weber_contrast(bright.mean, dark.mean))
     if not isfinite(contrast):

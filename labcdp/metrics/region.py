@@ -55,7 +55,7 @@ class RegionLight:
     mean: float
     u: float
     std: float
-    snr: Quantity[float]
+    snr: Quantity
     invalid_shares: dict[str, float]
 
     @property
@@ -233,7 +233,7 @@ def is_saturated(invalid_shares: Mapping[str, float]) -> bool:
 
 
 def region_result(
-    pixels: RegionPixels, errors: Sequence[_Array], ratio: Quantity[float], ratio_variance: float
+    pixels: RegionPixels, errors: Sequence[_Array], ratio: Quantity, ratio_variance: float
 ) -> RegionLight:
     """Make the result of a region, given its SNR and the variance these errors add to it."""
     flags = pixels.luminance.invalid[pixels.part][pixels.mask]
@@ -252,7 +252,7 @@ def region_result(
     )
 
 
-def with_uncertainty(metric: Quantity[float], inflation: float, variance: float) -> Quantity[float]:
+def with_uncertainty(metric: Quantity, inflation: float, variance: float) -> Quantity:
     """Return a quantity with an uncertainty for correlated noise and calibration.
 
     The inflation is that of the pixels, an upper bound for functions of them.

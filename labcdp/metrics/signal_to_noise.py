@@ -12,7 +12,7 @@ from .distribution import Distribution, Region, as_distribution, weighted_sum
 from .pairs import bright_and_dark
 
 
-def snr(region: Region) -> Quantity[float]:
+def snr(region: Region) -> Quantity:
     """Signal-to-noise ratio mean / standard deviation of a region.
 
     Parameters
@@ -46,7 +46,7 @@ def snr(region: Region) -> Quantity[float]:
     return Quantity(ratio, _u((pixels, influence)))
 
 
-def snr_20log10_db(region: Region) -> Quantity[float]:
+def snr_20log10_db(region: Region) -> Quantity:
     """Signal-to-noise ratio in dB as EMVA Standard 1288 defines it, 20 log10(mean / standard deviation).
 
     Parameters and errors as for `snr`; inf where that is, -inf where it is 0, nan where it is below.
@@ -54,7 +54,7 @@ def snr_20log10_db(region: Region) -> Quantity[float]:
     return _decibels(snr(region), 20)
 
 
-def snr_10log10_db(region: Region) -> Quantity[float]:
+def snr_10log10_db(region: Region) -> Quantity:
     """Signal-to-noise ratio in dB as L. Ebbert (Implementierung von CDP, 2018, eq. 2.1), 10 log10(mean / deviation).
 
     Half of what `snr_20log10_db` gives. Parameters and errors as for `snr`; inf where that is, -inf where it is 0, nan
@@ -63,7 +63,7 @@ def snr_10log10_db(region: Region) -> Quantity[float]:
     return _decibels(snr(region), 10)
 
 
-def csnr(a: Region, b: Region) -> Quantity[float]:
+def csnr(a: Region, b: Region) -> Quantity:
     """Contrast signal-to-noise ratio: mean over standard deviation of the Weber contrast of all pairs of pixels.
 
     Parameters
@@ -113,7 +113,7 @@ def csnr(a: Region, b: Region) -> Quantity[float]:
     return Quantity(ratio, _u(*influences))
 
 
-def cnr(a: Region, b: Region) -> Quantity[float]:
+def cnr(a: Region, b: Region) -> Quantity:
     """Contrast-to-noise ratio: difference of the means over the standard deviation of the darker region.
 
     Parameters
@@ -146,7 +146,7 @@ def cnr(a: Region, b: Region) -> Quantity[float]:
     return Quantity(ratio, _u((bright, of_bright), (dark, of_dark)))
 
 
-def d_prime(a: Region, b: Region) -> Quantity[float]:
+def d_prime(a: Region, b: Region) -> Quantity:
     """Compute the detectability d', difference of the means over the root mean square of the standard deviations.
 
     Parameters
@@ -208,7 +208,7 @@ def _u(*influences: tuple[Distribution, NDArray[np.float64]]) -> float:
     return sqrt(variance)
 
 
-def _decibels(ratio: Quantity[float], factor: int) -> Quantity[float]:
+def _decibels(ratio: Quantity, factor: int) -> Quantity:
     if not ratio.value > 0:
         return Quantity(-inf if ratio.value == 0 else nan, nan)
     return Quantity(factor * log10(ratio.value), factor / log(10) * ratio.u / ratio.value)

@@ -19,7 +19,7 @@ from ...acquire.import_files import import_session
 from ...core.clock import Clock, SimulatedClock, SystemClock
 from ...core.disk.files import shell_word, shown
 from ...core.errors import InputError, SessionError
-from ...core.result import InputFile, Quantity, Result, quantity_table
+from ...core.result import InputFile, NamedValue, Result, quantity_table
 from ...core.table import Column, Table
 from ...files.read import IMPORTED_SUFFIXES, picture_paths
 from ...regions import load_regions
@@ -65,7 +65,7 @@ def acquire(
     if replay.replay is None:
         devices.check(wanted.meter)
     left, frames, readings, simulated = record(session, configuration, wanted, devices, replay, operator, again)
-    recorded = quantity_table("recorded", "Recorded", [Quantity("frames", frames), Quantity("readings", readings)])
+    recorded = quantity_table("recorded", "Recorded", [NamedValue("frames", frames), NamedValue("readings", readings)])
     columns = (Column("hand", "step"), Column("what", "what", "", "What remains to be recorded in this step."))
     steps = Table.of_items("left", "Remaining manual steps", columns, left)
     inputs = (replace(InputFile.of("session", session / "journal.jsonl"), path=str(session)),)
@@ -244,10 +244,10 @@ def import_files(
     with progress_bars() as bars:
         done = import_session(wanted, session, files, readings, bars.update)
     counts = [
-        Quantity("frames", done.frames, "", "added"),
-        Quantity("readings", done.readings, "", "added"),
-        Quantity("known frames", done.known_frames, "", "already in the session"),
-        Quantity("known readings", done.known_readings, "", "already in the session"),
+        NamedValue("frames", done.frames, "", "added"),
+        NamedValue("readings", done.readings, "", "added"),
+        NamedValue("known frames", done.known_frames, "", "already in the session"),
+        NamedValue("known readings", done.known_readings, "", "already in the session"),
     ]
     inputs = (InputFile.of("configuration", configuration), InputFile.of("readings", readings))
     table = quantity_table("imported", f"Imported into {session}", counts)

@@ -11,7 +11,7 @@ import numpy as np
 from ...core.errors import InputError
 from ...core.frame import Frame
 from ...core.reading import ReadingSeries
-from ...core.result import Finding, Quantity, Result, info, quantity_table, warning
+from ...core.result import Finding, NamedValue, Result, info, quantity_table, warning
 from ...core.table import Column, Table, uncertain
 from ...drivers.aravis.camera import AravisCamera
 from ...drivers.aravis.gvcp import set_address as change_address
@@ -94,13 +94,13 @@ def snap(
     write_file(picture, _picture(frame), force=force)
     height, width = frame.shape
     quantities = [
-        Quantity("width", width, "px"),
-        Quantity("height", height, "px"),
-        Quantity("exposure", 1e3 * frame.exposure_s, "ms"),
-        Quantity("gain", frame.gain_db, "dB"),
-        Quantity("mean", float(frame.dn.mean()), "DN", f"saturated from {frame.saturation_dn:g} DN"),
-        Quantity("saturated", float(frame.saturated.mean()), "%", "share of the pixels"),
-        Quantity("temperature", frame.temperature_c, "°C", "of the camera"),
+        NamedValue("width", width, "px"),
+        NamedValue("height", height, "px"),
+        NamedValue("exposure", 1e3 * frame.exposure_s, "ms"),
+        NamedValue("gain", frame.gain_db, "dB"),
+        NamedValue("mean", float(frame.dn.mean()), "DN", f"saturated from {frame.saturation_dn:g} DN"),
+        NamedValue("saturated", float(frame.saturated.mean()), "%", "share of the pixels"),
+        NamedValue("temperature", frame.temperature_c, "°C", "of the camera"),
     ]
     table = quantity_table("frame", f"{frame.camera}, {frame.pixel_format}", quantities)
     result = Result("snap", str(file), (table,), configuration=frame.metadata(), simulated=frame.camera.simulated)
@@ -175,10 +175,10 @@ def _result(series: ReadingSeries) -> Result:
     )  # fmt: skip
     several = len(series.readings) > 1
     quantities = [
-        Quantity("mean", series.mean_cd_m2, "cd/m²", "scale excluded", series.standard_uncertainty_random_cd_m2),
-        Quantity("scatter", series.scatter_cd_m2 if several else None, "cd/m²", "standard deviation of the readings"),
-        Quantity("relative scatter", series.scatter_rel if several else None, "%"),
-        Quantity("u of the meter's scale", series.standard_uncertainty_common_rel, "%", "common to all readings"),
+        NamedValue("mean", series.mean_cd_m2, "cd/m²", "scale excluded", series.standard_uncertainty_random_cd_m2),
+        NamedValue("scatter", series.scatter_cd_m2 if several else None, "cd/m²", "standard deviation of the readings"),
+        NamedValue("relative scatter", series.scatter_rel if several else None, "%"),
+        NamedValue("u of the meter's scale", series.standard_uncertainty_common_rel, "%", "common to all readings"),
     ]
     tables = (
         Table.of_items("readings", "Readings", columns, series.readings),

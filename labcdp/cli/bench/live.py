@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from ...acquire.plan import prepare_camera
-from ...core.result import Quantity, Result, quantity_table
+from ...core.result import NamedValue, Result, quantity_table
 from ...drivers.aravis.camera import AravisCamera
 from ...drivers.camera import Camera, take_again
 from ...drivers.simulated.bench import SimulatedBench
@@ -188,6 +188,9 @@ def _start(files: DrawingFiles, configuration: SessionConfiguration | None) -> S
 def _result(live: LiveBench, roi: Path, simulated: bool) -> Result:
     state = live.camera.live
     simulated |= state.frame is not None and state.frame.camera.simulated
-    received = [Quantity("frames received", state.n_frames), Quantity("incomplete frames", state.n_incomplete)]
+    received = [
+        NamedValue("frames received", state.n_frames),
+        NamedValue("incomplete frames", state.n_incomplete),
+    ]
     tables = (quantity_table("frames", "Frames", received, detail=True), *log_tables(live.log.day))
     return Result("bench", str(roi), tables, configuration={"roi": str(roi)}, simulated=simulated)

@@ -11,7 +11,7 @@ from ...calibration.colour.model import ColourCalibration
 from ...calibration.setup import MeterScale
 from ...calibration.uncertainty import expanded_rel
 from ...core.reading import MeterIdentity
-from ...core.result import Quantity
+from ...core.result import NamedValue
 from ...core.vignetting import Cos4Vignetting, RadialVignetting
 from ...report.layout import page_text
 from ...report.text import exposures, minute, percent, significant
@@ -32,14 +32,14 @@ def range_text(calibration: AnyCalibration) -> str:
     return f"{significant(low, 4)} to {significant(high, 4)} cd/m²"
 
 
-def quantities(calibration: AnyCalibration) -> list[Quantity]:
+def quantities(calibration: AnyCalibration) -> list[NamedValue]:
     """Return the numbers of a calibration that are not those of a patch or plane."""
     low, high = calibration.range_cd_m2
     limits = [
-        Quantity("lowest calibrated luminance", low, "cd/m²", "of the patches, from meter or camera"),
-        Quantity("highest calibrated luminance", high, "cd/m²", "of the patches, from meter or camera"),
-        Quantity("shortest calibrated exposure", 1e3 * calibration.exposures_s[0], "ms"),
-        Quantity("longest calibrated exposure", 1e3 * calibration.exposures_s[-1], "ms"),
+        NamedValue("lowest calibrated luminance", low, "cd/m²", "of the patches, from meter or camera"),
+        NamedValue("highest calibrated luminance", high, "cd/m²", "of the patches, from meter or camera"),
+        NamedValue("shortest calibrated exposure", 1e3 * calibration.exposures_s[0], "ms"),
+        NamedValue("longest calibrated exposure", 1e3 * calibration.exposures_s[-1], "ms"),
         _meter(calibration.meter_scale),
     ]
     if isinstance(calibration, Calibration):
@@ -47,77 +47,81 @@ def quantities(calibration: AnyCalibration) -> list[Quantity]:
     return [*_of_combination(calibration), *limits]
 
 
-def _meter(scale: MeterScale) -> Quantity:
+def _meter(scale: MeterScale) -> NamedValue:
     if scale.certificate is None:
-        return Quantity("limits of the meter's scale error", scale.limits_rel, "%", "rectangular, ± by the data sheet")
+        return NamedValue(
+            "limits of the meter's scale error", scale.limits_rel, "%", "rectangular, ± by the data sheet"
+        )
     meaning = f"certificate {scale.certificate.number}, k = {scale.certificate.coverage_factor:g}"
-    return Quantity("U of the meter's scale", scale.certificate.expanded_uncertainty_rel, "%", meaning)
+    return NamedValue("U of the meter's scale", scale.certificate.expanded_uncertainty_rel, "%", meaning)
 
 
-def responsivity(calibration: Calibration) -> Quantity:
+def responsivity(calibration: Calibration) -> NamedValue:
     """Return the responsivity with the uncertainty of fit and meter scale."""
     fit = calibration.responsivity
     r = fit.responsivity_dn_s_cd_m2
     expanded = r * expanded_rel([calibration.meter_scale], fit.random_rel, fit.dof or inf)
     u = r * hypot(calibration.meter_scale.common_rel, fit.random_rel)
-    return Quantity("responsivity R", r, RESPONSIVITY, "fit and meter scale", u, expanded)
+    return NamedValue("responsivity R", r, RESPONSIVITY, "fit and meter scale", u, expanded)
 
 
-def _of_fit(calibration: Calibration) -> Iterator[Quantity]:
+def _of_fit(calibration: Calibration) -> Iterator[NamedValue]:
     from scipy.special import chdtrc
 
     fit, (low_dn, high_dn) = calibration.responsivity, calibration.range_net_dn
     yield responsivity(calibration)
-    yield Quantity(
+    yield NamedValue(
         "U of R without the meter's scale", expanded_rel((), fit.random_rel, fit.dof or inf), "%", "of the fit alone"
     )
-    yield Quantity("χ² of the fit", fit.chi_squared, "", "of patches and exposures, with their stated errors")
-    yield Quantity("degrees of freedom", fit.degrees_of_freedom)
+    yield NamedValue("χ² of the fit", fit.chi_squared, "", "of patches and exposures, with their stated errors")
+    yield NamedValue("degrees of freedom", fit.degrees_of_freedom)
     if fit.degrees_of_freedom > 0:
-        yield Quantity("reduced χ²", fit.chi_squared / fit.degrees_of_freedom)
+        yield NamedValue("reduced χ²", fit.chi_squared / fit.degrees_of_freedom)
         p_value = float(chdtrc(fit.degrees_of_freedom, fit.chi_squared))
-        yield Quantity("p-value of χ²", p_value, "", "probability of more scatter by chance")
+        yield NamedValue("p-value of χ²", p_value, "", "probability of more scatter by chance")
     intercept, u = fit.intercept_dn_s, fit.intercept_standard_uncertainty_dn_s
-    yield Quantity("intercept, as a test", intercept, "DN/s", "0 is expected: the line passes through zero", u)
+    yield NamedValue("intercept, as a test", intercept, "DN/s", "0 is expected: the line passes through zero", u)
     if calibration.response.kind != "linear":
         bend = float(calibration.response.linearise(high_dn)) / high_dn - 1
-        yield Quantity("non-linearity of the response", bend, "%", "deviation from a line at the highest signal")
-    yield Quantity("lowest calibrated signal", low_dn, "DN", "above the dark signal")
-    yield Quantity("highest calibrated signal", high_dn, "DN", "above the dark signal")
+        yield NamedValue("non-linearity of the response", bend, "%", "deviation from a line at the highest signal")
+    yield NamedValue("lowest calibrated signal", low_dn, "DN", "above the dark signal")
+    yield NamedValue("highest calibrated signal", high_dn, "DN", "above the dark signal")
     k = calibration.noise.k_dn_per_e
-    yield Quantity("overall system gain K", k if k > 0 else None, "DN/e⁻", "by photon transfer")
+    yield NamedValue("overall system gain K", k if k > 0 else None, "DN/e⁻", "by photon transfer")
 
 
-def _of_dark(calibration: Calibration) -> Iterator[Quantity]:
+def _of_dark(calibration: Calibration) -> Iterator[NamedValue]:
     dark = calibration.dark
     u = sqrt(dark.offset_variance_dn2)
-    yield Quantity("dark offset", dark.offset_dn, "DN", "mean dark signal at exposure time 0", u)
+    yield NamedValue("dark offset", dark.offset_dn, "DN", "mean dark signal at exposure time 0", u)
     if len(dark.exposures_s) > 1:
         u = sqrt(dark.rate_variance_dn2_s2)
-        yield Quantity("dark rate", dark.rate_dn_s, "DN/s", "growth of the dark signal with exposure time", u)
-    yield Quantity("dark noise", calibration.noise.dark_noise_dn, "DN", "temporal, of one pixel")
-    yield Quantity("dark non-uniformity", dark.nonuniformity_dn, "DN", "slow change across the sensor")
+        yield NamedValue("dark rate", dark.rate_dn_s, "DN/s", "growth of the dark signal with exposure time", u)
+    yield NamedValue("dark noise", calibration.noise.dark_noise_dn, "DN", "temporal, of one pixel")
+    yield NamedValue("dark non-uniformity", dark.nonuniformity_dn, "DN", "slow change across the sensor")
     if dark.temperature_c is not None:
-        yield Quantity("temperature of the dark frames", dark.temperature_c, "°C")
+        yield NamedValue("temperature of the dark frames", dark.temperature_c, "°C")
     if dark.doubling_temperature_c is not None:
-        yield Quantity("doubling temperature", dark.doubling_temperature_c, "°C", "of the dark rate")
+        yield NamedValue("doubling temperature", dark.doubling_temperature_c, "°C", "of the dark rate")
 
 
-def _of_gains(calibration: Calibration) -> Iterator[Quantity]:
+def _of_gains(calibration: Calibration) -> Iterator[NamedValue]:
     for gain in calibration.gains:
         at, dark, of = f"at {gain.gain_db:g} dB", gain.dark, f"over that at {calibration.state.gain_db:g} dB"
-        yield Quantity(f"responsivity factor {at}", gain.factor, "", of, gain.factor * gain.factor_random_rel)
-        yield Quantity(f"dark offset {at}", dark.offset_dn, "DN", "", sqrt(dark.offset_variance_dn2))
-        yield Quantity(f"dark rate {at}", dark.rate_dn_s, "DN/s", "", sqrt(dark.rate_variance_dn2_s2))
-        yield Quantity(f"dark noise {at}", gain.noise.dark_noise_dn, "DN")
-        yield Quantity(f"K {at}", gain.noise.k_dn_per_e, "DN/e⁻")
+        yield NamedValue(f"responsivity factor {at}", gain.factor, "", of, gain.factor * gain.factor_random_rel)
+        yield NamedValue(f"dark offset {at}", dark.offset_dn, "DN", "", sqrt(dark.offset_variance_dn2))
+        yield NamedValue(f"dark rate {at}", dark.rate_dn_s, "DN/s", "", sqrt(dark.rate_variance_dn2_s2))
+        yield NamedValue(f"dark noise {at}", gain.noise.dark_noise_dn, "DN")
+        yield NamedValue(f"K {at}", gain.noise.k_dn_per_e, "DN/e⁻")
 
 
-def _of_combination(calibration: ColourCalibration) -> Iterator[Quantity]:
+def _of_combination(calibration: ColourCalibration) -> Iterator[NamedValue]:
     meaning = "u of a patch whose colours differ as much as their mean"
-    yield Quantity("deviation by colour", calibration.spectral_rel, "%", meaning)
-    yield Quantity("scatter between patches", calibration.scatter_rel, "%", "that nothing else explains")
-    yield Quantity("f1' of the combination", calibration.f1_prime, "%", "mismatch of its spectral sensitivity and V(λ)")
+    yield NamedValue("deviation by colour", calibration.spectral_rel, "%", meaning)
+    yield NamedValue("scatter between patches", calibration.scatter_rel, "%", "that nothing else explains")
+    yield NamedValue(
+        "f1' of the combination", calibration.f1_prime, "%", "mismatch of its spectral sensitivity and V(λ)"
+    )
 
 
 def conditions(calibration: AnyCalibration) -> list[tuple[str, str]]:

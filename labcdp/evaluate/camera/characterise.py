@@ -20,15 +20,15 @@ from ...calibration.emva.quantities import (
     rounding_of_spread_dn,
     spread,
 )
-from ...calibration.emva.result import Characterisation, Quantity, SaturationLimit, SeriesPoint
+from ...calibration.emva.result import Characterisation, SaturationLimit, SeriesPoint
 from ...calibration.emva.transfer import Saturation, points_to_fit, system_gain
 from ...calibration.fit.full_well import SAFE_SHARE, plateau_dn
 from ...calibration.frames.measure import MeasuredFrames
-from ...calibration.frames.nonuniformity import Estimate
 from ...calibration.frames.observe import dark_observation
 from ...calibration.setup import corrected
 from ...core.clock import exposure_text
 from ...core.errors import CalibrationError
+from ...core.quantity import Quantity
 from ...core.reading import Reading
 from ...core.result import Finding, warning
 from ...session import Session
@@ -228,7 +228,7 @@ def _prnu(
         noise = s.temporal_variance_dn2 / s.n_frames + dark.temporal_variance_dn2 / dark.n_frames
         rows, columns = np.nonzero(s.used)
         found = flat_variance(net, rows, columns, noise)
-        estimates.append(Estimate(found.value / point.net_dn**2, found.uncertainty / point.net_dn**2))
+        estimates.append(Quantity(found.value / point.net_dn**2, found.u / point.net_dn**2))
     if not estimates:
         return None
     note = f"within {len(estimates)} patches, slow gradients subtracted; includes the patches' own texture"

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from ...calibration.emva.result import Characterisation, Quantity
+    from ...calibration.emva.result import Characterisation
+    from ...core.quantity import Quantity
 
 #: Figures, in the order they are shown.
 _FIGURES = ("photon-transfer", "sensitivity", "linearity", "snr", "dark-current")
@@ -172,7 +173,7 @@ def _slope(axes: Axes, slope: Quantity, name: str, unit: str, ends: tuple[float,
 
 
 def _with_expanded(quantity: Quantity) -> str:
-    return with_half_width(quantity.value, Z_95 * quantity.standard_uncertainty)
+    return with_half_width(quantity.value, quantity.U)
 
 
 def _saturation(line: Callable[..., object], result: Characterisation, place: float) -> None:

@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from ...calibration import CameraState, fit
-from ...calibration.emva.result import Quantity, SeriesPoint, columns
+from ...calibration.emva.result import SeriesPoint, columns
 from ...calibration.emva.transfer import Deviations, in_range
 from ...calibration.frames.measure import MeasuredFrames, measure_frames, measure_whole, plane_region
 from ...calibration.frames.observe import dark_observation, patch_observation
@@ -19,6 +19,7 @@ from ...calibration.frames.statistics import MAX_CLIPPED_SHARE
 from ...calibration.uncertainty import expanded_rel
 from ...core.clock import exposure_text
 from ...core.errors import CalibrationError, InputError
+from ...core.quantity import Quantity
 from ...core.reading import Reading
 from ...core.result import Finding, info
 from ...session import FrameRecord, Session, SessionConfiguration
@@ -217,7 +218,7 @@ def photometric_responsivity(
     u = r * hypot(found.random_rel, scale.common_rel)
     expanded = r * expanded_rel([scale], found.random_rel, found.dof or inf)
     note = f"from the calibration with the meter over {len(calibration.residuals)} patches, on the optical axis"
-    return Quantity(r, u, "DN/(cd m^-2 s)", note, expanded), []
+    return Quantity(r, u, "DN/(cd m^-2 s)", note, coverage=expanded / u), []
 
 
 def quantum_efficiency_estimate(

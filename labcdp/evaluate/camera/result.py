@@ -7,9 +7,9 @@ from math import isfinite, log, log10
 
 from ...calibration import DarkObservation
 from ...calibration.emva.result import QUANTITY_NAMES, Characterisation, SeriesPoint
-from ...calibration.emva.result import Quantity as Stated
 from ...calibration.sensor.dark_fit import drift_of_black_level, mean_uncertainties_dn, variance_uncertainties_dn2
-from ...core.result import InputFile, Quantity, Result, quantity_table
+from ...core.quantity import Quantity
+from ...core.result import InputFile, NamedValue, Result, quantity_table
 from ...core.table import Column, Table, uncertain
 from ...report.files import result_files
 from ...report.layout import Card, Facts, Page, ReportFigure, Section, page_text
@@ -56,7 +56,7 @@ def result(found: Characterisation, title: str = "", inputs: Sequence[InputFile]
     )
 
 
-def _quantities(found: Characterisation) -> Iterator[Quantity]:
+def _quantities(found: Characterisation) -> Iterator[NamedValue]:
     """Yield the quantities that are known; ratios in dB, too."""
     for key, one in found.quantities().items():
         if one is None:
@@ -66,17 +66,17 @@ def _quantities(found: Characterisation) -> Iterator[Quantity]:
         yield shown
         if key in _RATIOS and one.value > 0:
             u_db = None if shown.u is None else _DB / log(10) * shown.u / one.value
-            yield Quantity(
+            yield NamedValue(
                 f"{name} in dB", _DB * log10(one.value), "dB", "20 log10 of the ratio", u_db, key=f"{key}_db"
             )
 
 
-def stated(key: str, name: str, one: Stated) -> Quantity:
+def stated(key: str, name: str, quantity: Quantity) -> NamedValue:
     """Return a quantity after EMVA 1288 as the row of a table."""
     percent = "" if key in _RATIOS else "%"
-    unit = percent if one.unit == "1" else _UNITS.get(one.unit, one.unit)
-    u = one.standard_uncertainty if isfinite(one.standard_uncertainty) else None
-    return Quantity(name, one.value, unit, one.note, u, one.expanded, key)
+    unit = percent if quantity.unit == "1" else _UNITS.get(quantity.unit, quantity.unit)
+    u = quantity.u if isfinite(quantity.u) else None
+    return NamedValue(name, quantity.value, unit, quantity.note, u, None if u is None else quantity.U, key)
 
 
 def _series(points: Sequence[SeriesPoint]) -> Table:

@@ -42,7 +42,7 @@ class NeighbourEvaluation:
     """
 
     rectangle: Rectangle | None
-    contrast: Quantity[float]
+    contrast: Quantity
     cdp: Cdp[NDArray[np.float64]]
     findings: tuple[Finding, ...]
 

@@ -7,13 +7,14 @@ from math import hypot, isfinite, nan, sqrt
 from typing import Any
 
 from ...calibration import Calibration, DarkModel
-from ...calibration.emva.result import Characterisation, Quantity
+from ...calibration.emva.result import Characterisation
 from ...calibration.sensor.dark_fit import TYPICAL_DOUBLING_C
 from ...calibration.sensor.noise import index_of_gain
 from ...calibration.uncertainty import scales_apart
 from ...chain import Sensor
 from ...core.errors import CalibrationError, naming
 from ...core.frame import Frame
+from ...core.quantity import Quantity
 from ...core.result import Finding, info, warning
 from ...core.vignetting import FlatField
 from ...session import Session, SessionConfiguration
@@ -67,7 +68,7 @@ def twin_parameters(observed: ObservedSession, calibration: Calibration, found: 
         findings.append(info("twin-temperature-assumed", temperature_c=temperature_c))
     transmittance = configuration.lens.transmittance or 1.0
     responsivity = _responsivity(observed, calibration, setting.factor)
-    common_rel = hypot(responsivity.relative, calibration.meter_scale.common_rel)
+    common_rel = hypot(responsivity.u_known / responsivity.value, calibration.meter_scale.common_rel)
     area_m2 = pixel_area_m2(configuration.camera.pixel_pitch_m, frame.readout)
     efficiency = _efficiency(configuration, area_m2, responsivity.value, common_rel, k)
     if efficiency.value > transmittance:
@@ -112,7 +113,7 @@ def noise_of_characterisation(found: Characterisation) -> dict[str, Any]:
         if quantity is None or not isfinite(quantity.value):
             return Quantity(0.0, 0.0, unit, "not known")
         # Measured in DN: the uncertainty of K entered with the conversion to electrons, and is removed again.
-        own = sqrt(max(quantity.known**2 - (quantity.value * k.relative) ** 2, 0.0))
+        own = sqrt(max(quantity.u_known**2 - (quantity.value * k.u_known / k.value) ** 2, 0.0))
         return Quantity(max(quantity.value, 0.0) * k.value, own * k.value, unit, quantity.note)
 
     prnu = found.prnu_pixel_rel or found.prnu_rel or Quantity(0.0, 0.0, "1", "not known")

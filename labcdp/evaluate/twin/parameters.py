@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from ...calibration import DarkModel
-from ...calibration.emva.result import Quantity
 from ...calibration.frames.rounding import mean_before_rounding
 from ...calibration.sensor.dark_library import DarkLibrary
 from ...chain import Sensor
+from ...core.quantity import Quantity
 from ...core.result import Finding
 from ...core.vignetting import FlatField
 
@@ -186,8 +186,7 @@ class TwinParameters:
         if self.flat_field is not None:
             left["prnu_rel"] = self.flat_field.random_rel, "noise of the flat field"
         exact: dict[str, Any] = {
-            name: replace(getattr(self, name), value=value, standard_uncertainty=0.0, note=note)
-            for name, (value, note) in left.items()
+            name: replace(getattr(self, name), value=value, u=0.0, note=note) for name, (value, note) in left.items()
         }
         return replace(twin, **exact)
 

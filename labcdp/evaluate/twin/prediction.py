@@ -10,11 +10,11 @@ from math import ceil, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from ...calibration.emva.result import Quantity
 from ...chain import ExposureSettings
 from ...chain.predict.camera import CameraModel
 from ...chain.predict.value_table import value_table
 from ...core.dn import Response
+from ...core.quantity import Quantity
 from ...metrics import Distribution
 from .parameters import TwinParameters, dark_kinds
 
@@ -122,7 +122,7 @@ def predict_regions(
     calibration, which are not shifted with a parameter: the effect of an error of the dark signal is that on the
     measured luminance.
     """
-    rel = twin.responsivity.relative
+    rel = twin.responsivity.u_known / twin.responsivity.value
     same = [1.0] * len(regions)
     light = [same]
     for sign in (-1, 1):
@@ -170,7 +170,7 @@ _SHIFTED = {
 def _shifted(twin: TwinParameters, names: Sequence[str], sign: int) -> TwinParameters:
     """Return the twin with some of its noise a standard uncertainty lower or higher; in DN, as it was measured."""
     old: dict[str, Quantity] = {name: getattr(twin, name) for name in names}
-    return twin.with_noise(**{name: replace(q, value=max(q.value + sign * q.known, 0.0)) for name, q in old.items()})
+    return twin.with_noise(**{name: replace(q, value=max(q.value + sign * q.u_known, 0.0)) for name, q in old.items()})
 
 
 def _luminances(

@@ -218,18 +218,18 @@ def predicted_signal(
     on_axis = twin.responsivity.value * exposure_s * region.luminance_cd_m2
     harmonic = 1 / float((1 / region.vignetting).mean())
     net_dn, light_dn = response.inverse([on_axis * v for v in (harmonic, float(region.vignetting.mean()))])
-    rel = hypot(twin.responsivity.relative, region.reading_rel, region.flat_field_rel)
+    rel = hypot(twin.responsivity.u_known / twin.responsivity.value, region.reading_rel, region.flat_field_rel)
     of_light = rel * on_axis * harmonic / float(response.slope(net_dn))
     mean_u = hypot(of_light, twin.dark_standard_uncertainty_dn(exposure_s), region.darkness_dn)
     k, read = twin.k_dn_per_e, twin.read_noise_dn
     above_dn = float(light_dn) + twin.dark_current_e_s.value * k.value * exposure_s
     temporal = sqrt(read.value**2 + ROUNDING_DN2 + k.value * above_dn)
-    temporal_u = hypot(2 * read.value * read.known, above_dn * k.known, k.value * of_light) / (2 * temporal)
+    temporal_u = hypot(2 * read.value * read.u_known, above_dn * k.u_known, k.value * of_light) / (2 * temporal)
     parts = [(one, 1.0) for one in (twin.dsnu_dn, twin.row_dsnu_dn, twin.column_dsnu_dn)]
     parts += [(twin.dsnu_dn_s, exposure_s), (twin.prnu_rel, float(net_dn))]
     spatial = hypot(*(part.value * factor for part, factor in parts))
-    in_square = hypot(*(part.value * part.known * factor**2 for part, factor in parts))
-    least = hypot(*(part.known * factor for part, factor in parts))
+    in_square = hypot(*(part.value * part.u_known * factor**2 for part, factor in parts))
+    least = hypot(*(part.u_known * factor for part, factor in parts))
     return {
         "mean_dn": (dark_dn + float(net_dn), mean_u),
         "temporal_dn": (temporal, temporal_u),

@@ -150,7 +150,7 @@ def twin_chain_text(evaluation: TwinEvaluation) -> str:
     comments = {}
     for name, (_, one) in evaluation.parameters.quantities.items():
         key = "quantum_efficiency" if name.startswith("quantum") else name
-        uncertainty = f"u = {one.known:.2g} {one.unit}; " if one.known > 0 else ""
+        uncertainty = f"u = {one.u_known:.2g} {one.unit}; " if one.u_known > 0 else ""
         comments["sensor", key] = f"{uncertainty}{one.note}".rstrip("; ")
     head = ["Twin of a camera, made by labcdp from a recorded session.", "u is the standard uncertainty.", *notes]
     return commented_toml(head, twin_document(evaluation), comments)

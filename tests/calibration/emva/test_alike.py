@@ -70,4 +70,4 @@ def test_without_photons_there_is_no_responsivity(index):
     index.write_text(re.sub(r"^b (\S+) \S+$", r"b \1 0", index.read_text(), flags=re.MULTILINE))
     found = characterise_data_set(index)
     assert [found.responsivity, found.quantum_efficiency, found.saturation_photons] == [None] * 3
-    assert abs(found.k_dn_per_e.value - 0.25) < 4 * found.k_dn_per_e.standard_uncertainty
+    assert abs(found.k_dn_per_e.value - 0.25) < 4 * found.k_dn_per_e.u

@@ -18,7 +18,7 @@ def found(data_set):
 
 
 def within(quantity, truth, more=0.0):
-    assert abs(quantity.value - truth) <= SIGMAS * quantity.standard_uncertainty + more, quantity
+    assert abs(quantity.value - truth) <= SIGMAS * quantity.u + more, quantity
 
 
 def test_known_camera_is_found(found):
@@ -40,7 +40,7 @@ def test_known_camera_is_found(found):
     photons = (4095 - 20) / camera.k_dn_per_e / camera.quantum_efficiency
     # Noise and PRNU bring the first pixels to the end at 90 % of it; levels are 8 % apart.
     assert 0.9 * photons <= found.saturation_photons.value <= photons
-    assert found.saturation_photons.standard_uncertainty == pytest.approx(40_000 / 15 / 2 / sqrt(3), rel=0.1)
+    assert found.saturation_photons.u == pytest.approx(40_000 / 15 / 2 / sqrt(3), rel=0.1)
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,10 @@ import pytest
 
 from labcdp.calibration import DarkObservation
 from labcdp.calibration.emva.quantities import fit_dark_current
-from labcdp.calibration.emva.result import Quantity, SeriesPoint
+from labcdp.calibration.emva.result import SeriesPoint
 from labcdp.calibration.emva.transfer import find_saturation, linearity, system_gain
 from labcdp.calibration.frames.statistics import Level
+from labcdp.core.quantity import Quantity
 
 from ..conftest import STATE
 
@@ -58,7 +59,7 @@ def test_k_is_covered_by_its_uncertainty(weighted):
     hits, values = 0, []
     for _ in range(RUNS):
         fit = system_gain(drawn_points(rng, photons), weighted)
-        hits += abs(fit.value - K) <= COVERED * fit.standard_uncertainty
+        hits += abs(fit.value - K) <= COVERED * fit.u
         values.append(fit.value)
     assert hits / RUNS == pytest.approx(0.955, abs=TOLERANCE)
     assert np.mean(values) == pytest.approx(K, abs=4 * np.std(values) / sqrt(RUNS))
@@ -74,8 +75,8 @@ def test_dark_current_is_covered_by_its_uncertainty(drift_dn):
         darks = [drawn_dark(rng, t, 20 + K * rate * t, DARK_VARIANCE + K**2 * rate * t, drift_dn) for t in exposures]
         found = fit_dark_current(darks).quantities(gain)
         current, noisy = found["dark_current_e_s"], found["dark_current_by_variance_e_s"]
-        hits += abs(current.value - rate) <= COVERED * current.standard_uncertainty
-        by_variance += abs(noisy.value - rate) <= COVERED * noisy.standard_uncertainty
+        hits += abs(current.value - rate) <= COVERED * current.u
+        by_variance += abs(noisy.value - rate) <= COVERED * noisy.u
     assert hits / RUNS == pytest.approx(0.955, abs=TOLERANCE)
     assert by_variance / RUNS == pytest.approx(0.955, abs=TOLERANCE)
 

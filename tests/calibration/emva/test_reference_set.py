@@ -48,6 +48,6 @@ def test_values_agree_as_the_docs_state(name, reference, deviation, codes):
     assert [one.code for one in found.findings] == codes
     if name.startswith("001"):
         mean, variance = found.dark_current_e_s, found.dark_current_by_variance_e_s
-        spread = (mean.standard_uncertainty**2 + variance.standard_uncertainty**2) ** 0.5
+        spread = (mean.u**2 + variance.u**2) ** 0.5
         assert abs(mean.value - variance.value) < 3 * spread
         assert {one.verdict for one in real_camera(folder, found)} == {"agrees"}

@@ -58,7 +58,7 @@ def within(found, truth, more=0.0):
     """The quantities lie within 4 standard uncertainties, and as much more, of what is true."""
     for name, expected in truth.items():
         quantity = getattr(found, name)
-        assert abs(quantity.value - expected) <= 4 * quantity.standard_uncertainty + more, (name, quantity, expected)
+        assert abs(quantity.value - expected) <= 4 * quantity.u + more, (name, quantity, expected)
 
 
 def of(sensor, **names):
@@ -79,7 +79,7 @@ def test_camera_of_the_example_is_found(recorded):
     assert found.responsivity.unit == "DN/(cd m^-2 s)"
     assert found.responsivity.value == pytest.approx(truth / 1.006, rel=0.004)
     # 95 % of the meter's rectangular error of 2 % are within 1.9 %.
-    assert found.responsivity.expanded == pytest.approx(0.019 * found.responsivity.value, rel=0.02)
+    assert found.responsivity.U == pytest.approx(0.019 * found.responsivity.value, rel=0.02)
 
 
 def test_the_certificate_of_the_meter_corrects_the_responsivity(tmp_path):
@@ -90,7 +90,7 @@ def test_the_certificate_of_the_meter_corrects_the_responsivity(tmp_path):
         for name, more in (("a", {}), ("b", {"certificate": certificate | {"correction": 1.05}}))
     )
     assert plain.value / calibrated.value == pytest.approx(1.05)
-    assert 0.01 < calibrated.expanded / calibrated.value < 0.015 < plain.expanded / plain.value
+    assert 0.01 < calibrated.U / calibrated.value < 0.015 < plain.U / plain.value
 
 
 def test_known_sensor_is_found_with_its_doubling_temperature(tmp_path):
@@ -141,7 +141,7 @@ def test_quantities_of_a_data_set_and_all_plots_of_the_standard_are_written(data
     rows = {row["key"]: row for row in values["tables"]["characterisation"]["rows"]}
     for key, quantity in found.quantities().items():
         if quantity is not None:
-            assert (rows[key]["value"], rows[key]["u_value"]) == (quantity.value, quantity.standard_uncertainty)
+            assert (rows[key]["value"], rows[key]["u_value"]) == (quantity.value, quantity.u)
     assert rows["k_dn_per_e"]["value"] == pytest.approx(0.25, rel=0.05)
     assert rows["snr_max_db"]["value"] == pytest.approx(10 * np.log10(found.full_well_e.value))
     assert len([*(tmp_path / "out" / "figures").iterdir()]) == 9

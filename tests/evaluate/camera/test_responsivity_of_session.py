@@ -16,4 +16,4 @@ def test_it_is_that_of_the_calibration():
     # Hot pixels are left out by the calibration only.
     assert found.value == pytest.approx(fitted.responsivity_dn_s_cd_m2, rel=0.2 * fitted.random_rel)
     u_rel = (fitted.random_rel**2 + calibration.meter_scale.common_rel**2) ** 0.5
-    assert found.standard_uncertainty / found.value == pytest.approx(u_rel, rel=0.02)
+    assert found.u / found.value == pytest.approx(u_rel, rel=0.02)

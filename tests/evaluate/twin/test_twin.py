@@ -130,7 +130,7 @@ def test_a_pattern_taken_off_coarse_values_spreads_them_between_the_steps_of_the
     exposure_s, parameters, n = 0.008, twin.parameters, 40_000
     noise = dict.fromkeys(("prnu_rel", "row_dsnu_dn", "column_dsnu_dn", "dsnu_dn_s"), 0.0)
     noise |= {"k_dn_per_e": 0.05, "read_noise_dn": 0.35, "dsnu_dn": 0.2, "dark_current_e_s": 0.0}
-    exact = {k: replace(getattr(parameters, k), value=v, standard_uncertainty=0.0) for k, v in noise.items()}
+    exact = {k: replace(getattr(parameters, k), value=v, u=0.0) for k, v in noise.items()}
     dark = exact.pop("dark_current_e_s")
     coarse = replace(parameters.with_noise(**exact), dark_current_e_s=dark)
     per_dn, dark_dn, nets = 1 / (coarse.responsivity.value * exposure_s), coarse.dark_dn(exposure_s), (6.2, 1.7)
@@ -183,7 +183,7 @@ def test_another_meter_adds_its_scale(recorded, observed, calibration, character
     }
     for of, expected in ((readings, sqrt(2 / 3) * 0.02), (observed.readings, calibration.responsivity.random_rel)):
         parameters = twin_parameters(replace(observed, readings=of), calibration, characterisation)
-        rel = parameters.responsivity.standard_uncertainty / parameters.responsivity.value
+        rel = parameters.responsivity.u / parameters.responsivity.value
         assert rel == pytest.approx(expected, rel=0.01)
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ....core.disk.text import json_values
 from ....core.quantity import Z_95
-from ....core.result import InputFile, Quantity, Result, info, quantity_table, unique
+from ....core.result import InputFile, NamedValue, Result, info, quantity_table, unique
 from ....core.table import Column, Table, uncertain
 from ....metrics import DetectionInterval
 from ....metrics.region import SATURATED_SHARE
@@ -91,13 +91,13 @@ def edge_table(found: ContrastMap, source: PictureSource) -> Table:
     return _edges_of(found, source.unit, "edges", "Edges", orders).as_detail()
 
 
-def _of_contrast(found: ContrastMap) -> list[Quantity]:
+def _of_contrast(found: ContrastMap) -> list[NamedValue]:
     """List what is said of the whole image at a contrast to be detected."""
     asked = "edges with at least the minimum contrast"
     return [
-        Quantity("detected edges", found.detected_share, "%", f"share of the {asked} that are detected"),
-        Quantity("detected length", found.detected_border_share, "%", "the same by the length of the edges"),
-        *(Quantity(f"edges: {name}", found.count(kind), "", meaning) for kind, (name, meaning) in KINDS.items()),
+        NamedValue("detected edges", found.detected_share, "%", f"share of the {asked} that are detected"),
+        NamedValue("detected length", found.detected_border_share, "%", "the same by the length of the edges"),
+        *(NamedValue(f"edges: {name}", found.count(kind), "", meaning) for kind, (name, meaning) in KINDS.items()),
     ]
 
 
@@ -121,14 +121,14 @@ def _counting(kind: EdgeKind) -> Callable[[ContrastMap], int]:
     return lambda one: one.count(kind)
 
 
-def _of_image(found: ContrastMap) -> list[Quantity]:
+def _of_image(found: ContrastMap) -> list[NamedValue]:
     """List what is said of the whole image at any contrast."""
     return [
-        Quantity("borders between regions", int(found.edges.kind.size), "", "all edges together"),
-        Quantity("borders in the noise", found.blind_share, "%", "where the minimum contrast is not significant"),
-        Quantity("regions", int(found.regions.mean.size), "", "superpixels of the image"),
-        Quantity("threshold of significance", found.threshold_sigmas, "", "in standard uncertainties of a contrast"),
-        Quantity("noise inflation", found.noise.inflation, "", "of the variance of a difference, by correlation"),
+        NamedValue("borders between regions", int(found.edges.kind.size), "", "all edges together"),
+        NamedValue("borders in the noise", found.blind_share, "%", "where the minimum contrast is not significant"),
+        NamedValue("regions", int(found.regions.mean.size), "", "superpixels of the image"),
+        NamedValue("threshold of significance", found.threshold_sigmas, "", "in standard uncertainties of a contrast"),
+        NamedValue("noise inflation", found.noise.inflation, "", "of the variance of a difference, by correlation"),
     ]
 
 

@@ -171,7 +171,7 @@ def evaluate_pair(
 
 def _seen_region(
     signal: Signal, light: metrics.Distribution, mask: NDArray[np.bool_]
-) -> tuple[float, float, Quantity[float], float]:
+) -> tuple[float, float, Quantity, float]:
     """Return what `SeenRegion` holds."""
     saturated = 0.0 if signal.saturated is None else float(signal.saturated[mask].mean())
     return light.mean, _deviation(light), metrics.snr(light), saturated

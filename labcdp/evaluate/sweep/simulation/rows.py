@@ -27,7 +27,7 @@ class SeenRegion:
 
     luminance_cd_m2: float
     luminance_standard_deviation_cd_m2: float
-    luminance_snr: Quantity[float]
+    luminance_snr: Quantity
     saturated_share: float
 
 
@@ -58,9 +58,9 @@ class RegionRow(SeenRegion):
     true_cd_m2: float
     mean: float
     standard_deviation: float
-    snr: Quantity[float]
-    snr_10log10_db: Quantity[float]
-    snr_20log10_db: Quantity[float]
+    snr: Quantity
+    snr_10log10_db: Quantity
+    snr_20log10_db: Quantity
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,9 +93,9 @@ class PairRow:
     mean_contrast: float
     cdp: Cdp[float] | None
     neighbours: Cdp[float] | None
-    csnr: Quantity[float]
-    cnr: Quantity[float]
-    d_prime: Quantity[float]
+    csnr: Quantity
+    cnr: Quantity
+    d_prime: Quantity
 
 
 @dataclass(frozen=True, eq=False)

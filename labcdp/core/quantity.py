@@ -87,7 +87,13 @@ class Quantity(Generic[Number]):
 
     @property
     def u_rel(self) -> Number:
-        """Standard uncertainty relative to the absolute value; nan or inf for a value of 0."""
+        """Standard uncertainty relative to the absolute value; nan or inf for a value of 0.
+
+        Examples
+        --------
+        >>> Quantity(200.0, 3.0).u_rel
+        0.015
+        """
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio: Number = as_number(np.divide(self.u, np.abs(self.value)))
         return ratio

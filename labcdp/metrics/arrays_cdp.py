@@ -85,6 +85,15 @@ def cdp(
     Where the dark value is 0 or below, a bright value above 0 has an unbounded contrast and is `above` (detected if the
     interval has no upper end); with both at 0 or below the contrast is undefined. Such pairs count as `below`, and
     their share is reported.
+
+    Examples
+    --------
+    >>> import labcdp
+    >>> bright, dark = [120, 125, 118, 121], [100, 98, 103, 99]
+    >>> labcdp.cdp(bright, dark, "20%", epsilon="50%").cdp
+    1.0
+    >>> labcdp.cdp(bright, dark, [0.1, 0.2, 0.4]).cdp
+    array([0.0625, 1.    , 0.6875])
     """
     targets, shape = target_contrasts(contrast, epsilon, definition)
     upper, lower, name = bright_and_dark(bright, dark, ("bright region", "dark region"))

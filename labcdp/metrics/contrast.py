@@ -50,6 +50,12 @@ def weber_contrast(bright: ArrayLike, dark: ArrayLike) -> NDArray[np.float64]:
     -----
     The form of Weber contrast that CDP is defined with (L. Ebbert, Implementierung von CDP, 2018). For detection
     probabilities use `cdp`, which rounds no quotient.
+
+    Examples
+    --------
+    >>> from labcdp.metrics import weber_contrast
+    >>> weber_contrast([12.0, 5.0, 3.0], [10.0, 0.0, 4.0])
+    array([ 0.2 ,   inf, -0.25])
     """
     upper = numeric_array(bright, "bright").astype(np.float64)
     lower = numeric_array(dark, "dark").astype(np.float64)
@@ -74,6 +80,12 @@ def weber_contrast_of_means(a: Region, b: Region) -> float:
     ------
     InputError
         If a region cannot be used, or neither holds a value above 0.
+
+    Examples
+    --------
+    >>> from labcdp.metrics import weber_contrast_of_means
+    >>> weber_contrast_of_means([10, 10], [14, 16])
+    0.5
     """
     bright, dark, _ = bright_and_dark(a, b)
     return float(weber_contrast(bright.mean, dark.mean))
@@ -105,6 +117,15 @@ class DetectionInterval:
     tolerances: 0.5 is ``DetectionInterval(0.5, 0.5)``. Without an upper end, pairs of unbounded contrast (dark value 0
     or below, bright value above 0) are detected. Without a lower end, pairs of negative contrast (the bright region's
     pixel is the darker one) are detected. Pairs in which no value is above 0 are never detected.
+
+    Examples
+    --------
+    >>> import labcdp
+    >>> dark, bright = [100, 100], [115, 160]
+    >>> labcdp.cdp(bright, dark, 0.2, labcdp.DetectionInterval.at_least(0.5)).cdp
+    1.0
+    >>> labcdp.cdp(bright, dark, 0.2, 0.5).cdp
+    0.5
     """
 
     below: float | None

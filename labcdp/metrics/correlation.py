@@ -85,6 +85,15 @@ def variance_inflation(image: ArrayLike, mask: ArrayLike) -> float:
     In simulations of regions of 30 x 30 to 300 x 300 pixels, independent noise and noise smoothed by a Gaussian of 0.6
     to 3 px, of large ones to 6 px, the 95 % intervals of means covered the truth in 91 to 99 % of the cases, and of
     contrasts and CDP in 93 to 99 %.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy.ndimage import uniform_filter
+    >>> from labcdp.metrics import variance_inflation
+    >>> noise, mask = np.random.default_rng(0).normal(size=(60, 60)), np.ones((60, 60), dtype=bool)
+    >>> variance_inflation(noise, mask), round(variance_inflation(uniform_filter(noise, 3), mask), 1)
+    (1.0, 12.8)
     """
     pixels = image_array(image)
     marked = mask_array(mask, pixels.shape, "mask")

@@ -35,6 +35,13 @@ def snr(region: Region) -> Quantity:
     -----
     SNR = mu / s (EMVA Standard 1288, with the dark signal subtracted from mu), s with n - 1. For normal pixels
     its standard uncertainty is sqrt((1 + SNR^2 / 2) / n); here skewness and kurtosis are those of the region.
+
+    Examples
+    --------
+    >>> from labcdp.metrics import snr
+    >>> ratio = snr([99, 101, 100, 102, 98])
+    >>> round(ratio.value, 1), round(ratio.u, 1)
+    (63.2, 10.6)
     """
     pixels = as_distribution(region, "region")
     deviations, variance = pixels.deviations, pixels.variance
@@ -50,6 +57,12 @@ def snr_20log10_db(region: Region) -> Quantity:
     """Signal-to-noise ratio in dB as EMVA Standard 1288 defines it, 20 log10(mean / standard deviation).
 
     Parameters and errors as for `snr`; inf where that is, -inf where it is 0, nan where it is below.
+
+    Examples
+    --------
+    >>> from labcdp.metrics import snr_20log10_db
+    >>> round(snr_20log10_db([99, 101, 100, 102, 98]).value, 1)
+    36.0
     """
     return _decibels(snr(region), 20)
 
@@ -59,6 +72,12 @@ def snr_10log10_db(region: Region) -> Quantity:
 
     Half of what `snr_20log10_db` gives. Parameters and errors as for `snr`; inf where that is, -inf where it is 0, nan
     where it is below.
+
+    Examples
+    --------
+    >>> from labcdp.metrics import snr_10log10_db
+    >>> round(snr_10log10_db([99, 101, 100, 102, 98]).value, 1)
+    18.0
     """
     return _decibels(snr(region), 10)
 
@@ -88,6 +107,12 @@ def csnr(a: Region, b: Region) -> Quantity:
     used, the moments of the ratio are products, E[b / d] = E[b] E[1 / d] and E[(b / d)^2] = E[b^2] E[1 / d^2], so the
     result is exact over all pairs without visiting them. The standard deviation of the pairs is computed with their
     number N, not N - 1.
+
+    Examples
+    --------
+    >>> from labcdp.metrics import csnr
+    >>> round(csnr([120, 125, 118, 121], [100, 98, 103, 99]).value, 1)
+    6.2
     """
     bright, dark, _ = bright_and_dark(a, b)
     if dark.values[0] <= 0:
@@ -135,6 +160,12 @@ def cnr(a: Region, b: Region) -> Quantity:
     -----
     CNR = (mu_bright - mu_dark) / s_dark, s with n - 1: the noise is that of the background, as usual in radiography;
     for that of both regions see `d_prime`.
+
+    Examples
+    --------
+    >>> from labcdp.metrics import cnr
+    >>> round(cnr([120, 125, 118, 121], [100, 98, 103, 99]).value, 1)
+    9.7
     """
     bright, dark, _ = bright_and_dark(a, b)
     off, variance = dark.deviations, dark.variance
@@ -170,6 +201,12 @@ def d_prime(a: Region, b: Region) -> Quantity:
     d' = abs(mu_1 - mu_2) / sqrt((s_1^2 + s_2^2) / 2), s with n - 1 (Green and Swets, Signal Detection Theory and
     Psychophysics, 1966; in this form for unequal variances Simpson and Fitter, Psychol. Bull. 80, 1973). The standard
     uncertainty assumes different means: where they are equal, d' only reflects scatter.
+
+    Examples
+    --------
+    >>> from labcdp.metrics import d_prime
+    >>> round(d_prime([120, 125, 118, 121], [100, 98, 103, 99]).value, 1)
+    8.1
     """
     first, second = as_distribution(a, "region a"), as_distribution(b, "region b")
     variance = (first.variance + second.variance) / 2

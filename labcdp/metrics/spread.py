@@ -68,6 +68,12 @@ def contrast_distribution(a: Region, b: Region, bins: int | ArrayLike) -> Contra
     Notes
     -----
     Each edge costs one pass over the distinct values, and the ends for an integer about 60; the pairs are never stored.
+
+    Examples
+    --------
+    >>> from labcdp.metrics import contrast_distribution
+    >>> contrast_distribution([120, 130], [100, 100], [0.1, 0.2, 0.3]).cumulative
+    array([0. , 0.5, 1. ])
     """
     bright, dark, _ = bright_and_dark(a, b)
     edges = _even_edges(bright, dark, int(bins)) if isinstance(bins, int | np.integer) else _given_edges(bins)
@@ -94,6 +100,13 @@ def contrast_histogram(a: Region, b: Region, detected_up_to: float) -> ContrastD
     -------
     ContrastDistribution or None
         None if no contrast is finite.
+
+    Examples
+    --------
+    >>> from labcdp.metrics import contrast_histogram
+    >>> histogram = contrast_histogram([118, 120, 122], [100, 101, 99], 0.3)
+    >>> round(float(histogram.cumulative[-1]), 1)
+    1.0
     """
     bright, dark, _ = bright_and_dark(a, b)
     undefined, bounded = finite_weights(bright, dark)

@@ -152,6 +152,12 @@ def pixels_needed(
     dark pixels the sample variance of q exceeds zeta01 by (zeta11 - zeta10 - zeta01) / m, and likewise that of p. Both
     regions are assumed to be equally large and the pixels independent; with correlated noise, multiply by the square of
     `Cdp.correlation_inflation`.
+
+    Examples
+    --------
+    >>> from labcdp.metrics import Distribution, pixels_needed
+    >>> pixels_needed(Distribution.normal(120, 5), Distribution.normal(100, 5), 0.2, standard_error=0.005)
+    2221
     """
     asked = TargetContrast(contrast, epsilon, definition)
     if not 0 < standard_error <= 0.5:

@@ -62,6 +62,14 @@ def cdp_neighbours(
     contrast is below 0; ends, tolerance and values of 0 and below are treated as by `cdp`. The standard error accounts
     for the dependence of pairs with common pixels, and of rows and columns with a pattern (see
     `MarkSums.variance`). It is nan for fewer than 8 rows or columns.
+
+    Examples
+    --------
+    >>> import labcdp
+    >>> board = [[100, 120, 100], [120, 100, 120]]
+    >>> result = labcdp.cdp_neighbours(board, 0.2)
+    >>> result.cdp, result.pairs
+    (1.0, 7)
     """
     targets, shape = target_contrasts(contrast, epsilon, definition)
     values = _usable(image_array(image))

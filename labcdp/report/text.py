@@ -11,7 +11,7 @@ from functools import cache
 from importlib.resources import files
 from math import ceil, floor, isfinite, isinf, log10
 from string import Formatter
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..core.clock import exposure_text
 from ..core.errors import LabcdpError
@@ -189,29 +189,53 @@ def is_number(values: Iterable[Any]) -> bool:
     return not isinstance(next((value for value in values if value is not None), ""), str | bool)
 
 
+class CellTexts(NamedTuple):
+    """What a cell shows: its value, and U or the 95 % interval, empty where there is none."""
+
+    value: str
+    expanded: str = ""
+    interval: str = ""
+
+    def __str__(self) -> str:
+        beside = f" ± {self.expanded}" if self.expanded else f" ({self.interval})" if self.interval else ""
+        return self.value + beside
+
+
 def cell_text(column: Column, row: Mapping[str, Any]) -> str:
     """Return one cell: text, ``value``, ``value ± U``, ``value (low to high)`` or ``> value``."""
+    return str(cell_texts(column, row))
+
+
+def cell_texts(column: Column, row: Mapping[str, Any]) -> CellTexts:
+    """Return the texts of one cell, each by itself.
+
+    Examples
+    --------
+    >>> from labcdp.core.table import Column
+    >>> cell_texts(Column("cdp", "CDP", low="low", high="high"), {"cdp": 0.93, "low": 0.91, "high": 0.95})
+    CellTexts(value='0.930', expanded='', interval='0.910 to 0.950')
+    """
     value = row[column.name]
     if value is None or isinstance(value, str):
-        return printable(value) if value else MISSING
+        return CellTexts(printable(value) if value else MISSING)
     if isinstance(value, bool):
-        return "yes" if value else "no"
+        return CellTexts("yes" if value else "no")
     if not isfinite(value):
-        return "∞" if isinf(value) and value > 0 else MISSING
+        return CellTexts("∞" if isinf(value) and value > 0 else MISSING)
     if column.time:
-        return exposure_text(value)
+        return CellTexts(exposure_text(value))
     factor = 100 if column.unit_in(row) == "%" else 1
     if bound := row.get(column.bound):
-        return bounded(factor * value, bound)
+        return CellTexts(bounded(factor * value, bound))
     n = cell_decimals(column, row)
     text = fixed(factor * value, n)
     uncertainty = row.get(column.expanded)
     if uncertainty is not None and isfinite(uncertainty):
-        return f"{text} ± {fixed(factor * uncertainty, n)}"
+        return CellTexts(text, expanded=fixed(factor * uncertainty, n))
     low, high = row.get(column.low), row.get(column.high)
     if low is not None and high is not None and isfinite(low) and isfinite(high):
-        return f"{text} ({fixed(factor * low, n)} to {fixed(factor * high, n)})"
-    return text
+        return CellTexts(text, interval=f"{fixed(factor * low, n)} to {fixed(factor * high, n)}")
+    return CellTexts(text)
 
 
 def cell_decimals(column: Column, row: Mapping[str, Any]) -> int:

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labcdp.core.errors import InputError
-from labcdp.core.result import Finding, InputFile, Quantity, Result, error, info, quantity_table, unique, warning
+from labcdp.core.result import Finding, InputFile, NamedValue, Result, error, info, quantity_table, unique, warning
 from labcdp.core.table import Column, Table, variables_of
 from labcdp.report import text as digits
 from labcdp.report.files import envelope, envelope_json
@@ -91,7 +91,7 @@ def test_text_json_sheet_and_dataset_of_a_table(result):
 
 
 def test_a_quantity_in_percent_is_a_fraction_in_data():
-    quantities = (Quantity("PRNU", 0.0123, "%", u=0.0005), Quantity("K", 0.5, "DN/e⁻", u=0.01))
+    quantities = (NamedValue("PRNU", 0.0123, "%", u=0.0005), NamedValue("K", 0.5, "DN/e⁻", u=0.01))
     table = quantity_table("quantities", "Quantities", quantities)
     assert [row[1] for row in digits.text_table(table)[1]] == ["1.230 ± 0.098", "0.500 ± 0.020"]
     result = Result("characterise", "a", (table,))

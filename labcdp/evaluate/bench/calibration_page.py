@@ -17,7 +17,7 @@ from ...report.drawing import BLUE, ORANGE, finish, logarithmic, placed_figure, 
 from ...report.html import render_page
 from ...report.layout import Block, Card, Facts, Page, ReportFigure, Section, page_text
 from ...report.sheets import result_workbook
-from ...report.text import cell_text, day, fixed, listed, printable, shortened, significant, span, with_half_width
+from ...report.text import day, fixed, listed, printable, shortened, significant, span, with_half_width
 from .calibration_result import PATCH_PIXELS, budget_of_patch
 from .quantities import range_text, responsivity
 
@@ -161,7 +161,7 @@ def calibration_page(calibration: AnyCalibration, result: Result) -> Page:
     first, *others = calibration_figures(calibration)
     lead = first, result.table("calibration_patches").only(*_BESIDE_FIGURE)
     kind, sections = "Calibration of a camera as a luminance meter", _sections(calibration, result, others)
-    return Page.of(result, kind, _summary(calibration), _cards(calibration, result), lead, sections)
+    return Page.of(result, kind, _summary(calibration), _cards(calibration), lead, sections)
 
 
 def _summary(calibration: AnyCalibration) -> str:
@@ -177,14 +177,13 @@ def _summary(calibration: AnyCalibration) -> str:
     )
 
 
-def _cards(calibration: AnyCalibration, result: Result) -> Iterator[Card]:
+def _cards(calibration: AnyCalibration) -> Iterator[Card]:
     yield Card("Calibrated range", range_text(calibration))
     yield _uncertainty(calibration)
     yield _deviation(calibration)
     if isinstance(calibration, Calibration):
-        table = result.table("calibration")
-        row = next(row for row in table.rows() if row["quantity"] == "responsivity R")
-        yield Card("Responsivity R", cell_text(table.column("value"), row), row["unit"])
+        r = responsivity(calibration)
+        yield Card("Responsivity R", with_half_width(float(r.value or 0.0), r.expanded or 0.0), r.unit)
 
 
 def _uncertainty(calibration: AnyCalibration) -> Card:

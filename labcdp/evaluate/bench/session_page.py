@@ -14,7 +14,7 @@ from ...report.files import result_files
 from ...report.layout import SIMULATED, Card, Facts, Page, ReportFigure, Section, Verbatim, page_text
 from ...report.maps import luminance_picture, regions_picture
 from ...report.plots import ContrastPanel, contrast_figures
-from ...report.text import cell_text, day, percent, printable, share_percent, shortened, span
+from ...report.text import cell_text, cell_texts, day, percent, printable, share_percent, shortened, span
 from ..requirement import requirement_cards
 from ..verdict import STATES
 from .calibration_page import calibration_figures, condition_blocks
@@ -82,11 +82,11 @@ def session_files(evaluation: SessionEvaluation, result: Result) -> dict[str, by
 
 def _cards(table: Table) -> Iterator[Card]:
     for row in table.rows():
-        value, _, interval = cell_text(table.column("cdp"), row).partition(" ")
+        value, _, interval = cell_texts(table.column("cdp"), row)
         yield Card(
             row["pair"],
             value,
-            f"95 % interval {interval.strip('()')}" if interval else "",
+            f"95 % interval {interval}" if interval else "",
             (
                 f"target contrast {percent(row['target_contrast'])}, ε {percent(row['epsilon'])}",
                 f"meter {cell_text(table.column('measured_contrast'), row)} %",

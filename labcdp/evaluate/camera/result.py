@@ -13,7 +13,7 @@ from ...core.result import InputFile, NamedValue, Result, quantity_table
 from ...core.table import Column, Table, uncertain
 from ...report.files import result_files
 from ...report.layout import Card, Facts, Page, ReportFigure, Section, page_text
-from ...report.text import capitalised, cell_text
+from ...report.text import capitalised, cell_texts
 from ..bench.quantities import RESPONSIVITY
 from .figures import signal_figures
 from .nonuniformity import spatial_figures
@@ -168,11 +168,11 @@ def _cards(result: Result) -> Iterator[Card]:
     table = result.table("characterisation")
     # The unit on the card already says that it is in dB.
     rows = {row["key"]: {**row, "quantity": row["quantity"].removesuffix(" in dB")} for row in table.rows()}
-    texts = {key: cell_text(table.column("value"), row) for key, row in rows.items()}
+    texts = {key: cell_texts(table.column("value"), row) for key, row in rows.items()}
     for key, beside in _CARDS:
         if key in rows:
             name, unit = rows[key]["quantity"], rows[key]["unit"]
-            value, _, expanded = texts[key].partition(" ± ")
+            value, expanded, _ = texts[key]
             detail = f"± {expanded} {unit}, U (95 %)" if expanded else ""
             lines = (f"{rows[beside]['quantity']} {texts[beside]} {rows[beside]['unit']}",) if beside in rows else ()
             yield Card(capitalised(name), f"{value} {unit}".strip(), detail, lines)

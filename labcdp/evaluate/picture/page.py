@@ -10,7 +10,7 @@ from ...core.result import Result
 from ...core.table import Table
 from ...report.html import render_page
 from ...report.layout import Block, Card, Facts, Links, Page, ReportFigure, Section, input_facts
-from ...report.text import MISSING, UNKNOWN, cell_text
+from ...report.text import MISSING, UNKNOWN, cell_text, cell_texts
 from ..requirement import requirement_cards
 from ..verdict import STATES
 from .summary import summary_cards, trend_figure
@@ -154,7 +154,7 @@ def _cards(table: Table) -> list[Card]:
     n_contrasts = len(set(table["contrast"]))
     for row in list(_best(table).rows())[:_MOST_CARDS]:
         texts = {column.name: cell_text(column, row) for column in table.columns}
-        value, _, interval = texts["cdp"].partition(" (")
+        value, _, interval = cell_texts(table.column("cdp"), row)
         asked = f"target contrast {texts['contrast']} %"
         if row["contrast_origin"] == "measured":
             asked += " (as measured)"
@@ -162,7 +162,7 @@ def _cards(table: Table) -> list[Card]:
             asked += f" (largest CDP of {n_contrasts})"
         unit = "" if texts["measured_contrast"] in (MISSING, UNKNOWN, "∞") else " %"
         measured = f"contrast measured {texts['measured_contrast']}{unit}"
-        detail = f"CDP, 95 %: {interval.rstrip(')')}" if interval else "CDP"
+        detail = f"CDP, 95 %: {interval}" if interval else "CDP"
         lines = (asked, measured, f"detected if CDP ≥ {row['cdp_limit']:g}")
         verdict = row["verdict"]
         cards.append(Card(row["pair"], value, detail, lines, verdict or "", STATES[verdict] if verdict else "plain"))

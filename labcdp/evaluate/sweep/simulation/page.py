@@ -11,7 +11,7 @@ from ....metrics.contrast import TargetContrasts
 from ....report.files import result_files
 from ....report.layout import Block, Card, Facts, Page, Section, Verbatim
 from ....report.plots import contrast_figures
-from ....report.text import cell_text, percent
+from ....report.text import cell_text, cell_texts, percent
 from .figures import along_figures, contrast_panels, file_name, picture, shown_picture, stage_figures
 from .result import answer
 from .rows import SimulationEvaluation
@@ -97,7 +97,7 @@ def _cards(detection: Table, final: Sequence[str], contrast: TargetContrasts) ->
     for row in detection.rows():
         if row["stage"] not in final:
             continue
-        value, _, interval = cell_text(cdp, row).partition(" (")
+        value, _, interval = cell_texts(cdp, row)
         kind = "CDP, nearest-neighbour" if neighbours else "CDP"
         asked = row.get("contrast", contrast)
         at = "" if asked is None else percent(asked, 4)
@@ -106,7 +106,7 @@ def _cards(detection: Table, final: Sequence[str], contrast: TargetContrasts) ->
             lines.append(f"measured {cell_text(detection.column('measured_contrast'), row)} %")
         pair = f"{row['bright']} / {row['dark']}" if "bright" in row else ""
         of = " at ".join(one for one in (pair, at if several else "") if one)
-        detail = f"{kind}; 95 % interval {interval[:-1]}" if interval else kind
+        detail = f"{kind}; 95 % interval {interval}" if interval else kind
         lines = lines or ([] if several else ["contrast of the scene"])
         name = f"{of}, after {row['stage']}" if of else f"After {row['stage']}"
         cards.append(Card(name, value, detail, tuple(lines)))

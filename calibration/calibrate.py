@@ -31,7 +31,7 @@ from .fit.place import SeenVignetting, with_wider_vignetting
 from .fit.problem import Solution, solve
 from .fit.residuals import finite, fit_errors, fitted_rows, held_out_rows, next_response_error
 from .fit.scatter import fit_dof, scatter_of_one, with_scatter
-from .fit.selection import Selection, select, select_model, with_found
+from .fit.selection import ModelSelection, select, select_model, with_found
 from .frames.defects import DefectMap
 from .frames.observations import DarkObservation, PatchObservation
 from .model import Calibration, range_of
@@ -205,7 +205,7 @@ def _fitted_if_possible(
 
 
 def _final(
-    selection: Selection,
+    selection: ModelSelection,
     given: Design,
     glare_cd_m2: float,
     vignetting: AnyVignetting | None,

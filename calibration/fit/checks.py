@@ -19,7 +19,7 @@ from ..uncertainty import FALSE_ALARM, critical_value, expanded_half_width, p_va
 from .design import Design
 from .effects import Assessed, Kind, assess, effects_of, largest_of_each_kind
 from .problem import Solution
-from .selection import Selection
+from .selection import ModelSelection
 
 #: Tolerated relative deviation of a gain from its setting; cameras state it to about 0.1 dB.
 GAIN_TOLERANCE_REL = 0.012
@@ -37,13 +37,13 @@ _UNITS = {"glare": "cd/m²", "drift": "1/h", "dark signal": "DN"}
 
 
 def effect_tests(
-    selection: Selection, vignetting: AnyVignetting | None, dark: DarkModel, findings: Sequence[Finding]
+    selection: ModelSelection, vignetting: AnyVignetting | None, dark: DarkModel, findings: Sequence[Finding]
 ) -> tuple[FitTest, ...]:
     """One check for each kind of effect: of what was found, or of the most significant one that was not.
 
     Parameters
     ----------
-    selection : Selection
+    selection : ModelSelection
         The model.
     vignetting : vignetting or None
         What was corrected.
@@ -87,7 +87,7 @@ def possible_glare_cd_m2(test: FitTest) -> float:
     return sqrt(max(max(test.value, 0.0) ** 2 - test.standard_uncertainty**2, 0.0))
 
 
-def found_findings(selection: Selection, vignetting: AnyVignetting | None) -> list[Finding]:
+def found_findings(selection: ModelSelection, vignetting: AnyVignetting | None) -> list[Finding]:
     """Return a warning of each effect that was found, and one of others that explain the observations as well."""
     findings = []
     for one in selection.found:

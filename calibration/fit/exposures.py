@@ -12,7 +12,7 @@ from ...core.errors import CalibrationError
 from ..converter import EXPOSURE_TIME
 from ..exposure_times import ExposureTimes
 from .design import Design, SharedError
-from .selection import Found, time_factor, with_times_of
+from .selection import FoundEffect, time_factor, with_times_of
 
 #: Source of the error of an offset.
 OFFSET = "exposure offset"
@@ -24,7 +24,7 @@ NO_MODEL = (
 )
 
 
-def with_times(design: Design, found: Iterable[Found]) -> tuple[Design, ExposureTimes]:
+def with_times(design: Design, found: Iterable[FoundEffect]) -> tuple[Design, ExposureTimes]:
     """Correct exposure times by what was found of them, whose uncertainties are common errors.
 
     Where others explain the observations as well, nothing says which are as stated.
@@ -33,7 +33,7 @@ def with_times(design: Design, found: Iterable[Found]) -> tuple[Design, Exposure
     ----------
     design : Design
         The observations.
-    found : iterable of Found
+    found : iterable of FoundEffect
         Effects, also of other kinds.
 
     Raises

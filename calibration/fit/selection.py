@@ -95,7 +95,7 @@ def seen_cd_m2(solution: Solution) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Selection:
+class ModelSelection:
     """The model that the observations require.
 
     Parameters
@@ -104,13 +104,13 @@ class Selection:
         The fit, with what was found.
     ladder : tuple of ModelStep
         Candidates of the response.
-    found : tuple of Found
+    found : tuple of FoundEffect
         Effects beside it.
     """
 
     solution: Solution
     ladder: tuple[ModelStep, ...]
-    found: tuple[Found, ...] = ()
+    found: tuple[FoundEffect, ...] = ()
 
     def size_of(self, kind: Kind) -> float:
         """Return the amplitude of the effect of a kind; 0 if none was found."""
@@ -118,7 +118,7 @@ class Selection:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class FoundEffect:
     """An effect that was found, by its amplitude, and others that explain the observations about equally well."""
 
     assessed: Assessed
@@ -137,7 +137,7 @@ class Found:
         return size if self.effect.kind == "patch" else FREE * size
 
 
-def select(design: Design, candidates: Sequence[CandidateModel]) -> Selection:
+def select(design: Design, candidates: Sequence[CandidateModel]) -> ModelSelection:
     """Select the response, and the effects beside it that are significant, one after the other.
 
     Each step takes what explains the observations best, a better response or one more effect, and fits all anew, at
@@ -149,44 +149,44 @@ def select(design: Design, candidates: Sequence[CandidateModel]) -> Selection:
     CalibrationError
         As `select_model`.
     """
-    effects, found = effects_of(design, with_exposures=candidates[0].bracket is None), list[Found]()
-    now = Selection(*select_model(design, candidates, effects))
+    effects, found = effects_of(design, with_exposures=candidates[0].bracket is None), list[FoundEffect]()
+    now = ModelSelection(*select_model(design, candidates, effects))
     while found_more := _next(design, now.solution, effects, found):
         found = [*found, *found_more]
         for _ in candidates:
             candidate = now.solution.candidate
             found = _with_exact_times(design, candidate, found)
-            now = Selection(*_with(design, candidates, effects, found))
+            now = ModelSelection(*_with(design, candidates, effects, found))
             if now.solution.candidate == candidate:
                 break
     settled = _without_others(design, now.solution.candidate, found)
     if len(settled) < len(found):
-        now = Selection(*_with(design, candidates, effects, settled))
+        now = ModelSelection(*_with(design, candidates, effects, settled))
     candidate = now.solution.candidate
     return replace(now, found=tuple(_with_rivals(design, candidate, effects, settled, one) for one in settled))
 
 
-def time_factor(design: Design, found: Iterable[Found]) -> Array:
+def time_factor(design: Design, found: Iterable[FoundEffect]) -> Array:
     """Return exposure times by what was found of them, over the stated ones, shape (n,)."""
     errors = [(one.assessed.value, one.effect.errors[0].relative) for one in found if one.effect.of_times]
     factor: Array = np.ones_like(design.net_dn) + sum(value * relative for value, relative in errors)
     return np.maximum(factor, SHORTEST)
 
 
-def with_times_of(design: Design, found: Iterable[Found]) -> Design:
+def with_times_of(design: Design, found: Iterable[FoundEffect]) -> Design:
     """Return the design with exposure times as they were found."""
     factor = time_factor(design, found)
     return replace(design, signals=replace(design.signals, scale_per_s=design.signals.scale_per_s / factor))
 
 
-def with_found(design: Design, found: Sequence[Found]) -> Design:
+def with_found(design: Design, found: Sequence[FoundEffect]) -> Design:
     """Return the design with effects as parameters, those of exposure times around what was found."""
     factor = time_factor(design, found)
     shared = (*design.shared, *(e for one in found for e in one.effect.around(factor).within(one.widths)))
     return replace(with_times_of(design, found), shared=shared)
 
 
-def _with_exact_times(design: Design, candidate: CandidateModel, found: Sequence[Found]) -> list[Found]:
+def _with_exact_times(design: Design, candidate: CandidateModel, found: Sequence[FoundEffect]) -> list[FoundEffect]:
     """Return exposure times that leave nothing: they are factors of luminances, and their columns only tangents."""
     now = list(found)
     numbers = [k for k, one in enumerate(now) if one.effect.of_times]
@@ -197,7 +197,7 @@ def _with_exact_times(design: Design, candidate: CandidateModel, found: Sequence
     return now
 
 
-def _step_of_time(design: Design, candidate: CandidateModel, now: list[Found], number: int) -> float:
+def _step_of_time(design: Design, candidate: CandidateModel, now: list[FoundEffect], number: int) -> float:
     """Correct what was found of an exposure time by what it leaves; return that, in standard uncertainties."""
     before, rest = now[number], [one for k, one in enumerate(now) if k != number]
     effect = before.effect.around(time_factor(design, now))
@@ -217,19 +217,21 @@ def _step_of_time(design: Design, candidate: CandidateModel, now: list[Found], n
 
 
 def _with(
-    design: Design, candidates: Sequence[CandidateModel], effects: Sequence[Effect], found: Sequence[Found]
+    design: Design, candidates: Sequence[CandidateModel], effects: Sequence[Effect], found: Sequence[FoundEffect]
 ) -> tuple[Solution, tuple[ModelStep, ...]]:
     return select_model(with_found(design, found), candidates, _others(effects, found))
 
 
-def _others(effects: Sequence[Effect], found: Sequence[Found]) -> list[Effect]:
+def _others(effects: Sequence[Effect], found: Sequence[FoundEffect]) -> list[Effect]:
     """Effects that are not found, where more of the kind may be."""
     keys = {one.effect.key for one in found}
     kinds = [one.effect.kind for one in found]
     return [one for one in effects if one.key not in keys and kinds.count(one.kind) < one.most]
 
 
-def _next(design: Design, solution: Solution, effects: Sequence[Effect], found: Sequence[Found]) -> Sequence[Found]:
+def _next(
+    design: Design, solution: Solution, effects: Sequence[Effect], found: Sequence[FoundEffect]
+) -> Sequence[FoundEffect]:
     """Return the most significant effect that is not found yet, or patches that hide each other."""
     if solution.degrees_of_freedom <= 1:
         return ()
@@ -237,23 +239,23 @@ def _next(design: Design, solution: Solution, effects: Sequence[Effect], found: 
     if not rows:
         return _several_patches(design, solution.candidate, effects, found)
     best = min(one.log_p for one in rows)
-    return (Found(next(one for one in rows if one.log_p <= best + _SAME)),)
+    return (FoundEffect(next(one for one in rows if one.log_p <= best + _SAME)),)
 
 
 def _several_patches(
-    design: Design, candidate: CandidateModel, effects: Sequence[Effect], found: Sequence[Found]
-) -> Sequence[Found]:
+    design: Design, candidate: CandidateModel, effects: Sequence[Effect], found: Sequence[FoundEffect]
+) -> Sequence[FoundEffect]:
     """Return patches of which each makes the others look like scatter: the one that deviates most is left out in turn.
 
     As many count as the last one that is significant has before it: B. Rosner, Technometrics 25 (1983) 165.
     """
-    more, result = list[Found](), list[Found]()
+    more, result = list[FoundEffect](), list[FoundEffect]()
     while patches := [one for one in _others(effects, [*found, *more]) if one.kind == "patch"]:
         solution = next(solutions(with_found(design, [*found, *more]), [candidate]), None)
         if solution is None or solution.degrees_of_freedom <= 1:
             break
         row = assess(solution, largest_of_each_kind(solution, patches)[0])
-        more.append(Found(row))
+        more.append(FoundEffect(row))
         if row.significant and row.matters(solution):
             result = list(more)
     return result
@@ -267,7 +269,7 @@ def _assessed(solution: Solution, effects: Iterable[Effect]) -> list[Assessed]:
     return [assess(solution, one) for one in largest_of_each_kind(solution, effects)]
 
 
-def _without_others(design: Design, candidate: CandidateModel, found: Sequence[Found]) -> list[Found]:
+def _without_others(design: Design, candidate: CandidateModel, found: Sequence[FoundEffect]) -> list[FoundEffect]:
     """Assess each effect beside the others that were found, and drop what is not significant."""
     kept = list(found)
     for one in found:
@@ -278,13 +280,13 @@ def _without_others(design: Design, candidate: CandidateModel, found: Sequence[F
         if not again.significant:
             kept = rest
         elif not one.effect.of_times:
-            kept[kept.index(one)] = Found(again)
+            kept[kept.index(one)] = FoundEffect(again)
     return _with_exact_times(design, candidate, kept)
 
 
 def _with_rivals(
-    design: Design, candidate: CandidateModel, effects: Sequence[Effect], found: Sequence[Found], one: Found
-) -> Found:
+    design: Design, candidate: CandidateModel, effects: Sequence[Effect], found: Sequence[FoundEffect], one: FoundEffect
+) -> FoundEffect:
     """Return an effect with others that explain the observations about as well in its place."""
     rest = [other for other in found if other is not one]
     solution = next(solutions(with_found(design, rest), [candidate]), None)
@@ -303,13 +305,17 @@ def _with_rivals(
 
 
 def _as_good(
-    design: Design, candidate: CandidateModel, found: Sequence[Found], one: Found, others: Iterable[Assessed]
+    design: Design,
+    candidate: CandidateModel,
+    found: Sequence[FoundEffect],
+    one: FoundEffect,
+    others: Iterable[Assessed],
 ) -> list[Assessed]:
     """Return what may stand for an effect of exposure times, by fits at exact ones: a linear test only says where."""
     own, rest, result = solve(with_found(design, found), candidate), [f for f in found if f is not one], []
     most = own.chi_squared + 2 * _ALIKE * max(1.0, own.chi_squared / max(own.degrees_of_freedom, 1))
     for other in others:
-        instead = with_found(design, _with_exact_times(design, candidate, [*rest, Found(other)]))
+        instead = with_found(design, _with_exact_times(design, candidate, [*rest, FoundEffect(other)]))
         result += [other for solution in solutions(instead, [candidate]) if solution.chi_squared <= most]
     return result
 
@@ -321,11 +327,11 @@ def _is_rival(row: Assessed, found: Assessed, design: Design, solution: Solution
     if row.significant and row.log_p <= found.log_p + _ALIKE:
         return True
     with suppress(CalibrationError):
-        return not assess(solve(with_found(design, [Found(row)]), solution.candidate), found.effect).significant
+        return not assess(solve(with_found(design, [FoundEffect(row)]), solution.candidate), found.effect).significant
     return False
 
 
-def _is_more_at(found: Found, patch: Assessed, solution: Solution) -> bool:
+def _is_more_at(found: FoundEffect, patch: Assessed, solution: Solution) -> bool:
     """Whether a patch that deviates may be more of another effect: that is largest there, or about as large."""
     moved = np.abs(found.assessed.amplitude.value @ found.effect.columns(solution)) / solution.level
     own, design = solution.design.patch == patch.effect.number, solution.design

@@ -23,7 +23,7 @@ from ...output import Destination, results_journal
 from .maps.axes import TO_DETECT, UNITS, VARIABLES
 from .plan import Axis, Sweep, of_scene
 from .simulation.evaluation import evaluate_pair
-from .simulation.rows import PairRow, SeenRegion
+from .simulation.rows import PairRow, StageLuminance
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -221,7 +221,7 @@ def _simulated(block: range, sweep: Sweep) -> NDArray[np.float64]:
     return np.stack([_row(pair, *regions) for pair in pairs])
 
 
-def _row(pair: PairRow, dark: SeenRegion, bright: SeenRegion) -> NDArray[np.float64]:
+def _row(pair: PairRow, dark: StageLuminance, bright: StageLuminance) -> NDArray[np.float64]:
     """Return the variables of `VARIABLES` for one cell; where no pixel is above 0 cd/m^2, nothing is detected."""
     found = pair.cdp
     shares = (0.0, np.nan, 1.0, 0.0) if found is None else (found.cdp, found.u, found.below, found.above)

@@ -15,7 +15,7 @@ from ...metrics.contrast import TargetContrast
 from ...metrics.detection import count_cdp
 from ...metrics.pairs import PairTally, tally_pairs
 from .prediction import RegionPrediction, added, scaled
-from .regions import SeenRegion
+from .regions import MeasuredPatch
 
 #: Whether prediction and measurement agree.
 Judgement: TypeAlias = Literal["agree", "differ", "undecided"]
@@ -116,7 +116,7 @@ class TwinPair(PairAsked):
 
 
 def compare_pair(
-    pair: PairAsked, seen: tuple[SeenRegion, SeenRegion], predicted: tuple[RegionPrediction, RegionPrediction]
+    pair: PairAsked, seen: tuple[MeasuredPatch, MeasuredPatch], predicted: tuple[RegionPrediction, RegionPrediction]
 ) -> TwinPair:
     """Compare measured and predicted CDP of two patches, the bright one first.
 
@@ -124,7 +124,7 @@ def compare_pair(
     ----------
     pair : PairAsked
         What to compare.
-    seen : (SeenRegion, SeenRegion)
+    seen : (MeasuredPatch, MeasuredPatch)
         Measured luminances.
     predicted : (RegionPrediction, RegionPrediction)
         Predicted ones.
@@ -165,7 +165,7 @@ def compare_pair(
 
 
 def _shifted(
-    predicted: tuple[RegionPrediction, RegionPrediction], seen: tuple[SeenRegion, SeenRegion]
+    predicted: tuple[RegionPrediction, RegionPrediction], seen: tuple[MeasuredPatch, MeasuredPatch]
 ) -> dict[str, list[tuple[Distribution, Distribution]]]:
     """Distributions of the two patches with one parameter lower, and higher, by its name."""
     bright, dark = (dict(one.shifted) for one in predicted)

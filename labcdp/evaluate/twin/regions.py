@@ -47,7 +47,7 @@ class RegionError:
 
 
 @dataclass(frozen=True, eq=False)
-class SeenRegion:
+class MeasuredPatch:
     """A patch as measured by the camera.
 
     Parameters
@@ -117,7 +117,7 @@ def regions_of(
 
 def seen_regions(
     observed: ObservedSession, calibration: Calibration, exposure_s: float, names: set[str]
-) -> dict[str, SeenRegion]:
+) -> dict[str, MeasuredPatch]:
     """Return the calibrated luminance of patches in the first frame of an exposure that shows them, by name."""
     rois = {patch.name: patch.region() for patch in observed.configuration.target.patches if patch.name in names}
     return {
@@ -126,7 +126,7 @@ def seen_regions(
     }
 
 
-def _seen_region(luminance: LuminanceMap, roi: Roi, exposure_s: float, frame_number: int) -> SeenRegion:
+def _seen_region(luminance: LuminanceMap, roi: Roi, exposure_s: float, frame_number: int) -> MeasuredPatch:
     values = np.asarray(luminance.select(roi), dtype=float)
     sound = (luminance.scaled(roi).select(luminance.invalid) & Invalid.DEFECT.value) == 0
     mean = float(values[sound].mean())
@@ -137,7 +137,7 @@ def _seen_region(luminance: LuminanceMap, roi: Roi, exposure_s: float, frame_num
             absolute = np.broadcast_to(error.relative, values.shape)[sound] * values[sound]
         of_mean = float(np.mean(absolute[np.isfinite(absolute)]))
         errors.append(RegionError(error.source, of_mean, of_mean / mean if mean else 0.0))
-    return SeenRegion(values[sound], exposure_s, frame_number, tuple(errors))
+    return MeasuredPatch(values[sound], exposure_s, frame_number, tuple(errors))
 
 
 #: Kinds of signal, as they are called in tables.

@@ -16,7 +16,7 @@ from ....chain.point_spread import pixel_means
 from ....core.errors import InputError
 from ....core.quantity import Quantity
 from ....metrics.contrast import TargetContrasts, each_contrast
-from .rows import PairRow, RegionRow, SeenRegion, SimulationEvaluation, StageRow
+from .rows import PairRow, RegionRow, SimulationEvaluation, StageLuminance, StageRow
 
 #: Parts of a region, from its edge to the centre of the lens, in each of which the values follow the vignetting along
 #: a line; across all of them a tone curve bends it.
@@ -148,7 +148,7 @@ def evaluate_stage(run: ChainRun, name: str, contrast: TargetContrasts = None, e
 
 def evaluate_pair(
     run: ChainRun, name: str, contrast: TargetContrasts = None, epsilon: float = 0.5
-) -> tuple[tuple[PairRow, ...], SeenRegion, SeenRegion]:
+) -> tuple[tuple[PairRow, ...], StageLuminance, StageLuminance]:
     """Evaluate the first pair of regions behind one stage of a run: at each contrast, its dark and its bright region.
 
     Parameters as for `evaluate_stage`; nearest neighbours are left out.
@@ -165,14 +165,14 @@ def evaluate_pair(
     masks = {region: mask for region, mask in scene.regions().items() if region in pair}
     seen = distributions(pixels_behind(signal)[1], masks)
     rows = _pairs(name, pair, _true_means(run, masks), (contrast, epsilon), seen)
-    dark, bright = (SeenRegion(*_seen_region(signal, seen[region], masks[region])) for region in pair)
+    dark, bright = (StageLuminance(*_seen_region(signal, seen[region], masks[region])) for region in pair)
     return tuple(rows), dark, bright
 
 
 def _seen_region(
     signal: Signal, light: metrics.Distribution, mask: NDArray[np.bool_]
 ) -> tuple[float, float, Quantity, float]:
-    """Return what `SeenRegion` holds."""
+    """Return what `StageLuminance` holds."""
     saturated = 0.0 if signal.saturated is None else float(signal.saturated[mask].mean())
     return light.mean, _deviation(light), metrics.snr(light), saturated
 

@@ -11,7 +11,7 @@ from ....metrics.contrast import TargetContrasts
 
 
 @dataclass(frozen=True)
-class SeenRegion:
+class StageLuminance:
     """Luminance of one region behind one stage.
 
     Parameters
@@ -32,7 +32,7 @@ class SeenRegion:
 
 
 @dataclass(frozen=True)
-class RegionRow(SeenRegion):
+class RegionRow(StageLuminance):
     """One region behind one stage, with its values.
 
     Parameters

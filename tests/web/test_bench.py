@@ -13,6 +13,7 @@ from bokeh.document import Document
 from labcdp.core.errors import InputError
 from labcdp.core.frame import CameraIdentity, Frame
 from labcdp.core.luminance import Invalid, LuminanceMap
+from labcdp.core.vignetting import Lens
 from labcdp.drivers.camera_settings import FeatureDescription
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
@@ -21,7 +22,7 @@ from labcdp.regions import RectangleShape
 from labcdp.session import CameraConfiguration, EventRecord, MeterConfiguration, Session
 from labcdp.web.bench.day_log import DayLog
 from labcdp.web.bench.desk import MeterDesk
-from labcdp.web.bench.images import Focus, better_exposure_s
+from labcdp.web.bench.images import Focus, LiveImages, better_exposure_s
 from labcdp.web.bench.live import Live
 from labcdp.web.bench.live_camera import LiveCamera
 from labcdp.web.bench.pair import TRACE_S, LiveMeasurements, PairPoint, Target, Trace, verdict
@@ -214,6 +215,17 @@ def test_a_saturated_region_says_nothing_about_the_meter(tmp_path):
     assert good.deviation == pytest.approx(50 / 90 - 1)
     # What is not known of a meter is not said to be exceeded.
     assert (good.disagrees, unknown.disagrees) == (True, False)
+
+
+def test_the_vignetting_of_a_stated_lens_is_corrected_without_a_calibration(new_frame):
+    focal_length_m, pixel_pitch_m, size = 6e-3, 40e-6, 100
+    y, x = (np.indices((size, size)) + 0.5 - size / 2) * pixel_pitch_m / focal_length_m
+    frame = new_frame(np.rint(64 + 3000 / (1 + x**2 + y**2) ** 2).astype(np.uint16))
+    lens = Lens(focal_length_m, pixel_pitch_m)
+    for stated, corner_over_middle in ((lens, 1.0), (None, (1 + 2 * (49.5 / 150) ** 2) ** -2)):
+        images = LiveImages(None, picture_conversion(None, None, None), stated, None)
+        light = images.image(frame).luminance.luminance_cd_m2
+        assert light[0, 0] / light[50, 50] == pytest.approx(corner_over_middle, rel=1e-3)
 
 
 def test_a_meter_that_is_unplugged_is_noticed_and_in_a_series_waited_for(bench, tmp_path):

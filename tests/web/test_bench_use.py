@@ -121,6 +121,9 @@ def test_saturated_regions_have_no_value_with_an_uncertainty(start):
     row = bench.page.locator("table:not(.dense) tr[data-region]", has_text="upper left")
     row.filter(has_text=re.compile(r"> \d")).wait_for()
     assert "±" not in row.inner_text()
+    # A region that is not of the pair, too.
+    other = bench.page.locator("table:not(.dense) tr[data-region]", has_text="lower left")
+    other.filter(has_text=re.compile(r"> \d")).wait_for()
 
 
 def test_a_message_is_of_its_field_has_its_unit_and_goes_and_nothing_moves(start):

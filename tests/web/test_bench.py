@@ -115,14 +115,16 @@ def test_a_late_answer_does_not_count_for_the_next_question():
 
 
 def test_the_verdict_follows_the_interval():
-    for below, above, interval, expected in (
-        (0.01, 0.02, (0.95, 0.99), "detected"),
-        (0.9, 0.0, (0.05, 0.15), "too weak"),
-        (0.0, 0.9, (0.05, 0.15), "too strong"),
-        (0.05, 0.05, (0.85, 0.95), "undecided"),
-        (0.0, 0.0, (float("nan"), float("nan")), "undecided"),
+    for measured, interval, expected in (
+        (0.76, (0.95, 0.99), "detected"),
+        (0.3, (0.05, 0.15), "too weak"),
+        (1.3, (0.05, 0.15), "too strong"),
+        # As the thesis' two patches below 1 cd/m²: the contrast is right in the mean, but not in a third of the pairs.
+        (0.76, (0.67, 0.68), "too noisy"),
+        (0.76, (0.85, 0.95), "undecided"),
+        (float("nan"), (float("nan"), float("nan")), "undecided"),
     ):
-        assert verdict(below, above, interval) == expected
+        assert verdict(measured, (0.38, 1.14), interval) == expected
 
 
 def test_a_trace_has_three_minutes_of_one_pair_at_one_number_of_contrasts():

@@ -30,7 +30,9 @@ _NAMES = {"exposure_s": ("exposure", " s"), "gain_db": ("gain", " dB"), "frame_r
 #: Readings in the table; a day may have more.
 _MOST_READINGS = 100
 
-_STATES = {"detected": "good", "too weak": "bad", "too strong": "bad", "undecided": "open", "saturated": "bad"}
+_STATES = {"detected": "good", "undecided": "open"} | dict.fromkeys(
+    ("too weak", "too strong", "too noisy", "saturated"), "bad"
+)
 
 
 def camera_card(bench: LiveBench) -> str:

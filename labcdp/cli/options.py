@@ -110,10 +110,10 @@ def require_apart(options: Mapping[str, object], others: Mapping[str, object]) -
 
 
 def say_unmet(verdicts: Mapping[str, Verdict]) -> None:
-    """Say which ones do not meet a requirement, by name."""
-    missed = ", ".join(f"{name} ({verdict})" for name, verdict in verdicts.items() if verdict != "met")
-    if missed:
-        say(f"Requirement not met: {missed}")
+    """Say which ones do not meet a requirement, or may not, by name."""
+    for verdict, words in (("not met", "not met"), ("undecided", "undecided for")):
+        if names := [name for name, found in verdicts.items() if found == verdict]:
+            say(f"Requirement {words}: {', '.join(names)}")
 
 
 def end_by_requirement(verdicts: Mapping[str, Verdict]) -> None:

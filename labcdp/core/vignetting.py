@@ -381,7 +381,7 @@ class Lens:
     focal_length_m, pixel_pitch_m : float
         Of the lens, and of the sensor before pixels are joined.
     vignetting_rel : float
-        Relative standard uncertainty of cos^4 in the corners of an image.
+        Relative standard uncertainty of cos^4 in the corners of the sensor, of an image where that is not known.
     """
 
     focal_length_m: float
@@ -392,7 +392,9 @@ class Lens:
         """Vignetting of an image of `shape` (height, width) that shows a part of the sensor; None for all of it."""
         seen = readout or Readout()
         pitch_m = self.pixel_pitch_m * seen.pitches
-        return Cos4Vignetting(self.focal_length_m, pitch_m, seen.axis_px(shape), self.vignetting_rel)
+        # The corners that are meant are those of the sensor: beyond the middle, a part's would make it larger.
+        part = 1.0 if seen.sensor_size is None else (hypot(*shape) / hypot(*seen.sensor_size)) ** 2
+        return Cos4Vignetting(self.focal_length_m, pitch_m, seen.axis_px(shape), part * self.vignetting_rel)
 
 
 def with_doubt(vignetting: Cos4Vignetting, shape: tuple[int, int]) -> Cos4Vignetting:

@@ -237,11 +237,15 @@ def _verdict(one: SeenContrast, limit: float) -> Verdict:
 
 
 def _limit(requirement: Requirement, worst: SeenContrast) -> str:
-    """Return what keeps the CDP low: saturation, a contrast that is not the required one, or else the scatter."""
+    """Return what keeps the CDP low or the verdict open: saturation, another contrast, U, or else the scatter."""
     if worst.saturated:
         return "saturation"
     off = isfinite(worst.contrast) and _is_off(requirement, worst.contrast)
-    return "measured contrast" if off else "scatter of the pixels"
+    if off:
+        return "measured contrast"
+    # Less scatter would change nothing where the CDP itself reaches the limit.
+    is_open = worst.interval[0] < requirement.cdp_limit <= worst.cdp
+    return "uncertainty of the CDP" if is_open else "scatter of the pixels"
 
 
 def _not_judged(requirement: Requirement, seen: Sequence[SeenContrast]) -> Iterator[Finding]:
@@ -288,8 +292,8 @@ COLUMNS = (
     Column("cdp_high", "lowest CDP, high", "", "Upper end of its 95 % interval.", decimals=5, shown=False,
            value="worst.interval.1"),
     Column("margin", "margin", "", "Lowest CDP minus the limit.", decimals=4),
-    Column("limit", "limited by", "", "Saturation, a measured contrast that is not the required one, or the scatter of "
-           "the pixels."),
+    Column("limit", "limited by", "", "Saturation, a measured contrast that is not the required one, the uncertainty "
+           "of a CDP that itself reaches the limit, or the scatter of the pixels."),
     Column("n_met", "met in", "", "Pictures or frames that meet the requirement."),
     Column("n_judged", "of", "", "Pictures or frames that could be judged."),
     Column("n_seen", "all", "", "All pictures or frames.", shown=False),

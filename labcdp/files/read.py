@@ -157,9 +157,7 @@ def _session_at(folder: Path, _changed_ns: int) -> tuple[Lens, frozenset[str]]:
     from ..session import Session
 
     with Session.open(folder) as session:
-        configuration, frames = session.configuration, frozenset(one.file.sha256 for one in session.frames())
-    lens = configuration.lens
-    return Lens(lens.focal_length_m, configuration.camera.pixel_pitch_m, lens.vignetting_rel), frames
+        return session.configuration.optics, frozenset(one.file.sha256 for one in session.frames())
 
 
 def _from_raw(path: Path, sha256: str, options: PictureOptions) -> Picture:

@@ -16,6 +16,7 @@ from ..core.disk.text import toml_text
 from ..core.dn import PIXEL_FORMATS
 from ..core.errors import ConfigurationError, naming
 from ..core.roi import Roi
+from ..core.vignetting import Lens
 from .tables import (
     CameraConfiguration,
     Contrast,
@@ -234,6 +235,11 @@ class SessionConfiguration(Table):
             if pair.bright == pair.dark:
                 raise ValueError(f"contrast[{index}] has {pair.bright!r} as bright and as dark: give two patches")
         return self
+
+    @property
+    def optics(self) -> Lens:
+        """What decides the natural vignetting of lens and camera."""
+        return Lens(self.lens.focal_length_m, self.camera.pixel_pitch_m, self.lens.vignetting_rel)
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> SessionConfiguration:

@@ -240,6 +240,14 @@ def test_impossible_plans_are_refused_before_anything_is_recorded(changed, on_be
         assert len(on.session.records) == before
 
 
+def test_another_camera_than_the_simulated_one_is_told_how_to_be_rehearsed(changed, on_bench):
+    with (
+        on_bench(changed(camera={"model": "acA1920-40gm"})) as on,
+        pytest.raises(CameraNotFoundError, match="--simulated-bench"),
+    ):
+        on.acquire()
+
+
 class Changed:
     """A device some of whose results are changed."""
 

@@ -66,3 +66,15 @@ def test_a_part_of_an_image_has_the_errors_of_the_whole_there():
 def test_pixels_that_are_joined_are_larger():
     joined = Lens(6e-3, 3e-6).on(SHAPE, Readout(binning=(2, 2), decimation=(2, 2)))
     assert joined.pixel_pitch_m == pytest.approx(12e-6)
+
+
+def test_a_part_of_the_sensor_has_the_uncertainty_of_its_places_on_the_sensor():
+    whole, part = (300, 400), Readout(x=330, y=20, sensor_size=(400, 300))
+    lens = Lens(6e-3, 3e-6)
+    seen, all_of_it = lens.on((50, 60), part), lens.on(whole, Readout(sensor_size=(400, 300)))
+    # The same place, counted from the corner of the part and from that of the sensor.
+    found = (
+        seen.patterns_at((50, 60), np.array([5.0]), np.array([7.0])),
+        all_of_it.patterns_at(whole, np.array([25.0]), np.array([337.0])),
+    )
+    np.testing.assert_allclose(*found, rtol=1e-12)

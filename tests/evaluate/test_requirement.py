@@ -55,6 +55,7 @@ def test_all_pairs_must_meet_it():
     ("one", "limit"),
     [
         (BAD, "scatter of the pixels"),
+        (OPEN, "uncertainty of the CDP"),
         (seen(0.0, 0.0, 0.01, contrast=0.3), "measured contrast"),
         (seen(0.0, 0.0, 0.01, contrast=1.3), "measured contrast"),
         (UNKNOWN, "saturation"),

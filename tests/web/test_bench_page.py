@@ -161,8 +161,8 @@ def test_saturation_contrast_and_verdict_follow_the_exposure(bench):
     for exposure, verdict in (("32", "saturated"), ("500", "saturated.*both regions"), ("2", "detected")):
         bench.expose(exposure)
         bench.card_when(1, verdict)
-    # The true contrast of upper left and lower right is 358 / 33.8 - 1, less the vignetting of the lens.
-    assert number(bench.card_when(2, r"[89]\d\d")) == pytest.approx(880, rel=0.1)
+    # The true contrast of upper left and lower right is 358 / 33.8 - 1; the vignetting of the plan's lens is corrected.
+    assert number(bench.card_when(2, r"[89]\d\d")) == pytest.approx(959, rel=0.02)
     # A list has a row for each contrast, also a range; a comma in a single number is that of decimals.
     bench.fill("Target contrast", "88%,850%:950%:3")
     bench.card_when(1, r"3 of 4\s*detected")

@@ -121,6 +121,9 @@ def test_saturated_regions_have_no_value_with_an_uncertainty(start):
     row = bench.page.locator("table:not(.dense) tr[data-region]", has_text="upper left")
     row.filter(has_text=re.compile(r"> \d")).wait_for()
     assert "±" not in row.inner_text()
+    # A region that is not of the pair, too.
+    other = bench.page.locator("table:not(.dense) tr[data-region]", has_text="lower left")
+    other.filter(has_text=re.compile(r"> \d")).wait_for()
 
 
 def test_a_message_is_of_its_field_has_its_unit_and_goes_and_nothing_moves(start):
@@ -181,9 +184,11 @@ def test_readings_have_time_and_origin_can_be_deleted_and_stay_in_the_log_of_the
     bench.page.locator(".notice", has_text="CDP noted").wait_for()
     bench.button("Export log").click()
     bench.page.locator(".notice", has_text="Exported").wait_for()
-    assert served.stop()[0] == 0
+    status, said = served.stop()
 
     (log,) = folder.glob("bench-log-*.json")
+    assert status == 0
+    assert any(line.endswith(log.name) for line in said)
     stored = json.loads(log.read_text())
     assert [(one["luminance_cd_m2"], bool(one["deleted"])) for one in stored["readings"]] == [
         (400.5, True),
@@ -214,6 +219,11 @@ def test_phones_and_tablets_have_one_column_of_their_own_width(start, width, hei
     assert tabs["y"] > picture["bottom"]
     places = bench.page.evaluate(PLACES)
     assert all(0 <= x < width for x, _ in places.values())
+    # All lines of the cards are seen.
+    bench.expose("2")
+    bench.card_when(1, r"target contrast 1000 %, ε 50 %")
+    cut = "cards => cards.filter(one => one.scrollHeight > one.clientHeight + 1).map(one => one.innerText)"
+    assert bench.page.locator(".card").evaluate_all(cut) == []
     # A message is seen where the field is.
     field = bench.page.get_by_label("Exposure (ms)")
     field.scroll_into_view_if_needed()

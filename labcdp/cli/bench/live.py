@@ -129,7 +129,8 @@ def bench(
                 )
             finally:
                 live.end()
-    print_result(_result(live, roi, bool(chosen.simulating)), *workspace.last_words())
+    kept = [f"Log of the day: {live.log.path}"] if live.log.path.exists() else []
+    print_result(_result(live, roi, bool(chosen.simulating)), *workspace.last_words("No region was changed"), *kept)
 
 
 def _bench(

@@ -28,9 +28,9 @@ CONTRASTS = (
     Column("epsilon", "tolerance ε", "%", "Contrasts within the target contrast ± ε of it count.", 0,
            value="cdp.epsilon"),
     Column("detected_from", "detected from", "%", "Lowest contrast that counts.", 0, shown=False,
-           value="cdp.interval.0"),
+           value="cdp.detected_range.0"),
     Column("detected_up_to", "detected up to", "%", "Highest contrast that counts.", 0, shown=False,
-           value="cdp.interval.1"),
+           value="cdp.detected_range.1"),
     *uncertain(
         Column("measured_contrast", "contrast by meter", "%",
                "From the mean luminances measured with the meter; its scale error cancels."),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
@@ -16,7 +16,7 @@ from ...core.table import Column, Table, with_bound
 from ...metrics.region import SATURATED_SHARE
 from ...report.text import percent
 from ..requirement import Judgement, Requirement, SeenContrast, judged_pairs
-from ..verdict import CDP_LIMIT, LIMIT
+from ..verdict import CDP_LIMIT, LIMIT, cdp_verdict
 from .dataset import check_video, restored
 from .findings import frame_tables, times_s
 
@@ -28,6 +28,8 @@ CONTRASTS = (
     Column("contrast", "Weber contrast", "%", "Contrast to be detected; missing if frames differ in it.", digits=4),
     Column("detected_share", "detected", "%", "Share of the evaluated frames whose CDP reaches the limit.", decimals=1),
     Column("n_detected", "detected frames", meaning="Number of these frames.", decimals=0, shown=False),
+    Column("undecided_share", "interval includes limit", "%", "Share of the evaluated frames whose 95 % interval "
+           "includes the limit or is unknown, by their CDP detected or not.", decimals=1),
     Column("n_evaluated", "evaluated frames", meaning="Frames that have a CDP.", decimals=0),
     Column("n_lost", "lost frames", meaning="Chosen frames without a CDP as a region was lost.", decimals=0),
     Column("n_other", "others without a CDP", meaning="Chosen frames without a CDP for another reason.", decimals=0),
@@ -145,10 +147,11 @@ def _contrasts(dataset: Dataset) -> Table:
         given = np.unique(contrasts[np.isfinite(contrasts)]).tolist()
         if given:
             asked = {"kind": "reference", "contrast": given[0] if len(given) == 1 else None}
-            rows.append(asked | _over_all(dataset["reference_cdp"].values, frames, lost, limit))
+            cdp = [dataset[f"reference_cdp{end}"].values for end in _ENDS]
+            rows.append(asked | _over_all(cdp, frames, lost, limit))
     kind = "measured" if configuration_of(dataset).get("contrasts", ()) is None else "given"
     for place, contrast in enumerate(dataset["contrast"].values.tolist()):
-        cdp = dataset["cdp"].isel(contrast=place).values
+        cdp = [dataset[f"cdp{end}"].isel(contrast=place).values for end in _ENDS]
         rows.append({"kind": kind, "contrast": contrast} | _over_all(cdp, frames, lost, limit))
     note = (
         "CDP is the share of all pairs of "
@@ -158,9 +161,13 @@ def _contrasts(dataset: Dataset) -> Table:
         f"of {frames.size} chosen ones."
     )
     # A column of zeros takes the room of others.
-    others = any(row["n_other"] for row in rows)
-    columns = [replace(one, shown=one.shown and (others or one.name != "n_other")) for one in CONTRASTS]
+    empty = {name for name in ("n_other", "undecided_share") if not any(row[name] for row in rows)}
+    columns = [replace(one, shown=one.shown and one.name not in empty) for one in CONTRASTS]
     return Table.of_items("contrasts", "CDP over the evaluated frames", columns, rows, note)
+
+
+#: Of the names of a CDP and the ends of its interval.
+_ENDS = ("", "_low", "_high")
 
 
 def lost_frames(dataset: Dataset) -> NDArray[np.bool_]:
@@ -183,12 +190,19 @@ def answer_of(row: Mapping[str, Any]) -> float | None:
     return float(row["detected_share"] + row["mean_cdp"] / 100) if row["n_evaluated"] else None
 
 
-def _over_all(cdp: NDArray[np.float64], frames: NDArray[Any], lost: NDArray[np.bool_], limit: float) -> dict[str, Any]:
+def _over_all(
+    found: Sequence[NDArray[np.float64]], frames: NDArray[Any], lost: NDArray[np.bool_], limit: float
+) -> dict[str, Any]:
+    """Return the row of a contrast, by its CDP and the ends of its interval in each frame."""
+    cdp, low, high = found
     known = np.isfinite(cdp)
+    of_known = zip(cdp[known], low[known], high[known], strict=True)
+    n_undecided = sum(cdp_verdict(one, (least, most), limit) == "undecided" for one, least, most in of_known)
     n_detected, n_evaluated, n_lost = int((cdp[known] >= limit).sum()), int(known.sum()), int((lost & ~known).sum())
     row = {
         "detected_share": n_detected / n_evaluated if n_evaluated else None,
         "n_detected": n_detected,
+        "undecided_share": n_undecided / n_evaluated if n_evaluated else None,
         "n_evaluated": n_evaluated,
         "n_lost": n_lost,
         "n_other": cdp.size - n_evaluated - n_lost,

@@ -18,7 +18,6 @@ from ...core.disk import file_sha256
 from ...core.errors import InputError
 from ...core.frame import Frame, Readout
 from ...core.result import Finding, info, warning
-from ...core.vignetting import Lens
 from ...session import FrameRecord, Session
 from ..frame import guessed_scale, picture_bytes
 from ..picture import Picture, PictureOptions, contradictions, overridden_frame
@@ -205,7 +204,7 @@ def open_session_video(path: Path, options: PictureOptions) -> VideoSource:
     def entries() -> Iterator[VideoFrame]:
         return (VideoFrame(n, time_s(one), None, partial(load, one)) for n, one in enumerate(records))
 
-    lasted, lens, shown = time_s(records[-1]), session.configuration.lens, records[0].metadata.get("readout")
+    lasted, shown = time_s(records[-1]), records[0].metadata.get("readout")
     return VideoSource(
         path=path,
         shape=records[0].shape,
@@ -214,7 +213,7 @@ def open_session_video(path: Path, options: PictureOptions) -> VideoSource:
         exposure_stated=True,
         encoding=options.encoding or "linear",
         readout=None if shown is None else Readout.from_json(shown),
-        lens=Lens(lens.focal_length_m, session.configuration.camera.pixel_pitch_m, lens.vignetting_rel),
+        lens=session.configuration.optics,
         findings=_findings(records, options),
         entries=entries,
         hashed=lambda: hashlib.sha256("".join(one.file.sha256 for one in records).encode()).hexdigest(),

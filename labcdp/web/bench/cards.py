@@ -30,7 +30,9 @@ _NAMES = {"exposure_s": ("exposure", " s"), "gain_db": ("gain", " dB"), "frame_r
 #: Readings in the table; a day may have more.
 _MOST_READINGS = 100
 
-_STATES = {"detected": "good", "too weak": "bad", "too strong": "bad", "undecided": "open", "saturated": "bad"}
+_STATES = {"detected": "good", "undecided": "open"} | dict.fromkeys(
+    ("too weak", "too strong", "too noisy", "saturated"), "bad"
+)
 
 
 def camera_card(bench: LiveBench) -> str:
@@ -135,10 +137,13 @@ def _planned_row(pair: PlannedPair, found: PairEvaluation | None, chosen: set[st
 
 
 def uncalibrated_note(bench: LiveBench) -> str:
-    """Say what contrasts without a calibration include; empty with one."""
+    """Say what becomes of the vignetting without a calibration; empty with one."""
     if bench.workspace.image.unit == "cd/m^2":
         return ""
-    words = "Relative luminance; contrasts of regions at different places include the lens's vignetting."
+    if bench.images.lens is None:
+        words = "Relative luminance; contrasts of regions at different places include the lens's vignetting."
+    else:
+        words = "Relative luminance; the vignetting is corrected by cos⁴ for the plan's lens, and U includes the rest."
     return f"<p class='quiet'>{text(words)}</p>"
 
 
@@ -170,7 +175,9 @@ def contrast_card(bench: LiveBench) -> str:
     if is_saturated(pair.a, pair.b):
         return _card("Measured contrast", contrast_text(pair), "bad", "a region is saturated: shorten the exposure")
     lines = [f"U (95 %) of {frame} frame"]
-    lines += ["relative luminance: includes the vignetting"] if bench.workspace.image.unit != "cd/m^2" else []
+    if bench.workspace.image.unit != "cd/m^2":
+        what = "includes the vignetting" if bench.images.lens is None else "corrected by cos⁴"
+        lines.append(f"relative luminance: {what}")
     return _card("Measured contrast", contrast_text(pair), "open", *lines)
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ...core.errors import CalibrationError, InputError
 from ...core.frame import Frame
 from ...core.roi import Roi
+from ...core.vignetting import Lens
 from ..regions.page_image import PageImage
 from ..regions.workspace import Workspace
 from .live_camera import LiveCamera
@@ -112,14 +113,21 @@ class LiveImages:
         The camera.
     conversion : PictureConversion
         To cd/m^2, or to relative luminance.
+    lens : Lens or None
+        For the vignetting of relative luminance; None for not known.
     call : function of a function
         Calls a function in the thread of the pages.
     """
 
     def __init__(
-        self, camera: LiveCamera, conversion: PictureConversion, call: Callable[[Callable[[], None]], None]
+        self,
+        camera: LiveCamera,
+        conversion: PictureConversion,
+        lens: Lens | None,
+        call: Callable[[Callable[[], None]], None],
     ) -> None:
-        self._camera, self._conversion, self._call = camera, conversion, call
+        self._camera, self._conversion, self._call = camera, conversion.through(lens), call
+        self.lens = lens
         self.newest: PageImage | None = None
         #: Why there is no cd/m^2 with a calibration.
         self.mismatch = ""
@@ -150,7 +158,7 @@ class LiveImages:
         except CalibrationError as error:
             from ...evaluate.picture.conversion import picture_conversion
 
-            image = PageImage.live(frame, picture_conversion(None, None, None))
+            image = PageImage.live(frame, picture_conversion(None, None, None).through(self.lens))
             kind = (frame.shape, frame.pixel_format, frame.gain_db, frame.readout)
             if kind != self._mismatched:
                 # Names one frame: another text for each would not let a person read it.

@@ -75,7 +75,8 @@ class LiveBench:
         log: DayLog,
     ) -> None:
         self.camera, self.plan = camera, devices.plan
-        self.images = LiveImages(camera, conversion, server.call)
+        lens = None if devices.plan is None else devices.plan.optics
+        self.images = LiveImages(camera, conversion, lens, server.call)
         self.desk = MeterDesk(devices.meter, devices.hands, self._seen, lambda: camera.ended, log)
         self.log = log
         self.recording: Recording | None = None

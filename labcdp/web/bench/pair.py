@@ -24,7 +24,7 @@ from .day_log import Snapshot
 #: Tolerance where nothing else is said.
 EPSILON = 0.5
 
-Verdict = Literal["detected", "too weak", "too strong", "undecided", "saturated"]
+Verdict = Literal["detected", "too weak", "too strong", "too noisy", "undecided", "saturated"]
 
 #: CDP from which a contrast counts as detected.
 LIMIT = 0.9
@@ -117,19 +117,26 @@ def pair_points(pair: PairResult, time_s: float) -> tuple[PairPoint, ...]:
     if is_saturated(pair.a, pair.b):
         return tuple(PairPoint(time_s, cdp.contrast, nan, nan, nan, "saturated") for cdp in pair.cdp)
     return tuple(
-        PairPoint(time_s, cdp.contrast, cdp.cdp, *cdp.interval, verdict(cdp.below, cdp.above, cdp.interval))
+        PairPoint(
+            time_s,
+            cdp.contrast,
+            cdp.cdp,
+            *cdp.interval,
+            verdict(pair.contrast.value, cdp.detected_range, cdp.interval),
+        )
         for cdp in pair.cdp
     )
 
 
-def verdict(below: float, above: float, interval: tuple[float, float]) -> Verdict:
-    """Say whether a contrast is detected; if not, whether more pairs show less, or more, than what counts."""
+def verdict(measured: float, counting: tuple[float, float], interval: tuple[float, float]) -> Verdict:
+    """Say whether a contrast is detected; if not, whether the measured one is beyond what counts, or pixels scatter."""
     low, high = interval
     if low < LIMIT <= high or low != low:
         return "undecided"
     if low >= LIMIT:
         return "detected"
-    return "too weak" if below >= above else "too strong"
+    lowest, highest = counting
+    return "too weak" if measured < lowest else "too strong" if measured > highest else "too noisy"
 
 
 def snapshots_of(pair: PairEvaluation, time: datetime, taken: tuple[float, float], unit: str) -> list[Snapshot]:

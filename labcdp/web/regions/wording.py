@@ -113,6 +113,8 @@ def _cells(found: RegionNumbers | None) -> tuple[str, ...]:
     light = "" if found.light is None else significant(found.light)
     if found.result is not None:
         light = _with_interval(found.result.mean, found.result.u, found.result.bound)
+    elif found.light is not None and found.saturated > SATURATED_SHARE:
+        light = bounded(found.light, ">")
     elif light and not found.evaluated:
         light += " …"
     return str(found.n_pixels or ""), value, std, light

@@ -168,12 +168,12 @@ class Workspace:
         if self._again:
             self.measure()
 
-    def last_words(self) -> list[str]:
-        """Return the final message: saved files and unsaved changes."""
+    def last_words(self, unchanged: str = "Nothing was changed") -> list[str]:
+        """Return the final message: saved files and unsaved changes, or that there are none."""
         lines = [f"Saved: {path}" for path in dict.fromkeys(self.written)]
         n = len(self.drawing.shapes)
         if not self.unsaved:
-            return lines or ["Nothing was changed"]
+            return lines or [unchanged]
         if not self.drawing.shapes:
             return [*lines, "Not saved: all regions were deleted; the file is unchanged"]
         what = f"Not saved: the drawing of {n} region{'s' if n > 1 else ''}"

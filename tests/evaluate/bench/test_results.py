@@ -92,6 +92,8 @@ def test_results_hold_the_evaluation(evaluated, written):
         assert (row["cdp"], row["below"], row["above"]) == (one.cdp.cdp, one.cdp.below, one.cdp.above)
         assert (row["cdp_low"], row["cdp_high"]) == one.cdp.interval
         assert row["measured_contrast"] == one.measured_contrast
+        counting = [(1 + sign * row["epsilon"]) * row["target_contrast"] for sign in (-1, 1)]
+        assert [row["detected_from"], row["detected_up_to"]] == pytest.approx(counting, rel=1e-12)
     patches = {row["patch"]: row for row in values["tables"]["luminance"]["rows"]}
     for patch in evaluated.patches:
         row, u = patches[patch.region.name], patch.calibrated.half_width_95_rel

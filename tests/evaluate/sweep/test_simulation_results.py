@@ -33,6 +33,18 @@ def test_vignetting_is_no_noise_and_no_contrast_of_saturated_pixels(glare, subtr
     assert pair.measured_contrast == pytest.approx(0.0, abs=2e-5)
 
 
+def test_saturated_regions_have_bounds():
+    run = small(exposure__exposure_s=0.1, scene__luminance_cd_m2=10.0, scene__contrast=5.0).run()
+    shares = {one.region: one.saturated_share for one in evaluate_stage(run, "sensor").regions}
+    assert (shares["dark"], shares["bright"]) == (0.0, 1.0)
+    contrast, light = result(evaluate_run(run)).tables
+    bounds = [(row["stage"], row["measured_contrast_bound"] or "") for row in contrast.rows()]
+    assert [bound for stage, bound in bounds if stage == "sensor"] == [">"]
+    assert {bound for stage, bound in bounds if stage in ("scene", "optics")} == {""}
+    rows = {row["region"]: row for row in light.rows() if row["stage"] == "sensor"}
+    assert [rows[name]["luminance_cd_m2_bound"] or "" for name in ("dark", "bright")] == ["", ">"]
+
+
 def test_mean_contrast_is_that_of_all_pairs():
     done = small().run()
     luminance, masks = done["sensor"].luminance_cd_m2.astype(float), done.chain.scene.regions()

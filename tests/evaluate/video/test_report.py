@@ -57,8 +57,15 @@ def test_json_counts_detected_and_lost_frames(followed: xr.Dataset, written: Pat
     valid(values)
     tables = {name: table["rows"] for name, table in values["tables"].items()}
     lost = followed["lost"].values.any(axis=1)
-    for row, cdp in zip(tables["contrasts"], [followed["reference_cdp"], *followed["cdp"].T], strict=True):
+    ends = ("", "_low", "_high")
+    for number, row in enumerate(tables["contrasts"]):
+        name = "cdp" if number else "reference_cdp"
+        cdp, low, high = (followed[f"{name}{end}"] for end in ends)
+        if number:
+            cdp, low, high = (one.isel(contrast=number - 1) for one in (cdp, low, high))
         known = cdp.values[np.isfinite(cdp)]
+        is_open = np.isfinite(cdp.values) & ~((low.values >= 0.9) | (high.values < 0.9))
+        assert row["undecided_share"] == is_open.sum() / known.size
         assert (row["n_evaluated"], row["n_detected"]) == (known.size, (known >= 0.9).sum())
         assert row["detected_share"] == row["n_detected"] / known.size
         assert row["n_lost"] == (lost & ~np.isfinite(cdp.values)).sum() > 0

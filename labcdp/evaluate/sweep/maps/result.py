@@ -171,7 +171,8 @@ def _matrices(found: CdpMap) -> Iterator[Table]:
     if y is None or x.values.size > _MOST_COLUMNS:
         return
     heads = [plain(float(value), 6) for value in shown(x, x.values)]
-    first = Column(y.name, f"{axis_name(y)}; across: {axis_name(x)} in {axis_unit(x) or '1'}", axis_unit(y))
+    # The unit that follows is that of the first column.
+    first = Column(y.name, f"across: {axis_name(x)} in {axis_unit(x) or '1'}; down: {axis_name(y)}", axis_unit(y))
     columns = [Column(f"cdp_{number}", head, decimals=4) for number, head in enumerate(heads)]
     parts = list(zip(range(1, _MOST_MATRICES + 1), found.sections(*found.spanned), strict=False))
     for number, (at, section) in parts:

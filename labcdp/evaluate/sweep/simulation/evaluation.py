@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from itertools import repeat
 from math import inf, isfinite, nan, sqrt
 from typing import Any
@@ -16,6 +17,7 @@ from ....chain.point_spread import pixel_means
 from ....core.errors import InputError
 from ....core.quantity import Quantity
 from ....metrics.contrast import TargetContrasts, each_contrast
+from ....metrics.pair import bound_of_contrast
 from .rows import PairRow, RegionRow, SimulationEvaluation, StageLuminance, StageRow
 
 #: Parts of a region, from its edge to the centre of the lens, in each of which the values follow the vignetting along
@@ -143,7 +145,9 @@ def evaluate_stage(run: ChainRun, name: str, contrast: TargetContrasts = None, e
         ratios = metrics.snr(native), metrics.snr_10log10_db(native), metrics.snr_20log10_db(native)
         what = name, signal.quantity, signal.unit, region, true_means[region], native.mean, _deviation(native)
         regions.append(RegionRow(*(*_seen_region(signal, seen[region], mask), *what, *ratios)))
-    return StageRow(name, tuple(regions), tuple(pairs))
+    full = {one.region: bool(one.bound) for one in regions}
+    bounded = (replace(one, bound=bound_of_contrast(full[one.bright], full[one.dark])) for one in pairs)
+    return StageRow(name, tuple(regions), tuple(bounded))
 
 
 def evaluate_pair(

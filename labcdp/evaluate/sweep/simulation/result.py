@@ -12,7 +12,7 @@ from typing import Any
 
 from ....chain import Chain
 from ....core.result import Finding, InputFile, Result, info, warning
-from ....core.table import Column, Table, uncertain, with_interval
+from ....core.table import Column, Table, uncertain, with_bound, with_interval
 from ....metrics.contrast import TargetContrasts, each_contrast
 from ....report.text import percent
 from ..maps.axes import LARGEST_SNR, SNR_VARIABLES
@@ -77,7 +77,7 @@ _CONTRAST = (
     replace(_TARGET, value="cdp.contrast", shown=False),
     _hidden("lowest_contrast", "lowest detected", _LOWEST, "%", value="cdp.detected_range.0"),
     _hidden("highest_contrast", "highest detected", _HIGHEST, "%", value="cdp.detected_range.1"),
-    Column("measured_contrast", "measured contrast", "%", _MEASURED),
+    *with_bound((Column("measured_contrast", "measured contrast", "%", _MEASURED),), "bound"),
     _hidden("mean_contrast", "mean contrast", _OF_PIXELS, "%"),
 )
 _RATIOS = (
@@ -94,6 +94,7 @@ _SNR_10 = Column("snr_10log10_db", "10 lg SNR", "dB", "10 log10 of the spatial S
 _SNR_20 = Column(
     "snr_20log10_db", "20 lg SNR", "dB", "20 log10 of the spatial SNR; that of EMVA 1288 is temporal.", decimals=2
 )
+_LIGHT = Column("luminance_cd_m2", "luminance", "cd/m²", "Mean luminance that the values stand for.")
 _SIGNAL = (
     _STAGE,
     Column("region", "region", meaning="Region of the scene."),
@@ -105,7 +106,7 @@ _SIGNAL = (
     *_estimated(_SNR_10, expanded=False),
     *_estimated(_SNR_20, expanded=False),
     Column("scene_cd_m2", "scene", "cd/m²", "Mean luminance of the scene in the region.", value="true_cd_m2"),
-    Column("luminance_cd_m2", "luminance", "cd/m²", "Mean luminance that the values stand for."),
+    *with_bound((_LIGHT,), "bound"),
     _hidden("luminance_std_cd_m2", "std", "Standard deviation of that luminance.", "cd/m²",
             value="luminance_standard_deviation_cd_m2"),
     *_estimated(Column("luminance_snr", "spatial SNR of luminance", meaning=_OF_LIGHT)),

@@ -8,6 +8,7 @@ from ....chain import ChainRun
 from ....core.quantity import Quantity
 from ....metrics import Cdp
 from ....metrics.contrast import TargetContrasts
+from ....metrics.region import SATURATED_SHARE, Bound
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,11 @@ class StageLuminance:
     luminance_standard_deviation_cd_m2: float
     luminance_snr: Quantity
     saturated_share: float
+
+    @property
+    def bound(self) -> Bound:
+        """Whether the luminance is a lower bound, as the region is saturated."""
+        return ">" if self.saturated_share > SATURATED_SHARE else ""
 
 
 @dataclass(frozen=True)
@@ -83,6 +89,8 @@ class PairRow:
         Nearest-neighbour over the whole frame, for a checkerboard with squares of one pixel.
     csnr, cnr, d_prime : Quantity
         Contrast signal-to-noise ratio, contrast-to-noise ratio and detectability of the two luminances.
+    bound : {'>', '<', '?', ''}
+        Whether the measured contrast is a bound, as a region is saturated.
     """
 
     stage: str
@@ -96,6 +104,7 @@ class PairRow:
     csnr: Quantity
     cnr: Quantity
     d_prime: Quantity
+    bound: Bound = ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -67,8 +67,8 @@ def test_slow_gradients_of_a_patch_are_taken_off():
     slow = 1000 + 3.0 * rows - 0.02 * columns**2 + 0.01 * rows * columns
     values = slow + 4.0 * rng.standard_normal(rows.size)
     found = flat_variance(values, rows, columns, noise_dn2=6.0)
-    assert found.uncertainty == pytest.approx(16 * np.sqrt(2 / rows.size), rel=0.1)
-    assert found.value == pytest.approx(16 - 6, abs=4 * found.uncertainty)
+    assert found.u == pytest.approx(16 * np.sqrt(2 / rows.size), rel=0.1)
+    assert found.value == pytest.approx(16 - 6, abs=4 * found.u)
 
 
 def test_dark_pattern_extrapolates_each_pixel_to_zero_exposure():
@@ -77,5 +77,5 @@ def test_dark_pattern_extrapolates_each_pixel_to_zero_exposure():
     exposures = [0.01, 0.2, 0.8]
     frames = [statistics(offset + rate * t + rng.normal(0, 1, (30, 120, 130))) for t in exposures]
     at_zero, growth = dark_pattern_variances(frames, exposures)
-    assert at_zero.total.value == pytest.approx(16, abs=4 * at_zero.total.uncertainty)
-    assert growth.total.value == pytest.approx(400, abs=4 * growth.total.uncertainty)
+    assert at_zero.total.value == pytest.approx(16, abs=4 * at_zero.total.u)
+    assert growth.total.value == pytest.approx(400, abs=4 * growth.total.u)

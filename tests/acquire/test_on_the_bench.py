@@ -127,6 +127,21 @@ def test_a_patch_that_is_always_saturated_is_asked_about_before_the_first_frame(
         assert not any("saturation" in checks for what, checks in hands.found if what == "light frames")
 
 
+def notes_before_recording(on):
+    """What `acquire` notes before the first light frame, at which it is interrupted."""
+    notes = []
+
+    def stop(progress):
+        if progress.note:
+            notes.append(progress.note)
+        elif progress.step == "light frames":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        on.acquire(report=stop)
+    return notes
+
+
 @pytest.mark.parametrize(
     ("contrast", "names", "warned"),
     [
@@ -141,17 +156,8 @@ def test_a_target_contrast_ten_times_the_nominal_one_is_warned_of_before_recordi
 ):
     configuration = changed(FAR)
     pair = ContrastConfiguration(bright=names[0], dark=names[1], contrast=contrast)
-    notes = []
-
-    def stop(progress):
-        if progress.note:
-            notes.append(progress.note)
-        elif progress.step == "light frames":
-            raise KeyboardInterrupt
-
-    with on_bench(configuration.model_copy(update={"contrasts": (pair,)})) as on, pytest.raises(KeyboardInterrupt):
-        on.acquire(report=stop)
-    assert len(notes) == warned
+    with on_bench(configuration.model_copy(update={"contrasts": (pair,)})) as on:
+        assert len(notes_before_recording(on)) == warned
 
 
 @pytest.mark.parametrize(("day", "warned"), [(date(2999, 1, 1), True), (date(2026, 3, 3), False)])
@@ -159,17 +165,8 @@ def test_a_certificate_of_the_future_is_warned_of_before_recording(changed, on_b
     configuration = changed(FAR)
     certificate = MeterCertificate(number="1", laboratory="PTB", date=day, expanded_uncertainty_rel=0.008)
     meter = configuration.meter.model_copy(update={"certificate": certificate})
-    notes = []
-
-    def stop(progress):
-        if progress.note:
-            notes.append(progress.note)
-        elif progress.step == "light frames":
-            raise KeyboardInterrupt
-
-    with on_bench(configuration.model_copy(update={"meter": meter})) as on, pytest.raises(KeyboardInterrupt):
-        on.acquire(report=stop)
-    assert len(notes) == warned
+    with on_bench(configuration.model_copy(update={"meter": meter})) as on:
+        assert len(notes_before_recording(on)) == warned
 
 
 def test_a_night_of_frames_on_a_schedule(changed, on_bench):

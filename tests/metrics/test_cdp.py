@@ -198,3 +198,11 @@ LONG, MASKED = np.array([1], np.longdouble), np.ma.masked_equal([1, 2], 2)
 def test_what_makes_no_distribution_is_refused(pixels):
     with pytest.raises(InputError, match=r"^pixels "):
         Distribution.from_array(pixels)
+
+
+def test_contrasts_are_exact_whatever_the_print_options():
+    """Other packages choose the options of NumPy 1.13, with 12 digits."""
+    contrast = 0.12345678901234567
+    with np.printoptions(legacy="1.13"):
+        assert cdp([120, 121], [100, 101], np.array([contrast])).contrast[0] == contrast
+        assert cdp([120, 121], [100, 101], np.array([0.2], np.float32)).contrast[0] == 0.2

@@ -123,7 +123,7 @@ def test_readings_that_change_with_time_are_found(camera, setup, name, factor, v
     assert (test.significant, test.value) == (True, pytest.approx(value, rel=0.05))
     assert {"drift", "readings-step"} & codes(calibration) == {code}
     assert calibration.responsivity.random_rel >= least_rel
-    # An event that nobody explained makes no limit of a data sheet smaller.
+    # An unexplained event makes no limit of a data sheet smaller.
     assert calibration.meter_scale.half_width_rel == 0.02
 
 

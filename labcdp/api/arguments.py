@@ -15,11 +15,11 @@ from ..core.disk.files import shown
 from ..core.errors import InputError
 from ..core.percent import plain_fraction
 from ..core.roi import Roi
-from ..evaluate.picture.image import ImageRequest
+from ..evaluate.picture.settings import ImageSettings
 from ..metrics import Epsilon
 from ..metrics.contrast import TargetContrasts
 from ..metrics.result import target_contrasts
-from ..regions import PolygonShape, Shape, image_size_of, load_regions, rois_of
+from ..regions import PolygonShape, Shape, load_regions, rois_of
 
 #: A path as users write it.
 PathArgument: TypeAlias = str | PathLike[str]
@@ -106,15 +106,10 @@ def as_rois(regions: Regions, size: tuple[int, int]) -> tuple[Roi, ...]:
     return rois
 
 
-def drawn_on(regions: Regions) -> tuple[int, int] | None:
-    """Width and height of the image that the regions of a file were drawn on, if that is known."""
-    return image_size_of(regions) if isinstance(regions, str | PathLike) else None
-
-
 def as_pairs(rois: tuple[Roi, ...], pairs: Pairs | None) -> tuple[tuple[str, str], ...]:
     """Return the pairs that are evaluated: those given, or all of up to six regions; raises InputError."""
     given = None if pairs is None else tuple(as_pair_names(pairs, "regions"))
-    return ImageRequest((), 0.5, rois, given).chosen_pairs
+    return ImageSettings((), 0.5, rois, given).chosen_pairs
 
 
 @dataclass(frozen=True)

@@ -18,14 +18,14 @@ from ..evaluate.compare.compare import LUMINANCES, Question, compare_subjects
 from ..evaluate.compare.compare import Comparison as _Comparison
 from ..evaluate.compare.requirement import Judged
 from ..evaluate.compare.result import answer, compare_result
-from ..evaluate.compare.subject import picture_task
-from ..evaluate.picture.result import PictureTask
+from ..evaluate.compare.subject import picture_settings
+from ..evaluate.picture.settings import ImageSettings
 from ..evaluate.requirement import Requirement
 from ..evaluate.sweep.plan import Axis
 from ..report.files import envelope
 from ..report.text import finding_text, text_table
 from .arguments import Contrasts, PathArgument, as_contrasts, as_number, as_path
-from .picture import Stated, conversion_of
+from .picture import Stated, converter_of
 from .session import CalibratedSession
 
 
@@ -96,12 +96,12 @@ def _of_pictures(
     camera_spec: PathArgument | None = None,
     encoding: Literal["linear", "srgb"] | None = None,
     **stated: Unpack[Stated],
-) -> PictureTask:
+) -> ImageSettings:
     """Return what pictures are asked, from the arguments of `compare` and `read_image`."""
-    files = {"regions": regions, "calibration": calibration, "camera specification": camera_spec}
-    return picture_task(
+    files = {"calibration": calibration, "camera specification": camera_spec}
+    return picture_settings(
         as_path(regions, "regions"),
-        conversion_of(calibration, camera_spec, encoding, stated, Stated),
+        converter_of(calibration, camera_spec, encoding, stated, Stated),
         tuple(InputFile.of(role, Path(one)) for role, one in files.items() if isinstance(one, str | PathLike)),
         as_contrasts(contrast, epsilon).values,
         epsilon,

@@ -19,7 +19,7 @@ from ..core.errors import InputError
 from ..core.luminance import LuminanceMap
 from ..core.result import Finding, html_table, unique
 from ..core.roi import Rectangle, Roi
-from ..evaluate.picture.conversion import PictureConversion, picture_conversion
+from ..evaluate.picture.converter import Converter, make_converter
 from ..evaluate.picture.neighbours import evaluate_neighbours
 from ..files.picture import Picture
 from ..files.read import read_picture
@@ -108,18 +108,18 @@ def read_image(
         If the calibration is not for this picture.
     """
     file = as_path(path, "the picture")
-    conversion = conversion_of(calibration, camera_spec, encoding, stated, Stated)
-    picture = read_picture(file, conversion.options)
-    return Image(picture, conversion, conversion.luminance(picture))
+    converter = converter_of(calibration, camera_spec, encoding, stated, Stated)
+    picture = read_picture(file, converter.options)
+    return Image(picture, converter, converter.luminance(picture))
 
 
-def conversion_of(
+def converter_of(
     calibration: PathArgument | AnyCalibration | None,
     camera_spec: PathArgument | None,
     encoding: Literal["linear", "srgb"] | None,
     stated: Mapping[str, Any],
     kind: Any,
-) -> PictureConversion:
+) -> Converter:
     """Return the conversion to luminance that the arguments of `read_image` ask for.
 
     Raises
@@ -136,7 +136,7 @@ def conversion_of(
     if calibration is not None and not isinstance(calibration, Calibration | ColourCalibration):
         calibration = as_path(calibration, "calibration")
     spec = None if camera_spec is None else as_path(camera_spec, "camera_spec")
-    return picture_conversion(calibration, spec, encoding).given(**stated)
+    return make_converter(calibration, spec, encoding, **stated)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -147,14 +147,14 @@ class Image:
     ----------
     picture : Picture
         The file that was read.
-    conversion : PictureConversion
+    converter : Converter
         How its values become luminance.
     luminance : LuminanceMap
         Luminance of each pixel with uncertainty and flags; ``numpy.asarray(image.luminance)`` gives the values alone.
     """
 
     picture: Picture
-    conversion: PictureConversion
+    converter: Converter
     luminance: LuminanceMap
 
     @property
@@ -170,12 +170,12 @@ class Image:
     @property
     def unit(self) -> str:
         """Unit of the luminance: ``cd/m^2``, or ``relative``."""
-        return self.conversion.unit_of(self.picture)
+        return self.converter.unit_of(self.picture)
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
         """What a user should know about the luminance."""
-        return unique(self.conversion.source(self.picture).findings)
+        return unique(self.converter.source(self.picture).findings)
 
     def regions(self, regions: Regions, pairs: Pairs | None = None) -> ImageRegions:
         """Choose regions.
@@ -257,7 +257,7 @@ class Image:
     def _repr_html_(self) -> str:
         """Table for notebooks."""
         height, width = self.shape
-        rows = [("pixels", f"{width} x {height}"), ("unit", self.unit), ("conversion", self.conversion.description)]
+        rows = [("pixels", f"{width} x {height}"), ("unit", self.unit), ("conversion", self.converter.description)]
         return html_table(
             ("", ""), [*rows, *((one.severity, finding_text(one)) for one in self.findings)], self.path.name
         )
@@ -266,14 +266,14 @@ class Image:
         self, epsilon: Epsilon | None, findings: Sequence[Finding] = (), pairs: Sequence[tuple[Roi, Roi]] = ()
     ) -> dict[str, Any]:
         """Return the attributes of a dataset of this picture."""
-        own = self.conversion.with_pairs(self.findings, self.picture, self.luminance, pairs)
+        own = self.converter.with_pairs(self.findings, self.picture, self.luminance, pairs)
         found = unique([*own, *findings])
         return {
             "title": "contrast detection probability of a picture" if epsilon is not None else "luminance of a picture",
             "file": str(self.path),
             "sha256": self.picture.sha256,
             "unit": self.unit,
-            "conversion": self.conversion.description,
+            "conversion": self.converter.description,
             **({} if epsilon is None else {"epsilon": epsilon if isinstance(epsilon, int | float) else str(epsilon)}),
             **noted(found),
             "labcdp_version": version("labcdp"),

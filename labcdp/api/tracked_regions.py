@@ -40,8 +40,6 @@ class TrackedRegions:
         How they are followed.
     selection : Selection
         Which frames are evaluated.
-    image_size : (int, int) or None
-        Width and height of the image the regions were drawn on, if known.
     """
 
     name: str
@@ -50,7 +48,6 @@ class TrackedRegions:
     pairs: tuple[tuple[str, str], ...]
     method: str
     selection: Selection
-    image_size: tuple[int, int] | None
 
     def cdp(
         self,
@@ -126,7 +123,7 @@ class TrackedRegions:
         named = {roi.name: roi for roi in self.rois}
         rois = named[pair[0]], named[pair[1]]
         method = method_among(self.method, list(named), pair)
-        return replace(common, rois=rois, method=method, reference=reference, image_size=self.image_size)
+        return replace(common, rois=rois, method=method, reference=reference)
 
 
 def _joined(pairs: Sequence[Dataset]) -> Dataset:

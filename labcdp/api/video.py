@@ -14,7 +14,7 @@ from xarray import Dataset
 from ..calibration import AnyCalibration, Calibration, ColourCalibration, save
 from ..core.errors import InputError, LabcdpError
 from ..core.result import html_table
-from ..evaluate.picture.conversion import PictureConversion
+from ..evaluate.picture.converter import Converter
 from ..evaluate.video.dataset import VideoRows
 from ..evaluate.video.evaluate import Part, evaluated_parts
 from ..evaluate.video.settings import Progress, VideoSettings
@@ -33,9 +33,8 @@ from .arguments import (
     as_path,
     as_rois,
     as_text,
-    drawn_on,
 )
-from .picture import StatedOfVideo, conversion_of
+from .picture import StatedOfVideo, converter_of
 from .tracked_regions import TrackedRegions
 from .variables import described
 
@@ -70,10 +69,10 @@ focal_length_m, pixel_pitch_m, no_vignetting
         If the video cannot be read, or an argument cannot be used.
     """
     file = as_path(path, "the video")
-    conversion = conversion_of(calibration, camera_spec, encoding, stated, StatedOfVideo)
+    converter = converter_of(calibration, camera_spec, encoding, stated, StatedOfVideo)
     spec = None if camera_spec is None else as_path(camera_spec, "camera_spec")
     known = {"encoding": encoding, **stated}
-    return Video(open_source(file, conversion.options), conversion, calibration, spec, known)
+    return Video(open_source(file, converter.options), converter, calibration, spec, known)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -84,7 +83,7 @@ class Video:
     ----------
     source : VideoSource
         The frames.
-    conversion : PictureConversion
+    converter : Converter
         How their values become luminance.
     calibration : path, Calibration or None
         For luminance in cd/m^2.
@@ -95,7 +94,7 @@ class Video:
     """
 
     source: VideoSource
-    conversion: PictureConversion
+    converter: Converter
     calibration: PathArgument | AnyCalibration | None
     camera_spec: Path | None
     stated: dict[str, Any]
@@ -159,7 +158,6 @@ class Video:
             as_pairs(rois, pairs),
             method,
             _selection(start, stop, every),
-            drawn_on(regions),
         )
 
     def cdp_neighbours(

@@ -17,8 +17,8 @@ from ..evaluate.bench.history import history_files, history_result
 from ..evaluate.compare.compare import LUMINANCES, Question, compare_subjects
 from ..evaluate.compare.page import comparison_files
 from ..evaluate.compare.result import compare_result
-from ..evaluate.compare.subject import picture_task
-from ..evaluate.picture.result import PictureTask
+from ..evaluate.compare.subject import picture_settings
+from ..evaluate.picture.settings import ImageSettings
 from ..evaluate.requirement import Requirement
 from .options import Changes, Contrasts, Results, Tolerance, end_by_requirement, one_or_all, require_apart
 from .pictures.options import PictureLightOptions
@@ -59,7 +59,7 @@ class QuestionOptions:
     changes: Changes = ()
     require: Path | None = None
 
-    def asked(self, light: PictureLightOptions) -> Question | PictureTask | None:
+    def asked(self, light: PictureLightOptions) -> Question | ImageSettings | None:
         """Return what chains or, with regions, pictures are asked; None without an option for either.
 
         Raises
@@ -73,8 +73,7 @@ class QuestionOptions:
         if self.roi is not None:
             if self.over or self.changes:
                 raise InputError("--over and --set are options for chains, --roi is one for pictures: leave one out")
-            inputs = tuple(light.inputs({"regions": self.roi}))
-            return picture_task(self.roi, light.conversion(), inputs, self.contrast, epsilon)
+            return picture_settings(self.roi, light.converter(), light.inputs(), self.contrast, epsilon)
         of_light = [f"--{name.replace('_', '-')}" for name, value in vars(light).items() if value not in (None, False)]
         if of_light:
             raise InputError(f"{of_light[0]} is an option for pictures: give their regions with --roi, too")

@@ -20,7 +20,7 @@ from ..core.result import Finding, InputFile, NamedValue, Result, quantity_table
 from ..evaluate.bench.observe import for_frames_of
 from ..evaluate.bench.session import mismatch
 from ..evaluate.bench.session_result import session_input
-from ..evaluate.picture.conversion import PictureConversion, calibrated_conversion
+from ..evaluate.picture.converter import Converter, calibrated_converter
 from ..files import read_picture
 from ..files.luminance_file import SUFFIXES, metadata, save_luminance
 from ..output import write_file
@@ -189,8 +189,8 @@ def _selected(files: Sequence[Path], chosen: ChosenFrames, calibration: Path, lo
         return _of_session(folders[0], chosen, loaded)
     if chosen.frame or chosen.patch is not None:
         raise InputError("--frame and --patch select frames of a session: give its folder, or leave them out")
-    conversion = calibrated_conversion(loaded, calibration.name).given(temperature_c=chosen.temperature)
-    read = [(str(path), *_of_file(path, conversion)) for path in files]
+    converter = calibrated_converter(loaded, calibration.name).given(temperature_c=chosen.temperature)
+    read = [(str(path), *_of_file(path, converter)) for path in files]
     kept = [one for one in read if chosen.wanted(one[1].exposure_s)]
     if not kept:
         there = _in_ms(sorted({frame.exposure_s for _, frame, _ in read}))
@@ -241,16 +241,16 @@ def _of_session(path: Path, chosen: ChosenFrames, loaded: AnyCalibration) -> _Se
     )
 
 
-def _of_file(path: Path, conversion: PictureConversion) -> tuple[Frame, tuple[Finding, ...]]:
+def _of_file(path: Path, converter: Converter) -> tuple[Frame, tuple[Finding, ...]]:
     """Read a frame from a file, and what a user should know about it."""
-    picture = read_picture(path, conversion.options)
-    frame = conversion.frame_of(picture)
+    picture = read_picture(path, converter.options)
+    frame = converter.frame_of(picture)
     if not picture.exposure_known:
         raise InputError(
             f"{path} does not state its exposure time: use frames recorded by labcdp or camera RAW, or labcdp image "
             "--exposure"
         )
-    return frame, conversion.findings(picture)
+    return frame, converter.findings(picture)
 
 
 def _in_ms(exposures_s: Iterable[float], between: str = ", ") -> str:

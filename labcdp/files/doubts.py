@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.result import Finding, FindingValue, warning
 from .stored_image import SCREEN_BITS
-from .transfer import Encoding, decoded
+from .transfer import Encoding, decoded, encoding_name
 
 #: Pixels that are looked at: rows are left out of larger pictures.
 _LOOKED_AT = 2_000_000
@@ -36,6 +37,10 @@ _OF_MOSAIC, _ALIKE = 0.03, 0.015
 _SMALLEST = 16
 #: Steps of a curve that is read backwards.
 _STEPS = 2**14
+#: Relative difference of two contrasts from which it matters how values are read.
+_MATTERS = 0.02
+#: Codes of the warnings that values may be read otherwise; ``-pair`` and ``-frames`` may follow.
+ENCODING, BLACK_LEVEL, MOSAIC = "encoding-assumed", "black-level-doubtful", "mosaic-doubtful"
 #: Patterns of a colour filter by where the two green pixels are: beside the diagonal from the upper left, or on it.
 _PATTERNS = ("RGGB or BGGR", "GRBG or GBRG")
 
@@ -73,15 +78,43 @@ class Doubts:
         """One of the filters of the mosaic: of both, green is at the same places."""
         return self.mosaic[:2] or None
 
-    def contrast(self, encoding: Encoding | None = None, black: bool = False) -> float:
-        """Weber contrast of the brighter half of the values to the darker one, read in another way if one is given."""
-        low, high, zero = decoded([self.low, self.high, self.black if black else 0.0], encoding or self.encoding)
+    @property
+    def codes(self) -> tuple[str, ...]:
+        """Codes of the warnings, one for each way in which values may be read otherwise."""
+        doubtful = {ENCODING: self.other_encoding is not None, BLACK_LEVEL: self.black_dn is not None}
+        return tuple(code for code, is_so in {**doubtful, MOSAIC: bool(self.mosaic)}.items() if is_so)
+
+    def _read_by(self, code: str) -> tuple[Encoding, float]:
+        """Return encoding and black level, a share of the scale, as a code says; as taken for none."""
+        other = self.other_encoding if code == ENCODING else None
+        return other or self.encoding, self.black if code == BLACK_LEVEL else 0.0
+
+    def contrast(self, code: str = "") -> float:
+        """Weber contrast of the brighter half of the values to the darker one, read otherwise if a code is given."""
+        encoding, black = self._read_by(code)
+        low, high, zero = decoded([self.low, self.high, black], encoding)
         return float((high - zero) / (low - zero) - 1) if low > zero else inf
 
-    def light(self, taken: float, encoding: Encoding | None = None, black: bool = False) -> float:
-        """Return light, as a share of the scale, that was taken as such, if its value is read in another way."""
+    def light(self, taken: float, code: str) -> float:
+        """Return light, as a share of the scale, that was taken as such, if its value is read otherwise."""
+        encoding, black = self._read_by(code)
         value = float(np.interp(taken, *_curve(self.encoding)))
-        return float(decoded([value], encoding or self.encoding)[0]) - (self.black if black else 0.0)
+        return float(decoded([value], encoding)[0]) - black
+
+    def finding(self, code: str, taken: float, otherwise: float, pair: str = "", **of_frames: FindingValue) -> Finding:
+        """Return the warning, about a pair of regions if it is named, of a video with what is said of its frames."""
+        about: dict[str, FindingValue] = {"mosaic": self.mosaic}
+        if code == ENCODING:
+            about = {"encoding": encoding_name(self.encoding), "other": encoding_name(self.other_encoding or "")}
+        elif code == BLACK_LEVEL:
+            about = {"black_dn": self.black_dn}
+        kind = f"{code}-frames" if of_frames else f"{code}-pair" if pair else code
+        return warning(kind, pair, taken=taken, otherwise=otherwise, **about, **of_frames)
+
+
+def contrast_matters(taken: float, otherwise: float) -> bool:
+    """Whether a contrast and that by another reading of the values differ so that it matters."""
+    return abs(otherwise - taken) > _MATTERS * (1 + min(taken, otherwise)) * (taken > 0)
 
 
 @cache

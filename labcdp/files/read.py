@@ -20,7 +20,7 @@ from ..core.errors import InputError, LabcdpError
 from ..core.frame import Frame
 from ..core.result import info, warning
 from ..core.vignetting import Lens
-from .doubts import Histogram, doubts_of, encodings
+from .doubts import BLACK_LEVEL, ENCODING, Histogram, doubts_of, encodings
 from .exif import ExifFacts
 from .exr import EXR, exr_text, read_exr
 from .frame import (
@@ -116,6 +116,35 @@ def read_picture(path: str | PathLike[str], options: PictureOptions = NOTHING_KN
 def read_page(path: Path, data: bytes, number: int, options: PictureOptions) -> Picture:
     """Read one picture of a TIFF of several; raises InputError as `read_picture`."""
     return _picture(read_tiff(data, path, options.max_pixels, number), path, "", options)
+
+
+def read_otherwise(picture: Picture, code: str, options: PictureOptions) -> Picture:
+    """Return a picture as it is if its values are read otherwise.
+
+    Parameters
+    ----------
+    picture : Picture
+        The picture, of DN.
+    code : str
+        One of the codes of its doubts.
+    options : PictureOptions
+        Those it was read with.
+
+    Raises
+    ------
+    InputError
+        If its file is needed and cannot be read again.
+    """
+    doubts, frame = picture.doubts, picture.frame
+    if code == ENCODING:
+        assert doubts.other_encoding is not None
+        if picture.coloured:
+            return read_picture(picture.path, replace(options, encoding=doubts.other_encoding))
+        return replace(picture, encoding=doubts.other_encoding)
+    assert frame is not None
+    if code == BLACK_LEVEL:
+        return replace(picture, frame=replace(frame, black_level_dn=doubts.black_dn))
+    return replace(picture, frame=replace(frame, colour_filter=doubts.colour_filter))
 
 
 def _from_labcdp(noted: dict[str, Any] | None, data: bytes, sha256: str, path: Path, max_pixels: int) -> Picture | None:

@@ -4,7 +4,14 @@ from .checkerboard import detect_checkerboard
 from .checks import check_region
 from .geometry import inset, require_simple
 from .proposals import new_shapes
-from .region_file import REGION_SUFFIXES, ImageSize, image_size_of, load_regions, save_regions
+from .region_file import (
+    REGION_SUFFIXES,
+    ImageSize,
+    load_regions,
+    read_region_file,
+    require_on_image,
+    save_regions,
+)
 from .shapes import EllipseShape, GridShape, PolygonShape, RectangleShape, Shape, rois_of
 from .step_chart import detect_step_chart
 
@@ -19,10 +26,11 @@ __all__ = [
     "check_region",
     "detect_checkerboard",
     "detect_step_chart",
-    "image_size_of",
     "inset",
     "load_regions",
     "new_shapes",
+    "read_region_file",
+    "require_on_image",
     "require_simple",
     "rois_of",
     "save_regions",

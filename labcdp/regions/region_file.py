@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import MISSING, fields
+from hashlib import sha256
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -12,6 +13,8 @@ from typing import Any, TypeAlias
 from ..core.disk import parse_json, quoted, read_bytes, shortened
 from ..core.disk.files import suggestion
 from ..core.errors import InputError, naming
+from ..core.result import InputFile
+from ..core.roi import Roi
 from ..output import write_file
 from .imagej import imagej_file, parse_imagej
 from .shapes import CompositeShape, EllipseShape, GridShape, PolygonShape, RectangleShape, Shape, rois_of
@@ -47,11 +50,21 @@ def load_regions(path: str | PathLike[str], image_size: ImageSize | None = None)
         Naming the file, and region and key, if it cannot be read, is no region file, holds no region or one that
         cannot be used, or belongs to an image of another size, or a region reaches out of the image.
     """
-    return _loaded(Path(path), image_size)[0]
+    shapes, drawn_on, file = read_region_file(path)
+    if image_size is not None:
+        require_on_image(rois_of(shapes), drawn_on, image_size, file.path)
+    return shapes
 
 
-def _loaded(path: Path, image_size: ImageSize | None = None) -> tuple[tuple[Shape, ...], ImageSize | None]:
-    """Read shapes, and the size of the image they were drawn on; raises InputError as `load_regions`."""
+def read_region_file(path: str | PathLike[str]) -> tuple[tuple[Shape, ...], ImageSize | None, InputFile]:
+    """Read shapes, the size of the image they were drawn on if the file says it, and the record of the file.
+
+    Raises
+    ------
+    InputError
+        As `load_regions`.
+    """
+    path = Path(path)
     data = read_bytes(path, "a file with regions", _MOST_BYTES)
     if not data:
         raise InputError(f"{path} is empty: give a file with regions")
@@ -60,32 +73,42 @@ def _loaded(path: Path, image_size: ImageSize | None = None) -> tuple[tuple[Shap
             shapes, drawn_on = parse_imagej(data, path.stem), None
         else:
             shapes, drawn_on = parse_regions(data.decode("utf-8-sig"))
-        rois = rois_of(shapes)
-        if image_size is not None:
-            width, height = image_size
-            if drawn_on is not None and drawn_on != (width, height):
-                raise InputError(
-                    f"the regions were drawn on an image of {drawn_on[0]} x {drawn_on[1]} pixels, this one has "
-                    f"{width} x {height}: draw them on this image"
-                )
-            for roi in rois:
-                roi.window((height, width))
+        rois_of(shapes)
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: it is neither JSON nor an ImageJ file of regions (.roi or .zip)") from error
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
-    return shapes, drawn_on
+    return shapes, drawn_on, InputFile("regions", str(path), sha256(data).hexdigest())
 
 
-def image_size_of(path: str | PathLike[str]) -> ImageSize | None:
-    """Width and height of the image that the regions of a file were drawn on; None if it does not say.
+def require_on_image(rois: Iterable[Roi], drawn_on: ImageSize | None, image_size: ImageSize, file: str = "") -> None:
+    """Refuse regions that were drawn on an image of another size, or that reach out of the image.
+
+    Parameters
+    ----------
+    rois : iterable of Roi
+        The regions.
+    drawn_on, image_size : (int, int)
+        Width and height in pixels of the image they were drawn on, None if that is not known, and of the image.
+    file : str
+        Where they are from, for messages.
 
     Raises
     ------
     InputError
-        If it is no region file.
+        If they do not fit.
     """
-    return _loaded(Path(path))[1]
+    (width, height), where = image_size, f"{file}: " if file else ""
+    if drawn_on is not None and drawn_on != (width, height):
+        raise InputError(
+            f"{where}the regions were drawn on an image of {drawn_on[0]} x {drawn_on[1]} pixels, this one has "
+            f"{width} x {height}: draw them on this image"
+        )
+    try:
+        for roi in rois:
+            roi.window((height, width))
+    except InputError as error:
+        raise InputError(f"{where}{error}") from error
 
 
 def save_regions(

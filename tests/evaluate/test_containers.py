@@ -15,9 +15,9 @@ from labcdp.core.disk import parse_json
 from labcdp.core.roi import Roi
 from labcdp.core.table import Z_95
 from labcdp.core.vignetting import Cos4Vignetting
-from labcdp.evaluate.picture.conversion import picture_conversion
-from labcdp.evaluate.picture.image import ImageRequest
-from labcdp.evaluate.picture.result import PictureTask
+from labcdp.evaluate.picture.converter import make_converter
+from labcdp.evaluate.picture.result import evaluate_picture
+from labcdp.evaluate.picture.settings import ImageSettings
 from labcdp.evaluate.video.dataset import restored
 from labcdp.evaluate.video.evaluate import evaluate_video
 from labcdp.evaluate.video.settings import VideoSettings
@@ -151,9 +151,9 @@ VIDEOS = {
 
 def by_picture(path, pair, encoding=None, **stated):
     """Contrast of a pair, its U, and codes of the warnings."""
-    conversion = picture_conversion(None, None, encoding).given(**stated)
-    request = ImageRequest(None, 0.5, tuple(ROIS[name] for name in pair), (pair,))
-    evaluation, _ = PictureTask(request, conversion, {}).made(path, pages=False, surface=False)
+    converter = make_converter(encoding=encoding, **stated)
+    settings = ImageSettings(rois=tuple(ROIS[name] for name in pair), pairs=(pair,), converter=converter)
+    evaluation, _ = evaluate_picture(settings, path, pages=False, surface=False)
     (found,) = evaluation.pairs
     sign = found.bright_region.roi.name == pair[0]
     return found.contrast.value, found.contrast.u, sign, evaluation.findings

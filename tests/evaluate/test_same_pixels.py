@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter
 import labcdp
 from labcdp.calibration import save
 from labcdp.core.roi import Roi
-from labcdp.evaluate.picture.conversion import picture_conversion
+from labcdp.evaluate.picture.converter import make_converter
 from labcdp.evaluate.picture.neighbours import evaluate_neighbours
 from labcdp.evaluate.video.evaluate import evaluate_video
 from labcdp.evaluate.video.settings import VideoSettings
@@ -29,8 +29,8 @@ def scene(smoothing_px, noise_dn):
 
 
 def picture_of(path, rois, contrasts=CONTRASTS, calibration=None, encoding=None, **epsilon):
-    conversion = picture_conversion(calibration, None, encoding)
-    return evaluate_pair(conversion.luminance(read_picture(path, conversion.options)), *rois, contrasts, **epsilon)
+    converter = make_converter(calibration, None, encoding)
+    return evaluate_pair(converter.luminance(read_picture(path, converter.options)), *rois, contrasts, **epsilon)
 
 
 def assert_same_as_video(picture, path, rois, **settings):
@@ -88,9 +88,9 @@ def test_8_12_and_16_bits_of_one_scene_agree_within_quantisation(tmp_path, noise
         stored, half = light if encoding == "linear" else 1.055 * light ** (1 / 2.4) - 0.055, 0.5 / (2**bits - 1)
         dn = np.rint(stored * (2**bits - 1)).astype(np.uint8 if bits == 8 else np.uint16)
         cv2.imwrite(str(tmp_path / "a.png"), dn)
-        conversion = picture_conversion(None, None, encoding).given(bit_depth=None if bits == 8 else bits)
-        picture = read_picture(tmp_path / "a.png", conversion.options)
-        seen = evaluate_pair(conversion.luminance(picture), BRIGHT, DARK, CONTRASTS)
+        converter = make_converter(encoding=encoding).given(bit_depth=None if bits == 8 else bits)
+        picture = read_picture(tmp_path / "a.png", converter.options)
+        seen = evaluate_pair(converter.luminance(picture), BRIGHT, DARK, CONTRASTS)
         # Linear DN end a step below 1; sRGB is steepest there, with 2.4 / 1.055.
         end, half = (1 - 2.0**-bits, half) if encoding == "linear" else (1.0, 2.3 * half)
         assert (seen.a.mean, seen.b.mean) == pytest.approx((end * bright.mean(), end * dark.mean()), abs=half)
@@ -119,8 +119,8 @@ def test_a_session_a_picture_and_a_video_with_one_calibration_agree(recorded, ev
         folder.mkdir()
         shutil.copy(file, folder / "frame.tif")
         assert_same_as_video(picture_of(file, rois, calibration=calibration), folder, rois, calibration=calibration)
-    conversion = picture_conversion(calibration, None, None)
-    near = evaluate_neighbours(conversion.luminance(read_picture(file, conversion.options)), CONTRASTS).cdp
+    converter = make_converter(calibration)
+    near = evaluate_neighbours(converter.luminance(read_picture(file, converter.options)), CONTRASTS).cdp
     video = evaluate_video(folder, VideoSettings(CONTRASTS, calibration=calibration)).isel(frame=0)
     assert near.u_calibration.max() > 0
     np.testing.assert_allclose(video["cdp"], near.cdp, rtol=1e-9)

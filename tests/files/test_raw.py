@@ -13,7 +13,7 @@ from labcdp.calibration.frames.measure import split
 from labcdp.core.errors import InputError
 from labcdp.core.frame import CameraIdentity
 from labcdp.core.result import info, warning
-from labcdp.evaluate.picture.conversion import picture_conversion
+from labcdp.evaluate.picture.converter import make_converter
 from labcdp.files import PictureOptions, read_picture, read_raw
 
 from .conftest import write_dng, write_mono_dng
@@ -120,7 +120,7 @@ def test_each_pixel_has_the_black_level_that_the_file_states(tmp_path, kind, nam
         ]
         write_raw(path, (dn / 4096).astype(np.float32), black=None, white=1, more=[*scaled, active])
     picture = read_picture(path, PictureOptions(exposure_s=1))
-    light = picture_conversion(None, None, None).luminance(picture)
+    light = make_converter().luminance(picture)
     right = light.luminance_cd_m2[:, light.shape[1] // 2 :]
     # DN are rounded, of which the green pixels are averaged.
     assert right / light.luminance_cd_m2[:, : light.shape[1] // 2] == pytest.approx(4, abs=0.006)
@@ -150,7 +150,7 @@ def test_differences_may_bring_a_black_level_below_0(tmp_path):
     dn = np.full((32, 48), 500, np.uint16)
     dn[:, 24:] = 2000
     path = write_tiff(tmp_path / "a.tif", dn, [(50714, "H", 1, 0), (50716, *rationals(*[-10] * 32))])
-    light = picture_conversion(None, None, None).luminance(read_picture(path)).luminance_cd_m2
+    light = make_converter().luminance(read_picture(path)).luminance_cd_m2
     assert light[:, 30:].mean() / light[:, :20].mean() == pytest.approx(2010 / 510)
 
 

@@ -14,7 +14,7 @@ from PIL import Image, ImageCms
 from labcdp.core.dn import pixel_format
 from labcdp.core.errors import InputError
 from labcdp.core.result import info, warning
-from labcdp.evaluate.picture.conversion import picture_conversion
+from labcdp.evaluate.picture.converter import make_converter
 from labcdp.files import PictureOptions, read_image, read_picture
 from labcdp.files.icc import read_profile
 from labcdp.files.transfer import PRIMARIES_OF_CODE, decoded, encoding_name, known_encoding, luminance_weights
@@ -35,7 +35,7 @@ def patches(bright, dark, dtype=np.uint16):
 
 def contrast(picture, **given):
     """Weber contrast of the two patches as relative luminance has it."""
-    light = picture_conversion(None, None, None).luminance(picture).luminance_cd_m2
+    light = make_converter().luminance(picture).luminance_cd_m2
     return light[:, 40:].mean() / light[:, :20].mean() - 1
 
 

@@ -12,7 +12,7 @@ from PIL import Image
 
 from labcdp.core.errors import InputError
 from labcdp.core.result import info
-from labcdp.evaluate.picture.conversion import picture_conversion
+from labcdp.evaluate.picture.converter import make_converter
 from labcdp.files import PictureOptions, read_picture
 from labcdp.files.stored_image import luminance_dn
 from labcdp.files.video.open import open_video
@@ -62,9 +62,9 @@ def test_lossless_grey_is_read_as_it_was_written_and_as_pictures_of_it_are(tmp_p
     assert (source.shape, source.frame_count, source.frame_rate) == ((48, 64), N, 25.0)
     assert source.encoding == "linear"
     Image.fromarray(written[0]).save(tmp_path / "a.png")
-    conversion = picture_conversion(None, None, source.encoding)
-    picture = conversion.luminance(read_picture(tmp_path / "a.png", PictureOptions(bit_depth=bits)))
-    np.testing.assert_array_equal(conversion.convert(found[0].frame).luminance_cd_m2, picture.luminance_cd_m2)
+    converter = make_converter(None, None, source.encoding)
+    picture = converter.luminance(read_picture(tmp_path / "a.png", PictureOptions(bit_depth=bits)))
+    np.testing.assert_array_equal(converter.convert(found[0].frame).luminance_cd_m2, picture.luminance_cd_m2)
     np.testing.assert_allclose(picture.luminance_cd_m2, written[0] / 2.0**bits, atol=2.0**-bits)
 
 
@@ -166,8 +166,8 @@ def test_jpeg_equals_motion_jpeg(tmp_path, coloured):
     data = jpeg(image, subsampling=0 if coloured else 2)
     (tmp_path / "a.jpg").write_bytes(data)
     path = mux_jpegs(tmp_path / "a.mkv", [data] * 2, [0, 40])
-    picture = picture_conversion(None, None, None).luminance(read_picture(tmp_path / "a.jpg")).luminance_cd_m2
-    video = picture_conversion(None, None, open_video(path).encoding).convert(frames(path)[0].frame).luminance_cd_m2
+    picture = make_converter().luminance(read_picture(tmp_path / "a.jpg")).luminance_cd_m2
+    video = make_converter(None, None, open_video(path).encoding).convert(frames(path)[0].frame).luminance_cd_m2
     # Two decoders; the standard allows 1 DN (ITU-T T.83), and of grey the steps of sRGB are at most 2.3 / 255.
     np.testing.assert_allclose(video, picture, atol=2.3 * (2 if coloured else 1) / 255)
     assert abs(float(video.mean() / picture.mean()) - 1) < 1e-3

@@ -17,7 +17,7 @@ from labcdp.core.vignetting import Lens
 from labcdp.drivers.camera_settings import FeatureDescription
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
-from labcdp.evaluate.picture.conversion import picture_conversion
+from labcdp.evaluate.picture.converter import make_converter
 from labcdp.regions import RectangleShape
 from labcdp.session import CameraConfiguration, EventRecord, MeterConfiguration, Session
 from labcdp.web.bench.day_log import DayLog
@@ -150,7 +150,7 @@ def test_frames_of_8_bit_and_colour_cameras_are_shown_and_measured(pixel_format,
     dn = np.random.default_rng(9).integers(20, 200, (60, 80)).astype(np.uint8 if bits == 8 else np.uint16)
     dn[10:20, 10:30] = highest = 2**bits - 1
     frame = frame_of(dn, bits, highest, pixel_format, pattern)
-    image = PageImage.live(frame, picture_conversion(None, None, None))
+    image = PageImage.live(frame, make_converter())
     drawing = Drawing.of(image.size, [RectangleShape("lit", 10, 10, 20, 10), RectangleShape("dark", 40, 20, 20, 20)])
     (measured,) = LiveMeasurements(image, lambda _drawing: Target()).measured(drawing)
     lit, dark = (measured.regions[roi] for roi in drawing.rois)
@@ -190,7 +190,7 @@ def test_single_saturated_and_black_pixels_are_seen_in_a_picture_that_is_zoomed_
     dn = np.full((61, 80), 1000, np.uint16)
     dn[33, 47], dn[5, 8] = 3600, 0
     frame = frame_of(dn, 12, 3600, "Mono12", pattern)
-    picture = Picture(PageImage.live(frame, picture_conversion(None, None, None)))
+    picture = Picture(PageImage.live(frame, make_converter()))
     picture.go_live()
     picture.show_scale(DisplayScale("gamma", 0.0, 4095))
     for width in (80, 20, 11):
@@ -225,7 +225,7 @@ def test_the_vignetting_of_a_stated_lens_is_corrected_without_a_calibration(new_
     frame = new_frame(np.rint(64 + 3000 / (1 + x**2 + y**2) ** 2).astype(np.uint16))
     lens = Lens(focal_length_m, pixel_pitch_m)
     for stated, corner_over_middle in ((lens, 1.0), (None, (1 + 2 * (49.5 / 150) ** 2) ** -2)):
-        images = LiveImages(None, picture_conversion(None, None, None), stated, None)
+        images = LiveImages(None, make_converter(), stated, None)
         light = images.image(frame).luminance.luminance_cd_m2
         assert light[0, 0] / light[50, 50] == pytest.approx(corner_over_middle, rel=1e-3)
 

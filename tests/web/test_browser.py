@@ -5,7 +5,7 @@ import signal
 
 import pytest
 
-from labcdp.evaluate.picture.conversion import picture_conversion
+from labcdp.evaluate.picture.converter import make_converter
 from labcdp.files.read import read_picture
 from labcdp.metrics import cdp
 from labcdp.metrics.pair import evaluate_pair
@@ -137,8 +137,8 @@ def test_regions_are_drawn_measured_saved_and_read_again(picture, tmp_path, serv
     tab.button("Save")
     tab.wait_for_notice("Saved: 2 regions in .*regions.json")
     first, second = rois_of(load_regions(output, (WIDTH, HEIGHT)))
-    conversion = picture_conversion(None, None, None)
-    luminance = conversion.luminance(read_picture(picture, conversion.options))
+    converter = make_converter()
+    luminance = converter.luminance(read_picture(picture, converter.options))
     result = evaluate_pair(luminance, first, second, [9.0])
     rows = tab.wait_for_rows(2)
     for row, roi in zip(rows, (first, second), strict=True):

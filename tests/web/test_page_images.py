@@ -9,7 +9,7 @@ import pytest
 import labcdp
 from labcdp.core.errors import InputError
 from labcdp.core.luminance import Invalid, LuminanceMap
-from labcdp.evaluate.picture.conversion import picture_conversion
+from labcdp.evaluate.picture.converter import make_converter
 from labcdp.files.luminance_file import load_luminance
 from labcdp.files.video.selection import Position
 from labcdp.session import Session, example_session
@@ -110,7 +110,7 @@ def video(tmp_path):
 
 
 def opened(path, at):
-    return video_image(path, Position.parse(at, "--frame"), picture_conversion(None, None, None))
+    return video_image(path, Position.parse(at, "--frame"), make_converter())
 
 
 @pytest.mark.parametrize(("at", "number"), [("0", 0), ("3", 3), ("0.08s", 2), ("0.06s", 2)])

@@ -13,7 +13,7 @@ from ...core.result import NamedValue, Result, quantity_table
 from ...drivers.aravis.camera import AravisCamera
 from ...drivers.camera import Camera, take_again
 from ...drivers.simulated.bench import SimulatedBench
-from ...evaluate.picture.conversion import PictureConversion, picture_conversion
+from ...evaluate.picture.converter import Converter, make_converter
 from ...regions import PolygonShape, RectangleShape
 from ...session import SessionConfiguration, example_configuration
 from ...session.tables import MeterConfiguration
@@ -102,7 +102,7 @@ def bench(
     roi
         Region file to start from and save to; if it does not exist, start with the patches of the plan.
     """
-    conversion = picture_conversion(calibration, None, None)
+    converter = make_converter(calibration)
     configuration = None if plan is None else SessionConfiguration.load(plan)
     if not roi.exists():
         output_file(roi, False, "--roi")
@@ -114,7 +114,7 @@ def bench(
             page.served(end, where)
 
         with chosen.opened(configuration) as (camera, devices):
-            live, workspace = _bench(camera, devices, conversion, roi, detection, server)
+            live, workspace = _bench(camera, devices, converter, roi, detection, server)
             try:
                 server.run(
                     Site(
@@ -136,7 +136,7 @@ def bench(
 def _bench(
     camera: Camera,
     devices: BenchOfPage,
-    conversion: PictureConversion,
+    converter: Converter,
     roi: Path,
     detection: Detection,
     server: Server,
@@ -161,7 +161,7 @@ def _bench(
     target = Target(detection.contrast, EPSILON if detection.epsilon is None else detection.epsilon)
     planned = planned_pairs(plan, detection.contrast, detection.epsilon)
     streaming = LiveCamera(camera, settings, prepare, stated)
-    live = LiveBench(streaming, conversion, devices, server, target, planned, DayLog(roi))
+    live = LiveBench(streaming, converter, devices, server, target, planned, DayLog(roi))
     files = DrawingFiles(roi, (frame.dn.shape[1], frame.dn.shape[0]))
     first = live.measurements(live.images.image(frame))
     return live, Workspace(first, files, _start(files, plan), server.elsewhere)

@@ -15,18 +15,18 @@ from ...core.cluster import Runner
 from ...core.computer import Processes, Threads, usable_cores
 from ...core.disk.files import shown
 from ...core.errors import InputError, LabcdpError
-from ...evaluate.picture.image import ImageRequest
-from ...evaluate.picture.result import PictureTask, picture_folder, summary_files
+from ...core.result import InputFile
+from ...evaluate.picture.result import evaluate_picture, image_result, picture_folder, summary_files
+from ...evaluate.picture.settings import ImageSettings
 from ...evaluate.picture.tables import ReportedPicture
 from ...evaluate.requirement import verdicts_of
 from ...files.kinds import no_picture
-from ...files.picture import OF_VALUES
 from ...files.read import picture_paths
 from ...output import ResultsFolder
 from ..commands import As
 from ..options import Results, end_by_requirement
 from ..terminal import print_result, progress_bars, say
-from .options import PairOptions, PictureLightOptions, each_once, require_kind, rois_and_pairs
+from .options import PairOptions, PictureLightOptions, each_once, parse_pairs, read_regions, require_kind
 
 #: Pictures that are named of those that fail for one reason.
 _MOST_NAMED = 8
@@ -75,14 +75,14 @@ def image(
     if surface and not pages:
         raise InputError("--surface is a page: leave it out, or --no-pages")
     require_kind(files, no_picture)
-    task, paths = _task(pairs, light, rectangle), each_once(picture_paths(files))
+    settings, paths = _settings(pairs, light, rectangle), each_once(picture_paths(files))
     with results.folder(files[0] if len(files) == 1 else "pictures") as folder:
-        pictures = _evaluated(paths, task, pages, surface, folder)
-        result = task.result(pictures)
+        pictures = _evaluated(paths, settings, pages, surface, folder)
+        result = image_result(pictures, settings)
         failed = [picture for picture in pictures if picture.evaluation is None]
         good = len(failed) < len(pictures)
         if good:
-            folder.add(summary_files(pictures, result, task.conversion.description))
+            folder.add(summary_files(pictures, result, settings.converter.description))
     if good:
         # Failures are reported last.
         shown = tuple(one for one in result.findings if results.as_json or one.severity != "error")
@@ -113,38 +113,27 @@ def _failures(failed: Sequence[ReportedPicture]) -> list[str]:
     return lines
 
 
-def _task(pairs: PairOptions, light: PictureLightOptions, rectangle: tuple[int, int, int, int] | None) -> PictureTask:
+def _settings(
+    chosen: PairOptions, light: PictureLightOptions, rectangle: tuple[int, int, int, int] | None
+) -> ImageSettings:
     if rectangle is not None:
-        pairs = replace(pairs, neighbours=True)
-    rois, chosen = rois_and_pairs(pairs)
-    asked = pairs.asked()
-    how = pairs.neighbours, rectangle, asked.cdp_limit, asked.requirement
-    request = ImageRequest(asked.contrasts, asked.epsilon, rois, chosen or None, *how)
-    conversion = light.conversion()
-    options = conversion.options
-    given = {"roi": pairs.roi, "calibration": light.calibration, "camera": light.camera_spec}
-    configuration = {
-        **request.configuration,
-        "conversion": conversion.description,
-        "encoding": light.encoding,
-        **{name: None if path is None else str(path) for name, path in given.items()},
-        **{
-            name: getattr(options, name)
-            for name in ("exposure_s", "gain_db", "temperature_c", "bit_depth", "pixel_format", "size")
-        },
-        **{name: getattr(options, name) for name in OF_VALUES},
-    }
-    return PictureTask(
-        request,
-        conversion,
-        configuration,
-        tuple(light.inputs({"regions": pairs.roi, "requirement": pairs.require})),
-        pairs.roi,
+        chosen = replace(chosen, neighbours=True)
+    rois, image_size, files = read_regions(chosen)
+    files += [] if chosen.require is None else [InputFile.of("requirement", chosen.require)]
+    return ImageSettings(
+        **chosen.targets(),
+        rois=rois,
+        pairs=parse_pairs(chosen, rois) or None,
+        neighbours=chosen.neighbours,
+        rectangle=rectangle,
+        converter=light.converter(),
+        image_size=image_size,
+        inputs=(*files, *light.inputs()),
     )
 
 
 def _evaluated(
-    paths: Sequence[Path], task: PictureTask, pages: bool, surface: bool, results: ResultsFolder
+    paths: Sequence[Path], settings: ImageSettings, pages: bool, surface: bool, results: ResultsFolder
 ) -> list[ReportedPicture]:
     """Process the pictures, on all cores if there are enough of them, and write their files.
 
@@ -156,7 +145,7 @@ def _evaluated(
     numbers = {path: number for number, path in enumerate(paths, start=1)}
     pictures: dict[int, ReportedPicture] = {}
     with progress_bars() as bars:
-        for path, made, error in workers.run(partial(task.made, pages=pages, surface=surface), paths):
+        for path, made, error in workers.run(partial(evaluate_picture, settings, pages=pages, surface=surface), paths):
             number = numbers[path]
             folder = picture_folder(number, path) if len(paths) > 1 and pages else ""
             evaluation, files = made or (None, {})

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from ...core.result import InputFile
 from ...evaluate.picture.edges.edges import ContrastMapSettings
 from ...evaluate.picture.edges.map import contrast_map
 from ...evaluate.picture.edges.page import contrast_map_files
@@ -66,13 +67,13 @@ def image_map(
     settings = ContrastMapSettings(
         edges.region_size, edges.epsilon, edges.minimum_contrast, edges.detected, one_or_all(edges.contrast)
     )
-    conversion = light.conversion()
-    inputs = light.inputs({"reference": reference})
+    converter = light.converter()
+    inputs = [*([] if reference is None else [InputFile.of("reference", reference)]), *light.inputs()]
     with results.folder(file) as folder:
-        picture = read_picture(file, conversion.options)
-        scene = None if reference is None else conversion.luminance(read_picture(reference, conversion.options))
-        found = contrast_map(conversion.luminance(picture), settings, scene)
-        source = conversion.source(picture)
+        picture = read_picture(file, converter.options)
+        scene = None if reference is None else converter.luminance(read_picture(reference, converter.options))
+        found = contrast_map(converter.luminance(picture), settings, scene)
+        source = converter.source(picture)
         result = map_result(found, source, inputs)
         folder.add(contrast_map_files(found, source, result))
     results.show(result, folder, also="; also contrast-map.png, results.xlsx, results.nc and results.json")

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal
 
 from ...core.disk import real_path
 from ...core.disk.files import open_regular, shown
 from ...core.errors import InputError
 from ...core.result import InputFile
 from ...core.roi import Roi
-from ...evaluate.picture.conversion import PictureConversion, picture_conversion
+from ...evaluate.picture.converter import Converter, make_converter
 from ...evaluate.requirement import Requirement
-from ...evaluate.verdict import CDP_LIMIT
 from ...files.kinds import HEAD_BYTES
 from ...files.video.selection import Position, Selection
-from ...regions import load_regions, rois_of
+from ...regions import ImageSize, read_region_file, rois_of
 from ..commands import As
 from ..options import Contrasts, Length, Require, Seconds, Temperature, Tolerance, require_apart
 from ..terminal import say
@@ -83,9 +82,9 @@ class LightOptions:
     pixel_pitch: Length | None = None
     no_vignetting: bool = False
 
-    def conversion(self) -> PictureConversion:
+    def converter(self) -> Converter:
         """Load calibration or camera specification; raises InputError."""
-        return picture_conversion(self.calibration, self.camera_spec, self.encoding).given(**self.stated())
+        return make_converter(self.calibration, self.camera_spec, self.encoding, **self.stated())
 
     def stated(self) -> dict[str, Any]:
         """Return what is given about the files, None for what is not."""
@@ -101,9 +100,9 @@ class LightOptions:
             "no_vignetting": self.no_vignetting or None,
         }
 
-    def inputs(self, others: Mapping[str, Path | None]) -> list[InputFile]:
-        """Return records of the input files other than pictures, by role; raises InputError if one cannot be read."""
-        files = {**others, "calibration": self.calibration, "camera specification": self.camera_spec}
+    def inputs(self) -> list[InputFile]:
+        """Return records of calibration and camera specification; raises InputError if one cannot be read."""
+        files = {"calibration": self.calibration, "camera specification": self.camera_spec}
         return [InputFile.of(role, path) for role, path in files.items() if path is not None]
 
 
@@ -125,15 +124,6 @@ class PictureLightOptions(LightOptions):
     def stated(self) -> dict[str, Any]:
         """Return what is given about the files, None for what is not."""
         return {**super().stated(), "pixel_format": self.pixel_format, "size": self.size}
-
-
-class AskedContrasts(NamedTuple):
-    """Contrasts, None for the measured ones, tolerance and limit of pictures and videos, and the requirement if any."""
-
-    contrasts: tuple[float, ...] | None
-    epsilon: float
-    cdp_limit: float
-    requirement: Requirement | None = None
 
 
 @dataclass(frozen=True)
@@ -166,18 +156,16 @@ class PairOptions:
     pair: tuple[str, ...] = ()
     neighbours: bool = False
 
-    def asked(self) -> AskedContrasts:
-        """Return contrasts, tolerance and limit as given, or those of the requirement; raises InputError."""
+    def targets(self) -> dict[str, Any]:
+        """Return contrasts, tolerance, limit and requirement of settings, as far as given; raises InputError."""
         given = {"--contrast": self.contrast, "--epsilon": self.epsilon, "--cdp-limit": self.cdp_limit}
         require_apart({"--require": self.require}, given)
+        targets: dict[str, Any] = {"contrasts": self.contrast, "epsilon": self.epsilon, "cdp_limit": self.cdp_limit}
         if self.require is not None:
             required = Requirement.load(self.require)
-            return AskedContrasts((required.contrast,), required.epsilon, required.cdp_limit, required)
-        return AskedContrasts(
-            self.contrast,
-            0.5 if self.epsilon is None else self.epsilon,
-            CDP_LIMIT if self.cdp_limit is None else self.cdp_limit,
-        )
+            targets = {"contrasts": (required.contrast,), "epsilon": required.epsilon, "cdp_limit": required.cdp_limit}
+            targets["requirement"] = required
+        return {name: value for name, value in targets.items() if value is not None}
 
 
 @dataclass(frozen=True)
@@ -222,16 +210,32 @@ class MadeOptions:
     frames: bool = False
 
 
-def rois_and_pairs(options: PairOptions) -> tuple[tuple[Roi, ...], tuple[tuple[str, str], ...]]:
-    """Regions and the pairs that are given; none for nearest-neighbour CDP alone. Raises InputError."""
+def read_regions(options: PairOptions) -> tuple[tuple[Roi, ...], ImageSize | None, list[InputFile]]:
+    """Read the region file; nothing for nearest-neighbour CDP alone.
+
+    Returns
+    -------
+    (tuple of Roi, (int, int) or None, list of InputFile)
+        The regions, the size of the image they were drawn on, and the record of the file.
+
+    Raises
+    ------
+    InputError
+        If there is no region file where one is needed, or it cannot be read.
+    """
     if options.roi is None:
         if not options.neighbours:
             raise InputError("no regions: add --roi with a region file (see labcdp rois), or --neighbours")
         if options.pair:
             raise InputError("--pair names regions: give their file with --roi")
-        return (), ()
-    found = rois_of(load_regions(options.roi))
-    return found, tuple(parse_pair(pair, [one.name for one in found]) for pair in options.pair)
+        return (), None, []
+    shapes, image_size, file = read_region_file(options.roi)
+    return rois_of(shapes), image_size, [file]
+
+
+def parse_pairs(options: PairOptions, rois: Sequence[Roi]) -> tuple[tuple[str, str], ...]:
+    """Return the pairs that are given, each once; raises InputError."""
+    return tuple(dict.fromkeys(parse_pair(pair, [roi.name for roi in rois]) for pair in options.pair))
 
 
 def require_kind(files: Sequence[Path], other: Callable[[Path, bytes], InputError | None]) -> None:

@@ -13,7 +13,7 @@ from ...core.disk.files import plain_name
 from ...core.errors import InputError
 from ...core.result import Finding, Result, info
 from ...core.table import Column, Table
-from ...evaluate.picture.conversion import PictureConversion
+from ...evaluate.picture.converter import Converter
 from ...files.read import read_picture
 from ...files.video.selection import Position
 from ...output.file_list import is_same_file
@@ -112,7 +112,7 @@ def rois(
     if frame is not None and not is_video(file):
         raise InputError(f"--frame selects a frame of a video, but {file} is not one: leave it out")
     target = regions.target(file, shown.page)
-    image = _image(file, frame, light.conversion())
+    image = _image(file, frame, light.converter())
     files = DrawingFiles(target, image.size)
     found = () if detect is None else propose(image, detect)
     with locked(target) as tell_others, ExitStack() as end:
@@ -147,12 +147,12 @@ def rois(
     print_result(result, *workspace.last_words())
 
 
-def _image(file: Path, frame: Position | None, conversion: PictureConversion) -> PageImage:
+def _image(file: Path, frame: Position | None, converter: Converter) -> PageImage:
     if file.suffix.lower() == ".nc":
         return dataset_image(file)
     if is_video(file):
-        return video_image(file, frame or Position(0), conversion)
-    return PageImage.of(read_picture(file, conversion.options), conversion)
+        return video_image(file, frame or Position(0), converter)
+    return PageImage.of(read_picture(file, converter.options), converter)
 
 
 def _write(files: DrawingFiles, start: Start) -> None:

@@ -25,14 +25,23 @@ from ...evaluate.video.settings import Observer, Progress, Reference, VideoSetti
 from ...files.kinds import no_video
 from ...files.video.open import left_out, video_paths
 from ...output import ResultsFolder
-from ...regions import image_size_of
+from ...regions import ImageSize
 from ...report.files import envelope
 from ...tracking import method_among
 from ..commands import As
 from ..options import ClusterOptions, Results, end_by_requirement
 from ..terminal import progress_bars, say
 from ..values import fraction_of_percent
-from .options import FrameOptions, LightOptions, MadeOptions, PairOptions, each_once, require_kind, rois_and_pairs
+from .options import (
+    FrameOptions,
+    LightOptions,
+    MadeOptions,
+    PairOptions,
+    each_once,
+    parse_pairs,
+    read_regions,
+    require_kind,
+)
 
 #: First bytes of TIFF and BigTIFF files.
 _TIFF = b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"
@@ -100,8 +109,8 @@ def video(
         Video files, folders of numbered images, recorded sessions; or a folder of video files.
     """
     require_kind(files, _no_video)
-    named, pairs = _regions(chosen)
-    common = _common(chosen, light, frames)
+    named, pairs, image_size = _regions(chosen)
+    common = _common(chosen, light, frames, image_size)
 
     def settings_of(*pair: str) -> VideoSettings:
         how = chosen.method
@@ -130,12 +139,14 @@ def video(
     _several(paths, settings, of_pairs, folder, made, where, results)
 
 
-def _regions(chosen: VideoPairOptions) -> tuple[dict[str, Roi], tuple[tuple[str, str], ...]]:
-    """Regions by name, and their pairs: those given, or the only one; none for nearest-neighbour CDP."""
+def _regions(
+    chosen: VideoPairOptions,
+) -> tuple[dict[str, Roi], tuple[tuple[str, str], ...], ImageSize | None]:
+    """Regions by name, their pairs: those given, or the only one, and the size of their image; none without a file."""
     if chosen.neighbours and (chosen.roi is not None or chosen.pair):
         raise InputError("--neighbours needs no regions: leave --roi and --pair out, or --neighbours")
-    rois, pairs = rois_and_pairs(chosen)
-    found = {one.name: one for one in rois}
+    rois, image_size, _ = read_regions(chosen)
+    pairs, found = parse_pairs(chosen, rois), {roi.name: roi for roi in rois}
     if found and not pairs:
         if len(found) != 2:
             raise InputError(
@@ -145,18 +156,16 @@ def _regions(chosen: VideoPairOptions) -> tuple[dict[str, Roi], tuple[tuple[str,
             )
         first, second = found
         pairs = ((first, second),)
-    return found, tuple(dict.fromkeys(pairs))
+    return found, pairs, image_size
 
 
-def _common(chosen: VideoPairOptions, light: LightOptions, frames: FrameOptions) -> VideoSettings:
+def _common(
+    chosen: VideoPairOptions, light: LightOptions, frames: FrameOptions, image_size: ImageSize | None
+) -> VideoSettings:
     """Return what is asked of all pairs of regions."""
-    asked = chosen.asked()
     return VideoSettings(
-        contrasts=asked.contrasts,
-        image_size=None if chosen.roi is None else image_size_of(chosen.roi),
-        epsilon=asked.epsilon,
-        cdp_limit=asked.cdp_limit,
-        requirement=asked.requirement,
+        **chosen.targets(),
+        image_size=image_size,
         reference_by=chosen.reference_by,
         selection=frames.selection(),
         damaged=frames.damaged,

@@ -12,7 +12,7 @@ from ...chain import Chain
 from ...core.disk import shortened
 from ...core.errors import InputError, PredictionError
 from ...metrics.contrast import TargetContrasts
-from ..picture.result import PictureTask
+from ..picture.settings import ImageSettings
 from ..requirement import Requirement
 from ..sweep.maps.map import MapAnalysis, analyse_map
 from ..sweep.plan import Axis, Sweep
@@ -138,7 +138,7 @@ class Comparison:
 
 def compare_subjects(
     sources: Sequence[Any],
-    asked: Question | PictureTask | None = None,
+    asked: Question | ImageSettings | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Comparison:
     """Compare chains, maps, sessions, calibrations, characterisations or pictures; see `read_subjects`.
@@ -147,7 +147,7 @@ def compare_subjects(
     ----------
     sources : sequence
         At least two.
-    asked : Question, PictureTask or None
+    asked : Question, ImageSettings or None
         What chains or pictures are asked; None for CDP over the luminance.
     progress : callable or None
         Called with the number of cells of a chain's prediction that are done, and of all.
@@ -157,10 +157,10 @@ def compare_subjects(
     InputError
         If subjects cannot be read or compared, or there is a question but no chain or no picture.
     """
-    subjects = read_subjects(sources, asked if isinstance(asked, PictureTask) else None)
+    subjects = read_subjects(sources, asked if isinstance(asked, ImageSettings) else None)
     kind = subjects[0].kind
     of_pictures = "regions and light", "picture"
-    what, of_kind = of_pictures if isinstance(asked, PictureTask) else ("parameters, contrast and tolerance", "chain")
+    what, of_kind = of_pictures if isinstance(asked, ImageSettings) else ("parameters, contrast and tolerance", "chain")
     if asked is not None and kind != of_kind:
         raise InputError(f"{what} are options for {of_kind}s, {subjects[0].name} is a {kind}")
     if kind == "chain":

@@ -12,9 +12,9 @@ import numpy as np
 
 from ...core.result import Finding, Result, info, warning
 from ...core.table import Column, Table
+from ...files.doubts import BLACK_LEVEL, ENCODING, MOSAIC
 from ...metrics.contrast import each_contrast
 from ...report.text import cell_text
-from ..picture.conversion import DOUBTS
 from ..sweep.maps.axes import TO_DETECT, MapAxis
 from ..sweep.maps.labels import at_text, axis_name, axis_unit, ends_text, plain
 from ..sweep.maps.map import MapAnalysis
@@ -176,7 +176,9 @@ def _doubts(picture: Subject) -> Iterator[Finding]:
     for one in picture.content["findings"]:
         # Of results of several pictures, each says which ones it is about.
         files = one["values"].get("files", [picture.name])
-        if one["code"].startswith(DOUBTS) and any(str(file).endswith(picture.name) for file in files):
+        if one["code"].startswith((ENCODING, BLACK_LEVEL, MOSAIC)) and any(
+            str(file).endswith(picture.name) for file in files
+        ):
             values = {**one["values"], "files": [picture.name]}
             yield Finding(one["code"], one["severity"], one["subject"], values)
 

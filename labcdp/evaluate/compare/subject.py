@@ -13,16 +13,16 @@ from ...chain import Chain, preset_names, preset_text
 from ...core.disk import parse_toml, read_json, shortened
 from ...core.errors import InputError
 from ...core.result import InputFile
-from ...regions import load_regions, rois_of
+from ...regions import read_region_file, rois_of
 from ...report.files import SCHEMA, envelope, read_dataset
 from ...session import Session
 from ...session.journal import JOURNAL
 from ..bench.quantities import conditions
 from ..bench.session import evaluate_session, observe_calibrated
 from ..bench.session_result import session_result
-from ..picture.conversion import PictureConversion
-from ..picture.image import ImageRequest
-from ..picture.result import PictureTask
+from ..picture.converter import Converter
+from ..picture.result import evaluate_picture, image_result
+from ..picture.settings import ImageSettings
 from ..picture.tables import ReportedPicture
 from ..sweep.maps.axes import check_map
 
@@ -71,7 +71,7 @@ class Subject:
     simulated: bool
 
 
-def read_subjects(sources: Sequence[Any], pictures: PictureTask | None = None) -> tuple[Subject, ...]:
+def read_subjects(sources: Sequence[Any], pictures: ImageSettings | None = None) -> tuple[Subject, ...]:
     """Recognise and read what is compared.
 
     Parameters
@@ -79,7 +79,7 @@ def read_subjects(sources: Sequence[Any], pictures: PictureTask | None = None) -
     sources : sequence
         Each a path or name of a preset, or a `Chain`, map, session, calibration or result. Results of several pictures
         are as many subjects.
-    pictures : PictureTask or None
+    pictures : ImageSettings or None
         How pictures are evaluated.
 
     Raises
@@ -105,7 +105,7 @@ def read_subjects(sources: Sequence[Any], pictures: PictureTask | None = None) -
     return tuple(replace(subject, name=name) for subject, name in zip(found, _names(found), strict=True))
 
 
-def _evaluated_kind(source: Any, pictures: PictureTask | None) -> str:
+def _evaluated_kind(source: Any, pictures: ImageSettings | None) -> str:
     """Return the kind of what is evaluated before it is compared, a session or a picture; empty for anything else."""
     if isinstance(source, Session) or (isinstance(source, str | Path) and (Path(source) / JOURNAL).is_file()):
         return "session"
@@ -123,7 +123,7 @@ def _names(subjects: Sequence[Subject]) -> list[str]:
     return [f"{name} ({names[: n + 1].count(name)})" if names.count(name) > 1 else name for n, name in enumerate(names)]
 
 
-def _read(source: Any, pictures: PictureTask | None) -> list[Subject]:
+def _read(source: Any, pictures: ImageSettings | None) -> list[Subject]:
     if isinstance(source, str | Path):
         if Path(source).suffix.lower() not in _SUFFIXES and Path(source).is_file():
             assert pictures is not None
@@ -168,10 +168,10 @@ def _file(text: str, path: Path) -> list[Subject]:
     raise InputError(f"{text} cannot be compared: {_HINT}")
 
 
-def _picture(path: Path, asked: PictureTask) -> list[Subject]:
+def _picture(path: Path, settings: ImageSettings) -> list[Subject]:
     """Evaluate a picture, as `labcdp image` does."""
-    evaluation, _ = asked.made(path, pages=False, surface=False)
-    result = asked.result([ReportedPicture(1, str(path), "", evaluation)])
+    evaluation, _ = evaluate_picture(settings, path, pages=False, surface=False)
+    result = image_result([ReportedPicture(1, str(path), "", evaluation)], settings)
     return _results(str(path), path, envelope(result), result.inputs)
 
 
@@ -234,13 +234,15 @@ def _calibration(name: str, calibration: AnyCalibration, inputs: tuple[InputFile
     )
 
 
-def picture_task(
+def picture_settings(
     regions: Path,
-    conversion: PictureConversion,
-    inputs: tuple[InputFile, ...],
+    converter: Converter,
+    inputs: Sequence[InputFile],
     contrasts: tuple[float, ...] | None = None,
     epsilon: float = 0.5,
-) -> PictureTask:
-    """Return the task for pictures of one region file; the parameters are those of `PictureTask` and `ImageRequest`."""
-    request = ImageRequest(contrasts, epsilon, rois_of(load_regions(regions)))
-    return PictureTask(request, conversion, {"conversion": conversion.description, "epsilon": epsilon}, inputs, regions)
+) -> ImageSettings:
+    """Return the settings for pictures of one region file; the other parameters are those of `ImageSettings`."""
+    shapes, image_size, file = read_region_file(regions)
+    return ImageSettings(
+        contrasts, epsilon, rois_of(shapes), converter=converter, image_size=image_size, inputs=(file, *inputs)
+    )

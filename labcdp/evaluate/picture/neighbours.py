@@ -20,7 +20,7 @@ from ...metrics import Cdp, ContrastDistribution, Distribution, Epsilon, cdp_nei
 from ...metrics.detection import variance_of_changes
 from ...metrics.neighbours.tables import MOST_CONTRASTS, neighbour_tables
 from ...metrics.spread import CUT_OFF, MOST_BINS, MOST_TIMES, spacing
-from .conversion import Calibrated, PictureConversion
+from .converter import Converter
 from .dn_light import light_of_dn
 
 
@@ -106,7 +106,7 @@ def evaluate_neighbours(
 
 
 def neighbours_of_frame(
-    frame: Frame, conversion: PictureConversion, contrasts: tuple[float, ...] | None, epsilon: Epsilon
+    frame: Frame, converter: Converter, contrasts: tuple[float, ...] | None, epsilon: Epsilon
 ) -> NeighbourEvaluation:
     """Evaluate a frame as `evaluate_neighbours`; faster, without its measured contrast, if its DN alone decide.
 
@@ -118,20 +118,20 @@ def neighbours_of_frame(
         If the conversion is not for such frames.
     """
     few = contrasts is not None and len(contrasts) <= MOST_CONTRASTS
-    light = _light_by_dn(frame, conversion) if few else None
+    light = _light_by_dn(frame, converter) if few else None
     if contrasts is None or light is None:
-        return evaluate_neighbours(conversion.convert(frame), contrasts, epsilon)
+        return evaluate_neighbours(converter.convert(frame), contrasts, epsilon)
     found = neighbour_tables(light, contrasts, epsilon).evaluate(frame.dn)
     return NeighbourEvaluation(None, Quantity(nan, nan), found, ())
 
 
-def _light_by_dn(frame: Frame, conversion: PictureConversion) -> NDArray[np.floating[Any]] | None:
+def _light_by_dn(frame: Frame, converter: Converter) -> NDArray[np.floating[Any]] | None:
     """Light of each DN of 8-bit frames; None for others, or if more than the DN decides."""
-    others = frame.colour_filter or frame.black_pattern or isinstance(conversion, Calibrated)
+    others = frame.colour_filter or frame.black_pattern or converter.calibration is not None
     if frame.dn.dtype != np.uint8 or frame.bit_depth != 8 or others:
         return None
-    found = light_of_dn(frame, conversion.options.encoding or "linear", conversion.specification)
-    corrected = isinstance(conversion.vignetting(frame.shape, frame.readout), Cos4Vignetting)
+    found = light_of_dn(frame, converter.options.encoding or "linear", converter.specification)
+    corrected = isinstance(converter.vignetting(frame.shape, frame.readout), Cos4Vignetting)
     return None if corrected or found.glare_fraction else found.light
 
 

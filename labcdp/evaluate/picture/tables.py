@@ -14,7 +14,8 @@ from ...metrics.region import REASONS, RegionLight
 from ..columns import CDP, CONTRAST, CSNR, SHARES, TARGET, invalid_share, region_columns
 from ..requirement import SeenContrast
 from ..verdict import LIMIT, VERDICT, Verdict, cdp_verdict
-from .image import AnyContrast, ImageEvaluation, ImageRequest
+from .image import AnyContrast, ImageEvaluation
+from .settings import ImageSettings
 
 
 @dataclass(frozen=True)
@@ -223,10 +224,12 @@ def picture_table(pictures: Sequence[ReportedPicture], several: bool) -> Table:
     return Table.of_items("pictures", "Pictures" if several else "Picture", columns, pictures, detail=True)
 
 
-def matrices(pictures: Sequence[ReportedPicture], request: ImageRequest, contrasts: Sequence[float]) -> Iterator[Table]:
+def matrices(
+    pictures: Sequence[ReportedPicture], settings: ImageSettings, contrasts: Sequence[float]
+) -> Iterator[Table]:
     """Lay out CDP over contrasts with a column a picture, as the program of the 2018 thesis does, for each pair."""
-    names = [(f"{bright} {dark}", f"{bright} / {dark}") for bright, dark in request.chosen_pairs]
-    names += [("nearest-neighbour", "nearest-neighbour")] if request.neighbours else []
+    names = [(f"{bright} {dark}", f"{bright} / {dark}") for bright, dark in settings.chosen_pairs]
+    names += [("nearest-neighbour", "nearest-neighbour")] if settings.neighbours else []
     found = [() if one.evaluation is None else one.evaluation.contrasts for one in pictures]
     first = Column("contrast", "target contrast", "%", "Contrast whose CDP is computed.")
     columns = [Column(f"picture_{one.number}", f"{one.number} {one.file}", decimals=5) for one in pictures]

@@ -17,6 +17,7 @@ from ...core.disk.journal import recorded_head, stored_values
 from ...core.errors import InputError
 from ...core.result import Finding, InputFile, info, warning
 from ...core.roi import Roi
+from ...files.doubts import MOSAIC
 from ...files.frame import no_exposure
 from ...files.video.open import open_video
 from ...files.video.source import VideoSource
@@ -24,7 +25,7 @@ from ...metrics.correlated_cdp import size_findings
 from ...metrics.pair import require_apart, vignetting_findings
 from ...output import Destination, results_journal
 from ...report.text import finding_text
-from ..picture.conversion import MOSAIC, Calibrated, PictureConversion, picture_conversion
+from ..picture.converter import Converter, make_converter
 from .dataset import VideoRows, as_json, recorded
 from .findings import VideoFindings
 from .otherwise import ReadOtherwise
@@ -137,7 +138,7 @@ def evaluated_parts(
         As `evaluate_video`.
     """
     settings = parts[0].settings
-    source, conversion = _opened(path, settings)
+    source, converter = _opened(path, settings)
     together = sorted({roi.name for part in parts for roi in part.settings.rois})
     with ExitStack() as stack:
         runs = []
@@ -147,32 +148,32 @@ def evaluated_parts(
             if len(together) > len(part.settings.rois) > 0:
                 head["followed_together"] = together
             journal = stack.enter_context(results_journal(part.folder, "video", JOURNAL, head, "evaluation"))
-            run = PartRun(part.settings, conversion, reference, journal, part.observer)
+            run = PartRun(part.settings, converter, reference, journal, part.observer)
             try:
                 _require_regions(source, part.settings)
             except InputError as error:
                 run.failure = error
             runs.append(run)
-        VideoRun(source, conversion, runs).go(progress)
-        yield tuple(partial(_rows, source, conversion, run) for run in runs)
+        VideoRun(source, converter, runs).go(progress)
+        yield tuple(partial(_rows, source, converter, run) for run in runs)
 
 
-def _opened(path: str | Path, settings: VideoSettings) -> tuple[VideoSource, PictureConversion]:
+def _opened(path: str | Path, settings: VideoSettings) -> tuple[VideoSource, Converter]:
     """Open a video, with the conversion of its frames."""
     if not isinstance(path, str | Path):
         raise InputError(f"the video is {shown(path)}: give the path of a file")
-    conversion = picture_conversion(settings.calibration, settings.camera, settings.encoding).given(**settings.stated)
-    conversion = replace(conversion, options=replace(conversion.options, damaged=settings.damaged))
-    return opened_video(Path(path), conversion)
+    converter = make_converter(settings.calibration, settings.camera, settings.encoding, **settings.stated)
+    converter = replace(converter, options=replace(converter.options, damaged=settings.damaged))
+    return opened_video(Path(path), converter)
 
 
-def _rows(source: VideoSource, conversion: PictureConversion, run: PartRun) -> VideoRows:
+def _rows(source: VideoSource, converter: Converter, run: PartRun) -> VideoRows:
     """Results of a part; raises InputError if there are none."""
     if run.failure is not None:
         raise run.failure
     settings, journal = run.settings, run.journal
     found = VideoFindings([roi.name for roi in settings.rois])
-    otherwise = ReadOtherwise(conversion, source.doubts) if settings.rois and conversion.unit == "relative" else None
+    otherwise = ReadOtherwise(converter, source.doubts) if settings.rois and converter.unit == "relative" else None
     for row in journal.rows():
         if not is_end(row):
             found.add(row)
@@ -185,11 +186,11 @@ def _rows(source: VideoSource, conversion: PictureConversion, run: PartRun) -> V
         raise InputError(f"{source.path}: no frame could be evaluated{why}")
     findings = [
         *source.findings,
-        *conversion_findings(conversion, source, otherwise),
+        *converter_findings(converter, source, otherwise),
         *_announced(source, run),
         *found.findings,
     ]
-    findings += _of_vignetting(source, conversion, settings.rois)
+    findings += _of_vignetting(source, converter, settings.rois)
     for roi in settings.rois:
         findings += size_findings(roi.name, int(roi.mask(source.shape).sum()))
     if settings.contrasts is None:
@@ -205,9 +206,9 @@ def _rows(source: VideoSource, conversion: PictureConversion, run: PartRun) -> V
         "inputs": as_json([asdict(one) for one in inputs]),
         "mode": settings.mode,
         "method": settings.method if settings.rois else "none",
-        "unit": conversion.unit,
+        "unit": converter.unit,
         "epsilon": epsilon if isinstance(epsilon, float) else as_json(asdict(epsilon)),
-        "conversion": conversion.description,
+        "conversion": converter.description,
         "findings": as_json(recorded(findings)),
         "versions": as_json(head["versions"]),
         "configuration": as_json(head["settings"]),
@@ -218,14 +219,14 @@ def _rows(source: VideoSource, conversion: PictureConversion, run: PartRun) -> V
         tuple(roi.name for roi in settings.rois),
         found.order,
         max((len(roi.corners) for roi in settings.rois), default=0),
-        conversion.unit,
+        converter.unit,
         attributes,
     )
 
 
-def _of_vignetting(source: VideoSource, conversion: PictureConversion, rois: Sequence[Roi]) -> tuple[Finding, ...]:
+def _of_vignetting(source: VideoSource, converter: Converter, rois: Sequence[Roi]) -> tuple[Finding, ...]:
     """Return a finding if the vignetting between the places of the regions in the first frame matters."""
-    vignetting = conversion.vignetting(source.shape, source.readout)
+    vignetting = converter.vignetting(source.shape, source.readout)
     if vignetting is None or not rois:
         return ()
     x_px, y_px = (np.array(one) for one in zip(*(roi.centre for roi in rois), strict=True))
@@ -265,7 +266,7 @@ def require_same_evaluation(folders: Iterable[Path], settings: VideoSettings) ->
             )
 
 
-def opened_video(path: Path, conversion: PictureConversion) -> tuple[VideoSource, PictureConversion]:
+def opened_video(path: Path, converter: Converter) -> tuple[VideoSource, Converter]:
     """Open a video, with the conversion of its frames.
 
     Raises
@@ -273,11 +274,11 @@ def opened_video(path: Path, conversion: PictureConversion) -> tuple[VideoSource
     InputError
         If it cannot be opened, or does not state an exposure that is needed.
     """
-    source = open_video(path, conversion.options)
-    if conversion.unit == "cd/m^2" and conversion.options.exposure_s is None and not source.exposure_stated:
+    source = open_video(path, converter.options)
+    if converter.unit == "cd/m^2" and converter.options.exposure_s is None and not source.exposure_stated:
         raise InputError(no_exposure(path))
-    options = replace(conversion.options, encoding=source.encoding)
-    return source, replace(conversion, options=options).through(source.lens)
+    options = replace(converter.options, encoding=source.encoding)
+    return source, replace(converter, options=options).through(source.lens)
 
 
 def _require_regions(source: VideoSource, settings: VideoSettings) -> None:
@@ -295,17 +296,16 @@ def _require_regions(source: VideoSource, settings: VideoSettings) -> None:
     require_apart(first, second)
 
 
-def conversion_findings(
-    conversion: PictureConversion, source: VideoSource, otherwise: ReadOtherwise | None = None
+def converter_findings(
+    converter: Converter, source: VideoSource, otherwise: ReadOtherwise | None = None
 ) -> tuple[Finding, ...]:
     """Return what there is to know about the luminance of a video's frames, and of its regions if they are known."""
-    found = [*conversion.vignetting_findings(conversion.vignetting(source.shape, source.readout))]
-    of_first = conversion.doubt_findings(source.doubts)
+    found = [*converter.vignetting_findings(converter.vignetting(source.shape, source.readout))]
+    of_first = converter.doubt_findings(source.doubts)
     if otherwise is not None:
         # What is said of the values of the first frame is said of the regions in all frames.
         of_first = (*(one for one in of_first if one.code == MOSAIC), *otherwise.findings)
     found += of_first
     if source.encoding != "linear" or any(one.code == "srgb-colour-to-grey" for one in source.findings):
-        calibrated = isinstance(conversion, Calibrated)
-        found.append(warning("srgb-taken-as-dn" if calibrated else "srgb-assumed"))
+        found.append(warning("srgb-taken-as-dn" if converter.calibration is not None else "srgb-assumed"))
     return tuple(found)

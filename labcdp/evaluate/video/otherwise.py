@@ -8,8 +8,8 @@ from math import isfinite
 from typing import Any
 
 from ...core.result import Finding
-from ...files.doubts import Doubts
-from ..picture.conversion import MOSAIC, OtherReading, PictureConversion
+from ...files.doubts import MOSAIC, Doubts, contrast_matters
+from ..picture.converter import Converter
 
 
 @dataclass
@@ -30,17 +30,15 @@ class ReadOtherwise:
 
     Parameters
     ----------
-    conversion : PictureConversion
+    converter : Converter
         To relative values.
     doubts : Doubts
         What is doubtful about them.
     """
 
-    def __init__(self, conversion: PictureConversion, doubts: Doubts) -> None:
+    def __init__(self, converter: Converter, doubts: Doubts) -> None:
         self._doubts, self._n = doubts, 0
-        self._seen: list[tuple[OtherReading, _Seen]] = [
-            (one, _Seen()) for one in conversion.other_readings(doubts) if one.code != MOSAIC
-        ]
+        self._seen = {code: _Seen() for code in converter.doubt_codes(doubts) if code != MOSAIC}
 
     def add(self, row: Mapping[str, Any], names: tuple[str, str]) -> None:
         """Take note of a row, and of the names of its regions."""
@@ -49,12 +47,12 @@ class ReadOtherwise:
         if not (self._seen and isfinite(dark[0]) and isfinite(bright[0]) and dark[0] > 0):
             return
         taken = bright[0] / dark[0] - 1
-        for reading, seen in self._seen:
-            low, high = (self._doubts.light(mean, **reading.reading) for mean, _ in (dark, bright))
+        for code, seen in self._seen.items():
+            low, high = (self._doubts.light(mean, code) for mean, _ in (dark, bright))
             if low <= 0:
                 continue
             otherwise = high / low - 1
-            if reading.matters(taken, otherwise):
+            if contrast_matters(taken, otherwise):
                 seen.count += 1
                 if abs(otherwise - taken) / (1 + taken) > abs(seen.otherwise - seen.taken) / (1 + seen.taken):
                     seen.frame, seen.pair = row["frame"], f"{bright[1]} / {dark[1]}"
@@ -64,7 +62,9 @@ class ReadOtherwise:
     def findings(self) -> tuple[Finding, ...]:
         """A warning for each other reading that matters in a frame."""
         return tuple(
-            reading.finding(seen.pair, seen.taken, seen.otherwise, count=seen.count, n_frames=self._n, frame=seen.frame)
-            for reading, seen in self._seen
+            self._doubts.finding(
+                code, seen.taken, seen.otherwise, seen.pair, count=seen.count, n_frames=self._n, frame=seen.frame
+            )
+            for code, seen in self._seen.items()
             if seen.count
         )

@@ -22,7 +22,7 @@ from ...files.video.source import VideoFrame
 from ...metrics.pair import evaluate_regions, require_apart
 from ...metrics.region import SATURATED_SHARE, RegionPixels
 from ...tracking import TrackedRoi
-from ..picture.conversion import PictureConversion
+from ..picture.converter import Converter
 from ..picture.neighbours import neighbours_of_frame
 from .dataset import (
     FINDINGS,
@@ -71,7 +71,7 @@ class PartRun:
     ----------
     settings : VideoSettings
         What is to be evaluated.
-    conversion : PictureConversion
+    converter : Converter
         Of frames to light.
     reference : ReferenceContrast or None
         What each frame is compared with.
@@ -84,7 +84,7 @@ class PartRun:
     def __init__(
         self,
         settings: VideoSettings,
-        conversion: PictureConversion,
+        converter: Converter,
         reference: ReferenceContrast | None,
         journal: LineJournal,
         observer: Observer | None,
@@ -92,7 +92,7 @@ class PartRun:
         self.settings, self.journal, self.observer = settings, journal, observer
         #: Why it cannot be evaluated, whatever the frames show.
         self.failure: InputError | None = None
-        self._conversion, self._reference = conversion, reference
+        self._converter, self._reference = converter, reference
         #: The contrast to be detected if none is given: that of the first frame that is measured.
         self._measured = ReferenceContrast(None) if settings.contrasts is None else None
         self.n_done = len(journal)
@@ -193,7 +193,7 @@ class PartRun:
 
     def _of_neighbours(self, frame: Frame) -> Row:
         given = None if isnan(self.contrasts[0]) else self.contrasts
-        found = neighbours_of_frame(frame, self._conversion, given, self.settings.epsilon)
+        found = neighbours_of_frame(frame, self._converter, given, self.settings.epsilon)
         row: Row = {**array_values_of(OF_CONTRAST, found.cdp)} if len(found.cdp) else {}
         if given is None:
             row[_MEASURED] = found.contrast.value
@@ -226,7 +226,7 @@ def variables(row: Row) -> Row:
     return {**values, NOTE.name: note_of(restored(found)), FINDINGS.name: as_json(found) if found else ""}
 
 
-def light_of(frame: VideoFrame, conversion: PictureConversion, roi: Roi) -> RegionPixels:
+def light_of(frame: VideoFrame, converter: Converter, roi: Roi) -> RegionPixels:
     """Convert a region of a frame and what lies around it, as `RegionPixels.of` takes it from a whole map.
 
     Raises
@@ -239,7 +239,7 @@ def light_of(frame: VideoFrame, conversion: PictureConversion, roi: Roi) -> Regi
     assert frame.pixels is not None
     pixels = frame.pixels
     # Of relative light nothing but the pixel itself and its place decide.
-    in_part = pixels.part if conversion.unit == "relative" and conversion.options.bayer is None else None
+    in_part = pixels.part if converter.unit == "relative" and converter.options.bayer is None else None
     # A pixel of the map stands for a group of the colour filter.
     group = 2 if in_part is None and pixels.frame.colour_filter is not None else 1
     shape = pixels.shape[0] // group, pixels.shape[1] // group
@@ -248,9 +248,9 @@ def light_of(frame: VideoFrame, conversion: PictureConversion, roi: Roi) -> Regi
     part, inner = (pixels.frame, window) if in_part is None else (in_part(window), WHOLE)
     dn = part.dn[inner] if group == 1 and part.dn.dtype == np.uint8 and part.black_pattern is None else None
     place = None if in_part is None else (window[1].start, window[0].start, pixels.shape)
-    light = conversion.convert(part, inner, place)
+    light = converter.convert(part, inner, place)
     # Where the place decides too, DN are no levels of light.
-    levels = None if isinstance(conversion.vignetting(pixels.shape, part.readout), Cos4Vignetting) else dn
+    levels = None if isinstance(converter.vignetting(pixels.shape, part.readout), Cos4Vignetting) else dn
     return RegionPixels.of_part(light, roi, window, _mask(region, shape), dn=levels)
 
 

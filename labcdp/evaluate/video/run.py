@@ -16,7 +16,7 @@ from ...core.roi import Roi
 from ...files.video.source import StoredPixels, VideoFrame, VideoSource, frames_of
 from ...report.text import finding_text
 from ...tracking import NotFollowedError, TrackedRoi, Tracker, make_tracker
-from ..picture.conversion import PictureConversion
+from ..picture.converter import Converter
 from .rows import FollowedFrame, PartRun, light_of
 from .settings import Progress
 
@@ -33,14 +33,14 @@ class VideoRun:
     ----------
     source : VideoSource
         The video.
-    conversion : PictureConversion
+    converter : Converter
         Of its frames to light.
     parts : sequence of PartRun
         With the same selection of frames.
     """
 
-    def __init__(self, source: VideoSource, conversion: PictureConversion, parts: Sequence[PartRun]) -> None:
-        self._source, self._conversion, self._parts = source, conversion, parts
+    def __init__(self, source: VideoSource, converter: Converter, parts: Sequence[PartRun]) -> None:
+        self._source, self._converter, self._parts = source, converter, parts
         self._selection = parts[0].settings.selection
         self._n_frames, self._last_s = 0, 0.0
         self._choose_regions()
@@ -135,7 +135,7 @@ class VideoRun:
             if frame.chosen:
                 repeats = last.number if last is not None and _same_picture(last, frame) else None
                 # Before the first whole frame there is no region.
-                light = cache(partial(light_of, frame, self._conversion))
+                light = cache(partial(light_of, frame, self._converter))
                 yield FollowedFrame(frame, place, regions, repeats, light)
                 place, last = place + 1, frame
         if unseen is not None and tracker is None:

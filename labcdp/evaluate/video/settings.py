@@ -82,7 +82,7 @@ class VideoSettings:
         If something is out of range or does not fit together.
     """
 
-    contrasts: tuple[float, ...] | None
+    contrasts: tuple[float, ...] | None = None
     rois: tuple[Roi, ...] = ()
     method: str = "follow"
     epsilon: Epsilon = 0.5

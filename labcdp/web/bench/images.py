@@ -22,7 +22,7 @@ from ..regions.workspace import Workspace
 from .live_camera import LiveCamera
 
 if TYPE_CHECKING:
-    from ...evaluate.picture.conversion import PictureConversion
+    from ...evaluate.picture.converter import Converter
 
 
 #: Most images per second; more are not seen.
@@ -111,7 +111,7 @@ class LiveImages:
     ----------
     camera : LiveCamera
         The camera.
-    conversion : PictureConversion
+    converter : Converter
         To cd/m^2, or to relative luminance.
     lens : Lens or None
         For the vignetting of relative luminance; None for not known.
@@ -122,11 +122,11 @@ class LiveImages:
     def __init__(
         self,
         camera: LiveCamera,
-        conversion: PictureConversion,
+        converter: Converter,
         lens: Lens | None,
         call: Callable[[Callable[[], None]], None],
     ) -> None:
-        self._camera, self._conversion, self._call = camera, conversion.through(lens), call
+        self._camera, self._converter, self._call = camera, converter.through(lens), call
         self.lens = lens
         self.newest: PageImage | None = None
         #: Why there is no cd/m^2 with a calibration.
@@ -152,13 +152,13 @@ class LiveImages:
         """Return the image of a frame, in relative luminance where the calibration is not for it."""
         self._bit_depth, self.black_dn = frame.bit_depth, frame.nominal_black_dn
         try:
-            image = PageImage.live(frame, self._conversion)
+            image = PageImage.live(frame, self._converter)
             self.mismatch, self._mismatched = "", ()
-            self.black_dn = self._conversion.options.black_level_dn or self.black_dn
+            self.black_dn = self._converter.options.black_level_dn or self.black_dn
         except CalibrationError as error:
-            from ...evaluate.picture.conversion import picture_conversion
+            from ...evaluate.picture.converter import make_converter
 
-            image = PageImage.live(frame, picture_conversion(None, None, None).through(self.lens))
+            image = PageImage.live(frame, make_converter().through(self.lens))
             kind = (frame.shape, frame.pixel_format, frame.gain_db, frame.readout)
             if kind != self._mismatched:
                 # Names one frame: another text for each would not let a person read it.

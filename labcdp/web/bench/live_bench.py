@@ -33,7 +33,7 @@ from .recording import PageOperator, Recording, with_regions
 
 if TYPE_CHECKING:
     from ...acquire import Progress
-    from ...evaluate.picture.conversion import PictureConversion
+    from ...evaluate.picture.converter import Converter
     from ...metrics.pair import PairResult
     from ..server import Server
 
@@ -50,7 +50,7 @@ class LiveBench:
     ----------
     camera : LiveCamera
         Not started.
-    conversion : PictureConversion
+    converter : Converter
         To cd/m^2, or to relative luminance.
     devices : BenchOfPage
         Meter, plan and the simulated bench, as far as there are any.
@@ -67,7 +67,7 @@ class LiveBench:
     def __init__(
         self,
         camera: LiveCamera,
-        conversion: PictureConversion,
+        converter: Converter,
         devices: BenchOfPage,
         server: Server,
         target: Target,
@@ -76,7 +76,7 @@ class LiveBench:
     ) -> None:
         self.camera, self.plan = camera, devices.plan
         lens = None if devices.plan is None else devices.plan.optics
-        self.images = LiveImages(camera, conversion, lens, server.call)
+        self.images = LiveImages(camera, converter, lens, server.call)
         self.desk = MeterDesk(devices.meter, devices.hands, self._seen, lambda: camera.ended, log)
         self.log = log
         self.recording: Recording | None = None

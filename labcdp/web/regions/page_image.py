@@ -24,7 +24,7 @@ from .display import block_means
 
 if TYPE_CHECKING:
     from ...core.frame import Frame
-    from ...evaluate.picture.conversion import PictureConversion
+    from ...evaluate.picture.converter import Converter
     from ...files.picture import Picture
 
 
@@ -80,10 +80,10 @@ class PageImage:
     taken: tuple[float, float] | None = None
 
     @classmethod
-    def of(cls, picture: Picture, conversion: PictureConversion) -> PageImage:
+    def of(cls, picture: Picture, converter: Converter) -> PageImage:
         """Convert a picture; raises CalibrationError and InputError as the conversion does."""
-        light, findings = conversion.luminance(picture), unique(conversion.findings(picture))
-        name, unit = printable(picture.path.name), conversion.unit_of(picture)
+        light, findings = converter.luminance(picture), unique(converter.findings(picture))
+        name, unit = printable(picture.path.name), converter.unit_of(picture)
         if picture.frame is not None:
             return cls.of_frame(name, picture.frame, light, unit, findings)
         assert picture.light is not None, "a picture has a frame or light"
@@ -98,11 +98,11 @@ class PageImage:
         return cls(name, frame.dn, True, frame.colour_filter, light, unit, findings, simulated=simulated)
 
     @classmethod
-    def live(cls, frame: Frame, conversion: PictureConversion) -> PageImage:
+    def live(cls, frame: Frame, converter: Converter) -> PageImage:
         """Prepare to convert a frame; raises CalibrationError if it is not of the calibrated camera or setting."""
-        convert = partial(conversion.convert, frame)
+        convert = partial(converter.convert, frame)
         convert((slice(0, 1), slice(0, 1)))
-        image = cls.of_frame("live", frame, convert, conversion.unit)
+        image = cls.of_frame("live", frame, convert, converter.unit)
         return replace(image, saturation_dn=frame.saturation_dn, taken=(frame.exposure_s, frame.gain_db))
 
     @property
@@ -240,7 +240,7 @@ def is_video(path: Path) -> bool:
     return path.is_dir() or path.suffix.lower() in VIDEO_SUFFIXES
 
 
-def video_image(path: Path, at: Position, conversion: PictureConversion) -> PageImage:
+def video_image(path: Path, at: Position, converter: Converter) -> PageImage:
     """Convert a frame of a video as in an evaluation.
 
     Parameters
@@ -249,7 +249,7 @@ def video_image(path: Path, at: Position, conversion: PictureConversion) -> Page
         Video file, folder of numbered images, or recorded session.
     at : Position
         Which frame; for a time, the first one at or after it.
-    conversion : PictureConversion
+    converter : Converter
         Conversion from DN to light, with camera settings missing in the video.
 
     Raises
@@ -259,13 +259,13 @@ def video_image(path: Path, at: Position, conversion: PictureConversion) -> Page
     CalibrationError
         If the calibration is for another camera.
     """
-    from ...evaluate.video.evaluate import conversion_findings, opened_video
+    from ...evaluate.video.evaluate import converter_findings, opened_video
 
-    source, conversion = opened_video(path, conversion)
+    source, converter = opened_video(path, converter)
     number, frame = _frame(source, at)
     name = printable(f"{path.name or path.resolve().name}, frame {number}")
-    findings = unique((*source.findings, *conversion_findings(conversion, source)))
-    return PageImage.of_frame(name, frame, conversion.convert(frame), conversion.unit, findings)
+    findings = unique((*source.findings, *converter_findings(converter, source)))
+    return PageImage.of_frame(name, frame, converter.convert(frame), converter.unit, findings)
 
 
 def _frame(source: VideoSource, at: Position) -> tuple[int, Frame]:

@@ -10,7 +10,7 @@ from openpyxl import load_workbook
 from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
 
 from labcdp.core.luminance import CommonError, Invalid
-from labcdp.evaluate.picture.conversion import PictureSource
+from labcdp.evaluate.picture.converter import PictureSource
 from labcdp.evaluate.picture.edges.edges import ContrastMapSettings, EdgeKind
 from labcdp.evaluate.picture.edges.map import contrast_map
 from labcdp.evaluate.picture.edges.page import contrast_map_files

@@ -14,12 +14,13 @@ import pytest
 from labcdp.core.luminance import CommonError
 from labcdp.core.result import Finding, info, warning
 from labcdp.core.roi import Roi
-from labcdp.evaluate.picture.conversion import picture_conversion
+from labcdp.evaluate.picture.converter import make_converter
 from labcdp.evaluate.picture.figures import distribution_of, histogram_edges
-from labcdp.evaluate.picture.image import ImageRequest, evaluate_image
+from labcdp.evaluate.picture.image import evaluate_image
 from labcdp.evaluate.picture.neighbours import evaluate_neighbours
 from labcdp.evaluate.picture.page import overview_page, picture_page
-from labcdp.evaluate.picture.result import PictureTask
+from labcdp.evaluate.picture.result import evaluate_picture, image_result
+from labcdp.evaluate.picture.settings import ImageSettings
 from labcdp.evaluate.picture.tables import ReportedPicture
 from labcdp.files.picture import ExifFacts, Picture
 from labcdp.files.read import PictureOptions, read_picture
@@ -46,7 +47,7 @@ _map = partial(map_of, random_rel=0.0)
 def _evaluate(request, luminance=SCENE):
     light = luminance.astype(np.float32)
     picture = Picture(Path("night.exr"), "ab" * 32, ExifFacts(), None, light, True)
-    return evaluate_image(_map(luminance), picture_conversion(None, None, None).source(picture), request)
+    return evaluate_image(_map(luminance), make_converter().source(picture), request)
 
 
 def _near(values, contrast):
@@ -54,7 +55,7 @@ def _near(values, contrast):
 
 
 def test_all_pairs_or_the_chosen_ones_each_once_with_their_numbers():
-    found = _evaluate(ImageRequest((1.0, 2.0), 0.5, (BRIGHT, DARK, CORNER)))
+    found = _evaluate(ImageSettings((1.0, 2.0), 0.5, (BRIGHT, DARK, CORNER)))
     assert [pair.name for pair in found.pairs] == ["bright / dark", "bright / corner", "dark / corner"]
     a, b = BRIGHT.select(SCENE), DARK.select(SCENE)
     assert found.pairs[0].cdp[1].cdp == cdp(a, b, 2.0).cdp
@@ -62,7 +63,7 @@ def test_all_pairs_or_the_chosen_ones_each_once_with_their_numbers():
     distribution, contrasts = distribution_of(found.pairs[0], _map(SCENE)), (a[:, None] / b - 1).ravel()
     middle = len(distribution.edges) // 2
     assert distribution.cumulative[middle] == np.mean(contrasts <= distribution.edges[middle])
-    chosen = _evaluate(ImageRequest((1.0,), 0.5, (BRIGHT, DARK, CORNER), (("dark", "bright"), ("bright", "dark"))))
+    chosen = _evaluate(ImageSettings((1.0,), 0.5, (BRIGHT, DARK, CORNER), (("dark", "bright"), ("bright", "dark"))))
     assert [pair.name for pair in chosen.pairs] == ["bright / dark"]
     assert chosen.findings[0] == Finding("pair-swapped", values={"bright": "bright", "dark": "dark"})
     # A region of no pair has its luminance and SNR all the same.
@@ -70,7 +71,7 @@ def test_all_pairs_or_the_chosen_ones_each_once_with_their_numbers():
 
 
 def test_without_contrasts_the_measured_one_of_each_pair_is_used():
-    found = _evaluate(ImageRequest(None, 0.5, (BRIGHT, DARK, CORNER), neighbours=True))
+    found = _evaluate(ImageSettings(None, 0.5, (BRIGHT, DARK, CORNER), neighbours=True))
     for pair in found.pairs[:2]:
         (one,) = pair.cdp
         assert one.contrast == pair.contrast.value
@@ -89,9 +90,9 @@ def test_without_contrasts_the_measured_one_of_each_pair_is_used():
 
 def test_a_measured_contrast_that_is_not_defined_has_no_cdp():
     half = (np.arange(90) >= 45) * np.ones((60, 1))
-    uniform = _evaluate(ImageRequest(None, 0.5, neighbours=True, rectangle=(0, 0, 20, 20)), half + 1)
+    uniform = _evaluate(ImageSettings(None, 0.5, neighbours=True, rectangle=(0, 0, 20, 20)), half + 1)
     assert len(uniform.neighbours.cdp) == 0
-    dark = _evaluate(ImageRequest(None, 0.5, (BRIGHT, DARK)), half)
+    dark = _evaluate(ImageSettings(None, 0.5, (BRIGHT, DARK)), half)
     assert len(dark.pairs[0].cdp) == 0
     assert dark.findings[0] == Finding("contrast-undefined", subject="bright / dark")
 
@@ -129,8 +130,10 @@ def test_the_contrasts_of_all_neighbours_are_counted():
 
 HOSTILE = "</script><b>=1+1 $x_{$ [a]:*?/\\{{ 7 }}"
 OF_LIGHT, OF_NIGHT = Roi.rectangle("bright", 100, 20, 60, 80), Roi.rectangle(HOSTILE, 10, 10, 60, 80)
-REQUEST = ImageRequest((0.5, 1.0, 2.0, 3.0), 0.5, (OF_LIGHT, OF_NIGHT), neighbours=True, rectangle=(5, 5, 60, 50))
-TASK = PictureTask(REQUEST, picture_conversion(None, None, "linear"), {"epsilon": 0.5})
+SETTINGS = ImageSettings(
+    (0.5, 1.0, 2.0, 3.0), 0.5, (OF_LIGHT, OF_NIGHT), neighbours=True, rectangle=(5, 5, 60, 50),
+    converter=make_converter(encoding="linear"),
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -140,7 +143,7 @@ def made(tmp_path_factory):
     for seed in (1, 2):
         dn = np.random.default_rng(seed).normal(100.0, 10.0, (120, 180)) + 110 * (np.arange(180) > 90)
         cv2.imwrite(str(folder / f"{seed}.png"), np.clip(dn, 0, 255).astype(np.uint8))
-        evaluation, files = TASK.made(folder / f"{seed}.png", pages=seed == 2, surface=seed == 2)
+        evaluation, files = evaluate_picture(SETTINGS, folder / f"{seed}.png", pages=seed == 2, surface=seed == 2)
         found.append(ReportedPicture(seed, f"{seed}.png", f"picture-{seed}", evaluation))
     return [*found, ReportedPicture(3, "bad.png", "picture-3", None, "bad.png is empty")], files
 
@@ -157,10 +160,10 @@ def test_bars_of_a_histogram_fit_the_values(values, width):
 def test_pages_escape_all_text_and_name_failures(made):
     pictures, files = made
     hostile = replace(pictures[1].evaluation, findings=(warning("camera-assumed", camera=HOSTILE),))
-    result = TASK.result([ReportedPicture(1, HOSTILE, "", hostile)])
+    result = image_result([ReportedPicture(1, HOSTILE, "", hostile)], SETTINGS)
     figures = [ReportFigure(f"{name}.png", b"", HOSTILE, HOSTILE) for name in ("picture", "values")]
     warned = picture_page(result, figures, HOSTILE, surface=True)
-    overview = overview_page(TASK.result(pictures), pictures, "by hand")
+    overview = overview_page(image_result(pictures), pictures, "by hand", SETTINGS)
     for page in (files["report.html"].decode(), warned, overview):
         assert "<b>" not in page
         assert "<script" not in page
@@ -169,7 +172,7 @@ def test_pages_escape_all_text_and_name_failures(made):
 
 def test_json_and_sheets_hold_the_numbers_of_the_evaluation(made):
     pictures, _ = made
-    result = TASK.result(pictures)
+    result = image_result(pictures, SETTINGS)
     values = valid(envelope_json(result))
     tables = {name: table["rows"] for name, table in values["tables"].items()}
     first, found = tables["cdp"][1], pictures[0].evaluation.pairs[0]
@@ -247,12 +250,12 @@ def test_cdp_as_by_brute_force_on_the_integers(tmp_path, bits, camera):
         f'name = "any"\nadc_bits = {bits if black_dn else 12}\nblack_dn = {black_dn}\npixel_pitch_m = 3.45e-6\n'
         "quantum_efficiency = 0.55\nk_dn_per_e = 0.23\nf_number = 2.8\nlens_transmittance = 0.9\nspectrum = 'D65'\n"
     )
-    conversion = picture_conversion(None, None if camera == "none" else tmp_path / "camera.toml", None)
+    converter = make_converter(None, None if camera == "none" else tmp_path / "camera.toml", None)
     picture = read_picture(tmp_path / "a.png", PictureOptions(bit_depth=bits, exposure_s=0.0031))
     contrasts = (Fraction(1, 2), Fraction(1), Fraction(3))
     rois = Roi.rectangle("dark", 0, 0, 10, 12), Roi.rectangle("bright", 10, 0, 10, 12)
-    request = ImageRequest(tuple(map(float, contrasts)), 0.5, rois, neighbours=True)
-    found = evaluate_image(conversion.luminance(picture), conversion.source(picture), request)
+    request = ImageSettings(tuple(map(float, contrasts)), 0.5, rois, neighbours=True)
+    found = evaluate_image(converter.luminance(picture), converter.source(picture), request)
     dn = dn - black_dn
     near = [(large, small) for small, large in neighbours_of(dn)]
     far = [(bright, dark) for bright in dn[:, 10:].flat for dark in dn[:, :10].flat]
@@ -275,8 +278,8 @@ def test_the_interval_of_a_mean_has_the_light_in_it(noise_dn):
 def test_flat_regions_state_the_rounding_of_each(tmp_path):
     light = np.where(np.arange(60) < 30, 5.6, 4.4) * np.ones((40, 1))
     assert cv2.imwrite(str(tmp_path / "a.png"), np.rint(light).astype(np.uint8))
-    conversion = picture_conversion(None, None, None).given(no_vignetting=True)
-    seen = conversion.luminance(read_picture(tmp_path / "a.png", PictureOptions()))
+    converter = make_converter().given(no_vignetting=True)
+    seen = converter.luminance(read_picture(tmp_path / "a.png", PictureOptions()))
     left, right = Roi.rectangle("left", 0, 0, 30, 40), Roi.rectangle("right", 30, 0, 30, 40)
     found = evaluate_pair(seen, left, right, (0.5, 1.0))
     assert found.a.u == pytest.approx(1 / 256 / sqrt(12), rel=1e-6)

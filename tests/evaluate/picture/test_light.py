@@ -19,7 +19,7 @@ from labcdp.core.frame import BlackPattern
 from labcdp.core.luminance import CommonError, Invalid, LuminanceMap
 from labcdp.core.result import info, warning
 from labcdp.evaluate.picture.camera_specification import CameraSpecification
-from labcdp.evaluate.picture.conversion import picture_conversion
+from labcdp.evaluate.picture.converter import make_converter
 from labcdp.evaluate.picture.dn_light import light_of_dn
 from labcdp.files import PictureOptions, frame_of_pixels, read_picture
 from labcdp.files.luminance_file import save_luminance
@@ -27,7 +27,7 @@ from labcdp.files.picture import ExifFacts, Picture
 
 from ..sweep.chains import small
 
-RELATIVE = picture_conversion(None, None, None)
+RELATIVE = make_converter()
 NOW = datetime(2026, 1, 1, tzinfo=UTC)
 #: A windscreen, a lens with vignetting and a warm sensor.
 CHAIN = {
@@ -62,7 +62,7 @@ def specified(tmp_path):
         text = "\n".join(['name = "the same camera"\nspectrum = "monochromatic 555 nm"', *lines])
         path = tmp_path / "camera.toml"
         path.write_text(text, encoding="utf-8")
-        return picture_conversion(None, path, encoding)
+        return make_converter(None, path, encoding)
 
     return make
 
@@ -77,8 +77,8 @@ def written(path, dn):
 
 def test_the_scene_comes_back_from_the_simulated_chain(tmp_path, truth, specified):
     dn, scene = truth
-    conversion = specified()
-    seen = conversion.luminance(read_picture(written(tmp_path / "a.png", dn), conversion.options))
+    converter = specified()
+    seen = converter.luminance(read_picture(written(tmp_path / "a.png", dn), converter.options))
     deviation = seen.luminance_cd_m2 / scene - 1
     for level in np.unique(scene):
         here = deviation[scene == level]
@@ -88,10 +88,10 @@ def test_the_scene_comes_back_from_the_simulated_chain(tmp_path, truth, specifie
     assert np.std(deviation * scene / (seen.random_rel * seen.luminance_cd_m2)) == pytest.approx(1, abs=0.02)
     assert seen.valid.all()
     # Saturated and black pixels are flagged, and glare is warned of where it cannot be known.
-    picture = read_picture(written(tmp_path / "b.png", np.array([[0, 50, 2000, 4095]], np.uint16)), conversion.options)
+    picture = read_picture(written(tmp_path / "b.png", np.array([[0, 50, 2000, 4095]], np.uint16)), converter.options)
     flags = specified(glare_fraction=0, dark_current_e_s=0).luminance(picture).invalid
     assert flags.tolist() == [[Invalid.BELOW_BLACK, Invalid.BELOW_BLACK, 0, Invalid.SATURATED]]
-    assert warning("glare-underestimated") in conversion.findings(picture)
+    assert warning("glare-underestimated") in converter.findings(picture)
 
 
 @settings(max_examples=40)
@@ -154,9 +154,9 @@ def test_what_a_file_says_counts_more_than_the_specification(tmp_path, specified
     block.get_ifd(0x8769).update({0x829A: 0.008, 0x829D: 4.0, 0x8827: 200})
     Image.fromarray(grey).save(tmp_path / "stated.jpg", exif=block, quality=100)
     Image.fromarray(grey).save(tmp_path / "silent.jpg", quality=100)
-    conversion = specified(dark_current_e_s=0, focal_length_m=None)
-    pictures = [read_picture(tmp_path / name, conversion.options) for name in ("stated.jpg", "silent.jpg")]
-    stated, silent = (conversion.luminance(picture).luminance_cd_m2[0, 0] for picture in pictures)
+    converter = specified(dark_current_e_s=0, focal_length_m=None)
+    pictures = [read_picture(tmp_path / name, converter.options) for name in ("stated.jpg", "silent.jpg")]
+    stated, silent = (converter.luminance(picture).luminance_cd_m2[0, 0] for picture in pictures)
     # Twice the exposure, f/4 for f/2, and the same gain: ISO 200 is 6 dB.
     assert stated / silent == pytest.approx(4 / 2, rel=0.003)
 
@@ -167,14 +167,14 @@ def test_srgb_is_undone(tmp_path, truth, specified, colours):
     linear = dn / 4095
     encoded = np.rint(255 * np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055))
     encoded = encoded.astype(np.uint8)
-    conversion = specified(encoding="srgb")
+    converter = specified(encoding="srgb")
     path = written(tmp_path / "a.png", np.dstack([encoded] * 3) if colours else encoded)
-    picture = read_picture(path, conversion.options)
+    picture = read_picture(path, converter.options)
     assert not picture.coloured
-    assert conversion.luminance(picture).luminance_cd_m2.mean() == pytest.approx(scene.mean(), rel=3e-3)
-    assert warning("srgb-assumed") in conversion.findings(picture)
+    assert converter.luminance(picture).luminance_cd_m2.mean() == pytest.approx(scene.mean(), rel=3e-3)
+    assert warning("srgb-assumed") in converter.findings(picture)
     frame = frame_of_pixels(np.full((2, 2), 128, np.uint8), PictureOptions(), NOW)
-    seen = picture_conversion(None, None, "srgb").convert(frame).luminance_cd_m2
+    seen = make_converter(encoding="srgb").convert(frame).luminance_cd_m2
     assert seen[0, 0] == pytest.approx(((128 / 255 + 0.055) / 1.055) ** 2.4, rel=1e-6)
 
 
@@ -223,12 +223,12 @@ def test_luminance_that_was_saved_needs_no_conversion(tmp_path, specified):
     saved = LuminanceMap(values, values / 100, (CommonError("fit", 0.02),), np.ones((4, 5), np.uint8))
     save_luminance(saved, tmp_path / "a.npz", {})
     picture = read_picture(tmp_path / "a.npz")
-    for conversion, codes in ((RELATIVE, ["luminance-file"]), (specified(), ["luminance-file", "conversion-ignored"])):
-        seen = conversion.luminance(picture)
+    for converter, codes in ((RELATIVE, ["luminance-file"]), (specified(), ["luminance-file", "conversion-ignored"])):
+        seen = converter.luminance(picture)
         assert np.array_equal(seen.luminance_cd_m2, values)
         assert (seen.common[0].relative, seen.invalid.all()) == (0.02, True)
-        assert conversion.unit_of(picture) == "cd/m^2"
-        assert [one.code for one in conversion.findings(picture)] == codes
+        assert converter.unit_of(picture) == "cd/m^2"
+        assert [one.code for one in converter.findings(picture)] == codes
 
 
 # By a calibration
@@ -236,7 +236,7 @@ def test_luminance_that_was_saved_needs_no_conversion(tmp_path, specified):
 
 @pytest.fixture(scope="module")
 def calibrated(calibration):
-    return picture_conversion(calibration, None, None)
+    return make_converter(calibration)
 
 
 def test_a_calibrated_camera_measures_in_any_grey_file_as_in_its_frames(tmp_path, recorded, calibrated):
@@ -284,15 +284,15 @@ def test_a_pixels_own_black_level_is_taken_off_and_saturation_is_of_what_is_stor
     plain = replace(frame_of_pixels(dn, PictureOptions(bit_depth=12), NOW), colour_filter=colour_filter)
     plain = replace(plain, black_level_dn=100.0)
     stored = replace(plain, dn=(dn + whole.offsets_dn(dn.shape)).astype(np.uint16), black_pattern=whole)
-    conversion = specified() if with_camera else RELATIVE
-    one, other = conversion.convert(plain), conversion.convert(stored)
+    converter = specified() if with_camera else RELATIVE
+    one, other = converter.convert(plain), converter.convert(stored)
     np.testing.assert_allclose(other.luminance_cd_m2, one.luminance_cd_m2, rtol=2e-5)
     np.testing.assert_allclose(other.random_rel, one.random_rel, rtol=1e-3)
-    part = conversion.convert(stored, (slice(4, 9), slice(2, 7)))
+    part = converter.convert(stored, (slice(4, 9), slice(2, 7)))
     np.testing.assert_array_equal(part.luminance_cd_m2, other.luminance_cd_m2[4:9, 2:7])
     # Of fractions the light is between that of two DN.
-    light = conversion.convert(replace(plain, black_pattern=pattern)).luminance_cd_m2
+    light = converter.convert(replace(plain, black_pattern=pattern)).luminance_cd_m2
     if colour_filter is None and not with_camera:
         np.testing.assert_allclose(light, (dn - offsets - 100.0) / 4096, rtol=1e-4)
     full = replace(stored, dn=np.full_like(dn, 4094), saturation_dn=4095.0)
-    assert not (conversion.convert(full).invalid & Invalid.SATURATED).any()
+    assert not (converter.convert(full).invalid & Invalid.SATURATED).any()

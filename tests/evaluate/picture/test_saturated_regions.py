@@ -13,9 +13,9 @@ import pytest
 import labcdp
 from labcdp.core.luminance import Invalid, LuminanceMap
 from labcdp.core.roi import Roi
-from labcdp.evaluate.picture.conversion import picture_conversion
-from labcdp.evaluate.picture.image import ImageRequest
-from labcdp.evaluate.picture.result import PictureTask
+from labcdp.evaluate.picture.converter import make_converter
+from labcdp.evaluate.picture.result import evaluate_picture, image_result
+from labcdp.evaluate.picture.settings import ImageSettings
 from labcdp.evaluate.picture.tables import ReportedPicture
 from labcdp.evaluate.video.evaluate import evaluate_video
 from labcdp.evaluate.video.page import long_tables
@@ -30,7 +30,7 @@ from labcdp.web.regions.page_image import PageImage
 
 FULL, DARK = Roi.rectangle("lamp", 5, 5, 20, 20), Roi.rectangle("road", 35, 5, 20, 20)
 OTHER = Roi.rectangle("second lamp", 65, 5, 20, 20)
-RELATIVE = picture_conversion(None, None, None)
+RELATIVE = make_converter()
 
 
 @pytest.fixture
@@ -79,9 +79,9 @@ def test_contrasts_are_bounds_by_the_region_that_is_saturated(path):
 
 def test_tables_sheets_json_and_page_say_more_than(path):
     rois = (FULL, DARK, OTHER)
-    task = PictureTask(ImageRequest(None, 0.5, rois), RELATIVE, {})
-    evaluation, files = task.made(path, pages=True, surface=False)
-    result = task.result([ReportedPicture(1, str(path), "", evaluation)])
+    settings = ImageSettings(rois=rois)
+    evaluation, files = evaluate_picture(settings, path, pages=True, surface=False)
+    result = image_result([ReportedPicture(1, str(path), "", evaluation)], settings)
     heads, rows = text_table(result.table("regions"))
     means = {row[0]: row[heads.index(next(h for h in heads if h.startswith("mean")))] for row in rows}
     assert means["lamp"] == means["second lamp"] == "> 0.994"

@@ -7,7 +7,7 @@ import pytest
 
 from labcdp.core.errors import InputError
 from labcdp.core.table import Column, Table
-from labcdp.evaluate.picture.image import ImageRequest
+from labcdp.evaluate.picture.settings import ImageSettings
 from labcdp.evaluate.picture.summary import summary_cards, summary_table, trend
 from labcdp.evaluate.verdict import cdp_verdict, changes_of
 
@@ -97,4 +97,4 @@ def test_a_contrast_is_undecided_where_the_interval_is_unknown_or_has_the_limit_
 @pytest.mark.parametrize("limit", [0.0, 1.5, -1.0])
 def test_a_limit_that_is_no_probability_is_refused(limit):
     with pytest.raises(InputError, match="CDP limit"):
-        ImageRequest(neighbours=True, cdp_limit=limit)
+        ImageSettings(neighbours=True, cdp_limit=limit)

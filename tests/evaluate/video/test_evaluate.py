@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 import labcdp
 from labcdp.core.errors import InputError
 from labcdp.core.roi import Roi
-from labcdp.evaluate.picture.conversion import picture_conversion
+from labcdp.evaluate.picture.converter import make_converter
 from labcdp.evaluate.picture.neighbours import evaluate_neighbours
 from labcdp.evaluate.video.evaluate import Part, evaluate_video, evaluated_parts
 from labcdp.evaluate.video.rows import light_of
@@ -86,9 +86,9 @@ def test_without_a_contrast_that_of_the_first_measured_frame_is_to_be_detected(t
     xr.testing.assert_identical(result["cdp"], evaluate_video(path, fixed(contrasts=(measured,)))["cdp"])
     assert found(result, "contrast-measured") == {"frame": 1, "contrast": measured}
     near = resumed_after(2, write(tmp_path / "b.mkv", frames[1:]), VideoSettings(None), tmp_path / "near")
-    conversion = picture_conversion(None, None, None)
+    converter = make_converter()
     cv2.imwrite(str(tmp_path / "0.png"), frames[1])
-    picture = evaluate_neighbours(conversion.luminance(read_picture(tmp_path / "0.png", conversion.options)))
+    picture = evaluate_neighbours(converter.luminance(read_picture(tmp_path / "0.png", converter.options)))
     assert near["contrast"].values == pytest.approx([picture.contrast.value])
     assert near["cdp"].values[0] == pytest.approx(picture.cdp.cdp)
     assert found(near, "neighbour-contrast-measured")["frame"] == 0
@@ -201,11 +201,11 @@ def test_a_frame_of_a_colour_filter_is_evaluated_by_its_green_pixels() -> None:
     dn = np.random.default_rng(0).integers(50, 200, (40, 60)).astype(np.uint8)
     dn[::2, ::2], dn[1::2, 1::2] = 250, 3
     frame = frame_of_pixels(dn, PictureOptions(pixel_format="BayerRG8"), datetime(2026, 1, 1, tzinfo=UTC))
-    conversion = picture_conversion(None, None, None)
+    converter = make_converter()
     rois = Roi.rectangle("a", 4, 4, 20, 20), Roi.rectangle("b", 30, 8, 20, 20)
     shown = VideoFrame(0, 0.0, None, lambda: stored_pixels(frame), pixels=stored_pixels(frame))
-    found = evaluate_regions(*(light_of(shown, conversion, roi) for roi in rois), (0.5,))
-    assert repr(found) == repr(evaluate_pair(conversion.convert(frame), *rois, (0.5,)))
+    found = evaluate_regions(*(light_of(shown, converter, roi) for roi in rois), (0.5,))
+    assert repr(found) == repr(evaluate_pair(converter.convert(frame), *rois, (0.5,)))
     assert found.a.mean == pytest.approx((dn[4:24:2, 5:24:2].mean() + dn[5:24:2, 4:24:2].mean()) / 2 / 256)
 
 

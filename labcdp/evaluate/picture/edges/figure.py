@@ -17,7 +17,7 @@ from ....report.html import interactive
 from ....report.layout import Script
 from ....report.maps import ImageFigure
 from ....report.text import percent, shortened
-from ..conversion import PictureSource
+from ..converter import PictureSource
 from .edges import EdgeKind
 from .map import ContrastMap
 

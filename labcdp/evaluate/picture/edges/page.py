@@ -16,7 +16,7 @@ from ....report.html import render_page
 from ....report.layout import Block, Card, Facts, Page, Section, input_facts
 from ....report.sheets import result_workbook
 from ....report.text import percent, share_percent
-from ..conversion import PictureSource
+from ..converter import PictureSource
 from .edges import FALSE_ALARM, EdgeKind
 from .figure import Drawn, edge_script, overlay, overlay_figure
 from .map import ContrastMap

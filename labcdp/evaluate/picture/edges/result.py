@@ -16,7 +16,7 @@ from ....core.result import InputFile, NamedValue, Result, info, quantity_table,
 from ....core.table import Column, Table, uncertain
 from ....metrics import DetectionInterval
 from ....metrics.region import SATURATED_SHARE
-from ..conversion import PictureSource
+from ..converter import PictureSource
 from .edges import FALSE_ALARM, EdgeKind
 from .map import ContrastMap
 

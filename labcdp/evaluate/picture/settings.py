@@ -1,0 +1,123 @@
+"""What is to be evaluated of pictures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+from ...core.errors import InputError
+from ...core.result import InputFile
+from ...core.roi import Rectangle, Roi
+from ...files.picture import OF_VALUES
+from ..requirement import Requirement
+from ..verdict import CDP_LIMIT, require_limit
+from .converter import RELATIVE, Converter
+
+#: Most regions for all pairs; with more, pairs must be selected.
+MOST_REGIONS_FOR_ALL_PAIRS = 6
+#: What pictures are taken to be, in the configuration of results.
+_OPTIONS = ("exposure_s", "gain_db", "temperature_c", "bit_depth", "pixel_format", "size", *OF_VALUES)
+
+
+@dataclass(frozen=True)
+class ImageSettings:
+    """What is to be evaluated of pictures; can be sent to another process.
+
+    Parameters
+    ----------
+    contrasts : tuple of float or None
+        Contrasts to be detected, fractions; None for the measured contrast of each pair.
+    epsilon : float
+        Their tolerance.
+    rois : tuple of Roi
+        Regions.
+    pairs : tuple of (str, str) or None
+        Bright and dark regions, by name; None for all pairs.
+    neighbours : bool
+        Whether the nearest-neighbour CDP is wanted.
+    rectangle : (int, int, int, int) or None
+        Corner pixels of the part that neighbours are compared in, both in; None for the whole picture.
+    cdp_limit : float
+        CDP from which a contrast counts as detected.
+    requirement : Requirement or None
+        What the pairs are judged by; contrast, tolerance and limit are then its own.
+    converter : Converter
+        How values become light; relative by default.
+    image_size : (int, int) or None
+        Width and height of the image the regions were drawn on, which must be those of the pictures; None if unknown.
+    inputs : tuple of InputFile
+        Files other than the pictures, such as regions and calibration.
+
+    Raises
+    ------
+    InputError
+        If nothing is to be evaluated, a pair names an unknown region, or there are too few or too many regions for
+        all pairs.
+
+    Examples
+    --------
+    >>> from labcdp.core.roi import Roi
+    >>> sky, road = Roi.rectangle("sky", 0, 0, 20, 9), Roi.rectangle("road", 0, 30, 20, 9)
+    >>> ImageSettings((0.5, 1.0), rois=(sky, road)).chosen_pairs
+    (('sky', 'road'),)
+    """
+
+    contrasts: tuple[float, ...] | None = None
+    epsilon: float = 0.5
+    rois: tuple[Roi, ...] = ()
+    pairs: tuple[tuple[str, str], ...] | None = None
+    neighbours: bool = False
+    rectangle: Rectangle | None = None
+    cdp_limit: float = CDP_LIMIT
+    requirement: Requirement | None = None
+    converter: Converter = RELATIVE
+    image_size: tuple[int, int] | None = None
+    inputs: tuple[InputFile, ...] = ()
+
+    def __post_init__(self) -> None:
+        require_limit(self.cdp_limit)
+        names = [roi.name for roi in self.rois]
+        if not names and not self.neighbours:
+            raise InputError("no evaluation was chosen: give regions, or ask for the nearest-neighbour CDP")
+        for pair in self.pairs or ():
+            for name in pair:
+                if name not in names:
+                    raise InputError(f"there is no region {name!r}: choose from {', '.join(names) or 'none'}")
+            if pair[0] == pair[1]:
+                raise InputError(f"region {pair[0]!r} is paired with itself: give two regions")
+        if self.pairs is None and len(names) == 1 and not self.neighbours:
+            raise InputError(f"region {names[0]!r} is the only one: a contrast needs two regions")
+        if self.pairs is None and len(names) > MOST_REGIONS_FOR_ALL_PAIRS:
+            raise InputError(
+                f"{len(names)} regions make {len(names) * (len(names) - 1) // 2} pairs: choose pairs among "
+                f"{', '.join(names)}"
+            )
+
+    @property
+    def configuration(self) -> dict[str, Any]:
+        """Return it but for the corners of the regions, as values JSON can hold."""
+        options, paths = self.converter.options, {file.role: file.path for file in self.inputs}
+        names = ("contrasts", "epsilon", "neighbours", "rectangle", "cdp_limit")
+        required = {} if self.requirement is None else {"requirement": self.requirement.model_dump(mode="json")}
+        return {
+            **{name: getattr(self, name) for name in names},
+            "pairs": self.chosen_pairs,
+            **required,
+            "conversion": self.converter.description,
+            "encoding": options.override("encoding"),
+            "roi": paths.get("regions"),
+            "calibration": paths.get("calibration"),
+            "camera": paths.get("camera specification"),
+            **{name: getattr(options, name) for name in _OPTIONS},
+        }
+
+    @property
+    def chosen_pairs(self) -> tuple[tuple[str, str], ...]:
+        """Names of the pairs, each pair once."""
+        if self.pairs is None:
+            return tuple(combinations((roi.name for roi in self.rois), 2))
+        first: dict[frozenset[str], tuple[str, str]] = {}
+        for pair in self.pairs:
+            first.setdefault(frozenset(pair), pair)
+        return tuple(first.values())

@@ -96,10 +96,10 @@ def test_two_contrasts_show_what_it_matters():
     doubts = doubts_of(values, 255.0, "linear", "srgb", as_stored=True)
     assert doubts.contrast() == pytest.approx(0.8)
     low, high = srgb_light(100 / 255), srgb_light(180 / 255)
-    assert doubts.contrast(encoding="srgb") == pytest.approx(high / low - 1)
+    assert doubts.contrast("encoding-assumed") == pytest.approx(high / low - 1)
     dark = doubts_of(np.repeat(np.uint16([[164, 264]]), 50, axis=0), 4095.0, "linear", None, as_stored=True)
     assert dark.contrast() == pytest.approx(264 / 164 - 1)
-    assert dark.contrast(black=True) == float("inf")
+    assert dark.contrast("black-level-doubtful") == float("inf")
 
 
 def srgb_light(value):

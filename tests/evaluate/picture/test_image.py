@@ -163,7 +163,7 @@ def test_pages_escape_all_text_and_name_failures(made):
     result = image_result([ReportedPicture(1, HOSTILE, "", hostile)], SETTINGS)
     figures = [ReportFigure(f"{name}.png", b"", HOSTILE, HOSTILE) for name in ("picture", "values")]
     warned = picture_page(result, figures, HOSTILE, surface=True)
-    overview = overview_page(image_result(pictures), pictures, "by hand", SETTINGS)
+    overview = overview_page(image_result(pictures, SETTINGS), pictures, "by hand")
     for page in (files["report.html"].decode(), warned, overview):
         assert "<b>" not in page
         assert "<script" not in page

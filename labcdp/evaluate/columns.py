@@ -24,7 +24,7 @@ SHARES = (
            value="undefined"),
 )  # fmt: skip
 TARGET = Column("contrast", "target contrast", "%", "Contrast whose CDP is computed.", value="contrast")
-#: Of a `PairResult`.
+#: Of a `Pair`.
 CONTRAST = with_bound(
     uncertain(
         Column("measured_contrast", "measured contrast", "%", "Weber contrast of the means.", value="contrast.value"),

@@ -1,6 +1,5 @@
 """Contrast metrics: arrays of DN or cd/m^2 in, numbers out. Contrast is a fraction (1.0 is 100 %)."""
 
-from .arrays_cdp import cdp
 from .contrast import (
     ContrastDefinition,
     DetectionInterval,
@@ -9,6 +8,7 @@ from .contrast import (
     weber_contrast_of_means,
 )
 from .correlation import variance_inflation
+from .detection import cdp
 from .distribution import Distribution, Region
 from .neighbours.cdp import cdp_neighbours
 from .result import Cdp

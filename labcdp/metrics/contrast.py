@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property
+from functools import lru_cache
 from math import inf, isfinite
 from numbers import Real
 from sys import float_info
-from typing import Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias, TypeGuard, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +19,8 @@ from .arrays import numeric_array
 from .distribution import Region
 from .pairs import bright_and_dark
 
+#: Detection intervals that are kept for the next frame of a video.
+_KEPT = 2**14
 #: Contrasts to be detected, fractions: one, or several; None for the one that a pair has.
 TargetContrasts: TypeAlias = float | tuple[float, ...] | None
 
@@ -156,74 +158,59 @@ class DetectionInterval:
 Epsilon: TypeAlias = float | DetectionInterval
 
 
-@dataclass(frozen=True)
-class TargetContrast:
-    """A target contrast with its exact detection interval.
-
-    Parameters
-    ----------
-    contrast : float
-        Above 0; in the Michelson definition below 1.
-    epsilon : float or DetectionInterval
-        Tolerance.
-    definition : {'weber', 'michelson'}
-        Definition of `contrast`.
+def checked_contrast(contrast: object, epsilon: object, definition: object = "weber") -> float:
+    """Return a contrast to be detected as a fraction.
 
     Raises
     ------
     InputError
-        If one of them is out of range.
+        If it is not above 0, or in the Michelson definition not below 1; or if its tolerance or the definition is none.
+    """
+    contrast = plain_contrast(contrast, "contrast")
+    if definition not in get_args(ContrastDefinition):
+        raise InputError(f"contrast definition is {definition!r}: give 'weber' or 'michelson'")
+    if not (_is_number(contrast) and isfinite(contrast) and contrast > 0):
+        raise InputError(f"contrast is {contrast!r}: give a fraction above 0 (1.0 is 100 %)")
+    if definition == "michelson" and contrast >= 1:
+        raise InputError(f"Michelson contrast is {contrast}: give a fraction above 0 and below 1")
+    if not (isinstance(epsilon, DetectionInterval) or (_is_number(epsilon) and 0 < epsilon <= 1)):
+        raise InputError(f"epsilon is {epsilon!r}: give a fraction above 0, up to 1")
+    return float(contrast)
 
-    Notes
-    -----
+
+@lru_cache(maxsize=_KEPT)
+def detected_contrasts(contrast: float, epsilon: Epsilon) -> tuple[float, float]:
+    """Lowest and highest contrast that counts as detected; -inf or inf for an end that is open."""
+    low, high = _ends(contrast, epsilon)
+    return -inf if low is None else _rounded(low), inf if high is None else _rounded(high)
+
+
+@lru_cache(maxsize=_KEPT)
+def detected_ratios(contrast: float, epsilon: Epsilon, definition: ContrastDefinition = "weber") -> tuple[float, float]:
+    """Lowest and highest ratio of bright to dark value that counts as detected; -inf or inf for an open end.
+
     Michelson contrast M rises with the ratio of the values, (1 + M) / (1 - M), so that its interval is the Weber
     interval between 2 M / (1 - M) at both ends. No ratio reaches M = 1: an upper end there or beyond is open.
     """
+    low, high = (None if end is None else _ratio(end, definition) for end in _ends(contrast, epsilon))
+    return -inf if low is None else low, inf if high is None else high
 
-    contrast: float
-    epsilon: Epsilon
-    definition: ContrastDefinition
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "contrast", plain_contrast(self.contrast, "contrast"))
-        if self.definition not in get_args(ContrastDefinition):
-            raise InputError(f"contrast definition is {self.definition!r}: give 'weber' or 'michelson'")
-        if not (_is_number(self.contrast) and isfinite(self.contrast) and self.contrast > 0):
-            raise InputError(f"contrast is {self.contrast!r}: give a fraction above 0 (1.0 is 100 %)")
-        if self.definition == "michelson" and self.contrast >= 1:
-            raise InputError(f"Michelson contrast is {self.contrast}: give a fraction above 0 and below 1")
-        if not isinstance(self.epsilon, DetectionInterval) and not (_is_number(self.epsilon) and 0 < self.epsilon <= 1):
-            raise InputError(f"epsilon is {self.epsilon!r}: give a fraction above 0, up to 1")
-        object.__setattr__(self, "contrast", float(self.contrast))
-        if not isinstance(self.epsilon, DetectionInterval):
-            object.__setattr__(self, "epsilon", float(self.epsilon))
+def _ends(contrast: float, epsilon: Epsilon) -> tuple[Fraction | None, Fraction | None]:
+    """Return the ends of the interval, from the decimals that contrast and tolerance are written as."""
+    below, above = (
+        (epsilon.below, epsilon.above) if isinstance(epsilon, DetectionInterval) else (float(epsilon), float(epsilon))
+    )
+    middle = decimal_fraction(contrast)
+    low = None if below is None else middle * (1 - decimal_fraction(below))
+    high = None if above is None else middle * (1 + decimal_fraction(above))
+    return low, high
 
-    @cached_property
-    def interval(self) -> tuple[float, float]:
-        """Lowest and highest detected contrast in `definition`; -inf or inf for an end that is open."""
-        low, high = self._ends
-        return -inf if low is None else _rounded(low), inf if high is None else _rounded(high)
 
-    @cached_property
-    def ratios(self) -> tuple[float, float]:
-        """Lowest and highest detected ratio of bright to dark value; -inf or inf for an end that is open."""
-        low, high = (None if end is None else self._ratio(end) for end in self._ends)
-        return -inf if low is None else low, inf if high is None else high
-
-    @property
-    def _ends(self) -> tuple[Fraction | None, Fraction | None]:
-        """Ends in `definition`, as the decimals they are written as."""
-        epsilon, contrast = self.epsilon, decimal_fraction(self.contrast)
-        if not isinstance(epsilon, DetectionInterval):
-            epsilon = DetectionInterval(epsilon, epsilon)
-        low = None if epsilon.below is None else contrast * (1 - decimal_fraction(epsilon.below))
-        high = None if epsilon.above is None else contrast * (1 + decimal_fraction(epsilon.above))
-        return low, high
-
-    def _ratio(self, end: Fraction) -> float:
-        if self.definition == "weber":
-            return _rounded(1 + end)
-        return inf if end >= 1 else _rounded((1 + end) / (1 - end))
+def _ratio(end: Fraction, definition: ContrastDefinition) -> float:
+    if definition == "weber":
+        return _rounded(1 + end)
+    return inf if end >= 1 else _rounded((1 + end) / (1 - end))
 
 
 def _rounded(number: Fraction) -> float:
@@ -231,7 +218,7 @@ def _rounded(number: Fraction) -> float:
     return float(min(number, Fraction(float_info.max) / 2))
 
 
-def _is_number(value: object) -> bool:
+def _is_number(value: object) -> TypeGuard[float]:
     return isinstance(value, Real) and not isinstance(value, bool | np.bool_)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from math import hypot, isfinite, nan
 from typing import Literal
 
@@ -17,13 +16,14 @@ from ..core.quantity import Z_95, Quantity
 from ..core.result import Finding, warning
 from ..core.roi import Roi
 from . import Cdp, Distribution, Epsilon, csnr, snr, weber_contrast
-from .contrast import TargetContrast
-from .correlated_cdp import cdp_of_regions, size_findings
-from .detection import PairError, joined_errors, variance_of_changes
-from .pairs import bright_and_dark, tally_pairs
-from .region import Bound, RegionLight, RegionPixels, region_result, with_uncertainty
+from .contrast import checked_contrast, detected_ratios
+from .detection import region_cdp, size_findings
+from .pairs import bright_and_dark, share_inside
+from .region import Bound, RegionLight, RegionPixels, light_factor, region_light, variance_of_changes, with_uncertainty
 
 _Array = NDArray[np.float64]
+#: Signed relative errors in two regions for one standard uncertainty, of shape () or that of the pixels.
+PairError = tuple[_Array, _Array]
 #: Standard uncertainty of a ratio of two regions by the vignetting from which a warning names it.
 VIGNETTING_MATTERS = 0.02
 #: Code of that warning.
@@ -33,7 +33,7 @@ Placed = tuple[Roi, Window, NDArray[np.bool_]]
 
 
 @dataclass(frozen=True)
-class PairResult:
+class Pair:
     """Contrast of two regions and its detection probability.
 
     Parameters
@@ -103,7 +103,7 @@ def bound_of_contrast(bright_is_saturated: bool, dark_is_saturated: bool) -> Bou
 
 def evaluate_pair(
     luminance: LuminanceMap, a: Roi, b: Roi, contrasts: Sequence[float] | None = None, epsilon: Epsilon = 0.5
-) -> PairResult:
+) -> Pair:
     """Evaluate the contrast of two regions of a map.
 
     Parameters
@@ -135,7 +135,7 @@ def evaluate_pair(
     The rounding to DN of each region is treated likewise where its noise does not dither it
     (`labcdp.metrics.region`).
     """
-    first, second = RegionPixels.of(luminance, a), RegionPixels.of(luminance, b)
+    first, second = RegionPixels.from_map(luminance, a), RegionPixels.from_map(luminance, b)
     require_apart(first.placed, second.placed)
     return evaluate_regions(first, second, contrasts, epsilon)
 
@@ -146,7 +146,7 @@ def evaluate_regions(
     contrasts: Sequence[float] | None = None,
     epsilon: Epsilon = 0.5,
     measured: Sequence[bool] | None = None,
-) -> PairResult:
+) -> Pair:
     """Evaluate the contrast of two regions as `evaluate_pair`, possibly of two frames with one calibration.
 
     Which of the contrasts were measured at these places, so that they have the same vignetting, `measured` says; by
@@ -158,36 +158,37 @@ def evaluate_regions(
     contrast, by_pixels, by_lens = _contrast(bright, dark, *(
         both if name == "a" else [(y, x) for x, y in both] for both in (errors, lens)
     ))  # fmt: skip
-    of_these = (contrast.value,) if isfinite(contrast.value) and contrast.value > 0 else ()
-    targets = _targets(of_these if contrasts is None else tuple(contrasts), epsilon)
+    usable = (contrast.value,) if isfinite(contrast.value) and contrast.value > 0 else ()
+    targets = [checked_contrast(target, epsilon) for target in (usable if contrasts is None else contrasts)]
+    limits = [detected_ratios(target, epsilon) for target in targets]
     ratios = snr(first.distribution), snr(second.distribution), csnr(first.distribution, second.distribution)
-    cdp = cdp_of_regions(bright, dark, targets, swapped=name == "b")
+    cdp = region_cdp(bright, dark, targets, epsilon, swapped=name == "b")
 
     def changes(by: Sequence[PairError]) -> list[list[_Array]]:
         return [
-            [_values(first.changed(sign * x), second.changed(sign * y), targets) for sign in (1, -1)]
+            [_values(first.changed(sign * x), second.changed(sign * y), limits) for sign in (1, -1)]
             for x, y in joined_errors(by)
         ]
 
-    base = np.array([*(one.value for one in ratios), *cdp.cdp])
+    base = np.array([*(ratio.value for ratio in ratios), *cdp.cdp])
     # A contrast that was measured there changes with the vignetting as the pixels do.
-    of_place = [True] * len(cdp) if contrasts is None else measured or [False] * len(cdp)
-    others, alike = [*errors, *_of_rounding(first, second)], [False] * len(ratios) + list(of_place)
+    with_lens = [True] * len(cdp) if contrasts is None else measured or [False] * len(cdp)
+    others, alike = [*errors, *_rounding_errors(first, second)], [False] * len(ratios) + list(with_lens)
     changed = changes(others if any(alike) else [*others, *lens])
     if any(alike):
-        changed += [[np.where(alike, base, one) for one in both] for both in changes(lens)]
+        changed += [[np.where(alike, base, values) for values in both] for both in changes(lens)]
     variances = variance_of_changes(base, changed)
     regions = (
-        region_result(first, [*(x for x, _ in errors), *first.smooth], ratios[0], variances[0]),
-        region_result(second, [*(y for _, y in errors), *second.smooth], ratios[1], variances[1]),
+        region_light(first, [*(x for x, _ in errors), *first.smooth], ratios[0], variances[0]),
+        region_light(second, [*(y for _, y in errors), *second.smooth], ratios[1], variances[1]),
     )
     saturated = any(region.bound for region in regions)
-    findings = [found for region in regions for found in _of_pixels(region)]
-    if contrasts is None and not of_these:
+    findings = [finding for region in regions for finding in _pixel_findings(region)]
+    if contrasts is None and not usable:
         findings.append(warning("contrast-undefined", f"{first.roi.name} / {second.roi.name}"))
     if not saturated:
         findings += vignetting_findings(bright.roi.name, dark.roi.name, by_lens / (1 + contrast.value))
-    return PairResult(
+    return Pair(
         a=regions[0],
         b=regions[1],
         bright=name,
@@ -252,26 +253,28 @@ def require_apart(first: Placed, second: Placed) -> None:
         )
 
 
-@lru_cache(maxsize=64)
-def _targets(contrasts: tuple[float, ...], epsilon: Epsilon) -> list[TargetContrast]:
-    """Target contrasts with their exact intervals, cached for the next frame of a video."""
-    return [TargetContrast(contrast, epsilon, "weber") for contrast in contrasts]
+def joined_errors(errors: Sequence[PairError]) -> list[PairError]:
+    """Errors per pixel unchanged; those of whole regions combined to one of the first: only their ratio matters."""
+    numbers = [light_factor(x) / light_factor(y) - 1 for x, y in errors if x.ndim == y.ndim == 0]
+    arrays = [(x, y) for x, y in errors if x.ndim or y.ndim]
+    together = hypot(*numbers)
+    return arrays + ([(np.array(together), np.zeros(()))] if together > 0 else [])
 
 
-def _values(a: Distribution, b: Distribution, targets: Sequence[TargetContrast]) -> _Array:
+def _values(a: Distribution, b: Distribution, limits: Sequence[tuple[float, float]]) -> _Array:
     """Quantities for error propagation: both SNR, the CSNR, and the CDP of each contrast."""
     bright, dark, _ = bright_and_dark(a, b)
-    cdps = [tally_pairs(bright, dark, target.ratios).inside for target in targets]
+    cdps = [share_inside(bright, dark, ratios) for ratios in limits]
     return np.array([snr(a).value, snr(b).value, csnr(a, b).value, *cdps])
 
 
-def _of_rounding(first: RegionPixels, second: RegionPixels) -> list[PairError]:
+def _rounding_errors(first: RegionPixels, second: RegionPixels) -> list[PairError]:
     """Errors of each region by rounding to whole DN, as a common shift of its pixels."""
     nothing = np.zeros(())
     return [(np.array(first.rounding_rel), nothing), (nothing, np.array(second.rounding_rel))]
 
 
-def _of_pixels(region: RegionLight) -> list[Finding]:
+def _pixel_findings(region: RegionLight) -> list[Finding]:
     return [
         *size_findings(region.roi.name, region.n_pixels),
         *(
@@ -288,10 +291,10 @@ def _contrast(
     contrast = float(weber_contrast(bright.mean, dark.mean))
     if not isfinite(contrast):
         return Quantity(contrast, nan), nan, nan
-    of_pixels = hypot(*(hypot(pixels.random, pixels.rounding) / pixels.mean for pixels in (bright, dark)))
-    of_calibration = [
+    by_pixels = hypot(*(hypot(pixels.random, pixels.rounding) / pixels.mean for pixels in (bright, dark)))
+    by_calibration = [
         float(np.mean(x * bright.values)) / bright.mean - float(np.mean(y * dark.values)) / dark.mean for x, y in errors
     ]
-    of_lens = hypot(*(float(x - y) for x, y in lens))
-    together = hypot(of_pixels, of_lens, *of_calibration)
-    return Quantity(contrast, (1 + contrast) * together), (1 + contrast) * of_pixels, (1 + contrast) * of_lens
+    by_lens = hypot(*(float(x - y) for x, y in lens))
+    together = hypot(by_pixels, by_lens, *by_calibration)
+    return Quantity(contrast, (1 + contrast) * together), (1 + contrast) * by_pixels, (1 + contrast) * by_lens

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from math import inf, isfinite
-from typing import Literal, NamedTuple
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +20,7 @@ from .distribution import Distribution, Region, as_distribution, weighted_sum
 #: ends of up to 7 decimals, 16-bit data with 9.
 RELATIVE_TOLERANCE = 8 * 2.0**-52
 
+_Array: TypeAlias = NDArray[np.float64]
 #: Dark values processed at once, so that temporary arrays fit in the processor's cache.
 _BLOCK = 16384
 
@@ -60,59 +60,51 @@ def weight_up_to(bright: Distribution, dark: Distribution, ratio: float) -> floa
     return total
 
 
-@dataclass(frozen=True, eq=False)
-class PairTally:
-    """All pairs classified by a contrast interval.
+def count_pairs(bright: Distribution, dark: Distribution, ratios: tuple[float, float]) -> tuple[_Array, _Array, _Array]:
+    """Classify all pairs by the lowest and highest ratio, both included, of bright to dark value.
 
     Parameters
     ----------
-    below, inside, above : float
-        Share of the pairs with a contrast below, inside and above the interval. Undefined pairs are below.
+    bright, dark : Distribution
+        The regions.
+    ratios : (float, float)
+        0 or more; -inf or inf for an open end (see `contrast.detected_ratios`).
+
+    Returns
+    -------
+    shares : ndarray of float, shape (3,)
+        Shares of the pairs with a ratio below, inside and above the interval. Undefined pairs are below.
     inside_per_dark : ndarray of float, shape (m,)
         For each distinct dark value, share of the bright pixels inside.
     inside_per_bright : ndarray of float, shape (n,)
         For each distinct bright value, share of the dark pixels inside.
     """
-
-    below: float
-    inside: float
-    above: float
-    inside_per_dark: NDArray[np.float64]
-    inside_per_bright: NDArray[np.float64]
-
-
-def tally_pairs(bright: Distribution, dark: Distribution, ratios: tuple[float, float]) -> PairTally:
-    """Classify all pairs by the lowest and highest ratio, both included, of bright to dark value.
-
-    Ends are 0 or more; -inf or inf for an open one (see `TargetContrast.ratios`).
-    """
     n = dark.values.size
     # Each part takes a thread.
     parts = [slice(0, n // 2), slice(n // 2, n)] if n >= LONG else [slice(0, n)]
-    tallies = each_in_thread(lambda part: _tally_part(bright, dark, part, ratios), parts, n)
-    pairs = bright.total * dark.total
-    below, inside, above = (sum(weights) / pairs for weights in zip(*(tally[:3] for tally in tallies), strict=True))
-    inside_per_dark = np.concatenate([tally.inside_per_dark for tally in tallies])
+    counts = each_in_thread(lambda part: _count_part(bright, dark, part, ratios), parts, n)
+    weights, per_dark, flow = (list(each) for each in zip(*counts, strict=True))
+    inside_per_dark = np.concatenate(per_dark)
     inside_per_dark /= bright.total
-    flow = tallies[0].flow
-    for other in tallies[1:]:
-        flow += other.flow
-    inside_per_bright = np.cumsum(flow[:-1], out=flow[:-1])
+    for other in flow[1:]:
+        flow[0] += other
+    inside_per_bright = np.cumsum(flow[0][:-1], out=flow[0][:-1])
     inside_per_bright /= dark.total
-    return PairTally(below, inside, above, inside_per_dark, inside_per_bright)
+    return np.sum(weights, axis=0) / (bright.total * dark.total), inside_per_dark, inside_per_bright
 
 
-class _PartTally(NamedTuple):
-    """Weights of the pairs of some dark values; `flow` receives the increments of `inside_per_bright`."""
-
-    below: float
-    inside: float
-    above: float
-    inside_per_dark: NDArray[np.float64]
-    flow: NDArray[np.float64]
+def share_inside(bright: Distribution, dark: Distribution, ratios: tuple[float, float]) -> float:
+    """Share of the pairs with a ratio inside an interval, as `count_pairs`."""
+    return float(count_pairs(bright, dark, ratios)[0][1])
 
 
-def _tally_part(bright: Distribution, dark: Distribution, part: slice, ratios: tuple[float, float]) -> _PartTally:
+def _count_part(
+    bright: Distribution, dark: Distribution, part: slice, ratios: tuple[float, float]
+) -> tuple[_Array, _Array, _Array]:
+    """Weights of the pairs of some dark values below, inside and above, as `count_pairs`.
+
+    The last array holds the increments of the weight inside from each bright value to the next.
+    """
     values, weights = dark.values[part], dark.weights[part]
     low, high = ratios
     if low == -inf:
@@ -135,7 +127,7 @@ def _tally_part(bright: Distribution, dark: Distribution, part: slice, ratios: t
         entering, leaving = np.bincount(first, block_weights), np.bincount(last, block_weights)
         flow[enter : enter + entering.size] += entering
         flow[leave : leave + leaving.size] -= leaving
-    return _PartTally(below, inside, above, inside_per_dark, flow)
+    return np.array((below, inside, above)), inside_per_dark, flow
 
 
 def _weight_of_first(distribution: Distribution, start: int, counts: NDArray[np.intp]) -> NDArray[np.float64]:

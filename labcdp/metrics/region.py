@@ -6,18 +6,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import hypot, isfinite, nan, sqrt
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..core.errors import InputError
 from ..core.luminance import WHOLE, CommonError, Invalid, LuminanceMap, Window
 from ..core.quantity import Quantity
 from ..core.roi import Roi
 from . import Distribution, snr
-from .correlated_cdp import NoisyRegion
-from .detection import variance_of_changes, with_error
+from .detection import NoisyRegion
 
 #: Reasons for invalid pixels.
 REASONS = {reason: str(reason.name).lower() for reason in Invalid}
@@ -25,7 +24,11 @@ REASONS = {reason: str(reason.name).lower() for reason in Invalid}
 SATURATED_SHARE = 0.01
 #: How a value is bounded: the true one is larger or smaller, not known, or the value itself.
 Bound = Literal[">", "<", "?", ""]
+#: An error of the calibration beyond the light itself leaves at least this part of it.
+LEAST_FACTOR = 1e-3
 _Array = NDArray[np.float64]
+#: Values with and without an error.
+_Values: TypeAlias = _Array | float
 
 
 @dataclass(frozen=True)
@@ -72,15 +75,15 @@ def evaluate_region(luminance: LuminanceMap, roi: Roi) -> RegionLight:
     InputError
         If the region, in pixels of the image, lies outside it, contains no pixel or a non-finite one.
     """
-    return result_of_region(RegionPixels.of(luminance, roi))
+    return measure_region(RegionPixels.from_map(luminance, roi))
 
 
-def result_of_region(region: RegionPixels) -> RegionLight:
+def measure_region(region: RegionPixels) -> RegionLight:
     """Evaluate one region as `evaluate_region`."""
     errors = [*region.common, *region.own, *region.smooth]
     ratio = snr(region.distribution)
     changed = [[snr(region.changed(sign * x)).value for sign in (1, -1)] for x in errors if x.ndim]
-    return region_result(region, errors, ratio, float(variance_of_changes(ratio.value, changed)))
+    return region_light(region, errors, ratio, float(variance_of_changes(ratio.value, changed)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,14 +107,14 @@ class RegionPixels(NoisyRegion):
     part: Window
 
     @classmethod
-    def of(cls, luminance: LuminanceMap, roi: Roi) -> RegionPixels:
+    def from_map(cls, luminance: LuminanceMap, roi: Roi) -> RegionPixels:
         """Take a region from a map; raises InputError as `evaluate_region`."""
         region = luminance.scaled(roi)
         window = region.window(luminance.shape)
-        return cls.of_part(luminance, roi, window, region.mask(luminance.shape), window)
+        return cls.from_part(luminance, roi, window, region.mask(luminance.shape), window)
 
     @classmethod
-    def of_part(
+    def from_part(
         cls,
         luminance: LuminanceMap,
         roi: Roi,
@@ -129,7 +132,7 @@ class RegionPixels(NoisyRegion):
                 f"region {roi.name!r} has {unusable} pixels that are not finite: correct the image, or draw the "
                 "region without them"
             )
-        distribution = None if dn is None else _by_level(dn[mask], values)
+        distribution = None if dn is None else _distribution_by_dn(dn[mask], values)
         return cls(image, mask, distribution or Distribution.from_array(values), window, roi, luminance, part)
 
     @property
@@ -143,30 +146,30 @@ class RegionPixels(NoisyRegion):
         return self.image[self.mask]
 
     @cached_property
-    def _of_image(self) -> tuple[CommonError, ...]:
+    def _common_errors(self) -> tuple[CommonError, ...]:
         return self.luminance.common_in(self.part)
 
     @cached_property
-    def _of_calibration(self) -> list[NDArray[np.floating[Any]] | float]:
+    def _calibration_errors(self) -> list[NDArray[np.floating[Any]] | float]:
         """Relative errors common to all pixels of the image: numbers, or one for each pixel of the region."""
-        errors = [error.relative for error in self._of_image if not error.smooth]
+        errors = [error.relative for error in self._common_errors if not error.smooth]
         return [float(error) if np.ndim(error) == 0 else np.asarray(error)[self.mask] for error in errors]
 
     @cached_property
     def common(self) -> list[_Array]:
         """`common`, with 0 where it is not finite."""
-        return [finite_errors(error) for error in self._of_calibration]
+        return [finite_errors(error) for error in self._calibration_errors]
 
     @cached_property
     def smooth(self) -> list[_Array]:
         """Relative errors common to all pixels of the image that hardly change within the region: one number each."""
-        errors = (np.broadcast_to(error.relative, self.mask.shape) for error in self._of_image if error.smooth)
+        errors = (np.broadcast_to(error.relative, self.mask.shape) for error in self._common_errors if error.smooth)
         return [np.array(np.mean(error[self.mask], dtype=float)) for error in errors]
 
     @property
     def scale_known(self) -> bool:
         """Whether the scale is known, not guessed."""
-        return all(isfinite(error) for error in self._of_calibration if isinstance(error, float))
+        return all(isfinite(error) for error in self._calibration_errors if isinstance(error, float))
 
     @cached_property
     def own(self) -> list[_Array]:
@@ -215,15 +218,15 @@ class RegionPixels(NoisyRegion):
         return Distribution.from_array(with_error(self.values, relative))
 
 
-def _by_level(dn: NDArray[np.unsignedinteger[Any]], light: _Array) -> Distribution | None:
+def _distribution_by_dn(dn: NDArray[np.unsignedinteger[Any]], light: _Array) -> Distribution | None:
     """Distribution, without sorting, of 8-bit pixels whose luminance depends only on the DN; None for others."""
-    of_level = np.empty(256)
-    of_level[dn] = light
+    light_by_dn = np.empty(256)
+    light_by_dn[dn] = light
     counts = np.bincount(dn, minlength=256)
     levels = np.flatnonzero(counts)
-    values = of_level[levels]
+    values = light_by_dn[levels]
     # Several DN may have the same luminance, and a response may decrease.
-    alike = np.array_equal(of_level[dn], light)
+    alike = np.array_equal(light_by_dn[dn], light)
     return Distribution(values, counts[levels]) if alike and (values[1:] > values[:-1]).all() else None
 
 
@@ -232,19 +235,17 @@ def is_saturated(invalid_shares: Mapping[str, float]) -> bool:
     return invalid_shares.get(REASONS[Invalid.SATURATED], 0.0) > SATURATED_SHARE
 
 
-def region_result(
-    pixels: RegionPixels, errors: Sequence[_Array], ratio: Quantity, ratio_variance: float
-) -> RegionLight:
+def region_light(pixels: RegionPixels, errors: Sequence[_Array], ratio: Quantity, ratio_variance: float) -> RegionLight:
     """Make the result of a region, given its SNR and the variance these errors add to it."""
     flags = pixels.luminance.invalid[pixels.part][pixels.mask]
     shares = {name: float(np.mean(flags & reason != 0)) for reason, name in REASONS.items()} if flags.any() else {}
-    of_calibration = [float(np.mean(error * pixels.values)) for error in errors] if pixels.scale_known else [nan]
+    by_calibration = [float(np.mean(error * pixels.values)) for error in errors] if pixels.scale_known else [nan]
     saturated = is_saturated(shares)
     return RegionLight(
         roi=pixels.roi,
         n_pixels=pixels.values.size,
         mean=pixels.mean,
-        u=nan if saturated else hypot(pixels.random, pixels.rounding, *of_calibration),
+        u=nan if saturated else hypot(pixels.random, pixels.rounding, *by_calibration),
         std=pixels.std,
         # What clipping takes from the noise is no signal.
         snr=Quantity(nan, nan) if saturated else with_uncertainty(ratio, pixels.inflation, ratio_variance),
@@ -294,3 +295,42 @@ def rounding_uncertainty(std: float, step: float) -> float:
     if not step > 0:
         return 0.0
     return step * sqrt(max(0.25 - (std / step if std >= 0 else 0.0) ** 2, 0.0) / 3)
+
+
+def with_error(values: NDArray[np.floating[Any]], relative: ArrayLike) -> NDArray[np.float64]:
+    """Return values with a relative error, which leaves at least `LEAST_FACTOR` of them: no light is negative.
+
+    Errors of single values, as of the dark signal, may make some of them negative, but not all.
+    """
+    error = np.asarray(relative, dtype=float)
+    changed: NDArray[np.float64] = values * (light_factor(error) if error.ndim == 0 else 1 + error)
+    if changed.max(initial=0.0) <= 0 < values.max(initial=0.0):
+        changed = values * np.float64(LEAST_FACTOR)
+    return changed
+
+
+def light_factor(relative: NDArray[np.float64]) -> float:
+    """Return the factor on the light of a whole region by a relative error, at least `LEAST_FACTOR`."""
+    return max(1 + float(relative), LEAST_FACTOR)
+
+
+def variance_of_changes(base: _Values, changed: Sequence[Sequence[_Values]]) -> NDArray[np.float64]:
+    """Sum over the errors of the mean square of the two changes by each.
+
+    Parameters
+    ----------
+    base : ndarray of float, shape (k,), or float
+        Values without an error.
+    changed : sequence of two ndarray of float, shape (k,), or two floats
+        For each error, the values with it added and with it subtracted.
+
+    Returns
+    -------
+    ndarray of float, shape (k,) or ()
+        nan where a value is not finite.
+    """
+    variance = np.zeros(np.shape(base))
+    with np.errstate(invalid="ignore"):
+        for both in changed:
+            variance = variance + np.square(np.asarray(both) - base).mean(axis=0)
+    return variance

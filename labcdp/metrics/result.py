@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import nan
 from typing import Any, Generic
 
 import numpy as np
@@ -14,7 +13,7 @@ from ..core.errors import InputError
 from ..core.percent import plain_contrast, plain_fraction
 from ..core.quantity import Interval, Number, as_number
 from ..core.result import Finding, html_table, number
-from .contrast import ContrastDefinition, Epsilon, TargetContrast
+from .contrast import ContrastDefinition, DetectionInterval, Epsilon, checked_contrast, detected_contrasts
 from .uncertainty import confidence_interval
 
 
@@ -105,7 +104,7 @@ class Cdp(Generic[Number]):
         """Effective number of independent pixels of the smaller region."""
         if self.n_bright is None or self.n_dark is None:
             # A pixel is part of up to four pairs of neighbours.
-            return nan if self.pairs is None else self.pairs / 4
+            return np.nan if self.pairs is None else self.pairs / 4
         return min(self.n_bright, self.n_dark) / np.square(self.correlation_inflation)
 
     def _each(self, change: Callable[[NDArray[np.float64]], Any]) -> Cdp[Any]:
@@ -143,49 +142,49 @@ _ARRAYS = (
 _INTERVALS = ("detected_range", "interval")
 
 
-def cdp_of_shares(
-    targets: Sequence[TargetContrast],
-    shares: Sequence[tuple[float, float, float, float]],
+def cdp_record(
+    contrasts: Sequence[float],
+    epsilon: Epsilon,
+    shares: Sequence[ArrayLike],
     variances: ArrayLike,
     *,
+    definition: ContrastDefinition = "weber",
     pairs: int | None,
     inflations: ArrayLike = 1.0,
     n_bright: int | None = None,
     n_dark: int | None = None,
     swapped: bool = False,
-    findings: tuple[Finding, ...] = (),
 ) -> Cdp[NDArray[np.float64]]:
     """Make the record from the shares of all pairs that are below, inside and above each target, and undefined.
 
     `variances` are those of the shares inside by the pixels, already raised by the `inflations` of correlated noise.
     """
     below, inside, above, undefined = np.array(shares, dtype=np.float64).reshape(-1, 4).T
-    ends = np.array([target.interval for target in targets], dtype=np.float64).reshape(-1, 2).T
+    ends = [detected_contrasts(contrast, epsilon) for contrast in contrasts]
     return Cdp(
-        contrast=np.array([target.contrast for target in targets], dtype=np.float64),
-        detected_range=Interval(*ends),
+        contrast=np.array(contrasts, dtype=np.float64),
+        detected_range=Interval(*np.array(ends, dtype=np.float64).reshape(-1, 2).T),
         cdp=inside,
         below=below,
         above=above,
         undefined=undefined,
         u_pixels=np.sqrt(np.broadcast_to(np.asarray(variances, dtype=np.float64), inside.shape)),
         interval=Interval(inside, inside),
-        epsilon=targets[0].epsilon if targets else nan,
-        definition=targets[0].definition if targets else "weber",
+        epsilon=epsilon if isinstance(epsilon, DetectionInterval) else float(epsilon),
+        definition=definition,
         pairs=pairs,
         correlation_inflation=np.sqrt(np.broadcast_to(np.asarray(inflations, dtype=np.float64), inside.shape)),
         u_calibration=np.zeros(inside.shape),
         n_bright=n_bright,
         n_dark=n_dark,
         swapped=swapped,
-        findings=findings,
     ).with_calibration(0.0)
 
 
 def target_contrasts(
     contrast: ArrayLike, epsilon: Epsilon | str, definition: ContrastDefinition
-) -> tuple[list[TargetContrast], tuple[int, ...]]:
-    """Return the contrasts of a number or an array as a flat sequence, and the shape.
+) -> tuple[list[float], Epsilon, tuple[int, ...]]:
+    """Return contrasts to be detected as a flat list, their tolerance as a fraction, and the shape of the contrasts.
 
     Raises
     ------
@@ -200,12 +199,11 @@ def target_contrasts(
         array = np.asarray(None)
     if array.dtype.kind not in "iuf":
         raise InputError(f"contrast is {_shown(contrast)}: give fractions, or percentages such as '50%'")
+    tolerance = plain_fraction(epsilon)
     # A number is used as its shortest decimal, which for float32 differs from that of the nearest float64. `str` would
     # follow NumPy's print options, which other packages change.
-    tolerance = plain_fraction(epsilon)
-    return [
-        TargetContrast(float(np.format_float_scientific(value)), tolerance, definition) for value in array.ravel()
-    ], array.shape
+    decimals = (float(np.format_float_scientific(value)) for value in array.ravel())
+    return [checked_contrast(each, tolerance, definition) for each in decimals], tolerance, array.shape
 
 
 def _plain(contrast: Any) -> Any:

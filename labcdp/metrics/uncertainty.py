@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from ..core.errors import InputError
 from ..core.quantity import Z_95, Interval, Number, as_number
-from .contrast import ContrastDefinition, Epsilon, TargetContrast
+from .contrast import ContrastDefinition, Epsilon, checked_contrast, detected_ratios
 from .distribution import Distribution, Region, weighted_sum
-from .pairs import bright_and_dark, tally_pairs
+from .pairs import bright_and_dark, count_pairs
 
 #: Prior weight of one outlying pixel in `confidence_interval`, chosen by simulation of normal regions of 10 to 400
 #: pixels and CDP 0.25 to 0.99997: from 30 pixels on the 95 % intervals cover the truth in 93 to 100 % of the cases.
@@ -159,11 +159,11 @@ def pixels_needed(
     >>> pixels_needed(Distribution.normal(120, 5), Distribution.normal(100, 5), 0.2, standard_error=0.005)
     2221
     """
-    asked = TargetContrast(contrast, epsilon, definition)
+    ratios = detected_ratios(checked_contrast(contrast, epsilon, definition), epsilon, definition)
     if not 0 < standard_error <= 0.5:
         raise InputError(f"standard_error is {standard_error}: give a number above 0, up to 0.5")
     bright, dark, _ = bright_and_dark(a, b)
-    single, pair = _zetas(bright, dark, asked)
+    single, pair = _zetas(bright, dark, ratios)
     if pair == 0:
         raise InputError(
             "all pairs agree, so there is no scatter to plan with: take a larger pilot or another contrast"
@@ -174,17 +174,17 @@ def pixels_needed(
     return max(ceil(n * (1 - 1e-12)), 2)
 
 
-def _zetas(bright: Distribution, dark: Distribution, asked: TargetContrast) -> tuple[float, float]:
+def _zetas(bright: Distribution, dark: Distribution, ratios: tuple[float, float]) -> tuple[float, float]:
     """Return zeta10 + zeta01, and zeta11."""
-    tally = tally_pairs(bright, dark, asked.ratios)
+    (_, inside, _), inside_per_dark, inside_per_bright = count_pairs(bright, dark, ratios)
     inverse_sizes, variances = 0.0, 0.0
-    for region, shares in ((bright, tally.inside_per_bright), (dark, tally.inside_per_dark)):
+    for region, shares in ((bright, inside_per_bright), (dark, inside_per_dark)):
         if region.size == 1:
             raise InputError("a region of the pilot has one pixel only: give two or more")
         inverse_sizes += 0.0 if region.size is None else 1 / region.size
         dof = region.total if region.size is None else region.size - 1
-        variances += scatter(shares, region.weights, tally.inside) / dof
-    pair = tally.inside * (1 - tally.inside)
+        variances += scatter(shares, region.weights, inside) / dof
+    pair = float(inside * (1 - inside))
     # Expected: variances = single + (pair - single) * inverse_sizes.
     single = pair - (pair - variances) / (1 - inverse_sizes) if inverse_sizes < 1 else pair
     return min(max(single, 0.0), pair), pair

@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter, uniform_filter
 import labcdp
 from labcdp.core.roi import Roi
 from labcdp.metrics import variance_inflation
-from labcdp.metrics.lags import Lags, products_by_lag
+from labcdp.metrics.correlation import lag_inflation, pairs_by_lag, products_by_lag
 from labcdp.metrics.pair import evaluate_pair
 
 from .conftest import map_of, share_of_normal
@@ -37,7 +37,7 @@ def gaussian(sigma):
 
 def by_lags(image, mask=None):
     mask = np.ones(image.shape, dtype=bool) if mask is None else mask
-    return Lags.of(mask).inflation(np.where(mask, image - image[mask].mean(), 0))
+    return lag_inflation(np.where(mask, image - image[mask].mean(), 0), pairs_by_lag(mask))
 
 
 @given(shape=st.tuples(st.integers(1, 9), st.integers(1, 9)), seed=st.integers(0, 2**32 - 1))

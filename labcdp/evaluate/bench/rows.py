@@ -245,7 +245,7 @@ def contrast_row(
         exposure_s = min(o.exposure_s for name in (pair.bright, pair.dark) for o in observed.of_patch(name))
     seen = maps_of(observed.session, calibration, exposure_s, (pair.bright, pair.dark))
     (bright_number, bright_map), (dark_number, dark_map) = seen[pair.bright], seen[pair.dark]
-    regions = RegionPixels.of(bright_map, bright.region), RegionPixels.of(dark_map, dark.region)
+    regions = RegionPixels.from_map(bright_map, bright.region), RegionPixels.from_map(dark_map, dark.region)
     both = evaluate_regions(*regions, (pair.contrast,), pair.epsilon)
     (cdp,) = both.cdp
     shown = exposure_s, bright_number, dark_number, both.findings if clipped else ()

@@ -8,14 +8,14 @@ from typing import TypeAlias
 
 from ...core.luminance import LuminanceMap
 from ...core.result import Finding, info, unique, warning
-from ...metrics.pair import VIGNETTING_CODE, PairResult, evaluate_pair
+from ...metrics.pair import VIGNETTING_CODE, Pair, evaluate_pair
 from ...metrics.region import RegionLight, evaluate_region
 from .converter import PictureSource
 from .neighbours import NeighbourEvaluation, evaluate_neighbours
 from .settings import ImageSettings
 
 #: Contrast of two regions, or of neighbouring pixels.
-AnyContrast: TypeAlias = PairResult | NeighbourEvaluation
+AnyContrast: TypeAlias = Pair | NeighbourEvaluation
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +28,7 @@ class ImageEvaluation:
         The picture.
     regions : tuple of RegionLight
         All regions, in the order of the request.
-    pairs : tuple of PairResult
+    pairs : tuple of Pair
         In the order of the request.
     neighbours : NeighbourEvaluation or None
         Of neighbouring pixels.
@@ -38,7 +38,7 @@ class ImageEvaluation:
 
     source: PictureSource
     regions: tuple[RegionLight, ...]
-    pairs: tuple[PairResult, ...]
+    pairs: tuple[Pair, ...]
     neighbours: NeighbourEvaluation | None
     findings: tuple[Finding, ...]
 
@@ -86,7 +86,7 @@ def evaluate_image(luminance: LuminanceMap, source: PictureSource, settings: Ima
     return ImageEvaluation(source, tuple(regions), tuple(pairs), neighbours, unique(found))
 
 
-def _of_pairs(pairs: Sequence[PairResult]) -> list[Finding]:
+def _of_pairs(pairs: Sequence[Pair]) -> list[Finding]:
     """Return the findings of pairs; of the vignetting, one about the pair for which it matters most."""
     found = [one for pair in pairs for one in pair.findings]
     lens = [one for one in found if one.code == VIGNETTING_CODE]

@@ -17,8 +17,8 @@ from ...core.result import Finding, info, warning
 from ...core.roi import Rectangle, clipped_rectangle
 from ...core.vignetting import Cos4Vignetting
 from ...metrics import Cdp, ContrastDistribution, Distribution, Epsilon, cdp_neighbours
-from ...metrics.detection import variance_of_changes
 from ...metrics.neighbours.tables import MOST_CONTRASTS, neighbour_tables
+from ...metrics.region import variance_of_changes
 from ...metrics.spread import CUT_OFF, MOST_BINS, MOST_TIMES, spacing
 from .converter import Converter
 from .dn_light import light_of_dn

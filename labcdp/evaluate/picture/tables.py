@@ -9,7 +9,7 @@ from typing import Any
 
 from ...core.table import Column, Table
 from ...metrics import Cdp, DetectionInterval
-from ...metrics.pair import PairResult
+from ...metrics.pair import Pair
 from ...metrics.region import REASONS, RegionLight
 from ..columns import CDP, CONTRAST, CSNR, SHARES, TARGET, invalid_share, region_columns
 from ..requirement import SeenContrast
@@ -59,8 +59,8 @@ class _Row:
         return cdp_verdict(self.cdp.cdp, self.cdp.interval, self.cdp_limit)
 
     @property
-    def regions(self) -> PairResult | None:
-        return self.contrast if isinstance(self.contrast, PairResult) else None
+    def regions(self) -> Pair | None:
+        return self.contrast if isinstance(self.contrast, Pair) else None
 
     @property
     def targets_measured_contrast(self) -> bool:
@@ -135,7 +135,7 @@ def cdp_table(pictures: Sequence[ReportedPicture], several: bool, limit: float) 
         if picture.evaluation is not None
         for contrast in picture.evaluation.contrasts
         # Regions without a target contrast have a row for their contrast all the same.
-        for cdp in list(contrast.cdp) or ((None,) if isinstance(contrast, PairResult) else ())
+        for cdp in list(contrast.cdp) or ((None,) if isinstance(contrast, Pair) else ())
     ]
     measured = any(row.cdp is not None and row.targets_measured_contrast for row in rows)
     hidden = set() if measured else {"contrast_origin"}
@@ -161,7 +161,7 @@ def seen_contrasts(pictures: Sequence[ReportedPicture], several: bool) -> Iterat
     names: dict[Any, str] = {}
     for picture in pictures:
         for one in () if picture.evaluation is None else picture.evaluation.contrasts:
-            regions = one if isinstance(one, PairResult) else None
+            regions = one if isinstance(one, Pair) else None
             same = one.name if regions is None else frozenset((regions.a.roi.name, regions.b.roi.name))
             in_cd_m2 = picture.evaluation is not None and picture.evaluation.source.unit != "relative"
             cdp, interval = (one.cdp[0].cdp, one.cdp[0].interval) if len(one.cdp) else (nan, (nan, nan))

@@ -12,7 +12,7 @@ from ...calibration import AnyCalibration, Calibration
 from ...calibration.emva.result import Characterisation
 from ...core.errors import CalibrationError
 from ...core.result import Finding, info, warning
-from ...metrics.contrast import TargetContrast, TargetContrasts, each_contrast
+from ...metrics.contrast import TargetContrasts, checked_contrast, each_contrast
 from ...report.text import finding_text
 from ..bench.observe import ObservedSession
 from ..bench.session import mismatch
@@ -143,7 +143,7 @@ def _asked(
 ) -> list[PairAsked]:
     """Pairs to compare, those of the configuration first; add those that are of no use to `left_out`."""
     for one in each_contrast(contrast):
-        TargetContrast(LEAST_CONTRAST if one is None else one, epsilon, "weber")
+        checked_contrast(LEAST_CONTRAST if one is None else one, epsilon)
     asked: list[PairAsked] = []
     for pair in observed.configuration.contrasts:
         if pair.bright not in level or pair.dark not in level:

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from ...core.quantity import Z_95
 from ...metrics import Cdp, Distribution
-from ...metrics.contrast import TargetContrast
+from ...metrics.contrast import checked_contrast, detected_ratios
 from ...metrics.detection import count_cdp
-from ...metrics.pairs import PairTally, tally_pairs
+from ...metrics.pairs import count_pairs, share_inside
 from .prediction import RegionPrediction, added, scaled
 from .regions import MeasuredPatch
 
@@ -139,17 +139,15 @@ def compare_pair(
     is added. The other is the uncertainty of the parameters and readings, each shifted by a standard uncertainty to
     both sides; its variance is the mean square of the two changes, which does not vanish at a maximum of the CDP.
     """
-    asked = TargetContrast(pair.contrast, pair.epsilon, "weber")
-
-    def tally(bright: Distribution, dark: Distribution) -> PairTally:
-        return tally_pairs(bright, dark, asked.ratios)
-
+    contrast = checked_contrast(pair.contrast, pair.epsilon)
+    ratios = detected_ratios(contrast, pair.epsilon)
     bright, dark = (Distribution.from_array(region.luminance_cd_m2) for region in seen)
-    best = tally(predicted[0].best, predicted[1].best)
+    best = predicted[0].best, predicted[1].best
+    expected = share_inside(*best, ratios)
     m, n = seen[1].luminance_cd_m2.size, seen[0].luminance_cd_m2.size
-    of_pixels = sampling_variance(best, predicted[0].best, predicted[1].best, m, n) + _OUTLIER_WEIGHT / min(m, n) ** 2
-    of_parameters = sum(
-        float(np.mean([(tally(b, d).inside - best.inside) ** 2 for b, d in both]))
+    by_pixels = sampling_variance(*best, ratios, m, n) + _OUTLIER_WEIGHT / min(m, n) ** 2
+    by_parameters = sum(
+        float(np.mean([(share_inside(b, d, ratios) - expected) ** 2 for b, d in both]))
         for both in _shifted(predicted, seen).values()
     )
     return TwinPair(
@@ -157,10 +155,10 @@ def compare_pair(
         exposure_s=seen[0].exposure_s,
         frame_number=seen[0].frame_number,
         dark_frame_number=seen[1].frame_number,
-        measured=count_cdp(bright, dark, [asked])[0],
-        predicted=best.inside,
-        u_predicted=sqrt(of_parameters),
-        u_pixels=sqrt(of_pixels),
+        measured=count_cdp(bright, dark, [contrast], pair.epsilon)[0],
+        predicted=expected,
+        u_predicted=sqrt(by_parameters),
+        u_pixels=sqrt(by_pixels),
     )
 
 
@@ -186,12 +184,12 @@ def _shifted(
     }
 
 
-def sampling_variance(tally: PairTally, bright: Distribution, dark: Distribution, m: int, n: int) -> float:
-    """Variance of the share of m dark and n bright pixels drawn from the two distributions."""
-    u = tally.inside
+def sampling_variance(bright: Distribution, dark: Distribution, ratios: tuple[float, float], m: int, n: int) -> float:
+    """Variance of the share of pairs inside an interval, of m dark and n bright pixels drawn from two distributions."""
+    (_, u, _), per_dark, per_bright = count_pairs(bright, dark, ratios)
 
     def variance(shares: NDArray[np.float64], region: Distribution) -> float:
         return float(np.average((shares - u) ** 2, weights=region.weights))
 
-    of_dark, of_bright = variance(tally.inside_per_dark, dark), variance(tally.inside_per_bright, bright)
-    return ((n - 1) * of_dark + (m - 1) * of_bright + u * (1 - u)) / (m * n)
+    by_dark, by_bright = variance(per_dark, dark), variance(per_bright, bright)
+    return float(((n - 1) * by_dark + (m - 1) * by_bright + u * (1 - u)) / (m * n))

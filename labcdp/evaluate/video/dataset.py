@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 LIGHT = "light"
 #: Over frame and contrast; taken from a `Cdp`.
 OF_CONTRAST = by_itself(*CDP, *SHARES)
-#: Over frame; taken from a `PairResult`.
+#: Over frame; taken from a `Pair`.
 OF_PAIR = by_itself(*CONTRAST, *CSNR)
 #: Over frame; taken from the `Cdp` of the reference contrast.
 OF_REFERENCE = tuple(

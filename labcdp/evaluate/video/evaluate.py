@@ -21,7 +21,7 @@ from ...files.doubts import MOSAIC
 from ...files.frame import no_exposure
 from ...files.video.open import open_video
 from ...files.video.source import VideoSource
-from ...metrics.correlated_cdp import size_findings
+from ...metrics.detection import size_findings
 from ...metrics.pair import require_apart, vignetting_findings
 from ...output import Destination, results_journal
 from ...report.text import finding_text

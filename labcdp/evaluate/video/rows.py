@@ -227,7 +227,7 @@ def variables(row: Row) -> Row:
 
 
 def light_of(frame: VideoFrame, converter: Converter, roi: Roi) -> RegionPixels:
-    """Convert a region of a frame and what lies around it, as `RegionPixels.of` takes it from a whole map.
+    """Convert a region of a frame and what lies around it, as `RegionPixels.from_map` takes it from a whole map.
 
     Raises
     ------
@@ -251,7 +251,7 @@ def light_of(frame: VideoFrame, converter: Converter, roi: Roi) -> RegionPixels:
     light = converter.convert(part, inner, place)
     # Where the place decides too, DN are no levels of light.
     levels = None if isinstance(converter.vignetting(pixels.shape, part.readout), Cos4Vignetting) else dn
-    return RegionPixels.of_part(light, roi, window, _mask(region, shape), dn=levels)
+    return RegionPixels.from_part(light, roi, window, _mask(region, shape), dn=levels)
 
 
 @lru_cache(maxsize=16)

@@ -22,7 +22,7 @@ from ...core.roi import Roi
 from ...files.picture import OF_VALUES
 from ...files.video.selection import Selection
 from ...metrics import Epsilon
-from ...metrics.contrast import TargetContrast
+from ...metrics.contrast import checked_contrast
 from ...report.files import read_dataset
 from ...tracking import TrackedRoi, methods_of
 from ..requirement import Requirement
@@ -119,7 +119,7 @@ class VideoSettings:
             raise InputError("no contrast is given: give at least one, for example 100%")
         # Any contrast shows whether the tolerance is possible.
         for contrast in self.contrasts or (1.0,):
-            TargetContrast(contrast, self.epsilon, "weber")
+            checked_contrast(contrast, self.epsilon)
         if self.contrasts is not None and len(set(self.contrasts)) != len(self.contrasts):
             raise InputError("a contrast is given twice: give each once")
         if len(self.rois) not in (0, 2):
@@ -128,7 +128,7 @@ class VideoSettings:
         if self.reference is not None and not self.rois:
             raise InputError("a reference contrast needs regions: give two, or give the contrast itself")
         if isinstance(self.reference, float):
-            TargetContrast(self.reference, self.epsilon, "weber")
+            checked_contrast(self.reference, self.epsilon)
 
     def _hold_path(self, name: str) -> None:
         given = getattr(self, name)

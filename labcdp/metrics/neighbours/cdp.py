@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from math import isfinite, nan
 from typing import Any, NamedTuple, overload
 
@@ -11,12 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.errors import InputError
-from ...core.percent import plain_fraction
 from ..arrays import check_exact, image_array
-from ..contrast import ContrastDefinition, Epsilon, TargetContrast
+from ..contrast import ContrastDefinition, Epsilon, detected_ratios
 from ..distribution import weighted_sum
 from ..pairs import RELATIVE_TOLERANCE
-from ..result import Cdp, cdp_of_shares, target_contrasts
+from ..result import Cdp, cdp_record, target_contrasts
 
 #: Rows compared at once, to limit temporary memory.
 _ROWS = 64
@@ -71,11 +69,11 @@ def cdp_neighbours(
     >>> result.cdp, result.pairs
     (1.0, 7)
     """
-    targets, shape = target_contrasts(contrast, epsilon, definition)
+    contrasts, tolerance, shape = target_contrasts(contrast, epsilon, definition)
     values = _usable(image_array(image))
-    counts, marks = zip(*(_count(values, target) for target in targets), strict=True) if targets else ((), ())
-    result = cdp_of_counts(targets, _pairs(values), counts, marks)
-    return replace(result.reshape(shape), epsilon=plain_fraction(epsilon), definition=definition)
+    counted = [_count(values, detected_ratios(each, tolerance, definition)) for each in contrasts]
+    counts, marks = zip(*counted, strict=True) if counted else ((), ())
+    return cdp_from_counts(contrasts, tolerance, definition, _pairs(values), counts, marks).reshape(shape)
 
 
 def _usable(image: NDArray[np.generic]) -> NDArray[np.float64]:
@@ -94,21 +92,23 @@ def _usable(image: NDArray[np.generic]) -> NDArray[np.float64]:
     return values
 
 
-def _count(values: NDArray[np.float64], target: TargetContrast) -> tuple[tuple[int, int, int], MarkSums]:
+def _count(values: NDArray[np.float64], ratios: tuple[float, float]) -> tuple[tuple[int, int, int], MarkSums]:
     """Count the pairs that are undefined, below, and up to the upper end, and mark the detected ones."""
     counts = np.zeros(3, dtype=np.int64)
     detected = np.zeros(values.shape, dtype=np.int8)  # pairs of each pixel with its right and its lower neighbour
     for start in range(0, values.shape[0], _ROWS):
         block = values[start : start + _ROWS + 1]
         rows, marks = block[:_ROWS], detected[start : start + _ROWS]
-        counts += _compare(rows[:, :-1], rows[:, 1:], target, marks[:, :-1])
-        counts += _compare(block[:-1], block[1:], target, marks[: len(block) - 1])
+        counts += _compare(rows[:, :-1], rows[:, 1:], ratios, marks[:, :-1])
+        counts += _compare(block[:-1], block[1:], ratios, marks[: len(block) - 1])
     undefined, below, up_to = counts.tolist()
     return (undefined, below, up_to), MarkSums.of(detected)
 
 
-def cdp_of_counts(
-    targets: Sequence[TargetContrast],
+def cdp_from_counts(
+    contrasts: Sequence[float],
+    epsilon: Epsilon,
+    definition: ContrastDefinition,
     pairs: int,
     counts: Sequence[tuple[int, int, int]],
     marks: Sequence[MarkSums],
@@ -119,7 +119,7 @@ def cdp_of_counts(
         for undefined, below, up_to in counts
     ]
     variances = [sums.variance(inside) for sums, (_, inside, _, _) in zip(marks, shares, strict=True)]
-    return cdp_of_shares(targets, shares, variances, pairs=pairs)
+    return cdp_record(contrasts, epsilon, shares, variances, definition=definition, pairs=pairs)
 
 
 def _pairs(values: NDArray[np.float64]) -> int:
@@ -128,13 +128,13 @@ def _pairs(values: NDArray[np.float64]) -> int:
 
 
 def _compare(
-    first: NDArray[np.float64], second: NDArray[np.float64], target: TargetContrast, marks: NDArray[np.int8]
+    first: NDArray[np.float64], second: NDArray[np.float64], ratios: tuple[float, float], marks: NDArray[np.int8]
 ) -> tuple[int, int, int]:
     """Add the detected pairs to `marks`; count the undefined ones, those below, and those up to the upper end."""
     larger, smaller = np.maximum(first, second), np.maximum(np.minimum(first, second), 0)
     undefined = larger <= 0
     below, up_to = undefined, np.ones_like(undefined)
-    low, high = target.ratios
+    low, high = ratios
     with np.errstate(over="ignore"):
         if isfinite(low):
             below = larger <= smaller * (low * (1 - RELATIVE_TOLERANCE))

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from ..contrast import Epsilon, TargetContrast
+from ..contrast import Epsilon, checked_contrast, detected_ratios
 from ..pairs import RELATIVE_TOLERANCE
 from ..result import Cdp
-from .cdp import MarkSums, cdp_of_counts
+from .cdp import MarkSums, cdp_from_counts
 
 #: Contrasts at once: each has two ends, and a class has one byte.
 MOST_CONTRASTS = 120
@@ -47,10 +47,10 @@ class NeighbourTables:
             raise InputError(f"{len(contrasts)} contrasts are given: give up to {MOST_CONTRASTS}")
         if not np.isfinite(light).all():
             raise InputError("the light of a DN is not finite: check calibration or camera specification")
-        self._targets = [TargetContrast(contrast, epsilon, "weber") for contrast in contrasts]
+        self._contrasts, self._epsilon = [checked_contrast(contrast, epsilon) for contrast in contrasts], epsilon
         intervals = [
             (max(low * (1 - RELATIVE_TOLERANCE), 0.0), high * (1 + RELATIVE_TOLERANCE))
-            for low, high in (target.ratios for target in self._targets)
+            for low, high in (detected_ratios(contrast, epsilon) for contrast in self._contrasts)
         ]
         # Place 0 is exceeded by all pairs with light, the last one by none, and those between by what exceeds an end.
         ends = sorted({end for pair in intervals for end in pair if 0 < end < np.inf})
@@ -85,7 +85,7 @@ class NeighbourTables:
         # Neighbours are the same ones in a column and in a row.
         image = np.ascontiguousarray(dn if dn.shape[1] > 1 else dn.T)
         height, width = image.shape
-        n = len(self._targets)
+        n = len(self._contrasts)
         shapes = ((self._n_places,), (n,), (n, height), (n, width), (n, height, 3))
         types = (np.int64, np.int64, np.int64, np.uint32, np.uint8)
         sums = Sums(*(np.zeros(shape, dtype) for shape, dtype in zip(shapes, types, strict=True)))
@@ -101,7 +101,7 @@ class NeighbourTables:
             for low, high in self._intervals.tolist()
         ]
         marks = map(MarkSums, sums.near.tolist(), sums.rows, sums.columns, sums.sides)
-        return cdp_of_counts(self._targets, n_pairs, counts, list(marks))
+        return cdp_from_counts(self._contrasts, self._epsilon, "weber", n_pairs, counts, list(marks))
 
 
 def neighbour_tables(

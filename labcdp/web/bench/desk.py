@@ -17,7 +17,7 @@ from ...core.roi import Roi
 from ...drivers.manual import MeterAccuracy, parse_written, reading_of, stated_accuracy
 from ...drivers.meter import Meter, MeterError, MeterLostError
 from ...drivers.minolta_ls.meter import DRIVERS
-from ...metrics.region import result_of_region
+from ...metrics.region import measure_region
 from ...session import MeterConfiguration, Session, SessionConfiguration
 from ..regions.measurements import is_saturated
 from ..regions.page_image import PageImage
@@ -64,7 +64,7 @@ def meter_reading(
     camera, camera_u, saturated = None, None, False
     for roi in rois:
         if roi.name == region and image.unit == "cd/m^2":
-            found = result_of_region(image.pixels(roi))
+            found = measure_region(image.pixels(roi))
             saturated = is_saturated(found)
             camera, camera_u = (None, None) if saturated else (found.mean, found.u)
     mean = taken.mean_cd_m2

@@ -34,7 +34,7 @@ from .recording import PageOperator, Recording, with_regions
 if TYPE_CHECKING:
     from ...acquire import Progress
     from ...evaluate.picture.converter import Converter
-    from ...metrics.pair import PairResult
+    from ...metrics.pair import Pair
     from ..server import Server
 
 #: Seconds between two curves of the CDP.
@@ -280,7 +280,7 @@ class LiveBench:
         return "" if asked is None else asked.text
 
     @property
-    def pair(self) -> PairResult | None:
+    def pair(self) -> Pair | None:
         """Contrast and CDP of the chosen pair in the newest image; None until they are measured as asked for now."""
         pair, chosen, target = self.workspace.measured.pair, self.workspace.drawing.pair_rois, self.target
         of_now = pair is not None and pair.answers(chosen, target.contrasts, target.epsilon)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ...core.errors import InputError
 from ...core.roi import Roi
 from ...metrics import cdp
-from ...metrics.pair import PairResult
+from ...metrics.pair import Pair
 from ...session import SessionConfiguration
 from ..regions.drawing import Drawing
 from ..regions.measurements import Measured, Measurements, PairEvaluation, is_saturated
@@ -112,7 +112,7 @@ class Trace:
         return Trace(kept, of, points)
 
 
-def pair_points(pair: PairResult, time_s: float) -> tuple[PairPoint, ...]:
+def pair_points(pair: Pair, time_s: float) -> tuple[PairPoint, ...]:
     """Return a pair's point for each target contrast; no number of saturated regions."""
     if is_saturated(pair.a, pair.b):
         return tuple(PairPoint(time_s, cdp.contrast, nan, nan, nan, "saturated") for cdp in pair.cdp)

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from ...core.errors import LabcdpError
 from ...core.result import Finding
 from ...core.roi import Roi
-from ...metrics.pair import PairResult, evaluate_regions, require_apart
-from ...metrics.region import RegionLight, result_of_region
+from ...metrics.pair import Pair, evaluate_regions, require_apart
+from ...metrics.region import RegionLight, measure_region
 from ...regions import check_region
 from .drawing import Drawing
 from .page_image import PageImage
@@ -77,7 +77,7 @@ class PairEvaluation:
         Target contrasts that were asked for; None for the measured one.
     epsilon : float
         Their tolerance.
-    result : PairResult or None
+    result : Pair or None
         Their contrast and CDP; None if they cannot be evaluated.
     error : str
         Why there is no result.
@@ -87,7 +87,7 @@ class PairEvaluation:
     second: Roi
     contrasts: tuple[float, ...] | None
     epsilon: float
-    result: PairResult | None
+    result: Pair | None
     error: str = ""
 
     def answers(self, pair: Sequence[Roi], contrasts: Sequence[float] | None, epsilon: float) -> bool:
@@ -191,7 +191,7 @@ class Measurements:
         done = replace(numbers, evaluated=True)
         try:
             done = replace(done, findings=check_region(self.image.values, self.image.saturated, roi))
-            return replace(done, result=self._of_pair(roi) or result_of_region(self.image.pixels(roi)))
+            return replace(done, result=self._of_pair(roi) or measure_region(self.image.pixels(roi)))
         except LabcdpError as error:
             return replace(done, error=str(error))
 

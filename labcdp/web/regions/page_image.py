@@ -166,7 +166,7 @@ class PageImage:
         """Return a region with its luminance; raises InputError as `evaluate_region`."""
         window, mask = self._place(roi)
         part, inside = self._part(window)
-        return RegionPixels.of_part(part, roi, window, mask, inside)
+        return RegionPixels.from_part(part, roi, window, mask, inside)
 
     def light_in(self, roi: Roi) -> NDArray[np.floating[Any]]:
         """Return the luminances of a region, shape (n,); raises InputError as `Roi.select`."""

@@ -7,7 +7,7 @@ from functools import partial
 from math import isfinite, nan
 
 from ...core.result import Finding, unique
-from ...metrics.pair import PairResult
+from ...metrics.pair import Pair
 from ...metrics.region import SATURATED_SHARE
 from ...metrics.uncertainty import limit_verdict
 from ...regions import Shape
@@ -137,7 +137,7 @@ def percent_with_interval(value: float, standard_error: float, bound: str = "") 
     return shown if shown == UNKNOWN else f"{shown} %"
 
 
-def contrast_text(pair: PairResult) -> str:
+def contrast_text(pair: Pair) -> str:
     """Contrast with U (95 %); without it, and only as a bound, if a region is saturated."""
     return percent_with_interval(pair.contrast.value, pair.contrast.u, pair.bound)
 

@@ -16,8 +16,8 @@ from labcdp.evaluate.twin.prediction import TwinRegion, predict_regions
 from labcdp.evaluate.twin.regions import KINDS, predicted_signal
 from labcdp.evaluate.twin.result import signal_findings, twin_chain_text, twin_result, verdict
 from labcdp.metrics import Distribution, cdp
-from labcdp.metrics.contrast import TargetContrast
-from labcdp.metrics.pairs import tally_pairs
+from labcdp.metrics.contrast import detected_ratios
+from labcdp.metrics.pairs import share_inside
 
 
 def changed(observed, patches=None, **configuration):
@@ -89,22 +89,20 @@ def test_the_prediction_is_the_mean_of_many_simulated_frames(twin):
         dn = replace(sensor, device_seed=seed).expose(rate, exposure_s, **now)
         drawn.append((dn.ravel() - dark_dn) / (r * exposure_s * v))
     for contrast, epsilon in ((1.25, 0.5), (1.25, 0.05), (2.0, 0.3)):
-        asked = TargetContrast(contrast, epsilon, "weber")
-        exact = tally_pairs(predicted["b"].best, predicted["d"].best, asked.ratios)
+        exact = share_inside(predicted["b"].best, predicted["d"].best, detected_ratios(contrast, epsilon))
         simulated = cdp(*drawn, contrast, epsilon)
-        assert exact.inside == pytest.approx(simulated.cdp, abs=5 * simulated.u)
+        assert exact == pytest.approx(simulated.cdp, abs=5 * simulated.u)
 
 
 def test_the_scatter_of_a_small_region_is_that_of_the_u_statistic():
     """Variance of the CDP of 30 and 50 pixels over 1000 draws; a variance is known to sqrt(2 / 1000) = 4.5 %."""
     rng, n = np.random.default_rng(5), 1000
     bright, dark = Distribution.normal(100, 12), Distribution.normal(60, 9)
-    asked = TargetContrast(0.8, 0.3, "weber")
-    tally = tally_pairs(bright, dark, asked.ratios)
-    expected = sampling_variance(tally, bright, dark, m=30, n=50)
+    ratios = detected_ratios(0.8, 0.3)
+    expected = sampling_variance(bright, dark, ratios, m=30, n=50)
     drawn = [cdp(rng.normal(100, 12, 50), rng.normal(60, 9, 30), 0.8, 0.3).cdp for _ in range(n)]
     assert np.var(drawn) == pytest.approx(expected, rel=4 * sqrt(2 / n))
-    assert np.mean(drawn) == pytest.approx(tally.inside, abs=4 * sqrt(expected / n))
+    assert np.mean(drawn) == pytest.approx(share_inside(bright, dark, ratios), abs=4 * sqrt(expected / n))
 
 
 def test_noise_and_mean_under_strong_vignetting_are_those_of_simulated_pixels(twin):
@@ -140,10 +138,10 @@ def test_a_pattern_taken_off_coarse_values_spreads_them_between_the_steps_of_the
         pattern = 0.5 * rng.normal(size=n)
         dn = np.rint(dark_dn + pattern + 0.05 * rng.poisson(net / 0.05, n) + 0.35 * rng.normal(size=n))
         drawn.append((dn - dark_dn - pattern - 0.2 * rng.normal(size=n)) * per_dn)
-    asked, simulated = TargetContrast(3.0, 0.3, "weber"), cdp(*drawn, 3.0, 0.3)
+    ratios, simulated = detected_ratios(3.0, 0.3), cdp(*drawn, 3.0, 0.3)
     for taken_off_dn, holds in ((0.5, True), (0.0, False)):
         found = predict_regions(replace(coarse, pattern_taken_off_dn=taken_off_dn), regions, exposure_s, Response())
-        predicted = tally_pairs(found["b"].best, found["d"].best, asked.ratios).inside
+        predicted = share_inside(found["b"].best, found["d"].best, ratios)
         off = abs(predicted - simulated.cdp)
         assert off < 5 * simulated.u if holds else off > 20 * simulated.u
 

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....core.errors import InputError
-from ....metrics import Distribution, Epsilon
-from ....metrics.contrast import TargetContrast, TargetContrasts, each_contrast
-from ....metrics.detection import LEAST_FACTOR, count_cdp, variance_of_changes
-from ....metrics.pairs import tally_pairs
-from ....metrics.region import SATURATED_SHARE
+from ....metrics import Epsilon
+from ....metrics.contrast import TargetContrasts, checked_contrast, detected_ratios, each_contrast
+from ....metrics.detection import count_cdp
+from ....metrics.pairs import share_inside
+from ....metrics.region import LEAST_FACTOR, SATURATED_SHARE, variance_of_changes
 from ....regions.superpixels import Neighbours
 from .noise import MapNoise, cdp_of_noise
 from .regions import Floats, Labels, MapRegions
@@ -81,7 +81,7 @@ class ContrastMapSettings:
             raise InputError(f"the CDP of a detected edge is {self.detected}: give a fraction above 0, up to 1")
         # Refuses a tolerance or contrast that is out of range.
         for one in each_contrast(self.contrast):
-            TargetContrast(self.minimum_contrast if one is None else one, self.epsilon, "weber")
+            checked_contrast(self.minimum_contrast if one is None else one, self.epsilon)
 
 
 class EdgeKind(IntEnum):
@@ -249,18 +249,15 @@ def _cdps(
     pixels = regions.distributions(np.unique(sides[:, chosen]))
     for edge in chosen:
         a, b = (pixels[int(side)] for side in sides[:, edge])
-        asked = TargetContrast(float(contrast[edge]), epsilon, "weber")
-        (result,) = count_cdp(a, b, [asked], inflation_of=lambda _: inflation)
+        target = checked_contrast(float(contrast[edge]), epsilon)
+        (result,) = count_cdp(a, b, [target], epsilon, inflation=lambda *_: inflation)
         error, variance = float(by_calibration[edge]), 0.0
         if error >= _LEAST_ERROR:
             factors = (1 + error, max(1 - error, LEAST_FACTOR))
-            variance = float(variance_of_changes(result.cdp, [[_changed(a, b, asked, one) for one in factors]]))
+            # All bright pixels `factor` times as bright are the same as other ends of the interval.
+            low, high = detected_ratios(target, epsilon)
+            changed = [share_inside(a, b, (low / factor, high / factor)) for factor in factors]
+            variance = float(variance_of_changes(result.cdp, [changed]))
         result = result.with_calibration(variance)
         results[edge] = (result.cdp, result.u, *result.interval)
     return results
-
-
-def _changed(bright: Distribution, dark: Distribution, asked: TargetContrast, factor: float) -> float:
-    """CDP with all bright pixels `factor` times as bright, which is the same as other ends of the interval."""
-    low, high = asked.ratios
-    return tally_pairs(bright, dark, (low / factor, high / factor)).inside

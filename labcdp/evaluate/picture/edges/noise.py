@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....metrics import Epsilon
-from ....metrics.contrast import TargetContrast
+from ....metrics.contrast import detected_contrasts
 from ....regions.superpixels import neighbours
 from .regions import Floats, Labels, MapRegions, map_cut, statistics
 
@@ -162,7 +162,7 @@ def cdp_of_noise(regions: MapRegions, deviation: Floats, sides: Labels, contrast
     from scipy.special import ndtr
 
     # The ends of the interval are in proportion to the contrast.
-    low, high = TargetContrast(1.0, epsilon, "weber").interval
+    low, high = detected_contrasts(1.0, epsilon)
 
     def up_to(limit: Floats) -> Floats:
         ratio = 1 + limit

@@ -22,7 +22,7 @@ from labcdp.core.result import Result
 from labcdp.core.table import Column, Table
 from labcdp.output import ResultsFolder
 from labcdp.report.files import result_files
-from labcdp.report.layout import Card, Facts, Page, Section
+from labcdp.report.layout import Card, Page, Section, facts_table
 
 from . import devices, numbers, peers
 from .check import Check
@@ -109,7 +109,7 @@ def main() -> None:
     title = f"Validation of labcdp {labcdp.__version__}"
     result = Result("validate", title, tables, configuration=facts, simulated=True)
     sections = [Section(one.title, (one,)) for one in tables]
-    provenance = Section("Date and versions", (Facts(tuple(facts.items())),))
+    provenance = Section("Date and versions", (facts_table(facts.items()),))
     page = Page("validation", title, facts["Date"], cards=tuple(map(card, tables)), sections=[provenance, *sections])
     with ResultsFolder(given.output, "validate", force=True) as folder:
         folder.add(result_files(result, page))

@@ -138,18 +138,15 @@ class Asked:
 
 def as_contrasts(contrasts: Contrasts | None, tolerance: Tolerance) -> Asked:
     """Return the target contrasts with their tolerance; raises InputError."""
-    epsilon: Epsilon = plain_fraction(tolerance)
+    # Without contrasts the tolerance is checked as with any.
+    values, epsilon, shape = target_contrasts(1.0 if contrasts is None else contrasts, tolerance, "weber")
     if contrasts is None:
-        # The tolerance is checked as with any contrast.
-        target_contrasts(1.0, epsilon, "weber")
         return Asked(None, False, epsilon)
-    asked, shape = target_contrasts(contrasts, epsilon, "weber")
-    values = tuple(one.contrast for one in asked)
     if len(shape) > 1 or not values:
         raise InputError(f"contrasts have the shape {shape}: give a number, or a list of at least one")
     if len(set(values)) < len(values):
         raise InputError("a contrast is given twice: give each once")
-    return Asked(values, shape == (), epsilon)
+    return Asked(tuple(values), shape == (), epsilon)
 
 
 def _shapes(regions: Roi | Iterable[Roi | Shape] | Mapping[str, ArrayLike]) -> list[Shape]:

@@ -256,8 +256,20 @@ class Table:
         detail: bool = False,
     ) -> Table:
         """Make a table of items, one a row, whose values the columns take; those that a mapping lacks are missing."""
-        shown = tuple(replace(column, value="") for column in columns)
-        return cls(name, title, shown, values_of(columns, list(items)), note, detail=detail)
+        return cls.from_data(name, title, columns, values_of(columns, list(items)), note, detail)
+
+    @classmethod
+    def from_data(
+        cls,
+        name: str,
+        title: str,
+        columns: Sequence[Column],
+        data: Mapping[str, Sequence[Any]],
+        note: str = "",
+        detail: bool = False,
+    ) -> Table:
+        """Make a table of values that its columns took before, from the items of one or of several lists."""
+        return cls(name, title, tuple(replace(column, value="") for column in columns), data, note, detail=detail)
 
     def __len__(self) -> int:
         return len(self.data[self.columns[0].name]) if self.columns else 0

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote_from_bytes
 
 from ..core.table import Table
-from .layout import Page, Script, Verbatim
+from .layout import Block, Page, Script, Verbatim
 from .text import finding_lines, is_number, printable, text_table
 
 if TYPE_CHECKING:
@@ -69,13 +69,20 @@ def environment() -> Environment:
     )
     environment.filters |= {
         "data_uri": lambda figure: f"data:image/png;base64,{b64encode(figure.png).decode()}",
-        "block_kind": lambda block: "paragraph" if isinstance(block, str) else type(block).__name__,
+        "block_kind": _block_kind,
         "cells": _cells,
         "lines": lines,
         # As browsers ask for names of files, which may be no UTF-8.
         "urlencode": lambda path: quote_from_bytes(os.fsencode(str(path))),
     }
     return environment
+
+
+def _block_kind(block: Block) -> str:
+    """Return what a block is drawn as; a table of named values is a list of them."""
+    if isinstance(block, str):
+        return "paragraph"
+    return "facts" if isinstance(block, Table) and [*block.data] == ["item", "value"] else type(block).__name__
 
 
 def _cells(table: Table) -> dict[str, Any]:

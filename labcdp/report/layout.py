@@ -71,22 +71,9 @@ class Card:
     state: State = "plain"
 
 
-@dataclass(frozen=True)
-class Facts:
-    """Named values.
-
-    Parameters
-    ----------
-    rows : sequence of (str, str)
-        Names, and values with their units.
-    """
-
-    rows: Sequence[tuple[str, str]]
-
-    @classmethod
-    def of(cls, table: Table) -> Facts:
-        """Return the rows of a table with an item and its value."""
-        return cls([(row["item"], row["value"]) for row in table.rows()])
+def facts_table(facts: Iterable[tuple[str, str]]) -> Table:
+    """Return named values, with their units, for a page; those without a value are left out."""
+    return Table.of_facts("facts", "", facts)
 
 
 @dataclass(frozen=True)
@@ -138,7 +125,7 @@ def input_facts(result: Result) -> list[tuple[str, str]]:
 
 
 #: A part of a section; a string is a paragraph.
-Block: TypeAlias = str | Table | ReportFigure | Facts | Links | Verbatim | Script
+Block: TypeAlias = str | Table | ReportFigure | Links | Verbatim | Script
 
 
 @dataclass(frozen=True)

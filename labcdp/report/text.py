@@ -9,19 +9,20 @@ from datetime import UTC, datetime
 from decimal import Decimal
 from functools import cache
 from importlib.resources import files
-from math import ceil, floor, isfinite, isinf, log10
+from math import ceil, floor, isfinite, isinf, isnan, log10
 from string import Formatter
-from typing import Any, NamedTuple
+from typing import Any
 
 from ..core.clock import exposure_text
 from ..core.errors import LabcdpError
 from ..core.quantity import Z_95 as Z_95
+from ..core.quantity import Quantity
 from ..core.result import Finding, Severity, unique
 from ..core.table import Column, Table
 from ..metrics import Cdp
 
-#: Text for an unknown value.
-UNKNOWN = "unknown"
+#: Text for a value that is not known, and for one that is missing in a table.
+UNKNOWN, MISSING = "unknown", "-"
 
 
 #: Characters that cannot be written to XML or drawn; names may contain them.
@@ -90,6 +91,27 @@ def bounded(value: float, bound: str, unit: str = "", n_digits: int = 3) -> str:
     steps = round(value * 10.0**n, 6)
     away = floor(steps) if bound == ">" else ceil(steps)
     return f"{bound} {fixed(away / 10.0**n, n)} {unit}".rstrip()
+
+
+def measured_text(value: float, u: float, bound: str = "") -> str:
+    """Write a value with U (95 %), without it if u is not known; or a bound.
+
+    Examples
+    --------
+    >>> measured_text(128.31, 0.5), measured_text(128.31, 0.5, ">")
+    ('128.31 ± 0.98', '> 128')
+    """
+    if bound:
+        return bounded(value, bound)
+    return with_half_width(value, Z_95 * u) if isfinite(u) else significant(value)
+
+
+def measured_contrast_text(contrast: Quantity, bound: str = "") -> str:
+    """Write a contrast in percent with U (95 %), without it if u is not known; or a bound."""
+    if not isfinite(contrast.value):
+        return MISSING if isnan(contrast.value) else "unbounded"
+    text = measured_text(100 * contrast.value, 100 * contrast.u, bound)
+    return text if text == UNKNOWN else f"{text} %"
 
 
 def percent(fraction: float, n_digits: int = 6) -> str:
@@ -171,9 +193,6 @@ def listed(parts: Sequence[str]) -> str:
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
 
 
-#: Text for an unknown value.
-MISSING = "-"
-
 #: Most decimals, however small the uncertainty; fewer for an interval, which is one of a probability.
 _MOST_DECIMALS, _MOST_OF_INTERVAL = 6, 5
 
@@ -189,53 +208,62 @@ def is_number(values: Iterable[Any]) -> bool:
     return not isinstance(next((value for value in values if value is not None), ""), str | bool)
 
 
-class CellTexts(NamedTuple):
-    """What a cell shows: its value, and U or the 95 % interval, empty where there is none."""
-
-    value: str
-    expanded: str = ""
-    interval: str = ""
-
-    def __str__(self) -> str:
-        beside = f" ± {self.expanded}" if self.expanded else f" ({self.interval})" if self.interval else ""
-        return self.value + beside
-
-
 def cell_text(column: Column, row: Mapping[str, Any]) -> str:
-    """Return one cell: text, ``value``, ``value ± U``, ``value (low to high)`` or ``> value``."""
-    return str(cell_texts(column, row))
-
-
-def cell_texts(column: Column, row: Mapping[str, Any]) -> CellTexts:
-    """Return the texts of one cell, each by itself.
+    """Return one cell: text, ``value``, ``value ± U``, ``value (low to high)`` or ``> value``.
 
     Examples
     --------
     >>> from labcdp.core.table import Column
-    >>> cell_texts(Column("cdp", "CDP", low="low", high="high"), {"cdp": 0.93, "low": 0.91, "high": 0.95})
-    CellTexts(value='0.930', expanded='', interval='0.910 to 0.950')
+    >>> cell_text(Column("cdp", "CDP", low="low", high="high"), {"cdp": 0.93, "low": 0.91, "high": 0.95})
+    '0.930 (0.910 to 0.950)'
     """
+    value = cell_value(column, row)
+    if expanded := cell_expanded(column, row):
+        return f"{value} ± {expanded}"
+    interval = cell_interval(column, row)
+    return f"{value} ({interval})" if interval else value
+
+
+def cell_value(column: Column, row: Mapping[str, Any]) -> str:
+    """Return the value of a cell, rounded by its uncertainty but without it."""
     value = row[column.name]
     if value is None or isinstance(value, str):
-        return CellTexts(printable(value) if value else MISSING)
+        return printable(value) if value else MISSING
     if isinstance(value, bool):
-        return CellTexts("yes" if value else "no")
+        return "yes" if value else "no"
     if not isfinite(value):
-        return CellTexts("∞" if isinf(value) and value > 0 else MISSING)
+        return "∞" if isinf(value) and value > 0 else MISSING
     if column.time:
-        return CellTexts(exposure_text(value))
+        return exposure_text(value)
     factor = 100 if column.unit_in(row) == "%" else 1
     if bound := row.get(column.bound):
-        return CellTexts(bounded(factor * value, bound))
-    n = cell_decimals(column, row)
-    text = fixed(factor * value, n)
-    uncertainty = row.get(column.expanded)
-    if uncertainty is not None and isfinite(uncertainty):
-        return CellTexts(text, expanded=fixed(factor * uncertainty, n))
-    low, high = row.get(column.low), row.get(column.high)
-    if low is not None and high is not None and isfinite(low) and isfinite(high):
-        return CellTexts(text, interval=f"{fixed(factor * low, n)} to {fixed(factor * high, n)}")
-    return CellTexts(text)
+        return bounded(factor * value, bound)
+    return fixed(factor * value, cell_decimals(column, row))
+
+
+def cell_expanded(column: Column, row: Mapping[str, Any]) -> str:
+    """Return U (95 %) of the value of a cell; empty where there is none."""
+    expanded = row.get(column.expanded)
+    if expanded is None or not (isfinite(expanded) and _has_uncertainty(column, row)):
+        return ""
+    return fixed((100 if column.unit_in(row) == "%" else 1) * expanded, cell_decimals(column, row))
+
+
+def cell_interval(column: Column, row: Mapping[str, Any]) -> str:
+    """Return the 95 % interval of the value of a cell; empty where there is none."""
+    ends = row.get(column.low), row.get(column.high)
+    if any(end is None or not isfinite(end) for end in ends) or not _has_uncertainty(column, row):
+        return ""
+    factor, n = 100 if column.unit_in(row) == "%" else 1, cell_decimals(column, row)
+    low, high = (fixed(factor * end, n) for end in ends if end is not None)
+    return f"{low} to {high}"
+
+
+def _has_uncertainty(column: Column, row: Mapping[str, Any]) -> bool:
+    """Whether a cell holds a finite number that is no bound and no time."""
+    value = row[column.name]
+    is_plain = value is None or isinstance(value, str | bool) or not isfinite(value)
+    return not (is_plain or column.time or row.get(column.bound))
 
 
 def cell_decimals(column: Column, row: Mapping[str, Any]) -> int:
@@ -278,28 +306,26 @@ _FORMATS: dict[str, Callable[[Any], str]] = {
 }  # fmt: skip
 
 
-class _Words(Formatter):
-    """Format specifications in addition to those of Python: see `finding_text`."""
-
-    def format_field(self, value: Any, format_spec: str) -> str:
-        if isinstance(value, list):
-            if format_spec.startswith("to "):
-                return span(*(self.format_field(one, format_spec[3:]) for one in value))
-            return ", ".join(self.format_field(one, format_spec) for one in value)
-        if value is None:
-            return "unknown"
-        if format_spec in _FORMATS:
-            return _FORMATS[format_spec](value)
-        number = _NUMBER.fullmatch(format_spec)
-        if number is not None:
-            sign, kind, n_digits = number.groups()
-            text = significant(100 * value if kind == "percent" else value, int(n_digits or 3))
-            return f"{sign if value > 0 else ''}{text}{' %' if kind == 'percent' else ''}"
-        if isinstance(value, str):
-            return shortened(value, _LONGEST_NAME)
-        # With z, a value that rounds to 0 has no minus.
-        zero = isinstance(value, float) and format_spec[-1:] in ("f", "%")
-        return str(super().format_field(value, re.sub(r"^\+?", r"\g<0>z", format_spec) if zero else format_spec))
+def _formatted(value: Any, spec: str) -> str:
+    """Format a value of a finding by a specification of `finding_text`."""
+    if isinstance(value, list):
+        if spec.startswith("to "):
+            return span(*(_formatted(each, spec[3:]) for each in value))
+        return ", ".join(_formatted(each, spec) for each in value)
+    if value is None:
+        return UNKNOWN
+    if spec in _FORMATS:
+        return _FORMATS[spec](value)
+    number = _NUMBER.fullmatch(spec)
+    if number is not None:
+        sign, kind, n_digits = number.groups()
+        text = significant(100 * value if kind == "percent" else value, int(n_digits or 3))
+        return f"{sign if value > 0 else ''}{text}{' %' if kind == 'percent' else ''}"
+    if isinstance(value, str):
+        return shortened(value, _LONGEST_NAME)
+    # With z, a value that rounds to 0 has no minus.
+    zero = isinstance(value, float) and spec[-1:] in ("f", "%")
+    return format(value, re.sub(r"^\+?", r"\g<0>z", spec) if zero else spec)
 
 
 def finding_text(finding: Finding) -> str:
@@ -317,7 +343,11 @@ def finding_text(finding: Finding) -> str:
     template = templates().get(finding.code)
     if template is None:
         raise LabcdpError(f"there is no text for the finding {finding.code!r}: add it to data/findings")
-    text = _Words().vformat(template, (), {"subject": finding.subject, **finding.values})
+    values = {"subject": finding.subject, **finding.values}
+    text = "".join(
+        literal + ("" if name is None else _formatted(values[name], spec or ""))
+        for literal, name, spec, _ in Formatter().parse(template)
+    )
     if finding.subject and "{subject" not in template:
         text = f"{shortened(finding.subject, _LONGEST_NAME)}: {text}"
     files = finding.values.get("files")

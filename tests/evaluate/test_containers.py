@@ -153,7 +153,7 @@ def by_picture(path, pair, encoding=None, **stated):
     """Contrast of a pair, its U, and codes of the warnings."""
     converter = make_converter(encoding=encoding, **stated)
     settings = ImageSettings(rois=tuple(ROIS[name] for name in pair), pairs=(pair,), converter=converter)
-    evaluation, _ = evaluate_picture(settings, path, pages=False, surface=False)
+    evaluation, _, _ = evaluate_picture(settings, path, pages=False, surface=False)
     (found,) = evaluation.pairs
     sign = found.bright_region.roi.name == pair[0]
     return found.contrast.value, found.contrast.u, sign, evaluation.findings

@@ -17,7 +17,7 @@ from labcdp.core.table import Column, Table, variables_of
 from labcdp.report import text as digits
 from labcdp.report.files import envelope, envelope_json
 from labcdp.report.html import render_page
-from labcdp.report.layout import Card, Facts, Page, ReportFigure, Section
+from labcdp.report.layout import Card, Page, ReportFigure, Section, facts_table
 from labcdp.report.sheets import result_workbook
 
 from ..conftest import valid
@@ -136,7 +136,7 @@ def test_a_page_escapes_all_text_and_shows_warnings_before_the_answer(result):
         "report", "<script>x</script>", cards=(Card("<b>pair</b>", "0.859", verdict="detected", state="good"),),
         lead=(ReportFigure("a.png", b"png", "<u>caption</u>", "text"), result.table("patches")),
         findings=(*result.findings, warning("test-note", "P1", share=0.25)),
-        sections=(Section("Details", ("<p>text", Facts((("<dt>", "<dd>"),))), collapsed=True),),
+        sections=(Section("Details", ("<p>text", facts_table((("<dt>", "<dd>"),))), collapsed=True),),
     )  # fmt: skip
     html = render_page(page)
     for text in ("<script>x", "<b>pair", "<u>caption", "<p>text", "<dt><", "patch <i>"):

@@ -15,10 +15,10 @@ from ...core.cluster import Runner
 from ...core.computer import Processes, Threads, usable_cores
 from ...core.disk.files import shown
 from ...core.errors import InputError, LabcdpError
-from ...core.result import InputFile
+from ...core.result import InputFile, Result
+from ...evaluate.picture.image import MeasuredPicture
 from ...evaluate.picture.result import evaluate_picture, image_result, picture_folder, summary_files
 from ...evaluate.picture.settings import ImageSettings
-from ...evaluate.picture.tables import ReportedPicture
 from ...evaluate.requirement import verdicts_of
 from ...files.kinds import no_picture
 from ...files.read import picture_paths
@@ -77,9 +77,8 @@ def image(
     require_kind(files, no_picture)
     settings, paths = _settings(pairs, light, rectangle), each_once(picture_paths(files))
     with results.folder(files[0] if len(files) == 1 else "pictures") as folder:
-        pictures = _evaluated(paths, settings, pages, surface, folder)
-        result = image_result(pictures, settings)
-        failed = [picture for picture in pictures if picture.evaluation is None]
+        pictures, result = _evaluated(paths, settings, pages, surface, folder)
+        failed = [picture for picture in pictures if picture.source is None]
         good = len(failed) < len(pictures)
         if good:
             folder.add(summary_files(pictures, result, settings.converter.description))
@@ -98,9 +97,9 @@ def image(
     end_by_requirement(verdicts_of(result))
 
 
-def _failures(failed: Sequence[ReportedPicture]) -> list[str]:
+def _failures(failed: Sequence[MeasuredPicture]) -> list[str]:
     """Say why pictures have no result; those that fail for one reason share a line."""
-    reasons: dict[str, list[ReportedPicture]] = {}
+    reasons: dict[str, list[MeasuredPicture]] = {}
     for one in failed:
         reasons.setdefault(one.failure.replace(one.file, ""), []).append(one)
     lines = []
@@ -134,7 +133,7 @@ def _settings(
 
 def _evaluated(
     paths: Sequence[Path], settings: ImageSettings, pages: bool, surface: bool, results: ResultsFolder
-) -> list[ReportedPicture]:
+) -> tuple[list[MeasuredPicture], Result]:
     """Process the pictures, on all cores if there are enough of them, and write their files.
 
     What is done with a result is outside: a full disk ends the command, and is no failure of the picture.
@@ -143,17 +142,21 @@ def _evaluated(
     n_processes = min(usable_cores(), len(paths) // 2)
     workers: Runner[Path] = Threads(1) if n_processes < 2 else Processes(n_processes)
     numbers = {path: number for number, path in enumerate(paths, start=1)}
-    pictures: dict[int, ReportedPicture] = {}
+    pictures: dict[int, MeasuredPicture] = {}
+    result: Result | None = None
     with progress_bars() as bars:
         for path, made, error in workers.run(partial(evaluate_picture, settings, pages=pages, surface=surface), paths):
             number = numbers[path]
             folder = picture_folder(number, path) if len(paths) > 1 and pages else ""
-            evaluation, files = made or (None, {})
+            picture, result, files = made or (MeasuredPicture(str(path), None), None, {})
+            if error is not None:
+                picture = replace(picture, failure=_failure(error, path))
             results.add({f"{folder}/{name}" if folder else name: data for name, data in files.items()})
-            failure = "" if error is None else _failure(error, path)
-            pictures[number] = ReportedPicture(number, str(path), folder, evaluation, failure)
+            pictures[number] = replace(picture, number=number, folder=folder)
             bars.update("Pictures", len(pictures), len(paths))
-    return [pictures[number] for number in sorted(pictures)]
+    in_order = [pictures[number] for number in sorted(pictures)]
+    # The result of a single picture is that of its page.
+    return in_order, result if result is not None and len(paths) == 1 else image_result(in_order, settings)
 
 
 def _failure(error: BaseException, path: Path) -> str:

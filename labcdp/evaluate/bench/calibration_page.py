@@ -15,7 +15,7 @@ from ...core.result import Result
 from ...core.table import Table
 from ...report.drawing import BLUE, ORANGE, finish, logarithmic, placed_figure, reported
 from ...report.html import render_page
-from ...report.layout import Block, Card, Facts, Page, ReportFigure, Section, page_text
+from ...report.layout import Block, Card, Page, ReportFigure, Section, page_text
 from ...report.sheets import result_workbook
 from ...report.text import day, fixed, listed, printable, shortened, significant, span, with_half_width
 from .calibration_result import PATCH_PIXELS, budget_of_patch
@@ -236,4 +236,4 @@ def _sections(calibration: AnyCalibration, result: Result, figures: Sequence[Rep
 
 def condition_blocks(conditions: Table) -> tuple[Block, ...]:
     """Return devices, settings and provenance of a calibration, and the limits of its validity."""
-    return Facts.of(conditions), page_text("calibration-validity")
+    return conditions, page_text("calibration-validity")

@@ -12,7 +12,7 @@ from ...calibration.verify.result import Verdict, Verification
 from ...core.result import Finding, FindingValue
 from ...core.table import Column, Table
 from ...report.html import render_page
-from ...report.layout import SIMULATED, Card, Facts, Page, ReportFigure, Section, State, page_text
+from ...report.layout import SIMULATED, Card, Page, ReportFigure, Section, State, facts_table, page_text
 from ...report.maps import close_picture
 from ...report.text import (
     day,
@@ -151,8 +151,8 @@ def _certificate(
 ) -> bytes:
     camera = calibration.state.camera
     simulated = camera.simulated or observed.meter_scale.meter.simulated
-    banner, facts = SIMULATED if simulated else "", Facts(list(_conditions(observed, calibration)))
-    identification = Facts(list(_identification(observed, calibration, saved, saved_calibration)))
+    banner, facts = SIMULATED if simulated else "", facts_table(_conditions(observed, calibration))
+    identification = facts_table(_identification(observed, calibration, saved, saved_calibration))
     sections = Section("Conditions", [facts]), *sections
     lead = identification, _picture(observed, calibration, simulated)
     page = Page(kind, f"{camera}", banner=banner, cards=cards, lead=lead, sections=sections)

@@ -11,10 +11,10 @@ from ...core.table import Table
 from ...metrics import ContrastDistribution
 from ...report.drawing import reduction
 from ...report.files import result_files
-from ...report.layout import SIMULATED, Card, Facts, Page, ReportFigure, Section, Verbatim, page_text
+from ...report.layout import SIMULATED, Card, Page, ReportFigure, Section, Verbatim, page_text
 from ...report.maps import luminance_picture, regions_picture
 from ...report.plots import ContrastPanel, contrast_figures
-from ...report.text import cell_text, cell_texts, day, percent, printable, share_percent, shortened, span
+from ...report.text import cell_interval, cell_text, cell_value, day, percent, printable, share_percent, shortened, span
 from ..requirement import requirement_cards
 from ..verdict import STATES
 from .calibration_page import calibration_figures, condition_blocks
@@ -82,10 +82,10 @@ def session_files(evaluation: SessionEvaluation, result: Result) -> dict[str, by
 
 def _cards(table: Table) -> Iterator[Card]:
     for row in table.rows():
-        value, _, interval = cell_texts(table.column("cdp"), row)
+        interval = cell_interval(table.column("cdp"), row)
         yield Card(
             row["pair"],
-            value,
+            cell_value(table.column("cdp"), row),
             f"95 % interval {interval}" if interval else "",
             (
                 f"target contrast {percent(row['target_contrast'])}, ε {percent(row['epsilon'])}",
@@ -125,5 +125,5 @@ def _sections(evaluation: SessionEvaluation, result: Result, luminance: ReportFi
     # Spectra are in the session; here their first values identify them.
     lines = evaluation.observed.configuration.to_toml().splitlines()
     configuration = Verbatim("\n".join(shortened(line, 160) for line in lines))
-    blocks = Facts.of(result.table("provenance")), "Configuration of the session:", configuration
+    blocks = result.table("provenance"), "Configuration of the session:", configuration
     yield Section("Provenance", blocks, collapsed=True)

@@ -12,8 +12,8 @@ from ...core.quantity import Quantity
 from ...core.result import InputFile, NamedValue, Result, quantity_table
 from ...core.table import Column, Table, uncertain
 from ...report.files import result_files
-from ...report.layout import Card, Facts, Page, ReportFigure, Section, page_text
-from ...report.text import capitalised, cell_texts
+from ...report.layout import Card, Page, ReportFigure, Section, facts_table, page_text
+from ...report.text import capitalised, cell_expanded, cell_text, cell_value
 from ..bench.quantities import RESPONSIVITY
 from .figures import signal_figures
 from .nonuniformity import spatial_figures
@@ -161,18 +161,24 @@ def _sections(found: Characterisation, result: Result, size: str, figures: Seque
         ("Temperature", "not known" if found.temperature_c is None else f"{found.temperature_c:.1f} °C"),
         ("Definitions", found.definition),
     ]
-    yield Section("Series and provenance", (result.table("series"), result.table("dark_signal"), Facts(facts)), True)
+    yield Section(
+        "Series and provenance", (result.table("series"), result.table("dark_signal"), facts_table(facts)), True
+    )
 
 
 def _cards(result: Result) -> Iterator[Card]:
     table = result.table("characterisation")
     # The unit on the card already says that it is in dB.
     rows = {row["key"]: {**row, "quantity": row["quantity"].removesuffix(" in dB")} for row in table.rows()}
-    texts = {key: cell_texts(table.column("value"), row) for key, row in rows.items()}
+    column = table.column("value")
     for key, beside in _CARDS:
         if key in rows:
             name, unit = rows[key]["quantity"], rows[key]["unit"]
-            value, expanded, _ = texts[key]
+            value, expanded = cell_value(column, rows[key]), cell_expanded(column, rows[key])
             detail = f"± {expanded} {unit}, U (95 %)" if expanded else ""
-            lines = (f"{rows[beside]['quantity']} {texts[beside]} {rows[beside]['unit']}",) if beside in rows else ()
+            lines = (
+                (f"{rows[beside]['quantity']} {cell_text(column, rows[beside])} {rows[beside]['unit']}",)
+                if beside in rows
+                else ()
+            )
             yield Card(capitalised(name), f"{value} {unit}".strip(), detail, lines)

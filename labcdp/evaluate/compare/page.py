@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...core.result import Result
 from ...report.drawing import SMALL_SIZE, finish, label, new_figure, reported
 from ...report.files import result_files
-from ...report.layout import Block, Card, Facts, Page, ReportFigure, Section, State, input_facts
+from ...report.layout import Block, Card, Page, ReportFigure, Section, State, facts_table, input_facts
 from ...report.text import capitalised, finding_text, printable
 from ..requirement import STATES
 from ..sweep.maps.axes import MapAxis
@@ -187,7 +187,7 @@ def comparison_files(found: Comparison, result: Result) -> dict[str, bytes]:
         for name, title in titles.items()
         if name in tables
     ]
-    sections.append(Section("Method and inputs", (_METHOD, Facts(input_facts(result))), collapsed=True))
+    sections.append(Section("Method and inputs", (_METHOD, facts_table(input_facts(result))), collapsed=True))
     summary = " ".join(f"{capitalised(finding_text(one))}." for one in said)
     page = Page.of(result, f"Comparison of {found.kind}s", summary, _cards(found), lead, sections)
     page = replace(page, findings=[one for one in result.findings if one not in said])

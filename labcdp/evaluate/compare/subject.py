@@ -23,7 +23,6 @@ from ..bench.session_result import session_result
 from ..picture.converter import Converter
 from ..picture.result import evaluate_picture, image_result
 from ..picture.settings import ImageSettings
-from ..picture.tables import ReportedPicture
 from ..sweep.maps.axes import check_map
 
 #: Kinds by the command whose results they are; the file next to results.json that holds them, if not that itself.
@@ -170,8 +169,8 @@ def _file(text: str, path: Path) -> list[Subject]:
 
 def _picture(path: Path, settings: ImageSettings) -> list[Subject]:
     """Evaluate a picture, as `labcdp image` does."""
-    evaluation, _ = evaluate_picture(settings, path, pages=False, surface=False)
-    result = image_result([ReportedPicture(1, str(path), "", evaluation)], settings)
+    picture, _, _ = evaluate_picture(settings, path, pages=False, surface=False)
+    result = image_result([picture], settings)
     return _results(str(path), path, envelope(result), result.inputs)
 
 

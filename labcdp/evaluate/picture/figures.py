@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import ceil, isfinite, log
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,8 +27,8 @@ from ...report.layout import ReportFigure
 from ...report.maps import ImageFigure, drawn_pixels
 from ...report.plots import ContrastPanel, contrast_figures
 from ...report.text import percent, shortened
-from .image import AnyContrast, ImageEvaluation
-from .neighbours import NeighbourEvaluation, neighbour_distribution
+from .image import AnyContrast, MeasuredPicture
+from .neighbours import NeighbourPair, neighbour_distribution
 
 if TYPE_CHECKING:
     from ...core.luminance import LuminanceMap
@@ -46,23 +47,23 @@ _WHITE_SHARE, _GAMMA = 0.001, 0.45
 _MOST_BARS = 256
 
 
-def image_figures(evaluation: ImageEvaluation, picture: Picture, luminance: LuminanceMap) -> list[ReportFigure]:
+def picture_figures(measured: MeasuredPicture, picture: Picture, luminance: LuminanceMap) -> list[ReportFigure]:
     """Draw a picture with its regions, the contrasts of its pairs, and the values of picture and regions."""
     panels = []
-    for pair in evaluation.contrasts:
-        distribution, measured = distribution_of(pair, luminance), pair.contrast.value
+    for pair in measured.contrasts:
+        distribution, contrast = pair_distribution(pair, luminance), pair.contrast.value
         if distribution is not None:
             name = shortened(pair.name, 40)
-            panels += [ContrastPanel(name, distribution, one, measured) for one in _drawn(pair.cdp, measured)]
-    figures = [_picture(evaluation, luminance), *contrast_figures(panels[:_MOST_PANELS])]
-    if any(len(pair.cdp) > 1 for pair in evaluation.contrasts):
-        figures.append(_curves([(pair.name, pair.cdp) for pair in evaluation.contrasts]))
-    return [*figures, _values(evaluation, picture, luminance)]
+            panels += [ContrastPanel(name, distribution, cdp, contrast) for cdp in _drawn(pair.cdp, contrast)]
+    figures = [_picture(measured, luminance), *contrast_figures(panels[:_MOST_PANELS])]
+    if any(len(pair.cdp) > 1 for pair in measured.contrasts):
+        figures.append(_curves([(pair.name, pair.cdp) for pair in measured.contrasts]))
+    return [*figures, _values(measured, picture, luminance)]
 
 
-def distribution_of(pair: AnyContrast, luminance: LuminanceMap) -> ContrastDistribution | None:
+def pair_distribution(pair: AnyContrast, luminance: LuminanceMap) -> ContrastDistribution | None:
     """Return the contrasts of all pairs of pixels; None where no contrast is finite."""
-    if isinstance(pair, NeighbourEvaluation):
+    if isinstance(pair, NeighbourPair):
         return neighbour_distribution(luminance, pair)
     highest = float(pair.cdp.detected_range.high.max(initial=0.0)) or 1.0
     a, b = (luminance.select(region.roi).astype(np.float64) for region in (pair.a, pair.b))
@@ -83,28 +84,28 @@ def luminance_label(unit: str) -> str:
     return "relative luminance" if unit == "relative" else f"luminance in {unit}"
 
 
-def _picture(evaluation: ImageEvaluation, luminance: LuminanceMap) -> ReportFigure:
+def _picture(measured: MeasuredPicture, luminance: LuminanceMap) -> ReportFigure:
     from matplotlib.colors import PowerNorm
 
     drawn, side = drawn_pixels(luminance)
     finite = drawn[np.isfinite(drawn)]
     white = float(np.quantile(finite, 1 - _WHITE_SHARE)) if finite.size else 1.0
     white = white if white > 0 else 1.0
-    regions = [region.roi for region in evaluation.regions]
-    if evaluation.neighbours is not None and evaluation.neighbours.rectangle is not None:
-        x0, y0, x1, y1 = evaluation.neighbours.rectangle
+    regions = [region.roi for region in measured.regions]
+    if measured.neighbours is not None and measured.neighbours.rectangle is not None:
+        x0, y0, x1, y1 = measured.neighbours.rectangle
         regions.append(Roi.rectangle("nearest-neighbour", x0, y0, x1 + 1 - x0, y1 + 1 - y0))
-    figure = ImageFigure.of(luminance, shortened(evaluation.source.path.name, 60), False, regions)
+    figure = ImageFigure.of(luminance, shortened(Path(measured.file).name, 60), False, regions)
     norm = PowerNorm(_GAMMA, 0, white)
     shown = figure.axes.imshow(np.clip(drawn, 0, white), cmap="gray", norm=norm, extent=figure.extent)
-    figure.add_scale(shown, luminance_label(evaluation.source.unit), extend="max")
+    figure.add_scale(shown, luminance_label(measured.unit), extend="max")
     figure.draw_regions()
     scale = f" Each drawn pixel is the mean of {side} x {side} of the picture's." if side > 1 else ""
-    with_regions = ", with its regions" if evaluation.regions else ""
+    with_regions = ", with its regions" if measured.regions else ""
     return reported(
         "picture",
         figure.figure,
-        f"The picture as {luminance_label(evaluation.source.unit)}, dark parts brightened{with_regions}.{scale}",
+        f"The picture as {luminance_label(measured.unit)}, dark parts brightened{with_regions}.{scale}",
         f"Grey picture with {len(regions)} regions: {', '.join(roi.name for roi in regions) or 'none'}.",
     )
 
@@ -133,15 +134,15 @@ def _curves(found: Sequence[tuple[str, Cdp[NDArray[np.float64]]]]) -> ReportFigu
     )
 
 
-def _values(evaluation: ImageEvaluation, picture: Picture, luminance: LuminanceMap) -> ReportFigure:
+def _values(measured: MeasuredPicture, picture: Picture, luminance: LuminanceMap) -> ReportFigure:
     """Draw histograms of picture and regions, of the values of the file and of the luminance."""
     native = picture.light if picture.frame is None else picture.frame.dn
     assert native is not None
-    in_pairs = {region.roi.name for pair in evaluation.pairs for region in (pair.a, pair.b)}
-    rois = [one.roi for one in evaluation.regions if one.roi.name in in_pairs or not in_pairs][: len(_COLOURS)]
-    maps = [(np.asarray(luminance.luminance_cd_m2), luminance.scaled, luminance_label(evaluation.source.unit))]
+    in_pairs = {region.roi.name for pair in measured.pairs for region in (pair.a, pair.b)}
+    rois = [one.roi for one in measured.regions if one.roi.name in in_pairs or not in_pairs][: len(_COLOURS)]
+    maps = [(np.asarray(luminance.luminance_cd_m2), luminance.scaled, luminance_label(measured.unit))]
     # Without a scale and a tone curve, luminance has the histogram of the values.
-    if evaluation.source.unit != "relative" or picture.encoding != "linear":
+    if measured.unit != "relative" or picture.encoding != "linear":
         maps.insert(0, (native, lambda roi: roi, "DN" if picture.frame is not None else "value in the file"))
     figure = placed_figure(9.6, 3.5)
     width = 0.86 / len(maps) - 0.05

@@ -1,4 +1,4 @@
-"""Evaluation of a picture: contrasts of its regions, and of neighbouring pixels."""
+"""A measured picture: contrasts of its regions, and of neighbouring pixels."""
 
 from __future__ import annotations
 
@@ -11,45 +11,62 @@ from ...core.result import Finding, info, unique, warning
 from ...metrics.pair import VIGNETTING_CODE, Pair, evaluate_pair
 from ...metrics.region import RegionLight, evaluate_region
 from .converter import PictureSource
-from .neighbours import NeighbourEvaluation, evaluate_neighbours
+from .neighbours import NeighbourPair, evaluate_neighbours
 from .settings import ImageSettings
 
 #: Contrast of two regions, or of neighbouring pixels.
-AnyContrast: TypeAlias = Pair | NeighbourEvaluation
+AnyContrast: TypeAlias = Pair | NeighbourPair
 
 
 @dataclass(frozen=True, eq=False)
-class ImageEvaluation:
-    """Contrasts of a picture.
+class MeasuredPicture:
+    """What was measured in a picture, or why nothing was.
 
     Parameters
     ----------
-    source : PictureSource
-        The picture.
+    file : str
+        Its file, as it was given.
+    source : PictureSource or None
+        What is known of it; None if it could not be evaluated.
     regions : tuple of RegionLight
-        All regions, in the order of the request.
+        All regions, in the order of the settings.
     pairs : tuple of Pair
-        In the order of the request.
-    neighbours : NeighbourEvaluation or None
+        In the order of the settings.
+    neighbours : NeighbourPair or None
         Of neighbouring pixels.
     findings : tuple of Finding
         What a user should know.
+    number : int
+        Its number, in the order the pictures were given.
+    folder : str
+        Folder of its page next to the overview; empty for a single picture.
+    failure : str
+        Why it could not be evaluated.
     """
 
-    source: PictureSource
-    regions: tuple[RegionLight, ...]
-    pairs: tuple[Pair, ...]
-    neighbours: NeighbourEvaluation | None
-    findings: tuple[Finding, ...]
+    file: str
+    source: PictureSource | None
+    regions: tuple[RegionLight, ...] = ()
+    pairs: tuple[Pair, ...] = ()
+    neighbours: NeighbourPair | None = None
+    findings: tuple[Finding, ...] = ()
+    number: int = 1
+    folder: str = ""
+    failure: str = ""
 
     @property
     def contrasts(self) -> tuple[AnyContrast, ...]:
         """The pairs, then the neighbouring pixels."""
         return self.pairs if self.neighbours is None else (*self.pairs, self.neighbours)
 
+    @property
+    def unit(self) -> str:
+        """Unit of the luminance; empty if it could not be evaluated."""
+        return "" if self.source is None else self.source.unit
 
-def evaluate_image(luminance: LuminanceMap, source: PictureSource, settings: ImageSettings) -> ImageEvaluation:
-    """Evaluate a picture.
+
+def measure_picture(luminance: LuminanceMap, source: PictureSource, settings: ImageSettings) -> MeasuredPicture:
+    """Measure the contrasts of a picture.
 
     Parameters
     ----------
@@ -66,33 +83,33 @@ def evaluate_image(luminance: LuminanceMap, source: PictureSource, settings: Ima
         As `evaluate_pair` and `evaluate_neighbours`.
     """
     rois = {roi.name: roi for roi in settings.rois}
-    asked = settings.contrasts, settings.epsilon
-    pairs = [evaluate_pair(luminance, rois[a], rois[b], *asked) for a, b in settings.chosen_pairs]
+    targets = settings.contrasts, settings.epsilon
+    pairs = [evaluate_pair(luminance, rois[a], rois[b], *targets) for a, b in settings.chosen_pairs]
     evaluated = {region.roi.name: region for pair in pairs for region in (pair.a, pair.b)}
     regions = [evaluated.get(name) or evaluate_region(luminance, roi) for name, roi in rois.items()]
     neighbours = None
     if settings.neighbours:
-        neighbours = evaluate_neighbours(luminance, *asked, settings.rectangle)
-    found = [*source.findings]
+        neighbours = evaluate_neighbours(luminance, *targets, settings.rectangle)
+    findings = [*source.findings]
     if any(pair.targets_measured_contrast for pair in pairs) and settings.contrasts is None:
-        found.append(info("contrast-is-measured"))
-    found += [
+        findings.append(info("contrast-is-measured"))
+    findings += [
         warning("pair-swapped", bright=pair.b.roi.name, dark=pair.a.roi.name)
         for pair in pairs
         if settings.pairs is not None and pair.bright == "b"
     ]
-    found += _of_pairs(pairs)
-    found += neighbours.findings if neighbours is not None else ()
-    return ImageEvaluation(source, tuple(regions), tuple(pairs), neighbours, unique(found))
+    findings += _pair_findings(pairs)
+    findings += neighbours.findings if neighbours is not None else ()
+    return MeasuredPicture(str(source.path), source, tuple(regions), tuple(pairs), neighbours, unique(findings))
 
 
-def _of_pairs(pairs: Sequence[Pair]) -> list[Finding]:
+def _pair_findings(pairs: Sequence[Pair]) -> list[Finding]:
     """Return the findings of pairs; of the vignetting, one about the pair for which it matters most."""
-    found = [one for pair in pairs for one in pair.findings]
-    lens = [one for one in found if one.code == VIGNETTING_CODE]
+    findings = [finding for pair in pairs for finding in pair.findings]
+    lens = [finding for finding in findings if finding.code == VIGNETTING_CODE]
     if len(lens) < 2:
-        return found
-    largest = max(lens, key=lambda one: float(str(one.values["share"])))
+        return findings
+    largest = max(lens, key=lambda finding: float(str(finding.values["share"])))
     values = {**largest.values, "count": len(lens)}
     joined = warning("contrasts-with-vignetting", largest.subject, **values)
-    return [*(one for one in found if one.code != VIGNETTING_CODE), joined]
+    return [*(finding for finding in findings if finding.code != VIGNETTING_CODE), joined]

@@ -25,8 +25,8 @@ from .dn_light import light_of_dn
 
 
 @dataclass(frozen=True)
-class NeighbourEvaluation:
-    """Nearest-neighbour CDP of a picture or a rectangle of it.
+class NeighbourPair:
+    """Contrast and CDP of neighbouring pixels, of a picture or a rectangle of it.
 
     Parameters
     ----------
@@ -47,6 +47,11 @@ class NeighbourEvaluation:
     findings: tuple[Finding, ...]
 
     @property
+    def targets_measured_contrast(self) -> bool:
+        """Whether the target contrast is the measured one."""
+        return len(self.cdp) == 1 and bool(self.cdp.contrast[0] == self.contrast.value)
+
+    @property
     def name(self) -> str:
         """Which pixels it is of."""
         if self.rectangle is None:
@@ -60,7 +65,7 @@ def evaluate_neighbours(
     contrasts: Sequence[float] | None = None,
     epsilon: Epsilon = 0.5,
     rectangle: Rectangle | None = None,
-) -> NeighbourEvaluation:
+) -> NeighbourPair:
     """Evaluate CDP of each pixel against its right and its lower neighbour.
 
     Parameters
@@ -97,7 +102,7 @@ def evaluate_neighbours(
     ]
     variance = variance_of_changes(base.cdp, changed)
     findings = [info("neighbour-contrast-is-measured")] if contrasts is None else []
-    return NeighbourEvaluation(
+    return NeighbourPair(
         rectangle=inside,
         contrast=Quantity(contrast, nan),
         cdp=base.with_calibration(variance),
@@ -107,7 +112,7 @@ def evaluate_neighbours(
 
 def neighbours_of_frame(
     frame: Frame, converter: Converter, contrasts: tuple[float, ...] | None, epsilon: Epsilon
-) -> NeighbourEvaluation:
+) -> NeighbourPair:
     """Evaluate a frame as `evaluate_neighbours`; faster, without its measured contrast, if its DN alone decide.
 
     Raises
@@ -121,8 +126,8 @@ def neighbours_of_frame(
     light = _light_by_dn(frame, converter) if few else None
     if contrasts is None or light is None:
         return evaluate_neighbours(converter.convert(frame), contrasts, epsilon)
-    found = neighbour_tables(light, contrasts, epsilon).evaluate(frame.dn)
-    return NeighbourEvaluation(None, Quantity(nan, nan), found, ())
+    cdp = neighbour_tables(light, contrasts, epsilon).evaluate(frame.dn)
+    return NeighbourPair(None, Quantity(nan, nan), cdp, ())
 
 
 def _light_by_dn(frame: Frame, converter: Converter) -> NDArray[np.floating[Any]] | None:
@@ -172,7 +177,7 @@ def _errors(luminance: LuminanceMap, window: Window, values: NDArray[np.float64]
     return [np.where(np.isfinite(error), error, 0.0) for error in found]
 
 
-def neighbour_distribution(luminance: LuminanceMap, found: NeighbourEvaluation) -> ContrastDistribution | None:
+def neighbour_distribution(luminance: LuminanceMap, found: NeighbourPair) -> ContrastDistribution | None:
     """Cumulative probability of the contrasts of all neighbours, larger over smaller, for plots; None without any."""
     values = np.asarray(luminance.luminance_cd_m2[_window(luminance, found.rectangle)[0]], dtype=np.float64)
     most = MOST_TIMES * float(found.cdp.detected_range.high.max()) if len(found.cdp) else inf

@@ -8,13 +8,24 @@ from dataclasses import replace
 from ...core.clock import exposure_text
 from ...core.result import Result
 from ...core.table import Table
+from ...metrics.pair import Pair
 from ...report.html import render_page
-from ...report.layout import Block, Card, Facts, Links, Page, ReportFigure, Section, input_facts
-from ...report.text import MISSING, UNKNOWN, cell_text, cell_texts
+from ...report.layout import Block, Card, Links, Page, ReportFigure, Section, facts_table, input_facts
+from ...report.text import (
+    MISSING,
+    UNKNOWN,
+    cdp_decimals,
+    cdp_interval,
+    cell_text,
+    fixed,
+    measured_contrast_text,
+    percent,
+    significant,
+)
 from ..requirement import requirement_cards
-from ..verdict import STATES
+from ..verdict import STATES, cdp_verdict
+from .image import AnyContrast, MeasuredPicture
 from .summary import summary_cards, trend_figure
-from .tables import ReportedPicture
 
 #: Cards of a page; the table has all.
 _MOST_CARDS = 8
@@ -26,61 +37,68 @@ _MOST_WORST = 10
 _SHORT = ("picture", "pair", "measured_contrast", "contrast", "contrast_origin", "cdp", "verdict")
 
 
-def picture_page(result: Result, figures: Sequence[ReportFigure], conversion: str, surface: bool) -> str:
+def picture_page(
+    picture: MeasuredPicture, result: Result, figures: Sequence[ReportFigure], limit: float, surface: bool
+) -> str:
     """Return the page of one picture.
 
     Parameters
     ----------
+    picture : MeasuredPicture
+        What was measured.
     result : Result
         Of this picture alone.
     figures : sequence of ReportFigure
         Its figures.
-    conversion : str
-        How its values became luminance.
+    limit : float
+        CDP from which a contrast counts as detected.
     surface : bool
         Whether there is also a page with its surface.
     """
-    (table,) = _tables(result, "cdp") or (None,)
     named = {figure.file_name: figure for figure in figures}
     lead: list[Block] = [named.pop("picture.png")]
     values = named.pop("values.png")
     details: list[Block] = [*named.values()]
-    if table is not None:
+    for table in _tables(result, "cdp"):
         lead.append(_short(table))
         details.append(table)
+    links = [Links([("The luminance as a surface that can be turned", "surface.html")])] if surface else []
     sections = [
         *(Section("Requirement", [table]) for table in _tables(result, "requirement")),
         Section("Contrasts", details),
         Section("Regions and values", [*_tables(result, "regions"), values]),
-        *([Section("Surface", [Links([("The luminance as a surface that can be turned", "surface.html")])])]
-          if surface else []),
-        Section("Provenance", [_provenance(result, conversion)], collapsed=True),
-    ]  # fmt: skip
+        *(Section("Surface", [link]) for link in links),
+        Section("Provenance", [_provenance(picture, result)], collapsed=True),
+    ]
     return render_page(
         Page.of(
             result,
             "Contrast detection probability (CDP) of a picture",
-            cards=[*requirement_cards(result), *([] if table is None else _cards(table))],
+            cards=[*requirement_cards(result), *_cards(picture, limit)],
             lead=lead,
             sections=sections,
         )
     )
 
 
-def overview_page(result: Result, pictures: Sequence[ReportedPicture], conversion: str) -> str:
+def overview_page(result: Result, pictures: Sequence[MeasuredPicture], conversion: str) -> str:
     """Return the page over several pictures: mean, spread, worst and trend, then all rows and the page of each.
 
     Parameters
     ----------
     result : Result
         Of all pictures.
-    pictures : sequence of ReportedPicture
+    pictures : sequence of MeasuredPicture
         In the order they were given.
     conversion : str
         How their values became luminance.
     """
-    failed = sum(one.evaluation is None for one in pictures)
-    pages = {one.number: (one.file, f"{one.folder}/report.html") for one in pictures if one.evaluation and one.folder}
+    failed = sum(picture.source is None for picture in pictures)
+    pages = {
+        picture.number: (picture.file, f"{picture.folder}/report.html")
+        for picture in pictures
+        if picture.source is not None and picture.folder
+    }
     of_all = f"{len(pictures) - failed} of {len(pictures)} pictures were evaluated." if failed else ""
     cards: list[Card] = []
     lead: list[Block] = []
@@ -101,7 +119,7 @@ def overview_page(result: Result, pictures: Sequence[ReportedPicture], conversio
     sections += [
         *([Section("Pages of the pictures", [Links([*pages.values()])], len(pages) > _MOST_WORST)] if pages else []),
         Section("Details", _tables(result, "regions", "pictures"), True),
-        Section("Provenance", [Facts([("conversion", conversion)])], collapsed=True),
+        Section("Provenance", [facts_table([("conversion", conversion)])], collapsed=True),
     ]
     return render_page(
         Page.of(
@@ -131,54 +149,57 @@ def _tables(result: Result, *names: str) -> list[Table]:
     return [table for table in result.tables if table.name in names]
 
 
-def _best(table: Table) -> Table:
-    """Return of each pair the row of the contrast with the largest CDP."""
-    best: dict[str, tuple[float, int]] = {}
-    for at, row in enumerate(table.rows()):
-        cdp = -1.0 if row["cdp"] is None else row["cdp"]
-        if cdp > best.get(row["pair"], (-2.0, 0))[0]:
-            best[row["pair"]] = cdp, at
-    return table.select([at for _, at in best.values()])
-
-
 def _short(table: Table) -> Table:
     """Return the table next to the picture: few columns, and of many contrasts the largest CDP of each pair."""
-    short = (table if len(table) <= MOST_ROWS else _best(table)).showing(*_SHORT)
-    text = "The contrast with the largest CDP of each pair; all are below." if len(table) > MOST_ROWS else ""
-    return replace(short, note=text)
+    if len(table) <= MOST_ROWS:
+        return replace(table.showing(*_SHORT), note="")
+    best: dict[str, tuple[float, int]] = {}
+    for row, (pair, cdp) in enumerate(zip(table["pair"], table["cdp"], strict=True)):
+        if (-1.0 if cdp is None else cdp) > best.get(pair, (-2.0, 0))[0]:
+            best[pair] = -1.0 if cdp is None else cdp, row
+    short = table.select([row for _, row in best.values()]).showing(*_SHORT)
+    return replace(short, note="The contrast with the largest CDP of each pair; all are below.")
 
 
-def _cards(table: Table) -> list[Card]:
+def _cards(picture: MeasuredPicture, limit: float) -> list[Card]:
     """Make a card for each pair, of the contrast with the largest CDP."""
-    cards = []
-    n_contrasts = len(set(table["contrast"]))
-    for row in list(_best(table).rows())[:_MOST_CARDS]:
-        texts = {column.name: cell_text(column, row) for column in table.columns}
-        value, _, interval = cell_texts(table.column("cdp"), row)
-        asked = f"target contrast {texts['contrast']} %"
-        if row["contrast_origin"] == "measured":
-            asked += " (as measured)"
-        elif n_contrasts > 1:
-            asked += f" (largest CDP of {n_contrasts})"
-        unit = "" if texts["measured_contrast"] in (MISSING, UNKNOWN, "∞") else " %"
-        measured = f"contrast measured {texts['measured_contrast']}{unit}"
-        detail = f"CDP, 95 %: {interval}" if interval else "CDP"
-        lines = (asked, measured, f"detected if CDP ≥ {row['cdp_limit']:g}")
-        verdict = row["verdict"]
-        cards.append(Card(row["pair"], value, detail, lines, verdict or "", STATES[verdict] if verdict else "plain"))
-    return cards
+    targets = {target for contrast in picture.contrasts for target in contrast.cdp.contrast.tolist()}
+    shown = [contrast for contrast in picture.contrasts if len(contrast.cdp) or isinstance(contrast, Pair)]
+    return [_card(contrast, len(targets), limit) for contrast in shown[:_MOST_CARDS]]
 
 
-def _provenance(result: Result, conversion: str) -> Facts:
-    (row,) = result.table("pictures").rows()
-    return Facts(
+def _card(contrast: AnyContrast, n_targets: int, limit: float) -> Card:
+    value, interval, target, verdict = MISSING, "", MISSING, None
+    if len(contrast.cdp):
+        cdp = max(contrast.cdp, key=lambda each: each.cdp)
+        value, interval, target = fixed(cdp.cdp, cdp_decimals(cdp)), cdp_interval(cdp), percent(cdp.contrast)
+        verdict = cdp_verdict(cdp.cdp, cdp.interval, limit)
+        if contrast.targets_measured_contrast:
+            target = f"{significant(100 * cdp.contrast)} % (as measured)"
+        elif n_targets > 1:
+            target += f" (largest CDP of {n_targets})"
+    detail = f"CDP, 95 %: {interval}" if interval not in ("", UNKNOWN) else "CDP"
+    bound = contrast.bound if isinstance(contrast, Pair) else ""
+    lines = (
+        f"target contrast {target}",
+        f"contrast measured {measured_contrast_text(contrast.contrast, bound)}",
+        f"detected if CDP ≥ {limit:g}",
+    )
+    return Card(contrast.name, value, detail, lines, verdict or "", STATES[verdict] if verdict else "plain")
+
+
+def _provenance(picture: MeasuredPicture, result: Result) -> Table:
+    source = picture.source
+    assert source is not None
+    height_px, width_px = source.shape
+    return facts_table(
         [
             *input_facts(result),
-            ("size", f"{row['width_px']} x {row['height_px']} pixels"),
-            ("exposure", "not known" if row["exposure_s"] is None else exposure_text(row["exposure_s"])),
-            ("encoding", row["encoding"]),
-            *([("camera", row["camera"])] if row["camera"] else []),
-            ("unit", row["unit"]),
-            ("conversion", conversion),
+            ("size", f"{width_px} x {height_px} pixels"),
+            ("exposure", "not known" if source.exposure_s is None else exposure_text(source.exposure_s)),
+            ("encoding", source.encoding),
+            ("camera", source.camera or ""),
+            ("unit", source.unit),
+            ("conversion", source.conversion),
         ]
     )

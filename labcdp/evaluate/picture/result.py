@@ -14,12 +14,12 @@ from ...regions import require_on_image
 from ...report.files import envelope_json
 from ...report.sheets import result_workbook
 from ..requirement import judged_pairs
-from .figures import image_figures
-from .image import ImageEvaluation, evaluate_image
+from .figures import picture_figures
+from .image import MeasuredPicture, measure_picture
 from .page import MOST_ROWS, overview_page, picture_page
 from .settings import ImageSettings
 from .summary import summary_table
-from .tables import ReportedPicture, cdp_table, matrices, picture_table, region_table, seen_contrasts
+from .tables import cdp_table, matrices, picture_table, region_table, seen_contrasts
 
 #: Columns that a sheet can have, less the one for the contrasts.
 _MOST_PICTURES = 2**14 - 1
@@ -27,13 +27,14 @@ _MOST_PICTURES = 2**14 - 1
 
 def evaluate_picture(
     settings: ImageSettings, path: Path, *, pages: bool, surface: bool
-) -> tuple[ImageEvaluation, dict[str, bytes]]:
+) -> tuple[MeasuredPicture, Result | None, dict[str, bytes]]:
     """Evaluate a picture, and make its page.
 
     Returns
     -------
-    (ImageEvaluation, dict of str to bytes)
-        Its contrasts; and with `pages`, by their names, report.html, figures/*.png and, with `surface`, surface.html.
+    (MeasuredPicture, Result or None, dict of str to bytes)
+        What was measured; and with `pages` its result, and by their names report.html, figures/*.png and, with
+        `surface`, surface.html.
     """
     converter = settings.converter
     picture = read_picture(path, converter.options)
@@ -41,31 +42,30 @@ def evaluate_picture(
     files = [file.path for file in settings.inputs if file.role == "regions"]
     require_on_image(settings.rois, settings.image_size, (width, height), *files)
     luminance = converter.luminance(picture)
-    evaluation = evaluate_image(luminance, converter.source(picture), settings)
-    pairs = [(pair.bright_region.roi, pair.dark_region.roi) for pair in evaluation.pairs]
-    findings = converter.with_pairs(evaluation.findings, picture, luminance, pairs)
-    evaluation = replace(evaluation, findings=findings)
+    measured = measure_picture(luminance, converter.source(picture), settings)
+    pairs = [(pair.bright_region.roi, pair.dark_region.roi) for pair in measured.pairs]
+    findings = converter.with_pairs(measured.findings, picture, luminance, pairs)
+    measured = replace(measured, file=str(path), findings=findings)
     if not pages:
-        return evaluation, {}
-    result = image_result([ReportedPicture(1, str(path), "", evaluation)], settings)
-    figures = image_figures(evaluation, picture, luminance)
+        return measured, None, {}
+    result = image_result([measured], settings)
+    figures = picture_figures(measured, picture, luminance)
     made = {
-        "report.html": picture_page(result, figures, converter.description, surface).encode(),
+        "report.html": picture_page(measured, result, figures, settings.cdp_limit, surface).encode(),
         **{f"figures/{figure.file_name}": figure.png for figure in figures},
     }
     if surface:
         from .surface import surface_page
 
-        made["surface.html"] = surface_page(luminance, path.name, evaluation.source.unit).encode()
-    return evaluation, made
+        made["surface.html"] = surface_page(luminance, path.name, measured.unit).encode()
+    return measured, result, made
 
 
-def image_result(pictures: Sequence[ReportedPicture], settings: ImageSettings) -> Result:
+def image_result(pictures: Sequence[MeasuredPicture], settings: ImageSettings) -> Result:
     """Return the result of one or several pictures, in the order they were given."""
-    good = [one for one in pictures if one.evaluation is not None]
-    sources = [(one.file, one.evaluation.source) for one in pictures if one.evaluation is not None]
+    sources = [(picture.file, picture.source) for picture in pictures if picture.source is not None]
     several, contrasts = len(pictures) > 1, settings.contrasts
-    cdp = cdp_table(good, several, settings.cdp_limit)
+    cdp = cdp_table(pictures, several, settings.cdp_limit)
     if several:
         overall = summary_table(cdp, settings.cdp_limit)
         tables = [overall, cdp if len(cdp) <= MOST_ROWS else cdp.as_detail()]
@@ -73,10 +73,10 @@ def image_result(pictures: Sequence[ReportedPicture], settings: ImageSettings) -
         tables = [cdp]
     findings = _findings(pictures)
     if settings.requirement is not None:
-        judgement = judged_pairs(settings.requirement, seen_contrasts(good, several))
+        judgement = judged_pairs(settings.requirement, seen_contrasts(pictures, several))
         tables.insert(0, judgement.table)
         findings = unique([*findings, *judgement.findings])
-    tables += [region_table(good, several), picture_table(pictures, several)]
+    tables += [region_table(pictures, several), picture_table(pictures, several)]
     if several and contrasts is not None and len(pictures) <= _MOST_PICTURES:
         tables += matrices(pictures, settings, contrasts)
     return Result(
@@ -90,23 +90,24 @@ def image_result(pictures: Sequence[ReportedPicture], settings: ImageSettings) -
     )
 
 
-def _findings(pictures: Sequence[ReportedPicture]) -> tuple[Finding, ...]:
+def _findings(pictures: Sequence[MeasuredPicture]) -> tuple[Finding, ...]:
     """Return each finding once and, of several pictures, which ones it is about if not all of them."""
-    failed = [error("picture-failed", one.file, reason=one.failure) for one in pictures if one.evaluation is None]
-    found: dict[Finding, list[str]] = {}
-    for one in pictures:
-        for finding in () if one.evaluation is None else one.evaluation.findings:
-            found.setdefault(finding, []).append(one.file)
-    taken = {one.values["encoding"] for one in found if one.code.startswith("encoding-assumed")}
-    if len(taken) > 1:
-        failed.append(warning("encodings-differ"))
-    of_some = [
-        finding
-        if len(files) == len(pictures) - len(failed)
-        else replace(finding, values={**finding.values, "files": files})
-        for finding, files in found.items()
+    failed = [
+        error("picture-failed", picture.file, reason=picture.failure) for picture in pictures if picture.source is None
     ]
-    return unique([*failed, *of_some])
+    files: dict[Finding, list[str]] = {}
+    for picture in pictures:
+        for finding in picture.findings:
+            files.setdefault(finding, []).append(picture.file)
+    encodings = {finding.values["encoding"] for finding in files if finding.code.startswith("encoding-assumed")}
+    n_measured = len(pictures) - len(failed)
+    if len(encodings) > 1:
+        failed.append(warning("encodings-differ"))
+    named = [
+        finding if len(names) == n_measured else replace(finding, values={**finding.values, "files": names})
+        for finding, names in files.items()
+    ]
+    return unique([*failed, *named])
 
 
 #: Longest part of a file's name in that of its folder.
@@ -119,12 +120,12 @@ def picture_folder(number: int, path: Path) -> str:
     return f"picture-{number}-{stem}" if stem else f"picture-{number}"
 
 
-def summary_files(pictures: Sequence[ReportedPicture], result: Result, conversion: str) -> dict[str, bytes]:
+def summary_files(pictures: Sequence[MeasuredPicture], result: Result, conversion: str) -> dict[str, bytes]:
     """Make the files over all pictures: results.json, results.xlsx and, of several, report.html.
 
     Parameters
     ----------
-    pictures : sequence of ReportedPicture
+    pictures : sequence of MeasuredPicture
         In the order they were given.
     result : Result
         Of all of them.

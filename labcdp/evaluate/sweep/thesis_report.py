@@ -11,7 +11,7 @@ from ...core.result import Finding, Result, info
 from ...core.table import Column, Table
 from ...report.drawing import BLUE, VERMILLION, finish, new_figure, reported
 from ...report.files import result_files
-from ...report.layout import Card, Facts, Page, ReportFigure, Section
+from ...report.layout import Card, Page, ReportFigure, Section, facts_table
 from .thesis import NEIGHBOUR_PAIRS, UNFILLED_SLOTS, ThesisReproduction
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ def _page(result: Result, figure: ReportFigure) -> Page:
         f"within {AGREES_Z:g} standard deviations over {seeds} seeds",
         state="good" if close == len(table) else "open",
     )
-    facts = Facts((("Source", SOURCE), ("Seeds", str(seeds))))
+    facts = facts_table((("Source", SOURCE), ("Seeds", str(seeds))))
     return Page.of(
         result,
         "reproduction of published values",

@@ -14,7 +14,7 @@ from ...core.result import Finding, InputFile, Result, info, quantity_table, war
 from ...core.table import Column, Table, uncertain, with_interval
 from ...report.drawing import BLUE, VERMILLION, finish, new_figure, reported
 from ...report.files import result_files
-from ...report.layout import Card, Facts, Page, ReportFigure, Section, State, Verbatim, page_text
+from ...report.layout import Card, Page, ReportFigure, Section, State, Verbatim, page_text
 from ...report.text import Z_95, finding_text, percent
 from ..bench.session_result import provenance_table
 from ..camera.result import stated
@@ -275,5 +275,5 @@ def _sections(result: Result, chain: str) -> Iterator[Section]:
     yield Section("Pairs", (result.table("pairs").only(*_PAIR),))
     yield Section("Signals of the patches", (page_text("twin-signals"), result.table("signals")))
     yield Section("Parameters of the twin", (result.table("parameters"), Verbatim(chain)), collapsed=True)
-    method = page_text("twin-method"), Facts.of(result.table("provenance"))
+    method = page_text("twin-method"), result.table("provenance")
     yield Section("Method and provenance", method, collapsed=True)

@@ -20,7 +20,7 @@ from ...output import Destination, open_results
 from ...output.file import writing
 from ...report.files import envelope_json, write_blocks
 from ...report.html import render_page
-from ...report.layout import Block, Card, Facts, Page, ReportFigure, Section, State, Verbatim, input_facts
+from ...report.layout import Block, Card, Page, ReportFigure, Section, State, Verbatim, facts_table, input_facts
 from ...report.sheets import MOST_COLUMNS, LongTable, write_result
 from ...report.text import cell_text, fixed, percent, printable, significant, span
 from ..requirement import requirement_cards
@@ -146,7 +146,7 @@ def _provenance(dataset: Dataset, result: Result) -> list[Block]:
         for name, value in result.configuration.items()
         if value is not None
     )
-    return [Facts([*input_facts(result), packages]), Verbatim(settings)]
+    return [facts_table([*input_facts(result), packages]), Verbatim(settings)]
 
 
 def write_video(results: Dataset | VideoRows, folder: Destination) -> Result:

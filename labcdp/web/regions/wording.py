@@ -12,7 +12,6 @@ from ...metrics.region import SATURATED_SHARE
 from ...metrics.uncertainty import limit_verdict
 from ...regions import Shape
 from ...report.text import (
-    UNKNOWN,
     Z_95,
     bounded,
     capitalised,
@@ -20,10 +19,11 @@ from ...report.text import (
     cdp_interval,
     finding_sentence,
     fixed,
+    measured_contrast_text,
+    measured_text,
     share_percent,
     shortened,
     significant,
-    with_half_width,
 )
 from ..html import Cell, items, table, table_row, text
 from .drawing import Drawing
@@ -79,7 +79,7 @@ def pair_table(drawing: Drawing, measured: Measured) -> str:
     csnr = pair.csnr
     facts = [f"Measured contrast {contrast_text(pair)}"]
     if isfinite(csnr.value):
-        facts.append(f"CSNR {_with_interval(csnr.value, csnr.u)}")
+        facts.append(f"CSNR {measured_text(csnr.value, csnr.u)}")
     bright = text(pair.bright_region.roi.name)
     head = "Target contrast (measured)" if measured_target else "Target contrast"
     if not rows:
@@ -112,7 +112,7 @@ def _cells(found: RegionNumbers | None) -> tuple[str, ...]:
     std = "" if found.value_std is None else f"{found.value_std:.3g}"
     light = "" if found.light is None else significant(found.light)
     if found.result is not None:
-        light = _with_interval(found.result.mean, found.result.u, found.result.bound)
+        light = measured_text(found.result.mean, found.result.u, found.result.bound)
     elif found.light is not None and found.saturated > SATURATED_SHARE:
         light = bounded(found.light, ">")
     elif light and not found.evaluated:
@@ -120,26 +120,9 @@ def _cells(found: RegionNumbers | None) -> tuple[str, ...]:
     return str(found.n_pixels or ""), value, std, light
 
 
-def _with_interval(value: float, standard_uncertainty: float, bound: str = "") -> str:
-    """Value with expanded uncertainty U (95 %), without it if unknown; or a bound."""
-    if bound:
-        return bounded(value, bound)
-    if not isfinite(standard_uncertainty):
-        return significant(value)
-    return with_half_width(value, Z_95 * standard_uncertainty)
-
-
-def percent_with_interval(value: float, standard_error: float, bound: str = "") -> str:
-    """Percentage with U (95 %), without it if unknown; or a bound."""
-    if not isfinite(value):
-        return "unbounded"
-    shown = _with_interval(100 * value, 100 * standard_error, bound)
-    return shown if shown == UNKNOWN else f"{shown} %"
-
-
 def contrast_text(pair: Pair) -> str:
     """Contrast with U (95 %); without it, and only as a bound, if a region is saturated."""
-    return percent_with_interval(pair.contrast.value, pair.contrast.u, pair.bound)
+    return measured_contrast_text(pair.contrast, pair.bound)
 
 
 _HEADS = ("Region", "mean", "lowest", "highest", "SNR", "saturated", "limits")

@@ -15,13 +15,12 @@ from labcdp.core.luminance import CommonError
 from labcdp.core.result import Finding, info, warning
 from labcdp.core.roi import Roi
 from labcdp.evaluate.picture.converter import make_converter
-from labcdp.evaluate.picture.figures import distribution_of, histogram_edges
-from labcdp.evaluate.picture.image import evaluate_image
+from labcdp.evaluate.picture.figures import histogram_edges, pair_distribution
+from labcdp.evaluate.picture.image import MeasuredPicture, measure_picture
 from labcdp.evaluate.picture.neighbours import evaluate_neighbours
 from labcdp.evaluate.picture.page import overview_page, picture_page
 from labcdp.evaluate.picture.result import evaluate_picture, image_result
 from labcdp.evaluate.picture.settings import ImageSettings
-from labcdp.evaluate.picture.tables import ReportedPicture
 from labcdp.files.picture import ExifFacts, Picture
 from labcdp.files.read import PictureOptions, read_picture
 from labcdp.metrics import cdp, cdp_neighbours
@@ -47,7 +46,7 @@ _map = partial(map_of, random_rel=0.0)
 def _evaluate(request, luminance=SCENE):
     light = luminance.astype(np.float32)
     picture = Picture(Path("night.exr"), "ab" * 32, ExifFacts(), None, light, True)
-    return evaluate_image(_map(luminance), make_converter().source(picture), request)
+    return measure_picture(_map(luminance), make_converter().source(picture), request)
 
 
 def _near(values, contrast):
@@ -60,7 +59,7 @@ def test_all_pairs_or_the_chosen_ones_each_once_with_their_numbers():
     a, b = BRIGHT.select(SCENE), DARK.select(SCENE)
     assert found.pairs[0].cdp[1].cdp == cdp(a, b, 2.0).cdp
     assert found.findings == (info("region-correlation-unknown", "corner", pixels=81, recommended=200),)
-    distribution, contrasts = distribution_of(found.pairs[0], _map(SCENE)), (a[:, None] / b - 1).ravel()
+    distribution, contrasts = pair_distribution(found.pairs[0], _map(SCENE)), (a[:, None] / b - 1).ravel()
     middle = len(distribution.edges) // 2
     assert distribution.cumulative[middle] == np.mean(contrasts <= distribution.edges[middle])
     chosen = _evaluate(ImageSettings((1.0,), 0.5, (BRIGHT, DARK, CORNER), (("dark", "bright"), ("bright", "dark"))))
@@ -113,7 +112,7 @@ def test_a_shared_factor_cancels_between_neighbours_and_an_offset_does_not():
 
 def test_the_contrasts_of_all_neighbours_are_counted():
     luminance = np.rint(SCENE[:, :45] - 90)
-    found = distribution_of(evaluate_neighbours(_map(luminance), (0.5,)), _map(luminance))
+    found = pair_distribution(evaluate_neighbours(_map(luminance), (0.5,)), _map(luminance))
     pairs = neighbours_of(luminance)
     undefined = sum(large <= 0 for _, large in pairs)
     unbounded = sum(small <= 0 < large for small, large in pairs)
@@ -143,9 +142,9 @@ def made(tmp_path_factory):
     for seed in (1, 2):
         dn = np.random.default_rng(seed).normal(100.0, 10.0, (120, 180)) + 110 * (np.arange(180) > 90)
         cv2.imwrite(str(folder / f"{seed}.png"), np.clip(dn, 0, 255).astype(np.uint8))
-        evaluation, files = evaluate_picture(SETTINGS, folder / f"{seed}.png", pages=seed == 2, surface=seed == 2)
-        found.append(ReportedPicture(seed, f"{seed}.png", f"picture-{seed}", evaluation))
-    return [*found, ReportedPicture(3, "bad.png", "picture-3", None, "bad.png is empty")], files
+        picture, _, files = evaluate_picture(SETTINGS, folder / f"{seed}.png", pages=seed == 2, surface=seed == 2)
+        found.append(replace(picture, file=f"{seed}.png", number=seed, folder=f"picture-{seed}"))
+    return [*found, MeasuredPicture("bad.png", None, number=3, folder="picture-3", failure="bad.png is empty")], files
 
 
 @pytest.mark.parametrize(("values", "width"), [(np.uint8([[3, 5], [200, 5]]), 1), (np.uint16([[0, 4095]]), 16)])
@@ -159,10 +158,10 @@ def test_bars_of_a_histogram_fit_the_values(values, width):
 
 def test_pages_escape_all_text_and_name_failures(made):
     pictures, files = made
-    hostile = replace(pictures[1].evaluation, findings=(warning("camera-assumed", camera=HOSTILE),))
-    result = image_result([ReportedPicture(1, HOSTILE, "", hostile)], SETTINGS)
+    hostile = replace(pictures[1], file=HOSTILE, findings=(warning("camera-assumed", camera=HOSTILE),))
+    result = image_result([hostile], SETTINGS)
     figures = [ReportFigure(f"{name}.png", b"", HOSTILE, HOSTILE) for name in ("picture", "values")]
-    warned = picture_page(result, figures, HOSTILE, surface=True)
+    warned = picture_page(hostile, result, figures, 0.9, surface=True)
     overview = overview_page(image_result(pictures, SETTINGS), pictures, "by hand")
     for page in (files["report.html"].decode(), warned, overview):
         assert "<b>" not in page
@@ -175,7 +174,7 @@ def test_json_and_sheets_hold_the_numbers_of_the_evaluation(made):
     result = image_result(pictures, SETTINGS)
     values = valid(envelope_json(result))
     tables = {name: table["rows"] for name, table in values["tables"].items()}
-    first, found = tables["cdp"][1], pictures[0].evaluation.pairs[0]
+    first, found = tables["cdp"][1], pictures[0].pairs[0]
     one = found.cdp[1]
     assert (first["picture"], first["dark"], first["contrast"]) == ("1.png", HOSTILE, 1.0)
     assert (first["cdp"], first["cdp_low"], first["cdp_high"]) == (one.cdp, *one.interval)
@@ -184,8 +183,8 @@ def test_json_and_sheets_hold_the_numbers_of_the_evaluation(made):
     assert [row["failure"] for row in tables["pictures"]] == [None, None, "bad.png is empty"]
     # As in the program of the 2018 thesis: a column a picture.
     book = openpyxl.load_workbook(BytesIO(result_workbook(result, datetime(2026, 1, 2, tzinfo=UTC))))
-    evaluation = pictures[1].evaluation
-    for number, results in ((4, evaluation.pairs[0].cdp), (5, evaluation.neighbours.cdp)):
+    second = pictures[1]
+    for number, results in ((4, second.pairs[0].cdp), (5, second.neighbours.cdp)):
         _, *lines = ([cell.value for cell in line] for line in book.worksheets[number].iter_rows())
         expected = [(100 * one.contrast, pytest.approx(one.cdp, rel=1e-14), None) for one in results]
         assert [(line[0], *line[2:]) for line in lines] == expected
@@ -255,7 +254,7 @@ def test_cdp_as_by_brute_force_on_the_integers(tmp_path, bits, camera):
     contrasts = (Fraction(1, 2), Fraction(1), Fraction(3))
     rois = Roi.rectangle("dark", 0, 0, 10, 12), Roi.rectangle("bright", 10, 0, 10, 12)
     request = ImageSettings(tuple(map(float, contrasts)), 0.5, rois, neighbours=True)
-    found = evaluate_image(converter.luminance(picture), converter.source(picture), request)
+    found = measure_picture(converter.luminance(picture), converter.source(picture), request)
     dn = dn - black_dn
     near = [(large, small) for small, large in neighbours_of(dn)]
     far = [(bright, dark) for bright in dn[:, 10:].flat for dark in dn[:, :10].flat]

@@ -14,9 +14,8 @@ import labcdp
 from labcdp.core.luminance import Invalid, LuminanceMap
 from labcdp.core.roi import Roi
 from labcdp.evaluate.picture.converter import make_converter
-from labcdp.evaluate.picture.result import evaluate_picture, image_result
+from labcdp.evaluate.picture.result import evaluate_picture
 from labcdp.evaluate.picture.settings import ImageSettings
-from labcdp.evaluate.picture.tables import ReportedPicture
 from labcdp.evaluate.video.evaluate import evaluate_video
 from labcdp.evaluate.video.page import long_tables
 from labcdp.evaluate.video.result import video_result
@@ -80,8 +79,7 @@ def test_contrasts_are_bounds_by_the_region_that_is_saturated(path):
 def test_tables_sheets_json_and_page_say_more_than(path):
     rois = (FULL, DARK, OTHER)
     settings = ImageSettings(rois=rois)
-    evaluation, files = evaluate_picture(settings, path, pages=True, surface=False)
-    result = image_result([ReportedPicture(1, str(path), "", evaluation)], settings)
+    _, result, files = evaluate_picture(settings, path, pages=True, surface=False)
     heads, rows = text_table(result.table("regions"))
     means = {row[0]: row[heads.index(next(h for h in heads if h.startswith("mean")))] for row in rows}
     assert means["lamp"] == means["second lamp"] == "> 0.994"

@@ -10,10 +10,11 @@ from math import ceil
 import numpy as np
 
 from ....core.result import Result, info
+from ....core.table import Table
 from ....metrics import DetectionInterval, Epsilon
 from ....report.files import dataset_bytes, envelope_json
 from ....report.html import render_page
-from ....report.layout import Block, Card, Facts, Page, Section, input_facts
+from ....report.layout import Block, Card, Page, Section, facts_table, input_facts
 from ....report.sheets import result_workbook
 from ....report.text import percent, share_percent
 from ..converter import PictureSource
@@ -164,10 +165,10 @@ def _left_out(found: ContrastMap) -> Iterator[Card]:
         yield Card("Left out", f"{n} of {every}", f"borders of {least} or more", lines)
 
 
-def _facts(found: ContrastMap, source: PictureSource, result: Result) -> Facts:
+def _facts(found: ContrastMap, source: PictureSource, result: Result) -> Table:
     asked, (height, width) = found.settings, found.shape_px
     chance = f"{percent(FALSE_ALARM)} probability of one false edge in the whole image"
-    return Facts(
+    return facts_table(
         [
             ("image", f"{source.path.name}, {width} x {height} pixels"),
             ("luminance", source.conversion),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from ....core.result import Result, info
 from ....report.drawing import png
 from ....report.files import dataset_bytes, result_files
-from ....report.layout import SIMULATED, Card, Facts, Page, Section, Verbatim
+from ....report.layout import SIMULATED, Card, Page, Section, Verbatim, facts_table
 from ....report.text import significant
 from .axes import TO_DETECT, VARIABLES
 from .dips import SnrDip
@@ -61,7 +61,9 @@ def _page(result: Result, view: MapView) -> Page:
         findings=(*result.findings, *(left_out if view.left_out else ())),
         sections=[
             *([Section("Numbers", tables)] if tables else []),
-            Section("Chain and provenance", (Facts(facts), *([Verbatim(chain)] if chain else [])), collapsed=True),
+            Section(
+                "Chain and provenance", (facts_table(facts), *([Verbatim(chain)] if chain else [])), collapsed=True
+            ),
         ],
     )
 

@@ -9,9 +9,9 @@ from ....core.result import Result
 from ....core.table import Table
 from ....metrics.contrast import TargetContrasts
 from ....report.files import result_files
-from ....report.layout import Block, Card, Facts, Page, Section, Verbatim
+from ....report.layout import Block, Card, Page, Section, Verbatim, facts_table
 from ....report.plots import contrast_figures
-from ....report.text import cell_text, cell_texts, percent
+from ....report.text import cell_interval, cell_text, cell_value, percent
 from .figures import along_figures, contrast_panels, file_name, picture, shown_picture, stage_figures
 from .result import answer
 from .rows import SimulationEvaluation
@@ -78,7 +78,7 @@ def _page(
     detection = next((table for table in result.tables if table.name == "detection"), None)
     asked = result.configuration["contrast"]
     seed = [] if result.seed is None else [("Random seed", str(result.seed))]
-    facts = Facts([("Chain", f"{chain.name}: {chain.description}"), *seed])
+    facts = facts_table([("Chain", f"{chain.name}: {chain.description}"), *seed])
     return Page.of(
         result,
         kind,
@@ -97,7 +97,7 @@ def _cards(detection: Table, final: Sequence[str], contrast: TargetContrasts) ->
     for row in detection.rows():
         if row["stage"] not in final:
             continue
-        value, _, interval = cell_texts(cdp, row)
+        value, interval = cell_value(cdp, row), cell_interval(cdp, row)
         kind = "CDP, nearest-neighbour" if neighbours else "CDP"
         asked = row.get("contrast", contrast)
         at = "" if asked is None else percent(asked, 4)

@@ -40,7 +40,8 @@ def _values(result: Verification, rows: Sequence[VerifiedPatch]) -> dict[str, Fi
         "n_patches": len(rows),
         "patch": worst.patch,
         "deviation_rel": worst.deviation_rel,
-        "expanded_rel": worst.guard_rel,
+        "expanded_rel": worst.expanded_rel,
+        "guard_rel": worst.guard_rel,
         "tolerance_rel": result.tolerance_rel,
     }
 

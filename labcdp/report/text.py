@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from decimal import Decimal
-from functools import cache
+from functools import cache, partial
 from importlib.resources import files
 from math import ceil, floor, isfinite, isinf, isnan, log10
 from string import Formatter
@@ -17,7 +17,7 @@ from ..core.clock import exposure_text
 from ..core.errors import LabcdpError
 from ..core.quantity import Z_95 as Z_95
 from ..core.quantity import Quantity
-from ..core.result import Finding, Severity, unique
+from ..core.result import Finding, FindingValue, Severity, unique
 from ..core.table import Column, Table
 from ..metrics import Cdp
 
@@ -64,10 +64,10 @@ def significant(value: float, n_digits: int = 4) -> str:
     return fixed(value, decimals(value, n_digits))
 
 
-def with_half_width(value: float, half_width: float) -> str:
+def with_half_width(value: float, half_width: float, sign: bool = False) -> str:
     """Write "value ± U", with two digits of U and the value rounded to match (GUM 7.2.6)."""
     n = decimals(half_width, 2) if half_width > 0 else decimals(value, 6)
-    return f"{fixed(value, n)} ± {fixed(half_width, n)}"
+    return f"{fixed(value, n, sign)} ± {fixed(half_width, n)}"
 
 
 def bounded(value: float, bound: str, unit: str = "", n_digits: int = 3) -> str:
@@ -297,6 +297,8 @@ def _head(column: Column) -> str:
 _LONGEST_NAME, _LONGEST_SENTENCE = 100, 500
 #: Format specifications for significant digits, also as a percentage or with a sign.
 _NUMBER = re.compile(r"(\+?)(percent|digits)(\d*)")
+#: A value and its U in a template, which are rounded alike.
+_WITH_U = re.compile(r"\{(\w+):(\+?)(percent|digits)\d*\} ± \{(\w+):(?:percent|digits)\d*\}")
 
 
 #: Other formats by their names.
@@ -328,6 +330,16 @@ def _formatted(value: Any, spec: str) -> str:
     return format(value, re.sub(r"^\+?", r"\g<0>z", spec) if zero else spec)
 
 
+def _value_with_u(values: Mapping[str, FindingValue], written: re.Match[str]) -> str:
+    """Write "value ± U" for a match of `_WITH_U`; as the template has it if one of them is not known."""
+    name, sign, kind, expanded_name = written.groups()
+    value, expanded = values.get(name), values.get(expanded_name)
+    if not isinstance(value, int | float) or not isinstance(expanded, int | float) or not isfinite(expanded):
+        return written[0]
+    factor, unit = (100, " %") if kind == "percent" else (1, "")
+    return with_half_width(factor * value, factor * expanded, sign=bool(sign)) + unit
+
+
 def finding_text(finding: Finding) -> str:
     """Return a finding as one or two sentences.
 
@@ -335,7 +347,7 @@ def finding_text(finding: Finding) -> str:
     values. A subject that a template does not quote is put before the sentence. A value can be formatted as
     ``{x:percent}`` (a fraction, unrounded), ``{x:percent2}`` (with two significant digits), ``{x:share}`` (a fraction,
     with two digits of it or of its complement), ``{x:time}`` (seconds), ``{x:length}`` (metres), ``{x:digits3}`` (three
-    significant digits),
+    significant digits), ``{x:percent2} ± {expanded_x:percent2}`` (two digits of U, and the value to the same place),
     ``{x:+percent2}`` and ``{x:+digits3}`` (with a sign), ``{x:sentence}`` (a message of labcdp's own, which may be
     long), or as in Python; a list of two ends as ``{x:to .1f}``. A finding's value ``files``, the input files it
     refers to, is put after the text.
@@ -344,9 +356,10 @@ def finding_text(finding: Finding) -> str:
     if template is None:
         raise LabcdpError(f"there is no text for the finding {finding.code!r}: add it to data/findings")
     values = {"subject": finding.subject, **finding.values}
+    # A finding in a file of an older version may lack a value that its text quotes today.
     text = "".join(
-        literal + ("" if name is None else _formatted(values[name], spec or ""))
-        for literal, name, spec, _ in Formatter().parse(template)
+        literal + ("" if name is None else _formatted(values.get(name), spec or ""))
+        for literal, name, spec, _ in Formatter().parse(_WITH_U.sub(partial(_value_with_u, finding.values), template))
     )
     if finding.subject and "{subject" not in template:
         text = f"{shortened(finding.subject, _LONGEST_NAME)}: {text}"

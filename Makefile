@@ -56,7 +56,7 @@ setup-test: setup
 
 .setup/run: pyproject.toml constraints.txt
 	test -x $(PYTHON) || /usr/bin/python3 -m venv --system-site-packages .venv
-	$(PYTHON) -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable .
+	$(PYTHON) -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[all]'
 	$(PYTHON) tools/compile
 	mkdir -p .setup
 	touch $@

@@ -90,6 +90,8 @@ app = typer.Typer(
 #: Errors without a file name that come of writing the output and of nothing else; a device, too, gives EIO.
 _OUTPUT_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 #: A library that is there is not loaded where a limit of memory is too low.
+#: Extras of the package, by the library that only they bring; see pyproject.toml.
+_EXTRAS = {"av": "video", "distributed": "cluster", "panel": "web", "plotly": "web"}
 _NO_LIBRARY = "raise the memory limit (ulimit -v), or reinstall labcdp"
 
 
@@ -164,6 +166,11 @@ def main() -> None:
         sys.stderr.close()
         sys.exit(141)
     except ImportError as error:
+        library = (error.name or "").partition(".")[0]
+        if isinstance(error, ModuleNotFoundError) and library in _EXTRAS:
+            extra = _EXTRAS[library]
+            say(f"labcdp: this needs {library}, which is not installed: pip install 'labcdp[{extra}]', or [all]")
+            sys.exit(1)
         say(f"labcdp: a library cannot be loaded ({reason(error)}): {_NO_LIBRARY}")
         sys.exit(1)
     except OSError as error:

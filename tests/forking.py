@@ -48,7 +48,7 @@ def _main(listening: socket.socket) -> None:
 
 
 def _import_all():
-    from plotly.graph_objects import Figure
+    from bokeh.plotting import figure
 
     import labcdp
 
@@ -62,8 +62,8 @@ def _import_all():
     from labcdp.cli import main
     from labcdp.report.html import interactive
 
-    # What plotly imports and reads with its first figure.
-    interactive(Figure())
+    # What Bokeh imports and reads with its first figure.
+    interactive(figure())
     return main
 
 

@@ -1,4 +1,4 @@
-"""What `pip install labcdp` brings suffices for counting, pictures, chains, sessions; other commands name their extra."""
+"""The plain package suffices for counting, pictures, chains and sessions; other commands name their extra."""
 
 import subprocess
 import sys
@@ -63,7 +63,7 @@ def test_the_plain_package_suffices(folder, arguments, tmp_path):
         (["bench", "--simulated", "--no-open"], "web"),
         (["video", "drive.mp4", "--neighbours"], "video"),
         (["init", "samples", "street"], "video"),
-        (["sweep", "manta-g505", "--over", "scene.luminance_cd_m2=1:10:2", "--cluster", "tcp://127.0.0.1:1"], "cluster"),
+        (["sweep", "manta-g505", "--over", "scene.contrast=1:2:2", "--cluster", "tcp://127.0.0.1:1"], "cluster"),
     ],
     ids=lambda value: value if isinstance(value, str) else value[0],
 )

@@ -15,8 +15,8 @@ from .layout import Block, Page, Script, Verbatim
 from .text import finding_lines, is_number, printable, text_table
 
 if TYPE_CHECKING:
+    from bokeh.models import LayoutDOM
     from jinja2 import Environment
-    from plotly.graph_objects import Figure
 
 
 #: How pages of labcdp are recognised.
@@ -99,20 +99,18 @@ def _cells(table: Table) -> dict[str, Any]:
     }
 
 
-_FONT = 'system-ui, "Segoe UI", Roboto, "Helvetica Neue", Arial, "Liberation Sans", sans-serif'
-
-
-def interactive(figure: Figure, scroll_zoom: bool = False) -> Script:
-    """Return a figure with plotly.js (4.8 MB) embedded.
+def interactive(figure: LayoutDOM) -> Script:
+    """Return a figure, or several, with BokehJS (1.3 to 1.7 MB) embedded.
 
     Parameters
     ----------
-    figure : plotly.graph_objects.Figure
-        The figure; it gets the common style.
-    scroll_zoom : bool
-        Whether the mouse wheel zooms.
+    figure : bokeh.models.LayoutDOM
+        A figure, or a layout of figures and widgets.
     """
-    figure.update_layout(template="plotly_white", font_family=_FONT)
-    # plotly's own button would upload the figure to plotly's servers.
-    config = {"displaylogo": False, "responsive": True, "showSendToCloud": False, "scrollZoom": scroll_zoom}
-    return Script(figure.to_html(full_html=False, include_plotlyjs=True, div_id="figure", config=config))
+    from bokeh.embed import components
+    from bokeh.models import Widget
+    from bokeh.resources import Resources
+
+    parts = ["bokeh", "bokeh-widgets"] if any(isinstance(model, Widget) for model in figure.references()) else ["bokeh"]
+    script, place = components(figure)
+    return Script("\n".join((Resources("inline", components=parts).render_js(), place, script)))

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...report.drawing import block_mean
-from ...report.html import interactive, render_page
-from ...report.layout import Page, Section
+from ...report.html import render_page
+from ...report.layout import Page, Script, Section
 from ...report.text import shortened, significant
 from .figures import luminance_label
 
@@ -50,7 +50,14 @@ def surface_page(luminance: LuminanceMap, name: str, unit: str) -> str:
     figure = _figure(values, side, luminance.step, luminance_label(unit))
     lines = Section("", _lines(values, side, luminance.step, unit))
     title = shortened(name, 120)
-    return render_page(Page("Luminance as a surface", title, lead=[interactive(figure)], sections=[lines]))
+    return render_page(Page("Luminance as a surface", title, lead=[_script(figure)], sections=[lines]))
+
+
+def _script(figure: Figure) -> Script:
+    figure.update_layout(template="plotly_white")
+    # plotly's own button would upload the figure to plotly's servers.
+    config = {"displaylogo": False, "responsive": True, "showSendToCloud": False}
+    return Script(figure.to_html(full_html=False, include_plotlyjs=True, div_id="figure", config=config))
 
 
 def block_max(values: NDArray[Any], side: int) -> NDArray[Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from base64 import b64encode
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import ceil
+from math import ceil, nan
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -22,8 +22,8 @@ from .edges import EdgeKind
 from .map import ContrastMap
 
 if TYPE_CHECKING:
+    from bokeh.models import LinearColorMapper
     from matplotlib.colors import LinearSegmentedColormap
-    from plotly.graph_objects import Scatter
 
 #: Colours of a CDP of 0 and of 1: lost is warm, detected is cold, distinguishable for colour-blind readers too.
 _LOST, _DETECTED = "#D55E00", "#0072B2"
@@ -187,68 +187,129 @@ Drawn: TypeAlias = dict[ContrastMap, NDArray[np.uint8]]
 #: Points under the pointer of one kind; more would make the page slow. The longest borders are kept.
 _MOST_POINTS = 6000
 
-#: Width of the drawing on a usual screen, and margins, in pixels; it is no higher than the screen.
-_WIDTH, _BESIDE, _ABOVE, _HIGHEST = 1040, 90, 90, 600
+#: Width of the drawing on a usual screen, what stands beside the picture, and its largest height, in pixels.
+_WIDTH, _BESIDE, _HIGHEST = 1040, 130, 520
 
 
-def _layout_image(drawn: NDArray[np.uint8], size: tuple[int, int]) -> dict[str, Any]:
+def _picture_url(drawn: NDArray[np.uint8]) -> str:
     import cv2
 
     _, data = cv2.imencode(".png", drawn[:, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 6])
-    picture = f"data:image/png;base64,{b64encode(data.tobytes()).decode()}"
-    place = {"x": 0, "y": 0, "sizex": size[1], "sizey": size[0], "xref": "x", "yref": "y"}
-    return {"source": picture, **place, "sizing": "stretch", "layer": "below"}
+    return f"data:image/png;base64,{b64encode(data.tobytes()).decode()}"
 
 
 def edge_script(drawn: Drawn, source: PictureSource) -> Script:
     """Draw the map, of several contrasts one at a time."""
-    from plotly.graph_objects import Figure
+    from bokeh.layouts import column
+    from bokeh.models import BasicTicker, ColorBar, CustomJS, LinearColorMapper, Select
 
-    found = next(iter(drawn))
-    height, width = found.shape_px
-    traces = {
-        one: [trace for style in STYLES[::-1] if one.count(*style.kinds) for trace in _points(one, source, style)]
-        for one in drawn
-    }
-    images = {one: [_layout_image(picture, found.shape_px)] for one, picture in drawn.items()}
-    figure = Figure(layout={"images": images[found]})
-    if len(drawn) > 1:
-        buttons = [
-            {
-                "label": f"target contrast {percent(chosen.contrast or 0)}",
-                "method": "update",
-                "args": [
-                    {"visible": [one is chosen and trace.visible for one in drawn for trace in traces[one]]},
-                    {"images": images[chosen]},
-                ],
-            }
-            for chosen in drawn
-        ]
-        menu = {"buttons": buttons, "x": 0, "xanchor": "left", "y": 1.12, "yanchor": "bottom"}
-        figure.update_layout(updatemenus=[menu])
-    for one in drawn:
-        figure.add_traces([trace if one is found else trace.update(visible=False) for trace in traces[one]])
-    figure.update_xaxes(title="x in pixels", range=[0, width], showgrid=False, zeroline=False, constrain="domain")
-    figure.update_yaxes(
-        title="y in pixels", range=[height, 0], showgrid=False, zeroline=False, scaleanchor="x", constrain="domain"
+    first = next(iter(drawn))
+    plot = _empty_figure(first.shape_px)
+    mapper = LinearColorMapper(palette=_palette(first.settings.detected), low=0, high=1)
+    groups = [
+        [_add_picture(plot, picture, found.shape_px), *_add_points(plot, found, source, mapper)]
+        for found, picture in drawn.items()
+    ]
+    scale = ColorBar(color_mapper=mapper, title="CDP", ticker=BasicTicker(desired_num_ticks=6), width=16)
+    scale.title_text_font_style = "normal"
+    plot.add_layout(scale, "right")
+    if len(drawn) == 1:
+        return interactive(plot)
+    # Faint edges stay hidden when their contrast is chosen: a click on the legend shows them.
+    visible = [[bool(model.visible) for model in models] for models in groups]
+    for models in groups[1:]:
+        for model in models:
+            model.visible = False
+    code = (
+        "groups.forEach((models, i) => models.forEach((model, k) =>"
+        " (model.visible = `${i}` === cb_obj.value && visible[i][k])))"
     )
-    scale = [list(pair) for pair in colours(found.settings.detected)]
-    legend = {"orientation": "h", "y": 1.02, "yanchor": "bottom", "bgcolor": "#c8c8c8", "itemsizing": "constant"}
-    figure.update_layout(
-        margin={"t": 50 if len(drawn) == 1 else 110, "r": 20},
-        height=min(round(_ABOVE + (_WIDTH - _BESIDE) * max(height / width, 0.3)), _HIGHEST),
-        hovermode="closest",
-        dragmode="pan",
-        legend=legend,
-        coloraxis={"colorscale": scale, "cmin": 0, "cmax": 1, "colorbar": {"title": "CDP"}},
+    options = [(f"{i}", f"target contrast {percent(found.contrast or 0)}") for i, found in enumerate(drawn)]
+    chosen = Select(options=options, value="0", title="Shown", sizing_mode="stretch_width", max_width=400)
+    chosen.js_on_change("value", CustomJS(args={"groups": groups, "visible": visible}, code=code))
+    return interactive(column([chosen, plot], sizing_mode="stretch_width"))
+
+
+def _empty_figure(shape_px: tuple[int, int]) -> Any:
+    """Return a figure with the axes of the picture, as large as a usual screen shows it."""
+    from bokeh.models import CustomJS, Legend, Range1d
+    from bokeh.plotting import figure
+
+    height, width = shape_px
+    drawn_height = min(round((_WIDTH - _BESIDE) * height / width), _HIGHEST)
+    plot = figure(
+        x_range=Range1d(0, width),
+        y_range=Range1d(height, 0),
+        sizing_mode="stretch_width",
+        frame_height=drawn_height,
+        max_width=round(_BESIDE + drawn_height * width / height),
+        tools="pan,wheel_zoom,box_zoom,reset,save",
+        active_scroll="wheel_zoom",
+        toolbar_location="below",
+        x_axis_label="x in pixels",
+        y_axis_label="y in pixels",
     )
-    return interactive(figure, scroll_zoom=True)
+    plot.toolbar.logo = None
+    plot.grid.visible = False
+    plot.axis.axis_label_text_font_style = "normal"
+    # Pixels stay square on a narrow screen.
+    code = "cb_obj.frame_height = Math.round((cb_obj.inner_width * height) / width)"
+    plot.js_on_change("inner_width", CustomJS(args={"height": height, "width": width}, code=code))
+    legend = Legend(click_policy="hide", location="left", background_fill_color="#c8c8c8", padding=4)
+    plot.add_layout(legend, "above")
+    return plot
 
 
-def _points(found: ContrastMap, source: PictureSource, style: EdgeStyle) -> list[Scatter]:
-    """Make a point with a tooltip in the middle of each edge of some kinds, and their entry in the legend."""
-    from plotly.graph_objects import Scatter
+def _palette(detected: float) -> list[str]:
+    from matplotlib.colors import to_hex
 
+    return [to_hex(colour) for colour in colour_map(detected)(np.linspace(0, 1, 256))]
+
+
+def _add_picture(plot: Any, picture: NDArray[np.uint8], shape_px: tuple[int, int]) -> Any:
+    height, width = shape_px
+    return plot.image_url(url=[_picture_url(picture)], x=0, y=0, w=width, h=height, anchor="top_left")
+
+
+def _add_points(plot: Any, found: ContrastMap, source: PictureSource, mapper: LinearColorMapper) -> Iterator[Any]:
+    """Add points with a tooltip in the middle of each edge, one kind at a time, and their entries in the legend."""
+    from bokeh.models import HoverTool, LegendItem
+
+    for style in reversed(STYLES):
+        if not found.count(*style.kinds):
+            continue
+        name, data = style.text(found), _points(found, style)
+        colour: Any = {"field": "cdp", "transform": mapper} if style.by_cdp else style.colour
+        points = plot.scatter("x", "y", source=data, size=6, fill_color=colour, line_color="#222222", line_width=0.5)
+        points.visible = EdgeKind.FAINT not in style.kinds
+        known = bool(np.isfinite(data["cdp"]).any())
+        tooltips = _tooltips("(relative)" if source.unit == "relative" else "cd/m²", with_cdp=known)
+        plot.add_tools(HoverTool(renderers=[points], tooltips=tooltips, visible=False, attachment="horizontal"))
+        # A scale of colours has none of its own in the legend.
+        entry = plot.scatter([nan], [nan], size=11, color=style.colour)
+        entry.visible = points.visible
+        entry.js_link("visible", points, "visible")
+        item = LegendItem(label={"value": name}, renderers=[entry])
+        plot.legend[0].items.append(item)
+        yield points
+        yield entry
+        yield item
+
+
+def _tooltips(unit: str, with_cdp: bool) -> list[tuple[str, str]]:
+    rows = [
+        ("bright side", f"@bright{{0.[000]}} {unit}"),
+        ("dark side", f"@dark{{0.[000]}} {unit}"),
+        ("contrast", "@contrast{0.0} % ± @expanded{0.0} % (95 %)"),
+        ("border", "@border pixels at x @x{0}, y @y{0}"),
+    ]
+    if with_cdp:
+        rows.insert(3, ("CDP", "@cdp{0.000} (95 %: @low{0.000} to @high{0.000})"))
+    return rows
+
+
+def _points(found: ContrastMap, style: EdgeStyle) -> dict[str, NDArray[Any]]:
+    """Return places and values of the edges of some kinds, the longest of many."""
     edges, mean, step = found.edges, found.regions.mean, found.luminance.step
     chosen = np.flatnonzero(found.of_kind(*style.kinds))
     chosen = chosen[np.argsort(-edges.border_px[chosen], kind="stable")][:_MOST_POINTS]
@@ -256,37 +317,15 @@ def _points(found: ContrastMap, source: PictureSource, style: EdgeStyle) -> list
     def rounded(values: NDArray[Any], n_decimals: int) -> NDArray[np.float64]:
         return np.asarray(np.round(values[chosen], n_decimals), dtype=np.float64)
 
-    marker: dict[str, Any] = {"size": 5, "line": {"width": 0.5, "color": "#222222"}}
-    marker |= {"color": rounded(edges.cdp, 3), "coloraxis": "coloraxis"} if style.by_cdp else {"color": style.colour}
-    unit = "(relative)" if source.unit == "relative" else "cd/m²"
-    rows = [
-        f"bright side %{{customdata[0]:.4~g}} {unit}",
-        f"dark side %{{customdata[1]:.4~g}} {unit}",
-        "contrast %{customdata[2]:.1f} % ± %{customdata[3]:.1f} % (95 %)",
-        "border %{customdata[7]} pixels at x %{x:.0f}, y %{y:.0f}",
-    ]
-    if np.isfinite(edges.cdp[chosen]).any():
-        rows.insert(3, "CDP %{customdata[4]:.3f} (95 %: %{customdata[5]:.3f} to %{customdata[6]:.3f})")
-    shown = [
-        mean[edges.bright[chosen]],
-        mean[edges.dark[chosen]],
-        rounded(100 * edges.contrast, 2),
-        rounded(100 * Z_95 * edges.contrast_standard_uncertainty, 2),
-        *(rounded(values, 4) for values in (edges.cdp, edges.cdp_low, edges.cdp_high)),
-        edges.border_px[chosen] * step,
-    ]
-    # Faint edges can be many; a click on the legend shows them.
-    visible = "legendonly" if EdgeKind.FAINT in style.kinds else True
-    name = style.text(found)
-    alike = {"mode": "markers", "name": name, "legendgroup": name, "visible": visible}
-    points = Scatter(
-        x=rounded(edges.middle_px[:, 0] * step, 1),
-        y=rounded(edges.middle_px[:, 1] * step, 1),
-        showlegend=False,
-        marker=marker,
-        customdata=np.stack(shown, axis=1).astype(np.float64),
-        hovertemplate="<br>".join(rows) + "<extra></extra>",
-        **alike,
-    )
-    # A scale of colours has none of its own in the legend.
-    return [points, Scatter(x=[None], y=[None], marker={"size": 11, "color": style.colour}, **alike)]
+    return {
+        "x": rounded(edges.middle_px[:, 0] * step, 1),
+        "y": rounded(edges.middle_px[:, 1] * step, 1),
+        "bright": mean[edges.bright[chosen]],
+        "dark": mean[edges.dark[chosen]],
+        "contrast": rounded(100 * edges.contrast, 2),
+        "expanded": rounded(100 * Z_95 * edges.contrast_standard_uncertainty, 2),
+        "cdp": rounded(edges.cdp, 3),
+        "low": rounded(edges.cdp_low, 4),
+        "high": rounded(edges.cdp_high, 4),
+        "border": edges.border_px[chosen] * step,
+    }

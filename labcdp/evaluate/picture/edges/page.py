@@ -92,7 +92,7 @@ def map_page(found: ContrastMap, drawn: Drawn, source: PictureSource, result: Re
     Returns
     -------
     str
-        HTML 5, with the drawing program (plotly.js, 4.8 MB) inside; its security policy forbids to load anything.
+        HTML 5, with the drawing program (BokehJS, 1.3 MB) inside; its security policy forbids to load anything.
     """
     own = found.contrast is None and not found.has_reference
     meaning = _OWN_CONTRAST if own else _ASKED.format(asked=_asked_text(found).rstrip(","))

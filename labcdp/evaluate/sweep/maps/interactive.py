@@ -3,187 +3,239 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from html import escape
-from typing import Any
+from math import nan
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from plotly.graph_objects import Figure, Heatmap, Scatter
-from plotly.subplots import make_subplots
-from xarray import Dataset
+from bokeh.layouts import column as stacked
+from bokeh.layouts import gridplot
+from bokeh.models import (
+    BasicTicker,
+    BoxAnnotation,
+    ColorBar,
+    CustomJS,
+    GlyphRenderer,
+    HoverTool,
+    LayoutDOM,
+    Legend,
+    LegendItem,
+    LinearColorMapper,
+    LogTicker,
+    PlainText,
+    PrintfTickFormatter,
+    Select,
+    Span,
+)
+from bokeh.palettes import Viridis256
+from bokeh.plotting import figure
 
 from ....report.html import interactive
 from ....report.layout import Script
 from .axes import At, MapAxis, known_values
 from .labels import axis_label, shown, variable_column
-from .view import MISSING, SCALE, USABLE, WIDEST, Line, MapView, cell_edges
+from .view import MISSING, USABLE, WIDEST, Line, MapView, cell_edges
+
+if TYPE_CHECKING:
+    from xarray import Dataset
 
 #: Dashes of the isolines, in rising order of their levels.
-_DASHES = ("dot", "solid", "dash")
+_DASHES = ("dotted", "solid", "dashed")
 
-#: Decades of an axis below which plotly would write all of 1 to 9; it writes 1, 2 and 5.
-_FEW_DECADES = 2.5
+#: Digits of each decade that have a tick where a logarithmic axis shows few of them.
+_TICKS = (1, 2, 5)
 
-#: Below the figure, as a phone is too narrow for it beside.
-_LEGEND = {"orientation": "h", "x": 0}
+#: Heights of a heat map, of the curves of CDP and of those of SNR, in pixels.
+_MAP, _CDP, _SNR = 520, 400, 240
 
 #: Ends of the axis of CDP.
 _CDP_ENDS = (-0.03, 1.05)
 
+#: Longest texts of a legend in two columns.
+_NARROW = 24
+
 
 def map_script(view: MapView) -> Script:
     """Draw a map; over two axes of numbers as heat maps, else as curves."""
-    figure = _heat_maps(view) if view.map.y is not None else _curves(view)
-    figure.update_layout(margin={"t": 45, "r": 20, "l": 70, "b": 10})
-    return interactive(figure)
+    return interactive(_heat_maps(view) if view.map.y is not None else _curves(view))
 
 
-def _heat_maps(view: MapView) -> Figure:
+def _heat_maps(view: MapView) -> LayoutDOM:
     """Draw one heat map for each section, of which one is shown at a time."""
-    assert view.map.y is not None
-    figure, owners = Figure(), []
-    for number, (at, section) in enumerate(view.parts):
-        traces = [_heat_map(view, section), *_overlays(view, at)]
-        figure.add_traces([trace.update(visible=number == 0) for trace in traces])
-        owners += [number] * len(traces)
-    if len(view.parts) > 1:
-        buttons = [
-            {
-                "label": _escaped(view.text_of(at)),
-                "method": "update",
-                "args": [{"visible": [owner == number for owner in owners]}],
-            }
-            for number, (at, _) in enumerate(view.parts)
-        ]
-        menu = {"buttons": buttons, "x": 0, "xanchor": "left", "y": 1.02, "yanchor": "bottom"}
-        figure.update_layout(updatemenus=[menu])
-    figure.update_xaxes(**_axis_settings(view.map.x), showgrid=False)
-    figure.update_yaxes(**_axis_settings(view.map.y), showgrid=False)
-    figure.update_layout(height=520, legend={**_LEGEND, "y": -0.16}, plot_bgcolor=MISSING)
-    return figure
+    x, y = view.map.x, view.map.y
+    assert y is not None
+    plot = _figure(x, axis_label(x), _MAP, y, axis_label(y), tools="pan,wheel_zoom,box_zoom,reset,save")
+    plot.background_fill_color = MISSING
+    plot.grid.visible = False
+    colours = LinearColorMapper(palette=Viridis256, low=0, high=1)
+    parts: list[list[GlyphRenderer]] = []
+    items: list[list[LegendItem]] = []
+    for at, section in view.parts:
+        cells = _cells(plot, view, section, colours)
+        lines = list(_overlays(plot, view, at))
+        parts.append([cells, *(line for _, line in lines)])
+        items.append([LegendItem(label={"value": text}, renderers=[line]) for text, line in lines])
+    scale = ColorBar(color_mapper=colours, title="CDP", ticker=BasicTicker(desired_num_ticks=6))
+    scale.title_text_font_style = "normal"
+    plot.add_layout(scale, "right")
+    _add_legend(plot, [item for own in items for item in own])
+    if len(parts) == 1:
+        return plot
+    for number, (renderers, own) in enumerate(zip(parts, items, strict=True)):
+        for model in (*renderers, *own):
+            model.visible = number == 0
+    options = [(f"{number}", view.text_of(at)) for number, (at, _) in enumerate(view.parts)]
+    shown_part = Select(options=options, value="0", title="Shown", sizing_mode="stretch_width", max_width=600)
+    groups = [[*renderers, *own] for renderers, own in zip(parts, items, strict=True)]
+    code = "groups.forEach((models, i) => models.forEach((model) => (model.visible = `${i}` === cb_obj.value)))"
+    shown_part.js_on_change("value", CustomJS(args={"groups": groups}, code=code))
+    return stacked([shown_part, plot], sizing_mode="stretch_width")
 
 
-def _heat_map(view: MapView, section: Dataset) -> Any:
+def _cells(plot: Any, view: MapView, section: Dataset, colours: LinearColorMapper) -> GlyphRenderer:
+    """Draw the cells that have a CDP, and give the values of all variables under the pointer."""
     x, y = view.map.x, view.map.y
     assert y is not None
     up, across = np.meshgrid(shown(y, y.values), shown(x, x.values), indexing="ij")
-    coordinates = [(f"{_escaped(axis_label(axis))}: ", ".5~g") for axis in (x, y)]
-    rows, values = _under_pointer(section)
-    return Heatmap(
-        x=cell_edges(x),
-        y=cell_edges(y),
-        z=section["cdp"].values,
-        zmin=0,
-        zmax=1,
-        colorscale=SCALE,
-        colorbar={"title": "CDP"},
-        customdata=np.stack([across, up, *values], axis=-1),
-        hovertemplate=_template([*coordinates, *rows]) + "<extra></extra>",
-        hoverongaps=False,
+    (bottom, left), (top, right) = (
+        np.meshgrid(cell_edges(y)[ends], cell_edges(x)[ends], indexing="ij") for ends in (slice(-1), slice(1, None))
     )
+    texts, values = _variables(section)
+    cdp = section["cdp"].values
+    known = np.isfinite(cdp)
+    columns = {"left": left, "right": right, "bottom": bottom, "top": top, "cdp": cdp, "x": across, "y": up}
+    columns |= {f"v{number}": one for number, one in enumerate(values)}
+    data = {name: np.asarray(one, dtype=float)[known] for name, one in columns.items()}
+    colour = {"field": "cdp", "transform": colours}
+    # With lines of the same colour there are no seams between cells.
+    cells = plot.quad(left="left", right="right", bottom="bottom", top="top", source=data, color=colour, line_width=1)
+    _add_hover(plot, [cells], [(axis_label(x), "x"), (axis_label(y), "y"), *texts])
+    return cells
 
 
-def _overlays(view: MapView, at: At) -> Iterator[Any]:
-    """Yield the lines over a section; isolines of one level are one trace, which the legend switches."""
+def _overlays(plot: Any, view: MapView, at: At) -> Iterator[tuple[str, GlyphRenderer]]:
+    """Yield the lines over a section with their texts; isolines of one level are one, which the legend switches."""
     for text, number, lines in view.overlays(at):
-        isoline = {"color": "black", "width": 1.5, "dash": _DASHES[(number or 0) % len(_DASHES)]}
-        yield Scatter(
-            x=[value for x, _ in lines for value in (*x.tolist(), None)],
-            y=[value for _, y in lines for value in (*y.tolist(), None)],
-            mode="lines",
-            line={"color": WIDEST, "width": 4} if number is None else isoline,
-            name=_escaped(text),
-            hoverinfo="skip",
-        )
+        how: dict[str, Any] = {"line_color": WIDEST, "line_width": 4}
+        if number is not None:
+            how = {"line_color": "black", "line_width": 1.5, "line_dash": _DASHES[number % len(_DASHES)]}
+        yield text, plot.multi_line(xs=[x for x, _ in lines], ys=[y for _, y in lines], **how)
 
 
-def _curves(view: MapView) -> Figure:
+def _curves(view: MapView) -> LayoutDOM:
     """Draw CDP along the axis, and below it the SNR of the map."""
     cdp, snr = view.curves()
     axis, level = view.map.x, view.analysis.level
-    figure = make_subplots(rows=2 if snr else 1, cols=1, shared_xaxes=True, vertical_spacing=0.05)
-    for row, lines in enumerate((cdp, snr), start=1):
-        traces = list(_traces(view, lines))
-        if row == 2:  # only what the curves of CDP do not have already
-            known = {trace.name for trace in figure.data}
-            traces = [trace.update(showlegend=trace.name not in known) for trace in traces]
-        figure.add_traces(traces, rows=row, cols=1)
-    of_cdp = {"row": 1, "col": 1, "layer": "below"}
-    line = {"color": "grey", "width": 1, "dash": "dot"}
-    figure.add_hline(level, line=line, name=f"CDP {level:g}", showlegend=True, **of_cdp)
-    for number, ends in enumerate(view.usable):
-        area = {"fillcolor": USABLE, "opacity": 0.15, "line_width": 0, "name": "usable range", "legendgroup": "usable"}
-        figure.add_vrect(*ends, showlegend=number == 0, **area, **of_cdp)
-    figure.update_xaxes(**_axis_settings(axis) | {"title": None})
-    figure.update_xaxes(title=_escaped(axis_label(axis)), row=2 if snr else 1, col=1)
-    figure.update_yaxes(title="CDP", range=_CDP_ENDS, row=1, col=1)
-    if snr:
-        figure.update_yaxes(title="SNR in dB (20 log<sub>10</sub>)", row=2, col=1)
-    # The legend, which tells curves apart, shall be on the first screen.
-    place = {"y": 1.0, "yanchor": "bottom"} if len(view.parts) > 1 else {"y": -0.16}
-    figure.update_layout(height=560 if snr else 420, legend={**_LEGEND, **place, "traceorder": "normal"})
-    return figure
+    tools = "pan,wheel_zoom,box_zoom,reset,save"
+    above = _figure(axis, "" if snr else axis_label(axis), _CDP, None, "CDP", tools=tools, y_range=_CDP_ENDS)
+    for ends in view.usable:
+        above.add_layout(BoxAnnotation(left=ends[0], right=ends[1], fill_color=USABLE, fill_alpha=0.15, line_width=0))
+    above.add_layout(Span(location=level, dimension="width", line_color="grey", line_dash="dotted"))
+    drawn = _draw_lines(above, view, cdp)
+    # Without a place: the legend shows how they are drawn.
+    grey = above.line(x=[nan], y=[nan], line_color="grey", line_dash="dotted")
+    items = [*_items(drawn), LegendItem(label={"value": f"CDP {level:g}"}, renderers=[grey])]
+    if view.usable:
+        area = above.quad(left=[nan], right=[nan], top=[nan], bottom=[nan], fill_color=USABLE, fill_alpha=0.3)
+        items.append(LegendItem(label={"value": "usable range"}, renderers=[area]))
+    if not snr:
+        _add_legend(above, items)
+        return above
+    below = _figure(axis, axis_label(axis), _SNR, None, "SNR in dB (20 lg)", tools=tools, x_range=above.x_range)
+    of_snr = _draw_lines(below, view, snr)
+    _add_legend(above, items)
+    # Only what the curves of CDP do not have already; those are switched with them.
+    _add_legend(below, [item for item in _items(of_snr) if item.label["value"] not in drawn])
+    for text, renderers in of_snr.items():
+        for model in renderers:
+            if text in drawn:
+                drawn[text][0].js_link("visible", model, "visible")
+    return gridplot([[above], [below]], sizing_mode="stretch_width", merge_tools=True, toolbar_location="below")
 
 
-def _traces(view: MapView, lines: Sequence[Line]) -> Iterator[Any]:
-    """Yield curves with their bands and dips; curves of one section are switched together."""
-    axis, with_dips = view.map.x, [line for line in lines if line.dips[0].size]
-    places = shown(axis, axis.values) if axis.numeric else _texts(axis)
+def _draw_lines(plot: Any, view: MapView, lines: Sequence[Line]) -> dict[str, list[GlyphRenderer]]:
+    """Draw curves with their bands and dips; return what belongs to each text of the legend."""
+    axis, drawn = view.map.x, dict[str, list[GlyphRenderer]]()
+    places = shown(axis, axis.values) if axis.numeric else _factors(axis)
     for line in lines:
-        text, skip = _escaped(line.text), {"hoverinfo": "skip"}
+        texts, values = _variables(line.section)
+        data = {"x": places, "y": line.values} | {f"v{number}": one for number, one in enumerate(values)}
+        curve = plot.line(x="x", y="y", source=data, line_color=line.colour, line_width=2)
+        marks = plot.scatter(x="x", y="y", source=curve.data_source, size=6 if view.marked else 2, color=line.colour)
+        _add_hover(plot, [marks], [(axis_label(axis), "x"), *texts], numeric=axis.numeric)
+        drawn.setdefault(line.text, []).extend((curve, marks))
         if line.band is not None:
-            edge = {"mode": "lines", "line": {"width": 0, "color": line.colour}, "legendgroup": "band"}
-            single = len(lines) == 1
-            yield Scatter(x=places, y=line.band[0], showlegend=False, **edge, **skip)
-            name = "95 % intervals" if single else ""
-            yield Scatter(x=places, y=line.band[1], fill="tonexty", name=name, showlegend=single, **edge, **skip)
-        rows, values = _under_pointer(line.section)
-        yield Scatter(
-            x=places,
-            y=line.values,
-            name=text,
-            mode="lines+markers" if view.marked else "lines",
-            line={"color": line.colour},
-            legendgroup=text,
-            customdata=np.stack(values, axis=-1),
-            hovertemplate="<br>".join([f"{_escaped(axis_label(axis))}: %{{x}}", _template(rows)]),
-        )
+            low, high = line.band
+            band = plot.varea(x=places, y1=low, y2=high, fill_color=line.colour, fill_alpha=0.2, level="underlay")
+            drawn.setdefault("95 % intervals" if len(lines) == 1 else line.text, []).append(band)
         if line.dips[0].size:
-            ring = {"symbol": "circle-open", "size": 14, "color": "black"}
-            named = {"name": "dip", "legendgroup": "dip", "showlegend": line is with_dips[0]}
-            yield Scatter(x=line.dips[0], y=line.dips[1], mode="markers", marker=ring, **named, **skip)
+            rings = plot.scatter(*line.dips, size=14, marker="circle", fill_color=None, line_color="black")
+            drawn.setdefault("dip", []).append(rings)
+    return drawn
 
 
-def _axis_settings(axis: MapAxis) -> dict[str, Any]:
-    """Title, kind and ends of a drawn axis."""
-    kind = ("log" if axis.log else "linear") if axis.numeric else "category"
-    settings: dict[str, Any] = {"title": _escaped(axis_label(axis)), "type": kind}
-    if axis.numeric:
-        ends = cell_edges(axis)[[0, -1]]
-        ends = np.log10(ends) if axis.log else ends
-        settings |= {"tickformat": "~g", "range": ends.tolist()}
-        if axis.log and np.ptp(ends) < _FEW_DECADES:
-            settings["dtick"] = "D2"
-    return settings
+def _items(drawn: dict[str, list[GlyphRenderer]]) -> list[LegendItem]:
+    return [LegendItem(label={"value": text}, renderers=renderers) for text, renderers in drawn.items()]
 
 
-def _texts(axis: MapAxis) -> list[str]:
-    return [_escaped(str(value)) for value in axis.values]
+def _add_legend(plot: Any, items: Sequence[LegendItem]) -> None:
+    """Put a legend above the figure, so that it is on the first screen; a click hides or shows."""
+    if items:
+        n_columns = 2 if all(len(item.label["value"]) <= _NARROW for item in items) else 1
+        legend = Legend(items=list(items), click_policy="hide", ncols=n_columns, location="left")
+        legend.update(border_line_color=None, padding=2, label_text_font_size="13px")
+        plot.add_layout(legend, "above")
 
 
-def _under_pointer(section: Dataset) -> tuple[list[tuple[str, str]], list[Any]]:
-    """Return name and format of each variable, and its values; an SNR without noise is not a number."""
-    rows, values = [], []
-    for name in map(str, section.data_vars):
+def _figure(x: MapAxis, x_label: str, height: int, y: MapAxis | None, y_label: str, **how: Any) -> Any:
+    """Return a figure over an axis, with the ends and the kind of scale of its axes."""
+    how.setdefault("x_range", _ends(x))
+    if y is not None:
+        how["y_range"] = _ends(y)
+    kinds = {name: "log" if axis is not None and axis.log else "auto" for name, axis in (("x", x), ("y", y))}
+    plot = figure(
+        height=height,
+        sizing_mode="stretch_width",
+        x_axis_type=kinds["x"],
+        y_axis_type=kinds["y"],
+        # Over a page that is scrolled, the wheel zooms only when it is told to.
+        active_scroll=None,
+        toolbar_location="below",
+        **how,
+    )
+    plot.toolbar.logo = None
+    for axis, drawn, label in ((x, plot.xaxis, x_label), (y, plot.yaxis, y_label)):
+        drawn.axis_label = PlainText(text=label) if label else None
+        drawn.axis_label_text_font_style = "normal"
+        if axis is not None and axis.numeric:
+            drawn.formatter = PrintfTickFormatter(format="%.6g")
+            if axis.log:
+                drawn.ticker = LogTicker(mantissas=list(_TICKS))
+    return plot
+
+
+def _ends(axis: MapAxis) -> Any:
+    """Return the ends of an axis, or its texts."""
+    return tuple(cell_edges(axis)[[0, -1]].tolist()) if axis.numeric else _factors(axis)
+
+
+def _factors(axis: MapAxis) -> list[str]:
+    return [str(value) for value in axis.values]
+
+
+def _variables(section: Dataset) -> tuple[list[tuple[str, str]], list[Any]]:
+    """Return text and column of each variable, and its values; an SNR without noise is not a number."""
+    texts, values = [], []
+    for number, name in enumerate(map(str, section.data_vars)):
         column = variable_column(section, name)
-        rows.append((_escaped(f"{column.label}{column.unit and f' in {column.unit}'}: "), ".4~g"))
+        texts.append((f"{column.label}{column.unit and f' in {column.unit}'}", f"v{number}"))
         values.append((100 if column.unit == "%" else 1) * known_values(name, section[name].values))
-    return rows, values
+    return texts, values
 
 
-def _template(rows: Sequence[tuple[str, str]]) -> str:
-    return "<br>".join(f"{text}%{{customdata[{number}]:{form}}}" for number, (text, form) in enumerate(rows))
-
-
-def _escaped(text: str) -> str:
-    """Escape text that plotly would interpret as a tag or, in a hover template, as a variable."""
-    return escape(text, quote=False).replace("%{", "% {")
+def _add_hover(
+    plot: Any, renderers: list[GlyphRenderer], texts: Sequence[tuple[str, str]], numeric: bool = True
+) -> None:
+    """Show values of the cell or point under the pointer."""
+    rows = [(text, f"@{name}{{%.4g}}" if numeric or name != "x" else f"@{name}") for text, name in texts]
+    formatters = {f"@{name}": "printf" for _, name in texts if numeric or name != "x"}
+    plot.add_tools(HoverTool(renderers=renderers, tooltips=rows, formatters=formatters, visible=False))

@@ -189,7 +189,9 @@ def _typical_rel(solution: Solution) -> float:
 def solution_at(design: Design, candidate: CandidateModel, parameters: Array) -> Solution:
     """Return a model with given parameters; raises CalibrationError if they are none of a response that rises."""
     if not candidate.rises(parameters[: candidate.n_parameters]):
-        raise CalibrationError(f"the {candidate.kind} response does not rise with luminance: {_CHECK}")
+        # With the shape of a bracket only the scale is free: no positive one is a contradiction.
+        text = f"the {candidate.kind} response does not rise with luminance: {_CHECK}"
+        raise CalibrationError(text if candidate.bracket is None else _CONTRADICTS)
     luminance, slope, jacobian = _luminances(design, candidate, parameters)
     normal = jacobian.T @ np.linalg.inv(_weighting(design, candidate).covariance(luminance, slope))
     by_shape = luminance * candidate.errors(design.net_dn)

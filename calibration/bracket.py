@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..core.errors import CalibrationError
 from ..core.frame import Frame
-from ..core.luminance import WHOLE, CommonError, Invalid, LuminanceMap, PixelErrors, Window, require_alike
+from ..core.luminance import WHOLE, CommonError, Invalid, LuminanceMap, Window, require_alike
 from ..core.result import Finding, warning
 from .colour.model import AnyCalibration
 from .uncertainty import SMALL_EFFECT_REL
@@ -86,18 +86,28 @@ def bracket_luminance(conversion: AnyCalibration, frames: Sequence[Frame]) -> Br
         blocks = list(pool.map(lambda window: merge.block(window)[0], merge.windows()))
     of_pixels = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
     n_used, common_rel = of_pixels.pop("n_used"), of_pixels.pop("common_rel")
-    luminance, invalid = of_pixels.pop("mean"), of_pixels.pop("invalid")
-    combined = LuminanceMap(
-        luminance,
-        PixelErrors(slow_rel=merge.slow_rel, fixed_rel=merge.fixed_rel, **of_pixels),
-        lambda window: merge.block(window)[1],
-        invalid,
-        common_rel=lambda: common_rel,
-        step=merge.step,
-    )
+    invalid = of_pixels["invalid"]
+    combined = _MergedMap(merge, common_rel, luminance_cd_m2=of_pixels.pop("mean"), **of_pixels)
     share = float(np.mean((invalid & Invalid.INCONSISTENT) != 0))
     exposures_s = tuple(one.frame.exposure_s for one in merge.exposures)
     return Bracket(combined, n_used, exposures_s, share, _findings(exposures_s, combined, share))
+
+
+class _MergedMap(LuminanceMap):
+    """Map of a merge; its common errors are merged again where they are asked for, as they would fill the memory."""
+
+    def __init__(self, merge: _Merge, common_rel: _Array, **of_pixels: Any) -> None:
+        super().__init__(common=(), slow_rel=merge.slow_rel, fixed_rel=merge.fixed_rel, step=merge.step, **of_pixels)
+        self._common_rel, self._merge = common_rel, merge
+
+    @property
+    def common_rel(self) -> _Array:
+        """Relative standard uncertainty of all common errors together."""
+        return self._common_rel
+
+    def common_in(self, window: Window) -> tuple[CommonError, ...]:
+        """Return the common errors of some rows and columns of the map."""
+        return self._merge.block(window)[1]
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.frame import Frame
-from ...core.luminance import RANGE_MARGIN, WHOLE, CommonError, Invalid, LuminanceMap, PixelErrors, Window
+from ...core.luminance import RANGE_MARGIN, WHOLE, CommonError, Invalid, LuminanceMap, Window
 from ...core.result import Finding
 from ...core.spectra import Source, SpectralTable
 from ..findings import LeftOut
@@ -39,82 +39,73 @@ def _widened(window: Window, shape: tuple[int, int]) -> tuple[Window, Window]:
     return (wide[0], wide[1]), (inner[0], inner[1])
 
 
-@dataclass(frozen=True, eq=False)
-class _Combined:
-    """Map of a frame, of the maps of its planes; all but the luminance is computed on demand."""
+class _CombinedMap(LuminanceMap):
+    """Map of a frame by the maps of its planes, of the part `inner` of theirs."""
 
-    converter: ColourConverter
-    maps: Sequence[LuminanceMap]
-    inner: Window
-
-    def map(self) -> LuminanceMap:
-        converter, inner = self.converter, self.inner
-        scatter_rel = converter.scatter_rel * student_factor(converter.scatter_dof or inf)
+    def __init__(self, converter: ColourConverter, maps: Sequence[LuminanceMap], inner: Window) -> None:
+        self._converter, self._maps, self._inner, self.step = converter, maps, inner, 2
+        self._luminance = np.zeros(maps[0].shape, dtype=np.float32)
+        for weight, plane in zip(converter.weights, maps, strict=True):
+            self._luminance += np.float32(weight) * plane.luminance_cd_m2
+        self.luminance_cd_m2 = self._luminance[inner]
         # Of grey light.
         shares = np.array(converter.weights) / sum(converter.weights)
-        return LuminanceMap(
-            self._luminance[inner],
-            PixelErrors(
-                lambda: self._random_rel[inner],
-                slow_rel=hypot(converter.field_rel, scatter_rel),
-                slow_cd_m2=self._combined([one.slow_cd_m2 for one in self.maps])[inner],
-                fixed_rel=float(np.linalg.norm(shares * [one.fixed_rel for one in self.maps])),
-                fixed_cd_m2=lambda: self._combined([one.fixed_cd_m2 for one in self.maps])[inner],
-            ),
-            self._common,
-            lambda: self._invalid()[inner],
-            step=2,
-        )
+        self.fixed_rel = float(np.linalg.norm(shares * [plane.fixed_rel for plane in maps]))
+        self.slow_rel = hypot(converter.field_rel, converter.scatter_rel * student_factor(converter.scatter_dof or inf))
+        self._slow_cd_m2 = self._combined([plane.slow_cd_m2 for plane in maps])[inner]
 
     @cached_property
-    def _luminance(self) -> _Map:
-        total = np.zeros(self.maps[0].shape, dtype=np.float32)
-        for weight, one in zip(self.converter.weights, self.maps, strict=True):
-            total += np.float32(weight) * one.luminance_cd_m2
-        return total
+    def random_rel(self) -> _Map:
+        return self._pixel_rel[self._inner]
+
+    @cached_property
+    def fixed_cd_m2(self) -> _Map:
+        return self._combined([plane.fixed_cd_m2 for plane in self._maps])[self._inner]
 
     @property
     def _magnitude(self) -> _Map:
         return np.maximum(np.abs(self._luminance), np.float32(1e-30))
 
     @property
-    def _random_rel(self) -> _Map:
-        return self._combined([one.luminance_cd_m2 * one.random_rel for one in self.maps]) / self._magnitude
+    def _pixel_rel(self) -> _Map:
+        return self._combined([one.luminance_cd_m2 * one.random_rel for one in self._maps]) / self._magnitude
 
     def _combined(self, of_planes: Sequence[_Map | float]) -> _Map:
         """Return the standard uncertainty of the weighted sum, of independent ones of the planes."""
-        variance = np.zeros(self.maps[0].shape, dtype=np.float32)
-        for weight, one in zip(self.converter.weights, of_planes, strict=True):
+        variance = np.zeros(self._maps[0].shape, dtype=np.float32)
+        for weight, one in zip(self._converter.weights, of_planes, strict=True):
             variance += np.square(np.float32(weight) * one)
         return np.sqrt(variance)
 
-    def _common(self, of_inner: Window) -> tuple[CommonError, ...]:
-        shape = self.maps[0].shape
-        rows, columns = (range(n)[a][b] for n, a, b in zip(shape, self.inner, of_inner, strict=True))
+    def common_in(self, window: Window) -> tuple[CommonError, ...]:
+        """Return the common errors of some rows and columns of the map."""
+        shape = self._maps[0].shape
+        rows, columns = (range(n)[a][b] for n, a, b in zip(shape, self._inner, window, strict=True))
         window = slice(rows.start, rows.stop), slice(columns.start, columns.stop)
         magnitude = self._magnitude[window]
-        weighted = zip(self.converter.weights, self.maps, strict=True)
+        weighted = zip(self._converter.weights, self._maps, strict=True)
         shares = [weight * one.luminance_cd_m2[window] / magnitude for weight, one in weighted]
-        of_planes = [one.common_in(window) for one in self.maps]
-        return self.converter.common_errors(self._colours(window), of_planes, shares)
+        of_planes = [one.common_in(window) for one in self._maps]
+        return self._converter.common_errors(self._colours(window), of_planes, shares)
 
     def _colours(self, window: Window) -> _Map:
         """Luminances by the planes without their noise, which is no colour of the light: means of neighbours."""
         import cv2
 
-        around, inner = _widened(window, self.maps[0].shape)
+        around, inner = _widened(window, self._maps[0].shape)
         size = 2 * _NEIGHBOURS + 1
-        means = [cv2.blur(one.luminance_cd_m2[around], (size, size))[inner] for one in self.maps]
+        means = [cv2.blur(one.luminance_cd_m2[around], (size, size))[inner] for one in self._maps]
         return np.stack(means, axis=-1)
 
-    def _invalid(self) -> NDArray[np.uint8]:
-        luminance, margin = self._luminance, RANGE_MARGIN * self._random_rel * self._magnitude
-        low, high = self.converter.range_cd_m2
+    @cached_property
+    def invalid(self) -> NDArray[np.uint8]:
+        luminance, margin = self._luminance, RANGE_MARGIN * self._pixel_rel * self._magnitude
+        low, high = self._converter.range_cd_m2
         invalid = np.where(luminance < 0, Invalid.BELOW_BLACK, 0).astype(np.uint8)
         invalid[(luminance + margin < low) | (luminance - margin > high)] |= np.uint8(Invalid.OUTSIDE_CALIBRATED)
-        for one in self.maps:
+        for one in self._maps:
             invalid |= one.invalid & np.uint8(Invalid.SATURATED | Invalid.DEFECT)
-        return invalid
+        return invalid[self._inner]
 
 
 @dataclass(frozen=True)
@@ -252,7 +243,7 @@ class ColourCalibration(ColourConverter):
         frames = split(frame)
         wide, inner = _widened(window, next(iter(frames.values())).shape)
         maps = [plane.to_luminance(frames[f"{plane.state.plane}"], wide) for plane in self.planes]
-        return _Combined(self, maps, inner).map()
+        return _CombinedMap(self, maps, inner)
 
 
 AnyCalibration: TypeAlias = Calibration | ColourCalibration

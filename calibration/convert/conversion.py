@@ -3,29 +3,26 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from math import hypot, inf
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.dn import look_up
 from ...core.errors import CalibrationError
 from ...core.frame import Frame
-from ...core.luminance import RANGE_MARGIN, WHOLE, CommonError, Invalid, LuminanceMap, PixelErrors, Window
+from ...core.luminance import RANGE_MARGIN, WHOLE, CommonError, Invalid, LuminanceMap, Window
 from ...core.result import log_findings
 from ...core.vignetting import AnyVignetting, Cos4Vignetting, RadialVignetting
 from ..converter import Converter, common_errors, numbers_by_pattern, placed
 from ..frames.observations import CameraState
-from ..sensor.noise import GainSetting
 from ..setup import LensIdentity
 from ..uncertainty import student_factor
 
 _log = logging.getLogger(__name__)
 
-#: Pixels per block of a table look-up, so that temporary arrays fit in the processor's cache.
-_BLOCK = 2**15
 #: Signal above dark used instead of exactly 0, where relative errors are undefined.
 _LEAST_NET_DN = 1e-6
 
@@ -62,7 +59,7 @@ def to_luminance(converter: Converter, frame: Frame, window: Window = WHOLE) -> 
     noise_dn = 0.0 if library is None or pattern is None else library.noise_dn(*taken)
     inverse_v = _inverse_v(converter.vignetting, frame.shape)
     inverse_v, pattern = (None if array is None else array[window] for array in (inverse_v, pattern))
-    return _Conversion(converter, frame, window, inverse_v, pattern, noise_dn).map()
+    return _CalibratedMap(converter, frame, window, inverse_v, pattern, noise_dn)
 
 
 def require_lens(calibrated: LensIdentity, lens: LensIdentity) -> None:
@@ -84,104 +81,108 @@ def _log_what_was_not_calibrated(converter: Converter, frame: Frame) -> None:
     log_findings(_log, dark.temperature_findings(taken, f"frame {frame.frame_id}"))
 
 
-@dataclass(frozen=True, eq=False)
-class _Conversion:
-    """A window of a frame; tables over the DN have luminances on the optical axis (V = 1)."""
+class _CalibratedMap(LuminanceMap):
+    """Map of a window of a frame; tables over the DN have luminances on the optical axis (V = 1)."""
 
-    converter: Converter
-    frame: Frame
-    window: Window
-    inverse_v: _Maps | None
-    dark_pattern_dn: _Maps | None
-    library_noise_dn: float
-
-    def map(self) -> LuminanceMap:
-        fit = self.converter.responsivity
+    def __init__(
+        self,
+        converter: Converter,
+        frame: Frame,
+        window: Window,
+        inverse_v: _Maps | None,
+        dark_pattern_dn: _Maps | None,
+        library_noise_dn: float,
+    ) -> None:
+        self._converter, self._frame, self._window, self._inverse_v = converter, frame, window, inverse_v
+        self._dark_pattern_dn, self._library_noise_dn = dark_pattern_dn, library_noise_dn
+        self.step, self._dn, self._setting = 1, frame.dn[window], converter.setting(frame.gain_db)
+        self._scale = converter.dn_per_cd_m2(frame.exposure_s, frame.gain_db)
+        self.luminance_cd_m2 = self._luminance()
+        fit = converter.responsivity
         # A map has no degrees of freedom: 1.96 of these uncertainties are the expanded one.
-        scatter_rel = fit.scatter_rel * student_factor(fit.scatter_dof or inf)
-        return LuminanceMap(
-            self._luminance(),
-            PixelErrors(
-                self._random_rel,
-                slow_rel=hypot(self.converter.field_rel, scatter_rel),
-                slow_cd_m2=self._slow_cd_m2(),
-                fixed_rel=self._fixed_rel,
-                fixed_cd_m2=0.0 if self.dark_pattern_dn is None else self._library_noise_cd_m2,
-            ),
-            self._common,
-            self._invalid,
-            common_rel=self._common_rel,
-        )
+        self.slow_rel = hypot(converter.field_rel, fit.scatter_rel * student_factor(fit.scatter_dof or inf))
+        self.fixed_rel = converter.pixel_rel(self._setting.gain_db)
 
     def _luminance(self) -> _Maps:
-        if self.dark_pattern_dn is None:
-            return _look_up(self._luminance_by_dn, self._dn, self.inverse_v)
+        if self._dark_pattern_dn is None:
+            return look_up(self._luminance_by_dn, self._dn, self._inverse_v)
         # To first order in the pattern, which is small except at pixels of the defect map.
-        luminance = _look_up(self._luminance_by_dn, self._dn)
-        luminance -= _look_up(self._slope_by_dn.astype(np.float32), self._dn, self.dark_pattern_dn)
-        if self.inverse_v is not None:
-            luminance *= self.inverse_v
+        luminance = look_up(self._luminance_by_dn, self._dn)
+        luminance -= look_up(self._slope_by_dn.astype(np.float32), self._dn, self._dark_pattern_dn)
+        if self._inverse_v is not None:
+            luminance *= self._inverse_v
         return luminance
 
-    def _random_rel(self) -> _Maps:
+    @cached_property
+    def random_rel(self) -> _Maps:
         """Relative standard uncertainty by noise of pixel and library, and by the pixel's sensitivity."""
-        if self.dark_pattern_dn is None:
-            magnitude = np.abs(self.converter.response.linearise(self._away_from_zero)) / self._scale
-            return _look_up(np.hypot(self._error_by_dn / magnitude, self._fixed_rel).astype(np.float32), self._dn)
-        error = _look_up(self._error_by_dn.astype(np.float32), self._dn, self.inverse_v)
-        error /= np.maximum(np.abs(self._luminance()), np.float32(1e-30))
-        result: _Maps = np.hypot(error, np.float32(self._fixed_rel), out=error)
+        if self._dark_pattern_dn is None:
+            magnitude = np.abs(self._converter.response.linearise(self._away_from_zero)) / self._scale
+            return look_up(np.hypot(self._error_by_dn / magnitude, self.fixed_rel).astype(np.float32), self._dn)
+        error = look_up(self._error_by_dn.astype(np.float32), self._dn, self._inverse_v)
+        error /= np.maximum(np.abs(self.luminance_cd_m2), np.float32(1e-30))
+        result: _Maps = np.hypot(error, np.float32(self.fixed_rel), out=error)
         return result
 
-    def _library_noise_cd_m2(self) -> _Maps:
-        by_dn = (self._slope_by_dn * self.library_noise_dn).astype(np.float32)
-        return _look_up(by_dn, self._dn, self.inverse_v)
+    @cached_property
+    def fixed_cd_m2(self) -> _Maps | float:
+        """Noise of the dark library."""
+        if self._dark_pattern_dn is None:
+            return 0.0
+        by_dn = (self._slope_by_dn * self._library_noise_dn).astype(np.float32)
+        return look_up(by_dn, self._dn, self._inverse_v)
 
-    def _slow_cd_m2(self) -> _Maps | float:
+    @cached_property
+    def slow_cd_m2(self) -> _Maps | float:
         """Independent uncertainty of each region by its dark signal; a number for a linear response."""
-        dn = hypot(self.converter.responsivity.scatter_dn, self._setting.dark.nonuniformity_dn)
+        dn = hypot(self._converter.responsivity.scatter_dn, self._setting.dark.nonuniformity_dn)
         by_dn = (self._slope_by_dn * dn).astype(np.float32)
-        if self.converter.response.kind == "linear":
-            return float(by_dn[0]) * _mean_inverse_v(self.converter.vignetting, self.frame.shape)
-        return _look_up(by_dn, self._dn, self.inverse_v)
+        if self._converter.response.kind == "linear":
+            return float(by_dn[0]) * _mean_inverse_v(self._converter.vignetting, self._frame.shape)
+        return look_up(by_dn, self._dn, self._inverse_v)
 
-    def _common(self, window: Window) -> tuple[CommonError, ...]:
+    def common_in(self, window: Window) -> tuple[CommonError, ...]:
+        """Return the common errors of some rows and columns of the map."""
         dn = self._dn[window]
         by_dn = tuple(
-            e if np.ndim(e.relative) == 0 else replace(e, relative=_look_up(np.asarray(e.relative), dn))
+            e if np.ndim(e.relative) == 0 else replace(e, relative=look_up(np.asarray(e.relative), dn))
             for e in self._common_by_dn
         )
-        return placed(self.converter, by_dn, [-pattern[window] for pattern in self._patterns])
+        return placed(self._converter, by_dn, [-pattern[window] for pattern in self._patterns])
 
-    def _common_rel(self) -> _Maps:
+    @cached_property
+    def common_rel(self) -> _Maps:
+        """All common errors together, by tables where patterns of the vignetting allow it."""
         by_dn = np.zeros(self._net_dn.shape)
         for error in self._common_by_dn:
             by_dn += np.square(np.asarray(error.relative, dtype=float))
-        patterns, numbers = self._patterns, numbers_by_pattern(self.converter)
+        patterns, numbers = self._patterns, numbers_by_pattern(self._converter)
         if not patterns:
-            return _look_up(np.sqrt(by_dn).astype(np.float32), self._dn)
-        total = _look_up(by_dn.astype(np.float32), self._dn)
+            return look_up(np.sqrt(by_dn).astype(np.float32), self._dn)
+        total = look_up(by_dn.astype(np.float32), self._dn)
         for number, pattern in enumerate(patterns):
             of_fit = self._common_by_dn[numbers[number]].relative if number in numbers else np.zeros(1, np.float32)
-            total += pattern * (pattern - 2 * _look_up(np.asarray(of_fit), self._dn))
+            total += pattern * (pattern - 2 * look_up(np.asarray(of_fit), self._dn))
         result: _Maps = np.sqrt(np.maximum(total, 0, out=total), out=total)
         return result
 
-    def _invalid(self) -> NDArray[np.uint8]:
-        luminance, flags = self._luminance(), _look_up(self._flags_by_dn(), self._dn)
-        margin = _look_up((RANGE_MARGIN * self._error_by_dn).astype(np.float32), self._dn, self.inverse_v)
-        low, high = self.converter.range_cd_m2
+    @cached_property
+    def invalid(self) -> NDArray[np.uint8]:
+        """Flags of the pixels."""
+        luminance, flags = self.luminance_cd_m2, look_up(self._flags_by_dn(), self._dn)
+        margin = look_up((RANGE_MARGIN * self._error_by_dn).astype(np.float32), self._dn, self._inverse_v)
+        low, high = self._converter.range_cd_m2
         flags[luminance < 0] |= Invalid.BELOW_BLACK.value
         flags[(luminance + margin < low) | (luminance - margin > high)] |= Invalid.OUTSIDE_CALIBRATED.value
-        if self.converter.defects is not None:
-            flags[self.converter.defects.mask(self.frame.shape)[self.window]] |= Invalid.DEFECT.value
+        if self._converter.defects is not None:
+            flags[self._converter.defects.mask(self._frame.shape)[self._window]] |= Invalid.DEFECT.value
         return flags
 
     def _flags_by_dn(self) -> NDArray[np.uint8]:
         """Saturation, and for a curved response the end of its range."""
-        saturation_dn = min(self.frame.saturation_dn, self.converter.state.saturation_dn)
-        low, high = self.converter.range_net_dn
-        margin, kind = RANGE_MARGIN * self._noise_by_dn, self.converter.response.kind
+        saturation_dn = min(self._frame.saturation_dn, self._converter.state.saturation_dn)
+        low, high = self._converter.range_net_dn
+        margin, kind = RANGE_MARGIN * self._noise_by_dn, self._converter.response.kind
         flags = np.where(np.arange(self._net_dn.size) >= saturation_dn, Invalid.SATURATED, 0).astype(np.uint8)
         if kind != "linear":
             flags[self._net_dn - margin > high] |= Invalid.OUTSIDE_CALIBRATED.value
@@ -190,25 +191,9 @@ class _Conversion:
         return flags
 
     @cached_property
-    def _dn(self) -> NDArray[Any]:
-        return self.frame.dn[self.window]
-
-    @cached_property
-    def _setting(self) -> GainSetting:
-        return self.converter.setting(self.frame.gain_db)
-
-    @property
-    def _scale(self) -> float:
-        return self.converter.dn_per_cd_m2(self.frame.exposure_s, self.frame.gain_db)
-
-    @property
-    def _fixed_rel(self) -> float:
-        return self.converter.pixel_rel(self._setting.gain_db)
-
-    @cached_property
     def _net_dn(self) -> NDArray[np.float64]:
-        dark_dn = self._setting.dark.mean_dn(self.frame.exposure_s, self.frame.temperature_c)
-        return np.arange(2**self.frame.bit_depth, dtype=float) - dark_dn
+        dark_dn = self._setting.dark.mean_dn(self._frame.exposure_s, self._frame.temperature_c)
+        return np.arange(2**self._frame.bit_depth, dtype=float) - dark_dn
 
     @property
     def _away_from_zero(self) -> NDArray[np.float64]:
@@ -216,19 +201,19 @@ class _Conversion:
 
     @cached_property
     def _luminance_by_dn(self) -> _Maps:
-        return (self.converter.response.linearise(self._net_dn) / self._scale).astype(np.float32)
+        return (self._converter.response.linearise(self._net_dn) / self._scale).astype(np.float32)
 
     @cached_property
     def _slope_by_dn(self) -> NDArray[np.float64]:
         """Luminance per DN."""
-        return self.converter.response.slope(self._net_dn) / self._scale
+        return self._converter.response.slope(self._net_dn) / self._scale
 
     @cached_property
     def _noise_by_dn(self) -> NDArray[np.float64]:
         """Standard deviation of a pixel, and of the library's pattern, in DN."""
-        dark_dn2 = self._setting.dark.noise_variance_dn2(self.frame.exposure_s, self.frame.temperature_c)
+        dark_dn2 = self._setting.dark.noise_variance_dn2(self._frame.exposure_s, self._frame.temperature_c)
         variance_dn2 = self._setting.noise.variances_dn2(self._net_dn, dark_dn2)
-        return np.sqrt(variance_dn2 + self.library_noise_dn**2)
+        return np.sqrt(variance_dn2 + self._library_noise_dn**2)
 
     @cached_property
     def _error_by_dn(self) -> NDArray[np.float64]:
@@ -237,8 +222,8 @@ class _Conversion:
 
     @cached_property
     def _common_by_dn(self) -> tuple[CommonError, ...]:
-        frame, away = self.frame, self._away_from_zero
-        errors = common_errors(self.converter, away, frame.exposure_s, self._setting.gain_db, frame.temperature_c)
+        frame, away = self._frame, self._away_from_zero
+        errors = common_errors(self._converter, away, frame.exposure_s, self._setting.gain_db, frame.temperature_c)
         return tuple(
             e if np.ndim(e.relative) == 0 else replace(e, relative=np.asarray(e.relative, np.float32)) for e in errors
         )
@@ -246,18 +231,7 @@ class _Conversion:
     @property
     def _patterns(self) -> list[_Maps]:
         """Patterns of the vignetting's errors in the window."""
-        return [pattern[self.window] for pattern in _patterns(self.converter.vignetting, self.frame.shape)]
-
-
-def _look_up(table: NDArray[Any], dn: NDArray[Any], factor: _Maps | None = None) -> NDArray[Any]:
-    """Values of the table at the DN, times a factor, block by block; DN beyond the table get its last value."""
-    values = np.empty(dn.shape, table.dtype)
-    step = max(_BLOCK // max(dn.shape[1], 1), 1)
-    for rows in (slice(start, start + step) for start in range(0, dn.shape[0], step)):
-        np.take(table, dn[rows], out=values[rows], mode="clip")
-        if factor is not None:
-            values[rows] *= factor[rows]
-    return values
+        return [pattern[self._window] for pattern in _patterns(self._converter.vignetting, self._frame.shape)]
 
 
 @lru_cache(maxsize=8)

@@ -16,6 +16,8 @@ from .disk.files import quoted
 from .errors import InputError
 
 Packing = Literal["byte", "word", "lsb12", "gige12"]
+#: Pixels that are looked up at a time: few enough to stay in the processor's cache.
+_BLOCK = 2**15
 #: Steps between DN from which a response is inverted.
 _INVERSE_STEPS = 4096
 
@@ -158,6 +160,45 @@ def pixel_format(name: str) -> PixelFormat:
         raise InputError(
             f"pixel format {quoted(name)} is not supported: choose one of {', '.join(sorted(PIXEL_FORMATS))}"
         ) from None
+
+
+def look_up(
+    table: NDArray[Any], dn: NDArray[np.unsignedinteger[Any]], factor: NDArray[Any] | None = None
+) -> NDArray[Any]:
+    """Values of a table at DN.
+
+    Parameters
+    ----------
+    table : ndarray, shape (n,)
+        Value by DN; DN beyond it get the last value.
+    dn : ndarray of uint8 or uint16, shape (height, width)
+        The DN.
+    factor : ndarray, shape (height, width), or None
+        What values are multiplied by.
+
+    Returns
+    -------
+    ndarray, shape (height, width)
+        Of the type of the table.
+
+    Examples
+    --------
+    >>> look_up(np.array([0.0, 0.5, 1.0]), np.array([[2, 1, 7]], np.uint16))
+    array([[1. , 0.5, 1. ]])
+    """
+    if dn.dtype == np.uint8 and table.size == 256 and dn.strides[1] == 1:
+        import cv2
+
+        values = np.asarray(cv2.LUT(dn, table))
+        return values if factor is None else np.multiply(values, factor, out=values)
+    values = np.empty(dn.shape, table.dtype)
+    rows = max(_BLOCK // max(dn.shape[1], 1), 1)
+    for start in range(0, dn.shape[0], rows):
+        block = slice(start, start + rows)
+        np.take(table, dn[block], out=values[block], mode="clip")
+        if factor is not None:
+            values[block] *= factor[block]
+    return values
 
 
 ResponseKind = Literal["linear", "quadratic", "cubic", "gamma", "knees", "pchip", "table"]

@@ -1,19 +1,18 @@
-"""LuminanceMap, and the conversion of frames to it."""
+"""LuminanceMap: luminance of each pixel with its uncertainty."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntFlag
-from functools import cached_property, partial
+from functools import cached_property
 from math import inf
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from .errors import InputError
-from .frame import Frame
 from .result import html_table, number
 from .roi import Roi
 
@@ -60,18 +59,25 @@ class CommonError:
 Window = tuple[slice, slice]
 #: All of them.
 WHOLE: Window = (slice(None), slice(None))
-#: An array of a map, or a function that computes it on first access.
-ArrayOrMaker = NDArray[np.floating[Any]] | Callable[[], NDArray[np.floating[Any]]]
 
 
-@dataclass(frozen=True, eq=False)
-class PixelErrors:
-    """Errors of a luminance map that are not common to all its pixels, as standard uncertainties.
+class LuminanceMap:
+    """Luminance for each pixel, with its uncertainty and the reasons why a pixel is not valid.
+
+    Uncertainties are standard uncertainties. Maps of frames are made by subclasses, which compute all but the luminance
+    where it is asked for: the luminance of a frame takes little longer than reading it.
 
     Parameters
     ----------
-    random_rel : ndarray of float, shape (height, width), or function without arguments
+    luminance_cd_m2 : ndarray of float32 or float64, shape (height, width)
+        Luminance; also given for pixels that are not valid.
+    random_rel : ndarray of float, shape (height, width)
         Relative uncertainty that differs from pixel to pixel (noise, pixel pattern), as a fraction.
+    common : tuple of CommonError, or float, or ndarray of float, shape (height, width)
+        Errors that all pixels share and that are independent of each other; patterns have the map's shape. A number or
+        an array is one error.
+    invalid : ndarray of uint8, shape (height, width)
+        `Invalid` flags, 0 where the pixel is valid.
     slow_rel : float
         Relative uncertainty of slow changes across the image (flat field): alike for near pixels, independent for far
         ones, so it neither averages down in a region nor cancels between regions.
@@ -80,41 +86,10 @@ class PixelErrors:
     fixed_rel : float
         Part of `random_rel` that is the same in every frame (sensitivity of the pixel, or noise of the flat field):
         several frames do not average it down.
-    fixed_cd_m2 : float, ndarray of float, shape (height, width), or function without arguments
-        The same for what is not in parts of the luminance (noise of a dark library).
-    """
-
-    random_rel: ArrayOrMaker
-    slow_rel: float = 0.0
-    slow_cd_m2: NDArray[np.floating[Any]] | float = 0.0
-    fixed_rel: float = 0.0
-    fixed_cd_m2: ArrayOrMaker | float = 0.0
-
-
-class LuminanceMap:
-    """Luminance for each pixel, with its uncertainty and the reasons why a pixel is not valid.
-
-    Everything but the luminance may be given as a function, which is called on first access: the luminance of a frame
-    takes little longer than reading it.
-
-    Parameters
-    ----------
-    luminance_cd_m2 : ndarray of float32 or float64, shape (height, width)
-        Luminance; also given for pixels that are not valid.
-    errors : PixelErrors, ndarray of float or function without arguments
-        Errors that differ from pixel to pixel; an array or a function is their `random_rel`.
-    common : tuple of CommonError, or function of a window, or array_like
-        Errors that all pixels share and that are independent of each other; patterns have the map's shape. The
-        function gets rows and columns and returns the errors there. A number or an array is one error.
-    invalid : ndarray of uint8, shape (height, width), or function without arguments
-        `Invalid` flags, 0 where the pixel is valid.
-    common_rel : function without arguments or None
-        What computes `common_rel` faster than from `common`.
+    fixed_cd_m2 : float or ndarray of float, shape (height, width)
+        The same for what is not in parts of the luminance (noise of a dark library), in addition to `fixed_rel`.
     step : int
         Image pixels, along each side, that one pixel of the map stands for; 2 for maps of Bayer frames.
-    dn_step : function of a window, or None
-        What gets rows and columns and returns the difference of luminance from a DN to the next there; None if the map
-        is not of DN, or that is not known.
 
     Raises
     ------
@@ -122,35 +97,35 @@ class LuminanceMap:
         If the arrays are not of one 2-D shape.
     """
 
+    # Of subclasses that have no such errors.
+    slow_rel = fixed_rel = 0.0
+    _slow_cd_m2: NDArray[np.floating[Any]] | float = 0.0
+    _fixed_cd_m2: NDArray[np.floating[Any]] | float = 0.0
+
     def __init__(
         self,
         luminance_cd_m2: NDArray[np.floating[Any]],
-        errors: PixelErrors | ArrayOrMaker,
-        common: tuple[CommonError, ...] | Callable[[Window], tuple[CommonError, ...]] | NDArray[Any] | float,
-        invalid: NDArray[np.uint8] | Callable[[], NDArray[np.uint8]],
+        random_rel: NDArray[np.floating[Any]],
+        common: tuple[CommonError, ...] | NDArray[Any] | float,
+        invalid: NDArray[np.uint8],
         *,
-        common_rel: Callable[[], NDArray[np.floating[Any]]] | None = None,
+        slow_rel: float = 0.0,
+        slow_cd_m2: NDArray[np.floating[Any]] | float = 0.0,
+        fixed_rel: float = 0.0,
+        fixed_cd_m2: NDArray[np.floating[Any]] | float = 0.0,
         step: int = 1,
-        dn_step: Callable[[Window], NDArray[np.floating[Any]]] | None = None,
     ) -> None:
-        if not isinstance(errors, PixelErrors):
-            errors = PixelErrors(errors)
-        arrays = [one for one in (errors.random_rel, invalid) if isinstance(one, np.ndarray)]
-        shapes = {luminance_cd_m2.shape} | {one.shape for one in arrays}
-        if isinstance(common, np.ndarray | float | int):
-            common = (CommonError("calibration", common),)
-        if isinstance(common, tuple):
-            shapes |= {np.shape(error.relative) for error in common} - {()}
-            common = partial(_part, common)
+        errors = common if isinstance(common, tuple) else (CommonError("calibration", common),)
+        shapes = {luminance_cd_m2.shape, random_rel.shape, invalid.shape}
+        shapes |= {np.shape(error.relative) for error in errors} - {()}
         if len(shapes) != 1 or luminance_cd_m2.ndim != 2:
             raise InputError(f"the arrays of a luminance map are 2-D of one shape, got {sorted(shapes)}")
         if step < 1:
             raise InputError(f"step of a luminance map is {step}: give at least 1 image pixel")
-        self.luminance_cd_m2 = luminance_cd_m2
-        self.slow_rel, self.slow_cd_m2, self.fixed_rel = errors.slow_rel, errors.slow_cd_m2, errors.fixed_rel
-        self.step = step
-        self._errors, self._common, self._invalid, self._common_rel = errors, common, invalid, common_rel
-        self._dn_step = dn_step
+        self.luminance_cd_m2, self.step = luminance_cd_m2, step
+        self.slow_rel, self.fixed_rel = slow_rel, fixed_rel
+        self._random_rel, self._invalid, self._errors = random_rel, invalid, errors
+        self._slow_cd_m2, self._fixed_cd_m2 = slow_cd_m2, fixed_cd_m2
 
     def __repr__(self) -> str:
         height, width = self.shape
@@ -172,22 +147,25 @@ class LuminanceMap:
         height, width = self.luminance_cd_m2.shape
         return height, width
 
-    @cached_property
+    @property
     def random_rel(self) -> NDArray[np.floating[Any]]:
         """Relative standard uncertainty that differs from pixel to pixel, shape (height, width)."""
-        random_rel = self._errors.random_rel
-        return random_rel if isinstance(random_rel, np.ndarray) else random_rel()
+        return self._random_rel
 
-    @cached_property
+    @property
+    def slow_cd_m2(self) -> NDArray[np.floating[Any]] | float:
+        """Standard uncertainty of slow changes across the image, in addition to `slow_rel`."""
+        return self._slow_cd_m2
+
+    @property
     def fixed_cd_m2(self) -> NDArray[np.floating[Any]] | float:
         """Part of a pixel's standard uncertainty that is the same in every frame, in addition to `fixed_rel`."""
-        fixed_cd_m2 = self._errors.fixed_cd_m2
-        return fixed_cd_m2() if callable(fixed_cd_m2) else fixed_cd_m2
+        return self._fixed_cd_m2
 
-    @cached_property
+    @property
     def invalid(self) -> NDArray[np.uint8]:
         """`Invalid` flags, shape (height, width); 0 where the pixel is valid."""
-        return self._invalid if isinstance(self._invalid, np.ndarray) else self._invalid()
+        return self._invalid
 
     @cached_property
     def common(self) -> tuple[CommonError, ...]:
@@ -197,8 +175,6 @@ class LuminanceMap:
     @cached_property
     def common_rel(self) -> NDArray[np.floating[Any]] | float:
         """Relative standard uncertainty of all common errors together: a number, or one for each pixel."""
-        if self._common_rel is not None:
-            return self._common_rel()
         squares = sum((np.square(error.relative) for error in self.common), start=np.zeros(()))
         total: NDArray[np.float64] = np.sqrt(squares)
         return float(total) if total.ndim == 0 else total
@@ -231,11 +207,11 @@ class LuminanceMap:
 
     def dn_step_in(self, window: Window) -> NDArray[np.floating[Any]] | None:
         """Return the difference of luminance from a DN to the next in some rows and columns; None if not known."""
-        return None if self._dn_step is None else self._dn_step(window)
+        return None
 
     def common_in(self, window: Window) -> tuple[CommonError, ...]:
         """Return the common errors of some rows and columns of the map."""
-        return self._common(window)
+        return _part(self._errors, window)
 
 
 def _part(errors: tuple[CommonError, ...], where: Window | NDArray[np.bool_]) -> tuple[CommonError, ...]:
@@ -260,13 +236,7 @@ def chosen(where: NDArray[np.bool_], new: LuminanceMap, old: LuminanceMap) -> Lu
     require_alike([new, old])
     return LuminanceMap(
         np.where(where, new.luminance_cd_m2, old.luminance_cd_m2),
-        PixelErrors(
-            np.where(where, new.random_rel, old.random_rel),
-            slow_rel=max(new.slow_rel, old.slow_rel),
-            slow_cd_m2=np.where(where, new.slow_cd_m2, old.slow_cd_m2),
-            fixed_rel=max(new.fixed_rel, old.fixed_rel),
-            fixed_cd_m2=np.where(where, new.fixed_cd_m2, old.fixed_cd_m2),
-        ),
+        np.where(where, new.random_rel, old.random_rel),
         tuple(
             a
             if np.ndim(a.relative) == np.ndim(b.relative) == 0 and a.relative == b.relative
@@ -274,6 +244,10 @@ def chosen(where: NDArray[np.bool_], new: LuminanceMap, old: LuminanceMap) -> Lu
             for a, b in zip(new.common, old.common, strict=True)
         ),
         np.where(where, new.invalid, old.invalid),
+        slow_rel=max(new.slow_rel, old.slow_rel),
+        slow_cd_m2=np.where(where, new.slow_cd_m2, old.slow_cd_m2),
+        fixed_rel=max(new.fixed_rel, old.fixed_rel),
+        fixed_cd_m2=np.where(where, new.fixed_cd_m2, old.fixed_cd_m2),
         step=old.step,
     )
 
@@ -294,10 +268,3 @@ def require_alike(maps: Sequence[LuminanceMap]) -> None:
             raise InputError(f"maps of {first.shape} and {other.shape} pixels cannot be joined: give one size")
         if found != sources[0]:
             raise InputError("maps of different calibrations cannot be joined: convert all frames with one")
-
-
-class Conversion(Protocol):
-    """A monotone map from DN to cd/m^2; independent of its source."""
-
-    def to_luminance(self, frame: Frame) -> LuminanceMap:
-        """Convert a frame; raises CalibrationError if the conversion is not for such frames."""

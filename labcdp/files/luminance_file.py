@@ -18,7 +18,7 @@ from ..core.disk import parse_json, quoted, read_bytes, reason
 from ..core.disk.arrays import npz_headers, parse_npz
 from ..core.disk.tiff import open_tiff, pixels_of
 from ..core.errors import InputError
-from ..core.luminance import CommonError, Invalid, LuminanceMap, PixelErrors
+from ..core.luminance import CommonError, Invalid, LuminanceMap
 from ..output import write_file
 from .exr import exr_channels
 from .stored_image import MAX_PIXELS, require_size
@@ -261,15 +261,13 @@ def _map(arrays: dict[str, NDArray[Any]], values: dict[str, Any]) -> LuminanceMa
         )
     return LuminanceMap(
         arrays["luminance_cd_m2"],
-        PixelErrors(
-            arrays["random_rel"],
-            slow_rel=values["slow_rel"],
-            slow_cd_m2=_number_or_array(arrays.get("slow_cd_m2", np.asarray(values["slow_cd_m2"]))),
-            fixed_rel=values["fixed_rel"],
-            fixed_cd_m2=_number_or_array(arrays.get("fixed_cd_m2", np.asarray(values.get("fixed_cd_m2", 0.0)))),
-        ),
+        arrays["random_rel"],
         common,
         arrays["invalid"],
+        slow_rel=values["slow_rel"],
+        slow_cd_m2=_number_or_array(arrays.get("slow_cd_m2", np.asarray(values["slow_cd_m2"]))),
+        fixed_rel=values["fixed_rel"],
+        fixed_cd_m2=_number_or_array(arrays.get("fixed_cd_m2", np.asarray(values.get("fixed_cd_m2", 0.0)))),
         step=values["step"],
     )
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.dn import look_up
 from ..core.errors import InputError
 from ..core.frame import BlackPattern
 from ..core.result import Finding, info, warning
@@ -24,8 +25,6 @@ from .transfer import BT709_LUMINANCE, Encoding, Weights, light_tables
 
 #: Most bits of grey values that may be made for screens as well as by a camera, where a file does not say it.
 SCREEN_BITS = 8
-#: Pixels that are looked up at a time: few enough to stay in the processor's cache.
-_BLOCK = 2**15
 
 
 def luminance_dn(
@@ -59,20 +58,6 @@ def weighted(rgb: NDArray[Any], tables: NDArray[np.float32]) -> NDArray[np.uint1
         total = sum(table.take(colours[:, channel], mode="clip") for channel, table in enumerate(tables))
         row[:] = np.clip(np.rint(total), 0, 65535)
     return luminance
-
-
-def looked_up(table: NDArray[Any], dn: NDArray[np.unsignedinteger[Any]]) -> NDArray[Any]:
-    """Values of a table at the DN; DN beyond it get its last value."""
-    if dn.dtype == np.uint8 and table.size == 256 and dn.strides[1] == 1:
-        import cv2
-
-        return np.asarray(cv2.LUT(dn, table))
-    values = np.empty(dn.shape, table.dtype)
-    rows = max(_BLOCK // dn.shape[1], 1) if dn.size else 1
-    for start in range(0, dn.shape[0], rows):
-        block = slice(start, start + rows)
-        np.take(table, dn[block], out=values[block], mode="clip")
-    return values
 
 
 #: Pixels from which an image is refused before it is decoded, unless a caller allows more.
@@ -156,10 +141,10 @@ def decoded_by_table(stored: StoredImage, bits: int) -> StoredImage:
     if values.ndim == 2:
         # Of grey in three channels, the luminance is the sum of theirs.
         grey = np.rint(np.array(stored.weights) @ tables).astype(np.uint16) if len(tables) == 3 else tables[0]
-        light = looked_up(grey, values)
+        light = look_up(grey, values)
     else:
         channels = (tables[at] if len(tables) == 3 else tables[0] for at in range(3))
-        light = np.dstack([looked_up(table, values[..., at]) for at, table in enumerate(channels)])
+        light = np.dstack([look_up(table, values[..., at]) for at, table in enumerate(channels)])
     return replace(stored, values=light, bits=16, encoding="linear", white_dn=None, light_table=None)
 
 

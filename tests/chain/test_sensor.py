@@ -11,8 +11,6 @@ from labcdp.chain.signal import Context, Signal
 from labcdp.core.errors import InputError
 from labcdp.core.photometry import photon_radiance_per_cd_m2
 
-from ..calibration.conftest import make_frame
-
 N = 300 * 200
 #: Photons s^-1 m^-2 of 555 nm for 1 lux.
 PHOTONS = 555e-9 / (6.62607015e-34 * 299792458) / 683
@@ -119,17 +117,18 @@ def test_light_reaches_the_pixels_with_its_shot_noise_once(sensor, windscreen, p
 
 
 @pytest.mark.parametrize(("exposure_s", "gain_db"), [(1e-3, 0.0), (0.5e-3, 6.0)])
-def test_conversion_gives_back_the_luminance_and_states_its_noise(chain, exposure_s, gain_db):
+def test_dn_are_linear_in_the_luminance_with_the_noise_of_the_sensor(chain, exposure_s, gain_db):
     chain = replace(chain, windscreen=Windscreen(0.9))
     scene = np.geomspace(40, 300, 320 * 240).reshape(240, 320)
     at = {"gain_db": gain_db, "temperature_c": TEMPERATURE_C}
     dn = chain.sensor.expose(chain.electron_rate(scene), exposure_s, seed=4, exposure_index=0, **at)
-    levels = {"saturation_dn": chain.sensor.saturation_dn(gain_db), "black_level_dn": chain.sensor.black_level_dn}
-    result = chain.conversion(**at).to_luminance(make_frame(dn, exposure_s, **levels, **at))
-    assert result.valid.all()
-    stated = (result.random_rel * result.luminance_cd_m2) ** 2
-    squares = (result.luminance_cd_m2 - scene) ** 2
-    assert result.luminance_cd_m2.mean() == pytest.approx(scene.mean(), abs=5 * sqrt(squares.mean() / squares.size))
+    net_dn = dn - chain.dark_dn(exposure_s, **at)
+    vignetting = chain.optics.vignetting(chain.sensor.pixel_pitch_m).relative_illuminance(chain.sensor.shape)
+    dn_per_cd_m2 = chain.responsivity_dn_s_cd_m2(gain_db) * exposure_s * vignetting
+    variance_dn2 = chain.sensor.system_gain_dn_per_e(gain_db) * net_dn + chain.sensor.dark_noise_dn(gain_db) ** 2
+    luminance, stated = net_dn / dn_per_cd_m2, variance_dn2 / dn_per_cd_m2**2
+    squares = (luminance - scene) ** 2
+    assert luminance.mean() == pytest.approx(scene.mean(), abs=5 * sqrt(squares.mean() / squares.size))
     # The stated noise follows from the noisy pixel itself, which skews it in the dark: compare means, in cd/m^2.
     assert squares.mean() == pytest.approx(stated.mean(), abs=5 * squares.std() / sqrt(squares.size))
 

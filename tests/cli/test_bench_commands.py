@@ -152,7 +152,7 @@ def test_a_session_between_two_programs_and_what_is_typed_at_the_bench(labcdp, s
     assert acquisition.wait() == 0
     assert asked == 3 + len(SessionConfiguration.load(plan).target.patches)
     # What the simulated chain is made of, read with a meter that shows 0.6 % too much.
-    true = Chain.load("manta-g505").camera().conversion(temperature_c=35.0).responsivity_dn_s_cd_m2
+    true = Chain.load("manta-g505").camera().responsivity_dn_s_cd_m2()
     rows = rows_of(labcdp("calibrate", "two", "--json"), "calibration")
     fitted = next(row["value"] for row in rows if row["quantity"] == "responsivity R")
     assert fitted == pytest.approx(true / 1.006, rel=0.002)

@@ -6,7 +6,7 @@ import OpenEXR
 import pytest
 import tifffile
 
-from labcdp.core.luminance import CommonError, Invalid, LuminanceMap, PixelErrors
+from labcdp.core.luminance import CommonError, Invalid, LuminanceMap
 from labcdp.files import read_picture
 from labcdp.files.luminance_file import load_luminance, save_luminance
 
@@ -21,8 +21,8 @@ def luminance():
     values, random = rng.uniform(0.1, 1000, (30, 40)), rng.uniform(0.01, 0.1, (30, 40))
     fit = CommonError("fit", rng.normal(0, 0.01, (30, 40)).astype(np.float32))
     common = CommonError("meter scale", 0.01, rectangular=True), fit
-    errors = PixelErrors(random.astype(np.float32), slow_rel=0.01, fixed_rel=0.002, fixed_cd_m2=0.03)
-    return LuminanceMap(values.astype(np.float32), errors, common, invalid, step=2)
+    errors = {"slow_rel": 0.01, "fixed_rel": 0.002, "fixed_cd_m2": 0.03}
+    return LuminanceMap(values.astype(np.float32), random.astype(np.float32), common, invalid, step=2, **errors)
 
 
 @pytest.mark.parametrize("name", ["a.npz", "a.tiff", "a.EXR"])

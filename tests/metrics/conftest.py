@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from labcdp.core.luminance import LuminanceMap, PixelErrors
+from labcdp.core.luminance import LuminanceMap
 
 
 @pytest.fixture(scope="session")
@@ -55,4 +55,4 @@ def share_of_normal(bright, dark, low, high):
 def map_of(luminance, common=(), invalid=None, random_rel=0.01, **errors):
     """A luminance map whose pixels are all valid unless told otherwise."""
     invalid = np.zeros(luminance.shape, dtype=np.uint8) if invalid is None else invalid
-    return LuminanceMap(luminance, PixelErrors(np.full(luminance.shape, random_rel), **errors), common, invalid)
+    return LuminanceMap(luminance, np.full(luminance.shape, random_rel), common, invalid, **errors)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from math import isclose
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
@@ -33,7 +32,7 @@ from ...files.picture import Picture
 from ...files.read import PictureOptions, read_otherwise
 from ...files.transfer import Encoding, encoding_name
 from ...metrics import weber_contrast
-from .dn_light import light_of_dn, vignetting_errors
+from .dn_light import AssumedMap, DnMap, light_of_dn
 
 if TYPE_CHECKING:
     from ...calibration import AnyCalibration
@@ -169,7 +168,8 @@ class Converter:
         """Return the luminance of a frame whose DN are encoded by `encoding`, or a window of it."""
         if self.calibration is not None:
             return self.calibration.to_luminance(frame, window)
-        return light_of_dn(frame, encoding, self.specification, f_number, vignetting).map_of(frame, window)
+        table = light_of_dn(frame, encoding, self.specification, f_number, vignetting)
+        return DnMap(frame, table, vignetting, window)
 
     def luminance(self, picture: Picture) -> LuminanceMap:
         """Convert a picture.
@@ -193,8 +193,7 @@ class Converter:
             light, vignetting = picture.light, self._vignetting_of(picture)
             if isinstance(vignetting, Cos4Vignetting):
                 light = (light / vignetting.relative_illuminance(picture.shape)).astype(np.float32)
-            errors = partial(vignetting_errors, vignetting, picture.shape, 1)
-            return LuminanceMap(light, np.zeros_like(light), errors, invalid)
+            return AssumedMap(light, np.zeros_like(light), (), invalid, vignetting)
         frame = self.frame_of(picture)
         if self.unit == "cd/m^2" and not picture.exposure_known:
             raise InputError(no_exposure(picture.path))

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from math import inf
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.dn import look_up
 from ...core.frame import Frame
 from ...core.luminance import WHOLE, CommonError, Invalid, LuminanceMap, Window
 from ...core.vignetting import AssumedVignetting, Cos4Vignetting
-from ...files.stored_image import looked_up
 from ...files.transfer import Encoding, decoded_table
 
 if TYPE_CHECKING:
@@ -43,8 +43,6 @@ class DnLight:
         Difference of light from a DN to the next, by DN.
     flags : ndarray of uint8, shape (n,)
         `Invalid` flags by DN.
-    vignetting : AssumedVignetting or None
-        Vignetting of the frame, which its light is corrected for where it is known; None for none.
     glare_fraction : float
         Veiling light over mean light of the scene.
     common : tuple of CommonError
@@ -55,30 +53,63 @@ class DnLight:
     noise: _Maps
     steps: _Maps
     flags: NDArray[np.uint8]
-    vignetting: AssumedVignetting | None = None
     glare_fraction: float = 0.0
     common: tuple[CommonError, ...] = ()
 
-    def map_of(self, frame: Frame, window: Window = WHOLE) -> LuminanceMap:
-        """Light of a frame, or of some rows and columns of its map.
 
-        Parameters
-        ----------
-        frame : Frame
-            Grey, or behind a Bayer pattern; of the latter the mean of the two green pixels counts for each group of
-            2 x 2.
-        window : Window
-            Rows and columns of the map.
+class AssumedMap(LuminanceMap):
+    """Map of a picture whose vignetting was not measured.
 
-        Returns
-        -------
-        LuminanceMap
-            With ``step`` 2 for a Bayer pattern.
-        """
-        known = self.vignetting if isinstance(self.vignetting, Cos4Vignetting) else None
+    Parameters
+    ----------
+    luminance_cd_m2, random_rel, common, invalid
+        As of `LuminanceMap`.
+    vignetting : AssumedVignetting or None
+        Of the whole image, whose errors are common errors of the map; None for none.
+    """
+
+    def __init__(
+        self,
+        luminance_cd_m2: _Light,
+        random_rel: _Light,
+        common: tuple[CommonError, ...],
+        invalid: NDArray[np.uint8],
+        vignetting: AssumedVignetting | None,
+    ) -> None:
+        super().__init__(luminance_cd_m2, random_rel, common, invalid)
+        self._vignetting, self._image_shape, self._window = vignetting, self.shape, WHOLE
+
+    def common_in(self, window: Window) -> tuple[CommonError, ...]:
+        """Return the common errors of some rows and columns of the map."""
+        by_place = vignetting_errors(self._vignetting, self._image_shape, self.step, self._window, window)
+        return (*super().common_in(window), *by_place)
+
+
+class DnMap(AssumedMap):
+    """Map of a frame, or of some rows and columns of it, by the light of each DN.
+
+    Parameters
+    ----------
+    frame : Frame
+        Grey, or behind a Bayer pattern; of the latter the mean of the two green pixels counts for each group of 2 x 2.
+    table : DnLight
+        Light of its DN.
+    vignetting : AssumedVignetting or None
+        Vignetting of the frame, which its light is corrected for where it is known; None for none.
+    window : Window
+        Rows and columns of the map.
+    """
+
+    def __init__(
+        self, frame: Frame, table: DnLight, vignetting: AssumedVignetting | None, window: Window = WHOLE
+    ) -> None:
+        self._frame, self._table, self._vignetting, self._window = frame, table, vignetting, window
+        self._image_shape, self._errors = frame.shape, table.common
+        self.step = 1 if frame.colour_filter is None else 2
+        known = vignetting if isinstance(vignetting, Cos4Vignetting) else None
         inverse_v = None if known is None else _inverse_v(known, frame.shape)
         offsets = None if frame.black_pattern is None else frame.black_pattern.offsets_dn(frame.shape)
-        planes = [
+        self._planes = [
             (
                 frame.dn[place],
                 None if inverse_v is None else inverse_v[place],
@@ -86,41 +117,42 @@ class DnLight:
             )
             for place in _places(frame)
         ]
-
-        def of(table: _Light, where: Window = WHOLE, part: Window = window) -> list[_Light]:
-            """Values of a table at the pixels of each plane, in a part of it and there in a part of that."""
-            found = []
-            for dn, inverse, offset in planes:
-                values = _values(table, dn[part][where], None if offset is None else offset[part][where])
-                found.append(values if inverse is None else np.multiply(values, inverse[part][where], out=values))
-            return found
-
-        light = _mean(of(self.light))
-        if self.glare_fraction:
+        light = _mean(self._look_up(table.light, window))
+        if table.glare_fraction:
             # Behind the windscreen is t (L + g mean(L)), whose mean over the image is t (1 + g) mean(L).
-            mean = float(np.mean([one.mean(dtype=float) for one in of(self.light, part=WHOLE)]))
-            light = light - np.float32(mean * self.glare_fraction / (1 + self.glare_fraction))
+            mean = float(np.mean([plane.mean(dtype=float) for plane in self._look_up(table.light, WHOLE)]))
+            light = light - np.float32(mean * table.glare_fraction / (1 + table.glare_fraction))
+        self.luminance_cd_m2 = light
 
-        def random_rel() -> _Maps:
-            squares = [np.square(one) for one in of(self.noise)]
-            with np.errstate(divide="ignore"):
-                return np.asarray(np.sqrt(_mean(squares) / len(squares)) / np.abs(light), dtype=np.float32)
+    def _look_up(self, table: _Light, window: Window, inside: Window = WHOLE) -> list[_Light]:
+        """Values of a table at the pixels of each plane, in a window and there in a part of it."""
+        planes = []
+        for dn, inverse, offset in self._planes:
+            values = _values(table, dn[window][inside], None if offset is None else offset[window][inside])
+            planes.append(values if inverse is None else np.multiply(values, inverse[window][inside], out=values))
+        return planes
 
-        def invalid() -> NDArray[np.uint8]:
-            flags: NDArray[np.uint8] = np.bitwise_or.reduce([looked_up(self.flags, dn[window]) for dn, *_ in planes])
-            flags[light < 0] |= Invalid.BELOW_BLACK.value
-            if frame.clipped is not None:
-                flags[frame.clipped[window]] |= Invalid.SATURATED.value
-            return flags
+    @cached_property
+    def random_rel(self) -> _Maps:
+        """Relative standard uncertainty by the noise of the pixels."""
+        squares = [np.square(noise) for noise in self._look_up(self._table.noise, self._window)]
+        with np.errstate(divide="ignore"):
+            noise = np.sqrt(_mean(squares) / len(squares))
+            return np.asarray(noise / np.abs(self.luminance_cd_m2), dtype=np.float32)
 
-        step = 1 if frame.colour_filter is None else 2
+    @cached_property
+    def invalid(self) -> NDArray[np.uint8]:
+        """Flags of the pixels."""
+        planes = [look_up(self._table.flags, dn[self._window]) for dn, *_ in self._planes]
+        flags: NDArray[np.uint8] = np.bitwise_or.reduce(planes)
+        flags[self.luminance_cd_m2 < 0] |= Invalid.BELOW_BLACK.value
+        if self._frame.clipped is not None:
+            flags[self._frame.clipped[self._window]] |= Invalid.SATURATED.value
+        return flags
 
-        def common(where: Window) -> tuple[CommonError, ...]:
-            return (*self.common, *vignetting_errors(self.vignetting, frame.shape, step, window, where))
-
-        return LuminanceMap(
-            light, random_rel, common, invalid, step=step, dn_step=lambda where: _mean(of(self.steps, where))
-        )
+    def dn_step_in(self, window: Window) -> _Light:
+        """Return the difference of luminance from a DN to the next in some rows and columns."""
+        return _mean(self._look_up(self._table.steps, self._window, window))
 
 
 def vignetting_errors(
@@ -151,11 +183,11 @@ def vignetting_errors(
 def _values(table: _Light, dn: NDArray[np.unsignedinteger[Any]], offset_dn: _Maps | None) -> _Light:
     """Values of a table at DN less what the black level of each pixel adds, by straight lines between and beyond DN."""
     if offset_dn is None:
-        return looked_up(table, dn)
+        return look_up(table, dn)
     at = dn - offset_dn.astype(np.float64)
     below = np.clip(np.floor(at), 0, table.size - 2).astype(np.uint16)
-    low = looked_up(table, below).astype(np.float64)
-    between = (at - below) * (looked_up(table, below + np.uint16(1)) - low)
+    low = look_up(table, below).astype(np.float64)
+    between = (at - below) * (look_up(table, below + np.uint16(1)) - low)
     values: _Light = (low + between).astype(table.dtype)
     return values
 
@@ -179,29 +211,6 @@ def _inverse_v(vignetting: Cos4Vignetting, shape: tuple[int, int]) -> _Maps:
 
 #: Variance of rounding in squares of the step (EMVA 1288 Release 3.1, section 2.2).
 _ROUNDING_VARIANCE = 1 / 12
-
-
-@dataclass(frozen=True)
-class _Setting:
-    """Properties of a frame, other than its pixels, that determine the light of its DN."""
-
-    bit_depth: int
-    saturation_dn: float
-    nominal_black_dn: float
-    exposure_s: float
-    gain_db: float
-    temperature_c: float | None
-
-    def black_in(self, linear: NDArray[np.float64]) -> float:
-        """Light of the nominal black level, by that of each DN, and straight on below 0."""
-        below = min(self.nominal_black_dn, 0.0) * (linear[1] - linear[0])
-        return float(np.interp(self.nominal_black_dn, np.arange(linear.size), linear) + below)
-
-    @property
-    def saturated(self) -> NDArray[np.uint8]:
-        """Flags of saturation by DN."""
-        dn = np.arange(2**self.bit_depth)
-        return np.where(dn >= self.saturation_dn, Invalid.SATURATED, 0).astype(np.uint8)
 
 
 def light_of_dn(
@@ -235,55 +244,72 @@ def light_of_dn(
     vignetting : AssumedVignetting or None
         Vignetting of the frame; None for none.
     """
-    setting = _Setting(*(getattr(frame, name) for name in _Setting.__dataclass_fields__))
-    corrected = isinstance(vignetting, Cos4Vignetting)
-    found = (
-        _relative(setting, encoding)
-        if specification is None
-        else _specified(specification, setting, encoding, f_number, corrected)
-    )
-    return replace(found, vignetting=vignetting)
+    scale = frame.bit_depth, frame.saturation_dn, frame.nominal_black_dn
+    if specification is None:
+        return _relative(*scale, encoding)
+    setting = frame.exposure_s, frame.gain_db, frame.temperature_c
+    return _specified(specification, *scale, *setting, encoding, f_number, isinstance(vignetting, Cos4Vignetting))
 
 
 @lru_cache(maxsize=16)
-def _relative(setting: _Setting, encoding: Encoding) -> DnLight:
-    n = 2**setting.bit_depth
-    linear = np.arange(n) / n if encoding == "linear" else decoded_table(setting.bit_depth, encoding)
+def _relative(bit_depth: int, saturation_dn: float, nominal_black_dn: float, encoding: Encoding) -> DnLight:
+    n = 2**bit_depth
+    linear = np.arange(n) / n if encoding == "linear" else decoded_table(bit_depth, encoding)
     steps = _steps(linear)
     noise = np.sqrt(_ROUNDING_VARIANCE) * steps
-    light = (linear - setting.black_in(linear)).astype(np.float32)
-    return DnLight(light, noise.astype(np.float32), steps.astype(np.float32), setting.saturated)
+    light = (linear - _black_in(linear, nominal_black_dn)).astype(np.float32)
+    return DnLight(light, noise.astype(np.float32), steps.astype(np.float32), _saturated(n, saturation_dn))
 
 
 @lru_cache(maxsize=16)
 def _specified(
-    own: CameraSpecification, setting: _Setting, encoding: Encoding, f_number: float | None, corrected: bool
+    camera: CameraSpecification,
+    bit_depth: int,
+    saturation_dn: float,
+    nominal_black_dn: float,
+    exposure_s: float,
+    gain_db: float,
+    temperature_c: float | None,
+    encoding: Encoding,
+    f_number: float | None,
+    corrected: bool,
 ) -> DnLight:
-    top_dn = 2**own.adc_bits - 1
-    linear = decoded_table(setting.bit_depth, encoding)
-    black_dn = top_dn * setting.black_in(linear) if own.black_dn is None else own.black_dn
-    k_dn_per_e = own.system_gain_dn_per_e(setting.gain_db)
-    dark_e = own.dark_electrons(setting.exposure_s, setting.temperature_c)
-    per_cd_m2 = own.electrons_per_cd_m2_s(f_number) * setting.exposure_s * own.windscreen_transmittance
+    top_dn = 2**camera.adc_bits - 1
+    linear = decoded_table(bit_depth, encoding)
+    black_dn = top_dn * _black_in(linear, nominal_black_dn) if camera.black_dn is None else camera.black_dn
+    k_dn_per_e = camera.system_gain_dn_per_e(gain_db)
+    dark_e = camera.dark_electrons(exposure_s, temperature_c)
+    per_cd_m2 = camera.electrons_per_cd_m2_s(f_number) * exposure_s * camera.windscreen_transmittance
     dn = top_dn * linear
     # Photons and dark electrons are one Poisson process.
-    noise_e2 = np.maximum((dn - black_dn) / k_dn_per_e, 0) + own.read_noise_e**2
+    noise_e2 = np.maximum((dn - black_dn) / k_dn_per_e, 0) + camera.read_noise_e**2
     noise_e2 += _ROUNDING_VARIANCE * np.square(top_dn * _steps(linear) / k_dn_per_e)
-    flags = setting.saturated
-    if own.saturation_dn is not None:
-        flags[dn >= own.saturation_dn] |= Invalid.SATURATED.value
+    flags = _saturated(linear.size, saturation_dn)
+    if camera.saturation_dn is not None:
+        flags[dn >= camera.saturation_dn] |= Invalid.SATURATED.value
     zero_dn, light_at_top = black_dn + dark_e * k_dn_per_e, top_dn / (k_dn_per_e * per_cd_m2)
     light = _proportional(linear, zero_dn, top_dn, light_at_top, encoding)
     # Where pixels differ by more than their DN, no contrast lies exactly on an end of the interval.
-    place_matters = corrected or own.glare_fraction > 0
+    place_matters = corrected or camera.glare_fraction > 0
     return DnLight(
         light=light.astype(np.float32) if place_matters else light,
         noise=(np.sqrt(noise_e2) / per_cd_m2).astype(np.float32),
         steps=_steps(light).astype(np.float32),
         flags=flags,
-        glare_fraction=own.glare_fraction,
+        glare_fraction=camera.glare_fraction,
         common=(CommonError("guessed camera parameters", inf),),
     )
+
+
+def _black_in(linear: NDArray[np.float64], black_dn: float) -> float:
+    """Light of a black level, by that of each DN, and straight on below 0."""
+    below = min(black_dn, 0.0) * (linear[1] - linear[0])
+    return float(np.interp(black_dn, np.arange(linear.size), linear) + below)
+
+
+def _saturated(n: int, saturation_dn: float) -> NDArray[np.uint8]:
+    """Flag saturated DN."""
+    return np.where(np.arange(n) >= saturation_dn, Invalid.SATURATED, 0).astype(np.uint8)
 
 
 def _proportional(

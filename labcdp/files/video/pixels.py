@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.dn import look_up
 from ...core.errors import InputError
 from ...core.luminance import WHOLE, Window
 from ...core.result import Finding, info, warning
@@ -21,7 +22,6 @@ from ..statements import NOTHING_STATED, Statement, stated_by_gamma, stated_by_p
 from ..stored_image import (
     grey_finding,
     grey_if_colourless,
-    looked_up,
     luminance_dn,
     orientation_of_matrix,
     upright,
@@ -142,7 +142,7 @@ class Pixels:
     def luma(self, stored: NDArray[Any]) -> NDArray[Any]:
         """Full-range Y' of what is stored of it."""
         if self.limited:
-            stored = looked_up(self._full_range, stored)
+            stored = look_up(self._full_range, stored)
         return upright(np.ascontiguousarray(stored), self.orientation)
 
     def luminance(

@@ -31,11 +31,12 @@ def changed(observed, patches=None, **configuration):
 def test_the_chain_simulates_the_patches_that_were_measured(twin, calibration, observed):
     """Responsivity and dark signal as calibrated; means of patches within noise and 3 % for the meter's readings."""
     chain = Chain.from_toml(twin_chain_text(twin), "chain.toml")
-    conversion = chain.camera().conversion(temperature_c=chain.settings.temperature_c)
+    camera, temperature_c = chain.camera(), chain.settings.temperature_c
     responsivity = calibration.responsivity.responsivity_dn_s_cd_m2
-    assert conversion.responsivity_dn_s_cd_m2 == pytest.approx(responsivity, rel=1e-5)
+    assert camera.responsivity_dn_s_cd_m2() == pytest.approx(responsivity, rel=1e-5)
     for exposure_s in (0.002, 0.032):
-        assert conversion.dark_dn(exposure_s) == pytest.approx(calibration.dark.mean_dn(exposure_s), abs=1e-4)
+        dark_dn = camera.dark_dn(exposure_s, temperature_c=temperature_c)
+        assert dark_dn == pytest.approx(calibration.dark.mean_dn(exposure_s), abs=1e-4)
     # Names and pairs are those of the plan.
     configuration = observed.configuration
     assert [patch.name for patch in chain.scene.patches] == [patch.name for patch in configuration.target.patches]

@@ -137,8 +137,8 @@ class DnMap(AssumedMap):
         """Relative standard uncertainty by the noise of the pixels."""
         squares = [np.square(noise) for noise in self._look_up(self._table.noise, self._window)]
         with np.errstate(divide="ignore"):
-            noise = np.sqrt(_mean(squares) / len(squares))
-            return np.asarray(noise / np.abs(self.luminance_cd_m2), dtype=np.float32)
+            # In one expression, of which NumPy reuses the memory.
+            return np.asarray(np.sqrt(_mean(squares) / len(squares)) / np.abs(self.luminance_cd_m2), dtype=np.float32)
 
     @cached_property
     def invalid(self) -> NDArray[np.uint8]:

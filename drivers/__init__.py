@@ -69,7 +69,9 @@ def open_meter(
         If the port cannot be opened or no meter answers.
     """
     if not isinstance(port, str) or model not in DRIVERS:
-        raise MeterError(f"port is {shown(port)}, model {shown(model)}: give a port, and one of {', '.join(DRIVERS)}")
+        raise MeterError(
+            f"port is {shown(port)}, model {shown(model)}", f"give a port, and one of {', '.join(DRIVERS)}"
+        )
     meter = DRIVERS[model](port, identity).open()
     meter.ask_if_simulated()
     return meter

@@ -43,8 +43,10 @@ class IncompleteFrameError(CameraError):
 
     Parameters
     ----------
-    message : str
-        Cause and remedy.
+    cause : str
+        What was observed.
+    remedy : str or None
+        What to do.
     status : str
         Name of the Aravis buffer status, for example ``MISSING_PACKETS``; empty if unknown.
     frame_id : int or None
@@ -57,13 +59,14 @@ class IncompleteFrameError(CameraError):
 
     def __init__(
         self,
-        message: str,
+        cause: str,
+        remedy: str | None = None,
         status: str = "",
         frame_id: int | None = None,
         camera_timestamp_ns: int | None = None,
         timestamp: datetime | None = None,
     ) -> None:
-        super().__init__(message)
+        super().__init__(cause, remedy)
         self.status = status
         self.frame_id = frame_id
         self.camera_timestamp_ns = camera_timestamp_ns

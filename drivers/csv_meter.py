@@ -55,7 +55,7 @@ class CsvMeter(Meter):
     def readings(self) -> dict[str, list[Reading]]:
         """All readings of the file by patch, in its order; raises MeterError if it is not open."""
         if self._readings is None:
-            raise MeterError(f"{self._path}: the meter is not open: call open(), or use it in a with statement")
+            raise MeterError(f"{self._path}: the meter is not open", "call open(), or use it in a with statement")
         return self._readings
 
     @property
@@ -91,7 +91,7 @@ class CsvMeter(Meter):
         if patch not in self.readings:
             known = shortened(", ".join(map(repr, self.readings)))
             raise MeterError(
-                f"{self._path} has no reading of patch {quoted(patch)}, only of {known}: add it, or correct the name"
+                f"{self._path} has no reading of patch {quoted(patch)}, only of {known}", "add it, or correct the name"
             )
         self._patch = patch
 
@@ -105,12 +105,12 @@ class CsvMeter(Meter):
         """
         readings = self.readings
         if self._patch is None:
-            raise MeterError(f"{self._path}: no patch has been chosen: call point() with its name")
+            raise MeterError(f"{self._path}: no patch has been chosen", "call point() with its name")
         of_patch, given = readings[self._patch], self._given[self._patch]
         if given == len(of_patch):
             raise MeterError(
-                f"{self._path} has {given} readings of patch {self._patch!r}, all of them are used: add readings, or "
-                "ask for fewer"
+                f"{self._path} has {given} readings of patch {self._patch!r}, all of them are used",
+                "add readings, or ask for fewer",
             )
         self._given[self._patch] += 1
         return of_patch[given]
@@ -121,7 +121,7 @@ def _read(path: Path, identity: MeterIdentity, accuracy: MeterAccuracy) -> tuple
     try:
         changed = datetime.fromtimestamp(path.stat().st_mtime, UTC)
     except OSError as error:
-        raise MeterNotFoundError(f"{path} cannot be read ({reason(error)}): give a CSV file of readings") from error
+        raise MeterNotFoundError(f"{path} cannot be read ({reason(error)})", "give a CSV file of readings") from error
     table = read_csv(path, "a CSV file with the columns patch and luminance_cd_m2")
     names = [name.lower() for name in table.header]
     readings: dict[str, list[Reading]] = {}

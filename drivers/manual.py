@@ -212,7 +212,7 @@ class ManualMeter(Meter):
         """
         name = self._identity.model
         if not self._is_open:
-            raise MeterError(f"{name}: the meter is not open: call open(), or use it in a with statement")
+            raise MeterError(f"{name}: the meter is not open", "call open(), or use it in a with statement")
         problem = ""
         for _ in range(_ATTEMPTS):
             try:
@@ -220,8 +220,8 @@ class ManualMeter(Meter):
                 return typed_reading(text, self._accuracy, self._identity)
             except EOFError:
                 raise MeterError(
-                    "no reading of the luminance meter was typed: run the command in an interactive terminal"
+                    "no reading of the luminance meter was typed", "run the command in an interactive terminal"
                 ) from None
             except InputError as error:
                 problem = f"{error}. "
-        raise MeterError(f"no luminance was typed in {_ATTEMPTS} attempts, last: {problem.removesuffix('. ')}")
+        raise MeterError(f"no luminance was typed in {_ATTEMPTS} attempts, last", f"{problem.removesuffix('. ')}")

@@ -38,12 +38,14 @@ class MeterReportedError(MeterError):
     ----------
     code : str
         The code as sent, for example ``ER10``.
-    message : str
-        Meaning and remedy.
+    meaning : str
+        What the meter's manual says of it.
+    remedy : str
+        What to do.
     """
 
-    def __init__(self, code: str, message: str) -> None:
-        super().__init__(message)
+    def __init__(self, code: str, meaning: str, remedy: str) -> None:
+        super().__init__(f"{code}: {meaning}", remedy)
         self.code = code
 
 
@@ -126,8 +128,9 @@ def require_mode(
     for problem, applies in problems.items():
         if applies:
             raise MeterError(
-                f"the meter gave {problem} ({reading.raw}): the reading is not used; set the mode back at the meter, "
-                "or switch it off and on with F held, then repeat"
+                f"the meter gave {problem} ({reading.raw})",
+                "the reading is not used; set the mode back at the meter, "
+                "or switch it off and on with F held, then repeat",
             )
 
 

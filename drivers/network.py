@@ -13,8 +13,9 @@ from typing import Any
 import psutil
 
 from .camera import StreamStatistics
+from .check import Check
 from .computer import firewall, keep_receive_limit, network_limit, open_firewall, raise_receive_limit, read_int
-from .device import Finding, size
+from .device import size
 
 #: MTU of an interface with jumbo frames.
 JUMBO_BYTES = 9000
@@ -106,7 +107,7 @@ def interface_to(address: str, known: Sequence[Interface]) -> Interface | None:
     return next(iter(exactly or [one for one in known if own in one.address.network]), None)
 
 
-def network_finding(address: str, interface: Interface) -> Finding | None:
+def network_check(address: str, interface: Interface) -> Check | None:
     """Return a finding if a camera's address is outside the network of the interface that leads to it."""
     try:
         wanted = IPv4Address(address)
@@ -115,7 +116,7 @@ def network_finding(address: str, interface: Interface) -> Finding | None:
     if interface.is_loopback or wanted in interface.address.network:
         return None
     strict = f", and {interface.name} drops what comes from elsewhere (rp_filter)"
-    return Finding(
+    return Check(
         "network",
         "fault" if interface.strict_reverse_path else "notice",
         f"the camera's address {address} is outside the network {interface.address.network} of {interface.name}"
@@ -134,12 +135,12 @@ def _beside(camera: IPv4Address) -> IPv4Interface:
     return IPv4Interface(f"{own}/{bits}")
 
 
-def interface_findings(known: Sequence[Interface]) -> list[Finding]:
+def interface_checks(known: Sequence[Interface]) -> list[Check]:
     """Judge the network interfaces as ways to a GigE Vision camera; loopback is left out."""
     real = [one for one in known if not one.is_loopback]
     if not real:
         return [
-            Finding(
+            Check(
                 "network",
                 "notice",
                 "no network interface has an IPv4 address: no GigE Vision camera can be reached",
@@ -155,11 +156,11 @@ def interface_findings(known: Sequence[Interface]) -> list[Finding]:
                 "one of them may be searched for on the other"
             )
             remedy = f"give them different networks, for example sudo ip addr del {other.address} dev {other.name}"
-            found.append(Finding(f"interface {other.name}", "notice", cause, remedy))
+            found.append(Check(f"interface {other.name}", "notice", cause, remedy))
     return found
 
 
-def _judged(one: Interface) -> list[Finding]:
+def _judged(one: Interface) -> list[Check]:
     slow = one.speed_mbit_s is not None and one.speed_mbit_s < GIGABIT_MBIT_S
     problems: list[tuple[bool, str, str]] = [
         (not one.is_up, "is switched off", f"sudo ip link set {one.name} up"),
@@ -178,12 +179,12 @@ def _judged(one: Interface) -> list[Finding]:
         ),
     ]
     topic = f"interface {one.name}"
-    found = [Finding(topic, "notice", f"{one.address} {cause}", remedy) for there, cause, remedy in problems if there]
+    found = [Check(topic, "notice", f"{one.address} {cause}", remedy) for there, cause, remedy in problems if there]
     if found:
         # Without power or link there is nothing else to say.
         return found if one.is_up and one.has_link else found[:1]
     speed = "" if one.speed_mbit_s is None else f", {one.speed_mbit_s} Mbit/s"
-    return [Finding(topic, "good", f"{one.address}, packets of {one.mtu_bytes} bytes{speed}")]
+    return [Check(topic, "good", f"{one.address}, packets of {one.mtu_bytes} bytes{speed}")]
 
 
 def stream_causes(
@@ -193,7 +194,7 @@ def stream_causes(
     granted_bytes: int | None = None,
     counted: StreamStatistics = StreamStatistics(),  # noqa: B008 - immutable
     root: Path = Path("/"),
-) -> list[Finding]:
+) -> list[Check]:
     """List possible causes of missing or incomplete frames, the most likely first; only reads the host's settings.
 
     Parameters
@@ -213,12 +214,12 @@ def stream_causes(
 
     Returns
     -------
-    list of Finding
+    list of Check
         Faults certainly prevent frames, notices may; empty if no problem is known.
     """
     interface = interface_to(address, interfaces(root)) if address else None
-    buffer, packets = _receive_buffer(payload_bytes, granted_bytes, root), packet_size_finding(packet_bytes, interface)
-    away = None if interface is None else network_finding(address, interface)
+    buffer, packets = _receive_buffer(payload_bytes, granted_bytes, root), packet_size_check(packet_bytes, interface)
+    away = None if interface is None else network_check(address, interface)
     if counted.completed + counted.failed + counted.missing:
         found = [buffer, packets, _missing(counted.missing), away]
     else:
@@ -228,7 +229,7 @@ def stream_causes(
     return [finding for finding in [*found, _underruns(counted.underruns)] if finding is not None]
 
 
-def _receive_buffer(payload_bytes: int, granted_bytes: int | None, root: Path) -> Finding | None:
+def _receive_buffer(payload_bytes: int, granted_bytes: int | None, root: Path) -> Check | None:
     if granted_bytes is None or granted_bytes >= payload_bytes:
         return None
     cause = f"the receive buffer of {size(granted_bytes)} does not hold a frame of {size(payload_bytes)}"
@@ -237,14 +238,14 @@ def _receive_buffer(payload_bytes: int, granted_bytes: int | None, root: Path) -
     if limit is not None and limit >= payload_bytes:
         cause += f", though net.core.rmem_max allows {size(limit)}"
         remedy = "close the camera and open it again"
-    return Finding("receive buffer", "fault", cause, remedy)
+    return Check("receive buffer", "fault", cause, remedy)
 
 
-def packet_size_finding(packet_bytes: int | None, interface: Interface | None) -> Finding | None:
+def packet_size_check(packet_bytes: int | None, interface: Interface | None) -> Check | None:
     """Return a finding if the camera's packets exceed the MTU of the interface."""
     if packet_bytes is None or interface is None or packet_bytes <= interface.mtu_bytes:
         return None
-    return Finding(
+    return Check(
         "packet size",
         "fault",
         f"the camera sends packets of {packet_bytes} bytes, but {interface.name} takes {interface.mtu_bytes}",
@@ -253,20 +254,20 @@ def packet_size_finding(packet_bytes: int | None, interface: Interface | None) -
     )
 
 
-def _missing(n_packets: int) -> Finding | None:
+def _missing(n_packets: int) -> Check | None:
     cause = "packets are missing"
     remedy = "check cable and switch, lower the frame rate or the camera's bandwidth, or raise the packet delay"
-    return Finding("packets", "notice", cause, remedy) if n_packets else None
+    return Check("packets", "notice", cause, remedy) if n_packets else None
 
 
-def _underruns(n_packets: int) -> Finding | None:
+def _underruns(n_packets: int) -> Check | None:
     cause = "packets found no free buffer, since the program was too slow to take them"
     remedy = "lower the frame rate, or do less between two frames"
-    return Finding("underruns", "notice", cause, remedy) if n_packets else None
+    return Check("underruns", "notice", cause, remedy) if n_packets else None
 
 
-def _firewall(address: str, wall: str | None) -> Finding:
+def _firewall(address: str, wall: str | None) -> Check:
     remedy = open_firewall(wall, address)
     if wall is None:
-        return Finding("firewall", "unknown", "a firewall may keep the camera's packets out", remedy)
-    return Finding("firewall", "notice", f"the firewall {wall} is on and may keep the camera's packets out", remedy)
+        return Check("firewall", "unknown", "a firewall may keep the camera's packets out", remedy)
+    return Check("firewall", "notice", f"the firewall {wall} is on and may keep the camera's packets out", remedy)

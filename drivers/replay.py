@@ -111,7 +111,7 @@ class ReplayCamera(_Replay, Camera):
             self._recorded = tuple(session.frames())
             self.unused = list(self._recorded)
             if not self._recorded:
-                raise CameraNotFoundError(f"{session.path} holds no frames: give a session with frames")
+                raise CameraNotFoundError(f"{session.path} holds no frames", "give a session with frames")
             self._opened_session, self._chosen = session, _settings(self._recorded[0])
         self._is_open = True
         return self
@@ -178,8 +178,8 @@ class ReplayCamera(_Replay, Camera):
         ]
         if not fitting:
             raise CameraSettingError(
-                f"nothing was recorded with {exposure_text(exposure_s, 6)}, {gain_db:g} dB, {pixel_format}: this "
-                f"session has {'; '.join(map(_text, recorded))}"
+                f"nothing was recorded with {exposure_text(exposure_s, 6)}, {gain_db:g} dB, {pixel_format}",
+                f"this session has {'; '.join(map(_text, recorded))}",
             )
         self._chosen = min(fitting, key=lambda s: (abs(s.exposure_s - exposure_s), abs(s.gain_db - gain_db)))
         return self.settings
@@ -203,8 +203,8 @@ class ReplayCamera(_Replay, Camera):
             if index is None:
                 count = sum(_settings(frame) == self._chosen for frame in self._recorded)
                 raise CameraError(
-                    f"{count} frames were recorded with {_text(self._chosen)}, and all have been used: ask for at most "
-                    f"{count}"
+                    f"{count} frames were recorded with {_text(self._chosen)}, and all have been used",
+                    f"ask for at most {count}",
                 )
             frame = session.load(self.unused[index])
             self._keep_pace(frame.timestamp)
@@ -214,7 +214,7 @@ class ReplayCamera(_Replay, Camera):
 
     def _opened(self) -> Session:
         if self._opened_session is None or not self._is_open:
-            raise CameraError("the replayed camera is not open: open it first")
+            raise CameraError("the replayed camera is not open", "open it first")
         return self._opened_session
 
 
@@ -255,7 +255,7 @@ class ReplayMeter(_Replay, Meter):
             session = self._session()
             self._recorded = self.unused = tuple(session.readings())
             if not self._recorded:
-                raise MeterNotFoundError(f"{session.path} holds no readings: give a session with readings")
+                raise MeterNotFoundError(f"{session.path} holds no readings", "give a session with readings")
         self._is_open = True
         return self
 
@@ -276,7 +276,7 @@ class ReplayMeter(_Replay, Meter):
         self._require_open()
         if not self.unused:
             count = len(self._recorded)
-            raise MeterError(f"{count} readings were recorded, and all have been used: ask for at most {count}")
+            raise MeterError(f"{count} readings were recorded, and all have been used", f"ask for at most {count}")
         reading = self.unused[0].reading
         self._keep_pace(reading.timestamp)
         self.unused = self.unused[1:]
@@ -284,4 +284,4 @@ class ReplayMeter(_Replay, Meter):
 
     def _require_open(self) -> None:
         if not self._is_open:
-            raise MeterError("the replayed meter is not open: open it first")
+            raise MeterError("the replayed meter is not open", "open it first")

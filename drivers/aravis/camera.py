@@ -271,8 +271,8 @@ class AravisCamera(Camera):
         size = (settings.width, settings.height)
         if self._size not in (None, size):
             raise CameraSettingError(
-                f"{self.identity} is set to {size[0]} x {size[1]} pixels, not as before: something else has changed "
-                "it; configure the region, or open it again"
+                f"{self.identity} is set to {size[0]} x {size[1]} pixels, not as before",
+                "something else has changed it; configure the region, or open it again",
             )
         self._size = size
         frame_stream = FrameStream(link, settings, self._connection.changed, n, timeout_s, on_refused)
@@ -291,7 +291,7 @@ class AravisCamera(Camera):
     def _refuse_while_grabbing(self, what: str) -> None:
         if self._frame_stream is not None:
             raise CameraError(
-                f"{self.identity} is still grabbing: finish that loop, or close its iterator, before {what}"
+                f"{self.identity} is still grabbing", f"finish that loop, or close its iterator, before {what}"
             )
 
 

@@ -106,7 +106,7 @@ def require_kept(
     pairs |= {name: (value, feature(name)) for name, value in wanted.features.items()}
     for name, (value, kept) in pairs.items():
         if not is_same(value, kept, _ROUNDED_REL):
-            raise CameraSettingError(f"{who} keeps {name} at {kept}, not {value}: give a value that it keeps")
+            raise CameraSettingError(f"{who} keeps {name} at {kept}, not {value}", "give a value that it keeps")
 
 
 def _different(wanted: Snapshot, now: Snapshot) -> list[str]:
@@ -156,7 +156,7 @@ class Connection:
     def link(self) -> Link:
         """Current link; raises CameraError if not open."""
         if self._link is None:
-            raise CameraError("the camera is not open: use it as a context manager or call open() first")
+            raise CameraError("the camera is not open", "use it as a context manager or call open() first")
         return self._link
 
     def open(self) -> None:
@@ -239,7 +239,7 @@ class Connection:
                 found = _look_for(lost.info, everywhere=n_looks % _LOOKS_AT_ADDRESS == 0)
                 link = None if found is None else self._connect_as_before(found)
             except _NotRestoredError as error:
-                raise CameraSettingError(str(error)) from error
+                raise CameraSettingError(error.cause, error.remedy) from error
             except CameraError as error:
                 # Not ready yet, still registered with the old connection, or lost again.
                 last = str(error)
@@ -248,7 +248,7 @@ class Connection:
         if self._closed.is_set() or link is None:
             if link is not None:
                 link.close()
-            raise CameraError(f"{lost.identity} was closed while it was waited for: open it again")
+            raise CameraError(f"{lost.identity} was closed while it was waited for", "open it again")
         back_s = time.monotonic() - began_s
         _log.warning("%s came back after %.1f s; its settings are restored", link.identity, back_s)
         self._link = link
@@ -263,7 +263,7 @@ class Connection:
             try:
                 restore_snapshot(link, self._snapshot)
             except CameraSettingError as error:
-                raise _NotRestoredError(str(error)) from error
+                raise _NotRestoredError(error.cause, error.remedy) from error
         return link
 
 

@@ -67,7 +67,7 @@ def check_description(address: str) -> None:
 
 def _refused(address: str, fault: str) -> CameraError:
     return CameraError(
-        f"the GenICam description of the camera at {address} cannot be used: {fault}; update the camera's firmware"
+        f"the GenICam description of the camera at {address} cannot be used", f"{fault}; update the camera's firmware"
     )
 
 

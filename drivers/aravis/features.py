@@ -32,7 +32,7 @@ def read_feature(camera: Any, name: str) -> FeatureValue:
     """
     node = _node(camera, name)
     if not _allows(node, "R"):
-        raise CameraSettingError(f"feature {name} cannot be read: it cannot be read at the moment")
+        raise CameraSettingError(f"feature {name} cannot be read", "it cannot be read at the moment")
     return _value(node)
 
 
@@ -46,15 +46,15 @@ def write_feature(camera: Any, name: str, value: FeatureValue) -> FeatureValue:
     """
     node, said = _node(camera, name), f"feature {name}"
     if not _allows(node, "W"):
-        raise CameraSettingError(f"{said} cannot be written: it is read-only, or locked by another setting")
+        raise CameraSettingError(f"{said} cannot be written", "it is read-only, or locked by another setting")
     kind = _kind(node)
     if not kind:
-        raise CameraSettingError(f"{said} has no value that could be written: it is {_what(node)}")
+        raise CameraSettingError(f"{said} is {_what(node)}, so it has no value that could be written")
     accepted, words = _KINDS[kind]
     if kind == "GcEnumeration":
         entries = camera.dup_available_enumerations_as_strings(name)
         if value not in entries:
-            raise CameraSettingError(f"{said} has no value {value!r}: choose one of {', '.join(entries)}")
+            raise CameraSettingError(f"{said} has no value {value!r}", f"choose one of {', '.join(entries)}")
     elif not isinstance(value, accepted) or isinstance(value, bool) != (kind == "GcBoolean"):
         raise CameraSettingError(f"{said} takes {words}, not {value!r}")
     if kind == "GcInteger":
@@ -180,7 +180,7 @@ def _node(camera: Any, name: str) -> Any:
     if available(camera, name) is None:
         close = difflib.get_close_matches(name, [each.get_name() for each in _nodes(camera)], n=3)
         hint = f"did you mean {' or '.join(close)}?" if close else "features() lists what can be read"
-        raise CameraSettingError(f"the camera has no feature {name!r} now: {hint}")
+        raise CameraSettingError(f"the camera has no feature {name!r} now", hint)
     return camera.get_device().get_feature(name)
 
 
@@ -227,7 +227,7 @@ def _kind(node: Any) -> str:
 def _value(node: Any) -> FeatureValue:
     kind = _kind(node)
     if not kind:
-        raise CameraSettingError(f"feature {node.get_name()} has no value that could be read: it is {_what(node)}")
+        raise CameraSettingError(f"feature {node.get_name()} is {_what(node)}, so it has no value that could be read")
     if kind == "GcEnumeration":
         return device_text(node.get_string_value)
     get = getattr(aravis(), kind).get_value
@@ -247,4 +247,4 @@ def require_range(name: str, value: Any, limits: tuple[float, float], unit: str 
     if not low <= value <= high or (step > 1 and (value - low) % step):
         unit = f" {unit}" if unit else ""
         steps = f" in steps of {step}" if step > 1 else ""
-        raise CameraSettingError(f"{name} is {value:g}{unit}: the camera takes {low:g} to {high:g}{unit}{steps}")
+        raise CameraSettingError(f"{name} is {value:g}{unit}", f"the camera takes {low:g} to {high:g}{unit}{steps}")

@@ -218,13 +218,14 @@ class FrameCheck:
         """Refuse empty or huge frames, and a PayloadSize less than their pixels; raises CameraSettingError."""
         if min(self._size) < 1 or payload_bytes > _MOST_PAYLOAD_BYTES:
             raise CameraSettingError(
-                f"it states {self._size[0]} x {self._size[1]} pixels and a PayloadSize of {payload_bytes} bytes: "
-                "set Width and Height to those of its sensor"
+                f"it states {self._size[0]} x {self._size[1]} pixels and a PayloadSize of {payload_bytes} bytes",
+                "set Width and Height to those of its sensor",
             )
         if payload_bytes < self.pixel_bytes:
             raise CameraSettingError(
                 f"PayloadSize is {payload_bytes} bytes, but {self._size[0]} x {self._size[1]} pixels of "
-                f"{self._layout.name} are {self.pixel_bytes}: choose another pixel format or region"
+                f"{self._layout.name} are {self.pixel_bytes}",
+                "choose another pixel format or region",
             )
 
     def fault(self, buffer: Any, received_bytes: int) -> tuple[str, str] | None:
@@ -259,7 +260,8 @@ def refusal(who: object, buffer: Any, fault: tuple[str, str], advice: str) -> In
     status, reason = fault
     frame_id = buffer.get_frame_id()
     return IncompleteFrameError(
-        f"frame {frame_id} from {who} is incomplete, {reason}: it was discarded; {advice}",
+        f"frame {frame_id} from {who} is incomplete, {reason}",
+        f"it was discarded; {advice}",
         status=status,
         frame_id=frame_id,
         camera_timestamp_ns=buffer.get_timestamp(),

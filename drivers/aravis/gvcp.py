@@ -229,7 +229,7 @@ def set_address(serial: str, wanted: str) -> IPv4Interface:
     try:
         _force_address(interface.name, serial, new)
     except OSError as error:
-        raise CameraError(f"{interface.name} cannot be used ({error.strerror}): run the command with sudo") from error
+        raise CameraError(f"{interface.name} cannot be used ({error.strerror})", "run the command with sudo") from error
     return new
 
 
@@ -239,7 +239,7 @@ def _force_address(interface: str, serial: str, new: IPv4Interface) -> None:
     if camera is None:
         listing = ", ".join(f"{one.serial} at {one.address}" for one in found) or "none"
         raise CameraNotFoundError(
-            f"no camera {serial} answers at {interface}; found: {listing}: check power, cable and serial number"
+            f"no camera {serial} answers at {interface}; found: {listing}", "check power, cable and serial number"
         )
     if any(one.address == str(new.ip) for one in found if one is not camera):
         raise InputError(f"{new.ip} is the address of another camera: choose another one")
@@ -247,4 +247,6 @@ def _force_address(interface: str, serial: str, new: IPv4Interface) -> None:
     payload = bytes(2) + camera.mac + bytes(12) + new.ip.packed + bytes(12) + new.netmask.packed + bytes(16)
     answer = next(_ask_all(interface, _FORCE_IP, payload, _CONFIRMED_WITHIN_S), None)
     if answer is None or answer.status != 0:
-        raise CameraError(f"camera {serial} did not confirm {new}: end the program that controls it, or switch it off")
+        raise CameraError(
+            f"camera {serial} did not confirm {new}", "end the program that controls it, or switch it off"
+        )

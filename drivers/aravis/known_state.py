@@ -121,5 +121,5 @@ def _require(camera: Any, name: str, value: FeatureValue) -> None:
         now = write_feature(camera, name, value)
     if not is_same(now, value, _ROUNDED_REL):
         raise CameraSettingError(
-            f"feature {name} is {now} and does not accept {value}: set it with the camera's own program"
+            f"feature {name} is {now} and does not accept {value}", "set it with the camera's own program"
         )

@@ -53,8 +53,9 @@ def aravis() -> ModuleType:
         from gi.repository import Aravis
     except (ImportError, ValueError) as error:
         raise CameraError(
-            f"Aravis cannot be loaded ({error}): run 'apt install gir1.2-aravis-0.8 python3-gi' and use a virtual "
-            "environment made by /usr/bin/python3 with --system-site-packages"
+            f"Aravis cannot be loaded ({error})",
+            "run 'apt install gir1.2-aravis-0.8 python3-gi' and use a virtual "
+            "environment made by /usr/bin/python3 with --system-site-packages",
         ) from error
     module: ModuleType = Aravis
     return module
@@ -122,10 +123,10 @@ def choose(found: list[CameraInfo], selector: str | None) -> CameraInfo:
     wanted = "camera" if selector is None else f"camera {selector!r} (serial number, address or model)"
     if not fitting:
         raise CameraNotFoundError(
-            f"no {wanted} answers; found: {listing}: check power, cable and that both are in one network"
+            f"no {wanted} answers; found: {listing}", "check power, cable and that both are in one network"
         )
     if len(fitting) > 1:
-        raise CameraNotFoundError(f"more than one {wanted} answers: give a serial number; found: {listing}")
+        raise CameraNotFoundError(f"more than one {wanted} answers", f"give a serial number; found: {listing}")
     return fitting[0]
 
 

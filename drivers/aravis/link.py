@@ -79,7 +79,7 @@ class Link:
             self.require_life(what)
         camera = self.camera
         if camera is None:
-            raise CameraError(f"{self.identity} was closed ({what}): open it again")
+            raise CameraError(f"{self.identity} was closed ({what})", "open it again")
         try:
             yield camera
         except gerror() as error:
@@ -103,7 +103,8 @@ class Link:
         camera = self.camera
         if self._is_gige and camera is not None and not camera.get_device().is_controller():
             raise CameraBusyError(
-                f"{self.identity} was taken by another program ({what}): close that program, then open the camera again"
+                f"{self.identity} was taken by another program ({what})",
+                "close that program, then open the camera again",
             )
 
     def answers(self) -> bool:
@@ -139,10 +140,12 @@ class Link:
         shut_down(self._sockets)
         if self._controlled_by_others:
             return CameraLostError(
-                f"{self.identity} is no longer controlled by this program ({what}): it was switched off and on, out of "
-                "reach, or taken by another program; open it again"
+                f"{self.identity} is no longer controlled by this program ({what})",
+                "it was switched off and on, out of reach, or taken by another program; open it again",
             )
-        return CameraLostError(f"{self.identity} stopped answering ({what}): check power and cable, then open it again")
+        return CameraLostError(
+            f"{self.identity} stopped answering ({what})", "check power and cable, then open it again"
+        )
 
     def _explained(self, error: Any, what: str) -> CameraError:
         if not is_of_transport(error, "PROTOCOL_ERROR_ACCESS_DENIED"):
@@ -150,8 +153,8 @@ class Link:
         if not self.answers():
             return self.give_up(f"{what} [{error.message}]")
         return CameraBusyError(
-            f"{self.identity} answers but refuses control ({what}): another program controls it; close that "
-            f"program, then open the camera again [{error.message}]"
+            f"{self.identity} answers but refuses control ({what})",
+            f"another program controls it; close that program, then open the camera again [{error.message}]",
         )
 
     def defer_release(self, stream: Any) -> None:
@@ -213,8 +216,9 @@ def _require_free(info: CameraInfo) -> None:
     controlled = gvcp.is_controlled(info.address)
     if controlled is None:
         raise CameraNotFoundError(
-            f"camera {info.serial} does not answer at {info.address}: check power and cable, and that this computer "
-            "has an address of its network (labcdp doctor names the command)"
+            f"camera {info.serial} does not answer at {info.address}",
+            "check power and cable, and that this computer "
+            "has an address of its network (labcdp doctor names the command)",
         )
     if controlled:
         raise _busy(info)
@@ -222,8 +226,8 @@ def _require_free(info: CameraInfo) -> None:
 
 def _busy(info: CameraInfo) -> CameraBusyError:
     return CameraBusyError(
-        f"camera {info.serial} at {info.address} is controlled by another program: close that program, or wait a few "
-        "seconds if it was killed"
+        f"camera {info.serial} at {info.address} is controlled by another program",
+        "close that program, or wait a few seconds if it was killed",
     )
 
 
@@ -237,8 +241,8 @@ def _check_who(link: Link) -> None:
             seen = gvcp.announce(info.address)
             if seen is not None and seen.serial != info.serial:
                 raise CameraNotFoundError(
-                    f"the camera at {info.address} has serial number {seen.serial}, not {info.serial}: two cameras "
-                    "share the address; give each its own"
+                    f"the camera at {info.address} has serial number {seen.serial}, not {info.serial}",
+                    "two cameras share the address; give each its own",
                 )
         simulated = "simulated" in text_of(camera, "DeviceManufacturerInfo").lower() or info.vendor == "Aravis"
         link.identity = CameraIdentity(info.vendor, info.model, info.serial, simulated=simulated)

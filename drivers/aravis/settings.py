@@ -138,7 +138,7 @@ def _exposure(camera: Any) -> str:
     """Name of the exposure time in us. Aravis takes the range of an older Basler from a register in other units."""
     name = available(camera, *_EXPOSURES)
     if name is None:
-        raise CameraSettingError(f"the camera has none of {', '.join(_EXPOSURES)}: use another camera")
+        raise CameraSettingError(f"the camera has none of {', '.join(_EXPOSURES)}", "use another camera")
     return name
 
 
@@ -175,7 +175,7 @@ def configure(link: Link, wanted: Mapping[str, Any]) -> list[str]:
         for name in _in_order(old, now):
             with suppress(CameraSettingError), link.using(f"{name} cannot be set back") as camera:
                 change_setting(camera, name, old[name])
-        raise CameraSettingError(f"{link.identity}: {error}") from error
+        raise CameraSettingError(f"{link.identity}", f"{error}") from error
     return names
 
 
@@ -186,7 +186,7 @@ def _in_order(wanted: Mapping[str, Any], now: CameraSettings) -> list[str]:
         order[3], order[4] = order[4], order[3]
     unknown = sorted(wanted.keys() - set(order))
     if unknown:
-        raise CameraSettingError(f"{unknown[0]} is not a setting: use {', '.join(order)}, or set a feature by name")
+        raise CameraSettingError(f"{unknown[0]} is not a setting", f"use {', '.join(order)}, or set a feature by name")
     return [name for name in order if name in wanted]
 
 
@@ -202,14 +202,14 @@ def change_setting(camera: Any, name: str, value: Any) -> None:
 def _change_pixel_format(camera: Any, name: str) -> None:
     known = [known for known in camera.dup_available_pixel_formats_as_strings() if known in PIXEL_FORMATS]
     if name not in known:
-        raise CameraSettingError(f"the camera has no pixel format {name!r}: choose one of {', '.join(known)}")
+        raise CameraSettingError(f"the camera has no pixel format {name!r}", f"choose one of {', '.join(known)}")
     camera.set_pixel_format_from_string(name)
 
 
 def _change_binning(camera: Any, binning: tuple[int, int]) -> None:
     if available(camera, "BinningHorizontal") is None:
         if tuple(binning) != (1, 1):
-            raise CameraSettingError(f"the camera has no binning: ask for (1, 1), not {tuple(binning)}")
+            raise CameraSettingError("the camera has no binning", f"ask for (1, 1), not {tuple(binning)}")
         return
     columns, rows = binning
     x_step, y_step = camera.get_x_binning_increment(), camera.get_y_binning_increment()
@@ -227,7 +227,7 @@ def _change_region(camera: Any, region: Region) -> None:
         require_range("height", region.height, camera.get_height_bounds(), step=camera.get_height_increment())
         _, _, width, height = camera.get_region()
         if (region.x, region.y) != (0, 0) and available(camera, "OffsetX") is None:
-            raise CameraSettingError(f"the camera has no offset: ask for x and y 0, not {region.x} and {region.y}")
+            raise CameraSettingError("the camera has no offset", f"ask for x and y 0, not {region.x} and {region.y}")
         require_range("x", region.x, (0, width - region.width), step=camera.get_x_offset_increment())
         require_range("y", region.y, (0, height - region.height), step=camera.get_y_offset_increment())
     except CameraSettingError:
@@ -250,7 +250,7 @@ def _change_frame_rate(camera: Any, frame_rate_hz: float) -> None:
         write_feature(camera, _FRAME_RATE_AUTO, "Off")
     name = available(camera, *_FRAME_RATES)
     if name is None:
-        raise CameraSettingError(f"the camera has no frame rate to set: leave out frame_rate_hz {frame_rate_hz:g}")
+        raise CameraSettingError("the camera has no frame rate to set", f"leave out frame_rate_hz {frame_rate_hz:g}")
     require_range("frame_rate_hz", frame_rate_hz, camera.get_float_bounds(name), "Hz")
     # Aravis' own function would switch triggers off.
     camera.set_float(name, frame_rate_hz)
@@ -262,7 +262,7 @@ def _change_gain(camera: Any, gain_db: float) -> None:
         if gain_db != 0:
             other = available(camera, _GAIN, _ABSOLUTE_GAIN, _RAW_GAIN)
             own = "no gain" if other is None else f"its gain not in dB but as {other}, a feature to set by name"
-            raise CameraSettingError(f"the camera has {own}: ask for 0 dB, not {gain_db:g} dB")
+            raise CameraSettingError(f"the camera has {own}", f"ask for 0 dB, not {gain_db:g} dB")
         return
     require_range("gain_db", gain_db, _bounds(camera, name), "dB")
     _write_number(camera, name, gain_db)
@@ -273,7 +273,7 @@ def _change_black_level(camera: Any, black_level: float) -> None:
     if name is None or not writable(camera, name):
         now = _black_level(camera)
         if black_level != now:
-            raise CameraSettingError(f"the camera's black level cannot be set: ask for {now:g}, not {black_level:g}")
+            raise CameraSettingError("the camera's black level cannot be set", f"ask for {now:g}, not {black_level:g}")
         return
     require_range("black_level", black_level, _bounds(camera, name))
     _write_number(camera, name, black_level)

@@ -206,7 +206,7 @@ class FrameStream:
         stream = self._stream
         if stream is None:
             raise CameraError(
-                f"{self._link.identity} was closed while it was grabbing: open it again and restart grabbing"
+                f"{self._link.identity} was closed while it was grabbing", "open it again and restart grabbing"
             )
         return stream
 
@@ -232,8 +232,8 @@ class FrameStream:
             default = f"it waits for an edge on {source}; check that line, or set the trigger to free-running"
         causes = [] if source not in (None, "Software") else self._causes()
         raise FrameTimeoutError(
-            f"no frame came from {self._link.identity} within {self._wait_s:.1f} s, although it answers: "
-            f"{'; '.join(causes) or default} ({self._counters()})"
+            f"no frame came from {self._link.identity} within {self._wait_s:.1f} s, although it answers",
+            f"{'; '.join(causes) or default} ({self._counters()})",
         )
 
     def _refuse(self, buffer: Any, fault: tuple[str, str]) -> None:

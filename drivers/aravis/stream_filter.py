@@ -54,8 +54,8 @@ class PacketPlan:
     def __post_init__(self) -> None:
         if self.packet_bytes <= _IP_BYTES + UDP_HEADER_BYTES + _LONG_BYTES:
             raise CameraSettingError(
-                f"the camera's packets have {self.packet_bytes} bytes, not more than their headers: set "
-                "GevSCPSPacketSize to 576 or more"
+                f"the camera's packets have {self.packet_bytes} bytes, not more than their headers",
+                "set GevSCPSPacketSize to 576 or more",
             )
 
     def filter(self, address: str) -> Program:

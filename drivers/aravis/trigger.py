@@ -29,11 +29,11 @@ def change_trigger(camera: Any, trigger: Trigger) -> None:
         clear_triggers(camera)
         return
     if available(camera, _MODE) is None or available(camera, _SOURCE) is None:
-        raise CameraSettingError(f"the camera has no trigger: leave it free-running, not on {trigger.source}")
+        raise CameraSettingError("the camera has no trigger", f"leave it free-running, not on {trigger.source}")
     sources = camera.dup_available_trigger_sources()
     if trigger.source not in sources:
         raise CameraSettingError(
-            f"the camera has no trigger source {trigger.source!r}: choose one of {', '.join(sources)}"
+            f"the camera has no trigger source {trigger.source!r}", f"choose one of {', '.join(sources)}"
         )
     clear_triggers(camera)
     _select(camera)

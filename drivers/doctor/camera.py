@@ -15,8 +15,9 @@ from ..aravis.link import Link, connect
 from ..aravis.settings import layout_of, read_settings, temperature_c
 from ..camera import CameraBusyError, CameraError, IncompleteFrameError, StreamStatistics
 from ..camera_settings import CameraSettings, FeatureValue
-from ..device import Finding, size
-from ..network import GIGABIT_MBIT_S, Interface, interface_to, network_finding, packet_size_finding
+from ..check import Check
+from ..device import size
+from ..network import GIGABIT_MBIT_S, Interface, interface_to, network_check, packet_size_check
 
 #: Number of test frames, and their exposure, within the camera's range.
 N_FRAMES = 5
@@ -81,7 +82,7 @@ class CameraFacts:
         return None if not value or isinstance(value, str | bool) else float(value)
 
 
-def check_camera(info: CameraInfo, known: Sequence[Interface], *, stream: bool = False) -> list[Finding]:
+def check_camera(info: CameraInfo, known: Sequence[Interface], *, stream: bool = False) -> list[Check]:
     """Open a camera, read it, and close it again; its errors are returned as findings.
 
     Parameters
@@ -110,14 +111,14 @@ def check_camera(info: CameraInfo, known: Sequence[Interface], *, stream: bool =
                     restore_snapshot(link, found[0])
     except CameraError as error:
         topic = "controller" if isinstance(error, CameraBusyError) else "camera"
-        return [Finding.of_error(topic, error), *_network(address, interface)]
-    return camera_findings(replace(facts, address=address, interface=interface))
+        return [Check.failed(topic, error), *_network(address, interface)]
+    return camera_checks(replace(facts, address=address, interface=interface))
 
 
 def _way_to(info: CameraInfo, known: Sequence[Interface]) -> Interface | None:
     """Return the interface that leads to a camera; if it is in no network of this computer, that where it answers."""
     route = interface_to(info.address, known)
-    if route is not None and network_finding(info.address, route) is None:
+    if route is not None and network_check(info.address, route) is None:
         return route
     for one in known:
         with suppress(OSError):
@@ -168,27 +169,27 @@ def _streamed(info: CameraInfo, facts: CameraFacts) -> CameraFacts:
         return replace(facts, came=came, refused=n_refused, problem=problem)
 
 
-def camera_findings(facts: CameraFacts) -> list[Finding]:
+def camera_checks(facts: CameraFacts) -> list[Check]:
     """Evaluate an opened camera."""
     optional = [_packets(facts), _link(facts), *_bandwidth(facts), _temperature(facts.temperature_c)]
     return [
-        Finding("controller", "good", "this program could take control of it"),
+        Check("controller", "good", "this program could take control of it"),
         *_network(facts.address, facts.interface),
         *(finding for finding in optional if finding is not None),
         _frames(facts),
     ]
 
 
-def _network(address: str, interface: Interface | None) -> list[Finding]:
+def _network(address: str, interface: Interface | None) -> list[Check]:
     if not address:
         return []
     if interface is None:
-        return [Finding("network", "unknown", f"no interface of this computer is known to lead to {address}")]
+        return [Check("network", "unknown", f"no interface of this computer is known to lead to {address}")]
     reached = f"{address} is reached by {interface.name} ({interface.address})"
-    return [network_finding(address, interface) or Finding("network", "good", reached)]
+    return [network_check(address, interface) or Check("network", "good", reached)]
 
 
-def _packets(facts: CameraFacts) -> Finding | None:
+def _packets(facts: CameraFacts) -> Check | None:
     packet, interface = facts.number("GevSCPSPacketSize"), facts.interface
     if packet is None or interface is None:
         return None
@@ -197,20 +198,20 @@ def _packets(facts: CameraFacts) -> Finding | None:
     small = not interface.is_loopback and packet < interface.mtu_bytes / 2
     remedy = "check that the camera and every switch between take jumbo frames" if small else None
     text += ": small packets cost computing time" if small else ""
-    return packet_size_finding(int(packet), interface) or Finding.judged("packet size", text, remedy)
+    return packet_size_check(int(packet), interface) or Check.judged("packet size", text, remedy)
 
 
-def _link(facts: CameraFacts) -> Finding | None:
+def _link(facts: CameraFacts) -> Check | None:
     # GigE Vision counts in Mbit/s, the SFNC's newer name in bytes per second.
     speed = facts.number("GevLinkSpeed") or (facts.number("DeviceLinkSpeed") or 0.0) * 8e-6
     if not speed:
         return None
     remedy = "use a cable of category 5e or better, and a gigabit port at its other end"
     text = f"the camera's link runs at {speed:g} Mbit/s"
-    return Finding.judged("link speed", text, remedy if speed < GIGABIT_MBIT_S else None)
+    return Check.judged("link speed", text, remedy if speed < GIGABIT_MBIT_S else None)
 
 
-def _bandwidth(facts: CameraFacts) -> list[Finding]:
+def _bandwidth(facts: CameraFacts) -> list[Check]:
     """Compare the camera's bandwidth limit and what its frames need with the capacity of the link for packets."""
     settings, interface, rate_hz = facts.settings, facts.interface, facts.settings.frame_rate_hz
     limit = next(((name, value) for name in _BANDWIDTH_FEATURES if (value := facts.number(name))), None)
@@ -221,7 +222,7 @@ def _bandwidth(facts: CameraFacts) -> list[Finding]:
     if limit is not None and carried is not None:
         text = f"{limit[0]} is {size(limit[1])}/s, and the computer's interface carries {size(carried)}/s"
         remedy = f"set the camera's {limit[0]} to {carried * 0.95:.0f}"
-        found.append(Finding.judged("bandwidth", text, remedy if limit[1] > carried else None))
+        found.append(Check.judged("bandwidth", text, remedy if limit[1] > carried else None))
     tightest = min((value for value in (limit and limit[1], carried) if value is not None), default=None)
     if rate_hz is not None and tightest is not None:
         packet = packet or _SMALL_PACKET_BYTES
@@ -232,29 +233,26 @@ def _bandwidth(facts: CameraFacts) -> list[Finding]:
             f"{size(per_frame * rate_hz)}/s of {size(tightest)}/s"
         )
         remedy = f"lower the frame rate to {tightest / per_frame:.3g} frames/s, or take fewer pixels or bits"
-        found.append(Finding.judged("frame rate", text, remedy if per_frame * rate_hz > tightest else None))
+        found.append(Check.judged("frame rate", text, remedy if per_frame * rate_hz > tightest else None))
     return found
 
 
-def _temperature(temperature_c: float | None) -> Finding | None:
+def _temperature(temperature_c: float | None) -> Check | None:
     if temperature_c is None:
         return None
     warm = temperature_c > WARM_C
     text = f"the camera is at {temperature_c:.1f} °C{', which adds dark current and noise' if warm else ''}"
     remedy = "mount it on metal that carries the heat away, and compare with its data sheet"
-    return Finding.judged("temperature", text, remedy if warm else None)
+    return Check.judged("temperature", text, remedy if warm else None)
 
 
-def _frames(facts: CameraFacts) -> Finding:
+def _frames(facts: CameraFacts) -> Check:
     statistics = facts.statistics
     if facts.came is None:
-        return Finding(
-            "frames", "unknown", "no frames were taken", "run labcdp doctor --stream-test SERIAL to take some"
-        )
+        return Check("frames", "unknown", "no frames were taken", "run labcdp doctor --stream-test SERIAL to take some")
     counters = f"{statistics.missing} packets missing, {statistics.resent} sent again, {statistics.underruns} underruns"
     text = f"{facts.came} of {N_FRAMES} frames arrived complete, {facts.refused} incomplete ({counters})"
     if facts.problem is not None:
-        found = Finding.of_error("frames", facts.problem)
-        return Finding("frames", "fault", f"{text}; {found.cause}", found.remedy)
+        return Check("frames", "fault", f"{text}; {facts.problem.cause}", facts.problem.remedy)
     remedy = "check the receive buffer, packet size and cable, or lower the frame rate"
-    return Finding.judged("frames", text, remedy if facts.refused else None)
+    return Check.judged("frames", text, remedy if facts.refused else None)

@@ -14,6 +14,7 @@ import psutil
 from ..aravis.gvcp import GVCP_PORT
 from ..aravis.library import aravis
 from ..camera import CameraError
+from ..check import Check, State
 from ..computer import (
     clock_is_synchronised,
     keep_receive_limit,
@@ -23,10 +24,10 @@ from ..computer import (
     open_firewall,
     raise_receive_limit,
 )
-from ..device import Finding, State, size
+from ..device import size
 from ..minolta_ls.meter import find_meter_ports
-from ..network import Interface, interface_findings, interfaces
-from .meter import serial_port_finding
+from ..network import Interface, interface_checks, interfaces
+from .meter import serial_port_check
 
 #: A 16-bit frame of a Manta G-505: 2452 x 2056 pixels.
 FRAME_BYTES = 2452 * 2056 * 2
@@ -38,7 +39,7 @@ _BY_HAND = "check that it has power, its cable, and that it is in the network of
 _LONGEST_S = 10
 
 
-def host_findings(root: Path = Path("/")) -> list[Finding]:
+def host_checks(root: Path = Path("/")) -> list[Check]:
     """Check this computer without changing anything or opening a device.
 
     Parameters
@@ -48,22 +49,22 @@ def host_findings(root: Path = Path("/")) -> list[Finding]:
     """
     # Capabilities cannot be given to a link.
     interpreter = os.path.realpath(sys.executable)
-    optional = [port_finding(), _clock()]
+    optional = [port_check(), _clock()]
     return [
-        Finding("Python", "good", f"{platform.python_version()}, {interpreter}, on {sys.platform}"),
-        aravis_finding(root),
+        Check("Python", "good", f"{platform.python_version()}, {interpreter}, on {sys.platform}"),
+        aravis_check(root),
         _receive_buffer(root),
         _capabilities(root, interpreter),
         *(finding for finding in optional if finding is not None),
-        *interface_findings(interfaces(root)),
-        *(serial_port_finding(port.device, needed=False) for port in find_meter_ports()),
+        *interface_checks(interfaces(root)),
+        *(serial_port_check(port.device, needed=False) for port in find_meter_ports()),
     ]
 
 
-def _receive_buffer(root: Path) -> Finding:
+def _receive_buffer(root: Path) -> Check:
     topic, limit, default = "receive buffer", network_limit("rmem_max", root), network_limit("rmem_default", root)
     if limit is None:
-        return Finding(topic, "unknown", "net.core.rmem_max cannot be read here", "run sysctl net.core.rmem_max")
+        return Check(topic, "unknown", "net.core.rmem_max cannot be read here", "run sysctl net.core.rmem_max")
     text = f"net.core.rmem_max is {size(limit)}, and a frame needs up to {size(FRAME_BYTES)}"
     if default is not None:
         text += f"; programs that do not set a buffer size get {size(default)} (rmem_default)"
@@ -71,19 +72,19 @@ def _receive_buffer(root: Path) -> Finding:
     if limit < FRAME_BYTES:
         remedy = f"{raise_receive_limit(FRAME_BYTES)} (to keep it: {keep})"
         # With CAP_NET_RAW Aravis receives through a packet socket, which this limit does not apply to.
-        return Finding(topic, "notice" if may_open_packet_sockets() else "fault", text, remedy)
+        return Check(topic, "notice" if may_open_packet_sockets() else "fault", text, remedy)
     if (kept_receive_limit_bytes(root) or 0) < FRAME_BYTES:
-        return Finding(topic, "notice", f"until the next reboot, {text}", keep)
-    return Finding(topic, "good", text)
+        return Check(topic, "notice", f"until the next reboot, {text}", keep)
+    return Check(topic, "good", text)
 
 
-def _capabilities(root: Path, interpreter: str) -> Finding:
+def _capabilities(root: Path, interpreter: str) -> Check:
     topic = "capabilities"
     if may_open_packet_sockets():
-        return Finding(topic, "good", "this process has CAP_NET_RAW: frames can come through a packet socket")
+        return Check(topic, "good", "this process has CAP_NET_RAW: frames can come through a packet socket")
     if (network_limit("rmem_max", root) or 0) >= FRAME_BYTES:
-        return Finding(topic, "good", "no CAP_NET_RAW, but the receive buffer is large enough without it")
-    return Finding(
+        return Check(topic, "good", "no CAP_NET_RAW, but the receive buffer is large enough without it")
+    return Check(
         topic,
         "notice",
         "this process lacks CAP_NET_RAW, with which frames bypass the limit of the receive buffer",
@@ -92,7 +93,7 @@ def _capabilities(root: Path, interpreter: str) -> Finding:
     )
 
 
-def port_finding(port: int = GVCP_PORT) -> Finding | None:
+def port_check(port: int = GVCP_PORT) -> Check | None:
     """Report who has a UDP port over IPv4; None if the kernel's list cannot be read."""
     try:
         bound = [one for one in psutil.net_connections("udp4") if one.laddr and one.laddr.port == port]
@@ -101,14 +102,14 @@ def port_finding(port: int = GVCP_PORT) -> Finding | None:
         return None
     topic = f"UDP port {port}"
     if not bound:
-        return Finding(topic, "good", "free for a simulated camera")
+        return Check(topic, "good", "free for a simulated camera")
     users = [
         f"{'a program of another user' if one.pid is None else f'{names[one.pid]} (process {one.pid})'} "
         f"on {one.laddr.ip}"
         for one in bound
     ]
     end = f"end it (kill {' '.join(map(str, sorted(names)))})" if names else "end that program"
-    return Finding(
+    return Check(
         topic,
         "notice",
         f"taken by {', '.join(users)}; real cameras do not need it",
@@ -116,13 +117,13 @@ def port_finding(port: int = GVCP_PORT) -> Finding | None:
     )
 
 
-def _clock() -> Finding | None:
+def _clock() -> Check | None:
     synchronised = clock_is_synchronised()
     if synchronised is None:
         return None
     if synchronised:
-        return Finding("clock", "good", "synchronised by a time service")
-    return Finding(
+        return Check("clock", "good", "synchronised by a time service")
+    return Check(
         "clock",
         "notice",
         "the computer's clock is not synchronised: recorded times may be off or jump",
@@ -130,7 +131,7 @@ def _clock() -> Finding | None:
     )
 
 
-def aravis_finding(root: Path = Path("/")) -> Finding:
+def aravis_check(root: Path = Path("/")) -> Check:
     """Report whether GigE Vision cameras can be used, and otherwise what to install."""
     packages = debian_packages(root / "var/lib/dpkg")
     try:
@@ -138,14 +139,14 @@ def aravis_finding(root: Path = Path("/")) -> Finding:
     except CameraError as error:
         missing = [name for name in NEEDED if packages is not None and name not in packages]
         if not missing:
-            return Finding.of_error("Aravis", error)
+            return Check.failed("Aravis", error)
         cause = f"no camera can be used: {' and '.join(missing)} not installed"
-        return Finding("Aravis", "fault", cause, f"sudo apt-get install {' '.join(missing)}")
+        return Check("Aravis", "fault", cause, f"sudo apt-get install {' '.join(missing)}")
     import gi
 
     versions = ", ".join(f"{name} {version}" for name, version in (packages or {}).items())
     known = f" ({versions})" if versions else ""
-    return Finding("Aravis", "good", f"Aravis 0.8 is installed, with PyGObject {gi.__version__}{known}")
+    return Check("Aravis", "good", f"Aravis 0.8 is installed, with PyGObject {gi.__version__}{known}")
 
 
 def debian_packages(database: Path = Path("/var/lib/dpkg")) -> dict[str, str] | None:
@@ -163,7 +164,7 @@ def debian_packages(database: Path = Path("/var/lib/dpkg")) -> dict[str, str] | 
     return {row[0]: row[1] for row in rows if len(row) == 3 and row[2] == "installed"}
 
 
-def no_camera_finding(known: Sequence[Interface], firewall: str | None, state: State) -> Finding:
+def no_camera_check(known: Sequence[Interface], firewall: str | None, state: State) -> Check:
     """List possible causes of a camera that does not answer.
 
     Parameters
@@ -179,10 +180,10 @@ def no_camera_finding(known: Sequence[Interface], firewall: str | None, state: S
     ways = [one for one in known if not one.is_loopback and one.is_up and one.has_link]
     if not ways:
         cause = "no camera answers, and no network interface with an IPv4 address has a link"
-        return Finding(topic, state, cause, "connect the camera, give it power, and see the network interfaces above")
+        return Check(topic, state, cause, "connect the camera, give it power, and see the network interfaces above")
     cause = f"no camera answers at {', '.join(f'{one.name} ({one.address})' for one in ways)}"
     if firewall is None:
-        return Finding(topic, state, cause, _BY_HAND)
+        return Check(topic, state, cause, _BY_HAND)
     networks = "; ".join(open_firewall(firewall, str(one.address.network)) for one in ways)
     cause += f", and the firewall {firewall} may keep its answer out"
-    return Finding(topic, state, cause, f"{_BY_HAND}; then {networks}")
+    return Check(topic, state, cause, f"{_BY_HAND}; then {networks}")

@@ -8,7 +8,7 @@ import pwd
 import stat
 from typing import Literal
 
-from ..device import Finding, State
+from ..check import Check, State
 from ..meter import MeterError, MeterNotFoundError, MeterReportedError, MeterTimeoutError, require_mode
 from ..minolta_ls.meter import DRIVERS, MinoltaLS
 
@@ -16,7 +16,7 @@ from ..minolta_ls.meter import DRIVERS, MinoltaLS
 _GROUP = "dialout"
 
 
-def serial_port_finding(device: str, needed: bool) -> Finding:
+def serial_port_check(device: str, needed: bool) -> Check:
     """Report whether a port can be opened, with a remedy otherwise; a fault only if `needed`; does not open it."""
     topic = f"serial port {device}"
     bad: State = "fault" if needed else "notice"
@@ -24,21 +24,21 @@ def serial_port_finding(device: str, needed: bool) -> Finding:
     try:
         found = os.stat(device)
     except (OSError, ValueError):
-        return Finding(topic, bad, f"there is no {device}", f"plug the adapter in, or {other}")
+        return Check(topic, bad, f"there is no {device}", f"plug the adapter in, or {other}")
     if not stat.S_ISCHR(found.st_mode):
-        return Finding(topic, bad, f"{device} is not a serial port", other)
+        return Check(topic, bad, f"{device} is not a serial port", other)
     user, group, mode = _user(os.getuid()), _group(found.st_gid), stat.filemode(found.st_mode)
     whose = f"{mode}, owner {_user(found.st_uid)}, group {group}"
     if os.access(device, os.R_OK | os.W_OK):
-        return Finding(topic, "good", f"{user} may open it ({whose})")
+        return Check(topic, "good", f"{user} may open it ({whose})")
     cause, again = f"{user} may not open it ({whose})", "log out and in again"
     if mode[4:6] != "rw" or group == "root":
         give = f"sudo chgrp {_GROUP} {device}; sudo chmod g+rw {device}"
-        return Finding(topic, bad, cause, f"{give}; sudo adduser {user} {_GROUP}, then {again}")
+        return Check(topic, bad, cause, f"{give}; sudo adduser {user} {_GROUP}, then {again}")
     if _is_member(user, found.st_gid):
         # Not yet in this login session.
-        return Finding(topic, bad, f"{cause}, though of its group", again)
-    return Finding(topic, bad, cause, f"sudo adduser {user} {group}, then {again}")
+        return Check(topic, bad, f"{cause}, though of its group", again)
+    return Check(topic, bad, cause, f"sudo adduser {user} {group}, then {again}")
 
 
 def _user(number: int) -> str:
@@ -70,7 +70,7 @@ _NOTHING_HELD = "ER11"
 _REMOTE_MODE = "switch the meter off, hold F while switching it on so that it shows C, and check the cable LS-A12"
 
 
-def check_meter(port: str, model: MeterModel = "LS-110", timeout_s: float = 6.0) -> list[Finding]:
+def check_meter(port: str, model: MeterModel = "LS-110", timeout_s: float = 6.0) -> list[Check]:
     """Open a meter, set its modes, read its display, and close it again, without a measurement.
 
     Parameters
@@ -84,44 +84,43 @@ def check_meter(port: str, model: MeterModel = "LS-110", timeout_s: float = 6.0)
 
     Returns
     -------
-    list of Finding
+    list of Check
         Errors of the meter are returned as findings.
     """
-    permission = serial_port_finding(port, needed=True)
+    permission = serial_port_check(port, needed=True)
     if permission.state == "fault":
         return [permission]
     found = [permission]
     try:
         with DRIVERS[model](port, timeout_s=timeout_s) as meter:
-            found.append(Finding("meter", "good", f"it answers, and took PRESET, ABS, FAST and CONT (as {model})"))
+            found.append(Check("meter", "good", f"it answers, and took PRESET, ABS, FAST and CONT (as {model})"))
             found.append(_unit(meter))
     except MeterNotFoundError as error:
-        found.append(Finding.of_error("port", error))
+        found.append(Check.failed("port", error))
     except MeterTimeoutError as error:
-        cause = Finding.of_error("meter", error).cause
-        found.append(Finding("meter", "fault", cause, _REMOTE_MODE))
+        found.append(Check("meter", "fault", error.cause, _REMOTE_MODE))
     except MeterError as error:
-        found.append(Finding.of_error("meter", error))
+        found.append(Check.failed("meter", error))
     return found
 
 
-def _unit(meter: MinoltaLS) -> Finding:
+def _unit(meter: MinoltaLS) -> Check:
     try:
         shown = meter.read_held()
     except MeterReportedError as error:
         if error.code == _NOTHING_HELD:
             remedy = "measure once with its button, then run this again"
-            return Finding("unit", "unknown", "the meter has no reading yet, so its unit is unknown", remedy)
+            return Check("unit", "unknown", "the meter has no reading yet, so its unit is unknown", remedy)
         # A value out of range is not a fault of the meter; an empty battery is.
-        return Finding.of_error("unit", error, "fault" if error.code in ("ER20", "ER30") else "notice")
+        return Check.failed("unit", error, "fault" if error.code in ("ER20", "ER30") else "notice")
     if shown.unit != "%":
         try:
             require_mode(shown)
         except MeterError as error:
-            return Finding.of_error("mode", error, "notice")
+            return Check.failed("mode", error, "notice")
     if shown.unit == "cd/m2":
-        return Finding("unit", "good", f"cd/m²; it shows {shown.value:g}")
+        return Check("unit", "good", f"cd/m²; it shows {shown.value:g}")
     if shown.unit == "fL":
         cause = f"the meter is set to fL; it shows {shown.value:g} fL, which is {shown.luminance_cd_m2:g} cd/m²"
-        return Finding("unit", "notice", cause, "set its unit switch to cd/m² unless fL is intended")
-    return Finding("unit", "notice", "the meter shows a ratio in %", "measure once to return to cd/m²")
+        return Check("unit", "notice", cause, "set its unit switch to cd/m² unless fL is intended")
+    return Check("unit", "notice", "the meter shows a ratio in %", "measure once to return to cd/m²")

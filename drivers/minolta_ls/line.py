@@ -185,7 +185,7 @@ class MeterLine:
             except (MeterNotFoundError, MeterLostError, MeterTimeoutError, MeterProtocolError) as still:
                 if self.patience_s == 0 or self._clock.monotonic_s() + _LOOK_EVERY_S >= until_s:
                     raise MeterLostError(
-                        f"{lost}; it did not come back within {self.patience_s:g} s, last: {still}"
+                        f"{lost}; it did not come back within {self.patience_s:g} s, last", f"{still}"
                     ) from still
                 self._clock.sleep(_LOOK_EVERY_S)
             else:
@@ -208,7 +208,7 @@ class MeterLine:
 
     def _reply(self, command: str, until_s: float) -> bytes:
         if not self.is_open:
-            raise MeterError(f"{self._port}: the meter is not open: call open(), or use it in a with statement")
+            raise MeterError(f"{self._port}: the meter is not open", "call open(), or use it in a with statement")
         try:
             if self._other_due:
                 self._settle(until_s)
@@ -216,7 +216,7 @@ class MeterLine:
             allowed_s = min(self._timeout_s, until_s - self._clock.monotonic_s())
             if allowed_s <= 0:
                 raise MeterTimeoutError(
-                    f"{self._port}: earlier failures left no time for {command}: check the cable, then repeat"
+                    f"{self._port}: earlier failures left no time for {command}", "check the cable, then repeat"
                 )
             give_up_s = self._clock.monotonic_s() + allowed_s
             self._send(command)
@@ -225,17 +225,17 @@ class MeterLine:
             self._n_due -= 1
             held = "the meter holds its RTS line low: check power, and RTS and CTS of the cable, or leave rtscts out"
             problem = held if self._place.rtscts else "the port accepts no more data: check the adapter"
-            raise MeterTimeoutError(f"{self._port}: {command} cannot be sent, {problem}") from error
+            raise MeterTimeoutError(f"{self._port}", f"{command} cannot be sent, {problem}") from error
         except (OSError, termios.error) as error:
             self._disconnect()
             raise MeterLostError(
-                f"{self._port}: the connection to the meter broke ({error}): check cable and adapter, then open "
-                "the meter again"
+                f"{self._port}: the connection to the meter broke ({error})",
+                "check cable and adapter, then open the meter again",
             ) from error
         except (TypeError, AttributeError) as error:
             if self._serial is not None:
                 raise
-            raise MeterError(f"{self._port}: the meter was closed while it was asked: open it again") from error
+            raise MeterError(f"{self._port}: the meter was closed while it was asked", "open it again") from error
         require_whole(self._port, reply, command, allowed_s)
         return reply
 

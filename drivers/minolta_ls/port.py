@@ -115,7 +115,7 @@ def connect(port: Port, timeout_s: float) -> Any:
                 problem = "another program uses it: end that program"
             case _:
                 problem = f"it cannot be used as a serial port ({error}): choose another port"
-        raise MeterNotFoundError(f"{port.name}: {problem}") from error
+        raise MeterNotFoundError(f"{port.name}", f"{problem}") from error
 
 
 class TranscriptWriter:

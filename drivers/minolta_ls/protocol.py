@@ -100,18 +100,24 @@ LS110: Final = LSDataSheet("LS-110", (0.01, 999_900.0), (0.01, 499_900.0), 2, 10
 
 #: Meaning and remedy of the manual's error codes.
 ERROR_CODES: Final = {
-    "ER00": "the meter did not understand the command, or waited more than 5 s for its next character: check "
-    "the cable and that no other program uses the port, then repeat the command",
-    "ER01": "the meter cannot take this setting: check the mode, reference or factor that was sent",
-    "ER10": "the luminance exceeds the measuring range: measure something darker, or change from SLOW to FAST, "
-    "which reaches higher",
-    "ER11": "a value in the meter's memory cannot be used: store the reference or user calibration again, or "
-    "set PRESET and ABS",
-    "ER19": "the value is too large for the display: set PRESET and ABS, or store a larger reference",
-    "ER20": "the meter's memory (EEPROM) is faulty: have the meter repaired",
-    "ER30": "the meter's battery is exhausted: put in a new one, then switch on with F held so that it shows C",
+    "ER00": (
+        "the meter did not understand the command, or waited more than 5 s for its next character",
+        "check the cable and that no other program uses the port, then repeat the command",
+    ),
+    "ER01": ("the meter cannot take this setting", "check the mode, reference or factor that was sent"),
+    "ER10": (
+        "the luminance exceeds the measuring range",
+        "measure something darker, or change from SLOW to FAST, which reaches higher",
+    ),
+    "ER11": (
+        "a value in the meter's memory cannot be used",
+        "store the reference or user calibration again, or set PRESET and ABS",
+    ),
+    "ER19": ("the value is too large for the display", "set PRESET and ABS, or store a larger reference"),
+    "ER20": ("the meter's memory (EEPROM) is faulty", "have the meter repaired"),
+    "ER30": ("the meter's battery is exhausted", "put in a new one, then switch on with F held so that it shows C"),
 }
-_UNKNOWN_CODE: Final = "the manual does not know this code: switch the meter off, and on again with F held"
+_UNKNOWN_CODE: Final = ("the manual does not know this code", "switch the meter off, and on again with F held")
 
 #: In bytes; the longest reply of the manual has 17.
 LONGEST_REPLY: Final = 64
@@ -149,7 +155,7 @@ def parse_acknowledgement(reply: bytes) -> None:
     reply = reply.removesuffix(b"\r\n")
     raise_if_reported(reply)
     if reply != b"OK00":
-        raise MeterProtocolError(f"the meter sent {reply!r} instead of OK00: check cable and model, then repeat")
+        raise MeterProtocolError(f"the meter sent {reply!r} instead of OK00", "check cable and model, then repeat")
 
 
 def parse_reading(reply: bytes, data_sheet: LSDataSheet, meter: MeterIdentity, timestamp: datetime) -> Reading:
@@ -184,7 +190,7 @@ def parse_reading(reply: bytes, data_sheet: LSDataSheet, meter: MeterIdentity, t
     number = fields and NUMBER.fullmatch(fields[5].decode("ascii"))
     if fields is None or number is None:
         raise MeterProtocolError(
-            f"the meter sent {reply!r}, which is not a reading: check cable and model, then measure again"
+            f"the meter sent {reply!r}, which is not a reading", "check cable and model, then measure again"
         )
     peak, unit_flag, correction, hold = (fields[i].decode("ascii") for i in (1, 2, 3, 4))
     value, unit, resolution = float(number[1]), _UNITS[unit_flag], _resolution(number[1])
@@ -210,16 +216,18 @@ def require_whole(port: str, reply: bytes, command: str, allowed_s: float) -> No
         return
     if len(reply) >= LONGEST_REPLY:
         raise MeterProtocolError(
-            f"{port}: {command} was answered with {reply!r} and no CR LF: check that the meter is on this port"
+            f"{port}: {command} was answered with {reply!r} and no CR LF", "check that the meter is on this port"
         )
     if reply:
         raise MeterTimeoutError(
             f"{port}: the answer to {command} stopped after {len(reply)} bytes ({reply!r}) and did not continue within "
-            f"{allowed_s:.3g} s: check the cable, then repeat"
+            f"{allowed_s:.3g} s",
+            "check the cable, then repeat",
         )
     raise MeterTimeoutError(
-        f"{port}: no answer to {command} within {allowed_s:.3g} s: check that the meter has power and shows C for "
-        "remote mode (switch it off, hold F while switching it on), and check the cable"
+        f"{port}: no answer to {command} within {allowed_s:.3g} s",
+        "check that the meter has power and shows C for "
+        "remote mode (switch it off, hold F while switching it on), and check the cable",
     )
 
 
@@ -227,7 +235,7 @@ def raise_if_reported(reply: bytes) -> None:
     """Raise MeterReportedError if a reply, without its CR LF, is an error code."""
     if re.fullmatch(rb"ER[0-9]{2}", reply):
         code = reply.decode("ascii")
-        raise MeterReportedError(code, f"{code}: {ERROR_CODES.get(code, _UNKNOWN_CODE)}")
+        raise MeterReportedError(code, *ERROR_CODES.get(code, _UNKNOWN_CODE))
 
 
 def _resolution(number: str) -> float:

@@ -95,7 +95,7 @@ def check_free(address: str) -> None:
                 else "give an address of this machine, best a loopback one"
             )
             raise CameraError(
-                f"the simulated camera cannot use {address}, UDP port {GVCP_PORT} ({error.strerror}): {remedy}"
+                f"the simulated camera cannot use {address}, UDP port {GVCP_PORT} ({error.strerror})", f"{remedy}"
             ) from error
 
 
@@ -113,8 +113,9 @@ def free_loopback_address() -> str:
             check_free(address)
             return address
     raise CameraError(
-        f"UDP port {GVCP_PORT} of {', '.join(addresses) or 'loopback'} is taken: stop the other simulated camera or "
-        f"program, or run 'sudo ip addr add 127.0.0.{len(addresses) + 1}/8 dev lo' for another address"
+        f"UDP port {GVCP_PORT} of {', '.join(addresses) or 'loopback'} is taken",
+        "stop the other simulated camera or "
+        f"program, or run 'sudo ip addr add 127.0.0.{len(addresses) + 1}/8 dev lo' for another address",
     )
 
 

@@ -159,7 +159,7 @@ class Registers:
         """Store text of less than `length` letters; raises CameraError if it is longer."""
         raw = text.encode("ascii")
         if len(raw) >= length:
-            raise CameraError(f"{text!r} is too long for the camera's register: use up to {length - 1} letters")
+            raise CameraError(f"{text!r} is too long for the camera's register", f"use up to {length - 1} letters")
         for start in range(0, length, 4):
             self.write(address + start, int.from_bytes(raw.ljust(length, b"\0")[start : start + 4], "big"))
 

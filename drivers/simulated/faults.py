@@ -255,9 +255,9 @@ class Reach:
     def _connect(self) -> None:
         """Connect anew; raises CameraNotFoundError or CameraBusyError if the faults imply so."""
         if "vanish" in self._faults or "freeze" in self._faults:
-            raise CameraNotFoundError(f"{self._called} does not answer: let the simulated camera recover")
+            raise CameraNotFoundError(f"{self._called} does not answer", "let the simulated camera recover")
         if "second controller" in self._faults:
-            raise CameraBusyError(f"another program controls {self._called}: let the simulated camera recover")
+            raise CameraBusyError(f"another program controls {self._called}", "let the simulated camera recover")
         self._cut, self._gaps = "", ()
 
     def set_faults(self, faults: CameraFaults) -> None:
@@ -283,7 +283,7 @@ class Reach:
         self._wait_while(lambda: self._out_of_reach() and self.patience_s > 0, self.patience_s)
         if self.patience_s == 0 or self._out_of_reach():
             raise CameraLostError(
-                f"{self._called} is lost, {reason}: let the simulated camera recover, then open it again"
+                f"{self._called} is lost, {reason}", "let the simulated camera recover, then open it again"
             )
         self._cut = ""
         gap = Gap(lost_at, self._clock.now(), self._clock.monotonic_s() - began_s, reason)

@@ -173,7 +173,9 @@ class SimulatedGigECamera(Device):
             path.write_bytes(text)
             gv = arv.GvFakeCamera.new_full(self.address, device.serial, str(path))
         if not gv.is_running():
-            raise CameraError(f"the simulated camera cannot use {self.address}: no network interface has this address")
+            raise CameraError(
+                f"the simulated camera cannot use {self.address}", "no network interface has this address"
+            )
         control.find()
         with self._lock:
             self._gv, self._control = gv, control
@@ -204,7 +206,7 @@ class SimulatedGigECamera(Device):
             self._switch_off()
             self._switch_on()
         raise CameraError(
-            f"no second program could take the simulated camera at {self.address}: end the program that uses it first"
+            f"no second program could take the simulated camera at {self.address}", "end the program that uses it first"
         )
 
     def _let_go(self) -> None:

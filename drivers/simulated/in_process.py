@@ -167,13 +167,15 @@ class InProcessCamera(Reach, Camera):
         gain = old.gain_db if gain_db is None else gain_db
         low, high = self.exposure_range_s
         if not _EXPOSURE_RANGE_US[0] <= exposure_us <= _EXPOSURE_RANGE_US[1]:
-            raise CameraSettingError(f"exposure_s is {exposure_us * 1e-6:g} s: the camera takes {low:g} to {high:g} s")
+            raise CameraSettingError(
+                f"exposure_s is {exposure_us * 1e-6:g} s", f"the camera takes {low:g} to {high:g} s"
+            )
         low, high = _GAIN_RANGE_DB
         if not low <= gain <= high:
-            raise CameraSettingError(f"gain_db is {gain:g} dB: the camera takes {low} to {high} dB")
+            raise CameraSettingError(f"gain_db is {gain:g} dB", f"the camera takes {low} to {high} dB")
         if pixel_format not in (None, old.pixel_format):
             raise CameraSettingError(
-                f"the camera in this process has no pixel format {pixel_format!r}: choose {old.pixel_format}"
+                f"the camera in this process has no pixel format {pixel_format!r}", f"choose {old.pixel_format}"
             )
         self._settings = replace(old, exposure_s=exposure_us * 1e-6, gain_db=gain)
         return self._settings
@@ -183,7 +185,7 @@ class InProcessCamera(Reach, Camera):
         given = [*wanted.settings, *wanted.features]
         if given:
             raise CameraSettingError(
-                f"the camera in this process cannot set {given[0]}: use the one on loopback, without --virtual-clock"
+                f"the camera in this process cannot set {given[0]}", "use the one on loopback, without --virtual-clock"
             )
 
     def grab(self, n: int, timeout_s: float | None = None, on_refused: Refused | None = None) -> Iterator[Frame]:
@@ -217,8 +219,8 @@ class InProcessCamera(Reach, Camera):
         while "stall" in self._faults and not self._cut:
             if clock.monotonic_s() >= until_s:
                 raise FrameTimeoutError(
-                    f"no frame came from {self._name} within {wait_s:.1f} s, though it answers: let the simulated "
-                    "camera recover"
+                    f"no frame came from {self._name} within {wait_s:.1f} s, though it answers",
+                    "let the simulated camera recover",
                 )
             clock.sleep(STEP_S)
         if self._cut or "freeze" in self._faults:
@@ -229,8 +231,8 @@ class InProcessCamera(Reach, Camera):
         counted = self._statistics
         if problem:
             self._statistics = replace(counted, failed=counted.failed + 1, missing=counted.missing + n_missing)
-            text = f"frame {frame_id} from {self._name} is incomplete, {problem}: it was discarded"
-            raise IncompleteFrameError(text, status, frame_id, stamp_ns, clock.now())
+            cause = f"frame {frame_id} from {self._name} is incomplete, {problem}"
+            raise IncompleteFrameError(cause, "it was discarded", status, frame_id, stamp_ns, clock.now())
         dn = self._source.expose(settings.exposure_s, settings.gain_db, self._source.next_key())
         self._statistics = replace(counted, completed=counted.completed + 1)
         return Frame(
@@ -263,4 +265,4 @@ class InProcessCamera(Reach, Camera):
 
     def _require_open(self) -> None:
         if not self._open:
-            raise CameraError("the camera is not open: use it as a context manager or call open() first")
+            raise CameraError("the camera is not open", "use it as a context manager or call open() first")

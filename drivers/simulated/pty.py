@@ -59,12 +59,12 @@ class PtyMeter(FaultyMeter):
     def port(self) -> str:
         """Path of the port, also while it is unplugged; raises DeviceError outside the context."""
         if self._folder is None:
-            raise DeviceError("the simulated meter has no port yet: use it in a with statement")
+            raise DeviceError("the simulated meter has no port yet", "use it in a with statement")
         return str(self._folder / "meter")
 
     def __enter__(self) -> Self:
         if self._folder is not None:
-            raise DeviceError(f"the simulated meter is already served on {self.port}: make another one")
+            raise DeviceError(f"the simulated meter is already served on {self.port}", "make another one")
         self._folder = Path(tempfile.mkdtemp(prefix="labcdp-meter-"))
         self.plug_in()
         return self

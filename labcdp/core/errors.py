@@ -77,7 +77,20 @@ class CalibrationError(LabcdpError):
 
 
 class DeviceError(LabcdpError):
-    """A camera or meter is absent, busy, silent or answered with an error."""
+    """A camera or meter is absent, busy, silent or answered with an error.
+
+    Parameters
+    ----------
+    cause : str
+        What was observed.
+    remedy : str or None
+        What to do; the message has it after the cause.
+    """
+
+    def __init__(self, cause: str, remedy: str | None = None) -> None:
+        super().__init__(cause if remedy is None else f"{cause}: {remedy}")
+        self.cause = cause
+        self.remedy = remedy
 
 
 def require_not_negative(**values: float | Iterable[float]) -> None:

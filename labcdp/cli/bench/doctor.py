@@ -17,15 +17,15 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from ...core.errors import LabcdpError
+from ...core.errors import DeviceError, LabcdpError
 from ...core.result import Result
 from ...core.table import Column, Table
 from ...drivers.aravis.library import CameraInfo, choose, discover
 from ...drivers.camera import CameraError
+from ...drivers.check import Check
 from ...drivers.computer import firewall
-from ...drivers.device import Finding
 from ...drivers.doctor.camera import check_camera
-from ...drivers.doctor.computer import host_findings, no_camera_finding
+from ...drivers.doctor.computer import host_checks, no_camera_check
 from ...drivers.doctor.meter import check_meter
 from ...drivers.doctor.report import camera_files, meter_files
 from ...drivers.network import interfaces
@@ -70,7 +70,7 @@ def doctor(
     require_apart({"--camera": camera}, {"--stream-test": stream_test})
     if report is not None:
         output_file(report, force, option="--report")
-    computer = _attempt(host_findings)
+    computer = _attempt(host_checks)
     groups = [("This computer", computer), *_cameras(stream_test or camera, stream_test is not None)]
     if meter is not None:
         groups.append((f"Luminance meter on {meter}", _attempt(lambda: check_meter(meter, meter_model))))
@@ -87,7 +87,7 @@ def doctor(
         raise typer.Exit(1)
 
 
-def _result(groups: list[tuple[str, list[Finding]]], counts: Counter[str]) -> Result:
+def _result(groups: list[tuple[str, list[Check]]], counts: Counter[str]) -> Result:
     columns = (
         Column("group", "group", "", "Computer, camera or meter."),
         Column("topic", "topic", "", "What was checked."),
@@ -119,18 +119,20 @@ def _report(result: Result, selector: str | None, meter: str | None, model: Lite
     return buffer.getvalue()
 
 
-def _attempt(check: Callable[[], list[Finding]]) -> list[Finding]:
-    """Turn the failure of a check into a finding, so that the other checks still run."""
+def _attempt(checks: Callable[[], list[Check]]) -> list[Check]:
+    """Turn the failure of checks into one of its own, so that the others still run."""
     try:
-        return check()
+        return checks()
+    except DeviceError as error:
+        return [Check.failed("check", error)]
     except LabcdpError as error:
-        return [Finding.of_error("check", error)]
+        return [Check("check", "fault", str(error))]
     except Exception as error:
         _log.debug("a check failed", exc_info=True)
-        return [Finding("check", "unknown", f"the check itself failed ({type(error).__name__}: {error})")]
+        return [Check("check", "unknown", f"the check itself failed ({type(error).__name__}: {error})")]
 
 
-def _cameras(selector: str | None, stream: bool) -> list[tuple[str, list[Finding]]]:
+def _cameras(selector: str | None, stream: bool) -> list[tuple[str, list[Check]]]:
     """Check the selected camera, or all cameras found."""
     known = interfaces()
     try:
@@ -139,18 +141,18 @@ def _cameras(selector: str | None, stream: bool) -> list[tuple[str, list[Finding
             found = [choose(found, selector)]
     except CameraError as error:
         # A missing Aravis is reported as a fault of this computer; only real cameras need it.
-        return [("Cameras", [Finding.of_error("discovery", error, "unknown" if selector is None else "fault")])]
+        return [("Cameras", [Check.failed("discovery", error, "unknown" if selector is None else "fault")])]
     if not found:
-        return [("Cameras", [no_camera_finding(known, firewall(), "notice" if selector is None else "fault")])]
+        return [("Cameras", [no_camera_check(known, firewall(), "notice" if selector is None else "fault")])]
 
-    def check(info: CameraInfo) -> tuple[str, list[Finding]]:
+    def check(info: CameraInfo) -> tuple[str, list[Check]]:
         name = f"Camera {info.vendor} {info.model}, serial {info.serial}, at {info.address}"
         return name, _attempt(lambda: check_camera(info, known, stream=stream))
 
     return [check(info) for info in found]
 
 
-def _print(groups: list[tuple[str, list[Finding]]], counts: Counter[str]) -> None:
+def _print(groups: list[tuple[str, list[Check]]], counts: Counter[str]) -> None:
     console = Console(highlight=False, soft_wrap=True)
     marks = "".join(mark for mark, _, _ in _MARKS.values())
     encoding = sys.stdout.encoding or "ascii"

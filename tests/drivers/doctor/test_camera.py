@@ -13,7 +13,7 @@ from labcdp.drivers.aravis.library import discover
 from labcdp.drivers.aravis.link import connect
 from labcdp.drivers.camera import StreamStatistics
 from labcdp.drivers.camera_settings import CameraSettings
-from labcdp.drivers.doctor.camera import CameraFacts, camera_findings, check_camera
+from labcdp.drivers.doctor.camera import CameraFacts, camera_checks, check_camera
 from labcdp.drivers.network import Interface, interfaces
 from labcdp.drivers.simulated.gige_camera import SimulatedGigECamera
 
@@ -33,9 +33,9 @@ _SHARE = f"{0.95 * 125e6 * 8996 / 9034:.0f}"
 
 
 def test_a_camera_in_order_and_one_of_another_network_that_loses_frames():
-    assert {one.state for one in camera_findings(MANTA)} == {"good"}
+    assert {one.state for one in camera_checks(MANTA)} == {"good"}
     counted = StreamStatistics(completed=5, failed=2, underruns=1, resent=4, missing=90)
-    found = camera_findings(replace(MANTA, address="169.254.1.2", refused=2, statistics=counted))
+    found = camera_checks(replace(MANTA, address="169.254.1.2", refused=2, statistics=counted))
     assert {one.topic for one in found if one.state == "notice"} == {"network", "frames"}
 
 
@@ -52,7 +52,7 @@ def test_a_camera_in_order_and_one_of_another_network_that_loses_frames():
 )
 def test_each_finding_has_its_cause_and_remedy(features, topic, state, text):
     features = {name: value for name, value in (MANTA.features | features).items() if value is not None}
-    (found,) = [one for one in camera_findings(replace(MANTA, features=features)) if one.topic == topic]
+    (found,) = [one for one in camera_checks(replace(MANTA, features=features)) if one.topic == topic]
     assert found.state == state
     assert re.search(text, str(found))
 

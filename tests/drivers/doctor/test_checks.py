@@ -12,7 +12,7 @@ from labcdp.drivers.aravis import gvcp
 from labcdp.drivers.doctor import computer
 from labcdp.drivers.doctor.camera import check_camera
 from labcdp.drivers.doctor.meter import check_meter
-from labcdp.drivers.network import Interface, interface_findings, interface_to, interfaces, network_finding
+from labcdp.drivers.network import Interface, interface_checks, interface_to, interfaces, network_check
 from labcdp.drivers.simulated.pty import PtyMeter
 
 needs_own_network = pytest.mark.skipif(
@@ -108,7 +108,7 @@ def eth(**values):
     ],
 )
 def test_what_is_said_of_an_interface(values, state):
-    (found,) = interface_findings([eth(**values)])
+    (found,) = interface_checks([eth(**values)])
     assert (found.state, found.remedy is None) == (state, state == "good")
 
 
@@ -116,7 +116,7 @@ def test_what_is_said_of_an_interface(values, state):
     ("camera", "own"), [("192.168.5.10", "192.168.5.11/24"), ("169.254.77.1", "169.254.0.10/16"), ("10.0.0.77", None)]
 )
 def test_the_address_to_add_is_in_the_cameras_network(camera, own):
-    finding = network_finding(camera, eth())
+    finding = network_check(camera, eth())
     assert (finding.remedy.split(",")[0] if finding else None) == (own and f"sudo ip addr add {own} dev eth0")
 
 
@@ -144,7 +144,7 @@ def test_the_receive_buffer_holds_a_frame(tmp_path, monkeypatch, limit, kept, ma
     write(tmp_path, "proc/sys/net/core/rmem_default", "212992\n")
     write(tmp_path, "etc/sysctl.d/90-camera.conf", f"net.core.rmem_max = {kept}\n")
     monkeypatch.setattr(computer, "may_open_packet_sockets", lambda: may_open_packet_sockets)
-    found = {one.topic: one for one in computer.host_findings(tmp_path)}["receive buffer"]
+    found = {one.topic: one for one in computer.host_checks(tmp_path)}["receive buffer"]
     assert (found.state, found.remedy is None) == (state, state == "good")
     assert found.remedy is None or "net.core.rmem_max=33554432" in found.remedy
 

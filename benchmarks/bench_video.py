@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labcdp.core.roi import Roi
-from labcdp.evaluate.video.evaluate import Part, evaluated_parts
+from labcdp.evaluate.video.evaluate import evaluate_parts
 from labcdp.evaluate.video.settings import VideoSettings
 
 REPEATS = 3
@@ -109,9 +109,7 @@ def decode(path: Path) -> int:
 
 def evaluate(path: Path, contrasts: tuple[float, ...], rois: tuple[Roi, ...]) -> None:
     pairs = [rois[first : first + 2] for first in range(0, len(rois), 2)] or [()]
-    with evaluated_parts(path, [Part(VideoSettings(contrasts, pair)) for pair in pairs]) as found:
-        for rows in found:
-            rows().dataset()
+    evaluate_parts(path, [VideoSettings(contrasts, pair) for pair in pairs])
 
 
 def measure(path: Path) -> None:

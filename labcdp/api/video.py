@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,8 +15,7 @@ from ..calibration import AnyCalibration, Calibration, ColourCalibration, save
 from ..core.errors import InputError, LabcdpError
 from ..core.result import html_table
 from ..evaluate.picture.converter import Converter
-from ..evaluate.video.dataset import VideoRows
-from ..evaluate.video.evaluate import Part, evaluated_parts
+from ..evaluate.video.evaluate import evaluate_parts
 from ..evaluate.video.settings import Progress, VideoSettings
 from ..files.video.open import open_video as open_source
 from ..files.video.selection import Position, Selection
@@ -215,9 +214,7 @@ class Video:
                 "camera": self.camera_spec,
                 **self.stated,
             }
-            parts = [Part(replace(one, **light)) for one in settings]
-            with evaluated_parts(self.path, parts, progress=progress) as found:
-                results = [_dataset_or_error(rows) for rows in found]
+            results = evaluate_parts(self.path, [replace(one, **light) for one in settings], progress=progress)
         if all(isinstance(one, LabcdpError) for one in results):
             raise next(one for one in results if isinstance(one, LabcdpError))
         return results
@@ -232,13 +229,6 @@ class Video:
         height, width = self.shape
         rows = [("frames", f"{self.frame_count}"), ("frames per second", f"{self.frame_rate}")]
         return html_table(("", ""), [*rows, ("pixels", f"{width} x {height}")], self.path.name)
-
-
-def _dataset_or_error(rows: Callable[[], VideoRows]) -> Dataset | LabcdpError:
-    try:
-        return rows().dataset()
-    except LabcdpError as error:
-        return error
 
 
 def _selection(start: int | str, stop: int | str | None, every: int | str) -> Selection:

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..core.disk import read_bytes, reason, validated_as
-from ..core.disk.files import named_plainly
 from ..core.disk.text import json_values, results_json
 from ..core.disk.tiff import read_in_child
 from ..core.errors import InputError, encodable
@@ -190,44 +189,6 @@ def _encodable(dataset: Dataset) -> Dataset:
     made = dataset.assign(texts)
     made.attrs = {key: encodable(value) if isinstance(value, str) else value for key, value in dataset.attrs.items()}
     return made
-
-
-def write_blocks(path: Path, blocks: Iterable[Dataset], along: str) -> None:
-    """Write a Dataset block by block in constant memory; equal blocks differ in the time of writing at most.
-
-    Parameters
-    ----------
-    path : Path
-        Written incrementally: give a temporary name and rename.
-    blocks : iterable of xarray.Dataset
-        At least one; variables with the dimension `along` are concatenated, all others are taken from the first.
-    along : str
-        The dimension.
-    """
-    with named_plainly(path) as name:
-        _write_blocks(name, map(_encodable, blocks), along)
-
-
-def _write_blocks(path: Path, blocks: Iterable[Dataset], along: str) -> None:
-    from netCDF4 import Dataset as File
-
-    size = 0
-    for block in blocks:
-        start, size = size, size + block.sizes[along]
-        grown = {name: variable for name, variable in block.variables.items() if along in variable.dims}
-        if not start:
-            encoding = {
-                name: {**_NUMBERS, "chunksizes": variable.shape}
-                for name, variable in grown.items()
-                if variable.dtype.kind in "biuf" and variable.size
-            }
-            block.to_netcdf(path, engine="netcdf4", format="NETCDF4", encoding=encoding, unlimited_dims=[along])
-            continue
-        with File(path, "a") as file:
-            file.set_auto_maskandscale(False)
-            for name, variable in grown.items():
-                index = tuple(slice(start, size) if name == along else slice(None) for name in variable.dims)
-                file[str(name)][index] = variable.values
 
 
 def read_dataset(path: Path, what: str) -> Dataset:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import cache
 from io import BytesIO
@@ -62,30 +61,7 @@ def result_workbook(result: Result, time: datetime) -> bytes:
     return file.getvalue()
 
 
-@dataclass(frozen=True, eq=False)
-class LongTable:
-    """A table for spreadsheets alone, whose rows are made while they are written: memory does not grow with them.
-
-    Parameters
-    ----------
-    name, title, columns, matrix
-        As of `Table`.
-    read : callable
-        Begins to make the rows, each with the values by column name.
-    """
-
-    name: str
-    title: str
-    columns: tuple[Column, ...]
-    read: Callable[[], Iterable[Mapping[str, Any]]]
-    matrix: bool = False
-
-    def rows(self) -> Iterator[Mapping[str, Any]]:
-        """Iterate over the rows."""
-        return iter(self.read())
-
-
-def write_result(file: Path | IO[bytes], result: Result, time: datetime, long: Sequence[LongTable] = ()) -> None:
+def write_result(file: Path | IO[bytes], result: Result, time: datetime, others: Sequence[Table] = ()) -> None:
     """Write the tables of a result as sheets, with others; a table longer than a sheet is continued in the next one.
 
     Equal results and times give equal bytes. Text stays text, even if it looks like a formula.
@@ -96,7 +72,7 @@ def write_result(file: Path | IO[bytes], result: Result, time: datetime, long: S
         Written incrementally: give a temporary name and rename.
     result, time
         As for `result_workbook`.
-    long : sequence of LongTable
+    others : sequence of Table
         Further tables.
 
     Raises
@@ -109,7 +85,7 @@ def write_result(file: Path | IO[bytes], result: Result, time: datetime, long: S
     from xlsxwriter import Workbook
     from xlsxwriter.exceptions import FileCreateError
 
-    tables: list[Table | LongTable] = [*result.tables, *long, *_appendix(result, long)]
+    tables = [*result.tables, *others, *_appendix(result, others)]
     for table in tables:
         if len(table.columns) > MOST_COLUMNS:
             raise InputError(
@@ -134,7 +110,7 @@ def write_result(file: Path | IO[bytes], result: Result, time: datetime, long: S
 
 
 def _write_sheet(
-    book: Workbook, formats: Callable[..., Any], name: str, table: Table | LongTable, rows: Iterator[Mapping[str, Any]]
+    book: Workbook, formats: Callable[..., Any], name: str, table: Table, rows: Iterator[Mapping[str, Any]]
 ) -> Iterator[Mapping[str, Any]] | None:
     """Write as many rows as a sheet holds; return the remaining rows, or None."""
     sheet = book.add_worksheet(name)
@@ -202,14 +178,14 @@ def _sheet_name(name: str, taken: set[str]) -> str:
     return found
 
 
-def _appendix(result: Result, long: Sequence[LongTable]) -> Iterator[Table]:
+def _appendix(result: Result, others: Sequence[Table]) -> Iterator[Table]:
     """Yield the tables of findings and of column descriptions."""
     severity, subject = Column("severity", "severity"), Column("subject", "subject")
     if result.findings:
         text = Column("text", "finding", value=finding_text)
         yield Table.of_items("findings", "Findings", (severity, subject, text), result.findings)
     columns = (Column("table", "sheet"), Column("head", "column"), Column("key", "key"), Column("meaning", "meaning"))
-    tables: list[Table | LongTable] = [*result.tables, *long]
+    tables = [*result.tables, *others]
     rows = [
         {"table": table.name, "head": column.head, "key": column.name, "meaning": column.meaning}
         for table in tables

@@ -19,9 +19,9 @@ from ...evaluate.requirement import verdicts_of
 from ...evaluate.video.annotated import AnnotatedVideo, FrameImages
 from ...evaluate.video.archive import archive_tasks, evaluate_archive, require_same_archive
 from ...evaluate.video.archive_page import archive_files, archive_result
-from ...evaluate.video.evaluate import Part, evaluated_parts, require_same_evaluation
+from ...evaluate.video.evaluate import evaluate_parts, require_same_evaluation
 from ...evaluate.video.page import write_video
-from ...evaluate.video.settings import Observer, Progress, Reference, VideoSettings, make_reference, video_configuration
+from ...evaluate.video.settings import Observer, Progress, Reference, VideoSettings, load_reference, video_configuration
 from ...files.kinds import no_video
 from ...files.video.open import left_out, video_paths
 from ...output import ResultsFolder
@@ -190,16 +190,16 @@ def evaluate_and_write(
     LabcdpError
         If the video cannot be evaluated.
     """
+    with ExitStack() as drawing:
+        observers = [_observer(made, path, folder, drawing) for folder in folders.values()]
+        parts = [settings[name] for name in folders]
+        datasets = evaluate_parts(path, parts, [*folders.values()], observers, progress=progress)
     found: dict[str, Result | LabcdpError] = {}
-    with ExitStack() as stack:
-        with ExitStack() as drawing:
-            parts = [Part(settings[name], into, _observer(made, path, into, drawing)) for name, into in folders.items()]
-            rows_of_parts = stack.enter_context(evaluated_parts(path, parts, progress=progress))
-        for rows, (name, into) in zip(rows_of_parts, folders.items(), strict=True):
-            try:
-                found[name] = write_video(rows(), into)
-            except LabcdpError as error:
-                found[name] = error
+    for dataset, (name, folder) in zip(datasets, folders.items(), strict=True):
+        try:
+            found[name] = dataset if isinstance(dataset, LabcdpError) else write_video(dataset, folder)
+        except LabcdpError as error:
+            found[name] = error
     return found
 
 
@@ -240,9 +240,9 @@ def _several(
         for task in tasks:
             require_same_evaluation((task.folder,), of_pairs.get(task.part, settings))
         require_same_archive(tasks, folder.folder)
-    configuration = {**video_configuration(settings, make_reference(settings)), **asdict(made)}
+    configuration = {**video_configuration(settings, load_reference(settings)), **asdict(made)}
     if of_pairs:
-        configuration["pairs"] = {name: video_configuration(one, make_reference(one)) for name, one in of_pairs.items()}
+        configuration["pairs"] = {name: video_configuration(one, load_reference(one)) for name, one in of_pairs.items()}
     read = (settings.reference, settings.calibration, settings.camera)
     result: Result | None = None
     try:

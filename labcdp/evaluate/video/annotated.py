@@ -18,7 +18,7 @@ from ...metrics.pair import bound_of_contrast
 from ...metrics.region import SATURATED_SHARE
 from ...output.file import put_in_place, temporary_name, write_file, writing
 from ...report.text import bounded, fixed
-from .findings import note_of
+from .dataset import note_text
 
 if TYPE_CHECKING:
     from ...tracking import TrackedRoi
@@ -252,7 +252,7 @@ def _lines(number: int, regions: Sequence[TrackedRoi], row: Mapping[str, Any]) -
     head = f"frame {number}" + (f"   {fixed(time, 2)} s" if isfinite(time) else "")
     lost = [tracked for tracked in regions if tracked.lost]
     if lost:
-        why = "; ".join(note_of(one.reasons) or one.roi.name for one in lost)
+        why = "; ".join(note_text(one.reasons) or one.roi.name for one in lost)
         return [(head, _TEXT), (_ascii(f"LOST {why}"), _LOST)]
     note = str(row.get("note", ""))
     if note and not np.isfinite(np.asarray(row.get("cdp", nan), dtype=float)).any():

@@ -1,11 +1,10 @@
-"""Results of a video's frames as one Dataset, whole or in blocks of frames, and what each of its variables is."""
+"""Results of a video's frames as one Dataset, and what each of its variables is."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import islice
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from math import nan
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +16,9 @@ from ...core.disk.journal import Row
 from ...core.disk.text import json_values
 from ...core.errors import InputError
 from ...core.result import Finding
+from ...core.roi import Roi
 from ...core.table import Column, attributes_of
+from ...report.text import finding_text
 from ..columns import CDP, CONTRAST, CSNR, SHARES, TARGET, by_itself, invalid_share, region_columns
 
 if TYPE_CHECKING:
@@ -89,98 +90,129 @@ def restored(values: Iterable[Mapping[str, Any]]) -> tuple[Finding, ...]:
     return tuple(Finding(**one) for one in values)
 
 
-#: Frames of a block.
-BLOCK = 1000
 #: Shown as "frame" and "contrast" in the Dataset.
 _AXES = ("frame", "contrast")
 
 
-@dataclass(frozen=True, eq=False)
-class VideoRows:
-    """Results of a video's frames, which are read when they are needed.
+def frame_columns(rows: Iterable[Row], n_frames: int, n_contrasts: int, rois: Sequence[Roi]) -> dict[str, NDArray[Any]]:
+    """Return the rows of the journal as an array for each key; for corners, nan beyond those that a region has.
 
     Parameters
     ----------
-    read : callable
-        Begins to read the rows, one a frame, by the names of the variables.
-    contrasts : tuple of float
-        In the order of each row's lists.
-    regions : tuple of str
-        Names in the order of each row's lists; none for nearest neighbours.
-    order : tuple of int
-        Places of the regions in the Dataset: the one that is brighter in the first frame that was measured comes first.
-    n_corners : int
-        Most corners of a region.
+    rows : iterable of dict
+        One a frame, as the journal holds them.
+    n_frames, n_contrasts : int
+        Their number, and that of the contrasts.
+    rois : sequence of Roi
+        The regions; none for nearest neighbours.
+
+    Returns
+    -------
+    dict of str to ndarray
+        Numbers by the names of the variables. ``findings`` are tuples of `Finding`, and ``invalid`` the shares of
+        invalid pixels of each region by reason, None for a frame without them.
+    """
+    n_corners = max((len(roi.corners) for roi in rois), default=0)
+    shapes: dict[str, tuple[int, ...]] = {"frame": (), TIME.name: ()}
+    shapes |= dict.fromkeys(names(OF_CONTRAST), (n_contrasts,))
+    if rois:
+        shapes |= dict.fromkeys(names(OF_FRAME), ()) | dict.fromkeys(names(OF_REGION), (len(rois),))
+        shapes |= dict.fromkeys(names(OF_CORNER), (len(rois), n_corners))
+    columns: dict[str, NDArray[Any]] = {name: np.full((n_frames, *shape), nan) for name, shape in shapes.items()}
+    columns["frame"] = np.zeros(n_frames, dtype=np.int64)
+    texts: dict[str, NDArray[Any]] = {name: np.empty(n_frames, dtype=object) for name in ("findings", "invalid")}
+    for frame, row in enumerate(rows):
+        for name, array in columns.items():
+            if array.ndim < 3:
+                array[frame] = row[name]
+                continue
+            for region, corners in enumerate(row[name]):
+                array[frame, region, : len(corners)] = corners
+        texts["findings"][frame], texts["invalid"][frame] = restored(row["findings"]), row.get("invalid")
+    return columns | texts
+
+
+def video_dataset(
+    columns: Mapping[str, NDArray[Any]],
+    contrasts: Sequence[float],
+    regions: Sequence[str],
+    order: Sequence[int],
+    unit: str,
+    attributes: Mapping[str, Any],
+) -> Dataset:
+    """Return the results of a video's frames.
+
+    Parameters
+    ----------
+    columns : mapping of str to ndarray
+        As of `frame_columns`.
+    contrasts : sequence of float
+        Contrasts to be detected.
+    regions : sequence of str
+        Names of the regions; none for nearest neighbours.
+    order : sequence of int
+        Places of the regions in the Dataset.
     unit : str
-        Of the means.
-    attrs : mapping
+        Unit of the means.
+    attributes : mapping
         Attributes of the Dataset.
     """
+    import xarray as xr
 
-    read: Callable[[], Iterator[Row]]
-    contrasts: tuple[float, ...]
-    regions: tuple[str, ...]
-    order: tuple[int, ...]
-    n_corners: int
-    unit: str
-    attrs: Mapping[str, Any]
-
-    def dataset(self) -> Dataset:
-        """Return all frames."""
-        return self._joined(list(self.read()))
-
-    def blocks(self) -> Iterator[Dataset]:
-        """Iterate over blocks of frames; memory does not grow with the video."""
-        rows = self.read()
-        while block := list(islice(rows, BLOCK)):
-            yield self._joined(block)
-
-    def _joined(self, rows: Sequence[Row]) -> Dataset:
-        import xarray as xr
-
-        def values(column: Column, *shape: int) -> NDArray[np.float64]:
-            return np.array([row[column.name] for row in rows], dtype=float).reshape(len(rows), *shape)
-
-        texts = [
-            (column, ("frame",), np.array([row[column.name] for row in rows], object)) for column in (NOTE, FINDINGS)
-        ]
-        found: list[tuple[Column, tuple[str, ...], NDArray[Any]]] = [
-            *((column, _AXES, values(column, len(self.contrasts))) for column in OF_CONTRAST),
-            (TIME, ("frame",), values(TIME)),
-        ]
-        coordinates: dict[str, Any] = {"frame": [row["frame"] for row in rows], "contrast": list(self.contrasts)}
-        if self.regions:
-            n, order = len(self.regions), list(self.order)
-            found += [(column, ("frame",), values(column)) for column in OF_FRAME]
-            found += [(column, ("frame", "region"), values(column, n)[:, order]) for column in OF_REGION]
-            found += [(column, ("frame", "region", "corner"), self._corners(rows, column)) for column in OF_CORNER]
-            coordinates["region"] = np.array([self.regions[place] for place in order], dtype=object)
-        data = {}
-        for column, axes, array in (*found, *texts):
-            unit = self.unit if column.unit == LIGHT else column.unit
-            array = array.astype(bool) if column.name == "lost" else array
-            data[column.name] = (axes, array, attributes_of(replace(column, unit=unit), array))
-        return xr.Dataset(data, coordinates, dict(self.attrs)).set_coords(TIME.name)
-
-    def _corners(self, rows: Sequence[Row], column: Column) -> NDArray[np.float64]:
-        array = np.full((len(rows), len(self.regions), self.n_corners), nan)
-        for place, row in enumerate(rows):
-            for region, corners in enumerate(row[column.name]):
-                array[place, region, : len(corners)] = corners
-        return array[:, list(self.order)]
+    variables: list[tuple[Column, tuple[str, ...], NDArray[Any]]] = [
+        *((column, _AXES, columns[column.name]) for column in OF_CONTRAST),
+        (TIME, ("frame",), columns[TIME.name]),
+    ]
+    coordinates: dict[str, Any] = {"frame": columns["frame"], "contrast": list(contrasts)}
+    if regions:
+        places = list(order)
+        variables += [(column, ("frame",), columns[column.name]) for column in OF_FRAME]
+        variables += [(column, ("frame", "region"), columns[column.name][:, places]) for column in OF_REGION]
+        variables += [(column, ("frame", "region", "corner"), columns[column.name][:, places]) for column in OF_CORNER]
+        coordinates["region"] = np.array([regions[place] for place in places], dtype=object)
+    for column, text in ((NOTE, note_text), (FINDINGS, findings_text)):
+        written = np.array([text(findings) for findings in columns["findings"]], dtype=object)
+        variables.append((column, ("frame",), written))
+    data = {}
+    for column, axes, array in variables:
+        values = array.astype(bool) if column.name == "lost" else array
+        with_unit = replace(column, unit=unit) if column.unit == LIGHT else column
+        data[column.name] = (axes, values, attributes_of(with_unit, values))
+    return xr.Dataset(data, coordinates, dict(attributes)).set_coords(TIME.name)
 
 
-def blocks_of(dataset: Dataset) -> Iterator[Dataset]:
-    """Iterate over blocks of the frames of a Dataset; one that is read from a file is loaded block by block."""
-    for start in range(0, dataset.sizes["frame"], BLOCK):
-        yield dataset.isel(frame=slice(start, start + BLOCK)).load()
+def findings_text(findings: Sequence[Finding]) -> str:
+    """Return the findings about a frame as JSON; empty for none."""
+    return as_json(recorded(findings)) if findings else ""
 
 
-def findings_of(block: Dataset) -> list[tuple[Finding, ...]]:
+def frame_findings(dataset: Dataset) -> list[tuple[Finding, ...]]:
     """Return the findings about each frame."""
-    if FINDINGS.name not in block:
-        return [()] * block.sizes["frame"]
-    return [restored(parse_json(str(text), allow_nan=True)) if text else () for text in block[FINDINGS.name].values]
+    if FINDINGS.name not in dataset:
+        return [()] * dataset.sizes["frame"]
+    return [restored(parse_json(str(text), allow_nan=True)) if text else () for text in dataset[FINDINGS.name].values]
+
+
+#: Codes of the reasons why a region is lost begin so.
+_LOST = "tracking-"
+
+
+def is_lost(finding: Finding) -> bool:
+    """Whether a finding about a frame says that a region is lost, and why."""
+    return finding.code.startswith(_LOST)
+
+
+def reason_text(finding: Finding) -> str:
+    """Return why a region is lost, as text without its name."""
+    return finding_text(replace(finding, subject=""))
+
+
+def note_text(findings: Iterable[Finding]) -> str:
+    """Return the findings about a frame as text."""
+    return "; ".join(
+        f"{finding.subject}: {reason_text(finding)}" if is_lost(finding) else finding_text(finding)
+        for finding in findings
+    )
 
 
 def check_video(dataset: Dataset) -> None:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass, replace
-from functools import partial
+from collections.abc import Iterable, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, replace
+from itertools import islice, zip_longest
 from math import hypot
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,7 +14,7 @@ import numpy as np
 
 from ...core.disk.files import shown
 from ...core.disk.journal import recorded_head, stored_values
-from ...core.errors import InputError
+from ...core.errors import InputError, LabcdpError
 from ...core.result import Finding, InputFile, info, warning
 from ...core.roi import Roi
 from ...files.doubts import MOSAIC
@@ -26,12 +26,11 @@ from ...metrics.pair import require_apart, vignetting_findings
 from ...output import Destination, results_journal
 from ...report.text import finding_text
 from ..picture.converter import Converter, make_converter
-from .dataset import VideoRows, as_json, recorded
-from .findings import VideoFindings
-from .otherwise import ReadOtherwise
-from .rows import PartRun, is_end, variables
+from .dataset import as_json, frame_columns, recorded, video_dataset
+from .findings import first_finding, first_measured, reading_findings, second_is_brighter, video_findings
+from .rows import PartRun
 from .run import VideoRun
-from .settings import Observer, Progress, VideoSettings, evaluation_head, make_reference
+from .settings import Observer, Progress, VideoSettings, evaluation_head, load_reference
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -86,33 +85,20 @@ def evaluate_video(
     have moved far are not found again. It is deterministic: when an evaluation is resumed, the frames before are
     followed again and not evaluated again.
     """
-    with evaluated_parts(path, [Part(settings, folder, observer)], progress=progress) as (rows,):
-        return rows().dataset()
+    (dataset,) = evaluate_parts(path, [settings], [folder], [observer], progress=progress)
+    if isinstance(dataset, LabcdpError):
+        raise dataset
+    return dataset
 
 
-@dataclass(frozen=True)
-class Part:
-    """What is asked of a video: a pair of regions, or nearest neighbours.
-
-    Parameters
-    ----------
-    settings : VideoSettings
-        What is to be evaluated.
-    folder : path, ResultsFolder or None
-        For its journal, as for `evaluate_video`.
-    observer : callable or None
-        Given each frame, as for `evaluate_video`.
-    """
-
-    settings: VideoSettings
-    folder: Destination | None = None
-    observer: Observer | None = None
-
-
-@contextmanager
-def evaluated_parts(
-    path: str | Path, parts: Sequence[Part], *, progress: Progress | None = None
-) -> Iterator[tuple[Callable[[], VideoRows], ...]]:
+def evaluate_parts(
+    path: str | Path,
+    settings: Sequence[VideoSettings],
+    folders: Sequence[Destination | None] = (),
+    observers: Sequence[Observer | None] = (),
+    *,
+    progress: Progress | None = None,
+) -> list[Dataset | LabcdpError]:
     """Evaluate any number of pairs of regions of a video in one pass of decoding and following.
 
     All regions are followed together, so that those that move alike help each other.
@@ -121,41 +107,49 @@ def evaluated_parts(
     ----------
     path : str or Path
         As for `evaluate_video`.
-    parts : sequence of Part
-        At least one; their settings differ in regions, contrasts and reference only.
+    settings : sequence of VideoSettings
+        One for each pair, or for nearest neighbours; they differ in regions, contrasts and reference only.
+    folders, observers : sequence
+        For each of them, as for `evaluate_video`; none by default.
     progress : callable or None
         Called for each frame.
 
-    Yields
-    ------
-    tuple of callable
-        For each part, gives its results, to be read while the context lasts; raises InputError if no frame could be
-        evaluated, or a region cannot be followed, which costs no other part.
+    Returns
+    -------
+    list of Dataset or LabcdpError
+        For each of the settings the results, or why there are none: no frame could be evaluated, or a region cannot be
+        followed, which costs no other part.
 
     Raises
     ------
     InputError, CalibrationError
-        As `evaluate_video`.
+        As `evaluate_video`, if there are no results at all.
     """
-    settings = parts[0].settings
-    source, converter = _opened(path, settings)
-    together = sorted({roi.name for part in parts for roi in part.settings.rois})
+    source, converter = _opened(path, settings[0])
+    together = sorted({roi.name for each in settings for roi in each.rois})
     with ExitStack() as stack:
-        runs = []
-        for part in parts:
-            reference = make_reference(part.settings)
-            head = {"video": source.sha256, **evaluation_head(part.settings, reference)}
-            if len(together) > len(part.settings.rois) > 0:
+        parts = []
+        for each, folder, observer in zip_longest(settings, folders, observers):
+            reference = load_reference(each)
+            head = {"video": source.sha256, **evaluation_head(each, reference)}
+            if len(together) > len(each.rois) > 0:
                 head["followed_together"] = together
-            journal = stack.enter_context(results_journal(part.folder, "video", JOURNAL, head, "evaluation"))
-            run = PartRun(part.settings, converter, reference, journal, part.observer)
+            journal = stack.enter_context(results_journal(folder, "video", JOURNAL, head, "evaluation"))
+            part = PartRun(each, converter, reference, journal, observer)
             try:
-                _require_regions(source, part.settings)
+                _require_regions(source, each)
             except InputError as error:
-                run.failure = error
-            runs.append(run)
-        VideoRun(source, converter, runs).go(progress)
-        yield tuple(partial(_rows, source, converter, run) for run in runs)
+                part.failure = error
+            parts.append(part)
+        VideoRun(source, converter, parts).go(progress)
+        return [_dataset_or_error(source, converter, part) for part in parts]
+
+
+def _dataset_or_error(source: VideoSource, converter: Converter, part: PartRun) -> Dataset | LabcdpError:
+    try:
+        return _dataset(source, converter, part)
+    except LabcdpError as error:
+        return error
 
 
 def _opened(path: str | Path, settings: VideoSettings) -> tuple[VideoSource, Converter]:
@@ -167,43 +161,42 @@ def _opened(path: str | Path, settings: VideoSettings) -> tuple[VideoSource, Con
     return opened_video(Path(path), converter)
 
 
-def _rows(source: VideoSource, converter: Converter, run: PartRun) -> VideoRows:
+def _dataset(source: VideoSource, converter: Converter, part: PartRun) -> Dataset:
     """Results of a part; raises InputError if there are none."""
-    if run.failure is not None:
-        raise run.failure
-    settings, journal = run.settings, run.journal
-    found = VideoFindings([roi.name for roi in settings.rois])
-    otherwise = ReadOtherwise(converter, source.doubts) if settings.rois and converter.unit == "relative" else None
-    for row in journal.rows():
-        if not is_end(row):
-            found.add(row)
-            if otherwise is not None:
-                otherwise.add(row, (settings.rois[0].name, settings.rois[1].name))
-    if found.first_measured is None:
+    if part.failure is not None:
+        raise part.failure
+    settings, journal, regions = part.settings, part.journal, [roi.name for roi in part.settings.rois]
+    n_frames = len(journal) - (part.end is not None)
+    rows = islice(journal.rows(), n_frames)
+    columns = frame_columns(rows, n_frames, len(part.contrasts), settings.rois)
+    measured = first_measured(columns)
+    if measured is None:
         journal.discard()
-        number, finding = found.first or (0, None)
+        number, finding = first_finding(columns) or (0, None)
         why = f"; frame {number}: {finding_text(finding)}" if finding is not None else ""
         raise InputError(f"{source.path}: no frame could be evaluated{why}")
+    relative = bool(regions) and converter.unit == "relative"
+    readings = [*reading_findings(columns, regions, converter, source.doubts)] if relative else None
     findings = [
         *source.findings,
-        *converter_findings(converter, source, otherwise),
-        *_announced(source, run),
-        *found.findings,
+        *converter_findings(converter, source, readings),
+        *_length_findings(source, part),
+        *video_findings(columns, regions),
+        *_vignetting_findings(source, converter, settings.rois),
     ]
-    findings += _of_vignetting(source, converter, settings.rois)
     for roi in settings.rois:
         findings += size_findings(roi.name, int(roi.mask(source.shape).sum()))
     if settings.contrasts is None:
         code = "contrast-measured" if settings.rois else "neighbour-contrast-measured"
-        findings.insert(0, info(code, frame=found.first_measured, contrast=run.contrasts[0]))
-    epsilon, head = settings.epsilon, evaluation_head(settings, make_reference(settings))
+        findings.insert(0, info(code, frame=measured, contrast=part.contrasts[0]))
+    epsilon, head = settings.epsilon, evaluation_head(settings, part.reference)
     files = {"calibration": settings.calibration, "camera": settings.camera, "reference": settings.reference}
-    inputs = [InputFile.of(role, one) for role, one in files.items() if isinstance(one, Path)]
+    inputs = [InputFile.of(role, path) for role, path in files.items() if isinstance(path, Path)]
     attributes = {
         "title": "contrast detection probability of a video",
         "file": source.path.name,
         "sha256": source.sha256,
-        "inputs": as_json([asdict(one) for one in inputs]),
+        "inputs": as_json([asdict(file) for file in inputs]),
         "mode": settings.mode,
         "method": settings.method if settings.rois else "none",
         "unit": converter.unit,
@@ -213,30 +206,25 @@ def _rows(source: VideoSource, converter: Converter, run: PartRun) -> VideoRows:
         "versions": as_json(head["versions"]),
         "configuration": as_json(head["settings"]),
     }
-    return VideoRows(
-        lambda: (variables(row) for row in journal.rows() if not is_end(row)),
-        run.contrasts,
-        tuple(roi.name for roi in settings.rois),
-        found.order,
-        max((len(roi.corners) for roi in settings.rois), default=0),
-        converter.unit,
-        attributes,
-    )
+    # The region that is brighter in the first frame that was measured comes first.
+    brighter = second_is_brighter(columns)
+    order = (1, 0) if brighter.size and brighter[0] else range(len(regions))
+    return video_dataset(columns, part.contrasts, regions, order, converter.unit, attributes)
 
 
-def _of_vignetting(source: VideoSource, converter: Converter, rois: Sequence[Roi]) -> tuple[Finding, ...]:
+def _vignetting_findings(source: VideoSource, converter: Converter, rois: Sequence[Roi]) -> tuple[Finding, ...]:
     """Return a finding if the vignetting between the places of the regions in the first frame matters."""
     vignetting = converter.vignetting(source.shape, source.readout)
     if vignetting is None or not rois:
         return ()
-    x_px, y_px = (np.array(one) for one in zip(*(roi.centre for roi in rois), strict=True))
+    x_px, y_px = (np.array(centres) for centres in zip(*(roi.centre for roi in rois), strict=True))
     errors = (pattern.diagonal() for pattern in vignetting.patterns_at(source.shape, y_px, x_px))
     return vignetting_findings(rois[0].name, rois[1].name, hypot(*(first - second for first, second in errors)))
 
 
-def _announced(source: VideoSource, run: PartRun) -> tuple[Finding, ...]:
+def _length_findings(source: VideoSource, part: PartRun) -> tuple[Finding, ...]:
     """Return a finding if the file announces another number of frames, or a greater length, than it has."""
-    end = run.end or {}
+    end = part.end or {}
     if source.length_s is not None and (last_s := end.get("last_s")) is not None:
         if source.length_s - last_s > _LATEST_S + _LATEST_FRAMES / (source.frame_rate or 1):
             return (warning("video-ends-early", length_s=source.length_s, found_s=last_s),)
@@ -257,7 +245,7 @@ def require_same_evaluation(folders: Iterable[Path], settings: VideoSettings) ->
     InputError
         If one does.
     """
-    head = stored_values(evaluation_head(settings, make_reference(settings)))
+    head = stored_values(evaluation_head(settings, load_reference(settings)))
     for folder in folders:
         recorded = recorded_head(folder / JOURNAL)
         if recorded is not None and any(recorded.get(name) != value for name, value in head.items()):
@@ -297,15 +285,20 @@ def _require_regions(source: VideoSource, settings: VideoSettings) -> None:
 
 
 def converter_findings(
-    converter: Converter, source: VideoSource, otherwise: ReadOtherwise | None = None
+    converter: Converter, source: VideoSource, readings: Sequence[Finding] | None = None
 ) -> tuple[Finding, ...]:
-    """Return what there is to know about the luminance of a video's frames, and of its regions if they are known."""
-    found = [*converter.vignetting_findings(converter.vignetting(source.shape, source.readout))]
-    of_first = converter.doubt_findings(source.doubts)
-    if otherwise is not None:
+    """Return what there is to know about the luminance of a video's frames.
+
+    `readings` is what is known of the regions in all frames by other readings of the values, as `reading_findings`;
+    None if they are not known.
+    """
+    findings = [*converter.vignetting_findings(converter.vignetting(source.shape, source.readout))]
+    doubts = converter.doubt_findings(source.doubts)
+    if readings is not None:
         # What is said of the values of the first frame is said of the regions in all frames.
-        of_first = (*(one for one in of_first if one.code == MOSAIC), *otherwise.findings)
-    found += of_first
-    if source.encoding != "linear" or any(one.code == "srgb-colour-to-grey" for one in source.findings):
-        found.append(warning("srgb-taken-as-dn" if converter.calibration is not None else "srgb-assumed"))
-    return tuple(found)
+        doubts = (*(finding for finding in doubts if finding.code == MOSAIC), *readings)
+    findings += doubts
+    if source.encoding != "linear" or any(finding.code == "srgb-colour-to-grey" for finding in source.findings):
+        calibrated = converter.calibration is not None
+        findings.append(warning("srgb-taken-as-dn" if calibrated else "srgb-assumed"))
+    return tuple(findings)

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from math import isnan
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from math import isfinite
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.result import Finding, FindingValue, info, warning
 from ...core.table import Column, Table
+from ...files.doubts import MOSAIC, Doubts, contrast_matters
 from ...metrics.region import SATURATED_SHARE
-from ...report.text import finding_text, span
-from .dataset import blocks_of, findings_of, restored
+from ...report.text import span
+from ..picture.converter import Converter
+from .dataset import frame_findings, is_lost, note_text, reason_text
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -37,129 +37,123 @@ _COUNTED = {
     "reference-without-time": "frames-without-reference",
     "reference-without-contrast": "frames-without-reference",
 }
-#: Codes of the reasons why a region is lost begin so.
-_LOST = "tracking-"
-
-
-def note_of(findings: Iterable[Finding]) -> str:
-    """Return the findings about a frame as text."""
-    return "; ".join(f"{one.subject}: {reason_of(one)}" if is_lost(one) else finding_text(one) for one in findings)
 
 
 def _counted_as(finding: Finding) -> str:
     return "frames-lost" if is_lost(finding) else _COUNTED.get(finding.code, "")
 
 
-def reason_of(finding: Finding) -> str:
-    """Return why a region is lost, as text without its name."""
-    return finding_text(replace(finding, subject=""))
+def first_measured(columns: Mapping[str, NDArray[Any]]) -> int | None:
+    """Return the number of the first frame that has a CDP; None if none has."""
+    measured = np.flatnonzero(np.isfinite(columns["cdp"]).any(axis=1))
+    return int(columns["frame"][measured[0]]) if measured.size else None
 
 
-def is_lost(finding: Finding) -> bool:
-    """Whether a finding about a frame says that a region is lost, and why."""
-    return finding.code.startswith(_LOST)
+def first_finding(columns: Mapping[str, NDArray[Any]]) -> tuple[int, Finding] | None:
+    """Return number and finding of the first frame that has one."""
+    for frame, findings in zip(columns["frame"].tolist(), columns["findings"], strict=True):
+        if findings:
+            return frame, findings[0]
+    return None
 
 
-class VideoFindings:
-    """Findings about all frames of a video, gathered row by row.
+def second_is_brighter(columns: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
+    """Whether the second region is the brighter one, in each frame in which both were measured."""
+    if "mean" not in columns:
+        return np.zeros(0, dtype=np.bool_)
+    first, second = columns["mean"].T
+    brighter: NDArray[np.bool_] = (second > first)[~(np.isnan(first) | np.isnan(second))]
+    return brighter
+
+
+def video_findings(columns: Mapping[str, NDArray[Any]], regions: Sequence[str]) -> list[Finding]:
+    """Return findings about all frames, one for each thing.
 
     Parameters
     ----------
+    columns : mapping of str to ndarray
+        As of `dataset.frame_columns`.
     regions : sequence of str
         Names of the regions; none for nearest neighbours.
     """
+    n_frames = columns["frame"].size
+    found = [*_counted_findings(columns, n_frames), *_invalid_findings(columns, regions, n_frames)]
+    if regions:
+        full = columns["saturated"] > SATURATED_SHARE
+        # The region that is saturated first comes first.
+        for region in sorted(range(len(regions)), key=lambda region: (int(full[:, region].argmax()), region)):
+            if full[:, region].any():
+                found.append(_saturated_finding(regions[region], full[:, region], columns["frame"]))
+    brighter = second_is_brighter(columns)
+    n_second = int(np.count_nonzero(brighter))
+    if 0 < n_second < brighter.size:
+        found.append(warning("brighter-region-changes", count=min(n_second, brighter.size - n_second)))
+    return found
 
-    def __init__(self, regions: Sequence[str]) -> None:
-        self._regions = regions
-        self._n = 0
-        #: For each code how many frames have it, and the number and the finding of the first of them.
-        self._counts: dict[str, tuple[int, int, Finding]] = {}
-        self._invalid: dict[tuple[str, str], tuple[int, float]] = {}
-        self._brighter: Counter[int] = Counter()
-        self._saturated: dict[str, list[_Stretch]] = {}
-        #: Number of the first frame that has a CDP.
-        self.first_measured: int | None = None
-        #: Places of the regions, the one that is brighter in the first frame that was measured before the other.
-        self.order = tuple(range(len(regions)))
-        #: Number and finding of the first frame that has one.
-        self.first: tuple[int, Finding] | None = None
 
-    def add(self, row: Mapping[str, Any]) -> None:
-        """Take note of a row."""
-        self._n += 1
-        if not all(map(isnan, row["cdp"])):
-            self.first_measured = row["frame"] if self.first_measured is None else self.first_measured
-        found = restored(row["findings"])
-        if found and self.first is None:
-            self.first = row["frame"], found[0]
+def _counted_findings(columns: Mapping[str, NDArray[Any]], n_frames: int) -> Iterator[Finding]:
+    """Yield for each code how many frames have it, and the first of them."""
+    #: For each code how many frames have it, and the number and the finding of the first of them.
+    counts: dict[str, tuple[int, int, Finding]] = {}
+    for frame, findings in zip(columns["frame"].tolist(), columns["findings"], strict=True):
         # Of several with one code the first one counts.
-        for code, finding in {_counted_as(one): one for one in reversed(found)}.items():
+        for code, finding in {_counted_as(each): each for each in reversed(findings)}.items():
             if code:
-                count, *first = self._counts.get(code, (0, row["frame"], finding))
-                self._counts[code] = (count + 1, *first)
-        for region, shares in zip(self._regions, row.get("invalid") or [], strict=False):
+                count, *first = counts.get(code, (0, frame, finding))
+                counts[code] = (count + 1, *first)
+    for code, (count, frame, finding) in counts.items():
+        more = {"reason": str(finding.values["reason"])} if code == "frames-not-evaluated" else {}
+        yield warning(code, count=count, n_frames=n_frames, first=frame, **more)
+
+
+def _invalid_findings(columns: Mapping[str, NDArray[Any]], regions: Sequence[str], n_frames: int) -> Iterator[Finding]:
+    """Yield in how many frames pixels of a region are invalid for a reason, and which share at most."""
+    largest: dict[tuple[str, str], list[float]] = {}
+    for shares_of_regions in columns["invalid"]:
+        for region, shares in zip(regions, shares_of_regions or (), strict=False):
             for reason, share in shares.items():
-                count, largest = self._invalid.get((region, reason), (0, 0.0))
-                self._invalid[region, reason] = count + 1, max(largest, share)
-        for region, share in zip(self._regions, row.get("saturated") or [], strict=False):
-            if share > SATURATED_SHARE:
-                stretches = self._saturated.setdefault(region, [])
-                if stretches and stretches[-1].place == self._n - 1:
-                    last = stretches[-1]
-                    stretches[-1] = _Stretch(last.first, row["frame"], self._n, last.count + 1)
-                else:
-                    stretches.append(_Stretch(row["frame"], row["frame"], self._n))
-        if self._regions and not any(isnan(mean) for mean in row["mean"]):
-            second_is_brighter = row["mean"][1] > row["mean"][0]
-            if second_is_brighter and not self._brighter:
-                self.order = (1, 0)
-            self._brighter[int(second_is_brighter)] += 1
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """One finding for each thing."""
-        found = []
-        for code, (count, frame, first) in self._counts.items():
-            more = {"reason": str(first.values["reason"])} if code == "frames-not-evaluated" else {}
-            found.append(warning(code, count=count, n_frames=self._n, first=frame, **more))
-        for (region, reason), (count, largest) in self._invalid.items():
-            # Too many saturated pixels are a warning of their own.
-            make = info if reason == "saturated" else warning
-            values = {"count": count, "n_frames": self._n, "largest_share": largest}
-            found.append(make("frames-region-invalid", region, reason=reason.replace("_", " "), **values))
-        for region, stretches in self._saturated.items():
-            code, more_of_them = "frames-region-saturated", len(stretches) - _MOST_STRETCHES
-            frames = [span(str(one.first), str(one.last)) for one in stretches]
-            about: dict[str, FindingValue] = {"limit": SATURATED_SHARE, "count": sum(one.count for one in stretches)}
-            about |= {"n_frames": self._n, "frames": frames[:_MOST_STRETCHES]}
-            if more_of_them > 0:
-                code, about = f"{code}-often", {"more": more_of_them, **about}
-            found.append(warning(code, region, **about))
-        if len(self._brighter) > 1:
-            found.append(warning("brighter-region-changes", count=min(self._brighter.values())))
-        return tuple(found)
+                largest.setdefault((region, reason), []).append(share)
+    for (region, reason), shares in largest.items():
+        # Too many saturated pixels are a warning of their own.
+        make = info if reason == "saturated" else warning
+        values = {"count": len(shares), "n_frames": n_frames, "largest_share": max(shares)}
+        yield make("frames-region-invalid", region, reason=reason.replace("_", " "), **values)
 
 
-@dataclass(frozen=True)
-class _Stretch:
-    """Frames one after the other: the numbers of the first and the last one, the place of that, and how many."""
+def _saturated_finding(region: str, saturated: NDArray[np.bool_], frames: NDArray[Any]) -> Finding:
+    """Return a warning about the frames in which a region is saturated."""
+    stretches = [span(str(frames[first]), str(frames[last])) for first, last in runs(saturated)]
+    code, more = "frames-region-saturated", len(stretches) - _MOST_STRETCHES
+    about: dict[str, FindingValue] = {"limit": SATURATED_SHARE, "count": int(np.count_nonzero(saturated))}
+    about |= {"n_frames": saturated.size, "frames": stretches[:_MOST_STRETCHES]}
+    if more > 0:
+        code, about = f"{code}-often", {"more": more, **about}
+    return warning(code, region, **about)
 
-    first: int
-    last: int
-    place: int
-    count: int = 1
 
+def reading_findings(
+    columns: Mapping[str, NDArray[Any]], regions: Sequence[str], converter: Converter, doubts: Doubts
+) -> Iterator[Finding]:
+    """Yield a warning for each other encoding or black level by which the contrast of two regions would differ.
 
-class _Lost(NamedTuple):
-    """Frames one after the other in which a region is lost."""
-
-    region: str
-    first_frame: int
-    last_frame: int
-    n_frames: int
-    start_s: float
-    duration_s: float
-    reasons: list[Finding]
+    The contrasts follow from the means of the regions, as if each were of one value.
+    """
+    means = zip(columns["frame"].tolist(), columns["mean"].tolist(), strict=True)
+    known = [(frame, *sorted(zip(mean, regions, strict=True))) for frame, mean in means if all(map(isfinite, mean))]
+    for code in converter.doubt_codes(doubts):
+        matters: list[tuple[float, int, str, float, float]] = []
+        for frame, (dark, dark_name), (bright, bright_name) in known if code != MOSAIC else ():
+            low, high = doubts.light(dark, code), doubts.light(bright, code)
+            if dark <= 0 or low <= 0:
+                continue
+            taken, otherwise = bright / dark - 1, high / low - 1
+            if contrast_matters(taken, otherwise):
+                change = abs(otherwise - taken) / (1 + taken)
+                matters.append((change, frame, f"{bright_name} / {dark_name}", taken, otherwise))
+        if matters:
+            _, frame, pair, taken, otherwise = max(matters, key=lambda each: each[0])
+            about = {"count": len(matters), "n_frames": columns["frame"].size, "frame": frame}
+            yield doubts.finding(code, taken, otherwise, pair, **about)
 
 
 LOST = (
@@ -170,25 +164,13 @@ LOST = (
     Column("start_s", "from", "s", "Time of the first frame.", time=True),
     Column("duration_s", "for", "s", "Time until the region was found again.", time=True),
     # The region is in a separate column.
-    Column("reason", "reason", "", "Why it was lost in the first of these frames.",
-           value=lambda one: "; ".join(map(reason_of, one.reasons))),
-    Column("code", "code", "", "Code of the reason.", shown=False,
-           value=lambda one: " ".join(reason.code for reason in one.reasons)),
-)  # fmt: skip
-
-
-class _Note(NamedTuple):
-    """A finding, the first frame that has it, and how many do."""
-
-    finding: Finding
-    first_frame: int
-    n_frames: int
-
-
+    Column("reason", "reason", "", "Why it was lost in the first of these frames."),
+    Column("code", "code", "", "Code of the reason.", shown=False),
+)
 NOTES = (
-    Column("note", "note", meaning="As in the first affected frame.", value=lambda one: note_of([one.finding])),
-    Column("code", "code", meaning="Code and values of the finding.", shown=False, value="finding.code"),
-    Column("subject", "subject", meaning="Region it is about.", shown=False, value="finding.subject"),
+    Column("note", "note", meaning="As in the first affected frame."),
+    Column("code", "code", meaning="Code and values of the finding.", shown=False),
+    Column("subject", "subject", meaning="Region it is about.", shown=False),
     Column("n_frames", "frames", decimals=0, meaning="Number of affected frames."),
     Column("first_frame", "first frame", decimals=0, meaning="First of them."),
 )
@@ -219,44 +201,48 @@ def frame_tables(dataset: Dataset) -> list[Table]:
 
     A table without rows is left out.
     """
-    found: dict[tuple[str, str], _Note] = {}
-    runs_of = {
-        str(name): runs(dataset["lost"].isel(region=region).values.astype(bool))
-        for region, name in enumerate(dataset["region"].values if "region" in dataset.dims else ())
-    }
-    reasons: dict[tuple[str, int], list[Finding]] = {
-        (name, first): [] for name, stretches in runs_of.items() for first, _ in stretches
-    }
-    place = 0
-    for block in blocks_of(dataset[["findings"]]) if "findings" in dataset else ():
-        for frame, findings in zip(block["frame"].values.tolist(), findings_of(block), strict=True):
-            for one in findings:
-                note = found.get((one.code, one.subject), _Note(one, frame, 0))
-                found[one.code, one.subject] = note._replace(n_frames=note.n_frames + 1)
-                if is_lost(one) and (one.subject, place) in reasons:
-                    reasons[one.subject, place].append(one)
-            place += 1
+    findings = frame_findings(dataset)
+    tables = (
+        Table.of_items("lost", "Stretches in which a region was lost", LOST, _lost_rows(dataset, findings)),
+        Table.of_items("notes", "Notes on frames", NOTES, _note_rows(dataset, findings), detail=True),
+    )
+    return [table for table in tables if len(table)]
+
+
+def _lost_rows(dataset: Dataset, findings: Sequence[Sequence[Finding]]) -> Iterator[dict[str, Any]]:
+    """Yield the frames one after the other in which a region is lost, as a row."""
     frames, times = dataset["frame"].values.tolist(), times_s(dataset)
     # The last stretch may last until the frame after the last one.
     ends = [*times[1:].tolist(), float(times[-1] + period_s(times))]
-    lost = [
-        _Lost(
-            *(
-                name,
-                frames[first],
-                frames[last],
-                last - first + 1,
-                float(times[first]),
-                ends[last] - float(times[first]),
-            ),
-            reasons[name, first],
-        )
-        for name, stretches in runs_of.items()
-        for first, last in stretches
-    ]
-    notes = sorted(found.values(), key=lambda note: -note.n_frames)
-    tables = (
-        Table.of_items("lost", "Stretches in which a region was lost", LOST, lost),
-        Table.of_items("notes", "Notes on frames", NOTES, notes, detail=True),
-    )
-    return [table for table in tables if len(table)]
+    for region, name in enumerate(dataset["region"].values if "region" in dataset.dims else ()):
+        for first, last in runs(dataset["lost"].isel(region=region).values.astype(bool)):
+            reasons = [each for each in findings[first] if is_lost(each) and each.subject == str(name)]
+            yield {
+                "region": str(name),
+                "first_frame": frames[first],
+                "last_frame": frames[last],
+                "n_frames": last - first + 1,
+                "start_s": float(times[first]),
+                "duration_s": ends[last] - float(times[first]),
+                "reason": "; ".join(map(reason_text, reasons)),
+                "code": " ".join(reason.code for reason in reasons),
+            }
+
+
+def _note_rows(dataset: Dataset, findings: Sequence[Sequence[Finding]]) -> list[dict[str, Any]]:
+    """Return each finding about frames, with the first frame that has it, and how many do."""
+    rows: dict[tuple[str, str], dict[str, Any]] = {}
+    for frame, each in zip(dataset["frame"].values.tolist(), findings, strict=True):
+        for finding in each:
+            row = rows.setdefault(
+                (finding.code, finding.subject),
+                {
+                    "note": note_text([finding]),
+                    "code": finding.code,
+                    "subject": finding.subject,
+                    "n_frames": 0,
+                    "first_frame": frame,
+                },
+            )
+            row["n_frames"] += 1
+    return sorted(rows.values(), key=lambda row: -row["n_frames"])

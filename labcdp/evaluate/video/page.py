@@ -3,29 +3,27 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
-from math import nan
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...core.disk.files import named_plainly
 from ...core.result import Result
 from ...core.table import Column, Table
 from ...metrics.pair import bound_of_contrast
 from ...metrics.region import SATURATED_SHARE
 from ...output import Destination, open_results
 from ...output.file import writing
-from ...report.files import envelope_json, write_blocks
+from ...report.files import dataset_bytes, envelope_json
 from ...report.html import render_page
 from ...report.layout import Block, Card, Page, ReportFigure, Section, State, Verbatim, facts_table, input_facts
-from ...report.sheets import MOST_COLUMNS, LongTable, write_result
+from ...report.sheets import MOST_COLUMNS, write_result
 from ...report.text import cell_text, fixed, percent, printable, significant, span
 from ..requirement import requirement_cards
 from ..verdict import changes_of
-from .dataset import LIGHT, NOTE, OF_CONTRAST, OF_CORNER, OF_FRAME, OF_REGION, TIME, VideoRows, blocks_of, check_video
+from .dataset import LIGHT, NOTE, OF_CONTRAST, OF_CORNER, OF_FRAME, OF_REGION, TIME
 from .figure import drawn_contrasts, frames_of_a_point, video_figure
 from .result import answer_of, contrast_name, is_neighbours, limit_of, unit_of, video_result
 
@@ -149,14 +147,12 @@ def _provenance(dataset: Dataset, result: Result) -> list[Block]:
     return [facts_table([*input_facts(result), packages]), Verbatim(settings)]
 
 
-def write_video(results: Dataset | VideoRows, folder: Destination) -> Result:
+def write_video(dataset: Dataset, folder: Destination) -> Result:
     """Write the results of a video: results.nc, results.json, report.html, figures/over-time.png and results.xlsx.
-
-    Memory does not grow with the video but by one number a frame.
 
     Parameters
     ----------
-    results : xarray.Dataset or VideoRows
+    dataset : xarray.Dataset
         Results of a video.
     folder : path or ResultsFolder
         New, empty, or with unfinished results of the same kind; or a folder of results that is open.
@@ -171,24 +167,17 @@ def write_video(results: Dataset | VideoRows, folder: Destination) -> Result:
     InputError
         If the dataset is no result of a video, or a file cannot be written.
     """
-    import xarray as xr
-
-    if not isinstance(results, VideoRows):
-        check_video(results)
-    blocks = results.blocks() if isinstance(results, VideoRows) else blocks_of(results)
+    result = video_result(dataset)
+    figure = over_time(dataset, result)
     with open_results(folder, "video") as files:
-        netcdf, spreadsheet = files.path("results.nc"), files.path("results.xlsx")
+        spreadsheet = files.path("results.xlsx")
         with writing(files.folder):
-            write_blocks(netcdf, blocks, "frame")
-            with named_plainly(netcdf) as name, xr.open_dataset(name, engine="netcdf4", cache=False) as dataset:
-                result = video_result(dataset)
-                figure = over_time(dataset, result)
-                page = render_page(video_page(dataset, result, figure))
-                write_result(spreadsheet, result, datetime.now(UTC), long_tables(dataset))
+            write_result(spreadsheet, result, datetime.now(UTC), frame_sheets(dataset))
         files.add(
             {
+                "results.nc": dataset_bytes(dataset, "results of the video"),
                 "results.json": envelope_json(result).encode(),
-                "report.html": page.encode(),
+                "report.html": render_page(video_page(dataset, result, figure)).encode(),
                 f"figures/{figure.file_name}": figure.png,
             }
         )
@@ -199,75 +188,69 @@ _FRAME = Column("frame", "frame", meaning="Number in the video, from 0.", decima
 _CONTRAST = Column("contrast", "contrast", "%", "Weber contrast to be detected.", decimals=2)
 
 
-def long_tables(dataset: Dataset) -> list[LongTable]:
+def frame_sheets(dataset: Dataset) -> list[Table]:
     """Return the tables of all frames; what exceeds the columns of a sheet continues in a further one."""
     n, most = dataset.sizes["frame"], MOST_COLUMNS - 1
     return [
-        *(_frame_columns(dataset, range(start, min(start + most, n))) for start in range(0, n, most)),
+        *(_frame_columns(dataset, slice(start, min(start + most, n))) for start in range(0, n, most)),
         _frame_rows(dataset),
     ]
 
 
-def _frame_columns(dataset: Dataset, frames: range) -> LongTable:
+def _frame_columns(dataset: Dataset, frames: slice) -> Table:
     """CDP of each contrast, one column per frame."""
-    part = slice(frames.start, frames.stop)
-    numbers = dataset["frame"].values[part].tolist()
+    numbers, cdp = dataset["frame"].values[frames].tolist(), dataset["cdp"].values[frames]
     columns = [Column(f"frame_{number}", f"Frame number {number}", "", "CDP.", decimals=4) for number in numbers]
-
-    def rows() -> Iterator[dict[str, Any]]:
-        for place, contrast in enumerate(dataset["contrast"].values.tolist()):
-            cdp = dataset["cdp"].isel(contrast=place, frame=part).values.tolist()
-            yield {"contrast": contrast, **{column.name: value for column, value in zip(columns, cdp, strict=True)}}
-
+    data = {"contrast": dataset["contrast"].values} | dict(zip((one.name for one in columns), cdp, strict=True))
     heads = (replace(_CONTRAST, label="Contrasts"), *columns)
-    return LongTable("CDP", "CDP of each contrast, one column per frame", heads, rows, matrix=True)
+    return Table("CDP", "CDP of each contrast, one column per frame", heads, data, matrix=True)
 
 
-def _bounds(row: Mapping[str, Any], regions: Sequence[str]) -> dict[str, str]:
-    """Return of means and contrast of a frame whether they are bounds."""
-    full = {name: row.get(f"saturated[{name}]", 0.0) > SATURATED_SHARE for name in regions}
-    found = {f"bound[mean[{name}]]": ">" if saturated else "" for name, saturated in full.items()}
-    if len(regions) == 2:
-        dark, bright = sorted(regions, key=lambda name: float(row.get(f"mean[{name}]", nan)))
-        found["bound[measured_contrast]"] = bound_of_contrast(full[bright], full[dark])
-    return found
-
-
-def _frame_rows(dataset: Dataset) -> LongTable:
+def _frame_rows(dataset: Dataset) -> Table:
     """All numbers, one row per frame and contrast; the contrast changes fastest."""
-    own = (_FRAME, TIME, _CONTRAST, *OF_CONTRAST, *OF_FRAME)
-    found: list[tuple[Column, str, dict[str, int]]] = [(one, one.name, {}) for one in own]
+    variables = [(column, dataset.get(column.name)) for column in (_FRAME, TIME, _CONTRAST, *OF_CONTRAST, *OF_FRAME)]
     for region in range(dataset.sizes.get("region", 0)):
         name = str(dataset["region"].values[region])
-        for one in OF_REGION:
-            unit = unit_of(dataset) if one.unit == LIGHT else one.unit
-            named = replace(one, name=f"{one.name}[{name}]", label=f"{name}: {one.label}", unit=unit)
-            found.append((named, one.name, {"region": region}))
+        for column in OF_REGION:
+            unit = unit_of(dataset) if column.unit == LIGHT else column.unit
+            named = replace(column, name=f"{column.name}[{name}]", label=f"{name}: {column.label}", unit=unit)
+            variables.append((named, dataset[column.name].isel(region=region) if column.name in dataset else None))
         for corner in range(dataset.sizes.get("corner", 0)):
-            for one in OF_CORNER:
-                label = f"{name}: corner {corner + 1} {one.label}"
-                named = replace(one, name=f"{one.name}[{name}, {corner}]", label=label)
-                found.append((named, one.name, {"region": region, "corner": corner}))
-    # One number of decimals for all rows.
-    found = [
-        (one if one.decimals is not None else replace(one, decimals=2 if one.unit == "%" else 4), name, index)
-        for one, name, index in (*found, (NOTE, NOTE.name, {}))
-        if name in dataset.variables
+            for column in OF_CORNER:
+                label = f"{name}: corner {corner + 1} {column.label}"
+                named = replace(column, name=f"{column.name}[{name}, {corner}]", label=label)
+                variables.append((named, dataset[column.name].isel(region=region, corner=corner)))
+    variables.append((NOTE, dataset.get(NOTE.name)))
+    each = dataset["cdp"]
+    columns: list[Column] = []
+    data: dict[str, Any] = {}
+    for column, values in variables:
+        if values is not None:
+            # One number of decimals for all rows.
+            decimals = column.decimals if column.decimals is not None else 2 if column.unit == "%" else 4
+            columns.append(replace(column, decimals=decimals))
+            values = values.astype(float) if values.dtype == bool else values
+            data[column.name] = values.broadcast_like(each).transpose(*each.dims).values.ravel()
+    return _with_bounds(Table("Frames", "All numbers, one row per frame and contrast", tuple(columns), data), dataset)
+
+
+def _with_bounds(table: Table, dataset: Dataset) -> Table:
+    """Return the table of frames with whether means and contrasts are bounds, if pixels of a region are saturated."""
+    if "saturated" not in dataset or not (full := dataset["saturated"].values > SATURATED_SHARE).any():
+        return table
+    regions = [str(name) for name in dataset["region"].values]
+    bounds = {f"mean[{name}]": np.where(full[:, region], ">", "") for region, name in enumerate(regions)}
+    if len(regions) == 2:
+        first_is_darker = dataset["mean"].values[:, 0] <= dataset["mean"].values[:, 1]
+        sides = zip(first_is_darker, full, strict=True)
+        contrasts = [bound_of_contrast(bool(pair[int(darker)]), bool(pair[1 - int(darker)])) for darker, pair in sides]
+        bounds["measured_contrast"] = np.array(contrasts, dtype=object)
+    n_contrasts = dataset.sizes["contrast"]
+    meaning = "Whether the true value is larger (>), smaller (<) or unknown (?), as pixels are saturated."
+    columns = [
+        replace(column, bound=f"{column.name}_bound") if column.name in bounds else column for column in table.columns
     ]
-
-    regions = [str(name) for name in dataset["region"].values] if "region" in dataset.dims else []
-
-    def rows() -> Iterator[dict[str, Any]]:
-        for block in blocks_of(dataset):
-            each = block["cdp"]
-            values = [block[name].isel(index).broadcast_like(each).transpose(*each.dims) for _, name, index in found]
-            lists = [(one.astype(float) if one.dtype == bool else one).values.ravel().tolist() for one in values]
-            for row in zip(*lists, strict=True):
-                values_of_row = {column.name: value for (column, _, _), value in zip(found, row, strict=True)}
-                yield values_of_row | _bounds(values_of_row, regions)
-
-    columns = tuple(
-        replace(column, bound=f"bound[{column.name}]") if name in ("mean", "measured_contrast") else column
-        for column, name, _ in found
-    )
-    return LongTable("Frames", "All numbers, one row per frame and contrast", columns, rows)
+    columns += [Column(f"{name}_bound", f"{table.column(name).label}, bound", "", meaning) for name in bounds]
+    data: dict[str, Any] = dict(table.data)
+    data |= {f"{name}_bound": np.repeat(values, n_contrasts) for name, values in bounds.items()}
+    return replace(table, columns=tuple(columns), data=data)

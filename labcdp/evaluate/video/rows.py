@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
-from math import isnan, nan
+from math import isfinite, isnan, nan
 from typing import NamedTuple
 
 import numpy as np
@@ -35,13 +35,13 @@ from .dataset import (
     OF_PLACE,
     OF_REFERENCE,
     OF_REGION,
-    as_json,
+    findings_text,
     names,
+    note_text,
     recorded,
     restored,
 )
-from .findings import note_of
-from .settings import Observer, ReferenceContrast, VideoSettings
+from .settings import Observer, VideoReference, VideoSettings
 
 #: Keys of a row that are no variables, and that of the contrast that is measured in a frame; for nearest neighbours in
 #: the first one only, if none was given.
@@ -73,8 +73,8 @@ class PartRun:
         What is to be evaluated.
     converter : Converter
         Of frames to light.
-    reference : ReferenceContrast or None
-        What each frame is compared with.
+    reference : VideoReference or None
+        Results of another video, if frames are compared with those.
     journal : LineJournal
         Of this evaluation.
     observer : callable or None
@@ -85,16 +85,16 @@ class PartRun:
         self,
         settings: VideoSettings,
         converter: Converter,
-        reference: ReferenceContrast | None,
+        reference: VideoReference | None,
         journal: LineJournal,
         observer: Observer | None,
     ) -> None:
         self.settings, self.journal, self.observer = settings, journal, observer
         #: Why it cannot be evaluated, whatever the frames show.
         self.failure: InputError | None = None
-        self._converter, self._reference = converter, reference
-        #: The contrast to be detected if none is given: that of the first frame that is measured.
-        self._measured = ReferenceContrast(None) if settings.contrasts is None else None
+        self._converter, self.reference = converter, reference
+        #: Contrast of the first frame that was measured: to be detected if none is given, or the reference.
+        self._first_contrast: float | None = None
         self.n_done = len(journal)
         self.end: Row | None = None
         if self.n_done and is_end(last := journal.row(self.n_done - 1)):
@@ -106,10 +106,9 @@ class PartRun:
     @property
     def contrasts(self) -> tuple[float, ...]:
         """Contrasts that were to be detected; a measured one is nan if no frame could be measured."""
-        if self._measured is None:
-            return self.settings.contrasts or ()
-        contrast, _ = self._measured.of(0, 0.0)
-        return (nan if contrast is None else contrast,)
+        if self.settings.contrasts is not None:
+            return self.settings.contrasts
+        return (nan if self._first_contrast is None else self._first_contrast,)
 
     @property
     def done(self) -> bool:
@@ -139,9 +138,18 @@ class PartRun:
         return tuple(item.regions[roi] for roi in self.settings.rois if roi in item.regions)
 
     def _learn(self, contrast: float) -> bool:
-        """Take note of the contrast that was measured in a frame; whether something else is asked for since."""
-        learnt = [one.learn(contrast) for one in (self._measured, self._reference) if one is not None]
-        return any(learnt)
+        """Take note of the contrast that was measured in a frame; whether other contrasts are to be detected since."""
+        if self._first_contrast is not None or not (isfinite(contrast) and contrast > 0):
+            return False
+        self._first_contrast = contrast
+        return self.settings.contrasts is None or self.settings.reference == "first"
+
+    def _reference_contrast(self, frame: VideoFrame) -> tuple[float | None, Finding | None]:
+        """Return the contrast that a frame is compared with, or why there is none."""
+        if self.reference is not None:
+            return self.reference.contrast(frame.number, frame.time_s)
+        reference = self.settings.reference
+        return (reference if isinstance(reference, float) else self._first_contrast if reference else None), None
 
     def _row(self, item: FollowedFrame, regions: Sequence[TrackedRoi]) -> Row:
         settings, frame, pixels = self.settings, item.frame, item.frame.pixels
@@ -150,18 +158,18 @@ class PartRun:
         if settings.rois:
             row |= _places(regions if pixels is not None else (), settings.rois)
         if pixels is None:
-            return row | _found([] if frame.fault is None else [frame.fault])
+            return row | _with_findings([] if frame.fault is None else [frame.fault])
         lost = [one for one in regions if one.lost]
         if lost:
-            return row | _found(reason for one in lost for reason in one.reasons)
+            return row | _with_findings(reason for one in lost for reason in one.reasons)
         try:
             values, findings = (
-                self._of_pair(item, [one.roi for one in regions])
+                self._pair_row(item, [one.roi for one in regions])
                 if settings.rois
-                else (self._of_neighbours(pixels.frame), [])
+                else (self._neighbour_row(pixels.frame), [])
             )
         except InputError as error:
-            return row | _found([warning("frame-not-evaluated", reason=" ".join(str(error).split()))])
+            return row | _with_findings([warning("frame-not-evaluated", reason=" ".join(str(error).split()))])
         if "cdp" not in values:
             findings.append(warning("frame-without-contrast"))
         for region, share in zip(settings.rois, values.get("saturated", ()), strict=False):
@@ -169,35 +177,35 @@ class PartRun:
                 findings.append(warning("frame-region-saturated", region.name, share=share))
         if item.repeats is not None:
             findings.append(warning("frame-repeated", of_frame=item.repeats))
-        return row | values | _found([*findings, *([] if frame.note is None else [frame.note])])
+        return row | values | _with_findings([*findings, *([] if frame.note is None else [frame.note])])
 
-    def _of_pair(self, item: FollowedFrame, rois: Sequence[Roi]) -> tuple[Row, list[Finding]]:
+    def _pair_row(self, item: FollowedFrame, rois: Sequence[Roi]) -> tuple[Row, list[Finding]]:
         frame, (first, second) = item.frame, map(item.light, rois)
         require_apart(first.placed, second.placed)
         while True:
             contrasts = [contrast for contrast in self.contrasts if not isnan(contrast)]
-            reference, why = (None, None) if self._reference is None else self._reference.of(frame.number, frame.time_s)
-            asked = contrasts if reference is None else [*contrasts, reference]
+            reference, why = self._reference_contrast(frame)
+            targets = contrasts if reference is None else [*contrasts, reference]
             # Contrasts of the first frame have the vignetting of this one.
-            measured = [self._measured is not None] * len(contrasts) + [self.settings.reference == "first"]
-            found = evaluate_regions(first, second, asked, self.settings.epsilon, measured[: len(asked)])
+            measured = [self.settings.contrasts is None] * len(contrasts) + [self.settings.reference == "first"]
+            pair = evaluate_regions(first, second, targets, self.settings.epsilon, measured[: len(targets)])
             # The first frame that is measured gives what was not given.
-            if not self._learn(found.contrast.value):
+            if not self._learn(pair.contrast.value):
                 break
-        n, both = len(contrasts), (found.a, found.b)
-        row: Row = {name: values[0] for name, values in values_of(OF_PAIR, [found]).items()}
+        n, both = len(contrasts), (pair.a, pair.b)
+        row: Row = {name: values[0] for name, values in values_of(OF_PAIR, [pair]).items()}
         row |= values_of(OF_LIGHT, both) | {_INVALID: [region.invalid_shares for region in both]}
-        row |= array_values_of(OF_CONTRAST, found.cdp[:n]) if n else {}
-        row |= {name: values[0] for name, values in array_values_of(OF_REFERENCE, found.cdp[n:]).items() if values}
+        row |= array_values_of(OF_CONTRAST, pair.cdp[:n]) if n else {}
+        row |= {name: values[0] for name, values in array_values_of(OF_REFERENCE, pair.cdp[n:]).items() if values}
         return row, [] if why is None else [why]
 
-    def _of_neighbours(self, frame: Frame) -> Row:
+    def _neighbour_row(self, frame: Frame) -> Row:
         given = None if isnan(self.contrasts[0]) else self.contrasts
-        found = neighbours_of_frame(frame, self._converter, given, self.settings.epsilon)
-        row: Row = {**array_values_of(OF_CONTRAST, found.cdp)} if len(found.cdp) else {}
+        pair = neighbours_of_frame(frame, self._converter, given, self.settings.epsilon)
+        row: Row = {**array_values_of(OF_CONTRAST, pair.cdp)} if len(pair.cdp) else {}
         if given is None:
-            row[_MEASURED] = found.contrast.value
-            self._learn(found.contrast.value)
+            row[_MEASURED] = pair.contrast.value
+            self._learn(pair.contrast.value)
         return row
 
 
@@ -210,7 +218,7 @@ def _places(regions: Sequence[TrackedRoi], rois: Sequence[Roi]) -> Row:
     return row | {"lost": [False, False]} | dict.fromkeys(names(OF_CORNER), nothing)
 
 
-def _found(findings: Iterable[Finding]) -> Row:
+def _with_findings(findings: Iterable[Finding]) -> Row:
     return {_FINDINGS: recorded(findings)}
 
 
@@ -222,11 +230,11 @@ def is_end(row: Row) -> bool:
 def variables(row: Row) -> Row:
     """Return what of a row are variables of the Dataset."""
     values = {name: value for name, value in row.items() if name not in (_FINDINGS, _INVALID)}
-    found = row[_FINDINGS]
-    return {**values, NOTE.name: note_of(restored(found)), FINDINGS.name: as_json(found) if found else ""}
+    findings = restored(row[_FINDINGS])
+    return {**values, NOTE.name: note_text(findings), FINDINGS.name: findings_text(findings)}
 
 
-def light_of(frame: VideoFrame, converter: Converter, roi: Roi) -> RegionPixels:
+def region_pixels(frame: VideoFrame, converter: Converter, roi: Roi) -> RegionPixels:
     """Convert a region of a frame and what lies around it, as `RegionPixels.from_map` takes it from a whole map.
 
     Raises

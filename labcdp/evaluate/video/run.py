@@ -17,7 +17,7 @@ from ...files.video.source import StoredPixels, VideoFrame, VideoSource, frames_
 from ...report.text import finding_text
 from ...tracking import NotFollowedError, TrackedRoi, Tracker, make_tracker
 from ..picture.converter import Converter
-from .rows import FollowedFrame, PartRun, light_of
+from .rows import FollowedFrame, PartRun, region_pixels
 from .settings import Progress
 
 _Result = TypeVar("_Result")
@@ -135,7 +135,7 @@ class VideoRun:
             if frame.chosen:
                 repeats = last.number if last is not None and _same_picture(last, frame) else None
                 # Before the first whole frame there is no region.
-                light = cache(partial(light_of, frame, self._converter))
+                light = cache(partial(region_pixels, frame, self._converter))
                 yield FollowedFrame(frame, place, regions, repeats, light)
                 place, last = place + 1, frame
         if unseen is not None and tracker is None:

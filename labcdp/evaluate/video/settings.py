@@ -12,7 +12,6 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ...calibration.record import calibration_sha256
 from ...core.disk import file_sha256, reason
 from ...core.disk.files import shown
 from ...core.disk.journal import Row
@@ -163,34 +162,7 @@ class VideoSettings:
 _NEAR = 0.5
 
 
-class ReferenceContrast:
-    """One contrast for all frames: a measured one, or that of the first frame in which the regions are seen.
-
-    Parameters
-    ----------
-    contrast : float or None
-        The contrast; None for that of the first frame.
-    """
-
-    #: Hash of the file it comes from, None if it comes from none.
-    sha256: str | None = None
-
-    def __init__(self, contrast: float | None) -> None:
-        self._contrast = contrast
-
-    def of(self, number: int, time_s: float) -> tuple[float | None, Finding | None]:
-        """Contrast for a frame, or why there is none; nothing of both as long as no frame was measured."""
-        return self._contrast, None
-
-    def learn(self, contrast: float) -> bool:
-        """Take note of what was measured in a frame: the first valid contrast is kept. Return whether it is this."""
-        if self._contrast is not None or not (isfinite(contrast) and contrast > 0):
-            return False
-        self._contrast = contrast
-        return True
-
-
-class VideoReference(ReferenceContrast):
+class VideoReference:
     """Contrast that another video measured in its frame of the same number or time.
 
     Parameters
@@ -217,8 +189,8 @@ class VideoReference(ReferenceContrast):
         steps = np.diff(self._at)
         self._tolerance = 0.0 if by == "number" else _NEAR * float(np.median(steps)) if steps.size else 1e-3
 
-    def of(self, number: int, time_s: float) -> tuple[float | None, Finding | None]:
-        """Contrast, or why there is none."""
+    def contrast(self, number: int, time_s: float) -> tuple[float | None, Finding | None]:
+        """Return the contrast for a frame, or why there is none."""
         at = number if self._by == "number" else time_s
         place = int(np.argmin(np.abs(self._at - at)))
         if abs(self._at[place] - at) > self._tolerance:
@@ -230,19 +202,11 @@ class VideoReference(ReferenceContrast):
             return None, warning("reference-without-contrast")
         return contrast, None
 
-    def learn(self, contrast: float) -> bool:
-        """Nothing: what this video measures does not matter."""
-        return False
 
-
-def make_reference(settings: VideoSettings) -> ReferenceContrast | None:
-    """Make the requested reference, None for none; raises InputError as `VideoReference`."""
-    reference = settings.reference
-    if reference is None:
-        return None
-    if isinstance(reference, Path):
-        return VideoReference(reference, settings.reference_by)
-    return ReferenceContrast(None if reference == "first" else float(reference))
+def load_reference(settings: VideoSettings) -> VideoReference | None:
+    """Read the results of the other video that frames are compared with, if any; raises InputError."""
+    path = settings.reference
+    return VideoReference(path, settings.reference_by) if isinstance(path, Path) else None
 
 
 def _load(path: Path) -> Mapping[str, NDArray[Any]]:
@@ -266,7 +230,7 @@ _FORMAT = 4
 _PACKAGES = ("labcdp", "numpy", "numba", "scipy", "av", "opencv-contrib-python-headless")
 
 
-def evaluation_head(settings: VideoSettings, reference: ReferenceContrast | None) -> Row:
+def evaluation_head(settings: VideoSettings, reference: VideoReference | None) -> Row:
     """Return all inputs of the results other than the video, as in the journal."""
     return {"format": _FORMAT, "settings": video_configuration(settings, reference), "versions": package_versions()}
 
@@ -276,24 +240,30 @@ def package_versions() -> dict[str, str]:
     return {name: version(name) for name in _PACKAGES}
 
 
-def video_configuration(settings: VideoSettings, reference: ReferenceContrast | None) -> dict[str, Any]:
+def video_configuration(settings: VideoSettings, reference: VideoReference | None) -> dict[str, Any]:
     """All that decides the results, as values JSON can hold."""
     epsilon = settings.epsilon
-    asked: Any = settings.reference
-    if isinstance(asked, Path):
-        assert reference is not None
-        asked = {"sha256": reference.sha256, "by": settings.reference_by}
+    stated: Any = settings.reference
+    if reference is not None:
+        stated = {"sha256": reference.sha256, "by": settings.reference_by}
     as_they_are = ("encoding", "damaged", "cdp_limit")
     return {
         "contrasts": None if settings.contrasts is None else list(settings.contrasts),
         "rois": [{"name": roi.name, "corners": [list(corner) for corner in roi.corners]} for roi in settings.rois],
         "method": settings.method if settings.rois else None,
         "epsilon": epsilon if isinstance(epsilon, float | int) else asdict(epsilon),
-        "reference": asked,
+        "reference": stated,
         "selection": settings.selection.to_dict(),
-        "calibration_sha256": None if settings.calibration is None else calibration_sha256(settings.calibration),
+        "calibration_sha256": None if settings.calibration is None else _calibration_sha256(settings.calibration),
         "camera_sha256": None if settings.camera is None else InputFile.of("camera", settings.camera).sha256,
         **{name: getattr(settings, name) for name in as_they_are},
         **({} if settings.requirement is None else {"requirement": settings.requirement.model_dump(mode="json")}),
         **settings.stated,
     }
+
+
+def _calibration_sha256(path: Path) -> str:
+    # Relative light needs no calibration.
+    from ...calibration.record import calibration_sha256
+
+    return calibration_sha256(path)

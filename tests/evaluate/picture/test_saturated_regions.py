@@ -17,7 +17,7 @@ from labcdp.evaluate.picture.converter import make_converter
 from labcdp.evaluate.picture.result import evaluate_picture
 from labcdp.evaluate.picture.settings import ImageSettings
 from labcdp.evaluate.video.evaluate import evaluate_video
-from labcdp.evaluate.video.page import long_tables
+from labcdp.evaluate.video.page import frame_sheets
 from labcdp.evaluate.video.result import video_result
 from labcdp.evaluate.video.settings import VideoSettings
 from labcdp.files.read import read_picture
@@ -117,7 +117,7 @@ def test_videos_and_python_have_no_uncertainty_either(path):
     heads, rows = text_table(video_result(found).table("regions"))
     assert rows[0][heads.index("mean")].startswith("> 0.99")
     assert not rows[1][heads.index("mean")].startswith(">")
-    sheet = next(table for table in long_tables(found) if table.name == "Frames")
+    sheet = next(table for table in frame_sheets(found) if table.name == "Frames")
     (row,) = sheet.rows()
     shown = {column.label: cell_text(column, row) for column in sheet.columns}
     assert shown["lamp: mean"].startswith("> 0.99")

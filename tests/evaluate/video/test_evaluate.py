@@ -21,8 +21,8 @@ from labcdp.core.errors import InputError
 from labcdp.core.roi import Roi
 from labcdp.evaluate.picture.converter import make_converter
 from labcdp.evaluate.picture.neighbours import evaluate_neighbours
-from labcdp.evaluate.video.evaluate import Part, evaluate_video, evaluated_parts
-from labcdp.evaluate.video.rows import light_of
+from labcdp.evaluate.video.evaluate import evaluate_parts, evaluate_video
+from labcdp.evaluate.video.rows import region_pixels
 from labcdp.evaluate.video.settings import VideoSettings
 from labcdp.files.read import PictureOptions, frame_of_pixels, read_picture
 from labcdp.files.video.selection import Position, Selection
@@ -204,7 +204,7 @@ def test_a_frame_of_a_colour_filter_is_evaluated_by_its_green_pixels() -> None:
     converter = make_converter()
     rois = Roi.rectangle("a", 4, 4, 20, 20), Roi.rectangle("b", 30, 8, 20, 20)
     shown = VideoFrame(0, 0.0, None, lambda: stored_pixels(frame), pixels=stored_pixels(frame))
-    found = evaluate_regions(*(light_of(shown, converter, roi) for roi in rois), (0.5,))
+    found = evaluate_regions(*(region_pixels(shown, converter, roi) for roi in rois), (0.5,))
     assert repr(found) == repr(evaluate_pair(converter.convert(frame), *rois, (0.5,)))
     assert found.a.mean == pytest.approx((dn[4:24:2, 5:24:2].mean() + dn[5:24:2, 4:24:2].mean()) / 2 / 256)
 
@@ -271,12 +271,12 @@ def test_pairs_and_neighbours_in_one_pass_are_as_each_alone_also_when_resumed(tm
     ground = Roi.rectangle("ground", 90, 50, 20, 20)
     asked = [fixed(), fixed(rois=(ground, BRIGHT), contrasts=None), VideoSettings((0.5, 1.0))]
     alone = [evaluate_video(path, one) for one in asked]
-    parts = [Part(one, tmp_path / str(number)) for number, one in enumerate(asked)]
+    folders = [tmp_path / str(number) for number in range(len(asked))]
     for told_in_all in (8, 0):
         told: list[int] = []
-        with evaluated_parts(path, parts, progress=lambda done, _total, told=told: told.append(done)) as rows:
-            for one, result in zip(rows, alone, strict=True):
-                xr.testing.assert_identical(one().dataset(), result)
+        together = evaluate_parts(path, asked, folders, progress=lambda done, _total, told=told: told.append(done))
+        for one, result in zip(together, alone, strict=True):
+            xr.testing.assert_identical(one, result)
         # The video is gone through once, and what is known is not done again.
         assert len(told) == told_in_all
 
@@ -293,14 +293,16 @@ def test_a_region_that_cannot_be_followed_costs_only_its_own_pairs(tmp_path: Pat
     plain, across = Roi.rectangle("plain", 500, 100, 20, 20), Roi.rectangle("across", 45, 30, 20, 20)
     path = write(tmp_path / "a.mkv", frames)
     pairs = [(bright, plain), (bright, middle), (across, bright)]
-    parts = [Part(VideoSettings((1.0,), pair), tmp_path / str(n)) for n, pair in enumerate(pairs)]
+    folders = [tmp_path / str(n) for n in range(len(pairs))]
     for _ in range(2):
-        with evaluated_parts(path, parts) as (none, good, apart):
-            assert np.isfinite(good().dataset()["cdp"]).all()
-            with pytest.raises(InputError, match="region 'plain' cannot be followed"):
-                none()
-            with pytest.raises(InputError, match="'across' and 'bright' have 100 pixels in common"):
-                apart()
+        none, good, apart = evaluate_parts(path, [VideoSettings((1.0,), pair) for pair in pairs], folders)
+        assert np.isfinite(good["cdp"]).all()
+        for error, message in (
+            (none, "region 'plain' cannot be followed"),
+            (apart, "'across' and 'bright' have 100 pixels in common"),
+        ):
+            assert isinstance(error, InputError)
+            assert message in str(error)
     regions = labcdp.open_video(path).track([bright, middle, plain], pairs=[("bright", "plain"), ("bright", "middle")])
     result = regions.cdp([1.0])
     assert result["pair"].values.tolist() == ["bright / middle"]

@@ -10,7 +10,6 @@ import openpyxl
 import pytest
 import xarray as xr
 
-from labcdp.evaluate.video import dataset as video_dataset
 from labcdp.evaluate.video import page as video_page
 from labcdp.evaluate.video.annotated import AnnotatedVideo
 from labcdp.evaluate.video.archive import ArchiveResult, VideoOutcome, archive_tasks
@@ -33,11 +32,10 @@ def written(followed: xr.Dataset, tmp_path_factory: pytest.TempPathFactory) -> P
 
 
 @pytest.mark.parametrize("name", ["followed", "near"])
-def test_netcdf_written_in_blocks_comes_back_equal(
+def test_netcdf_comes_back_equal_and_sheets_have_a_column_a_frame(
     request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     data = request.getfixturevalue(name)
-    monkeypatch.setattr(video_dataset, "BLOCK", 7)
     monkeypatch.setattr(video_page, "MOST_COLUMNS", 10)
     write_video(data, tmp_path)
     # Also by those who do not have labcdp.

@@ -128,60 +128,48 @@ def _curve(encoding: Encoding) -> tuple[NDArray[np.float64], NDArray[np.float64]
 CERTAIN = Doubts()
 
 
-@dataclass(frozen=True, eq=False)
-class Histogram:
-    """Counts of integers of an image, of some rows of a large one.
+def histogram_of(values: NDArray[np.unsignedinteger[Any]]) -> NDArray[np.int64]:
+    """Count grey values, or colours, of some rows of a large image: pixels by value.
 
     Parameters
     ----------
-    counts : ndarray of int, shape (n,)
-        By value.
-    top_dn : float
-        End of the scale.
+    values : ndarray of uint8 or uint16, shape (height, width) or (height, width, 3)
+        The values.
     """
+    some = values[:: max(values.size // _LOOKED_AT, 1)]
+    return np.bincount(some.ravel())
 
-    counts: NDArray[np.int64]
-    top_dn: float
 
-    @classmethod
-    def of(cls, values: NDArray[np.unsignedinteger[Any]], top_dn: float) -> Histogram:
-        """Count grey values, or colours, shape (height, width) or with colours."""
-        some = values[:: max(values.size // _LOOKED_AT, 1)]
-        return cls(np.bincount(some.ravel()), top_dn)
+def _quantile(counts: NDArray[np.int64], share: float) -> float:
+    """Return the value up to which a share of the pixels lies."""
+    return float(np.searchsorted(np.cumsum(counts), share * counts.sum(), side="left"))
 
-    def quantile(self, share: float) -> float:
-        """Return the value up to which a share of the pixels lies."""
-        return float(np.searchsorted(np.cumsum(self.counts), share * self.counts.sum(), side="left"))
 
-    @property
-    def is_for_screens(self) -> bool:
-        """Whether it looks like that of a picture for screens, and not of light."""
-        if self.counts.sum() < _FEWEST:
-            return False
-        if self.quantile(_ENDS) > _DARK * self.top_dn or self.quantile(1 - _ENDS) < _BRIGHT * self.top_dn:
-            return False
-        at = np.arange(self.counts.size) / self.top_dn
-        levels, _ = np.histogram(at, np.linspace(*_BETWEEN, _LEVELS + 1), weights=self.counts)
-        n = self.counts.sum()
-        return bool(levels.sum() >= _MOST * n and levels.min() >= _EACH * n)
+def _is_for_screens(counts: NDArray[np.int64], top_dn: float) -> bool:
+    """Whether a histogram looks like that of a picture for screens, and not of light."""
+    n = counts.sum()
+    if n < _FEWEST:
+        return False
+    if _quantile(counts, _ENDS) > _DARK * top_dn or _quantile(counts, 1 - _ENDS) < _BRIGHT * top_dn:
+        return False
+    levels, _ = np.histogram(np.arange(counts.size) / top_dn, np.linspace(*_BETWEEN, _LEVELS + 1), weights=counts)
+    return bool(levels.sum() >= _MOST * n and levels.min() >= _EACH * n)
 
-    @property
-    def black_dn(self) -> float | None:
-        """Where it begins, if that may be a black level; None for at 0, or far above."""
-        begins, largest = self.quantile(_BELOW), self.counts.size - 1
-        # Of 16 bits, how many of them a camera uses is often not known.
-        top_dn = self.top_dn if self.top_dn < _ANY_BITS else 2.0 ** largest.bit_length() - 1
-        return begins if _LEAST_BLACK * top_dn <= begins <= _MOST_BLACK * top_dn else None
 
-    @property
-    def halves(self) -> tuple[float, float]:
-        """Means of the darker and of the brighter half of the pixels, as shares of the scale."""
-        values = np.arange(self.counts.size)
-        behind = np.clip(np.cumsum(self.counts) - self.counts.sum() // 2, 0, self.counts)
-        low, high = (
-            float(np.average(values, weights=part)) if part.any() else 0.0 for part in (self.counts - behind, behind)
-        )
-        return low / self.top_dn, high / self.top_dn
+def _black_dn(counts: NDArray[np.int64], top_dn: float) -> float | None:
+    """Where a histogram begins, if that may be a black level; None for at 0, or far above."""
+    begins, largest = _quantile(counts, _BELOW), counts.size - 1
+    # Of 16 bits, how many of them a camera uses is often not known.
+    top_dn = top_dn if top_dn < _ANY_BITS else 2.0 ** largest.bit_length() - 1
+    return begins if _LEAST_BLACK * top_dn <= begins <= _MOST_BLACK * top_dn else None
+
+
+def _halves(counts: NDArray[np.int64], top_dn: float) -> tuple[float, float]:
+    """Means of the darker and of the brighter half of the pixels, as shares of the scale."""
+    values = np.arange(counts.size)
+    behind = np.clip(np.cumsum(counts) - counts.sum() // 2, 0, counts)
+    low, high = (float(np.average(values, weights=part)) if part.any() else 0.0 for part in (counts - behind, behind))
+    return low / top_dn, high / top_dn
 
 
 def doubts_of(
@@ -189,7 +177,7 @@ def doubts_of(
     top_dn: float,
     encoding: Encoding,
     other_encoding: Encoding | None,
-    histogram: Histogram | None = None,
+    histogram: NDArray[np.int64] | None = None,
     *,
     as_stored: bool,
 ) -> Doubts:
@@ -203,27 +191,29 @@ def doubts_of(
         End of the scale.
     encoding, other_encoding
         As of `Doubts`.
-    histogram : Histogram or None
+    histogram : ndarray of int, shape (n,), or None
         Of the values, if it is known.
     as_stored : bool
         Whether they are grey values of which neither a black level nor a colour filter is known.
     """
-    seen = Histogram.of(values, top_dn) if histogram is None else histogram
+    counts = histogram_of(values) if histogram is None else histogram
     mosaic = mosaic_of(values) if as_stored else ""
     if mosaic and other_encoding is not None:
         # Nobody develops a picture behind its colour filter.
         encoding, other_encoding = "linear", None
-    black_dn = seen.black_dn if as_stored and encoding == "linear" else None
-    return Doubts(encoding, other_encoding, black_dn, mosaic, *seen.halves, (black_dn or 0.0) / top_dn)
+    black_dn = _black_dn(counts, top_dn) if as_stored and encoding == "linear" else None
+    return Doubts(encoding, other_encoding, black_dn, mosaic, *_halves(counts, top_dn), (black_dn or 0.0) / top_dn)
 
 
-def encodings(histogram: Histogram, bits: int, coloured: bool) -> tuple[Encoding, Encoding | None]:
+def encodings(
+    histogram: NDArray[np.int64], top_dn: float, bits: int, coloured: bool
+) -> tuple[Encoding, Encoding | None]:
     """Return how values are taken to be encoded that a file does not state, and how else they may be.
 
     Grey of up to 8 bits is a camera's, in proportion to light, and colours of 8 bits are sRGB, unless the histogram
     looks otherwise; more bits are mostly a camera's.
     """
-    for_screens = histogram.is_for_screens
+    for_screens = _is_for_screens(histogram, top_dn)
     if bits <= SCREEN_BITS:
         return ("srgb", "linear") if coloured or for_screens else ("linear", "srgb")
     if coloured:

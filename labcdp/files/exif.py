@@ -3,93 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from datetime import datetime, timedelta
 from io import BytesIO
 from itertools import islice
-from math import hypot, isfinite, log10
 from pathlib import Path
 from typing import Any
 
 from ..core.disk.tiff import MOST_PAGES, require_end
 from ..core.errors import InputError
+from .statements import NOTHING_STATED, FileStatements, positive_number
 
-#: Diagonal of 36 mm x 24 mm.
-_FILM_DIAGONAL_M = hypot(36e-3, 24e-3)
 #: Metres by FocalPlaneResolutionUnit: inch, centimetre, and millimetre and micrometre that some cameras write.
 _UNITS_M = {2: 25.4e-3, 3: 1e-2, 4: 1e-3, 5: 1e-6}
-#: ISO speed that counts as a gain of 0 dB.
-_ISO_OF_0_DB = 100.0
 _EXIF = 34665
 #: Tags in the EXIF directory of names that TIFF/EP has for others.
 _OF_EXIF = {"FocalPlaneXResolution": 41486, "FocalPlaneResolutionUnit": 41488}
 _STRIPS, _TILES = (273, 279), (324, 325)
 
 
-@dataclass(frozen=True)
-class ExifFacts:
-    """Facts from the tags (CIPA DC-008, Exif 2.32; Adobe DNG 1.7), None or empty where a file does not say.
-
-    Parameters
-    ----------
-    exposure_s, f_number, focal_length_m, iso : float or None
-        ExposureTime, FNumber, FocalLength, ISOSpeedRatings.
-    vendor, model, serial : str
-        Make, Model, CameraSerialNumber or BodySerialNumber.
-    taken : datetime or None
-        DateTimeOriginal, with OffsetTimeOriginal or else in local time.
-    orientation : int
-        Orientation, 1 to 8; 1 if the file does not say.
-    photometric : int or None
-        PhotometricInterpretation of the largest picture.
-    has_cfa_pattern : bool
-        Whether there is a CFAPattern.
-    focal_length_35mm_m : float or None
-        FocalLengthIn35mmFilm: the focal length with the same field of view on 36 mm x 24 mm.
-    pixel_pitch_m : float or None
-        Distance of pixels by FocalPlaneXResolution and FocalPlaneResolutionUnit.
-    width_px : int or None
-        PixelXDimension: columns of the picture that the camera took.
-    """
-
-    exposure_s: float | None = None
-    f_number: float | None = None
-    focal_length_m: float | None = None
-    iso: float | None = None
-    vendor: str = ""
-    model: str = ""
-    serial: str = ""
-    taken: datetime | None = None
-    orientation: int = 1
-    photometric: int | None = None
-    has_cfa_pattern: bool = False
-    focal_length_35mm_m: float | None = None
-    pixel_pitch_m: float | None = None
-    width_px: int | None = None
-
-    def pixel_pitch_on(self, shape: tuple[int, int]) -> float | None:
-        """Return the distance of the pixels of a picture of this height and width on the sensor; None if not known.
-
-        That of FocalPlaneXResolution, unless the picture has another size than the camera took; else by the focal
-        length and that of 35 mm film with the same field, by its diagonal.
-        """
-        if self.pixel_pitch_m is not None and self.width_px in (None, *shape):
-            return self.pixel_pitch_m
-        if self.focal_length_m is None or self.focal_length_35mm_m is None:
-            return None
-        return self.focal_length_m / self.focal_length_35mm_m * _FILM_DIAGONAL_M / hypot(*shape)
-
-    @property
-    def gain_db(self) -> float | None:
-        """20 log10(ISO / 100), as twice the speed is twice the DN; None if the ISO speed is not known."""
-        return 20 * log10(self.iso / _ISO_OF_0_DB) if self.iso else None
-
-
-#: Of a file that says nothing.
-NOTHING_SAID = ExifFacts()
-
-
-def read_exif(data: bytes, path: Path, whole: bool = True) -> ExifFacts:
+def read_exif(data: bytes, path: Path, whole: bool = True) -> FileStatements:
     """Read the tags, and check that all pixels they point to are in the file if it is the whole one.
 
     Parameters
@@ -103,7 +35,7 @@ def read_exif(data: bytes, path: Path, whole: bool = True) -> ExifFacts:
 
     Returns
     -------
-    ExifFacts
+    FileStatements
         Nothing known if `data` is no TIFF.
 
     Raises
@@ -122,7 +54,7 @@ def read_exif(data: bytes, path: Path, whole: bool = True) -> ExifFacts:
             directories = [{tag.code: tag.value for tag in page.tags.values()} for page in pages]
     # tifffile meets a damaged directory with whatever its parts raise.
     except Exception:
-        return ExifFacts()
+        return NOTHING_STATED
     for tags in directories if whole else ():
         _require_whole(tags, len(data), path)
     # The first directory that has a tag counts.
@@ -134,7 +66,7 @@ def read_exif(data: bytes, path: Path, whole: bool = True) -> ExifFacts:
         of_name = {name: _OF_EXIF.get(name) or codes[name] for name in exif if name in _OF_EXIF or _is_one(codes, name)}
         merged |= {code: exif[name] for name, code in of_name.items()}
     largest = max(directories, key=lambda tags: positive_number(tags.get(256)) or 0, default={})
-    return _facts(merged, largest)
+    return _statements(merged, largest)
 
 
 def _is_one(codes: Any, name: str) -> bool:
@@ -161,7 +93,7 @@ def _whole_numbers(value: Any, path: Path) -> tuple[int, ...]:
     return tuple(several)
 
 
-def _facts(tags: Mapping[int, Any], largest: Mapping[int, Any]) -> ExifFacts:
+def _statements(tags: Mapping[int, Any], largest: Mapping[int, Any]) -> FileStatements:
     focal_length_mm = positive_number(tags.get(37386))
     photometric = positive_number(largest.get(262))
     of_film_mm, per_unit = positive_number(tags.get(41989)), positive_number(tags.get(41486))
@@ -169,7 +101,7 @@ def _facts(tags: Mapping[int, Any], largest: Mapping[int, Any]) -> ExifFacts:
     pixel_pitch_m = unit_m / per_unit if unit_m and per_unit else None
     columns = positive_number(tags.get(40962))
     orientation = int(positive_number(tags.get(274)) or 1)
-    return ExifFacts(
+    return FileStatements(
         exposure_s=positive_number(tags.get(33434)),
         f_number=positive_number(tags.get(33437)),
         focal_length_m=focal_length_mm / 1000 if focal_length_mm else None,
@@ -186,17 +118,6 @@ def _facts(tags: Mapping[int, Any], largest: Mapping[int, Any]) -> ExifFacts:
         pixel_pitch_m=pixel_pitch_m if pixel_pitch_m is not None and 1e-7 < pixel_pitch_m < 1e-3 else None,
         width_px=None if columns is None else int(columns),
     )
-
-
-def positive_number(value: Any) -> float | None:
-    """Positive number of a tag that may be a fraction or a list of one; None if it is nothing of that."""
-    try:
-        if isinstance(value, tuple | list):
-            value = value[0] / value[1] if len(value) == 2 else value[0]
-        number = float(value)
-    except (TypeError, ValueError, ZeroDivisionError, IndexError, OverflowError):
-        return None
-    return number if isfinite(number) and number > 0 else None
 
 
 def _text(value: Any) -> str:

@@ -16,8 +16,8 @@ from ..core.disk import parse_json, shortened
 from ..core.disk.files import named_plainly
 from ..core.errors import InputError
 from ..core.result import Finding, info, warning
-from .exif import positive_number
-from .stored_image import StoredImage, decoder_messages, real_numbers, require_size
+from .statements import FileStatements, positive_number
+from .stored_image import Stored, decoder_messages, real_numbers, require_size
 from .transfer import BT709_LUMINANCE, Weights, luminance_weights
 
 EXR = b"\x76\x2f\x31\x01"
@@ -32,7 +32,7 @@ _LINEAR = re.compile(r"lin|scene_linear|acescg|aces2065|data|raw|unknown|1(\.0*)
 _LUMINANCE = ("Y", "luminance")
 
 
-def read_exr(_data: bytes, path: Path, max_pixels: int) -> StoredImage:
+def read_exr(_data: bytes, path: Path, max_pixels: int) -> Stored:
     """Read luminance, or the luminance of red, green and blue, of an OpenEXR file; it is opened by its name.
 
     With the attribute whiteLuminance (OpenEXR's standard attributes: luminance in cd/m^2 of the value 1) the values
@@ -80,7 +80,7 @@ def read_exr(_data: bytes, path: Path, max_pixels: int) -> StoredImage:
     if white is None and "whiteLuminance" in header:
         doubts.append(warning("value-scale-not-used", by="its attribute whiteLuminance"))
     light = real_numbers(luminance, path)
-    return StoredImage(light, None, changes=tuple(changes), doubts=tuple(doubts), cd_m2_per_value=white)
+    return light, FileStatements(cd_m2_per_value=white, changes=tuple(changes), findings=tuple(doubts))
 
 
 def exr_header(path: Path, max_pixels: int) -> dict[str, Any]:

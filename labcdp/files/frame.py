@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from ..core.disk import read_bytes
 from ..core.dn import PixelFormat, pixel_format
 from ..core.errors import InputError
-from ..core.frame import CameraIdentity, Frame
+from ..core.frame import BlackPattern, CameraIdentity, Frame
 from ..core.result import Finding, info, warning
-from .exif import ExifFacts
 from .picture import PictureFile, PictureOptions
 from .png_jpeg import PNG, read_png
-from .stored_image import MAX_PIXELS, StoredImage
+from .statements import FileStatements
+from .stored_image import MAX_PIXELS
 from .tiff import TIFF, read_tiff
 
 #: Bytes of a pixel at the most, four doubles, and of what else may be in a file.
@@ -37,7 +37,7 @@ class FileFrame(PictureFile):
 
     Parameters
     ----------
-    path, sha256, facts
+    path, sha256, statements
         As of `PictureFile`.
     frame : Frame
         Its pixels, DN as stored.
@@ -60,15 +60,15 @@ def picture_bytes(path: Path, max_pixels: int) -> tuple[bytes, str]:
     return data, hashlib.sha256(data).hexdigest()
 
 
-def facts_over(options: PictureOptions, facts: ExifFacts) -> PictureOptions:
+def statements_over(options: PictureOptions, statements: FileStatements) -> PictureOptions:
     """Options with what a file says of exposure, gain and camera in place of what is given."""
     known = options.camera or UNKNOWN_CAMERA
     parts = ("vendor", "model", "serial")
-    stated = replace(known, **{name: getattr(facts, name) or getattr(known, name) for name in parts})
+    stated = replace(known, **{name: getattr(statements, name) or getattr(known, name) for name in parts})
     return replace(
         options,
-        exposure_s=facts.exposure_s or options.exposure_s,
-        gain_db=options.gain_db if facts.gain_db is None else facts.gain_db,
+        exposure_s=statements.exposure_s or options.exposure_s,
+        gain_db=options.gain_db if statements.gain_db is None else statements.gain_db,
         # Only the known camera is simulated, not another that the file states.
         camera=stated if stated == known else replace(stated, simulated=False),
     )
@@ -117,33 +117,35 @@ def read_image(path: str | PathLike[str], layout: PixelFormat, options: PictureO
     path = Path(path)
     data, sha256 = picture_bytes(path, MAX_PIXELS)
     if data.startswith(PNG):
-        stored = read_png(data, path, MAX_PIXELS)
+        dn, statements = read_png(data, path, MAX_PIXELS)
     elif data.startswith(TIFF):
-        stored = read_tiff(data, path, MAX_PIXELS)
+        dn, statements = read_tiff(data, path, MAX_PIXELS)
     else:
         raise InputError(f"{path} is neither a TIFF nor a PNG file: give one of these, or a camera RAW file")
-    kind = "of floats" if stored.bits is None else f"of {stored.bits} bits"
+    kind = "of floats" if statements.bits is None else f"of {statements.bits} bits"
     # What labcdp does not apply leaves the values as they are, and their black level is beside them.
-    altered = [one for one in stored.changes if one.code not in _LEAVES_VALUES]
-    if stored.coloured or stored.bits not in (8, 16) or altered:
+    altered = [one for one in statements.changes if one.code not in _LEAVES_VALUES]
+    coloured = dn.ndim == 3
+    if coloured or statements.bits not in (8, 16) or altered:
         changes = [one.code.replace("-", " ") for one in altered]
-        what = [*(["coloured"] if stored.coloured else []), kind, *changes]
+        what = [*(["coloured"] if coloured else []), kind, *changes]
         raise InputError(f"{path} is {', '.join(what)}: give a grey image of 8 or 16 bits, one number a pixel")
-    dn, facts = stored.values, stored.facts
     largest = 2**layout.bit_depth - 1
     if dn.max() > largest:
         raise InputError(
             f"{path} has values up to {dn.max()}, the pixel format {layout.name} ends at {largest}: correct "
             "plan.pixel_format, which says how many bits the values have"
         )
-    known = replace(facts_over(options, facts), pixel_format=layout.name)
+    known = replace(statements_over(options, statements), pixel_format=layout.name)
     require_exposure(path, known)
-    frame = make_frame(dn, Scale(layout.bit_depth, float(largest)), known, facts.taken or changed_at(path))
+    frame = make_frame(dn, Scale(layout.bit_depth, float(largest)), known, statements.taken or changed_at(path))
     unused: tuple[Finding, ...] = ()
-    if stored.encoding != "linear" or stored.light_table is not None:
+    if statements.encoding != "linear" or statements.light_table is not None:
         reason = "values that are recorded or imported are the DN of a sensor"
-        unused = (warning("curve-not-used", by=stored.stated_by, reason=reason),)
-    return FileFrame(path, sha256, facts, with_stated_levels(frame, stored), findings=unused)
+        unused = (warning("curve-not-used", by=statements.stated_by, reason=reason),)
+    return FileFrame(
+        path, sha256, statements, with_stated_levels(frame, statements.black, statements.white_dn), findings=unused
+    )
 
 
 def frame_of_pixels(
@@ -226,13 +228,11 @@ def make_frame(
     )
 
 
-def with_stated_levels(frame: Frame, stored: StoredImage) -> Frame:
-    """Frame of stored values with the black level and the saturation that their file states."""
-    if stored.black is not None:
-        black_dn, pattern = stored.black
-        frame = replace(frame, black_level_dn=black_dn, black_pattern=pattern)
-    white_dn = frame.saturation_dn if stored.white_dn is None else stored.white_dn
-    return replace(frame, saturation_dn=min(frame.saturation_dn, white_dn))
+def with_stated_levels(frame: Frame, black: tuple[float, BlackPattern | None] | None, white_dn: float | None) -> Frame:
+    """Frame of stored values with the black level and the saturation that their file states, None for nothing."""
+    if black is not None:
+        frame = replace(frame, black_level_dn=black[0], black_pattern=black[1])
+    return frame if white_dn is None else replace(frame, saturation_dn=min(frame.saturation_dn, white_dn))
 
 
 #: Bits of converters whose DN are kept in 16 bits.

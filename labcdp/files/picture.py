@@ -18,14 +18,14 @@ from ..core.luminance import LuminanceMap
 from ..core.result import Finding, warning
 from ..core.vignetting import VIGNETTING_REL, Lens
 from .doubts import CERTAIN, Doubts
-from .exif import ExifFacts
+from .statements import FileStatements
 from .stored_image import MAX_PIXELS
 from .transfer import Encoding
 
 
 @dataclass(frozen=True, eq=False)
 class PictureFile:
-    """The file of a picture, and what its tags say.
+    """The file of a picture, and what it states.
 
     Parameters
     ----------
@@ -33,33 +33,33 @@ class PictureFile:
         The file.
     sha256 : str
         Hash of its bytes; two files are the same picture if it is equal.
-    facts : ExifFacts
-        Exposure, camera and setting of the lens, where the file says them.
+    statements : FileStatements
+        What the file states.
     """
 
     path: Path
     sha256: str
-    facts: ExifFacts
+    statements: FileStatements
 
     @property
     def f_number(self) -> float | None:
         """Aperture of the lens, None where the file does not say."""
-        return self.facts.f_number
+        return self.statements.f_number
 
     @property
     def focal_length_m(self) -> float | None:
         """Focal length of the lens, None where the file does not say."""
-        return self.facts.focal_length_m
+        return self.statements.focal_length_m
 
     @property
     def exposure_stated(self) -> bool:
         """Whether the file itself says its exposure."""
-        return self.facts.exposure_s is not None
+        return self.statements.exposure_s is not None
 
     @property
     def camera_stated(self) -> bool:
         """Whether the file itself says its camera."""
-        return bool(self.facts.model)
+        return bool(self.statements.model)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class Picture(PictureFile):
 
     Parameters
     ----------
-    path, sha256, facts
+    path, sha256, statements
         As of `PictureFile`.
     frame : Frame or None
         DN, grey or behind a Bayer pattern; of colours, linear luminance in 65535ths of white. None for floats.
@@ -317,18 +317,34 @@ def unused_options(frame: Frame | None, bits: int | None, options: PictureOption
     return tuple(found)
 
 
-def with_overrides(picture: Picture, options: PictureOptions, bits: int | None) -> Picture:
-    """Picture with what the user gave, and findings about what contradicts its file or cannot count for it."""
-    found: list[Finding] = []
-    frame, (height, width) = picture.frame, picture.shape
+def with_overrides(
+    frame: Frame | None, size: tuple[int, int], encoding: Encoding, options: PictureOptions, bits: int | None
+) -> tuple[Frame | None, tuple[Finding, ...]]:
+    """Return DN with what the user gave, and findings about what contradicts their file or cannot count for it.
+
+    Parameters
+    ----------
+    frame : Frame or None
+        The DN, None of a file of floats.
+    size : (int, int)
+        Width and height of the picture.
+    encoding : str
+        How its values are taken to be encoded.
+    options : PictureOptions
+        With what was given.
+    bits : int or None
+        Bits of the values as they were taken from the file.
+    """
+    findings: list[Finding] = []
     if frame is not None:
-        found += contradictions(frame.exposure_s, frame.gain_db, options)
-        found += _other_levels(frame, options)
+        findings += contradictions(frame.exposure_s, frame.gain_db, options)
+        findings += _other_levels(frame, options)
         frame = overridden_frame(frame, options)
-    found += unused_options(frame, bits, options)
-    size, encoding = options.override("size") or (width, height), options.override("encoding")
-    if size != (width, height):
-        found.append(warning("size-ignored", given_width=size[0], given_height=size[1], width=width, height=height))
-    if encoding not in (None, picture.encoding):
-        found.append(warning("encoding-ignored", given=encoding, encoding=picture.encoding))
-    return replace(picture, frame=frame, findings=(*picture.findings, *found))
+    findings += unused_options(frame, bits, options)
+    given_size, given_encoding = options.override("size") or size, options.override("encoding")
+    if given_size != size:
+        given = {"given_width": given_size[0], "given_height": given_size[1]}
+        findings.append(warning("size-ignored", **given, width=size[0], height=size[1]))
+    if given_encoding not in (None, encoding):
+        findings.append(warning("encoding-ignored", given=given_encoding, encoding=encoding))
+    return frame, tuple(findings)

@@ -18,11 +18,19 @@ from ..core.disk.files import damage_reported
 from ..core.dn import pixel_format
 from ..core.errors import InputError, naming
 from ..core.result import Finding, info, warning
-from .exif import ExifFacts, read_exif
-from .statements import ExifColours, stated_by_png, stated_by_profile, with_statement
+from .exif import read_exif
+from .statements import (
+    NOTHING_STATED,
+    FileStatements,
+    exif_colours,
+    stated_by_exif,
+    stated_by_png,
+    stated_by_profile,
+)
 from .stored_image import (
     SCREEN_BITS,
-    StoredImage,
+    Stored,
+    as_seen,
     decoder_messages,
     real_numbers,
     require_size,
@@ -37,7 +45,7 @@ _PNG_END = b"IEND\xaeB`\x82"
 _GREY, _PALETTE, _GREY_ALPHA = 0, 3, 4
 
 
-def read_png(data: bytes, path: Path, max_pixels: int) -> StoredImage:
+def read_png(data: bytes, path: Path, max_pixels: int) -> Stored:
     """Read a PNG of any kind, without its transparency.
 
     Raises
@@ -62,12 +70,12 @@ def read_png(data: bytes, path: Path, max_pixels: int) -> StoredImage:
     depth, colour_type = data[24], data[25]
     values, bits, changes = _resolved(values, depth, colour_type)
     coloured, (chunks, behind) = values.ndim == 3, _chunks(data)
-    exif = ExifColours.of_block(header).stated(bits)
+    exif = stated_by_exif(bits, **exif_colours(header))
     # Pillow leaves out a profile that is not whole.
     profile = header.info.get("icc_profile") or (b"" if b"iCCP" in chunks else None)
-    statement = stated_by_png(chunks, behind, profile, exif, coloured, bits)
+    curve = stated_by_png(chunks, behind, profile, exif, coloured, bits)
     doubts = [warning("png-calibration-not-used")] if b"pCAL" in {*chunks, *behind} else []
-    if statement.by == "its chunk cICP" and chunks[b"cICP"][3] == 0:
+    if curve.stated_by == "its chunk cICP" and chunks[b"cICP"][3] == 0:
         if bits >= SCREEN_BITS:
             values, changes = _full_range(values, bits), (*changes, info("limited-range"))
         else:
@@ -76,22 +84,28 @@ def read_png(data: bytes, path: Path, max_pixels: int) -> StoredImage:
     used = min(chunks.get(b"sBIT", b"")[: 3 if coloured else 1], default=bits)
     is_full = bits == 16 and 8 <= used < bits and int(values.max()) >= 2**used
     white_dn = float(2**bits - 2 ** (bits - used)) if is_full else None
-    stored = StoredImage(values, bits, "linear", _facts(header, path), changes, tuple(doubts), white_dn=white_dn)
-    return with_statement(stored, statement, "srgb" if coloured else "linear").upright()
+    statements = replace(
+        _exif(header, path), bits=bits, white_dn=white_dn, changes=changes, findings=tuple(doubts)
+    ).with_curve(curve, "srgb" if coloured else "linear")
+    return as_seen(values, statements)
 
 
-def _facts(header: Any, path: Path) -> ExifFacts:
+def _exif(header: Any, path: Path) -> FileStatements:
     from PIL import ExifTags
 
     block = header.info.get("exif")
-    facts = read_exif(block.removeprefix(b"Exif\0\0"), path, whole=False) if isinstance(block, bytes) else ExifFacts()
+    stated = (
+        read_exif(block.removeprefix(b"Exif\0\0"), path, whole=False) if isinstance(block, bytes) else NOTHING_STATED
+    )
     try:
         # Of PNG some programs write EXIF as a text (ImageMagick), or the orientation as XMP.
         orientation = header.getexif().get(ExifTags.Base.Orientation, 1)
     # A damaged block raises what its parts do.
     except Exception:
-        return facts
-    return replace(facts, orientation=orientation) if facts.orientation == 1 and orientation in range(1, 9) else facts
+        return stated
+    return (
+        replace(stated, orientation=orientation) if stated.orientation == 1 and orientation in range(1, 9) else stated
+    )
 
 
 def _resolved(values: NDArray[Any], depth: int, colour_type: int) -> tuple[NDArray[Any], int, tuple[Finding, ...]]:
@@ -149,7 +163,7 @@ _GAIN_MAPS = (b"http://ns.adobe.com/hdr-gain-map/1.0/", b"urn:iso:std:iso:ts:214
 _TO_TIFF = "which labcdp does not read: convert it to 16-bit TIFF"
 
 
-def read_jpeg(data: bytes, path: Path, max_pixels: int) -> StoredImage:
+def read_jpeg(data: bytes, path: Path, max_pixels: int) -> Stored:
     """Read a JPEG of 8 bits, grey or coloured; of several pictures, or one with a film behind it, the first picture.
 
     Raises
@@ -192,14 +206,14 @@ def read_jpeg(data: bytes, path: Path, max_pixels: int) -> StoredImage:
     # Pillow gives nothing of a profile that is not whole.
     if profile is None and any(_is_profile(data, marker, at) for marker, at in segments):
         doubts.append(warning("icc-profile-not-used", reason="parts of it are missing"))
-    statement = stated_by_profile(profile, values.ndim == 3, 8)
-    if not statement.states_curve:
-        of_exif = ExifColours.of_block(header).stated(8)
-        statement = replace(of_exif, findings=(*of_exif.findings, *statement.findings))
-    stored = StoredImage(
-        values, 8, "srgb", _facts(header, path), (info("jpeg-compressed"),), tuple(doubts), settled=True
+    curve = stated_by_profile(profile, values.ndim == 3, 8)
+    if not curve.states_curve:
+        of_exif = stated_by_exif(8, **exif_colours(header))
+        curve = replace(of_exif, findings=(*of_exif.findings, *curve.findings))
+    statements = replace(
+        _exif(header, path), bits=8, is_settled=True, changes=(info("jpeg-compressed"),), findings=tuple(doubts)
     )
-    return with_statement(stored, statement, "srgb").upright()
+    return as_seen(values, statements.with_curve(curve, "srgb"))
 
 
 def _jpeg_segments(data: bytes) -> Iterator[tuple[int, int]]:
@@ -253,7 +267,7 @@ _IN_SCAN = re.compile(rb"\xff+[^\x00\xd0-\xd7\xff]")
 NPY = b"\x93NUMPY"
 
 
-def read_npy(data: bytes, path: Path, max_pixels: int) -> StoredImage:
+def read_npy(data: bytes, path: Path, max_pixels: int) -> Stored:
     """Read a 2-D array of whole or real numbers.
 
     Raises
@@ -275,12 +289,12 @@ def read_npy(data: bytes, path: Path, max_pixels: int) -> StoredImage:
         require_size(path, shape[1], shape[0], max_pixels)
         values = parse_npy(data)
     if dtype.kind == "f":
-        return StoredImage(real_numbers(values, path), None)
+        return real_numbers(values, path), NOTHING_STATED
     dn, bits, changes = whole_numbers(values, path)
-    return StoredImage(np.ascontiguousarray(dn), bits, changes=changes, settled=True)
+    return np.ascontiguousarray(dn), FileStatements(bits=bits, changes=changes, is_settled=True)
 
 
-def read_dump(data: bytes, path: Path, size: tuple[int, int], format_name: str, max_pixels: int) -> StoredImage:
+def read_dump(data: bytes, path: Path, size: tuple[int, int], format_name: str, max_pixels: int) -> Stored:
     """Read pixels that fill a file from its first byte to its last.
 
     Parameters
@@ -317,4 +331,4 @@ def read_dump(data: bytes, path: Path, size: tuple[int, int], format_name: str, 
             f"{path} has values up to {dn.max()}, {layout.name} ends at {2**layout.bit_depth - 1}: give the pixel "
             "format it was written with"
         )
-    return StoredImage(dn, layout.bit_depth, settled=True)
+    return dn, FileStatements(bits=layout.bit_depth, is_settled=True)

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from ..core.errors import InputError
 from ..core.frame import BlackPattern
 from ..core.result import Finding, info
-from .exif import ExifFacts, positive_number, read_exif
-from .frame import FileFrame, Scale, changed_at, facts_over, make_frame, picture_bytes, require_exposure
+from .exif import read_exif
+from .frame import FileFrame, Scale, changed_at, make_frame, picture_bytes, require_exposure, statements_over
 from .picture import PictureOptions
 from .sensor_tags import (
     CFA,
@@ -29,6 +29,7 @@ from .sensor_tags import (
     pattern_findings,
     sensor_tags,
 )
+from .statements import FileStatements, positive_number
 from .stored_image import MAX_PIXELS, require_size
 
 
@@ -56,17 +57,17 @@ def read_raw(path: str | PathLike[str], options: PictureOptions, max_pixels: int
     """
     path = Path(path)
     data, sha256 = picture_bytes(path, max_pixels)
-    facts = read_exif(data, path)
+    statements = read_exif(data, path)
     stated = sensor_tags(data, path)
     with _opened(data, path) as raw:
         require_size(path, raw.sizes.raw_width, raw.sizes.raw_height, max_pixels)
-        colour_filter, group = _pattern(raw, path, facts)
+        colour_filter, group = _pattern(raw, path, statements)
         whole, white = np.array(raw.raw_image), int(raw.white_level)
         corner = raw.sizes.top_margin, raw.sizes.left_margin
         shape = raw.raw_image_visible.shape
         levels = (level for level in raw.camera_white_level_per_channel or () if level > 0)
         saturation_dn = float(min([white, *levels]))
-        facts = _completed(facts, raw.other)
+        statements = _completed(statements, raw.other)
     per_value, findings = 1.0, list[Finding]()
     if stated is not None and stated.is_dng and stated.is_float:
         whole, per_value = _scaled(float_values(data, path), stated.white or 1.0)
@@ -82,17 +83,19 @@ def read_raw(path: str | PathLike[str], options: PictureOptions, max_pixels: int
     dn.flags.writeable = False
     bit_depth = min(max(white.bit_length(), 8), 16)
     (black_dn, pattern), more = _black(whole, corner, (dn.shape[0], dn.shape[1]), group, white, stated, path, per_value)
-    known = replace(facts_over(options, facts), black_level_dn=black_dn, saturation_dn=None, pixel_format=None)
+    known = replace(
+        statements_over(options, statements), black_level_dn=black_dn, saturation_dn=None, pixel_format=None
+    )
     require_exposure(path, known)
     frame = replace(
-        make_frame(dn, Scale(bit_depth, saturation_dn), known, facts.taken or changed_at(path)),
+        make_frame(dn, Scale(bit_depth, saturation_dn), known, statements.taken or changed_at(path)),
         pixel_format=f"{f'Bayer{colour_filter}' if colour_filter else 'Mono'}{bit_depth}",
         colour_filter=colour_filter,
         black_pattern=pattern,
     )
     clips_at_dn = clipping_dn(dn, colour_filter, black_dn, white)
     early = clips_at_dn is not None and clips_at_dn < saturation_dn
-    return FileFrame(path, sha256, facts, frame, clips_at_dn if early else None, (*findings, *more))
+    return FileFrame(path, sha256, statements, frame, clips_at_dn if early else None, (*findings, *more))
 
 
 #: Highest DN of floats, which are scaled to 16 bits.
@@ -156,10 +159,10 @@ def _opened(data: bytes, path: Path) -> Iterator[Any]:
         ) from error
 
 
-def _pattern(raw: Any, path: Path, facts: ExifFacts) -> tuple[str | None, NDArray[np.float64]]:
+def _pattern(raw: Any, path: Path, statements: FileStatements) -> tuple[str | None, NDArray[np.float64]]:
     """Name of the Bayer pattern, None for a monochrome sensor; LibRaw's black levels of the first 2 x 2 pixels."""
     black = [float(level) for level in raw.black_level_per_channel]
-    if raw.num_colors == 1 and not (facts.photometric == CFA and not facts.has_cfa_pattern):
+    if raw.num_colors == 1 and not (statements.photometric == CFA and not statements.has_cfa_pattern):
         return None, np.array([[black[0]]])
     try:
         colours: NDArray[np.uint8] = raw.raw_colors_visible
@@ -179,14 +182,14 @@ def _pattern(raw: Any, path: Path, facts: ExifFacts) -> tuple[str | None, NDArra
     return names[:2], np.array(black)[group]
 
 
-def _completed(facts: ExifFacts, other: Any) -> ExifFacts:
+def _completed(statements: FileStatements, other: Any) -> FileStatements:
     """Facts with what LibRaw knows besides; it has 0 for what it does not know."""
     return replace(
-        facts,
-        exposure_s=facts.exposure_s or positive_number(other.shutter_speed),
-        f_number=facts.f_number or positive_number(other.aperture),
-        focal_length_m=facts.focal_length_m or positive_number(other.focal_length / 1000),
-        iso=facts.iso or positive_number(other.iso_speed),
+        statements,
+        exposure_s=statements.exposure_s or positive_number(other.shutter_speed),
+        f_number=statements.f_number or positive_number(other.aperture),
+        focal_length_m=statements.focal_length_m or positive_number(other.focal_length / 1000),
+        iso=statements.iso or positive_number(other.iso_speed),
     )
 
 

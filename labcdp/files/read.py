@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
@@ -13,26 +13,26 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core.disk import reading
 from ..core.dn import pixel_format
 from ..core.errors import InputError, LabcdpError
 from ..core.frame import Frame
-from ..core.result import info, warning
+from ..core.result import Finding, info, warning
 from ..core.vignetting import Lens
-from .doubts import BLACK_LEVEL, ENCODING, Histogram, doubts_of, encodings
-from .exif import ExifFacts
+from .doubts import BLACK_LEVEL, ENCODING, doubts_of, encodings, histogram_of
 from .exr import EXR, exr_text, read_exr
 from .frame import (
     IMAGE_SUFFIXES,
     NO_EXPOSURE_S,
     Scale,
     changed_at,
-    facts_over,
     frame_of_pixels,
     make_frame,
     picture_bytes,
     scale_of,
+    statements_over,
     with_stated_levels,
 )
 from .kinds import HEAD_BYTES, no_picture
@@ -41,15 +41,16 @@ from .luminance_file import read_luminance
 from .picture import Picture, PictureOptions, with_overrides
 from .png_jpeg import JPEG, NPY, PNG, read_dump, read_jpeg, read_npy, read_png
 from .raw import read_raw
-from .stored_image import StoredImage, decoded_by_table, grey_finding, luminance_dn
+from .statements import NOTHING_STATED, FileStatements
+from .stored_image import Stored, decoded_by_table, grey_finding, luminance_dn
 from .tiff import TIFF, looked_at, read_tiff
-from .transfer import encoding_name
+from .transfer import Encoding, encoding_name
 
 __all__ = ["Picture", "PictureOptions", "frame_of_pixels", "picture_paths", "read_picture"]
 
 _ZIP = b"PK\x03\x04"
 #: Readers by the first bytes of a file.
-_READERS: dict[bytes, Callable[[bytes, Path, int], StoredImage]] = {
+_READERS: dict[bytes, Callable[[bytes, Path, int], Stored]] = {
     PNG: read_png,
     JPEG: read_jpeg,
     EXR: read_exr,
@@ -92,9 +93,9 @@ def read_picture(path: str | PathLike[str], options: PictureOptions = NOTHING_KN
     noted, of_a_sensor = looked_at(data) if is_tiff else (None, False)
     if data.startswith(EXR):
         noted = exr_text(path, options.max_pixels)
-    own = _from_labcdp(noted, data, sha256, path, options.max_pixels)
-    if own is not None:
-        return with_overrides(own, options, None if own.frame is None else own.frame.bit_depth)
+    written = _from_labcdp(noted, data, sha256, path, options)
+    if written is not None:
+        return written
     if is_tiff and suffix not in RAW_SUFFIXES and not of_a_sensor:
         return _picture(read_tiff(data, path, options.max_pixels), path, sha256, options)
     for signature, read in _READERS.items():
@@ -147,23 +148,26 @@ def read_otherwise(picture: Picture, code: str, options: PictureOptions) -> Pict
     return replace(picture, frame=replace(frame, colour_filter=doubts.colour_filter))
 
 
-def _from_labcdp(noted: dict[str, Any] | None, data: bytes, sha256: str, path: Path, max_pixels: int) -> Picture | None:
+def _from_labcdp(
+    noted: dict[str, Any] | None, data: bytes, sha256: str, path: Path, options: PictureOptions
+) -> Picture | None:
     """Read what labcdp wrote, a recorded frame or luminance, by what it noted; return None for any other file."""
     # Of archives, luminance is the only one that is read.
     if data.startswith(_ZIP) or (noted or {}).get("format") == LUMINANCE:
-        luminance, _ = read_luminance(data, path, max_pixels)
-        light = np.asarray(luminance.luminance_cd_m2, dtype=np.float32)
-        findings = (info("luminance-file"),)
-        return Picture(path, sha256, ExifFacts(), None, light, True, findings=findings, luminance=luminance)
+        luminance, _ = read_luminance(data, path, options.max_pixels)
+        light, found = np.asarray(luminance.luminance_cd_m2, dtype=np.float32), [info("luminance-file")]
+        return _made(
+            path, sha256, NOTHING_STATED, options, light=light, light_is_cd_m2=True, findings=found, luminance=luminance
+        )
     if noted is None or not {"exposure_s", "saturation_dn", "camera"} <= set(noted):
         return None
-    stored = read_tiff(data, path, max_pixels)
+    values, _ = read_tiff(data, path, options.max_pixels)
     try:
-        frame = Frame.from_metadata(stored.values, noted)
+        frame = Frame.from_metadata(values, noted)
     except InputError as error:
         raise InputError(f"{path} is not a frame recorded by labcdp ({error})") from error
-    facts = ExifFacts(exposure_s=frame.exposure_s, model=frame.camera.model)
-    return Picture(path, sha256, facts, frame, exposure_known=True, lens=_lens_of_session(path, sha256))
+    stated, lens = FileStatements(exposure_s=frame.exposure_s, model=frame.camera.model), _lens_of_session(path, sha256)
+    return _made(path, sha256, stated, options, frame.bit_depth, frame=frame, exposure_known=True, lens=lens)
 
 
 def _lens_of_session(path: Path, sha256: str) -> Lens | None:
@@ -196,77 +200,121 @@ def _from_raw(path: Path, sha256: str, options: PictureOptions) -> Picture:
     if taken.clips_at_dn is not None:
         findings += [warning("raw-clips-early", found_dn=taken.clips_at_dn, stated_dn=frame.saturation_dn)]
         frame = replace(frame, saturation_dn=taken.clips_at_dn)
-    exposure_known = (taken.facts.exposure_s or options.exposure_s) is not None
-    picture = Picture(path, sha256, taken.facts, frame, findings=tuple(findings), exposure_known=exposure_known)
-    return with_overrides(picture, options, frame.bit_depth)
+    statements, bits = taken.statements, frame.bit_depth
+    is_known = (statements.exposure_s or options.exposure_s) is not None
+    return _made(path, sha256, statements, options, bits, frame=frame, findings=findings, exposure_known=is_known)
 
 
-def _picture(stored: StoredImage, path: Path, sha256: str, options: PictureOptions) -> Picture:
-    facts, findings = stored.facts, (*stored.changes, *stored.doubts)
+def _picture(stored: Stored, path: Path, sha256: str, options: PictureOptions) -> Picture:
+    """Make a picture of the values of a file and what it states."""
+    values, statements = stored
+    findings, table = [*statements.changes, *statements.findings], statements.light_table
     if options.encoding is not None:
-        findings = tuple(one for one in findings if one.code not in _STATED)
-    encoding, other = options.encoding or stored.encoding, None
-    by_file = None if stored.light_table is not None else stored.encoding
-    if stored.stated_by and options.override("encoding") not in (None, by_file):
-        findings = (*findings, warning("encoding-replaced", given=encoding_name(encoding), by=stored.stated_by))
-    known, taken = facts_over(options, facts), facts.taken or changed_at(path)
-    picture = Picture(path, sha256, facts, encoding=encoding, exposure_known=known.exposure_s is not None)
-    if stored.bits is None:
+        findings = [finding for finding in findings if finding.code not in _STATED]
+    usual: Encoding = statements.encoding or "linear"
+    encoding, other = options.encoding or usual, None
+    if statements.stated_by and options.override("encoding") not in (None, None if table is not None else usual):
+        findings.append(warning("encoding-replaced", given=encoding_name(encoding), by=statements.stated_by))
+    known, taken = statements_over(options, statements), statements.taken or changed_at(path)
+    exposure_known = known.exposure_s is not None
+    if statements.bits is None:
         # What is not finite is invalid in the map.
         with np.errstate(over="ignore", invalid="ignore"):
-            light = stored.values * np.float32(stored.cd_m2_per_value or 1.0)
-        is_cd_m2 = stored.cd_m2_per_value is not None
-        picture = replace(picture, light=light, light_is_cd_m2=is_cd_m2, encoding="linear", findings=findings)
-        return with_overrides(picture, options, None)
-    scale = given_scale = scale_of(stored.values, stored.bits or 16, options, str(path))
-    stated, guessed_by = stored.white_dn is not None, None
-    if stored.bits == 16 and options.stated_bits is None:
-        guessed_by = int(stored.values.max()), int(np.bitwise_or.reduce(stored.values, axis=None))
-    findings = (*findings, *(one for one in scale.findings if not (stated and one.code == "bit-depth-unknown")))
-    levels = (scale.saturation_dn, stored.white_dn, options.saturation_dn)
-    saturation_dn, clipped = min(one for one in levels if one is not None), None
-    histogram = Histogram.of(stored.values, saturation_dn)
-    if options.encoding is None and not (stored.stated_by or stored.settled or _is_of_sensor(stored, options)):
+            light = values * np.float32(statements.cd_m2_per_value or 1.0)
+        is_cd_m2 = statements.cd_m2_per_value is not None
+        return _made(
+            path,
+            sha256,
+            statements,
+            options,
+            light=light,
+            findings=findings,
+            light_is_cd_m2=is_cd_m2,
+            exposure_known=exposure_known,
+        )
+    coloured, scale = values.ndim == 3, scale_of(values, statements.bits, options, str(path))
+    bits, guessed_by = scale.bits, None
+    if statements.bits == 16 and options.stated_bits is None:
+        guessed_by = int(values.max()), int(np.bitwise_or.reduce(values, axis=None))
+    states_white = statements.white_dn is not None
+    findings += [one for one in scale.findings if not (states_white and one.code == "bit-depth-unknown")]
+    levels = (scale.saturation_dn, statements.white_dn, options.saturation_dn)
+    saturation_dn = min(level for level in levels if level is not None)
+    counts = histogram_of(values)
+    is_known = statements.stated_by or statements.is_settled or _is_of_sensor(coloured, statements, options)
+    if options.encoding is None and not is_known:
         # A palette has colours, and colours of more bits are as is usual for their kind.
-        in_colours = stored.coloured or any(one.code == "palette-resolved" for one in stored.changes)
-        found, other = encodings(histogram, stored.bits, in_colours)
-        encoding = stored.encoding if in_colours else options.assumed_encoding or found
-        other = other if encoding == found else found
-    bare = _is_bare(stored, options)
-    doubts = doubts_of(stored.values, saturation_dn, encoding, other, histogram, as_stored=bare)
-    encoding = doubts.encoding
-    picture = replace(picture, encoding=encoding)
-    if stored.light_table is not None and options.encoding is None:
-        clipped = stored.values >= saturation_dn
-        stored, encoding, scale = decoded_by_table(stored, scale.bits), "linear", _OF_LIGHT
-        picture = replace(picture, encoding=encoding)
+        in_colours = coloured or any(one.code == "palette-resolved" for one in statements.changes)
+        likely, other = encodings(counts, saturation_dn, statements.bits, in_colours)
+        encoding = usual if in_colours else options.assumed_encoding or likely
+        other = other if encoding == likely else likely
+    bare = not coloured and _is_bare(statements, options)
+    doubts = doubts_of(values, saturation_dn, encoding, other, counts, as_stored=bare)
+    encoding, clipped, white_dn = doubts.encoding, None, statements.white_dn
+    by_table = table is not None and options.encoding is None
+    if table is not None and options.encoding is None:
+        clipped = values >= saturation_dn
+        values = decoded_by_table(values, scale.bits, table, statements.weights)
+        encoding, scale, white_dn = "linear", _OF_LIGHT, None
+    if by_table or coloured:
         known = replace(known, pixel_format=None, saturation_dn=None, black_level_dn=None)
-    if stored.coloured:
-        dn = luminance_dn(stored.values, scale.bits, encoding, stored.weights)
-        known = replace(known, pixel_format=None, saturation_dn=None, black_level_dn=None)
+    if coloured:
+        dn = luminance_dn(values, scale.bits, encoding, statements.weights)
         frame = make_frame(dn, _OF_LIGHT, known, taken)
-        clipped = np.any(stored.values >= saturation_dn if clipped is None else clipped, axis=2)
-        findings = (*findings, grey_finding(encoding, stored.weights))
+        clipped = np.any(values >= saturation_dn if clipped is None else clipped, axis=2)
+        findings.append(grey_finding(encoding, statements.weights))
     else:
-        frame = with_stated_levels(make_frame(stored.values, scale, known, taken), stored)
+        frame = with_stated_levels(make_frame(values, scale, known, taken), statements.black, white_dn)
     if clipped is not None and (share := float(np.mean((frame.dn > 0) & (frame.dn < _FEW_STEPS)))) > _DARK:
-        findings = (*findings, info("light-in-steps", share=share))
-    frame = replace(frame, clipped=clipped)
-    picture = replace(picture, frame=frame, findings=findings, coloured=stored.coloured, guessed_by=guessed_by)
-    picture = replace(picture, doubts=doubts)
-    return with_overrides(picture, options, given_scale.bits)
+        findings.append(info("light-in-steps", share=share))
+    return _made(
+        path,
+        sha256,
+        statements,
+        options,
+        bits,
+        frame=replace(frame, clipped=clipped),
+        encoding=encoding,
+        findings=findings,
+        exposure_known=exposure_known,
+        coloured=coloured,
+        guessed_by=guessed_by,
+        doubts=doubts,
+    )
 
 
-def _is_of_sensor(stored: StoredImage, options: PictureOptions) -> bool:
+def _made(
+    path: Path,
+    sha256: str,
+    statements: FileStatements,
+    options: PictureOptions,
+    bits: int | None = None,
+    *,
+    frame: Frame | None = None,
+    light: NDArray[np.float32] | None = None,
+    encoding: Encoding = "linear",
+    findings: Iterable[Finding] = (),
+    **others: Any,
+) -> Picture:
+    """Make a picture with what the user gave; `bits` are those of the values as they were taken from the file."""
+    values = light if frame is None else frame.dn
+    assert values is not None
+    height, width = values.shape
+    frame, more = with_overrides(frame, (width, height), encoding, options, bits)
+    return Picture(path, sha256, statements, frame, light, encoding=encoding, findings=(*findings, *more), **others)
+
+
+def _is_of_sensor(coloured: bool, statements: FileStatements, options: PictureOptions) -> bool:
     """Whether file or user say that grey values are the DN of a sensor, which are in proportion to light."""
-    return not stored.coloured and (options.of_sensor or stored.black is not None or stored.white_dn is not None)
+    stated = statements.black is not None or statements.white_dn is not None
+    return not coloured and (options.of_sensor or stated)
 
 
-def _is_bare(stored: StoredImage, options: PictureOptions) -> bool:
+def _is_bare(statements: FileStatements, options: PictureOptions) -> bool:
     """Whether neither black level nor colour filter is known of grey values."""
-    known = stored.black is not None or stored.light_table is not None or options.black_level_dn is not None
+    known = statements.black is not None or statements.light_table is not None or options.black_level_dn is not None
     has_filter = options.pixel_format is not None and pixel_format(options.pixel_format).colour_filter is not None
-    return not (stored.coloured or known or has_filter or options.bayer)
+    return not (known or has_filter or options.bayer)
 
 
 #: Steps of light of which rounding is 1 %, and the share of darker pixels that is named.

@@ -7,20 +7,19 @@ import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryFile
 from threading import Lock
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.dn import look_up
 from ..core.errors import InputError
-from ..core.frame import BlackPattern
 from ..core.result import Finding, info, warning
-from .exif import ExifFacts
+from .statements import FileStatements
 from .transfer import BT709_LUMINANCE, Encoding, Weights, light_tables
 
 #: Most bits of grey values that may be made for screens as well as by a camera, where a file does not say it.
@@ -64,88 +63,36 @@ def weighted(rgb: NDArray[Any], tables: NDArray[np.float32]) -> NDArray[np.uint1
 MAX_PIXELS = 250_000_000
 
 
-@dataclass(frozen=True, eq=False)
-class StoredImage:
-    """Values of an image file.
+#: Values of an image file, uint8, uint16 or float32, shape (height, width) or (height, width, 3); what the file states.
+Stored: TypeAlias = tuple[NDArray[Any], FileStatements]
 
-    Parameters
-    ----------
-    values : ndarray of uint8, uint16 or float32, shape (height, width) or (height, width, 3)
-        Grey, or red, green and blue.
-    bits : int or None
-        Bits of the scale of integers as the file states it; None for floats.
-    encoding : str
-        How values are encoded, as the file states or its kind suggests.
-    facts : ExifFacts
-        What the file says about how it was taken.
-    changes : tuple of Finding
-        What was done to the values.
-    doubts : tuple of Finding
-        What is not certain about the values, such as how they are encoded.
-    cd_m2_per_value : float or None
-        Luminance of the value 1, of float files that state it.
-    black : (float, BlackPattern or None) or None
-        Black level that the file states, and the pattern of the pixels around it.
-    white_dn : float or None
-        DN that the file states to be saturated.
-    stated_by : str
-        What of the file states the encoding, such as ``its ICC profile``; empty if nothing does.
-    light_table : ndarray of uint16, shape (1 or 3, n), or None
-        Light of grey, or of red, green and blue, at equal steps from 0 to the largest value, in 65535ths of white, by a
-        curve that the file states and that is no `encoding`.
-    weights : (float, float, float)
-        Of linear red, green and blue in luminance.
-    settled : bool
-        Whether the kind of the file says how values are encoded, as those of JPEG, arrays and dumps do.
+
+def as_seen(values: NDArray[Any], statements: FileStatements) -> Stored:
+    """Turn values as their EXIF says, and leave out colours if all of them are grey.
+
+    Values of a sensor whose pixels have black levels of their own stay as they are, as in camera RAW.
     """
-
-    values: NDArray[Any]
-    bits: int | None
-    encoding: Encoding = "linear"
-    facts: ExifFacts = field(default_factory=ExifFacts)
-    changes: tuple[Finding, ...] = ()
-    doubts: tuple[Finding, ...] = ()
-    cd_m2_per_value: float | None = None
-    black: tuple[float, BlackPattern | None] | None = None
-    white_dn: float | None = None
-    stated_by: str = ""
-    light_table: NDArray[np.uint16] | None = None
-    weights: Weights = BT709_LUMINANCE
-    settled: bool = False
-
-    def upright(self) -> StoredImage:
-        """Turn the picture as its EXIF says, and without colours if all of them are grey.
-
-        Values of a sensor whose pixels have black levels of their own stay as they are, as in camera RAW.
-        """
-        values, changes = self.values, self.changes
-        orientation = 1 if self.black is not None and self.black[1] is not None else self.facts.orientation
-        if orientation != 1:
-            values, changes = upright(values, orientation), (*changes, info("turned", orientation=orientation))
-        return replace(self, values=grey_if_colourless(values), changes=changes)
-
-    @property
-    def coloured(self) -> bool:
-        """Whether there are three values a pixel."""
-        return self.values.ndim == 3
+    black, orientation = statements.black, statements.orientation
+    if orientation != 1 and (black is None or black[1] is None):
+        values = upright(values, orientation)
+        statements = replace(statements, changes=(*statements.changes, info("turned", orientation=orientation)))
+    return grey_if_colourless(values), statements
 
 
-def decoded_by_table(stored: StoredImage, bits: int) -> StoredImage:
-    """Return the light of an image on a scale of `bits` bits whose file states a table, as linear values of 16 bits."""
-    assert stored.light_table is not None
-    tables, values = stored.light_table, stored.values
+def decoded_by_table(
+    values: NDArray[Any], bits: int, tables: NDArray[np.uint16], weights: Weights
+) -> NDArray[np.uint16]:
+    """Light of values on a scale of `bits` bits by the table that their file states, as linear values of 16 bits."""
     if tables.shape[1] != 2**bits:
         steps = np.linspace(0, tables.shape[1] - 1, 2**bits)
         of_scale = [np.interp(steps, np.arange(tables.shape[1]), table) for table in tables]
         tables = np.rint(of_scale).astype(np.uint16)
     if values.ndim == 2:
         # Of grey in three channels, the luminance is the sum of theirs.
-        grey = np.rint(np.array(stored.weights) @ tables).astype(np.uint16) if len(tables) == 3 else tables[0]
-        light = look_up(grey, values)
-    else:
-        channels = (tables[at] if len(tables) == 3 else tables[0] for at in range(3))
-        light = np.dstack([look_up(table, values[..., at]) for at, table in enumerate(channels)])
-    return replace(stored, values=light, bits=16, encoding="linear", white_dn=None, light_table=None)
+        grey = np.rint(np.array(weights) @ tables).astype(np.uint16) if len(tables) == 3 else tables[0]
+        return look_up(grey, values)
+    channels = (tables[at] if len(tables) == 3 else tables[0] for at in range(3))
+    return np.dstack([look_up(table, values[..., at]) for at, table in enumerate(channels)])
 
 
 def grey_finding(encoding: Encoding, weights: Weights) -> Finding:

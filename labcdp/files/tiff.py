@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from contextlib import suppress
+from dataclasses import replace
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -16,10 +17,10 @@ from ..core.disk.tiff import open_tiff, pixels_of
 from ..core.errors import InputError
 from ..core.frame import BlackPattern
 from ..core.result import info, warning
-from .exif import ExifFacts, read_exif
+from .exif import read_exif
 from .sensor_tags import LEVELS, masked_level, pattern_findings, tags_of
-from .statements import with_statement
-from .stored_image import StoredImage, real_numbers, require_size, whole_numbers, without_alpha
+from .statements import FileStatements
+from .stored_image import Stored, as_seen, real_numbers, require_size, whole_numbers, without_alpha
 from .tiff_statements import nodata_findings, share_at_end, statements_of
 from .transfer import BT709_LUMINANCE, Encoding
 
@@ -34,7 +35,7 @@ _LOSSY = {
 }  # fmt: skip
 
 
-def read_tiff(data: bytes, path: Path, max_pixels: int, number: int | None = None) -> StoredImage:
+def read_tiff(data: bytes, path: Path, max_pixels: int, number: int | None = None) -> Stored:
     """Read a TIFF of one picture, or one of several.
 
     Parameters
@@ -53,7 +54,7 @@ def read_tiff(data: bytes, path: Path, max_pixels: int, number: int | None = Non
     InputError
         If it is truncated, damaged, larger than `max_pixels`, holds several pictures, or one of another kind.
     """
-    facts = read_exif(data, path)
+    exif = read_exif(data, path)
     with open_tiff(data, path) as tiff:
         pages = _pages(tiff, path)
         if number is None and len(pages) != 1:
@@ -63,7 +64,7 @@ def read_tiff(data: bytes, path: Path, max_pixels: int, number: int | None = Non
         page = pages[number or 0]
         require_size(path, page.imagewidth, page.imagelength, max_pixels)
         _require_kind(page, path)
-        return _read(page, path, facts)
+        return _read(page, path, exif)
 
 
 def looked_at(data: bytes) -> tuple[dict[str, Any] | None, bool]:
@@ -131,7 +132,7 @@ def _require_kind(page: Any, path: Path) -> None:
         )
 
 
-def _read(page: Any, path: Path, facts: ExifFacts) -> StoredImage:
+def _read(page: Any, path: Path, exif: FileStatements) -> Stored:
     values = pixels_of(page, path)
     if page.planarconfig == 2 and values.ndim == 3:
         values = np.moveaxis(values, 0, -1)
@@ -174,9 +175,8 @@ def _read(page: Any, path: Path, facts: ExifFacts) -> StoredImage:
             changes.append(states.scale.finding)
         doubts += states.curve.findings
         per_value = 1.0 if states.scale is not None and states.scale.is_luminance else states.cd_m2_per_value
-        return StoredImage(
-            real_numbers(values, path), None, "linear", facts, tuple(changes), tuple(doubts), per_value
-        ).upright()
+        known = replace(exif, cd_m2_per_value=per_value, changes=tuple(changes), findings=tuple(doubts))
+        return as_seen(real_numbers(values, path), known)
     if page.photometric == _PALETTE:
         values, bits = _resolved(values, page)
         changes.append(info("palette-resolved"))
@@ -206,13 +206,13 @@ def _read(page: Any, path: Path, facts: ExifFacts) -> StoredImage:
                 doubts.append(warning("values-at-end", share=share))
             light = real_numbers(states.scale.values(values), path)
             per_value = 1.0 if states.scale.is_luminance else None
-            return StoredImage(light, None, "linear", facts, tuple(changes), tuple(doubts), per_value).upright()
+            known = replace(exif, cd_m2_per_value=per_value, changes=tuple(changes), findings=tuple(doubts))
+            return as_seen(light, known)
         black = zero_dn, None
-    stored = StoredImage(
-        np.ascontiguousarray(values), bits, "linear", facts, tuple(changes), tuple(doubts), black=black,
-        white_dn=white_dn,
-    )  # fmt: skip
-    return with_statement(stored, states.curve, _usual_encoding(page, values.ndim == 3)).upright()
+    known = replace(
+        exif, bits=bits, black=black, white_dn=white_dn, changes=tuple(changes), findings=tuple(doubts)
+    ).with_curve(states.curve, _usual_encoding(page, values.ndim == 3))
+    return as_seen(np.ascontiguousarray(values), known)
 
 
 def _resolved(indices: NDArray[Any], page: Any) -> tuple[NDArray[Any], int]:

@@ -13,8 +13,14 @@ from numpy.typing import NDArray
 
 from ..core.disk.files import shortened
 from ..core.result import Finding, info, warning
-from .exif import positive_number
-from .statements import NOTHING_STATED, ExifColours, Statement, numbers_of, stated_by_profile
+from .statements import (
+    NOTHING_STATED,
+    FileStatements,
+    numbers_of,
+    positive_number,
+    stated_by_exif,
+    stated_by_profile,
+)
 
 # Tags (TIFF 6.0, sections 20 and 22; TIFF Technical Note on SGI LogLuv; GDAL's own).
 _TRANSFER_FUNCTION, _WHITE_POINT, _PRIMARIES, _REFERENCE, _STONITS = 301, 318, 319, 532, 37439
@@ -101,7 +107,7 @@ class TiffStatements:
 
     Parameters
     ----------
-    curve : Statement
+    curve : FileStatements
         Curve and colours.
     scale : ValueScale or None
         What stored values stand for.
@@ -115,7 +121,7 @@ class TiffStatements:
         What is not used.
     """
 
-    curve: Statement = NOTHING_STATED
+    curve: FileStatements = NOTHING_STATED
     scale: ValueScale | None = None
     bits: int | None = None
     cd_m2_per_value: float | None = None
@@ -196,37 +202,43 @@ def _number(value: Any) -> float | None:
     return None
 
 
-def _curve(page: Any, tags: dict[int, Any], coloured: bool, bits: int | None, of_sensor: bool) -> Statement:
+def _curve(page: Any, tags: dict[int, Any], coloured: bool, bits: int | None, of_sensor: bool) -> FileStatements:
     profile = tags.get(_ICC_PROFILE)
     stated = stated_by_profile(profile if isinstance(profile, bytes) else None, coloured, bits or 8)
     if stated.states_curve and bits is not None:
         return stated
     colours = _exif_colours(tags, page)
-    found = colours.stated(bits or 8)
+    found = stated_by_exif(bits or 8, **colours)
     if bits is None:
         # Floats are linear; of profile and tags only the colours count.
         why, unused = "the values are floats, which are linear", list[Finding]()
         if stated.states_curve and stated.encoding != "linear":
             unused.append(warning("icc-profile-not-used", reason=why))
         if found.states_curve and found.encoding != "linear":
-            unused.append(warning("curve-not-used", by=found.by, reason=why))
+            unused.append(warning("curve-not-used", by=found.stated_by, reason=why))
         weights = stated.weights if stated.states_curve else found.weights
-        return Statement(weights=weights, findings=(*stated.findings, *unused))
+        return FileStatements(weights=weights, findings=(*stated.findings, *unused))
     findings = (*found.findings, *stated.findings)
-    linear = replace(colours, gamma=None, space=None, interoperability=None).stated(bits)
-    if of_sensor and found.by != linear.by:
+    linear = stated_by_exif(bits, **{name: colours[name] for name in ("table", "white", "primaries")})
+    if of_sensor and found.stated_by != linear.stated_by:
         # Cameras write the colour space of their JPEG files into raw ones too.
         why = "with a black level or a table of linearisation, the values are those of a sensor"
-        return replace(linear, findings=(*findings, warning("curve-not-used", by=found.by, reason=why)))
+        return replace(linear, findings=(*findings, warning("curve-not-used", by=found.stated_by, reason=why)))
     return replace(found, findings=findings)
 
 
-def _exif_colours(tags: dict[int, Any], page: Any) -> ExifColours:
+def _exif_colours(tags: dict[int, Any], page: Any) -> dict[str, Any]:
     exif = tags.get(_EXIF)
     exif = exif if isinstance(exif, dict) else {}
     index = _interoperability(page.parent, exif.get("InteroperabilityTag"))
-    of_page = (tags.get(code) for code in (_TRANSFER_FUNCTION, _WHITE_POINT, _PRIMARIES))
-    return ExifColours(exif.get("Gamma"), exif.get("ColorSpace"), index, *of_page)
+    return {
+        "gamma": exif.get("Gamma"),
+        "space": exif.get("ColorSpace"),
+        "interoperability": index,
+        "table": tags.get(_TRANSFER_FUNCTION),
+        "white": tags.get(_WHITE_POINT),
+        "primaries": tags.get(_PRIMARIES),
+    }
 
 
 def _interoperability(tiff: Any, offset: Any) -> str | None:

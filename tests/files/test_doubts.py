@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from labcdp.files.doubts import Histogram, doubts_of, encodings, mosaic_of
+from labcdp.files.doubts import doubts_of, encodings, histogram_of, mosaic_of
 
 RNG = np.random.default_rng(4)
 #: Luminance as in photographs: logarithms that are normal around 18 % of white, in soft patches, and the brightest cut.
@@ -28,7 +28,7 @@ def behind(values, pattern):
 
 
 def taken(values, bits=8, coloured=False):
-    return encodings(Histogram.of(values, 2.0**bits - 1), bits, coloured)
+    return encodings(histogram_of(values), 2.0**bits - 1, bits, coloured)
 
 
 def test_a_photograph_is_for_screens_and_its_light_is_not():

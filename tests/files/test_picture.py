@@ -288,7 +288,11 @@ def test_what_files_lack_comes_from_the_options(tmp_path):
     assert (stated.frame.exposure_s, stated.frame.gain_db) == (0.004, pytest.approx(12.04, abs=0.01))
     assert (given.frame.exposure_s, given.frame.gain_db, given.exposure_stated) == (0.02, 6.0, False)
     assert (stated.frame.camera, given.frame.camera) == (CameraIdentity("Acme", "Still 1", "1"), MANTA)
-    assert (given.frame.black_level_dn, given.frame.saturation_dn, stated.facts.has_cfa_pattern) == (4.0, 250.0, False)
+    assert (given.frame.black_level_dn, given.frame.saturation_dn, stated.statements.has_cfa_pattern) == (
+        4.0,
+        250.0,
+        False,
+    )
 
 
 @pytest.mark.parametrize(("orientation", "suffix"), [*zip(range(1, 9), ["jpg", "png", "tif"] * 3, strict=False)])

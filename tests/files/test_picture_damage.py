@@ -258,7 +258,7 @@ def test_an_exif_block_may_name_pixels_of_the_file_it_was_copied_from(tmp_path):
     block = Image.Exif()
     block[273], block[279], block[271] = 10_000_000, 5000, "Acme"
     Image.fromarray(COLOURS).save(tmp_path / "a.jpg", exif=block)
-    assert read_picture(tmp_path / "a.jpg").facts.vendor == "Acme"
+    assert read_picture(tmp_path / "a.jpg").statements.vendor == "Acme"
 
 
 @pytest.mark.parametrize(

@@ -26,10 +26,10 @@ from ...core.vignetting import (
     with_doubt,
 )
 from ...files.doubts import MOSAIC, Doubts, contrast_matters
-from ...files.exif import NOTHING_SAID, ExifFacts
 from ...files.frame import no_exposure
 from ...files.picture import Picture
 from ...files.read import PictureOptions, read_otherwise
+from ...files.statements import NOTHING_STATED, FileStatements
 from ...files.transfer import Encoding, encoding_name
 from ...metrics import weber_contrast
 from .dn_light import AssumedMap, DnMap, light_of_dn
@@ -129,7 +129,7 @@ class Converter:
         self,
         shape: tuple[int, int],
         readout: Readout | None = None,
-        facts: ExifFacts = NOTHING_SAID,
+        statements: FileStatements = NOTHING_STATED,
         encoding: Encoding = "linear",
     ) -> AssumedVignetting | None:
         """Return the vignetting that is assumed; None for none, and where a calibration has measured it.
@@ -140,8 +140,8 @@ class Converter:
             Height and width of an image in pixels.
         readout : Readout or None
             Which part of the sensor it shows.
-        facts : ExifFacts
-            What its file says.
+        statements : FileStatements
+            What its file states.
         encoding : str
             How its values are encoded: a camera that develops its pictures may have corrected them.
         """
@@ -149,8 +149,8 @@ class Converter:
         if options.no_vignetting or self.calibration is not None:
             return None
         given = options.override("focal_length_m") is not None
-        focal_length_m = options.focal_length_m if given else facts.focal_length_m or options.focal_length_m
-        pixel_pitch_m = options.pixel_pitch_m or facts.pixel_pitch_on(shape)
+        focal_length_m = options.focal_length_m if given else statements.focal_length_m or options.focal_length_m
+        pixel_pitch_m = options.pixel_pitch_m or statements.pixel_pitch_on(shape)
         if focal_length_m is None or pixel_pitch_m is None:
             return unknown_vignetting(shape, readout)
         assumed = Lens(focal_length_m, pixel_pitch_m, options.vignetting_rel).on(shape, readout)
@@ -260,7 +260,7 @@ class Converter:
         if picture.light_is_cd_m2:
             return None
         readout = None if picture.frame is None else picture.frame.readout
-        return self.through(picture.lens).vignetting(picture.shape, readout, picture.facts, picture.encoding)
+        return self.through(picture.lens).vignetting(picture.shape, readout, picture.statements, picture.encoding)
 
     def unit_of(self, picture: Picture) -> Unit:
         """Return the unit of the map of a picture."""

@@ -16,9 +16,9 @@ from ...core.dn import look_up
 from ...core.errors import InputError
 from ...core.luminance import WHOLE, Window
 from ...core.result import Finding, info, warning
-from ..doubts import Histogram, encodings
+from ..doubts import encodings, histogram_of
 from ..frame import Scale
-from ..statements import NOTHING_STATED, Statement, stated_by_gamma, stated_by_profile
+from ..statements import NOTHING_STATED, FileStatements, stated_by_gamma, stated_by_profile
 from ..stored_image import (
     grey_finding,
     grey_if_colourless,
@@ -253,7 +253,7 @@ def learn_pixels(
     if lossless and not coloured and of_sensor:
         usual = "linear"
     elif lossless and not coloured:
-        usual, other = encodings(Histogram.of(planes[0], 2.0**bits - 1), bits, coloured)
+        usual, other = encodings(histogram_of(planes[0]), 2.0**bits - 1, bits, coloured)
     stored, found = _encoding(code, of_frame, usual, encoding)
     is_usual = code == UNSPECIFIED and of_frame.encoding is None and encoding is None
     primaries = int(first.color_primaries)
@@ -326,7 +326,7 @@ def _orientation(frame: Any) -> int | None:
     return 1 if matrix is None else orientation_of_matrix(bytes(matrix))
 
 
-def _stated_by_frame(frame: Any, coloured: bool) -> Statement:
+def _stated_by_frame(frame: Any, coloured: bool) -> FileStatements:
     """Return what frames of Motion JPEG or PNG state themselves: a profile or an exponent."""
     try:
         profile = frame.side_data.get("ICC_PROFILE")
@@ -344,7 +344,7 @@ def _stated_by_frame(frame: Any, coloured: bool) -> Statement:
 
 
 def _encoding(
-    code: int, of_frame: Statement, usual: Encoding, given: Encoding | None
+    code: int, of_frame: FileStatements, usual: Encoding, given: Encoding | None
 ) -> tuple[Encoding, list[Finding]]:
     """Return the encoding as given, as stated, or as is usual, and findings that say so."""
     stated = ENCODING_OF_CODE.get(code) or of_frame.encoding

@@ -21,8 +21,9 @@ from labcdp.evaluate.picture.neighbours import evaluate_neighbours
 from labcdp.evaluate.picture.page import overview_page, picture_page
 from labcdp.evaluate.picture.result import evaluate_picture, image_result
 from labcdp.evaluate.picture.settings import ImageSettings
-from labcdp.files.picture import ExifFacts, Picture
+from labcdp.files.picture import Picture
 from labcdp.files.read import PictureOptions, read_picture
+from labcdp.files.statements import FileStatements
 from labcdp.metrics import cdp, cdp_neighbours
 from labcdp.metrics.pair import evaluate_pair
 from labcdp.metrics.region import rounding_uncertainty
@@ -45,7 +46,7 @@ _map = partial(map_of, random_rel=0.0)
 
 def _evaluate(request, luminance=SCENE):
     light = luminance.astype(np.float32)
-    picture = Picture(Path("night.exr"), "ab" * 32, ExifFacts(), None, light, True)
+    picture = Picture(Path("night.exr"), "ab" * 32, FileStatements(), None, light, True)
     return measure_picture(_map(luminance), make_converter().source(picture), request)
 
 

@@ -23,7 +23,8 @@ from labcdp.evaluate.picture.converter import make_converter
 from labcdp.evaluate.picture.dn_light import DnMap, light_of_dn
 from labcdp.files import PictureOptions, frame_of_pixels, read_picture
 from labcdp.files.luminance_file import save_luminance
-from labcdp.files.picture import ExifFacts, Picture
+from labcdp.files.picture import Picture
+from labcdp.files.statements import FileStatements
 
 from ..sweep.chains import small
 
@@ -244,7 +245,7 @@ def test_a_calibrated_camera_measures_in_any_grey_file_as_in_its_frames(tmp_path
     written(tmp_path / "a.png", frame.dn)
     tifffile.imwrite(tmp_path / "a.tif", frame.dn, photometric="minisblack")
     (tmp_path / "a.raw").write_bytes(frame.dn.astype("<u2").tobytes())
-    assert calibrated.source(Picture(tmp_path, "", ExifFacts(), frame)).findings[0] == info("camera-simulated")
+    assert calibrated.source(Picture(tmp_path, "", FileStatements(), frame)).findings[0] == info("camera-simulated")
     options = replace(calibrated.options, exposure_s=frame.exposure_s, size=frame.shape[::-1])
     expected = calibrated.calibration.to_luminance(frame)
     for name in ("a.png", "a.tif", "a.raw"):
@@ -267,7 +268,7 @@ def test_pictures_the_calibration_is_not_for_are_refused(tmp_path, recorded, cal
         with pytest.raises(CalibrationError, match=rf"a\.png: {message}"):
             calibrated.luminance(picture)
     with pytest.raises(CalibrationError, match=r"taken with f/1\.2, the calibration is for f/"):
-        calibrated.luminance(replace(picture, coloured=False, facts=replace(picture.facts, f_number=1.2)))
+        calibrated.luminance(replace(picture, coloured=False, statements=replace(picture.statements, f_number=1.2)))
 
 
 @pytest.mark.parametrize("colour_filter", [None, "GR"])

@@ -10,7 +10,8 @@ import numpy as np
 import xarray as xr
 
 from ..core.errors import InputError
-from ..evaluate.requirement import Judgement, Requirement, judged_pairs
+from ..evaluate.judgement import Judgement, judged_pairs
+from ..evaluate.requirement import Requirement
 from ..evaluate.sweep.maps.axes import CdpMap
 from ..evaluate.sweep.maps.dips import SnrDip
 from ..evaluate.sweep.maps.map import MapAnalysis, analyse_map

@@ -9,7 +9,8 @@ import numpy as np
 from xarray import Dataset
 
 from ..core.errors import InputError
-from ..evaluate.requirement import Requirement, SeenContrast
+from ..evaluate.judgement import SeenContrast
+from ..evaluate.requirement import Requirement
 from ..metrics.region import SATURATED_SHARE
 
 

@@ -13,7 +13,7 @@ from ..calibration.record import SavedFile, load_verification
 from ..chain import Chain
 from ..core.clock import exposure_text
 from ..core.disk.documents import read_json, read_toml
-from ..core.disk.files import shell_word
+from ..core.disk.files import SESSION_JOURNAL, shell_word
 from ..core.errors import InputError, LabcdpError, naming
 from ..core.frame import Frame
 from ..core.result import Finding, Result
@@ -29,7 +29,6 @@ from ..regions import load_regions, rois_of
 from ..report.files import read_dataset
 from ..report.text import finding_text
 from ..session import Session, SessionConfiguration
-from ..session.journal import JOURNAL
 from ..session.tables import MeterCertificate
 from .info_csv import describe_csv
 from .info_results import (
@@ -101,7 +100,7 @@ def describe(path: Path, source: str) -> Description:
 
 def _folder(path: Path) -> Description:
     """Describe a session, a folder of results, a data set, or a folder of pictures or videos."""
-    if (path / JOURNAL).is_file():
+    if (path / SESSION_JOURNAL).is_file():
         return _session(path)
     if (path / LIST_FILE).is_file():
         names = sorted(one.name for one in path.iterdir() if one.name != LIST_FILE)
@@ -121,7 +120,7 @@ def _folder(path: Path) -> Description:
 
 
 def _journal(path: Path) -> Description:
-    if path.name != JOURNAL:
+    if path.name != SESSION_JOURNAL:
         return describe_journal(path)
     return replace(_session(path.parent), kind="journal of a session")
 

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from ..core.cluster import TlsFiles, Workers
+from ..core.disk.files import SESSION_JOURNAL
 from ..core.errors import InputError
 from ..core.result import Result
 from ..evaluate.contrasts import parse_contrasts
-from ..evaluate.requirement import Verdict, worst_verdict
+from ..evaluate.judgement import Verdict, worst_verdict
 from ..metrics.contrast import TargetContrasts
 from ..output import ResultsFolder, check_file
-from ..session.journal import JOURNAL
 from .commands import RUNNING, As, Json
 from .terminal import print_result, say, say_where
 from .values import fraction_of_percent, parse_changes, parse_length, parse_seconds, parse_temperature, parse_tolerance
@@ -217,7 +217,7 @@ def output_file(path: Path, force: bool, option: str = "--output") -> Path:
     """Check, before any work, that a file can be written and is no input of the command; see `check_file`."""
     check_file(path, force=force, inputs=_inputs(option), option=option)
     # The files of a session are a record, which no option replaces.
-    if os.path.lexists(path) and any((folder / JOURNAL).is_file() for folder in path.absolute().parents[:2]):
+    if os.path.lexists(path) and any((folder / SESSION_JOURNAL).is_file() for folder in path.absolute().parents[:2]):
         raise InputError(f"{option} {path} is part of a recorded session: choose another name")
     return path
 

@@ -25,7 +25,8 @@ from ..evaluate.bench.corrections import UniformLight, require_same_optics
 from ..evaluate.bench.session import chosen_contrasts, evaluate_session, observe_calibrated
 from ..evaluate.bench.session_page import session_files
 from ..evaluate.bench.session_result import session_input, session_result
-from ..evaluate.requirement import Requirement, Verdict, verdicts_of, worst_verdict
+from ..evaluate.judgement import Verdict, verdicts_of, worst_verdict
+from ..evaluate.requirement import Requirement
 from ..metrics.uncertainty import LimitVerdict
 from ..report.files import SCHEMA, WrittenResult, envelope, envelope_json, whole_result
 from ..session import ContrastConfiguration, MeterCertificate, Session, SessionConfiguration, example_session

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.disk import reading
+from ..core.disk.files import SESSION_JOURNAL
 from ..core.dn import pixel_format
 from ..core.errors import InputError, LabcdpError
 from ..core.frame import Frame
@@ -172,14 +173,12 @@ def _from_labcdp(
 
 def _lens_of_session(path: Path, sha256: str) -> Lens | None:
     """Return the lens by the plan of the session in whose folder a frame was recorded; None for others."""
-    from ..session.journal import JOURNAL
-
     # A link may lie elsewhere.
     folder = path.resolve().parent.parent
-    if not (folder / JOURNAL).is_file():
+    if not (folder / SESSION_JOURNAL).is_file():
         return None
     with suppress(LabcdpError, OSError):
-        lens, frames = _session_at(folder, (folder / JOURNAL).stat().st_mtime_ns)
+        lens, frames = _session_at(folder, (folder / SESSION_JOURNAL).stat().st_mtime_ns)
         return lens if sha256 in frames else None
     return None
 

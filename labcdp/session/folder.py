@@ -15,11 +15,12 @@ from importlib.resources import files
 from pathlib import Path
 
 from ..core.clock import Clock
+from ..core.disk.files import SESSION_JOURNAL
 from ..core.errors import SessionError
 from ..output.file import fsync_folder, is_temporary, lock, write_several
 from .configuration import SessionConfiguration
 from .frames import FRAMES, read_checked, reported
-from .journal import FORMER_END, JOURNAL, Entry, Journal, read_journal
+from .journal import FORMER_END, Entry, Journal, read_journal
 from .records import SUPERSEDED, event_record
 
 CONFIGURATION = "session.toml"
@@ -39,15 +40,15 @@ def require_session(path: Path) -> None:
             names = os.listdir(path)
         except (FileNotFoundError, NotADirectoryError):
             names = []
-    if JOURNAL not in names and CONFIGURATION not in names:
-        raise SessionError(f"{path} is not a session: it has no {JOURNAL}; give the folder of a session")
+    if SESSION_JOURNAL not in names and CONFIGURATION not in names:
+        raise SessionError(f"{path} is not a session: it has no {SESSION_JOURNAL}; give the folder of a session")
 
 
 def read_configuration(path: Path, entries: Sequence[Entry]) -> SessionConfiguration:
     """Read the configuration of the session whose journal has these entries; raises SessionError."""
     first = entries[0] if entries else None
     if first is None or first.kind != "session" or first.file is None:
-        raise SessionError(f"{path / JOURNAL} does not begin with a session: restore it from a copy")
+        raise SessionError(f"{path / SESSION_JOURNAL} does not begin with a session: restore it from a copy")
     event_record(first)
     if first.content["format"] > FORMAT:
         raise SessionError(
@@ -153,7 +154,7 @@ def _make(folder: Path, configuration: SessionConfiguration, compress: bool, clo
 
 def remove_session(folder: Path, recorded: Iterable[str]) -> None:
     """Remove a session with its folder; raises SessionError, and removes nothing, if the folder holds anything else."""
-    own, folder = {JOURNAL, FORMER_END, FRAMES, *recorded}, folder.resolve()
+    own, folder = {SESSION_JOURNAL, FORMER_END, FRAMES, *recorded}, folder.resolve()
     with reported(folder, "removed"):
         others = {path.relative_to(folder).as_posix() for path in folder.rglob("*")} - own
         if others:
@@ -169,7 +170,7 @@ def remove_session(folder: Path, recorded: Iterable[str]) -> None:
 
 def unrecorded(folder: Path, entries: Sequence[Entry]) -> list[str]:
     """Files in a session's folder that its journal does not know, as names inside it."""
-    known = {entry.file.name for entry in entries if entry.file} | {JOURNAL, FORMER_END}
+    known = {entry.file.name for entry in entries if entry.file} | {SESSION_JOURNAL, FORMER_END}
     with reported(folder, "read"):
         found = [path for path in folder.rglob("*") if path.is_file() and not is_temporary(path)]
     return sorted({path.relative_to(folder).as_posix() for path in found} - known)
@@ -201,10 +202,11 @@ def problems(folder: Path, entries: Sequence[Entry]) -> list[str]:
         on_disk, _, torn = read_journal(folder)
         if torn:
             found.append(
-                f"{folder / JOURNAL} ends with an incomplete line: open the session for writing once to set it aside"
+                f"{folder / SESSION_JOURNAL} ends with an incomplete line: open the session for writing once to set it "
+                "aside"
             )
         if [entry.check for entry in on_disk[: len(entries)]] != [e.check for e in entries]:
-            found.append(f"{folder / JOURNAL} was replaced since it was opened: open the session again")
+            found.append(f"{folder / SESSION_JOURNAL} was replaced since it was opened: open the session again")
     except SessionError as error:
         found.append(str(error))
     lost = given_up(entries)

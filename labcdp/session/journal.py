@@ -22,12 +22,12 @@ from pydantic import AfterValidator, Field
 
 from ..core.clock import Clock
 from ..core.disk import read_at_most, validated_as
+from ..core.disk.files import SESSION_JOURNAL
 from ..core.disk.journal import decoded, encoded
 from ..core.errors import InputError, SessionError
 from ..output.file import StoredFile, lock, write_all, write_several
 from .frames import reported
 
-JOURNAL = "journal.jsonl"
 #: File of sessions of format 1, which is not read any more.
 FORMER_END = "journal.end"
 #: Kind of a line that says that the clock was set back.
@@ -101,7 +101,7 @@ def read_journal(folder: Path) -> tuple[list[Entry], int, bytes]:
     SessionError
         If there is no journal, it cannot be read, or a line was altered, removed or swapped.
     """
-    path = folder / JOURNAL
+    path = folder / SESSION_JOURNAL
     with reported(path, "read"):
         text = read_at_most(path, _MOST_BYTES)
     *lines, torn = text.split(b"\n")
@@ -178,7 +178,7 @@ class Journal:
     @classmethod
     def create(cls, folder: Path, clock: Clock) -> Self:
         """Make an empty journal and open it; raises OSError if it cannot be written."""
-        write_several(folder, [(JOURNAL, (b"",))])
+        write_several(folder, [(SESSION_JOURNAL, (b"",))])
         return cls.open(folder, clock)
 
     @classmethod
@@ -190,7 +190,7 @@ class Journal:
         SessionError
             If another process has it open for writing, or as `read_journal`.
         """
-        path = folder / JOURNAL
+        path = folder / SESSION_JOURNAL
         with reported(path, "written"):
             file = FileIO(os.open(path, os.O_RDWR | os.O_APPEND | os.O_CLOEXEC), "r+")
         try:
@@ -221,10 +221,10 @@ class Journal:
         name = next(name for name in names if not (self._folder / name).exists())
         with reported(self._folder / name, "written"):
             (aside,) = write_several(self._folder, [(name, (self.torn,))])
-        with reported(self._folder / JOURNAL, "written"):
+        with reported(self._folder / SESSION_JOURNAL, "written"):
             self._file.truncate(self._whole_bytes)
             os.fsync(self._file.fileno())
-        _log.warning("%s: line %d is incomplete and kept in %s", self._folder / JOURNAL, number, name)
+        _log.warning("%s: line %d is incomplete and kept in %s", self._folder / SESSION_JOURNAL, number, name)
         self.torn = b""
         self.append("torn line", {"line": number}, aside)
 
@@ -250,7 +250,7 @@ class Journal:
         if stepped_back_s > _CLOCK_STEP_S:
             _log.warning(
                 "%s: the computer's clock was set back by %.0f s; records keep their order by number",
-                self._folder / JOURNAL,
+                self._folder / SESSION_JOURNAL,
                 stepped_back_s,
             )
             lines = [(CLOCK, {"set_back_s": round(stepped_back_s, 3)}, None), *lines]
@@ -261,7 +261,7 @@ class Journal:
             assert entry is not None
             text += written
             entries.append(entry)
-        with reported(self._folder / JOURNAL, "written"):
+        with reported(self._folder / SESSION_JOURNAL, "written"):
             self._require_untouched()
             self._append(text, entries)
         return [entry for entry in entries if entry.kind != CLOCK]
@@ -283,7 +283,7 @@ class Journal:
 
     def _require_untouched(self) -> None:
         """Refuse to write if an editor or a copy of this process changed or replaced the file."""
-        path = self._folder / JOURNAL
+        path = self._folder / SESSION_JOURNAL
         named, held = path.stat(), os.fstat(self._file.fileno())
         if (named.st_dev, named.st_ino) != (held.st_dev, held.st_ino) or held.st_size != self._whole_bytes:
             raise SessionError(

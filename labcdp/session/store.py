@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import Any, Self
 
 from ..core.clock import Clock, SystemClock
-from ..core.disk.files import shown
+from ..core.disk.files import SESSION_JOURNAL, shown
 from ..core.errors import InputError, SessionError
 from ..core.frame import Frame
 from ..core.reading import Reading
 from .configuration import SessionConfiguration
 from .folder import create_folder, given_up, problems, read_configuration, remove_session, require_session, unrecorded
 from .frames import FrameFolder, frame_from_tiff, read_checked, require_sizes
-from .journal import CLOCK, JOURNAL, Entry, Journal, read_journal
+from .journal import CLOCK, Entry, Journal, read_journal
 from .records import (
     EXPOSURES,
     ROLES,
@@ -118,7 +118,7 @@ class Session:
         if not writable:
             entries, _, torn = read_journal(path)
             if torn:
-                _log.warning("%s: the last line is incomplete and ignored", path / JOURNAL)
+                _log.warning("%s: the last line is incomplete and ignored", path / SESSION_JOURNAL)
             return cls(path, entries, None)
         journal = Journal.open(path, clock)
         try:

@@ -4,7 +4,8 @@ from math import nan
 
 import pytest
 
-from labcdp.evaluate.requirement import Requirement, SeenContrast, judged_pairs
+from labcdp.evaluate.judgement import SeenContrast, judged_pairs
+from labcdp.evaluate.requirement import Requirement
 
 REQUIRED = Requirement(contrast=0.8, luminance_cd_m2=(5.0, 50.0), cdp_limit=0.9)
 

@@ -16,7 +16,7 @@ from labcdp.core.frame import CameraIdentity, Frame
 from labcdp.core.luminance import LuminanceMap
 from labcdp.core.reading import MeterIdentity, Reading
 from labcdp.output.file import StoredFile
-from labcdp.output.file_list import LIST_FILE, FileList
+from labcdp.output.folder import LIST_FILE, FileList
 
 DATA = Path(str(files("labcdp"))) / "data"
 RNG = np.random.default_rng(7)

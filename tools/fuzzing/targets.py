@@ -162,7 +162,7 @@ def _faults(_: Path, file: Path) -> Any:
 
 
 def _list(folder: Path, _: Path) -> Any:
-    from labcdp.output.file_list import read_list
+    from labcdp.output.folder import read_list
 
     return repr(read_list(folder))
 

@@ -16,10 +16,10 @@ from ...core.computer import Processes, Threads, usable_cores
 from ...core.disk.files import shown
 from ...core.errors import InputError, LabcdpError
 from ...core.result import InputFile, Result
+from ...evaluate.judgement import verdicts_of
 from ...evaluate.picture.image import MeasuredPicture
 from ...evaluate.picture.result import evaluate_picture, image_result, picture_folder, summary_files
 from ...evaluate.picture.settings import ImageSettings
-from ...evaluate.requirement import verdicts_of
 from ...files.kinds import no_picture
 from ...files.read import picture_paths
 from ...output import ResultsFolder

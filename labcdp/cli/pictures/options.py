@@ -13,7 +13,6 @@ from ...core.errors import InputError
 from ...core.result import InputFile
 from ...core.roi import Roi
 from ...evaluate.picture.converter import Converter, make_converter
-from ...evaluate.requirement import Requirement
 from ...files.kinds import HEAD_BYTES
 from ...files.video.selection import Position, Selection
 from ...regions import ImageSize, read_region_file, rois_of
@@ -162,6 +161,9 @@ class PairOptions:
         require_apart({"--require": self.require}, given)
         targets: dict[str, Any] = {"contrasts": self.contrast, "epsilon": self.epsilon, "cdp_limit": self.cdp_limit}
         if self.require is not None:
+            # Sessions, whose files have the same fields, are needed for it alone.
+            from ...evaluate.requirement import Requirement
+
             required = Requirement.load(self.require)
             targets = {"contrasts": (required.contrast,), "epsilon": required.epsilon, "cdp_limit": required.cdp_limit}
             targets["requirement"] = required

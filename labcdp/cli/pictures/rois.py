@@ -16,7 +16,7 @@ from ...core.table import Column, Table
 from ...evaluate.picture.converter import Converter
 from ...files.read import read_picture
 from ...files.video.selection import Position
-from ...output.file_list import is_same_file
+from ...output.folder import is_same_file
 from ...regions import load_regions, new_shapes
 from ...report.text import finding_text
 from ...web.regions.drawing import Drawing

@@ -15,7 +15,7 @@ from ...core.disk.files import shown
 from ...core.errors import InputError, LabcdpError
 from ...core.result import Result
 from ...core.roi import Roi
-from ...evaluate.requirement import verdicts_of
+from ...evaluate.judgement import verdicts_of
 from ...evaluate.video.annotated import AnnotatedVideo, FrameImages
 from ...evaluate.video.archive import archive_tasks, evaluate_archive, require_same_archive
 from ...evaluate.video.archive_page import archive_files, archive_result

@@ -18,6 +18,8 @@ from typing import TypeAlias
 
 from ..errors import InputError, printable
 
+#: Name of the journal in the folder of a session, by which it is known.
+SESSION_JOURNAL = "journal.jsonl"
 #: Characters of an input in a message.
 MOST_QUOTED = 100
 #: Most digits of a whole number; more indicate damage, and parsing time is quadratic.

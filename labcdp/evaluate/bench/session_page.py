@@ -15,7 +15,7 @@ from ...report.layout import SIMULATED, Card, Page, ReportFigure, Section, Verba
 from ...report.maps import luminance_picture, regions_picture
 from ...report.plots import ContrastPanel, contrast_figures
 from ...report.text import cell_interval, cell_text, cell_value, day, percent, printable, share_percent, shortened, span
-from ..requirement import requirement_cards
+from ..judgement import requirement_cards
 from ..verdict import STATES
 from .calibration_page import calibration_figures, condition_blocks
 from .quantities import range_text

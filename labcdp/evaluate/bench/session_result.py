@@ -11,7 +11,8 @@ from ...core.result import Finding, InputFile, Result, info
 from ...core.table import Column, Table, uncertain, with_bound, with_interval
 from ...report.text import day, exposures, minute, span
 from ...session import Session
-from ..requirement import Requirement, SeenContrast, judged_pairs
+from ..judgement import SeenContrast, judged_pairs
+from ..requirement import Requirement
 from ..verdict import LIMIT, VERDICT
 from .calibration_result import calibration_tables
 from .observe import ObservedSession

@@ -15,7 +15,7 @@ from ...report.drawing import SMALL_SIZE, finish, label, new_figure, reported
 from ...report.files import result_files
 from ...report.layout import Block, Card, Page, ReportFigure, Section, State, facts_table, input_facts
 from ...report.text import capitalised, finding_text, printable
-from ..requirement import STATES
+from ..judgement import STATES
 from ..sweep.maps.axes import MapAxis
 from ..sweep.maps.labels import at_text, axis_label, axis_unit, ends_text, shown
 from ..sweep.maps.map import MapAnalysis

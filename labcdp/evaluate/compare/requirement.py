@@ -12,7 +12,8 @@ import numpy as np
 from ...chain import Chain
 from ...core.errors import InputError, naming
 from ...core.table import Column, Table
-from ..requirement import VERDICTS, Requirement, Verdict, required_text
+from ..judgement import VERDICTS, Verdict, required_text
+from ..requirement import Requirement
 from ..sweep.plan import Axis, Sweep
 from ..sweep.run import run_sweep
 from ..verdict import cdp_verdict

@@ -11,12 +11,12 @@ from typing import Any
 from ...calibration import AnyCalibration, Calibration, ColourCalibration, load_any
 from ...chain import Chain, preset_names, preset_text
 from ...core.disk import parse_toml, read_json, shortened
+from ...core.disk.files import SESSION_JOURNAL
 from ...core.errors import InputError
 from ...core.result import InputFile
 from ...regions import read_region_file, rois_of
 from ...report.files import SCHEMA, envelope, read_dataset
 from ...session import Session
-from ...session.journal import JOURNAL
 from ..bench.quantities import conditions
 from ..bench.session import evaluate_session, observe_calibrated
 from ..bench.session_result import session_result
@@ -106,7 +106,7 @@ def read_subjects(sources: Sequence[Any], pictures: ImageSettings | None = None)
 
 def _evaluated_kind(source: Any, pictures: ImageSettings | None) -> str:
     """Return the kind of what is evaluated before it is compared, a session or a picture; empty for anything else."""
-    if isinstance(source, Session) or (isinstance(source, str | Path) and (Path(source) / JOURNAL).is_file()):
+    if isinstance(source, Session) or (isinstance(source, str | Path) and (Path(source) / SESSION_JOURNAL).is_file()):
         return "session"
     if not isinstance(source, str | Path) or Path(source).suffix.lower() in _SUFFIXES or not Path(source).is_file():
         return ""
@@ -148,7 +148,7 @@ def _file(text: str, path: Path) -> list[Subject]:
         return [_chain(text, Chain.load(text), (InputFile("preset", text, digest),))]
     if not path.exists():
         raise InputError(f"{text} does not exist: {_HINT}")
-    if (path / JOURNAL).is_file():
+    if (path / SESSION_JOURNAL).is_file():
         with Session.open(path) as session:
             return _session(text.rstrip("/"), session)
     results = path / "results.json"

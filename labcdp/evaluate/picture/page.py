@@ -22,7 +22,7 @@ from ...report.text import (
     percent,
     significant,
 )
-from ..requirement import requirement_cards
+from ..judgement import requirement_cards
 from ..verdict import STATES, cdp_verdict
 from .image import AnyContrast, MeasuredPicture
 from .summary import summary_cards, trend_figure

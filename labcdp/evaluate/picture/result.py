@@ -13,7 +13,7 @@ from ...files.read import read_picture
 from ...regions import require_on_image
 from ...report.files import envelope_json
 from ...report.sheets import result_workbook
-from ..requirement import judged_pairs
+from ..judgement import judged_pairs
 from .figures import picture_figures
 from .image import MeasuredPicture, measure_picture
 from .page import MOST_ROWS, overview_page, picture_page

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ...core.errors import InputError
 from ...core.result import InputFile
 from ...core.roi import Rectangle, Roi
 from ...files.picture import OF_VALUES
-from ..requirement import Requirement
 from ..verdict import CDP_LIMIT, require_limit
 from .converter import RELATIVE, Converter
+
+if TYPE_CHECKING:
+    from ..requirement import Requirement
 
 #: Most regions for all pairs; with more, pairs must be selected.
 MOST_REGIONS_FOR_ALL_PAIRS = 6

@@ -12,7 +12,7 @@ from ...metrics import Cdp, DetectionInterval
 from ...metrics.pair import Pair
 from ...metrics.region import REASONS
 from ..columns import CDP, CONTRAST, CSNR, SHARES, TARGET, invalid_share, region_columns
-from ..requirement import SeenContrast
+from ..judgement import SeenContrast
 from ..verdict import LIMIT, VERDICT, cdp_verdict
 from .image import AnyContrast, MeasuredPicture
 from .settings import ImageSettings

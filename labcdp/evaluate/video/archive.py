@@ -25,8 +25,7 @@ from ...core.errors import InputError, LabcdpError
 from ...core.result import Finding, warning
 from ...output import LIST_FILE, ResultsFolder
 from ...output.file import is_temporary
-from ...output.file_list import read_list
-from ...output.folder import is_staging
+from ...output.folder import is_staging, read_list
 from .settings import package_versions
 
 #: Evaluates one video into the folders of the results of its parts, and returns what became of each: the result as

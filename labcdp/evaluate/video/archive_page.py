@@ -16,7 +16,7 @@ from ...report.html import render_page
 from ...report.layout import Card, Links, Page, Section, State
 from ...report.sheets import result_workbook
 from ...report.text import fixed
-from ..requirement import COLUMNS, requirement_cards
+from ..judgement import COLUMNS, requirement_cards
 from .archive import ArchiveResult, VideoOutcome
 from .findings import LOST
 from .result import CONTRASTS, REGIONS

@@ -21,7 +21,7 @@ from ...report.html import render_page
 from ...report.layout import Block, Card, Page, ReportFigure, Section, State, Verbatim, facts_table, input_facts
 from ...report.sheets import MOST_COLUMNS, write_result
 from ...report.text import cell_text, fixed, percent, printable, significant, span
-from ..requirement import requirement_cards
+from ..judgement import requirement_cards
 from ..verdict import changes_of
 from .dataset import LIGHT, NOTE, OF_CONTRAST, OF_CORNER, OF_FRAME, OF_REGION, TIME
 from .figure import drawn_contrasts, frames_of_a_point, video_figure

@@ -15,7 +15,7 @@ from ...core.result import InputFile, Result, unique
 from ...core.table import Column, Table, with_bound
 from ...metrics.region import SATURATED_SHARE
 from ...report.text import percent
-from ..requirement import Judgement, Requirement, SeenContrast, judged_pairs
+from ..judgement import Judgement, SeenContrast, judged_pairs
 from ..verdict import CDP_LIMIT, LIMIT, cdp_verdict
 from .dataset import check_video, restored
 from .findings import frame_tables, times_s
@@ -104,6 +104,8 @@ def judged_video(dataset: Dataset) -> Judgement | None:
     saturated = dataset["saturated"].max("region").values if "saturated" in dataset else unknown
     cdp, low, high = (dataset[name].isel(contrast=0).values for name in ("cdp", "cdp_low", "cdp_high"))
     values = zip(dataset["frame"].values, luminance, contrast, saturated, cdp, low, high, strict=True)
+    from ..requirement import Requirement
+
     return judged_pairs(Requirement.model_validate(required), (
         SeenContrast(pair, f"frame {frame}", float(at) if unit_of(dataset) and regions else None, float(measured),
                      bool(share > SATURATED_SHARE), float(one), (float(lowest), float(highest)))

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from math import isfinite
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +24,10 @@ from ...metrics import Epsilon
 from ...metrics.contrast import checked_contrast
 from ...report.files import read_dataset
 from ...tracking import TrackedRoi, methods_of
-from ..requirement import Requirement
 from ..verdict import CDP_LIMIT, require_limit
+
+if TYPE_CHECKING:
+    from ..requirement import Requirement
 
 #: Called for each evaluated frame: its number, the frame in 8 bits, where the regions are in it, and its results by
 #: the names they have in the dataset. It has no regions for nearest-neighbour CDP.

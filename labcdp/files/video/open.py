@@ -7,6 +7,7 @@ from os import PathLike
 from pathlib import Path
 
 from ...core.disk import open_regular, reading
+from ...core.disk.files import SESSION_JOURNAL
 from ..picture import PictureOptions
 from ..tiff import TIFF
 from .source import VideoSource
@@ -36,14 +37,13 @@ def open_video(path: str | PathLike[str], options: PictureOptions | None = None)
     SessionError
         If it is a session that was altered.
     """
-    from ...session.journal import JOURNAL
     from ..read import RAW_SUFFIXES
     from .file import open_video_file
     from .sequence import open_sequence, open_session_video, open_stack
 
     path, options = Path(path), options or PictureOptions()
     if path.is_dir():
-        return (open_session_video if (path / JOURNAL).is_file() else open_sequence)(path, options)
+        return (open_session_video if (path / SESSION_JOURNAL).is_file() else open_sequence)(path, options)
     suffix = path.suffix.lower()
     is_stack = suffix in (".tif", ".tiff") or (suffix not in RAW_SUFFIXES and _begins_as_tiff(path))
     return (open_stack if is_stack else open_video_file)(path, options)

@@ -192,6 +192,10 @@ class Result:
         """Make a result whose findings are named once, the most severe first; `how` are the other parameters."""
         return cls(kind, title, tuple(tables), unique(findings), inputs, **how)
 
+    def tables_named(self, *names: str) -> list[Table]:
+        """Return the tables of these names, of those that the result has."""
+        return [table for table in self.tables if table.name in names]
+
     def table(self, name: str) -> Table:
         """Return the table of a name."""
         return next(table for table in self.tables if table.name == name)

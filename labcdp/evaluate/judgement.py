@@ -270,7 +270,7 @@ _OF_SEVERAL = ("where", "n_met", "n_judged", "n_seen")
 def requirement_cards(result: Result) -> list[Card]:
     """Return a card for each pair that was judged by a requirement; none for a result without one."""
     cards = []
-    for table in (one for one in result.tables if one.name == "requirement"):
+    for table in result.tables_named("requirement"):
         # The worst ones are those that decide.
         rows = sorted(table.rows(), key=lambda row: (_ORDER.index(row["verdict"]), _number(row["margin"])))
         cards += [_card(table, row) for row in rows[:_MOST_CARDS]]
@@ -300,7 +300,6 @@ def verdicts_of(result: Result) -> dict[str, Verdict]:
     """Return the verdict on each pair of a result, of several videos on each video; none without a requirement."""
     return {
         " ".join(row[name] for name in ("video", "pair") if name in row): row["verdict"]
-        for table in result.tables
-        if table.name == "requirement"
+        for table in result.tables_named("requirement")
         for row in table.rows()
     }

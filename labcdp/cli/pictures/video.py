@@ -16,9 +16,6 @@ from ...core.errors import InputError, LabcdpError
 from ...core.result import Result
 from ...core.roi import Roi
 from ...evaluate.judgement import verdicts_of
-from ...evaluate.video.annotated import AnnotatedVideo, FrameImages
-from ...evaluate.video.archive import archive_tasks, evaluate_archive, require_same_archive
-from ...evaluate.video.archive_page import archive_files, archive_result
 from ...evaluate.video.evaluate import evaluate_parts, require_same_evaluation
 from ...evaluate.video.page import write_video
 from ...evaluate.video.settings import Observer, Progress, Reference, VideoSettings, load_reference, video_configuration
@@ -205,6 +202,10 @@ def evaluate_and_write(
 
 def _observer(made: MadeOptions, path: Path, results: ResultsFolder, drawing: ExitStack) -> Observer | None:
     """Return what draws the frames, None for nothing."""
+    if not (made.annotated or made.frames):
+        return None
+    from ...evaluate.video.annotated import AnnotatedVideo, FrameImages
+
     observers: list[Observer] = []
     if made.annotated:
         observers.append(drawing.enter_context(AnnotatedVideo(results.path("annotated.mp4"))))
@@ -215,7 +216,7 @@ def _observer(made: MadeOptions, path: Path, results: ResultsFolder, drawing: Ex
         for one in observers:
             one(*seen)
 
-    return observer if observers else None
+    return observer
 
 
 def evaluate_values(
@@ -235,6 +236,9 @@ def _several(
     where: ClusterOptions,
     results: Results,
 ) -> None:
+    from ...evaluate.video.archive import archive_tasks, evaluate_archive, require_same_archive
+    from ...evaluate.video.archive_page import archive_files, archive_result
+
     tasks = archive_tasks(paths, folder.folder, tuple(of_pairs))
     if not results.force:
         for task in tasks:

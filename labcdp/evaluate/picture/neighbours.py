@@ -17,7 +17,6 @@ from ...core.result import Finding, info, warning
 from ...core.roi import Rectangle, clipped_rectangle
 from ...core.vignetting import Cos4Vignetting
 from ...metrics import Cdp, ContrastDistribution, Distribution, Epsilon, cdp_neighbours
-from ...metrics.neighbours.tables import MOST_CONTRASTS, neighbour_tables
 from ...metrics.region import variance_of_changes
 from ...metrics.spread import CUT_OFF, MOST_BINS, MOST_TIMES, spacing
 from .converter import Converter
@@ -122,6 +121,8 @@ def neighbours_of_frame(
     CalibrationError
         If the conversion is not for such frames.
     """
+    from ...metrics.neighbours.tables import MOST_CONTRASTS, neighbour_tables
+
     few = contrasts is not None and len(contrasts) <= MOST_CONTRASTS
     light = _light_by_dn(frame, converter) if few else None
     if contrasts is None or light is None:

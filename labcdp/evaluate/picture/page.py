@@ -1,8 +1,8 @@
-"""The pages of pictures: one for each, and one over all of several."""
+"""The page of one picture."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from ...core.clock import exposure_text
@@ -16,7 +16,6 @@ from ...report.text import (
     UNKNOWN,
     cdp_decimals,
     cdp_interval,
-    cell_text,
     fixed,
     measured_contrast_text,
     percent,
@@ -25,14 +24,11 @@ from ...report.text import (
 from ..judgement import requirement_cards
 from ..verdict import STATES, cdp_verdict
 from .image import AnyContrast, MeasuredPicture
-from .summary import summary_cards, trend_figure
 
 #: Cards of a page; the table has all.
 _MOST_CARDS = 8
-#: Rows of a table that is shown at once; a longer one is collapsed, or has the largest CDP of each pair.
-MOST_ROWS = 12
-#: Pictures with the lowest CDP whose pages are named before those of all.
-_MOST_WORST = 10
+#: Rows of a table that is shown whole; a longer one has the largest CDP of each pair.
+_MOST_ROWS = 12
 #: Columns next to the picture.
 _SHORT = ("picture", "pair", "measured_contrast", "contrast", "contrast_origin", "cdp", "verdict")
 
@@ -59,14 +55,14 @@ def picture_page(
     lead: list[Block] = [named.pop("picture.png")]
     values = named.pop("values.png")
     details: list[Block] = [*named.values()]
-    for table in _tables(result, "cdp"):
+    for table in result.tables_named("cdp"):
         lead.append(_short(table))
         details.append(table)
     links = [Links([("The luminance as a surface that can be turned", "surface.html")])] if surface else []
     sections = [
-        *(Section("Requirement", [table]) for table in _tables(result, "requirement")),
+        *(Section("Requirement", [table]) for table in result.tables_named("requirement")),
         Section("Contrasts", details),
-        Section("Regions and values", [*_tables(result, "regions"), values]),
+        Section("Regions and values", [*result.tables_named("regions"), values]),
         *(Section("Surface", [link]) for link in links),
         Section("Provenance", [_provenance(picture, result)], collapsed=True),
     ]
@@ -81,77 +77,9 @@ def picture_page(
     )
 
 
-def overview_page(result: Result, pictures: Sequence[MeasuredPicture], conversion: str) -> str:
-    """Return the page over several pictures: mean, spread, worst and trend, then all rows and the page of each.
-
-    Parameters
-    ----------
-    result : Result
-        Of all pictures.
-    pictures : sequence of MeasuredPicture
-        In the order they were given.
-    conversion : str
-        How their values became luminance.
-    """
-    failed = sum(picture.source is None for picture in pictures)
-    pages = {
-        picture.number: (picture.file, f"{picture.folder}/report.html")
-        for picture in pictures
-        if picture.source is not None and picture.folder
-    }
-    of_all = f"{len(pictures) - failed} of {len(pictures)} pictures were evaluated." if failed else ""
-    cards: list[Card] = []
-    lead: list[Block] = []
-    sections = [Section("Requirement", [table]) for table in _tables(result, "requirement")]
-    # Neighbours without light have no contrast at all.
-    for cdp in _tables(result, "cdp"):
-        summary, limit = result.table("over_pictures"), cdp["cdp_limit"][0]
-        cards, lead = [*summary_cards(summary, limit)], [trend_figure(cdp, summary, limit)]
-        sections += [
-            Section("", [summary]),
-            *(
-                [Section("Pictures with the lowest CDP", [Links(_worst(cdp, pages))])]
-                if len(pages) > _MOST_WORST
-                else []
-            ),
-            Section("All pictures", [cdp], len(cdp) > MOST_ROWS),
-        ]
-    sections += [
-        *([Section("Pages of the pictures", [Links([*pages.values()])], len(pages) > _MOST_WORST)] if pages else []),
-        Section("Details", _tables(result, "regions", "pictures"), True),
-        Section("Provenance", [facts_table([("conversion", conversion)])], collapsed=True),
-    ]
-    return render_page(
-        Page.of(
-            result,
-            "Contrast detection probability (CDP) of pictures",
-            of_all,
-            cards=[*requirement_cards(result), *cards],
-            lead=lead,
-            sections=sections,
-        )
-    )
-
-
-def _worst(cdp: Table, pages: Mapping[int, tuple[str, str]]) -> list[tuple[str, str]]:
-    """Return the pages of the pictures with the lowest CDP, each with what it is of."""
-    found: dict[int, tuple[str, str]] = {}
-    for row in cdp.sorted_by("cdp").rows():
-        if row["cdp"] is not None and row["number"] in pages and len(found) < _MOST_WORST:
-            file, page = pages[row["number"]]
-            text = f"{file}: CDP {cell_text(cdp.column('cdp'), row)} of {row['pair']}"
-            found.setdefault(row["number"], (text, page))
-    return [*found.values()]
-
-
-def _tables(result: Result, *names: str) -> list[Table]:
-    """Return the tables of these names, of those that the result has."""
-    return [table for table in result.tables if table.name in names]
-
-
 def _short(table: Table) -> Table:
     """Return the table next to the picture: few columns, and of many contrasts the largest CDP of each pair."""
-    if len(table) <= MOST_ROWS:
+    if len(table) <= _MOST_ROWS:
         return replace(table.showing(*_SHORT), note="")
     best: dict[str, tuple[float, int]] = {}
     for row, (pair, cdp) in enumerate(zip(table["pair"], table["cdp"], strict=True)):

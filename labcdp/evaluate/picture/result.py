@@ -16,9 +16,8 @@ from ...report.sheets import result_workbook
 from ..judgement import judged_pairs
 from .figures import picture_figures
 from .image import MeasuredPicture, measure_picture
-from .page import MOST_ROWS, overview_page, picture_page
+from .page import picture_page
 from .settings import ImageSettings
-from .summary import summary_table
 from .tables import cdp_table, matrices, picture_table, region_table, seen_contrasts
 
 #: Columns that a sheet can have, less the one for the contrasts.
@@ -67,8 +66,9 @@ def image_result(pictures: Sequence[MeasuredPicture], settings: ImageSettings) -
     several, contrasts = len(pictures) > 1, settings.contrasts
     cdp = cdp_table(pictures, several, settings.cdp_limit)
     if several:
-        overall = summary_table(cdp, settings.cdp_limit)
-        tables = [overall, cdp if len(cdp) <= MOST_ROWS else cdp.as_detail()]
+        from .summary import MOST_ROWS, summary_table
+
+        tables = [summary_table(cdp, settings.cdp_limit), cdp if len(cdp) <= MOST_ROWS else cdp.as_detail()]
     else:
         tables = [cdp]
     findings = _findings(pictures)
@@ -134,5 +134,7 @@ def summary_files(pictures: Sequence[MeasuredPicture], result: Result, conversio
     """
     files = {"results.json": envelope_json(result).encode(), "results.xlsx": result_workbook(result, datetime.now(UTC))}
     if len(pictures) > 1:
+        from .summary import overview_page
+
         files["report.html"] = overview_page(result, pictures, conversion).encode()
     return files

@@ -1,4 +1,4 @@
-"""Many pictures in a few numbers: mean, spread, worst and trend of the CDP of each pair."""
+"""Many pictures in a few numbers: mean, spread, worst and trend of the CDP of each pair; and the page of them."""
 
 from __future__ import annotations
 
@@ -10,16 +10,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.result import Result
 from ...core.table import Column, Table, with_expanded
 from ...report.drawing import finish, placed_figure, reported
-from ...report.layout import Card, ReportFigure, State
-from ...report.text import fixed, percent, shortened, significant, with_half_width
+from ...report.html import render_page
+from ...report.layout import Block, Card, Links, Page, ReportFigure, Section, State, facts_table
+from ...report.text import cell_text, fixed, percent, shortened, significant, with_half_width
+from ..judgement import requirement_cards
 from ..verdict import changes_of
+from .image import MeasuredPicture
 
 #: Colours of curves, and so the most of them.
 _COLOURS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#8C6D1F", "black")
 #: Cards of a page, and of one pair.
 _MOST_CARDS, _MOST_OF_PAIR = 8, 2
+#: Rows of the table of all pictures that is shown at once; a longer one is collapsed.
+MOST_ROWS = 12
+#: Pictures with the lowest CDP whose pages are named before those of all.
+_MOST_WORST = 10
 #: Pictures from which on a trend is given.
 _LEAST_OF_TREND = 5
 
@@ -188,3 +196,66 @@ def trend_figure(cdp: Table, summary: Table, limit: float) -> ReportFigure:
     left_out = f" {len(drawn)} of {len(summary)} are drawn." if len(drawn) < len(summary) else ""
     caption = f"CDP of each picture; the dotted line is the limit of {limit:g}.{left_out}"
     return reported("over-pictures", figure, caption, f"Curves of CDP over the pictures. {caption}")
+
+
+def overview_page(result: Result, pictures: Sequence[MeasuredPicture], conversion: str) -> str:
+    """Return the page over several pictures: mean, spread, worst and trend, then all rows and the page of each.
+
+    Parameters
+    ----------
+    result : Result
+        Of all pictures.
+    pictures : sequence of MeasuredPicture
+        In the order they were given.
+    conversion : str
+        How their values became luminance.
+    """
+    failed = sum(picture.source is None for picture in pictures)
+    pages = {
+        picture.number: (picture.file, f"{picture.folder}/report.html")
+        for picture in pictures
+        if picture.source is not None and picture.folder
+    }
+    of_all = f"{len(pictures) - failed} of {len(pictures)} pictures were evaluated." if failed else ""
+    cards: list[Card] = []
+    lead: list[Block] = []
+    sections = [Section("Requirement", [table]) for table in result.tables_named("requirement")]
+    # Neighbours without light have no contrast at all.
+    for cdp in result.tables_named("cdp"):
+        summary, limit = result.table("over_pictures"), cdp["cdp_limit"][0]
+        cards, lead = [*summary_cards(summary, limit)], [trend_figure(cdp, summary, limit)]
+        sections += [
+            Section("", [summary]),
+            *(
+                [Section("Pictures with the lowest CDP", [Links(_worst(cdp, pages))])]
+                if len(pages) > _MOST_WORST
+                else []
+            ),
+            Section("All pictures", [cdp], len(cdp) > MOST_ROWS),
+        ]
+    sections += [
+        *([Section("Pages of the pictures", [Links([*pages.values()])], len(pages) > _MOST_WORST)] if pages else []),
+        Section("Details", result.tables_named("regions", "pictures"), True),
+        Section("Provenance", [facts_table([("conversion", conversion)])], collapsed=True),
+    ]
+    return render_page(
+        Page.of(
+            result,
+            "Contrast detection probability (CDP) of pictures",
+            of_all,
+            cards=[*requirement_cards(result), *cards],
+            lead=lead,
+            sections=sections,
+        )
+    )
+
+
+def _worst(cdp: Table, pages: Mapping[int, tuple[str, str]]) -> list[tuple[str, str]]:
+    """Return the pages of the pictures with the lowest CDP, each with what it is of."""
+    found: dict[int, tuple[str, str]] = {}
+    for row in cdp.sorted_by("cdp").rows():
+        if row["cdp"] is not None and row["number"] in pages and len(found) < _MOST_WORST:
+            file, page = pages[row["number"]]
+            text = f"{file}: CDP {cell_text(cdp.column('cdp'), row)} of {row['pair']}"
+            found.setdefault(row["number"], (text, page))
+    return [*found.values()]

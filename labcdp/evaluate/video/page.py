@@ -40,7 +40,7 @@ METHODS = {"follow": "tracked", "homography": "tracked by the homography of a pl
 def video_page(dataset: Dataset, result: Result, figure: ReportFigure) -> Page:
     """Return the page: how often contrasts were detected, curves over time, then regions, notes and provenance."""
     tables = {table.name: table for table in result.tables}
-    sections = [Section("Requirement", [tables[name]]) for name in ("requirement",) if name in tables]
+    sections = [Section("Requirement", [table]) for table in result.tables_named("requirement")]
     if "regions" in tables:
         text = "A region that cannot be found is lost: these frames have no CDP."
         blocks: list[Block] = [tables["regions"], *([tables["lost"]] if "lost" in tables else []), text]

@@ -18,9 +18,10 @@ from labcdp.evaluate.picture.converter import make_converter
 from labcdp.evaluate.picture.figures import histogram_edges, pair_distribution
 from labcdp.evaluate.picture.image import MeasuredPicture, measure_picture
 from labcdp.evaluate.picture.neighbours import evaluate_neighbours
-from labcdp.evaluate.picture.page import overview_page, picture_page
+from labcdp.evaluate.picture.page import picture_page
 from labcdp.evaluate.picture.result import evaluate_picture, image_result
 from labcdp.evaluate.picture.settings import ImageSettings
+from labcdp.evaluate.picture.summary import overview_page
 from labcdp.files.picture import Picture
 from labcdp.files.read import PictureOptions, read_picture
 from labcdp.files.statements import FileStatements

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import hypot, inf, isfinite, sqrt
 from typing import Literal, TypeAlias
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..core.errors import InputError
 from ..core.luminance import CommonError
-from ..core.result import Finding, FindingValue
+from ..core.result import Finding, FindingValue, info
 from ..core.vignetting import Cos4Vignetting, FlatField, RadialVignetting, cropped
 from .colour.conversion import errors_of_plane, joined
 from .colour.model import AnyCalibration, ColourCalibration
@@ -29,15 +30,16 @@ from .converter import (
     common_errors,
     placed,
 )
-from .findings import BudgetRow, Distribution, basis
 from .frames.nonuniformity import vignetting_errors
 from .model import Calibration, PatchResidual
 from .setup import METER_SOURCES, MeterScale
 from .uncertainty import effective_dof, expanded_half_width, expanded_of, of_one_estimate
 
 Array = NDArray[np.float64]
-#: A place (x, y) in pixels, None for the optical axis.
-Place: TypeAlias = tuple[float, float] | None
+#: Distribution of an error.
+Distribution: TypeAlias = Literal["normal", "rectangular"]
+#: A position (x, y) in pixels, None for the optical axis.
+Position: TypeAlias = tuple[float, float] | None
 
 #: Order of the rows.
 SOURCES = (
@@ -57,32 +59,94 @@ _OF_EACH_PLANE = (
 )  # fmt: skip
 #: Highest preferred signal, as a share of the saturation.
 _BEST_SHARE = 0.8
-#: Side of the square that V is averaged over at a place: about a patch of 1000 pixels.
+#: Side of the square that V is averaged over at a position: about a patch of 1000 pixels.
 _SIDE_PX = 32
 
 
 @dataclass(frozen=True)
-class CombinedUncertainty:
-    """Combined uncertainty of the rows of a budget.
+class BudgetRow:
+    """One row of an uncertainty budget (JCGM 100:2008, table H.1).
 
     Parameters
     ----------
-    standard_uncertainty_rel : float
-        Root of the sum of squares of the included rows (JCGM 100:2008, 5.1.2).
-    effective_degrees_of_freedom : float
-        After Welch and Satterthwaite (JCGM 100:2008, G.4.1); infinite where no row is based on few values.
-    expanded_95_rel : float
-        Expanded uncertainty U (95 %): the largest rectangular row as such, all others normal.
+    source : str
+        Source of the error, one of `SOURCES`.
+    u_rel : float
+        Its contribution to the relative standard uncertainty of the luminance.
+    basis : Finding
+        Basis of the value; also why it is 0 where unknown.
+    distribution : {'normal', 'rectangular'}
+        Of the error.
+    common : bool
+        True if common to all patches of one calibration, so that it (nearly) cancels in a contrast.
+    evaluation : {'A', 'B'}
+        A: from statistics of this session. B: from a data sheet, a certificate or judgement.
+    included : bool
+        Whether it is part of the stated intervals; `basis` says why if it is not.
+    contained_in : str
+        Source whose row includes it; empty for none.
+    dof : float or None
+        Degrees of freedom; None if the uncertainty is known.
     """
 
-    standard_uncertainty_rel: float
-    effective_degrees_of_freedom: float
-    expanded_95_rel: float
+    source: str
+    u_rel: float
+    basis: Finding
+    distribution: Distribution = "normal"
+    common: bool = True
+    evaluation: Literal["A", "B"] = "A"
+    included: bool = True
+    contained_in: str = ""
+    dof: float | None = None
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Uncertainty budget of the luminance of a patch in one exposure.
+
+    Parameters
+    ----------
+    luminance_cd_m2, exposure_s : float
+        The luminance, and the exposure time of the frames.
+    rows : tuple of BudgetRow
+        One for each source, in the order of `SOURCES`.
+    """
+
+    luminance_cd_m2: float
+    exposure_s: float
+    rows: tuple[BudgetRow, ...]
+
+    @cached_property
+    def u_rel(self) -> float:
+        """Relative standard uncertainty: root of the sum of squares of the included rows (JCGM 100:2008, 5.1.2)."""
+        return float(np.linalg.norm([row.u_rel for row in self.rows if row.included]))
+
+    @cached_property
+    def dof(self) -> float:
+        """Effective degrees of freedom (JCGM 100:2008, G.4.1); infinite where no row is based on few values."""
+        return effective_dof([*self._normal, *((u**2, inf) for u in self._rectangular)])
+
+    @cached_property
+    def U_rel(self) -> float:  # noqa: N802 - the symbol of the GUM
+        """Relative expanded uncertainty (95 %): the largest rectangular row as such, all others normal."""
+        return expanded_of(self._normal, self._rectangular)
 
     @property
-    def coverage_factor(self) -> float:
-        """k, U over u."""
-        return self.expanded_95_rel / self.standard_uncertainty_rel
+    def k(self) -> float:
+        """Coverage factor, U over u."""
+        return self.U_rel / self.u_rel
+
+    @property
+    def _rectangular(self) -> list[float]:
+        return [row.u_rel for row in self.rows if row.included and row.distribution == "rectangular"]
+
+    @property
+    def _normal(self) -> list[tuple[float, float]]:
+        """Variances of the other rows with their degrees of freedom; those of the scatter are one estimate."""
+        normal = [row for row in self.rows if row.included and row.distribution == "normal"]
+        parts = {row.source: (row.u_rel**2, row.dof or inf) for row in normal}
+        by_scatter = [parts.pop(source) for source in tuple(parts) if source in _OF_SCATTER]
+        return [of_one_estimate(by_scatter), *parts.values()]
 
 
 def budget(
@@ -91,9 +155,9 @@ def budget(
     exposure_s: float | None = None,
     n_pixels: int = 1,
     n_frames: int = 1,
-    place_px: Place = None,
-) -> tuple[BudgetRow, ...]:
-    """Split the uncertainty of a luminance into its sources, one row for each, in the order of `SOURCES`.
+    position_px: Position = None,
+) -> Budget:
+    """Split the uncertainty of a luminance into its sources, one row for each.
 
     The rows are the errors that `common_errors` states and the noise of the pixels, from which the intervals of patches
     and maps are computed; sources unknown to both are listed as not included, with the reason. With colour filters it
@@ -111,8 +175,8 @@ def budget(
         Exposure; None for the longest calibrated one at which no plane is above 80 % of saturation.
     n_pixels, n_frames : int
         Numbers of pixels, or groups of 2 x 2 pixels with colour filters, and of frames averaged.
-    place_px : (float, float) or None
-        Place (x, y) in the image, where the signal is that of V there; None for the optical axis.
+    position_px : (float, float) or None
+        Position (x, y) in the image, where the signal is that of V there; None for the optical axis.
 
     Raises
     ------
@@ -127,16 +191,16 @@ def budget(
     shares = np.array(calibration.weights) / sum(calibration.weights)
     of_plane = luminance_cd_m2 / sum(calibration.weights)
     leading = calibration.planes[int(np.argmax(np.abs(shares)))]
-    places = _in_planes(calibration, place_px)
+    positions = _in_planes(calibration, position_px)
     net_dn = [
-        plane.net_dn(of_plane * _relative_at(plane, place), t)
-        for plane, place in zip(calibration.planes, places, strict=True)
+        plane.net_dn(of_plane * _relative_at(plane, position), t)
+        for plane, position in zip(calibration.planes, positions, strict=True)
     ]
-    rows = not_included(leading) | _of_errors(calibration, shares, net_dn, t, places)
+    rows = not_included(leading) | _of_errors(calibration, shares, net_dn, t, positions)
     for row in _of_frames(calibration, shares, net_dn, t, (n_pixels, n_frames)):
-        u = row.standard_uncertainty_rel
-        of_errors = rows[FLAT_FIELD].standard_uncertainty_rel if row.source == FLAT_FIELD else 0.0
-        rows[row.source] = replace(row, standard_uncertainty_rel=hypot(u, of_errors))
+        u = row.u_rel
+        of_errors = rows[FLAT_FIELD].u_rel if row.source == FLAT_FIELD else 0.0
+        rows[row.source] = replace(row, u_rel=hypot(u, of_errors))
     if not rows[INTERCEPT].included:
         rows[INTERCEPT] = undetected_intercept(calibration, luminance_cd_m2)
     if len(calibration.planes) > 1:
@@ -145,29 +209,29 @@ def budget(
             row.source: replace(row, basis=row.basis.within("each plane with its share of the luminance"))
             for row in own
         }
-    return tuple(rows[source] for source in SOURCES)
+    return Budget(luminance_cd_m2, t, tuple(rows[source] for source in SOURCES))
 
 
-def _relative_at(plane: Calibration, place_px: Place) -> float:
-    """V of a plane, the mean over a square at a place (x, y) of the image; 1 on the axis, or without vignetting."""
-    if plane.vignetting is None or place_px is None:
+def _relative_at(plane: Calibration, position_px: Position) -> float:
+    """V of a plane, the mean over a square at a position (x, y) of the image; 1 on the axis, or without vignetting."""
+    if plane.vignetting is None or position_px is None:
         return 1.0
     shape = plane.state.image_shape
     side = [min(_SIDE_PX, n) for n in shape]
     top, left = (
-        round(min(max(at - n / 2, 0), most - n)) for at, n, most in zip(place_px[::-1], side, shape, strict=True)
+        round(min(max(at - n / 2, 0), most - n)) for at, n, most in zip(position_px[::-1], side, shape, strict=True)
     )
     part = cropped(plane.vignetting, shape, (left, top), (side[0], side[1]))
     return float(part.relative_illuminance((side[0], side[1])).mean())
 
 
-def _in_planes(calibration: AnyCalibration, place_px: Place) -> list[Place]:
-    """Return a place of the image in the pixels of each plane, which has half of them in each direction."""
-    if place_px is None:
+def _in_planes(calibration: AnyCalibration, position_px: Position) -> list[Position]:
+    """Return a position in the image in the pixels of each plane, which has half of them in each direction."""
+    if position_px is None:
         return [None] * len(calibration.planes)
     height = calibration.state.image_shape[0]
     scales = [plane.state.image_shape[0] / height for plane in calibration.planes]
-    return [(scale * place_px[0], scale * place_px[1]) for scale in scales]
+    return [(scale * position_px[0], scale * position_px[1]) for scale in scales]
 
 
 def darkest_corner_px(calibration: AnyCalibration) -> tuple[float, float]:
@@ -179,19 +243,6 @@ def darkest_corner_px(calibration: AnyCalibration) -> tuple[float, float]:
         return sum(map(_relative_at, calibration.planes, _in_planes(calibration, corner)))
 
     return min(corners, key=light)
-
-
-def combined(rows: Sequence[BudgetRow]) -> CombinedUncertainty:
-    """Combine the included rows of a budget, as the interval of a patch."""
-    included = [row for row in rows if row.included]
-    rectangular = [row.standard_uncertainty_rel for row in included if row.distribution == "rectangular"]
-    normal = [row for row in included if row.distribution == "normal"]
-    squares = {row.source: (row.standard_uncertainty_rel**2, row.dof or inf) for row in normal}
-    of_scatter = [squares.pop(source) for source in tuple(squares) if source in _OF_SCATTER]
-    parts = [of_one_estimate(of_scatter), *squares.values()]
-    dof = effective_dof([*parts, *((u**2, inf) for u in rectangular)])
-    u = float(np.linalg.norm([row.standard_uncertainty_rel for row in included]))
-    return CombinedUncertainty(u, dof, expanded_of(parts, rectangular))
 
 
 def budget_exposure_s(calibration: AnyCalibration, luminance_cd_m2: float) -> float:
@@ -210,7 +261,7 @@ def _of_errors(
     shares: Array,
     net_dn: Sequence[float],
     exposure_s: float,
-    places: Sequence[Place],
+    positions: Sequence[Position],
 ) -> dict[str, BudgetRow]:
     """Rows of common errors: those of planes joined as in the luminance of a patch."""
     of_planes = [
@@ -218,10 +269,10 @@ def _of_errors(
         for plane, net in zip(calibration.planes, net_dn, strict=True)
     ]
     of_planes = [
-        placed(plane, errors, list(vignetting_errors(plane.vignetting, plane.state.image_shape, [place])))
-        if place is not None
+        placed(plane, errors, list(vignetting_errors(plane.vignetting, plane.state.image_shape, [position])))
+        if position is not None
         else errors
-        for plane, errors, place in zip(calibration.planes, of_planes, places, strict=True)
+        for plane, errors, position in zip(calibration.planes, of_planes, positions, strict=True)
     ]
     errors, rows, case = [*of_planes[0]], dict[str, BudgetRow](), ""
     if isinstance(calibration, ColourCalibration):
@@ -244,7 +295,7 @@ def _of_errors(
             within_k = calibration.planes[0].dark.unknown_within_k
             of = basis(source, within_k=within_k) if variance else basis(source, "none")
         if source in METER_SOURCES:
-            of = calibration.meter_scale.basis(source)
+            of = _meter_basis(calibration.meter_scale, source)
         evaluation: Literal["A", "B"] = "B" if source in _TYPE_B else "A"
         rows[source] = BudgetRow(source, sqrt(variance), of, kind, True, evaluation, dof=None if dof == inf else dof)
     own_scale = calibration.responsivity if isinstance(calibration, Calibration) else calibration
@@ -293,17 +344,46 @@ def _of_colour(calibration: ColourCalibration) -> BudgetRow:
     return BudgetRow("spectral mismatch", 0.0, of, common=False)
 
 
+def basis(source: str, case: str = "", /, **values: FindingValue) -> Finding:
+    """Return what the uncertainty of a source is based on, in one of several cases."""
+    words = f"budget {source} {case}".replace("'", "").split()
+    return info("-".join(words), **values)
+
+
+def _meter_basis(scale: MeterScale, source: str) -> Finding:
+    """Return what the uncertainty of a source in `METER_SOURCES` is based on."""
+    certificate = scale.certificate
+    if source == "meter f1'":
+        return basis(source, f1_prime=scale.f1_prime, light=scale.light, illuminant=scale.illuminant)
+    if source == "meter drift" and certificate is not None:
+        per_year = {"per_year_rel": certificate.drift_rel_per_year, "date": f"{certificate.date}"}
+        return basis(source, drift_rel=scale.drift_rel, **per_year)
+    if certificate is None:
+        return basis(source, limits_rel=scale.limits_rel, model=scale.meter.model)
+    dof = certificate.degrees_of_freedom
+    return basis(
+        source,
+        f"certificate{'' if dof is None else ' dof'}",
+        expanded_rel=certificate.expanded_uncertainty_rel,
+        coverage_factor=certificate.coverage_factor,
+        dof=dof,
+        number=certificate.number,
+        laboratory=certificate.laboratory,
+        date=f"{certificate.date}",
+    )
+
+
 def _split(rows: Sequence[PatchResidual], fit: BudgetRow) -> dict[str, BudgetRow]:
     """Separate the meter's random part from the fit: its share of the variance of a weighted mean over patches."""
     meter = np.array([row.reading_random_cd_m2 / row.reading_cd_m2 for row in rows])
     total = np.maximum([row.stated_rel for row in rows], meter)
     weight = 1 / np.maximum(total, 1e-12) ** 2
     share = min(float(np.sum((weight * meter) ** 2) / np.sum((weight * total) ** 2)), 1.0)
-    u, source = fit.standard_uncertainty_rel, "meter repeatability"
+    u, source = fit.u_rel, "meter repeatability"
     of_meter = basis(source, n_readings=sum(row.n_readings for row in rows), n_patches=len(rows))
     return {
-        source: replace(fit, source=source, standard_uncertainty_rel=u * sqrt(share), basis=of_meter),
-        "fit": replace(fit, standard_uncertainty_rel=u * sqrt(1 - share)),
+        source: replace(fit, source=source, u_rel=u * sqrt(share), basis=of_meter),
+        "fit": replace(fit, u_rel=u * sqrt(1 - share)),
     }
 
 
@@ -344,7 +424,11 @@ def _no_drift(scale: MeterScale) -> Finding:
     """Say why the drift of the meter does not count."""
     if scale.certificate is None:
         return basis("meter drift", "no certificate")
-    return scale.basis("meter drift") if scale.certificate.drift_rel_per_year else basis("meter drift", "not stated")
+    return (
+        _meter_basis(scale, "meter drift")
+        if scale.certificate.drift_rel_per_year
+        else basis("meter drift", "not stated")
+    )
 
 
 def undetected_intercept(calibration: AnyCalibration, luminance_cd_m2: float) -> BudgetRow:

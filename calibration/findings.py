@@ -9,10 +9,8 @@ from typing import Literal, TypeAlias
 
 from ..core.dn import ResponseKind
 from ..core.errors import InputError, require_not_negative
-from ..core.result import Finding, FindingValue, info, unique, warning
+from ..core.result import Finding, info, unique, warning
 
-#: Distribution of an error in a budget.
-Distribution: TypeAlias = Literal["normal", "rectangular"]
 #: Reason for leaving data out.
 Reason: TypeAlias = Literal[
     "saturated",
@@ -108,43 +106,6 @@ class LeftOut:
     reason: Reason
 
 
-@dataclass(frozen=True)
-class BudgetRow:
-    """One row of an uncertainty budget (JCGM 100:2008, table H.1).
-
-    Parameters
-    ----------
-    source : str
-        Source of the error, one of `labcdp.calibration.budget.SOURCES`.
-    standard_uncertainty_rel : float
-        Its relative contribution to the luminance.
-    basis : Finding
-        Basis of the value; also why it is 0 where unknown.
-    distribution : {'normal', 'rectangular'}
-        Of the error.
-    common : bool
-        True if common to all patches of one calibration, so that it (nearly) cancels in a contrast.
-    evaluation : {'A', 'B'}
-        A: from statistics of this session. B: from a data sheet, a certificate or judgement.
-    included : bool
-        Whether it is part of the stated intervals; `basis` says why if it is not.
-    contained_in : str
-        Source whose row includes it; empty for none.
-    dof : float or None
-        Degrees of freedom; None if the uncertainty is known.
-    """
-
-    source: str
-    standard_uncertainty_rel: float
-    basis: Finding
-    distribution: Distribution = "normal"
-    common: bool = True
-    evaluation: Literal["A", "B"] = "A"
-    included: bool = True
-    contained_in: str = ""
-    dof: float | None = None
-
-
 #: Exposures that are left out, which is normal in exposure bracketing.
 _EXPOSURE_CODES = ("exposure-saturated", "exposure-clipped", "exposure-outside-response", "exposure-not-above-dark")
 _EXPOSURES = "exposures-left-out"
@@ -158,12 +119,6 @@ def summarised(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     patches += [f"{name}" for names in of_others if isinstance(names, list) for name in names]
     kept = (one for one in findings if one.code not in (*_EXPOSURE_CODES, _EXPOSURES))
     return (*kept, *([info(_EXPOSURES, patches=list(dict.fromkeys(patches)))] if patches else []))
-
-
-def basis(source: str, case: str = "", /, **values: FindingValue) -> Finding:
-    """Return what the uncertainty of a source is based on, in one of several cases."""
-    words = f"budget {source} {case}".replace("'", "").split()
-    return info("-".join(words), **values)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,6 @@ from ..core.result import Finding, FindingValue, info, warning
 from ..core.spectra import SpectralTable
 from ..session import MeterCertificate
 from ..session.tables import EXPOSURE_JITTER_S, STABILITY_REL
-from .findings import basis
 
 #: Sources of common errors that belong to the meter and cancel in contrasts.
 METER_SOURCES = ("meter scale", "meter f1'", "meter drift")
@@ -120,20 +119,6 @@ class MeterScale:
         if self.certificate is not None:
             return f"certificate {self.certificate.number} of {self.certificate.date}"
         return f"calibrated {self.meter.calibration_date}" if self.meter.calibration_date else "date not known"
-
-    def basis(self, source: str) -> Finding:
-        """Return what the uncertainty of a source in `METER_SOURCES` is based on, for a budget."""
-        if source == "meter f1'":
-            return basis(source, f1_prime=self.f1_prime, light=self.light, illuminant=self.illuminant)
-        if source == "meter drift" and self.certificate is not None:
-            per_year = {"per_year_rel": self.certificate.drift_rel_per_year, "date": f"{self.certificate.date}"}
-            return basis(source, drift_rel=self.drift_rel, **per_year)
-        if self.certificate is None:
-            return basis(source, limits_rel=self.limits_rel, model=self.meter.model)
-        one, dof = self.certificate, self.certificate.degrees_of_freedom
-        stated = {"expanded_rel": one.expanded_uncertainty_rel, "coverage_factor": one.coverage_factor, "dof": dof}
-        where = {"number": one.number, "laboratory": one.laboratory, "date": f"{one.date}"}
-        return basis(source, f"certificate{'' if dof is None else ' dof'}", **stated, **where)
 
     def findings(self, readings: Readings) -> list[Finding]:
         """Return what a user should know about the traceability of these readings, by patch."""

@@ -11,10 +11,10 @@ from ...core.errors import CalibrationError, InputError
 from ...core.frame import CameraIdentity
 from ...core.quantity import Quantity
 from ...core.result import Finding, info, warning
-from ..frames.measure import MeasuredFrames
+from ..frames.measure import FrameSums, MeasuredFrames
 from ..frames.observations import CameraState, DarkObservation
 from ..frames.observe import dark_observation
-from ..frames.statistics import FrameStatistics, FrameSums, Level
+from ..frames.statistics import Level
 from .assemble import Transfer, assemble, findings_of_data_set, photon_transfer, with_findings, with_frame_changes
 from .images import ImageCheck, read_image, require_levels
 from .index import DataSetIndex, IndexBlock, load_index
@@ -57,11 +57,11 @@ def characterise_data_set(
     total, done = sum(len(block.images) for block in index.blocks), 0
     levels: list[tuple[IndexBlock, Level]] = []
     darks: dict[float, DarkObservation] = {}
-    stacks: dict[IndexBlock, FrameStatistics] = {}
+    stacks: dict[IndexBlock, MeasuredFrames] = {}
     of_stacks, of_choice = _stacks(index)
     check = ImageCheck(index.path)
     for block in index.blocks:
-        sums = FrameSums(state.saturation_dn)
+        sums = FrameSums(state, block.exposure_s)
         for number, image in enumerate(block.images):
             dn = read_image(image, shape, index.bits)
             check.take(dn, block, number)
@@ -71,9 +71,7 @@ def characterise_data_set(
         measured = sums.result()
         levels.append((block, measured.level))
         if block.kind == "dark" and (block.exposure_s not in darks or len(block.images) < _STACK):
-            darks[block.exposure_s] = dark_observation(
-                MeasuredFrames(**vars(measured), exposure_s=block.exposure_s, state=state)
-            )
+            darks[block.exposure_s] = dark_observation(measured)
         if block in of_stacks:
             stacks[block] = measured
     require_levels(index, levels)
@@ -148,7 +146,7 @@ def _sensitivity(points: Sequence[SeriesPoint], transfer: Transfer) -> dict[str,
 
 
 def _nonuniformity(
-    stacks: Sequence[tuple[IndexBlock, FrameStatistics]], k: Quantity
+    stacks: Sequence[tuple[IndexBlock, MeasuredFrames]], k: Quantity
 ) -> tuple[dict[str, Any], list[Finding]]:
     """DSNU and PRNU of a dark and a bright stack, and what is missing."""
     if not stacks:

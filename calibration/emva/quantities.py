@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.quantity import Quantity
+from ..frames.measure import MeasuredFrames
 from ..frames.nonuniformity import SpatialVariance, spatial_variance
 from ..frames.observations import DarkObservation
 from ..frames.rounding import ROUNDING_DN2, Range, variance_before_rounding
-from ..frames.statistics import FrameStatistics, LineVariances
+from ..frames.statistics import LineVariances
 from ..sensor.dark import DarkModel, fit_dark
 from ..sensor.dark_fit import Line, line, variance_uncertainties_dn2
 
@@ -141,7 +142,7 @@ def dsnu_e(variance: Quantity, k: Quantity, rounding_e: float, note: str = "", u
     return replace(found, u=hypot(found.u, rounding_e))
 
 
-def dsnu_parts(variance: SpatialVariance, k: Quantity, dark: FrameStatistics, note: str) -> dict[str, Quantity]:
+def dsnu_parts(variance: SpatialVariance, k: Quantity, dark: MeasuredFrames, note: str) -> dict[str, Quantity]:
     """DSNU_1288 and its parts, their uncertainties widened by rounding, where the dark noise is below about a DN.
 
     Parameters
@@ -150,7 +151,7 @@ def dsnu_parts(variance: SpatialVariance, k: Quantity, dark: FrameStatistics, no
         Of the dark image.
     k : Quantity
         Overall system gain.
-    dark : FrameStatistics
+    dark : MeasuredFrames
         Dark frames, as rounded.
     note : str
         Of the total.
@@ -165,7 +166,7 @@ def dsnu_parts(variance: SpatialVariance, k: Quantity, dark: FrameStatistics, no
     return found
 
 
-def rounding_of_spread_dn(dark: FrameStatistics) -> float:
+def rounding_of_spread_dn(dark: MeasuredFrames) -> float:
     """Return the standard uncertainty by rounding of the standard deviation of the pattern of dark frames."""
     temporal_dn2, spatial_dn2 = dark.temporal_variance_dn2, dark.spatial_variance_dn2
     together, alone = variance_before_rounding(temporal_dn2 + spatial_dn2), variance_before_rounding(temporal_dn2)
@@ -182,7 +183,7 @@ def prnu_parts(bright: SpatialVariance, dark: SpatialVariance, net_dn: float, no
     return {"prnu_rel": spread(bright.total - dark.total, net_dn, "1", note), **parts}
 
 
-def spatial_variance_of(one: FrameStatistics) -> SpatialVariance:
+def spatial_variance_of(one: MeasuredFrames) -> SpatialVariance:
     """Spatial variance of the mean of frames."""
     return spatial_variance(one.image_dn, one.temporal.scaled(1 / one.n_frames))
 
@@ -200,7 +201,7 @@ def spread(variance: Quantity, per: float, unit: str = "", note: str = "") -> Qu
 
 
 def dark_pattern_variances(
-    frames: Sequence[FrameStatistics], exposures_s: Sequence[float]
+    frames: Sequence[MeasuredFrames], exposures_s: Sequence[float]
 ) -> tuple[SpatialVariance, ...]:
     """Spatial variances of the dark signal at zero exposure, in DN^2, and of its growth, in (DN/s)^2.
 
@@ -208,7 +209,7 @@ def dark_pattern_variances(
 
     Parameters
     ----------
-    frames : sequence of FrameStatistics
+    frames : sequence of MeasuredFrames
         Dark frames for each exposure. Of one exposure only, its own variance is the first and only one.
     exposures_s : sequence of float
         Exposure times.

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from ...core.quantity import Quantity
 from ...core.result import Finding
+from ..frames.measure import MeasuredFrames
 from ..frames.observations import DarkObservation
-from ..frames.statistics import FrameStatistics, Level
+from ..frames.statistics import Level
 
 
 @dataclass(frozen=True)
@@ -156,7 +157,7 @@ class Characterisation:
         DR, saturation over threshold, as a ratio.
     saturation_limit : {'converter', 'full well', 'not reached'}
         Cause of saturation. For 'converter' and 'not reached' the true full well is larger.
-    spatial : tuple of FrameStatistics
+    spatial : tuple of MeasuredFrames
         Dark frames, and those of a uniform light at about half of saturation if there are any.
     series : tuple of SeriesPoint
         Points used for all but dark signal and non-uniformity, in increasing order of stimulus or signal.
@@ -203,7 +204,7 @@ class Characterisation:
     sensitivity_threshold_photons: Quantity | None = field(metadata=_called("sensitivity threshold µ_p.min"))
     dynamic_range: Quantity = field(metadata=_called("dynamic range DR"))
     saturation_limit: SaturationLimit
-    spatial: tuple[FrameStatistics, ...] = ()
+    spatial: tuple[MeasuredFrames, ...] = ()
     series: tuple[SeriesPoint, ...]
     darks: tuple[DarkObservation, ...]
     findings: tuple[Finding, ...]

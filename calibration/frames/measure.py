@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from datetime import datetime
+from functools import cached_property
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from ...core.clock import exposure_text
@@ -16,7 +18,8 @@ from ...core.frame import PLANES, BlackPattern, Frame
 from ...core.roi import Roi
 from .defects import DefectMap
 from .observations import CameraState, Observation
-from .statistics import FrameStatistics, FrameSums
+from .rounding import quantisation_variance_dn2
+from .statistics import Level, LineVariances
 
 _log = logging.getLogger(__name__)
 
@@ -35,24 +38,169 @@ _POSITIONS: dict[str, dict[str, tuple[int, int]]] = {
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class MeasuredFrames(FrameStatistics, Observation):
-    """The frames of one exposure, in a region or as a whole.
+class MeasuredFrames(Observation):
+    """The frames of one exposure, in a region or as a whole: their level, and mean images.
 
     Parameters
     ----------
+    image_dn, variance_image_dn2 : ndarray of float32, shape (height, width)
+        Mean, and variance over the frames (n - 1; 0 for a single frame), of each pixel.
+    used : ndarray of bool, shape (height, width)
+        The pixels that all else is about.
+    clipped : ndarray of bool, shape (height, width)
+        Pixels that were saturated or at 0 DN in at least one frame.
+    temporal : LineVariances
+        Over the frames, changes common to all pixels excluded (EMVA 1288 Release 4.0 Linear).
     recorded : datetime or None
         When the first frame was recorded; None if unknown.
     region : Roi or None
         The region; None for the whole image.
     """
 
+    image_dn: NDArray[np.float32]
+    variance_image_dn2: NDArray[np.float32]
+    used: NDArray[np.bool_]
+    clipped: NDArray[np.bool_]
+    temporal: LineVariances
     recorded: datetime | None = None
     region: Roi | None = None
 
     @property
+    def level(self) -> Level:
+        """The level without images."""
+        return Level(**{part.name: getattr(self, part.name) for part in fields(Level)})
+
+    @property
     def window(self) -> tuple[slice, slice]:
-        """Rows and columns of the image that the statistics are of."""
+        """Rows and columns of the image that the images show."""
         return (slice(None), slice(None)) if self.region is None else self.region.window(self.state.image_shape)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width of the window."""
+        return self.image_dn.shape[0], self.image_dn.shape[1]
+
+    @cached_property
+    def n_lines(self) -> tuple[float, float]:
+        """Effective numbers of columns and of rows in the mean: those of a rectangle, fewer for other shapes."""
+        columns, rows = (float(self.n_pixels**2 / np.sum(self.used.sum(axis=axis) ** 2.0)) for axis in (0, 1))
+        return columns, rows
+
+    @cached_property
+    def temporal_parts(self) -> LineVariances:
+        """Noise of single pixels, columns and rows, at least 0."""
+        columns, rows = self.n_lines
+        parts = self.temporal.parts(self.n_pixels / columns, self.n_pixels / rows)
+        return LineVariances(*(max(part, 0.0) for part in (parts.pixel, parts.column, parts.row)))
+
+    @cached_property
+    def spatial_variance_dn2(self) -> float:
+        """Variance of the pixels' means, less what temporal noise leaves in it; at least 0."""
+        variance = float(np.var(self.image_dn[self.used], ddof=1, dtype=np.float64))
+        return max(variance - self.temporal_variance_dn2 / self.n_frames, 0.0)
+
+    @cached_property
+    def typical_variance_dn2(self) -> float:
+        """Variance over the frames of a typical pixel: the mean without the noisiest thousandth."""
+        limit = np.quantile(self.variance_image_dn2, 0.999)
+        return float(np.minimum(self.variance_image_dn2, limit).mean(dtype=np.float64))
+
+    @property
+    def pixel_mean_variance_dn2(self) -> float:
+        """Variance of the mean of a typical pixel, by noise and rounding."""
+        return self.typical_variance_dn2 / self.n_frames + quantisation_variance_dn2(self.typical_variance_dn2)
+
+
+class FrameSums:
+    """Accumulates the frames of one exposure, or the same window of each.
+
+    Parameters
+    ----------
+    state : CameraState
+        Camera and settings of the frames.
+    exposure_s : float
+        Their exposure time.
+    used : ndarray of bool, shape (height, width), or None
+        Pixels of the window to use, None for all.
+    region : Roi or None
+        The region whose window it is; None for the whole image.
+    """
+
+    def __init__(
+        self,
+        state: CameraState,
+        exposure_s: float,
+        used: NDArray[np.bool_] | None = None,
+        region: Roi | None = None,
+    ) -> None:
+        self._state, self._exposure_s, self._region = state, exposure_s, region
+        self._used = used
+        self._first: NDArray[np.int64] | None = None
+        self._columns: list[NDArray[np.int64]] = []
+        self._rows: list[NDArray[np.int64]] = []
+        self._saturated = self._black = self._bits = 0
+
+    def add(self, dn: NDArray[np.unsignedinteger[Any]]) -> None:
+        """Add the values of a frame, shape (height, width)."""
+        values = dn.astype(np.int64)
+        if self._first is None:
+            self._first = values
+            self._total, self._squares = np.zeros_like(values), np.zeros_like(values)
+            self._clipped = np.zeros(values.shape, dtype=np.bool_)
+        # Differences to the first frame: their squares do not cancel.
+        change = values - self._first
+        self._total += change
+        self._squares += np.square(change, out=change)
+        saturated, black = dn >= self._state.saturation_dn, dn == 0
+        self._clipped |= saturated | black
+        if self._used is not None:
+            values = np.where(self._used, values, 0)
+            saturated, black = saturated & self._used, black & self._used
+        self._columns.append(values.sum(axis=0))
+        self._rows.append(values.sum(axis=1))
+        self._saturated += int(np.count_nonzero(saturated))
+        self._black += int(np.count_nonzero(black))
+        self._bits |= int(np.bitwise_or.reduce(values, axis=None))
+
+    @property
+    def n_frames(self) -> int:
+        """How many were added."""
+        return len(self._rows)
+
+    def result(self, temperature_c: float | None = None, recorded: datetime | None = None) -> MeasuredFrames:
+        """Return what was added, at least one frame, with the mean temperature and the time of the first frame."""
+        assert self._first is not None
+        n = self.n_frames
+        used = np.ones(self._first.shape, np.bool_) if self._used is None else self._used
+        size = int(np.count_nonzero(used))
+        # Sums of the squared deviations from each pixel's own mean.
+        deviations = np.maximum(self._squares - np.square(self._total, dtype=np.float64) / n, 0)
+        frame_means = np.array([rows.sum() for rows in self._rows]) / size
+        common = size * float(np.sum((frame_means - frame_means.mean()) ** 2))
+        own = max(float(deviations.sum(where=used)) - common, 0.0) / (max(size - 1, 1) * max(n - 1, 1))
+        of_lines = [
+            _line_variance(np.array(sums), used.sum(axis=axis), frame_means)
+            for axis, sums in ((0, self._columns), (1, self._rows))
+        ]
+        return MeasuredFrames(
+            exposure_s=self._exposure_s,
+            state=self._state,
+            temperature_c=temperature_c,
+            recorded=recorded,
+            region=self._region,
+            image_dn=(self._first + self._total / n).astype(np.float32),
+            variance_image_dn2=(deviations / max(n - 1, 1)).astype(np.float32),
+            used=used,
+            clipped=self._clipped,
+            mean_dn=float(frame_means.mean()),
+            temporal_variance_dn2=own,
+            n_pixels=size,
+            frame_means_dn=tuple(frame_means.tolist()),
+            temporal=LineVariances(own, *of_lines),
+            saturated_share=self._saturated / (size * n),
+            black_share=self._black / (size * n),
+            multiple=min(self._bits & -self._bits, 16) if self._bits else 1,
+        )
 
 
 def measure_frames(
@@ -81,7 +229,7 @@ def measure_frames(
     for frame in frames:
         if first is None:
             first, state = frame, CameraState.of(frame)
-            windows, sums = _sums(frame, regions, defects)
+            windows, sums = _sums(state, frame.exposure_s, regions, defects)
         state.require(CameraState.of(frame), "the first frame", f"frame {frame.frame_id}")
         if frame.exposure_s != first.exposure_s:
             raise CalibrationError(
@@ -89,16 +237,12 @@ def measure_frames(
                 f"{exposure_text(first.exposure_s)}: give frames of one exposure at a time"
             )
         temperatures.append(frame.temperature_c)
-        for window, one in zip(windows, sums, strict=True):
-            one.add(frame.dn[window])
+        for window, part in zip(windows, sums, strict=True):
+            part.add(frame.dn[window])
     if first is None:
         raise CalibrationError(f"there is no frame: give at least {MIN_FRAMES} frames of one exposure")
     temperature_c = _mean_temperature(temperatures, first.exposure_s)
-    taken: dict[str, Any] = {"exposure_s": first.exposure_s, "temperature_c": temperature_c, "state": state}
-    return [
-        MeasuredFrames(**vars(one.result()), **taken, recorded=first.timestamp, region=region)
-        for region, one in zip([None] if regions is None else regions, sums, strict=True)
-    ]
+    return [part.result(temperature_c, first.timestamp) for part in sums]
 
 
 def measure_whole(frames: Iterable[Frame], defects: DefectMap | None = None) -> MeasuredFrames:
@@ -107,15 +251,18 @@ def measure_whole(frames: Iterable[Frame], defects: DefectMap | None = None) -> 
 
 
 def _sums(
-    frame: Frame, regions: Sequence[Roi] | None, defects: DefectMap | None
+    state: CameraState, exposure_s: float, regions: Sequence[Roi] | None, defects: DefectMap | None
 ) -> tuple[list[tuple[slice, slice]], list[FrameSums]]:
-    sound = None if defects is None else ~defects.mask(frame.shape)
+    shape = state.image_shape
+    sound = None if defects is None else ~defects.mask(shape)
     if regions is None:
-        return [(slice(None), slice(None))], [FrameSums(frame.saturation_dn, sound)]
-    windows = [region.window(frame.shape) for region in regions]
-    parts = [True if sound is None else sound[window] for window in windows]
-    used = [region.mask(frame.shape) & part for region, part in zip(regions, parts, strict=True)]
-    return windows, [FrameSums(frame.saturation_dn, mask) for mask in used]
+        return [(slice(None), slice(None))], [FrameSums(state, exposure_s, sound)]
+    windows = [region.window(shape) for region in regions]
+    used = [
+        region.mask(shape) & (True if sound is None else sound[window])
+        for region, window in zip(regions, windows, strict=True)
+    ]
+    return windows, [FrameSums(state, exposure_s, *part) for part in zip(used, regions, strict=True)]
 
 
 def _mean_temperature(temperatures: Sequence[float | None], exposure_s: float) -> float | None:
@@ -128,6 +275,15 @@ def _mean_temperature(temperatures: Sequence[float | None], exposure_s: float) -
         text = "the camera's temperature went from %.1f to %.1f °C over the frames at %g s: let it warm up first"
         _log.warning(text, known[0], known[-1], exposure_s)
     return sum(known) / len(known)
+
+
+def _line_variance(sums: NDArray[np.int64], counts: NDArray[np.int64], frame_means: NDArray[np.float64]) -> float:
+    """Variance over the frames of the means of columns or rows, less the mean of the frame."""
+    if len(frame_means) < 2:
+        return 0.0
+    filled = counts > 0
+    means = sums[:, filled] / counts[filled] - frame_means[:, None]
+    return float(means.var(axis=0, ddof=1).mean())
 
 
 def split(frame: Frame) -> dict[str, Frame]:

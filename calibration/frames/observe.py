@@ -19,7 +19,6 @@ from .defects import DefectMap
 from .measure import MIN_FRAMES, MeasuredFrames, measure_frames, measure_whole
 from .nonuniformity import Array, cells_of, nonuniformity, root_of, spatial_variance
 from .observations import DarkObservation, Observation, PatchObservation, PatchPart
-from .statistics import FrameStatistics
 
 #: Fewest pixels of a region: below, its noise and its non-uniformity cannot be distinguished.
 MIN_PIXELS = 16
@@ -199,7 +198,7 @@ def _pattern(measured: MeasuredFrames, dark_library: DarkPattern | None) -> Arra
     return dark_library.correction_dn(measured.state.image_shape, measured.exposure_s, measured.temperature_c)
 
 
-def _without(s: FrameStatistics, pattern_dn: Array | None) -> NDArray[np.float64]:
+def _without(s: MeasuredFrames, pattern_dn: Array | None) -> NDArray[np.float64]:
     """Mean of each used pixel without the dark pattern; their mean is exact."""
     values = s.image_dn[s.used].astype(np.float64)
     values += s.mean_dn - values.mean()

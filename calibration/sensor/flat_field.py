@@ -15,9 +15,9 @@ from ...core.dn import Response
 from ...core.errors import CalibrationError
 from ...core.result import Finding, info
 from ...core.vignetting import FlatField, RadialVignetting, middle_of
-from ..frames.defects import block_means, median_around, pixel_pattern, structure_findings
 from ..frames.measure import MeasuredFrames
 from .dark_fit import rows_of
+from .defects import block_means, median_around, pixel_pattern, structure_findings
 
 Array = NDArray[np.float64]
 

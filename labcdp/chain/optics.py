@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from math import pi
 from typing import Annotated, Any, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import InputError
+from ..core.photometry import axial_illuminance_per_cd_m2
 from ..core.vignetting import Cos4Vignetting
 from . import point_spread
 from .parameters import Flag, Fraction, Luminance, Number, Parameters, Ratio
@@ -64,26 +64,6 @@ class Windscreen(Parameters):
             values=self.transmittance * (signal.values + glare_cd_m2),
             to_luminance=lambda behind: signal.to_luminance(behind / self.transmittance - subtracted_cd_m2),
         )
-
-
-def axial_illuminance_per_cd_m2(f_number: float, transmittance: float, magnification: float) -> float:
-    """Illuminance in lux on the optical axis for 1 cd/m^2: pi t / (4 N^2 (1 + m)^2).
-
-    With N = 1 / (2 sin(theta')), the f-number of a lens that obeys the sine condition, pi / (4 N^2) is exact for a
-    distant scene. The form pi / (1 + 4 N^2) takes N for a tangent; at f/1.4 the exact one is 13 % larger. The image of
-    a near scene lies 1 + m times as far behind a symmetric lens, so the working f-number is N (1 + m) (S. F. Ray,
-    Applied Photographic Optics). Equation 3.1 of the thesis prints (1 + m) without the square; its values have m = 0.
-
-    Parameters
-    ----------
-    f_number : float
-        N.
-    transmittance : float
-        t, fraction of the light the lens passes.
-    magnification : float
-        m, image size over object size; 0 for a distant scene.
-    """
-    return pi * transmittance / (4 * (f_number * (1 + magnification)) ** 2)
 
 
 @dataclass(frozen=True)

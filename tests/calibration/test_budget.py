@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from labcdp.calibration import fit, fit_colour, patch_luminance
-from labcdp.calibration.budget import SOURCES, budget, budget_exposure_s, combined, darkest_corner_px
+from labcdp.calibration.budget import SOURCES, budget, budget_exposure_s, darkest_corner_px
 from labcdp.calibration.converter import common_errors
 from labcdp.core.vignetting import Cos4Vignetting, FlatField, RadialVignetting
 
@@ -39,10 +39,10 @@ def test_rows_make_the_uncertainty_of_a_patch(calibration, camera, luminance, al
     exposure_s = budget_exposure_s(calibration, luminance)
     seen = camera.observe("P", luminance, exposure_s, None, SIZE)
     patch = patch_luminance(calibration, [replace(seen, vignetting=calibration.vignetting)])
-    whole = combined(budget(calibration, luminance, exposure_s, *SIZE))
+    whole = budget(calibration, luminance, exposure_s, *SIZE)
     # The budget takes K from photon transfer and the luminance as given; both within a part in a thousand.
-    assert whole.standard_uncertainty_rel == pytest.approx(hypot(patch.random_rel, patch.common_rel), rel=2e-3)
-    assert whole.expanded_95_rel == pytest.approx(patch.half_width_95_rel, rel=2e-3)
+    assert whole.u_rel == pytest.approx(hypot(patch.random_rel, patch.common_rel), rel=2e-3)
+    assert whole.U_rel == pytest.approx(patch.half_width_95_rel, rel=2e-3)
 
 
 @pytest.mark.parametrize(
@@ -74,19 +74,19 @@ def test_rows_in_the_corner_are_those_of_a_patch_there(calibration, camera, vign
     )  # fmt: skip
     patch = patch_luminance(calibration, [in_corner])
     assert patch.luminance_cd_m2 == pytest.approx(8.0, rel=0.01)
-    whole = combined(budget(calibration, 8.0, exposure_s, *SIZE, place_px=corner))
-    assert whole.standard_uncertainty_rel == pytest.approx(hypot(patch.random_rel, patch.common_rel), rel=5e-3)
-    assert whole.expanded_95_rel == pytest.approx(patch.half_width_95_rel, rel=5e-3)
+    whole = budget(calibration, 8.0, exposure_s, *SIZE, position_px=corner)
+    assert whole.u_rel == pytest.approx(hypot(patch.random_rel, patch.common_rel), rel=5e-3)
+    assert whole.U_rel == pytest.approx(patch.half_width_95_rel, rel=5e-3)
     if isinstance(vignetting, Cos4Vignetting):
-        assert whole.standard_uncertainty_rel > vignetting.corner_rel
+        assert whole.u_rel > vignetting.corner_rel
 
 
 def test_every_source_has_a_row_that_is_a_common_error_or_says_why_it_is_not_known(calibration):
     squares = {}
     for error in common_errors(calibration, calibration.net_dn(8.0, 0.01), 0.01):
         squares[error.source] = squares.get(error.source, 0.0) + float(error.relative) ** 2
-    rows = budget(calibration, 8.0, 0.01)
-    u = {r.source: r.standard_uncertainty_rel for r in rows}
+    rows = budget(calibration, 8.0, 0.01).rows
+    u = {r.source: r.u_rel for r in rows}
     assert list(u) == list(SOURCES)
     assert u["dark and temperature"] == pytest.approx(sqrt(squares["dark and temperature"]))
     assert hypot(u["fit"], u["meter repeatability"]) == pytest.approx(sqrt(squares["fit"]))
@@ -96,8 +96,8 @@ def test_every_source_has_a_row_that_is_a_common_error_or_says_why_it_is_not_kno
 def test_a_flat_field_leaves_at_least_its_own_noise_of_the_pixels_sensitivity(calibration):
     flat = replace(calibration, vignetting=FlatField(np.ones((4, 4), np.float32), 0.004, 0.0, 9))
     for one, code in ((calibration, "budget-pixel-sensitivity"), (flat, "budget-pixel-sensitivity-flat-field")):
-        found = row(budget(one, 8.0, 0.01, 4), "pixel sensitivity")
-        assert (found.standard_uncertainty_rel, found.basis.code) == (pytest.approx(one.pixel_rel() / 2), code)
+        found = row(budget(one, 8.0, 0.01, 4).rows, "pixel sensitivity")
+        assert (found.u_rel, found.basis.code) == (pytest.approx(one.pixel_rel() / 2), code)
     assert flat.pixel_rel() == 0.004 > flat.noise.prnu_rel
 
 
@@ -111,9 +111,10 @@ def test_the_corner_of_a_camera_with_colour_filters_is_that_of_its_planes(setup)
     observations = {plane: [replace(o, **of_middle) for o in group] for plane, group in seen.items()}
     readings = {name: [make_reading(value)] for name, value in luminances.items()}
     calibration = fit_colour(observations, darks, readings, setup)
-    at = [budget(calibration, 20.0, n_pixels=250, place_px=place) for place in (None, darkest_corner_px(calibration))]
-    of_vignetting = [row(rows, "vignetting").standard_uncertainty_rel for rows in at]
+    positions = None, darkest_corner_px(calibration)
+    at = [budget(calibration, 20.0, n_pixels=250, position_px=position).rows for position in positions]
+    of_vignetting = [row(rows, "vignetting").u_rel for rows in at]
     assert of_vignetting == pytest.approx([0.0, 0.05], abs=1e-9)
-    noise = [row(rows, "shot and read noise").standard_uncertainty_rel for rows in at]
+    noise = [row(rows, "shot and read noise").u_rel for rows in at]
     v = vignetting.relative_illuminance((48, 64))[:32, :32].mean()
     assert noise[1] / noise[0] == pytest.approx(v**-0.5, rel=0.05)

@@ -41,8 +41,8 @@ def test_a_certificate_takes_the_place_of_the_data_sheet(calibrate):
     r = [one.responsivity.responsivity_dn_s_cd_m2 for one in (by_sheet, by_certificate)]
     assert r[0] / r[1] == pytest.approx(1.01, rel=1e-6)
     for one, u, distribution in ((by_sheet, 0.02 / sqrt(3), "rectangular"), (by_certificate, 0.004, "normal")):
-        scale = row(budget(one, 10.0), "meter scale")
-        assert (scale.standard_uncertainty_rel, scale.distribution) == (pytest.approx(u), distribution)
+        scale = row(budget(one, 10.0).rows, "meter scale")
+        assert (scale.u_rel, scale.distribution) == (pytest.approx(u), distribution)
     assert "meter-without-certificate" in codes(by_sheet) - codes(by_certificate)
     # The scale cancels in contrasts, whatever its distribution.
     u = [contrast_uncertainty(*(patch_luminance(c, seen[p]) for p in ("P7", "P0"))) for c in (by_sheet, by_certificate)]
@@ -51,8 +51,8 @@ def test_a_certificate_takes_the_place_of_the_data_sheet(calibrate):
 
 def test_mismatch_counts_in_another_light_only(calibrate):
     calibration, observations = calibrate(CERTIFICATE, f1_prime=0.03)
-    mismatch = row(budget(calibration, 10.0), "meter f1'")
-    assert (mismatch.included, mismatch.standard_uncertainty_rel) == (True, pytest.approx(0.03 / sqrt(3)))
+    mismatch = row(budget(calibration, 10.0).rows, "meter f1'")
+    assert (mismatch.included, mismatch.u_rel) == (True, pytest.approx(0.03 / sqrt(3)))
     seen = patch_luminance(calibration, observations["P4"])
     assert seen.common_rel == pytest.approx(sqrt(seen.fit_rel**2 + 0.004**2 + 0.03**2 / 3))
 
@@ -90,9 +90,9 @@ def test_drift_since_the_certificate_counts_by_its_days(calibrate):
     certificate = CERTIFICATE.model_copy(update={"drift_rel_per_year": 0.01})
     u = 0.01 * 59 / 365.2425 / sqrt(3)
     calibration, observations = calibrate(certificate)
-    drift = row(budget(calibration, 10.0), "meter drift")
+    drift = row(budget(calibration, 10.0).rows, "meter drift")
     assert (drift.included, drift.distribution, drift.evaluation) == (True, "rectangular", "B")
-    assert drift.standard_uncertainty_rel == pytest.approx(u, rel=1e-12)
+    assert drift.u_rel == pytest.approx(u, rel=1e-12)
     without, _ = calibrate(CERTIFICATE)
     seen = [patch_luminance(one, observations["P4"]).common_rel for one in (calibration, without)]
     assert seen[0] ** 2 - seen[1] ** 2 == pytest.approx(u**2, rel=1e-9)

@@ -18,7 +18,7 @@ from ...report.html import render_page
 from ...report.layout import Block, Card, Page, ReportFigure, Section, page_text
 from ...report.sheets import result_workbook
 from ...report.text import day, fixed, listed, printable, shortened, significant, span, with_half_width
-from .calibration_result import PATCH_PIXELS, budget_of_patch
+from .calibration_result import PATCH_PIXELS, PatchBudgets
 from .quantities import range_text, responsivity
 
 if TYPE_CHECKING:
@@ -148,20 +148,20 @@ def _residuals(calibration: AnyCalibration, prefix: str) -> ReportFigure:
     )
 
 
-def calibration_files(calibration: AnyCalibration, result: Result) -> dict[str, bytes]:
+def calibration_files(calibration: AnyCalibration, budgets: PatchBudgets, result: Result) -> dict[str, bytes]:
     """Return calibration.html and calibration.xlsx by their names."""
     return {
-        "calibration.html": render_page(calibration_page(calibration, result)).encode(),
+        "calibration.html": render_page(calibration_page(calibration, budgets, result)).encode(),
         "calibration.xlsx": result_workbook(result, calibration.provenance.measured),
     }
 
 
-def calibration_page(calibration: AnyCalibration, result: Result) -> Page:
+def calibration_page(calibration: AnyCalibration, budgets: PatchBudgets, result: Result) -> Page:
     """Return the page of a calibration: what it can measure and how well, then how it was found."""
     first, *others = calibration_figures(calibration)
     lead = first, result.table("calibration_patches").only(*_BESIDE_FIGURE)
     kind, sections = "Calibration of a camera as a luminance meter", _sections(calibration, result, others)
-    return Page.of(result, kind, _summary(calibration), _cards(calibration), lead, sections)
+    return Page.of(result, kind, _summary(calibration), _cards(calibration, budgets), lead, sections)
 
 
 def _summary(calibration: AnyCalibration) -> str:
@@ -177,26 +177,24 @@ def _summary(calibration: AnyCalibration) -> str:
     )
 
 
-def _cards(calibration: AnyCalibration) -> Iterator[Card]:
+def _cards(calibration: AnyCalibration, budgets: PatchBudgets) -> Iterator[Card]:
     yield Card("Calibrated range", range_text(calibration))
-    yield _uncertainty(calibration)
+    yield _uncertainty(budgets)
     yield _deviation(calibration)
     if isinstance(calibration, Calibration):
         r = responsivity(calibration)
         yield Card("Responsivity R", with_half_width(float(r.value or 0.0), r.expanded or 0.0), r.unit)
 
 
-def _uncertainty(calibration: AnyCalibration) -> Card:
-    """Say what U is at the places of the patches, and what makes it."""
-    rows = (*calibration.residuals, *calibration.held_out)
-    budgets = {row.patch: budget_of_patch(calibration, row) for row in rows}
-    ordered = sorted(budgets, key=lambda patch: budgets[patch].whole.expanded_95_rel)
+def _uncertainty(budgets: PatchBudgets) -> Card:
+    """Say what U is at the positions of the patches, and what makes it."""
+    ordered = sorted(budgets, key=lambda patch: budgets[patch].U_rel)
     lines, ends = [], []
     for patch in dict.fromkeys((ordered[0], ordered[-1])):
-        found = budgets[patch]
-        largest = max((row for row in found.rows if row.included), key=lambda row: row.standard_uncertainty_rel)
-        ends.append(significant(100 * found.whole.expanded_95_rel, 2))
-        k = fixed(found.whole.coverage_factor, 2)
+        budget = budgets[patch]
+        largest = max((row for row in budget.rows if row.included), key=lambda row: row.u_rel)
+        ends.append(significant(100 * budget.U_rel, 2))
+        k = fixed(budget.k, 2)
         lines.append(printable(f"± {ends[-1]} % at {patch}, k = {k}, most of it {largest.source}"))
     lines += ["without stray light of the scene", "meter scale included; it cancels in contrasts"]
     detail = f"U (95 %) of {PATCH_PIXELS} pixels at the places of the patches"

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from math import inf, sqrt
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from ...calibration import AnyCalibration
-from ...calibration.budget import CombinedUncertainty, budget, budget_exposure_s, combined
+from ...calibration.budget import Budget, BudgetRow, budget
 from ...calibration.colour.model import ColourCalibration
-from ...calibration.findings import BudgetRow
-from ...calibration.model import PatchResidual
 from ...calibration.uncertainty import expanded_rel
 from ...core.result import InputFile, Result, quantity_table
 from ...core.table import Column, Table, uncertain
@@ -71,79 +69,66 @@ _LEFT_OUT = (
 )
 
 
-@dataclass(frozen=True)
-class BudgetOfPatch:
-    """Budget of the mean over a patch of `PATCH_PIXELS` pixels in one frame.
-
-    Parameters
-    ----------
-    luminance_cd_m2, exposure_s : float
-        Of the patch; it is grey where that makes a difference.
-    rows : tuple of BudgetRow
-        The sources.
-    whole : CombinedUncertainty
-        All of them together.
-    """
-
-    luminance_cd_m2: float
-    exposure_s: float
-    rows: tuple[BudgetRow, ...]
-    whole: CombinedUncertainty
-
-
-def budgets(calibration: AnyCalibration) -> list[BudgetOfPatch]:
-    """Compute the budgets at the lowest, a middle (geometric mean) and the highest calibrated luminance."""
-    low, high = calibration.range_cd_m2
-    return [budget_at(calibration, luminance) for luminance in (low, sqrt(low * high), high)]
+#: Budgets of the patches of a calibration, by their names.
+PatchBudgets: TypeAlias = Mapping[str, Budget]
 
 
 def budget_at(
-    calibration: AnyCalibration, luminance_cd_m2: float, place_px: tuple[float, float] | None = None
-) -> BudgetOfPatch:
-    """Compute the budget at a luminance, at a place (x, y) of the image or on the optical axis."""
-    t = budget_exposure_s(calibration, luminance_cd_m2)
+    calibration: AnyCalibration, luminance_cd_m2: float, position_px: tuple[float, float] | None = None
+) -> Budget:
+    """Return the budget of the mean over `PATCH_PIXELS` pixels of one frame, which are grey where that matters.
+
+    Parameters
+    ----------
+    calibration : Calibration or ColourCalibration
+        Of the camera.
+    luminance_cd_m2 : float
+        Luminance of the patch.
+    position_px : (float, float) or None
+        Middle (x, y) of the patch in the image; None for the optical axis.
+    """
     n_pixels = PATCH_PIXELS // len(calibration.planes)
-    rows = budget(calibration, luminance_cd_m2, t, n_pixels=n_pixels, place_px=place_px)
-    return BudgetOfPatch(luminance_cd_m2, t, rows, combined(rows))
+    return budget(calibration, luminance_cd_m2, n_pixels=n_pixels, position_px=position_px)
 
 
-def budget_of_patch(calibration: AnyCalibration, row: PatchResidual) -> BudgetOfPatch:
-    """Compute the budget of a patch at its own luminance and place, as an evaluation of the patch has it."""
-    return budget_at(calibration, row.luminance_cd_m2, row.centre_px)
+def patch_budgets(calibration: AnyCalibration) -> dict[str, Budget]:
+    """Return the budget of each patch at its own luminance and position, as an evaluation of the patch has it."""
+    rows = (*calibration.residuals, *calibration.held_out)
+    return {row.patch: budget_at(calibration, row.luminance_cd_m2, row.centre_px) for row in rows}
 
 
-def limited_dof(whole: CombinedUncertainty) -> float | None:
-    """Return the effective degrees of freedom; None if practically unlimited."""
-    dof = whole.effective_degrees_of_freedom
+def limited_dof(dof: float) -> float | None:
+    """Return effective degrees of freedom; None if practically unlimited."""
     return dof if dof < _UNLIMITED else None
 
 
-def budget_tables(found: Sequence[BudgetOfPatch]) -> tuple[Table, Table]:
-    """Return what the budgets make together, and their sources."""
+def _budget_tables(calibration: AnyCalibration) -> tuple[Table, Table]:
+    """Return the uncertainties at the lowest, middle (geometric mean) and highest luminance, and their sources."""
+    low, high = calibration.range_cd_m2
+    budgets = [budget_at(calibration, luminance) for luminance in (low, sqrt(low * high), high)]
     columns = (
         Column("luminance_cd_m2", "luminance", "cd/m²", "Lowest, medium and highest calibrated luminance."),
         Column("exposure_s", "exposure", "s", "Exposure time of the frame.", digits=0, time=True),
-        Column("u_rel", "u", "%", "Relative combined standard uncertainty.", 2, value="whole.standard_uncertainty_rel"),
+        Column("u_rel", "u", "%", "Relative combined standard uncertainty.", 2, value="u_rel"),
         Column("effective_dof", "effective dof", "", _DOF, decimals=0,
-               value=lambda one: limited_dof(one.whole)),
-        Column("coverage_factor", "k", "", "Coverage factor, U over u.", decimals=2, value="whole.coverage_factor"),
-        Column("expanded_rel", "U (95 %)", "%", "Relative expanded uncertainty.", 2, value="whole.expanded_95_rel"),
+               value=lambda row: limited_dof(row.dof)),
+        Column("coverage_factor", "k", "", "Coverage factor, U over u.", decimals=2, value="k"),
+        Column("expanded_rel", "U (95 %)", "%", "Relative expanded uncertainty.", 2, value="U_rel"),
     )  # fmt: skip
     note = page_text("uncertainty-of-patch", n_pixels=PATCH_PIXELS)
-    return Table.of_items("uncertainty", "Uncertainty of a patch on the optical axis", columns, found, note), _sources(
-        found
-    )
+    title = "Uncertainty of a patch on the optical axis"
+    return Table.of_items("uncertainty", title, columns, budgets, note), _sources(budgets)
 
 
-def _sources(found: Sequence[BudgetOfPatch]) -> Table:
+def _sources(budgets: Sequence[Budget]) -> Table:
     """One row for each source; all of it but the uncertainty is that at the lowest luminance."""
-    by_source = [{row.source: row.standard_uncertainty_rel for row in one.rows} for one in found]
+    by_source = [{row.source: row.u_rel for row in one.rows} for one in budgets]
     columns = (
         Column("source", "source", "", "Source of the uncertainty."),
         *(
-            Column(f"u_{place}_rel", f"u at {significant(one.luminance_cd_m2, 4)} cd/m²", "%",
-                   f"Relative standard uncertainty at the {place} luminance.", decimals=3, value=partial(_u_rel, us))
-            for place, one, us in zip(("lowest", "middle", "highest"), found, by_source, strict=True)
+            Column(f"u_{level}_rel", f"u at {significant(one.luminance_cd_m2, 4)} cd/m²", "%",
+                   f"Relative standard uncertainty at the {level} luminance.", decimals=3, value=partial(_u_rel, us))
+            for level, one, us in zip(("lowest", "middle", "highest"), budgets, by_source, strict=True)
         ),
         Column("distribution", "distribution", "", "Distribution of the error."),
         Column("evaluation", "type", "", "A: from statistics of this measurement; B: from data sheets and other "
@@ -153,11 +138,11 @@ def _sources(found: Sequence[BudgetOfPatch]) -> Table:
                value=lambda row: "yes" if row.included else f"in {row.contained_in}" if row.contained_in else "no"),
         Column("basis", "basis", "", "Basis of the value.", value=lambda row: finding_text(row.basis)),
     )  # fmt: skip
-    return Table.of_items("budget", "Uncertainty budget", columns, found[0].rows, detail=True)
+    return Table.of_items("budget", "Uncertainty budget", columns, budgets[0].rows, detail=True)
 
 
 def _u_rel(us_rel: Mapping[str, float], row: BudgetRow) -> float | None:
-    return us_rel[row.source] if row.included or row.standard_uncertainty_rel != 0 else None
+    return us_rel[row.source] if row.included or row.u_rel != 0 else None
 
 
 def calibration_result(
@@ -165,6 +150,7 @@ def calibration_result(
     title: str = "",
     inputs: Sequence[InputFile] = (),
     options: Mapping[str, Any] | None = None,
+    budgets: PatchBudgets | None = None,
 ) -> Result:
     """Return all numbers of a calibration.
 
@@ -178,23 +164,24 @@ def calibration_result(
         What it was made from.
     options : mapping or None
         How it was made; values JSON can hold.
+    budgets : mapping of str to Budget, or None
+        From `patch_budgets`; None to compute them.
     """
     camera, meter = calibration.state.camera, calibration.meter_scale.meter
-    tables, findings = calibration_tables(calibration), calibration.findings
+    tables, findings = calibration_tables(calibration, budgets), calibration.findings
     more = {"configuration": options or {}, "simulated": camera.simulated or meter.simulated}
     return Result.of("calibrate", title or str(camera), tables, findings, *inputs, **more)
 
 
-def calibration_tables(calibration: AnyCalibration) -> Iterator[Table]:
+def calibration_tables(calibration: AnyCalibration, budgets: PatchBudgets | None = None) -> Iterator[Table]:
     """Yield the tables of a calibration."""
-    found = budgets(calibration)
-    totals, sources = budget_tables(found)
+    totals, sources = _budget_tables(calibration)
     yield quantity_table("calibration", "Calibration", quantities(calibration))
     yield totals
     planes = {plane.state.plane or "": plane for plane in calibration.planes}
     if isinstance(calibration, ColourCalibration):
         yield _planes(calibration)
-    yield patch_table(calibration)
+    yield _patch_table(calibration, patch_budgets(calibration) if budgets is None else budgets)
     if isinstance(calibration, ColourCalibration):
         title = "Combination compared with single colours"
         of_step = (Column("luminance_from", "luminance from", value="name"), *_CANDIDATE)
@@ -206,11 +193,10 @@ def calibration_tables(calibration: AnyCalibration) -> Iterator[Table]:
     yield Table.of_facts("conditions", "Conditions", conditions(calibration), "condition")
 
 
-def patch_table(calibration: AnyCalibration) -> Table:
+def _patch_table(calibration: AnyCalibration, budgets: PatchBudgets) -> Table:
     """Return the patches of the fit and those held out, by meter and camera, with rising luminance."""
     fitted, deviation = set(map(id, calibration.residuals)), "Deviation from a fit without this patch."
     rows = (*calibration.residuals, *calibration.held_out)
-    of_patch = {id(row): budget_of_patch(calibration, row).whole for row in rows}
     columns = (
         PATCH,
         Column("used_for", "used for", "", "Whether the patch was used for the fit.",
@@ -219,13 +205,13 @@ def patch_table(calibration: AnyCalibration) -> Table:
         *uncertain(METER, "reading_random_cd_m2"),
         *uncertain(
             CAMERA,
-            lambda row: row.luminance_cd_m2 * of_patch[id(row)].standard_uncertainty_rel,
-            lambda row: row.luminance_cd_m2 * of_patch[id(row)].expanded_95_rel,
+            lambda row: row.luminance_cd_m2 * budgets[row.patch].u_rel,
+            lambda row: row.luminance_cd_m2 * budgets[row.patch].U_rel,
         ),
         Column("expanded_rel", "U of camera", "%", "Relative U (95 %) at the place of the patch.", digits=2,
-               shown=False, value=lambda row: of_patch[id(row)].expanded_95_rel),
+               shown=False, value=lambda row: budgets[row.patch].U_rel),
         Column("coverage_factor", "k", "", "Coverage factor, U over u.", decimals=2, shown=False,
-               value=lambda row: of_patch[id(row)].coverage_factor),
+               value=lambda row: budgets[row.patch].k),
         DEVIATION,
         Column("z", "z", "", "Deviation divided by its standard uncertainty from the stated errors.", decimals=2,
                value="standardised_residual"),

@@ -26,7 +26,7 @@ from ...report.text import (
     with_half_width,
 )
 from ...session import ConditionsConfiguration
-from .calibration_result import CAMERA, DEVIATION, METER, PATCH_PIXELS, budget_at, budget_of_patch, limited_dof
+from .calibration_result import CAMERA, DEVIATION, METER, PATCH_PIXELS, PatchBudgets, budget_at, limited_dof
 from .observe import ObservedSession
 from .quantities import RESPONSIVITY, conditions, lens_text, meter_text, range_text, responsivity, traceability
 from .session import target_map
@@ -35,7 +35,9 @@ from .verification import decision_rule, verified_patches
 _STATES: dict[Verdict, State] = {"conform": "good", "not conform": "bad", "undecided": "open"}
 
 
-def calibration_certificate(observed: ObservedSession, calibration: AnyCalibration, saved: SavedFile) -> bytes:
+def calibration_certificate(
+    observed: ObservedSession, calibration: AnyCalibration, budgets: PatchBudgets, saved: SavedFile
+) -> bytes:
     """Return the certificate of a calibration as a page, with what ISO/IEC 17025:2017, 7.8.2 and 7.8.4, asks for.
 
     Parameters
@@ -44,13 +46,15 @@ def calibration_certificate(observed: ObservedSession, calibration: AnyCalibrati
         What its first session says.
     calibration : Calibration or ColourCalibration
         The calibration.
+    budgets : mapping of str to Budget
+        Of its patches, from `patch_budgets`.
     saved : SavedFile
         Its file, which gives the certificate its number.
     """
     text = page_text("certificate-of-calibration", n_pixels=PATCH_PIXELS)
     method = page_text("certificate-method-of-calibration", **_method(calibration))
     sections = (
-        Section("Results", [_calibrated(calibration)]),
+        Section("Results", [_calibrated(calibration, budgets)]),
         _warnings(calibration.findings),
         Section("Method", [method]),
         *_statements(observed, text),
@@ -231,10 +235,9 @@ def _picture(observed: ObservedSession, calibration: AnyCalibration, simulated: 
     )
 
 
-def _calibrated(calibration: AnyCalibration) -> Table:
-    """Return the patches by meter and camera, with U of the camera's luminance at their places and in the corners."""
+def _calibrated(calibration: AnyCalibration, budgets: PatchBudgets) -> Table:
+    """Return the patches by meter and camera, with U of the camera's luminance there and in the corners."""
     rows, corner = (*calibration.residuals, *calibration.held_out), darkest_corner_px(calibration)
-    here = {id(row): budget_of_patch(calibration, row).whole for row in rows}
     columns = (
         Column("patch", "patch",
                value=lambda row: row.patch if row in calibration.residuals else f"{row.patch} (held out)"),
@@ -242,12 +245,12 @@ def _calibrated(calibration: AnyCalibration) -> Table:
         CAMERA,
         DEVIATION,
         Column("expanded_rel", "U of camera", "%", "Relative U (95 %) at the place of the patch.", digits=2,
-               value=lambda row: here[id(row)].expanded_95_rel),
-        Column("k", "k", "", "Coverage factor there.", decimals=2, value=lambda row: here[id(row)].coverage_factor),
+               value=lambda row: budgets[row.patch].U_rel),
+        Column("k", "k", "", "Coverage factor there.", decimals=2, value=lambda row: budgets[row.patch].k),
         Column("effective_dof", "effective dof", "", "Effective degrees of freedom there.", decimals=0,
-               value=lambda row: limited_dof(here[id(row)]) or inf),
+               value=lambda row: limited_dof(budgets[row.patch].dof) or inf),
         Column("expanded_corner_rel", "U in the corners", "%", "Relative U (95 %) of this luminance in the corners.",
-               digits=2, value=lambda row: budget_at(calibration, row.luminance_cd_m2, corner).whole.expanded_95_rel),
+               digits=2, value=lambda row: budget_at(calibration, row.luminance_cd_m2, corner).U_rel),
     )  # fmt: skip
     note = ""
     if isinstance(calibration, Calibration):

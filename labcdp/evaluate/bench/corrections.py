@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 from math import prod
 
 from ...calibration import AnyCalibration, Calibration
-from ...calibration.frames.defects import DefectMap, find_defects
+from ...calibration.frames.defects import DefectMap
 from ...calibration.frames.measure import MeasuredFrames, measure_whole, plane_of, plane_offset_px
 from ...calibration.frames.observations import CameraState
 from ...calibration.sensor.dark_library import DarkLibrary, dark_library
+from ...calibration.sensor.defects import find_defects
 from ...calibration.sensor.flat_field import MeasuredVignetting, measure_vignetting
-from ...chain.optics import axial_illuminance_per_cd_m2
 from ...core.dn import Response
 from ...core.errors import CalibrationError
 from ...core.frame import Readout
-from ...core.photometry import photon_radiance_per_cd_m2
+from ...core.photometry import axial_illuminance_per_cd_m2, photon_radiance_per_cd_m2
 from ...core.result import Finding, info
 from ...core.vignetting import AnyVignetting, Cos4Vignetting
 from ...session import Role, Session, SessionConfiguration

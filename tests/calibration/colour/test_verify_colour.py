@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from labcdp.calibration import colour_patch_luminance, fit_colour
-from labcdp.calibration.budget import budget, budget_exposure_s, combined
+from labcdp.calibration.budget import budget, budget_exposure_s
 from labcdp.calibration.record import load_verification, save_verification
 from labcdp.calibration.setup import meter_scale
 from labcdp.calibration.verify.history import histories
@@ -105,16 +105,16 @@ def test_rows_make_the_uncertainty_of_a_grey_patch(calibration, luminance, scatt
     exposure_s = budget_exposure_s(calibration, luminance)
     observations, _ = colour_bench(lambda plane, name: luminance, ["P"], None, exposures_s=(exposure_s,))
     patch = colour_patch_luminance(scattered, observations)
-    rows = budget(scattered, luminance, exposure_s, 400, 4)
-    whole = combined(rows)
+    whole = budget(scattered, luminance, exposure_s, 400, 4)
+    rows = whole.rows
     # Fitted planes see a grey patch a little coloured, and photon transfer gives K: a part in a hundred.
-    assert whole.standard_uncertainty_rel == pytest.approx(hypot(patch.random_rel, patch.common_rel), rel=0.01)
-    assert whole.expanded_95_rel == pytest.approx(patch.half_width_95_rel, rel=0.01)
-    parts = [row(rows, source).standard_uncertainty_rel for source in ("fit", "meter repeatability")]
+    assert whole.u_rel == pytest.approx(hypot(patch.random_rel, patch.common_rel), rel=0.01)
+    assert whole.U_rel == pytest.approx(patch.half_width_95_rel, rel=0.01)
+    parts = [row(rows, source).u_rel for source in ("fit", "meter repeatability")]
     variance = np.ones(4) @ np.array(calibration.weight_covariance) @ np.ones(4)
     assert hypot(*parts) == pytest.approx(sqrt(variance) / sum(calibration.weights), rel=1e-6)
     # Steps of the exposure time are the same for all planes: they add up to one share.
-    assert row(rows, "exposure time").standard_uncertainty_rel == pytest.approx(5e-5)
+    assert row(rows, "exposure time").u_rel == pytest.approx(5e-5)
 
 
 def test_intercepts_of_planes_add_with_their_signs_in_the_budget(calibration):
@@ -127,5 +127,5 @@ def test_intercepts_of_planes_add_with_their_signs_in_the_budget(calibration):
     exposure_s = budget_exposure_s(offset, 10.0)
     observations, _ = colour_bench(lambda plane, name: 10.0, ["P"], None, exposures_s=(exposure_s,))
     patch = colour_patch_luminance(offset, observations)
-    whole = combined(budget(offset, 10.0, exposure_s, 400, 4))
-    assert whole.standard_uncertainty_rel == pytest.approx(hypot(patch.random_rel, patch.common_rel), rel=0.01)
+    whole = budget(offset, 10.0, exposure_s, 400, 4)
+    assert whole.u_rel == pytest.approx(hypot(patch.random_rel, patch.common_rel), rel=0.01)

@@ -3,9 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from labcdp.calibration.frames.defects import Defect, find_defects
+from labcdp.calibration.frames.defects import Defect
 from labcdp.calibration.frames.measure import measure_whole
 from labcdp.calibration.sensor.dark_library import dark_library
+from labcdp.calibration.sensor.defects import find_defects
 from labcdp.calibration.sensor.flat_field import measure_vignetting
 from labcdp.core.vignetting import FlatField, RadialVignetting
 

@@ -43,11 +43,11 @@ def test_it_counts_where_one_of_the_two_temperatures_is_unknown(calibration):
 
 
 def test_the_budget_has_it_where_the_dark_frames_have_no_temperature(calibration):
-    found = row(budget(calibration, 0.5, 0.1), "unknown temperature")
-    assert (found.standard_uncertainty_rel, found.basis.code) == (0.0, "budget-unknown-temperature-none")
+    found = row(budget(calibration, 0.5, 0.1).rows, "unknown temperature")
+    assert (found.u_rel, found.basis.code) == (0.0, "budget-unknown-temperature-none")
     unstated = replace(calibration, dark=replace(calibration.dark, temperatures_c=(), temperature_c=None))
-    found = row(budget(unstated, 0.5, 0.1), "unknown temperature")
-    assert found.standard_uncertainty_rel == pytest.approx(4 / 60 * (2 ** (9 / DOUBLING_K) - 1) / 1.959964, rel=1e-3)
+    found = row(budget(unstated, 0.5, 0.1).rows, "unknown temperature")
+    assert found.u_rel == pytest.approx(4 / 60 * (2 ** (9 / DOUBLING_K) - 1) / 1.959964, rel=1e-3)
     assert (found.evaluation, found.common, found.basis.code) == ("B", True, "budget-unknown-temperature")
 
 

@@ -4,14 +4,19 @@ import numpy as np
 import pytest
 
 from labcdp.calibration.emva.quantities import dark_pattern_variances, flat_variance
+from labcdp.calibration.frames.measure import FrameSums
 from labcdp.calibration.frames.nonuniformity import spatial_variance
-from labcdp.calibration.frames.statistics import FrameSums, LineVariances
+from labcdp.calibration.frames.observations import CameraState
+from labcdp.calibration.frames.statistics import LineVariances
+from labcdp.core.frame import CameraIdentity
 
 
 def statistics(stack, used=None):
-    sums = FrameSums(199, used)
-    for frame in stack:
-        sums.add(np.rint(frame).astype(np.uint16))
+    frames = [np.rint(frame).astype(np.uint16) for frame in stack]
+    state = CameraState(CameraIdentity("", "", ""), "Mono12", 12, frames[0].shape, 0.0, 199, 0.0)
+    sums = FrameSums(state, 0.01, used)
+    for frame in frames:
+        sums.add(frame)
     return sums.result()
 
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import pytest
 
-from labcdp.calibration.budget import budget, combined
+from labcdp.calibration.budget import budget
 from labcdp.calibration.record import SavedFile, save, save_verification
 from labcdp.calibration.verify.history import histories
 from labcdp.calibration.verify.verify import verify
@@ -17,7 +17,7 @@ from labcdp.core.frame import PLANES
 from labcdp.core.result import warning
 from labcdp.evaluate.bench.calibrate import calibrate_session
 from labcdp.evaluate.bench.calibration_page import calibration_page
-from labcdp.evaluate.bench.calibration_result import PATCH_PIXELS, calibration_result
+from labcdp.evaluate.bench.calibration_result import PATCH_PIXELS, calibration_result, patch_budgets
 from labcdp.evaluate.bench.certificate import calibration_certificate, verification_certificate
 from labcdp.evaluate.bench.history import by_camera, history_files, history_result
 from labcdp.evaluate.bench.observe import observe_session
@@ -82,6 +82,11 @@ def written(evaluated, tmp_path_factory):
     return folder
 
 
+def certificate(observed, calibration, saved=SAVED):
+    """The page of a calibration's certificate."""
+    return calibration_certificate(observed, calibration, patch_budgets(calibration), saved).decode()
+
+
 def rows(result, table, key):
     return {row[key]: row for row in result.table(table).rows()}
 
@@ -137,10 +142,11 @@ def test_text_of_a_user_is_no_markup_on_any_page(evaluated, hostile, written):
     verification = verification_certificate(observed, calibration, found, SAVED, SAVED).decode()
     assert "<strong>Conform</strong>" in verification
     assert "<dd>&lt;b&gt;Customer&lt;/b&gt;, 1 Street, \\7 Town</dd>" in verification
+    titled = calibration_result(calibration, "Title <i>here</i>")
     for page in (
         (written / "report.html").read_text(encoding="utf-8"),
-        render_page(calibration_page(calibration, calibration_result(calibration, "Title <i>here</i>"))),
-        calibration_certificate(observed, calibration, SAVED).decode(),
+        render_page(calibration_page(calibration, patch_budgets(calibration), titled)),
+        certificate(observed, calibration),
         verification,
     ):
         body = page[page.index("<body") :]
@@ -175,7 +181,7 @@ def test_a_certificate_says_what_iso_17025_asks_for(evaluated, tmp_path):
         fit = replace(evaluated.calibration.responsivity, responsivity_dn_s_cd_m2=r)
         calibration = replace(evaluated.calibration, responsivity=fit, findings=(told,))
         save(calibration, path := tmp_path / f"{r:g}.json")
-        page = calibration_certificate(observed, calibration, SavedFile.of(path)).decode()
+        page = certificate(observed, calibration, SavedFile.of(path))
         shown, number = facts(page), json.loads(path.read_text())["number"]
         assert shown["Number"] == number
         assert hashlib.sha256(path.read_bytes()).hexdigest() in shown["File"]
@@ -207,7 +213,7 @@ def test_u_in_the_corners_of_a_certificate_has_the_uncertainty_of_the_vignetting
     At the place of each patch it is the U that its evaluation has.
     """
     whole = replace(evaluated.calibration.vignetting, corner_rel=0.5)
-    page = calibration_certificate(evaluated.observed, replace(evaluated.calibration, vignetting=whole), SAVED).decode()
+    page = certificate(evaluated.observed, replace(evaluated.calibration, vignetting=whole))
     rows = re.findall(r'<tr><th scope="row">.*?</tr>', page)
     assert len(rows) == 6
     for row in rows:
@@ -224,7 +230,7 @@ def test_u_of_certificate_and_calibration_is_that_of_the_evaluated_patch(evaluat
         assert row["expanded_camera_cd_m2"] == pytest.approx(row["expanded_rel"] * row["camera_cd_m2"])
         u = row["u_camera_cd_m2"] / row["camera_cd_m2"]
         assert row["coverage_factor"] == pytest.approx(row["expanded_rel"] / u)
-    page = calibration_certificate(evaluated.observed, evaluated.calibration, SAVED).decode()
+    page = certificate(evaluated.observed, evaluated.calibration)
     cells = [re.findall(r">([^<]*)</td>", row) for row in re.findall(r'<tr><th scope="row">.*?</tr>', page)]
     assert sorted(float(row[-4]) for row in cells) == pytest.approx(
         sorted(100 * u for u in expected.values()), rel=0.06
@@ -236,9 +242,9 @@ def test_the_certificate_of_a_verification_is_one_sheet(browser, observed, calib
     """Also of all 16 patches of the example; more often two or three are measured again."""
     seen = (observed.by_plane, observed.darks_by_plane, observed.readings, observed.meter_scale)
     verification = verify(calibration, *seen, 0.03)
-    certificate = verification_certificate(observed, calibration, verification, SAVED, SAVED)
+    verified = verification_certificate(observed, calibration, verification, SAVED, SAVED)
     with closing(browser.new_page()) as page:
-        page.set_content(certificate.decode())
+        page.set_content(verified.decode())
         pdf = page.pdf(prefer_css_page_size=True)
     assert len(verification.patches) >= 16
     assert len(re.findall(rb"/Type\s*/Page\b", pdf)) == 1
@@ -247,7 +253,7 @@ def test_the_certificate_of_a_verification_is_one_sheet(browser, observed, calib
 @pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
 def test_long_names_stay_on_the_paper_of_a_certificate(browser, evaluated):
     with closing(browser.new_page()) as page:
-        page.set_content(calibration_certificate(evaluated.observed, evaluated.calibration, SAVED).decode())
+        page.set_content(certificate(evaluated.observed, evaluated.calibration))
         page.emulate_media(media="print")
         page.set_viewport_size({"width": 680, "height": 1000})  # 210 mm less margins of 15 mm, at 96 px an inch
         assert page.get_by_text("WWWWWW").count() > 0
@@ -263,10 +269,10 @@ def test_budget_and_patches_are_those_of_the_calibration(evaluated):
     at = zip(("lowest", "middle", "highest"), (low, (low * high) ** 0.5, high), strict=True)
     for (place, luminance), total in zip(at, result.table("uncertainty").rows(), strict=True):
         found = budget(calibration, luminance, n_pixels=PATCH_PIXELS)
-        assert total["expanded_rel"] == pytest.approx(combined(found).expanded_95_rel)
-        for row in found:
+        assert total["expanded_rel"] == pytest.approx(found.U_rel)
+        for row in found.rows:
             if row.included:
-                assert sources[row.source][f"u_{place}_rel"] == pytest.approx(row.standard_uncertainty_rel)
+                assert sources[row.source][f"u_{place}_rel"] == pytest.approx(row.u_rel)
                 # One basis stands for all three luminances, whose exposures differ.
                 assert sources[row.source]["basis"] == finding_text(row.basis)
     patches = rows(result, "calibration_patches", "patch")

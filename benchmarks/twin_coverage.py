@@ -282,7 +282,7 @@ def compare(seed: int, folder: Path) -> TwinEvaluation:
     bench = random_bench(seed)
     with record(bench, folder / f"bench-{seed}") as session:
         # As labcdp calibrate does; without a flat field it is the default.
-        corrections = with_dark_frames(corrections_of_flat_field(bench), [session]) if bench.flat_field else None
+        corrections = with_dark_frames(corrections_of_flat_field(bench), [session])[0] if bench.flat_field else None
         observed = observe_session(session, corrections=corrections)
         return twin_session(observed, calibrate_session(observed), characterise_session(session))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from math import hypot, inf, sqrt
 from typing import Any, Self
 
@@ -157,7 +157,7 @@ class Converter:
         noise = self.noise if gain_db is None else self.setting(gain_db).noise
         return max(noise.prnu_rel, self.vignetting.random_rel if isinstance(self.vignetting, FlatField) else 0.0)
 
-    @property
+    @cached_property
     def settings(self) -> tuple[GainSetting, ...]:
         """Every calibrated gain, the calibration's own first, with factor 1."""
         return (GainSetting(self.state.gain_db, 1.0, 0.0, self.dark, self.noise), *self.gains)

@@ -179,14 +179,14 @@ def _joined(there: Scatter, here: Scatter, floor: float) -> Scatter:
     They differ if the ratio of their variances is improbable (F test); 0 degrees of freedom stand for one that is
     known, or that nothing says anything about.
     """
-    from scipy.stats import f
+    from scipy.special import fdtr, fdtrc
 
     if not here.dof:
         return there
     if not there.dof:
         return here
     ratio = (here.size**2 + floor**2) / (there.size**2 + floor**2)
-    p_value = 2 * min(f.sf(ratio, here.dof, there.dof), f.cdf(ratio, here.dof, there.dof))
+    p_value = 2 * min(fdtrc(here.dof, there.dof, ratio), fdtr(here.dof, there.dof, ratio))
     if p_value < FALSE_ALARM:
         return here
     dof = there.dof + here.dof

@@ -282,7 +282,7 @@ def _alike(several: Sequence[_KeptReadings]) -> list[_KeptReadings]:
     Bad readings hide each other: the one that deviates most from its patch is left out in turn, up to a quarter, and as
     many count as the last one that is significant has before it, as of patches (`labcdp.calibration.fit.selection`).
     """
-    from scipy.stats import f
+    from scipy.special import fdtrc
 
     left = [one.values / sqrt(one.variance) for one in several]
     without: set[int] = set()
@@ -296,7 +296,7 @@ def _alike(several: Sequence[_KeptReadings]) -> list[_KeptReadings]:
         if dof < 1:
             break
         usual = max(sum(float(np.sum((values - values.mean()) ** 2)) for values in left) / dof, 1.0)
-        if n_left * f.sf(drop / usual, 1, dof) < _CHANCE:
+        if n_left * fdtrc(1, dof, drop / usual) < _CHANCE:
             odd = set(without)
     return [one for k, one in enumerate(several) if k not in odd]
 

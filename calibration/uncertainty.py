@@ -12,6 +12,8 @@ from .setup import MeterScale
 
 #: Coverage probability of all intervals of this package.
 COVERAGE = 0.95
+#: Probability of a value above such an interval.
+COVERAGE_TAIL = (1 - COVERAGE) / 2
 #: p-value of chi^2 below which the stated errors are too small.
 SMALL_P_VALUE = 0.01
 #: Family-wise false-alarm probability of all tests of one kind.
@@ -59,18 +61,14 @@ def of_one_estimate(parts: Iterable[tuple[float, float]]) -> tuple[float, float]
 
 def student_factor(dof: float) -> float:
     """Student's t over the normal quantile of 95 % (JCGM 100:2008, G.3)."""
-    from scipy.stats import norm, t
-
-    tail = (1 - COVERAGE) / 2
-    return 1.0 if dof == inf else float(t.isf(tail, max(dof, 1)) / norm.isf(tail))
+    return 1.0 if dof == inf else _quantile(COVERAGE_TAIL, dof) / _quantile(COVERAGE_TAIL)
 
 
 def three_over_two(dof: float) -> float:
     """Ratio of Student's t exceeded by chance as rarely as three standard deviations to that of 95 %."""
-    from scipy.stats import norm, t
+    from scipy.special import ndtr
 
-    rare = 2 * norm.sf(3.0)
-    return float(t.isf(rare / 2, max(dof, 1)) / t.isf((1 - COVERAGE) / 2, max(dof, 1)))
+    return _quantile(float(ndtr(-3.0)), dof) / _quantile(COVERAGE_TAIL, dof)
 
 
 def expanded_of(parts: Iterable[tuple[float, float]], rectangular: Iterable[float] = ()) -> float:
@@ -173,10 +171,14 @@ def critical_value(n_tests: int, dof: float = float("inf")) -> float:
     For a family-wise probability `FALSE_ALARM` (Bonferroni); by Student's t with the dof of the uncertainty, or the
     normal distribution for a known one.
     """
-    from scipy.stats import norm, t
+    return _quantile(FALSE_ALARM / (2 * max(n_tests, 1)), dof)
 
-    tail = FALSE_ALARM / (2 * max(n_tests, 1))
-    return float(norm.isf(tail) if dof == float("inf") else t.isf(tail, max(dof, 1)))
+
+def _quantile(tail: float, dof: float = inf) -> float:
+    """Return what Student's t, or a normal deviation for infinite degrees of freedom, exceeds with a probability."""
+    from scipy.special import ndtri, stdtrit
+
+    return -float(ndtri(tail) if dof == inf else stdtrit(max(dof, 1), tail))
 
 
 def scales_apart(meter: MeterScale, calibrated: MeterScale) -> tuple[MeterScale, ...]:

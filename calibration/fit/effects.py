@@ -164,13 +164,13 @@ class Amplitude(NamedTuple):
     @property
     def log_p(self) -> float:
         """Logarithm of the probability that chance gives as much."""
-        from scipy.stats import chi2, f
+        from scipy.special import chdtrc, fdtrc
 
         if self.n == 0:
             return 0.0
-        if self.dof == inf:
-            return float(chi2.logsf(self.drop, self.n))
-        return float(f.logsf(self.drop / self.n, self.n, self.dof))
+        drop = max(self.drop, 0.0)
+        by_chance = chdtrc(self.n, drop) if self.dof == inf else fdtrc(self.n, self.dof, drop / self.n)
+        return log(by_chance) if by_chance > 0 else -inf
 
 
 class Assessed(NamedTuple):

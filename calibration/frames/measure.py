@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from datetime import datetime
 from functools import cached_property
@@ -25,6 +25,9 @@ _log = logging.getLogger(__name__)
 
 #: Fewest frames: temporal noise comes from differences between them.
 MIN_FRAMES = 2
+#: Pixels whose arrays fit in the processor's cache.
+_BLOCK = 2**16
+_NO_DEFECTS: Mapping[str | None, DefectMap | None] = {}
 #: Change of the device temperature over the frames of one exposure that is reported: with a dark current that doubles
 #: every 6 to 10 degC it changes the dark current by about a tenth.
 TEMPERATURE_DRIFT_C = 1.0
@@ -133,34 +136,46 @@ class FrameSums:
         used: NDArray[np.bool_] | None = None,
         region: Roi | None = None,
     ) -> None:
-        self._state, self._exposure_s, self._region = state, exposure_s, region
-        self._used = used
-        self._first: NDArray[np.int64] | None = None
+        self.state, self.exposure_s = state, exposure_s
+        self._used, self._region = used, region
+        self._first: NDArray[np.unsignedinteger[Any]] | None = None
         self._columns: list[NDArray[np.int64]] = []
         self._rows: list[NDArray[np.int64]] = []
         self._saturated = self._black = self._bits = 0
 
+    @property
+    def window(self) -> tuple[slice, slice]:
+        """Rows and columns of the image that count."""
+        return (slice(None), slice(None)) if self._region is None else self._region.window(self.state.image_shape)
+
     def add(self, dn: NDArray[np.unsignedinteger[Any]]) -> None:
         """Add the values of a frame, shape (height, width)."""
-        values = dn.astype(np.int64)
-        if self._first is None:
-            self._first = values
-            self._total, self._squares = np.zeros_like(values), np.zeros_like(values)
-            self._clipped = np.zeros(values.shape, dtype=np.bool_)
-        # Differences to the first frame: their squares do not cancel.
-        change = values - self._first
-        self._total += change
-        self._squares += np.square(change, out=change)
-        saturated, black = dn >= self._state.saturation_dn, dn == 0
-        self._clipped |= saturated | black
-        if self._used is not None:
-            values = np.where(self._used, values, 0)
-            saturated, black = saturated & self._used, black & self._used
-        self._columns.append(values.sum(axis=0))
-        self._rows.append(values.sum(axis=1))
-        self._saturated += int(np.count_nonzero(saturated))
-        self._black += int(np.count_nonzero(black))
-        self._bits |= int(np.bitwise_or.reduce(values, axis=None))
+        first = self._first
+        if first is None:
+            self._first = dn.copy()
+            self._total, self._squares = np.zeros(dn.shape, np.int32), np.zeros(dn.shape, np.int64)
+            self._clipped = np.zeros(dn.shape, dtype=np.bool_)
+        columns, rows = np.zeros(dn.shape[1], np.int64), np.empty(dn.shape[0], np.int64)
+        for part in _blocks(dn.shape):
+            values = dn[part]
+            if first is not None:
+                # Differences to the first frame: their squares do not cancel.
+                change = np.subtract(values, first[part], dtype=np.int32)
+                self._total[part] += change
+                self._squares[part] += np.square(change, dtype=np.int64)
+            saturated, black = values >= self.state.saturation_dn, values == 0
+            self._clipped[part] |= saturated | black
+            if self._used is not None:
+                used = self._used[part]
+                values = np.where(used, values, values.dtype.type(0))
+                saturated, black = saturated & used, black & used
+            columns += values.sum(axis=0, dtype=np.int64)
+            rows[part] = values.sum(axis=1, dtype=np.int64)
+            self._saturated += int(np.count_nonzero(saturated))
+            self._black += int(np.count_nonzero(black))
+            self._bits |= int(np.bitwise_or.reduce(values, axis=None))
+        self._columns.append(columns)
+        self._rows.append(rows)
 
     @property
     def n_frames(self) -> int:
@@ -170,37 +185,58 @@ class FrameSums:
     def result(self, temperature_c: float | None = None, recorded: datetime | None = None) -> MeasuredFrames:
         """Return what was added, at least one frame, with the mean temperature and the time of the first frame."""
         assert self._first is not None
-        n = self.n_frames
-        used = np.ones(self._first.shape, np.bool_) if self._used is None else self._used
+        n, shape = self.n_frames, self._first.shape
+        used = np.ones(shape, np.bool_) if self._used is None else self._used
         size = int(np.count_nonzero(used))
-        # Sums of the squared deviations from each pixel's own mean.
-        deviations = np.maximum(self._squares - np.square(self._total, dtype=np.float64) / n, 0)
+        image_dn, variance_dn2, squares = np.empty(shape, np.float32), np.empty(shape, np.float32), 0.0
+        for part in _blocks(shape):
+            total = self._total[part]
+            # Sums of the squared deviations from each pixel's own mean.
+            deviations = np.maximum(self._squares[part] - np.square(total, dtype=np.float64) / n, 0)
+            squares += float(deviations.sum(where=used[part]))
+            image_dn[part] = self._first[part] + total / n
+            variance_dn2[part] = deviations / max(n - 1, 1)
         frame_means = np.array([rows.sum() for rows in self._rows]) / size
         common = size * float(np.sum((frame_means - frame_means.mean()) ** 2))
-        own = max(float(deviations.sum(where=used)) - common, 0.0) / (max(size - 1, 1) * max(n - 1, 1))
+        temporal_dn2 = max(squares - common, 0.0) / (max(size - 1, 1) * max(n - 1, 1))
         of_lines = [
             _line_variance(np.array(sums), used.sum(axis=axis), frame_means)
             for axis, sums in ((0, self._columns), (1, self._rows))
         ]
         return MeasuredFrames(
-            exposure_s=self._exposure_s,
-            state=self._state,
+            exposure_s=self.exposure_s,
+            state=self.state,
             temperature_c=temperature_c,
             recorded=recorded,
             region=self._region,
-            image_dn=(self._first + self._total / n).astype(np.float32),
-            variance_image_dn2=(deviations / max(n - 1, 1)).astype(np.float32),
+            image_dn=image_dn,
+            variance_image_dn2=variance_dn2,
             used=used,
             clipped=self._clipped,
             mean_dn=float(frame_means.mean()),
-            temporal_variance_dn2=own,
+            temporal_variance_dn2=temporal_dn2,
             n_pixels=size,
             frame_means_dn=tuple(frame_means.tolist()),
-            temporal=LineVariances(own, *of_lines),
+            temporal=LineVariances(temporal_dn2, *of_lines),
             saturated_share=self._saturated / (size * n),
             black_share=self._black / (size * n),
             multiple=min(self._bits & -self._bits, 16) if self._bits else 1,
         )
+
+
+def _blocks(shape: tuple[int, ...]) -> Iterator[slice]:
+    """Yield rows of an image, as many as fit in the processor's cache."""
+    step = max(_BLOCK // max(shape[1], 1), 1)
+    return (slice(start, start + step) for start in range(0, shape[0], step))
+
+
+def _line_variance(sums: NDArray[np.int64], counts: NDArray[np.int64], frame_means: NDArray[np.float64]) -> float:
+    """Variance over the frames of the means of columns or rows, less the mean of the frame."""
+    if len(frame_means) < 2:
+        return 0.0
+    filled = counts > 0
+    means = sums[:, filled] / counts[filled] - frame_means[:, None]
+    return float(means.var(axis=0, ddof=1).mean())
 
 
 def measure_frames(
@@ -224,25 +260,50 @@ def measure_frames(
     InputError
         If a region lies outside the image.
     """
+    return measure_planes(frames, (None,), regions, {None: defects})[None]
+
+
+def measure_planes(
+    frames: Iterable[Frame],
+    planes: Sequence[str | None],
+    regions: Sequence[Roi] | None = None,
+    defects: Mapping[str | None, DefectMap | None] = _NO_DEFECTS,
+) -> dict[str | None, list[MeasuredFrames]]:
+    """Measure frames of one exposure in each of their colour planes; as `measure_frames`.
+
+    Parameters
+    ----------
+    frames, regions
+        As for `measure_frames`; regions in pixels of the whole image.
+    planes : sequence of str, or of None
+        Planes of a Bayer sensor; None alone for a monochrome one.
+    defects : mapping of (str or None) to (DefectMap or None)
+        Pixels to leave out, by plane.
+    """
     first: Frame | None = None
+    sums: dict[str | None, list[FrameSums]] = {}
     temperatures: list[float | None] = []
     for frame in frames:
-        if first is None:
-            first, state = frame, CameraState.of(frame)
-            windows, sums = _sums(state, frame.exposure_s, regions, defects)
-        state.require(CameraState.of(frame), "the first frame", f"frame {frame.frame_id}")
+        first = first or frame
+        parts: Mapping[str | None, Frame] = {None: frame} if planes[0] is None else dict(split(frame))
+        for plane in planes:
+            state = CameraState.of(parts[plane])
+            if plane not in sums:
+                own = regions if plane is None or regions is None else [plane_region(one) for one in regions]
+                sums[plane] = _sums(state, frame.exposure_s, own, defects.get(plane))
+            sums[plane][0].state.require(state, "the first frame", f"frame {frame.frame_id}")
+            for part in sums[plane]:
+                part.add(parts[plane].dn[part.window])
         if frame.exposure_s != first.exposure_s:
             raise CalibrationError(
                 f"frame {frame.frame_id} has an exposure of {exposure_text(frame.exposure_s)}, the first frame "
                 f"{exposure_text(first.exposure_s)}: give frames of one exposure at a time"
             )
         temperatures.append(frame.temperature_c)
-        for window, part in zip(windows, sums, strict=True):
-            part.add(frame.dn[window])
     if first is None:
         raise CalibrationError(f"there is no frame: give at least {MIN_FRAMES} frames of one exposure")
-    temperature_c = _mean_temperature(temperatures, first.exposure_s)
-    return [part.result(temperature_c, first.timestamp) for part in sums]
+    taken = _mean_temperature(temperatures, first.exposure_s), first.timestamp
+    return {plane: [part.result(*taken) for part in own] for plane, own in sums.items()}
 
 
 def measure_whole(frames: Iterable[Frame], defects: DefectMap | None = None) -> MeasuredFrames:
@@ -252,17 +313,13 @@ def measure_whole(frames: Iterable[Frame], defects: DefectMap | None = None) -> 
 
 def _sums(
     state: CameraState, exposure_s: float, regions: Sequence[Roi] | None, defects: DefectMap | None
-) -> tuple[list[tuple[slice, slice]], list[FrameSums]]:
+) -> list[FrameSums]:
     shape = state.image_shape
     sound = None if defects is None else ~defects.mask(shape)
     if regions is None:
-        return [(slice(None), slice(None))], [FrameSums(state, exposure_s, sound)]
-    windows = [region.window(shape) for region in regions]
-    used = [
-        region.mask(shape) & (True if sound is None else sound[window])
-        for region, window in zip(regions, windows, strict=True)
-    ]
-    return windows, [FrameSums(state, exposure_s, *part) for part in zip(used, regions, strict=True)]
+        return [FrameSums(state, exposure_s, sound)]
+    used = [region.mask(shape) & (True if sound is None else sound[region.window(shape)]) for region in regions]
+    return [FrameSums(state, exposure_s, *part) for part in zip(used, regions, strict=True)]
 
 
 def _mean_temperature(temperatures: Sequence[float | None], exposure_s: float) -> float | None:
@@ -275,15 +332,6 @@ def _mean_temperature(temperatures: Sequence[float | None], exposure_s: float) -
         text = "the camera's temperature went from %.1f to %.1f °C over the frames at %g s: let it warm up first"
         _log.warning(text, known[0], known[-1], exposure_s)
     return sum(known) / len(known)
-
-
-def _line_variance(sums: NDArray[np.int64], counts: NDArray[np.int64], frame_means: NDArray[np.float64]) -> float:
-    """Variance over the frames of the means of columns or rows, less the mean of the frame."""
-    if len(frame_means) < 2:
-        return 0.0
-    filled = counts > 0
-    means = sums[:, filled] / counts[filled] - frame_means[:, None]
-    return float(means.var(axis=0, ddof=1).mean())
 
 
 def split(frame: Frame) -> dict[str, Frame]:

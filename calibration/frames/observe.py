@@ -14,11 +14,12 @@ from ...core.clock import exposure_text
 from ...core.errors import CalibrationError
 from ...core.frame import Frame
 from ...core.roi import Roi
-from ...core.vignetting import AnyVignetting
+from ...core.vignetting import AnyVignetting, illuminance_in
 from .defects import DefectMap
 from .measure import MIN_FRAMES, MeasuredFrames, measure_frames, measure_whole
 from .nonuniformity import Array, cells_of, nonuniformity, root_of, spatial_variance
 from .observations import DarkObservation, Observation, PatchObservation, PatchPart
+from .statistics import MAX_CLIPPED_SHARE
 
 #: Fewest pixels of a region: below, its noise and its non-uniformity cannot be distinguished.
 MIN_PIXELS = 16
@@ -54,7 +55,7 @@ def observe_patches(
     Parameters
     ----------
     frames : iterable of Frame
-        At least two, all of one exposure, camera and setting.
+        At least two, or one in which all regions are saturated; all of one exposure, camera and setting.
     regions : sequence of Roi
         One for each patch, with different names.
     vignetting : AnyVignetting or None
@@ -82,25 +83,29 @@ def observe_patches(
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise CalibrationError(f"several regions are called {twice[0]!r}: give each patch its own name")
-    measured = measure_frames(frames, regions, defects)
-    if not measured:
-        return []
-    pattern = _pattern(measured[0], dark_library)
-    return [patch_observation(one, vignetting, pattern, field_px) for one in measured]
+    return patch_observations(measure_frames(frames, regions, defects), vignetting, dark_library, field_px)
 
 
-def patch_observation(
-    one: MeasuredFrames,
+def patch_observations(
+    measured: Sequence[MeasuredFrames],
     vignetting: AnyVignetting | None = None,
-    pattern_dn: Array | None = None,
+    dark_library: DarkPattern | None = None,
     field_px: float | None = None,
+) -> list[PatchObservation]:
+    """Patches in measured regions of the frames of one exposure; as `observe_patches`."""
+    pattern = _pattern(measured[0], dark_library) if measured else None
+    return [_patch_observation(region, vignetting, pattern, field_px) for region in measured]
+
+
+def _patch_observation(
+    one: MeasuredFrames, vignetting: AnyVignetting | None, pattern_dn: Array | None, field_px: float | None
 ) -> PatchObservation:
-    """Patch of measured frames; as `observe_patches`, with the dark pattern to subtract, shape (height, width)."""
     assert one.region is not None
-    _require_enough(one)
+    # Saturated frames are identical, and an import keeps one of identical pictures.
+    _require_enough(one, single_too=one.saturated_share > MAX_CLIPPED_SHARE)
     factor = np.ones(one.n_pixels)
     if vignetting is not None:
-        factor = 1 / vignetting.relative_illuminance(one.state.image_shape)[one.window][one.used]
+        factor = 1 / illuminance_in(vignetting, one.state.image_shape, one.window)[one.used]
     values = _without(one, None if pattern_dn is None else pattern_dn[one.window]) * factor
     away = _away(one)
     in_field = _within(away, 1 / 3) if field_px is None else np.hypot(*away) <= field_px / 2
@@ -205,11 +210,11 @@ def _without(s: MeasuredFrames, pattern_dn: Array | None) -> NDArray[np.float64]
     return values if pattern_dn is None else values - pattern_dn[s.used]
 
 
-def _require_enough(one: MeasuredFrames) -> None:
+def _require_enough(one: MeasuredFrames, *, single_too: bool = False) -> None:
     name = "whole sensor" if one.region is None else one.region.name
     if one.n_pixels < MIN_PIXELS:
         raise CalibrationError(f"region {name!r} holds {one.n_pixels} pixels: make it at least {MIN_PIXELS}")
-    if one.n_frames < MIN_FRAMES:
+    if one.n_frames < MIN_FRAMES and not single_too:
         raise CalibrationError(
             f"region {name!r} was given {one.n_frames} frame at {exposure_text(one.exposure_s)}: take at least "
             f"{MIN_FRAMES} of each exposure, noise is measured from their difference"

@@ -44,7 +44,12 @@ class DarkCurrent:
         return self._growth_by(temperature_c - self.temperature_c)
 
     def _growth_by(self, warmer_k: float) -> float:
-        return float(2.0 ** (warmer_k / (self.doubling_temperature_c or TYPICAL_DOUBLING_C)))
+        return growth_by(warmer_k, self.doubling_temperature_c)
+
+
+def growth_by(warmer_k: float, doubling_temperature_c: float | None) -> float:
+    """Return the dark current over that at a temperature lower by so much; None for a typical doubling."""
+    return float(2.0 ** (warmer_k / (doubling_temperature_c or TYPICAL_DOUBLING_C)))
 
 
 def fit_curve(darks: Sequence[DarkObservation], warmer_c: Array, drift_dn: float) -> tuple[Array, Array, list[Finding]]:

@@ -19,7 +19,7 @@ from ..frames.measure import MeasuredFrames
 from ..frames.observe import dark_observation
 from ..frames.rounding import quantisation_variance_dn2
 from .dark import fit_dark
-from .dark_fit import DOUBLING_REL, TYPICAL_DOUBLING_C, DarkCurrent, rows_of
+from .dark_fit import DOUBLING_REL, MIN_TEMPERATURE_SPAN_C, TYPICAL_DOUBLING_C, DarkCurrent, growth_by, rows_of
 
 #: Ratio of a dark pixel's standard deviation with and without the pattern from which more dark frames are worth their
 #: time: a judgement.
@@ -195,8 +195,11 @@ def dark_library(darks: Sequence[MeasuredFrames], defects: DefectMap | None = No
             "a dark library needs at least 2 dark frames at an exposure: noise cannot be measured with fewer"
         )
     darks[0].state.require_alike(darks, "the first dark frames")
-    model, _ = fit_dark([dark_observation(d) for d in repeated])
-    time_s = np.array([d.exposure_s * model.growth(d.temperature_c) for d in darks])
+    temperature_c, doubling_c = _temperatures(repeated)
+    warmer_k = [
+        0.0 if d.temperature_c is None or temperature_c is None else d.temperature_c - temperature_c for d in darks
+    ]
+    time_s = np.array([d.exposure_s * growth_by(k, doubling_c) for d, k in zip(darks, warmer_k, strict=True)])
     one_exposure = np.ptp([d.exposure_s for d in darks]) == 0
     design = np.ones((time_s.size, 1)) if one_exposure else np.column_stack([np.ones_like(time_s), time_s])
     frames = np.array([d.n_frames for d in darks], dtype=float)
@@ -219,8 +222,19 @@ def dark_library(darks: Sequence[MeasuredFrames], defects: DefectMap | None = No
         rate_dn_s=maps[1].astype(np.float32),
         noise_covariance=rows_of(noise),
         pattern_covariance=rows_of(np.cov(maps[:, sound]) - noise),
-        temperature_c=model.temperature_c,
-        doubling_temperature_c=model.doubling_temperature_c,
+        temperature_c=temperature_c,
+        doubling_temperature_c=doubling_c,
         n_frames=int(frames.sum()),
         only_exposure_s=darks[0].exposure_s if one_exposure else None,
     )
+
+
+def _temperatures(darks: Sequence[MeasuredFrames]) -> tuple[float | None, float | None]:
+    """Mean temperature of dark frames, and that by which the dark current doubles; None where they do not show it."""
+    known = [d.temperature_c for d in darks if d.temperature_c is not None]
+    if len(known) < len(darks):
+        return None, None
+    if np.ptp(known) < MIN_TEMPERATURE_SPAN_C:
+        return float(np.mean(known)), None
+    model, _ = fit_dark([dark_observation(d) for d in darks])
+    return model.temperature_c, model.doubling_temperature_c

@@ -86,7 +86,7 @@ def find_defects(dark: MeasuredFrames, light: MeasuredFrames | None = None) -> D
 
 def _noisy(statistics: MeasuredFrames) -> NDArray[np.bool_]:
     """Pixels whose variance is too large compared with neighbours of equal signal."""
-    from scipy.stats import chi2
+    from scipy.special import chdtri
 
     if statistics.n_frames < MIN_FRAMES_NOISY:
         return np.zeros(statistics.shape, dtype=np.bool_)
@@ -95,7 +95,7 @@ def _noisy(statistics: MeasuredFrames) -> NDArray[np.bool_]:
     brightest = max(
         float(np.quantile(statistics.image_dn, 0.99)) / max(float(np.median(statistics.image_dn)), 1e-9), 1.0
     )
-    limit = typical * brightest * float(chi2.isf(NOISY_CHANCE, dof)) / dof
+    limit = typical * brightest * float(chdtri(dof, NOISY_CHANCE)) / dof
     noisy: NDArray[np.bool_] = statistics.variance_image_dn2 > max(limit, ROUNDING_DN2)
     return noisy
 

@@ -232,7 +232,7 @@ def first_frames(
     So they do by image lag, and by a camera or a lamp that settles; a light that flickers changes from any frame to the
     next. Observations and dark signal as of `flicker_of_light`; `by_chance` is the probability of a finding by chance.
     """
-    from scipy.stats import f
+    from scipy.special import fdtrc
 
     rows = []
     for group in _same_frames(observations, dark):
@@ -252,7 +252,7 @@ def first_frames(
     firsts, squares, within, dof, exposures_s = (np.array(column) for column in zip(*rows, strict=True))
     ratio = squares.mean() / (within.sum() / dof.sum())
     largest = int(np.argmax(np.abs(firsts)))
-    if f.sf(ratio, squares.size, dof.sum()) >= by_chance or abs(firsts[largest]) <= SMALL_EFFECT_REL:
+    if fdtrc(squares.size, dof.sum(), ratio) >= by_chance or abs(firsts[largest]) <= SMALL_EFFECT_REL:
         return []
     shown = {"deviation_rel": float(firsts[largest]), "exposure_s": float(exposures_s[largest])}
     return [warning("first-frames-differ", **shown)]
@@ -269,10 +269,10 @@ def _same_frames(observations: Sequence[PatchObservation], dark: DarkModel) -> l
 
 def _contradict(seen: Array, expected: Array, dof: Array) -> bool:
     """Whether one of several variances is improbable, if what is expected of them is right (chi^2 tests)."""
-    from scipy.stats import chi2
+    from scipy.special import chdtr, chdtrc
 
     ratio = dof * seen / expected
-    p_values = 2 * np.minimum(chi2.sf(ratio, dof), chi2.cdf(ratio, dof))
+    p_values = 2 * np.minimum(chdtrc(dof, ratio), chdtr(dof, ratio))
     return bool(p_values.min() < _CONTRADICTION / p_values.size)
 
 

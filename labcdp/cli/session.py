@@ -205,7 +205,7 @@ def calibrate(fit: FitOptions, results: Results, session: Path, more: tuple[Path
         result = calibration_result(calibration, opened.configuration.name, inputs, options, budgets)
         written = folder.add(calibration_files(calibration, budgets, result))
         saved = SavedFile.of(folder.path(path.name))
-        certified = calibration_certificate(observed, calibration, budgets, saved)
+        certified = calibration_certificate(observed[0], calibration, budgets, saved)
         written += folder.add({"certificate.html": certified, "results.json": envelope_json(result).encode()})
     chosen = "" if results.output is None else f" --calibration {shell_word(path)}"
     following = (

@@ -359,6 +359,25 @@ def cropped(
     return replace(vignetting, a2=float(a2), a4=float(a4), a6=float(a6), centre_px=centre_px, covariance=covariance)
 
 
+def illuminance_in(
+    vignetting: AnyVignetting, shape: tuple[int, int], window: tuple[slice, slice]
+) -> NDArray[np.float64]:
+    """Return the illuminance relative to the axis in some rows and columns of an image of `shape` (height, width).
+
+    Examples
+    --------
+    >>> lens = Cos4Vignetting(focal_length_m=6e-3, pixel_pitch_m=3.45e-6)
+    >>> corner = illuminance_in(lens, (2056, 2452), (slice(0, 2), slice(0, 3)))
+    >>> corner.shape, bool(corner.max() < 0.5)
+    ((2, 3), True)
+    """
+    if isinstance(vignetting, FlatField):
+        return vignetting.relative_illuminance(shape)[window]
+    (top, bottom), (left, right) = (part.indices(n)[:2] for part, n in zip(window, shape, strict=True))
+    part = bottom - top, right - left
+    return cropped(vignetting, shape, (left, top), part).relative_illuminance(part)
+
+
 def assumed_in_part(
     vignetting: AssumedVignetting, whole: tuple[int, int], corner: tuple[int, int], shape: tuple[int, int]
 ) -> AssumedVignetting:

@@ -7,11 +7,12 @@ from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from typing import Annotated, Any, ClassVar, Literal, TypeVar, get_args
 
+import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PlainValidator
 
 from ..core.disk import shortened, validated_as
 from ..core.errors import InputError, SessionError
-from ..core.frame import CameraIdentity, checked_metadata
+from ..core.frame import CameraIdentity, Frame, checked_metadata
 from ..core.reading import Reading
 from ..output.file import StoredFile
 from .journal import Entry
@@ -91,6 +92,15 @@ class FrameRecord:
     def camera(self) -> CameraIdentity:
         """Camera."""
         return CameraIdentity(**self.metadata["camera"])
+
+    def without_pixels(self) -> Frame:
+        """Return the frame with its settings and all pixels 0; raises SessionError if they cannot be of a frame."""
+        pixel = np.zeros((), np.uint16)
+        pixel.flags.writeable = False
+        try:
+            return Frame.from_metadata(np.broadcast_to(pixel, self.shape), self.metadata)
+        except InputError as error:
+            raise SessionError(f"the session's journal does not describe frame {self.number} ({error})") from error
 
 
 @dataclass(frozen=True)

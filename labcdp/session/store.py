@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import count
 from os import PathLike
 from pathlib import Path
@@ -168,6 +168,11 @@ class Session:
     def load(self, frame: FrameRecord) -> Frame:
         """Read a frame, bit for bit; raises SessionError if its file is missing, truncated or altered."""
         return frame_from_tiff(read_checked(self.path, frame.file), str(self.path / frame.file.name))
+
+    def require_unaltered(self, frames: Iterable[FrameRecord]) -> None:
+        """Read the files of frames and check their hashes; raises SessionError as `load`."""
+        for frame in frames:
+            read_checked(self.path, frame.file)
 
     def damaged(self) -> list[tuple[FrameRecord, str]]:
         """List the frames whose files are missing or altered, each with its fault; those too that were taken again."""

@@ -16,8 +16,15 @@ from ...core.errors import CalibrationError
 from ...core.result import unique, warning
 from ...core.vignetting import AnyVignetting
 from ...session import MeterCertificate, Session, SessionConfiguration
-from .corrections import Corrections, PlaneCorrections, UniformLight, corrections_of_lens, with_dark_frames
-from .observe import ObservedSession, observe_session, response_of_session
+from .corrections import (
+    Corrections,
+    PlaneCorrections,
+    UniformLight,
+    corrections_of,
+    corrections_of_lens,
+    with_dark_frames,
+)
+from .observe import ObservedSession, measure_session, response_of_session
 from .recorded import Report, lens_findings, lens_of, planes_of, require_distinct, require_patches
 
 #: Most rounds in which the flat field is linearised by the response, and the response fitted with the flat field.
@@ -184,10 +191,11 @@ def calibrate_recorded(
     bracket: bool = False,
     certificate: MeterCertificate | None = None,
     report: Callable[[str], Report] = lambda _what: lambda _done, _total: None,
-) -> tuple[ObservedSession, AnyCalibration]:
+) -> tuple[list[ObservedSession], AnyCalibration]:
     """Calibrate a camera from recorded sessions.
 
-    The flat field of a camera with a curved response must be linearised: both are found in turns.
+    Each frame is loaded once. The flat field of a camera with a curved response must be linearised: both are found in
+    turns.
 
     Parameters
     ----------
@@ -206,58 +214,61 @@ def calibrate_recorded(
 
     Returns
     -------
-    ObservedSession, Calibration or ColourCalibration
-        The first session with its corrections, and the calibration.
+    list of ObservedSession, Calibration or ColourCalibration
+        The sessions with the corrections of the calibration, and the calibration.
 
     Raises
     ------
     CalibrationError, SessionError, InputError
-        As `require_distinct`, `measure_vignetting`, `observe_session`, `response_of_session` and `calibrate_session`.
+        As `require_distinct`, `measure_vignetting`, `measure_session`, `response_of_session` and `calibrate_session`.
     """
     if len({planes_of(one) for one in sessions}) > 1:
         raise CalibrationError("some of the sessions have colour filters, others have none: calibrate them separately")
     require_distinct(sessions)
     lens = corrections_of_lens(sessions[0])
-    corrections = with_dark_frames(lens if uniform is None else uniform.corrections, sessions, report("dark frames"))
+    given = lens if uniform is None else uniform.corrections
+    corrections, darks = with_dark_frames(given, sessions, report("dark frames"))
+    measured = [
+        measure_session(one, corrections, [] if number else without, report("reading"), certificate, darks[number])
+        for number, one in enumerate(sessions)
+    ]
 
-    def calibrated(own: PlaneCorrections) -> tuple[ObservedSession, AnyCalibration]:
-        observed = [
-            observe_session(one, [] if number else without, report("reading"), own, certificate)
-            for number, one in enumerate(sessions)
-        ]
+    def calibrated(own: PlaneCorrections) -> AnyCalibration:
+        observed = [one.observed(own) for one in measured]
         curve = response_of_session(observed[0]) if bracket else None
-        return observed[0], calibrate_session(*observed, held_out=held_out, response=curve)
+        return calibrate_session(*observed, held_out=held_out, response=curve)
 
-    return calibrated(corrections) if uniform is None else _in_turns(calibrated, corrections, lens, uniform)
+    calibration = calibrated(corrections) if uniform is None else _in_turns(calibrated, corrections, lens, uniform)
+    return [one.observed(corrections_of(calibration)) for one in measured], calibration
 
 
 def _in_turns(
-    calibrated: Callable[[PlaneCorrections], tuple[ObservedSession, AnyCalibration]],
+    calibrated: Callable[[PlaneCorrections], AnyCalibration],
     corrections: PlaneCorrections,
     lens: PlaneCorrections,
     uniform: UniformLight,
-) -> tuple[ObservedSession, AnyCalibration]:
+) -> AnyCalibration:
     """Linearise the flat field by the response and calibrate anew, until the flat field settles."""
     try:
-        observed, calibration = calibrated(corrections)
+        calibration = calibrated(corrections)
     except CalibrationError:
         # Of a camera with a tone curve the flat field itself may be so wrong that nothing fits.
         corrections = {plane: replace(own, vignetting=lens[plane].vignetting) for plane, own in corrections.items()}
-        observed, calibration = calibrated(corrections)
+        calibration = calibrated(corrections)
         if _is_linear(calibration):
             raise
     change = inf
     for _ in range(_MOST_ROUNDS):
         if _is_linear(calibration):
-            return observed, calibration
+            return calibration
         linearised = uniform.linearised({plane.state.plane: plane.response for plane in calibration.planes})
         change = max(_change(corrections[plane], linearised[plane], uniform) for plane in corrections)
         if change <= _SETTLED_REL:
-            return observed, calibration
+            return calibration
         corrections = {plane: replace(own, vignetting=linearised[plane]) for plane, own in corrections.items()}
-        observed, calibration = calibrated(corrections)
+        calibration = calibrated(corrections)
     unsettled = warning("flat-field-not-settled", change_rel=change)
-    return observed, replace(calibration, findings=unique([*calibration.findings, unsettled]))
+    return replace(calibration, findings=unique([*calibration.findings, unsettled]))
 
 
 def _is_linear(calibration: AnyCalibration) -> bool:

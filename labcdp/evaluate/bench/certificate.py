@@ -27,7 +27,7 @@ from ...report.text import (
 )
 from ...session import ConditionsConfiguration
 from .calibration_result import CAMERA, DEVIATION, METER, PATCH_PIXELS, PatchBudgets, budget_at, limited_dof
-from .observe import ObservedSession
+from .observe import ObservedSession, frame_maps
 from .quantities import RESPONSIVITY, conditions, lens_text, meter_text, range_text, responsivity, traceability
 from .session import target_map
 from .verification import decision_rule, verified_patches
@@ -229,7 +229,7 @@ def _picture(observed: ObservedSession, calibration: AnyCalibration, simulated: 
     names = ", ".join(f"{number} {shortened(region.name, 30)}" for number, region in enumerate(regions, start=1))
     return ReportFigure(
         "target.png",
-        close_picture(target_map(observed, calibration), regions, simulated),
+        close_picture(target_map(observed, frame_maps(observed, calibration)), regions, simulated),
         f"Target as the camera sees it, in logarithmic grey levels, with the patches {names}.",
         f"Grey picture of the target with {len(regions)} patches.",
     )

@@ -2,28 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import prod
 
 from ...calibration import AnyCalibration, Calibration
 from ...calibration.frames.defects import DefectMap
-from ...calibration.frames.measure import MeasuredFrames, measure_whole, plane_of, plane_offset_px
+from ...calibration.frames.measure import MeasuredFrames, measure_planes, plane_of, plane_offset_px
 from ...calibration.frames.observations import CameraState
 from ...calibration.sensor.dark_library import DarkLibrary, dark_library
 from ...calibration.sensor.defects import find_defects
 from ...calibration.sensor.flat_field import MeasuredVignetting, measure_vignetting
 from ...core.dn import Response
 from ...core.errors import CalibrationError
-from ...core.frame import Readout
+from ...core.frame import Frame, Readout
 from ...core.photometry import axial_illuminance_per_cd_m2, photon_radiance_per_cd_m2
 from ...core.result import Finding, info
 from ...core.vignetting import AnyVignetting, Cos4Vignetting
 from ...session import Role, Session, SessionConfiguration
-from .recorded import NO_LIGHT, Report, SessionReader, by_exposure, first_frame, lens_of, planes_of
+from .recorded import NO_LIGHT, Loader, Report, by_exposure, frame_loader, lens_of, noted, planes_of, settings_frame
 
 #: Corrections by colour plane; None stands for a monochrome sensor.
 PlaneCorrections = Mapping[str | None, "Corrections"]
+#: Measured frames by colour plane.
+PlaneFrames = Mapping[str | None, Sequence[MeasuredFrames]]
+#: Dark frames of a session, one an exposure, and hashes of the pixels of its frames.
+DarkFrames = tuple[PlaneFrames, frozenset[str]]
 
 
 @dataclass(frozen=True)
@@ -83,7 +87,7 @@ def calibration_for(session: Session, calibration: AnyCalibration) -> AnyCalibra
 
 
 def _states(session: Session) -> dict[str | None, CameraState]:
-    first = first_frame(session)
+    first = settings_frame(session)
     return {plane: CameraState.of(plane_of(first, plane)) for plane in planes_of(session)}
 
 
@@ -103,7 +107,7 @@ def corrections_of_lens(session: Session) -> dict[str | None, Corrections]:
 
 def with_dark_frames(
     corrections: PlaneCorrections, sessions: Sequence[Session], report: Report = lambda _done, _total: None
-) -> dict[str | None, Corrections]:
+) -> tuple[dict[str | None, Corrections], list[DarkFrames]]:
     """Add what the dark frames of sessions show: hot and noisy pixels, and the pattern of the dark signal.
 
     The pattern is added only where taking it off leaves less than it removes at an exposure of the light frames, and
@@ -118,6 +122,14 @@ def with_dark_frames(
     report : callable
         Called with the number of frames read, and of all.
 
+    Returns
+    -------
+    dict of (str or None) to Corrections
+        By colour plane.
+    list of (dict of (str or None) to list of MeasuredFrames, frozenset of str)
+        Of each session its dark frames by plane, one an exposure, without the defect pixels, and the hashes of their
+        pixels.
+
     Raises
     ------
     SessionError
@@ -125,36 +137,41 @@ def with_dark_frames(
     CalibrationError
         If there are no light frames, or frames of one exposure differ in camera or setting.
     """
-    reader = SessionReader(report, len(corrections) * sum(len(session.frames("dark")) for session in sessions))
     light_s = sorted({t for session in sessions for t in by_exposure(session, "light")})
     if not light_s:
         raise CalibrationError(NO_LIGHT)
+    load = frame_loader(report, sum(len(session.frames("dark")) for session in sessions))
+    groups = [(n, group) for n, session in enumerate(sessions) for group in by_exposure(session, "dark").values()]
+    order = sorted(range(len(groups)), key=lambda k: (len(groups[k][1]) < 2, -groups[k][1][0].exposure_s))
+    planes, known, hashes = [*corrections], dict(corrections), [set[str]() for _ in sessions]
+    measured: dict[int, dict[str | None, list[MeasuredFrames]]] = {}
+    # Hot pixels show best in the longest dark signal, whose frames are measured again without them.
+    for k in order:
+        number, records = groups[k]
+        frames: Iterable[Frame] = noted(load(sessions[number], records), hashes[number])
+        if not measured and len(records) > 1:
+            frames = [*frames]
+            whole = measure_planes(frames, planes)
+            known = {plane: _without_defects(own, whole[plane][0]) for plane, own in corrections.items()}
+        measured[k] = measure_planes(frames, planes, defects={plane: own.defects for plane, own in known.items()})
+    darks: list[dict[str | None, list[MeasuredFrames]]] = [{plane: [] for plane in planes} for _ in sessions]
+    for k, (number, _) in enumerate(groups):
+        for plane in planes:
+            darks[number][plane] += measured[k][plane]
     result: dict[str | None, Corrections] = {}
-    for plane, own in corrections.items():
-        darks = _measured(reader, sessions, "dark", plane)
-        defects, of_defects = _defects(own, darks)
-        library, of_library = _library(darks, defects, light_s)
-        findings = (*own.findings, *of_defects, *of_library)
-        result[plane] = replace(own, defects=defects, dark_library=library, findings=findings)
-    return result
+    for plane, own in known.items():
+        library, findings = _library([dark for of in darks for dark in of[plane]], own.defects, light_s)
+        result[plane] = replace(own, dark_library=library, findings=(*own.findings, *findings))
+    return result, [(planes, frozenset(keys)) for planes, keys in zip(darks, hashes, strict=True)]
 
 
-def _measured(
-    reader: SessionReader, sessions: Sequence[Session], role: Role, plane: str | None
-) -> list[MeasuredFrames]:
-    groups = [(session, records) for session in sessions for records in by_exposure(session, role).values()]
-    return [measure_whole(reader.frames(session, records, plane)) for session, records in groups]
-
-
-def _defects(own: Corrections, darks: Sequence[MeasuredFrames]) -> tuple[DefectMap | None, list[Finding]]:
-    repeated = [dark for dark in darks if dark.n_frames > 1]
-    if not repeated:
-        return own.defects, []
-    # Hot pixels show best in the longest dark signal.
-    found = find_defects(max(repeated, key=lambda dark: dark.exposure_s))
-    if found.n_pixels == 0:
-        return own.defects, []
-    return found if own.defects is None else own.defects.joined(found), [info("hot-pixels", count=found.n_pixels)]
+def _without_defects(own: Corrections, dark: MeasuredFrames) -> Corrections:
+    """Add hot and noisy pixels of repeated dark frames."""
+    hot = find_defects(dark)
+    if hot.n_pixels == 0:
+        return own
+    defects = hot if own.defects is None else own.defects.joined(hot)
+    return replace(own, defects=defects, findings=(*own.findings, info("hot-pixels", count=hot.n_pixels)))
 
 
 def _library(
@@ -165,6 +182,16 @@ def _library(
     library = dark_library(darks, defects)
     worth = [t for t in light_s if library.worth_applying(t)]
     return library if worth else None, library.verdict(max(worth or light_s))
+
+
+def _measured(session: Session, load: Loader, role: Role) -> dict[str | None, list[MeasuredFrames]]:
+    """Measure the frames of a role, by plane, one an exposure."""
+    planes = planes_of(session)
+    measured: dict[str | None, list[MeasuredFrames]] = {plane: [] for plane in planes}
+    for group in by_exposure(session, role).values():
+        for plane, frames in measure_planes(load(session, group), planes).items():
+            measured[plane] += frames
+    return measured
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,8 +206,8 @@ class UniformLight:
         Relative standard uncertainty of the source's uniformity.
     """
 
-    lights: Mapping[str | None, Sequence[MeasuredFrames]]
-    darks: Mapping[str | None, Sequence[MeasuredFrames]]
+    lights: PlaneFrames
+    darks: PlaneFrames
     source_nonuniformity_rel: float
 
     @classmethod
@@ -205,10 +232,8 @@ class UniformLight:
         SessionError
             If a file is missing or altered.
         """
-        planes = planes_of(session)
-        reader = SessionReader(report, len(planes) * len(session.frames()))
-        lights = {plane: _measured(reader, [session], "light", plane) for plane in planes}
-        darks = {plane: _measured(reader, [session], "dark", plane) for plane in planes}
+        load = frame_loader(report, len(session.frames()))
+        lights, darks = (_measured(session, load, role) for role in ("light", "dark"))
         return cls(lights, darks, source_nonuniformity_rel)
 
     @property
@@ -247,7 +272,7 @@ def require_same_optics(session: Session, flat: Session) -> None:
     CalibrationError
         If camera, image size, binning or part of the sensor, pixel format, lens or f-number differ.
     """
-    mine, theirs = (first_frame(one) for one in (session, flat))
+    mine, theirs = (settings_frame(one) for one in (session, flat))
     lens, other = (lens_of(one.configuration) for one in (session, flat))
     for what, a, b in (
         ("camera", str(mine.camera), str(theirs.camera)),

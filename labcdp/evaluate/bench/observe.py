@@ -4,36 +4,46 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from datetime import datetime
-from functools import partial
 from math import radians, tan
 
 import numpy as np
 
-from ...calibration import AnyCalibration, DarkObservation, PatchObservation, observe_dark, observe_patches
+from ...calibration import AnyCalibration, DarkObservation, PatchObservation
 from ...calibration.convert.patch import is_within_response
-from ...calibration.frames.measure import MIN_FRAMES, plane_region
-from ...calibration.frames.statistics import MAX_CLIPPED_SHARE
+from ...calibration.frames.defects import DefectMap
+from ...calibration.frames.measure import MIN_FRAMES, MeasuredFrames, measure_planes
+from ...calibration.frames.observe import dark_observation, patch_observations
 from ...calibration.in_session import in_session, of_other_conditions
 from ...calibration.sensor.response import MIN_EXPOSURES, ResponseCurve, response_from_bracket
 from ...calibration.setup import MeterScale, corrected, meter_scale
 from ...core.errors import CalibrationError, InputError
 from ...core.frame import Frame
+from ...core.luminance import LuminanceMap
 from ...core.reading import Reading
 from ...core.result import Finding
-from ...core.roi import Roi
 from ...session import FrameRecord, MeterCertificate, ReadingRecord, Session, SessionConfiguration
 from .corrections import (
     Corrections,
+    DarkFrames,
     PlaneCorrections,
     calibration_for,
     corrections_of,
     corrections_of_lens,
     with_dark_frames,
 )
-from .recorded import Report, SessionReader, by_exposure, by_patch, planes_of, require_patches
+from .recorded import (
+    Loader,
+    Report,
+    by_exposure,
+    by_patch,
+    frame_loader,
+    noted,
+    planes_of,
+    require_patches,
+)
 
 
 @dataclass(frozen=True)
@@ -72,7 +82,9 @@ class ObservedSession:
     input_sha256 : str
         Hash over the hashes of all frames and the readings, in the order of recording.
     frames_sha256 : frozenset of str
-        Hashes of the pixels of the frames.
+        Hashes of the pixels of the frames, but not of those of simulated cameras.
+    first_frames : dict of int to Frame
+        Frames that were kept for maps of the target, by their number: the first of each exposure.
     """
 
     session: Session
@@ -81,6 +93,15 @@ class ObservedSession:
     readings: Mapping[str, Sequence[Reading]]
     input_sha256: str
     frames_sha256: frozenset[str]
+    first_frames: dict[int, Frame] = field(default_factory=dict)
+
+    def frame(self, record: FrameRecord) -> Frame:
+        """Return a frame; those of the whole target are kept, as several maps show them."""
+        kept = self.first_frames.get(record.number)
+        frame = self.session.load(record) if kept is None else kept
+        if record.patch is None:
+            self.first_frames[record.number] = frame
+        return frame
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -147,6 +168,65 @@ class ObservedSession:
         return self.monochrome.patches
 
 
+@dataclass(frozen=True, eq=False)
+class MeasuredSession:
+    """Frames of a session as measured, with any vignetting.
+
+    Parameters
+    ----------
+    session : Session
+        To read frames from.
+    configuration : SessionConfiguration
+        Bench, target and plan.
+    lights : dict of (str or None) to list of list of MeasuredFrames
+        By colour plane, for each exposure the regions that it shows.
+    darks : dict of (str or None) to list of DarkObservation
+        By colour plane, one an exposure.
+    readings, frames_sha256, first_frames
+        As of `ObservedSession`.
+    names : tuple of str
+        Patches, in the target's order.
+    """
+
+    session: Session
+    configuration: SessionConfiguration
+    lights: Mapping[str | None, Sequence[Sequence[MeasuredFrames]]]
+    darks: Mapping[str | None, Sequence[DarkObservation]]
+    readings: Mapping[str, Sequence[Reading]]
+    frames_sha256: frozenset[str]
+    first_frames: dict[int, Frame]
+    names: tuple[str, ...]
+
+    def observed(self, corrections: PlaneCorrections) -> ObservedSession:
+        """Return what the frames say, with corrections that are those of the measurement but for the vignetting."""
+        planes = {plane: self._plane(plane, own) for plane, own in corrections.items()}
+        made_of = self.readings, input_sha256(self.session), self.frames_sha256, self.first_frames
+        return ObservedSession(self.session, self.configuration, planes, *made_of)
+
+    def _plane(self, plane: str | None, corrections: Corrections) -> ObservedPlane:
+        library, patches = corrections.dark_library, {name: list[PatchObservation]() for name in self.names}
+        field_px = field_diameter_px(self.configuration, plane)
+        for measured in self.lights[plane]:
+            for observation in patch_observations(measured, corrections.vignetting, library, field_px):
+                patches[observation.patch].append(observation)
+        return ObservedPlane(patches, self.darks[plane], corrections)
+
+
+def frame_maps(observed: ObservedSession, calibration: AnyCalibration) -> Callable[[FrameRecord], LuminanceMap]:
+    """Return a function that converts a frame of a session; maps of the whole target are kept."""
+    kept: dict[int, LuminanceMap] = {}
+
+    def convert(record: FrameRecord) -> LuminanceMap:
+        if record.number in kept:
+            return kept[record.number]
+        luminance = calibration.to_luminance(observed.frame(record))
+        if record.patch is None:
+            kept[record.number] = luminance
+        return luminance
+
+    return convert
+
+
 def observe_session(
     session: Session,
     without: Sequence[str] = (),
@@ -154,22 +234,52 @@ def observe_session(
     corrections: PlaneCorrections | None = None,
     certificate: MeterCertificate | None = None,
 ) -> ObservedSession:
-    """Measure the patches in all frames of a session; one frame at a time is held.
+    """Measure the patches in all frames of a session, and return what they say.
+
+    Parameters
+    ----------
+    session, without, report, certificate
+        As for `measure_session`.
+    corrections : mapping of (str or None) to Corrections, or None
+        What is subtracted from the frames of each plane; None for natural vignetting by the configured lens, and for
+        what its dark frames show.
+
+    Raises
+    ------
+    SessionError, CalibrationError, InputError
+        As `measure_session`.
+    """
+    darks = None
+    if corrections is None:
+        _require_dark_frames(session)
+        corrections, (darks,) = with_dark_frames(corrections_of_lens(session), [session])
+    return measure_session(session, corrections, without, report, certificate, darks).observed(corrections)
+
+
+def measure_session(
+    session: Session,
+    corrections: PlaneCorrections,
+    without: Sequence[str] = (),
+    report: Report = lambda _done, _total: None,
+    certificate: MeterCertificate | None = None,
+    darks: DarkFrames | None = None,
+) -> MeasuredSession:
+    """Measure the patches in all frames of a session, each frame loaded once; one frame at a time is held.
 
     Parameters
     ----------
     session : Session
         To read.
+    corrections : mapping of (str or None) to Corrections
+        Whose defect pixels are left out.
     without : sequence of str
         Patches to leave out, and single readings as ``PATCH:NUMBER``, counted from 1.
     report : callable
-        Called with the number of frames read, and of all frames; those of a sensor with colour filters are read once
-        for each plane.
-    corrections : mapping of (str or None) to Corrections, or None
-        What is subtracted from the frames of each plane; None for natural vignetting by the configured lens, and for
-        what its dark frames show.
+        Called with the number of frames read, and of all frames.
     certificate : MeterCertificate or None
         Of the meter, in the place of that in the configuration; its correction is applied to the readings.
+    darks : (mapping of (str or None) to sequence of MeasuredFrames, frozenset of str) or None
+        Dark frames and hashes of their pixels, if they have been measured with these defects, from `with_dark_frames`.
 
     Raises
     ------
@@ -180,34 +290,69 @@ def observe_session(
     InputError
         If a region lies outside the image, or `without` names an unknown patch or reading.
     """
-    configuration = session.configuration
-    if certificate is not None:
-        meter = configuration.meter.model_copy(update={"certificate": certificate})
-        configuration = configuration.model_copy(update={"meter": meter})
-    patches = configuration.target.patches
+    configuration = with_certificate(session.configuration, certificate)
     without, unread = _left_out(without, session)
-    if not session.frames("dark"):
-        raise CalibrationError("the session has no dark frames: cover the lens and resume the acquisition")
+    _require_dark_frames(session)
     planes = planes_of(session)
-    if corrections is None:
-        corrections = with_dark_frames(corrections_of_lens(session), [session])
     if set(corrections) != set(planes):
         has, wants = ("no" if None in group else "a" for group in (planes, corrections))
         raise CalibrationError(
             f"the sensor of the session has {has} colour filter, the corrections are for one that has {wants} colour "
             "filter: use those of this camera"
         )
-    reader = SessionReader(report, len(planes) * len(session.frames()))
-    frames = partial(reader.frames, session)
-    regions = [patch.region() for patch in patches if patch.name not in without]
-    seen = {plane: _observe_plane(session, frames, plane, regions, corrections[plane]) for plane in planes}
+    defects = {plane: own.defects for plane, own in corrections.items()}
+    regions = [patch.region() for patch in configuration.target.patches if patch.name not in without]
+    load = frame_loader(report, len(session.frames("light" if darks else None)))
+    dark_frames, dark_hashes = darks or _measure_darks(session, planes, defects, load)
+    hashes, first_frames = set(dark_hashes), dict[int, Frame]()
+    lights: dict[str | None, list[list[MeasuredFrames]]] = {plane: [] for plane in planes}
+    for group in by_exposure(session, "light").values():
+        for shown, records in by_patch(group).items():
+            seen = [region for region in regions if shown in (None, region.name)]
+            if seen:
+                frames = _first_kept(noted(load(session, records), hashes), records[0], first_frames)
+                for plane, measured in measure_planes(frames, planes, seen, defects).items():
+                    lights[plane].append(measured)
+    readings = _readings(session, configuration, without, unread)
+    names = tuple(region.name for region in regions)
+    observed_darks = {
+        plane: [dark_observation(dark, corrections[plane].dark_library) for dark in dark_frames[plane]]
+        for plane in planes
+    }
+    return MeasuredSession(
+        session, configuration, lights, observed_darks, readings, frozenset(hashes), first_frames, names
+    )
+
+
+def with_certificate(configuration: SessionConfiguration, certificate: MeterCertificate | None) -> SessionConfiguration:
+    """Return a configuration with a certificate of the meter in the place of its own; None for its own."""
+    if certificate is None:
+        return configuration
+    meter = configuration.meter.model_copy(update={"certificate": certificate})
+    return configuration.model_copy(update={"meter": meter})
+
+
+def _require_dark_frames(session: Session) -> None:
+    if not session.frames("dark"):
+        raise CalibrationError("the session has no dark frames: cover the lens and resume the acquisition")
+
+
+def _first_kept(frames: Iterable[Frame], first: FrameRecord, kept: dict[int, Frame]) -> Iterator[Frame]:
+    """Yield frames, and keep the first one if it shows all of the target, for maps."""
+    for number, frame in enumerate(frames):
+        if number == 0 and first.patch is None:
+            kept[first.number] = frame
+        yield frame
+
+
+def _readings(
+    session: Session, configuration: SessionConfiguration, without: Collection[str], unread: Sequence[ReadingRecord]
+) -> dict[str, list[Reading]]:
     readings: dict[str, list[Reading]] = {}
     for record in session.readings():
         if record.patch not in without and record not in unread:
             readings.setdefault(record.patch, []).append(corrected(record.reading, configuration.meter.certificate))
-    return ObservedSession(
-        session, configuration, seen, readings, input_sha256(session), frozenset(reader.frames_sha256)
-    )
+    return readings
 
 
 def _left_out(without: Sequence[str], session: Session) -> tuple[list[str], list[ReadingRecord]]:
@@ -226,46 +371,15 @@ def _left_out(without: Sequence[str], session: Session) -> tuple[list[str], list
     return of_patches, unread
 
 
-def _observe_plane(
-    session: Session,
-    read: Callable[[Sequence[FrameRecord], str | None], Iterator[Frame]],
-    plane: str | None,
-    regions: Sequence[Roi],
-    corrections: Corrections,
-) -> ObservedPlane:
-    library, defects = corrections.dark_library, corrections.defects
-    # Each second pixel of a row has the same colour.
-    field_px = _field_px(session.configuration, 1 if plane is None else 2)
-    observed = partial(
-        observe_patches,
-        vignetting=corrections.vignetting,
-        defects=defects,
-        dark_library=library,
-        field_px=field_px,
-    )
-    darks = _observe_darks(session, read, plane, corrections)
-    patches: dict[str, list[PatchObservation]] = {region.name: [] for region in regions}
-    own = {region.name: region if plane is None else plane_region(region) for region in regions}
-    for group in by_exposure(session, "light").values():
-        for shown, records in by_patch(group).items():
-            seen = [region for name, region in own.items() if shown in (None, name)]
-            if seen:
-                frames = read(records, plane)
-                found = observed(frames, seen) if len(records) >= MIN_FRAMES else _of_one_frame(observed, frames, seen)
-                for observation in found:
-                    patches[observation.patch].append(observation)
-    return ObservedPlane(patches, darks, corrections)
-
-
-def _observe_darks(
-    session: Session,
-    read: Callable[[Sequence[FrameRecord], str | None], Iterator[Frame]],
-    plane: str | None,
-    corrections: Corrections,
-) -> list[DarkObservation]:
-    defects, library = corrections.defects, corrections.dark_library
-    groups = by_exposure(session, "dark").values()
-    return [observe_dark(read(group, plane), defects=defects, dark_library=library) for group in groups]
+def _measure_darks(
+    session: Session, planes: Sequence[str | None], defects: Mapping[str | None, DefectMap | None], load: Loader
+) -> DarkFrames:
+    darks, hashes = {plane: list[MeasuredFrames]() for plane in planes}, set[str]()
+    for records in by_exposure(session, "dark").values():
+        frames = noted(load(session, records), hashes)
+        for plane, measured in measure_planes(frames, planes, defects=defects).items():
+            darks[plane] += measured
+    return darks, frozenset(hashes)
 
 
 def for_frames_of(session: Session, calibration: AnyCalibration) -> tuple[AnyCalibration, list[Finding]]:
@@ -284,37 +398,27 @@ def for_frames_of(session: Session, calibration: AnyCalibration) -> tuple[AnyCal
     if not groups or min(map(len, groups)) < MIN_FRAMES:
         return calibration, of_other_conditions(calibration)
     own = calibration_for(session, calibration)
-    read = partial(SessionReader(lambda _done, _total: None, len(session.frames("dark"))).frames, session)
-    corrections = corrections_of(own)
-    darks = {plane: _observe_darks(session, read, plane, corrections[plane]) for plane in planes_of(session)}
+    corrections, planes = corrections_of(own), planes_of(session)
+    load = frame_loader(lambda _done, _total: None, len(session.frames("dark")))
+    defects = {plane: corrections[plane].defects for plane in planes}
+    darks = {
+        plane: [dark_observation(dark, corrections[plane].dark_library) for dark in measured]
+        for plane, measured in _measure_darks(session, planes, defects, load)[0].items()
+    }
     calibration, findings = in_session(own, {}, darks)
     return calibration, [*findings, *of_other_conditions(calibration)]
 
 
-def _field_px(configuration: SessionConfiguration, step: int) -> float | None:
-    """Diameter of the meter's field in every `step`-th pixel of the image; None if it is not known."""
+def field_diameter_px(configuration: SessionConfiguration, plane: str | None) -> float | None:
+    """Diameter of the meter's field in pixels of the image, or of one of its planes; None if it is not known."""
     given, lens = configuration.conditions, configuration.lens
     if given is None or given.meter_distance_m is None or given.measuring_field_deg is None:
         return None
     diameter_m = 2 * given.meter_distance_m * tan(radians(given.measuring_field_deg) / 2)
     magnification = lens.focal_length_m / (given.camera_distance_m or given.meter_distance_m)
+    # Each second pixel of a row has the same colour.
+    step = 1 if plane is None else 2
     return diameter_m * magnification / (configuration.camera.pixel_pitch_m * step)
-
-
-def _of_one_frame(
-    observed: Callable[[Sequence[Frame], Sequence[Roi]], list[PatchObservation]],
-    frames: Iterable[Frame],
-    regions: Sequence[Roi],
-) -> list[PatchObservation]:
-    """Measure patches in the only frame of an exposure: possible if all are saturated, and so left out by the fit.
-
-    Saturated frames are identical, and an import keeps one of identical pictures.
-    """
-    (frame,) = frames
-    twice = observed([frame, frame], regions)
-    if all(o.saturated_share > MAX_CLIPPED_SHARE for o in twice):
-        return [replace(o, frame_means_dn=o.frame_means_dn[:1]) for o in twice]
-    return observed([frame], regions)  # says what is missing
 
 
 def input_sha256(session: Session) -> str:

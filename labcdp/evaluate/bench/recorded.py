@@ -4,49 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import count
 from typing import TypeVar
 
 from ...calibration import AnyCalibration, LensIdentity
-from ...calibration.frames.measure import plane_of
 from ...core.errors import CalibrationError, InputError
 from ...core.frame import PLANES, Frame, pixels_sha256
-from ...core.luminance import LuminanceMap
 from ...core.result import Finding, warning
 from ...session import EventRecord, FrameRecord, MeterCertificate, ReadingRecord, Role, Session, SessionConfiguration
 from ...session.records import SIMULATED_BENCH
 
 Report = Callable[[int, int], None]
+Loader = Callable[[Session, Iterable[FrameRecord]], Iterator[Frame]]
 _Key = TypeVar("_Key")
 #: Of a session that was interrupted before its target was seen.
 NO_LIGHT = "the session has no light frames: uncover the lens and resume the acquisition"
 
 
-class SessionReader:
-    """Loads frames of sessions, or one plane of them, and counts them.
+def frame_loader(report: Report, total: int) -> Loader:
+    """Return a function that loads frames of a session one at a time, and reports how many of all were loaded."""
+    numbers = count(1)
 
-    Parameters
-    ----------
-    report : callable
-        Called with the number of frames read, and of all.
-    total : int
-        All frames that will be read.
-    """
-
-    def __init__(self, report: Report, total: int) -> None:
-        self._report, self._total, self._done = report, total, 0
-        #: Hashes of the pixels of the frames so far, but not of simulated cameras.
-        self.frames_sha256: set[str] = set()
-
-    def frames(self, session: Session, records: Iterable[FrameRecord], plane: str | None) -> Iterator[Frame]:
-        """Load frames, one at a time."""
+    def load(session: Session, records: Iterable[FrameRecord]) -> Iterator[Frame]:
         for record in records:
-            frame = session.load(record)
-            # Each plane reads the frame again. A simulated camera has the same noise whenever it begins.
-            if plane in (None, PLANES[0]) and not frame.camera.simulated:
-                self.frames_sha256 |= set(_keys([frame]))
-            yield plane_of(frame, plane)
-            self._done += 1
-            self._report(self._done, self._total)
+            yield session.load(record)
+            report(next(numbers), total)
+
+    return load
 
 
 def require_patches(asked: Iterable[str], known: Sequence[str], purpose: str) -> None:
@@ -69,7 +53,7 @@ def require_distinct(sessions: Sequence[Session]) -> None:
     """
     seen: dict[str, Session] = {}
     for session in sessions if len(sessions) > 1 else ():
-        keys = _keys(session.load(record) for record in session.frames())
+        keys = pixel_hashes(session.load(record) for record in session.frames())
         keys += [f"{one.patch}\n{one.reading.value} {one.reading.timestamp}" for one in session.readings()]
         shared = [seen[key] for key in keys if key in seen]
         if shared:
@@ -82,9 +66,17 @@ def require_distinct(sessions: Sequence[Session]) -> None:
         seen |= dict.fromkeys(keys, session)
 
 
-def _keys(frames: Iterable[Frame]) -> list[str]:
+def pixel_hashes(frames: Iterable[Frame]) -> list[str]:
     """Hashes of the pixels of frames, but not of those of one value throughout: others may be alike."""
     return [pixels_sha256(frame) for frame in frames if frame.dn.min() < frame.dn.max()]
+
+
+def noted(frames: Iterable[Frame], hashes: set[str]) -> Iterator[Frame]:
+    """Yield frames, and note hashes of their pixels; simulated cameras have the same noise whenever they begin."""
+    for frame in frames:
+        if not frame.camera.simulated:
+            hashes.update(pixel_hashes([frame]))
+        yield frame
 
 
 def measured_in(session: Session, calibration: AnyCalibration) -> bool:
@@ -125,15 +117,15 @@ def certificate_of(calibration: AnyCalibration, session: Session) -> MeterCertif
 
 def planes_of(session: Session) -> tuple[str | None, ...]:
     """Colour planes of a session's frames, or None for the one of a monochrome sensor."""
-    return (None,) if first_frame(session).colour_filter is None else PLANES
+    return (None,) if settings_frame(session).colour_filter is None else PLANES
 
 
-def first_frame(session: Session) -> Frame:
-    """Load the first frame of a session; raises CalibrationError if there is none."""
+def settings_frame(session: Session) -> Frame:
+    """Return the first frame of a session without its pixels; raises CalibrationError if there is none."""
     records = session.frames()
     if not records:
         raise CalibrationError("the session has no frames: start the acquisition")
-    return session.load(records[0])
+    return records[0].without_pixels()
 
 
 def by_exposure(records: Session | Iterable[FrameRecord], role: Role) -> dict[float, list[FrameRecord]]:
@@ -154,12 +146,7 @@ def _grouped(records: Iterable[FrameRecord], key: Callable[[FrameRecord], _Key])
     return groups
 
 
-def maps_of(
-    session: Session, calibration: AnyCalibration, exposure_s: float, patches: Iterable[str]
-) -> dict[str, tuple[int, LuminanceMap]]:
-    """Return, by patch, number and luminance of the first frame of an exposure that shows it; frames are read once."""
+def frames_showing(session: Session, exposure_s: float, patches: Iterable[str]) -> dict[str, FrameRecord]:
+    """Return, by patch, the first frame of an exposure that shows it."""
     records = by_exposure(session, "light")[exposure_s]
-    first = {name: next(record for record in records if record.patch in (None, name)) for name in patches}
-    frames = {record.number: record for record in first.values()}
-    maps = {number: calibration.to_luminance(session.load(record)) for number, record in frames.items()}
-    return {name: (record.number, maps[record.number]) for name, record in first.items()}
+    return {name: next(record for record in records if record.patch in (None, name)) for name in patches}

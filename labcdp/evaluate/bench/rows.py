@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from math import hypot, nan
 
@@ -12,6 +13,7 @@ from ...calibration.readings import PatchReading, combine_patches, expanded_of_r
 from ...calibration.setup import MeterScale
 from ...calibration.signal import usable
 from ...core.errors import CalibrationError, InputError
+from ...core.luminance import LuminanceMap
 from ...core.quantity import Interval
 from ...core.result import Finding, warning
 from ...core.roi import Roi
@@ -19,11 +21,11 @@ from ...metrics import Cdp, ContrastDistribution, contrast_histogram
 from ...metrics.pair import bound_of_contrast, evaluate_regions
 from ...metrics.region import Bound, RegionPixels, evaluate_region
 from ...metrics.uncertainty import LimitVerdict, limit_verdict
-from ...session import ContrastConfiguration, Patch
+from ...session import ContrastConfiguration, FrameRecord, Patch
 from ..verdict import Verdict, cdp_verdict
 from .corrections import photons_per_cd_m2_s, pixel_area_m2
-from .observe import ObservedSession
-from .recorded import maps_of
+from .observe import ObservedSession, frame_maps
+from .recorded import frames_showing
 
 
 @dataclass(frozen=True)
@@ -123,8 +125,8 @@ def _bounded(observed: ObservedSession, calibration: AnyCalibration, patch: Patc
     name, at_least = patch.name, nan
     if bound == ">":
         shortest_s = min(o.exposure_s for o in observed.of_patch(name))
-        (_, luminance) = maps_of(observed.session, calibration, shortest_s, [name])[name]
-        at_least = evaluate_region(luminance, patch.region()).mean
+        record = frames_showing(observed.session, shortest_s, [name])[name]
+        at_least = evaluate_region(frame_maps(observed, calibration)(record), patch.region()).mean
         found = warning("patch-saturated-everywhere", name, luminance_cd_m2=at_least, exposure_s=shortest_s)
     else:
         found = warning("patch-not-seen", name)
@@ -231,30 +233,44 @@ class ContrastRow:
 def contrast_row(
     observed: ObservedSession,
     calibration: AnyCalibration,
+    maps: Callable[[FrameRecord], LuminanceMap],
     pair: ContrastConfiguration,
-    bright: PatchRow,
-    dark: PatchRow,
+    patches: Mapping[str, PatchRow],
 ) -> ContrastRow:
-    """Evaluate a pair in its longest exposure without saturated pixels, else in the shortest.
+    """Evaluate a pair of patches in its longest exposure without saturated pixels, else in the shortest.
 
     Of a saturated patch there is no CDP.
+
+    Parameters
+    ----------
+    observed : ObservedSession
+        The session.
+    calibration : Calibration or ColourCalibration
+        Of the camera.
+    maps : callable
+        From `frame_maps`, with this calibration.
+    pair : ContrastConfiguration
+        The patches, and what counts as detected.
+    patches : mapping of str to PatchRow
+        Patches by their names.
     """
+    bright, dark = patches[pair.bright], patches[pair.dark]
     exposure_s = observed.longest_unsaturated_s(calibration, pair.bright, pair.dark)
     clipped = exposure_s is None and not (bright.bound or dark.bound)
     if exposure_s is None:
         exposure_s = min(o.exposure_s for name in (pair.bright, pair.dark) for o in observed.of_patch(name))
-    seen = maps_of(observed.session, calibration, exposure_s, (pair.bright, pair.dark))
-    (bright_number, bright_map), (dark_number, dark_map) = seen[pair.bright], seen[pair.dark]
-    regions = RegionPixels.from_map(bright_map, bright.region), RegionPixels.from_map(dark_map, dark.region)
+    shown = frames_showing(observed.session, exposure_s, (pair.bright, pair.dark))
+    regions = [RegionPixels.from_map(maps(shown[row.patch.name]), row.region) for row in (bright, dark)]
     both = evaluate_regions(*regions, (pair.contrast,), pair.epsilon)
     (cdp,) = both.cdp
-    shown = exposure_s, bright_number, dark_number, both.findings if clipped else ()
+    numbers = shown[pair.bright].number, shown[pair.dark].number
+    of_frames = exposure_s, *numbers, both.findings if clipped else ()
     if both.bound:
-        return ContrastRow(pair, bright, dark, _without_cdp(cdp), None, *shown)
+        return ContrastRow(pair, bright, dark, _without_cdp(cdp), None, *of_frames)
     if cdp.swapped:
         raise InputError(f"patch {pair.bright!r} is darker than {pair.dark!r}: give the brighter one as bright")
     distribution = contrast_histogram(regions[0].distribution, regions[1].distribution, cdp.detected_range.high)
-    return ContrastRow(pair, bright, dark, cdp, distribution, *shown)
+    return ContrastRow(pair, bright, dark, cdp, distribution, *of_frames)
 
 
 def _without_cdp(cdp: Cdp[float]) -> Cdp[float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +19,7 @@ from ...core.spectra import ONLY, mismatch_findings
 from ...session import ContrastConfiguration, FrameRecord, MeterCertificate, Session, SessionConfiguration
 from .calibrate import calibrate_session
 from .corrections import calibration_for, corrections_of
-from .observe import ObservedSession, observe_session
+from .observe import ObservedSession, frame_maps, observe_session
 from .recorded import (
     NO_LIGHT,
     Report,
@@ -152,14 +152,15 @@ def evaluate_session(
     asked = [name for pair in pairs for name in (pair.bright, pair.dark)]
     require_patches(asked, [*patches], "for the contrast (it may have been left out)")
     of_patches = [finding for row in patches.values() for finding in row.calibrated.findings]
-    rows = [contrast_row(observed, calibration, pair, patches[pair.bright], patches[pair.dark]) for pair in pairs]
+    maps = frame_maps(observed, calibration)
+    rows = [contrast_row(observed, calibration, maps, pair, patches) for pair in pairs]
     of_pairs = [finding for row in rows for finding in row.findings]
     return SessionEvaluation(
         observed,
         calibration,
         [*patches.values()],
         rows,
-        target_map(observed, calibration),
+        target_map(observed, maps),
         summarised([*findings, *calibration.findings, *of_patches, *of_pairs]),
     )
 
@@ -199,11 +200,11 @@ def mismatch(configuration: SessionConfiguration, calibration: AnyCalibration) -
     return [*lens_findings(calibration.lens, lens), *of_light]
 
 
-def target_map(observed: ObservedSession, calibration: AnyCalibration) -> LuminanceMap:
+def target_map(observed: ObservedSession, maps: Callable[[FrameRecord], LuminanceMap]) -> LuminanceMap:
     """Merge the frames of the target, for each pixel from the longest exposure that does not saturate it.
 
     Where patches were shown one by one, each region shows its patch, and the rest what was around the first one;
-    of regions that overlap the last one shows.
+    of regions that overlap the last one shows. The maps are from `frame_maps`.
 
     Raises
     ------
@@ -218,7 +219,7 @@ def target_map(observed: ObservedSession, calibration: AnyCalibration) -> Lumina
             frames.setdefault(patch, []).append(records[0])
     if not frames:
         raise CalibrationError(NO_LIGHT)
-    merged = ((name, _merged(observed.session, calibration, records)) for name, records in frames.items())
+    merged = ((name, _merged(maps, records)) for name, records in frames.items())
     regions = {patch.name: patch.region() for patch in observed.configuration.target.patches}
     _, target = next(merged)
     for name, alone in merged:
@@ -229,10 +230,10 @@ def target_map(observed: ObservedSession, calibration: AnyCalibration) -> Lumina
     return target
 
 
-def _merged(session: Session, calibration: AnyCalibration, records: Sequence[FrameRecord]) -> LuminanceMap:
+def _merged(maps: Callable[[FrameRecord], LuminanceMap], records: Sequence[FrameRecord]) -> LuminanceMap:
     """Merge frames, the shortest exposure first."""
-    merged = calibration.to_luminance(session.load(records[0]))
+    merged = maps(records[0])
     for record in records[1:]:
-        longer = calibration.to_luminance(session.load(record))
+        longer = maps(record)
         merged = chosen(longer.invalid & Invalid.SATURATED == 0, longer, merged)
     return merged

@@ -13,8 +13,8 @@ import numpy as np
 from ...calibration import CameraState, fit
 from ...calibration.emva.result import SeriesPoint, columns
 from ...calibration.emva.transfer import Deviations, in_range
-from ...calibration.frames.measure import MeasuredFrames, measure_frames, measure_whole, plane_region
-from ...calibration.frames.observe import dark_observation, patch_observation
+from ...calibration.frames.measure import MeasuredFrames, measure_planes
+from ...calibration.frames.observe import dark_observation, patch_observations
 from ...calibration.frames.statistics import MAX_CLIPPED_SHARE
 from ...calibration.uncertainty import expanded_rel
 from ...core.clock import exposure_text
@@ -25,7 +25,7 @@ from ...core.result import Finding, info
 from ...session import FrameRecord, Session, SessionConfiguration
 from ..bench.calibrate import setup_of
 from ..bench.corrections import natural_vignetting, photons_per_cd_m2_s, pixel_area_m2
-from ..bench.recorded import SessionReader, by_exposure, by_patch, planes_of
+from ..bench.recorded import by_exposure, by_patch, frame_loader, planes_of
 
 _Point = TypeVar("_Point", bound=SeriesPoint)
 #: Colour plane of a Bayer sensor that is characterised: of the planes the one with the most light from any source.
@@ -76,11 +76,11 @@ def measure_session(session: Session, report: Callable[[int, int], None]) -> Ses
         If a patch lies outside the image.
     """
     records, findings = _of_one_gain(session.frames())
-    reader = SessionReader(report, len(records))
+    load = frame_loader(report, len(records))
     plane = None if planes_of(session) == (None,) else COLOUR_PLANE
     patches = [patch.region() for patch in session.configuration.target.patches]
     darks = [
-        measure_whole(reader.frames(session, group, plane))
+        measure_planes(load(session, group), (plane,))[plane][0]
         for exposure in by_exposure(records, "dark").values()
         for group in _by_temperature(exposure)
         if len(group) > 1
@@ -94,8 +94,7 @@ def measure_session(session: Session, report: Callable[[int, int], None]) -> Ses
         for shown, group in by_patch(exposure).items():
             if len(group) > 1:
                 seen = [patch for patch in patches if shown in (None, patch.name)]
-                regions = seen if plane is None else [plane_region(patch) for patch in seen]
-                levels += measure_frames(reader.frames(session, group, plane), regions)
+                levels += measure_planes(load(session, group), (plane,), seen)[plane]
     for level in (*darks[1:], *levels):
         darks[0].state.require(
             level.state, "the dark frames", f"the set of frames at {exposure_text(level.exposure_s)}"
@@ -206,7 +205,7 @@ def photometric_responsivity(
     if not readings:
         return None, []
     vignetting = natural_vignetting(configuration, measured.state)
-    seen = [patch_observation(one, vignetting) for one in measured.patches]
+    seen = patch_observations(measured.patches, vignetting)
     observations = [one for one in seen if one.patch in readings]
     darks = [dark_observation(one) for one in measured.darks]
     try:

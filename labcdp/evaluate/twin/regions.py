@@ -15,8 +15,8 @@ from ...calibration.frames.rounding import DITHERED_DN2, ROUNDING_DN2
 from ...core.dn import Response
 from ...core.luminance import Invalid, LuminanceMap
 from ...core.roi import Roi
-from ..bench.observe import ObservedSession
-from ..bench.recorded import maps_of
+from ..bench.observe import ObservedSession, frame_maps
+from ..bench.recorded import frames_showing
 from ..bench.rows import read_patch
 from .parameters import TwinParameters
 from .prediction import TwinRegion
@@ -120,9 +120,10 @@ def seen_regions(
 ) -> dict[str, MeasuredPatch]:
     """Return the calibrated luminance of patches in the first frame of an exposure that shows them, by name."""
     rois = {patch.name: patch.region() for patch in observed.configuration.target.patches if patch.name in names}
+    maps = frame_maps(observed, calibration)
     return {
-        name: _seen_region(luminance, rois[name], exposure_s, number)
-        for name, (number, luminance) in maps_of(observed.session, calibration, exposure_s, rois).items()
+        name: _seen_region(maps(record), rois[name], exposure_s, record.number)
+        for name, record in frames_showing(observed.session, exposure_s, rois).items()
     }
 
 

@@ -151,7 +151,7 @@ def test_pattern_and_hot_pixels_are_found_taken_off_once_everywhere_and_saved(re
     offset, rate = rng.normal(0, 6.0, SHAPE), rng.normal(0, 400.0, SHAPE)
     offset[tuple(zip(*HOT, strict=True))] = 900.0
     with Session.open(again(tmp_path / "s", recorded, lambda frames: with_pattern(frames, offset, rate))) as session:
-        corrections = with_dark_frames(corrections_of_lens(session), [session])
+        corrections, _ = with_dark_frames(corrections_of_lens(session), [session])
         corrected = observe_session(session, corrections=corrections)
         calibrated = calibrate_session(corrected)
         save(calibrated, tmp_path / "calibration.json")

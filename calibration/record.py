@@ -1,4 +1,4 @@
-"""Calibrations and verifications as JSON files, units in the keys; arrays are compressed in the same file.
+"""Calibrations, verifications and observations as JSON files, units in the keys, with compressed arrays.
 
 pydantic validates the dataclasses themselves; unknown keys are errors at every level.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 from base64 import b64decode, b64encode
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from io import BytesIO
@@ -21,15 +22,20 @@ from ..core.disk import file_sha256, quoted, read_json, validated_as
 from ..core.disk.arrays import parse_npz
 from ..core.errors import InputError, naming
 from .colour.model import AnyCalibration, ColourCalibration
+from .frames.observations import DarkObservation, PatchObservation
 from .model import Calibration
 from .verify.result import Verification
 
-#: Value of the key ``format`` of calibrations, and of verifications.
-CALIBRATION, VERIFICATION = "labcdp-calibration", "labcdp-verification"
-#: Largest size of a calibration, and of its arrays; and of a verification.
+#: Value of the key ``format`` of calibrations, verifications and observations.
+CALIBRATION, VERIFICATION, _OBSERVATIONS = "labcdp-calibration", "labcdp-verification", "labcdp-observations"
+#: Largest size of a calibration, and of its arrays; and of a verification or of observations.
 MOST_BYTES, _MOST_BYTES_VERIFICATION = 2**30, 2**26
 #: By format: its name in messages, the only version that is written and read, and what to do about an older one.
-_FORMATS = {CALIBRATION: ("calibration", 6, "calibrate again"), VERIFICATION: ("verification", 5, "verify again")}
+_FORMATS = {
+    CALIBRATION: ("calibration", 6, "calibrate again"),
+    VERIFICATION: ("verification", 5, "verify again"),
+    _OBSERVATIONS: ("observations", 1, "calibrate again"),
+}
 #: Beyond any number of a camera, of which powers would overflow.
 _LARGEST = 1e60
 #: Kinds of calibration, by the value of the key ``kind``.
@@ -129,6 +135,43 @@ def save_verification(verification: Verification, path: str | Path, *, force: bo
 def load_verification(path: str | Path) -> Verification:
     """Read a verification that `save_verification` wrote; raises InputError as `load_any`."""
     return _loaded(path, VERIFICATION, _read(Path(path), VERIFICATION), Verification)
+
+
+@dataclass(frozen=True)
+class SessionObservations:
+    """Observations of the frames of a session, kept so that the frames need not be measured again.
+
+    Parameters
+    ----------
+    key : str
+        Hash of all that they follow from: frames, regions, corrections.
+    frames_sha256 : tuple of str
+        Hashes of the pixels of the frames, but not of those of simulated cameras.
+    patches : tuple of PatchObservation
+        Of all colour planes; their vignetting is None, whichever it was.
+    darks : tuple of DarkObservation
+        Of all colour planes.
+    """
+
+    key: str
+    frames_sha256: tuple[str, ...]
+    patches: tuple[PatchObservation, ...]
+    darks: tuple[DarkObservation, ...]
+
+
+def save_observations(observations: Iterable[SessionObservations], path: str | Path) -> None:
+    """Write observations of sessions to a JSON file; as `save`, and raises ValueError for a number not finite."""
+    content = [_dumped(one) for one in observations]
+    _write(path, _OBSERVATIONS, {"sha256": _sha256(content), "observations": content}, force=False)
+
+
+def load_observations(path: str | Path) -> list[SessionObservations]:
+    """Read observations that `save_observations` wrote; raises InputError as `load_any`."""
+    document = _read(Path(path), _OBSERVATIONS)
+    content = document.get("observations")
+    if not isinstance(content, list) or document.get("sha256") != _sha256(content):
+        raise InputError(f"observations {path} were changed after they were written: calibrate again")
+    return [_loaded(path, _OBSERVATIONS, {"observations": one}, SessionObservations) for one in content]
 
 
 @cache

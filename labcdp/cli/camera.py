@@ -120,7 +120,9 @@ def _twin(
 ) -> TwinEvaluation:
     loaded = None if calibration is None else load(calibration)
     with progress_bars() as bars:
-        observed, calibrated = observe_calibrated(session, loaded, without, partial(bars.update, "reading"))
+        observed, calibrated = observe_calibrated(
+            session, loaded, without, partial(bars.update, "reading"), beside=calibration
+        )
         found = characterise_session(session, partial(bars.update, "characterising"))
         return twin_session(observed, calibrated, found, contrast, epsilon, partial(bars.update, "predicting"))
 

@@ -22,6 +22,7 @@ from ..evaluate.bench.calibration_page import calibration_files
 from ..evaluate.bench.calibration_result import calibration_result, patch_budgets
 from ..evaluate.bench.certificate import calibration_certificate
 from ..evaluate.bench.corrections import UniformLight, require_same_optics
+from ..evaluate.bench.kept import OBSERVATIONS, keep_observations
 from ..evaluate.bench.session import chosen_contrasts, evaluate_session, observe_calibrated
 from ..evaluate.bench.session_page import session_files
 from ..evaluate.bench.session_result import session_input, session_result
@@ -199,6 +200,7 @@ def calibrate(fit: FitOptions, results: Results, session: Path, more: tuple[Path
             )
         path = folder.folder / "calibration.json"
         save(calibration, folder.path(path.name))
+        keep_observations(observed, folder.path(OBSERVATIONS))
         inputs = [session_input(opened), *(session_input(Session.open(one)) for one in more)]
         options = {"output": str(folder.folder), **fit.configuration()}
         budgets = patch_budgets(calibration)
@@ -243,7 +245,9 @@ def evaluate(
     with results.folder(source) as folder:
         with progress_bar("reading") as report:
             loaded = None if path is None else load_any(path)
-            evaluation = evaluate_session(*observe_calibrated(opened, loaded, options.without, report), contrasts)
+            evaluation = evaluate_session(
+                *observe_calibrated(opened, loaded, options.without, report, beside=path), contrasts
+            )
         files = {"calibration": path, "requirement": options.require}
         inputs = [InputFile.of(role, one) for role, one in files.items() if one is not None]
         result = session_result(evaluation, inputs, requirement=requirement)

@@ -24,7 +24,7 @@ from ...core.frame import Frame
 from ...core.luminance import LuminanceMap
 from ...core.reading import Reading
 from ...core.result import Finding
-from ...session import FrameRecord, MeterCertificate, ReadingRecord, Session, SessionConfiguration
+from ...session import FrameRecord, MeterCertificate, Patch, ReadingRecord, Session, SessionConfiguration
 from .corrections import (
     Corrections,
     DarkFrames,
@@ -290,8 +290,7 @@ def measure_session(
     InputError
         If a region lies outside the image, or `without` names an unknown patch or reading.
     """
-    configuration = with_certificate(session.configuration, certificate)
-    without, unread = _left_out(without, session)
+    configuration, patches, unread = included(session, without, certificate)
     _require_dark_frames(session)
     planes = planes_of(session)
     if set(corrections) != set(planes):
@@ -301,7 +300,7 @@ def measure_session(
             "filter: use those of this camera"
         )
     defects = {plane: own.defects for plane, own in corrections.items()}
-    regions = [patch.region() for patch in configuration.target.patches if patch.name not in without]
+    regions = [patch.region() for patch in patches]
     load = frame_loader(report, len(session.frames("light" if darks else None)))
     dark_frames, dark_hashes = darks or _measure_darks(session, planes, defects, load)
     hashes, first_frames = set(dark_hashes), dict[int, Frame]()
@@ -313,8 +312,8 @@ def measure_session(
                 frames = _first_kept(noted(load(session, records), hashes), records[0], first_frames)
                 for plane, measured in measure_planes(frames, planes, seen, defects).items():
                     lights[plane].append(measured)
-    readings = _readings(session, configuration, without, unread)
     names = tuple(region.name for region in regions)
+    readings = session_readings(session, configuration, names, unread)
     observed_darks = {
         plane: [dark_observation(dark, corrections[plane].dark_library) for dark in dark_frames[plane]]
         for plane in planes
@@ -324,12 +323,16 @@ def measure_session(
     )
 
 
-def with_certificate(configuration: SessionConfiguration, certificate: MeterCertificate | None) -> SessionConfiguration:
-    """Return a configuration with a certificate of the meter in the place of its own; None for its own."""
-    if certificate is None:
-        return configuration
-    meter = configuration.meter.model_copy(update={"certificate": certificate})
-    return configuration.model_copy(update={"meter": meter})
+def included(
+    session: Session, without: Sequence[str], certificate: MeterCertificate | None
+) -> tuple[SessionConfiguration, list[Patch], list[ReadingRecord]]:
+    """Return configuration, patches and left-out readings of a session; parameters as for `measure_session`."""
+    configuration = session.configuration
+    if certificate is not None:
+        meter = configuration.meter.model_copy(update={"certificate": certificate})
+        configuration = configuration.model_copy(update={"meter": meter})
+    names, unread = _left_out(without, session)
+    return configuration, [patch for patch in configuration.target.patches if patch.name not in names], unread
 
 
 def _require_dark_frames(session: Session) -> None:
@@ -345,12 +348,13 @@ def _first_kept(frames: Iterable[Frame], first: FrameRecord, kept: dict[int, Fra
         yield frame
 
 
-def _readings(
-    session: Session, configuration: SessionConfiguration, without: Collection[str], unread: Sequence[ReadingRecord]
+def session_readings(
+    session: Session, configuration: SessionConfiguration, patches: Collection[str], unread: Sequence[ReadingRecord]
 ) -> dict[str, list[Reading]]:
+    """Return the readings of patches that are not left out, with the correction of the configured certificate."""
     readings: dict[str, list[Reading]] = {}
     for record in session.readings():
-        if record.patch not in without and record not in unread:
+        if record.patch in patches and record not in unread:
             readings.setdefault(record.patch, []).append(corrected(record.reading, configuration.meter.certificate))
     return readings
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from ...core.spectra import ONLY, mismatch_findings
 from ...session import ContrastConfiguration, FrameRecord, MeterCertificate, Session, SessionConfiguration
 from .calibrate import calibrate_session
 from .corrections import calibration_for, corrections_of
+from .kept import OBSERVATIONS, kept_session
 from .observe import ObservedSession, frame_maps, observe_session
 from .recorded import (
     NO_LIGHT,
@@ -76,6 +78,7 @@ def observe_calibrated(
     without: Sequence[str] = (),
     report: Report = lambda _done, _total: None,
     certificate: MeterCertificate | None = None,
+    beside: Path | None = None,
 ) -> tuple[ObservedSession, AnyCalibration]:
     """Observe a session as its calibration was made; without one calibrate with the session itself.
 
@@ -85,6 +88,9 @@ def observe_calibrated(
         As for `observe_session`; without a certificate that of the calibration holds, if it is the same meter.
     calibration : Calibration, ColourCalibration or None
         Of the same camera.
+    beside : Path or None
+        File of the calibration; observations that are kept beside it are not measured again if they are of this
+        session and what it was measured with is the same.
 
     Returns
     -------
@@ -100,8 +106,11 @@ def observe_calibrated(
         observed = observe_session(session, without, report, certificate=certificate)
         return observed, calibrate_session(observed, all_used=False)
     own = calibration_for(session, calibration)
-    certificate = certificate or certificate_of(own, session)
-    return observe_session(session, without, report, corrections_of(own), certificate), own
+    certificate, corrections = certificate or certificate_of(own, session), corrections_of(own)
+    kept = None
+    if beside is not None:
+        kept = kept_session(session, corrections, beside.with_name(OBSERVATIONS), without, report, certificate)
+    return kept or observe_session(session, without, report, corrections, certificate), own
 
 
 def evaluate_session(

@@ -285,15 +285,16 @@ def measure_planes(
     temperatures: list[float | None] = []
     for frame in frames:
         first = first or frame
-        parts: Mapping[str | None, Frame] = {None: frame} if planes[0] is None else dict(split(frame))
+        by_plane = {} if planes[0] is None else split(frame)
         for plane in planes:
-            state = CameraState.of(parts[plane])
+            part_of_frame = frame if plane is None else by_plane[plane]
+            state = CameraState.of(part_of_frame)
             if plane not in sums:
                 own = regions if plane is None or regions is None else [plane_region(one) for one in regions]
                 sums[plane] = _sums(state, frame.exposure_s, own, defects.get(plane))
             sums[plane][0].state.require(state, "the first frame", f"frame {frame.frame_id}")
             for part in sums[plane]:
-                part.add(parts[plane].dn[part.window])
+                part.add(part_of_frame.dn[part.window])
         if frame.exposure_s != first.exposure_s:
             raise CalibrationError(
                 f"frame {frame.frame_id} has an exposure of {exposure_text(frame.exposure_s)}, the first frame "

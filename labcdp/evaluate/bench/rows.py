@@ -260,8 +260,8 @@ def contrast_row(
     if exposure_s is None:
         exposure_s = min(o.exposure_s for name in (pair.bright, pair.dark) for o in observed.of_patch(name))
     shown = frames_showing(observed.session, exposure_s, (pair.bright, pair.dark))
-    regions = [RegionPixels.from_map(maps(shown[row.patch.name]), row.region) for row in (bright, dark)]
-    both = evaluate_regions(*regions, (pair.contrast,), pair.epsilon)
+    of_bright, of_dark = (RegionPixels.from_map(maps(shown[row.patch.name]), row.region) for row in (bright, dark))
+    both = evaluate_regions(of_bright, of_dark, (pair.contrast,), pair.epsilon)
     (cdp,) = both.cdp
     numbers = shown[pair.bright].number, shown[pair.dark].number
     of_frames = exposure_s, *numbers, both.findings if clipped else ()
@@ -269,7 +269,7 @@ def contrast_row(
         return ContrastRow(pair, bright, dark, _without_cdp(cdp), None, *of_frames)
     if cdp.swapped:
         raise InputError(f"patch {pair.bright!r} is darker than {pair.dark!r}: give the brighter one as bright")
-    distribution = contrast_histogram(regions[0].distribution, regions[1].distribution, cdp.detected_range.high)
+    distribution = contrast_histogram(of_bright.distribution, of_dark.distribution, cdp.detected_range.high)
     return ContrastRow(pair, bright, dark, cdp, distribution, *of_frames)
 
 

@@ -281,20 +281,22 @@ def measure_planes(
         Pixels to leave out, by plane.
     """
     first: Frame | None = None
+    states: dict[str | None, CameraState] = {}
     sums: dict[str | None, list[FrameSums]] = {}
     temperatures: list[float | None] = []
     for frame in frames:
         first = first or frame
-        by_plane = {} if planes[0] is None else split(frame)
+        split_frame = {} if planes[0] is None else split(frame)
         for plane in planes:
-            part_of_frame = frame if plane is None else by_plane[plane]
-            state = CameraState.of(part_of_frame)
+            pixels = frame if plane is None else split_frame[plane]
+            state = CameraState.of(pixels)
             if plane not in sums:
-                own = regions if plane is None or regions is None else [plane_region(one) for one in regions]
-                sums[plane] = _sums(state, frame.exposure_s, own, defects.get(plane))
-            sums[plane][0].state.require(state, "the first frame", f"frame {frame.frame_id}")
+                parts = regions if plane is None or regions is None else [plane_region(one) for one in regions]
+                states[plane] = state
+                sums[plane] = _sums(state, frame.exposure_s, parts, defects.get(plane))
+            states[plane].require(state, "the first frame", f"frame {frame.frame_id}")
             for part in sums[plane]:
-                part.add(part_of_frame.dn[part.window])
+                part.add(pixels.dn[part.window])
         if frame.exposure_s != first.exposure_s:
             raise CalibrationError(
                 f"frame {frame.frame_id} has an exposure of {exposure_text(frame.exposure_s)}, the first frame "
@@ -304,7 +306,7 @@ def measure_planes(
     if first is None:
         raise CalibrationError(f"there is no frame: give at least {MIN_FRAMES} frames of one exposure")
     taken = _mean_temperature(temperatures, first.exposure_s), first.timestamp
-    return {plane: [part.result(*taken) for part in own] for plane, own in sums.items()}
+    return {plane: [part.result(*taken) for part in parts] for plane, parts in sums.items()}
 
 
 def measure_whole(frames: Iterable[Frame], defects: DefectMap | None = None) -> MeasuredFrames:

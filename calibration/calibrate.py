@@ -27,7 +27,7 @@ from .fit.design import DRIFT, Design, SharedError
 from .fit.effects import FREE
 from .fit.exposures import NO_MODEL, with_times
 from .fit.intake import Intake, take_in, take_usable
-from .fit.place import SeenVignetting, with_wider_vignetting
+from .fit.place import seen_vignetting, vignetting_after, with_wider_vignetting
 from .fit.problem import Solution, solve
 from .fit.residuals import finite, fit_errors, fitted_rows, held_out_rows, next_response_error
 from .fit.scatter import fit_dof, scatter_of_one, with_scatter
@@ -129,21 +129,21 @@ def _fitted_if_possible(
 ) -> tuple[Calibration, list[Finding]]:
     settings = intake.settings
     scale = meter_scale(readings, setup.certificate, setup.meter_f1_prime, setup.source_spectrum)
-    data = take_usable(intake, readings, setup.exposure_jitter_s)
-    dark_dn = settings[0].dark.mean_dn(data.design.exposures_s[0])
-    require_every_gain(data.design, settings)
-    require_span(data.design)
-    models = candidate_models(data.design, dark_dn, response)
+    given, left_out, given_findings = take_usable(intake, readings, setup.exposure_jitter_s)
+    dark_dn = settings[0].dark.mean_dn(given.exposures_s[0])
+    require_every_gain(given, settings)
+    require_span(given)
+    models = candidate_models(given, dark_dn, response)
     # A drift or a vignetting that is taken for granted would explain one that can be seen.
-    selection = select(data.design.without_shared(DRIFT).without_shared(VIGNETTING), models)
+    selection = select(given.without_shared(DRIFT).without_shared(VIGNETTING), models)
     deviating = [one.effect.subject for one in selection.found if one.effect.kind == "patch"]
     require_monotone(selection.solution, deviating)
     seen = next(iter(intake.groups.values()))[0]
     tests = checks.effect_tests(selection, seen.vignetting, settings[0].dark, intake.findings)
     of_glare = next(test for test in tests if test.name == "glare")
     glare_cd_m2 = checks.possible_glare_cd_m2(of_glare)
-    stated, final, times, prior = _final(selection, data.design, glare_cd_m2, seen.vignetting, models)
-    of_place = SeenVignetting.of(final)
+    stated, final, times, prior = _final(selection, given, glare_cd_m2, seen.vignetting, models)
+    vignetting_error, moved = seen_vignetting(final)
     if stated.chi_squared < 0:  # only numbers without any digits left
         raise CalibrationError(NO_MODEL)
     gains = _gains(final, settings)
@@ -162,10 +162,10 @@ def _fitted_if_possible(
     scale = replace(scale, step_rel=step_rel if step_rel <= scale.half_width_rel else 0.0)
     measured = max(reading.timestamp for group in readings.values() for reading in group)
     net_dn = final.design.net_dn
-    residuals = fitted_rows(final, intake.groups, of_place.moved)
+    residuals = fitted_rows(final, intake.groups, moved)
     findings = [
         *scale.findings(readings),
-        *data.findings,
+        *given_findings,
         *(() if response is None else response.findings),
         *design_findings(final.design, settings, intake.findings, observations),
         *checks.found_findings(selection, seen.vignetting),
@@ -179,11 +179,11 @@ def _fitted_if_possible(
         meter_scale=scale,
         responsivity=responsivity,
         response=final.response[0],
-        fit_errors=(*fit_errors(final, of_place.width), *next_response_error(final, models)),
+        fit_errors=(*fit_errors(final, vignetting_error.u), *next_response_error(final, models)),
         dark=settings[0].dark,
         noise=settings[0].noise,
         gains=gains,
-        vignetting=of_place.after(prior),
+        vignetting=vignetting_after(prior, vignetting_error),
         defects=None,
         dark_library=None,
         range_cd_m2=range_of(residuals, deviating),
@@ -194,7 +194,7 @@ def _fitted_if_possible(
         light_temperature_c=fmean(known_c) if known_c else None,
         residuals=residuals,
         held_out=(),
-        left_out=data.left_out,
+        left_out=left_out,
         ladder=tuple(replace(one, chosen=one.kind == final.candidate.kind) for one in selection.ladder),
         tests=tests,
         findings=(),
@@ -219,7 +219,7 @@ def _final(
     """
     kinds = {one.effect.kind for one in selection.found}
     design, times = with_times(given, selection.found)
-    place = next((one.assessed for one in selection.found if one.effect.kind == "place"), None)
+    place = next((one for one in selection.found if one.effect.kind == "place"), None)
     stated_rel = checks.stated_vignetting_rel(given)
     size_rel = 0.0 if place is None else checks.size(place, given)[0]
     beyond = size_rel > _BEYOND * stated_rel

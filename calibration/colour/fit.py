@@ -29,7 +29,7 @@ from ..tolerance import of_no_use
 from .conversion import COLOURS, ByPlane, colour_patch_luminance, colours_of_planes
 from .model import ColourCalibration, CombinationStep
 from .patches import ColourPatch, by_patch, centre_px, colour_data, colour_patches, one_spectrum
-from .weights import NO_PRIOR, Array, ColourData, Combination, Prior, choose_prior, combine, leave_one_out, scattered
+from .weights import Array, ColourData, Combination, Prior, choose_prior, combine, leave_one_out, scattered
 
 _log = logging.getLogger(__name__)
 
@@ -168,7 +168,9 @@ def _plane_findings(planes: Sequence[Calibration]) -> list[Finding]:
 
 def _choose(data: ColourData, prior: Prior) -> _Chosen:
     """Compare the combination with each colour alone by leave-one-out errors; return those of the chosen one too."""
-    tried = {COMBINATION: (data, prior)} | {colour: (data.only(i), NO_PRIOR) for i, colour in enumerate(COLOURS)}
+    # Of a single colour only its scale is fitted.
+    none = Prior(np.ones(1), 1.0)
+    tried = {COMBINATION: (data, prior)} | {colour: (data.only(i), none) for i, colour in enumerate(COLOURS)}
     found = {name: combine(*one) for name, one in tried.items()}
     left_out = {name: leave_one_out(*one, found[name].spectral) for name, one in tried.items()}
     errors = {name: _rms(one) for name, one in left_out.items()}

@@ -92,10 +92,6 @@ class Prior:
         return (np.eye(k) - np.ones((k, k)) / k) / self.width
 
 
-#: Of a single colour: none, as only its scale is fitted.
-NO_PRIOR = Prior(np.ones(1), 1.0)
-
-
 @dataclass(frozen=True, eq=False)
 class Combination:
     """Fitted weights with their uncertainty.

@@ -17,7 +17,7 @@ from ..sensor.dark import DarkModel
 from ..sensor.noise import GainSetting
 from ..uncertainty import FALSE_ALARM, critical_value, expanded_half_width, p_value_of_chi_squared
 from .design import Design
-from .effects import Assessed, Kind, assess, effects_of, largest_of_each_kind
+from .effects import FittedEffect, Kind, assess, effects_of, largest_of_each_kind
 from .problem import Solution
 from .selection import ModelSelection
 
@@ -58,7 +58,7 @@ def effect_tests(
     left = [assess(solution, one) for one in largest_of_each_kind(solution, others)]
     tests = []
     for name, (kinds, untestable) in _CHECKS.items():
-        own = [one.assessed for one in selection.found if one.effect.kind in kinds]
+        own = [one for one in selection.found if one.effect.kind in kinds]
         tested = [one for one in left if one.effect.kind in kinds and one.amplitude.n]
         largest = min(own or tested, key=lambda one: one.log_p, default=None)
         if largest is None:
@@ -91,7 +91,7 @@ def found_findings(selection: ModelSelection, vignetting: AnyVignetting | None) 
     """Return a warning of each effect that was found, and one of others that explain the observations as well."""
     findings = []
     for one in selection.found:
-        rows = [one.assessed, *one.rivals]
+        rows = [one, *one.rivals]
         of_each = [_finding(row, selection.solution, vignetting, found=True) for row in rows]
         findings.append(of_each[0])
         if one.rivals:
@@ -105,7 +105,7 @@ def stated_vignetting_rel(design: Design) -> float:
     return sqrt(sum(float(np.var(one.relative)) for one in design.shared if one.source == VIGNETTING))
 
 
-def size(one: Assessed, design: Design) -> tuple[float, float]:
+def size(one: FittedEffect, design: Design) -> tuple[float, float]:
     """Return the size of an effect with its standard uncertainty: relative ones of exposures, rms of places."""
     kind = one.effect.kind
     if kind == "place":
@@ -125,7 +125,7 @@ def size(one: Assessed, design: Design) -> tuple[float, float]:
     return (-one.value if kind == "step" else one.value), one.uncertainty
 
 
-def _finding(one: Assessed, final: Solution, vignetting: AnyVignetting | None, *, found: bool) -> Finding:
+def _finding(one: FittedEffect, final: Solution, vignetting: AnyVignetting | None, *, found: bool) -> Finding:
     """Return the finding of an effect, a warning if it was found."""
     value, uncertainty = size(one, final.design)
     kind, expanded = one.effect.kind, expanded_half_width(0.0, uncertainty) if uncertainty < inf else inf

@@ -173,11 +173,22 @@ class Amplitude(NamedTuple):
         return log(by_chance) if by_chance > 0 else -inf
 
 
-class Assessed(NamedTuple):
-    """An effect with its amplitude."""
+class FittedEffect(NamedTuple):
+    """An effect with its amplitude.
+
+    Parameters
+    ----------
+    effect : Effect
+        The effect.
+    amplitude : Amplitude
+        What the observations say of it.
+    rivals : tuple of FittedEffect
+        Others that explain the observations about equally well.
+    """
 
     effect: Effect
     amplitude: Amplitude
+    rivals: tuple[FittedEffect, ...] = ()
 
     @property
     def log_p(self) -> float:
@@ -198,6 +209,13 @@ class Assessed(NamedTuple):
         """Whether it changes observations, beside others, by more than is small compared with the 2 % of a meter."""
         moved = self.amplitude.value @ self.effect.columns(solution)
         return bool(np.ptp(moved / solution.level) > SMALL_EFFECT_REL)
+
+    @property
+    def widths(self) -> Array:
+        """Widths of the priors in the fit: free, but a patch that deviates keeps the weight that this leaves it."""
+        value, uncertainty, *_ = self.amplitude
+        size: Array = np.maximum(np.abs(value), np.where(np.isfinite(uncertainty), uncertainty, 0.0))
+        return size if self.effect.kind == "patch" else FREE * size
 
     @property
     def value(self) -> float:
@@ -280,12 +298,12 @@ def amplitude(solution: Solution, columns: Array) -> Amplitude:
     return Amplitude(vectors @ explained, uncertainty, float(pull @ explained), int(kept.sum()))
 
 
-def assess(solution: Solution, effect: Effect) -> Assessed:
+def assess(solution: Solution, effect: Effect) -> FittedEffect:
     """Fit an effect beside a solution; its uncertainty includes the scatter of the patches that it leaves."""
     columns = effect.columns(solution)
     plain = amplitude(solution, columns)
     if plain.n == 0 or solution.degrees_of_freedom <= plain.n:
-        return Assessed(effect, plain)
+        return FittedEffect(effect, plain)
     ratio = solution.luminance / solution.design.readings
     if ratio.max() > _FAR or ratio.min() < 1 / _FAR:
         solution = _where_it_leads(solution, effect, plain)
@@ -296,9 +314,9 @@ def assess(solution: Solution, effect: Effect) -> Assessed:
     size = residual_scatter(replace(solution, jacobian=np.column_stack([solution.jacobian, columns.T])))
     if size:
         scattered = replace(solution, covariance=covariance_with(solution, {"scatter_rel": size}))
-        return Assessed(effect, amplitude(scattered, columns)._replace(dof=dof))
+        return FittedEffect(effect, amplitude(scattered, columns)._replace(dof=dof))
     # Even where the other patches seem not to scatter, they are few.
-    return Assessed(effect, plain._replace(dof=dof) if effect.kind == "patch" else plain)
+    return FittedEffect(effect, plain._replace(dof=dof) if effect.kind == "patch" else plain)
 
 
 def _where_it_leads(solution: Solution, effect: Effect, plain: Amplitude) -> Solution:
@@ -314,9 +332,9 @@ def _where_it_leads(solution: Solution, effect: Effect, plain: Amplitude) -> Sol
 
 def largest_of_each_kind(solution: Solution, effects: Iterable[Effect]) -> list[Effect]:
     """Return the effect of each kind that explains most without scatter, which makes all of a kind less significant."""
-    best: dict[Kind, Assessed] = {}
+    best: dict[Kind, FittedEffect] = {}
     for effect in effects:
-        plain = Assessed(effect, amplitude(solution, effect.columns(solution)))
+        plain = FittedEffect(effect, amplitude(solution, effect.columns(solution)))
         if effect.kind not in best or plain.amplitude.drop > best[effect.kind].amplitude.drop:
             best[effect.kind] = plain
     return [one.effect for one in best.values()]

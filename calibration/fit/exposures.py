@@ -12,7 +12,8 @@ from ...core.errors import CalibrationError
 from ..converter import EXPOSURE_TIME
 from ..exposure_times import ExposureTimes
 from .design import Design, SharedError
-from .selection import FoundEffect, time_factor, with_times_of
+from .effects import FittedEffect
+from .selection import time_factor, with_times_of
 
 #: Source of the error of an offset.
 OFFSET = "exposure offset"
@@ -24,7 +25,7 @@ NO_MODEL = (
 )
 
 
-def with_times(design: Design, found: Iterable[FoundEffect]) -> tuple[Design, ExposureTimes]:
+def with_times(design: Design, found: Iterable[FittedEffect]) -> tuple[Design, ExposureTimes]:
     """Correct exposure times by what was found of them, whose uncertainties are common errors.
 
     Where others explain the observations as well, nothing says which are as stated.
@@ -33,7 +34,7 @@ def with_times(design: Design, found: Iterable[FoundEffect]) -> tuple[Design, Ex
     ----------
     design : Design
         The observations.
-    found : iterable of FoundEffect
+    found : iterable of FittedEffect
         Effects, also of other kinds.
 
     Raises
@@ -46,7 +47,7 @@ def with_times(design: Design, found: Iterable[FoundEffect]) -> tuple[Design, Ex
     errors = list(design.shared)
     factor = time_factor(design, found)
     for one in found:
-        value, uncertainty = one.assessed.value, one.assessed.uncertainty
+        value, uncertainty = one.value, one.uncertainty
         if one.effect.kind == "exposure" and value <= -1:
             raise CalibrationError(NO_MODEL)
         relative = uncertainty * one.effect.around(factor).errors[0].relative

@@ -52,25 +52,6 @@ class Intake:
         return {name: group for name, group in self.groups.items() if name not in self.held_out}
 
 
-@dataclass(frozen=True, eq=False)
-class FitData:
-    """What a fit uses, and what it leaves out.
-
-    Parameters
-    ----------
-    design : Design
-        Usable observations and readings.
-    left_out : tuple of LeftOut
-        Excluded exposures, readings and patches.
-    findings : tuple of Finding
-        Findings for the user.
-    """
-
-    design: Design
-    left_out: tuple[LeftOut, ...]
-    findings: tuple[Finding, ...]
-
-
 def take_in(
     observations: Sequence[PatchObservation],
     darks: Sequence[DarkObservation],
@@ -195,8 +176,19 @@ def group_by_patch(
     return groups
 
 
-def take_usable(intake: Intake, readings: Readings, exposure_jitter_s: float) -> FitData:
+def take_usable(
+    intake: Intake, readings: Readings, exposure_jitter_s: float
+) -> tuple[Design, tuple[LeftOut, ...], list[Finding]]:
     """Combine readings, and exclude clipped and black exposures and zero readings.
+
+    Returns
+    -------
+    Design
+        Usable observations and readings.
+    tuple of LeftOut
+        Excluded exposures, readings and patches.
+    list of Finding
+        Findings for the user.
 
     Raises
     ------
@@ -229,7 +221,7 @@ def take_usable(intake: Intake, readings: Readings, exposure_jitter_s: float) ->
             f"{ADVISED_PATCHES} on: add patches or exposures" + (f" ({reasons})" if reasons else "")
         )
     design = build_design(groups, kept_readings, intake.settings, exposure_jitter_s)
-    return FitData(design, tuple(left_out), tuple(findings))
+    return design, tuple(left_out), findings
 
 
 def _temperature_findings(observations: Sequence[PatchObservation], dark: DarkModel) -> list[Finding]:

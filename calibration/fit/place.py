@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import sqrt
 
+from ...core.quantity import Quantity
 from ...core.vignetting import AnyVignetting, Cos4Vignetting
 from ..converter import VIGNETTING
 from .design import Array, Design
@@ -14,44 +15,37 @@ from .problem import Solution
 _LEAST = 1e-6
 
 
-@dataclass(frozen=True, eq=False)
-class SeenVignetting:
-    """Amplitude of the error of an assumed vignetting, in units of its prior width.
+def seen_vignetting(solution: Solution) -> tuple[Quantity, Array | float]:
+    """Return what a fit says of the error of an assumed vignetting; nothing of a response that is given.
 
-    Of a normal prior and the observations it is normal, with this mean and standard deviation; the errors of the
-    parameters follow it by regression (C. R. Rao, Linear Statistical Inference and Its Applications, 4a.11).
+    Of a normal prior and the observations it is normal; the errors of the parameters follow it by regression (C. R.
+    Rao, Linear Statistical Inference and Its Applications, 4a.11). The weights of a given response leave the vignetting
+    out.
 
-    Parameters
-    ----------
-    mean, width : float
-        0 and 1 where nothing shows it.
-    moved : ndarray of float, shape (n,), or float
+    Returns
+    -------
+    Quantity
+        Its amplitude in units of its prior width; 0 with u = 1 where nothing shows it.
+    ndarray of float, shape (n,), or float
         What it changes in the luminances of the observations.
     """
+    numbers = [
+        k for k, error in enumerate(solution.design.shared) if error.source == VIGNETTING and error.pattern is not None
+    ]
+    if len(numbers) != 1 or solution.candidate.bracket is not None:
+        return Quantity(0.0, 1.0), 0.0
+    column = solution.design.patterns(solution.level, solution.slope)[numbers[0]]
+    pull = column @ solution.left
+    mean = float(pull @ solution.residual)
+    return Quantity(mean, sqrt(max(1 - float(pull @ column), _LEAST**2))), mean * column
 
-    mean: float = 0.0
-    width: float = 1.0
-    moved: Array | float = 0.0
 
-    @classmethod
-    def of(cls, solution: Solution) -> SeenVignetting:
-        """Return that of a fit; nothing of a response that is given, whose weights leave the vignetting out."""
-        own = [
-            k for k, one in enumerate(solution.design.shared) if one.source == VIGNETTING and one.pattern is not None
-        ]
-        if len(own) != 1 or solution.candidate.bracket is not None:
-            return cls()
-        column = solution.design.patterns(solution.level, solution.slope)[own[0]]
-        pull = column @ solution.left
-        mean = float(pull @ solution.residual)
-        return cls(mean, sqrt(max(1 - float(pull @ column), _LEAST**2)), mean * column)
-
-    def after(self, prior: AnyVignetting | None) -> AnyVignetting | None:
-        """Return a vignetting as the patches show it."""
-        if not isinstance(prior, Cos4Vignetting) or not prior.corner_rel:
-            return prior
-        log_corner = prior.log_corner - self.mean * prior.corner_rel
-        return replace(prior, corner_rel=self.width * prior.corner_rel, log_corner=log_corner)
+def vignetting_after(prior: AnyVignetting | None, amplitude: Quantity) -> AnyVignetting | None:
+    """Return a vignetting as the patches show it, by the amplitude of `seen_vignetting`."""
+    if not isinstance(prior, Cos4Vignetting) or not prior.corner_rel:
+        return prior
+    log_corner = prior.log_corner - amplitude.value * prior.corner_rel
+    return replace(prior, corner_rel=amplitude.u * prior.corner_rel, log_corner=log_corner)
 
 
 def with_wider_vignetting(

@@ -42,7 +42,7 @@ def fitted_rows(solution: Solution, groups: Groups, moved: Array | float) -> tup
     design, rows = solution.design, []
     luminance = solution.luminance - moved
     supported = len(design.patches) > solution.candidate.n_parameters
-    by_patch = zip(design.patch_readings, weights_by_patch(solution), leave_one_out(solution).relative, strict=True)
+    by_patch = zip(design.patch_readings, weights_by_patch(solution), leave_one_out(solution)[0], strict=True)
     for reading, (own, weight), left_out_rel in by_patch:
         stated = sqrt(float(weight @ solution.covariance[np.ix_(own, own)] @ weight)) / reading.luminance_cd_m2
         exposures_s = tuple(np.unique(design.exposures_s[design.exposure[own]]).tolist())

@@ -16,7 +16,7 @@ from ..findings import ModelStep
 from ..uncertainty import SMALL_P_VALUE, p_value_of_chi_squared
 from .candidates import CandidateModel
 from .design import Array, Design
-from .effects import FREE, WORTH, Assessed, Effect, Kind, amplitude, assess, effects_of, largest_of_each_kind
+from .effects import WORTH, Effect, FittedEffect, Kind, amplitude, assess, effects_of, largest_of_each_kind
 from .problem import Solution, solutions, solve
 
 #: Relative decrease of the leave-one-out error required of a further parameter.
@@ -39,24 +39,8 @@ SHORTEST = 0.01
 _TIME_ROUNDS, _EXACT = 20, 0.01
 
 
-@dataclass(frozen=True, eq=False)
-class LeaveOneOut:
-    """Deviations of each patch from a fit without it.
-
-    Parameters
-    ----------
-    relative : ndarray of float, shape (P,)
-        Luminance over reading, minus 1, combined over the patch's observations.
-    score : ndarray of float, shape (P,)
-        Sum of squares of the deviations of its observations, standardised with the stated errors.
-    """
-
-    relative: Array
-    score: Array
-
-
-def leave_one_out(solution: Solution, covariance: Array | None = None) -> LeaveOneOut:
-    """Leave out each patch in turn.
+def leave_one_out(solution: Solution, covariance: Array | None = None) -> tuple[Array, Array]:
+    """Return the deviations of each patch from a fit without it.
 
     With P of the solution, the residuals of observations I of a patch from a fit without them are P_II^-1 (P r)_I,
     for fixed weights exactly (for example R. Christensen et al., Technometrics 34 (1992) 38).
@@ -67,6 +51,13 @@ def leave_one_out(solution: Solution, covariance: Array | None = None) -> LeaveO
         The fit of all patches.
     covariance : ndarray of float, shape (n, n), or None
         Stated errors of the residuals, for the score; None for the solution's own.
+
+    Returns
+    -------
+    relative : ndarray of float, shape (P,)
+        Luminance over reading, minus 1, combined over the patch's observations.
+    score : ndarray of float, shape (P,)
+        Sum of squares of the deviations of its observations, standardised with the stated errors.
     """
     stated = solution.covariance if covariance is None else covariance
     design, moved = solution.design, solution.left @ solution.residual
@@ -76,7 +67,7 @@ def leave_one_out(solution: Solution, covariance: Array | None = None) -> LeaveO
         deviation = np.linalg.lstsq(solution.left[block], moved[own], rcond=1e-10)[0]
         relative.append(float(weight @ deviation) / reading_cd_m2)
         score.append(float(deviation @ np.linalg.solve(stated[block], deviation)))
-    return LeaveOneOut(np.array(relative), np.array(score))
+    return np.array(relative), np.array(score)
 
 
 def weights_by_patch(solution: Solution) -> list[tuple[NDArray[np.intp], Array]]:
@@ -104,37 +95,17 @@ class ModelSelection:
         The fit, with what was found.
     ladder : tuple of ModelStep
         Candidates of the response.
-    found : tuple of FoundEffect
+    found : tuple of FittedEffect
         Effects beside it.
     """
 
     solution: Solution
     ladder: tuple[ModelStep, ...]
-    found: tuple[FoundEffect, ...] = ()
+    found: tuple[FittedEffect, ...] = ()
 
     def size_of(self, kind: Kind) -> float:
         """Return the amplitude of the effect of a kind; 0 if none was found."""
-        return next((one.assessed.value for one in self.found if one.effect.kind == kind), 0.0)
-
-
-@dataclass(frozen=True, eq=False)
-class FoundEffect:
-    """An effect that was found, by its amplitude, and others that explain the observations about equally well."""
-
-    assessed: Assessed
-    rivals: tuple[Assessed, ...] = ()
-
-    @property
-    def effect(self) -> Effect:
-        """The effect."""
-        return self.assessed.effect
-
-    @property
-    def widths(self) -> Array:
-        """Widths of the priors in the fit: free, but a patch that deviates keeps the weight that this leaves it."""
-        value, uncertainty, *_ = self.assessed.amplitude
-        size: Array = np.maximum(np.abs(value), np.where(np.isfinite(uncertainty), uncertainty, 0.0))
-        return size if self.effect.kind == "patch" else FREE * size
+        return next((one.value for one in self.found if one.effect.kind == kind), 0.0)
 
 
 def select(design: Design, candidates: Sequence[CandidateModel]) -> ModelSelection:
@@ -149,7 +120,7 @@ def select(design: Design, candidates: Sequence[CandidateModel]) -> ModelSelecti
     CalibrationError
         As `select_model`.
     """
-    effects, found = effects_of(design, with_exposures=candidates[0].bracket is None), list[FoundEffect]()
+    effects, found = effects_of(design, with_exposures=candidates[0].bracket is None), list[FittedEffect]()
     now = ModelSelection(*select_model(design, candidates, effects))
     while found_more := _next(design, now.solution, effects, found):
         found = [*found, *found_more]
@@ -166,27 +137,27 @@ def select(design: Design, candidates: Sequence[CandidateModel]) -> ModelSelecti
     return replace(now, found=tuple(_with_rivals(design, candidate, effects, settled, one) for one in settled))
 
 
-def time_factor(design: Design, found: Iterable[FoundEffect]) -> Array:
+def time_factor(design: Design, found: Iterable[FittedEffect]) -> Array:
     """Return exposure times by what was found of them, over the stated ones, shape (n,)."""
-    errors = [(one.assessed.value, one.effect.errors[0].relative) for one in found if one.effect.of_times]
+    errors = [(one.value, one.effect.errors[0].relative) for one in found if one.effect.of_times]
     factor: Array = np.ones_like(design.net_dn) + sum(value * relative for value, relative in errors)
     return np.maximum(factor, SHORTEST)
 
 
-def with_times_of(design: Design, found: Iterable[FoundEffect]) -> Design:
+def with_times_of(design: Design, found: Iterable[FittedEffect]) -> Design:
     """Return the design with exposure times as they were found."""
     factor = time_factor(design, found)
     return replace(design, signals=replace(design.signals, scale_per_s=design.signals.scale_per_s / factor))
 
 
-def with_found(design: Design, found: Sequence[FoundEffect]) -> Design:
+def with_found(design: Design, found: Sequence[FittedEffect]) -> Design:
     """Return the design with effects as parameters, those of exposure times around what was found."""
     factor = time_factor(design, found)
     shared = (*design.shared, *(e for one in found for e in one.effect.around(factor).within(one.widths)))
     return replace(with_times_of(design, found), shared=shared)
 
 
-def _with_exact_times(design: Design, candidate: CandidateModel, found: Sequence[FoundEffect]) -> list[FoundEffect]:
+def _with_exact_times(design: Design, candidate: CandidateModel, found: Sequence[FittedEffect]) -> list[FittedEffect]:
     """Return exposure times that leave nothing: they are factors of luminances, and their columns only tangents."""
     now = list(found)
     numbers = [k for k, one in enumerate(now) if one.effect.of_times]
@@ -197,7 +168,7 @@ def _with_exact_times(design: Design, candidate: CandidateModel, found: Sequence
     return now
 
 
-def _step_of_time(design: Design, candidate: CandidateModel, now: list[FoundEffect], number: int) -> float:
+def _step_of_time(design: Design, candidate: CandidateModel, now: list[FittedEffect], number: int) -> float:
     """Correct what was found of an exposure time by what it leaves; return that, in standard uncertainties."""
     before, rest = now[number], [one for k, one in enumerate(now) if k != number]
     effect = before.effect.around(time_factor(design, now))
@@ -210,19 +181,19 @@ def _step_of_time(design: Design, candidate: CandidateModel, now: list[FoundEffe
         return 0.0
     # The column is relative to the root of luminance times reading, see `Design.level`.
     largest = float(np.max(np.abs(effect.errors[0].relative)))
-    moved = before.assessed.amplitude.value + np.expm1(2 * np.arcsinh(left.value * largest / 2)) / largest
-    amplitude = before.assessed.amplitude._replace(value=moved, uncertainty=left.amplitude.uncertainty)
-    now[number] = replace(before, assessed=before.assessed._replace(amplitude=amplitude))
+    moved = before.amplitude.value + np.expm1(2 * np.arcsinh(left.value * largest / 2)) / largest
+    amplitude = before.amplitude._replace(value=moved, uncertainty=left.amplitude.uncertainty)
+    now[number] = before._replace(amplitude=amplitude)
     return abs(left.value / left.uncertainty)
 
 
 def _with(
-    design: Design, candidates: Sequence[CandidateModel], effects: Sequence[Effect], found: Sequence[FoundEffect]
+    design: Design, candidates: Sequence[CandidateModel], effects: Sequence[Effect], found: Sequence[FittedEffect]
 ) -> tuple[Solution, tuple[ModelStep, ...]]:
     return select_model(with_found(design, found), candidates, _others(effects, found))
 
 
-def _others(effects: Sequence[Effect], found: Sequence[FoundEffect]) -> list[Effect]:
+def _others(effects: Sequence[Effect], found: Sequence[FittedEffect]) -> list[Effect]:
     """Effects that are not found, where more of the kind may be."""
     keys = {one.effect.key for one in found}
     kinds = [one.effect.kind for one in found]
@@ -230,8 +201,8 @@ def _others(effects: Sequence[Effect], found: Sequence[FoundEffect]) -> list[Eff
 
 
 def _next(
-    design: Design, solution: Solution, effects: Sequence[Effect], found: Sequence[FoundEffect]
-) -> Sequence[FoundEffect]:
+    design: Design, solution: Solution, effects: Sequence[Effect], found: Sequence[FittedEffect]
+) -> Sequence[FittedEffect]:
     """Return the most significant effect that is not found yet, or patches that hide each other."""
     if solution.degrees_of_freedom <= 1:
         return ()
@@ -239,54 +210,58 @@ def _next(
     if not rows:
         return _several_patches(design, solution.candidate, effects, found)
     best = min(one.log_p for one in rows)
-    return (FoundEffect(next(one for one in rows if one.log_p <= best + _SAME)),)
+    return (next(one for one in rows if one.log_p <= best + _SAME),)
 
 
 def _several_patches(
-    design: Design, candidate: CandidateModel, effects: Sequence[Effect], found: Sequence[FoundEffect]
-) -> Sequence[FoundEffect]:
+    design: Design, candidate: CandidateModel, effects: Sequence[Effect], found: Sequence[FittedEffect]
+) -> Sequence[FittedEffect]:
     """Return patches of which each makes the others look like scatter: the one that deviates most is left out in turn.
 
     As many count as the last one that is significant has before it: B. Rosner, Technometrics 25 (1983) 165.
     """
-    more, result = list[FoundEffect](), list[FoundEffect]()
+    more, result = list[FittedEffect](), list[FittedEffect]()
     while patches := [one for one in _others(effects, [*found, *more]) if one.kind == "patch"]:
         solution = next(solutions(with_found(design, [*found, *more]), [candidate]), None)
         if solution is None or solution.degrees_of_freedom <= 1:
             break
         row = assess(solution, largest_of_each_kind(solution, patches)[0])
-        more.append(FoundEffect(row))
+        more.append(row)
         if row.significant and row.matters(solution):
             result = list(more)
     return result
 
 
-def _significant(solution: Solution, effects: Iterable[Effect]) -> list[Assessed]:
+def _significant(solution: Solution, effects: Iterable[Effect]) -> list[FittedEffect]:
     return [one for one in _assessed(solution, effects) if one.significant and one.matters(solution)]
 
 
-def _assessed(solution: Solution, effects: Iterable[Effect]) -> list[Assessed]:
+def _assessed(solution: Solution, effects: Iterable[Effect]) -> list[FittedEffect]:
     return [assess(solution, one) for one in largest_of_each_kind(solution, effects)]
 
 
-def _without_others(design: Design, candidate: CandidateModel, found: Sequence[FoundEffect]) -> list[FoundEffect]:
+def _without_others(design: Design, candidate: CandidateModel, found: Sequence[FittedEffect]) -> list[FittedEffect]:
     """Assess each effect beside the others that were found, and drop what is not significant."""
     kept = list(found)
     for one in found:
         rest = [other for other in kept if other is not one]
         # A response may need an effect to rise at all.
         solution = next(solutions(with_found(design, rest), [candidate]), None)
-        again = one.assessed if solution is None else assess(solution, one.effect)
+        again = one if solution is None else assess(solution, one.effect)
         if not again.significant:
             kept = rest
         elif not one.effect.of_times:
-            kept[kept.index(one)] = FoundEffect(again)
+            kept = [again if other is one else other for other in kept]
     return _with_exact_times(design, candidate, kept)
 
 
 def _with_rivals(
-    design: Design, candidate: CandidateModel, effects: Sequence[Effect], found: Sequence[FoundEffect], one: FoundEffect
-) -> FoundEffect:
+    design: Design,
+    candidate: CandidateModel,
+    effects: Sequence[Effect],
+    found: Sequence[FittedEffect],
+    one: FittedEffect,
+) -> FittedEffect:
     """Return an effect with others that explain the observations about as well in its place."""
     rest = [other for other in found if other is not one]
     solution = next(solutions(with_found(design, rest), [candidate]), None)
@@ -298,42 +273,42 @@ def _with_rivals(
     else:
         others = [other for other in _others(effects, found) if other.kind != one.effect.kind]
         rows = [row for row in _assessed(solution, others) if row.log_p < log(_RIVAL) and row.possible]
-        alike = [row for row in rows if _is_rival(row, one.assessed, with_found(design, rest), solution)]
+        alike = [row for row in rows if _is_rival(row, one, with_found(design, rest), solution)]
     if one.effect.kind == "patch":
-        alike += [row.assessed for row in rest if _is_more_at(row, one.assessed, solution)]
-    return replace(one, rivals=tuple(sorted(alike, key=lambda row: row.log_p)))
+        alike += [row for row in rest if _is_more_at(row, one, solution)]
+    return one._replace(rivals=tuple(sorted(alike, key=lambda row: row.log_p)))
 
 
 def _as_good(
     design: Design,
     candidate: CandidateModel,
-    found: Sequence[FoundEffect],
-    one: FoundEffect,
-    others: Iterable[Assessed],
-) -> list[Assessed]:
+    found: Sequence[FittedEffect],
+    one: FittedEffect,
+    others: Iterable[FittedEffect],
+) -> list[FittedEffect]:
     """Return what may stand for an effect of exposure times, by fits at exact ones: a linear test only says where."""
     own, rest, result = solve(with_found(design, found), candidate), [f for f in found if f is not one], []
     most = own.chi_squared + 2 * _ALIKE * max(1.0, own.chi_squared / max(own.degrees_of_freedom, 1))
     for other in others:
-        instead = with_found(design, _with_exact_times(design, candidate, [*rest, FoundEffect(other)]))
+        instead = with_found(design, _with_exact_times(design, candidate, [*rest, other]))
         result += [other for solution in solutions(instead, [candidate]) if solution.chi_squared <= most]
     return result
 
 
-def _is_rival(row: Assessed, found: Assessed, design: Design, solution: Solution) -> bool:
+def _is_rival(row: FittedEffect, found: FittedEffect, design: Design, solution: Solution) -> bool:
     """Whether an effect explains the observations about as well as one that was found, or what that one explains."""
     if not row.matters(solution):
         return False
     if row.significant and row.log_p <= found.log_p + _ALIKE:
         return True
     with suppress(CalibrationError):
-        return not assess(solve(with_found(design, [FoundEffect(row)]), solution.candidate), found.effect).significant
+        return not assess(solve(with_found(design, [row]), solution.candidate), found.effect).significant
     return False
 
 
-def _is_more_at(found: FoundEffect, patch: Assessed, solution: Solution) -> bool:
+def _is_more_at(found: FittedEffect, patch: FittedEffect, solution: Solution) -> bool:
     """Whether a patch that deviates may be more of another effect: that is largest there, or about as large."""
-    moved = np.abs(found.assessed.amplitude.value @ found.effect.columns(solution)) / solution.level
+    moved = np.abs(found.amplitude.value @ found.effect.columns(solution)) / solution.level
     own, design = solution.design.patch == patch.effect.number, solution.design
     deviation_rel = abs(patch.value) / design.reading_cd_m2[patch.effect.number]
     much = moved[own].max() >= min(moved.max(), _AS_MUCH * deviation_rel)
@@ -379,23 +354,23 @@ def select_model(
     """
     chosen = solve(design, candidates[0])
     stated = chosen.covariance
-    best = leave_one_out(chosen)
+    relative, best = leave_one_out(chosen)
     bracket = candidates[0].bracket
     first = info("model-simplest")
     if bracket is not None:
         first = info("model-bracket", n_exposures=len(bracket.exposures_s), residual_rel=bracket.residual_rel)
-    tried = [(candidates[0], best, first)]
+    tried = [(candidates[0], relative, first)]
     for solution in solutions(design, candidates[1:]):
-        left_out = leave_one_out(solution, stated)
-        before, after = float(best.score.sum()), float(left_out.score.sum())
-        obstacle = _obstacle(chosen, best, solution, left_out, effects)
+        relative, score = leave_one_out(solution, stated)
+        before, after = float(best.sum()), float(score.sum())
+        obstacle = _obstacle(chosen, best, solution, score, effects)
         of_bracket = chosen.candidate.bracket is not None
         p_value = p_value_of_chi_squared(chosen.chi_squared, chosen.degrees_of_freedom)
         if obstacle is None and of_bracket and p_value >= _CONTRADICTION:
             obstacle = info("model-bracket-agrees")
         reason = obstacle or info("model-better")
         figures = {"chi_squared": after, "chi_squared_before": before, "other": chosen.candidate.kind}
-        tried.append((solution.candidate, left_out, replace(reason, values={**reason.values, **figures})))
+        tried.append((solution.candidate, relative, replace(reason, values={**reason.values, **figures})))
         if obstacle is None and of_bracket:
             raise CalibrationError(
                 f"the response of the bracket contradicts the patches, a {solution.candidate.kind} one fits them "
@@ -403,9 +378,9 @@ def select_model(
                 "light stood still over the bracket and that camera and exposures are right, or calibrate without it"
             )
         if obstacle is None:
-            chosen, best = solution, left_out
+            chosen, best = solution, score
     weight = 1 / (design.reading_variance / design.reading_cd_m2**2 + design.own_rel**2 + 1e-6)
-    errors = [sqrt(float(np.average(one.relative**2, weights=weight))) for _, one, _ in tried]
+    errors = [sqrt(float(np.average(relative**2, weights=weight))) for _, relative, _ in tried]
     return chosen, tuple(
         ModelStep(candidate.kind, candidate.n_parameters, error, candidate == chosen.candidate, reason)
         for (candidate, _, reason), error in zip(tried, errors, strict=True)
@@ -413,16 +388,17 @@ def select_model(
 
 
 def _obstacle(
-    simple: Solution, before: LeaveOneOut, better: Solution, after: LeaveOneOut, effects: Sequence[Effect]
+    simple: Solution, before: Array, better: Solution, after: Array, effects: Sequence[Effect]
 ) -> Finding | None:
     """Why the better-fitting model is not selected; None if it is.
 
-    It has to lower the sum of standardised squares of the leave-one-out deviations by more than `MIN_IMPROVEMENT` and
-    one standard error of the difference over the patches, and significantly more than any of the effects.
+    It has to lower the sum of standardised squares of the leave-one-out deviations, of each patch `before` and `after`,
+    by more than `MIN_IMPROVEMENT` and one standard error of the difference over the patches, and significantly more
+    than any of the effects.
     """
-    gained = before.score - after.score
+    gained = before - after
     error = sqrt(float(np.var(gained, ddof=1)) * gained.size)
-    if gained.sum() <= MIN_IMPROVEMENT * before.score.sum() or gained.sum() <= error:
+    if gained.sum() <= MIN_IMPROVEMENT * before.sum() or gained.sum() <= error:
         return info("model-not-better")
     dof = max(better.candidate.n_parameters - simple.candidate.n_parameters, 1)
     unexplained = max(1.0, better.chi_squared / max(better.degrees_of_freedom, 1))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
-from functools import cached_property
 from math import inf, sqrt
 from typing import Any, Self
 
@@ -131,8 +130,8 @@ def combine_readings(patch: str, readings: Sequence[Reading]) -> tuple[PatchRead
     InputError
         If a reading is a ratio in %.
     """
-    given, findings = _KeptReadings.of(patch, readings)
-    return given.combined(), [*findings, *given.scatter_findings]
+    used, findings = _used(patch, readings)
+    return _combined(patch, readings, used), [*findings, *_scatter_findings(patch, used)]
 
 
 def combine_patches(
@@ -161,122 +160,113 @@ def combine_patches(
     CalibrationError, InputError
         As `combine_readings`.
     """
-    kept: dict[str, _KeptReadings] = {}
+    used: dict[str, dict[int, Reading]] = {}
     findings: list[Finding] = []
-    for patch, own in readings.items():
-        kept[patch], found = _KeptReadings.of(patch, own)
-        findings += found
-    alike = _alike([one for one in kept.values() if one.dof])
-    dof = sum(one.dof for one in alike)
-    chi_squared = sum(one.chi_squared for one in alike)
+    for patch, given in readings.items():
+        used[patch], of_patch = _used(patch, given)
+        findings += of_patch
+    alike = _alike({patch: [*own.values()] for patch, own in used.items() if len(own) > 1})
+    dof = sum(len(used[patch]) - 1 for patch in alike)
+    chi_squared = sum(_chi_squared([*used[patch].values()]) for patch in alike)
     # One patch alone says nothing of the others.
     widened = len(alike) > 1 and p_value_of_chi_squared(chi_squared, dof) < _CHANCE_OF_ALL
     if widened:
         findings.append(warning("readings-scatter-all", ratio=sqrt(chi_squared / dof), dof=dof))
     result = {}
-    for patch, one in kept.items():
-        if widened and (one in alike or not one.dof):
-            result[patch] = one.combined((chi_squared / dof, dof))
+    for patch, own in used.items():
+        if widened and (patch in alike or len(own) == 1):
+            result[patch] = _combined(patch, readings[patch], own, (chi_squared / dof, dof))
         else:
-            result[patch] = one.combined()
-            findings += one.scatter_findings
+            result[patch] = _combined(patch, readings[patch], own)
+            findings += _scatter_findings(patch, own)
     return result, findings
 
 
-@dataclass(frozen=True, eq=False)
-class _KeptReadings:
-    """Readings of a patch that are used, by their number, and those that are not."""
-
-    patch: str
-    kept: Mapping[int, Reading]
-    left_out: tuple[LeftOut, ...]
-
-    @classmethod
-    def of(cls, patch: str, readings: Sequence[Reading]) -> tuple[Self, list[Finding]]:
-        if not readings:
-            raise CalibrationError(f"patch {patch!r} has no meter reading: measure it, or leave the patch out")
-        for reading in readings:
-            if reading.peak:
-                raise CalibrationError(
-                    f"reading {reading.raw!r} of patch {patch!r} is a held peak value: set the meter to CONT and "
-                    "measure "
-                    "again"
-                )
-        require_one_correction((f"reading {n} of patch {patch!r}", r) for n, r in enumerate(readings, start=1))
-        findings: list[Finding] = []
-        once = distinct(readings)
-        copies = [number for number in range(1, len(readings) + 1) if number not in once]
-        left_out = [LeftOut(patch, None, number, "copy of another reading") for number in copies]
-        if copies:
-            findings.append(info("readings-repeated", patch, count=len(copies)))
-        return cls(patch, once, tuple(left_out)), findings
-
-    @cached_property
-    def values(self) -> NDArray[np.float64]:
-        return np.array([reading.luminance_cd_m2 for reading in self.kept.values()])
-
-    @property
-    def dof(self) -> int:
-        return len(self.kept) - 1
-
-    @cached_property
-    def stated(self) -> tuple[float, float]:
-        """Standard uncertainties of one reading by repeatability, and by the digit."""
-        repeatability = [r.repeatability_rel * r.luminance_cd_m2 for r in self.kept.values()]
-        digits = [r.digits_half_width * r.cd_m2_per_unit / sqrt(3) for r in self.kept.values()]
-        return sqrt(float(np.mean(np.square(repeatability)))), sqrt(float(np.mean(np.square(digits))))
-
-    @property
-    def variance(self) -> float:
-        """Expected of a reading; exact readings that differ contradict each other."""
-        repeatability, digits = self.stated
-        return max(repeatability**2 + digits**2, 1e-300)
-
-    @cached_property
-    def chi_squared(self) -> float:
-        return self.dof * float(np.var(self.values, ddof=1)) / self.variance if self.dof else 0.0
-
-    @property
-    def steady(self) -> bool:
-        """Whether the readings scatter as the meter does."""
-        return self.chi_squared <= self.dof or p_value_of_chi_squared(self.chi_squared, self.dof) >= _CHANCE
-
-    @property
-    def scatter_findings(self) -> list[Finding]:
-        if self.steady:
-            return []
-        bad = _contradicting(self.kept)
-        if bad is not None:
-            others = float(np.mean([r.luminance_cd_m2 for number, r in self.kept.items() if number != bad]))
-            shown_cd_m2 = self.kept[bad].luminance_cd_m2
-            return [contradiction("reading-contradicts", self.patch, shown_cd_m2, others, number=bad)]
-        scatter_rel = float(np.std(self.values, ddof=1) / np.mean(self.values))
-        return [warning("readings-scatter", self.patch, scatter_rel=scatter_rel)]
-
-    def combined(self, of_all: tuple[float, int] | None = None) -> PatchReading:
-        """Mean and uncertainty; `of_all` is a factor of the variance, and degrees of freedom, of all patches."""
-        repeatability, digits = self.stated
-        variance, dof = repeatability**2, inf
-        if of_all is not None:
-            variance, dof = of_all[0] * self.variance, of_all[1]
-        elif not self.steady:
-            variance, dof = self.chi_squared / self.dof * self.variance, self.dof
-        times = [r.timestamp for r in self.kept.values()]
-        n, first = len(times), times[0]
-        parts = (variance / n, dof), (digits**2, inf)
-        return PatchReading(
-            patch=self.patch,
-            luminance_cd_m2=float(self.values.mean()),
-            random_cd_m2=sqrt(sum(part for part, _ in parts)),
-            n_readings=n,
-            read_at=first + sum((time - first for time in times), timedelta()) / n,
-            left_out=self.left_out,
-            dof=effective_dof(parts),
-            of_all=of_all is not None,
-        )
+def _used(patch: str, readings: Sequence[Reading]) -> tuple[dict[int, Reading], list[Finding]]:
+    """Return the readings of a patch that are used, by their number, and findings on the others."""
+    if not readings:
+        raise CalibrationError(f"patch {patch!r} has no meter reading: measure it, or leave the patch out")
+    for reading in readings:
+        if reading.peak:
+            raise CalibrationError(
+                f"reading {reading.raw!r} of patch {patch!r} is a held peak value: set the meter to CONT and measure "
+                "again"
+            )
+    require_one_correction((f"reading {n} of patch {patch!r}", r) for n, r in enumerate(readings, start=1))
+    once = distinct(readings)
+    n_copies = len(readings) - len(once)
+    return once, [info("readings-repeated", patch, count=n_copies)] if n_copies else []
 
 
-def _alike(several: Sequence[_KeptReadings]) -> list[_KeptReadings]:
+def _values(readings: Sequence[Reading]) -> NDArray[np.float64]:
+    return np.array([reading.luminance_cd_m2 for reading in readings])
+
+
+def _stated(readings: Sequence[Reading]) -> tuple[float, float]:
+    """Return the standard uncertainties of a reading by repeatability, and by the digit."""
+    repeatability = [r.repeatability_rel * r.luminance_cd_m2 for r in readings]
+    digits = [r.digits_half_width * r.cd_m2_per_unit / sqrt(3) for r in readings]
+    return sqrt(float(np.mean(np.square(repeatability)))), sqrt(float(np.mean(np.square(digits))))
+
+
+def _variance(readings: Sequence[Reading]) -> float:
+    """Return the expected variance of a reading; exact readings that differ contradict each other."""
+    repeatability, digits = _stated(readings)
+    return max(repeatability**2 + digits**2, 1e-300)
+
+
+def _chi_squared(readings: Sequence[Reading]) -> float:
+    dof = len(readings) - 1
+    return dof * float(np.var(_values(readings), ddof=1)) / _variance(readings) if dof else 0.0
+
+
+def _is_steady(readings: Sequence[Reading]) -> bool:
+    """Whether the readings scatter as the meter does."""
+    chi_squared, dof = _chi_squared(readings), len(readings) - 1
+    return chi_squared <= dof or p_value_of_chi_squared(chi_squared, dof) >= _CHANCE
+
+
+def _scatter_findings(patch: str, used: Mapping[int, Reading]) -> list[Finding]:
+    readings = [*used.values()]
+    if _is_steady(readings):
+        return []
+    bad = _contradicting(used)
+    if bad is not None:
+        others = float(np.mean([r.luminance_cd_m2 for number, r in used.items() if number != bad]))
+        return [contradiction("reading-contradicts", patch, used[bad].luminance_cd_m2, others, number=bad)]
+    values = _values(readings)
+    return [warning("readings-scatter", patch, scatter_rel=float(np.std(values, ddof=1) / np.mean(values)))]
+
+
+def _combined(
+    patch: str, given: Sequence[Reading], used: Mapping[int, Reading], of_all: tuple[float, int] | None = None
+) -> PatchReading:
+    """Mean and uncertainty; `of_all` is a factor of the variance, and degrees of freedom, of all patches."""
+    readings = [*used.values()]
+    repeatability, digits = _stated(readings)
+    variance, dof = repeatability**2, inf
+    if of_all is not None:
+        variance, dof = of_all[0] * _variance(readings), of_all[1]
+    elif not _is_steady(readings):
+        dof = len(readings) - 1
+        variance = _chi_squared(readings) / dof * _variance(readings)
+    times = [r.timestamp for r in readings]
+    n, first = len(times), times[0]
+    parts = (variance / n, dof), (digits**2, inf)
+    copies = [number for number in range(1, len(given) + 1) if number not in used]
+    return PatchReading(
+        patch=patch,
+        luminance_cd_m2=float(_values(readings).mean()),
+        random_cd_m2=sqrt(sum(part for part, _ in parts)),
+        n_readings=n,
+        read_at=first + sum((time - first for time in times), timedelta()) / n,
+        left_out=tuple(LeftOut(patch, None, number, "copy of another reading") for number in copies),
+        dof=effective_dof(parts),
+        of_all=of_all is not None,
+    )
+
+
+def _alike(readings: Mapping[str, Sequence[Reading]]) -> list[str]:
     """Patches whose readings scatter alike: without those of readings beyond the scatter of all others (F test).
 
     Bad readings hide each other: the one that deviates most from its patch is left out in turn, up to a quarter, and as
@@ -284,7 +274,7 @@ def _alike(several: Sequence[_KeptReadings]) -> list[_KeptReadings]:
     """
     from scipy.special import fdtrc
 
-    left = [one.values / sqrt(one.variance) for one in several]
+    left = [_values(group) / sqrt(_variance(group)) for group in readings.values()]
     without: set[int] = set()
     odd: set[int] = set()
     n_left = sum(values.size for values in left)
@@ -298,7 +288,7 @@ def _alike(several: Sequence[_KeptReadings]) -> list[_KeptReadings]:
         usual = max(sum(float(np.sum((values - values.mean()) ** 2)) for values in left) / dof, 1.0)
         if n_left * fdtrc(1, dof, drop / usual) < _CHANCE:
             odd = set(without)
-    return [one for k, one in enumerate(several) if k not in odd]
+    return [patch for k, patch in enumerate(readings) if k not in odd]
 
 
 def _drops(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -328,7 +318,7 @@ def distinct(readings: Sequence[Reading]) -> dict[int, Reading]:
 
 def contradict(readings: Sequence[Reading]) -> bool:
     """Whether readings of one patch scatter more than the meter does."""
-    return not _KeptReadings("", dict(enumerate(readings)), ()).steady
+    return not _is_steady(readings)
 
 
 def contradiction(

@@ -63,7 +63,7 @@ class Session:
         self._records: list[Record] = []
         self.configuration = read_configuration(path, entries)
         self._journal = journal
-        self._folder = FrameFolder(path, entries[0].content["compress"])
+        self._folder = None if journal is None else FrameFolder(path, entries[0].content["compress"])
 
     @classmethod
     def create(
@@ -239,8 +239,9 @@ class Session:
                 raise InputError(f"role is {role!r}: give 'light' or 'dark'")
             if patch is not None:
                 self._require_patch(patch)
-        journal, first = self._writer(), self._folder.next_number
-        files = self._folder.write([(frame, role) for frame, role, _ in frames])
+        journal, folder = self._writer(), self._frame_folder()
+        first = folder.next_number
+        files = folder.write([(frame, role) for frame, role, _ in frames])
         lines = []
         for number, (frame, role, patch), file in zip(count(first), frames, files, strict=False):
             height, width = frame.shape
@@ -251,7 +252,7 @@ class Session:
         except BaseException:
             # Ctrl-C may come when the lines are written.
             if not {entry.file for entry in self._entries[-len(files) :]} & set(files):
-                self._folder.take_back(first, [file.name for file in files])
+                folder.take_back(first, [file.name for file in files])
             raise
         return [frame_record(entry) for entry in entries]
 
@@ -313,10 +314,14 @@ class Session:
             raise SessionError(f"{self.path} is not open for writing: open it with writable=True")
         return self._journal
 
+    def _frame_folder(self) -> FrameFolder:
+        assert self._folder is not None, "a session that is not open for writing has refused before"
+        return self._folder
+
     def _recover(self) -> None:
         """Put right what a killed writer left behind."""
         journal = self._writer()
-        self._folder.recover(entry.file.name for entry in self._entries if entry.file)
+        self._frame_folder().recover(entry.file.name for entry in self._entries if entry.file)
         if journal.torn:
             journal.set_torn_line_aside()
         for name in self.unrecorded():

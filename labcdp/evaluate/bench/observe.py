@@ -7,6 +7,7 @@ import json
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
+from functools import cached_property
 from math import radians, tan
 
 import numpy as np
@@ -17,6 +18,7 @@ from ...calibration.frames.defects import DefectMap
 from ...calibration.frames.measure import MIN_FRAMES, MeasuredFrames, measure_planes
 from ...calibration.frames.observe import dark_observation, patch_observations
 from ...calibration.in_session import in_session, of_other_conditions
+from ...calibration.readings import PatchReading, combine_patches
 from ...calibration.sensor.response import MIN_EXPOSURES, ResponseCurve, response_from_bracket
 from ...calibration.setup import MeterScale, corrected, meter_scale
 from ...core.errors import CalibrationError, InputError
@@ -108,7 +110,12 @@ class ObservedSession:
         """Patches that were measured, in the target's order."""
         return tuple(next(iter(self.planes.values())).patches)
 
-    @property
+    @cached_property
+    def by_meter(self) -> dict[str, PatchReading]:
+        """Patches by the meter, those that have a reading; raises CalibrationError as `combine_patches`."""
+        return combine_patches({patch: own for patch, own in self.readings.items() if own})[0]
+
+    @cached_property
     def meter_scale(self) -> MeterScale:
         """The meter with its certificate; raises CalibrationError as `labcdp.calibration.setup.meter_scale`."""
         meter = self.configuration.meter

@@ -9,7 +9,7 @@ from math import hypot, nan
 from ...calibration import AnyCalibration, PatchLuminance
 from ...calibration.colour.conversion import luminance_of_planes
 from ...calibration.findings import Reason
-from ...calibration.readings import PatchReading, combine_patches, expanded_of_readings
+from ...calibration.readings import PatchReading, expanded_of_readings
 from ...calibration.setup import MeterScale
 from ...calibration.signal import usable
 from ...core.errors import CalibrationError, InputError
@@ -135,8 +135,9 @@ def _bounded(observed: ObservedSession, calibration: AnyCalibration, patch: Patc
 
 def read_patch(observed: ObservedSession, name: str) -> PatchReading:
     """Return a patch by the meter; raises CalibrationError if it has no reading, or one of 0."""
-    of_patches, _ = combine_patches({name: [], **{patch: own for patch, own in observed.readings.items() if own}})
-    measured = of_patches[name]
+    measured = observed.by_meter.get(name)
+    if measured is None:
+        raise CalibrationError(f"patch {name!r} has no meter reading: measure it, or leave the patch out")
     if measured.luminance_cd_m2 == 0:
         raise CalibrationError(f"patch {name!r} reads 0 cd/m², below the meter's range: leave it out")
     return measured

@@ -60,7 +60,9 @@ def test_a_still_camera_becomes_a_luminance_meter(still_camera, labcdp):
     calibration = calibrate_session(observed := observe_session(session))
     assert calibration.state.camera == CameraIdentity("Acme", "Still 1", "0815")
     for name, truth in still_camera.luminance_cd_m2.items():
-        seen = colour_patch_luminance(calibration, {p: one.patches[name] for p, one in observed.planes.items()})
+        seen = colour_patch_luminance(
+            calibration, {p: patches[name] for p, patches in observed.patches_by_plane.items()}
+        )
         low, high = seen.interval_95_cd_m2
         assert low < truth < high
         assert seen.luminance_cd_m2 == pytest.approx(truth, rel=0.01 if name == "grey" else 0.1)

@@ -79,8 +79,8 @@ def calibrate_session(
         _require_all_used(calibration, joined)
     of_corrections = [
         finding if plane is None else finding.within(f"plane {plane}")
-        for plane, seen in observed.planes.items()
-        for finding in seen.corrections.findings
+        for plane, own in observed.corrections.items()
+        for finding in own.findings
     ]
     lenses = [lens_of(one.configuration) for one in (observed, *more)]
     of_lens = [found for lens in lenses[1:] for found in lens_findings(lenses[0], lens)]
@@ -105,9 +105,9 @@ def _fit(
     observed: ObservedSession, setup: Setup, held_out: Collection[str], response: ResponseCurve | None
 ) -> AnyCalibration:
     seen, darks = observed.by_plane, observed.darks_by_plane
-    defects = {name: one.corrections.defects for name, one in observed.planes.items()}
-    libraries = {name: one.corrections.dark_library for name, one in observed.planes.items()}
-    if None in observed.planes:
+    defects = {plane: own.defects for plane, own in observed.corrections.items()}
+    libraries = {plane: own.dark_library for plane, own in observed.corrections.items()}
+    if None in observed.corrections:
         return fit(
             seen[None], darks[None], observed.readings, setup,
             held_out=held_out, defects=defects[None], dark_library=libraries[None], response=response,
@@ -131,17 +131,18 @@ def _joined(sessions: Sequence[ObservedSession]) -> ObservedSession:
     def named(patch: str, number: int) -> str:
         return patch if number == 1 else f"{patch} ({number})"
 
-    numbered, planes = list(enumerate(sessions, start=1)), {}
-    for plane, first in sessions[0].planes.items():
-        patches = {
+    numbered = list(enumerate(sessions, start=1))
+    patches = {
+        plane: {
             named(patch, n): [replace(o, patch=named(patch, n)) for o in group]
             for n, one in numbered
-            for patch, group in one.planes[plane].patches.items()
+            for patch, group in one.patches_by_plane[plane].items()
         }
-        darks = [dark for one in sessions for dark in one.planes[plane].darks]
-        planes[plane] = replace(first, patches=patches, darks=darks)
+        for plane in sessions[0].corrections
+    }
+    darks = {plane: [dark for one in sessions for dark in one.darks_by_plane[plane]] for plane in patches}
     readings = {named(patch, n): group for n, one in numbered for patch, group in one.readings.items()}
-    return replace(sessions[0], planes=planes, readings=readings)
+    return replace(sessions[0], patches_by_plane=patches, darks_by_plane=darks, readings=readings)
 
 
 def _require_alike(first: ObservedSession, other: ObservedSession) -> None:

@@ -218,7 +218,8 @@ def _conditions(observed: ObservedSession, calibration: AnyCalibration) -> Itera
 
 def _temperatures(observed: ObservedSession) -> dict[str, str]:
     """Return the lowest and highest temperature of the camera, by its frames; empty if they have none."""
-    seen = [o for plane in observed.planes.values() for group in (plane.darks, *plane.patches.values()) for o in group]
+    planes = (*observed.darks_by_plane.values(), *observed.by_plane.values())
+    seen = [observation for group in planes for observation in group]
     measured = sorted(o.temperature_c for o in seen if o.temperature_c is not None)
     ends = dict.fromkeys(f"{value:.1f}" for value in (measured[0], measured[-1])) if measured else {}
     return {"Camera's temperature": f"{span(*ends)} °C" if ends else ""}

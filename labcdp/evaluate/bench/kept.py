@@ -13,12 +13,13 @@ from typing import Any
 
 import numpy as np
 
+from ...calibration import PatchObservation
 from ...calibration.record import SessionObservations, load_observations, save_observations
 from ...core.errors import InputError
 from ...core.frame import Frame
 from ...session import MeterCertificate, Session
 from .corrections import PlaneCorrections
-from .observe import ObservedPlane, ObservedSession, field_diameter_px, included, input_sha256, session_readings
+from .observe import ObservedSession, field_diameter_px, included, input_sha256, session_readings
 from .recorded import Report, by_exposure, by_patch
 
 _log = logging.getLogger(__name__)
@@ -69,18 +70,16 @@ def kept_session(
     observations = next((one for one in sessions if one.key == key), None)
     if observations is None:
         return None
-    planes = {}
-    for plane, own in corrections.items():
-        groups = {patch.name: [o for o in observations.patches if o.patch == patch.name] for patch in patches}
-        seen = {
-            name: [replace(o, vignetting=own.vignetting) for o in group if o.state.plane == plane]
-            for name, group in groups.items()
-        }
-        planes[plane] = ObservedPlane(seen, [o for o in observations.darks if o.state.plane == plane], own)
+    seen = {plane: {patch.name: list[PatchObservation]() for patch in patches} for plane in corrections}
+    for o in observations.patches:
+        seen[o.state.plane][o.patch].append(replace(o, vignetting=corrections[o.state.plane].vignetting))
+    darks = {plane: [o for o in observations.darks if o.state.plane == plane] for plane in corrections}
     return ObservedSession(
         session,
         configuration,
-        planes,
+        seen,
+        darks,
+        corrections,
         session_readings(session, configuration, [patch.name for patch in patches], unread),
         input_sha256(session),
         frozenset(observations.frames_sha256),
@@ -89,9 +88,8 @@ def kept_session(
 
 
 def _kept(observed: ObservedSession) -> SessionObservations:
-    corrections = {plane: seen.corrections for plane, seen in observed.planes.items()}
     return SessionObservations(
-        _key(observed.session, observed.names, corrections),
+        _key(observed.session, observed.names, observed.corrections),
         tuple(sorted(observed.frames_sha256)),
         tuple(replace(o, vignetting=None) for group in observed.by_plane.values() for o in group),
         tuple(o for group in observed.darks_by_plane.values() for o in group),

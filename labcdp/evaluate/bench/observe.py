@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cached_property
 from math import radians, tan
+from typing import TypeAlias
 
 import numpy as np
 
@@ -47,24 +48,8 @@ from .recorded import (
     require_patches,
 )
 
-
-@dataclass(frozen=True)
-class ObservedPlane:
-    """What the frames of one plane say: all pixels of a monochrome sensor, or those of one colour.
-
-    Parameters
-    ----------
-    patches : dict of str to list of PatchObservation
-        By name of the patch, in the target's order; one observation an exposure.
-    darks : list of DarkObservation
-        One an exposure.
-    corrections : Corrections
-        What was subtracted.
-    """
-
-    patches: Mapping[str, Sequence[PatchObservation]]
-    darks: Sequence[DarkObservation]
-    corrections: Corrections
+#: Observations by patch, in the target's order.
+PatchGroups: TypeAlias = Mapping[str, Sequence[PatchObservation]]
 
 
 @dataclass(frozen=True)
@@ -77,8 +62,13 @@ class ObservedSession:
         To read frames from.
     configuration : SessionConfiguration
         Bench, target and plan.
-    planes : dict of (str or None) to ObservedPlane
-        By colour plane; one entry for None if the sensor is monochrome.
+    patches_by_plane : dict of (str or None) to dict of str to list of PatchObservation
+        By colour plane, None for a monochrome sensor, and by name of the patch in the target's order; one observation
+        an exposure.
+    darks_by_plane : dict of (str or None) to list of DarkObservation
+        By colour plane; one an exposure.
+    corrections : dict of (str or None) to Corrections
+        What was subtracted, by colour plane.
     readings : dict of str to list of Reading
         By name of the patch, with the correction of the meter's certificate.
     input_sha256 : str
@@ -91,7 +81,9 @@ class ObservedSession:
 
     session: Session
     configuration: SessionConfiguration
-    planes: Mapping[str | None, ObservedPlane]
+    patches_by_plane: Mapping[str | None, PatchGroups]
+    darks_by_plane: Mapping[str | None, Sequence[DarkObservation]]
+    corrections: PlaneCorrections
     readings: Mapping[str, Sequence[Reading]]
     input_sha256: str
     frames_sha256: frozenset[str]
@@ -108,7 +100,7 @@ class ObservedSession:
     @property
     def names(self) -> tuple[str, ...]:
         """Patches that were measured, in the target's order."""
-        return tuple(next(iter(self.planes.values())).patches)
+        return tuple(next(iter(self.patches_by_plane.values())))
 
     @cached_property
     def by_meter(self) -> dict[str, PatchReading]:
@@ -129,32 +121,27 @@ class ObservedSession:
     @property
     def by_plane(self) -> dict[str | None, list[PatchObservation]]:
         """Observations of all patches by colour plane."""
-        return {name: [o for group in seen.patches.values() for o in group] for name, seen in self.planes.items()}
+        return {plane: [o for group in seen.values() for o in group] for plane, seen in self.patches_by_plane.items()}
 
     @property
-    def darks_by_plane(self) -> dict[str | None, Sequence[DarkObservation]]:
-        """Dark observations by colour plane."""
-        return {name: seen.darks for name, seen in self.planes.items()}
-
-    @property
-    def monochrome(self) -> ObservedPlane:
-        """The one plane of a monochrome sensor.
+    def patches(self) -> PatchGroups:
+        """Observations of a monochrome sensor by patch.
 
         Raises
         ------
         CalibrationError
             If the sensor has colour filters.
         """
-        if None not in self.planes:
+        if None not in self.patches_by_plane:
             raise CalibrationError(
                 "the session was recorded with colour filters: this works for monochrome frames; use a monochrome "
                 "pixel format"
             )
-        return self.planes[None]
+        return self.patches_by_plane[None]
 
-    def of_patch(self, name: str) -> list[PatchObservation]:
-        """Observations of a patch in all planes."""
-        return [observation for plane in self.planes.values() for observation in plane.patches[name]]
+    def observations(self, name: str) -> list[PatchObservation]:
+        """Return the observations of a patch in all planes."""
+        return [observation for patches in self.patches_by_plane.values() for observation in patches[name]]
 
     def longest_unsaturated_s(self, calibration: AnyCalibration, *names: str) -> float | None:
         """Longest exposure that saturates none of these patches, within the response if one is; None for none."""
@@ -162,17 +149,12 @@ class ObservedSession:
             (plane, o)
             for plane in calibration.planes
             for name in names
-            for o in self.planes[plane.state.plane].patches[name]
+            for o in self.patches_by_plane[plane.state.plane][name]
         ]
         saturated = {o.exposure_s for _, o in seen if o.saturated_share > 0}
         beyond = {o.exposure_s for plane, o in seen if not is_within_response(plane, o)}
         unsaturated = {o.exposure_s for _, o in seen} - saturated
         return max((unsaturated - beyond) or unsaturated, default=None)
-
-    @property
-    def patches(self) -> Mapping[str, Sequence[PatchObservation]]:
-        """Observations of a monochrome sensor by patch; raises CalibrationError as `monochrome`."""
-        return self.monochrome.patches
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,17 +188,26 @@ class MeasuredSession:
 
     def observed(self, corrections: PlaneCorrections) -> ObservedSession:
         """Return what the frames say, with corrections that are those of the measurement but for the vignetting."""
-        planes = {plane: self._plane(plane, own) for plane, own in corrections.items()}
-        made_of = self.readings, input_sha256(self.session), self.frames_sha256, self.first_frames
-        return ObservedSession(self.session, self.configuration, planes, *made_of)
+        patches = {plane: self._patches(plane, own) for plane, own in corrections.items()}
+        return ObservedSession(
+            self.session,
+            self.configuration,
+            patches,
+            self.darks,
+            corrections,
+            self.readings,
+            input_sha256(self.session),
+            self.frames_sha256,
+            self.first_frames,
+        )
 
-    def _plane(self, plane: str | None, corrections: Corrections) -> ObservedPlane:
+    def _patches(self, plane: str | None, corrections: Corrections) -> PatchGroups:
         library, patches = corrections.dark_library, {name: list[PatchObservation]() for name in self.names}
         field_px = field_diameter_px(self.configuration, plane)
         for measured in self.lights[plane]:
             for observation in patch_observations(measured, corrections.vignetting, library, field_px):
                 patches[observation.patch].append(observation)
-        return ObservedPlane(patches, self.darks[plane], corrections)
+        return patches
 
 
 def frame_maps(observed: ObservedSession, calibration: AnyCalibration) -> Callable[[FrameRecord], LuminanceMap]:
@@ -459,7 +450,7 @@ def response_of_session(observed: ObservedSession) -> ResponseCurve:
     SessionError
         If a file is missing or altered.
     """
-    darks = observed.monochrome.darks
+    darks = observed.darks_by_plane[None]
     groups = by_exposure(observed.session, "light")
     if len(groups) < MIN_EXPOSURES:
         there = ", ".join(f"{1e3 * t:g} ms" for t in groups)

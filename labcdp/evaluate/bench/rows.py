@@ -105,7 +105,7 @@ def patch_row(patch: Patch, observed: ObservedSession, calibration: AnyCalibrati
     if bound:
         seen = _bounded(observed, calibration, patch, bound)
     else:
-        planes = {plane: one.patches[patch.name] for plane, one in observed.planes.items()}
+        planes = {plane: patches[patch.name] for plane, patches in observed.patches_by_plane.items()}
         seen = luminance_of_planes(calibration, planes)
     return PatchRow(patch, read_patch(observed, patch.name), observed.meter_scale, calculated, seen, bound)
 
@@ -114,7 +114,7 @@ def _bound(observed: ObservedSession, calibration: AnyCalibration, name: str) ->
     """Whether no exposure gives the luminance of a patch: ">" if all are saturated, else "?"."""
     reasons: set[Reason] = set()
     for plane in calibration.planes:
-        seen = observed.planes[plane.state.plane].patches[name]
+        seen = observed.patches_by_plane[plane.state.plane][name]
         kept, left_out, _ = usable([o.saturating_at(plane.state.saturation_dn) for o in seen], plane.settings)
         reasons |= set() if kept else {one.reason for one in left_out}
     return "" if not reasons else ">" if reasons == {"saturated"} else "?"
@@ -124,7 +124,7 @@ def _bounded(observed: ObservedSession, calibration: AnyCalibration, patch: Patc
     """Return the luminance from which the shortest exposure is saturated; nan if that is not the reason."""
     name, at_least = patch.name, nan
     if bound == ">":
-        shortest_s = min(o.exposure_s for o in observed.of_patch(name))
+        shortest_s = min(o.exposure_s for o in observed.observations(name))
         record = frames_showing(observed.session, shortest_s, [name])[name]
         at_least = evaluate_region(frame_maps(observed, calibration)(record), patch.region()).mean
         found = warning("patch-saturated-everywhere", name, luminance_cd_m2=at_least, exposure_s=shortest_s)
@@ -151,7 +151,7 @@ def _calculated_cd_m2(observed: ObservedSession, name: str) -> float | None:
     """
     guess = observed.configuration.guess
     # A guess is of one responsivity: for colour filters it says nothing.
-    if guess is None or None not in observed.planes:
+    if guess is None or None not in observed.patches_by_plane:
         return None
     unsaturated = [o for o in observed.patches[name] if o.saturated_share == 0]
     if not unsaturated:
@@ -259,7 +259,7 @@ def contrast_row(
     exposure_s = observed.longest_unsaturated_s(calibration, pair.bright, pair.dark)
     clipped = exposure_s is None and not (bright.bound or dark.bound)
     if exposure_s is None:
-        exposure_s = min(o.exposure_s for name in (pair.bright, pair.dark) for o in observed.of_patch(name))
+        exposure_s = min(o.exposure_s for name in (pair.bright, pair.dark) for o in observed.observations(name))
     shown = frames_showing(observed.session, exposure_s, (pair.bright, pair.dark))
     of_bright, of_dark = (RegionPixels.from_map(maps(shown[row.patch.name]), row.region) for row in (bright, dark))
     both = evaluate_regions(of_bright, of_dark, (pair.contrast,), pair.epsilon)

@@ -208,7 +208,7 @@ def provenance_table(observed: ObservedSession, calibration: AnyCalibration, sim
             f"{state.pixel_format}, {state.bit_depth} bit, {width} x {height} pixels, gain {state.gain_db:g} dB, "
             f"saturated from {state.saturation_dn:g} DN",
         ),
-        ("exposures", exposures({o.exposure_s for name in observed.names for o in observed.of_patch(name)})),
+        ("exposures", exposures({o.exposure_s for name in observed.names for o in observed.observations(name)})),
         ("lens", lens_text(configuration.lens)),
         ("luminance meter", "; ".join(meters)),
         ("light", configuration.source.spectrum),

@@ -119,11 +119,10 @@ def test_another_light_lens_or_black_level_is_not_evaluated_without_a_word(recor
 
 
 def test_a_saturated_patch_is_named_and_can_be_left_out(recorded, observed):
-    plane = observed.monochrome
-    full = [replace(one, saturated_share=0.5) for one in plane.patches["upper left"]]
-    plane = replace(plane, patches={**plane.patches, "upper left": full})
+    full = [replace(one, saturated_share=0.5) for one in observed.patches["upper left"]]
+    patches = {**observed.patches, "upper left": full}
     with pytest.raises(CalibrationError, match=r"'upper left' cannot be used at any .*saturated.*leave it out$"):
-        calibrate_session(replace(observed, planes={None: plane}))
+        calibrate_session(replace(observed, patches_by_plane={None: patches}))
     without = calibrate_session(observe_session(recorded, ["upper left"]))
     assert "upper left" not in {row.patch for row in without.residuals}
 
@@ -181,7 +180,7 @@ def test_pattern_and_hot_pixels_are_found_taken_off_once_everywhere_and_saved(re
         net_dn = seen.net_dn(calibrated.dark.mean_dn(0.032))
         # What the sensor's pattern adds to the region's mean is gone, but for the library's noise over its pixels.
         noise = own.dark_library.noise_dn(0.032) / np.sqrt(seen.n_pixels)
-        assert net_dn == pytest.approx(even.net_dn(observed.monochrome.darks[-1].mean_dn), abs=5 * noise + 0.1)
+        assert net_dn == pytest.approx(even.net_dn(observed.darks_by_plane[None][-1].mean_dn), abs=5 * noise + 0.1)
     assert (loaded.dark_library, loaded.defects) == (calibrated.dark_library, calibrated.defects)
     for one, two in zip(first.patches, other.patches, strict=True):
         assert one.calibrated.luminance_cd_m2 == pytest.approx(two.calibrated.luminance_cd_m2, rel=2e-5)

@@ -188,7 +188,7 @@ def test_a_certificate_says_what_iso_17025_asks_for(evaluated, tmp_path):
         assert (shown["Place"], shown["Camera&#39;s condition"]) == ("Building 3", "undamaged")
         assert (stated(shown["Humidity"]), stated(shown["Room"])) == ([45.0], [23.5])
         temperatures = [o.temperature_c for group in observed.patches.values() for o in group]
-        temperatures += [o.temperature_c for o in observed.monochrome.darks]
+        temperatures += [o.temperature_c for o in observed.darks_by_plane[None]]
         ends = stated(shown["Camera&#39;s temperature"])
         assert (ends[0], ends[-1]) == pytest.approx((min(temperatures), max(temperatures)), abs=0.06)
         assert html.escape(finding_text(told)[1:], quote=False).replace("'", "&#39;").replace(" %", "\xa0%") in page

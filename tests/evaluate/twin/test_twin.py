@@ -24,8 +24,7 @@ def changed(observed, patches=None, **configuration):
     """The observed session with some of its patches, or others, and another configuration."""
     patches = observed.patches if patches is None else patches
     configuration = observed.configuration.model_copy(update=configuration)
-    planes = {None: replace(observed.monochrome, patches=patches)}
-    return replace(observed, planes=planes, configuration=configuration)
+    return replace(observed, patches_by_plane={None: patches}, configuration=configuration)
 
 
 def test_the_chain_simulates_the_patches_that_were_measured(twin, calibration, observed):

@@ -218,8 +218,8 @@ def _part(errors: tuple[CommonError, ...], where: Window | NDArray[np.bool_]) ->
     return tuple(e if np.ndim(e.relative) == 0 else replace(e, relative=np.asarray(e.relative)[where]) for e in errors)
 
 
-def chosen(where: NDArray[np.bool_], new: LuminanceMap, old: LuminanceMap) -> LuminanceMap:
-    """Luminance map of the pixels of `new` where a mask says so, and of `old` elsewhere.
+class MergedMap(LuminanceMap):
+    """Luminance map of the pixels of one map where a mask says so, and of another one elsewhere.
 
     Parameters
     ----------
@@ -233,23 +233,41 @@ def chosen(where: NDArray[np.bool_], new: LuminanceMap, old: LuminanceMap) -> Lu
     InputError
         If they have different common errors or steps.
     """
-    require_alike([new, old])
-    return LuminanceMap(
-        np.where(where, new.luminance_cd_m2, old.luminance_cd_m2),
-        np.where(where, new.random_rel, old.random_rel),
-        tuple(
+
+    def __init__(self, where: NDArray[np.bool_], new: LuminanceMap, old: LuminanceMap) -> None:
+        require_alike([new, old])
+        self.luminance_cd_m2, self.step = np.where(where, new.luminance_cd_m2, old.luminance_cd_m2), old.step
+        self.slow_rel, self.fixed_rel = max(new.slow_rel, old.slow_rel), max(new.fixed_rel, old.fixed_rel)
+        self._where, self._new, self._old = where, new, old
+
+    @cached_property
+    def random_rel(self) -> NDArray[np.floating[Any]]:
+        """Relative standard uncertainty that differs from pixel to pixel, shape (height, width)."""
+        return np.where(self._where, self._new.random_rel, self._old.random_rel)
+
+    @cached_property
+    def slow_cd_m2(self) -> NDArray[np.floating[Any]] | float:
+        """Standard uncertainty of slow changes across the image, in addition to `slow_rel`."""
+        return np.where(self._where, self._new.slow_cd_m2, self._old.slow_cd_m2)
+
+    @cached_property
+    def fixed_cd_m2(self) -> NDArray[np.floating[Any]] | float:
+        """Part of a pixel's standard uncertainty that is the same in every frame, in addition to `fixed_rel`."""
+        return np.where(self._where, self._new.fixed_cd_m2, self._old.fixed_cd_m2)
+
+    @cached_property
+    def invalid(self) -> NDArray[np.uint8]:
+        """`Invalid` flags, shape (height, width); 0 where the pixel is valid."""
+        return np.where(self._where, self._new.invalid, self._old.invalid)
+
+    def common_in(self, window: Window) -> tuple[CommonError, ...]:
+        """Return the common errors of some rows and columns of the map."""
+        return tuple(
             a
             if np.ndim(a.relative) == np.ndim(b.relative) == 0 and a.relative == b.relative
-            else replace(a, relative=np.where(where, a.relative, b.relative))
-            for a, b in zip(new.common, old.common, strict=True)
-        ),
-        np.where(where, new.invalid, old.invalid),
-        slow_rel=max(new.slow_rel, old.slow_rel),
-        slow_cd_m2=np.where(where, new.slow_cd_m2, old.slow_cd_m2),
-        fixed_rel=max(new.fixed_rel, old.fixed_rel),
-        fixed_cd_m2=np.where(where, new.fixed_cd_m2, old.fixed_cd_m2),
-        step=old.step,
-    )
+            else replace(a, relative=np.where(self._where[window], a.relative, b.relative))
+            for a, b in zip(self._new.common_in(window), self._old.common_in(window), strict=True)
+        )
 
 
 def require_alike(maps: Sequence[LuminanceMap]) -> None:

@@ -14,7 +14,7 @@ from ...calibration.findings import summarised
 from ...calibration.in_session import in_session, of_other_conditions
 from ...calibration.verify.verify import changes_since
 from ...core.errors import CalibrationError
-from ...core.luminance import Invalid, LuminanceMap, chosen
+from ...core.luminance import Invalid, LuminanceMap, MergedMap
 from ...core.result import Finding, warning
 from ...core.spectra import ONLY, mismatch_findings
 from ...session import ContrastConfiguration, FrameRecord, MeterCertificate, Session, SessionConfiguration
@@ -235,7 +235,7 @@ def target_map(observed: ObservedSession, maps: Callable[[FrameRecord], Luminanc
         assert name is not None, "a session has patches together or one by one"
         region, mask = target.scaled(regions[name]), np.zeros(target.shape, dtype=np.bool_)
         mask[region.window(target.shape)] = region.mask(target.shape)
-        target = chosen(mask, alone, target)
+        target = MergedMap(mask, alone, target)
     return target
 
 
@@ -244,5 +244,5 @@ def _merged(maps: Callable[[FrameRecord], LuminanceMap], records: Sequence[Frame
     merged = maps(records[0])
     for record in records[1:]:
         longer = maps(record)
-        merged = chosen(longer.invalid & Invalid.SATURATED == 0, longer, merged)
+        merged = MergedMap(longer.invalid & Invalid.SATURATED == 0, longer, merged)
     return merged

@@ -156,7 +156,7 @@ class FrameSums:
             self._total, self._squares = np.zeros(dn.shape, np.int32), np.zeros(dn.shape, np.int64)
             self._clipped = np.zeros(dn.shape, dtype=np.bool_)
         columns, rows = np.zeros(dn.shape[1], np.int64), np.empty(dn.shape[0], np.int64)
-        for part in _blocks(dn.shape):
+        for part in blocks(dn.shape):
             values = dn[part]
             if first is not None:
                 # Differences to the first frame: their squares do not cancel.
@@ -189,7 +189,7 @@ class FrameSums:
         used = np.ones(shape, np.bool_) if self._used is None else self._used
         size = int(np.count_nonzero(used))
         image_dn, variance_dn2, squares = np.empty(shape, np.float32), np.empty(shape, np.float32), 0.0
-        for part in _blocks(shape):
+        for part in blocks(shape):
             total = self._total[part]
             # Sums of the squared deviations from each pixel's own mean.
             deviations = np.maximum(self._squares[part] - np.square(total, dtype=np.float64) / n, 0)
@@ -224,7 +224,7 @@ class FrameSums:
         )
 
 
-def _blocks(shape: tuple[int, ...]) -> Iterator[slice]:
+def blocks(shape: tuple[int, ...]) -> Iterator[slice]:
     """Yield rows of an image, as many as fit in the processor's cache."""
     step = max(_BLOCK // max(shape[1], 1), 1)
     return (slice(start, start + step) for start in range(0, shape[0], step))

@@ -66,21 +66,22 @@ class Nonuniformity:
         return (between - within) / self.cell_pixels
 
 
-def nonuniformity(signal_dn: Array, inverse_v: Array | None, cells: NDArray[np.integer[Any]]) -> Nonuniformity:
-    """Mean squares of a region's pixels.
+def nonuniformity(signal_dn: Array, inverse_v: Array | None, used: NDArray[np.bool_]) -> Nonuniformity:
+    """Mean squares of a region's pixels, in 4 x 4 cells, which resolve a gradient and a hot spot, or 2 x 2 if small.
 
     Parameters
     ----------
     signal_dn, inverse_v : ndarray of float, shape (n,)
-        DN / V and 1 / V of the pixels; None for V = 1.
-    cells : ndarray of int, shape (n,)
-        Index of each pixel's cell, from 0.
+        DN / V and 1 / V of the pixels in the order of the image; None for V = 1.
+    used : ndarray of bool, shape (height, width)
+        Which pixels of a window they are, n of them.
     """
-    n = np.bincount(cells).astype(float)
+    side = 4 if signal_dn.size >= 256 else 2
+    n = _cell_sums(None, used, side)
     filled = n > 0
     dof = int(np.count_nonzero(filled)) - 1
     deviations = [values - values.mean() for values in (signal_dn, inverse_v) if values is not None]
-    sums = [np.bincount(cells, weights=values)[filled] for values in deviations]
+    sums = [_cell_sums(values, used, side)[filled] for values in deviations]
     n = n[filled]
 
     def products(i: int, j: int) -> tuple[float, float]:
@@ -95,18 +96,24 @@ def nonuniformity(signal_dn: Array, inverse_v: Array | None, cells: NDArray[np.i
     return Nonuniformity(within, between, dof, cell_pixels)
 
 
-def cells_of(used: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Index of the cell of each used pixel of a window: 4 x 4 cells resolve a gradient and a hot spot, 2 x 2 if small.
+def _cell_sums(values: Array | None, used: NDArray[np.bool_], side: int) -> NDArray[np.float64]:
+    """Add up the used pixels in `side` x `side` cells of a window; None to count them."""
+    window = used if values is None else in_window(values, used)
+    # The first row and column of each cell; a window of fewer has fewer cells.
+    firsts = [np.unique(-(-np.arange(side) * size // side)) for size in used.shape]
+    starts = [first[first < size] for first, size in zip(firsts, used.shape, strict=True)]
+    rows = np.add.reduceat(window, starts[0], axis=0, dtype=np.float64)
+    sums: NDArray[np.float64] = np.add.reduceat(rows, starts[1], axis=1).ravel()
+    return sums
 
-    Parameters
-    ----------
-    used : ndarray of bool, shape (height, width)
-        Pixels of a region; shape (n,) is returned, in the order of the image.
-    """
-    side = 4 if np.count_nonzero(used) >= 256 else 2
-    row, column = (np.arange(size) * side // size for size in used.shape)
-    cells: NDArray[np.intp] = (row[:, None] * side + column[None, :])[used]
-    return cells
+
+def in_window(values: Array, used: NDArray[np.bool_], rest: float = 0.0) -> Array:
+    """Return values of the used pixels of a window, shape (n,), at their positions, and a value at the rest."""
+    if values.size == used.size:
+        return values.reshape(used.shape)
+    window: Array = np.full(used.shape, rest)
+    window[used] = values
+    return window
 
 
 def _of_difference(squares: MeanSquares, dark_dn: float) -> float:

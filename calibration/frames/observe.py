@@ -17,7 +17,7 @@ from ...core.roi import Roi
 from ...core.vignetting import AnyVignetting, illuminance_in
 from .defects import DefectMap
 from .measure import MIN_FRAMES, MeasuredFrames, measure_frames, measure_whole
-from .nonuniformity import Array, cells_of, nonuniformity, root_of, spatial_variance
+from .nonuniformity import Array, in_window, nonuniformity, root_of, spatial_variance
 from .observations import DarkObservation, Observation, PatchObservation, PatchPart
 from .statistics import MAX_CLIPPED_SHARE
 
@@ -113,7 +113,7 @@ def _patch_observation(
         **(_common(one) | {"mean_dn": float(values.mean())}),
         patch=one.region.name,
         mean_inverse_v=float(factor.mean()),
-        nonuniformity=nonuniformity(values, factor, cells_of(one.used)),
+        nonuniformity=nonuniformity(values, factor, one.used),
         vignetting=vignetting,
         centre_px=one.region.centre,
         n_lines=one.n_lines,
@@ -172,9 +172,8 @@ def dark_observation(measured: MeasuredFrames, dark_library: DarkPattern | None 
     _require_enough(measured)
     s, pattern = measured, _pattern(measured, dark_library)
     values = _without(s, pattern)
-    spread = nonuniformity(values, None, cells_of(s.used))
-    image = np.full(s.shape, values.mean())
-    image[s.used] = values
+    spread = nonuniformity(values, None, s.used)
+    image = in_window(values, s.used, float(values.mean()))
     lines = spatial_variance(image, s.temporal.scaled(1 / s.n_frames))
     # A library made from the same frames removes their noise too, but not that at the patches.
     left_dn = 0.0
@@ -205,7 +204,7 @@ def _pattern(measured: MeasuredFrames, dark_library: DarkPattern | None) -> Arra
 
 def _without(s: MeasuredFrames, pattern_dn: Array | None) -> NDArray[np.float64]:
     """Mean of each used pixel without the dark pattern; their mean is exact."""
-    values = s.image_dn[s.used].astype(np.float64)
+    values = (s.image_dn.ravel() if s.used.all() else s.image_dn[s.used]).astype(np.float64)
     values += s.mean_dn - values.mean()
     return values if pattern_dn is None else values - pattern_dn[s.used]
 

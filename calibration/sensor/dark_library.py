@@ -15,7 +15,7 @@ from ...core.disk.arrays import EqualByContent, StoredArray, read_only
 from ...core.errors import CalibrationError, InputError
 from ...core.result import Finding, info
 from ..frames.defects import DefectMap
-from ..frames.measure import MeasuredFrames
+from ..frames.measure import MeasuredFrames, blocks
 from ..frames.observe import dark_observation
 from ..frames.rounding import quantisation_variance_dn2
 from .dark import fit_dark
@@ -205,11 +205,12 @@ def dark_library(darks: Sequence[MeasuredFrames], defects: DefectMap | None = No
     frames = np.array([d.n_frames for d in darks], dtype=float)
     solve = np.linalg.inv(design.T @ (frames[:, None] * design)) @ (design.T * frames)
     shape = darks[0].state.image_shape
-    sound = np.ones(shape, np.bool_) if defects is None else ~defects.mask(shape)
+    sound = True if defects is None else ~defects.mask(shape)
+    means_dn = np.array([d.image_dn.mean(dtype=np.float64, where=sound) for d in darks])
     maps = np.zeros((2, *shape))
-    for weights, d in zip(solve.T, darks, strict=True):
-        image = d.image_dn
-        maps[: weights.size] += weights[:, None, None] * (image - image[sound].mean(dtype=np.float64))
+    for part in blocks(shape):
+        images = np.array([d.image_dn[part] for d in darks], np.float64)
+        maps[: len(solve), part] = np.tensordot(solve, images - means_dn[:, None, None], 1)
     # Noise differs between sets, as dark current adds to it; it cannot be estimated from a single frame.
     dof, typical_dn2 = zip(*((d.dof, d.typical_variance_dn2) for d in repeated), strict=True)
     average_dn2 = float(np.average(typical_dn2, weights=dof))
@@ -221,7 +222,7 @@ def dark_library(darks: Sequence[MeasuredFrames], defects: DefectMap | None = No
         offset_dn=maps[0].astype(np.float32),
         rate_dn_s=maps[1].astype(np.float32),
         noise_covariance=rows_of(noise),
-        pattern_covariance=rows_of(np.cov(maps[:, sound]) - noise),
+        pattern_covariance=rows_of(np.cov(maps.reshape(2, -1) if defects is None else maps[:, sound]) - noise),
         temperature_c=temperature_c,
         doubling_temperature_c=doubling_c,
         n_frames=int(frames.sum()),

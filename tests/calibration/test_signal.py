@@ -53,7 +53,7 @@ def test_vignetting_is_not_nonuniformity_behind_a_tone_curve(camera):
     tone = Response("table", (0.0, *knots.tolist()), (0.0, *(20 * (knots / 20) ** 2.2).tolist()))
     v = np.linspace(1.0, 0.8, 400)
     net_dn = 1000 * v ** (1 / 2.2)
-    seen = nonuniformity((net_dn + 64.4) / v, 1 / v, np.arange(400) // 25)
+    seen = nonuniformity((net_dn + 64.4) / v, 1 / v, np.ones((400, 1), np.bool_))
     exact = replace(camera.observe("grey", 10.0, 0.01, None), nonuniformity=seen, temporal_variance_dn2=1e-6)
     even = replace(exact, mean_dn=float(np.mean((net_dn + 64.4) / v)), mean_inverse_v=float(np.mean(1 / v)))
     for curve, least, most in ((tone, 0.0, 0.002), (None, 0.02, 1.0)):

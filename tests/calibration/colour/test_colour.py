@@ -12,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 from labcdp.calibration import save
 from labcdp.calibration.colour.conversion import colour_patch_luminance, colourfulness, mismatch_errors
 from labcdp.calibration.colour.fit import fit_colour
-from labcdp.calibration.colour.weights import NO_PRIOR, ColourData, Prior, combine, leave_one_out
+from labcdp.calibration.colour.weights import ColourData, Prior, combine, leave_one_out
 from labcdp.calibration.convert.patch import patch_luminance
 from labcdp.calibration.record import load_any
 from labcdp.core.frame import PLANES
@@ -170,7 +170,7 @@ def test_weights_without_noise_are_those_of_the_closed_form():
     assert found.weights == pytest.approx(true, abs=0.002)
     assert found.spectral == 0
     assert np.abs(leave_one_out(data, prior, 0.0)).max() < 0.002
-    assert np.abs(leave_one_out(data.only(1), NO_PRIOR, 0.0)).max() > 0.1
+    assert np.abs(leave_one_out(data.only(1), Prior(np.ones(1), 1.0), 0.0)).max() > 0.1
 
 
 def test_noise_of_planes_is_no_colour(fitted, bench):

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, Field, fields
 from pathlib import Path
 from typing import Any
@@ -169,7 +168,7 @@ def _part(name: str, table: Any, folder: Path, defaults: _Table | None = None) -
         # A scene from a file reads it for its size, of which it has no attribute without.
         fits = isinstance(part, protocol)
     except InputError as error:
-        raise _located(error, name, [field.name for field in fields(cls)]) from error
+        raise _located(error, name) from error
     if not fits:
         raise ConfigurationError(f"{name} is registered as {cls.__name__}, which is not a {kind}")
     return part
@@ -192,13 +191,12 @@ def _made_of_table(cls: type[Any], path: str, table: Any, folder: Path, defaults
     try:
         return cls(**values)
     except InputError as error:
-        raise _located(error, path, known) from error
+        raise _located(error, path) from error
 
 
-def _located(error: InputError, path: str, keys: Iterable[str]) -> ConfigurationError:
-    """Return the error with its table; what a class says of one of its parameters begins with its name."""
-    separator = "." if re.split(r"[ .:]", str(error), maxsplit=1)[0] in keys else ": "
-    return ConfigurationError(f"{path}{separator}{error}")
+def _located(error: InputError, path: str) -> ConfigurationError:
+    """Return the error with its table."""
+    return ConfigurationError(f"{path}{'.' if error.key else ': '}{error}")
 
 
 def _value(field: Field[Any], path: str, value: Any, folder: Path) -> Any:

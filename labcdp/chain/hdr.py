@@ -233,7 +233,7 @@ class Hdr(Parameters):
 
     def __post_init__(self) -> None:
         if not isinstance(self.method, str) or self.method not in get_args(Method):
-            raise InputError(f"method is {shown(self.method)}: give one of {', '.join(get_args(Method))}")
+            raise InputError(f"method is {shown(self.method)}: give one of {', '.join(get_args(Method))}", key="method")
         super().__post_init__()
 
     def merge(self, captures: Sequence[Capture]) -> Capture:

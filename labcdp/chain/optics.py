@@ -184,7 +184,8 @@ class Optics(Parameters):
         if is_image and self.focal_length_m is not None and pitch_m is None:
             raise InputError(
                 f"focal_length_m is {self.focal_length_m:g} m, but no sensor tells the pixel pitch: add a "
-                "sensor, or leave focal_length_m out"
+                "sensor, or leave focal_length_m out",
+                key="focal_length_m",
             )
 
         vignetting = self.vignetting(pitch_m) if is_image and pitch_m else None

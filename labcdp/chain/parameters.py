@@ -49,7 +49,9 @@ class Number:
             Naming the key, its value, the range and the unit.
         """
         if not _is_number(value) or not self.low <= value <= self.high or (self.above and value == self.low):
-            raise InputError(f"{name} is {shown(value)}: give {self._interval()}{self.unit and ' '}{self.unit}")
+            raise InputError(
+                f"{name} is {shown(value)}: give {self._interval()}{self.unit and ' '}{self.unit}", key=name
+            )
 
     def _interval(self) -> str:
         start = f"a number above {self.low:g}" if self.above else f"a number from {self.low:g}"
@@ -65,7 +67,9 @@ class Whole(Number):
     def check(self, name: str, value: Any) -> None:
         """Refuse a value that is not a whole number in the range; raises InputError as `Number.check`."""
         if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer):
-            raise InputError(f"{name} is {shown(value)}: give a whole number{self.unit and ' of '}{self.unit}")
+            raise InputError(
+                f"{name} is {shown(value)}: give a whole number{self.unit and ' of '}{self.unit}", key=name
+            )
         super().check(name, value)
 
 
@@ -91,7 +95,7 @@ class Flag:
     def check(self, name: str, value: Any) -> None:
         """Refuse a value that is not true or false; raises InputError."""
         if not isinstance(value, bool | np.bool_):
-            raise InputError(f"{name} is {shown(value)}: give true or false")
+            raise InputError(f"{name} is {shown(value)}: give true or false", key=name)
 
 
 Side: TypeAlias = Annotated[int, Whole("pixels", 1, LARGEST_SIDE)]

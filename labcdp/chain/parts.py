@@ -36,7 +36,7 @@ def _named_parts(key: str, value: Any, kind: Any, what: str) -> tuple[tuple[str,
         isinstance(one, list | tuple) and len(one) == 2 and isinstance(one[0], str) and isinstance(one[1], kind)
         for one in value
     ):
-        raise InputError(f"{key} is {shown(value)}: give a list of pairs of a name and a {what}")
+        raise InputError(f"{key} is {shown(value)}: give a list of pairs of a name and a {what}", key=key)
     return tuple((name, part) for name, part in value)
 
 
@@ -44,11 +44,14 @@ def _quantity_behind(quantity: str, stages: Sequence[tuple[str, Stage]]) -> str:
     """Return what stages make of a quantity; refuse one that does not take what comes to it."""
     for name, stage in stages:
         if not {stage.takes, stage.gives} <= UNITS.keys():
-            raise InputError(f"{name} takes {stage.takes!r} and gives {stage.gives!r}: give two of {', '.join(UNITS)}")
+            raise InputError(
+                f"{name} takes {stage.takes!r} and gives {stage.gives!r}: give two of {', '.join(UNITS)}", key=name
+            )
         if stage.takes != quantity:
             raise InputError(
                 f"{name} takes {stage.takes} in {UNITS[stage.takes]}, but its input is {quantity} in "
-                f"{UNITS[quantity]}: place it elsewhere in the chain"
+                f"{UNITS[quantity]}: place it elsewhere in the chain",
+                key=name,
             )
         quantity = stage.gives
     return quantity
@@ -105,7 +108,7 @@ class ChainParts:
     def __post_init__(self) -> None:
         for key, (kind, what) in _KINDS.items():
             if not isinstance(getattr(self, key), kind):
-                raise InputError(f"{key} is {shown(getattr(self, key))}: give {what}")
+                raise InputError(f"{key} is {shown(getattr(self, key))}: give {what}", key=key)
         object.__setattr__(self, "folder", Path(self.folder))
         photon_radiance_per_cd_m2(self.spectrum)
         for key, kind, what in (

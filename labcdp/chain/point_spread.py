@@ -62,13 +62,13 @@ def checked_mtf(table: Any) -> MtfTable:
     try:
         pairs = np.asarray(table, dtype=object).reshape(-1, 2).astype(np.float64)
     except (TypeError, ValueError):
-        raise InputError(f"mtf is {shown(table)}: {how}") from None
+        raise InputError(f"mtf is {shown(table)}: {how}", key="mtf") from None
     if not pairs.size:
         return ()
     frequency, modulation = pairs.T
     rising = pairs.shape[0] > 1 and frequency[-1] <= _MOST_LP_PER_MM and (np.diff(frequency) > 0).all()
     if not (rising and frequency[0] == 0 and modulation[0] == 1 and ((modulation >= 0) & (modulation <= 1)).all()):
-        raise InputError(f"mtf is {shown(pairs.tolist())}: {how}")
+        raise InputError(f"mtf is {shown(pairs.tolist())}: {how}", key="mtf")
     return tuple((float(one), float(other)) for one, other in pairs)
 
 

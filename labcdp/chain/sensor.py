@@ -137,7 +137,8 @@ class Sensor(Sized):
         if self.dsnu_e_s > 0 and self.dark_current_e_s == 0:
             raise InputError(
                 f"dsnu_e_s is {self.dsnu_e_s} e⁻/s, but dark_current_e_s is 0: a dark current that varies has a "
-                "mean above 0"
+                "mean above 0",
+                key="dsnu_e_s",
             )
         object.__setattr__(self, "quantum_efficiency", as_quantum_efficiency(self.quantum_efficiency))
 
@@ -190,7 +191,9 @@ class Sensor(Sized):
         """
         electrons = electron_radiance_per_cd_m2(spectrum, self.quantum_efficiency) * self.pixel_pitch_m**2
         if electrons == 0:
-            raise InputError(f"quantum_efficiency is 0 wherever {spectrum!r} has light: give values there")
+            raise InputError(
+                f"quantum_efficiency is 0 wherever {spectrum!r} has light: give values there", key="quantum_efficiency"
+            )
         return electrons
 
     def electron_rate(self, illuminance_lx: FloatArray, spectrum: str) -> FloatArray:

@@ -57,7 +57,19 @@ class LabcdpError(Exception):
 
 
 class InputError(LabcdpError, ValueError):
-    """A value, array, region or file the caller gave cannot be used."""
+    """A value, array, region or file the caller gave cannot be used.
+
+    Parameters
+    ----------
+    message : str
+        What is wrong, and what to give.
+    key : str
+        Parameter with which the message begins; empty if it begins with none.
+    """
+
+    def __init__(self, message: str = "", key: str = "") -> None:
+        super().__init__(message)
+        self.key = key
 
 
 class ConfigurationError(InputError):

@@ -52,7 +52,8 @@ class PatchRates:
             rates = np.asarray(getattr(self, name), dtype=np.float64)
             if rates.size == 0 or not (rates.min() >= 0 and rates.max() < np.inf):
                 raise InputError(
-                    f"{name} has no value, or one that is negative or not finite: give rates in e⁻/s from 0 on"
+                    f"{name} has no value, or one that is negative or not finite: give rates in e⁻/s from 0 on",
+                    key=name,
                 )
             object.__setattr__(self, name, rates)
 

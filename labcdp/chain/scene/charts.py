@@ -49,13 +49,16 @@ class StepChart(Levelled):
         given = given.tolist() if isinstance(given, np.ndarray) else given
         if isinstance(given, str) or not isinstance(given, Sequence) or not 1 <= len(given) <= self.width:
             raise InputError(
-                f"luminances_cd_m2 is {shown(given)}: give a list of 1 to {self.width} luminances, one a stripe"
+                f"luminances_cd_m2 is {shown(given)}: give a list of 1 to {self.width} luminances, one a stripe",
+                key="luminances_cd_m2",
             )
         for luminance in given:
             Number("cd/m²", 0, HIGHEST_CD_M2).check("luminances_cd_m2", luminance)
         object.__setattr__(self, "luminances_cd_m2", tuple(float(luminance) for luminance in given))
         if not isinstance(self.names, list | tuple) or len(self.names) not in (0, len(given)):
-            raise InputError(f"names is {shown(self.names)}: give a list of {len(given)} names, one a stripe")
+            raise InputError(
+                f"names is {shown(self.names)}: give a list of {len(given)} names, one a stripe", key="names"
+            )
         object.__setattr__(self, "names", tuple(self.names))
         object.__setattr__(self, "contrasts", checked_contrasts(self.contrasts, self._names))
 
@@ -111,17 +114,20 @@ class Checkerboard(Sized):
         number("pixels", 1 / self.oversampling).check("square_px", self.square_px)
         if abs(self.square_px * self.oversampling - self._square_samples) > 1e-6:
             raise InputError(
-                f"square_px is {self.square_px:g}: give a multiple of 1/{self.oversampling} pixels, the sampling"
+                f"square_px is {self.square_px:g}: give a multiple of 1/{self.oversampling} pixels, the sampling",
+                key="square_px",
             )
         if self.bright_cd_m2 > HIGHEST_CD_M2:
             raise InputError(
                 f"contrast is {self.contrast}: the bright squares would have {self.bright_cd_m2:g} cd/m², give at "
-                f"most {HIGHEST_CD_M2:g}"
+                f"most {HIGHEST_CD_M2:g}",
+                key="contrast",
             )
         if max(self.width, self.height) <= self.square_px:
             raise InputError(
                 f"square_px is {self.square_px}, and a scene of {self.width} x {self.height} pixels then is one "
-                "square: give smaller squares"
+                "square: give smaller squares",
+                key="square_px",
             )
 
     @property

@@ -56,11 +56,13 @@ class ImageScene(Parameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not isinstance(self.path, str | PathLike):
-            raise InputError(f"path is {shown(self.path)}: give the path of a .npy, .tif or .tiff file")
+            raise InputError(f"path is {shown(self.path)}: give the path of a .npy, .tif or .tiff file", key="path")
         object.__setattr__(self, "path", Path(self.path))
         named = self.regions_xywh
         if not isinstance(named, Mapping) or not all(isinstance(name, str) for name in named):
-            raise InputError(f"regions_xywh is {shown(self.regions_xywh)}: give a table of names and lists")
+            raise InputError(
+                f"regions_xywh is {shown(self.regions_xywh)}: give a table of names and lists", key="regions_xywh"
+            )
         regions = {name: self._checked(name, corners) for name, corners in self.regions_xywh.items()}
         object.__setattr__(self, "regions_xywh", regions)
 
@@ -70,7 +72,8 @@ class ImageScene(Parameters):
         if any(size % self.oversampling for size in scene.shape):
             raise InputError(
                 f"path is {str(self.path)!r}, of {scene.shape[1]} x {scene.shape[0]} values, which {self.oversampling} "
-                "samples on each side of a pixel do not divide: crop it, or give another oversampling"
+                "samples on each side of a pixel do not divide: crop it, or give another oversampling",
+                key="path",
             )
         height, width = (size // self.oversampling for size in scene.shape)
         for name in self.regions_xywh:
@@ -83,7 +86,8 @@ class ImageScene(Parameters):
         corners = corners.tolist() if isinstance(corners, np.ndarray) else corners
         if not isinstance(corners, list | tuple) or len(corners) != 4:
             raise InputError(
-                f"regions_xywh.{shortened(name)} is {shown(corners)}: give a list of x, y, width and height in pixels"
+                f"regions_xywh.{shortened(name)} is {shown(corners)}: give a list of x, y, width and height in pixels",
+                key="regions_xywh",
             )
         x, y, width, height = corners
         with naming(f"regions_xywh.{shortened(name)}"):
@@ -147,7 +151,7 @@ def _read(path: Path) -> NDArray[Any]:
     """Return the values of an image file, 2-D; raises InputError naming the file."""
     suffix = path.suffix.lower()
     if suffix not in (".npy", ".tif", ".tiff"):
-        raise InputError(f"path is {str(path)!r}: give a .npy, .tif or .tiff file of luminance")
+        raise InputError(f"path is {str(path)!r}: give a .npy, .tif or .tiff file of luminance", key="path")
     try:
         data = read_bytes(path, "a grey image", _MOST_BYTES)
         if suffix == ".npy":
@@ -156,9 +160,10 @@ def _read(path: Path) -> NDArray[Any]:
             with open_tiff(data, path) as tiff:
                 values = pixels_of(tiff.pages.first.aspage(), path)
     except InputError as error:
-        raise InputError(f"path is {str(path)!r}: {str(error).removeprefix(f'{path} ')}") from error
+        raise InputError(f"path is {str(path)!r}: {str(error).removeprefix(f'{path} ')}", key="path") from error
     if values.ndim != 2 or values.dtype.kind not in "uif":
         raise InputError(
-            f"path is {str(path)!r}, which holds {values.dtype} of shape {values.shape}: give a 2-D grey image"
+            f"path is {str(path)!r}, which holds {values.dtype} of shape {values.shape}: give a 2-D grey image",
+            key="path",
         )
     return values

@@ -185,14 +185,16 @@ def named_apart(names: Sequence[object], what: str, first: int = 1) -> list[str]
 def checked_contrasts(contrasts: object, names: Sequence[str]) -> tuple[tuple[str, str], ...]:
     """Return pairs of names, each once; raises InputError if they are none, or name no region."""
     if not isinstance(contrasts, list | tuple):
-        raise InputError(f"contrasts is {shown(contrasts)}: give a list of pairs of names")
+        raise InputError(f"contrasts is {shown(contrasts)}: give a list of pairs of names", key="contrasts")
     found: dict[tuple[str, str], None] = {}
     for pair in contrasts:
         if not isinstance(pair, list | tuple) or len(pair) != 2 or pair[0] == pair[1]:
-            raise InputError(f"contrasts has {shown(pair)}: give two different names, for example ['P1', 'P2']")
+            raise InputError(
+                f"contrasts has {shown(pair)}: give two different names, for example ['P1', 'P2']", key="contrasts"
+            )
         for name in pair:
             if name not in names:
-                raise InputError(f"contrasts names {shown(name)}: choose from {', '.join(names)}")
+                raise InputError(f"contrasts names {shown(name)}: choose from {', '.join(names)}", key="contrasts")
         found[str(pair[0]), str(pair[1])] = None
     return tuple(found)
 
@@ -287,7 +289,7 @@ class PatchScene(Levelled):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not isinstance(self.patches, list | tuple) or not all(isinstance(patch, Patch) for patch in self.patches):
-            raise InputError(f"patches is {shown(self.patches)}: give a list of labcdp.chain.Patch")
+            raise InputError(f"patches is {shown(self.patches)}: give a list of labcdp.chain.Patch", key="patches")
         object.__setattr__(self, "patches", tuple(self.patches))
         for patch in self.patches:
             patch.check_inside(self.width, self.height)

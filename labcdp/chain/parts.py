@@ -258,6 +258,16 @@ class ChainParts:
         return (*front, *(self.of_sensor(name, own) for own, _ in self.sensors for name in self.recorded_names))
 
     @property
+    def captures(self) -> dict[str, str]:
+        """The sensor in the words of a run, by the name of each of its exposures."""
+        n = 0 if self.settings is None else len(self.settings.exposure_s)
+        return {
+            self.of_sensor(name, own): self.of_sensor("sensor", own)
+            for own, _ in self.sensors
+            for name in self.recorded_names[:n]
+        }
+
+    @property
     def branches(self) -> dict[str, tuple[str, ...]]:
         """Names of the signals on the way to the last one of each sensor, by its name; "" without a sensor."""
         front = ("scene", *(name for name, _ in self.before))

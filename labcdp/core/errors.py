@@ -71,6 +71,11 @@ class InputError(LabcdpError, ValueError):
         super().__init__(message)
         self.key = key
 
+    @property
+    def problem(self) -> str:
+        """The message without the parameter that it begins with."""
+        return str(self)[len(self.key) :].lstrip()
+
 
 class ConfigurationError(InputError):
     """A configuration file has an unknown key, or a value of the wrong type, unit or range."""

@@ -127,21 +127,30 @@ def as_quantum_efficiency(value: float | Sequence[tuple[float, float]]) -> Quant
     table = table.astype(float) if numeric else np.empty((0, 0))
     if table.ndim == 0:
         if not 0 < table <= 1:
-            raise InputError(f"quantum_efficiency is {value}: give a fraction above 0, up to 1")
+            raise InputError(
+                f"quantum_efficiency is {value}: give a fraction above 0, up to 1", key="quantum_efficiency"
+            )
         return float(table)
     if table.ndim != 2 or table.shape[1] != 2 or len(table) < 2:
         raise InputError(
             f"quantum_efficiency is {shown(value)}: give a fraction, or at least two pairs of wavelength in nm and "
-            "value"
+            "value",
+            key="quantum_efficiency",
         )
     wavelengths, fractions = table.T
     if not (
         (wavelengths >= _SHORTEST_NM).all() and wavelengths[-1] <= _LONGEST_NM and (np.diff(wavelengths) > 0).all()
     ):
         found, limits = shown(wavelengths.tolist()), f"from {_SHORTEST_NM} to {_LONGEST_NM} nm"
-        raise InputError(f"quantum_efficiency has the wavelengths {found} nm: give them in rising order, {limits}")
+        raise InputError(
+            f"quantum_efficiency has the wavelengths {found} nm: give them in rising order, {limits}",
+            key="quantum_efficiency",
+        )
     if not ((fractions >= 0) & (fractions <= 1)).all():
-        raise InputError(f"quantum_efficiency has the values {shown(fractions.tolist())}: give fractions from 0 to 1")
+        raise InputError(
+            f"quantum_efficiency has the values {shown(fractions.tolist())}: give fractions from 0 to 1",
+            key="quantum_efficiency",
+        )
     return tuple((float(wavelength), float(fraction)) for wavelength, fraction in table)
 
 

@@ -160,7 +160,7 @@ def _read(path: Path) -> NDArray[Any]:
             with open_tiff(data, path) as tiff:
                 values = pixels_of(tiff.pages.first.aspage(), path)
     except InputError as error:
-        raise InputError(f"path is {str(path)!r}: {str(error).removeprefix(f'{path} ')}", key="path") from error
+        raise InputError(f"path: {error}", key="path") from error
     if values.ndim != 2 or values.dtype.kind not in "uif":
         raise InputError(
             f"path is {str(path)!r}, which holds {values.dtype} of shape {values.shape}: give a 2-D grey image",

@@ -13,7 +13,7 @@ from itertools import chain, count
 from math import isfinite
 from typing import Any
 
-from ..errors import InputError, encodable
+from ..errors import InputError, encodable, printable
 from .files import AnyPath, quoted, read_bytes, reason
 
 
@@ -41,7 +41,7 @@ def json_values(values: Any) -> Any:
 _BARE_KEY = re.compile("[A-Za-z0-9_-]+")
 
 
-def toml_text(document: Mapping[str, Any]) -> str:
+def toml_text(document: Mapping[str, Any], comments: Mapping[tuple[str, str], str] | None = None) -> str:
     """Write nested tables of text, numbers, truth values, dates and lists as TOML.
 
     tomli_w puts each number of a list on a line of its own and short tables in braces, which makes a session's
@@ -51,23 +51,30 @@ def toml_text(document: Mapping[str, Any]) -> str:
     ----------
     document : mapping
         The tables.
+    comments : mapping of (str, str) to str
+        Comments behind values, by the path of their table and their key.
 
     Raises
     ------
     TypeError
         For a value of another type.
     """
-    return "\n".join(_table(document, "")).lstrip("\n") + "\n"
+    return "\n".join(_table(document, "", comments or {})).lstrip("\n") + "\n"
 
 
-def _table(document: Mapping[str, Any], path: str) -> list[str]:
-    lines = [f"{_key(key)} = {_value(value)}" for key, value in document.items() if not _is_table(value)]
+def _table(document: Mapping[str, Any], path: str, comments: Mapping[tuple[str, str], str]) -> list[str]:
+    """Return the lines of a table and those in it; `path` ends with a dot, or is empty."""
+    lines = []
+    for key, value in document.items():
+        if not _is_table(value):
+            comment = comments.get((path[:-1], key))
+            lines.append(f"{_key(key)} = {_value(value)}" + (f"  # {printable(comment)}" if comment else ""))
     for key, value in document.items():
         if isinstance(value, Mapping):
-            lines += ["", f"[{path}{_key(key)}]", *_table(value, f"{path}{_key(key)}.")]
+            lines += ["", f"[{path}{_key(key)}]", *_table(value, f"{path}{_key(key)}.", comments)]
         elif _is_table(value):
             for item in value:
-                lines += ["", f"[[{path}{_key(key)}]]", *_table(item, f"{path}{_key(key)}.")]
+                lines += ["", f"[[{path}{_key(key)}]]", *_table(item, f"{path}{_key(key)}.", comments)]
     return lines
 
 

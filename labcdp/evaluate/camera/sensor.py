@@ -98,13 +98,7 @@ def chain_text(preset: str, path: Path) -> str:
 def commented_toml(head: Sequence[str], document: Mapping[str, Any], comments: Mapping[tuple[str, str], str]) -> str:
     """Return a document as TOML below lines of comment, with comments behind values, by table and key."""
     # Files that they name may have any name, also of several lines.
-    lines, table = [f"# {printable(line)}" for line in head], ""
-    for line in toml_text(document).splitlines():
-        table = line.strip("[]") if line.startswith("[") else table
-        key, equals, _ = line.partition(" = ")
-        comment = comments.get((table, key)) if equals else None
-        lines.append(f"{line}  # {printable(comment)}" if comment else line)
-    return "\n".join(lines) + "\n"
+    return "".join(f"# {printable(line)}\n" for line in head) + toml_text(document, comments)
 
 
 def _of_results(path: Path, sensor: Sensor) -> tuple[dict[str, Any], dict[str, str]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,6 +24,10 @@ if TYPE_CHECKING:
 _ROUNDING = 1e-9
 
 
+#: Kind of a source of uncertainty, and what identifies it.
+Source: TypeAlias = tuple[str, str]
+
+
 @dataclass(frozen=True, eq=False)
 class Uncertain:
     """A value, or an array of values, with its 95 % interval.
@@ -34,18 +38,18 @@ class Uncertain:
         The value.
     below, above : array_like of float
         Distance of the ends of the interval; nan if they are not known, 0 for an exact value.
-    common : mapping of str to array_like of float
+    common : mapping of (str, str) to array_like of float
         Part of the uncertainty by each error that other values may have, too: its standard uncertainty over the whole,
-        0 to 1, by what identifies the error, for example a meter and its state.
-    sources : tuple of str
+        0 to 1, by the kind of the source and what identifies it, for example "meter" and the meter with its state.
+    sources : tuple of (str, str)
         In place of `common` what the uncertainty is by, if the parts are not known.
     """
 
     value: ArrayLike
     below: ArrayLike = 0.0
     above: ArrayLike = 0.0
-    common: Mapping[str, ArrayLike] = field(default_factory=dict)
-    sources: tuple[str, ...] = ()
+    common: Mapping[Source, ArrayLike] = field(default_factory=dict)
+    sources: tuple[Source, ...] = ()
 
     @property
     def ends(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
@@ -257,7 +261,7 @@ def _log_responsivity(planes: Sequence[Calibration], net_dn: NDArray[np.float64]
     shape = (len(planes), net_dn.size) if planes[0].state.plane else net_dn.shape
     share, sides = np.reshape(by_meter, shape), np.reshape(expanded, shape)
     data, meter = planes[0].provenance.input_sha256, planes[0].meter_scale
-    common = {f"meter {meter}": share, f"data {data}": np.sqrt(1 - share**2)}
+    common = {("meter", f"{meter}"): share, ("data", data): np.sqrt(1 - share**2)}
     return Uncertain(np.reshape(logs, shape), sides, sides, common)
 
 

@@ -159,8 +159,8 @@ def _assumptions(found: Comparison) -> Iterator[Finding]:
             yield info("compare-on-axis")
             yield from _scene_of_another_contrast(found)
     else:
-        common = sorted({f"the same {name.split()[0]}" for row in found.rows for name in row.first.common
-                         if name in row.other.common})  # fmt: skip
+        shared = [row.first.common.keys() & row.other.common.keys() for row in found.rows]
+        common = sorted({f"the same {kind}" for sources in shared for kind, _ in sources})
         if common:
             yield info("compare-common", sources=common)
         yield info("compare-independent")

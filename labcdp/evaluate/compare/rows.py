@@ -11,7 +11,7 @@ from ...calibration.verify.history import histories
 from ...core.disk import number_of
 from ...core.errors import InputError
 from ..bench.quantities import RESPONSIVITY
-from .grid import Uncertain
+from .grid import Source, Uncertain
 from .subject import Subject, damaged
 
 
@@ -52,8 +52,8 @@ def values_of(subject: Subject) -> dict[str, Named]:
 def _session(subject: Subject) -> Iterator[Named]:
     tables = subject.content["tables"]
     provenance = {row["item"]: row["value"] for row in tables["provenance"]["rows"]}
-    frames = f"frames {provenance['SHA-256 of frames and readings']}"
-    calibration = f"calibration {provenance['SHA-256 of those of the calibration']}"
+    frames = "frames", provenance["SHA-256 of frames and readings"]
+    calibration = "calibration", provenance["SHA-256 of those of the calibration"]
     for row in tables["contrasts"]["rows"]:
         text = f"CDP of {row['pair']} at {_percent(row['target_contrast'])}, ε {_percent(row['epsilon'])}"
         yield _cdp(text, row, frames, calibration)
@@ -68,8 +68,8 @@ def _picture(subject: Subject) -> Iterator[Named]:
     calibrations = [one["sha256"] for one in subject.content["inputs"] if one["role"] == "calibration"]
     # Without a calibration, it is the vignetting of the lens that contrasts at the same places have in common.
     (camera,) = (row["camera"] for row in tables["pictures"]["rows"] if row["number"] == number)
-    calibration = f"calibration {calibrations[0]}" if calibrations else f"vignetting {camera or 'of the lens'}"
-    picture = f"picture {sha256}"
+    calibration = ("calibration", calibrations[0]) if calibrations else ("vignetting", camera or "of the lens")
+    picture = "picture", sha256
     rows = [row for row in tables["cdp"]["rows"] if row["number"] == number]
     for row in rows:
         measured = row["contrast_origin"] == "measured"
@@ -89,20 +89,20 @@ def _picture(subject: Subject) -> Iterator[Named]:
 
 
 def _characterisation(subject: Subject) -> Iterator[Named]:
-    data = {f"{one['role']} {one['sha256']}": 1.0 for one in subject.content["inputs"][:1]}
+    data = {(one["role"], one["sha256"]): 1.0 for one in subject.content["inputs"][:1]}
     for row in subject.content["tables"]["characterisation"]["rows"]:
         unit = "%" if row["unit"] == "1" else str(row["unit"] or "")
         yield _symmetric(str(row["quantity"]), unit, row["value"], row["expanded_value"], data)
 
 
 def _calibration(subject: Subject) -> Iterator[Named]:
-    data = f"data {subject.content.provenance.input_sha256}"
+    data = "data", subject.content.provenance.input_sha256
     for history in histories({subject.name: subject.content}, {}):
         (point,) = history.points
         plane = f" of plane {history.plane}" if history.plane else ""
         assert point.responsivity is not None
         r, own, whole = point.responsivity
-        parts = _parts(whole, own, data, f"meter {point.meter}") if whole else {}
+        parts = _parts(whole, own, data, ("meter", f"{point.meter}")) if whole else {}
         yield _symmetric(f"responsivity R{plane}", RESPONSIVITY, r, r * whole, parts)
         yield _symmetric(f"dark offset{plane}", "DN", *point.dark_offset_dn, {data: 1.0})
         if point.dark_rate_dn_s is not None:
@@ -112,20 +112,20 @@ def _calibration(subject: Subject) -> Iterator[Named]:
 
 
 def _symmetric(
-    quantity: str, unit: str, value: Any, expanded: Any, common: dict[str, float], sources: tuple[str, ...] = ()
+    quantity: str, unit: str, value: Any, expanded: Any, common: dict[Source, float], sources: tuple[Source, ...] = ()
 ) -> Named:
     u = _number(expanded)
     return Named(_number(value), u, u, common, sources, quantity, unit)
 
 
-def _cdp(quantity: str, row: Mapping[str, Any], pixels: str, calibration: str) -> Named:
+def _cdp(quantity: str, row: Mapping[str, Any], pixels: Source, calibration: Source) -> Named:
     """Return a CDP, whose uncertainty is by its pixels and by the calibration."""
     value, low, high = (_number(row[name]) for name in ("cdp", "cdp_low", "cdp_high"))
     parts = _parts(_number(row["u_cdp"]), _number(row["u_cdp_pixels"]), pixels, calibration)
     return Named(value, value - low, high - value, parts, (), quantity, "", True)
 
 
-def _parts(u: float, u_own: float, own: str, other: str) -> dict[str, float]:
+def _parts(u: float, u_own: float, own: Source, other: Source) -> dict[Source, float]:
     """Return the parts of an uncertainty by an error of its own and by another one, over the whole."""
     # Of a CDP of 0 or 1 both are 0, and the interval is by the number of pixels.
     part = min(u_own / u, 1.0) if u > 0 else 1.0

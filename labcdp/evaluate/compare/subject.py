@@ -24,6 +24,7 @@ from ..picture.converter import Converter
 from ..picture.result import evaluate_picture, image_result
 from ..picture.settings import ImageSettings
 from ..sweep.maps.axes import check_map
+from ..sweep.run import map_title
 
 #: Kinds by the command whose results they are; the file next to results.json that holds them, if not that itself.
 _OF_COMMAND = {
@@ -122,6 +123,12 @@ def _names(subjects: Sequence[Subject]) -> list[str]:
     return [f"{name} ({names[: n + 1].count(name)})" if names.count(name) > 1 else name for n, name in enumerate(names)]
 
 
+def _map_name(attributes: Mapping[Any, Any]) -> str:
+    """Return the title that somebody gave to a map, else the name of its chain."""
+    name, title = attributes.get("chain_name", "map"), attributes.get("title", "map")
+    return str(name if title == map_title(name, attributes.get("stage")) else title)
+
+
 def _read(source: Any, pictures: ImageSettings | None) -> list[Subject]:
     if isinstance(source, str | Path):
         if Path(source).suffix.lower() not in _SUFFIXES and Path(source).is_file():
@@ -133,7 +140,7 @@ def _read(source: Any, pictures: ImageSettings | None) -> list[Subject]:
     if isinstance(source, Session):
         return _session(str(source.path.name), source)
     if hasattr(source, "data_vars"):
-        return [_map(str(source.attrs.get("title", "map")).partition(":")[0], source, ())]
+        return [_map(_map_name(source.attrs), source, ())]
     if isinstance(source, Calibration | ColourCalibration):
         return [_calibration("calibration", source, ())]
     if hasattr(source, "to_dict"):

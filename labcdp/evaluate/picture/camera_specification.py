@@ -59,7 +59,7 @@ class CameraSpecification(Table):
         try:
             return as_quantum_efficiency(value)
         except InputError as error:
-            raise ValueError(str(error).removeprefix("quantum_efficiency ")) from error
+            raise ValueError(error.problem) from error
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:

@@ -32,6 +32,11 @@ if TYPE_CHECKING:
 _OF_CONTRAST = ("cdp", "standard_error", "below", "above")
 
 
+def map_title(chain_name: str, stage: str) -> str:
+    """Return the title of a map of a chain."""
+    return f"{chain_name}: CDP after {stage}"
+
+
 def labelled(sweep: Sweep, values: NDArray[np.float64]) -> Dataset:
     """Label the values of all cells, shape (cells, variables)."""
     from xarray import Dataset
@@ -48,7 +53,8 @@ def labelled(sweep: Sweep, values: NDArray[np.float64]) -> Dataset:
     }
     asked = {} if several else {"contrast": _scene_contrast(sweep) if sweep.contrast is None else sweep.contrast}
     attributes: Mapping[str, Any] = {
-        "title": f"{sweep.chain.name or 'chain'}: CDP after {sweep.stage}",
+        "title": map_title(sweep.chain.name or "chain", sweep.stage),
+        "chain_name": sweep.chain.name or "chain",
         **asked,
         "epsilon": sweep.epsilon,
         "method": "exact" if sweep.exact else "simulated",

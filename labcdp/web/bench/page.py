@@ -98,14 +98,18 @@ class BenchPage:
             field("Select", name, self._choose, options=[_NONE], **close | {"width": 205})
             for name in ("Contrast of", "and of")
         )
-        self._exposure = page.number("Exposure (ms)", lambda ms: request(exposure_s=1e-3 * ms), width=100, **close)
-        self._gain = page.number("Gain (dB)", lambda db: request(gain_db=db), value=0.0, width=65, **close)
+        self._exposure = page.number(
+            "Exposure", lambda ms: request(exposure_s=1e-3 * ms), unit="ms", width=100, **close
+        )
+        self._gain = page.number("Gain", lambda db: request(gain_db=db), unit="dB", value=0.0, width=65, **close)
         self._pause = field("Toggle", "Pause", lambda on: setattr(bench.images, "paused", on), margin=(3, 4))
         self._n_readings = page.number("Readings", limits=(1, 100), value=1, width=60, **close)
         self._typed = field("TextInput", "Reading of another meter (cd/m²), with Enter", width=250, **close)
         options: dict[str, Any] = {"placeholder": "measured", "width": 125, **close}
         self._contrast = field("TextInput", "Target contrast (%)", self._aim_contrast, **options)
-        self._epsilon = page.number("Tolerance ε (%)", self._aim_epsilon, (0.001, 100), value=50.0, width=100, **close)
+        self._epsilon = page.number(
+            "Tolerance ε", self._aim_epsilon, (0.001, 100), unit="%", value=50.0, width=100, **close
+        )
         self._aimed: tuple[object, ...] = ()
         self._shown: tuple[CameraSettings | None, str] = (None, "")
         #: What only the controlling page may use.

@@ -42,7 +42,7 @@ class CameraTab:
         field, request = page.field, camera.request
         self._format = field("Select", "Pixel format", lambda name: request(pixel_format=name), width=150)
         self._rate = page.number("Frames per second", lambda hz: request(frame_rate_hz=hz), width=130)
-        self._black = page.number("Black level (register)", lambda dn: request(black_level=dn), width=140)
+        self._black = page.number("Black level", lambda dn: request(black_level=dn), unit="register", width=140)
         self._region = field("TextInput", "Region: x, y, width, height", self._set_region, width=210)
         self._find = field("TextInput", "Find features", placeholder="part of a name", width=140)
         self._feature = field("TextInput", "Set a feature", placeholder="Gamma = 1", width=180)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -25,13 +24,15 @@ class NumberField(pn.viewable.Viewer):  # type: ignore[misc]
     Parameters
     ----------
     name : str
-        Label, with the unit in brackets at its end.
+        What the label says; the unit follows in brackets.
     limits : (float, float)
         Least and greatest number.
     value : float, int or None
         At first; None for empty, which it then may be.
     whole : bool
         Whether only whole numbers are taken.
+    unit : str
+        Unit of the number; it may be typed, too.
     **options
         Of the widget.
     """
@@ -42,13 +43,13 @@ class NumberField(pn.viewable.Viewer):  # type: ignore[misc]
         limits: tuple[float, float] = (-inf, inf),
         value: float | None = None,
         whole: bool = False,
+        unit: str = "",
         **options: Any,
     ) -> None:
         super().__init__()
         self._limits, self._value, self._whole = limits, value, whole
-        unit = re.search(r"\(([^()]+)\)$", name)
-        self._unit, self._may_be_empty = unit[1] if unit else "", value is None
-        self.widget = pn.widgets.TextInput(name=name, value=_written(value), **options)
+        self._unit, self._may_be_empty = unit, value is None
+        self.widget = pn.widgets.TextInput(name=f"{name} ({unit})" if unit else name, value=_written(value), **options)
 
     def __panel__(self) -> Any:
         """Return the widget, for layouts."""

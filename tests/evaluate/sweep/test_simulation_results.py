@@ -83,7 +83,8 @@ def test_what_a_merge_brings_back_is_not_called_lost():
     columns = (Column("stage", "stage"), Column("cdp", "CDP"), Column("contrast", "contrast"))
     cdps = {"scene": 1.0, "optics": 1.0, "sensor 32 ms": 0.0, "sensor 8 ms": 0.4, "hdr": 0.75, "isp": 0.7}
     rows = [{"stage": stage, "cdp": cdp, "contrast": 0.5} for stage, cdp in cdps.items()]
-    said = answer(Table.of_items("detection", "", columns, rows), ["isp"])
+    bracket = small({"hdr": {"method": "weighted"}, "isp": {}}, exposure__exposure_s=[0.032, 0.008])
+    said = answer(Table.of_items("detection", "", columns, rows), ["isp"], bracket)
     assert said.endswith("sensor, by 0.250 to 0.750.")
 
 

@@ -47,7 +47,7 @@ def _page(result: Result, view: MapView) -> Page:
     facts = [
         (str(name).replace("_", " "), str(value))
         for name, value in dataset.attrs.items()
-        if name not in ("title", "chain") and value == value
+        if name not in ("title", "chain_name", "chain") and value == value
     ]
     chain = str(dataset.attrs.get("chain", ""))
     tables = [table for table in result.tables if len(table) and (table.name == "dips" or not table.detail)]

@@ -82,7 +82,7 @@ def _page(
     return Page.of(
         result,
         kind,
-        summary=(answer(detection, final, asked) if detection is not None else "") or chain.description,
+        summary=(answer(detection, final, chain, asked) if detection is not None else "") or chain.description,
         cards=[] if detection is None else _cards(detection, final, asked),
         lead=lead,
         sections=[*sections, Section("Chain and provenance", (facts, Verbatim(chain.to_toml())), collapsed=True)],

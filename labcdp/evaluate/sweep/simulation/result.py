@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -222,8 +221,8 @@ def predicted_result(
     )
 
 
-def answer(detection: Table, final: Sequence[str], contrast: TargetContrasts = None) -> str:
-    """Return what a chain detects after its last stages, and which stage costs most of it, in a sentence."""
+def answer(detection: Table, final: Sequence[str], chain: Chain, contrast: TargetContrasts = None) -> str:
+    """Return what a chain detects after the stages `final`, and which stage costs most of it, in a sentence."""
     rows = [{"bright": "bright", "dark": "dark", **row} for row in detection.rows()]
     found = [row for row in rows if row["stage"] in final and row["cdp"] is not None]
     if not found:
@@ -241,18 +240,14 @@ def answer(detection: Table, final: Sequence[str], contrast: TargetContrasts = N
     sentence = (
         f"{worst}{lowest['bright']} / {lowest['dark']} ({what}), CDP {lowest[name]:.3f} after {lowest['stage']}{of}"
     )
-    return f"{sentence if worst else sentence[0].upper() + sentence[1:]}{_costs(rows, lowest, name)}."
+    return f"{sentence if worst else sentence[0].upper() + sentence[1:]}{_costs(rows, lowest, name, chain)}."
 
 
-def _costs(rows: Sequence[Mapping[str, Any]], last: Mapping[str, Any], name: str) -> str:
+def _costs(rows: Sequence[Mapping[str, Any]], last: Mapping[str, Any], name: str, chain: Chain) -> str:
     """Say which stage up to the last costs most CDP, and how much."""
-    _, _, sensor = last["stage"].partition(" (")
+    branch = next(stages for stages in chain.branches.values() if last["stage"] in stages)
     pair = [row for row in rows if all(row.get(key) == last.get(key) for key in ("bright", "dark", _TARGET.name))]
-    known = [
-        row
-        for row in pair[: pair.index(last) + 1]
-        if row.get(name) is not None and row["stage"].partition(" (")[2] in ("", sensor)
-    ]
+    known = [row for row in pair[: pair.index(last) + 1] if row.get(name) is not None and row["stage"] in branch]
     # What a merge of exposures brings back is not lost.
     left = [max(row[name] for row in known[place:]) for place in range(len(known))]
     falls = zip(pairwise(left), [row["stage"] for row in known[1:]], strict=True)
@@ -260,8 +255,7 @@ def _costs(rows: Sequence[Mapping[str, Any]], last: Mapping[str, Any], name: str
     if before - after < _LOSS:
         return ""
     # Of a bracket, the sensor with all its exposures.
-    stage = re.sub(r"^sensor \S+ ms", "sensor", stage)
-    return f"; CDP drops most at {stage}, by {before - after:.3f} to {after:.3f}"
+    return f"; CDP drops most at {chain.captures.get(stage, stage)}, by {before - after:.3f} to {after:.3f}"
 
 
 def _finite_snr(name: str, value: float) -> float:

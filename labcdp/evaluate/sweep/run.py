@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 _OF_CONTRAST = ("cdp", "standard_error", "below", "above")
 
 
-def map_title(chain_name: str, stage: str) -> str:
+def map_title(chain_name: str, stage: str | None) -> str:
     """Return the title of a map of a chain."""
     return f"{chain_name}: CDP after {stage}"
 

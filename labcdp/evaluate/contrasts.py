@@ -35,13 +35,13 @@ def parse_contrasts(texts: Sequence[str], name: str = "--contrast") -> tuple[flo
     InputError
         If a text has another form, or a contrast is not above 0 or out of range.
     """
-    found: set[float] = set()
+    contrasts: set[float] = set()
     for text in texts:
         if ":" in text:
-            found.update(_range(text, name))
+            contrasts.update(_range(text, name))
         else:
-            found.update(float(_fraction(part, text, name)) for part in text.split(","))
-    return tuple(sorted(found))
+            contrasts.update(float(_fraction(part, text, name)) for part in text.split(","))
+    return tuple(sorted(contrasts))
 
 
 def _range(text: str, name: str) -> list[float]:

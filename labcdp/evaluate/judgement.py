@@ -114,13 +114,13 @@ class Judgement:
     @property
     def verdict(self) -> Verdict:
         """Verdict on all pairs: that of the worst."""
-        return worst_verdict([one.verdict for one in self.pairs])
+        return worst_verdict([pair.verdict for pair in self.pairs])
 
     @property
     def table(self) -> Table:
         """The verdict on each pair."""
-        several = any(one.n_seen > 1 for one in self.pairs)
-        columns = [column for column in COLUMNS if several or column.name not in _OF_SEVERAL]
+        several = any(pair.n_seen > 1 for pair in self.pairs)
+        columns = [column for column in COLUMNS if several or column.name not in _FOR_SEVERAL]
         note = required_text(self.requirement)
         return Table.of_items("requirement", self.requirement.name, tuple(columns), self.pairs, note)
 
@@ -161,21 +161,21 @@ def judged_pairs(requirement: Requirement, seen: Iterable[SeenContrast]) -> Judg
         CDP of its contrast and tolerance.
     """
     by_pair: dict[str, list[SeenContrast]] = {}
-    for one in seen:
-        by_pair.setdefault(one.pair, []).append(one)
-    every = [one for of_pair in by_pair.values() for one in of_pair]
-    pairs = tuple(_of_pair(requirement, pair, of_pair) for pair, of_pair in by_pair.items())
+    every = list(seen)
+    for contrast in every:
+        by_pair.setdefault(contrast.pair, []).append(contrast)
+    pairs = tuple(_judge_pair(requirement, pair, contrasts) for pair, contrasts in by_pair.items())
     return Judgement(requirement, pairs, tuple(_not_judged(requirement, every)))
 
 
-def _why_not(requirement: Requirement, one: SeenContrast) -> str:
+def _why_not(requirement: Requirement, contrast: SeenContrast) -> str:
     """Say why a contrast cannot be judged; empty if it can."""
     low, high = requirement.luminance_cd_m2
-    if not isfinite(one.cdp):
-        return "saturation" if one.saturated else "no CDP"
-    if one.scene_contrast is not None and _is_off(requirement, one.scene_contrast):
+    if not isfinite(contrast.cdp):
+        return "saturation" if contrast.saturated else "no CDP"
+    if contrast.scene_contrast is not None and _is_off(requirement, contrast.scene_contrast):
         return "contrast outside the requirement"
-    in_range = one.luminance_cd_m2 is None or low <= one.luminance_cd_m2 <= high
+    in_range = contrast.luminance_cd_m2 is None or low <= contrast.luminance_cd_m2 <= high
     return "" if in_range else "luminance outside the requirement"
 
 
@@ -183,23 +183,23 @@ def _is_off(requirement: Requirement, contrast: float) -> bool:
     return abs(contrast / requirement.contrast - 1) > requirement.epsilon
 
 
-def _of_pair(requirement: Requirement, pair: str, seen: Sequence[SeenContrast]) -> JudgedPair:
+def _judge_pair(requirement: Requirement, pair: str, seen: Sequence[SeenContrast]) -> JudgedPair:
     limit = requirement.cdp_limit
-    judged = [one for one in seen if not _why_not(requirement, one)]
+    judged = [contrast for contrast in seen if not _why_not(requirement, contrast)]
     if not judged:
-        why = ", ".join(sorted({_why_not(requirement, one) for one in seen}))
+        why = ", ".join(sorted({_why_not(requirement, contrast) for contrast in seen}))
         return JudgedPair(pair, "undecided", None, None, why, 0, 0, len(seen))
-    verdicts = [(_verdict(one, limit), one) for one in judged]
-    verdict, worst = min(verdicts, key=lambda one: (_ORDER.index(one[0]), one[1].cdp))
-    n_met = sum(one == "met" for one, _ in verdicts)
+    verdicts = [(_verdict(contrast, limit), contrast) for contrast in judged]
+    verdict, worst = min(verdicts, key=lambda each: (_ORDER.index(each[0]), each[1].cdp))
+    n_met = sum(each == "met" for each, _ in verdicts)
     margin = worst.cdp - limit
     return JudgedPair(pair, verdict, worst, margin, _limit(requirement, worst), len(verdicts), n_met, len(seen))
 
 
-def _verdict(one: SeenContrast, limit: float) -> Verdict:
+def _verdict(contrast: SeenContrast, limit: float) -> Verdict:
     """Return the verdict on a contrast: where pixels are clipped, a high CDP proves nothing."""
-    verdict = VERDICTS[cdp_verdict(one.cdp, one.interval, limit)]
-    return "undecided" if one.saturated and verdict == "met" else verdict
+    verdict = VERDICTS[cdp_verdict(contrast.cdp, contrast.interval, limit)]
+    return "undecided" if contrast.saturated and verdict == "met" else verdict
 
 
 def _limit(requirement: Requirement, worst: SeenContrast) -> str:
@@ -221,22 +221,30 @@ def _not_judged(requirement: Requirement, seen: Sequence[SeenContrast]) -> Itera
     if requirement.glare_cd_m2 > 0:
         yield warning("requirement-glare", glare_cd_m2=requirement.glare_cd_m2)
     low, high = requirement.luminance_cd_m2
-    known = [one.luminance_cd_m2 for one in seen if one.luminance_cd_m2 is not None]
+    known = [contrast.luminance_cd_m2 for contrast in seen if contrast.luminance_cd_m2 is not None]
     if len(known) < len(seen):
         yield warning("requirement-luminance-unknown", low_cd_m2=low, high_cd_m2=high)
     if known:
-        judged = [one.luminance_cd_m2 for one in seen if one.luminance_cd_m2 and not _why_not(requirement, one)]
+        judged = [
+            contrast.luminance_cd_m2
+            for contrast in seen
+            if contrast.luminance_cd_m2 and not _why_not(requirement, contrast)
+        ]
         ends = {"low_cd_m2": low, "high_cd_m2": high}
-        if not judged and not any(low <= one <= high for one in known):
+        if not judged and not any(low <= luminance <= high for luminance in known):
             yield warning("requirement-luminance-other", found=[min(known), max(known)], **ends)
         elif judged:
             yield warning("requirement-luminance-part", found=[min(judged), max(judged)], **ends)
-    others = [one for one in seen if one.scene_contrast is not None and _is_off(requirement, one.scene_contrast)]
-    for pair in dict.fromkeys(one.pair for one in others):
-        found_there = next(one.scene_contrast for one in others if one.pair == pair)
-        assert found_there is not None
-        yield warning("requirement-other-contrast", pair, contrast=found_there, required=requirement.contrast)
-    n_without = sum(not isfinite(one.cdp) for one in seen)
+    others = [
+        contrast
+        for contrast in seen
+        if contrast.scene_contrast is not None and _is_off(requirement, contrast.scene_contrast)
+    ]
+    for pair in dict.fromkeys(contrast.pair for contrast in others):
+        scene_contrast = next(contrast.scene_contrast for contrast in others if contrast.pair == pair)
+        assert scene_contrast is not None
+        yield warning("requirement-other-contrast", pair, contrast=scene_contrast, required=requirement.contrast)
+    n_without = sum(not isfinite(contrast.cdp) for contrast in seen)
     if n_without:
         yield warning("requirement-without-cdp", n=n_without, n_seen=len(seen))
     if requirement.uncertainty_rel:
@@ -264,7 +272,7 @@ COLUMNS = (
     Column("n_judged", "of", "", "Pictures or frames that could be judged."),
     Column("n_seen", "all", "", "All pictures or frames.", shown=False),
 )  # fmt: skip
-_OF_SEVERAL = ("where", "n_met", "n_judged", "n_seen")
+_FOR_SEVERAL = ("where", "n_met", "n_judged", "n_seen")
 
 
 def requirement_cards(result: Result) -> list[Card]:

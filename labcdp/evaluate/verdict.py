@@ -46,13 +46,13 @@ def changes_of(answers: Sequence[float | None], most: int) -> list[int]:
     """
     if len(answers) <= most:
         return [*range(len(answers))]
-    known = [0.0 if one is None else one for one in answers]
+    known = [0.0 if answer is None else answer for answer in answers]
     steps = sorted(range(len(known) - 1), key=lambda at: -abs(known[at + 1] - known[at]))
     places: list[int] = []
     for at in steps:
-        for place in (at, at + 1):
-            if known[at] != known[at + 1] and place not in places and len(places) < most:
-                places.append(place)
+        for end in (at, at + 1):
+            if known[at] != known[at + 1] and end not in places and len(places) < most:
+                places.append(end)
     spread = [round(n * (len(known) - 1) / (most - 1)) for n in range(most)]
     # What does not change is shown by its ends.
-    return sorted([*places, *(place for place in spread if place not in places)][:most])
+    return sorted([*places, *(index for index in spread if index not in places)][:most])

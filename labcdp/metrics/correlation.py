@@ -432,6 +432,6 @@ def _lines_count(products: _Array, pairs: tuple[_Array, _Array], weights: tuple[
     total = float(products[far, 0].sum())
     if total <= 0 or (far_pairs := float(along[far].sum())) < 0.5:
         return False
-    means, means_across = (one / np.maximum(of, 1.0) * (of > 0) for one, of in zip(weights, pairs, strict=True))
+    means, means_across = (weight / np.maximum(of, 1.0) * (of > 0) for weight, of in zip(weights, pairs, strict=True))
     squares = np.square(across[0] * means_across * (means @ products))
     return total > _LINE_SIGNIFICANT * sqrt(2 * far_pairs * float(squares.sum()))

@@ -295,12 +295,12 @@ def _in_common(shares: Sequence[NDArray[np.float64]], windows: Sequence[Window])
     """
     covariance = 0.0
     for axis in (0, 1):
-        begin, end = max(one[axis].start for one in windows), min(one[axis].stop for one in windows)
+        begin, end = max(window[axis].start for window in windows), min(window[axis].stop for window in windows)
         if begin < end:
             first, second = (
-                image.sum(axis=1 - axis)[begin - one[axis].start : end - one[axis].start]
-                for image, one in zip(shares, windows, strict=True)
+                image.sum(axis=1 - axis)[begin - window[axis].start : end - window[axis].start]
+                for image, window in zip(shares, windows, strict=True)
             )
-            found = float(first @ second)
-            covariance += found + 2 * float(np.linalg.norm(first * second)) if found > 0 else found
+            product = float(first @ second)
+            covariance += product + 2 * float(np.linalg.norm(first * second)) if product > 0 else product
     return 2 * covariance

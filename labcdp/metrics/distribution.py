@@ -159,9 +159,9 @@ class Distribution:
         """
         if not (np.isfinite(mean) and np.isfinite(std) and std > 0):
             raise InputError(f"mean {mean}, standard deviation {std}: give finite numbers, the latter above 0")
-        place = np.linspace(-np.arcsinh(8), np.arcsinh(8), _NORMAL_STEPS + 1)
-        deviation = np.sinh(place)
-        return cls(mean + std * deviation, np.exp(-(deviation**2) / 2) * np.cosh(place))
+        steps = np.linspace(-np.arcsinh(8), np.arcsinh(8), _NORMAL_STEPS + 1)
+        deviation = np.sinh(steps)
+        return cls(mean + std * deviation, np.exp(-(deviation**2) / 2) * np.cosh(steps))
 
     @cached_property
     def cumulative(self) -> NDArray[np.float64]:
@@ -223,8 +223,8 @@ class Distribution:
                 f"the conversion returned shape {converted.shape} for {self.values.shape}: "
                 "it must convert each value by itself"
             )
-        values, place = np.unique(converted, return_inverse=True)
-        weights = np.bincount(place, weights=self.weights)
+        values, indices = np.unique(converted, return_inverse=True)
+        weights = np.bincount(indices, weights=self.weights)
         return Distribution(values, weights if self.size is None else weights.astype(np.int64))
 
 

@@ -64,7 +64,7 @@ class StoredFile:
 def is_inside(folder: Path, name: str) -> bool:
     """Whether the subfolders of a name are folders, and no links to elsewhere."""
     parents = [folder / parent for parent in PurePosixPath(name).parents if parent != PurePosixPath(".")]
-    return not any(os.path.lexists(one) and (one.is_symlink() or not one.is_dir()) for one in parents)
+    return not any(os.path.lexists(parent) and (parent.is_symlink() or not parent.is_dir()) for parent in parents)
 
 
 def write_file(path: str | PathLike[str], data: Buffer, *, force: bool = False) -> None:
@@ -260,9 +260,9 @@ def make_folder(folder: Path, end: ExitStack) -> None:
     made: list[Path] = []
 
     def remove_empty() -> None:
-        for one in made:
+        for path in made:
             with suppress(OSError):  # not empty: it holds the results
-                one.rmdir()
+                path.rmdir()
 
     end.callback(remove_empty)
     with writing(folder):

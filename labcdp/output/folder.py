@@ -80,7 +80,7 @@ class FileList:
     labcdp: str = field(default_factory=lambda: version("labcdp"))
 
     def __post_init__(self) -> None:
-        for name in (*(one.name for one in self.files), *([] if self.journal is None else [self.journal])):
+        for name in (*(file.name for file in self.files), *([] if self.journal is None else [self.journal])):
             path = PurePosixPath(name)
             if not name or path.is_absolute() or ".." in path.parts or name == LIST_FILE or "\0" in name:
                 raise InputError(f"{name!r} does not name a file in the folder")
@@ -92,10 +92,10 @@ class FileList:
     @property
     def by_name(self) -> dict[str, list[StoredFile]]:
         """Descriptions of each file by its name."""
-        found: dict[str, list[StoredFile]] = {}
-        for one in self.files:
-            found.setdefault(one.name, []).append(one)
-        return found
+        by_name: dict[str, list[StoredFile]] = {}
+        for file in self.files:
+            by_name.setdefault(file.name, []).append(file)
+        return by_name
 
 
 def read_list(folder: Path) -> FileList | None:
@@ -253,17 +253,17 @@ class ResultsFolder:
 
     @property
     def _files_before(self) -> tuple[StoredFile, ...]:
-        return tuple(one for one in self._before.files if one.name != self._journal) if self._before else ()
+        return tuple(stored for stored in self._before.files if stored.name != self._journal) if self._before else ()
 
     def _entries(self) -> list[Path]:
         with reading(self.folder, "another folder"):
-            return [one for one in self.folder.iterdir() if one.name != LIST_FILE]
+            return [path for path in self.folder.iterdir() if path.name != LIST_FILE]
 
     def _checked(self, stale: list[Path]) -> FileList | None:
         """Read the list of the folder, and refuse what must not be written to."""
         folder, before = self.folder, read_list(self.folder)
         if before is None:
-            foreign = [one for one in self._entries() if one not in stale]
+            foreign = [path for path in self._entries() if path not in stale]
             if foreign:
                 raise InputError(
                     f"{folder} contains files but no {LIST_FILE}, so labcdp does not write there: choose another folder"
@@ -278,10 +278,10 @@ class ResultsFolder:
             )
         listed = before.by_name
         for path in {folder, *((folder / name).parent for name in listed), *(folder / name for name in listed)}:
-            if any(is_same_file(path, one) for one in self._inputs):
+            if any(is_same_file(path, source) for source in self._inputs):
                 raise InputError(f"{path} is an input of this command: choose another folder")
         for name, known in listed.items():
-            if os.path.lexists(folder / name) and not any(one.is_unchanged(folder) for one in known):
+            if os.path.lexists(folder / name) and not any(stored.is_unchanged(folder) for stored in known):
                 raise _changed(folder / name)
         return before
 
@@ -290,24 +290,24 @@ class ResultsFolder:
         journal = self._journal or (self._before.journal if self._before else None)
         older = self._files_before
         before = FileList(self._command, False, older, journal).by_name
-        for one in new:
-            self._require_place(one.name, before)
-            with (self._staging / one.name).open("rb") as file:
+        for made in new:
+            self._require_place(made.name, before)
+            with (self._staging / made.name).open("rb") as file:
                 os.fsync(file.fileno())
         self._write_list((*older, *new), journal)
         self._begun = True
-        for one in new:
-            target = self.folder / one.name
+        for made in new:
+            target = self.folder / made.name
             target.parent.mkdir(parents=True, exist_ok=True)
             try:
-                put_in_place(self._staging / one.name, target, force=one.name in before)
+                put_in_place(self._staging / made.name, target, force=made.name in before)
             except FileExistsError as error:
                 raise _foreign(target) from error
-        names = {one.name for one in new}
+        names = {stored.name for stored in new}
         for name, known in before.items():
-            if name not in names and any(one.is_unchanged(self.folder) for one in known):
+            if name not in names and any(stored.is_unchanged(self.folder) for stored in known):
                 self._remove(name)
-        for parent in {(self.folder / one.name).parent for one in new}:
+        for parent in {(self.folder / stored.name).parent for stored in new}:
             fsync_folder(parent)
         if journal is not None and (self.folder / journal).is_file():
             new.append(StoredFile.of(self.folder, journal))
@@ -322,7 +322,7 @@ class ResultsFolder:
         if os.path.lexists(target):
             if name not in before:
                 raise _foreign(target)
-            if not any(one.is_unchanged(self.folder) for one in before[name]):
+            if not any(stored.is_unchanged(self.folder) for stored in before[name]):
                 raise _changed(target)
 
     def _remove(self, name: str) -> None:
@@ -462,7 +462,7 @@ def check_file(
         is_folder, has_folder = path.is_dir(), path.parent.is_dir()
     if is_folder:
         raise InputError(f"{name} is a folder: give the name of a file")
-    if any(_is_input(path, one) for one in inputs):
+    if any(_is_input(path, source) for source in inputs):
         raise InputError(f"{name} is an input of this command: choose another name")
     if os.path.lexists(path):
         require_replaceable(path, name)
@@ -476,24 +476,24 @@ def check_file(
     return path
 
 
-def is_same_file(one: Path, other: Path) -> bool:
+def is_same_file(first: Path, other: Path) -> bool:
     """Whether two paths lead to one file; False if one of them leads nowhere."""
     try:
-        return os.path.samefile(one, other)
+        return os.path.samefile(first, other)
     except OSError:
         return False
 
 
-def _is_input(path: Path, one: Path) -> bool:
+def _is_input(path: Path, source: Path) -> bool:
     """Whether a file is an input, or exists already in an input folder."""
-    inside = one.is_dir() and os.path.lexists(path) and path.parent.resolve().is_relative_to(one.resolve())
-    return inside or is_same_file(path, one)
+    inside = source.is_dir() and os.path.lexists(path) and path.parent.resolve().is_relative_to(source.resolve())
+    return inside or is_same_file(path, source)
 
 
 def _require_no_result(path: Path, name: str) -> None:
     """Refuse a file that the list of a results folder names, or the list itself."""
-    place = path.parent.resolve() / path.name
-    for folder in place.parents:
+    file = path.parent.resolve() / path.name
+    for folder in file.parents:
         listed = read_list(folder)
-        if listed and place.relative_to(folder).as_posix() in (LIST_FILE, *listed.by_name):
+        if listed and file.relative_to(folder).as_posix() in (LIST_FILE, *listed.by_name):
             raise InputError(f"{name} belongs to the results of labcdp {listed.command}: choose another name")

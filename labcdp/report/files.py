@@ -49,9 +49,9 @@ def envelope(result: Result) -> dict[str, Any]:
             "versions": {name: version(name) for name in _PACKAGES},
             "simulated": result.simulated,
             "seed": result.seed,
-            "inputs": [asdict(one) for one in result.inputs],
+            "inputs": [asdict(file) for file in result.inputs],
             "configuration": result.configuration,
-            "findings": [asdict(one) | {"text": finding_text(one)} for one in result.findings],
+            "findings": [asdict(finding) | {"text": finding_text(finding)} for finding in result.findings],
             "tables": {table.name: _table(table) for table in result.tables},
         }
     )
@@ -85,16 +85,16 @@ class WrittenResult:
 def whole_result(path: Path, content: Any) -> WrittenResult:
     """Return what the JSON content of a file is a result of; raises InputError if it is incomplete or damaged."""
     try:
-        found = validated_as(WrittenResult, content)
-        for name, table in found.tables.items():
-            names = {one.get("name") for one in table.columns}
+        result = validated_as(WrittenResult, content)
+        for name, table in result.tables.items():
+            names = {column.get("name") for column in table.columns}
             if any(set(row) != names for row in table.rows):
                 raise InputError(f"table {name!r} has rows that do not fit its columns")
     except InputError as error:
         raise InputError(
             f"{path} is not as labcdp writes results ({error}): restore it from a copy, or evaluate again"
         ) from error
-    return found
+    return result
 
 
 def _table(table: Table) -> dict[str, Any]:
@@ -102,8 +102,8 @@ def _table(table: Table) -> dict[str, Any]:
     return {
         "title": table.title,
         "columns": [
-            {"name": one.name, "label": one.label, "unit": _unit(one.unit), "meaning": one.meaning}
-            for one in table.columns
+            {"name": column.name, "label": column.label, "unit": _unit(column.unit), "meaning": column.meaning}
+            for column in table.columns
         ],
         "rows": [
             {name: _unit(value) if name in unit_columns else value for name, value in row.items()}
@@ -183,8 +183,8 @@ def _encodable(dataset: Dataset) -> Dataset:
     texts = {}
     for name, variable in dataset.variables.items():
         values = variable.values.ravel() if variable.dtype.kind in "OU" else ()
-        if any(isinstance(one, str) and encodable(one) != one for one in values):
-            escaped = np.array([encodable(one) if isinstance(one, str) else one for one in values], dtype=object)
+        if any(isinstance(text, str) and encodable(text) != text for text in values):
+            escaped = np.array([encodable(text) if isinstance(text, str) else text for text in values], dtype=object)
             texts[name] = variable.copy(data=escaped.reshape(variable.shape))
     made = dataset.assign(texts)
     made.attrs = {key: encodable(value) if isinstance(value, str) else value for key, value in dataset.attrs.items()}

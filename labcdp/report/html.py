@@ -112,5 +112,5 @@ def interactive(figure: LayoutDOM) -> Script:
     from bokeh.resources import Resources
 
     parts = ["bokeh", "bokeh-widgets"] if any(isinstance(model, Widget) for model in figure.references()) else ["bokeh"]
-    script, place = components(figure)
-    return Script("\n".join((Resources("inline", components=parts).render_js(), place, script)))
+    script, element = components(figure)
+    return Script("\n".join((Resources("inline", components=parts).render_js(), element, script)))

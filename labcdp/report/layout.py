@@ -121,7 +121,7 @@ SIMULATED = "Simulated data, not a measurement."
 
 def input_facts(result: Result) -> list[tuple[str, str]]:
     """Return the inputs of a result, with hashes."""
-    return [(one.role, f"{one.path} (SHA-256 {one.sha256})") for one in result.inputs]
+    return [(file.role, f"{file.path} (SHA-256 {file.sha256})") for file in result.inputs]
 
 
 #: A part of a section; a string is a paragraph.

@@ -94,7 +94,7 @@ class ImageFigure:
             outlined = [withStroke(linewidth=2.0, foreground="black")]
             self.axes.text(*region.centre, name, color="white", parse_math=False, path_effects=outlined, **_IN_REGION)
         if not self.names_inside:
-            names = [f"{n}  {shortened(one.name, _LONGEST_NAME)}" for n, one in enumerate(self.regions, start=1)]
+            names = [f"{n}  {shortened(region.name, _LONGEST_NAME)}" for n, region in enumerate(self.regions, start=1)]
             lines = [Line2D([], [], linestyle="none") for _ in names]
             how = {"loc": "upper right", "ncols": ceil(len(names) / _NAMES_IN_COLUMN), "frameon": False}
             drawing.add_legend(self.figure, lines, names, handlelength=0, handletextpad=0, **how)

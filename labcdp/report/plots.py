@@ -89,8 +89,8 @@ def _draw(panels: Sequence[ContrastPanel], simulated: str) -> bytes:
     for number, panel in enumerate(panels):
         left = (number % columns) * cell[0] + _AROUND_IN[0] - 0.1
         bottom = height - above - (number // columns + 1) * cell[1] + 0.45
-        place = (left / width, bottom / height, _PANEL_IN[0] / width, _PANEL_IN[1] / height)
-        _draw_panel(figure.add_axes(place), panel)
+        axes_box = (left / width, bottom / height, _PANEL_IN[0] / width, _PANEL_IN[1] / height)
+        _draw_panel(figure.add_axes(axes_box), panel)
     legend = {text: line for axes in figure.axes for line, text in zip(*axes.get_legend_handles_labels(), strict=True)}
     # Two legend entries fit under one panel.
     ncols = 5 if columns > 1 else 2

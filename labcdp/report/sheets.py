@@ -173,9 +173,9 @@ def _sheet_name(name: str, taken: set[str]) -> str:
     """Return a unique sheet name; names are case-insensitive."""
     base = printable(name).translate(_FORBIDDEN).strip("'") or "sheet"
     names = (base[: _LONGEST_NAME - len(ending)] + ending for ending in numbered(" ({})"))
-    found = next(name for name in names if name.lower() not in taken)
-    taken.add(found.lower())
-    return found
+    unused = next(name for name in names if name.lower() not in taken)
+    taken.add(unused.lower())
+    return unused
 
 
 def _appendix(result: Result, others: Sequence[Table]) -> Iterator[Table]:
@@ -193,6 +193,7 @@ def _appendix(result: Result, others: Sequence[Table]) -> Iterator[Table]:
     ]
     rows.insert(0, {"table": "", "head": "", "key": "", "meaning": _CONVENTION})
     rows += [
-        {"table": "", "head": one.role, "key": one.path, "meaning": f"SHA-256 {one.sha256}"} for one in result.inputs
+        {"table": "", "head": file.role, "key": file.path, "meaning": f"SHA-256 {file.sha256}"}
+        for file in result.inputs
     ]
     yield Table.of_items("about", "About", columns, rows)

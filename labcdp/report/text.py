@@ -386,9 +386,11 @@ def finding_lines(findings: Iterable[Finding], sentences: bool = False) -> list[
     reasons are of different kinds.
     """
     kinds: dict[tuple[Severity, str, str], list[Finding]] = {}
-    for one in unique(findings):
-        reason = str(one.values.get("reason", "")).replace(_about(one), "") if one.severity == "error" else ""
-        kinds.setdefault((one.severity, one.code, reason), []).append(one)
+    for finding in unique(findings):
+        reason = (
+            str(finding.values.get("reason", "")).replace(_about(finding), "") if finding.severity == "error" else ""
+        )
+        kinds.setdefault((finding.severity, finding.code, reason), []).append(finding)
     return [
         (severity, _of_kind(of_kind, finding_sentence if sentences else finding_text))
         for (severity, _, _), of_kind in kinds.items()
@@ -406,7 +408,7 @@ def _of_kind(findings: Sequence[Finding], written: Callable[[Finding], str]) -> 
     if not others:
         return text
     subjects = [*dict.fromkeys(name for name in map(_about, others) if name not in ("", _about(first)))]
-    named = [shortened(one, _LONGEST_NAME) for one in subjects[:_MOST_SUBJECTS]]
+    named = [shortened(subject, _LONGEST_NAME) for subject in subjects[:_MOST_SUBJECTS]]
     more = f", and {len(subjects) - len(named)} more" if len(subjects) > len(named) else ""
     about = f": {', '.join(named)}{more}" if named else ""
     return f"{text} (and {len(others)} more of this kind{about})"
@@ -420,10 +422,10 @@ def warning_texts(findings: Iterable[Finding]) -> tuple[str, ...]:
 @cache
 def templates() -> dict[str, str]:
     """Return all texts by code; raises LabcdpError if a code is in two files."""
-    found: dict[str, str] = {}
-    for file in sorted(files("labcdp").joinpath("data/findings").iterdir(), key=lambda one: one.name):
+    texts: dict[str, str] = {}
+    for file in sorted(files("labcdp").joinpath("data/findings").iterdir(), key=lambda file: file.name):
         for code, text in tomllib.loads(file.read_text(encoding="utf-8")).items():
-            if code in found:
+            if code in texts:
                 raise LabcdpError(f"the finding {code!r} has two texts, one of them in {file.name}")
-            found[code] = text
-    return found
+            texts[code] = text
+    return texts

@@ -210,7 +210,7 @@ def _observer(made: MadeOptions, path: Path, results: ResultsFolder, drawing: Ex
     if made.annotated:
         observers.append(drawing.enter_context(AnnotatedVideo(results.path("annotated.mp4"))))
     if made.frames:
-        observers.append(FrameImages.of_video(results.path("."), path))
+        observers.append(FrameImages.for_video(results.path("."), path))
 
     def observer(*seen: Any) -> None:
         for one in observers:

@@ -70,13 +70,13 @@ def pair_distribution(pair: AnyContrast, luminance: LuminanceMap) -> ContrastDis
     return contrast_histogram(a, b, highest)
 
 
-def _drawn(found: Cdp[NDArray[np.float64]], measured: float) -> Sequence[Cdp[float]]:
+def _drawn(cdps: Cdp[NDArray[np.float64]], measured: float) -> Sequence[Cdp[float]]:
     """Return the contrasts of a pair with a panel each: of many only the one closest to the measured contrast."""
-    if len(found) <= _MOST_CONTRASTS:
-        return list(found)
+    if len(cdps) <= _MOST_CONTRASTS:
+        return list(cdps)
     if isfinite(measured) and measured > 0:
-        return [min(found, key=lambda one: abs(log(one.contrast / measured)))]
-    return [max(found, key=lambda one: one.cdp)]
+        return [min(cdps, key=lambda cdp: abs(log(cdp.contrast / measured)))]
+    return [max(cdps, key=lambda cdp: cdp.cdp)]
 
 
 def luminance_label(unit: str) -> str:
@@ -110,11 +110,11 @@ def _picture(measured: MeasuredPicture, luminance: LuminanceMap) -> ReportFigure
     )
 
 
-def _curves(found: Sequence[tuple[str, Cdp[NDArray[np.float64]]]]) -> ReportFigure:
+def _curves(cdps: Sequence[tuple[str, Cdp[NDArray[np.float64]]]]) -> ReportFigure:
     """Draw CDP over the target contrast, a line a pair."""
     figure = placed_figure(9.0, 4.2)
     axes = figure.add_axes((0.08, 0.14, 0.6, 0.77))
-    drawn = found[: len(_COLOURS)]
+    drawn = cdps[: len(_COLOURS)]
     for (name, results), colour in zip(drawn, _COLOURS, strict=False):
         percents, (low, high) = 100 * results.contrast, results.interval
         known = np.isfinite(low) & np.isfinite(high)
@@ -124,8 +124,8 @@ def _curves(found: Sequence[tuple[str, Cdp[NDArray[np.float64]]]]) -> ReportFigu
     title = "CDP over the target contrast, with 95 % intervals"
     beside = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0), "frameon": False}
     finish(axes, "target Weber contrast in %", "CDP", title, **beside)
-    best = max((one for _, results in drawn for one in results), key=lambda one: one.cdp)
-    left_out = f" Only the first {len(drawn)} of {len(found)} pairs are drawn." if len(found) > len(drawn) else ""
+    best = max((cdp for _, results in drawn for cdp in results), key=lambda cdp: cdp.cdp)
+    left_out = f" Only the first {len(drawn)} of {len(cdps)} pairs are drawn." if len(cdps) > len(drawn) else ""
     return reported(
         "cdp",
         figure,
@@ -139,7 +139,7 @@ def _values(measured: MeasuredPicture, picture: Picture, luminance: LuminanceMap
     native = picture.light if picture.frame is None else picture.frame.dn
     assert native is not None
     in_pairs = {region.roi.name for pair in measured.pairs for region in (pair.a, pair.b)}
-    rois = [one.roi for one in measured.regions if one.roi.name in in_pairs or not in_pairs][: len(_COLOURS)]
+    rois = [region.roi for region in measured.regions if region.roi.name in in_pairs or not in_pairs][: len(_COLOURS)]
     maps = [(np.asarray(luminance.luminance_cd_m2), luminance.scaled, luminance_label(measured.unit))]
     # Without a scale and a tone curve, luminance has the histogram of the values.
     if measured.unit != "relative" or picture.encoding != "linear":

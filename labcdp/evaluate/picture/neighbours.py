@@ -93,10 +93,10 @@ def evaluate_neighbours(
     window, inside = _window(luminance, rectangle)
     values = np.asarray(luminance.luminance_cd_m2[window], dtype=np.float64)
     contrast = neighbour_contrast(values)
-    asked = list(contrasts if contrasts is not None else (contrast,) if contrast > 0 else ())
-    base = cdp_neighbours(values, asked, epsilon)
+    targets = list(contrasts if contrasts is not None else (contrast,) if contrast > 0 else ())
+    base = cdp_neighbours(values, targets, epsilon)
     changed = [
-        [cdp_neighbours(values * (1 + sign * error), asked, epsilon).cdp for sign in (1, -1)]
+        [cdp_neighbours(values * (1 + sign * error), targets, epsilon).cdp for sign in (1, -1)]
         for error in _errors(luminance, window, values)
     ]
     variance = variance_of_changes(base.cdp, changed)
@@ -105,7 +105,7 @@ def evaluate_neighbours(
         rectangle=inside,
         contrast=Quantity(contrast, nan),
         cdp=base.with_calibration(variance),
-        findings=tuple(findings if asked else [warning("contrast-undefined", "nearest-neighbour")]),
+        findings=tuple(findings if targets else [warning("contrast-undefined", "nearest-neighbour")]),
     )
 
 
@@ -136,9 +136,9 @@ def _light_by_dn(frame: Frame, converter: Converter) -> NDArray[np.floating[Any]
     others = frame.colour_filter or frame.black_pattern or converter.calibration is not None
     if frame.dn.dtype != np.uint8 or frame.bit_depth != 8 or others:
         return None
-    found = light_of_dn(frame, converter.options.encoding or "linear", converter.specification)
+    by_dn = light_of_dn(frame, converter.options.encoding or "linear", converter.specification)
     corrected = isinstance(converter.vignetting(frame.shape, frame.readout), Cos4Vignetting)
-    return None if corrected or found.glare_fraction else found.light
+    return None if corrected or by_dn.glare_fraction else by_dn.light
 
 
 def neighbour_contrast(values: NDArray[np.float64]) -> float:
@@ -169,19 +169,19 @@ def _window(luminance: LuminanceMap, rectangle: Rectangle | None) -> tuple[Windo
 def _errors(luminance: LuminanceMap, window: Window, values: NDArray[np.float64]) -> list[NDArray[np.float64]]:
     """Relative errors of each pixel that may differ between neighbours."""
     common = (e.relative for e in luminance.common_in(window) if not e.smooth)
-    found = [np.asarray(relative, dtype=float) for relative in common if np.ndim(relative)]
+    errors = [np.asarray(relative, dtype=float) for relative in common if np.ndim(relative)]
     if np.any(luminance.slow_cd_m2):
         slow_cd_m2 = np.broadcast_to(luminance.slow_cd_m2, luminance.shape)[window]
         with np.errstate(divide="ignore", invalid="ignore"):
-            found.append(slow_cd_m2 / np.abs(values))
+            errors.append(slow_cd_m2 / np.abs(values))
     # A pixel exactly at the dark signal has no relative error, and nothing is seen there.
-    return [np.where(np.isfinite(error), error, 0.0) for error in found]
+    return [np.where(np.isfinite(error), error, 0.0) for error in errors]
 
 
-def neighbour_distribution(luminance: LuminanceMap, found: NeighbourPair) -> ContrastDistribution | None:
+def neighbour_distribution(luminance: LuminanceMap, pair: NeighbourPair) -> ContrastDistribution | None:
     """Cumulative probability of the contrasts of all neighbours, larger over smaller, for plots; None without any."""
-    values = np.asarray(luminance.luminance_cd_m2[_window(luminance, found.rectangle)[0]], dtype=np.float64)
-    most = MOST_TIMES * float(found.cdp.detected_range.high.max()) if len(found.cdp) else inf
+    values = np.asarray(luminance.luminance_cd_m2[_window(luminance, pair.rectangle)[0]], dtype=np.float64)
+    most = MOST_TIMES * float(pair.cdp.detected_range.high.max()) if len(pair.cdp) else inf
     contrasts = []
     undefined = pairs = 0
     for larger, smaller in _pairs(values):

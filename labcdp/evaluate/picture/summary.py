@@ -69,19 +69,19 @@ class _Series:
 
     def values(self, name: str) -> NDArray[np.float64]:
         """Return the values of a column that are known and no bounds."""
-        found = [row[name] for row in self.rows if not row.get(f"{name}_bound") and row[name] is not None]
-        array: NDArray[np.float64] = np.array(found, dtype=float)
+        values = [row[name] for row in self.rows if not row.get(f"{name}_bound") and row[name] is not None]
+        array: NDArray[np.float64] = np.array(values, dtype=float)
         known: NDArray[np.float64] = array[np.isfinite(array)]
         return known
 
 
 def _series(cdp: Table) -> list[_Series]:
-    found: dict[tuple[str, float | None], list[Mapping[str, Any]]] = {}
+    rows_by_pair: dict[tuple[str, float | None], list[Mapping[str, Any]]] = {}
     for row in cdp.rows():
         # What is measured differs from picture to picture.
         contrast = row["contrast"] if row["contrast_origin"] == "given" else None
-        found.setdefault((row["pair"], contrast), []).append(row)
-    return [_Series(*key, rows) for key, rows in found.items()]
+        rows_by_pair.setdefault((row["pair"], contrast), []).append(row)
+    return [_Series(*key, rows) for key, rows in rows_by_pair.items()]
 
 
 def summary_table(cdp: Table, limit: float) -> Table:
@@ -101,11 +101,11 @@ def _row(series: _Series) -> dict[str, Any]:
         row["mean_measured_contrast"] = float(measured.mean())
     if measured.size > 1:
         row["std_measured_contrast"] = float(measured.std(ddof=1))
-    verdicts = [one["verdict"] for one in known]
+    verdicts = [row["verdict"] for row in known]
     row |= {f"n_{name.replace(' ', '_')}": verdicts.count(name) for name in ("detected", "not detected", "undecided")}
     if not known:
         return row
-    cdp = np.array([one["cdp"] for one in known])
+    cdp = np.array([row["cdp"] for row in known])
     worst = known[int(cdp.argmin())]
     row |= {"mean_cdp": float(cdp.mean()), "lowest_cdp": worst["cdp"]}
     row |= {"lowest_picture": worst["picture"], "lowest_number": worst["number"]}
@@ -113,7 +113,7 @@ def _row(series: _Series) -> dict[str, Any]:
         row["std_cdp"] = float(cdp.std(ddof=1))
     if cdp.size >= _LEAST_OF_TREND:
         row["cdp_trend"], row["expanded_cdp_trend"] = trend(
-            np.array([one["number"] for one in known], dtype=float), cdp
+            np.array([row["number"] for row in known], dtype=float), cdp
         )
     return row
 
@@ -179,17 +179,17 @@ def _card(row: Mapping[str, Any], limit: float) -> Card:
 
 def trend_figure(cdp: Table, summary: Table, limit: float) -> ReportFigure:
     """Draw the CDP of the contrasts of the cards over the pictures in their order."""
-    chosen = [one for one in _series(cdp) if one.known]
-    means = [float(np.mean([row["cdp"] for row in one.known])) for one in chosen]
+    chosen = [series for series in _series(cdp) if series.known]
+    means = [float(np.mean([row["cdp"] for row in series.known])) for series in chosen]
     drawn = [chosen[at] for at in changes_of(means, len(_COLOURS))]
     figure = placed_figure(9.0, 3.4)
     axes = figure.add_axes((0.08, 0.16, 0.6, 0.74))
     axes.axhline(limit, color="0.6", linewidth=0.8, linestyle=":")
-    for one, colour in zip(drawn, _COLOURS, strict=False):
-        what = "" if one.contrast is None else f", {percent(one.contrast)}"
-        numbers = [row["number"] for row in one.known]
-        axes.plot(numbers, [row["cdp"] for row in one.known], ".-", color=colour, linewidth=0.8, markersize=4,
-                  label=f"{shortened(one.pair, 24)}{what}")  # fmt: skip
+    for curve, colour in zip(drawn, _COLOURS, strict=False):
+        what = "" if curve.contrast is None else f", {percent(curve.contrast)}"
+        numbers = [row["number"] for row in curve.known]
+        axes.plot(numbers, [row["cdp"] for row in curve.known], ".-", color=colour, linewidth=0.8, markersize=4,
+                  label=f"{shortened(curve.pair, 24)}{what}")  # fmt: skip
     axes.set_ylim(-0.02, 1.05)
     beside = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0), "frameon": False}
     finish(axes, "number of the picture, in the order given", "CDP", "CDP from picture to picture", **beside)
@@ -252,10 +252,10 @@ def overview_page(result: Result, pictures: Sequence[MeasuredPicture], conversio
 
 def _worst(cdp: Table, pages: Mapping[int, tuple[str, str]]) -> list[tuple[str, str]]:
     """Return the pages of the pictures with the lowest CDP, each with what it is of."""
-    found: dict[int, tuple[str, str]] = {}
+    worst: dict[int, tuple[str, str]] = {}
     for row in cdp.sorted_by("cdp").rows():
-        if row["cdp"] is not None and row["number"] in pages and len(found) < _MOST_WORST:
+        if row["cdp"] is not None and row["number"] in pages and len(worst) < _MOST_WORST:
             file, page = pages[row["number"]]
             text = f"{file}: CDP {cell_text(cdp.column('cdp'), row)} of {row['pair']}"
-            found.setdefault(row["number"], (text, page))
-    return [*found.values()]
+            worst.setdefault(row["number"], (text, page))
+    return [*worst.values()]

@@ -187,7 +187,8 @@ def picture_table(pictures: Sequence[MeasuredPicture], several: bool) -> Table:
         Column("folder", "folder", "", "Folder of its page.", shown=False,
                value=lambda picture: picture.folder or None),
         Column("sha256", "SHA-256", "", "Hash of the file.", shown=False, value="source.sha256"),
-        Column("failure", "failure", "", "Why it has no result.", shown=any(one.source is None for one in pictures),
+        Column("failure", "failure", "", "Why it has no result.",
+               shown=any(picture.source is None for picture in pictures),
                value=lambda picture: picture.failure if picture.source is None else None),
     )  # fmt: skip
     return Table.of_items("pictures", "Pictures" if several else "Picture", columns, pictures, detail=True)

@@ -176,7 +176,7 @@ class FrameImages:
     folder: Path
 
     @classmethod
-    def of_video(cls, folder: Path, video: Path) -> FrameImages:
+    def for_video(cls, folder: Path, video: Path) -> FrameImages:
         """Put the images of a video into a folder of its name below `folder`."""
         return cls(folder / (plain_name(video.stem) or "video"))
 
@@ -213,8 +213,8 @@ def annotated_picture(
         cv2.resize(grey, (width, height), interpolation=cv2.INTER_NEAREST) if enlarged > 1 else grey, cv2.COLOR_GRAY2BGR
     )
     scale = max(0.45, width / 1600)
-    for place, tracked in enumerate(regions):
-        _draw_region(picture, tracked, _REGIONS[min(place, len(_REGIONS) - 1)], enlarged, scale)
+    for index, tracked in enumerate(regions):
+        _draw_region(picture, tracked, _REGIONS[min(index, len(_REGIONS) - 1)], enlarged, scale)
     strip = _strip(width, _lines(number, regions, row), scale)
     whole = np.concatenate([picture, strip])
     bottom, right = (side % 2 for side in whole.shape[:2])
@@ -252,7 +252,7 @@ def _lines(number: int, regions: Sequence[TrackedRoi], row: Mapping[str, Any]) -
     head = f"frame {number}" + (f"   {fixed(time, 2)} s" if isfinite(time) else "")
     lost = [tracked for tracked in regions if tracked.lost]
     if lost:
-        why = "; ".join(note_text(one.reasons) or one.roi.name for one in lost)
+        why = "; ".join(note_text(tracked.reasons) or tracked.roi.name for tracked in lost)
         return [(head, _TEXT), (_ascii(f"LOST {why}"), _LOST)]
     note = str(row.get("note", ""))
     if note and not np.isfinite(np.asarray(row.get("cdp", nan), dtype=float)).any():
@@ -282,10 +282,10 @@ def _strip(width: int, lines: Sequence[_Line], scale: float) -> NDArray[np.uint8
 
     line_height = round(34 * scale) + 4
     strip = np.full((line_height * len(lines) + 8, width, 3), _STRIP, np.uint8)
-    for place, (text, colour) in enumerate(lines, start=1):
+    for line, (text, colour) in enumerate(lines, start=1):
         (text_width, _), _ = cv2.getTextSize(text, _FONT, scale, 1)
         fitting = scale * min(1.0, (width - 16) / max(text_width, 1))
-        where = (8, place * line_height - round(8 * scale))
+        where = (8, line * line_height - round(8 * scale))
         cv2.putText(strip, text, where, _FONT, fitting, colour, 1, cv2.LINE_AA)
     return strip
 

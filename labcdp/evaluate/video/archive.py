@@ -100,7 +100,7 @@ class ArchiveTask:
             record = validated_as(_Record, read_json(self.folder / RECORD, "a record of a finished video"))
             listed = read_list(self.folder)
             files = () if listed is None else listed.files
-            whole = bool(files) and all((self.folder / one.name).stat().st_size == one.size for one in files)
+            whole = bool(files) and all((self.folder / file.name).stat().st_size == file.size for file in files)
         except (OSError, ValueError):
             return None
         same = {"video": record.video, "settings": record.settings} == self._hashes(settings)
@@ -113,16 +113,16 @@ class ArchiveTask:
     def _hashes(self, settings: Mapping[str, Any]) -> dict[str, str]:
         seen = [str(self.video), *([self.part] if self.part else []), *self.seen]
         known = {"video": seen, "settings": {"settings": settings, "labcdp": version("labcdp")}}
-        return {name: hashlib.sha256(results_json(one).encode()).hexdigest() for name, one in known.items()}
+        return {name: hashlib.sha256(results_json(values).encode()).hexdigest() for name, values in known.items()}
 
 
 def _files(path: Path) -> Iterator[tuple[str, int, int]]:
     """Names, sizes and times of change of a file, or of all files in a folder, in order."""
-    paths = sorted(one for one in path.rglob("*") if one.is_file()) if path.is_dir() else [path]
-    for one in paths:
-        if not is_temporary(one):
-            state = one.stat()
-            name = one.relative_to(path).as_posix() if one != path else one.name
+    paths = sorted(file for file in path.rglob("*") if file.is_file()) if path.is_dir() else [path]
+    for member in paths:
+        if not is_temporary(member):
+            state = member.stat()
+            name = member.relative_to(path).as_posix() if member != path else member.name
             yield name, state.st_size, state.st_mtime_ns
 
 
@@ -165,7 +165,7 @@ def archive_tasks(videos: Sequence[Path], folder: Path, parts: Sequence[str] = (
     names = [path.stem or "video" for path in paths]
     for better in (lambda path: path.name, lambda path: f"{path.parent.name}-{path.name}"):
         names = [better(path) if names.count(name) > 1 else name for path, name in zip(paths, names, strict=True)]
-    before = [names[:place].count(name) for place, name in enumerate(names)]
+    before = [names[:index].count(name) for index, name in enumerate(names)]
     names = [f"{name}-{n + 1}" if n else name for name, n in zip(names, before, strict=True)]
     named = [re.sub(r"[^\w.-]+", "-", part).strip("-.") or "part" for part in parts]
     ends = {part: f"-{number}-{name}" for number, (part, name) in enumerate(zip(parts, named, strict=True), start=1)}
@@ -236,12 +236,12 @@ def evaluate_archive(
     if groups:
         folder = Path(os.path.commonpath([task.folder.parent for task in tasks]))
         with (workers or Workers()).opened(Processes[_Group], folder, package_versions()) as run:
-            for group, found, error in run.run(evaluate_task, groups, work, settings, force, inputs):
-                for outcome in found or [VideoOutcome(task, None, _reason(error)) for task in group]:
+            for group, outcomes_of_group, error in run.run(evaluate_task, groups, work, settings, force, inputs):
+                for outcome in outcomes_of_group or [VideoOutcome(task, None, _reason(error)) for task in group]:
                     outcomes[outcome.task] = outcome
                     report(len(outcomes), len(tasks))
             died = run.died if isinstance(run, Processes) else []
-            findings = tuple(warning("worker-died", f"process {pid}", video=str(one[0].video)) for pid, one in died)
+            findings = tuple(warning("worker-died", f"process {pid}", video=str(group[0].video)) for pid, group in died)
     return ArchiveResult(tuple(outcomes[task] for task in tasks), findings)
 
 
@@ -262,9 +262,9 @@ def evaluate_task(
             )
             for task in left
         }
-        found = work(group[0].video, folders) if left else {}
+        results = work(group[0].video, folders) if left else {}
         for task in left:
-            new = found[task.part]
+            new = results[task.part]
             if isinstance(new, LabcdpError):
                 # The other parts keep their results.
                 ends[task].__exit__(type(new), new, None)

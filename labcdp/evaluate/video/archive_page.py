@@ -45,7 +45,7 @@ def archive_result(archive: ArchiveResult) -> Result:
     archive : ArchiveResult
         Of an archive whose videos were evaluated by `labcdp video`.
     """
-    done = [one for one in archive.outcomes if one.values is not None]
+    done = [outcome for outcome in archive.outcomes if outcome.values is not None]
     text = (
         f"{len(done)} of {len(archive.outcomes)} videos were evaluated, {sum(one.resumed for one in done)} of them in "
         "an earlier run. CDP refers to the reference contrast, otherwise to the first target contrast."
@@ -57,16 +57,16 @@ def archive_result(archive: ArchiveResult) -> Result:
         ("regions", "Regions", REGIONS),
         ("lost", "Stretches in which a region was lost", LOST),
     ):
-        rows = [{"video": one.task.folder.name, **row} for one in done for row in _rows(one, name)]
+        rows = [{"video": outcome.task.folder.name, **row} for outcome in done for row in _rows(outcome, name)]
         if rows:
             # Rows of results that were written hold the values by name.
             by_name = [replace(column, value="") for column in columns]
             tables.append(Table.of_items(name, title, (_VIDEO, *by_name), rows, detail=True))
     # Most reasons name the file.
     failures = (
-        error("video-failed", reason=one.error if path in one.error else f"{path}: {one.error}", path=path)
-        for one in archive.failures
-        for path in (str(one.task.video),)
+        error("video-failed", reason=outcome.error if path in outcome.error else f"{path}: {outcome.error}", path=path)
+        for outcome in archive.failures
+        for path in (str(outcome.task.video),)
     )
     return Result(
         "video",
@@ -88,7 +88,7 @@ def _video(outcome: VideoOutcome) -> Mapping[str, Any]:
     }
     if outcome.values is None:
         return row
-    n_frames = next(one["value"] for one in _rows(outcome, "summary"))
+    n_frames = next(row["value"] for row in _rows(outcome, "summary"))
     lost = [region["lost_share"] for region in _rows(outcome, "regions")]
     return {**row, "n_frames": n_frames, **_rows(outcome, "contrasts")[0], "lost_share": max(lost, default=None)}
 
@@ -101,13 +101,13 @@ def _rows(outcome: VideoOutcome, table: str) -> list[dict[str, Any]]:
 
 
 def _inputs(done: list[VideoOutcome]) -> Iterator[InputFile]:
-    found = {}
+    inputs = {}
     for outcome in done:
         assert outcome.values is not None
-        for one in outcome.values["inputs"]:
-            path = str(outcome.task.video) if one["role"] == "video" else one["path"]
-            found[one["role"], path] = InputFile(one["role"], path, one["sha256"])
-    yield from found.values()
+        for file in outcome.values["inputs"]:
+            path = str(outcome.task.video) if file["role"] == "video" else file["path"]
+            inputs[file["role"], path] = InputFile(file["role"], path, file["sha256"])
+    yield from inputs.values()
 
 
 def archive_files(result: Result) -> dict[str, bytes]:

@@ -33,24 +33,25 @@ OF_CONTRAST = by_itself(*CDP, *SHARES)
 OF_PAIR = by_itself(*CONTRAST, *CSNR)
 #: Over frame; taken from the `Cdp` of the reference contrast.
 OF_REFERENCE = tuple(
-    replace(one, name=f"reference_{one.name}", label=one.label.replace("CDP", "CDP of reference"))
-    for one in by_itself(
+    replace(column, name=f"reference_{column.name}", label=column.label.replace("CDP", "CDP of reference"))
+    for column in by_itself(
         replace(TARGET, label="reference contrast", meaning="Contrast the frame is compared with."), *CDP
     )
-    if one.name != "u_cdp"
+    if column.name != "u_cdp"
 )
 OF_FRAME = (*OF_PAIR, *OF_REFERENCE)
 #: Over frame and region; taken from a `RegionLight`.
 OF_LIGHT = tuple(
-    one
-    for one in by_itself(*region_columns(LIGHT), invalid_share("saturated"))
-    if one.name in ("mean", "u_mean", "snr", "u_snr", "saturated")
+    column
+    for column in by_itself(*region_columns(LIGHT), invalid_share("saturated"))
+    if column.name in ("mean", "u_mean", "snr", "u_snr", "saturated")
 )
 #: Over frame and region; taken from a `TrackedRoi`.
 OF_PLACE = (
     Column("quality", "tracking quality", "", "Quality of the tracking, 0 to 1.", decimals=3,
-           value=lambda one: float(one.quality)),
-    Column("lost", "lost", "", "Whether the region was lost: 1 or 0.", decimals=0, value=lambda one: bool(one.lost)),
+           value=lambda tracked: float(tracked.quality)),
+    Column("lost", "lost", "", "Whether the region was lost: 1 or 0.", decimals=0,
+           value=lambda tracked: bool(tracked.lost)),
     Column("centre_x", "centre x", "pixel", "Centre of the region, to the right.", decimals=2, value="roi.centre.0"),
     Column("centre_y", "centre y", "pixel", "Centre of the region, down.", decimals=2, value="roi.centre.1"),
 )  # fmt: skip
@@ -58,9 +59,9 @@ OF_REGION = (*OF_LIGHT, *OF_PLACE)
 #: Over frame, region and corner; taken from a `TrackedRoi`.
 OF_CORNER = (
     Column("corner_x", "x", "pixel", "Corners of the region, to the right.", decimals=2,
-           value=lambda one: [x for x, _ in one.roi.corners]),
+           value=lambda tracked: [x for x, _ in tracked.roi.corners]),
     Column("corner_y", "y", "pixel", "Corners of the region, down.", decimals=2,
-           value=lambda one: [y for _, y in one.roi.corners]),
+           value=lambda tracked: [y for _, y in tracked.roi.corners]),
 )  # fmt: skip
 TIME = Column("time_s", "time", "s", "Time since the first frame.", decimals=3)
 NOTE = Column("note", "note", meaning="Why a value is missing, or a warning about it.")
@@ -80,14 +81,14 @@ def as_json(values: Any) -> str:
 def recorded(findings: Iterable[Finding]) -> list[dict[str, Any]]:
     """Return findings as values JSON can hold."""
     return [
-        {"code": one.code, "severity": one.severity, "subject": one.subject, "values": dict(one.values)}
-        for one in findings
+        {"code": finding.code, "severity": finding.severity, "subject": finding.subject, "values": dict(finding.values)}
+        for finding in findings
     ]
 
 
 def restored(values: Iterable[Mapping[str, Any]]) -> tuple[Finding, ...]:
     """Return findings as they were before `recorded`."""
-    return tuple(Finding(**one) for one in values)
+    return tuple(Finding(**finding) for finding in values)
 
 
 #: Shown as "frame" and "contrast" in the Dataset.
@@ -169,7 +170,7 @@ def video_dataset(
         variables += [(column, ("frame",), columns[column.name]) for column in OF_FRAME]
         variables += [(column, ("frame", "region"), columns[column.name][:, places]) for column in OF_REGION]
         variables += [(column, ("frame", "region", "corner"), columns[column.name][:, places]) for column in OF_CORNER]
-        coordinates["region"] = np.array([regions[place] for place in places], dtype=object)
+        coordinates["region"] = np.array([regions[index] for index in places], dtype=object)
     for column, text in ((NOTE, note_text), (FINDINGS, findings_text)):
         written = np.array([text(findings) for findings in columns["findings"]], dtype=object)
         variables.append((column, ("frame",), written))

@@ -229,12 +229,12 @@ def _length_findings(source: VideoSource, part: PartRun) -> tuple[Finding, ...]:
         if source.length_s - last_s > _LATEST_S + _LATEST_FRAMES / (source.frame_rate or 1):
             return (warning("video-ends-early", length_s=source.length_s, found_s=last_s),)
         return ()
-    announced, found = None if source.is_estimate else source.frame_count, end.get("end")
-    if announced is None or found is None or announced == found:
+    announced, n_frames = None if source.is_estimate else source.frame_count, end.get("end")
+    if announced is None or n_frames is None or announced == n_frames:
         return ()
-    if found < announced:
-        return (warning("video-cut-off", announced=announced, found=found),)
-    return (info("video-longer", announced=announced, found=found),)
+    if n_frames < announced:
+        return (warning("video-cut-off", announced=announced, found=n_frames),)
+    return (info("video-longer", announced=announced, found=n_frames),)
 
 
 def require_same_evaluation(folders: Iterable[Path], settings: VideoSettings) -> None:

@@ -109,12 +109,12 @@ def drawn_contrasts(dataset: Dataset, result: Result) -> list[int]:
     """Places of the contrasts drawn in addition to the reference: all, or those where the answer changes, as cards."""
     reference = dataset["reference_contrast"].values if "reference_contrast" in dataset else np.array([np.nan])
     places = [
-        place
-        for place, contrast in enumerate(dataset["contrast"].values)
+        index
+        for index, contrast in enumerate(dataset["contrast"].values)
         if not np.isclose(reference, contrast, rtol=1e-9).all()
     ]
     rows = [row for row in result.table("contrasts").rows() if row["kind"] != "reference"]
-    answers = [answer_of(rows[place]) for place in places]
+    answers = [answer_of(rows[index]) for index in places]
     return [places[number] for number in changes_of(answers, _MOST_CONTRASTS)]
 
 
@@ -129,9 +129,9 @@ def _cdp(dataset: Dataset, result: Result) -> _Panel:
     if rows[0]["kind"] == "reference":
         y, low, high = (dataset[name].values for name in ("reference_cdp", "reference_cdp_low", "reference_cdp_high"))
         curves.append(_Curve(contrast_name(rows.pop(0)), next(colours), y, low, high))
-    for place in drawn_contrasts(dataset, result):
-        y, low, high = (dataset[name].isel(contrast=place).values for name in ("cdp", "cdp_low", "cdp_high"))
-        curves.append(_Curve(contrast_name(rows[place]), next(colours), y, low, high))
+    for index in drawn_contrasts(dataset, result):
+        y, low, high = (dataset[name].isel(contrast=index).values for name in ("cdp", "cdp_low", "cdp_high"))
+        curves.append(_Curve(contrast_name(rows[index]), next(colours), y, low, high))
     return _Panel(2.4, "CDP", (-0.03, 1.03), curves)
 
 
@@ -175,8 +175,8 @@ def _shade(axes: Axes, dataset: Dataset, x: NDArray[np.float64], in_legend: bool
     if "lost" in dataset:
         lost = np.any(dataset["lost"].values, axis=1)
     missing = ~lost
-    for place in range(dataset.sizes["contrast"]):
-        missing &= ~np.isfinite(dataset["cdp"].isel(contrast=place).values)
+    for index in range(dataset.sizes["contrast"]):
+        missing &= ~np.isfinite(dataset["cdp"].isel(contrast=index).values)
     step = period_s(x) if x.size > 1 else 1.0
     for mask, colour, label in ((lost, _LOST, "region lost"), (missing, _MISSING, "not evaluable")):
         for number, (first, last) in enumerate(runs(mask)):

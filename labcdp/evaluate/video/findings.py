@@ -77,18 +77,18 @@ def video_findings(columns: Mapping[str, NDArray[Any]], regions: Sequence[str]) 
         Names of the regions; none for nearest neighbours.
     """
     n_frames = columns["frame"].size
-    found = [*_counted_findings(columns, n_frames), *_invalid_findings(columns, regions, n_frames)]
+    findings = [*_counted_findings(columns, n_frames), *_invalid_findings(columns, regions, n_frames)]
     if regions:
         full = columns["saturated"] > SATURATED_SHARE
         # The region that is saturated first comes first.
         for region in sorted(range(len(regions)), key=lambda region: (int(full[:, region].argmax()), region)):
             if full[:, region].any():
-                found.append(_saturated_finding(regions[region], full[:, region], columns["frame"]))
+                findings.append(_saturated_finding(regions[region], full[:, region], columns["frame"]))
     brighter = second_is_brighter(columns)
     n_second = int(np.count_nonzero(brighter))
     if 0 < n_second < brighter.size:
-        found.append(warning("brighter-region-changes", count=min(n_second, brighter.size - n_second)))
-    return found
+        findings.append(warning("brighter-region-changes", count=min(n_second, brighter.size - n_second)))
+    return findings
 
 
 def _counted_findings(columns: Mapping[str, NDArray[Any]], n_frames: int) -> Iterator[Finding]:

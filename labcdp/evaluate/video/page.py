@@ -86,17 +86,17 @@ def _chosen(contrasts: Table) -> list[dict[str, Any]]:
     reference = [row for row in rows if row["kind"] == "reference"]
     others = [row for row in rows if row["kind"] != "reference"]
     places = changes_of([*map(answer_of, others)], _MOST_CARDS - len(reference))
-    return [*reference, *(others[place] for place in places)]
+    return [*reference, *(others[index] for index in places)]
 
 
 def _measured(dataset: Dataset) -> Iterator[Card]:
     """Yield the card of the measured contrast: what contrasts asked for are to be compared with."""
     if "measured_contrast" not in dataset:
         return
-    found = dataset["measured_contrast"].to_numpy()
-    found = found[np.isfinite(found)]
-    if found.size:
-        low, middle, high = (f"{significant(100 * one)} %" for one in np.quantile(found, (0, 0.5, 1)))
+    contrasts = dataset["measured_contrast"].to_numpy()
+    contrasts = contrasts[np.isfinite(contrasts)]
+    if contrasts.size:
+        low, middle, high = (f"{significant(100 * contrast)} %" for contrast in np.quantile(contrasts, (0, 0.5, 1)))
         yield Card("Measured contrast", middle, "median of the frames", (span(low, high),))
 
 
@@ -201,7 +201,7 @@ def _frame_columns(dataset: Dataset, frames: slice) -> Table:
     """CDP of each contrast, one column per frame."""
     numbers, cdp = dataset["frame"].values[frames].tolist(), dataset["cdp"].values[frames]
     columns = [Column(f"frame_{number}", f"Frame number {number}", "", "CDP.", decimals=4) for number in numbers]
-    data = {"contrast": dataset["contrast"].values} | dict(zip((one.name for one in columns), cdp, strict=True))
+    data = {"contrast": dataset["contrast"].values} | dict(zip((column.name for column in columns), cdp, strict=True))
     heads = (replace(_CONTRAST, label="Contrasts"), *columns)
     return Table("CDP", "CDP of each contrast, one column per frame", heads, data, matrix=True)
 

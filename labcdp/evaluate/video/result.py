@@ -86,7 +86,7 @@ def video_result(dataset: Dataset) -> Result:
         PurePath(str(dataset.attrs.get("file", ""))).name or "video",
         tuple(tables),
         findings,
-        (video, *(InputFile(**one) for one in _json(dataset, "inputs", []))),
+        (video, *(InputFile(**file) for file in _json(dataset, "inputs", []))),
         configuration_of(dataset),
     )
 
@@ -108,8 +108,8 @@ def judged_video(dataset: Dataset) -> Judgement | None:
 
     return judged_pairs(Requirement.model_validate(required), (
         SeenContrast(pair, f"frame {frame}", float(at) if unit_of(dataset) and regions else None, float(measured),
-                     bool(share > SATURATED_SHARE), float(one), (float(lowest), float(highest)))
-        for frame, at, measured, share, one, lowest, highest in values
+                     bool(share > SATURATED_SHARE), float(cdp_value), (float(lowest), float(highest)))
+        for frame, at, measured, share, cdp_value, lowest, highest in values
     ))  # fmt: skip
 
 
@@ -148,12 +148,12 @@ def _contrasts(dataset: Dataset) -> Table:
         contrasts = dataset["reference_contrast"].values
         given = np.unique(contrasts[np.isfinite(contrasts)]).tolist()
         if given:
-            asked = {"kind": "reference", "contrast": given[0] if len(given) == 1 else None}
+            reference = {"kind": "reference", "contrast": given[0] if len(given) == 1 else None}
             cdp = [dataset[f"reference_cdp{end}"].values for end in _ENDS]
-            rows.append(asked | _over_all(cdp, frames, lost, limit))
+            rows.append(reference | _over_all(cdp, frames, lost, limit))
     kind = "measured" if configuration_of(dataset).get("contrasts", ()) is None else "given"
-    for place, contrast in enumerate(dataset["contrast"].values.tolist()):
-        cdp = [dataset[f"cdp{end}"].isel(contrast=place).values for end in _ENDS]
+    for index, contrast in enumerate(dataset["contrast"].values.tolist()):
+        cdp = [dataset[f"cdp{end}"].isel(contrast=index).values for end in _ENDS]
         rows.append({"kind": kind, "contrast": contrast} | _over_all(cdp, frames, lost, limit))
     note = (
         "CDP is the share of all pairs of "
@@ -164,7 +164,7 @@ def _contrasts(dataset: Dataset) -> Table:
     )
     # A column of zeros takes the room of others.
     empty = {name for name in ("n_other", "undecided_share") if not any(row[name] for row in rows)}
-    columns = [replace(one, shown=one.shown and one.name not in empty) for one in CONTRASTS]
+    columns = [replace(column, shown=column.shown and column.name not in empty) for column in CONTRASTS]
     return Table.of_items("contrasts", "CDP over the evaluated frames", columns, rows, note)
 
 
@@ -193,13 +193,13 @@ def answer_of(row: Mapping[str, Any]) -> float | None:
 
 
 def _over_all(
-    found: Sequence[NDArray[np.float64]], frames: NDArray[Any], lost: NDArray[np.bool_], limit: float
+    cdp_and_ends: Sequence[NDArray[np.float64]], frames: NDArray[Any], lost: NDArray[np.bool_], limit: float
 ) -> dict[str, Any]:
     """Return the row of a contrast, by its CDP and the ends of its interval in each frame."""
-    cdp, low, high = found
+    cdp, low, high = cdp_and_ends
     known = np.isfinite(cdp)
     of_known = zip(cdp[known], low[known], high[known], strict=True)
-    n_undecided = sum(cdp_verdict(one, (least, most), limit) == "undecided" for one, least, most in of_known)
+    n_undecided = sum(cdp_verdict(value, (least, most), limit) == "undecided" for value, least, most in of_known)
     n_detected, n_evaluated, n_lost = int((cdp[known] >= limit).sum()), int(known.sum()), int((lost & ~known).sum())
     row = {
         "detected_share": n_detected / n_evaluated if n_evaluated else None,
@@ -212,8 +212,8 @@ def _over_all(
     }
     if not known.any():
         return row
-    place = int(np.nanargmin(cdp))
-    lowest = {"lowest_cdp": float(cdp[place]), "lowest_frame": int(frames[place])}
+    lowest_at = int(np.nanargmin(cdp))
+    lowest = {"lowest_cdp": float(cdp[lowest_at]), "lowest_frame": int(frames[lowest_at])}
     return {**row, "mean_cdp": float(cdp[known].mean()), **lowest}
 
 
@@ -233,29 +233,29 @@ def _summary(dataset: Dataset) -> Table:
 
 def _regions(dataset: Dataset) -> Table:
     unit = unit_of(dataset)
-    columns = [replace(one, unit=unit) if one.name == "mean" else one for one in REGIONS]
+    columns = [replace(column, unit=unit) if column.name == "mean" else column for column in REGIONS]
     rows = [_region(dataset.isel(region=number)) for number in range(dataset.sizes.get("region", 0))]
     note = "" if unit else "Means are relative luminance."
     table = Table.of_items("regions", "Regions", columns, rows, note)
     return table.sorted_by("mean", reverse=True)
 
 
-def _region(one: Dataset) -> dict[str, Any]:
-    lost = one["lost"].values.astype(bool)
+def _region(region: Dataset) -> dict[str, Any]:
+    lost = region["lost"].values.astype(bool)
 
-    def found(name: str) -> NDArray[np.float64]:
-        values = one[name].values[~lost]
+    def values_known(name: str) -> NDArray[np.float64]:
+        values = region[name].values[~lost]
         known: NDArray[np.float64] = values[np.isfinite(values)]
         return known if known.size else np.array([np.nan])
 
-    saturated = "saturated" in one and bool((one["saturated"].values > SATURATED_SHARE).any())
+    saturated = "saturated" in region and bool((region["saturated"].values > SATURATED_SHARE).any())
     return {
-        "region": str(one["region"].values),
-        "mean": float(found("mean").mean()),
+        "region": str(region["region"].values),
+        "mean": float(values_known("mean").mean()),
         "mean_bound": ">" if saturated else "",
-        "snr": float(found("snr").mean()),
-        "mean_quality": float(found("quality").mean()),
-        "lowest_quality": float(found("quality").min()),
+        "snr": float(values_known("snr").mean()),
+        "mean_quality": float(values_known("quality").mean()),
+        "lowest_quality": float(values_known("quality").min()),
         "n_lost": int(lost.sum()),
         "lost_share": float(lost.mean()),
     }

@@ -159,12 +159,12 @@ class PartRun:
             row |= _places(regions if pixels is not None else (), settings.rois)
         if pixels is None:
             return row | _with_findings([] if frame.fault is None else [frame.fault])
-        lost = [one for one in regions if one.lost]
+        lost = [tracked for tracked in regions if tracked.lost]
         if lost:
-            return row | _with_findings(reason for one in lost for reason in one.reasons)
+            return row | _with_findings(reason for tracked in lost for reason in tracked.reasons)
         try:
             values, findings = (
-                self._pair_row(item, [one.roi for one in regions])
+                self._pair_row(item, [tracked.roi for tracked in regions])
                 if settings.rois
                 else (self._neighbour_row(pixels.frame), [])
             )
@@ -255,8 +255,8 @@ def region_pixels(frame: VideoFrame, converter: Converter, roi: Roi) -> RegionPi
     window = region.window(shape)
     part, inner = (pixels.frame, window) if in_part is None else (in_part(window), WHOLE)
     dn = part.dn[inner] if group == 1 and part.dn.dtype == np.uint8 and part.black_pattern is None else None
-    place = None if in_part is None else (window[1].start, window[0].start, pixels.shape)
-    light = converter.convert(part, inner, place)
+    position_px = None if in_part is None else (window[1].start, window[0].start, pixels.shape)
+    light = converter.convert(part, inner, position_px)
     # Where the place decides too, DN are no levels of light.
     levels = None if isinstance(converter.vignetting(pixels.shape, part.readout), Cos4Vignetting) else dn
     return RegionPixels.from_part(light, roi, window, _mask(region, shape), dn=levels)

@@ -62,17 +62,17 @@ class VideoRun:
         if all(part.done for part in self._parts):
             return
         expected = self._selection.expected(self._source.frame_count, self._source.frame_rate)
-        place = 0
+        n_done = 0
         # Small steps in several threads wait for each other; a whole frame of neighbours does not.
         # Without a contrast the first frame gives it to the others.
         alone = self._methods or any(part.settings.contrasts is None for part in self._parts)
         with closing(ahead(self._frames())) as frames, closing(self._worked(frames, 0 if alone else 2)) as worked:
-            for place, (item, rows) in enumerate(worked, start=1):
+            for n_done, (item, rows) in enumerate(worked, start=1):
                 for part, row in zip(self._parts, rows, strict=True):
                     part.take(item, row)
                 if progress is not None:
-                    progress(place, None if expected is None else max(expected, place))
-        if place == 0:
+                    progress(n_done, None if expected is None else max(expected, n_done))
+        if n_done == 0:
             first, stop = self._selection.start, self._selection.stop
             raise InputError(
                 f"{self._source.path} has no frame from {first} to {stop or 'its end'}: give an earlier start"
@@ -115,7 +115,7 @@ class VideoRun:
         """Follow the regions; only chosen frames are passed on."""
         tracker: Tracker | None = None
         regions: dict[Roi, TrackedRoi] = {}
-        place = 0
+        index = 0
         last: VideoFrame | None = None
         unseen: VideoFrame | None = None
         for frame in frames:
@@ -136,8 +136,8 @@ class VideoRun:
                 repeats = last.number if last is not None and _same_picture(last, frame) else None
                 # Before the first whole frame there is no region.
                 light = cache(partial(region_pixels, frame, self._converter))
-                yield FollowedFrame(frame, place, regions, repeats, light)
-                place, last = place + 1, frame
+                yield FollowedFrame(frame, index, regions, repeats, light)
+                index, last = index + 1, frame
         if unseen is not None and tracker is None:
             raise InputError(f"{self._why(unseen)}; the same applies to all others")
 
@@ -164,11 +164,11 @@ def _same_picture(last: VideoFrame, frame: VideoFrame) -> bool:
 
 def ahead(items: Generator[_Result, None, None]) -> Generator[_Result, None, None]:
     """Go through items that are made in a thread of their own, a few ahead."""
-    with closing(items), closing(in_order(repeat(lambda: tuple(islice(items, 1))), 1)) as found:
-        for one in found:
-            if not one:
+    with closing(items), closing(in_order(repeat(lambda: tuple(islice(items, 1))), 1)) as made:
+        for items_ahead in made:
+            if not items_ahead:
                 return
-            yield from one
+            yield from items_ahead
 
 
 def in_order(tasks: Iterable[Callable[[], _Result]], n_workers: int) -> Generator[_Result, None, None]:

@@ -194,12 +194,12 @@ class VideoReference:
     def contrast(self, number: int, time_s: float) -> tuple[float | None, Finding | None]:
         """Return the contrast for a frame, or why there is none."""
         at = number if self._by == "number" else time_s
-        place = int(np.argmin(np.abs(self._at - at)))
-        if abs(self._at[place] - at) > self._tolerance:
+        nearest = int(np.argmin(np.abs(self._at - at)))
+        if abs(self._at[nearest] - at) > self._tolerance:
             if self._by == "time":
                 return None, warning("reference-without-time", time_s=time_s)
             return None, warning("reference-without-frame", number=number)
-        contrast = float(self._contrasts[place])
+        contrast = float(self._contrasts[nearest])
         if not (isfinite(contrast) and contrast > 0):
             return None, warning("reference-without-contrast")
         return contrast, None

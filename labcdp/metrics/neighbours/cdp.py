@@ -169,11 +169,11 @@ class MarkSums(NamedTuple):
     @classmethod
     def of(cls, marks: NDArray[np.integer[Any]]) -> MarkSums:
         """Sum the marks of an image, shape (height, width)."""
-        one = marks.astype(np.float64)
-        padded = np.pad(one, 1)
+        values = marks.astype(np.float64)
+        padded = np.pad(values, 1)
         down = padded[:-2] + padded[1:-1] + padded[2:]
-        near = float(np.einsum("ij,ij->", one, down[:, :-2] + down[:, 1:-1] + down[:, 2:]))
-        return cls(near, one.sum(axis=1), one.sum(axis=0), one[:, [0, -2 % one.shape[1], -1]])
+        near = float(np.einsum("ij,ij->", values, down[:, :-2] + down[:, 1:-1] + down[:, 2:]))
+        return cls(near, values.sum(axis=1), values.sum(axis=0), values[:, [0, -2 % values.shape[1], -1]])
 
     def variance(self, share: float) -> float:
         """Variance of the share U of all P pairs that is detected; nan for fewer than 8 rows or columns.
@@ -227,4 +227,4 @@ def _near_pairs(rows: NDArray[Any], sides: NDArray[Any]) -> float:
 
 def _lines(rows: NDArray[np.float64], columns: NDArray[np.float64]) -> float:
     """Sum of products over pairs of pixels in the same or an adjacent row, and in the same or an adjacent column."""
-    return sum(weighted_sum(one, one) + 2 * weighted_sum(one[1:], one[:-1]) for one in (rows, columns))
+    return sum(weighted_sum(sums, sums) + 2 * weighted_sum(sums[1:], sums[:-1]) for sums in (rows, columns))

@@ -54,9 +54,9 @@ class NeighbourTables:
         ]
         # Place 0 is exceeded by all pairs with light, the last one by none, and those between by what exceeds an end.
         ends = sorted({end for pair in intervals for end in pair if 0 < end < np.inf})
-        place = {0.0: 0, **{end: n for n, end in enumerate(ends, start=1)}, np.inf: len(ends) + 1}
-        self._n_places = len(place)
-        self._intervals = np.array([(place[low], place[high]) for low, high in intervals], np.uint8)
+        index = {0.0: 0, **{end: n for n, end in enumerate(ends, start=1)}, np.inf: len(ends) + 1}
+        self._n_places = len(index)
+        self._intervals = np.array([(index[low], index[high]) for low, high in intervals], np.uint8)
         classes = _classes(np.asarray(light, dtype=float), ends)
         self._classes, self._alike = classes.ravel(), _alike(classes)
 

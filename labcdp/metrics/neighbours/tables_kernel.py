@@ -212,11 +212,11 @@ def _change(upper: NDArray[np.uint8], lower: NDArray[np.uint8]) -> tuple[np.uint
 
 @compiled_part
 def _look_up(
-    first: NDArray[np.uint8], second: NDArray[np.uint8], classes: NDArray[np.uint8], found: NDArray[np.uint8]
+    first: NDArray[np.uint8], second: NDArray[np.uint8], classes: NDArray[np.uint8], classes_found: NDArray[np.uint8]
 ) -> None:
     """Look up the classes of the pairs of a piece."""
     for i in range(_PIECE):
-        found[i] = classes[np.uint32(first[i]) << np.uint32(8) | np.uint32(second[i])]
+        classes_found[i] = classes[np.uint32(first[i]) << np.uint32(8) | np.uint32(second[i])]
 
 
 @compiled_part

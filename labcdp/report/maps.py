@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import ceil
 from typing import TYPE_CHECKING, Any
 
@@ -33,71 +32,57 @@ _IN_REGION: dict[str, Any] = {"fontsize": _NAME_SIZE, "ha": "center", "va": "cen
 _LEGEND_IN, _CLOSE_IN, _MARGIN = 0.3, 3.2, 0.08
 
 
-@dataclass(frozen=True, eq=False)
-class ImageFigure:
-    """A figure for one image with a scale next to it; y runs down.
+def image_figure(
+    luminance: LuminanceMap, title: str, simulated: bool, regions: Sequence[Roi] = (), below_in: float = 0.0
+) -> Figure:
+    """Make a figure for an image of the size of a map, with a scale next to it; y runs down.
 
-    Parameters
-    ----------
-    figure : Figure
-        The figure.
-    axes, bar : Axes
-        For the image, in pixels of the camera, and for the scale.
-    extent : (float, float, float, float)
-        Place of the whole image in the axes.
-    regions : tuple of Roi
-        Regions in it.
-    names_inside : bool
-        Whether their names fit; else regions are numbered, and the names are listed next to the scale.
+    Its axes are that of the image, in pixels of the camera (see `image_extent`), and that of the scale. There is room
+    for the names of regions that do not fit in them, and for a legend below.
     """
+    width_px, height_px = _size(luminance)
+    height_in = _WIDTH_IN * min(max(height_px / width_px, _FLATTEST), _TALLEST)
+    beside_in = 0.0 if _names_fit(luminance, regions) else _names_width_in(regions)
+    whole = (_LEFT_IN + _WIDTH_IN + _RIGHT_IN + beside_in, _BELOW_IN + below_in + height_in + _ABOVE_IN)
+    figure = drawing.placed_figure(*whole, "bench" if simulated else "")
+    bottom, height = (_BELOW_IN + below_in) / whole[1], height_in / whole[1]
+    axes = figure.add_axes((_LEFT_IN / whole[0], bottom, _WIDTH_IN / whole[0], height))
+    figure.add_axes(((_LEFT_IN + _WIDTH_IN + 0.15) / whole[0], bottom, 0.2 / whole[0], height))
+    drawing.label(axes, "x in pixels", "y in pixels", title)
+    return figure
 
-    figure: Figure
-    axes: Axes
-    bar: Axes
-    extent: tuple[float, float, float, float]
-    regions: tuple[Roi, ...]
-    names_inside: bool
 
-    @classmethod
-    def of(
-        cls, luminance: LuminanceMap, title: str, simulated: bool, regions: Sequence[Roi] = (), below_in: float = 0.0
-    ) -> ImageFigure:
-        """Make a figure for an image of the size of this map, with room for a legend below it."""
-        width_px, height_px = _size(luminance)
-        height_in = _WIDTH_IN * min(max(height_px / width_px, _FLATTEST), _TALLEST)
-        points_per_px = 72 * min(_WIDTH_IN / width_px, height_in / height_px)
-        inside = all(_fits(region, points_per_px) for region in regions)
-        beside_in = 0.0 if inside else _names_width_in(regions)
-        whole = (_LEFT_IN + _WIDTH_IN + _RIGHT_IN + beside_in, _BELOW_IN + below_in + height_in + _ABOVE_IN)
-        figure = drawing.placed_figure(*whole, "bench" if simulated else "")
-        bottom, height = (_BELOW_IN + below_in) / whole[1], height_in / whole[1]
-        axes = figure.add_axes((_LEFT_IN / whole[0], bottom, _WIDTH_IN / whole[0], height))
-        bar = figure.add_axes(((_LEFT_IN + _WIDTH_IN + 0.15) / whole[0], bottom, 0.2 / whole[0], height))
-        drawing.label(axes, "x in pixels", "y in pixels", title)
-        return cls(figure, axes, bar, (0.0, width_px, height_px, 0.0), tuple(regions), inside)
+def image_extent(luminance: LuminanceMap) -> tuple[float, float, float, float]:
+    """Return the edges of an image in its axes: left, right, lower and upper."""
+    width_px, height_px = _size(luminance)
+    return 0.0, width_px, height_px, 0.0
 
-    def add_scale(self, shown: Any, text: str, extend: str = "neither") -> None:
-        """Draw the scale of what is shown."""
-        self.figure.colorbar(shown, cax=self.bar, extend=extend)
-        self.bar.set_ylabel(text, fontsize=drawing.LABEL_SIZE)
-        self.bar.tick_params(labelsize=drawing.SMALL_SIZE)
-        drawing.plain_numbers(self.bar.yaxis)
 
-    def draw_regions(self) -> None:
-        """Draw the regions with their names, or with numbers and a list of names next to the image."""
-        from matplotlib.lines import Line2D
-        from matplotlib.patheffects import withStroke
+def add_scale(figure: Figure, shown: Any, text: str, extend: str = "neither") -> None:
+    """Draw the scale of what an `image_figure` shows."""
+    _, bar = figure.axes
+    figure.colorbar(shown, cax=bar, extend=extend)
+    bar.set_ylabel(text, fontsize=drawing.LABEL_SIZE)
+    bar.tick_params(labelsize=drawing.SMALL_SIZE)
+    drawing.plain_numbers(bar.yaxis)
 
-        for number, region in enumerate(self.regions, start=1):
-            _outline(self.axes, region, 3.0, 1.2)
-            name = shortened(region.name, _LONGEST_NAME) if self.names_inside else str(number)
-            outlined = [withStroke(linewidth=2.0, foreground="black")]
-            self.axes.text(*region.centre, name, color="white", parse_math=False, path_effects=outlined, **_IN_REGION)
-        if not self.names_inside:
-            names = [f"{n}  {shortened(region.name, _LONGEST_NAME)}" for n, region in enumerate(self.regions, start=1)]
-            lines = [Line2D([], [], linestyle="none") for _ in names]
-            how = {"loc": "upper right", "ncols": ceil(len(names) / _NAMES_IN_COLUMN), "frameon": False}
-            drawing.add_legend(self.figure, lines, names, handlelength=0, handletextpad=0, **how)
+
+def draw_regions(figure: Figure, luminance: LuminanceMap, regions: Sequence[Roi]) -> None:
+    """Draw regions with their names into an `image_figure`, or with numbers and a list of names next to the image."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patheffects import withStroke
+
+    axes, inside = figure.axes[0], _names_fit(luminance, regions)
+    for number, region in enumerate(regions, start=1):
+        _outline(axes, region, 3.0, 1.2)
+        name = shortened(region.name, _LONGEST_NAME) if inside else str(number)
+        outlined = [withStroke(linewidth=2.0, foreground="black")]
+        axes.text(*region.centre, name, color="white", parse_math=False, path_effects=outlined, **_IN_REGION)
+    if not inside:
+        names = [f"{n}  {shortened(region.name, _LONGEST_NAME)}" for n, region in enumerate(regions, start=1)]
+        lines = [Line2D([], [], linestyle="none") for _ in names]
+        how = {"loc": "upper right", "ncols": ceil(len(names) / _NAMES_IN_COLUMN), "frameon": False}
+        drawing.add_legend(figure, lines, names, handlelength=0, handletextpad=0, **how)
 
 
 def _outline(axes: Axes, region: Roi, dark: float, light: float) -> None:
@@ -115,11 +100,17 @@ def _names_width_in(regions: Sequence[Roi]) -> float:
     return longest * _CHARACTER[0] * drawing.SMALL_SIZE / 72 * ceil(len(regions) / _NAMES_IN_COLUMN)
 
 
-def _fits(region: Roi, points_per_px: float) -> bool:
-    """Whether the name of a region fits in it."""
-    left, top, right, bottom = region.bounds
+def _names_fit(luminance: LuminanceMap, regions: Sequence[Roi]) -> bool:
+    """Whether the names of all regions fit in them; else they are numbered, and the names listed."""
+    width_px, height_px = _size(luminance)
+    height_in = _WIDTH_IN * min(max(height_px / width_px, _FLATTEST), _TALLEST)
+    points_per_px = 72 * min(_WIDTH_IN / width_px, height_in / height_px)
     wide, high = (_NAME_SIZE * size / points_per_px for size in _CHARACTER)
-    return len(shortened(region.name, _LONGEST_NAME)) * wide < right - left and high < bottom - top
+    for region in regions:
+        left, top, right, bottom = region.bounds
+        if len(shortened(region.name, _LONGEST_NAME)) * wide >= right - left or high >= bottom - top:
+            return False
+    return True
 
 
 def drawn_pixels(luminance: LuminanceMap) -> tuple[NDArray[np.float64], int]:
@@ -144,10 +135,10 @@ def regions_picture(luminance: LuminanceMap, regions: Sequence[Roi], title: str,
     simulated : bool
         Whether the camera was simulated; the picture is then labelled so.
     """
-    figure = ImageFigure.of(luminance, title, simulated, regions)
+    figure = image_figure(luminance, title, simulated, regions)
     _show(figure, luminance, _grey_range(luminance, regions), "gray")
-    figure.draw_regions()
-    return drawing.png(figure.figure)
+    draw_regions(figure, luminance, regions)
+    return drawing.png(figure)
 
 
 def close_picture(luminance: LuminanceMap, regions: Sequence[Roi], simulated: bool) -> bytes:
@@ -209,7 +200,7 @@ def luminance_picture(
     from matplotlib.patches import Patch
 
     reasons = _reasons(luminance, range_cd_m2[0])
-    figure = ImageFigure.of(luminance, title, simulated, below_in=_LEGEND_IN * ceil(len(reasons) / 2))
+    figure = image_figure(luminance, title, simulated, below_in=_LEGEND_IN * ceil(len(reasons) / 2))
     _show(figure, luminance, (0.9 * range_cd_m2[0], 1.1 * range_cd_m2[1]), "viridis", linear)
     if reasons:
         side = drawing.reduction(luminance.shape)
@@ -220,23 +211,23 @@ def luminance_picture(
         colours = np.array([to_rgba(_COLOURS[name]) for name in reasons])
         overlay = colours[np.argmax(weights, axis=0)]
         overlay[np.sum(weights, axis=0) < 0.5] = 0.0
-        figure.axes.imshow(overlay, extent=figure.extent, interpolation="nearest")
+        figure.axes[0].imshow(overlay, extent=image_extent(luminance), interpolation="nearest")
         patches = [Patch(facecolor=_COLOURS[name], edgecolor="black", linewidth=0.6) for name in reasons]
         texts = [f"{name}: {share_percent(float(mask.mean()))} of the pixels" for name, mask in reasons.items()]
-        drawing.add_legend(figure.figure, patches, texts, loc="lower center", ncols=2)
-    return drawing.png(figure.figure)
+        drawing.add_legend(figure, patches, texts, loc="lower center", ncols=2)
+    return drawing.png(figure)
 
 
 def _show(
-    figure: ImageFigure, luminance: LuminanceMap, limits: tuple[float, float], colours: str, linear: bool = False
+    figure: Figure, luminance: LuminanceMap, limits: tuple[float, float], colours: str, linear: bool = False
 ) -> None:
     """Draw a map with its scale."""
     from matplotlib.colors import LogNorm, Normalize
 
     norm = Normalize(*limits) if linear else LogNorm(*limits)
     drawn = np.clip(drawn_pixels(luminance)[0], *limits)
-    shown = figure.axes.imshow(drawn, cmap=colours, norm=norm, extent=figure.extent)
-    figure.add_scale(shown, "luminance in cd/m²", extend="both")
+    shown = figure.axes[0].imshow(drawn, cmap=colours, norm=norm, extent=image_extent(luminance))
+    add_scale(figure, shown, "luminance in cd/m²", extend="both")
 
 
 def _grey_range(luminance: LuminanceMap, regions: Sequence[Roi]) -> tuple[float, float]:

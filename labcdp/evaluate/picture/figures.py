@@ -24,7 +24,7 @@ from ...report.drawing import (
     reported,
 )
 from ...report.layout import ReportFigure
-from ...report.maps import ImageFigure, drawn_pixels
+from ...report.maps import add_scale, draw_regions, drawn_pixels, image_extent, image_figure
 from ...report.plots import ContrastPanel, contrast_figures
 from ...report.text import percent, shortened
 from .image import AnyContrast, MeasuredPicture
@@ -95,16 +95,16 @@ def _picture(measured: MeasuredPicture, luminance: LuminanceMap) -> ReportFigure
     if measured.neighbours is not None and measured.neighbours.rectangle is not None:
         x0, y0, x1, y1 = measured.neighbours.rectangle
         regions.append(Roi.rectangle("nearest-neighbour", x0, y0, x1 + 1 - x0, y1 + 1 - y0))
-    figure = ImageFigure.of(luminance, shortened(Path(measured.file).name, 60), False, regions)
+    figure = image_figure(luminance, shortened(Path(measured.file).name, 60), False, regions)
     norm = PowerNorm(_GAMMA, 0, white)
-    shown = figure.axes.imshow(np.clip(drawn, 0, white), cmap="gray", norm=norm, extent=figure.extent)
-    figure.add_scale(shown, luminance_label(measured.unit), extend="max")
-    figure.draw_regions()
+    shown = figure.axes[0].imshow(np.clip(drawn, 0, white), cmap="gray", norm=norm, extent=image_extent(luminance))
+    add_scale(figure, shown, luminance_label(measured.unit), extend="max")
+    draw_regions(figure, luminance, regions)
     scale = f" Each drawn pixel is the mean of {side} x {side} of the picture's." if side > 1 else ""
     with_regions = ", with its regions" if measured.regions else ""
     return reported(
         "picture",
-        figure.figure,
+        figure,
         f"The picture as {luminance_label(measured.unit)}, dark parts brightened{with_regions}.{scale}",
         f"Grey picture with {len(regions)} regions: {', '.join(roi.name for roi in regions) or 'none'}.",
     )

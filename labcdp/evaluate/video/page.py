@@ -53,7 +53,7 @@ def video_page(dataset: Dataset, result: Result, figure: ReportFigure) -> Page:
     return Page.of(
         result,
         "CDP of a video",
-        summary=_summary(dataset, result),
+        summary=_summary(dataset),
         cards=cards,
         lead=(figure, tables["contrasts"]),
         sections=sections,
@@ -123,9 +123,9 @@ def _card(row: Mapping[str, Any], contrasts: Table) -> Card:
     )
 
 
-def _summary(dataset: Dataset, result: Result) -> str:
-    values = {row["quantity"]: row["value"] for row in result.table("summary").rows()}
-    frames = f"{values['chosen frames']} frames, number {span(str(values['first frame']), str(values['last frame']))}"
+def _summary(dataset: Dataset) -> str:
+    numbers = dataset["frame"].values
+    frames = f"{numbers.size} frames, number {span(str(numbers[0]), str(numbers[-1]))}"
     tolerance = dataset.attrs.get("epsilon", "")
     within = f" Detected: within {percent(tolerance)} of the contrast." if isinstance(tolerance, float) else ""
     if is_neighbours(dataset):

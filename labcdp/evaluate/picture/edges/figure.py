@@ -15,7 +15,7 @@ from ....core.quantity import Z_95
 from ....report.drawing import DPI, add_legend, block_mean, png
 from ....report.html import interactive
 from ....report.layout import Script
-from ....report.maps import ImageFigure
+from ....report.maps import add_scale, image_extent, image_figure
 from ....report.text import percent, shortened
 from ..converter import PictureSource
 from .edges import EdgeKind
@@ -120,20 +120,21 @@ def overlay_figure(found: ContrastMap, drawn: NDArray[np.uint8], title: str, sim
     from matplotlib.lines import Line2D
 
     title = f"Contrast detection probability at the edges of {shortened(title, 40)}"
-    figure = ImageFigure.of(found.luminance, title, simulated, below_in=_LEGEND_IN)
+    figure = image_figure(found.luminance, title, simulated, below_in=_LEGEND_IN)
     # Fine lines need more pixels than a page has.
-    figure.figure.set_dpi(1.5 * DPI)
-    figure.axes.imshow(drawn, extent=figure.extent, interpolation="antialiased")
+    figure.set_dpi(1.5 * DPI)
+    axes, bar = figure.axes
+    axes.imshow(drawn, extent=image_extent(found.luminance), interpolation="antialiased")
     scale = ScalarMappable(Normalize(0, 1), colour_map(found.settings.detected))
-    figure.add_scale(scale, f"CDP of edges with a contrast of at least {percent(found.settings.minimum_contrast)}")
-    figure.bar.axhline(found.settings.detected, color="black", linewidth=1.5)
-    figure.bar.set_yticks(sorted({0.0, 0.2, 0.4, 0.6, 0.8, 1.0, found.settings.detected}))
+    add_scale(figure, scale, f"CDP of edges with a contrast of at least {percent(found.settings.minimum_contrast)}")
+    bar.axhline(found.settings.detected, color="black", linewidth=1.5)
+    bar.set_yticks(sorted({0.0, 0.2, 0.4, 0.6, 0.8, 1.0, found.settings.detected}))
     entries = [(one.colour, (1.0, 1.0) if one.dotted else (), one.text(found)) for one in STYLES[::-1]]
     entries.append(("none", (), f"not drawn, in the noise: {found.count(EdgeKind.NOISE)}"))
     lines = [Line2D([], [], color=colour, linestyle=(0.0, dashes), linewidth=3) for colour, dashes, _ in entries]
     texts = [text for _, _, text in entries]
-    add_legend(figure.figure, lines, texts, loc="lower center", ncols=2, facecolor="#8c8c8c", framealpha=1)
-    return png(figure.figure)
+    add_legend(figure, lines, texts, loc="lower center", ncols=2, facecolor="#8c8c8c", framealpha=1)
+    return png(figure)
 
 
 def _grey(luminance: NDArray[np.floating[Any]], side: int) -> NDArray[np.uint8]:

@@ -412,13 +412,13 @@ def _falling(reach: int, size: int) -> _Array:
     return falling
 
 
-def _weighted(of_lags: _Array, weights: tuple[_Array, _Array], whole: tuple[bool, bool]) -> float:
+def _weighted(by_lag: _Array, weights: tuple[_Array, _Array], whole: tuple[bool, bool]) -> float:
     """Weighted sum over all lags; one selected by both axes is counted once."""
     down, right = weights
-    by_columns = of_lags @ right
+    by_columns = by_lag @ right
     both = float(down @ by_columns)
     every = float(by_columns.sum()) if whole[0] else both
-    return every + float(down @ of_lags.sum(axis=1)) - both if whole[1] else every
+    return every + float(down @ by_lag.sum(axis=1)) - both if whole[1] else every
 
 
 def _lines_count(products: _Array, pairs: tuple[_Array, _Array], weights: tuple[_Array, _Array], reach: int) -> bool:

@@ -172,9 +172,9 @@ def cnr(a: Region, b: Region) -> Quantity:
     ratio = _over(bright.mean - dark.mean, sqrt(variance))
     if not np.isfinite(ratio):
         return Quantity(ratio, nan)
-    of_dark = -off / sqrt(variance) - ratio / 2 * (off**2 / variance - 1)
-    of_bright = (bright.values - bright.mean) / sqrt(variance)
-    return Quantity(ratio, _u((bright, of_bright), (dark, of_dark)))
+    by_dark = -off / sqrt(variance) - ratio / 2 * (off**2 / variance - 1)
+    by_bright = (bright.values - bright.mean) / sqrt(variance)
+    return Quantity(ratio, _u((bright, by_bright), (dark, by_dark)))
 
 
 def d_prime(a: Region, b: Region) -> Quantity:

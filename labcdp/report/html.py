@@ -25,7 +25,7 @@ GENERATOR = '<meta name="generator" content="labcdp">'
 _MOST_ROWS = 2000
 
 
-def render_page(page: Page, template: str = "page.html", **of_template: Any) -> str:
+def render_page(page: Page, template: str = "page.html", **more: Any) -> str:
     """Return a page as HTML 5 with embedded figures and style; all text is escaped, scripts are allowed only if used.
 
     Parameters
@@ -34,7 +34,7 @@ def render_page(page: Page, template: str = "page.html", **of_template: Any) -> 
         The page.
     template : str
         Its template; for A4 ``certificate.html``, with identification and picture side by side as the lead.
-    **of_template
+    **more
         What else the template shows: of a certificate ``number``, printed on each page, ``dates``, named texts, and
         whether it is ``compact``, to stand on one sheet.
     """
@@ -43,7 +43,7 @@ def render_page(page: Page, template: str = "page.html", **of_template: Any) -> 
     notes = [text for severity, text in lines if severity == "info"]
     scripts = any(isinstance(block, Script) for block in page.blocks)
     shown = {"page": page, "version": version("labcdp"), "scripts": scripts, "severe": severe, "notes": notes}
-    return environment().get_template(template).render(**shown, **of_template)
+    return environment().get_template(template).render(**shown, **more)
 
 
 @cache

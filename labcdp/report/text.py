@@ -392,8 +392,8 @@ def finding_lines(findings: Iterable[Finding], sentences: bool = False) -> list[
         )
         kinds.setdefault((finding.severity, finding.code, reason), []).append(finding)
     return [
-        (severity, _of_kind(of_kind, finding_sentence if sentences else finding_text))
-        for (severity, _, _), of_kind in kinds.items()
+        (severity, _kind_line(same, finding_sentence if sentences else finding_text))
+        for (severity, _, _), same in kinds.items()
     ]
 
 
@@ -402,7 +402,7 @@ def _about(finding: Finding) -> str:
     return finding.subject or str(finding.values.get("path", ""))
 
 
-def _of_kind(findings: Sequence[Finding], written: Callable[[Finding], str]) -> str:
+def _kind_line(findings: Sequence[Finding], written: Callable[[Finding], str]) -> str:
     first, *others = findings
     text = written(first)
     if not others:

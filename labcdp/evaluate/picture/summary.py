@@ -216,7 +216,7 @@ def overview_page(result: Result, pictures: Sequence[MeasuredPicture], conversio
         for picture in pictures
         if picture.source is not None and picture.folder
     }
-    of_all = f"{len(pictures) - failed} of {len(pictures)} pictures were evaluated." if failed else ""
+    evaluated = f"{len(pictures) - failed} of {len(pictures)} pictures were evaluated." if failed else ""
     cards: list[Card] = []
     lead: list[Block] = []
     sections = [Section("Requirement", [table]) for table in result.tables_named("requirement")]
@@ -242,7 +242,7 @@ def overview_page(result: Result, pictures: Sequence[MeasuredPicture], conversio
         Page.of(
             result,
             "Contrast detection probability (CDP) of pictures",
-            of_all,
+            evaluated,
             cards=[*requirement_cards(result), *cards],
             lead=lead,
             sections=sections,

@@ -28,26 +28,26 @@ if TYPE_CHECKING:
 #: Stands for the unit of the video's means: cd/m² or none.
 LIGHT = "light"
 #: Over frame and contrast; taken from a `Cdp`.
-OF_CONTRAST = by_itself(*CDP, *SHARES)
+CONTRAST_COLUMNS = by_itself(*CDP, *SHARES)
 #: Over frame; taken from a `Pair`.
-OF_PAIR = by_itself(*CONTRAST, *CSNR)
+PAIR_COLUMNS = by_itself(*CONTRAST, *CSNR)
 #: Over frame; taken from the `Cdp` of the reference contrast.
-OF_REFERENCE = tuple(
+REFERENCE_COLUMNS = tuple(
     replace(column, name=f"reference_{column.name}", label=column.label.replace("CDP", "CDP of reference"))
     for column in by_itself(
         replace(TARGET, label="reference contrast", meaning="Contrast the frame is compared with."), *CDP
     )
     if column.name != "u_cdp"
 )
-OF_FRAME = (*OF_PAIR, *OF_REFERENCE)
+FRAME_COLUMNS = (*PAIR_COLUMNS, *REFERENCE_COLUMNS)
 #: Over frame and region; taken from a `RegionLight`.
-OF_LIGHT = tuple(
+LIGHT_COLUMNS = tuple(
     column
     for column in by_itself(*region_columns(LIGHT), invalid_share("saturated"))
     if column.name in ("mean", "u_mean", "snr", "u_snr", "saturated")
 )
 #: Over frame and region; taken from a `TrackedRoi`.
-OF_PLACE = (
+TRACKING_COLUMNS = (
     Column("quality", "tracking quality", "", "Quality of the tracking, 0 to 1.", decimals=3,
            value=lambda tracked: float(tracked.quality)),
     Column("lost", "lost", "", "Whether the region was lost: 1 or 0.", decimals=0,
@@ -55,9 +55,9 @@ OF_PLACE = (
     Column("centre_x", "centre x", "pixel", "Centre of the region, to the right.", decimals=2, value="roi.centre.0"),
     Column("centre_y", "centre y", "pixel", "Centre of the region, down.", decimals=2, value="roi.centre.1"),
 )  # fmt: skip
-OF_REGION = (*OF_LIGHT, *OF_PLACE)
+REGION_COLUMNS = (*LIGHT_COLUMNS, *TRACKING_COLUMNS)
 #: Over frame, region and corner; taken from a `TrackedRoi`.
-OF_CORNER = (
+CORNER_COLUMNS = (
     Column("corner_x", "x", "pixel", "Corners of the region, to the right.", decimals=2,
            value=lambda tracked: [x for x, _ in tracked.roi.corners]),
     Column("corner_y", "y", "pixel", "Corners of the region, down.", decimals=2,
@@ -115,10 +115,10 @@ def frame_columns(rows: Iterable[Row], n_frames: int, n_contrasts: int, rois: Se
     """
     n_corners = max((len(roi.corners) for roi in rois), default=0)
     shapes: dict[str, tuple[int, ...]] = {"frame": (), TIME.name: ()}
-    shapes |= dict.fromkeys(names(OF_CONTRAST), (n_contrasts,))
+    shapes |= dict.fromkeys(names(CONTRAST_COLUMNS), (n_contrasts,))
     if rois:
-        shapes |= dict.fromkeys(names(OF_FRAME), ()) | dict.fromkeys(names(OF_REGION), (len(rois),))
-        shapes |= dict.fromkeys(names(OF_CORNER), (len(rois), n_corners))
+        shapes |= dict.fromkeys(names(FRAME_COLUMNS), ()) | dict.fromkeys(names(REGION_COLUMNS), (len(rois),))
+        shapes |= dict.fromkeys(names(CORNER_COLUMNS), (len(rois), n_corners))
     columns: dict[str, NDArray[Any]] = {name: np.full((n_frames, *shape), nan) for name, shape in shapes.items()}
     columns["frame"] = np.zeros(n_frames, dtype=np.int64)
     texts: dict[str, NDArray[Any]] = {name: np.empty(n_frames, dtype=object) for name in ("findings", "invalid")}
@@ -161,15 +161,17 @@ def video_dataset(
     import xarray as xr
 
     variables: list[tuple[Column, tuple[str, ...], NDArray[Any]]] = [
-        *((column, _AXES, columns[column.name]) for column in OF_CONTRAST),
+        *((column, _AXES, columns[column.name]) for column in CONTRAST_COLUMNS),
         (TIME, ("frame",), columns[TIME.name]),
     ]
     coordinates: dict[str, Any] = {"frame": columns["frame"], "contrast": list(contrasts)}
     if regions:
         places = list(order)
-        variables += [(column, ("frame",), columns[column.name]) for column in OF_FRAME]
-        variables += [(column, ("frame", "region"), columns[column.name][:, places]) for column in OF_REGION]
-        variables += [(column, ("frame", "region", "corner"), columns[column.name][:, places]) for column in OF_CORNER]
+        variables += [(column, ("frame",), columns[column.name]) for column in FRAME_COLUMNS]
+        variables += [(column, ("frame", "region"), columns[column.name][:, places]) for column in REGION_COLUMNS]
+        variables += [
+            (column, ("frame", "region", "corner"), columns[column.name][:, places]) for column in CORNER_COLUMNS
+        ]
         coordinates["region"] = np.array([regions[index] for index in places], dtype=object)
     for column, text in ((NOTE, note_text), (FINDINGS, findings_text)):
         written = np.array([text(findings) for findings in columns["findings"]], dtype=object)
@@ -224,7 +226,7 @@ def check_video(dataset: Dataset) -> None:
     InputError
         If a variable every video has is missing or has other axes, or there is no frame.
     """
-    for name in names(OF_CONTRAST):
+    for name in names(CONTRAST_COLUMNS):
         if name not in dataset.data_vars or dataset[name].dims != _AXES:
             raise InputError(f"the results have no variable {name} over frame and contrast: give results of a video")
     for axis in _AXES:

@@ -23,7 +23,7 @@ from ...report.sheets import MOST_COLUMNS, write_result
 from ...report.text import cell_text, fixed, percent, printable, significant, span
 from ..judgement import requirement_cards
 from ..verdict import changes_of
-from .dataset import LIGHT, NOTE, OF_CONTRAST, OF_CORNER, OF_FRAME, OF_REGION, TIME
+from .dataset import CONTRAST_COLUMNS, CORNER_COLUMNS, FRAME_COLUMNS, LIGHT, NOTE, REGION_COLUMNS, TIME
 from .figure import drawn_contrasts, frames_of_a_point, video_figure
 from .result import answer_of, contrast_name, is_neighbours, limit_of, unit_of, video_result
 
@@ -48,8 +48,8 @@ def video_page(dataset: Dataset, result: Result, figure: ReportFigure) -> Page:
     if "notes" in tables:
         sections.append(Section("Notes on frames", [tables["notes"]], collapsed=True))
     sections.append(Section("Provenance and settings", _provenance(dataset, result), collapsed=True))
-    of_contrasts = (_card(row, tables["contrasts"]) for row in _chosen(tables["contrasts"]))
-    cards = [*requirement_cards(result), *_measured(dataset), *of_contrasts]
+    contrast_cards = (_card(row, tables["contrasts"]) for row in _chosen(tables["contrasts"]))
+    cards = [*requirement_cards(result), *_measured(dataset), *contrast_cards]
     return Page.of(
         result,
         "CDP of a video",
@@ -208,15 +208,17 @@ def _frame_columns(dataset: Dataset, frames: slice) -> Table:
 
 def _frame_rows(dataset: Dataset) -> Table:
     """All numbers, one row per frame and contrast; the contrast changes fastest."""
-    variables = [(column, dataset.get(column.name)) for column in (_FRAME, TIME, _CONTRAST, *OF_CONTRAST, *OF_FRAME)]
+    variables = [
+        (column, dataset.get(column.name)) for column in (_FRAME, TIME, _CONTRAST, *CONTRAST_COLUMNS, *FRAME_COLUMNS)
+    ]
     for region in range(dataset.sizes.get("region", 0)):
         name = str(dataset["region"].values[region])
-        for column in OF_REGION:
+        for column in REGION_COLUMNS:
             unit = unit_of(dataset) if column.unit == LIGHT else column.unit
             named = replace(column, name=f"{column.name}[{name}]", label=f"{name}: {column.label}", unit=unit)
             variables.append((named, dataset[column.name].isel(region=region) if column.name in dataset else None))
         for corner in range(dataset.sizes.get("corner", 0)):
-            for column in OF_CORNER:
+            for column in CORNER_COLUMNS:
                 label = f"{name}: corner {corner + 1} {column.label}"
                 named = replace(column, name=f"{column.name}[{name}, {corner}]", label=label)
                 variables.append((named, dataset[column.name].isel(region=region, corner=corner)))

@@ -198,8 +198,8 @@ def _over_all(
     """Return the row of a contrast, by its CDP and the ends of its interval in each frame."""
     cdp, low, high = cdp_and_ends
     known = np.isfinite(cdp)
-    of_known = zip(cdp[known], low[known], high[known], strict=True)
-    n_undecided = sum(cdp_verdict(value, (least, most), limit) == "undecided" for value, least, most in of_known)
+    cdps = zip(cdp[known], low[known], high[known], strict=True)
+    n_undecided = sum(cdp_verdict(value, (least, most), limit) == "undecided" for value, least, most in cdps)
     n_detected, n_evaluated, n_lost = int((cdp[known] >= limit).sum()), int(known.sum()), int((lost & ~known).sum())
     row = {
         "detected_share": n_detected / n_evaluated if n_evaluated else None,

@@ -25,16 +25,16 @@ from ...tracking import TrackedRoi
 from ..picture.converter import Converter
 from ..picture.neighbours import neighbours_of_frame
 from .dataset import (
+    CONTRAST_COLUMNS,
+    CORNER_COLUMNS,
     FINDINGS,
+    FRAME_COLUMNS,
+    LIGHT_COLUMNS,
     NOTE,
-    OF_CONTRAST,
-    OF_CORNER,
-    OF_FRAME,
-    OF_LIGHT,
-    OF_PAIR,
-    OF_PLACE,
-    OF_REFERENCE,
-    OF_REGION,
+    PAIR_COLUMNS,
+    REFERENCE_COLUMNS,
+    REGION_COLUMNS,
+    TRACKING_COLUMNS,
     findings_text,
     names,
     note_text,
@@ -154,7 +154,7 @@ class PartRun:
     def _row(self, item: FollowedFrame, regions: Sequence[TrackedRoi]) -> Row:
         settings, frame, pixels = self.settings, item.frame, item.frame.pixels
         row: Row = {"frame": frame.number, "time_s": frame.time_s}
-        row |= {name: [nan] * settings.n_contrasts for name in names(OF_CONTRAST)}
+        row |= {name: [nan] * settings.n_contrasts for name in names(CONTRAST_COLUMNS)}
         if settings.rois:
             row |= _places(regions if pixels is not None else (), settings.rois)
         if pixels is None:
@@ -193,16 +193,16 @@ class PartRun:
             if not self._learn(pair.contrast.value):
                 break
         n, both = len(contrasts), (pair.a, pair.b)
-        row: Row = {name: values[0] for name, values in values_of(OF_PAIR, [pair]).items()}
-        row |= values_of(OF_LIGHT, both) | {_INVALID: [region.invalid_shares for region in both]}
-        row |= array_values_of(OF_CONTRAST, pair.cdp[:n]) if n else {}
-        row |= {name: values[0] for name, values in array_values_of(OF_REFERENCE, pair.cdp[n:]).items() if values}
+        row: Row = {name: values[0] for name, values in values_of(PAIR_COLUMNS, [pair]).items()}
+        row |= values_of(LIGHT_COLUMNS, both) | {_INVALID: [region.invalid_shares for region in both]}
+        row |= array_values_of(CONTRAST_COLUMNS, pair.cdp[:n]) if n else {}
+        row |= {name: values[0] for name, values in array_values_of(REFERENCE_COLUMNS, pair.cdp[n:]).items() if values}
         return row, [] if why is None else [why]
 
     def _neighbour_row(self, frame: Frame) -> Row:
         given = None if isnan(self.contrasts[0]) else self.contrasts
         pair = neighbours_of_frame(frame, self._converter, given, self.settings.epsilon)
-        row: Row = {**array_values_of(OF_CONTRAST, pair.cdp)} if len(pair.cdp) else {}
+        row: Row = {**array_values_of(CONTRAST_COLUMNS, pair.cdp)} if len(pair.cdp) else {}
         if given is None:
             row[_MEASURED] = pair.contrast.value
             self._learn(pair.contrast.value)
@@ -211,11 +211,11 @@ class PartRun:
 
 def _places(regions: Sequence[TrackedRoi], rois: Sequence[Roi]) -> Row:
     """Where the regions are; nan in a damaged frame."""
-    row: Row = dict.fromkeys(names(OF_FRAME), nan) | {name: [nan, nan] for name in names(OF_REGION)}
+    row: Row = dict.fromkeys(names(FRAME_COLUMNS), nan) | {name: [nan, nan] for name in names(REGION_COLUMNS)}
     if regions:
-        return row | values_of((*OF_PLACE, *OF_CORNER), regions)
+        return row | values_of((*TRACKING_COLUMNS, *CORNER_COLUMNS), regions)
     nothing = [[nan] * len(roi.corners) for roi in rois]
-    return row | {"lost": [False, False]} | dict.fromkeys(names(OF_CORNER), nothing)
+    return row | {"lost": [False, False]} | dict.fromkeys(names(CORNER_COLUMNS), nothing)
 
 
 def _with_findings(findings: Iterable[Finding]) -> Row:

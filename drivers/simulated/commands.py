@@ -1,4 +1,4 @@
-"""Fault commands of the simulated bench, for schedules and typed commands."""
+"""Faults of the simulated bench, as a schedule words them."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ class Command:
 
 #: Faults of a camera: a share of its packets is lost; it neither answers nor sends; it answers, but sends no frame; it
 #: has no power, and afterwards the settings after power-on; it repeats frame ids or sends older ones; its frames have
-#: half the height; another program controls it, after a power cycle.
-CAMERA_FAULTS: Final = ("lose", "freeze", "stall", "vanish", "wrong ids", "wrong size", "second controller")
+#: half the height.
+CAMERA_FAULTS: Final = ("lose", "freeze", "stall", "vanish", "wrong ids", "wrong size")
 
 #: Faults of a camera by kind, with the share of lost packets.
 CameraFaults = Mapping[str, float]
@@ -72,7 +72,6 @@ _RULES: Final[tuple[tuple[str, str, Callable[[str], float | str], str], ...]] = 
     *((kind, _LASTS, float, f"{kind} for 3 s") for kind in ("freeze", "stall")),
     ("vanish", _LASTS, float, "vanish for 5 s"),
     *((kind, _LASTS, float, f"{kind} for 2 s") for kind in ("wrong ids", "wrong size")),
-    ("second controller", _LASTS, float, "second controller for 4 s"),
     ("temperature", rf" (?P<value>[+-]{_NUMBER}) ?c{_WITHIN}", _between(-80, 80), "temperature +8 C in 10 min"),
     ("light", rf" (?P<value>[+-]{_NUMBER}) ?%{_WITHIN}", _between(-100, float("inf"), 0.01), "light -5% in 1 h"),
     ("meter", rf" (?P<value>{'|'.join(METER_CODES).lower()})", str.upper, "meter ER10"),

@@ -10,7 +10,7 @@ from typing import Final, Literal, Protocol
 
 from ...core.clock import Clock, SimulatedClock
 from ...core.errors import InputError
-from ..camera import CameraBusyError, CameraLostError, CameraNotFoundError, Gap
+from ..camera import CameraLostError, CameraNotFoundError, Gap
 from .commands import CAMERA_FAULTS, CameraFaults, Command
 from .port import Fault, FaultyMeter
 
@@ -209,7 +209,6 @@ STEP_S: Final = 0.1
 _OUT_OF_REACH: Final = {
     "vanish": "it does not answer",
     "freeze": "it does not answer",
-    "second controller": "another program took control",
 }
 
 
@@ -253,11 +252,9 @@ class Reach:
         self.patience_s = patience_s
 
     def _connect(self) -> None:
-        """Connect anew; raises CameraNotFoundError or CameraBusyError if the faults imply so."""
+        """Connect anew; raises CameraNotFoundError if the faults imply so."""
         if "vanish" in self._faults or "freeze" in self._faults:
             raise CameraNotFoundError(f"{self._called} does not answer", "let the simulated camera recover")
-        if "second controller" in self._faults:
-            raise CameraBusyError(f"another program controls {self._called}", "let the simulated camera recover")
         self._cut, self._gaps = "", ()
 
     def set_faults(self, faults: CameraFaults) -> None:
@@ -267,10 +264,9 @@ class Reach:
             self._frozen_at_s = now_s
         if "freeze" in before and "freeze" not in faults and now_s - self._frozen_at_s >= _HEARTBEAT_S:
             self._cut = "it did not answer"
-        # Loss of power or control ends the connection, however short.
-        for kind in ("vanish", "second controller"):
-            if kind in faults:
-                self._cut = _OUT_OF_REACH[kind]
+        # Loss of power ends the connection, however short.
+        if "vanish" in faults:
+            self._cut = _OUT_OF_REACH["vanish"]
 
     def _await_reconnect(self) -> None:
         """Wait until a lost camera is back; raises CameraLostError after the patience."""

@@ -17,12 +17,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Final, Self
 
-from ..aravis.gvcp import GVCP_PORT, STREAM_CHANNEL_PORT
+from ..aravis.gvcp import STREAM_CHANNEL_PORT
 from ..aravis.library import aravis
 from ..camera import CameraError
 from ..device import Device, on_error
 from .commands import CameraFaults
-from .control import ControlPort, SecondController, check_free, request_filter
+from .control import ControlPort, check_free, request_filter
 from .device import TEMPERATURE_STEPS_PER_C, FrameRenderer, FrameSource, Registers, SimulatedDevice, Wanted
 from .genicam import Address, description, writable_registers
 from .last_packet import LastPacket
@@ -34,8 +34,6 @@ _log = logging.getLogger(__name__)
 #: Offset of wrong frame ids: Aravis treats ids up to 100 behind the last one as late packets.
 _BACKWARD: Final = 1000
 
-#: Attempts to take control, as the other program may reconnect first.
-_ATTEMPTS_TO_TAKE: Final = 10
 
 _FillPattern = ctypes.CFUNCTYPE(
     None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint32, ctypes.c_uint32, ctypes.c_uint32
@@ -93,7 +91,6 @@ class SimulatedGigECamera(Device):
         self._faults: CameraFaults = {}
         self._right_height: int | None = None
         self._started = False
-        self._other: SecondController | None = None
         # Held by all users of the camera: its last reference must not be dropped in the thread that its destruction
         # joins.
         self._lock = threading.RLock()
@@ -124,7 +121,6 @@ class SimulatedGigECamera(Device):
     def close(self) -> None:
         """Stop answering, as with the cable pulled; may be called twice."""
         self._started = False
-        self._let_go()
         self._switch_off()
         self._renderer.close()
         self._last_packet.close()
@@ -141,14 +137,10 @@ class SimulatedGigECamera(Device):
         if not self._started:
             return
         gone = "vanish" in faults
-        if "second controller" not in faults:
-            self._let_go()
         if gone and "vanish" not in before:
             self._switch_off()
         elif not gone and "vanish" in before:
             self._switch_on()
-        if "second controller" in faults and not gone and self._other is None:
-            self._be_taken()
         with self._lock:
             if self._control is not None:
                 self._control.deaf("freeze" in faults)
@@ -194,25 +186,6 @@ class SimulatedGigECamera(Device):
         # Aravis' thread, which may wait for the lock, ends with the last reference, possibly in a reference cycle.
         del gone
         gc.collect()
-
-    def _be_taken(self) -> None:
-        """Let another program take control, after a power cycle if the camera is controlled."""
-        for _ in range(_ATTEMPTS_TO_TAKE):
-            other = SecondController((self.address, GVCP_PORT))
-            if other.take():
-                self._other = other
-                return
-            other.release()
-            self._switch_off()
-            self._switch_on()
-        raise CameraError(
-            f"no second program could take the simulated camera at {self.address}", "end the program that uses it first"
-        )
-
-    def _let_go(self) -> None:
-        if self._other is not None:
-            self._other.release()
-            self._other = None
 
     def _share_lost(self) -> float:
         faults = self._faults

@@ -15,7 +15,7 @@ from ...core.errors import LabcdpError
 from ...core.result import Result
 from ...core.table import Column, Table
 from ...drivers.simulated.bench import SimulatedBench
-from ...drivers.simulated.commands import EXAMPLES, parse_schedule
+from ...drivers.simulated.commands import parse_schedule
 from ...drivers.simulated.control import free_loopback_address
 from ...session import SessionConfiguration, example_configuration
 from ..commands import As
@@ -23,7 +23,7 @@ from ..options import NonNegative, SimulatedBenchPath
 from ..terminal import print_result, say
 from .connected import simulated_bench_file, with_own_camera
 
-_HELP = "Type: cover | uncover | point PATCH | status | quit | show PATCH, or a fault: " + " | ".join(EXAMPLES)
+_HELP = "Type: cover | uncover | point PATCH | show PATCH | status | quit"
 
 
 def simulate_bench(
@@ -37,7 +37,7 @@ def simulate_bench(
 ) -> None:
     """Run a simulated GigE Vision camera and luminance meter that view one simulated target.
 
-    Type commands to cover the lens, point the meter or cause faults; --faults schedules faults.
+    Type commands to cover the lens and point the meter; --faults schedules faults.
 
     Parameters
     ----------
@@ -133,8 +133,6 @@ def _run_command(bench: SimulatedBench, line: str) -> bool:
             alone[word]()
         elif word in of_patch:
             of_patch[word](rest.strip())
-        elif word in {example.split()[0] for example in EXAMPLES}:
-            bench.run_command(line)
         elif word != "status":
             say(_HELP)
             return True

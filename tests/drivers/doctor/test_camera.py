@@ -83,6 +83,7 @@ def test_a_camera_is_left_as_it_was_found(aravis, stream):
 
 
 def test_a_camera_that_another_program_controls(camera_on_loopback):
-    camera_on_loopback.set_faults({"second controller": 0})
-    found = check_camera(discover()[0], interfaces())
+    (info,) = discover()
+    with AravisCamera(info.address):
+        found = check_camera(info, interfaces())
     assert (found[0].topic, found[0].state) == ("controller", "fault")

@@ -13,7 +13,6 @@ from itertools import product
 import pytest
 
 from labcdp.core.errors import LabcdpError
-from labcdp.drivers.aravis import gvcp
 from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
 from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
@@ -27,7 +26,7 @@ PATIENCE_S = 30.0
 CODES = ("ER00", "ER01", "ER10", "ER11", "ER19", "ER20", "ER30")
 FAULTS = (
     *(f"{fault} for 400 ms" for fault in ("lose 2%", "stall", "freeze", "vanish", "wrong ids", "wrong size")),
-    *("temperature +8 C in 400 ms", "light -5% in 400 ms", "second controller for 400 ms"),
+    *("temperature +8 C in 400 ms", "light -5% in 400 ms"),
     *(f"meter {fault}" for fault in (*CODES, "truncate 7", "delay 700 ms", "garble", "unit fL", "unplug for 400 ms")),
     "meter drop\nat 0.4 s meter remote",
 )
@@ -37,7 +36,7 @@ STATES = ("idle", "grabbing", "changing a setting", "reading the meter", "closin
 #: Where a fault meets other code than in the other states, which are tried in the long tests.
 SHORT = {
     "idle": ("wrong size",),
-    "grabbing": ("freeze", "vanish", "lose", "wrong size", "light", "second controller"),
+    "grabbing": ("freeze", "vanish", "lose", "wrong size", "light"),
     "changing a setting": ("freeze",),
     "reading the meter": ("meter ER01", "meter delay", "meter drop", "meter unplug"),
     "closing": ("vanish",),
@@ -104,12 +103,6 @@ def act(state, bench, fault, camera, meter, session):
         camera.configure(exposure_s=0.004)
     elif state == "reading the meter":
         session.add_reading(meter.measure(), patch)
-    if state in ("idle", "reading the meter") and "second controller" in fault:
-        # While the other program has control, the camera is refused instead of waited for.
-        privilege = (bench.server.address, gvcp.CONTROL_CHANNEL_PRIVILEGE)
-        wait_until(
-            lambda: (answer := gvcp.read_register(*privilege)) is not None and not answer.register, "it is released"
-        )
     if state != "closing":
         session.add_frame(a_frame(camera))
         session.add_reading(meter.measure(), patch)

@@ -1,9 +1,13 @@
 """Images, camera RAW files and raw dumps as frames or as floats."""
 
+from typing import TYPE_CHECKING, Any
+
 from .frame import IMAGE_SUFFIXES, FileFrame, frame_of_pixels, read_image
-from .picture import Picture
-from .raw import read_raw
-from .read import PictureOptions, picture_paths, read_picture
+from .picture import Picture, PictureOptions
+from .read import picture_paths, read_picture
+
+if TYPE_CHECKING:
+    from .raw import read_raw
 
 __all__ = [
     "IMAGE_SUFFIXES",
@@ -16,3 +20,12 @@ __all__ = [
     "read_picture",
     "read_raw",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    # The reader of camera RAW is imported when it is used: most pictures do not need it.
+    if name == "read_raw":
+        from .raw import read_raw
+
+        return read_raw
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

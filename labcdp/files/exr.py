@@ -20,7 +20,6 @@ from .statements import FileStatements, positive_number
 from .stored_image import Stored, decoder_messages, real_numbers, require_size
 from .transfer import BT709_LUMINANCE, Weights, luminance_weights
 
-EXR = b"\x76\x2f\x31\x01"
 #: Compressions by which values change that are of no use to a viewer (OpenEXR's technical introduction).
 _LOSSY = frozenset({"B44", "B44A", "DWAA", "DWAB"})
 #: Channels of a picture of the largest size, and of any.

@@ -17,11 +17,10 @@ from ..core.dn import PixelFormat, pixel_format
 from ..core.errors import InputError
 from ..core.frame import BlackPattern, CameraIdentity, Frame
 from ..core.result import Finding, info, warning
+from .kinds import PNG, TIFF
 from .picture import PictureFile, PictureOptions
-from .png_jpeg import PNG, read_png
 from .statements import FileStatements
 from .stored_image import MAX_PIXELS
-from .tiff import TIFF, read_tiff
 
 #: Bytes of a pixel at the most, four doubles, and of what else may be in a file.
 _PIXEL_BYTES, _OTHER_BYTES = 32, 64_000_000
@@ -117,8 +116,12 @@ def read_image(path: str | PathLike[str], layout: PixelFormat, options: PictureO
     path = Path(path)
     data, sha256 = picture_bytes(path, MAX_PIXELS)
     if data.startswith(PNG):
+        from .png_jpeg import read_png
+
         dn, statements = read_png(data, path, MAX_PIXELS)
     elif data.startswith(TIFF):
+        from .tiff import read_tiff
+
         dn, statements = read_tiff(data, path, MAX_PIXELS)
     else:
         raise InputError(f"{path} is neither a TIFF nor a PNG file: give one of these, or a camera RAW file")

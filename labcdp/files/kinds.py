@@ -6,6 +6,9 @@ import re
 
 from ..core.errors import InputError
 
+#: How files that labcdp reads begin.
+PNG, JPEG, NPY, EXR, ZIP = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"\x93NUMPY", b"\x76\x2f\x31\x01", b"PK\x03\x04"
+TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 #: Brands of ISO base media files that hold photographs, or sequences of them (ISO/IEC 23008-12, and AVIF).
 _PHOTOGRAPHS = {
     b"heic": "HEIC", b"heix": "HEIC", b"heim": "HEIC", b"heis": "HEIC", b"hevc": "HEIC", b"hevx": "HEIC",

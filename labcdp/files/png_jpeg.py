@@ -19,6 +19,7 @@ from ..core.dn import pixel_format
 from ..core.errors import InputError, naming
 from ..core.result import Finding, info, warning
 from .exif import read_exif
+from .kinds import PNG
 from .statements import (
     NOTHING_STATED,
     FileStatements,
@@ -38,7 +39,6 @@ from .stored_image import (
     without_alpha,
 )
 
-PNG = b"\x89PNG\r\n\x1a\n"
 #: The last chunk with its check.
 _PNG_END = b"IEND\xaeB`\x82"
 #: Colour types (ISO/IEC 15948:2004, table 11.1).
@@ -145,7 +145,6 @@ def _full_range(values: NDArray[Any], bits: int) -> NDArray[Any]:
     return np.asarray(np.rint(spread.clip(0, top)), values.dtype)
 
 
-JPEG = b"\xff\xd8\xff"
 #: Markers (ITU-T T.81, table B.1): end, scan; those without a length, RST0 to SOI and TEM.
 _JPEG_END, _SCAN, _ALONE = 0xD9, 0xDA, (*range(0xD0, 0xD9), 0x01)
 #: Kinds of coding by the marker of a frame (table B.1; JPEG-LS: ITU-T T.87) that FFmpeg and libjpeg decode; others.
@@ -262,9 +261,6 @@ def _scans_are_missing(data: bytes, segments: Sequence[tuple[int, int]]) -> bool
 
 #: A marker that ends a scan.
 _IN_SCAN = re.compile(rb"\xff+[^\x00\xd0-\xd7\xff]")
-
-
-NPY = b"\x93NUMPY"
 
 
 def read_npy(data: bytes, path: Path, max_pixels: int) -> Stored:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
@@ -23,40 +23,23 @@ from ..core.frame import Frame
 from ..core.result import Finding, info, warning
 from ..core.vignetting import Lens
 from .doubts import BLACK_LEVEL, ENCODING, doubts_of, encodings, histogram_of
-from .exr import EXR, exr_text, read_exr
 from .frame import (
     IMAGE_SUFFIXES,
     NO_EXPOSURE_S,
     Scale,
     changed_at,
-    frame_of_pixels,
     make_frame,
     picture_bytes,
     scale_of,
     statements_over,
     with_stated_levels,
 )
-from .kinds import HEAD_BYTES, no_picture
-from .luminance_file import FORMAT as LUMINANCE
-from .luminance_file import read_luminance
+from .kinds import EXR, HEAD_BYTES, JPEG, NPY, PNG, TIFF, ZIP, no_picture
 from .picture import Picture, PictureOptions, with_overrides
-from .png_jpeg import JPEG, NPY, PNG, read_dump, read_jpeg, read_npy, read_png
-from .raw import read_raw
 from .statements import NOTHING_STATED, FileStatements
 from .stored_image import Stored, decoded_by_table, grey_finding, luminance_dn
-from .tiff import TIFF, looked_at, read_tiff
 from .transfer import Encoding, encoding_name
 
-__all__ = ["Picture", "PictureOptions", "frame_of_pixels", "picture_paths", "read_picture"]
-
-_ZIP = b"PK\x03\x04"
-#: Readers by the first bytes of a file.
-_READERS: dict[bytes, Callable[[bytes, Path, int], Stored]] = {
-    PNG: read_png,
-    JPEG: read_jpeg,
-    EXR: read_exr,
-    NPY: read_npy,
-}
 #: Codes of what is said of an encoding that was not given.
 _STATED = ("encoding-stated", "encoding-pq", "encoding-hlg")
 #: Options of files that say all that is needed.
@@ -86,22 +69,30 @@ def read_picture(path: str | PathLike[str], options: PictureOptions = NOTHING_KN
     data, sha256 = picture_bytes(path, options.max_pixels)
     suffix = path.suffix.lower()
     if options.size is not None and suffix not in STATED_SUFFIXES:
+        from .png_jpeg import read_dump
+
         if options.pixel_format is None:
             raise InputError(f"{path} is a raw dump: give its pixel format too, for example Mono12Packed")
         stored = read_dump(data, path, options.size, options.pixel_format, options.max_pixels)
         return _picture(stored, path, sha256, options)
-    is_tiff = data.startswith(TIFF)
-    noted, of_a_sensor = looked_at(data) if is_tiff else (None, False)
-    if data.startswith(EXR):
+    if data.startswith((PNG, JPEG, NPY)):
+        return _picture(_read_simple(data, path, options.max_pixels), path, sha256, options)
+    noted, of_a_sensor, is_tiff = None, False, data.startswith(TIFF)
+    if is_tiff:
+        from .tiff import looked_at, read_tiff
+
+        noted, of_a_sensor = looked_at(data)
+    elif data.startswith(EXR):
+        from .exr import exr_text, read_exr
+
         noted = exr_text(path, options.max_pixels)
     written = _from_labcdp(noted, data, sha256, path, options)
     if written is not None:
         return written
+    if data.startswith(EXR):
+        return _picture(read_exr(data, path, options.max_pixels), path, sha256, options)
     if is_tiff and suffix not in RAW_SUFFIXES and not of_a_sensor:
         return _picture(read_tiff(data, path, options.max_pixels), path, sha256, options)
-    for signature, read in _READERS.items():
-        if data.startswith(signature):
-            return _picture(read(data, path, options.max_pixels), path, sha256, options)
     if is_tiff or suffix in RAW_SUFFIXES:
         return _from_raw(path, sha256, options)
     if suffix in DUMP_SUFFIXES:
@@ -115,8 +106,19 @@ def read_picture(path: str | PathLike[str], options: PictureOptions = NOTHING_KN
     )
 
 
+def _read_simple(data: bytes, path: Path, max_pixels: int) -> Stored:
+    """Read a PNG, a JPEG or a NumPy array."""
+    from .png_jpeg import read_jpeg, read_npy, read_png
+
+    return (read_png if data.startswith(PNG) else read_jpeg if data.startswith(JPEG) else read_npy)(
+        data, path, max_pixels
+    )
+
+
 def read_page(path: Path, data: bytes, number: int, options: PictureOptions) -> Picture:
     """Read one picture of a TIFF of several; raises InputError as `read_picture`."""
+    from .tiff import read_tiff
+
     return _picture(read_tiff(data, path, options.max_pixels, number), path, "", options)
 
 
@@ -153,15 +155,21 @@ def _from_labcdp(
     noted: dict[str, Any] | None, data: bytes, sha256: str, path: Path, options: PictureOptions
 ) -> Picture | None:
     """Read what labcdp wrote, a recorded frame or luminance, by what it noted; return None for any other file."""
+    if noted is None and not data.startswith(ZIP):
+        return None
+    from .luminance_file import FORMAT, read_luminance
+
     # Of archives, luminance is the only one that is read.
-    if data.startswith(_ZIP) or (noted or {}).get("format") == LUMINANCE:
+    if noted is None or noted.get("format") == FORMAT:
         luminance, _ = read_luminance(data, path, options.max_pixels)
         light, found = np.asarray(luminance.luminance_cd_m2, dtype=np.float32), [info("luminance-file")]
         return _made(
             path, sha256, NOTHING_STATED, options, light=light, light_is_cd_m2=True, findings=found, luminance=luminance
         )
-    if noted is None or not {"exposure_s", "saturation_dn", "camera"} <= set(noted):
+    if not {"exposure_s", "saturation_dn", "camera"} <= set(noted):
         return None
+    from .tiff import read_tiff
+
     values, _ = read_tiff(data, path, options.max_pixels)
     try:
         frame = Frame.from_metadata(values, noted)
@@ -193,6 +201,8 @@ def _session_at(folder: Path, _changed_ns: int) -> tuple[Lens, frozenset[str]]:
 
 
 def _from_raw(path: Path, sha256: str, options: PictureOptions) -> Picture:
+    from .raw import read_raw
+
     known = replace(options, exposure_s=options.exposure_s or NO_EXPOSURE_S)
     taken = read_raw(path, known, options.max_pixels)
     frame, findings = taken.frame, [*taken.findings]

@@ -24,7 +24,6 @@ from .stored_image import Stored, as_seen, real_numbers, require_size, whole_num
 from .tiff_statements import nodata_findings, share_at_end, statements_of
 from .transfer import BT709_LUMINANCE, Encoding
 
-TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _PALETTE = 0, 1, 2, 3
 _ICC_PROFILE, _UNCOMPRESSED = 34675, 1
 #: Compressions that may lose something, by their codes (TIFF 6.0, and those registered or in use since).

@@ -27,8 +27,8 @@ from ...core.vignetting import (
 )
 from ...files.doubts import MOSAIC, Doubts, contrast_matters
 from ...files.frame import no_exposure
-from ...files.picture import Picture
-from ...files.read import PictureOptions, read_otherwise
+from ...files.picture import Picture, PictureOptions
+from ...files.read import read_otherwise
 from ...files.statements import NOTHING_STATED, FileStatements
 from ...files.transfer import Encoding, encoding_name
 from ...metrics import weber_contrast

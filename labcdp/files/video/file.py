@@ -25,10 +25,9 @@ from ...core.frame import Frame
 from ...core.luminance import WHOLE, Window
 from ...core.result import warning
 from ..doubts import doubts_of
-from ..frame import Scale, changed_at, make_frame, scale_of
+from ..frame import Scale, changed_at, frame_of_pixels, make_frame, scale_of
 from ..kinds import HEAD_BYTES, no_video
-from ..picture import overridden_frame, unused_options
-from ..read import PictureOptions, frame_of_pixels
+from ..picture import PictureOptions, overridden_frame, unused_options
 from .decoding import Shown, shown_frames, video_stream, video_streams
 from .pixels import Pixels, learn_pixels, stated_by, statement_findings
 from .quantiser import PARAMETERS

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from ...core.disk import open_regular, reading
 from ...core.disk.files import SESSION_JOURNAL
+from ..kinds import TIFF
 from ..picture import PictureOptions
-from ..tiff import TIFF
 from .source import VideoSource
 
 #: Endings of the names of video files in a folder; a file that is given itself may have any.

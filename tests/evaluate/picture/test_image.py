@@ -22,8 +22,8 @@ from labcdp.evaluate.picture.page import picture_page
 from labcdp.evaluate.picture.result import evaluate_picture, image_result
 from labcdp.evaluate.picture.settings import ImageSettings
 from labcdp.evaluate.picture.summary import overview_page
+from labcdp.files import PictureOptions, read_picture
 from labcdp.files.picture import Picture
-from labcdp.files.read import PictureOptions, read_picture
 from labcdp.files.statements import FileStatements
 from labcdp.metrics import cdp, cdp_neighbours
 from labcdp.metrics.pair import evaluate_pair

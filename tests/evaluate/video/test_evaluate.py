@@ -24,7 +24,7 @@ from labcdp.evaluate.picture.neighbours import evaluate_neighbours
 from labcdp.evaluate.video.evaluate import evaluate_parts, evaluate_video
 from labcdp.evaluate.video.rows import region_pixels
 from labcdp.evaluate.video.settings import VideoSettings
-from labcdp.files.read import PictureOptions, frame_of_pixels, read_picture
+from labcdp.files import PictureOptions, frame_of_pixels, read_picture
 from labcdp.files.video.selection import Position, Selection
 from labcdp.files.video.source import VideoFrame, stored_pixels
 from labcdp.metrics import DetectionInterval, cdp_neighbours

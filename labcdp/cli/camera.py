@@ -121,10 +121,10 @@ def _twin(
     loaded = None if calibration is None else load(calibration)
     with progress_bars() as bars:
         observed, calibrated = observe_calibrated(
-            session, loaded, without, partial(bars.update, "reading"), beside=calibration
+            session, loaded, without, partial(bars.set, "reading"), beside=calibration
         )
-        found = characterise_session(session, partial(bars.update, "characterising"))
-        return twin_session(observed, calibrated, found, contrast, epsilon, partial(bars.update, "predicting"))
+        found = characterise_session(session, partial(bars.set, "characterising"))
+        return twin_session(observed, calibrated, found, contrast, epsilon, partial(bars.set, "predicting"))
 
 
 #: Exit status by verdict.

@@ -118,28 +118,15 @@ def _about(*documented: Any) -> dict[str, tuple[str, str]]:
     return found
 
 
-@dataclass(frozen=True)
-class Running:
-    """The command that runs.
-
-    Parameters
-    ----------
-    name : str
-        Its name.
-    given : mapping
-        What it was given, by name of the parameter.
-    """
-
-    name: str
-    given: Mapping[str, Any]
-
-    @property
-    def as_json(self) -> bool:
-        """Whether its result is printed as JSON."""
-        return bool(self.given["as_json"])
+#: Name of the command that runs, and what it was given by name of the parameter.
+COMMAND: ContextVar[str] = ContextVar("command")
+GIVEN: ContextVar[Mapping[str, Any]] = ContextVar("given")
 
 
-RUNNING: ContextVar[Running] = ContextVar("command")
+def as_json() -> bool:
+    """Whether the result of the command is printed as JSON."""
+    return bool(GIVEN.get()["as_json"])
+
 
 #: Option of every command; those with other options for results have it among these.
 Json = Annotated[bool, As("Print the result as JSON.", ("--json",))]
@@ -165,7 +152,8 @@ def as_command(command: str, function: Callable[..., None]) -> Callable[..., Non
 
     @wraps(function)
     def call(**given: Any) -> None:
-        RUNNING.set(Running(command, given))
+        COMMAND.set(command)
+        GIVEN.set(given)
         values = {one.name: one.value(given[one.name]) for one in parameters}
         made = {name: group(**{one.name: values.pop(one.name) for one in ms}) for name, (group, ms) in groups.items()}
         values.pop("as_json", None)

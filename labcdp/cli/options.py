@@ -19,7 +19,7 @@ from ..evaluate.contrasts import parse_contrasts
 from ..evaluate.judgement import Verdict, worst_verdict
 from ..metrics.contrast import TargetContrasts
 from ..output import ResultsFolder, check_file
-from .commands import RUNNING, As, Json
+from .commands import COMMAND, GIVEN, As, Json
 from .terminal import print_result, say, say_where
 from .values import fraction_of_percent, parse_changes, parse_length, parse_seconds, parse_temperature, parse_tolerance
 
@@ -168,7 +168,7 @@ class Results:
         resume : bool
             Whether finished results are completed.
         """
-        command = RUNNING.get().name
+        command = COMMAND.get()
         folder = self.output or default_folder(source, command)
         return ResultsFolder(folder, command, force=self.force, resume=resume, inputs=_inputs("--output"))
 
@@ -225,7 +225,7 @@ def output_file(path: Path, force: bool, option: str = "--output") -> Path:
 def _inputs(option: str) -> Iterator[Path]:
     """Files and folders that a command was given to read, and texts that may name one; not what `option` names."""
     written = _WRITTEN | {option.lstrip("-").lower()}
-    for name, value in RUNNING.get().given.items():
+    for name, value in GIVEN.get().items():
         for one in value if isinstance(value, list | tuple) else (value,):
             if name not in written and isinstance(one, str | Path) and str(one):
                 yield Path(one)

@@ -186,7 +186,7 @@ def calibrate(fit: FitOptions, results: Results, session: Path, more: tuple[Path
         with progress_bars() as bars:
 
             def report(what: str) -> Callable[[int, int], None]:
-                return partial(bars.update, what)
+                return partial(bars.set, what)
 
             uniform = fit.uniform_light(opened, report("flat field"))
             observed, calibration = calibrate_recorded(

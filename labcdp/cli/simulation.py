@@ -24,7 +24,7 @@ from ..evaluate.sweep.simulation.result import predicted_result
 from ..evaluate.sweep.simulation.result import result as simulation_result
 from ..evaluate.sweep.thesis import reproduce_thesis
 from ..evaluate.sweep.thesis_report import thesis_files, thesis_result
-from .commands import RUNNING, As
+from .commands import As, as_json
 from .options import Changes, ClusterOptions, Contrasts, Results, Seed, Tolerance, one_or_all
 from .terminal import print_result, progress_bar
 
@@ -64,7 +64,7 @@ def presets(name: str | None = None) -> None:
     name
         Preset to print; default: list all.
     """
-    if name is not None and not RUNNING.get().as_json:
+    if name is not None and not as_json():
         typer.echo(preset_text(name), nl=False)
         return
     chains = {one: Chain.load(one) for one in (preset_names() if name is None else (name,))}

@@ -60,13 +60,13 @@ def demonstrate(
         session.add_event("simulated bench", described.model_dump(mode="json"))
         with simulated_devices(configuration, bench) as devices:
             acquire(session, devices.camera, devices.meter, devices.operator, bars.acquisition, bench=devices.bench)
-        observed = observe_session(session, report=lambda done, total: bars.update("reading", done, total))
-        bars.update("evaluating", 0, 3)
+        observed = observe_session(session, report=lambda done, total: bars.set("reading", done, total))
+        bars.set("evaluating", 0, 3)
         calibration = calibrate_session(observed)
         save(calibration, results.path("calibration.json"))
-        bars.update("evaluating", 1, 3)
+        bars.set("evaluating", 1, 3)
         evaluation = evaluate_session(observed, calibration)
-        bars.update("evaluating", 2, 3)
+        bars.set("evaluating", 2, 3)
         inputs = [replace(session_input(session), path=str(results.folder / "session"))]
         result = replace(session_result(evaluation, (), "demo", described.seed), inputs=tuple(inputs))
         truth = _truth(result, bench, devices.transport)
@@ -79,7 +79,7 @@ def demonstrate(
             *results.add(calibration_files(calibration, budgets, of_calibration)),
             *results.add(session_files(evaluation, result)),
         ]
-        bars.update("evaluating", 3, 3)
+        bars.set("evaluating", 3, 3)
     return result, [results.folder / "session", results.folder / "calibration.json", *written]
 
 

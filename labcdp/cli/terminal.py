@@ -18,7 +18,7 @@ from rich.text import Text
 
 from ..core.clock import exposure_text
 from ..core.errors import printable
-from .commands import RUNNING
+from .commands import as_json
 
 if TYPE_CHECKING:
     from ..acquire import Live, PatchNumbers
@@ -104,7 +104,7 @@ def say(text: str) -> None:
 
 def print_result(result: Result, *following: str) -> None:
     """Print a result as JSON on standard output; or its tables, and say its findings and the `following` lines."""
-    if RUNNING.get().as_json:
+    if as_json():
         from ..report.files import envelope_json
 
         text = envelope_json(result)
@@ -167,37 +167,32 @@ def _text(text: str, style: str = "") -> Text:
     return Text(printable(text), style)
 
 
-class _LiveProgress(Progress):
-    """Progress bars, and below them the numbers of the frames that are being taken."""
-
-    live_numbers: Live | None = None
-
-    def get_renderables(self) -> Iterable[RenderableType]:
-        yield self.make_tasks_table(self.tasks)
-        live = self.live_numbers
-        if live is not None:
-            yield Text(live_line(live))
-            # Room for its heading, the bars and some earlier lines.
-            if len(live.patches) + 10 <= self.console.height:
-                yield live_table(live)
-
-
-class Bars:
-    """Progress bars by name, created at their first update."""
+class Bars(Progress):
+    """Progress bars by name, created at their first update, and below them the numbers of the frames being taken."""
 
     def __init__(self) -> None:
         columns = (TextColumn("{task.description:<16}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-        self._progress = _LiveProgress(*columns, console=Console(stderr=True))
-        self._tasks: dict[str, TaskID] = {}
+        self._numbers: Live | None = None
+        self._ids: dict[str, TaskID] = {}
+        super().__init__(*columns, console=Console(stderr=True))
 
-    def update(self, name: str, done: int, total: int) -> None:
+    def get_renderables(self) -> Iterable[RenderableType]:
+        """Give what is shown."""
+        yield self.make_tasks_table(self.tasks)
+        if self._numbers is not None:
+            yield Text(live_line(self._numbers))
+            # Room for its heading, the bars and some earlier lines.
+            if len(self._numbers.patches) + 10 <= self.console.height:
+                yield live_table(self._numbers)
+
+    def set(self, name: str, done: int, total: int) -> None:
         """Set a bar."""
-        if not self._tasks:
+        if not self._ids:
             # Started late, so that an earlier error does not follow an empty line.
-            self._progress.start()
-        if name not in self._tasks:
-            self._tasks[name] = self._progress.add_task(name, total=total)
-        self._progress.update(self._tasks[name], completed=done, total=total)
+            self.start()
+        if name not in self._ids:
+            self._ids[name] = self.add_task(name, total=total)
+        self.update(self._ids[name], completed=done, total=total)
 
     def acquisition(self, progress: AcquisitionProgress) -> None:
         """Set the bar of a step of an acquisition, and show its live numbers below the bars."""
@@ -209,37 +204,36 @@ class Bars:
             patch, reading = progress.reading
             say(f"{patch}: {significant(reading.luminance_cd_m2)} cd/m²")
         if progress.live is not None:
-            if self._progress.console.is_terminal:
-                self._progress.live_numbers = progress.live
+            if self.console.is_terminal:
+                self._numbers = progress.live
             elif progress.live.finished:
                 say(live_line(progress.live))
-        self.update(progress.step, progress.done, progress.total)
+        self.set(progress.step, progress.done, progress.total)
         if progress.live is not None and progress.live.finished:
             # Shown however soon the next step follows.
-            self._progress.refresh()
+            self.refresh()
 
     def end(self) -> None:
         """Leave the bars as they are, without live numbers."""
-        self._progress.live_numbers = None
-        if self._progress.live.is_started:
-            self._progress.stop()
+        self._numbers = None
+        if self.live.is_started:
+            self.stop()
 
     @contextmanager
     def paused(self) -> Iterator[None]:
         """Hide the bars during a question to the operator."""
-        progress = self._progress
-        started = progress.live.is_started
+        started = self.live.is_started
         if started:
-            progress.live.transient = True
-            progress.stop()
+            self.live.transient = True
+            self.stop()
         try:
             yield
         finally:
             if started:
                 # A display that is started again would first erase as many lines as it had: the question and findings.
-                get = progress.get_renderable
-                progress.live = Display(console=progress.console, refresh_per_second=10, get_renderable=get)
-                progress.start()
+                get = self.get_renderable
+                self.live = Display(console=self.console, refresh_per_second=10, get_renderable=get)
+                self.start()
 
 
 def say_where(page: Address) -> None:
@@ -266,4 +260,4 @@ def progress_bars() -> Iterator[Bars]:
 def progress_bar(name: str) -> Iterator[Callable[[int, int], None]]:
     """Show one progress bar while the context lasts; yields what sets it."""
     with progress_bars() as bars:
-        yield partial(bars.update, name)
+        yield partial(bars.set, name)

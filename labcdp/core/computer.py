@@ -186,7 +186,7 @@ def usable_cores() -> int:
     return len(os.sched_getaffinity(0))
 
 
-def _tried(function: Callable[..., _Value], *arguments: Any) -> tuple[_Value | None, BaseException | None]:
+def attempted(function: Callable[..., _Value], *arguments: Any) -> tuple[_Value | None, BaseException | None]:
     """Return the value of a function, or the error that it ended with."""
     try:
         return function(*arguments), None
@@ -206,7 +206,7 @@ class Threads(Generic[_Task]):
         """Call a function with each task and the arguments, and return results or errors as they come."""
         if self._n_workers == 1:
             # In this thread, which Ctrl-C interrupts.
-            yield from ((task, *_tried(function, task, *arguments)) for task in tasks)
+            yield from ((task, *attempted(function, task, *arguments)) for task in tasks)
             return
         pool = ThreadPoolExecutor(self._n_workers)
         try:
@@ -293,6 +293,6 @@ def _serve(pipe: Connection) -> None:
         while True:
             function, task, arguments = pipe.recv()
             try:
-                pipe.send(_tried(function, task, *arguments))
+                pipe.send(attempted(function, task, *arguments))
             except (pickle.PicklingError, TypeError, AttributeError) as error:
                 pipe.send((None, InputError(f"its result cannot be passed on ({error})")))

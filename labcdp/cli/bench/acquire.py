@@ -242,7 +242,7 @@ def import_files(
         if unused:
             raise InputError(f"{option} names {unused[0]}, which was not imported: correct the name")
     with progress_bars() as bars:
-        done = import_session(wanted, session, files, readings, bars.update)
+        done = import_session(wanted, session, files, readings, bars.set)
     counts = [
         NamedValue("frames", done.frames, "", "added"),
         NamedValue("readings", done.readings, "", "added"),

@@ -31,7 +31,7 @@ from ...drivers.doctor.report import camera_files, meter_files
 from ...drivers.network import interfaces
 from ...output import write_file
 from ...report.files import envelope_json
-from ..commands import RUNNING
+from ..commands import as_json
 from ..options import Force, MeterModel, output_file, require_apart
 from ..terminal import print_result, say
 
@@ -76,7 +76,7 @@ def doctor(
         groups.append((f"Luminance meter on {meter}", _attempt(lambda: check_meter(meter, meter_model))))
     counts: Counter[str] = Counter(finding.state for _, findings in groups for finding in findings)
     result = _result(groups, counts)
-    if RUNNING.get().as_json:
+    if as_json():
         print_result(result)
     else:
         _print(groups, counts)

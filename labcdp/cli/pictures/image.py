@@ -11,8 +11,7 @@ from typing import Annotated
 
 import typer
 
-from ...core.cluster import Runner
-from ...core.computer import Processes, Threads, usable_cores
+from ...core.computer import Processes, attempted, usable_cores
 from ...core.disk.files import shown
 from ...core.errors import InputError, LabcdpError
 from ...core.result import InputFile, Result
@@ -138,14 +137,16 @@ def _evaluated(
 
     What is done with a result is outside: a full disk ends the command, and is no failure of the picture.
     """
+    work = partial(evaluate_picture, settings, pages=pages, surface=surface)
     # A process takes about as long to start as two pictures.
     n_processes = min(usable_cores(), len(paths) // 2)
-    workers: Runner[Path] = Threads(1) if n_processes < 2 else Processes(n_processes)
+    alone = ((path, *attempted(work, path)) for path in paths)
+    outcomes = alone if n_processes < 2 else Processes[Path](n_processes).run(work, paths)
     numbers = {path: number for number, path in enumerate(paths, start=1)}
     pictures: dict[int, MeasuredPicture] = {}
     result: Result | None = None
     with progress_bars() as bars:
-        for path, made, error in workers.run(partial(evaluate_picture, settings, pages=pages, surface=surface), paths):
+        for path, made, error in outcomes:
             number = numbers[path]
             folder = picture_folder(number, path) if len(paths) > 1 and pages else ""
             picture, result, files = made or (MeasuredPicture(str(path), None), None, {})
@@ -153,7 +154,7 @@ def _evaluated(
                 picture = replace(picture, failure=_failure(error, path))
             results.add({f"{folder}/{name}" if folder else name: data for name, data in files.items()})
             pictures[number] = replace(picture, number=number, folder=folder)
-            bars.update("Pictures", len(pictures), len(paths))
+            bars.set("Pictures", len(pictures), len(paths))
     in_order = [pictures[number] for number in sorted(pictures)]
     # The result of a single picture is that of its page.
     return in_order, result if result is not None and len(paths) == 1 else image_result(in_order, settings)

@@ -14,7 +14,6 @@ from ...core.result import InputFile
 from ...core.roi import Roi
 from ...evaluate.picture.converter import Converter, make_converter
 from ...files.kinds import HEAD_BYTES
-from ...files.video.selection import Position, Selection
 from ...regions import ImageSize, read_region_file, rois_of
 from ..commands import As
 from ..options import Contrasts, Length, Require, Seconds, Temperature, Tolerance, require_apart
@@ -28,9 +27,6 @@ def _size(text: str, name: str) -> tuple[int, int]:
     except ValueError:
         raise InputError(f"{name} is {shown(text)}: give width and height in pixels, for example 2464x2056") from None
     return width, height
-
-
-Place = Annotated[Position, As(parse=Position.parse, show=lambda position: f"{position.frames}")]
 
 
 @dataclass(frozen=True)
@@ -168,48 +164,6 @@ class PairOptions:
             targets = {"contrasts": (required.contrast,), "epsilon": required.epsilon, "cdp_limit": required.cdp_limit}
             targets["requirement"] = required
         return {name: value for name, value in targets.items() if value is not None}
-
-
-@dataclass(frozen=True)
-class FrameOptions:
-    """Options for which frames are evaluated.
-
-    Parameters
-    ----------
-    damaged
-        Also evaluate frames that are damaged or depend on damaged ones, with a note.
-    start
-        First frame, for example 250, 10s or 1:30; the regions refer to it.
-    stop
-        Frame to stop before; default: the end.
-    every
-        Interval between evaluated frames, for example 25 or 1s; tracking uses all frames.
-    """
-
-    damaged: bool = False
-    start: Place = Position(0)
-    stop: Place | None = None
-    every: Place = Position(1)
-
-    def selection(self) -> Selection:
-        """Return which frames are meant; raises InputError."""
-        return Selection(self.start, self.stop, self.every)
-
-
-@dataclass(frozen=True)
-class MadeOptions:
-    """Options for what is made of each video besides its results.
-
-    Parameters
-    ----------
-    annotated
-        Also write a video with regions, tracking quality and CDP.
-    frames
-        Also write each evaluated frame as a PNG image.
-    """
-
-    annotated: bool = False
-    frames: bool = False
 
 
 def read_regions(options: PairOptions) -> tuple[tuple[Roi, ...], ImageSize | None, list[InputFile]]:

@@ -28,10 +28,11 @@ from ...web.regions.page_image import PageImage, is_video, video_image
 from ...web.regions.shapes import propose
 from ...web.regions.workspace import Workspace
 from ...web.server import Address, Server, Site
-from ..commands import RUNNING, As
+from ..commands import COMMAND, As
 from ..options import Contrasts, Force, PageOptions, output_file
 from ..terminal import print_result, say
-from .options import PictureLightOptions, Place
+from .frames import FramePosition
+from .options import PictureLightOptions
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,7 @@ def rois(
     shown: RegionPage,
     file: Path,
     *,
-    frame: Place | None = None,
+    frame: FramePosition | None = None,
     detect: Literal["checkerboard", "step-chart", "superpixels"] | None = None,
 ) -> None:
     """Draw regions in an image or video frame, on a page in the browser.
@@ -124,7 +125,7 @@ def rois(
         server = Server(shown.address, shown.port)
         workspace = Workspace(Measurements(image, shown.contrast), files, start, server.elsewhere)
 
-        is_map = RUNNING.get().name == "view"
+        is_map = COMMAND.get() == "view"
 
         def tab(document: Any) -> Any:
             return map_page(workspace, document, map_first=is_map)
@@ -227,7 +228,7 @@ def view(
     page: PageOptions,
     file: Path,
     *,
-    frame: Place | None = None,
+    frame: FramePosition | None = None,
     roi: Path | None = None,
 ) -> None:
     """View luminance in false colours, on a page in the browser.

@@ -29,10 +29,9 @@ from ..commands import As
 from ..options import ClusterOptions, Results, end_by_requirement
 from ..terminal import progress_bars, say
 from ..values import fraction_of_percent
+from .frames import FrameOptions
 from .options import (
-    FrameOptions,
     LightOptions,
-    MadeOptions,
     PairOptions,
     each_once,
     parse_pairs,
@@ -81,6 +80,22 @@ class VideoPairOptions(PairOptions):
     reference_by: Literal["number", "time"] = "number"
 
 
+@dataclass(frozen=True)
+class MadeOptions:
+    """Options for what is made of each video besides its results.
+
+    Parameters
+    ----------
+    annotated
+        Also write a video with regions, tracking quality and CDP.
+    frames
+        Also write each evaluated frame as a PNG image.
+    """
+
+    annotated: bool = False
+    frames: bool = False
+
+
 def video(
     chosen: VideoPairOptions,
     light: LightOptions,
@@ -124,7 +139,7 @@ def video(
         with folder, progress_bars() as bars:
 
             def progress(done: int, total: int | None) -> None:
-                bars.update("Frames", done, done if total is None else total)
+                bars.set("Frames", done, done if total is None else total)
 
             result = evaluate_and_write({"": settings}, made, paths[0], {"": folder}, progress)[""]
             if isinstance(result, LabcdpError):
@@ -258,7 +273,7 @@ def _several(
                     partial(evaluate_values, of_pairs or {"": settings}, made),
                     configuration,
                     where.chosen(),
-                    progress=lambda done, total: bars.update("Videos", done, total),
+                    progress=lambda done, total: bars.set("Videos", done, total),
                     force=results.force,
                     inputs=[one for one in read if isinstance(one, Path)],
                 )

@@ -18,8 +18,7 @@ import psutil
 import pytest
 import xarray as xr
 
-from labcdp.cli.pictures.options import MadeOptions
-from labcdp.cli.pictures.video import evaluate_values
+from labcdp.cli.pictures.video import MadeOptions, evaluate_values
 from labcdp.core.cluster import TlsFiles, Workers
 from labcdp.core.computer import Processes
 from labcdp.core.errors import InputError, LabcdpError

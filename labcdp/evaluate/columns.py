@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from ..core.table import Column, uncertain, with_bound
 
-#: Of a `Cdp`: the probability, and the shares of the pairs to either side.
+#: Columns that take their values from a `Cdp`: the probability, and the shares of the pairs to either side.
 CDP = (
     Column("cdp", "CDP", "", "Share of the pairs of pixels that are detected.", low="cdp_low", high="cdp_high",
            value="cdp"),
@@ -24,7 +24,7 @@ SHARES = (
            value="undefined"),
 )  # fmt: skip
 TARGET = Column("contrast", "target contrast", "%", "Contrast whose CDP is computed.", value="contrast")
-#: Of a `Pair`.
+#: Columns that take their values from a `Pair`.
 CONTRAST = with_bound(
     uncertain(
         Column("measured_contrast", "measured contrast", "%", "Weber contrast of the means.", value="contrast.value"),

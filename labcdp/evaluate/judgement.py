@@ -251,7 +251,7 @@ def _not_judged(requirement: Requirement, seen: Sequence[SeenContrast]) -> Itera
         yield info("requirement-uncertainty-of-chains")
 
 
-#: Of the table of verdicts.
+#: Columns of the table of verdicts.
 COLUMNS = (
     Column("pair", "bright / dark", "", "The two regions, or which neighbouring pixels."),
     Column("verdict", "verdict", "", "By the limit and the 95 % interval of the CDP."),

@@ -1,4 +1,4 @@
-"""What a camera must detect: a file of contrast, luminances, temperature, veil and CDP."""
+"""A requirement of a camera: contrast, luminances, temperature, veil and CDP, as a file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..session.validation import validated
 
 
 class Requirement(Described):
-    """What must be detected: a contrast, over a range of luminances, at a temperature and behind a veil."""
+    """A contrast that must be detected, over a range of luminances, at a temperature and behind a veil."""
 
     format: Format = Field(1, description="1, the format this labcdp knows, or update labcdp")
     name: Text = Field("requirement", description="a name as text")

@@ -197,7 +197,7 @@ def _widened(inflation: float, dof: float, n: int) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Grid:
-    """What depends only on the mask of a region: the blocks of pixels that are compared, and the surfaces on them.
+    """The mask of a region, with the blocks of pixels that are compared and the surfaces on them; kept for next frames.
 
     Parameters
     ----------

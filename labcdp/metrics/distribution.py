@@ -16,7 +16,7 @@ from .arrays import check_exact, numeric_array
 
 #: Longest histogram counted by index, whatever the size of the region (that of a 16-bit image).
 _SHORT_HISTOGRAM = 2**16
-#: Of a sum of products of so many factors and weights.
+#: Subscripts of `numpy.einsum` for a sum of weights times 0, 1 and 2 factors.
 _SUBSCRIPTS = ("i->", "i,i->", "i,i,i->")
 #: Number of steps that represent a normal distribution.
 _NORMAL_STEPS = 2**15

@@ -50,7 +50,7 @@ _MOST_BYTES = 2**28
 
 @dataclass(frozen=True)
 class FileList:
-    """What labcdp wrote into a folder.
+    """The list of the files that labcdp wrote into a folder.
 
     Parameters
     ----------

@@ -72,7 +72,7 @@ class _WrittenTable:
 
 @dataclass(frozen=True)
 class WrittenResult:
-    """What `envelope` returned, as it is read from a file; parameters are the keys."""
+    """A result as it is read from a file that `envelope` wrote; parameters are the keys."""
 
     kind: str
     title: str

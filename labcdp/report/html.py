@@ -88,7 +88,7 @@ def _block_kind(block: Block) -> str:
 def _cells(table: Table) -> dict[str, Any]:
     """Return a table for the template; a long one is truncated."""
     shown = [column for column in table.columns if column.shown]
-    heads, rows = text_table(table.select(range(min(len(table), _MOST_ROWS))))
+    heads, rows = text_table(table if len(table) <= _MOST_ROWS else table.select(range(_MOST_ROWS)))
     return {
         "heads": [
             {"text": head, "meaning": column.meaning, "number": is_number(table[column.name])}

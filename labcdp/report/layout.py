@@ -198,7 +198,7 @@ class Page:
 
     @property
     def tab(self) -> str:
-        """What the tab of a browser says: which page it is, and of what."""
+        """Title for the tab of a browser: which page it is, and its subject."""
         return f"{capitalised(_CDP.sub('CDP', self.kind))}: {self.title}"
 
     @property

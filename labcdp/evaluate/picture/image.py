@@ -20,7 +20,7 @@ AnyContrast: TypeAlias = Pair | NeighbourPair
 
 @dataclass(frozen=True, eq=False)
 class MeasuredPicture:
-    """What was measured in a picture, or why nothing was.
+    """A picture with what was measured in it, or the reason why nothing was.
 
     Parameters
     ----------

@@ -21,10 +21,10 @@ _PICTURE = (
     Column("picture", "picture", meaning="Name of the file.", value="file"),
     Column("number", "number", "", "Number of the picture, in the order given.", shown=False),
 )
-#: Of a `Pair` or a `NeighbourPair`; the contrast of the latter has no uncertainty.
+#: Columns that take their values from a `Pair` or a `NeighbourPair`, whose contrast has no uncertainty.
 _NAME = Column("pair", "bright / dark region", "", "The two regions, or which neighbouring pixels.", value="name")
 _MEASURED = CONTRAST[0]
-#: Of a `Pair`.
+#: Columns that take their values from a `Pair`.
 _REGIONS = (
     Column("bright", "bright region", shown=False, value="bright_region.roi.name"),
     Column("dark", "dark region", shown=False, value="dark_region.roi.name"),
@@ -36,7 +36,7 @@ _UNCERTAINTY = (
     Column("u_measured_contrast_vignetting", "u of measured contrast, vignetting", "%",
            "Its part due to unmeasured vignetting.", 2, shown=False, value="contrast_vignetting"),
 )  # fmt: skip
-#: Of a `Cdp`.
+#: Columns that take their values from a `Cdp`.
 _DETECTED = (
     Column("detected_from", "detected from", "%", "Lowest contrast of a pair of pixels that counts as detected.",
            value="detected_range.0"),

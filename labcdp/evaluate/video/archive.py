@@ -38,7 +38,7 @@ RECORD = "finished.json"
 
 
 class _Record(BaseModel):
-    """What is recorded of a finished video: hashes of video and settings, and the results."""
+    """Record of a finished video: hashes of video and settings, and the results."""
 
     model_config = ConfigDict(extra="forbid")
     video: str
@@ -128,7 +128,7 @@ def _files(path: Path) -> Iterator[tuple[str, int, int]]:
 
 @dataclass(frozen=True)
 class VideoOutcome:
-    """What became of a video: what the work returned, or None and why it failed; `resumed` if in an earlier run."""
+    """Outcome of a video: what the work returned, or None and why it failed; `resumed` if in an earlier run."""
 
     task: ArchiveTask
     values: Mapping[str, Any] | None
@@ -138,7 +138,7 @@ class VideoOutcome:
 
 @dataclass(frozen=True)
 class ArchiveResult:
-    """What became of an archive, in the order of the tasks; findings about processes that died, with their videos."""
+    """Outcome of an archive, in the order of the tasks, and findings about processes that died, with their videos."""
 
     outcomes: tuple[VideoOutcome, ...]
     findings: tuple[Finding, ...] = ()

@@ -1,4 +1,4 @@
-"""What became of the videos of an archive, as tables."""
+"""Outcomes of the videos of an archive, as tables and as a page."""
 
 from __future__ import annotations
 

@@ -28,8 +28,7 @@ from ...report.text import finding_text
 from ..picture.converter import Converter, make_converter
 from .dataset import as_json, frame_columns, recorded, video_dataset
 from .findings import first_finding, first_measured, reading_findings, second_is_brighter, video_findings
-from .rows import PartRun
-from .run import VideoRun
+from .run import PartRun, VideoRun
 from .settings import Observer, Progress, VideoSettings, evaluation_head, load_reference
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""What a video's results say in a few numbers: how often a contrast was detected, and where regions were lost."""
+"""A video in a few numbers: how often a contrast was detected, and where regions were lost."""
 
 from __future__ import annotations
 
@@ -168,7 +168,7 @@ def _contrasts(dataset: Dataset) -> Table:
     return Table.of_items("contrasts", "CDP over the evaluated frames", columns, rows, note)
 
 
-#: Of the names of a CDP and the ends of its interval.
+#: Ends of the names of a CDP and of the ends of its interval.
 _ENDS = ("", "_low", "_high")
 
 

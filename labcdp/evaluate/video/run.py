@@ -1,29 +1,288 @@
-"""One pass through a video: decoding, following its regions and evaluating its frames, at the same time."""
+"""One pass through a video: decoding, following its regions and evaluating its frames, at the same time.
+
+A pair of regions, or nearest neighbours, makes a row of its journal of each frame.
+"""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import closing
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from itertools import islice, repeat
-from typing import Any, TypeVar
+from math import isfinite, isnan, nan
+from typing import Any, NamedTuple, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.disk.journal import LineJournal, Row
 from ...core.errors import InputError
+from ...core.frame import Frame
+from ...core.luminance import WHOLE
+from ...core.result import Finding, warning
 from ...core.roi import Roi
+from ...core.table import array_values_of, values_of
+from ...core.vignetting import Cos4Vignetting
 from ...files.video.source import StoredPixels, VideoFrame, VideoSource, frames_of
+from ...metrics.pair import evaluate_regions, require_apart
+from ...metrics.region import SATURATED_SHARE, RegionPixels
 from ...report.text import finding_text
 from ...tracking import NotFollowedError, TrackedRoi, Tracker, make_tracker
 from ..picture.converter import Converter
-from .rows import FollowedFrame, PartRun, region_pixels
-from .settings import Progress
+from ..picture.neighbours import neighbours_of_frame
+from .dataset import (
+    CONTRAST_COLUMNS,
+    CORNER_COLUMNS,
+    FINDINGS,
+    FRAME_COLUMNS,
+    LIGHT_COLUMNS,
+    NOTE,
+    PAIR_COLUMNS,
+    REFERENCE_COLUMNS,
+    REGION_COLUMNS,
+    TRACKING_COLUMNS,
+    findings_text,
+    names,
+    note_text,
+    recorded,
+    restored,
+)
+from .settings import Observer, Progress, VideoReference, VideoSettings
+
+#: Keys of a row that are no variables, and that of the contrast that is measured in a frame; for nearest neighbours in
+#: the first one only, if none was given.
+_FINDINGS, _INVALID, _MEASURED = "findings", "invalid", "measured_contrast"
+
 
 _Result = TypeVar("_Result")
 
 #: Frames that wait between two steps: enough to keep both busy, few enough to keep memory small.
 _WAITING = 4
+
+
+class TrackedFrame(NamedTuple):
+    """A chosen frame, its index among them, and where the regions are in it.
+
+    `repeats` is the number of the frame before if it has the same pixels. `light` gives the pixels of a region, which
+    are taken once for all its pairs.
+    """
+
+    frame: VideoFrame
+    index: int
+    regions: Mapping[Roi, TrackedRoi]
+    repeats: int | None
+    light: Callable[[Roi], RegionPixels]
+
+
+class PartRun:
+    """Evaluates frames for a pair of regions, or nearest neighbours; what is in the journal is not done again.
+
+    What the first frame measures may be what is to be detected in the others.
+
+    Parameters
+    ----------
+    settings : VideoSettings
+        What is to be evaluated.
+    converter : Converter
+        Of frames to light.
+    reference : VideoReference or None
+        Results of another video, if frames are compared with those.
+    journal : LineJournal
+        Of this evaluation.
+    observer : callable or None
+        Given each frame.
+    """
+
+    def __init__(
+        self,
+        settings: VideoSettings,
+        converter: Converter,
+        reference: VideoReference | None,
+        journal: LineJournal,
+        observer: Observer | None,
+    ) -> None:
+        self.settings, self.journal, self.observer = settings, journal, observer
+        #: Why it cannot be evaluated, whatever the frames show.
+        self.failure: InputError | None = None
+        self._converter, self.reference = converter, reference
+        #: Contrast of the first frame that was measured: to be detected if none is given, or the reference.
+        self._first_contrast: float | None = None
+        self.n_done = len(journal)
+        self.end: Row | None = None
+        if self.n_done and is_end(last := journal.row(self.n_done - 1)):
+            self.end = last
+            self.n_done -= 1
+        for row in journal.rows():
+            self._learn(row.get(_MEASURED, nan))
+
+    @property
+    def contrasts(self) -> tuple[float, ...]:
+        """Contrasts that were to be detected; a measured one is nan if no frame could be measured."""
+        if self.settings.contrasts is not None:
+            return self.settings.contrasts
+        return (nan if self._first_contrast is None else self._first_contrast,)
+
+    @property
+    def done(self) -> bool:
+        """Whether no frame is needed any more."""
+        return self.end is not None and self.observer is None
+
+    def worked(self, item: TrackedFrame) -> Row | None:
+        """Results of a frame; None for one that is done."""
+        return None if item.index < self.n_done else self._row(item, self._regions(item))
+
+    def take(self, item: TrackedFrame, row: Row | None) -> None:
+        """Record the results of a frame, and show it."""
+        if row is not None:
+            self.journal.add(row)
+        frame = item.frame
+        if self.observer is not None and frame.pixels is not None:
+            known = self.journal.row(item.index) if row is None else row
+            self.observer(frame.number, frame.grey, self._regions(item), variables(known))
+
+    def finish(self, n_frames: int | None, last_s: float | None) -> None:
+        """Record that the video has ended; if that is its end, after how many frames, and when the last one begins."""
+        if self.end is None:
+            self.end = {"end": n_frames, "last_s": last_s}
+            self.journal.add(self.end)
+
+    def _regions(self, item: TrackedFrame) -> tuple[TrackedRoi, ...]:
+        return tuple(item.regions[roi] for roi in self.settings.rois if roi in item.regions)
+
+    def _learn(self, contrast: float) -> bool:
+        """Take note of the contrast that was measured in a frame; whether other contrasts are to be detected since."""
+        if self._first_contrast is not None or not (isfinite(contrast) and contrast > 0):
+            return False
+        self._first_contrast = contrast
+        return self.settings.contrasts is None or self.settings.reference == "first"
+
+    def _reference_contrast(self, frame: VideoFrame) -> tuple[float | None, Finding | None]:
+        """Return the contrast that a frame is compared with, or why there is none."""
+        if self.reference is not None:
+            return self.reference.contrast(frame.number, frame.time_s)
+        reference = self.settings.reference
+        return (reference if isinstance(reference, float) else self._first_contrast if reference else None), None
+
+    def _row(self, item: TrackedFrame, regions: Sequence[TrackedRoi]) -> Row:
+        settings, frame, pixels = self.settings, item.frame, item.frame.pixels
+        row: Row = {"frame": frame.number, "time_s": frame.time_s}
+        row |= {name: [nan] * settings.n_contrasts for name in names(CONTRAST_COLUMNS)}
+        if settings.rois:
+            row |= _places(regions if pixels is not None else (), settings.rois)
+        if pixels is None:
+            return row | _with_findings([] if frame.fault is None else [frame.fault])
+        lost = [tracked for tracked in regions if tracked.lost]
+        if lost:
+            return row | _with_findings(reason for tracked in lost for reason in tracked.reasons)
+        try:
+            values, findings = (
+                self._pair_row(item, [tracked.roi for tracked in regions])
+                if settings.rois
+                else (self._neighbour_row(pixels.frame), [])
+            )
+        except InputError as error:
+            return row | _with_findings([warning("frame-not-evaluated", reason=" ".join(str(error).split()))])
+        if "cdp" not in values:
+            findings.append(warning("frame-without-contrast"))
+        for region, share in zip(settings.rois, values.get("saturated", ()), strict=False):
+            if share > SATURATED_SHARE:
+                findings.append(warning("frame-region-saturated", region.name, share=share))
+        if item.repeats is not None:
+            findings.append(warning("frame-repeated", of_frame=item.repeats))
+        return row | values | _with_findings([*findings, *([] if frame.note is None else [frame.note])])
+
+    def _pair_row(self, item: TrackedFrame, rois: Sequence[Roi]) -> tuple[Row, list[Finding]]:
+        frame, (first, second) = item.frame, map(item.light, rois)
+        require_apart(first.placed, second.placed)
+        while True:
+            contrasts = [contrast for contrast in self.contrasts if not isnan(contrast)]
+            reference, why = self._reference_contrast(frame)
+            targets = contrasts if reference is None else [*contrasts, reference]
+            # Contrasts of the first frame have the vignetting of this one.
+            measured = [self.settings.contrasts is None] * len(contrasts) + [self.settings.reference == "first"]
+            pair = evaluate_regions(first, second, targets, self.settings.epsilon, measured[: len(targets)])
+            # The first frame that is measured gives what was not given.
+            if not self._learn(pair.contrast.value):
+                break
+        n, both = len(contrasts), (pair.a, pair.b)
+        row: Row = {name: values[0] for name, values in values_of(PAIR_COLUMNS, [pair]).items()}
+        row |= values_of(LIGHT_COLUMNS, both) | {_INVALID: [region.invalid_shares for region in both]}
+        row |= array_values_of(CONTRAST_COLUMNS, pair.cdp[:n]) if n else {}
+        row |= {name: values[0] for name, values in array_values_of(REFERENCE_COLUMNS, pair.cdp[n:]).items() if values}
+        return row, [] if why is None else [why]
+
+    def _neighbour_row(self, frame: Frame) -> Row:
+        given = None if isnan(self.contrasts[0]) else self.contrasts
+        pair = neighbours_of_frame(frame, self._converter, given, self.settings.epsilon)
+        row: Row = {**array_values_of(CONTRAST_COLUMNS, pair.cdp)} if len(pair.cdp) else {}
+        if given is None:
+            row[_MEASURED] = pair.contrast.value
+            self._learn(pair.contrast.value)
+        return row
+
+
+def _places(regions: Sequence[TrackedRoi], rois: Sequence[Roi]) -> Row:
+    """Where the regions are; nan in a damaged frame."""
+    row: Row = dict.fromkeys(names(FRAME_COLUMNS), nan) | {name: [nan, nan] for name in names(REGION_COLUMNS)}
+    if regions:
+        return row | values_of((*TRACKING_COLUMNS, *CORNER_COLUMNS), regions)
+    nothing = [[nan] * len(roi.corners) for roi in rois]
+    return row | {"lost": [False, False]} | dict.fromkeys(names(CORNER_COLUMNS), nothing)
+
+
+def _with_findings(findings: Iterable[Finding]) -> Row:
+    return {_FINDINGS: recorded(findings)}
+
+
+def is_end(row: Row) -> bool:
+    """Whether a row of the journal marks the end of the video instead of a frame."""
+    return "end" in row
+
+
+def variables(row: Row) -> Row:
+    """Return what of a row are variables of the Dataset."""
+    values = {name: value for name, value in row.items() if name not in (_FINDINGS, _INVALID)}
+    findings = restored(row[_FINDINGS])
+    return {**values, NOTE.name: note_text(findings), FINDINGS.name: findings_text(findings)}
+
+
+def region_pixels(frame: VideoFrame, converter: Converter, roi: Roi) -> RegionPixels:
+    """Convert a region of a frame and what lies around it, as `RegionPixels.from_map` takes it from a whole map.
+
+    Raises
+    ------
+    InputError
+        If it lies outside the frame or holds no pixel.
+    CalibrationError
+        If the conversion is not for such frames.
+    """
+    assert frame.pixels is not None
+    pixels = frame.pixels
+    # Of relative light nothing but the pixel itself and its place decide.
+    in_part = pixels.part if converter.unit == "relative" and converter.options.bayer is None else None
+    # A pixel of the map stands for a group of the colour filter.
+    group = 2 if in_part is None and pixels.frame.colour_filter is not None else 1
+    shape = pixels.shape[0] // group, pixels.shape[1] // group
+    region = roi.divided(group)
+    window = region.window(shape)
+    part, inner = (pixels.frame, window) if in_part is None else (in_part(window), WHOLE)
+    dn = part.dn[inner] if group == 1 and part.dn.dtype == np.uint8 and part.black_pattern is None else None
+    position_px = None if in_part is None else (window[1].start, window[0].start, pixels.shape)
+    light = converter.convert(part, inner, position_px)
+    # Where the place decides too, DN are no levels of light.
+    levels = None if isinstance(converter.vignetting(pixels.shape, part.readout), Cos4Vignetting) else dn
+    return RegionPixels.from_part(light, roi, window, _mask(region, shape), dn=levels)
+
+
+@lru_cache(maxsize=16)
+def _mask(roi: Roi, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Mask of a region; that of one that stays is kept."""
+    mask = roi.mask(shape)
+    mask.flags.writeable = False
+    return mask
 
 
 class VideoRun:
@@ -103,15 +362,15 @@ class VideoRun:
 
     def _worked(
         self, frames: Iterator[VideoFrame], n_workers: int
-    ) -> Generator[tuple[FollowedFrame, list[dict[str, Any] | None]], None, None]:
+    ) -> Generator[tuple[TrackedFrame, list[dict[str, Any] | None]], None, None]:
         """Go through the chosen frames, each with its results for each part."""
 
-        def work(item: FollowedFrame) -> tuple[FollowedFrame, list[dict[str, Any] | None]]:
+        def work(item: TrackedFrame) -> tuple[TrackedFrame, list[dict[str, Any] | None]]:
             return item, [part.worked(item) for part in self._parts]
 
         return in_order((partial(work, item) for item in self._followed(frames)), n_workers)
 
-    def _followed(self, frames: Iterator[VideoFrame]) -> Iterator[FollowedFrame]:
+    def _followed(self, frames: Iterator[VideoFrame]) -> Iterator[TrackedFrame]:
         """Follow the regions; only chosen frames are passed on."""
         tracker: Tracker | None = None
         regions: dict[Roi, TrackedRoi] = {}
@@ -136,7 +395,7 @@ class VideoRun:
                 repeats = last.number if last is not None and _same_picture(last, frame) else None
                 # Before the first whole frame there is no region.
                 light = cache(partial(region_pixels, frame, self._converter))
-                yield FollowedFrame(frame, index, regions, repeats, light)
+                yield TrackedFrame(frame, index, regions, repeats, light)
                 index, last = index + 1, frame
         if unseen is not None and tracker is None:
             raise InputError(f"{self._why(unseen)}; the same applies to all others")

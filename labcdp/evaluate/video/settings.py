@@ -1,4 +1,4 @@
-"""What is to be evaluated of a video."""
+"""Settings of the evaluation of a video."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ Reference: TypeAlias = "float | Literal['first'] | Path"
 
 @dataclass(frozen=True)
 class VideoSettings:
-    """What is to be evaluated of a video; can be sent to another process.
+    """Settings of the evaluation of a video, which can be sent to another process.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ class VideoSettings:
 
     @property
     def stated(self) -> dict[str, Any]:
-        """What is given about the video, None for what is not."""
+        """Statements about the video by the user, None for what is not stated."""
         names = ("exposure_s", "gain_db", "temperature_c", "bit_depth", *OF_VALUES)
         return {name: getattr(self, name) for name in names}
 

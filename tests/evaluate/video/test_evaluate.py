@@ -22,7 +22,7 @@ from labcdp.core.roi import Roi
 from labcdp.evaluate.picture.converter import make_converter
 from labcdp.evaluate.picture.neighbours import evaluate_neighbours
 from labcdp.evaluate.video.evaluate import evaluate_parts, evaluate_video
-from labcdp.evaluate.video.rows import region_pixels
+from labcdp.evaluate.video.run import region_pixels
 from labcdp.evaluate.video.settings import VideoSettings
 from labcdp.files import PictureOptions, frame_of_pixels, read_picture
 from labcdp.files.video.selection import Position, Selection

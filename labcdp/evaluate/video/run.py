@@ -64,14 +64,14 @@ _WAITING = 4
 
 
 class TrackedFrame(NamedTuple):
-    """A chosen frame, its index among them, and where the regions are in it.
+    """A chosen frame, the index of its row, and where the regions are in it.
 
     `repeats` is the number of the frame before if it has the same pixels. `light` gives the pixels of a region, which
     are taken once for all its pairs.
     """
 
     frame: VideoFrame
-    index: int
+    row_index: int
     regions: Mapping[Roi, TrackedRoi]
     repeats: int | None
     light: Callable[[Roi], RegionPixels]
@@ -132,7 +132,7 @@ class PartRun:
 
     def worked(self, item: TrackedFrame) -> Row | None:
         """Results of a frame; None for one that is done."""
-        return None if item.index < self.n_done else self._row(item, self._regions(item))
+        return None if item.row_index < self.n_done else self._row(item, self._regions(item))
 
     def take(self, item: TrackedFrame, row: Row | None) -> None:
         """Record the results of a frame, and show it."""
@@ -140,7 +140,7 @@ class PartRun:
             self.journal.add(row)
         frame = item.frame
         if self.observer is not None and frame.pixels is not None:
-            known = self.journal.row(item.index) if row is None else row
+            known = self.journal.row(item.row_index) if row is None else row
             self.observer(frame.number, frame.grey, self._regions(item), variables(known))
 
     def finish(self, n_frames: int | None, last_s: float | None) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -67,7 +68,7 @@ def main() -> None:
         settings = ExposureSettings((16e-3, 2e-3, 0.25e-3), 0.0, 35.0)
         cameras[f"three exposures, {method}"] = CameraModel(SENSOR, settings, Hdr(method))
     for name, camera in cameras.items():
-        map_s = best_s(lambda camera=camera: predict(camera, rates, contrast))
+        map_s = best_s(partial(predict, camera, rates, contrast))
         share = map_s / contrast.size / luminance.size / cell_s
         print(f"map of 200 x 50 cells, {name:25s} {map_s:7.3f} s   a cell is {share:.2g} of the simulated one")
 

@@ -98,7 +98,7 @@ class Processes:
         self._first, self._with_first = first, with_first
 
     def _all(self) -> list[psutil.Process]:
-        return [self._first] * self._with_first + self._first.children(recursive=True)
+        return [*([self._first] * self._with_first), *self._first.children(recursive=True)]
 
     def cpu_s(self) -> float:
         """Return the processor time used so far."""
@@ -123,7 +123,7 @@ def watch(options: argparse.Namespace, folder: Path) -> None:
         for name, x, y in (("a", 0.1, 0.3), ("b", 0.8, 0.3), ("c", 0.3, 0.7), ("d", 0.6, 0.7))
     ]
     save_regions(folder / "bench.rois.json", shapes, (width, height))
-    command = [Path(sys.executable).with_name("labcdp"), "bench", "--camera", ADDRESS, "--no-open", "--json"]
+    command = [str(Path(sys.executable).with_name("labcdp")), "bench", "--camera", ADDRESS, "--no-open", "--json"]
     server = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert server.stderr is not None
     url = next(line.split()[1] for line in server.stderr if line.startswith("Open: "))

@@ -130,7 +130,7 @@ def merge_twelve(folder: Path) -> None:
         )
         files[-1].write_bytes(frame_to_tiff(one, compress=False))
     command = [
-        Path(sys.executable).with_name("labcdp"),
+        str(Path(sys.executable).with_name("labcdp")),
         "luminance",
         "calibration.json",
         *files,

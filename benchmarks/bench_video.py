@@ -76,7 +76,7 @@ def scene() -> Callable[[int], NDArray[np.uint8]]:
         y, x = SWAY + round(8 * np.sin(number / 23)), SWAY + round((SWAY - 2) * np.sin(number / 40))
         dy, dx = rng.integers(0, 64, 2)
         image = ground[y : y + HEIGHT, x : x + WIDTH] + noise[dy : dy + HEIGHT, dx : dx + WIDTH]
-        return np.clip(image + 0.5, 0, 255).astype(np.uint8)
+        return np.asarray(np.clip(image + 0.5, 0, 255), dtype=np.uint8)
 
     return frame
 
@@ -88,6 +88,7 @@ def make(folder: Path, codecs: Sequence[tuple[str, str, str]] = CODECS, n_frames
         frame = scene()
         with av.open(str(made[-1]), "w") as container:
             stream = container.add_stream(codec, rate=25, width=WIDTH, height=HEIGHT, pix_fmt=pixels)
+            assert isinstance(stream, av.VideoStream)
             stream.bit_rate = BIT_RATE
             for number in range(n_frames):
                 image = av.VideoFrame.from_ndarray(frame(number), format="gray").reformat(format=pixels)
@@ -116,7 +117,7 @@ def measure(path: Path) -> None:
     n = decode(path)
     size = path.stat().st_size / n / 1000
     for name, contrasts, rois in RUNS:
-        actions = (partial(decode, path), partial(evaluate, path, contrasts, rois))
+        actions: tuple[Callable[[], object], ...] = (partial(decode, path), partial(evaluate, path, contrasts, rois))
         for action in actions:
             action()
         times: tuple[list[float], list[float]] = ([], [])

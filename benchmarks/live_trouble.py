@@ -47,7 +47,7 @@ def main() -> None:
     ):
         assert camera.stdout is not None
         assert camera.stdout.readline() == "ready\n"
-        command = [Path(sys.executable).with_name("labcdp"), "bench", "--camera", ADDRESS, "--no-open"]
+        command = [str(Path(sys.executable).with_name("labcdp")), "bench", "--camera", ADDRESS, "--no-open"]
         with subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, text=True) as server:
             assert server.stderr is not None
             trouble(next(line.split()[1] for line in server.stderr if line.startswith("Open: ")), server.pid, asleep_s)

@@ -71,8 +71,10 @@ class Tally:
             return
         self.frames += 1
         if not any(one.lost for one in found):
-            truth = cdp(*(roi.select(frame.grey) for roi in frame.rois), CONTRAST, EPSILON)
-            low, high = cdp(*(one.roi.select(frame.grey) for one in found), CONTRAST, EPSILON).interval
+            bright, dark = (roi.select(frame.grey) for roi in frame.rois)
+            seen_bright, seen_dark = (region.roi.select(frame.grey) for region in found)
+            truth = cdp(bright, dark, CONTRAST, EPSILON)
+            low, high = cdp(seen_bright, seen_dark, CONTRAST, EPSILON).interval
             self.right += low <= truth.cdp <= high
 
     def _add_place(self, one: TrackedRoi, truth: tuple[float, float], seen: float) -> None:

@@ -15,6 +15,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from math import sin
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -55,7 +56,7 @@ def places(codec: str, light: Callable[[float], float], file: Path) -> Iterator[
     unit = 4 if kind.endswith("10le") else 1
     for seed, path in enumerate(PATHS, start=1):
         moment = lambda t, path=path: Moment(*path(t), gain=light(t))  # noqa: E731
-        options = {"size": (240, 160), "inset": 4, "full_scale_e": 6000.0, "bits": 16, "seed": seed}
+        options: dict[str, Any] = {"size": (240, 160), "inset": 4, "full_scale_e": 6000.0, "bits": 16, "seed": seed}
         truth = list(SimulatedVideo(moment, 24, **options).frames())
         grey = [np.rint(unit * (black + (white - black) / 65535 * frame.grey)).astype(np.uint16) for frame in truth]
         for quality in qualities:

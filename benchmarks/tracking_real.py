@@ -39,7 +39,7 @@ class Csrt:
 
     def __init__(self, image: NDArray[np.uint8], box: list[int]) -> None:
         cv2.setRNGSeed(1)
-        self._tracker = cv2.TrackerCSRT_create()
+        self._tracker = cv2.TrackerCSRT.create()
         self._tracker.init(image, box)
 
     def find(self, image: NDArray[np.uint8]) -> tuple[float, float] | None:

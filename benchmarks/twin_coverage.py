@@ -358,7 +358,8 @@ def main() -> None:
     z = np.array([pair.z for _, pair in pairs if pair.judgement != "undecided" and 0.01 <= pair.predicted <= 0.99])
     print(f"standardised differences: {z.mean():.2f} +- {z.std():.2f}, beyond 3: {np.mean(abs(z) > 3):.2%}")
     for kind in KINDS:
-        d = np.array([z for _, result in results for patch in result.patches if (z := patch.z[kind]) is not None])
+        of_kind = [patch.z[kind] for _, result in results for patch in result.patches]
+        d = np.array([deviation for deviation in of_kind if deviation is not None])
         print(f"patches, {kind:12s} z {d.mean():+.2f} +- {d.std():.2f}, within 1.96: {np.mean(abs(d) < 1.96):.1%}")
     for seed, pair in sorted(pairs, key=lambda one: -abs(one[1].z))[:12]:
         print(

@@ -10,6 +10,7 @@ from fractions import Fraction
 from functools import partial
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.stats import norm, poisson
@@ -24,9 +25,8 @@ from labcdp.calibration.emva.data_set import characterise_data_set
 from labcdp.evaluate.sweep.thesis import FIGURE_3_10, TABLE_5_3, ReproducedRow, reproduce_row
 from labcdp.metrics import DetectionInterval, Distribution, d_prime
 from labcdp.tracking import make_tracker
-from tests.calibration.emva.test_reference_set import NAMES, SETS
-from tests.metrics.conftest import share_of_normal
-from tests.metrics.test_cdp import NORMAL
+from tests.calibration.emva.reference_figures import NAMES, SETS
+from tests.metrics.closed_forms import NORMAL, share_of_normal
 
 from .check import Check, absolute, by_noise, not_run, relative
 from .real_camera import real_camera
@@ -53,11 +53,11 @@ def closed_forms() -> Iterator[Check]:
     share = poisson.cdf(np.floor(high + 1e-9), 300) - poisson.cdf(np.ceil(low - 1e-9) - 1, 300)
     truth = float(poisson.pmf(quanta, 250) @ share)
     yield absolute(
-        "photon noise, 300 against 250 quanta, 20 %", truth, labcdp.cdp(*shot, 0.2).cdp, 1e-9, "Poisson sums"
+        "photon noise, 300 against 250 quanta, 20 %", truth, labcdp.cdp(shot[0], shot[1], 0.2).cdp, 1e-9, "Poisson sums"
     )
-    bright, dark = Distribution.normal(110, 8), Distribution.normal(100, 7)
-    found = labcdp.cdp(bright, dark, 0.1, DetectionInterval.at_least(1.0)).cdp
-    truth = float(norm.cdf(d_prime(bright, dark).value / 2**0.5))
+    strong, weak = Distribution.normal(110, 8), Distribution.normal(100, 7)
+    found = labcdp.cdp(strong, weak, 0.1, DetectionInterval.at_least(1.0)).cdp
+    truth = float(norm.cdf(d_prime(strong, weak).value / 2**0.5))
     yield absolute("one-sided from 0 on", truth, found, 1e-6, "Φ(d' / √2), signal detection theory")
 
 
@@ -112,7 +112,7 @@ def prediction() -> Iterator[Check]:
     """Compare predicted CDP with frames simulated with random numbers, pixels without a fixed pattern."""
     chain = labcdp.Chain.load("manta-g505").with_(scene__width=256, scene__height=256, scene__square_px=32, **_CAMERA)
     chain = replace(chain, before=tuple((n, replace(s, focal_length_m=None)) for n, s in chain.before))
-    axes = {"scene__luminance_cd_m2": [0.5, 3.0, 20.0, 80.0], "scene__contrast": [0.1, 0.3, 1.0]}
+    axes: dict[str, Any] = {"scene__luminance_cd_m2": [0.5, 3.0, 20.0, 80.0], "scene__contrast": [0.1, 0.3, 1.0]}
     predicted, simulated = chain.sweep(exact=True, **axes), chain.sweep(seed=1, **axes)
     for luminance, contrast in product(*axes.values()):
         cell = {"scene.luminance_cd_m2": luminance, "scene.contrast": contrast}

@@ -80,4 +80,6 @@ def _sensor(found: Characterisation) -> Sensor:
         ((_, sensor),) = labcdp.Chain.load("manta-g505").with_emva1288(path).sensors
     assert isinstance(sensor, Sensor)
     # The non-uniformity of all parts; the scatter of dark currents is the preset's, and no part of the results.
-    return replace(sensor, dsnu_e=found.quantities()["dsnu_e"].value, column_dsnu_e=0.0, row_dsnu_e=0.0, dsnu_e_s=0.0)
+    dsnu = found.quantities()["dsnu_e"]
+    assert dsnu is not None
+    return replace(sensor, dsnu_e=dsnu.value, column_dsnu_e=0.0, row_dsnu_e=0.0, dsnu_e_s=0.0)

@@ -130,7 +130,7 @@ def _flat_field(recorder: Recorder, rng: np.random.Generator) -> labcdp.Session:
         for k in range(3)
         if i + k > 0
     )
-    source = 0.8 * BRIGHTEST_CD_M2 * (1 + world.nonuniformity_rel * pattern / np.std(pattern))
+    source = np.asarray(0.8 * BRIGHTEST_CD_M2 * (1 + world.nonuniformity_rel * pattern / np.std(pattern)))
     target = Target({"source": (0, 0, WIDTH, HEIGHT)}, {}, {}, source)
     return recorder.record("flat", target, (), frames=FLAT_FRAMES, exposures_s=(min(world.exposures_s),), after=1.0)
 
@@ -166,7 +166,7 @@ def _compared(
         )
         for patch in "BD"
     ]
-    true_cdp = cdp(*pixels, pair.contrast, pair.epsilon)
+    true_cdp = cdp(pixels[0], pixels[1], pair.contrast, pair.epsilon)
     low, high = single.interval_95_cd_m2
     cdp_low, cdp_high = row.cdp.interval
     of_contrast = contrast_half_width_95(row.bright.calibrated, row.dark.calibrated)

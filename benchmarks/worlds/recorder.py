@@ -13,6 +13,7 @@ import labcdp
 from labcdp.core.frame import CameraIdentity, Frame
 from labcdp.core.reading import MeterIdentity, Reading
 from labcdp.session import SessionConfiguration
+from labcdp.session.records import Role
 
 from .camera import Device, applied_s, expose, warming
 from .lamp import light_of_lamp
@@ -83,7 +84,8 @@ class Recorder:
         times = np.linspace(0, LIGHT_S, len(exposures_s) * n_light)
         # A camera that is triggered by the lamp begins each frame at one phase of it.
         phase = float(self._rng.uniform()) if world.ripple_rel and world.locked else None
-        taken, self.light, before_s = [], {}, None
+        taken: list[tuple[Frame, Role, str | None]] = []
+        self.light, before_s = {}, None
         in_order = np.repeat(exposures_s, n_light)[:: -1 if world.longest_first else 1].tolist()
         for exposure_s, second in zip(in_order, times.tolist(), strict=True):
             light = target.scene * lamp(world, second) if after is None else target.scene

@@ -5,7 +5,6 @@ from math import inf, nan
 
 import numpy as np
 import pytest
-from scipy.stats import norm
 
 from labcdp.core.luminance import LuminanceMap
 
@@ -43,13 +42,6 @@ def neighbours_of(image):
     """Each pixel with its right and its lower neighbour, the darker one first."""
     both = (image[:, :-1], image[:, 1:]), (image[:-1], image[1:])
     return [tuple(sorted(pair)) for one, other in both for pair in zip(one.flat, other.flat, strict=True)]
-
-
-def share_of_normal(bright, dark, low, high):
-    """Share of the pairs of two normal patches, each a mean and a deviation, whose contrast is from `low` to `high`."""
-    ratio = 1 + np.array([low, high])
-    below, up_to = norm.cdf((ratio * dark[0] - bright[0]) / np.hypot(ratio * dark[1], bright[1]))
-    return up_to - below
 
 
 def map_of(luminance, common=(), invalid=None, random_rel=0.01, **errors):

@@ -14,7 +14,7 @@ from scipy.stats import poisson
 from labcdp.core.errors import InputError
 from labcdp.metrics import DetectionInterval, Distribution, cdp, cdp_neighbours
 
-from .conftest import share_of_normal
+from .closed_forms import NORMAL, share_of_normal
 
 # 12-bit values around each other, so that ties, zeros and negative ones (darkness subtracted) are common.
 region = st.lists(st.one_of(st.integers(-3, 12), st.integers(90, 130), st.integers(0, 4095)), min_size=1, max_size=10)
@@ -92,15 +92,6 @@ def test_the_closest_miss_of_24_bit_integers_does_not_count(contrast, side):
     bright = (numerator * dark + side) // denominator
     assert max(dark, bright) < 2**24 < 2 * denominator
     assert cdp([bright], [dark], float(contrast)).cdp == 0
-
-
-NORMAL = [
-    ((100, 5, 120, 5), 0.79940),
-    ((100, 10, 120, 10), 0.47840),
-    ((100, 20, 150, 25), 0.47971),
-    ((50, 10, 60, 10), 0.25145),
-    ((1000, 30, 1100, 35), 0.70136),
-]
 
 
 @pytest.mark.parametrize(("patches", "published"), NORMAL)

@@ -13,7 +13,8 @@ from labcdp.metrics import variance_inflation
 from labcdp.metrics.correlation import lag_inflation, pairs_by_lag, products_by_lag
 from labcdp.metrics.pair import evaluate_pair
 
-from .conftest import map_of, share_of_normal
+from .closed_forms import share_of_normal
+from .conftest import map_of
 
 SIDE = 40
 SHAPE = (SIDE, 2 * SIDE + 6)

@@ -12,7 +12,8 @@ from labcdp.metrics import cdp, csnr
 from labcdp.metrics.pair import evaluate_pair
 from labcdp.metrics.region import evaluate_region
 
-from .conftest import map_of, share_of_normal
+from .closed_forms import share_of_normal
+from .conftest import map_of
 
 SHAPE = (60, 90)
 LEFT, RIGHT = Roi.rectangle("left", 5, 5, 30, 40), Roi.rectangle("right", 50, 10, 30, 40)

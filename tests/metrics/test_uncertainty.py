@@ -13,7 +13,7 @@ from scipy.stats import norm
 from labcdp.core.errors import InputError
 from labcdp.metrics import Distribution, cdp, pixels_needed
 
-from .conftest import share_of_normal
+from .closed_forms import share_of_normal
 
 several = st.lists(st.integers(90, 130), min_size=2, max_size=5)
 PATCHES = Distribution.normal(120, 5), Distribution.normal(100, 5)

@@ -297,7 +297,7 @@ def _reference(_: Path, file: Path) -> Any:
     from labcdp.evaluate.video.settings import VideoReference
 
     reference = VideoReference(file, "number")
-    return [reference.of(number, number / 25) for number in range(20)]
+    return [reference.contrast(number, number / 25) for number in range(20)]
 
 
 TARGETS: dict[str, Target] = {

@@ -18,7 +18,8 @@ from labcdp.evaluate.picture.edges.result import contrast_map_dataset, map_resul
 from labcdp.metrics import DetectionInterval, cdp
 
 from ...conftest import valid
-from ...metrics.conftest import map_of, share_of_normal
+from ...metrics.closed_forms import share_of_normal
+from ...metrics.conftest import map_of
 from ...output.test_results_folder import write
 
 

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from ..core.cluster import TlsFiles, Workers
 from ..core.disk.files import SESSION_JOURNAL
 from ..core.errors import InputError
 from ..core.result import Result
@@ -24,6 +23,7 @@ from .terminal import print_result, say, say_where
 from .values import fraction_of_percent, parse_changes, parse_length, parse_seconds, parse_temperature, parse_tolerance
 
 if TYPE_CHECKING:
+    from ..core.cluster import Workers
     from ..web.server import Address
 
 #: Exit status by verdict of a requirement.
@@ -251,6 +251,8 @@ class ClusterOptions:
 
     def chosen(self) -> Workers:
         """Return the workers of this computer or the cluster."""
+        from ..core.cluster import TlsFiles, Workers
+
         tls = None if self.cluster_tls is None else TlsFiles(*self.cluster_tls)
         workers = Workers(self.cluster, self.workers, tls)
         if workers.is_open_to_others:

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from ..core.errors import InputError
 from ..core.frame import BlackPattern
 from ..core.result import Finding, info, warning
-from .icc import read_profile
 from .transfer import (
     BT709_LUMINANCE,
     ENCODING_OF_CODE,
@@ -167,6 +166,8 @@ def stated_by_profile(data: bytes | None, coloured: bool, bits: int) -> FileStat
     """Return what an ICC profile states, and a finding if it cannot be used; nothing where there is none."""
     if data is None:
         return NOTHING_STATED
+    from .icc import read_profile
+
     try:
         profile = read_profile(data, coloured)
     except InputError as error:

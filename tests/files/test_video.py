@@ -362,8 +362,8 @@ def test_interlaced_and_too_large_frames_are_refused(tmp_path):
 def test_selections_in_frames_and_seconds(start, stop, every, numbers):
     selection = Selection(*(one and Position.parse(one, "--option") for one in (start, stop, every)))
     entries = [VideoFrame(n, 0.04 * n, None, lambda: None) for n in range(12)]
-    source = VideoSource("v", (1, 1), 12, 25.0, False, "linear", (), lambda: iter(entries), lambda: "")
-    assert [one.number for one in frames_of(source, selection, lambda *_: False)] == numbers
+    source = VideoSource("v", (1, 1), 12, 25.0, False, "linear", ())
+    assert [one.number for one in frames_of(source, selection, lambda *_: False, entries)] == numbers
 
 
 def save(path, value, dtype=np.uint8, shape=(20, 30)):

@@ -9,7 +9,6 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import closing
-from dataclasses import replace
 from functools import cache, lru_cache, partial
 from itertools import islice, repeat
 from math import isfinite, isnan, nan
@@ -358,7 +357,7 @@ class VideoRun:
                 self._n_frames, self._last_s = entry.number + 1, entry.time_s
                 yield entry
 
-        return frames_of(replace(self._source, entries=entries), self._selection, needed)
+        return frames_of(self._source, self._selection, needed, entries())
 
     def _worked(
         self, frames: Iterator[VideoFrame], n_workers: int

@@ -11,7 +11,6 @@ import heapq
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from itertools import chain
 from typing import Any
 
@@ -37,28 +36,6 @@ _REMEMBERED = 1000
 _LEAST_MPEG4_BYTES = 20
 
 
-@dataclass(frozen=True, eq=False)
-class Shown:
-    """A frame.
-
-    Parameters
-    ----------
-    number : int
-        Number in the video; lost ones count.
-    time_s : float
-        Time since the first frame.
-    frame : av.VideoFrame or None
-        What was decoded.
-    fault : Finding or None
-        Why it is not to be trusted.
-    """
-
-    number: int
-    time_s: float
-    frame: Any
-    fault: Finding | None
-
-
 def video_stream(container: Any) -> Any:
     """Return the first video stream of an opened file that is no picture of its cover; None if there is none."""
     return next(iter(video_streams(container)), None)
@@ -69,7 +46,9 @@ def video_streams(container: Any) -> list[Any]:
     return [one for one in container.streams.video if not one.disposition & Disposition.attached_pic]
 
 
-def shown_frames(container: Any, shape: tuple[int, int] | None, frame_rate: float | None) -> Iterator[Shown]:
+def shown_frames(
+    container: Any, shape: tuple[int, int] | None, frame_rate: float | None
+) -> Iterator[tuple[int, float, Any, Finding | None]]:
     """Decode all frames of the video stream.
 
     Parameters
@@ -80,6 +59,12 @@ def shown_frames(container: Any, shape: tuple[int, int] | None, frame_rate: floa
         Height and width the frames should have.
     frame_rate : float or None
         For files without time stamps.
+
+    Yields
+    ------
+    (int, float, av.VideoFrame or None, Finding or None)
+        Number in the video, of which lost frames are part; time since the first frame in seconds; what was decoded; and
+        why that is not to be trusted.
     """
     stream = video_stream(container)
     context = stream.codec_context
@@ -106,7 +91,7 @@ def shown_frames(container: Any, shape: tuple[int, int] | None, frame_rate: floa
                 fault, frame = size_differs((frame.height, frame.width), shape), None
             elif frame.interlaced_frame:
                 fault, frame = warning("frame-interlaced"), None
-        yield Shown(number, time_s, frame, fault)
+        yield number, time_s, frame, fault
 
 
 def _is_shown(packet: Any, codec: str) -> bool:

@@ -28,7 +28,7 @@ from ..doubts import doubts_of
 from ..frame import Scale, changed_at, frame_of_pixels, make_frame, scale_of
 from ..kinds import HEAD_BYTES, no_video
 from ..picture import PictureOptions, overridden_frame, unused_options
-from .decoding import Shown, shown_frames, video_stream, video_streams
+from .decoding import shown_frames, video_stream, video_streams
 from .pixels import Pixels, learn_pixels, stated_by, statement_findings
 from .quantiser import PARAMETERS
 from .source import StoredPixels, VideoFrame, VideoSource, require_frames
@@ -47,36 +47,51 @@ _STATING = frozenset({"matroska", "mxf", "flv"})
 _TIME = re.compile(r"(\d+):(\d\d):(\d\d(?:\.\d+)?)")
 
 
-@dataclass(frozen=True, eq=False)
-class _Frames:
-    """Frames of a file, by what its numbers are and what it does not say."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class VideoFile(VideoSource):
+    """A video file that FFmpeg decodes.
 
-    path: Path
-    shape: tuple[int, int]
-    frame_rate: float | None
+    Parameters
+    ----------
+    pixels : Pixels
+        What its numbers are.
+    options : PictureOptions
+        What it does not say.
+    modified : datetime
+        When it was changed last.
+    scale : Scale
+        Of grey of more than 8 bits: one for all frames.
+    """
+
     pixels: Pixels
     options: PictureOptions
     modified: datetime
-    #: Of grey of more than 8 bits: one for all frames.
     scale: Scale
+
+    @cached_property
+    def sha256(self) -> str:
+        """Hash of the file."""
+        return file_sha256(self.path, "a file you can read")
 
     def entries(self) -> Iterator[VideoFrame]:
         """Go through all frames; one that cannot be decoded has a fault, and costs no other."""
+        height, width = self.shape
+        as_stored = (height, width) if self.pixels.orientation <= 4 else (width, height)
         with _opened(self.path, self.options.max_pixels) as container:
-            for shown in shown_frames(container, self.shape, self.frame_rate):
-                fault, note = shown.fault, None
-                if fault is not None and self.options.damaged and shown.frame is not None:
+            for number, time_s, frame, fault in shown_frames(container, as_stored, self.frame_rate):
+                note = None
+                if fault is not None and self.options.damaged and frame is not None:
                     fault, note = None, fault
-                yield VideoFrame(shown.number, shown.time_s, fault, partial(self.stored, shown), note)
+                yield VideoFrame(number, time_s, fault, partial(self.stored, frame, number), note)
 
-    def stored(self, shown: Shown) -> StoredPixels:
+    def stored(self, frame: Any, number: int) -> StoredPixels:
         """Pixels of a decoded frame: only those that are asked for are converted."""
-        if shown.frame is None:
+        if frame is None:
             raise InputError("it cannot be decoded")
-        planes, pixels = self.pixels.planes(shown.frame), self.pixels
+        planes, pixels = self.pixels.planes(frame), self.pixels
         if pixels.kind == "luma":
             planes = planes[:1]
-        part = partial(self._grey if pixels.kind == "luma" else self._of_colours, planes, shown.number)
+        part = partial(self._grey if pixels.kind == "luma" else self._of_colours, planes, number)
         in_part = part if pixels.orientation == 1 and pixels.kind != "rgb" else None
         return StoredPixels(planes, pixels.followed(planes), pixels.levels, partial(part, WHOLE), in_part)
 
@@ -129,8 +144,8 @@ def open_video_file(path: Path, options: PictureOptions) -> VideoSource:
         stream = video_stream(container)
         stream.codec_context.options = {**stream.codec_context.options, **PARAMETERS}
         by_container = stated_by(stream.codec_context)
-        for shown in shown_frames(container, None, None):
-            (frames if shown.fault is None else broken).append(shown.frame)
+        for _, _, frame, fault in shown_frames(container, None, None):
+            (frames if fault is None else broken).append(frame)
             if len(frames) == _LOOKED_AT or len(broken) == _MOST_BROKEN:
                 break
         # Damaged frames show false colours.
@@ -155,26 +170,30 @@ def open_video_file(path: Path, options: PictureOptions) -> VideoSource:
     frame_rate = rate if isfinite(rate) and rate > 0 else None
     scale = _scale(frames, pixels, options, path)
     pixels, findings = replace(pixels, scale=scale), [*findings, *scale.findings]
-    found = _Frames(path, (height, width), frame_rate, pixels, options, changed_at(path), scale)
-    # Options that do not fit fail at once, and not once for each frame.
-    frame = found.stored(Shown(0, 0.0, frames[0], None)).frame
-    bare = frame.clipped is None and frame.black_level_dn is None and frame.colour_filter is None
-    values = np.dstack(pixels.planes(frames[0])) if pixels.kind == "rgb" else frame.dn
-    top_dn = scale.saturation_dn if pixels.kind == "rgb" else frame.saturation_dn
-    doubts = doubts_of(values, top_dn, pixels.stored, pixels.other_encoding, as_stored=bare)
-    return VideoSource(
+    source = VideoFile(
         path=path,
         shape=(height, width) if pixels.orientation <= 4 else (width, height),
         frame_count=count or None,
         frame_rate=frame_rate,
         exposure_stated=False,
         encoding=pixels.encoding,
-        findings=(*findings, *unused_options(frame, scale.bits, options)),
-        entries=found.entries,
-        hashed=partial(file_sha256, path, "a file you can read"),
+        findings=(),
         is_estimate=is_estimate,
         length_s=length_s,
-        doubts=doubts,
+        pixels=pixels,
+        options=options,
+        modified=changed_at(path),
+        scale=scale,
+    )
+    # Options that do not fit fail at once, and not once for each frame.
+    example = source.stored(frames[0], 0).frame
+    bare = example.clipped is None and example.black_level_dn is None and example.colour_filter is None
+    values = np.dstack(pixels.planes(frames[0])) if pixels.kind == "rgb" else example.dn
+    top_dn = scale.saturation_dn if pixels.kind == "rgb" else example.saturation_dn
+    return replace(
+        source,
+        findings=(*findings, *unused_options(example, scale.bits, options)),
+        doubts=doubts_of(values, top_dn, pixels.stored, pixels.other_encoding, as_stored=bare),
     )
 
 

@@ -7,7 +7,7 @@ import os
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -96,16 +96,7 @@ def _sequence(
     first = read(next((at for at in sorted(looked_at) if looked_at[at].coloured), min(looked_at)), options)
     # All are read as the first one is.
     options = replace(options, assumed_encoding=first.encoding)
-
-    def load(at: int) -> StoredPixels:
-        return stored_pixels(_alike(read(at, options), first, numbers[at]))
-
-    def entries() -> Iterator[VideoFrame]:
-        return (
-            VideoFrame(number, float(number - numbers[0]), None, partial(load, at)) for at, number in enumerate(numbers)
-        )
-
-    return VideoSource(
+    return ImageSequence(
         path=path,
         shape=first.shape,
         frame_count=numbers[-1] + 1,
@@ -115,9 +106,48 @@ def _sequence(
         encoding="linear" if first.coloured else first.encoding,
         findings=(*found, *first.findings, *guessed),
         doubts=first.doubts,
-        entries=entries,
-        hashed=lambda: sha256,
+        digest=sha256,
+        numbers=numbers,
+        read=partial(_read_alike, read, options, first),
     )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ImageSequence(VideoSource):
+    """Images that follow each other.
+
+    Parameters
+    ----------
+    digest : str
+        Hash of all of them.
+    numbers : tuple of int
+        Of the frames.
+    read : function of two int
+        Reads an image, from 0, as the frame of a number.
+    """
+
+    digest: str
+    numbers: tuple[int, ...]
+    read: Callable[[int, int], Frame]
+
+    @property
+    def sha256(self) -> str:
+        """Hash of all images."""
+        return self.digest
+
+    def entries(self) -> Iterator[VideoFrame]:
+        """Go through all images."""
+        for at, number in enumerate(self.numbers):
+            yield VideoFrame(number, float(number - self.numbers[0]), None, partial(self._load, at, number))
+
+    def _load(self, at: int, number: int) -> StoredPixels:
+        return stored_pixels(self.read(at, number))
+
+
+def _read_alike(
+    read: Callable[[int, PictureOptions], Picture], options: PictureOptions, first: Picture, at: int, number: int
+) -> Frame:
+    return _alike(read(at, options), first, number)
 
 
 def _alike(picture: Picture, first: Picture, number: int) -> Frame:
@@ -195,29 +225,57 @@ def open_session_video(path: Path, options: PictureOptions) -> VideoSource:
     if not records:
         raise InputError(f"{path} is a session without light frames: resume the acquisition")
 
-    def time_s(record: FrameRecord) -> float:
-        return (record.time - records[0].time).total_seconds()
-
-    def load(record: FrameRecord) -> StoredPixels:
-        return stored_pixels(overridden_frame(session.load(record), options))
-
-    def entries() -> Iterator[VideoFrame]:
-        return (VideoFrame(n, time_s(one), None, partial(load, one)) for n, one in enumerate(records))
-
-    lasted, shown = time_s(records[-1]), records[0].metadata.get("readout")
-    return VideoSource(
+    lasted_s, shown = _time_s(records[-1], records), records[0].metadata.get("readout")
+    return SessionVideo(
         path=path,
         shape=records[0].shape,
         frame_count=len(records),
-        frame_rate=(len(records) - 1) / lasted if lasted > 0 else None,
+        frame_rate=(len(records) - 1) / lasted_s if lasted_s > 0 else None,
         exposure_stated=True,
         encoding=options.encoding or "linear",
         readout=None if shown is None else Readout.from_json(shown),
         lens=session.configuration.optics,
         findings=_findings(records, options),
-        entries=entries,
-        hashed=lambda: hashlib.sha256("".join(one.file.sha256 for one in records).encode()).hexdigest(),
+        session=session,
+        records=records,
+        options=options,
     )
+
+
+def _time_s(record: FrameRecord, records: Sequence[FrameRecord]) -> float:
+    return (record.time - records[0].time).total_seconds()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SessionVideo(VideoSource):
+    """Light frames of a session.
+
+    Parameters
+    ----------
+    session : Session
+        The session.
+    records : tuple of FrameRecord
+        Its light frames.
+    options : PictureOptions
+        What the user gave.
+    """
+
+    session: Session
+    records: tuple[FrameRecord, ...]
+    options: PictureOptions
+
+    @property
+    def sha256(self) -> str:
+        """Hash of the hashes of the frames."""
+        return hashlib.sha256("".join(record.file.sha256 for record in self.records).encode()).hexdigest()
+
+    def entries(self) -> Iterator[VideoFrame]:
+        """Go through all frames."""
+        for number, record in enumerate(self.records):
+            yield VideoFrame(number, _time_s(record, self.records), None, partial(self._load, record))
+
+    def _load(self, record: FrameRecord) -> StoredPixels:
+        return stored_pixels(overridden_frame(self.session.load(record), self.options))
 
 
 def _findings(records: Sequence[FrameRecord], options: PictureOptions) -> tuple[Finding, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from math import nan
@@ -117,7 +117,7 @@ class VideoFrame:
 
 @dataclass(frozen=True, eq=False)
 class VideoSource:
-    """A video, whatever it is read from.
+    """A video, whatever it is read from; readers make subclasses of it.
 
     Parameters
     ----------
@@ -135,10 +135,6 @@ class VideoSource:
         How the DN of the frames are encoded.
     findings : tuple of Finding
         What was done to the pixels, and what a user should know about them.
-    entries : callable
-        Goes through all frames, none of them loaded; each time from the first one on.
-    hashed : callable
-        Makes the hash of all that decides the pixels.
     is_estimate : bool
         Whether the number of frames follows from a length: it is wrong where they follow each other irregularly.
     length_s : float or None
@@ -158,18 +154,20 @@ class VideoSource:
     exposure_stated: bool
     encoding: Encoding
     findings: tuple[Finding, ...]
-    entries: Callable[[], Iterator[VideoFrame]]
-    hashed: Callable[[], str]
     is_estimate: bool = False
     length_s: float | None = None
     readout: Readout | None = None
     lens: Lens | None = None
     doubts: Doubts = CERTAIN
 
-    @cached_property
+    def entries(self) -> Iterator[VideoFrame]:
+        """Go through all frames, none of them loaded; each time from the first one on."""
+        raise NotImplementedError
+
+    @property
     def sha256(self) -> str:
         """Hash of all that decides the pixels."""
-        return self.hashed()
+        raise NotImplementedError
 
 
 def grey_of(frame: Frame) -> NDArray[np.uint8]:
@@ -205,7 +203,10 @@ def size_differs(shape: tuple[int, int], expected: tuple[int, int]) -> Finding:
 
 
 def frames_of(
-    source: VideoSource, selection: Selection, needed: Callable[[int, bool], bool] = lambda _number, chosen: chosen
+    source: VideoSource,
+    selection: Selection,
+    needed: Callable[[int, bool], bool] = lambda _number, chosen: chosen,
+    entries: Iterable[VideoFrame] | None = None,
 ) -> Generator[VideoFrame, None, None]:
     """Frames of a video from the start of a selection to its end.
 
@@ -218,13 +219,15 @@ def frames_of(
     needed : function of (int, bool)
         Whether the pixels of the frame of this number, chosen or not, are needed: others are not loaded, which saves
         most of the time.
+    entries : iterable of VideoFrame or None
+        All its frames, none of them loaded; None for `VideoSource.entries`.
 
     Yields
     ------
     VideoFrame
         Those that are chosen or needed, and those that are lost among them.
     """
-    for entry, chosen in _entries(source, selection):
+    for entry, chosen in _selected(source.entries() if entries is None else entries, selection):
         wanted = needed(entry.number, chosen)
         if wanted or chosen:
             pixels, fault = _loaded(entry, source.shape) if wanted and not entry.fault else (None, entry.fault)
@@ -232,11 +235,11 @@ def frames_of(
             yield replace(entry, chosen=chosen, pixels=pixels, fault=fault, note=note)
 
 
-def _entries(source: VideoSource, selection: Selection) -> Iterator[tuple[VideoFrame, bool]]:
+def _selected(entries: Iterable[VideoFrame], selection: Selection) -> Iterator[tuple[VideoFrame, bool]]:
     """Frames from the start of a selection to its end, and whether each is chosen."""
     start, stop, every = selection.start, selection.stop, selection.every
     first_number, first_s, next_s = None, 0.0, 0.0
-    for entry in source.entries():
+    for entry in entries:
         number, time_s = entry.number, entry.time_s
         if stop is not None and stop.reached(number, time_s):
             return

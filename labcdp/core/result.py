@@ -120,7 +120,7 @@ def quantity_table(name: str, title: str, quantities: Iterable[NamedValue], deta
         Column("meaning", "meaning", meaning="What the quantity is."),
         Column("key", "key", meaning="Name for programs.", shown=False),
     )
-    named = any(one.key for one in quantities)
+    named = any(quantity.key for quantity in quantities)
     return Table.of_items(name, title, columns if named else columns[:-1], quantities, detail=detail)
 
 

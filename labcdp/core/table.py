@@ -293,7 +293,7 @@ class Table:
 
     def showing(self, *names: str) -> Table:
         """Return the table with only these columns, of those that are shown, in text and pages."""
-        columns = tuple(replace(one, shown=one.shown and one.name in names) for one in self.columns)
+        columns = tuple(replace(column, shown=column.shown and column.name in names) for column in self.columns)
         return replace(self, columns=columns)
 
     def as_detail(self) -> Table:

@@ -30,20 +30,20 @@ _DASHED: dict[str, Any] = {"linewidth": 1.0, "linestyle": "dashed"}
 _BARS: dict[str, Any] = {"fmt": "o", "color": "black", "markersize": 4, "capsize": 2.0}
 
 
-def is_series(found: Characterisation) -> bool:
+def is_series(characterisation: Characterisation) -> bool:
     """Whether the points are one series over photons, not the patches of a session."""
-    return all(point.photons is not None for point in found.series)
+    return all(point.photons is not None for point in characterisation.series)
 
 
-def signal_figures(found: Characterisation) -> list[ReportFigure]:
+def signal_figures(characterisation: Characterisation) -> list[ReportFigure]:
     """Draw photon transfer, sensitivity, linearity where it is known, SNR and dark signal."""
-    heights_in = {"linearity": 6.6 if is_series(found) else 4.6, "dark-current": 6.2}
+    heights_in = {"linearity": 6.6 if is_series(characterisation) else 4.6, "dark-current": 6.2}
     drawn, figures = (_photon_transfer, _sensitivity, _linearity, _snr, _dark), []
     for name, draw in zip(_FIGURES, drawn, strict=True):
-        if name != "linearity" or found.linearity_error_min_rel is not None:
-            figure = sized(found, heights_in.get(name, 4.6), 6.4 if name == "photon-transfer" else 9.0)
-            draw(figure, found)
-            of_patches = "-of-patches" if name == "sensitivity" and not is_series(found) else ""
+        if name != "linearity" or characterisation.linearity_error_min_rel is not None:
+            figure = sized(characterisation, heights_in.get(name, 4.6), 6.4 if name == "photon-transfer" else 9.0)
+            draw(figure, characterisation)
+            of_patches = "-of-patches" if name == "sensitivity" and not is_series(characterisation) else ""
             caption = page_text(f"characterise-{name}{of_patches}")
             figures.append(reported(f"characterise-{name}", figure, caption))
     return figures
@@ -89,7 +89,7 @@ def _sensitivity(figure: Figure, result: Characterisation) -> None:
 def _linearity(figure: Figure, result: Characterisation) -> None:
     """Draw the deviations from the line over the stimulus, or those of patches over the signal."""
     found = (linearity if is_series(result) else patch_deviations)(result.series, result.saturation_dn.value)
-    errors = [one.value for one in (result.linearity_error_min_rel, result.linearity_error_max_rel) if one]
+    errors = [each.value for each in (result.linearity_error_min_rel, result.linearity_error_max_rel) if each]
     assert found is not None
     if isinstance(found, Linearity):
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1.2, 1.0))

@@ -48,13 +48,13 @@ class Pattern(NamedTuple):
     step: float
 
 
-def spatial_figures(found: Characterisation) -> list[ReportFigure]:
+def spatial_figures(characterisation: Characterisation) -> list[ReportFigure]:
     """Draw histograms, spectrograms and profiles, if there are images."""
-    own, figures = patterns(found), []
+    own, figures = patterns(characterisation), []
     drawn = {"histogram": _histogram, "accumulated": _accumulated, "spectrogram": _spectrogram, "profile": _profile}
     for name, draw in drawn.items() if own else ():
         caption = page_text(f"characterise-{name}", side=HIGH_PASS_SIDE)
-        figures.append(reported(f"characterise-{name}", _drawn(found, own, draw), caption))
+        figures.append(reported(f"characterise-{name}", _drawn(characterisation, own, draw), caption))
     return figures
 
 
@@ -77,16 +77,18 @@ def patterns(result: Characterisation) -> list[Pattern]:
 
 
 def _drawn(
-    result: Characterisation, own: Sequence[Pattern], draw: Callable[[Axes, Pattern, NDArray[np.float64], str], None]
+    result: Characterisation,
+    spatial: Sequence[Pattern],
+    draw: Callable[[Axes, Pattern, NDArray[np.float64], str], None],
 ) -> Figure:
     """Draw each pattern: histograms side by side, or rows and columns of each in a line."""
     if draw in (_histogram, _accumulated):
         figure = sized(result, 4.4, _WIDTH_IN)
-        for axes, pattern in zip(figure.subplots(1, len(own), squeeze=False)[0], own, strict=True):
+        for axes, pattern in zip(figure.subplots(1, len(spatial), squeeze=False)[0], spatial, strict=True):
             draw(axes, pattern, high_pass(pattern.values), "")
         return figure
-    figure = sized(result, 3.6 * len(own), _WIDTH_IN)
-    for panels, pattern in zip(figure.subplots(len(own), 2, squeeze=False), own, strict=True):
+    figure = sized(result, 3.6 * len(spatial), _WIDTH_IN)
+    for panels, pattern in zip(figure.subplots(len(spatial), 2, squeeze=False), spatial, strict=True):
         values = pattern.values.astype(np.float64)
         draw(panels[0], pattern, values, "horizontal")
         draw(panels[1], pattern, values.T, "vertical")

@@ -28,37 +28,37 @@ _RATIOS = ("snr_max", "dynamic_range")
 _DB = 20.0
 
 
-def result(found: Characterisation, title: str = "", inputs: Sequence[InputFile] = ()) -> Result:
+def result(characterisation: Characterisation, title: str = "", inputs: Sequence[InputFile] = ()) -> Result:
     """Return all numbers of a characterisation.
 
     Parameters
     ----------
-    found : Characterisation
+    characterisation : Characterisation
         What to report.
     title : str
         What was characterised; empty for its source.
     inputs : sequence of InputFile
         What it was made from.
     """
-    height, width = found.image_shape
+    height, width = characterisation.image_shape
     return Result(
         "characterise",
-        title or found.source,
+        title or characterisation.source,
         (
-            quantity_table("characterisation", "Quantities after EMVA 1288", _quantities(found)),
-            _series(found.series),
-            _darks(found.darks),
+            quantity_table("characterisation", "Quantities after EMVA 1288", _quantities(characterisation)),
+            _series(characterisation.series),
+            _darks(characterisation.darks),
         ),
-        found.findings,
+        characterisation.findings,
         tuple(inputs),
-        {**{name: getattr(found, name) for name in _STATED}, "height": height, "width": width},
-        simulated=found.simulated,
+        {**{name: getattr(characterisation, name) for name in _STATED}, "height": height, "width": width},
+        simulated=characterisation.simulated,
     )
 
 
-def _quantities(found: Characterisation) -> Iterator[NamedValue]:
+def _quantities(characterisation: Characterisation) -> Iterator[NamedValue]:
     """Yield the quantities that are known; ratios in dB, too."""
-    for key, one in found.quantities().items():
+    for key, one in characterisation.quantities().items():
         if one is None:
             continue
         name = QUANTITY_NAMES[key]
@@ -136,30 +136,35 @@ _CARDS = (
 )
 
 
-def characterisation_files(found: Characterisation, result: Result) -> dict[str, bytes]:
+def characterisation_files(characterisation: Characterisation, result: Result) -> dict[str, bytes]:
     """Return the files of a characterisation as `result_files` does."""
-    size = f"{found.image_shape[1]} x {found.image_shape[0]} pixels, {found.bits} bits"
-    summary = ", ".join(part for part in (found.camera, size) if part)
-    transfer, *others = signal_figures(found)
+    size = f"{characterisation.image_shape[1]} x {characterisation.image_shape[0]} pixels, {characterisation.bits} bits"
+    summary = ", ".join(part for part in (characterisation.camera, size) if part)
+    transfer, *others = signal_figures(characterisation)
     lead = (transfer, result.table("characterisation").only("quantity", "value", "expanded_value", "unit"))
-    sections = _sections(found, result, size, others)
+    sections = _sections(characterisation, result, size, others)
     page = Page.of(result, "Characterisation after EMVA 1288", summary, _cards(result), lead, sections)
     return result_files(result, page)
 
 
-def _sections(found: Characterisation, result: Result, size: str, figures: Sequence[ReportFigure]) -> Iterator[Section]:
+def _sections(
+    characterisation: Characterisation, result: Result, size: str, figures: Sequence[ReportFigure]
+) -> Iterator[Section]:
     meanings = result.table("characterisation").only("quantity", "meaning")
     yield Section("How the values were determined", (page_text("characterise-no-compliance"), meanings), collapsed=True)
     yield Section("Signal and noise", figures)
-    spatial = spatial_figures(found)
+    spatial = spatial_figures(characterisation)
     if spatial:
         yield Section("Non-uniformity", spatial)
     facts = [
-        ("Source", found.source),
-        ("Camera", found.camera or "not stated by the data set"),
-        ("Images", size if found.gain_db is None else f"{size}, gain {found.gain_db:g} dB"),
-        ("Temperature", "not known" if found.temperature_c is None else f"{found.temperature_c:.1f} °C"),
-        ("Definitions", found.definition),
+        ("Source", characterisation.source),
+        ("Camera", characterisation.camera or "not stated by the data set"),
+        ("Images", size if characterisation.gain_db is None else f"{size}, gain {characterisation.gain_db:g} dB"),
+        (
+            "Temperature",
+            "not known" if characterisation.temperature_c is None else f"{characterisation.temperature_c:.1f} °C",
+        ),
+        ("Definitions", characterisation.definition),
     ]
     yield Section(
         "Series and provenance", (result.table("series"), result.table("dark_signal"), facts_table(facts)), True

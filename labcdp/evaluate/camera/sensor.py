@@ -49,7 +49,7 @@ class _Stated(Table):
 
 
 #: The sensor itself judges the values of its own keys.
-_OF_SENSOR: dict[str, Any] = {one.name: (Any, None) for one in fields(Sensor)}
+_OF_SENSOR: dict[str, Any] = {field_.name: (Any, None) for field_ in fields(Sensor)}
 _Sheet: type[_Stated] = create_model("_Sheet", __base__=_Stated, **_OF_SENSOR)
 
 

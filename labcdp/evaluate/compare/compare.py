@@ -130,9 +130,9 @@ class Comparison:
     def settings(self) -> dict[str, list[str]]:
         """Settings in which the subjects differ, as text of each."""
         flat = [dict(_flat(subject.settings)) for subject in self.subjects]
-        rows = {name: [one.get(name, "") for one in flat] for one in flat for name in one}
+        rows = {name: [text.get(name, "") for text in flat] for text in flat for name in text}
         return {
-            name: [shortened(one, _LONGEST) for one in texts] for name, texts in rows.items() if len(set(texts)) > 1
+            name: [shortened(text, _LONGEST) for text in texts] for name, texts in rows.items() if len(set(texts)) > 1
         }
 
 
@@ -199,8 +199,8 @@ def _refined(sweep: Sweep, found: Dataset) -> MapAnalysis:
 
     analysis, (axis, *others) = analyse_map(found), sweep.axes
     for _ in range(0 if others or axis.parameter != LUMINANCES.parameter else _REFINEMENTS):
-        intervals = [interval for one in analysis.usable_ranges for interval in one.intervals]
-        brackets = {end.bracket for one in intervals for end in one.ends}
+        intervals = [interval for usable in analysis.usable_ranges for interval in usable.intervals]
+        brackets = {end.bracket for interval in intervals for end in interval.ends}
         inner = [
             (np.geomspace if low > 0 else np.linspace)(low, high, _POINTS + 2)[1:-1]
             for low, high in sorted(brackets)
@@ -235,15 +235,15 @@ def _rows(subjects: tuple[Subject, ...]) -> tuple[tuple[Compared, ...], tuple[st
     if not rows:
         ours, theirs = (", ".join(list(values)[:3]) for values in (first, others[0]))
         raise InputError(f"{subjects[0].name} and {subjects[1].name} have no quantity in common ({ours}; {theirs})")
-    every = dict.fromkeys(name for one in (first, *others) for name in one)
-    return tuple(rows), tuple(name for name in every if not all(name in one for one in (first, *others)))
+    every = dict.fromkeys(name for each in (first, *others) for name in each)
+    return tuple(rows), tuple(name for name in every if not all(name in each for each in (first, *others)))
 
 
 def _flat(values: Any, name: str = "") -> Iterator[tuple[str, str]]:
     if isinstance(values, Mapping):
         for key, value in values.items():
             yield from _flat(value, f"{name}.{key}" if name else str(key))
-    elif isinstance(values, list | tuple) and any(isinstance(one, Mapping) for one in values):
+    elif isinstance(values, list | tuple) and any(isinstance(value, Mapping) for value in values):
         for number, value in enumerate(values, start=1):
             yield from _flat(value, f"{name} {number}")
     elif values is not None and name not in ("name", "description"):

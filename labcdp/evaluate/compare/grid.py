@@ -54,7 +54,7 @@ class Uncertain:
     @property
     def ends(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """The value and the ends of its interval."""
-        value, below, above = (np.asarray(one, dtype=np.float64) for one in (self.value, self.below, self.above))
+        value, below, above = (np.asarray(each, dtype=np.float64) for each in (self.value, self.below, self.above))
         value, low, high = np.broadcast_arrays(value, value - below, value + above)
         return value, low, high
 
@@ -191,18 +191,18 @@ def map_grid(subjects: Sequence[Subject], maps: Sequence[Dataset]) -> Grid:
     return Grid("CDP", tuple(first.axes[name] for name in names), values, differences, relative=False)
 
 
-def _cdp(found: CdpMap, names: list[str]) -> Uncertain:
-    (_, ordered), *_ = found.sections(*names)
+def _cdp(cdp_map: CdpMap, names: list[str]) -> Uncertain:
+    (_, ordered), *_ = cdp_map.sections(*names)
     expanded: Any = 0.0
-    if found.dataset.attrs.get("method") != "exact":
+    if cdp_map.dataset.attrs.get("method") != "exact":
         known = "standard_error" in ordered
         expanded = Z_95 * ordered["standard_error"].values if known else np.full(ordered["cdp"].shape, np.nan)
     return Uncertain(ordered["cdp"].values, expanded, expanded)
 
 
 def _require_axes(first: str, ours: CdpMap, other: str, theirs: CdpMap) -> None:
-    def text(found: CdpMap) -> str:
-        values = {name: axis.values for name, axis in found.axes.items()}
+    def text(cdp_map: CdpMap) -> str:
+        values = {name: axis.values for name, axis in cdp_map.axes.items()}
         return ", ".join(f"{name} ({of.size} from {of[0]} to {of[-1]})" for name, of in values.items())
 
     same = set(ours.axes) == set(theirs.axes)

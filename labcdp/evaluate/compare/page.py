@@ -77,8 +77,8 @@ def _values(found: Comparison, names: Sequence[str], simulated: str) -> Figure:
         own = [row.other if number else row.first for row in rows]
         style: dict[str, Any] = {"fmt": "o", "markersize": 4, "capsize": 3, "color": COLOURS[number % len(COLOURS)]}
         if cdps:
-            style["xerr"] = np.nan_to_num([[one.below for one in own], [one.above for one in own]])
-        values = [one.value for one in own] if cdps else [row.difference.z for row in rows]
+            style["xerr"] = np.nan_to_num([[each.below for each in own], [each.above for each in own]])
+        values = [each.value for each in own] if cdps else [row.difference.z for row in rows]
         axes.errorbar(np.array(values, dtype=float), places, label=name, **style)
     axes.set_yticks(range(len(drawn)), [printable(name) for name in drawn], parse_math=False)
     axes.set_ylim(len(drawn) - 0.5, -0.5)
@@ -132,8 +132,8 @@ def _sections(grid: Grid) -> list[tuple[str, tuple[int, ...]]]:
     """Name and place of the curves of each subject, at the values of the other axes; as many as there are colours."""
     axes = {axis.name: axis for axis in grid.axes}
     found = [
-        (at_text({a.name: a.values[i].item() for a, i in zip(grid.axes[:-1], place, strict=True)}, axes), place)
-        for place in np.ndindex(*(axis.values.size for axis in grid.axes[:-1]))
+        (at_text({a.name: a.values[i].item() for a, i in zip(grid.axes[:-1], index, strict=True)}, axes), index)
+        for index in np.ndindex(*(axis.values.size for axis in grid.axes[:-1]))
     ]
     return found[: len(COLOURS)]
 
@@ -143,14 +143,16 @@ def _maps(grid: Grid, names: Sequence[str], simulated: str) -> Figure:
     *_, y, x = grid.axes
     index = tuple(0 for _ in grid.axes[:-2])
     at = at_text({axis.name: axis.values[0].item() for axis in grid.axes[:-2]}, {axis.name: axis for axis in grid.axes})
-    limit = max(float(np.nanmax(np.abs(one.value[index]), initial=0.0)) for one in grid.differences) or 1.0
+    limit = (
+        max(float(np.nanmax(np.abs(difference.value[index]), initial=0.0)) for difference in grid.differences) or 1.0
+    )
     maps: list[tuple[str, Any, dict[str, Any]]] = [
-        (name, np.asarray(one.value)[index], {"cmap": SCALE, "vmin": 0, "vmax": 1})
-        for name, one in zip(names, grid.values, strict=True)
+        (name, np.asarray(each.value)[index], {"cmap": SCALE, "vmin": 0, "vmax": 1})
+        for name, each in zip(names, grid.values, strict=True)
     ]
     maps += [
-        (f"{name} minus {names[0]}", one.value[index], {"cmap": "RdBu", "vmin": -limit, "vmax": limit})
-        for name, one in zip(names[1:], grid.differences, strict=True)
+        (f"{name} minus {names[0]}", each.value[index], {"cmap": "RdBu", "vmin": -limit, "vmax": limit})
+        for name, each in zip(names[1:], grid.differences, strict=True)
     ]
     columns = min(len(maps), _MOST_COLUMNS)
     rows = ceil(len(maps) / columns)
@@ -188,9 +190,9 @@ def comparison_files(found: Comparison, result: Result) -> dict[str, bytes]:
         if name in tables
     ]
     sections.append(Section("Method and inputs", (_METHOD, facts_table(input_facts(result))), collapsed=True))
-    summary = " ".join(f"{capitalised(finding_text(one))}." for one in said)
+    summary = " ".join(f"{capitalised(finding_text(each))}." for each in said)
     page = Page.of(result, f"Comparison of {found.kind}s", summary, _cards(found), lead, sections)
-    page = replace(page, findings=[one for one in result.findings if one not in said])
+    page = replace(page, findings=[finding for finding in result.findings if finding not in said])
     return result_files(result, page)
 
 
@@ -237,9 +239,9 @@ def _cards(found: Comparison) -> Iterator[Card]:
 def _each(grid: Grid, analysis: MapAnalysis) -> tuple[str, ...]:
     """Return the usable range at each of a few values of the other parameters."""
     ranges, axes = analysis.usable_ranges, {axis.name: axis for axis in grid.axes}
-    texts = (ends_text(grid.axes[-1], one.widest) if one.widest else "none" for one in ranges)
+    texts = (ends_text(grid.axes[-1], usable.widest) if usable.widest else "none" for usable in ranges)
     return tuple(
-        f"{at_text(one.at, axes)}: {text}"
-        for one, text in zip(ranges, texts, strict=True)
+        f"{at_text(each.at, axes)}: {text}"
+        for each, text in zip(ranges, texts, strict=True)
         if len(ranges) <= _MOST_CARDS
     )

@@ -134,10 +134,12 @@ def _errors(
                 raise InputError(f"uncertainty_rel names {parameter}, no number of the chain: correct the name")
             continue
         ends = [_known(cdp, {parameter: _scaled(value, 1 + sign * u_rel)}) for sign in (1, -1)]
-        there = [one for one in ends if one is not None]
+        there = [each for each in ends if each is not None]
         # Where one end is no value that the parameter can have, the other one counts from the value itself.
         errors[parameter] = (
-            abs(there[0] - there[1]) / 2 if len(there) == 2 else max((abs(one - nominal) for one in there), default=0.0)
+            abs(there[0] - there[1]) / 2
+            if len(there) == 2
+            else max((abs(each - nominal) for each in there), default=0.0)
         )
     return errors
 
@@ -166,7 +168,7 @@ def _limit(document: Mapping[str, Any], cdp: float, without: Callable[[Mapping[s
     """Return what raises the CDP most where it is taken away; else the noise of the light itself."""
     gains = {}
     for name, parameters in _LIMITS.items():
-        stated = [one for one in parameters if _stated(document, one) is not None]
+        stated = [parameter for parameter in parameters if _stated(document, parameter) is not None]
         if stated:
             gains[name] = without(dict.fromkeys(stated, 0.0)) - cdp
     best = max(gains, key=lambda name: gains[name], default="")

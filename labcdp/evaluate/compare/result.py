@@ -41,79 +41,91 @@ _KNOWN = 0.01
 _ASYMMETRY = 1e-6
 
 
-def compare_result(found: Comparison) -> Result:
+def compare_result(comparison: Comparison) -> Result:
     """Return all numbers of a comparison; its first findings are the answer."""
-    names = [subject.name for subject in found.subjects]
-    required = None if found.question is None else found.question.requirement
-    verdicts = [] if required is None else [requirement_table(found.judged, required)]
-    tables = [*verdicts, *_ranges(found), *_differences(found), *_cells(found.grid, names), *_settings(found)]
-    question = {} if found.question is None else found.question.configuration
+    names = [subject.name for subject in comparison.subjects]
+    required = None if comparison.question is None else comparison.question.requirement
+    verdicts = [] if required is None else [requirement_table(comparison.judged, required)]
+    tables = [
+        *verdicts,
+        *_ranges(comparison),
+        *_differences(comparison),
+        *_cells(comparison.grid, names),
+        *_settings(comparison),
+    ]
+    question = {} if comparison.question is None else comparison.question.configuration
     return Result(
         "compare",
         " and ".join(names) if len(names) == 2 else f"{names[0]} and {len(names) - 1} others",
         tuple(tables),
-        (*answer(found), *_assumptions(found)),
-        tuple(one for subject in found.subjects for one in subject.inputs),
-        {"kind": found.kind, "names": names, **question},
-        simulated=any(subject.simulated for subject in found.subjects),
+        (*answer(comparison), *_assumptions(comparison)),
+        tuple(file for subject in comparison.subjects for file in subject.inputs),
+        {"kind": comparison.kind, "names": names, **question},
+        simulated=any(subject.simulated for subject in comparison.subjects),
     )
 
 
-def answer(found: Comparison) -> tuple[Finding, ...]:
+def answer(comparison: Comparison) -> tuple[Finding, ...]:
     """Return what a comparison says in a sentence or two."""
-    differences = [row.difference for row in found.rows] + list(found.grid.differences if found.grid else ())
-    if all(np.all(one.value == 0) for one in differences):
+    differences = [row.difference for row in comparison.rows] + list(
+        comparison.grid.differences if comparison.grid else ()
+    )
+    if all(np.all(difference.value == 0) for difference in differences):
         return (info("compare-equal"),)
-    if found.analyses:
-        return tuple(_of_maps(found))
-    if found.grid is not None:
-        return tuple(_of_responsivities(found, found.grid))
-    significant = [row for row in found.rows if row.difference.significant]
+    if comparison.analyses:
+        return tuple(_of_maps(comparison))
+    if comparison.grid is not None:
+        return tuple(_of_responsivities(comparison, comparison.grid))
+    significant = [row for row in comparison.rows if row.difference.significant]
     if not significant:
-        return (info("compare-agree", n=len(found.rows)),)
+        return (info("compare-agree", n=len(comparison.rows)),)
     row = max(significant, key=lambda row: abs(float(row.difference.z)))
-    values = {"n": len(found.rows), "n_different": len(significant), "by_chance": _BY_CHANCE * len(found.rows)}
-    of = {"quantity": row.first.quantity, "difference": difference_text(row), "first": found.subjects[0].name}
+    values = {
+        "n": len(comparison.rows),
+        "n_different": len(significant),
+        "by_chance": _BY_CHANCE * len(comparison.rows),
+    }
+    of = {"quantity": row.first.quantity, "difference": difference_text(row), "first": comparison.subjects[0].name}
     return (info("compare-differ", row.name, **values, **of, z=float(row.difference.z)),)
 
 
-def _of_responsivities(found: Comparison, grid: Grid) -> Iterator[Finding]:
-    for subject, one in zip(found.subjects[1:], grid.differences, strict=True):
+def _of_responsivities(comparison: Comparison, grid: Grid) -> Iterator[Finding]:
+    for subject, one in zip(comparison.subjects[1:], grid.differences, strict=True):
         share = float(np.mean(one.significant))
         code = "compare-responsivity-differs" if share else "compare-responsivity-agrees"
         ends = [float(one.value.min()), float(one.value.max())]
-        yield info(code, subject.name, first=found.subjects[0].name, share=share, ends=ends)
+        yield info(code, subject.name, first=comparison.subjects[0].name, share=share, ends=ends)
 
 
-def _of_maps(found: Comparison) -> Iterator[Finding]:
-    grid = found.grid
+def _of_maps(comparison: Comparison) -> Iterator[Finding]:
+    grid = comparison.grid
     assert grid is not None
-    axis, analyses = grid.axes[-1], found.analyses
-    if any(one.widest for one in analyses):
-        others = {one.name for one in grid.axes[:-1]}
+    axis, analyses = grid.axes[-1], comparison.analyses
+    if any(analysis.widest for analysis in analyses):
+        others = {axis.name for axis in grid.axes[:-1]}
         dark = axis.is_luminance and others <= {TO_DETECT}
-        refined = found.question is not None and dark
+        refined = comparison.question is not None and dark
         values = {"level": analyses[0].level, "how": "" if refined else " (interpolated)"}
         if dark and len(analyses[0].usable_ranges) <= _FEW:
-            named = {one.name: one for one in grid.axes}
+            named = {axis.name: axis for axis in grid.axes}
             for place, usable in enumerate(analyses[0].usable_ranges):
-                texts = list(_lows(found, axis, place, _REFINED if refined else _INTERPOLATED))
+                texts = list(_lows(comparison, axis, place, _REFINED if refined else _INTERPOLATED))
                 yield info("compare-darkest", at_text(usable.at, named), lows=texts, **values)
         else:
-            yield info("compare-ranges", axis=axis_name(axis), ranges=list(_spans(found, axis)), **values)
-    if len(found.subjects) > _FEW:
+            yield info("compare-ranges", axis=axis_name(axis), ranges=list(_spans(comparison, axis)), **values)
+    if len(comparison.subjects) > _FEW:
         return
-    for subject, one in zip(found.subjects[1:], grid.differences, strict=True):
+    for subject, one in zip(comparison.subjects[1:], grid.differences, strict=True):
         below, above = (max(0.0, float(np.nanmax(sign * one.value))) for sign in (-1, 1))
-        yield info("compare-maps-differ", subject.name, first=found.subjects[0].name, below=below, above=above)
+        yield info("compare-maps-differ", subject.name, first=comparison.subjects[0].name, below=below, above=above)
         if np.isfinite(one.z).any() and np.any(one.low < one.high):
             share = float(np.mean(one.significant))
-            yield info("compare-maps-significant", subject.name, first=found.subjects[0].name, share=share)
+            yield info("compare-maps-significant", subject.name, first=comparison.subjects[0].name, share=share)
 
 
-def _lows(found: Comparison, axis: MapAxis, place: int, n_digits: int) -> Iterator[str]:
+def _lows(comparison: Comparison, axis: MapAxis, place: int, n_digits: int) -> Iterator[str]:
     """Yield down to which luminance each is usable, the darkest first; of two the ratio, too, if both are known."""
-    all_intervals = [(subject.name, one.usable_ranges[place].intervals) for subject, one in _pairs(found)]
+    all_intervals = [(subject.name, one.usable_ranges[place].intervals) for subject, one in _pairs(comparison)]
     usable = sorted(((name, own) for name, own in all_intervals if own), key=lambda pair: pair[1][0].low)
     unit, ends = f" {axis_unit(axis)}", [own[0].ends[0] for _, own in usable]
     for number, (name, own) in enumerate(usable):
@@ -129,17 +141,17 @@ def _lows(found: Comparison, axis: MapAxis, place: int, n_digits: int) -> Iterat
     yield from (f"nowhere for {name}" for name, own in all_intervals if not own)
 
 
-def _spans(found: Comparison, axis: MapAxis) -> Iterator[str]:
+def _spans(comparison: Comparison, axis: MapAxis) -> Iterator[str]:
     """Yield the widest range of each, the widest first."""
-    widest = [(subject.name, one.widest and one.widest.widest) for subject, one in _pairs(found)]
-    usable = sorted(((name, one) for name, one in widest if one), key=lambda pair: pair[1].width, reverse=True)
+    widest = [(subject.name, one.widest and one.widest.widest) for subject, one in _pairs(comparison)]
+    usable = sorted(((name, width) for name, width in widest if width), key=lambda pair: pair[1].width, reverse=True)
     for name, one in usable:
         yield f"{ends_text(axis, one, _INTERPOLATED)} {axis_unit(axis)}".rstrip() + f" for {name}"
-    yield from (f"none for {name}" for name, one in widest if not one)
+    yield from (f"none for {name}" for name, width in widest if not width)
 
 
-def _pairs(found: Comparison) -> Iterator[tuple[Subject, MapAnalysis]]:
-    return zip(found.subjects, found.analyses, strict=True)
+def _pairs(comparison: Comparison) -> Iterator[tuple[Subject, MapAnalysis]]:
+    return zip(comparison.subjects, comparison.analyses, strict=True)
 
 
 def _bound(end: End) -> bool:
@@ -148,49 +160,49 @@ def _bound(end: End) -> bool:
     return end.is_open or not (end.resolved or above - below < _KNOWN * above)
 
 
-def _assumptions(found: Comparison) -> Iterator[Finding]:
-    if found.analyses and found.grid is not None:
-        differing = [name for name in found.settings if name in _QUESTION]
+def _assumptions(comparison: Comparison) -> Iterator[Finding]:
+    if comparison.analyses and comparison.grid is not None:
+        differing = [name for name in comparison.settings if name in _QUESTION]
         if differing:
             yield warning("compare-question-differs", names=differing)
-        if not any(np.any(one.below) for one in found.grid.values):
+        if not any(np.any(each.below) for each in comparison.grid.values):
             yield info("compare-exact")
-        if found.question is not None:
+        if comparison.question is not None:
             yield info("compare-on-axis")
-            yield from _scene_of_another_contrast(found)
+            yield from _scene_of_another_contrast(comparison)
     else:
-        shared = [row.first.common.keys() & row.other.common.keys() for row in found.rows]
+        shared = [row.first.common.keys() & row.other.common.keys() for row in comparison.rows]
         common = sorted({f"the same {kind}" for sources in shared for kind, _ in sources})
         if common:
             yield info("compare-common", sources=common)
         yield info("compare-independent")
-    for subject in found.subjects:
+    for subject in comparison.subjects:
         if subject.kind == "picture":
             yield from _doubts(subject)
-    if found.unmatched:
-        yield info("compare-unmatched", quantities=list(found.unmatched))
+    if comparison.unmatched:
+        yield info("compare-unmatched", quantities=list(comparison.unmatched))
 
 
 def _doubts(picture: Subject) -> Iterator[Finding]:
     """Say of a picture what its values were taken as, where nothing states it and contrasts would be others."""
-    for one in picture.content["findings"]:
+    for finding in picture.content["findings"]:
         # Of results of several pictures, each says which ones it is about.
-        files = one["values"].get("files", [picture.name])
-        if one["code"].startswith((ENCODING, BLACK_LEVEL, MOSAIC)) and any(
+        files = finding["values"].get("files", [picture.name])
+        if finding["code"].startswith((ENCODING, BLACK_LEVEL, MOSAIC)) and any(
             str(file).endswith(picture.name) for file in files
         ):
-            values = {**one["values"], "files": [picture.name]}
-            yield Finding(one["code"], one["severity"], one["subject"], values)
+            values = {**finding["values"], "files": [picture.name]}
+            yield Finding(finding["code"], finding["severity"], finding["subject"], values)
 
 
-def _scene_of_another_contrast(found: Comparison) -> Iterator[Finding]:
+def _scene_of_another_contrast(comparison: Comparison) -> Iterator[Finding]:
     """Name scenes without the contrast to detect: CDP is high where a camera measures their contrast wrongly."""
-    question = found.question
+    question = comparison.question
     if question is None or any(a.parameter == "scene.contrast" for a in question.axes):
         return
-    for subject in found.subjects:
+    for subject in comparison.subjects:
         own = subject.settings["scene"].get("contrast")
-        asked = [one for one in each_contrast(question.contrast) if one and own is not None]
+        asked = [contrast for contrast in each_contrast(question.contrast) if contrast and own is not None]
         others = [one for one in asked if abs(own / one - 1) > question.epsilon]
         if others:
             yield warning("compare-scene-contrast", subject.name, own=own, asked=others if asked[1:] else others[0])
@@ -228,10 +240,10 @@ def _differs(row: Compared) -> str:
     return "unknown" if np.isnan(row.difference.z) else "yes" if row.difference.significant else "no"
 
 
-def _differences(found: Comparison) -> Iterator[Table]:
-    if not found.rows:
+def _differences(comparison: Comparison) -> Iterator[Table]:
+    if not comparison.rows:
         return
-    first, *others = (subject.name for subject in found.subjects)
+    first, *others = (subject.name for subject in comparison.subjects)
     several = len(others) > 1
     columns = (
         Column("quantity", "quantity", value="first.quantity"),
@@ -244,17 +256,17 @@ def _differences(found: Comparison) -> Iterator[Table]:
                value=lambda row: float(row.difference.z)),
         Column("differs", "differs", "", "Whether 0 lies outside the 95 % interval of the difference.", value=_differs),
     )  # fmt: skip
-    yield Table.of_items("differences", f"Values and their difference from {first}", columns, found.rows)
+    yield Table.of_items("differences", f"Values and their difference from {first}", columns, comparison.rows)
 
 
-def _ranges(found: Comparison) -> Iterator[Table]:
+def _ranges(comparison: Comparison) -> Iterator[Table]:
     """Yield the usable ranges of all maps in one table."""
-    if found.grid is not None and any(one.usable_ranges for one in found.analyses):
-        axes = {axis.name: axis for axis in found.grid.axes}
-        tables = [ranges_table(analysis, axes) for analysis in found.analyses]
+    if comparison.grid is not None and any(analysis.usable_ranges for analysis in comparison.analyses):
+        axes = {axis.name: axis for axis in comparison.grid.axes}
+        tables = [ranges_table(analysis, axes) for analysis in comparison.analyses]
         rows = [
             {"name": subject.name, **row}
-            for subject, table in zip(found.subjects, tables, strict=True)
+            for subject, table in zip(comparison.subjects, tables, strict=True)
             for row in table.rows()
         ]
         columns = (Column("name", "of"), *tables[0].columns)
@@ -266,7 +278,9 @@ def _cells(grid: Grid | None, names: list[str]) -> Iterator[Table]:
     if grid is None or np.size(grid.values[0].value) > _MOST_CELLS:
         return
     places = np.meshgrid(*(axis.values for axis in grid.axes), indexing="ij")
-    found = [(Column(one.name, axis_name(one), axis_unit(one)), at) for one, at in zip(grid.axes, places, strict=True)]
+    found = [
+        (Column(each.name, axis_name(each), axis_unit(each)), at) for each, at in zip(grid.axes, places, strict=True)
+    ]
     for number, (name, one) in enumerate(zip(names, grid.values, strict=True), start=1):
         found.append((Column(f"value_{number}", f"{grid.quantity} of {name}"), np.asarray(one.value)))
     unit, note = "%" if grid.relative else "", f"From {names[0]}; low and high are the ends of the 95 % interval."
@@ -277,12 +291,12 @@ def _cells(grid: Grid | None, names: list[str]) -> Iterator[Table]:
     yield Table("curves", f"{grid.quantity} at all places", tuple(one for one, _ in found), data, detail=True)
 
 
-def _settings(found: Comparison) -> Iterator[Table]:
-    rows = [(name, *texts) for name, texts in found.settings.items()]
+def _settings(comparison: Comparison) -> Iterator[Table]:
+    rows = [(name, *texts) for name, texts in comparison.settings.items()]
     if rows:
         subjects = [
             Column(f"value_{number}", subject.name, value=f"{number}")
-            for number, subject in enumerate(found.subjects, start=1)
+            for number, subject in enumerate(comparison.subjects, start=1)
         ]
         columns = (Column("setting", "setting", value="0"), *subjects)
         long = len(rows) * len(subjects) > _PRINTED

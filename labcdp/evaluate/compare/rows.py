@@ -44,7 +44,7 @@ def values_of(subject: Subject) -> dict[str, Named]:
     """
     of = {"session": _session, "picture": _picture, "characterisation": _characterisation, "calibration": _calibration}
     try:
-        return {one.quantity: one for one in of[subject.kind](subject)}
+        return {row.quantity: row for row in of[subject.kind](subject)}
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         raise InputError(damaged(subject.name)) from error
 
@@ -65,7 +65,7 @@ def _session(subject: Subject) -> Iterator[Named]:
 def _picture(subject: Subject) -> Iterator[Named]:
     tables, number = subject.content["tables"], subject.content["number"]
     (sha256,) = (row["sha256"] for row in tables["pictures"]["rows"] if row["number"] == number)
-    calibrations = [one["sha256"] for one in subject.content["inputs"] if one["role"] == "calibration"]
+    calibrations = [file["sha256"] for file in subject.content["inputs"] if file["role"] == "calibration"]
     # Without a calibration, it is the vignetting of the lens that contrasts at the same places have in common.
     (camera,) = (row["camera"] for row in tables["pictures"]["rows"] if row["number"] == number)
     calibration = ("calibration", calibrations[0]) if calibrations else ("vignetting", camera or "of the lens")
@@ -89,7 +89,7 @@ def _picture(subject: Subject) -> Iterator[Named]:
 
 
 def _characterisation(subject: Subject) -> Iterator[Named]:
-    data = {(one["role"], one["sha256"]): 1.0 for one in subject.content["inputs"][:1]}
+    data = {(file["role"], file["sha256"]): 1.0 for file in subject.content["inputs"][:1]}
     for row in subject.content["tables"]["characterisation"]["rows"]:
         unit = "%" if row["unit"] == "1" else str(row["unit"] or "")
         yield _symmetric(str(row["quantity"]), unit, row["value"], row["expanded_value"], data)

@@ -205,8 +205,8 @@ def _results(name: str, path: Path, content: dict[str, Any], inputs: tuple[Input
         names = [str(row["picture"]) for row in rows] if len(rows) > 1 else [name]
         own = [settings | {key: row[key] for key in _OF_PICTURE if key in row} for row in rows]
         return [
-            Subject(kind, one, {**content, "number": number}, inputs, of_picture, simulated)
-            for number, (one, of_picture) in enumerate(zip(names, own, strict=True), start=1)
+            Subject(kind, each, {**content, "number": number}, inputs, of_picture, simulated)
+            for number, (each, of_picture) in enumerate(zip(names, own, strict=True), start=1)
         ]
     except (LookupError, TypeError, ValueError, AttributeError):
         raise InputError(damaged(name)) from None

@@ -53,11 +53,11 @@ class Axis:
         given = given.tolist() if isinstance(given, np.ndarray | np.generic) else given
         is_list = isinstance(given, Sequence) and not isinstance(given, str)
         values = (
-            tuple(plain_fraction(one.item() if isinstance(one, np.generic) else one) for one in given)
+            tuple(plain_fraction(each.item() if isinstance(each, np.generic) else each) for each in given)
             if is_list
             else (None,)
         )
-        if not all(isinstance(one, int | float | str) for one in values):
+        if not all(isinstance(value, int | float | str) for value in values):
             raise InputError(f"{self.parameter} is {shown(given)}: give a list of numbers or texts")
         object.__setattr__(self, "values", values)
         if not self.values:

@@ -194,7 +194,7 @@ def _blocks(sweep: Sweep, done: NDArray[np.bool_]) -> list[range]:
 def _setting(sweep: Sweep, cell: int) -> dict[str, Any]:
     """Parameters of a cell; the last dimension is the fastest."""
     places = np.unravel_index(cell, sweep.shape)
-    return {axis.parameter: axis.values[place] for axis, place in zip(sweep.dimensions, places, strict=True)}
+    return {axis.parameter: axis.values[index] for axis, index in zip(sweep.dimensions, places, strict=True)}
 
 
 def _predicted(block: range, sweep: Sweep) -> NDArray[np.float64]:
@@ -231,7 +231,7 @@ def _row(pair: PairRow, dark: StageLuminance, bright: StageLuminance) -> NDArray
     """Return the variables of `VARIABLES` for one cell; where no pixel is above 0 cd/m^2, nothing is detected."""
     found = pair.cdp
     shares = (0.0, np.nan, 1.0, 0.0) if found is None else (found.cdp, found.u, found.below, found.above)
-    snr = [one.luminance_snr if one.saturated_share < _CLIPPED else Quantity(nan, nan) for one in (dark, bright)]
-    values = [one.value for one in snr]
-    errors = [one.u for one in snr]
+    snr = [each.luminance_snr if each.saturated_share < _CLIPPED else Quantity(nan, nan) for each in (dark, bright)]
+    values = [ratio.value for ratio in snr]
+    errors = [ratio.u for ratio in snr]
     return np.array([*shares, pair.mean_contrast, pair.csnr.value, *values, *errors, bright.saturated_share])

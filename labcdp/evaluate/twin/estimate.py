@@ -42,7 +42,9 @@ def require_monochrome(session: Session) -> Frame:
     return frame
 
 
-def twin_parameters(observed: ObservedSession, calibration: Calibration, found: Characterisation) -> TwinParameters:
+def twin_parameters(
+    observed: ObservedSession, calibration: Calibration, characterisation: Characterisation
+) -> TwinParameters:
     """Turn calibration and noise into the parameters of an imaging chain.
 
     Parameters
@@ -60,8 +62,8 @@ def twin_parameters(observed: ObservedSession, calibration: Calibration, found: 
     """
     frame, configuration = require_monochrome(observed.session), observed.configuration
     setting = calibration.settings[index_of_gain(calibration.settings, frame.gain_db)]
-    noise, k = noise_of_characterisation(found), found.k_dn_per_e
-    findings = [one.within("characterisation") for one in found.findings]
+    noise, k = noise_of_characterisation(characterisation), characterisation.k_dn_per_e
+    findings = [finding.within("characterisation") for finding in characterisation.findings]
     temperature_c = frame.temperature_c
     if temperature_c is None:
         temperature_c = setting.dark.temperature_c or _UNKNOWN_TEMPERATURE_C
@@ -79,7 +81,7 @@ def twin_parameters(observed: ObservedSession, calibration: Calibration, found: 
         findings.append(info("twin-response-not-linear", response=calibration.response.kind))
     if noise["prnu_rel"].value > MOST_PRNU_REL:
         findings.append(warning("twin-prnu-limited", prnu_rel=noise["prnu_rel"].value, most_rel=MOST_PRNU_REL))
-    doubling = found.doubling_temperature_c
+    doubling = characterisation.doubling_temperature_c
     if doubling is None:
         doubling = Quantity(TYPICAL_DOUBLING_C, nan, "K", "assumed, typical of silicon")
         findings.append(info("twin-doubling-assumed", doubling_k=TYPICAL_DOUBLING_C, temperature_c=temperature_c))
@@ -89,7 +91,7 @@ def twin_parameters(observed: ObservedSession, calibration: Calibration, found: 
         responsivity=responsivity,
         dark_current_e_s=_dark_current(setting.dark, temperature_c, k, findings),
         efficiency=efficiency,
-        full_well_e=_full_well(frame, setting.dark, noise, found, findings),
+        full_well_e=_full_well(frame, setting.dark, noise, characterisation, findings),
         doubling_temperature_c=doubling,
         temperature_c=temperature_c,
         transmittance=transmittance,
@@ -102,12 +104,12 @@ def twin_parameters(observed: ObservedSession, calibration: Calibration, found: 
     )
 
 
-def noise_of_characterisation(found: Characterisation) -> dict[str, Any]:
+def noise_of_characterisation(characterisation: Characterisation) -> dict[str, Any]:
     """Return K and the noise that a characterisation after EMVA 1288 states, as `TwinParameters` has them.
 
     Missing values are 0. So is a spread whose variance was less than that of its noise, which is stated as negative.
     """
-    k = found.k_dn_per_e
+    k = characterisation.k_dn_per_e
 
     def in_dn(quantity: Quantity | None, unit: str) -> Quantity:
         if quantity is None or not isfinite(quantity.value):
@@ -116,15 +118,15 @@ def noise_of_characterisation(found: Characterisation) -> dict[str, Any]:
         own = sqrt(max(quantity.u_known**2 - (quantity.value * k.u_known / k.value) ** 2, 0.0))
         return Quantity(max(quantity.value, 0.0) * k.value, own * k.value, unit, quantity.note)
 
-    prnu = found.prnu_pixel_rel or found.prnu_rel or Quantity(0.0, 0.0, "1", "not known")
+    prnu = characterisation.prnu_pixel_rel or characterisation.prnu_rel or Quantity(0.0, 0.0, "1", "not known")
     return {
         "k_dn_per_e": k,
-        "read_noise_dn": in_dn(found.dark_noise_e, "DN"),
+        "read_noise_dn": in_dn(characterisation.dark_noise_e, "DN"),
         "prnu_rel": replace(prnu, value=max(prnu.value, 0.0)),
-        "dsnu_dn": in_dn(found.dsnu_pixel_e or found.dsnu_e, "DN"),
-        "row_dsnu_dn": in_dn(found.dsnu_row_e, "DN"),
-        "column_dsnu_dn": in_dn(found.dsnu_column_e, "DN"),
-        "dsnu_dn_s": in_dn(found.dsnu_e_s, "DN/s"),
+        "dsnu_dn": in_dn(characterisation.dsnu_pixel_e or characterisation.dsnu_e, "DN"),
+        "row_dsnu_dn": in_dn(characterisation.dsnu_row_e, "DN"),
+        "column_dsnu_dn": in_dn(characterisation.dsnu_column_e, "DN"),
+        "dsnu_dn_s": in_dn(characterisation.dsnu_e_s, "DN/s"),
     }
 
 
@@ -143,7 +145,7 @@ def _responsivity(observed: ObservedSession, calibration: Calibration, gain_fact
     """R with its uncertainty relative to the readings of this session; the scale of another meter does not cancel."""
     fit = calibration.responsivity
     scales = scales_apart(observed.meter_scale, calibration.meter_scale)
-    rel = hypot(fit.random_rel, *(one.common_rel for one in scales))
+    rel = hypot(fit.random_rel, *(each.common_rel for each in scales))
     value = gain_factor * fit.responsivity_dn_s_cd_m2
     return Quantity(value, rel * value, "DN/(cd m^-2 s)", "calibration, without the scale error of the meter")
 
@@ -164,10 +166,14 @@ def _efficiency(session: SessionConfiguration, area_m2: float, r: float, common_
 
 
 def _full_well(
-    frame: Frame, dark: DarkModel, noise: dict[str, Quantity], found: Characterisation, findings: list[Finding]
+    frame: Frame,
+    dark: DarkModel,
+    noise: dict[str, Quantity],
+    characterisation: Characterisation,
+    findings: list[Finding],
 ) -> Quantity:
     """Electrons at saturation; above the converter's range if the converter saturates first."""
-    k = found.k_dn_per_e.value
+    k = characterisation.k_dn_per_e.value
     last_dn = 2**frame.bit_depth - 1
     room_dn = frame.saturation_dn - dark.offset_dn
     if room_dn <= 0:
@@ -181,8 +187,8 @@ def _full_well(
         spread_dn = hypot(*(noise[name].value for name in parts))
         full_e = (room_dn + Sensor.SPREADS_BELOW_FULL * spread_dn) / k
         return Quantity(full_e, nan, "e-", "from the saturation the frames state")
-    if found.saturation_limit == "full well" and isfinite(found.full_well_e.value):
-        return found.full_well_e
-    if found.saturation_limit != "converter":  # Else the characterisation says so.
+    if characterisation.saturation_limit == "full well" and isfinite(characterisation.full_well_e.value):
+        return characterisation.full_well_e
+    if characterisation.saturation_limit != "converter":  # Else the characterisation says so.
         findings.append(info("twin-full-well-lower-limit"))
     return Quantity(_BEYOND * room_dn / k, nan, "e-", "a lower limit: the converter ends first")

@@ -67,7 +67,7 @@ class TwinEvaluation:
 
     def by_contrast(self) -> list[list[TwinPair]]:
         """Return the pairs at each of several contrasts, and all others."""
-        groups = [[pair for pair in self.pairs if pair.contrast == one] for one in self.contrasts]
+        groups = [[pair for pair in self.pairs if pair.contrast == contrast] for contrast in self.contrasts]
         rest = [pair for pair in self.pairs if pair.contrast not in self.contrasts]
         return [*groups, rest] if rest else groups
 
@@ -118,12 +118,14 @@ def twin_session(
     usable = [o for name in regions for o in observed.patches[name] if o.saturated_share == 0]
     longest = {o.patch: o for o in sorted(usable, key=lambda o: o.exposure_s)}
     left_out: _LeftOut = defaultdict(list)
-    asked = _asked(observed, {name: one.luminance_cd_m2 for name, one in regions.items()}, contrast, epsilon, left_out)
+    asked = _asked(
+        observed, {name: region.luminance_cd_m2 for name, region in regions.items()}, contrast, epsilon, left_out
+    )
     compared = _compared(observed, calibration, twin, regions, asked, left_out, report)
     of_left_out = list(_findings(left_out))
     if not compared:
         raise CalibrationError(f"no two patches can be compared: {'; '.join(map(finding_text, of_left_out))}")
-    own = [one for one in calibration.findings if one.severity != "info"]
+    own = [finding for finding in calibration.findings if finding.severity != "info"]
     corrected = _of_corrections(twin, {o.exposure_s for o in usable})
     response = calibration.response
     return TwinEvaluation(
@@ -167,13 +169,13 @@ def _compared(
     calibration: Calibration,
     twin: TwinParameters,
     regions: Mapping[str, TwinRegion],
-    asked: Sequence[PairAsked],
+    requested: Sequence[PairAsked],
     left_out: _LeftOut,
     report: Callable[[int, int], None],
 ) -> dict[PairAsked, TwinPair]:
     """Compare each pair in the longest exposure that saturates neither patch; add those without one to `left_out`."""
     at: dict[float, list[PairAsked]] = {}
-    for pair in asked:
+    for pair in requested:
         exposure_s = observed.longest_unsaturated_s(calibration, pair.bright, pair.dark)
         if exposure_s is None:
             left_out["pairs-saturated"].append((pair.bright, pair.dark))
@@ -188,7 +190,7 @@ def _compared(
         predicted = predict_regions(twin.at(exposure_s), shown, exposure_s, calibration.response)
         for pair in group:
             both = seen[pair.bright], seen[pair.dark]
-            if max(one.luminance_cd_m2.max() for one in both) <= 0:
+            if max(each.luminance_cd_m2.max() for each in both) <= 0:
                 left_out["pairs-not-above-zero"].append((pair.bright, pair.dark))
             else:
                 compared[pair] = compare_pair(pair, both, (predicted[pair.bright], predicted[pair.dark]))

@@ -166,7 +166,7 @@ def _shifted(
     predicted: tuple[RegionPrediction, RegionPrediction], seen: tuple[MeasuredPatch, MeasuredPatch]
 ) -> dict[str, list[tuple[Distribution, Distribution]]]:
     """Distributions of the two patches with one parameter lower, and higher, by its name."""
-    bright, dark = (dict(one.shifted) for one in predicted)
+    bright, dark = (dict(region.shifted) for region in predicted)
     errors = [
         (a, b) for a, b in zip(seen[0].errors, seen[1].errors, strict=True) if abs(a.relative - b.relative) > _CANCELLED
     ]
@@ -177,7 +177,7 @@ def _shifted(
         name = f"{a.source} of the calibration ({number})"
         for own, best, error in ((bright, predicted[0].best, a), (dark, predicted[1].best, b)):
             own[name] = added(best, error.luminance_cd_m2) if error.of_darkness else scaled(best, error.relative)
-    unchanged = [(one.best, one.best) for one in predicted]
+    unchanged = [(region.best, region.best) for region in predicted]
     return {
         name: list(zip(bright.get(name, unchanged[0]), dark.get(name, unchanged[1]), strict=True))
         for name in bright | dark

@@ -110,8 +110,8 @@ class TwinParameters:
         """
         k = self.k_dn_per_e
 
-        def in_electrons(found: Quantity, unit: str = "e-") -> Quantity:
-            return found.over(k, unit, found.note)
+        def in_electrons(quantity: Quantity, unit: str = "e-") -> Quantity:
+            return quantity.over(k, unit, quantity.note)
 
         offset = self.dark.offset_dn, sqrt(self.dark.offset_variance_dn2)
         return {
@@ -168,7 +168,7 @@ class TwinParameters:
         """Return the twin with other K, noise or patterns; mean dark signal and signal in DN are unchanged."""
         twin = replace(self, **changes)
         by_k = self.k_dn_per_e.value / twin.k_dn_per_e.value
-        current, well = (replace(one, value=one.value * by_k) for one in (self.dark_current_e_s, self.full_well_e))
+        current, well = (replace(each, value=each.value * by_k) for each in (self.dark_current_e_s, self.full_well_e))
         return replace(twin, dark_current_e_s=current, full_well_e=well)
 
     def takes_pattern_off(self, exposure_s: float) -> bool:

@@ -148,14 +148,18 @@ def predict_regions(
     return result
 
 
-def added(one: Distribution, luminance_cd_m2: float) -> Shifted:
+def added(distribution: Distribution, luminance_cd_m2: float) -> Shifted:
     """Return a distribution shifted down and up by a luminance."""
-    return one.map(lambda values: values - luminance_cd_m2), one.map(lambda values: values + luminance_cd_m2)
+    return distribution.map(lambda values: values - luminance_cd_m2), distribution.map(
+        lambda values: values + luminance_cd_m2
+    )
 
 
-def scaled(one: Distribution, error_rel: float) -> Shifted:
+def scaled(distribution: Distribution, error_rel: float) -> Shifted:
     """Return a distribution with its luminances scaled down and up."""
-    return one.map(lambda values: values * (1 - error_rel)), one.map(lambda values: values * (1 + error_rel))
+    return distribution.map(lambda values: values * (1 - error_rel)), distribution.map(
+        lambda values: values * (1 + error_rel)
+    )
 
 
 #: Parameters that are shifted together, by their common name.
@@ -198,8 +202,8 @@ def _luminances(
         for frames_dn, taken_off_dn in dark_kinds(twin)
     ]
     seen = [
-        (_dn_rows(CameraModel(one, settings), rates), response.linearise(dn - taken_off_dn) / r_t)
-        for one, taken_off_dn in kinds or [(sensor, 0.0)]
+        (_dn_rows(CameraModel(each, settings), rates), response.linearise(dn - taken_off_dn) / r_t)
+        for each, taken_off_dn in kinds or [(sensor, 0.0)]
     ]
     result, place = [], 0
     for of_set in factors:

@@ -94,9 +94,11 @@ def _of_kind(kind: str, label: str) -> tuple[Column, ...]:
     meaning = "Measured minus predicted (for noise, of the variances), divided by its standard uncertainty."
     measured, predicted = (Column(f"{of}_{kind}", f"{label}, {of}", "DN") for of in ("measured", "predicted"))
     return (
-        *uncertain(replace(measured, value=lambda one: one.measured[kind][0]), lambda one: one.measured[kind][1]),
-        *uncertain(replace(predicted, value=lambda one: one.predicted[kind][0]), lambda one: one.predicted[kind][1]),
-        Column(f"z_{kind}", f"{label}, z", "", meaning, decimals=1, value=lambda one: one.z[kind]),
+        *uncertain(replace(measured, value=lambda each: each.measured[kind][0]), lambda each: each.measured[kind][1]),
+        *uncertain(
+            replace(predicted, value=lambda each: each.predicted[kind][0]), lambda each: each.predicted[kind][1]
+        ),
+        Column(f"z_{kind}", f"{label}, z", "", meaning, decimals=1, value=lambda each: each.z[kind]),
     )
 
 
@@ -146,7 +148,7 @@ def twin_chain_text(evaluation: TwinEvaluation) -> str:
     surroundings, which were not measured, get the luminance of the darkest patch. Patches shown one by one become
     stripes. The values carry their standard uncertainties as comments.
     """
-    notes = [f"Note: {finding_text(one)}" for one in evaluation.parameters.findings]
+    notes = [f"Note: {finding_text(finding)}" for finding in evaluation.parameters.findings]
     comments = {}
     for name, (_, one) in evaluation.parameters.quantities.items():
         key = "quantum_efficiency" if name.startswith("quantum") else name
@@ -187,11 +189,11 @@ def _rounded(value: Any) -> Any:
 def _scene(evaluation: TwinEvaluation, shape: tuple[int, int]) -> dict[str, Any]:
     height, width = shape
     regions = sorted(evaluation.regions, key=lambda region: region.luminance_cd_m2)
-    names = {one.name: f"patch {one.name}" if one.name == "background" else one.name for one in regions}
+    names = {region.name: f"patch {region.name}" if region.name == "background" else region.name for region in regions}
     levels = [_rounded(region.luminance_cd_m2) for region in regions]
     configuration = evaluation.observed.configuration
     # Each pair once, though a plan may ask for it at several contrasts.
-    pairs = dict.fromkeys((one.bright, one.dark) for one in configuration.contrasts)
+    pairs = dict.fromkeys((pair.bright, pair.dark) for pair in configuration.contrasts)
     kept = [[names[bright], names[dark]] for bright, dark in pairs if bright in names and dark in names]
     contrasts = {"contrasts": kept} if kept else {}
     if configuration.target.presentation == "one by one":
@@ -218,7 +220,7 @@ def twin_figure(evaluation: TwinEvaluation) -> ReportFigure:
         style = {"fmt": marker, "markersize": 5, "color": colour, "markerfacecolor": "none"}
         measured = np.array([[pair.measured.cdp, *pair.measured.interval] for pair in pairs]).T
         predicted = np.array([[pair.predicted, *pair.predicted_interval] for pair in pairs]).T
-        x, y = (np.maximum([one[0] - one[1], one[2] - one[0]], 0) for one in (predicted, measured))
+        x, y = (np.maximum([each[0] - each[1], each[2] - each[0]], 0) for each in (predicted, measured))
         left.errorbar(predicted[0], measured[0], y, x, elinewidth=0.8, label=name, **style)
         right.errorbar(predicted[0], [pair.z for pair in pairs], **style)
     left.plot([0, 1], [0, 1], color="0.5", linewidth=1, zorder=0)
@@ -260,7 +262,7 @@ def twin_files(evaluation: TwinEvaluation, result: Result) -> dict[str, bytes]:
 
 def _cards(evaluation: TwinEvaluation) -> Iterator[Card]:
     value, state = _VERDICTS[verdict(evaluation).code]
-    differing = [f"{one.subject}" for one in signal_findings(evaluation)]
+    differing = [f"{finding.subject}" for finding in signal_findings(evaluation)]
     signals = f"signals of the patches differ: {', '.join(differing)}" if differing else "signals of the patches agree"
     yield Card("Camera and twin", value, signals, state=state)
     lines = (f"{evaluation.count('differ')} differ, {evaluation.count('undecided')} undecided",)

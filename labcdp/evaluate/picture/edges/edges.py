@@ -152,7 +152,7 @@ def map_edges(
     near: Neighbours,
     errors: Sequence[Floats],
     noise: MapNoise,
-    asked: ContrastMapSettings,
+    settings: ContrastMapSettings,
     scene: MapRegions | float | None = None,
     smooth: Sequence[Floats] = (),
 ) -> MapEdges:
@@ -168,7 +168,7 @@ def map_edges(
         Independent errors that all regions share: relative error of each region for one standard uncertainty.
     noise : MapNoise
         What their noise is like.
-    asked : ContrastMapSettings
+    settings : ContrastMapSettings
         How they are judged.
     scene : MapRegions, float or None
         Known of the scene: the same regions without what took contrast, the contrast of its objects, or nothing.
@@ -197,9 +197,9 @@ def map_edges(
     kind = np.full(bright.size, EdgeKind.SEEN, dtype=np.int8)
     # Those that are lost are still among those that are seen; what comes later prevails.
     for found, of_kind in (
-        (wanted < asked.minimum_contrast, EdgeKind.FAINT),
+        (wanted < settings.minimum_contrast, EdgeKind.FAINT),
         (~significant, EdgeKind.NOISE),
-        ((np.where(significant, shading, textured)) & (wanted >= asked.minimum_contrast), EdgeKind.UNEVEN),
+        ((np.where(significant, shading, textured)) & (wanted >= settings.minimum_contrast), EdgeKind.UNEVEN),
         (~(regions.mean[dark] > 0), EdgeKind.BLACK),
         (np.maximum(*regions.saturated_share[sides]) > SATURATED_SHARE, EdgeKind.SATURATED),
         (np.minimum(*regions.n_pixels[sides]) < FEWEST_PIXELS, EdgeKind.SMALL),
@@ -207,9 +207,9 @@ def map_edges(
     ):
         kind[found] = of_kind
     measured = np.isin(kind, (EdgeKind.SEEN, EdgeKind.FAINT)) & (wanted > 0)
-    cdp = _cdps(regions, sides, np.where(measured, wanted, nan), asked.epsilon, by_calibration, noise.inflation)
-    missed = (kind == EdgeKind.SEEN) & (cdp[:, 0] < asked.detected)
-    by_noise = cdp_of_noise(regions, noise.deviation(regions), sides, wanted, asked.epsilon)
+    cdp = _cdps(regions, sides, np.where(measured, wanted, nan), settings.epsilon, by_calibration, noise.inflation)
+    missed = (kind == EdgeKind.SEEN) & (cdp[:, 0] < settings.detected)
+    by_noise = cdp_of_noise(regions, noise.deviation(regions), sides, wanted, settings.epsilon)
     kind[missed] = EdgeKind.LOST
     kind[missed & (1 - by_noise < _LEAST_PART_OF_NOISE * (1 - cdp[:, 0]))] = EdgeKind.UNEVEN
     return MapEdges(bright, dark, near.border_px, near.middle_px, kind, contrast, uncertainty, wanted, least, *cdp.T)

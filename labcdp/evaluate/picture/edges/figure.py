@@ -67,11 +67,11 @@ class EdgeStyle:
     dotted: bool = False
     opacity: float = 1.0
 
-    def text(self, found: ContrastMap) -> str:
+    def text(self, edge_map: ContrastMap) -> str:
         """Return the entry in a legend, with the number of edges."""
-        asked = found.settings
-        meaning = self.meaning.format(least=percent(asked.minimum_contrast), detected=f"{asked.detected:g}")
-        return f"{meaning}: {found.count(*self.kinds)}"
+        settings = edge_map.settings
+        meaning = self.meaning.format(least=percent(settings.minimum_contrast), detected=f"{settings.detected:g}")
+        return f"{meaning}: {edge_map.count(*self.kinds)}"
 
 
 #: What is painted later covers what is below; the lost edges must not be missed.
@@ -97,7 +97,7 @@ def colour_map(detected: float) -> LinearSegmentedColormap:
     return LinearSegmentedColormap.from_list("cdp", colours(detected), N=1000)
 
 
-def overlay(found: ContrastMap) -> NDArray[np.uint8]:
+def overlay(edge_map: ContrastMap) -> NDArray[np.uint8]:
     """Draw the image in grey on a logarithmic scale with its edges; edges that are noise are not drawn.
 
     Returns
@@ -105,32 +105,32 @@ def overlay(found: ContrastMap) -> NDArray[np.uint8]:
     ndarray of uint8, shape (height, width, 3)
         Its colours; a small image is enlarged, and a large one reduced.
     """
-    longest = max(found.luminance.shape)
+    longest = max(edge_map.luminance.shape)
     side, zoom = ceil(longest / _LONGEST_SIDE), min(max(_LONGEST_SIDE // longest, 1), _MOST_ZOOM)
-    rgb = _grey(found.luminance.luminance_cd_m2, side).repeat(zoom, axis=0).repeat(zoom, axis=1)
+    rgb = _grey(edge_map.luminance.luminance_cd_m2, side).repeat(zoom, axis=0).repeat(zoom, axis=1)
     for style in STYLES:
-        _paint(rgb, found, zoom / side, style)
+        _paint(rgb, edge_map, zoom / side, style)
     return rgb
 
 
-def overlay_figure(found: ContrastMap, drawn: NDArray[np.uint8], title: str, simulated: bool) -> bytes:
+def overlay_figure(edge_map: ContrastMap, drawn: NDArray[np.uint8], title: str, simulated: bool) -> bytes:
     """Draw the overlay with scale and legend, as PNG."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
     from matplotlib.lines import Line2D
 
     title = f"Contrast detection probability at the edges of {shortened(title, 40)}"
-    figure = image_figure(found.luminance, title, simulated, below_in=_LEGEND_IN)
+    figure = image_figure(edge_map.luminance, title, simulated, below_in=_LEGEND_IN)
     # Fine lines need more pixels than a page has.
     figure.set_dpi(1.5 * DPI)
     axes, bar = figure.axes
-    axes.imshow(drawn, extent=image_extent(found.luminance), interpolation="antialiased")
-    scale = ScalarMappable(Normalize(0, 1), colour_map(found.settings.detected))
-    add_scale(figure, scale, f"CDP of edges with a contrast of at least {percent(found.settings.minimum_contrast)}")
-    bar.axhline(found.settings.detected, color="black", linewidth=1.5)
-    bar.set_yticks(sorted({0.0, 0.2, 0.4, 0.6, 0.8, 1.0, found.settings.detected}))
-    entries = [(one.colour, (1.0, 1.0) if one.dotted else (), one.text(found)) for one in STYLES[::-1]]
-    entries.append(("none", (), f"not drawn, in the noise: {found.count(EdgeKind.NOISE)}"))
+    axes.imshow(drawn, extent=image_extent(edge_map.luminance), interpolation="antialiased")
+    scale = ScalarMappable(Normalize(0, 1), colour_map(edge_map.settings.detected))
+    add_scale(figure, scale, f"CDP of edges with a contrast of at least {percent(edge_map.settings.minimum_contrast)}")
+    bar.axhline(edge_map.settings.detected, color="black", linewidth=1.5)
+    bar.set_yticks(sorted({0.0, 0.2, 0.4, 0.6, 0.8, 1.0, edge_map.settings.detected}))
+    entries = [(style.colour, (1.0, 1.0) if style.dotted else (), style.text(edge_map)) for style in STYLES[::-1]]
+    entries.append(("none", (), f"not drawn, in the noise: {edge_map.count(EdgeKind.NOISE)}"))
     lines = [Line2D([], [], color=colour, linestyle=(0.0, dashes), linewidth=3) for colour, dashes, _ in entries]
     texts = [text for _, _, text in entries]
     add_legend(figure, lines, texts, loc="lower center", ncols=2, facecolor="#8c8c8c", framealpha=1)
@@ -141,24 +141,24 @@ def _grey(luminance: NDArray[np.floating[Any]], side: int) -> NDArray[np.uint8]:
     """Grey picture of the light, darker than it could be, so that the colours stand out."""
     values = np.nan_to_num(block_mean(np.asarray(luminance, dtype=np.float32), side), nan=0.0)
     lit = values[values > 0]
-    dark, high = (float(one) for one in np.quantile(lit, (0.01, 0.999))) if lit.size else (0.0, 1.0)
+    dark, high = (float(value) for value in np.quantile(lit, (0.01, 0.999))) if lit.size else (0.0, 1.0)
     low = min(max(dark, high / 10**_DECADES), 0.5 * high)
     tone = np.log(np.clip(values, low, high) / low) / np.log(high / low)
     grey = np.round(20 + 170 * tone).astype(np.uint8)
     return np.repeat(grey[:, :, None], 3, axis=2)
 
 
-def _paint(rgb: NDArray[np.uint8], found: ContrastMap, scale: float, style: EdgeStyle) -> None:
+def _paint(rgb: NDArray[np.uint8], edge_map: ContrastMap, scale: float, style: EdgeStyle) -> None:
     """Paint the borders of some kinds of edges; `scale` drawn pixels stand for a pixel of the map."""
     from matplotlib.colors import to_rgb
 
-    near = found.near
-    sides = np.flatnonzero(found.of_kind(*style.kinds)[near.sides_pair])
+    near = edge_map.near
+    sides = np.flatnonzero(edge_map.of_kind(*style.kinds)[near.sides_pair])
     if style.by_cdp:
         # The lowest CDP of a drawn pixel is painted last.
-        sides = sides[np.argsort(-found.edges.cdp[near.sides_pair[sides]], kind="stable")]
-        cdp = found.edges.cdp[near.sides_pair[sides]]
-        painted = np.round(255 * colour_map(found.settings.detected)(cdp)[:, :3])
+        sides = sides[np.argsort(-edge_map.edges.cdp[near.sides_pair[sides]], kind="stable")]
+        cdp = edge_map.edges.cdp[near.sides_pair[sides]]
+        painted = np.round(255 * colour_map(edge_map.settings.detected)(cdp)[:, :3])
     else:
         painted = np.broadcast_to(np.round(255 * np.array(to_rgb(style.colour))), (sides.size, 3))
     wide = range(-1 if style.by_cdp else 0, 1)
@@ -272,14 +272,14 @@ def _add_picture(plot: Any, picture: NDArray[np.uint8], shape_px: tuple[int, int
     return plot.image_url(url=[_picture_url(picture)], x=0, y=0, w=width, h=height, anchor="top_left")
 
 
-def _add_points(plot: Any, found: ContrastMap, source: PictureSource, mapper: LinearColorMapper) -> Iterator[Any]:
+def _add_points(plot: Any, edge_map: ContrastMap, source: PictureSource, mapper: LinearColorMapper) -> Iterator[Any]:
     """Add points with a tooltip in the middle of each edge, one kind at a time, and their entries in the legend."""
     from bokeh.models import HoverTool, LegendItem
 
     for style in reversed(STYLES):
-        if not found.count(*style.kinds):
+        if not edge_map.count(*style.kinds):
             continue
-        name, data = style.text(found), _points(found, style)
+        name, data = style.text(edge_map), _points(edge_map, style)
         colour: Any = {"field": "cdp", "transform": mapper} if style.by_cdp else style.colour
         points = plot.scatter("x", "y", source=data, size=6, fill_color=colour, line_color="#222222", line_width=0.5)
         points.visible = EdgeKind.FAINT not in style.kinds
@@ -309,10 +309,10 @@ def _tooltips(unit: str, with_cdp: bool) -> list[tuple[str, str]]:
     return rows
 
 
-def _points(found: ContrastMap, style: EdgeStyle) -> dict[str, NDArray[Any]]:
+def _points(edge_map: ContrastMap, style: EdgeStyle) -> dict[str, NDArray[Any]]:
     """Return places and values of the edges of some kinds, the longest of many."""
-    edges, mean, step = found.edges, found.regions.mean, found.luminance.step
-    chosen = np.flatnonzero(found.of_kind(*style.kinds))
+    edges, mean, step = edge_map.edges, edge_map.regions.mean, edge_map.luminance.step
+    chosen = np.flatnonzero(edge_map.of_kind(*style.kinds))
     chosen = chosen[np.argsort(-edges.border_px[chosen], kind="stable")][:_MOST_POINTS]
 
     def rounded(values: NDArray[Any], n_decimals: int) -> NDArray[np.float64]:

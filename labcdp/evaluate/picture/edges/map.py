@@ -174,8 +174,8 @@ def contrast_map(
     return replace(maps[0], others=tuple(maps[1:]))
 
 
-def _check_reference(luminance: LuminanceMap, reference: LuminanceMap, asked: ContrastMapSettings) -> None:
-    if asked.contrast is not None:
+def _check_reference(luminance: LuminanceMap, reference: LuminanceMap, settings: ContrastMapSettings) -> None:
+    if settings.contrast is not None:
         raise InputError("a contrast and a reference image are given: give one of them")
     if reference.shape != luminance.shape:
         raise InputError(
@@ -214,16 +214,16 @@ def _has_smooth(luminance: LuminanceMap) -> bool:
     return any(error.smooth for error in luminance.common_in((slice(0, 1), slice(0, 1))))
 
 
-def _findings(found: ContrastMap) -> tuple[Finding, ...]:
+def _findings(edge_map: ContrastMap) -> tuple[Finding, ...]:
     findings = []
-    if found.settings.contrast is None and not found.has_reference:
+    if edge_map.settings.contrast is None and not edge_map.has_reference:
         findings.append(info("map-of-own-contrast"))
-    least = found.settings.minimum_contrast
-    hidden = found.of_kind(EdgeKind.NOISE) & (found.edges.contrast >= least)
+    least = edge_map.settings.minimum_contrast
+    hidden = edge_map.of_kind(EdgeKind.NOISE) & (edge_map.edges.contrast >= least)
     if hidden.any():
         findings.append(info("edges-in-noise", count=int(hidden.sum()), contrast=least, n_edges=hidden.size))
-    if found.noise.inflation > _CORRELATED:
-        findings.append(warning("correlated-noise", factor=found.noise.inflation**0.5))
-    if found.blind_share > _MOSTLY_BLIND:
-        findings.append(warning("mostly-noise", contrast=found.settings.minimum_contrast))
+    if edge_map.noise.inflation > _CORRELATED:
+        findings.append(warning("correlated-noise", factor=edge_map.noise.inflation**0.5))
+    if edge_map.blind_share > _MOSTLY_BLIND:
+        findings.append(warning("mostly-noise", contrast=edge_map.settings.minimum_contrast))
     return tuple(findings)

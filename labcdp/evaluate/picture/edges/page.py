@@ -46,7 +46,7 @@ _LEFT_OUT = {
 }
 
 
-def contrast_map_files(found: ContrastMap, source: PictureSource, result: Result) -> dict[str, bytes]:
+def contrast_map_files(edge_map: ContrastMap, source: PictureSource, result: Result) -> dict[str, bytes]:
     """Return the files of a contrast map with all that it shows by their names.
 
     Returns
@@ -55,32 +55,32 @@ def contrast_map_files(found: ContrastMap, source: PictureSource, result: Result
         report.html, contrast-map.png, of further contrasts contrast-map-2.png and so on, results.xlsx with a row for
         each edge, results.nc and results.json.
     """
-    drawn = {one: overlay(one) for one in found.each[:: ceil(len(found.each) / _MOST_MAPS)]}
-    edges = replace(result, tables=(*result.tables[:-1], edge_table(found, source)))
+    drawn = {single: overlay(single) for single in edge_map.each[:: ceil(len(edge_map.each) / _MOST_MAPS)]}
+    edges = replace(result, tables=(*result.tables[:-1], edge_table(edge_map, source)))
     pictures = {
         f"contrast-map{f'-{number}' if number > 1 else ''}.png": overlay_figure(
             one,
             picture,
-            f"{source.path.name}, {percent(one.contrast)}" if found.others and one.contrast else source.path.name,
+            f"{source.path.name}, {percent(one.contrast)}" if edge_map.others and one.contrast else source.path.name,
             source.simulated,
         )
         for number, (one, picture) in enumerate(drawn.items(), start=1)
     }
     return {
-        "report.html": map_page(found, drawn, source, result).encode(),
+        "report.html": map_page(edge_map, drawn, source, result).encode(),
         **pictures,
         "results.xlsx": result_workbook(edges, datetime.now(UTC)),
-        "results.nc": dataset_bytes(contrast_map_dataset(found, source, result), "contrast map"),
+        "results.nc": dataset_bytes(contrast_map_dataset(edge_map, source, result), "contrast map"),
         "results.json": envelope_json(result).encode(),
     }
 
 
-def map_page(found: ContrastMap, drawn: Drawn, source: PictureSource, result: Result) -> str:
+def map_page(edge_map: ContrastMap, drawn: Drawn, source: PictureSource, result: Result) -> str:
     """Return a contrast map as a page: the overlay, and under the pointer luminances, contrast and CDP of an edge.
 
     Parameters
     ----------
-    found : ContrastMap
+    edge_map : ContrastMap
         The map.
     drawn : dict of ContrastMap to ndarray of uint8, shape (height, width, 3)
         Overlays, of the map at each contrast that is drawn.
@@ -94,101 +94,106 @@ def map_page(found: ContrastMap, drawn: Drawn, source: PictureSource, result: Re
     str
         HTML 5, with the drawing program (BokehJS, 1.3 MB) inside; its security policy forbids to load anything.
     """
-    own = found.contrast is None and not found.has_reference
-    meaning = _OWN_CONTRAST if own else _ASKED.format(asked=_asked_text(found).rstrip(","))
+    own = edge_map.contrast is None and not edge_map.has_reference
+    meaning = _OWN_CONTRAST if own else _ASKED.format(asked=_asked_text(edge_map).rstrip(","))
     weakest: list[Block] = [result.table("weakest")] if len(result.table("weakest")) else []
-    left_out = info("map-sections-not-drawn", n_drawn=len(drawn), n_sections=len(found.each))
-    findings = (*result.findings, *([left_out] if len(drawn) < len(found.each) else []))
+    left_out = info("map-sections-not-drawn", n_drawn=len(drawn), n_sections=len(edge_map.each))
+    findings = (*result.findings, *([left_out] if len(drawn) < len(edge_map.each) else []))
     return render_page(
         Page.of(
             replace(result, findings=findings),
             "Contrast detection probability (CDP) at the edges of an image",
-            cards=_cards_of_contrasts(found) if found.others else _cards(found),
+            cards=_cards_of_contrasts(edge_map) if edge_map.others else _cards(edge_map),
             lead=[edge_script(drawn, source)],
             sections=[
                 Section("", [meaning, _HELP, *weakest]),
                 Section("All edges", result.tables[:-1]),
-                Section("Settings and provenance", [_facts(found, source, result)], collapsed=True),
+                Section("Settings and provenance", [_facts(edge_map, source, result)], collapsed=True),
             ],
         )
     )
 
 
-def _cards_of_contrasts(found: ContrastMap) -> list[Card]:
+def _cards_of_contrasts(edge_map: ContrastMap) -> list[Card]:
     """Return a card for each of a few contrasts, or of the one with most detected edges."""
-    few = len(found.each) <= _MOST_MAPS
-    best = max(found.each, key=lambda one: one.count(EdgeKind.SEEN))
+    few = len(edge_map.each) <= _MOST_MAPS
+    best = max(edge_map.each, key=lambda each: each.count(EdgeKind.SEEN))
     cards = []
-    for one in found.each if few else [best]:
+    for one in edge_map.each if few else [best]:
         seen, lost = one.count(EdgeKind.SEEN), one.count(EdgeKind.LOST)
         share = share_percent(one.detected_share) if seen + lost else "none"
         of = f"{seen} of {seen + lost} edges of objects"
         name = f"Detected edges at {percent(one.contrast or 0)}"
-        lines = (f"{lost} lost", *(() if few else (f"most of {len(found.each)} contrasts",)))
+        lines = (f"{lost} lost", *(() if few else (f"most of {len(edge_map.each)} contrasts",)))
         cards.append(Card(name, share, of, lines, state="plain" if lost else "good"))
     return cards
 
 
-def _cards(found: ContrastMap) -> list[Card]:
-    asked, least = found.settings, percent(found.settings.minimum_contrast)
-    seen, lost = found.count(EdgeKind.SEEN), found.count(EdgeKind.LOST)
+def _cards(edge_map: ContrastMap) -> list[Card]:
+    settings, least = edge_map.settings, percent(edge_map.settings.minimum_contrast)
+    seen, lost = edge_map.count(EdgeKind.SEEN), edge_map.count(EdgeKind.LOST)
     if seen + lost == 0:
         none = Card("Detected edges", "none", f"No edge has a measurable contrast of at least {least}.")
-        return [none, *_left_out(found)]
-    of_length = f"{share_percent(1 - found.detected_border_share)} of their length"
+        return [none, *_left_out(edge_map)]
+    of_length = f"{share_percent(1 - edge_map.detected_border_share)} of their length"
     # Where the contrast of the scene is given, borders that hardly show one are asked for it, too.
-    pale = int(np.count_nonzero(found.of_kind(EdgeKind.LOST) & (found.edges.contrast < asked.minimum_contrast)))
-    scene = f"at least {least}" if found.contrast is None else f"{percent(found.contrast)} in the scene"
+    pale = int(
+        np.count_nonzero(edge_map.of_kind(EdgeKind.LOST) & (edge_map.edges.contrast < settings.minimum_contrast))
+    )
+    scene = f"at least {least}" if edge_map.contrast is None else f"{percent(edge_map.contrast)} in the scene"
     of_lost = (f"{pale} measure below {least}: hidden, as behind a veil",) if pale else ()
     return [
         Card(
-            "Detected edges", share_percent(found.detected_share), f"{seen} of {seen + lost} edges of objects",
-            (f"contrast of {scene}", f"CDP of at least {asked.detected:g}"), state="plain" if lost else "good",
+            "Detected edges", share_percent(edge_map.detected_share), f"{seen} of {seen + lost} edges of objects",
+            (f"contrast of {scene}", f"CDP of at least {settings.detected:g}"), state="plain" if lost else "good",
         ),
         Card(
-            "Lost edges", str(lost), of_length, (f"CDP below {asked.detected:g}", *of_lost),
+            "Lost edges", str(lost), of_length, (f"CDP below {settings.detected:g}", *of_lost),
             state="bad" if lost else "good",
         ),
-        *_left_out(found),
+        *_left_out(edge_map),
     ]  # fmt: skip
 
 
-def _left_out(found: ContrastMap) -> Iterator[Card]:
+def _left_out(edge_map: ContrastMap) -> Iterator[Card]:
     """Yield the card of the borders whose contrast is large enough and that are neither detected nor lost, and why."""
-    high = found.edges.contrast >= found.settings.minimum_contrast
-    counts = {why: int(np.count_nonzero(high & found.of_kind(kind))) for kind, why in _LEFT_OUT.items()}
+    high = edge_map.edges.contrast >= edge_map.settings.minimum_contrast
+    counts = {why: int(np.count_nonzero(high & edge_map.of_kind(kind))) for kind, why in _LEFT_OUT.items()}
     n = sum(counts.values())
     if n:
         lines = tuple(f"{count} {why}" for why, count in counts.items() if count)
-        every = n + int(np.count_nonzero(high & found.of_kind(EdgeKind.SEEN, EdgeKind.LOST)))
-        least = percent(found.settings.minimum_contrast)
+        every = n + int(np.count_nonzero(high & edge_map.of_kind(EdgeKind.SEEN, EdgeKind.LOST)))
+        least = percent(edge_map.settings.minimum_contrast)
         yield Card("Left out", f"{n} of {every}", f"borders of {least} or more", lines)
 
 
-def _facts(found: ContrastMap, source: PictureSource, result: Result) -> Table:
-    asked, (height, width) = found.settings, found.shape_px
+def _facts(edge_map: ContrastMap, source: PictureSource, result: Result) -> Table:
+    settings, (height, width) = edge_map.settings, edge_map.shape_px
     chance = f"{percent(FALSE_ALARM)} probability of one false edge in the whole image"
     return facts_table(
         [
             ("image", f"{source.path.name}, {width} x {height} pixels"),
             ("luminance", source.conversion),
-            ("regions", f"{found.regions.mean.size} superpixels of about {asked.size_px} x {asked.size_px} pixels"),
-            ("contrast that counts as detected", f"{_asked_text(found)} {_tolerance(asked.epsilon)}"),
-            ("minimum contrast of an object", percent(asked.minimum_contrast)),
-            ("significant contrast", f"{found.threshold_sigmas:.2f} standard uncertainties: {chance}"),
+            (
+                "regions",
+                f"{edge_map.regions.mean.size} superpixels of about {settings.size_px} x {settings.size_px} pixels",
+            ),
+            ("contrast that counts as detected", f"{_asked_text(edge_map)} {_tolerance(settings.epsilon)}"),
+            ("minimum contrast of an object", percent(settings.minimum_contrast)),
+            ("significant contrast", f"{edge_map.threshold_sigmas:.2f} standard uncertainties: {chance}"),
             ("SHA-256 of the image", source.sha256),
             *input_facts(result)[1:],
         ]
     )
 
 
-def _asked_text(found: ContrastMap) -> str:
+def _asked_text(edge_map: ContrastMap) -> str:
     """Say which contrast edges are asked for."""
-    if found.has_reference:
+    if edge_map.has_reference:
         return "that of the edge in the reference image"
-    if found.contrast is None:
+    if edge_map.contrast is None:
         return "that of the edge in this image"
-    texts = [percent(one.contrast or 0) for one in found.each]
+    texts = [percent(single.contrast or 0) for single in edge_map.each]
     asked = ", ".join(texts) if len(texts) <= _MOST_MAPS else f"{len(texts)} from {texts[0]} to {texts[-1]}"
     return f"{asked}, as given for the scene,"
 

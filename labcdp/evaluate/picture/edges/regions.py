@@ -87,7 +87,7 @@ class MapRegions:
         """Distributions of the measured pixels of some regions."""
         ends = np.cumsum(self.n_pixels)
         starts = ends - self.n_pixels
-        return {one: Distribution.from_array(self.values[starts[one] : ends[one]]) for one in wanted.tolist()}
+        return {each: Distribution.from_array(self.values[starts[each] : ends[each]]) for each in wanted.tolist()}
 
 
 def map_regions(luminance: LuminanceMap, size_px: int, *others: LuminanceMap) -> list[MapRegions]:
@@ -106,7 +106,7 @@ def map_regions(luminance: LuminanceMap, size_px: int, *others: LuminanceMap) ->
     labels, measured = map_cut(luminance.luminance_cd_m2, size_px)
     for other in others:
         measured &= np.isfinite(other.luminance_cd_m2)
-    return [_measured(one, labels, measured, size_px) for one in (luminance, *others)]
+    return [_measured(each, labels, measured, size_px) for each in (luminance, *others)]
 
 
 def _measured(luminance: LuminanceMap, labels: Labels, measured: NDArray[np.bool_], size_px: int) -> MapRegions:
@@ -114,7 +114,7 @@ def _measured(luminance: LuminanceMap, labels: Labels, measured: NDArray[np.bool
     n = int(labels.max()) + 1
     saturated = np.not_equal(luminance.invalid & Invalid.SATURATED, 0)
     rows, columns = np.ogrid[: labels.shape[0], : labels.shape[1]]
-    centres = [mean_of(labels, np.broadcast_to(place + 0.5, labels.shape), n) for place in (columns, rows)]
+    centres = [mean_of(labels, np.broadcast_to(index + 0.5, labels.shape), n) for index in (columns, rows)]
     values, n_pixels, mean, std = statistics(image, labels, measured)
     return MapRegions(
         size_px=size_px,

@@ -49,61 +49,63 @@ _OF_CONTRAST = ("asked_contrast", "cdp", "u_cdp", "cdp_low", "cdp_high")
 TO_DETECT = "contrast_to_detect"
 
 
-def map_result(found: ContrastMap, source: PictureSource, inputs: Sequence[InputFile] = ()) -> Result:
+def map_result(edge_map: ContrastMap, source: PictureSource, inputs: Sequence[InputFile] = ()) -> Result:
     """Return the result of a contrast map, with the weakest edges; see `edge_table` for all of them."""
-    asked, epsilon = found.settings, found.settings.epsilon
-    findings = [*source.findings, *found.findings]
-    if found.blind_share > 0:
-        findings.append(info("contrast-in-noise", contrast=asked.minimum_contrast, share=found.blind_share))
-    n = max(WEAKEST // len(found.each), 1)
-    weakest = _edges_of(found, source.unit, "weakest", "The weakest edges", [one.weakest(n) for one in found.each])
+    settings, epsilon = edge_map.settings, edge_map.settings.epsilon
+    findings = [*source.findings, *edge_map.findings]
+    if edge_map.blind_share > 0:
+        findings.append(info("contrast-in-noise", contrast=settings.minimum_contrast, share=edge_map.blind_share))
+    n = max(WEAKEST // len(edge_map.each), 1)
+    weakest = _edges_of(
+        edge_map, source.unit, "weakest", "The weakest edges", [single.weakest(n) for single in edge_map.each]
+    )
     # All of them are edges of objects.
     hidden = ("border_px", "significant_contrast", "saturated")
-    columns = tuple(replace(one, shown=one.shown and one.name not in hidden) for one in weakest.columns)
-    of_contrast = () if found.others else _of_contrast(found)
-    summary = quantity_table("summary", "Edges of the image", (*of_contrast, *_of_image(found)))
+    columns = tuple(replace(column, shown=column.shown and column.name not in hidden) for column in weakest.columns)
+    of_contrast = () if edge_map.others else _of_contrast(edge_map)
+    summary = quantity_table("summary", "Edges of the image", (*of_contrast, *_of_image(edge_map)))
     return Result(
         kind="image-map",
         title=source.path.name,
-        tables=(*_contrasts(found), summary, replace(weakest, columns=columns)),
+        tables=(*_contrasts(edge_map), summary, replace(weakest, columns=columns)),
         findings=unique(findings),
         inputs=(InputFile("picture", source.path.name, source.sha256), *inputs),
         configuration={
             "conversion": source.conversion,
-            "region_size_px": asked.size_px,
+            "region_size_px": settings.size_px,
             "epsilon": [epsilon.below, epsilon.above] if isinstance(epsilon, DetectionInterval) else epsilon,
-            "minimum_contrast": asked.minimum_contrast,
-            "contrast": [one.contrast for one in found.each] if found.others else found.contrast,
-            "detected_cdp": asked.detected,
+            "minimum_contrast": settings.minimum_contrast,
+            "contrast": [single.contrast for single in edge_map.each] if edge_map.others else edge_map.contrast,
+            "detected_cdp": settings.detected,
             "false_alarm": FALSE_ALARM,
         },
         simulated=source.simulated,
     )
 
 
-def edge_table(found: ContrastMap, source: PictureSource) -> Table:
+def edge_table(edge_map: ContrastMap, source: PictureSource) -> Table:
     """Return the edges but for noise and too small ones, kind by kind, those with the lowest CDP first."""
     orders = []
-    for one in found.each:
+    for one in edge_map.each:
         shown = np.flatnonzero(~one.of_kind(EdgeKind.NOISE, EdgeKind.SMALL))
         rank = np.array([list(KINDS).index(EdgeKind(kind)) for kind in one.edges.kind[shown]])
-        orders.append(shown[np.lexsort((one.edges.cdp[shown], rank))][: _MOST_ROWS // len(found.each)])
-    return _edges_of(found, source.unit, "edges", "Edges", orders).as_detail()
+        orders.append(shown[np.lexsort((one.edges.cdp[shown], rank))][: _MOST_ROWS // len(edge_map.each)])
+    return _edges_of(edge_map, source.unit, "edges", "Edges", orders).as_detail()
 
 
-def _of_contrast(found: ContrastMap) -> list[NamedValue]:
+def _of_contrast(edge_map: ContrastMap) -> list[NamedValue]:
     """List what is said of the whole image at a contrast to be detected."""
     asked = "edges with at least the minimum contrast"
     return [
-        NamedValue("detected edges", found.detected_share, "%", f"share of the {asked} that are detected"),
-        NamedValue("detected length", found.detected_border_share, "%", "the same by the length of the edges"),
-        *(NamedValue(f"edges: {name}", found.count(kind), "", meaning) for kind, (name, meaning) in KINDS.items()),
+        NamedValue("detected edges", edge_map.detected_share, "%", f"share of the {asked} that are detected"),
+        NamedValue("detected length", edge_map.detected_border_share, "%", "the same by the length of the edges"),
+        *(NamedValue(f"edges: {name}", edge_map.count(kind), "", meaning) for kind, (name, meaning) in KINDS.items()),
     ]
 
 
-def _contrasts(found: ContrastMap) -> Iterator[Table]:
+def _contrasts(edge_map: ContrastMap) -> Iterator[Table]:
     """Yield what is said of the whole image at each of several contrasts, a row for each."""
-    if found.others:
+    if edge_map.others:
         counts = [
             Column(f"n_{name.replace(' ', '_')}", name, "", f"Number of edges: {meaning}.", value=_counting(kind))
             for kind, (name, meaning) in KINDS.items()
@@ -114,37 +116,39 @@ def _contrasts(found: ContrastMap) -> Iterator[Table]:
             Column("detected_border_share", "detected length", "%", "The same by the length of the edges."),
             *counts,
         )
-        yield Table.of_items("contrasts", "Edges at each contrast", columns, found.each)
+        yield Table.of_items("contrasts", "Edges at each contrast", columns, edge_map.each)
 
 
 def _counting(kind: EdgeKind) -> Callable[[ContrastMap], int]:
-    return lambda one: one.count(kind)
+    return lambda each: each.count(kind)
 
 
-def _of_image(found: ContrastMap) -> list[NamedValue]:
+def _of_image(edge_map: ContrastMap) -> list[NamedValue]:
     """List what is said of the whole image at any contrast."""
     return [
-        NamedValue("borders between regions", int(found.edges.kind.size), "", "all edges together"),
-        NamedValue("borders in the noise", found.blind_share, "%", "where the minimum contrast is not significant"),
-        NamedValue("regions", int(found.regions.mean.size), "", "superpixels of the image"),
-        NamedValue("threshold of significance", found.threshold_sigmas, "", "in standard uncertainties of a contrast"),
-        NamedValue("noise inflation", found.noise.inflation, "", "of the variance of a difference, by correlation"),
+        NamedValue("borders between regions", int(edge_map.edges.kind.size), "", "all edges together"),
+        NamedValue("borders in the noise", edge_map.blind_share, "%", "where the minimum contrast is not significant"),
+        NamedValue("regions", int(edge_map.regions.mean.size), "", "superpixels of the image"),
+        NamedValue(
+            "threshold of significance", edge_map.threshold_sigmas, "", "in standard uncertainties of a contrast"
+        ),
+        NamedValue("noise inflation", edge_map.noise.inflation, "", "of the variance of a difference, by correlation"),
     ]
 
 
-def _edges_of(found: ContrastMap, unit: str, name: str, title: str, rows: Sequence[NDArray[np.intp]]) -> Table:
+def _edges_of(edge_map: ContrastMap, unit: str, name: str, title: str, rows: Sequence[NDArray[np.intp]]) -> Table:
     """Return some rows of the edges at each contrast."""
-    tables = [_edges(one, unit).select(chosen.tolist()) for one, chosen in zip(found.each, rows, strict=True)]
+    tables = [_edges(single, unit).select(chosen.tolist()) for single, chosen in zip(edge_map.each, rows, strict=True)]
     columns = tables[0].columns
-    data = {column.name: [value for one in tables for value in one[column.name]] for column in columns}
+    data = {column.name: [value for table in tables for value in table[column.name]] for column in columns}
     return Table(name, title, columns, data)
 
 
-def _edges(found: ContrastMap, unit: str) -> Table:
+def _edges(edge_map: ContrastMap, unit: str) -> Table:
     """Return all edges at a contrast."""
-    edges, regions, step = found.edges, found.regions, found.luminance.step
+    edges, regions, step = edge_map.edges, edge_map.regions, edge_map.luminance.step
     bright, dark, u_contrast = edges.bright, edges.dark, edges.contrast_standard_uncertainty
-    asked = found.has_reference or found.contrast is not None
+    asked = edge_map.has_reference or edge_map.contrast is not None
     columns: tuple[tuple[Column, Any], ...] = (
         (Column("kind", "edge", "", "Whether the edge is detected."),
          [KINDS[EdgeKind(kind)][0] for kind in edges.kind]),
@@ -173,11 +177,11 @@ def _edges(found: ContrastMap, unit: str) -> Table:
     return Table("edges", "Edges", tuple(column for column, _ in columns), data)
 
 
-def contrast_map_dataset(found: ContrastMap, source: PictureSource, result: Result) -> Dataset:
+def contrast_map_dataset(edge_map: ContrastMap, source: PictureSource, result: Result) -> Dataset:
     """All of a contrast map as a dataset: the label of each pixel, a row for each region, and one for each edge."""
     import xarray as xr
 
-    regions, step = found.regions, found.luminance.step
+    regions, step = edge_map.regions, edge_map.luminance.step
     light = "1" if source.unit == "relative" else "cd m-2"
     of_region = {
         "mean": (regions.mean, light),
@@ -193,7 +197,7 @@ def contrast_map_dataset(found: ContrastMap, source: PictureSource, result: Resu
         "flag_values": np.array([int(kind) for kind in KINDS], dtype=np.int8),
         "flag_meanings": " ".join(name.replace(" ", "_") for name, _ in KINDS.values()),
     }
-    tables, several = [_edges(one, source.unit) for one in found.each], bool(found.others)
+    tables, several = [_edges(single, source.unit) for single in edge_map.each], bool(edge_map.others)
 
     def over(each: list[Any]) -> tuple[Any, Any]:
         """Return dimensions and values of what depends on the contrast to be detected."""
@@ -202,17 +206,17 @@ def contrast_map_dataset(found: ContrastMap, source: PictureSource, result: Resu
     data = {
         "label": (("y", "x"), regions.labels),
         **{f"region_{name}": ("region", values, {"units": unit}) for name, (values, unit) in of_region.items()},
-        "kind": (*over([one.edges.kind for one in found.each]), flags),
+        "kind": (*over([single.edges.kind for single in edge_map.each]), flags),
     }
     for name in _VARIABLES:
-        values = [one[name] for one in tables]
+        values = [table[name] for table in tables]
         # Numbers of regions have no unit.
         unit = {} if name.endswith("region") else {"units": "pixel" if name.endswith("_px") else "1"}
         data[_RENAMED.get(name, name)] = (*(over(values) if name in _OF_CONTRAST else ("edge", values[0])), unit)
-    seen, lost = ([one.count(kind) for one in found.each] for kind in (EdgeKind.SEEN, EdgeKind.LOST))
+    seen, lost = ([single.count(kind) for single in edge_map.each] for kind in (EdgeKind.SEEN, EdgeKind.LOST))
     return xr.Dataset(
         data,
-        {TO_DETECT: (TO_DETECT, [one.contrast for one in found.each], {"units": "1"})} if several else {},
+        {TO_DETECT: (TO_DETECT, [single.contrast for single in edge_map.each], {"units": "1"})} if several else {},
         attrs={
             "title": f"Contrast map of {source.path.name}",
             "file": source.path.name,

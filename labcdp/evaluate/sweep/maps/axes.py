@@ -179,7 +179,7 @@ class CdpMap:
         others = [name for name in self.axes if name not in keep]
         for places in product(*(range(self.dataset.sizes[name]) for name in others)):
             section = self.dataset.isel(dict(zip(others, places, strict=True)))
-            at = {name: self.axes[name].values[place].item() for name, place in zip(others, places, strict=True)}
+            at = {name: self.axes[name].values[index].item() for name, index in zip(others, places, strict=True)}
             yield at, section.transpose(*keep)
 
     def _require(self, *names: str) -> None:
@@ -246,14 +246,14 @@ VARIABLES = {
         Column("mean_contrast", "mean contrast", "%", "Mean contrast of the pairs with a dark value above 0."),
         Column("csnr", "CSNR", "", "Mean over standard deviation of the contrast."),
         *(
-            Column(f"snr_{one}", f"spatial SNR, {one} region", "",
-                   f"Mean over standard deviation of the {one} region's luminance.")
-            for one in ("dark", "bright")
+            Column(f"snr_{each}", f"spatial SNR, {each} region", "",
+                   f"Mean over standard deviation of the {each} region's luminance.")
+            for each in ("dark", "bright")
         ),
         *(
-            Column(f"snr_{one}_standard_error", f"u of spatial SNR, {one} region", "",
-                   f"Standard error of the SNR of the {one} region.", shown=False)
-            for one in ("dark", "bright")
+            Column(f"snr_{each}_standard_error", f"u of spatial SNR, {each} region", "",
+                   f"Standard error of the SNR of the {each} region.", shown=False)
+            for each in ("dark", "bright")
         ),
         Column("saturated_share", "saturated, bright region", "%", "Saturated share of the bright region."),
     )

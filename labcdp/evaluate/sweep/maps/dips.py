@@ -56,13 +56,13 @@ class SnrDip:
 
 
 def find_dips(
-    found: CdpMap, axis: str, variable: str = "snr_dark", expected: Sequence[float] = ()
+    cdp_map: CdpMap, axis: str, variable: str = "snr_dark", expected: Sequence[float] = ()
 ) -> tuple[SnrDip, ...]:
     """Find dips along an axis, for each value of the other parameters.
 
     Parameters
     ----------
-    found : CdpMap
+    cdp_map : CdpMap
         The map. Standard errors of the variable are taken from `<variable>_standard_error` (of CDP from
         `standard_error`). Those of a simulated map are at least as large as its roughness.
     axis : str
@@ -92,12 +92,12 @@ def find_dips(
     dip, unless each of them is an expected change of exposure. An expected luminance belongs to the dip whose fall it
     lies in, give or take a grid step; each explains one dip.
     """
-    along = found.numbers(axis, "dips")
-    n_pairs = max(found.dataset["cdp"].size * (along.values.size - 1) / 2, 1)
+    along = cdp_map.numbers(axis, "dips")
+    n_pairs = max(cdp_map.dataset["cdp"].size * (along.values.size - 1) / 2, 1)
     margin = -NormalDist().inv_cdf(_FALSE_ALARM / n_pairs)
     return tuple(
         dip
-        for at, section in found.sections(axis, variable=variable)
+        for at, section in cdp_map.sections(axis, variable=variable)
         for dip in _dips_of(Curve.of(section, along, variable, margin), at, variable, sorted(expected))
     )
 

@@ -103,8 +103,8 @@ def _cells(plot: Any, view: MapView, section: Dataset, colours: LinearColorMappe
     cdp = section["cdp"].values
     known = np.isfinite(cdp)
     columns = {"left": left, "right": right, "bottom": bottom, "top": top, "cdp": cdp, "x": across, "y": up}
-    columns |= {f"v{number}": one for number, one in enumerate(values)}
-    data = {name: np.asarray(one, dtype=float)[known] for name, one in columns.items()}
+    columns |= {f"v{number}": value for number, value in enumerate(values)}
+    data = {name: np.asarray(values, dtype=float)[known] for name, values in columns.items()}
     colour = {"field": "cdp", "transform": colours}
     # With lines of the same colour there are no seams between cells.
     cells = plot.quad(left="left", right="right", bottom="bottom", top="top", source=data, color=colour, line_width=1)
@@ -158,7 +158,7 @@ def _draw_lines(plot: Any, view: MapView, lines: Sequence[Line]) -> dict[str, li
     places = shown(axis, axis.values) if axis.numeric else _factors(axis)
     for line in lines:
         texts, values = _variables(line.section)
-        data = {"x": places, "y": line.values} | {f"v{number}": one for number, one in enumerate(values)}
+        data = {"x": places, "y": line.values} | {f"v{number}": value for number, value in enumerate(values)}
         curve = plot.line(x="x", y="y", source=data, line_color=line.colour, line_width=2)
         marks = plot.scatter(x="x", y="y", source=curve.data_source, size=6 if view.marked else 2, color=line.colour)
         _add_hover(plot, [marks], [(axis_label(axis), "x"), *texts], numeric=axis.numeric)

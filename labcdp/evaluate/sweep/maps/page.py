@@ -82,7 +82,7 @@ def _answer(view: MapView) -> str:
 def _cards(view: MapView) -> list[Card]:
     """Return the widest usable range, the deepest dip of each variable, and how well CDP is known."""
     analysis, ranges, cards = view.analysis, view.analysis.usable_ranges, []
-    varied = {name for one in ranges for name in one.at if view.map.axes[name].values.size > 1}
+    varied = {name for usable in ranges for name in usable.at if view.map.axes[name].values.size > 1}
     each = varied == {TO_DETECT} and len(ranges) <= _MOST_CARDS
     for one in ranges if each else [analysis.widest or ranges[0]] if ranges else []:
         cards.append(_range(view, one, not each and len(ranges) > 1))
@@ -96,17 +96,17 @@ def _cards(view: MapView) -> list[Card]:
     return cards
 
 
-def _range(view: MapView, one: UsableRange, widest: bool) -> Card:
+def _range(view: MapView, usable: UsableRange, widest: bool) -> Card:
     """Return the card of a usable range, which may be the widest of all; without any, of the whole map."""
-    at, x, level = at_text(one.at, view.map.axes), view.map.axes[one.axis], f"CDP ≥ {one.level:g}"
-    if one.widest is None:
-        cdp = view.map.dataset["cdp"] if widest else view.map.dataset["cdp"].sel(one.at)
+    at, x, level = at_text(usable.at, view.map.axes), view.map.axes[usable.axis], f"CDP ≥ {usable.level:g}"
+    if usable.widest is None:
+        cdp = view.map.dataset["cdp"] if widest else view.map.dataset["cdp"].sel(usable.at)
         lines = (f"at {at}",) if at and not widest else ()
         highest = f"highest CDP {significant(float(cdp.max()), 3)}"
         return Card(f"Usable range, {level}", "none", highest, lines, state="bad")
-    name = f"{'Widest usable' if widest or len(one.intervals) > 1 else 'Usable'} range, {level}"
-    detail = ", ".join(part for part in (axis_unit(x), width_text(one.widest)) if part)
-    return Card(name, ends_text(x, one.widest), detail, (f"at {at}",) if at else ())
+    name = f"{'Widest usable' if widest or len(usable.intervals) > 1 else 'Usable'} range, {level}"
+    detail = ", ".join(part for part in (axis_unit(x), width_text(usable.widest)) if part)
+    return Card(name, ends_text(x, usable.widest), detail, (f"at {at}",) if at else ())
 
 
 def _dip(view: MapView, dip: SnrDip) -> Card:

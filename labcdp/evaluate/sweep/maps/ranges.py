@@ -108,16 +108,16 @@ class UsableRange:
     widest: UsableInterval | None = field(init=False)
 
     def __post_init__(self) -> None:
-        widest = max(self.intervals, key=lambda one: one.width, default=None)
+        widest = max(self.intervals, key=lambda each: each.width, default=None)
         object.__setattr__(self, "widest", widest)
 
 
-def usable_ranges(found: CdpMap, axis: str, level: float = 0.9) -> tuple[UsableRange, ...]:
+def usable_ranges(cdp_map: CdpMap, axis: str, level: float = 0.9) -> tuple[UsableRange, ...]:
     """Find where CDP is at least `level` along an axis, for each value of the other parameters.
 
     Parameters
     ----------
-    found : CdpMap
+    cdp_map : CdpMap
         The map.
     axis : str
         Name of an axis of numbers, best the luminance.
@@ -140,18 +140,18 @@ def usable_ranges(found: CdpMap, axis: str, level: float = 0.9) -> tuple[UsableR
     between those of more than 0.2 difference, as where a sensor saturates, and on an axis of whole numbers: there the
     range ends at the last grid point that is high enough.
     """
-    along = found.numbers(axis, "range")
+    along = cdp_map.numbers(axis, "range")
     if not 0 < level <= 1:
         raise InputError(f"level is {level}: give a CDP above 0, up to 1")
     return tuple(
         UsableRange(at, axis, float(level), _intervals(along, section["cdp"].values, level))
-        for at, section in found.sections(axis)
+        for at, section in cdp_map.sections(axis)
     )
 
 
 def widest_range(ranges: tuple[UsableRange, ...]) -> UsableRange | None:
     """Return the range whose widest interval is the widest of all; None if all are empty."""
-    found = [(one.widest.width, one) for one in ranges if one.widest]
+    found = [(usable.widest.width, usable) for usable in ranges if usable.widest]
     return max(found, key=lambda entry: entry[0])[1] if found else None
 
 
@@ -212,13 +212,13 @@ class Isoline:
 
 
 def isolines(
-    found: CdpMap, x: str, y: str, levels: Sequence[float] = LEVELS, variable: str = "cdp"
+    cdp_map: CdpMap, x: str, y: str, levels: Sequence[float] = LEVELS, variable: str = "cdp"
 ) -> tuple[Isoline, ...]:
     """Find the isolines of a map over two of its axes, in each section over the others.
 
     Parameters
     ----------
-    found : CdpMap
+    cdp_map : CdpMap
         The map.
     x, y : str
         Names of two axes of numbers.
@@ -242,12 +242,12 @@ def isolines(
     Marching squares; between grid points the variable is taken as linear in the axis, or in the logarithm of the
     axis where that is logarithmic. An error of at most h^2/8 times the second derivative follows, h the step.
     """
-    across, up = (found.numbers(name, "isolines", least=2) for name in (x, y))
+    across, up = (cdp_map.numbers(name, "isolines", least=2) for name in (x, y))
     if not all(isfinite(level) for level in levels):
         raise InputError(f"levels are {list(levels)}: give finite numbers")
     return tuple(
         line
-        for at, section in found.sections(y, x, variable=variable)
+        for at, section in cdp_map.sections(y, x, variable=variable)
         for level in levels
         for line in _lines(at, section[variable].values, across, up, level)
     )

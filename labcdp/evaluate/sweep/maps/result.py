@@ -95,7 +95,7 @@ def _section_columns(axes: Mapping[str, MapAxis], along: str, at: Callable[[Any]
         return lambda item: at(item)[name]
 
     columns = _axis_columns(axes, *(name for name in axes if name != along))
-    return tuple(replace(one, value=value(one.name)) for one in columns)
+    return tuple(replace(column, value=value(column.name)) for column in columns)
 
 
 def ranges_table(analysis: MapAnalysis, axes: Mapping[str, MapAxis]) -> Table:
@@ -120,7 +120,7 @@ def ranges_table(analysis: MapAnalysis, axes: Mapping[str, MapAxis]) -> Table:
                value=lambda item: item[1] is item[0].widest and item[0] is analysis.widest),
     )  # fmt: skip
     items: list[tuple[UsableRange, UsableInterval | None]] = [
-        (one, interval) for one in analysis.usable_ranges for interval in one.intervals or (None,)
+        (usable, interval) for usable in analysis.usable_ranges for interval in usable.intervals or (None,)
     ]
     return Table.of_items("usable_ranges", f"Usable range: CDP of at least {analysis.level:g}", columns, items)
 
@@ -132,10 +132,10 @@ def _end_text(interval: UsableInterval | None, number: int) -> str:
     return "end of the map" if end.is_open else "CDP crosses" if end.resolved else "last grid point"
 
 
-def _dips(found: CdpMap, analysis: MapAnalysis) -> Table:
-    unit = axis_unit(found.axes[analysis.x])
+def _dips(cdp_map: CdpMap, analysis: MapAnalysis) -> Table:
+    unit = axis_unit(cdp_map.axes[analysis.x])
     columns = (
-        *_section_columns(found.axes, analysis.x, lambda dip: dip.at),
+        *_section_columns(cdp_map.axes, analysis.x, lambda dip: dip.at),
         Column("variable", "dip of", meaning="Quantity that falls although the luminance rises, then rises again.",
                value=lambda dip: VARIABLES[dip.variable].label),
         Column("start", "from", unit, "Where it is highest before the fall."),
@@ -150,13 +150,13 @@ def _dips(found: CdpMap, analysis: MapAnalysis) -> Table:
     )  # fmt: skip
     # Of many sections only the deepest ones matter at a glance, which the page shows.
     several = len(analysis.usable_ranges) > 1
-    name = f"Dips along the {axis_name(found.axes[analysis.x])}"
+    name = f"Dips along the {axis_name(cdp_map.axes[analysis.x])}"
     return Table.of_items("dips", name, columns, analysis.dips, detail=several)
 
 
-def _cells(found: CdpMap) -> Table:
+def _cells(cdp_map: CdpMap) -> Table:
     """Make the long table of all cells, the last axis fastest."""
-    dataset, axes = found.dataset, found.axes
+    dataset, axes = cdp_map.dataset, cdp_map.axes
     grids = np.meshgrid(*(axis.values for axis in axes.values()), indexing="ij")
     data: dict[str, Any] = {name: grid.ravel() for name, grid in zip(axes, grids, strict=True)}
     data |= {str(name): variable.transpose(*axes).values.ravel() for name, variable in dataset.data_vars.items()}
@@ -165,20 +165,20 @@ def _cells(found: CdpMap) -> Table:
     return Table("map", "Cells of the map", (*_axis_columns(axes, *axes), *columns), data, detail=long)
 
 
-def _matrices(found: CdpMap) -> Iterator[Table]:
+def _matrices(cdp_map: CdpMap) -> Iterator[Table]:
     """Yield CDP over the two axes of the picture, for each value of the others."""
-    x, y = found.x, found.y
+    x, y = cdp_map.x, cdp_map.y
     if y is None or x.values.size > _MOST_COLUMNS:
         return
     heads = [plain(float(value), 6) for value in shown(x, x.values)]
     # The unit that follows is that of the first column.
     first = Column(y.name, f"across: {axis_name(x)} in {axis_unit(x) or '1'}; down: {axis_name(y)}", axis_unit(y))
     columns = [Column(f"cdp_{number}", head, decimals=4) for number, head in enumerate(heads)]
-    parts = list(zip(range(1, _MOST_MATRICES + 1), found.sections(*found.spanned), strict=False))
+    parts = list(zip(range(1, _MOST_MATRICES + 1), cdp_map.sections(*cdp_map.spanned), strict=False))
     for number, (at, section) in parts:
         cdp = zip(columns, section["cdp"].values.T, strict=True)
         data: dict[str, Any] = {y.name: y.values, **{column.name: values for column, values in cdp}}
-        text = at_text(at, found.axes)
+        text = at_text(at, cdp_map.axes)
         yield Table(
             "cdp" if len(parts) == 1 else f"cdp_{number}",
             f"CDP{text and f' at {text}'}",
@@ -189,14 +189,14 @@ def _matrices(found: CdpMap) -> Iterator[Table]:
         )
 
 
-def _isolines(found: CdpMap, analysis: MapAnalysis) -> Table:
-    others = [name for name in found.axes if name not in found.spanned]
+def _isolines(cdp_map: CdpMap, analysis: MapAnalysis) -> Table:
+    others = [name for name in cdp_map.axes if name not in cdp_map.spanned]
     columns = (
-        *_axis_columns(found.axes, *others),
+        *_axis_columns(cdp_map.axes, *others),
         Column("level", "CDP", meaning="CDP along the line."),
         Column("line", "line", meaning="Number of the line."),
         Column("closed", "closed", meaning="Whether the line ends where it begins."),
-        *_axis_columns(found.axes, analysis.x, analysis.y),
+        *_axis_columns(cdp_map.axes, analysis.x, analysis.y),
     )
     rows = (
         {**line.at, "level": line.level, "line": number, "closed": line.closed} | {analysis.x: x, analysis.y: y}

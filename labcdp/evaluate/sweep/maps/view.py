@@ -95,7 +95,7 @@ class MapView:
         count = prod(axis.values.size for name, axis in found.axes.items() if name not in found.spanned)
         most = len(COLOURS) if found.y is None else MOST_PANELS
         chosen = set(np.linspace(0, count - 1, min(count, most)).round().astype(int).tolist())
-        parts = [part for place, part in enumerate(found.sections(*found.spanned)) if place in chosen]
+        parts = [part for index, part in enumerate(found.sections(*found.spanned)) if index in chosen]
         return cls(found, analysis, parts, count - len(parts))
 
     @property
@@ -108,7 +108,7 @@ class MapView:
         """Ends of the usable ranges of a single curve."""
         ranges = self.analysis.usable_ranges
         intervals = ranges[0].intervals if len(ranges) == 1 else ()
-        return [tuple(shown(self.map.x, [one.low, one.high]).tolist()) for one in intervals]
+        return [tuple(shown(self.map.x, [interval.low, interval.high]).tolist()) for interval in intervals]
 
     def text_of(self, at: At) -> str:
         """Name a section."""
@@ -138,7 +138,7 @@ class MapView:
         if len(apart) > 1:
             names = [name for name in names if name in self.analysis.dip_variables]
         several, cdp, snr = len(self.parts) > 1, [], []
-        free = [one for one in _SNR_COLOURS if one not in COLOURS[: len(self.parts)]] or _SNR_COLOURS
+        free = [name for name in _SNR_COLOURS if name not in COLOURS[: len(self.parts)]] or _SNR_COLOURS
         for colour, (at, section) in zip(COLOURS, self.parts, strict=False):
             cdp.append(self._line(at, section, "cdp", self.text_of(at) if several else "CDP", colour))
             own = self.text_of({name: value for name, value in at.items() if name != TO_DETECT}) if several else ""

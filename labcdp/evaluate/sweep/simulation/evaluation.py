@@ -121,7 +121,7 @@ def evaluate_run(run: ChainRun, contrast: TargetContrasts = None, epsilon: float
         If contrast or epsilon are out of their range.
     """
     return SimulationEvaluation(
-        run, contrast, epsilon, tuple(evaluate_stage(run, one, contrast, epsilon) for one in run)
+        run, contrast, epsilon, tuple(evaluate_stage(run, stage, contrast, epsilon) for stage in run)
     )
 
 
@@ -145,7 +145,7 @@ def evaluate_stage(run: ChainRun, name: str, contrast: TargetContrasts = None, e
         ratios = metrics.snr(native), metrics.snr_10log10_db(native), metrics.snr_20log10_db(native)
         what = name, signal.quantity, signal.unit, region, true_means[region], native.mean, _deviation(native)
         regions.append(RegionRow(*(*_seen_region(signal, seen[region], mask), *what, *ratios)))
-    full = {one.region: bool(one.bound) for one in regions}
+    full = {region.region: bool(region.bound) for region in regions}
     bounded = (replace(one, bound=bound_of_contrast(full[one.bright], full[one.dark])) for one in pairs)
     return StageRow(name, tuple(regions), tuple(bounded))
 

@@ -40,7 +40,7 @@ def along_figures(evaluation: SimulationEvaluation) -> list[ReportFigure]:
         key = f"{file_name(own)}-" if len(branches) > 1 else ""
         stages = [stage for stage in evaluation.stages if stage.name in names]
         for number, first in enumerate(range(0, len(stages[0].pairs), len(asked)), start=1):
-            lines = [[(stage, stage.pairs[first + place]) for stage in stages] for place in range(len(asked))]
+            lines = [[(stage, stage.pairs[first + index]) for stage in stages] for index in range(len(asked))]
             row = stages[0].pairs[first]
             pair, kind = pair_name(row), "region to region" if row.neighbours is None else "nearest-neighbour"
             figures.append(
@@ -178,9 +178,9 @@ def _along(lines: Mapping[float | None, _Points]) -> bytes:
 def _draw_cdp(axes: Axes, points: _Points, colour: str, text: str = "") -> None:
     """Draw CDP with its intervals, as text or with a name in the legend."""
     found = [
-        (place, pair.cdp if pair.neighbours is None else pair.neighbours) for place, (_, pair) in enumerate(points)
+        (index, pair.cdp if pair.neighbours is None else pair.neighbours) for index, (_, pair) in enumerate(points)
     ]
-    known = [(place, one.cdp, *one.interval) for place, one in found if one is not None]
+    known = [(index, one.cdp, *one.interval) for index, one in found if one is not None]
     if known:
         places, cdp, low, high = np.array(known).T
         axes.plot(places, cdp, "o-", color=colour, linewidth=1.5, markersize=5, label=text or None)

@@ -148,7 +148,9 @@ def result(evaluation: SimulationEvaluation, inputs: Sequence[InputFile] = ()) -
         neighbours = _detection("neighbours", "_neighbours", "CDP, nearest-neighbour")
         note += "; nearest-neighbour: of each pixel and its right and its lower neighbour"
     asked = evaluation.contrast if isinstance(evaluation.contrast, tuple) else ()
-    contrast = (replace(one, shown=one.shown or (bool(asked) and one.name == _TARGET.name)) for one in _CONTRAST)
+    contrast = (
+        replace(column, shown=column.shown or (bool(asked) and column.name == _TARGET.name)) for column in _CONTRAST
+    )
     columns = (*contrast, *_detection("cdp", "", "CDP"), *neighbours, *_RATIOS)
     detection = Table.of_items("detection", _TITLE, columns, pairs, f"{note}.")
     if asked:
@@ -196,10 +198,10 @@ def predicted_result(
         {
             "stage": stage,
             _TARGET.name: asked,
-            **{column.name: _finite_snr(column.name, getattr(one, column.name)[place]) for column in _PREDICTED},
+            **{column.name: _finite_snr(column.name, getattr(prediction, column.name)[index]) for column in _PREDICTED},
         }
-        for stage, one in found.items()
-        for place, asked in enumerate(each_contrast(contrast))
+        for stage, prediction in found.items()
+        for index, asked in enumerate(each_contrast(contrast))
     ]
     full = [
         finding
@@ -249,7 +251,7 @@ def _costs(rows: Sequence[Mapping[str, Any]], last: Mapping[str, Any], name: str
     pair = [row for row in rows if all(row.get(key) == last.get(key) for key in ("bright", "dark", _TARGET.name))]
     known = [row for row in pair[: pair.index(last) + 1] if row.get(name) is not None and row["stage"] in branch]
     # What a merge of exposures brings back is not lost.
-    left = [max(row[name] for row in known[place:]) for place in range(len(known))]
+    left = [max(row[name] for row in known[index:]) for index in range(len(known))]
     falls = zip(pairwise(left), [row["stage"] for row in known[1:]], strict=True)
     (before, after), stage = max(falls, key=lambda fall: fall[0][0] - fall[0][1], default=((0.0, 0.0), ""))
     if before - after < _LOSS:

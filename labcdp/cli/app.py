@@ -59,7 +59,7 @@ def unwinding() -> Iterator[None]:
 
     # Not all systems have SIGHUP; nohup ignores it.
     known = [signal.Signals[name] for name in ("SIGTERM", "SIGHUP") if name in signal.Signals.__members__]
-    numbers = [one for one in known if signal.getsignal(one) != signal.SIG_IGN]
+    numbers = [number for number in known if signal.getsignal(number) != signal.SIG_IGN]
     before = {number: signal.signal(number, end) for number in numbers}
     try:
         yield
@@ -70,7 +70,7 @@ def unwinding() -> Iterator[None]:
 
 def what_is_left() -> str:
     """Return a message on what an interrupted command leaves."""
-    command = next((one for one in sys.argv[1:] if not one.startswith("-")), "")
+    command = next((argument for argument in sys.argv[1:] if not argument.startswith("-")), "")
     if command in _RESUMED:
         return "labcdp: stopped; recorded data are safe, and the same command resumes"
     return "labcdp: stopped; the same command starts again from the beginning"
@@ -113,8 +113,8 @@ def _options(
 
 def _require_no_empty_argument() -> None:
     """Refuse an empty argument, as of a shell variable that is not set: as a path it would be the current folder."""
-    for before, one in pairwise(sys.argv):
-        if not one or (one.startswith("--") and one.endswith("=")):
+    for before, argument in pairwise(sys.argv):
+        if not argument or (argument.startswith("--") and argument.endswith("=")):
             raise InputError(f"the argument after {shortened(before)} is empty: give a value, or leave it out")
 
 

@@ -86,7 +86,7 @@ class _Parameter:
         about_it: dict[str, Any] = {"help": text, "metavar": metavar or None, "min": how.least, "max": how.most}
         # Without another name a flag could be switched off, too.
         names = how.names or (f"--{name}/--no-{name}" if default is True else f"--{name}",)
-        self.names = tuple(one.replace("_", "-") for one in names)
+        self.names = tuple(name.replace("_", "-") for name in names)
         made = typer.Option(default, *self.names, **about_it) if is_option else typer.Argument(default, **about_it)
         self.declared = inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=made, annotation=kind)
 
@@ -98,24 +98,24 @@ class _Parameter:
 
 def _unwrapped(hint: Any) -> tuple[Any, As]:
     """Return a type without annotations, and how its values are given; ``Annotated[X, As(...)] | None`` too."""
-    optional = [one for one in get_args(hint) if one is not NoneType] if NoneType in get_args(hint) else []
+    optional = [part for part in get_args(hint) if part is not NoneType] if NoneType in get_args(hint) else []
     if len(optional) == 1 and get_origin(optional[0]) is Annotated:
         kind, how = _unwrapped(optional[0])
         return kind | None, how
     if get_origin(hint) is not Annotated:
         return hint, As()
     kind, *notes = get_args(hint)
-    return kind, next(one for one in notes if isinstance(one, As))
+    return kind, next(note for note in notes if isinstance(note, As))
 
 
 def _about(*documented: Any) -> dict[str, tuple[str, str]]:
     """Return what docstrings say of parameters, by name: what stands for the values, and the help."""
-    found: dict[str, tuple[str, str]] = {}
-    for one in documented:
-        _, _, section = inspect.cleandoc(one.__doc__ or "").partition("\n\nParameters\n----------\n")
+    entries_by_name: dict[str, tuple[str, str]] = {}
+    for described in documented:
+        _, _, section = inspect.cleandoc(described.__doc__ or "").partition("\n\nParameters\n----------\n")
         entries = re.findall(r"^(\w+)(?: : (.*))?\n((?: +.*\n?)+)", section.split("\n\n")[0], re.MULTILINE)
-        found |= {name: (metavar, " ".join(text.split())) for name, metavar, text in entries}
-    return found
+        entries_by_name |= {name: (metavar, " ".join(text.split())) for name, metavar, text in entries}
+    return entries_by_name
 
 
 #: Name of the command that runs, and what it was given by name of the parameter.
@@ -137,7 +137,7 @@ def as_command(command: str, function: Callable[..., None]) -> Callable[..., Non
     parameters: list[_Parameter] = []
     groups: dict[str, tuple[Any, list[_Parameter]]] = {}
     hints, about = get_type_hints(function, include_extras=True), _about(function)
-    for name, one in inspect.signature(function).parameters.items():
+    for name, parameter in inspect.signature(function).parameters.items():
         if is_dataclass(hints[name]):
             group: Any = hints[name]
             types, documented = get_type_hints(group, include_extras=True), _about(*reversed(group.__mro__))
@@ -145,22 +145,25 @@ def as_command(command: str, function: Callable[..., None]) -> Callable[..., Non
             groups[name] = group, members
             parameters += members
         else:
-            is_option = one.kind is inspect.Parameter.KEYWORD_ONLY
-            parameters.append(_Parameter(name, hints[name], one.default, about, is_option))
-    if all(one.name != "as_json" for one in parameters):
+            is_option = parameter.kind is inspect.Parameter.KEYWORD_ONLY
+            parameters.append(_Parameter(name, hints[name], parameter.default, about, is_option))
+    if all(parameter.name != "as_json" for parameter in parameters):
         parameters.append(_Parameter("as_json", Json, False, {}, True))
 
     @wraps(function)
     def call(**given: Any) -> None:
         COMMAND.set(command)
         GIVEN.set(given)
-        values = {one.name: one.value(given[one.name]) for one in parameters}
-        made = {name: group(**{one.name: values.pop(one.name) for one in ms}) for name, (group, ms) in groups.items()}
+        values = {parameter.name: parameter.value(given[parameter.name]) for parameter in parameters}
+        made = {
+            name: group(**{parameter.name: values.pop(parameter.name) for parameter in ms})
+            for name, (group, ms) in groups.items()
+        }
         values.pop("as_json", None)
         function(**values, **made)
 
-    call.__signature__ = inspect.Signature([one.declared for one in parameters])  # type: ignore[attr-defined]
-    call.__annotations__ = {one.name: one.declared.annotation for one in parameters}
+    call.__signature__ = inspect.Signature([parameter.declared for parameter in parameters])  # type: ignore[attr-defined]
+    call.__annotations__ = {parameter.name: parameter.declared.annotation for parameter in parameters}
     return call
 
 
@@ -260,8 +263,8 @@ def _help(name: str) -> str:
     """Help of a command whose module is not imported for it."""
     source = Path(__file__).parent.joinpath(*_module(name).split(".")).with_suffix(".py").read_text(encoding="utf-8")
     # Parsing all modules would take a quarter of the time of the list of commands.
-    found = re.search(rf'^def {_function(name)}\(.*?"""(.*?)"""', source, re.DOTALL | re.MULTILINE)
-    return _paragraphs(found and found[1])
+    match = re.search(rf'^def {_function(name)}\(.*?"""(.*?)"""', source, re.DOTALL | re.MULTILINE)
+    return _paragraphs(match and match[1])
 
 
 def _paragraphs(text: str | None) -> str:

@@ -59,7 +59,7 @@ class QuestionOptions:
     changes: Changes = ()
     require: Path | None = None
 
-    def asked(self, light: PictureLightOptions) -> Question | ImageSettings | None:
+    def chosen(self, light: PictureLightOptions) -> Question | ImageSettings | None:
         """Return what chains or, with regions, pictures are asked; None without an option for either.
 
         Raises
@@ -105,10 +105,10 @@ def compare(
         Chains (presets or files), maps of sweeps, sessions, calibrations, pictures (with --roi), or results of labcdp
         evaluate, image or characterise; files or folders of results. Each is compared with the first.
     """
-    asked = question.asked(light)
+    chosen = question.chosen(light)
     with results.folder(subjects[0]) as folder:
         with progress_bar("Cells") as report:
-            found = compare_subjects(subjects, asked, report)
+            found = compare_subjects(subjects, chosen, report)
         result = compare_result(found)
         folder.add(comparison_files(found, result))
     results.show(result, folder)

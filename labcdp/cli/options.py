@@ -112,7 +112,7 @@ def require_apart(options: Mapping[str, object], others: Mapping[str, object]) -
 def say_unmet(verdicts: Mapping[str, Verdict]) -> None:
     """Say which ones do not meet a requirement, or may not, by name."""
     for verdict, words in (("not met", "not met"), ("undecided", "undecided for")):
-        if names := [name for name, found in verdicts.items() if found == verdict]:
+        if names := [name for name, of_name in verdicts.items() if of_name == verdict]:
             say(f"Requirement {words}: {', '.join(names)}")
 
 
@@ -207,8 +207,11 @@ def _has_namesake(path: Path) -> bool:
         return False
     with suppress(OSError):
         return any(
-            one.stem == path.stem and one.name != path.name and one.suffix.lower() in kinds and one.is_file()
-            for one in path.absolute().parent.iterdir()
+            sibling.stem == path.stem
+            and sibling.name != path.name
+            and sibling.suffix.lower() in kinds
+            and sibling.is_file()
+            for sibling in path.absolute().parent.iterdir()
         )
     return False
 
@@ -226,9 +229,9 @@ def _inputs(option: str) -> Iterator[Path]:
     """Files and folders that a command was given to read, and texts that may name one; not what `option` names."""
     written = _WRITTEN | {option.lstrip("-").lower()}
     for name, value in GIVEN.get().items():
-        for one in value if isinstance(value, list | tuple) else (value,):
-            if name not in written and isinstance(one, str | Path) and str(one):
-                yield Path(one)
+        for path in value if isinstance(value, list | tuple) else (value,):
+            if name not in written and isinstance(path, str | Path) and str(path):
+                yield Path(path)
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,7 @@ def parse_pair(text: str, names: Sequence[str], name: str = "--pair") -> tuple[s
             return bright, dark
     if not splits:
         raise InputError(f"{name} is {shown(text)}: give two names separated by a colon, for example bright:dark")
-    missing = next((one for one in splits[0] if one not in names), None)
+    missing = next((name for name in splits[0] if name not in names), None)
     if missing is None:
         raise InputError(f"{name} is {shown(text)}: give two different names")
     raise InputError(f"{name} is {shown(text)}, but there is no {missing!r}: choose from {', '.join(names)}")
@@ -66,7 +66,7 @@ def parse_length(text: str, name: str) -> float:
 
 
 def _with_unit(text: str, name: str, units: Mapping[str, float], allowed: str) -> float:
-    unit = next((one for one in units if text.endswith(one)), "")
+    unit = next((unit for unit in units if text.endswith(unit)), "")
     with suppress(ValueError):
         value = float(text.removesuffix(unit)) * units.get(unit, nan)
         if isfinite(value) and value > 0:

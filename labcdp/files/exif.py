@@ -86,7 +86,7 @@ def _require_whole(tags: Mapping[int, Any], size: int, path: Path) -> None:
 def _whole_numbers(value: Any, path: Path) -> tuple[int, ...]:
     """Value of an integer tag; a damaged one can be anything."""
     several = () if value is None else value if isinstance(value, tuple | list) else (value,)
-    if not all(isinstance(one, int) for one in several):
+    if not all(isinstance(number, int) for number in several):
         raise InputError(
             f"{path} is damaged: where its pixels are is {str(value)[:40]!r} and no number: copy or save it again"
         )

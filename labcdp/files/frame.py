@@ -127,10 +127,10 @@ def read_image(path: str | PathLike[str], layout: PixelFormat, options: PictureO
         raise InputError(f"{path} is neither a TIFF nor a PNG file: give one of these, or a camera RAW file")
     kind = "of floats" if statements.bits is None else f"of {statements.bits} bits"
     # What labcdp does not apply leaves the values as they are, and their black level is beside them.
-    altered = [one for one in statements.changes if one.code not in _LEAVES_VALUES]
+    altered = [finding for finding in statements.changes if finding.code not in _LEAVES_VALUES]
     coloured = dn.ndim == 3
     if coloured or statements.bits not in (8, 16) or altered:
-        changes = [one.code.replace("-", " ") for one in altered]
+        changes = [finding.code.replace("-", " ") for finding in altered]
         what = [*(["coloured"] if coloured else []), kind, *changes]
         raise InputError(f"{path} is {', '.join(what)}: give a grey image of 8 or 16 bits, one number a pixel")
     largest = 2**layout.bit_depth - 1
@@ -279,8 +279,8 @@ def guessed_scale(largest: int, in_use: int, bits: int) -> Scale:
         step = 2 ** (bits - depth)
         top = 2**bits - step
         if largest == top and not in_use & (step - 1):
-            found = info("bit-depth-guessed-upper", bits=depth, stored_bits=bits, saturation_dn=top)
-            return Scale(bits, float(top), (found,))
+            guess = info("bit-depth-guessed-upper", bits=depth, stored_bits=bits, saturation_dn=top)
+            return Scale(bits, float(top), (guess,))
     findings: tuple[Finding, ...] = ()
     if largest < 2 ** (bits - 1):
         findings = (warning("bit-depth-unknown", largest_dn=largest, top_dn=2**bits - 1),)

@@ -92,8 +92,8 @@ def read_profile(data: bytes, coloured: bool) -> ColourProfile:
     curves = tuple(_curve(tags[name]) for name in names)
     if data[20:24] == b"Lab " and space == "GRAY":
         # The curve gives lightness (8.3.4 and F.2), of which luminance is by CIE 1976.
-        curves = tuple(np.where(one > 0.08, ((one + 0.16) / 1.16) ** 3, one / 9.033) for one in curves)
-    if any(np.ptp(one) == 0 for one in curves):
+        curves = tuple(np.where(curve > 0.08, ((curve + 0.16) / 1.16) ** 3, curve / 9.033) for curve in curves)
+    if any(np.ptp(curve) == 0 for curve in curves):
         raise InputError("a curve maps all values to the same light")
     encodings = {known_encoding(curve) for curve in curves}
     if not coloured and not _alike(curves):
@@ -108,8 +108,8 @@ def read_profile(data: bytes, coloured: bool) -> ColourProfile:
 
 
 def _alike(curves: Sequence[NDArray[np.float64]]) -> bool:
-    sizes = {one.size for one in curves}
-    return len(sizes) == 1 and all(np.abs(one - curves[0]).max() < _SAME for one in curves[1:])
+    sizes = {curve.size for curve in curves}
+    return len(sizes) == 1 and all(np.abs(curve - curves[0]).max() < _SAME for curve in curves[1:])
 
 
 def _tags(data: bytes) -> dict[bytes, bytes]:
@@ -155,7 +155,7 @@ def _parametric(tag: bytes) -> NDArray[np.float64]:
     (kind,) = struct.unpack_from(">H", tag, 8)
     if kind >= len(_PARAMETERS):
         raise InputError("a curve is of an unknown kind")
-    given = [one / 65536 for one in struct.unpack_from(f">{_PARAMETERS[kind]}i", tag, 12)]
+    given = [number / 65536 for number in struct.unpack_from(f">{_PARAMETERS[kind]}i", tag, 12)]
     x = np.linspace(0, 1, _POINTS)
     # Table 68: Y = (a X + b)^g + c from X = d on, else e X + f.
     g, a, b, e, d, c, f = given[0], 1.0, 0.0, 0.0, 0.0, 0.0, 0.0

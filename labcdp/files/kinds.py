@@ -53,9 +53,9 @@ def unread_picture(head: bytes) -> str | None:
         size = min(max(int.from_bytes(head[:4], "big"), 16), len(head))
         # The first brand is the file's own; a photograph may call itself a compatible one of them only.
         brands = [head[8:12], *(head[at : at + 4] for at in range(16, size - 3, 4))]
-        named = next((_PHOTOGRAPHS[one] for one in brands[:1] if one in _PHOTOGRAPHS), None)
-        is_video = any(one[:3] in (b"iso", b"mp4", b"avc", b"qt ", b"M4V") for one in brands)
-        return named or next((_PHOTOGRAPHS[one] for one in brands if one in _PHOTOGRAPHS and not is_video), None)
+        named = next((_PHOTOGRAPHS[brand] for brand in brands[:1] if brand in _PHOTOGRAPHS), None)
+        is_video = any(brand[:3] in (b"iso", b"mp4", b"avc", b"qt ", b"M4V") for brand in brands)
+        return named or next((_PHOTOGRAPHS[brand] for brand in brands if brand in _PHOTOGRAPHS and not is_video), None)
     return _first(_UNREAD, head)
 
 

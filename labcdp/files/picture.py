@@ -269,25 +269,25 @@ def overridden_frame(frame: Frame, options: PictureOptions) -> Frame:
 
 def contradictions(exposure_s: float, gain_db: float, options: PictureOptions) -> tuple[Finding, ...]:
     """Find where a file says another exposure or gain than the user gave."""
-    found = []
+    findings = []
     given_s, given_db = options.override("exposure_s"), options.override("gain_db")
     if given_s is not None and not isclose(exposure_s, given_s, rel_tol=_EXPOSURE_REL):
-        found.append(warning("exposure-replaced", stated_s=exposure_s, given_s=given_s))
+        findings.append(warning("exposure-replaced", stated_s=exposure_s, given_s=given_s))
     if given_db is not None and not isclose(gain_db, given_db, abs_tol=_GAIN_DB):
-        found.append(warning("gain-replaced", stated_db=gain_db, given_db=given_db))
-    return tuple(found)
+        findings.append(warning("gain-replaced", stated_db=gain_db, given_db=given_db))
+    return tuple(findings)
 
 
 def _other_levels(frame: Frame, options: PictureOptions) -> tuple[Finding, ...]:
     """Find where a file says another black level or colour filter of DN than the user gave."""
-    found = []
+    findings = []
     black_dn, bayer = options.override("black_level_dn"), options.override("bayer")
     if black_dn is not None and frame.clipped is None and frame.black_level_dn not in (None, black_dn):
-        found.append(warning("black-level-replaced", stated_dn=frame.black_level_dn, given_dn=black_dn))
+        findings.append(warning("black-level-replaced", stated_dn=frame.black_level_dn, given_dn=black_dn))
     if bayer is not None and frame.colour_filter not in (None, _FILTERS[bayer]):
         stated = next(name for name, of_frame in _FILTERS.items() if of_frame == frame.colour_filter)
-        found.append(warning("colour-filter-replaced", stated=stated, given=bayer))
-    return tuple(found)
+        findings.append(warning("colour-filter-replaced", stated=stated, given=bayer))
+    return tuple(findings)
 
 
 def unused_options(frame: Frame | None, bits: int | None, options: PictureOptions) -> tuple[Finding, ...]:
@@ -305,16 +305,16 @@ def unused_options(frame: Frame | None, bits: int | None, options: PictureOption
     if frame is None:
         given = [what for name, what in {**_OF_DN, **_AS_STORED}.items() if name in options.overrides]
         return tuple(warning("option-needs-dn", option=what) for what in given)
-    found = []
+    findings = []
     if frame.clipped is not None:
         given = [what for name, what in _AS_STORED.items() if name in options.overrides]
-        found += [warning("option-needs-grey", option=what) for what in given]
+        findings += [warning("option-needs-grey", option=what) for what in given]
     given_bits, name = options.override("bit_depth"), options.override("pixel_format")
     if given_bits not in (None, bits):
-        found.append(warning("bit-depth-ignored", given=given_bits, bits=bits))
+        findings.append(warning("bit-depth-ignored", given=given_bits, bits=bits))
     if name is not None and pixel_format(name).name != frame.pixel_format:
-        found.append(warning("pixel-format-ignored", given=name))
-    return tuple(found)
+        findings.append(warning("pixel-format-ignored", given=name))
+    return tuple(findings)
 
 
 def with_overrides(

@@ -231,8 +231,8 @@ def _jpeg_segments(data: bytes) -> Iterator[tuple[int, int]]:
         at += 2 if marker in _ALONE else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
         if marker == _SCAN:
             # In coded data, 0xFF is followed by 0 or the marker of a restart.
-            found = _IN_SCAN.search(data, at)
-            at = len(data) if found is None else found.start()
+            marker_at = _IN_SCAN.search(data, at)
+            at = len(data) if marker_at is None else marker_at.start()
 
 
 def _is_profile(data: bytes, marker: int, at: int) -> bool:

@@ -258,8 +258,8 @@ def clipping_dn(dn: NDArray[Any], colour_filter: str | None, black_dn: float, wh
     colours = [pile for at, pile in enumerate(piles) if at != second_green]
     lowest = [pile[0] for pile in colours if pile is not None]
     alike = _ALIKE * (white_dn - black_dn)
-    found = sharp + [min(a, b) for a, b in combinations(lowest, 2) if abs(a - b) <= alike]
-    return float(min(found)) if found else None
+    ends = sharp + [min(a, b) for a, b in combinations(lowest, 2) if abs(a - b) <= alike]
+    return float(min(ends)) if ends else None
 
 
 def _pile(dn: NDArray[Any], black_dn: float, white_dn: float) -> tuple[int, int] | None:

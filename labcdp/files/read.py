@@ -162,9 +162,16 @@ def _from_labcdp(
     # Of archives, luminance is the only one that is read.
     if noted is None or noted.get("format") == FORMAT:
         luminance, _ = read_luminance(data, path, options.max_pixels)
-        light, found = np.asarray(luminance.luminance_cd_m2, dtype=np.float32), [info("luminance-file")]
+        light, findings = np.asarray(luminance.luminance_cd_m2, dtype=np.float32), [info("luminance-file")]
         return _made(
-            path, sha256, NOTHING_STATED, options, light=light, light_is_cd_m2=True, findings=found, luminance=luminance
+            path,
+            sha256,
+            NOTHING_STATED,
+            options,
+            light=light,
+            light_is_cd_m2=True,
+            findings=findings,
+            luminance=luminance,
         )
     if not {"exposure_s", "saturation_dn", "camera"} <= set(noted):
         return None
@@ -197,7 +204,7 @@ def _session_at(folder: Path, _changed_ns: int) -> tuple[Lens, frozenset[str]]:
     from ..session import Session
 
     with Session.open(folder) as session:
-        return session.configuration.optics, frozenset(one.file.sha256 for one in session.frames())
+        return session.configuration.optics, frozenset(record.file.sha256 for record in session.frames())
 
 
 def _from_raw(path: Path, sha256: str, options: PictureOptions) -> Picture:
@@ -246,14 +253,14 @@ def _picture(stored: Stored, path: Path, sha256: str, options: PictureOptions) -
     if statements.bits == 16 and options.stated_bits is None:
         guessed_by = int(values.max()), int(np.bitwise_or.reduce(values, axis=None))
     states_white = statements.white_dn is not None
-    findings += [one for one in scale.findings if not (states_white and one.code == "bit-depth-unknown")]
+    findings += [finding for finding in scale.findings if not (states_white and finding.code == "bit-depth-unknown")]
     levels = (scale.saturation_dn, statements.white_dn, options.saturation_dn)
     saturation_dn = min(level for level in levels if level is not None)
     counts = histogram_of(values)
     is_known = statements.stated_by or statements.is_settled or _is_of_sensor(coloured, statements, options)
     if options.encoding is None and not is_known:
         # A palette has colours, and colours of more bits are as is usual for their kind.
-        in_colours = coloured or any(one.code == "palette-resolved" for one in statements.changes)
+        in_colours = coloured or any(finding.code == "palette-resolved" for finding in statements.changes)
         likely, other = encodings(counts, saturation_dn, statements.bits, in_colours)
         encoding = usual if in_colours else options.assumed_encoding or likely
         other = other if encoding == likely else likely
@@ -370,10 +377,10 @@ def picture_paths(
     InputError
         If a folder holds no image, or cannot be read.
     """
-    found: list[Path] = []
+    files: list[Path] = []
     for path in map(Path, paths):
-        found += _in_folder(path, suffixes) if path.is_dir() else [path]
-    return list(dict.fromkeys(found))
+        files += _in_folder(path, suffixes) if path.is_dir() else [path]
+    return list(dict.fromkeys(files))
 
 
 def _in_folder(folder: Path, suffixes: Sequence[str]) -> list[Path]:

@@ -101,7 +101,7 @@ class SensorTags:
         if self.black is None:
             return False
         group, *lines = self.black
-        return max(group.shape) > 2 or any(one is not None for one in lines)
+        return max(group.shape) > 2 or any(line is not None for line in lines)
 
     def black_of(
         self, corner: tuple[int, int], shape: tuple[int, int], path: Path, per_value: float = 1.0
@@ -166,9 +166,9 @@ def tags_of(page: Any, path: Path, is_dng: bool = False) -> SensorTags:
     numbers = {tag.code: _numbers(tag) for tag in page.tags.values() if tag.code in _NUMBERS}
     xmp = _xmp_values(page.tags.get(_XMP))
     black, findings = _black(numbers, xmp, path)
-    named = _opcodes([page.tags.get(code) for code in _OPCODES]) + [one for one in _XMP_CORRECTIONS if one in xmp]
+    named = _opcodes([page.tags.get(code) for code in _OPCODES]) + [name for name in _XMP_CORRECTIONS if name in xmp]
     if named:
-        bends = [one for one in named if one not in _OF_GEOMETRY]
+        bends = [name for name in named if name not in _OF_GEOMETRY]
         findings.append(
             (warning if bends else info)("sensor-corrections-not-applied", names=list(dict.fromkeys(named)))
         )
@@ -185,7 +185,7 @@ def tags_of(page: Any, path: Path, is_dng: bool = False) -> SensorTags:
         white=min(white) if white and min(white) > 0 else None,
         linearization=np.array(table) if table else None,
         active=(int(active[0]), int(active[1])),
-        masked=tuple(tuple(int(one) for one in masked[at : at + 4]) for at in range(0, len(masked) - 3, 4)),
+        masked=tuple(tuple(int(number) for number in masked[at : at + 4]) for at in range(0, len(masked) - 3, 4)),
         findings=tuple(findings),
     )
 
@@ -195,12 +195,12 @@ def _sensor_page(tiff: Any) -> Any:
     pages = [page.aspage() for page in tiff.pages]
     pages += [below.aspage() for page in pages for below in page.pages or ()]
     # A size of a wrong type is text: times another it fills the memory.
-    found = [
+    sensors = [
         page
         for page in pages
         if page.photometric in (CFA, _LINEAR_RAW) and {type(page.imagewidth), type(page.imagelength)} == {int}
     ]
-    return max(found, key=lambda page: page.imagewidth * page.imagelength, default=None)
+    return max(sensors, key=lambda page: page.imagewidth * page.imagelength, default=None)
 
 
 def float_values(data: bytes, path: Path) -> NDArray[np.float64]:
@@ -216,7 +216,7 @@ def _numbers(tag: Any) -> tuple[float, ...]:
     several = isinstance(tag.value, tuple | list | bytes | np.ndarray)
     values = tuple(np.ravel(tag.value).tolist() if isinstance(tag.value, np.ndarray) else tag.value) if several else ()
     values = values if several else (tag.value,)
-    if not all(isinstance(one, int | float) for one in values):
+    if not all(isinstance(number, int | float) for number in values):
         return ()
     if int(tag.dtype) in _RATIONAL:
         return tuple(a / b if b else 0.0 for a, b in zip(values[::2], values[1::2], strict=False))
@@ -228,9 +228,9 @@ def _black(
 ) -> tuple[tuple[NDArray[Any], NDArray[Any] | None, NDArray[Any] | None] | None, list[Finding]]:
     levels, findings = numbers.get(_BLACK, ()), list[Finding]()
     across, down = (np.array(values) if (values := numbers.get(code)) else None for code in (_DELTA_H, _DELTA_V))
-    repeat = [int(one) for one in numbers.get(_REPEAT, (1, 1))][:2]
+    repeat = [int(number) for number in numbers.get(_REPEAT, (1, 1))][:2]
     if not levels:
-        name = next((one for one in _XMP_BLACK if xmp.get(one)), None)
+        name = next((name for name in _XMP_BLACK if xmp.get(name)), None)
         if name is None and across is None and down is None:
             return None, []
         levels, repeat = (0.0,), [1, 1]
@@ -270,15 +270,15 @@ def _xmp_values(tag: Any) -> dict[str, tuple[float, ...]]:
     if tag is None or not isinstance(tag.value, bytes | str):
         return {}
     text = tag.value.decode("utf-8", "replace") if isinstance(tag.value, bytes) else tag.value
-    found = {}
+    values_by_name = {}
     for name in (*_XMP_BLACK, *_XMP_CORRECTIONS):
         match = re.search(
             rf'[\w-]+:{name}\s*=\s*"([^"]*)"|<[\w-]+:{name}\b[^>]*>(.*?)</[\w-]+:{name}>', text, re.DOTALL
         )
         if match:
             values = re.sub(r"<[^>]*>", " ", match[1] or match[2] or "")
-            found[name] = tuple(float(one) for one in _NUMBER.findall(values))
-    return found
+            values_by_name[name] = tuple(float(number) for number in _NUMBER.findall(values))
+    return values_by_name
 
 
 def masked_level(
@@ -307,5 +307,5 @@ def pattern_findings(pattern: BlackPattern | None) -> tuple[Finding, ...]:
     """Say that black levels differ from pixel to pixel."""
     if pattern is None:
         return ()
-    spread_dn = sum(float(np.ptp(np.array(one))) for one in (pattern.group, pattern.columns, pattern.rows) if one)
+    spread_dn = sum(float(np.ptp(np.array(part))) for part in (pattern.group, pattern.columns, pattern.rows) if part)
     return (info("black-pattern", spread_dn=spread_dn),)

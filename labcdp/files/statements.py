@@ -263,23 +263,23 @@ def stated_by_png(
         return replace(of_profile, findings=(*of_profile.findings, *unused))
     unused += of_profile.findings
     if b"sRGB" in chunks:
-        found = FileStatements(encoding="srgb", stated_by="its chunk sRGB")
+        curve = FileStatements(encoding="srgb", stated_by="its chunk sRGB")
     elif b"gAMA" in chunks:
         gamma = int.from_bytes(chunks[b"gAMA"][:4], "big")
-        found = stated_by_gamma(_GAMMA_UNITS / gamma if gamma else None, "its chunk gAMA")
+        curve = stated_by_gamma(_GAMMA_UNITS / gamma if gamma else None, "its chunk gAMA")
     else:
-        found = exif
+        curve = exif
     if of_codes is not NOTHING_STATED and codes[0] in PRIMARIES_OF_CODE:
-        found = replace(found, weights=of_codes.weights)
+        curve = replace(curve, weights=of_codes.weights)
     elif coloured and b"sRGB" not in chunks and b"cHRM" in chunks:
         weights = None
         if len(chromaticities := chunks[b"cHRM"]) == 32:
-            white_x, white_y, *rgb = (one / _GAMMA_UNITS for one in struct.unpack(">8I", chromaticities))
+            white_x, white_y, *rgb = (number / _GAMMA_UNITS for number in struct.unpack(">8I", chromaticities))
             weights = luminance_weights([*zip(rgb[::2], rgb[1::2], strict=True), (white_x, white_y)])
         if weights is None:
             unused += (warning("primaries-not-used", by="its chunk cHRM"),)
-        found = replace(found, weights=weights or BT709_LUMINANCE)
-    return replace(found, findings=(*found.findings, *unused))
+        curve = replace(curve, weights=weights or BT709_LUMINANCE)
+    return replace(curve, findings=(*curve.findings, *unused))
 
 
 #: Chunks that state curve and colours, which count before the pixels only (PNG third edition, 5.6).
@@ -355,7 +355,7 @@ def stated_by_exif(
 def numbers_of(value: Any) -> list[float]:
     """Numbers of a tag of fractions: as they are, or, as tifffile gives them, numerators and denominators in turn."""
     try:
-        parts = [float(one) for one in value]
+        parts = [float(number) for number in value]
         if len(parts) in (4, 12):
             parts = [a / b for a, b in zip(parts[::2], parts[1::2], strict=True)]
     except (TypeError, ValueError, ZeroDivisionError):
@@ -365,13 +365,13 @@ def numbers_of(value: Any) -> list[float]:
 
 def curve_findings(curve: FileStatements, encoding: Encoding) -> tuple[Finding, ...]:
     """Return what a user should know of a curve that is used because the file states it."""
-    found = [*curve.findings]
+    findings = [*curve.findings]
     usual = encoding == "srgb" and curve.stated_by in ("its chunk sRGB", "its EXIF colour space")
     if curve.states_curve and not usual:
         name = "encoded with its own curve" if curve.encoding is None else encoding_name(encoding)
-        found.append(info("encoding-stated", encoding=name, by=curve.stated_by))
+        findings.append(info("encoding-stated", encoding=name, by=curve.stated_by))
     if encoding == "pq":
-        found.append(info("encoding-pq"))
+        findings.append(info("encoding-pq"))
     if encoding == "hlg":
-        found.append(info("encoding-hlg"))
-    return tuple(found)
+        findings.append(info("encoding-hlg"))
+    return tuple(findings)

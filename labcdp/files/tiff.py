@@ -108,10 +108,10 @@ def _pages(tiff: Any, path: Path) -> list[Any]:
 def _count_in_block(page: Any, n_bytes: int) -> int:
     """Pictures that a description of ImageJ or tifffile states and that lie one behind the other, else 1."""
     count = 1
-    if found := re.match(r"ImageJ=[^\0]*?^images=(\d{1,9})\s*$", page.description, re.MULTILINE):
-        count = int(found[1])
-    elif found := re.match(r'{"shape": \[([\d, ]{1,99})\], "truncated": true', page.description):
-        count = prod(map(int, found[1].split(","))) // max(page.size, 1)
+    if noted := re.match(r"ImageJ=[^\0]*?^images=(\d{1,9})\s*$", page.description, re.MULTILINE):
+        count = int(noted[1])
+    elif noted := re.match(r'{"shape": \[([\d, ]{1,99})\], "truncated": true', page.description):
+        count = prod(map(int, noted[1].split(","))) // max(page.size, 1)
     # Others may have copied the description with one picture of a stack.
     is_there = page.dataoffsets and page.dataoffsets[0] + count * sum(page.databytecounts) <= n_bytes
     return count if is_there and page.compression == _UNCOMPRESSED else 1

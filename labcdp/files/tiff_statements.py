@@ -208,23 +208,23 @@ def _curve(page: Any, tags: dict[int, Any], coloured: bool, bits: int | None, of
     if stated.states_curve and bits is not None:
         return stated
     colours = _exif_colours(tags, page)
-    found = stated_by_exif(bits or 8, **colours)
+    by_tags = stated_by_exif(bits or 8, **colours)
     if bits is None:
         # Floats are linear; of profile and tags only the colours count.
         why, unused = "the values are floats, which are linear", list[Finding]()
         if stated.states_curve and stated.encoding != "linear":
             unused.append(warning("icc-profile-not-used", reason=why))
-        if found.states_curve and found.encoding != "linear":
-            unused.append(warning("curve-not-used", by=found.stated_by, reason=why))
-        weights = stated.weights if stated.states_curve else found.weights
+        if by_tags.states_curve and by_tags.encoding != "linear":
+            unused.append(warning("curve-not-used", by=by_tags.stated_by, reason=why))
+        weights = stated.weights if stated.states_curve else by_tags.weights
         return FileStatements(weights=weights, findings=(*stated.findings, *unused))
-    findings = (*found.findings, *stated.findings)
+    findings = (*by_tags.findings, *stated.findings)
     linear = stated_by_exif(bits, **{name: colours[name] for name in ("table", "white", "primaries")})
-    if of_sensor and found.stated_by != linear.stated_by:
+    if of_sensor and by_tags.stated_by != linear.stated_by:
         # Cameras write the colour space of their JPEG files into raw ones too.
         why = "with a black level or a table of linearisation, the values are those of a sensor"
-        return replace(linear, findings=(*findings, warning("curve-not-used", by=found.stated_by, reason=why)))
-    return replace(found, findings=findings)
+        return replace(linear, findings=(*findings, warning("curve-not-used", by=by_tags.stated_by, reason=why)))
+    return replace(by_tags, findings=findings)
 
 
 def _exif_colours(tags: dict[int, Any], page: Any) -> dict[str, Any]:
@@ -275,12 +275,12 @@ def _imagej(text: str) -> tuple[ValueScale | None, tuple[Finding, ...]]:
 def _gdal(text: str) -> tuple[ValueScale | None, tuple[Finding, ...]]:
     """Return scale and offset of GDAL's metadata, an XML text with items of these roles; and a finding if unusable."""
     items = {"scale": "1", "offset": "0", "unittype": ""}
-    found = False
+    is_stated = False
     for attributes, value in re.findall(r"<Item\b([^>]*)>([^<]*)</Item>", text[:100_000]):
         role = re.search(r"""\brole\s*=\s*["'](scale|offset|unittype)["']""", attributes)
         if role is not None:
-            items[role[1]], found = value, True
-    if not found:
+            items[role[1]], is_stated = value, True
+    if not is_stated:
         return None, ()
     by = "GDAL's scale and offset"
     with suppress(ValueError):

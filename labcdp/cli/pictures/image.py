@@ -83,7 +83,7 @@ def image(
             folder.add(summary_files(pictures, result, settings.converter.description))
     if good:
         # Failures are reported last.
-        shown = tuple(one for one in result.findings if results.as_json or one.severity != "error")
+        shown = tuple(finding for finding in result.findings if results.as_json or finding.severity != "error")
         page = "report.html" if pages or len(paths) > 1 else "results.xlsx"
         results.show(replace(result, findings=shown), folder, page, "; also results.xlsx and results.json")
     elif results.as_json:
@@ -99,13 +99,13 @@ def image(
 def _failures(failed: Sequence[MeasuredPicture]) -> list[str]:
     """Say why pictures have no result; those that fail for one reason share a line."""
     reasons: dict[str, list[MeasuredPicture]] = {}
-    for one in failed:
-        reasons.setdefault(one.failure.replace(one.file, ""), []).append(one)
+    for picture in failed:
+        reasons.setdefault(picture.failure.replace(picture.file, ""), []).append(picture)
     lines = []
     for first, *others in reasons.values():
         # Most messages already name the file.
         line = first.failure if first.file in first.failure else f"{first.file}: {first.failure}"
-        named = ", ".join(one.file for one in others[:_MOST_NAMED])
+        named = ", ".join(picture.file for picture in others[:_MOST_NAMED])
         more = f", and {len(others) - _MOST_NAMED} more" if len(others) > _MOST_NAMED else ""
         lines.append(f"{line} (and {len(others)} more alike: {named}{more})" if others else line)
     return lines

@@ -72,8 +72,8 @@ def image_map(
     with results.folder(file) as folder:
         picture = read_picture(file, converter.options)
         scene = None if reference is None else converter.luminance(read_picture(reference, converter.options))
-        found = contrast_map(converter.luminance(picture), settings, scene)
+        edge_map = contrast_map(converter.luminance(picture), settings, scene)
         source = converter.source(picture)
-        result = map_result(found, source, inputs)
-        folder.add(contrast_map_files(found, source, result))
+        result = map_result(edge_map, source, inputs)
+        folder.add(contrast_map_files(edge_map, source, result))
     results.show(result, folder, also="; also contrast-map.png, results.xlsx, results.nc and results.json")

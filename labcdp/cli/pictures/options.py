@@ -212,9 +212,9 @@ def _head(path: Path) -> bytes:
 
 def each_once(paths: Sequence[Path], what: str = "file") -> list[Path]:
     """Return the paths without those of the same file as another one, and say so."""
-    found: dict[Path, Path] = {}
+    files: dict[Path, Path] = {}
     for path in paths:
-        first = found.setdefault(real_path(path), path)
+        first = files.setdefault(real_path(path), path)
         if first is not path:
             say(f"Note: {path} is the same {what} as {first} and is evaluated once")
-    return list(found.values())
+    return list(files.values())

@@ -115,10 +115,10 @@ def rois(
     target = regions.target(file, shown.page)
     image = _image(file, frame, light.converter())
     files = DrawingFiles(target, image.size)
-    found = () if detect is None else propose(image, detect)
+    detected = () if detect is None else propose(image, detect)
     with locked(target) as tell_others, ExitStack() as end:
         read = () if regions.roi in (None, target) else load_regions(regions.roi, files.size)
-        start = Start.of(files, read, found)
+        start = Start.of(files, read, detected)
         if not shown.page:
             _write(files, start)
             return
@@ -157,9 +157,9 @@ def _image(file: Path, frame: Position | None, converter: Converter) -> PageImag
 
 
 def _write(files: DrawingFiles, start: Start) -> None:
-    before, found = start.read or start.saved, start.proposals
+    before, detected = start.read or start.saved, start.proposals
     drawing = Drawing.of(files.size, before)
-    new = new_shapes(found, drawing.shapes)
+    new = new_shapes(detected, drawing.shapes)
     if new:
         drawing = drawing.proposed(new).accepted()
     changed = drawing.shapes != start.saved
@@ -168,7 +168,7 @@ def _write(files: DrawingFiles, start: Start) -> None:
             raise InputError(f"{files.output} was changed by another program: repeat the command")
         files.save(files.output, drawing.shapes)
     names = [shape.name for shape in drawing.shapes[len(before) :]]
-    n_known = len(found) - len(new)
+    n_known = len(detected) - len(new)
     findings = [info("regions-not-confirmed", regions=len(names))] if names else []
     findings += [info("regions-known", regions=n_known)] if n_known else []
     state = "written" if changed else "unchanged"

@@ -158,17 +158,18 @@ def _regions(
     if chosen.neighbours and (chosen.roi is not None or chosen.pair):
         raise InputError("--neighbours needs no regions: leave --roi and --pair out, or --neighbours")
     rois, image_size, _ = read_regions(chosen)
-    pairs, found = parse_pairs(chosen, rois), {roi.name: roi for roi in rois}
-    if found and not pairs:
-        if len(found) != 2:
+    pairs, regions = parse_pairs(chosen, rois), {roi.name: roi for roi in rois}
+    if regions and not pairs:
+        if len(regions) != 2:
             raise InputError(
-                f"{chosen.roi} holds {len(found)} regions ({', '.join(found)}): choose pairs with --pair BRIGHT:DARK"
-                if len(found) > 2
+                f"{chosen.roi} holds {len(regions)} regions ({', '.join(regions)}): choose pairs with --pair "
+                "BRIGHT:DARK"
+                if len(regions) > 2
                 else f"{chosen.roi} contains one region: draw a second one, a CDP needs two"
             )
-        first, second = found
+        first, second = regions
         pairs = ((first, second),)
-    return found, pairs, image_size
+    return regions, pairs, image_size
 
 
 def _common(
@@ -206,13 +207,13 @@ def evaluate_and_write(
         observers = [_observer(made, path, folder, drawing) for folder in folders.values()]
         parts = [settings[name] for name in folders]
         datasets = evaluate_parts(path, parts, [*folders.values()], observers, progress=progress)
-    found: dict[str, Result | LabcdpError] = {}
+    results_by_part: dict[str, Result | LabcdpError] = {}
     for dataset, (name, folder) in zip(datasets, folders.items(), strict=True):
         try:
-            found[name] = dataset if isinstance(dataset, LabcdpError) else write_video(dataset, folder)
+            results_by_part[name] = dataset if isinstance(dataset, LabcdpError) else write_video(dataset, folder)
         except LabcdpError as error:
-            found[name] = error
-    return found
+            results_by_part[name] = error
+    return results_by_part
 
 
 def _observer(made: MadeOptions, path: Path, results: ResultsFolder, drawing: ExitStack) -> Observer | None:
@@ -228,8 +229,8 @@ def _observer(made: MadeOptions, path: Path, results: ResultsFolder, drawing: Ex
         observers.append(FrameImages.for_video(results.path("."), path))
 
     def observer(*seen: Any) -> None:
-        for one in observers:
-            one(*seen)
+        for draw in observers:
+            draw(*seen)
 
     return observer
 
@@ -238,8 +239,10 @@ def evaluate_values(
     settings: Mapping[str, VideoSettings], made: MadeOptions, path: Path, folders: Mapping[str, ResultsFolder]
 ) -> dict[str, dict[str, Any] | LabcdpError]:
     """Do the same, with results as JSON values, which can be sent from another process."""
-    found = evaluate_and_write(settings, made, path, folders)
-    return {name: envelope(one) if isinstance(one, Result) else one for name, one in found.items()}
+    results_by_part = evaluate_and_write(settings, made, path, folders)
+    return {
+        name: envelope(result) if isinstance(result, Result) else result for name, result in results_by_part.items()
+    }
 
 
 def _several(
@@ -261,7 +264,10 @@ def _several(
         require_same_archive(tasks, folder.folder)
     configuration = {**video_configuration(settings, load_reference(settings)), **asdict(made)}
     if of_pairs:
-        configuration["pairs"] = {name: video_configuration(one, load_reference(one)) for name, one in of_pairs.items()}
+        configuration["pairs"] = {
+            name: video_configuration(settings_of_pair, load_reference(settings_of_pair))
+            for name, settings_of_pair in of_pairs.items()
+        }
     read = (settings.reference, settings.calibration, settings.camera)
     result: Result | None = None
     try:
@@ -275,7 +281,7 @@ def _several(
                     where.chosen(),
                     progress=lambda done, total: bars.set("Videos", done, total),
                     force=results.force,
-                    inputs=[one for one in read if isinstance(one, Path)],
+                    inputs=[path for path in read if isinstance(path, Path)],
                 )
             folder.complete = not archive.failures
             result = archive_result(archive)

@@ -111,11 +111,11 @@ class DnMap(AssumedMap):
         offsets = None if frame.black_pattern is None else frame.black_pattern.offsets_dn(frame.shape)
         self._planes = [
             (
-                frame.dn[place],
-                None if inverse_v is None else inverse_v[place],
-                None if offsets is None else offsets[place],
+                frame.dn[green],
+                None if inverse_v is None else inverse_v[green],
+                None if offsets is None else offsets[green],
             )
-            for place in _places(frame)
+            for green in _places(frame)
         ]
         light = _mean(self._look_up(table.light, window))
         if table.glare_fraction:

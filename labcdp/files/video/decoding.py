@@ -43,7 +43,7 @@ def video_stream(container: Any) -> Any:
 
 def video_streams(container: Any) -> list[Any]:
     """All video streams of an opened file that are no picture of its cover."""
-    return [one for one in container.streams.video if not one.disposition & Disposition.attached_pic]
+    return [stream for stream in container.streams.video if not stream.disposition & Disposition.attached_pic]
 
 
 def shown_frames(
@@ -159,14 +159,14 @@ class _Packets:
 
     def decoded(self, frame: Any) -> int:
         """Take note of a frame that came out; return its place in the order of decoding."""
-        place = self._place.get(frame.pts, self._count - 1)
+        position = self._place.get(frame.pts, self._count - 1)
         if frame.key_frame:
-            self._keys.append((place, frame.pts or 0))
-        if frame.is_corrupt and not self.is_before_first_key(frame.pts, place):
-            self._damage.append(place)
+            self._keys.append((position, frame.pts or 0))
+        if frame.is_corrupt and not self.is_before_first_key(frame.pts, position):
+            self._damage.append(position)
         self.ordered = self.ordered and frame.pts is not None and (self._last is None or frame.pts > self._last)
         self._last = frame.pts
-        return place
+        return position
 
     def time(self) -> int | None:
         """Take the next time."""
@@ -183,31 +183,31 @@ class _Packets:
         """Take the times before that of a frame: packets that gave none."""
         while self.ordered and self._waiting and self._waiting[0] < frame.pts:
             at = heapq.heappop(self._waiting)
-            place = self._place.get(at, 0)
-            if not self.is_before_first_key(at, place):
-                self._damage.append(place)
+            position = self._place.get(at, 0)
+            if not self.is_before_first_key(at, position):
+                self._damage.append(position)
                 yield at
 
-    def is_before_first_key(self, at: int | None, place: int) -> bool:
+    def is_before_first_key(self, at: int | None, position: int) -> bool:
         """Whether a packet was to be shown, or decoded, before the first key frame: what it refers to was cut off."""
         key_place, key_at = self._first_key
-        return place < key_place or (None not in (at, key_at) and at < key_at)  # type: ignore[operator]
+        return position < key_place or (None not in (at, key_at) and at < key_at)  # type: ignore[operator]
 
-    def damage_of(self, frame: Any, place: int) -> str:
+    def damage_of(self, frame: Any, position: int) -> str:
         """Code of what is wrong with a frame, empty for nothing."""
-        before = [key for key in self._keys if key[0] <= place]
+        before = [key for key in self._keys if key[0] <= position]
         since = before[-1][0] if before else 0
         if len(before) > 1 and (frame.pts or 0) < before[-1][1]:
             # Shown before the key frame that it was decoded after, it builds on frames before that one too.
             since = before[-2][0]
         if len(before) > 2:
             self._keys = self._keys[-3:]
-            self._damage = [one for one in self._damage if one >= self._keys[0][0]]
-        if place in self._damage:
+            self._damage = [damaged for damaged in self._damage if damaged >= self._keys[0][0]]
+        if position in self._damage:
             return "frame-damaged"
-        if place < self._first_key[0]:
+        if position < self._first_key[0]:
             return "frame-builds-on-broken"
-        return "frame-builds-on-broken" if any(since <= one < place for one in self._damage) else ""
+        return "frame-builds-on-broken" if any(since <= damaged < position for damaged in self._damage) else ""
 
 
 def _in_order(container: Any, stream: Any) -> Iterator[tuple[int | None, Any, str]]:
@@ -221,11 +221,11 @@ def _in_order(container: Any, stream: Any) -> Iterator[tuple[int | None, Any, st
     held: deque[tuple[Any, int]] = deque()
 
     def released() -> Iterator[tuple[int | None, Any, str]]:
-        frame, place = held.popleft()
+        frame, position = held.popleft()
         yield from ((at, None, "frame-not-decoded") for at in packets.lost_before(frame))
         at = packets.time_of(frame)
-        if not (frame.is_corrupt and packets.is_before_first_key(frame.pts, place)):
-            yield at, frame, packets.damage_of(frame, place)
+        if not (frame.is_corrupt and packets.is_before_first_key(frame.pts, position)):
+            yield at, frame, packets.damage_of(frame, position)
 
     with _messages(not is_marking) as n_messages:
         for packet in chain(begin, demuxed):
@@ -254,7 +254,7 @@ def _until_first_key(packets: Iterator[Any]) -> tuple[list[Any], tuple[int, int 
     for packet in packets:
         begin.append(packet)
         if packet.is_keyframe:
-            return begin, (sum(1 for one in begin if one.size) - 1, packet.pts)
+            return begin, (sum(1 for earlier in begin if earlier.size) - 1, packet.pts)
         if len(begin) == _REMEMBERED:
             break
     return begin, (0, None)

@@ -242,9 +242,9 @@ def _length_s(container: Any, stream: Any) -> float | None:
     """Time from the first frame to the end that a container states; None if it does not, or not for the video alone."""
     if not _STATING.intersection(container.format.name.split(",")):
         return None
-    found = _TIME.fullmatch(stream.metadata.get("DURATION", ""))
-    if found:
-        length_s = sum(float(part) * unit for part, unit in zip(found.groups(), (3600, 60, 1), strict=True))
+    stated = _TIME.fullmatch(stream.metadata.get("DURATION", ""))
+    if stated:
+        length_s = sum(float(part) * unit for part, unit in zip(stated.groups(), (3600, 60, 1), strict=True))
     elif container.duration and not container.streams.audio:
         length_s = container.duration / av.time_base
     else:

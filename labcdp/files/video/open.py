@@ -64,17 +64,17 @@ def video_paths(paths: Sequence[str | PathLike[str]]) -> list[Path]:
     InputError
         If a folder cannot be read.
     """
-    found: list[Path] = []
+    videos: list[Path] = []
     for path in map(Path, paths):
         with reading(path, "a folder you can read"):
             inside = sorted(path.iterdir()) if path.is_dir() else []
-        found += [one for one in inside if one.suffix.lower() in VIDEO_SUFFIXES] or [path]
-    return found
+        videos += [file for file in inside if file.suffix.lower() in VIDEO_SUFFIXES] or [path]
+    return videos
 
 
 def left_out(folder: Path) -> list[Path]:
     """Folders with images in a folder of video files: `video_paths` leaves them out."""
     from ..read import STATED_SUFFIXES
 
-    folders = sorted(one for one in folder.iterdir() if one.is_dir())
-    return [one for one in folders if any(file.suffix.lower() in STATED_SUFFIXES for file in one.iterdir())]
+    folders = sorted(entry for entry in folder.iterdir() if entry.is_dir())
+    return [entry for entry in folders if any(file.suffix.lower() in STATED_SUFFIXES for file in entry.iterdir())]

@@ -168,7 +168,7 @@ class Pixels:
         of_colour = np.s_[top : -(-rows.stop // down), left : -(-columns.stop // across)]
         luma = planes[0][top * down : rows.stop, left * across : columns.stop]
         # Copies are of one kind, whether the decoder's memory is read-only or not: there is one kernel to compile.
-        luma, blue, red = (one.copy() for one in (luma, planes[1][of_colour], planes[2][of_colour]))
+        luma, blue, red = (plane.copy() for plane in (luma, planes[1][of_colour], planes[2][of_colour]))
         light = light_tables(self.bits, self.stored, self.of_light)
         luminance, clipped = luminance_of_ycbcr(luma, blue, red, (down, across), self._parts, light)
         inner = np.s_[rows.start - top * down :, columns.start - left * across :]
@@ -254,35 +254,35 @@ def learn_pixels(
         usual = "linear"
     elif lossless and not coloured:
         usual, other = encodings(histogram_of(planes[0]), 2.0**bits - 1, bits, coloured)
-    stored, found = _encoding(code, of_frame, usual, encoding)
+    stored, findings = _encoding(code, of_frame, usual, encoding)
     is_usual = code == UNSPECIFIED and of_frame.encoding is None and encoding is None
     primaries = int(first.color_primaries)
     of_light = luminance_weights(PRIMARIES_OF_CODE[primaries]) if primaries in PRIMARIES_OF_CODE else None
     if coloured and of_light is None and primaries != UNSPECIFIED:
-        found.append(warning("primaries-code-unknown", code=primaries))
+        findings.append(warning("primaries-code-unknown", code=primaries))
     of_light = of_light or of_frame.weights
     matrix = _matrix(first, coloured and kind != "rgb")
     weights = matrix or (_BT601 if jpeg or first.height < _HD_ROWS else _BT709)
     orientation = _orientation(first)
     if orientation is None:
-        found.append(warning("turn-ignored"))
+        findings.append(warning("turn-ignored"))
     elif orientation > 1:
-        found.append(info("turned", orientation=orientation))
+        findings.append(info("turned", orientation=orientation))
     if limited:
-        found.append(info("video-limited-range", how=_how(range_stated)))
+        findings.append(info("video-limited-range", how=_how(range_stated)))
     if coloured and kind != "rgb":
-        found.append(info("video-matrix", red=weights[0], blue=weights[1], how=_how(matrix is not None)))
+        findings.append(info("video-matrix", red=weights[0], blue=weights[1], how=_how(matrix is not None)))
     if coloured:
-        found.append(grey_finding(stored, of_light))
+        findings.append(grey_finding(stored, of_light))
     if kind == "rgb" and first.color_range == _LIMITED:
-        found.append(warning("video-rgb-range"))
+        findings.append(warning("video-rgb-range"))
     seen = kind if coloured else "luma"
     faint = 0.0 if lossless else faint_dn(frames, codec, bits)
     learnt = Pixels(
         first.format.name, seen, bits, limited, weights, stored, orientation or 1, faint, of_light,
         other if is_usual else None,
     )  # fmt: skip
-    return learnt, found
+    return learnt, findings
 
 
 #: What container and stream may both state, the name of FFmpeg's field, and what codes mean that differ without effect.
@@ -306,7 +306,7 @@ def statement_findings(by_container: dict[str, int], by_stream: dict[str, int], 
     """
     names = []
     for what in _STATED if coloured else ("range", "transfer"):
-        codes = [one[what] for one in (by_container, by_stream) if what in one]
+        codes = [stated[what] for stated in (by_container, by_stream) if what in stated]
         if len({_STATED[what][1].get(code, code) for code in codes}) > 1:
             names.append(f"{what} {codes[0]} and {codes[1]}")
     return [warning("video-statements-differ", names=", ".join(names))] if names else []
@@ -348,16 +348,16 @@ def _encoding(
 ) -> tuple[Encoding, list[Finding]]:
     """Return the encoding as given, as stated, or as is usual, and findings that say so."""
     stated = ENCODING_OF_CODE.get(code) or of_frame.encoding
-    found = given or stated or usual
+    encoding = given or stated or usual
     how = "as given" if given else _how(stated is not None)
-    findings = [info("video-encoding", encoding=encoding_name(found), how=how), *of_frame.findings]
+    findings = [info("video-encoding", encoding=encoding_name(encoding), how=how), *of_frame.findings]
     if given and stated not in (None, given):
         findings.append(warning("encoding-replaced", given=encoding_name(given), by="the file"))
     if not given and stated is None and code != UNSPECIFIED:
-        findings.append(warning("video-transfer-unknown", code=code, encoding=encoding_name(found)))
-    if found in ("pq", "hlg"):
-        findings.append(info(f"encoding-{found}"))
-    return found, findings
+        findings.append(warning("video-transfer-unknown", code=code, encoding=encoding_name(encoding)))
+    if encoding in ("pq", "hlg"):
+        findings.append(info(f"encoding-{encoding}"))
+    return encoding, findings
 
 
 def _how(stated: bool) -> str:
@@ -371,7 +371,7 @@ def _is_coloured(planes: Sequence[NDArray[Any]], kind: str, bits: int) -> bool:
         return grey_if_colourless(np.dstack(planes)).ndim == 3
     away = _COLOURED << (bits - 8)
     middle = 2 ** (bits - 1)
-    return any(int(one.max()) > middle + away or int(one.min()) < middle - away for one in planes[1:])
+    return any(int(plane.max()) > middle + away or int(plane.min()) < middle - away for plane in planes[1:])
 
 
 def _kind(form: Any) -> Literal["ycbcr", "rgb"]:
@@ -380,7 +380,7 @@ def _kind(form: Any) -> Literal["ycbcr", "rgb"]:
 
 def bits_of(form: Any) -> int:
     """Bits of each number of a pixel format."""
-    return int(max(one.bits for one in form.components))
+    return int(max(component.bits for component in form.components))
 
 
 def planes_of(frame: Any) -> list[NDArray[Any]]:
@@ -392,7 +392,7 @@ def planes_of(frame: Any) -> list[NDArray[Any]]:
         If the pixels are of another kind.
     """
     form = frame.format
-    bits, n_values = bits_of(form), sum(not one.is_alpha for one in form.components)
+    bits, n_values = bits_of(form), sum(not component.is_alpha for component in form.components)
     across = -(-frame.width // max(form.chroma_width(frame.width), 1))
     down = -(-frame.height // max(form.chroma_height(frame.height), 1))
     if not 8 <= bits <= 16 or form.is_bayer or form.is_bit_stream or form.name.startswith("xyz"):

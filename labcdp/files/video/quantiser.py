@@ -59,16 +59,16 @@ def faint_dn(frames: Sequence[Any], codec: Any, bits: int) -> float:
     """
     usual = _FAINT_DN if codec.intra_only else _FAINT_CHANGES_DN
     faint = [_faint_dn(frame) for frame in frames]
-    known = [one for one in faint if one is not None]
+    known = [contrast for contrast in faint if contrast is not None]
     return min(usual, max(known) / 2 ** (bits - 8)) if len(known) == len(faint) else usual
 
 
 def _faint_dn(frame: Any) -> float | None:
     """Return what is faint by the mean quantiser step of a frame, in its DN; None where the decoder does not tell."""
-    found = _quantiser(frame)
-    if found is None:
+    read = _quantiser(frame)
+    if read is None:
         return None
-    kind, quantiser = found
+    kind, quantiser = read
     # In H.264 six more double the step, which is 0.625 at 0 (ITU-T H.264, 8.5.9); else it is the step itself.
     step_dn = 0.625 * 2.0 ** (quantiser / 6) if kind == _H264 else quantiser
     return _FAINT_STEPS[kind] * step_dn
@@ -77,13 +77,13 @@ def _faint_dn(frame: Any) -> float | None:
 def _quantiser(frame: Any) -> tuple[int, float] | None:
     """Return FFmpeg's kind of the parameters of a frame, and its mean quantiser; None where the decoder tells none."""
     try:
-        found = frame.side_data.get("VIDEO_ENC_PARAMS")
+        parameters = frame.side_data.get("VIDEO_ENC_PARAMS")
     # PyAV reads nothing of what comes with a frame if it does not know all of it.
     except ValueError:
         return None
-    if found is None:
+    if parameters is None:
         return None
-    data = bytes(found)
+    data = bytes(parameters)
     n_blocks, begin, size, kind, base = _HEADER.unpack_from(data)
     if kind not in _FAINT_STEPS or n_blocks == 0:
         return None

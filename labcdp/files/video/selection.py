@@ -56,15 +56,15 @@ class Position:
         if clock:
             hours, minutes, seconds = clock.groups()
             return cls(seconds=3600 * int(hours or 0) + 60 * int(minutes) + float(seconds))
-        found = _POSITION.fullmatch(text)
-        if not found or (found[2] is None and "." in found[1]):
+        number = _POSITION.fullmatch(text)
+        if not number or (number[2] is None and "." in number[1]):
             raise InputError(
                 f"{name} is {shown(text)}: give a number of frames, for example 250, or a time, for example 10s, "
                 "500ms or 1:30"
             )
-        if found[2] is None:
-            return cls(frames=int(found[1]))
-        return cls(seconds=float(found[1]) * _UNITS_S[found[2]])
+        if number[2] is None:
+            return cls(frames=int(number[1]))
+        return cls(seconds=float(number[1]) * _UNITS_S[number[2]])
 
     def reached(self, number: int, time_s: float) -> bool:
         """Whether a frame is at this place or behind it."""

@@ -53,14 +53,14 @@ def open_sequence(folder: Path, options: PictureOptions) -> VideoSource:
     for image in images:
         digest.update(os.fsencode(image.name) + b"\0" + _digest(image))
     numbers = _numbers(images)
-    found = info("frames-numbered-by-name" if numbers else "frames-numbered-from-0")
+    numbering = info("frames-numbered-by-name" if numbers else "frames-numbered-from-0")
     return _sequence(
         folder,
         digest.hexdigest(),
         numbers or tuple(range(len(images))),
         lambda at, known: read_picture(images[at], known),
         options,
-        (info("image-sequence", images=len(images)), found),
+        (info("image-sequence", images=len(images)), numbering),
     )
 
 
@@ -80,10 +80,10 @@ def _sequence(
     numbers: tuple[int, ...],
     read: Callable[[int, PictureOptions], Picture],
     options: PictureOptions,
-    found: tuple[Finding, ...],
+    findings: tuple[Finding, ...],
 ) -> VideoSource:
     looked_at: dict[int, Picture] = {}
-    for at in dict.fromkeys(int(one) for one in np.linspace(0, len(numbers) - 1, min(_LOOKED_AT, len(numbers)))):
+    for at in dict.fromkeys(int(index) for index in np.linspace(0, len(numbers) - 1, min(_LOOKED_AT, len(numbers)))):
         looked_at |= _read(read, at, options)
     for at in range(len(numbers)):
         looked_at = looked_at or _read(read, at, options)
@@ -104,7 +104,7 @@ def _sequence(
         frame_rate=1.0,
         exposure_stated=first.exposure_stated,
         encoding="linear" if first.coloured else first.encoding,
-        findings=(*found, *first.findings, *guessed),
+        findings=(*findings, *first.findings, *guessed),
         doubts=first.doubts,
         digest=sha256,
         numbers=numbers,
@@ -177,11 +177,11 @@ def _read(read: Callable[[int, PictureOptions], Picture], at: int, options: Pict
 
 def _one_scale(pictures: Sequence[Picture], options: PictureOptions) -> tuple[tuple[Finding, ...], PictureOptions]:
     """Options with bits and saturation of 16-bit values for all images alike, if they do not state them."""
-    found = [one.guessed_by for one in pictures if one.guessed_by is not None]
-    if not found:
+    guesses = [picture.guessed_by for picture in pictures if picture.guessed_by is not None]
+    if not guesses:
         return (), options
     scale = guessed_scale(
-        max(largest for largest, _ in found), int(np.bitwise_or.reduce([bits for _, bits in found])), 16
+        max(largest for largest, _ in guesses), int(np.bitwise_or.reduce([bits for _, bits in guesses])), 16
     )
     saturation_dn = options.saturation_dn or scale.saturation_dn
     return scale.findings, replace(options, bit_depth=scale.bits, saturation_dn=saturation_dn)
@@ -189,8 +189,8 @@ def _one_scale(pictures: Sequence[Picture], options: PictureOptions) -> tuple[tu
 
 def _numbers(images: Sequence[Path]) -> tuple[int, ...]:
     """Numbers in the names that count up from image to image, the last such ones; nothing if there are none."""
-    found = [[int(digits) for digits in reversed(re.findall("[0-9]+", image.stem))] for image in images]
-    for numbers in zip(*found, strict=False):
+    numbers_by_image = [[int(digits) for digits in reversed(re.findall("[0-9]+", image.stem))] for image in images]
+    for numbers in zip(*numbers_by_image, strict=False):
         if all(a < b for a, b in pairwise(numbers)) and numbers[-1] < _MOST_NUMBER:
             return numbers
     return ()
@@ -281,10 +281,10 @@ class SessionVideo(VideoSource):
 def _findings(records: Sequence[FrameRecord], options: PictureOptions) -> tuple[Finding, ...]:
     """Where the times come from; exposures and gains that were given instead, or differ, which looks like light."""
     settings = {(record.exposure_s, record.gain_db) for record in records}
-    found = [info("session-frames")]
-    found += [finding for setting in sorted(settings) for finding in contradictions(*setting, options)]
+    findings = [info("session-frames")]
+    findings += [finding for setting in sorted(settings) for finding in contradictions(*setting, options)]
     if "bit_depth" in options.overrides:
-        found.append(warning("session-bit-depth"))
+        findings.append(warning("session-bit-depth"))
     if len(settings) > 1:
-        found.append(warning("session-settings-differ"))
-    return tuple(found)
+        findings.append(warning("session-settings-differ"))
+    return tuple(findings)

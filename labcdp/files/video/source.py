@@ -188,9 +188,9 @@ def _roots() -> NDArray[np.uint8]:
     return np.asarray(np.rint(255 * np.sqrt(np.arange(2**16) / (2**16 - 1))).astype(np.uint8))
 
 
-def require_frames(found: bool, path: Path) -> None:
+def require_frames(any_frame: bool, path: Path) -> None:
     """Raise InputError if nothing of a video could be read."""
-    if not found:
+    if not any_frame:
         raise InputError(
             f"{path} holds no frame that can be read: if another program shows it, convert it to FFV1 or MJPEG"
         )

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from difflib import get_close_matches
 from functools import lru_cache
 from math import pi
 from typing import Any
@@ -17,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .disk.files import shown
+from .disk.files import MOST_QUOTED, shown
 from .errors import InputError
 
 #: K_cd, lumen per watt at 540 THz; exact, SI Brochure 9th edition, section 2.2.
@@ -35,6 +36,8 @@ _SHORTEST_NM, _LONGEST_NM = 100, 3000
 #: One quantum efficiency for all wavelengths, or (wavelength_nm, value) pairs with rising wavelength.
 QuantumEfficiency = float | tuple[tuple[float, float], ...]
 
+#: A name that ends with a number.
+_NUMBERED = re.compile(r"(.*?)([0-9]+)")
 #: Name of the thesis' conversion: light of 500 nm at 1000 lm/W, more than the 683 lm/W there can be (L. Ebbert,
 #: Implementierung von CDP, 2018); 2.517e15 photons s^-1 m^-2 sr^-1 per cd/m^2.
 THESIS_SPECTRUM = "thesis-2018"
@@ -213,12 +216,25 @@ def spectral_weights(spectrum: str) -> tuple[NDArray[np.float64], NDArray[np.flo
         table = illuminants[spectrum]
         power = np.interp(wavelength_nm, table.wavelengths, table.values, left=0, right=0)
     else:
-        known = ", ".join(illuminants)
+        close = get_close_matches(str(spectrum)[:MOST_QUOTED], illuminants, n=3)
+        meant = f"did you mean {' or '.join(close)}? Else " if close else ""
         raise InputError(
-            f"spectrum is {shown(spectrum)}, which is not known: give 'monochromatic 555 nm', {THESIS_SPECTRUM!r} or "
-            f"one of {known}"
+            f"spectrum is {shown(spectrum)}, which is not known: {meant}give 'monochromatic 555 nm', "
+            f"{THESIS_SPECTRUM!r} or one of {_runs_text(illuminants)}"
         )
     return wavelength_nm, power, np.interp(wavelength_nm, observer.wavelengths, observer.values)
+
+
+def _runs_text(names: Iterable[str]) -> str:
+    """Write names, of those that differ by a rising number the first and the last: FL1 to FL12."""
+    runs: list[list[str]] = []
+    for name in names:
+        this, last = _NUMBERED.fullmatch(name), _NUMBERED.fullmatch(runs[-1][-1]) if runs else None
+        if this is not None and last is not None and (last[1], int(last[2]) + 1) == (this[1], int(this[2])):
+            runs[-1].append(name)
+        else:
+            runs.append([name])
+    return ", ".join(", ".join(run) if len(run) < 3 else f"{run[0]} to {run[-1]}" for run in runs)
 
 
 def source_names() -> list[str]:

@@ -18,8 +18,8 @@ CDP = (
            value="u"),
 )  # fmt: skip
 SHARES = (
-    Column("below", "below", "", "Share of the pairs with a lower contrast.", decimals=4, value="below"),
-    Column("above", "above", "", "Share of the pairs with a higher contrast.", decimals=4, value="above"),
+    Column("below", "share below", "", "Share of the pairs with a lower contrast.", decimals=4, value="below"),
+    Column("above", "share above", "", "Share of the pairs with a higher contrast.", decimals=4, value="above"),
     Column("undefined", "undefined", "", "Share of the pairs without light; they count as below.", shown=False,
            value="undefined"),
 )  # fmt: skip

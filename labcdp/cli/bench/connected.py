@@ -240,7 +240,7 @@ def simulated_devices(
             try:
                 camera, transport = _gige_camera(bench, stack, options.patience), "GigE Vision on loopback"
             except CameraError as error:
-                say(f"The camera runs inside this process and ignores [camera] of the plan: {error}")
+                say(f"The simulated camera runs inside this process instead of on the network: {error}")
         if camera is None:
             camera = stack.enter_context(bench.in_process_camera(patience_s=options.patience))
         yield Devices(camera, meter, bench, transport, bench)

@@ -154,7 +154,12 @@ def _luminance(patches: Sequence[PatchRow]) -> Table:
         Column("limit_verdict", "limits", "", "Pass or fail if the whole interval, calibrated ± U, is inside or "
             "outside."),
     )  # fmt: skip
-    calculated = Column("calculated_cd_m2", "calculated, guessed", "cd/m²", "From guessed camera parameters.")
+    calculated = Column(
+        "calculated_cd_m2",
+        "from guessed parameters",
+        "cd/m²",
+        "Calculated with the camera parameters of [guess], without a calibration.",
+    )
     columns = (
         Column("patch", "patch", value="patch.name"),
         *LUMINANCES[:3],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from math import sqrt
 from statistics import fmean
 from typing import Any
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..calibration.frames.statistics import MAX_CLIPPED_SHARE
 from ..core.frame import Frame
+from ..core.luminance import Window
 from ..core.roi import Roi
 from ..session import Role
 
@@ -157,35 +159,23 @@ class LiveNumbers:
         return tuple(numbers for patch in self._patches if (numbers := patch.numbers) is not None)
 
 
-class RegionPixels:
-    """Extracts a region's pixels from frames of one size; the mask is computed once.
+def region_values(frame: Frame, region: Roi) -> NDArray[np.unsignedinteger[Any]]:
+    """Return a copy of the DN of a region of a frame, shape (n,); raises InputError as `Roi.mask`."""
+    window, mask = _window_and_mask(region, frame.shape)
+    values = frame.dn[window]
+    return values.flatten() if mask is None else values[mask]
 
-    Parameters
-    ----------
-    region : Roi
-        The region.
-    """
 
-    def __init__(self, region: Roi) -> None:
-        self._region = region
-        self._shape: tuple[int, int] | None = None
-        self._window: tuple[slice, slice] = (slice(0), slice(0))
-        self._mask: NDArray[np.bool_] | None = None
-
-    def of(self, frame: Frame) -> NDArray[np.unsignedinteger[Any]]:
-        """Return a copy of the values, shape (n,); raises InputError as `Roi.mask`."""
-        if frame.shape != self._shape:
-            mask = self._region.mask(frame.shape)
-            self._window, self._shape = self._region.window(frame.shape), frame.shape
-            self._mask = None if mask.all() else mask
-        window = frame.dn[self._window]
-        return window.flatten() if self._mask is None else window[self._mask]
+@lru_cache(maxsize=256)
+def _window_and_mask(region: Roi, shape: tuple[int, int]) -> tuple[Window, NDArray[np.bool_] | None]:
+    """Bounding box of a region, and its mask there, None for all pixels; kept for the next frames."""
+    mask = region.mask(shape)
+    return region.window(shape), None if mask.all() else mask
 
 
 class _PatchAccumulator:
     def __init__(self, region: Roi) -> None:
-        self._name = region.name
-        self._pixels = RegionPixels(region)
+        self._region = region
         self._last: NDArray[np.float32] | None = None
         self._last_mean = 0.0
         self._n = 0
@@ -195,7 +185,7 @@ class _PatchAccumulator:
         self._means = self._weighted = self._saturated = self._variances = self._squares = 0.0
 
     def add(self, frame: Frame) -> None:
-        values = self._pixels.of(frame)
+        values = region_values(frame, self._region)
         mean = float(values.mean(dtype=np.float64))
         kept = values.astype(np.float32)
         if self._last is not None:
@@ -220,7 +210,7 @@ class _PatchAccumulator:
         # Least squares on the index 0 .. n - 1, whose squared deviations sum to n (n^2 - 1) / 12.
         slope = (self._weighted - self._means * (n - 1) / 2) * 12 / (n * (n**2 - 1)) if pairs else 0.0
         return PatchNumbers(
-            patch=self._name,
+            patch=self._region.name,
             exposure_s=self._exposure_s,
             frames=n,
             pixels=self._last.size,

@@ -13,7 +13,7 @@ from ..core.errors import DeviceError
 from ..core.frame import Frame
 from ..core.roi import Roi
 from .checks import CheckFinding
-from .live import RegionPixels
+from .live import region_values
 
 #: Range of a patch's mean at one exposure, as shares of the span from black to saturation. The lower end is a
 #: compromise between noise and the number of exposures, which it spaces by about a factor of 4.
@@ -73,7 +73,7 @@ class Look:
         """Evaluate the regions of a frame."""
         levels = {}
         for region in regions:
-            values = RegionPixels(region).of(frame)
+            values = region_values(frame, region)
             high = float(np.quantile(values, HIGH_QUANTILE, method="higher"))
             levels[region.name] = Level(float(values.mean(dtype=np.float64)), high)
         return cls(frame.exposure_s, levels, frame.saturation_dn)

@@ -32,7 +32,7 @@ from ...files.read import read_otherwise
 from ...files.statements import NOTHING_STATED, FileStatements
 from ...files.transfer import Encoding, encoding_name
 from ...metrics import weber_contrast
-from .dn_light import AssumedMap, DnMap, light_of_dn
+from .light_table import AssumedVignettingMap, TableMap, make_light_table
 
 if TYPE_CHECKING:
     from ...calibration import AnyCalibration
@@ -168,8 +168,8 @@ class Converter:
         """Return the luminance of a frame whose DN are encoded by `encoding`, or a window of it."""
         if self.calibration is not None:
             return self.calibration.to_luminance(frame, window)
-        table = light_of_dn(frame, encoding, self.specification, f_number, vignetting)
-        return DnMap(frame, table, vignetting, window)
+        table = make_light_table(frame, encoding, self.specification, f_number, vignetting)
+        return TableMap(frame, table, vignetting, window)
 
     def luminance(self, picture: Picture) -> LuminanceMap:
         """Convert a picture.
@@ -193,7 +193,7 @@ class Converter:
             light, vignetting = picture.light, self._vignetting_of(picture)
             if isinstance(vignetting, Cos4Vignetting):
                 light = (light / vignetting.relative_illuminance(picture.shape)).astype(np.float32)
-            return AssumedMap(light, np.zeros_like(light), (), invalid, vignetting)
+            return AssumedVignettingMap(light, np.zeros_like(light), (), invalid, vignetting)
         frame = self.frame_of(picture)
         if self.unit == "cd/m^2" and not picture.exposure_known:
             raise InputError(no_exposure(picture.path))

@@ -20,7 +20,7 @@ from ...metrics import Cdp, ContrastDistribution, Distribution, Epsilon, cdp_nei
 from ...metrics.region import variance_of_changes
 from ...metrics.spread import CUT_OFF, MOST_BINS, MOST_TIMES, spacing
 from .converter import Converter
-from .dn_light import light_of_dn
+from .light_table import make_light_table
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ def _light_by_dn(frame: Frame, converter: Converter) -> NDArray[np.floating[Any]
     others = frame.colour_filter or frame.black_pattern or converter.calibration is not None
     if frame.dn.dtype != np.uint8 or frame.bit_depth != 8 or others:
         return None
-    by_dn = light_of_dn(frame, converter.options.encoding or "linear", converter.specification)
+    by_dn = make_light_table(frame, converter.options.encoding or "linear", converter.specification)
     corrected = isinstance(converter.vignetting(frame.shape, frame.readout), Cos4Vignetting)
     return None if corrected or by_dn.glare_fraction else by_dn.light
 

@@ -20,7 +20,7 @@ from labcdp.core.luminance import CommonError, Invalid, LuminanceMap
 from labcdp.core.result import info, warning
 from labcdp.evaluate.picture.camera_specification import CameraSpecification
 from labcdp.evaluate.picture.converter import make_converter
-from labcdp.evaluate.picture.dn_light import DnMap, light_of_dn
+from labcdp.evaluate.picture.light_table import TableMap, make_light_table
 from labcdp.files import PictureOptions, frame_of_pixels, read_picture
 from labcdp.files.luminance_file import save_luminance
 from labcdp.files.picture import Picture
@@ -133,7 +133,7 @@ def test_any_camera_is_undone_but_for_rounding(
     options = PictureOptions(exposure_s=exposure_s, gain_db=gain_db, bit_depth=16)
     frame = frame_of_pixels(dn, options, NOW)
     vignetting = optics.vignetting(sensor.pixel_pitch_m)
-    seen = DnMap(frame, light_of_dn(frame, "linear", specification, vignetting=vignetting), vignetting)
+    seen = TableMap(frame, make_light_table(frame, "linear", specification, vignetting=vignetting), vignetting)
     glare = windscreen.glare_fraction
     per_dn = (scene + glare * scene.mean()) / np.maximum(dn - black_dn - k * dark * exposure_s, 1)
     np.testing.assert_array_less(np.abs(seen.luminance_cd_m2 - scene), 1.1 * per_dn + 1e-5 * (1 + glare) * scene.max())

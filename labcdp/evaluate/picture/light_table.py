@@ -29,7 +29,7 @@ _GREEN = {"RG": ((0, 1), (1, 0)), "BG": ((0, 1), (1, 0)), "GR": ((0, 0), (1, 1))
 
 
 @dataclass(frozen=True, eq=False)
-class DnLight:
+class LightTable:
     """Light of each DN.
 
     Parameters
@@ -57,7 +57,7 @@ class DnLight:
     common: tuple[CommonError, ...] = ()
 
 
-class AssumedMap(LuminanceMap):
+class AssumedVignettingMap(LuminanceMap):
     """Map of a picture whose vignetting was not measured.
 
     Parameters
@@ -85,14 +85,14 @@ class AssumedMap(LuminanceMap):
         return (*super().common_in(window), *by_place)
 
 
-class DnMap(AssumedMap):
+class TableMap(AssumedVignettingMap):
     """Map of a frame, or of some rows and columns of it, by the light of each DN.
 
     Parameters
     ----------
     frame : Frame
         Grey, or behind a Bayer pattern; of the latter the mean of the two green pixels counts for each group of 2 x 2.
-    table : DnLight
+    table : LightTable
         Light of its DN.
     vignetting : AssumedVignetting or None
         Vignetting of the frame, which its light is corrected for where it is known; None for none.
@@ -101,7 +101,7 @@ class DnMap(AssumedMap):
     """
 
     def __init__(
-        self, frame: Frame, table: DnLight, vignetting: AssumedVignetting | None, window: Window = WHOLE
+        self, frame: Frame, table: LightTable, vignetting: AssumedVignetting | None, window: Window = WHOLE
     ) -> None:
         self._frame, self._table, self._vignetting, self._window = frame, table, vignetting, window
         self._image_shape, self._errors = frame.shape, table.common
@@ -213,13 +213,13 @@ def _inverse_v(vignetting: Cos4Vignetting, shape: tuple[int, int]) -> _Maps:
 _ROUNDING_VARIANCE = 1 / 12
 
 
-def light_of_dn(
+def make_light_table(
     frame: Frame,
     encoding: Encoding,
     specification: CameraSpecification | None,
     f_number: float | None = None,
     vignetting: AssumedVignetting | None = None,
-) -> DnLight:
+) -> LightTable:
     """Light of a frame's DN, relative to the end of their scale or by guessed parameters of the camera.
 
     Of relative light, linear DN are divided by 2 to the power of their bits, which is exact in float32: the contrast of
@@ -252,13 +252,13 @@ def light_of_dn(
 
 
 @lru_cache(maxsize=16)
-def _relative(bit_depth: int, saturation_dn: float, nominal_black_dn: float, encoding: Encoding) -> DnLight:
+def _relative(bit_depth: int, saturation_dn: float, nominal_black_dn: float, encoding: Encoding) -> LightTable:
     n = 2**bit_depth
     linear = np.arange(n) / n if encoding == "linear" else decoded_table(bit_depth, encoding)
     steps = _steps(linear)
     noise = np.sqrt(_ROUNDING_VARIANCE) * steps
     light = (linear - _black_in(linear, nominal_black_dn)).astype(np.float32)
-    return DnLight(light, noise.astype(np.float32), steps.astype(np.float32), _saturated(n, saturation_dn))
+    return LightTable(light, noise.astype(np.float32), steps.astype(np.float32), _saturated(n, saturation_dn))
 
 
 @lru_cache(maxsize=16)
@@ -273,7 +273,7 @@ def _specified(
     encoding: Encoding,
     f_number: float | None,
     corrected: bool,
-) -> DnLight:
+) -> LightTable:
     top_dn = 2**camera.adc_bits - 1
     linear = decoded_table(bit_depth, encoding)
     black_dn = top_dn * _black_in(linear, nominal_black_dn) if camera.black_dn is None else camera.black_dn
@@ -291,7 +291,7 @@ def _specified(
     light = _proportional(linear, zero_dn, top_dn, light_at_top, encoding)
     # Where pixels differ by more than their DN, no contrast lies exactly on an end of the interval.
     place_matters = corrected or camera.glare_fraction > 0
-    return DnLight(
+    return LightTable(
         light=light.astype(np.float32) if place_matters else light,
         noise=(np.sqrt(noise_e2) / per_cd_m2).astype(np.float32),
         steps=_steps(light).astype(np.float32),

@@ -296,7 +296,7 @@ def test_a_number_that_a_field_does_not_take_stays_and_is_said_until_it_is_right
     for typed in ("5,0", ""):
         empty.widget.value = typed
     assert empty.value is None
-    field = page.number("Exposure (ms)", taken.append, (0.02, 100), value=5.0)
+    field = page.number("Exposure", taken.append, (0.02, 100), value=5.0, unit="ms")
     other = page.number("Readings", taken.append, (1, 100), value=1)
     for typed, value in (("2,5", 2.5), ("1,234", 1.234), ("3.5 ms", 3.5), ("\N{MINUS SIGN}0", None), ("2 s", None),
                          ("1.234,5", None), ("500", None), ("", None), ("nan", None)):  # fmt: skip

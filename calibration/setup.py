@@ -265,6 +265,12 @@ class LensIdentity:
     ------
     InputError
         If a number is not positive.
+
+    Examples
+    --------
+    >>> from labcdp.calibration import LensIdentity
+    >>> LensIdentity("Kowa LM16", "0001", focal_length_m=0.016, f_number=2.8).stability_rel
+    0.003
     """
 
     model: str

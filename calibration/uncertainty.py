@@ -111,6 +111,12 @@ def coverage_probability(half_width: float, rectangular_half_width: float, stand
     -------
     float
         Probability of -w <= U + N <= w, 0 to 1.
+
+    Examples
+    --------
+    >>> from labcdp.calibration import coverage_probability
+    >>> round(coverage_probability(1.96, 0.0, 1.0), 3)
+    0.95
     """
     w, a, s = half_width, rectangular_half_width, standard_uncertainty
     if s <= 1e-9 * a or s == 0:  # the normal part has vanished
@@ -136,6 +142,12 @@ def expanded_half_width(rectangular_half_width: float, standard_uncertainty: flo
     ------
     InputError
         If a value is negative or not finite.
+
+    Examples
+    --------
+    >>> from labcdp.calibration import expanded_half_width
+    >>> round(expanded_half_width(0.0, 1.0), 2), round(expanded_half_width(1.0, 0.0), 2)
+    (1.96, 0.95)
     """
     for name, value in (
         ("rectangular_half_width", rectangular_half_width),

@@ -137,6 +137,12 @@ class CameraSettings:
         Frame rate of a free-running camera; None if unknown.
     trigger : Trigger
         Trigger of an exposure.
+
+    Examples
+    --------
+    >>> from labcdp.drivers import CameraSettings
+    >>> CameraSettings(exposure_s=0.01, gain_db=0.0, pixel_format="Mono12", width=2452, height=2056).pixel_format
+    'Mono12'
     """
 
     exposure_s: float

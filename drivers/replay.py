@@ -86,6 +86,15 @@ class ReplayCamera(_Replay, Camera):
     ------
     InputError
         If `speed` is not a number above 0.
+
+    Examples
+    --------
+    >>> from labcdp.drivers import ReplayCamera
+    >>> from labcdp.session import Session, example_session
+    >>> with ReplayCamera(Session.open(example_session())) as camera:
+    ...     frame = camera.snap()
+    >>> frame.bit_depth
+    12
     """
 
     live = False

@@ -163,6 +163,16 @@ def observe_dark(
     ------
     CalibrationError
         If frames differ in exposure, camera or setting, or are too few or coloured.
+
+    Examples
+    --------
+    >>> from labcdp.calibration import observe_dark
+    >>> from labcdp.session import Session, example_session
+    >>> session = Session.open(example_session())
+    >>> shortest_s = min(record.exposure_s for record in session.frames("dark"))
+    >>> frames = [session.load(record) for record in session.frames("dark") if record.exposure_s == shortest_s]
+    >>> observe_dark(frames).n_pixels
+    192000
     """
     return dark_observation(measure_whole(frames, defects), dark_library)
 

@@ -244,5 +244,12 @@ DRIVERS: Final[dict[str, type[MinoltaLS]]] = {"LS-100": MinoltaLS100, "LS-110": 
 
 
 def find_meter_ports() -> list[ListPortInfo]:
-    """Return the serial ports by name; only opening one shows whether a meter is connected."""
+    """Return the serial ports by name; only opening one shows whether a meter is connected.
+
+    Examples
+    --------
+    >>> from labcdp.drivers import find_meter_ports
+    >>> isinstance(find_meter_ports(), list)
+    True
+    """
     return sorted(list_ports.comports(), key=lambda port: port.device)

@@ -34,6 +34,15 @@ def read_dataset(path: PathArgument) -> xr.Dataset:
     ------
     InputError
         If the file is missing, cannot be read or is damaged.
+
+    Examples
+    --------
+    >>> import labcdp
+    >>> chain = labcdp.Chain.load("manta-g505")
+    >>> sweep = chain.sweep(exact=True, scene__luminance_cd_m2=[1.0, 10.0])
+    >>> written = sweep.to_netcdf("sweep.nc")
+    >>> labcdp.read_dataset("sweep.nc")["cdp"].dims
+    ('scene.luminance_cd_m2',)
     """
     return read_netcdf(as_path(path, "the dataset"), "dataset")
 

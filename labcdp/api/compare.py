@@ -69,6 +69,13 @@ def compare(
     ------
     InputError
         If subjects cannot be read or compared.
+
+    Examples
+    --------
+    >>> import labcdp
+    >>> first, second = (labcdp.Chain.load("manta-g505").with_(optics__f_number=f) for f in (2.8, 4.0))
+    >>> labcdp.compare(first, second, scene__luminance_cd_m2=[1.0, 10.0], contrast=1.0).to_dataset()["value"].dims
+    ('subject', 'scene.luminance_cd_m2')
     """
     sources = [one.calibration if isinstance(one, CalibratedSession) else one for one in subjects]
     epsilon = as_number(epsilon, "epsilon")

@@ -106,6 +106,17 @@ def read_image(
         If the file cannot be read, or an argument cannot be used.
     CalibrationError
         If the calibration is not for this picture.
+
+    Examples
+    --------
+    >>> import cv2
+    >>> import numpy as np
+    >>> import labcdp
+    >>> scene = np.repeat([[60, 120]], 40, axis=0).repeat(20, axis=1).astype(np.uint8)
+    >>> written = cv2.imwrite("two.png", scene)
+    >>> image = labcdp.read_image("two.png", encoding="linear")
+    >>> image.luminance.shape
+    (40, 40)
     """
     file = as_path(path, "the picture")
     converter = converter_of(calibration, camera_spec, encoding, stated, Stated)

@@ -25,6 +25,12 @@ class Chain(ChainParts):
     """An imaging chain with the scene in front of it and the settings of its exposures.
 
     Its parameters are those of `ChainParts`; `load` makes one from a preset or a chain file, `with_` changes values.
+
+    Examples
+    --------
+    >>> from labcdp.chain import Chain
+    >>> Chain.load("manta-g505").with_(scene__contrast=0.3).stage_names
+    ('scene', 'optics', 'sensor')
     """
 
     def run(self, seed: int = 0, threads: int | None = None) -> ChainRun:
@@ -127,6 +133,14 @@ class ChainRun(Mapping[str, Signal]):
     stages : mapping of str to Signal
         ``scene``, the stages' names, ``sensor`` (with its time if there are several exposures, with its name in
         brackets if there are several sensors), ``hdr`` and so on.
+
+    Examples
+    --------
+    >>> from labcdp.chain import Chain
+    >>> chain = Chain.load("manta-g505").with_(scene__width=64, scene__height=48, scene__square_px=16)
+    >>> run = chain.run(seed=1)
+    >>> run["sensor"].values.shape
+    (48, 64)
     """
 
     chain: Chain

@@ -226,6 +226,12 @@ class Hdr(Parameters):
     is open: by 0.7 to 3 % within some standard deviations of a threshold of "normal" (8 % where dark current makes
     most of the noise), by 0.1 to 0.2 % just below the saturation of an exposure for "linear". "weighted" stays within
     0.05 %.
+
+    Examples
+    --------
+    >>> from labcdp.chain import Hdr
+    >>> Hdr("weighted").bits
+    20
     """
 
     method: Method

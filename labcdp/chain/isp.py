@@ -34,6 +34,12 @@ class ToneCurve(Parameters):
     -----
     L. Ebbert, Implementierung von CDP, 2018, eq. 3.4, with its misplaced bracket put right. Without the clip, which is
     ours, the largest DN 2^isp_bits - 1 would have the code 2^bits.
+
+    Examples
+    --------
+    >>> from labcdp.chain import ToneCurve
+    >>> ToneCurve(isp_bits=20, bits=8)
+    ToneCurve(isp_bits=20, bits=8)
     """
 
     takes: ClassVar[str] = "digital number"

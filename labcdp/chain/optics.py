@@ -45,6 +45,12 @@ class Windscreen(Parameters):
     ------
     InputError
         If a value is out of its range.
+
+    Examples
+    --------
+    >>> from labcdp.chain import Windscreen
+    >>> Windscreen(transmittance=0.8, glare_cd_m2=0.5)
+    Windscreen(transmittance=0.8, glare_fraction=0.0, glare_subtracted=False, glare_cd_m2=0.5)
     """
 
     takes: ClassVar[str] = "luminance"
@@ -101,6 +107,12 @@ class Optics(Parameters):
     -----
     The transfer functions of the last four multiply; with none of them a point of the scene stays a point. A pixel is
     as sensitive on its whole square. The inverse takes off no point spread, so the measured contrast has it.
+
+    Examples
+    --------
+    >>> from labcdp.chain import Optics
+    >>> Optics(f_number=2.0, transmittance=0.9, focal_length_m=0.016).mtf
+    ()
     """
 
     takes: ClassVar[str] = "luminance"

@@ -110,7 +110,14 @@ def _load_entry_points(reason: str) -> None:
 
 
 def preset_names() -> tuple[str, ...]:
-    """Names of the chains that ship with labcdp."""
+    """Names of the chains that ship with labcdp.
+
+    Examples
+    --------
+    >>> from labcdp.chain import preset_names
+    >>> "manta-g505" in preset_names()
+    True
+    """
     return tuple(sorted(path.stem for path in _folder().glob("*.toml")))
 
 
@@ -121,6 +128,12 @@ def preset_text(name: str) -> str:
     ------
     ConfigurationError
         If there is no such preset; the message lists the names.
+
+    Examples
+    --------
+    >>> from labcdp.chain import preset_text
+    >>> "[sensor]" in preset_text("manta-g505")
+    True
     """
     names = preset_names()
     if name not in names:

@@ -31,6 +31,12 @@ class ExposureSettings(Parameters):
     ------
     InputError
         If no time is given, one is not above 0, two are equal, or another value is out of its range.
+
+    Examples
+    --------
+    >>> from labcdp.chain import ExposureSettings
+    >>> ExposureSettings((0.016, 0.002)).exposure_s
+    (0.016, 0.002)
     """
 
     exposure_s: tuple[float, ...] = field(metadata={"single": True})

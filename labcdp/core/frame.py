@@ -266,6 +266,14 @@ class Frame:
     ------
     InputError
         If the array is not 2-D unsigned integer, or a value is out of its range.
+
+    Examples
+    --------
+    >>> from labcdp.session import Session, example_session
+    >>> session = Session.open(example_session())
+    >>> frame = session.load(session.frames("light")[0])
+    >>> frame.shape, frame.bit_depth
+    ((400, 480), 12)
     """
 
     dn: NDArray[np.unsignedinteger[Any]]

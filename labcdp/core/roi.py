@@ -32,6 +32,14 @@ class Roi:
     ------
     InputError
         If there are fewer than three corners or one is not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from labcdp import Roi
+    >>> road = Roi.rectangle("road", x=1, y=0, width=2, height=2)
+    >>> road.select(np.arange(12).reshape(3, 4)).tolist()
+    [1, 2, 5, 6]
     """
 
     name: str

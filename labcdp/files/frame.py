@@ -171,6 +171,16 @@ def frame_of_pixels(
     ------
     InputError
         If the options do not fit the DN.
+
+    Examples
+    --------
+    >>> from datetime import UTC, datetime
+    >>> import numpy as np
+    >>> from labcdp.files import PictureOptions, frame_of_pixels
+    >>> options = PictureOptions(exposure_s=0.01, bit_depth=12)
+    >>> frame = frame_of_pixels(np.full((2, 3), 700, np.uint16), options, datetime.now(UTC))
+    >>> frame.saturation_dn
+    4095.0
     """
     bits = 8 * dn.dtype.itemsize
     # A guess for each frame of a video could change from one to the next.

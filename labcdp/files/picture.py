@@ -159,6 +159,12 @@ class PictureOptions:
     ------
     InputError
         If a value is not possible.
+
+    Examples
+    --------
+    >>> from labcdp.files import PictureOptions
+    >>> PictureOptions(exposure_s=0.01, black_level_dn=64).black_level_dn
+    64
     """
 
     exposure_s: float | None = None

@@ -64,6 +64,15 @@ def read_picture(path: str | PathLike[str], options: PictureOptions = NOTHING_KN
     ------
     InputError
         If it cannot be read, is damaged, no image, too large, or of a kind that is not read; in one line.
+
+    Examples
+    --------
+    >>> import cv2
+    >>> import numpy as np
+    >>> from labcdp.files import read_picture
+    >>> written = cv2.imwrite("ramp.png", np.arange(12, dtype=np.uint8).reshape(3, 4))
+    >>> read_picture("ramp.png").frame.dn[2].tolist()
+    [8, 9, 10, 11]
     """
     path = Path(path)
     data, sha256 = picture_bytes(path, options.max_pixels)
@@ -376,6 +385,16 @@ def picture_paths(
     ------
     InputError
         If a folder holds no image, or cannot be read.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from labcdp.files import picture_paths
+    >>> Path("night").mkdir()
+    >>> for name in ("b.png", "a.tif"):
+    ...     Path("night", name).touch()
+    >>> [path.name for path in picture_paths(["night"])]
+    ['a.tif', 'b.png']
     """
     files: list[Path] = []
     for path in map(Path, paths):

@@ -35,6 +35,12 @@ class ContrastDistribution:
         Share of pairs with a dark pixel of 0 or below and a bright one above 0; no edge reaches them.
     undefined : float
         Share of pairs in which no pixel is above 0; they count as below every edge, as in `cdp`.
+
+    Examples
+    --------
+    >>> from labcdp.metrics import contrast_distribution
+    >>> contrast_distribution([120, 130], [100, 100], [0.1, 0.2, 0.3]).edges.tolist()
+    [0.1, 0.2, 0.3]
     """
 
     edges: NDArray[np.float64]

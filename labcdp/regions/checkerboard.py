@@ -66,6 +66,14 @@ def detect_checkerboard(grey: NDArray[Any], *, margin_rel: float = 0.15) -> tupl
     ------
     InputError
         If no board is found for sure, its squares are too small for the margin, or the margin is not from 0 to 0.45.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from labcdp.regions import detect_checkerboard
+    >>> squares = np.kron(np.indices((5, 7)).sum(axis=0) % 2, np.ones((40, 40)))
+    >>> len(detect_checkerboard((50 + 150 * squares).astype(np.uint8)))
+    35
     """
     if not 0 <= margin_rel <= 0.45:
         raise InputError(f"margin_rel is {margin_rel:g}: give a part of a square's side from 0 to 0.45")

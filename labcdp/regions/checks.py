@@ -62,6 +62,14 @@ def check_region(values: NDArray[Any], saturated: NDArray[np.bool_] | None, roi:
     ------
     InputError
         If the region lies outside the image or holds no pixel, or the shapes differ.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from labcdp.core.roi import Roi
+    >>> from labcdp.regions import check_region
+    >>> check_region(np.full((30, 40), 100.0), None, Roi.rectangle("sky", 0, 0, 20, 20))
+    ()
     """
     if values.ndim != 2 or (saturated is not None and saturated.shape != values.shape):
         shapes = values.shape if saturated is None else (values.shape, saturated.shape)

@@ -20,6 +20,12 @@ def require_simple(roi: Roi) -> None:
     ------
     InputError
         Saying where they cross.
+
+    Examples
+    --------
+    >>> from labcdp.core.roi import Roi
+    >>> from labcdp.regions import require_simple
+    >>> require_simple(Roi("roof", ((0.0, 10.0), (20.0, 10.0), (10.0, 0.0))))
     """
     if len(roi.corners) <= 4 and _turns_one_way(roi.corners):
         return
@@ -83,6 +89,13 @@ def inset(roi: Roi, margin_px: float) -> Roi:
     ------
     InputError
         If the region crosses itself, the margin is negative or no number, nothing is left, or more than one piece is.
+
+    Examples
+    --------
+    >>> from labcdp.core.roi import Roi
+    >>> from labcdp.regions import inset
+    >>> inset(Roi.rectangle("patch", 0, 0, 20, 20), 3).bounds
+    (3.0, 3.0, 17.0, 17.0)
     """
     if not (isfinite(margin_px) and margin_px >= 0):
         raise InputError(f"the margin at the edges of region {roi.name!r} is {margin_px:g} pixels: give at least 0")

@@ -165,6 +165,14 @@ def new_shapes(found: Iterable[Shape], known: Sequence[Shape]) -> tuple[Shape, .
     -----
     Two regions coincide if at least 90 % of their joint area is common to both (P. Jaccard's index, 1901): a pixel more
     or less at the edges, as between two images of one target, makes no second region.
+
+    Examples
+    --------
+    >>> from labcdp.regions import RectangleShape, new_shapes
+    >>> known = [RectangleShape("sky", 0, 0, 9, 9)]
+    >>> found = [RectangleShape("P1", 30, 0, 9, 9), RectangleShape("P2", 0, 0, 9, 9)]
+    >>> [shape.name for shape in new_shapes(found, known)]
+    ['P1']
     """
     import shapely
 

@@ -49,6 +49,13 @@ def load_regions(path: str | PathLike[str], image_size: ImageSize | None = None)
     InputError
         Naming the file, and region and key, if it cannot be read, is no region file, holds no region or one that
         cannot be used, or belongs to an image of another size, or a region reaches out of the image.
+
+    Examples
+    --------
+    >>> from labcdp.regions import RectangleShape, load_regions, save_regions
+    >>> save_regions("sky.json", [RectangleShape("sky", 0, 0, 9, 9)], (40, 30))
+    >>> load_regions("sky.json", (40, 30))[0].width
+    9.0
     """
     shapes, drawn_on, file = read_region_file(path)
     if image_size is not None:
@@ -63,6 +70,14 @@ def read_region_file(path: str | PathLike[str]) -> tuple[tuple[Shape, ...], Imag
     ------
     InputError
         As `load_regions`.
+
+    Examples
+    --------
+    >>> from labcdp.regions import RectangleShape, read_region_file, save_regions
+    >>> save_regions("lamp.json", [RectangleShape("lamp", 0, 0, 9, 9)], (40, 30))
+    >>> shapes, image_size, file = read_region_file("lamp.json")
+    >>> image_size, file.role
+    ((40, 30), 'regions')
     """
     path = Path(path)
     data = read_bytes(path, "a file with regions", _MOST_BYTES)
@@ -97,6 +112,12 @@ def require_on_image(rois: Iterable[Roi], drawn_on: ImageSize | None, image_size
     ------
     InputError
         If they do not fit.
+
+    Examples
+    --------
+    >>> from labcdp.core.roi import Roi
+    >>> from labcdp.regions import require_on_image
+    >>> require_on_image([Roi.rectangle("sky", 0, 0, 9, 9)], (40, 30), (40, 30))
     """
     (width, height), where = image_size, f"{file}: " if file else ""
     if drawn_on is not None and drawn_on != (width, height):
@@ -132,6 +153,13 @@ def save_regions(
     InputError
         If the suffix is none of these, the regions cannot be used (see `rois_of`), there are several for a .roi file,
         or the file exists or cannot be written.
+
+    Examples
+    --------
+    >>> from labcdp.regions import RectangleShape, load_regions, save_regions
+    >>> save_regions("two.json", [RectangleShape("sky", 0, 0, 9, 9), RectangleShape("road", 0, 20, 9, 9)], (40, 30))
+    >>> [shape.name for shape in load_regions("two.json")]
+    ['sky', 'road']
     """
     path, shapes = Path(path), tuple(shapes)
     suffix = path.suffix.lower()

@@ -84,6 +84,13 @@ class PolygonShape(_Named):
     ------
     InputError
         If the name or a corner cannot be used.
+
+    Examples
+    --------
+    >>> from labcdp.regions import PolygonShape
+    >>> (roof,) = PolygonShape("roof", ((0, 10), (20, 10), (10, 0))).rois()
+    >>> roof.area
+    100.0
     """
 
     kind: ClassVar[str] = "polygon"
@@ -164,6 +171,13 @@ class RectangleShape(_TurnedBox):
     ------
     InputError
         If the name cannot be used, a number is not finite, or width or height is not positive.
+
+    Examples
+    --------
+    >>> from labcdp.regions import RectangleShape
+    >>> (sign,) = RectangleShape("sign", 40, 20, 10, 8).rois()
+    >>> sign.bounds
+    (40.0, 20.0, 50.0, 28.0)
     """
 
     kind: ClassVar[str] = "rectangle"
@@ -179,7 +193,15 @@ class RectangleShape(_TurnedBox):
 
 @dataclass(frozen=True)
 class EllipseShape(_TurnedBox):
-    """An ellipse that fills a box; parameters and errors are those of `RectangleShape` for the box."""
+    """An ellipse that fills a box; parameters and errors are those of `RectangleShape` for the box.
+
+    Examples
+    --------
+    >>> from labcdp.regions import EllipseShape
+    >>> (lamp,) = EllipseShape("lamp", 40, 20, 10, 10).rois()
+    >>> round(lamp.area, 1)
+    78.3
+    """
 
     kind: ClassVar[str] = "ellipse"
 
@@ -217,6 +239,12 @@ class GridShape(_Box):
     ------
     InputError
         If the name cannot be used, a number is out of its range, or the gaps leave nothing of the rectangles.
+
+    Examples
+    --------
+    >>> from labcdp.regions import GridShape
+    >>> [roi.name for roi in GridShape("chart", 0, 0, 60, 40, rows=1, columns=3).rois()]
+    ['chart-r1c1', 'chart-r1c2', 'chart-r1c3']
     """
 
     kind: ClassVar[str] = "grid"
@@ -272,6 +300,13 @@ def rois_of(shapes: Iterable[Shape]) -> tuple[Roi, ...]:
     InputError
         If there is none, there are more than 10 000 or they have more than 2 000 000 corners, two have the same name,
         or one crosses itself or has no area.
+
+    Examples
+    --------
+    >>> from labcdp.regions import GridShape, RectangleShape, rois_of
+    >>> shapes = RectangleShape("sky", 0, 0, 9, 9), GridShape("chart", 0, 20, 60, 20, rows=1, columns=2)
+    >>> [roi.name for roi in rois_of(shapes)]
+    ['sky', 'chart-r1c1', 'chart-r1c2']
     """
     rois: list[Roi] = []
     drawn: set[str] = set()

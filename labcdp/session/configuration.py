@@ -184,7 +184,15 @@ class GuessConfiguration(Table):
 
 
 class SessionConfiguration(Table):
-    """All that is known before the first frame; `load` and `from_toml` read it, `to_toml` writes it."""
+    """All that is known before the first frame; `load` and `from_toml` read it, `to_toml` writes it.
+
+    Examples
+    --------
+    >>> from labcdp.session import Session, example_session
+    >>> configuration = Session.open(example_session()).configuration
+    >>> [patch.name for patch in configuration.target.patches][:2]
+    ['P01', 'P07']
+    """
 
     format: Format = Field(1, description="1, the format this labcdp knows, or update labcdp")
     name: Text = Field(description="a name as text")
@@ -277,7 +285,15 @@ _DATA = Path(str(files("labcdp"))) / "data"
 
 
 def example_configuration() -> str:
-    """Return the configuration of the demonstration as TOML, with comments."""
+    """Return the configuration of the demonstration as TOML, with comments.
+
+    Examples
+    --------
+    >>> from labcdp.session import SessionConfiguration, example_configuration
+    >>> configuration = SessionConfiguration.from_toml(example_configuration(), "example")
+    >>> len(configuration.target.patches)
+    16
+    """
     return (_DATA / "bench.toml").read_text(encoding="utf-8")
 
 
@@ -287,7 +303,14 @@ def example_simulated_bench() -> str:
 
 
 def example_session() -> Path:
-    """Return the folder of a small session recorded on the simulated bench."""
+    """Return the folder of a small session recorded on the simulated bench.
+
+    Examples
+    --------
+    >>> from labcdp.session import Session, example_session
+    >>> Session.open(example_session()).configuration.name
+    "Example: the demonstration's target on a small part of the sensor"
+    """
     return _DATA / "example-session"
 
 

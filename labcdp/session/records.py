@@ -54,6 +54,13 @@ class FrameRecord:
         Where the pixels are.
     patch : str or None
         The patch that was before the camera, where patches are shown one by one; None for all of the target.
+
+    Examples
+    --------
+    >>> from labcdp.session import Session, example_session
+    >>> record = Session.open(example_session()).frames("dark")[0]
+    >>> record.role
+    'dark'
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}

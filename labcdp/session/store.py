@@ -55,6 +55,13 @@ class Session:
         The journal's lines; the list grows while the session is recorded.
     journal : Journal or None
         The journal if open for writing.
+
+    Examples
+    --------
+    >>> from labcdp.session import Session, example_session
+    >>> session = Session.open(example_session())
+    >>> len(session.frames()), len(session.readings())
+    (12, 32)
     """
 
     def __init__(self, path: Path, entries: list[Entry], journal: Journal | None) -> None:

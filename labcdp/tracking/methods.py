@@ -112,6 +112,19 @@ def make_tracker(
     InputError
         If the method is unknown, the frame is not of one of these types, a region does not lie in the image or there is
         nothing to follow in and around it (every method but ``fixed``), or two regions have one name.
+
+    Examples
+    --------
+    >>> import cv2
+    >>> import numpy as np
+    >>> from labcdp.core.roi import Roi
+    >>> from labcdp.tracking import make_tracker
+    >>> noise = np.random.default_rng(1).integers(0, 255, (120, 160), dtype=np.uint8)
+    >>> scene = cv2.GaussianBlur(noise, (9, 9), 0)
+    >>> tracker = make_tracker("follow", scene, [Roi.rectangle("sign", 60, 40, 30, 30)])
+    >>> (found,) = tracker.update(np.roll(scene, 3, axis=1))
+    >>> round(found.roi.centre[0])
+    78
     """
     names = [roi.name for roi in rois]
     methods = methods_of(method, names) if isinstance(method, str) else tuple(method)

@@ -37,6 +37,13 @@ class StepChart(Levelled):
     InputError
         If a value is out of its range, there are more stripes than columns, names are not one a stripe and different,
         or a contrast names none.
+
+    Examples
+    --------
+    >>> from labcdp.chain import StepChart
+    >>> chart = StepChart(90, 30, luminances_cd_m2=(1.0, 10.0, 100.0))
+    >>> [level.luminance_cd_m2 for level in chart.levels()]
+    [1.0, 10.0, 100.0]
     """
 
     luminances_cd_m2: tuple[float, ...]
@@ -101,6 +108,13 @@ class Checkerboard(Sized):
     ------
     InputError
         If a value is out of its range, or the scene is too small for a bright square.
+
+    Examples
+    --------
+    >>> from labcdp.chain import Checkerboard
+    >>> scene = Checkerboard(64, 48, luminance_cd_m2=10.0, contrast=0.5, square_px=16)
+    >>> scene.bright_cd_m2, scene.luminance_map().shape
+    (15.0, (48, 64))
     """
 
     luminance_cd_m2: Luminance

@@ -34,6 +34,12 @@ def luminance_map(luminance_cd_m2: ArrayLike) -> FloatMap:
     ------
     InputError
         If it is not a non-empty 2-D array of numbers from 0 to `HIGHEST_CD_M2`.
+
+    Examples
+    --------
+    >>> from labcdp.chain import luminance_map
+    >>> luminance_map([[1, 2], [3, 4]]).dtype
+    dtype('float32')
     """
     with np.errstate(over="ignore"):
         scene = np.asarray(luminance_cd_m2, dtype=np.float32)
@@ -67,6 +73,13 @@ class Patch(Parameters):
     ------
     InputError
         If a value is out of its range.
+
+    Examples
+    --------
+    >>> from labcdp.chain import Patch, PatchScene
+    >>> scene = PatchScene(40, 30, 1.0, (Patch(0, 0, 10, 10, 5.0, name="lamp"),))
+    >>> float(scene.luminance_map().max())
+    5.0
     """
 
     x: Annotated[int, Whole("pixels", 0)]
@@ -114,6 +127,13 @@ def with_patches(background_cd_m2: ArrayLike, patches: Iterable[Patch]) -> Float
     ------
     InputError
         If the background is not a scene (see `luminance_map`) or a patch does not lie inside it.
+
+    Examples
+    --------
+    >>> from labcdp.chain import Patch, with_patches
+    >>> luminance = with_patches([[1.0] * 4] * 3, [Patch(0, 0, 2, 1, 9.0)])
+    >>> luminance[0].tolist()
+    [9.0, 9.0, 1.0, 1.0]
     """
     scene = luminance_map(background_cd_m2).copy()
     height, width = scene.shape
@@ -247,6 +267,12 @@ class Flat(Levelled):
     ------
     InputError
         If a value is out of its range.
+
+    Examples
+    --------
+    >>> from labcdp.chain import Flat
+    >>> float(Flat(64, 48, luminance_cd_m2=10.0).luminance_map().mean())
+    10.0
     """
 
     luminance_cd_m2: Luminance
@@ -280,6 +306,13 @@ class PatchScene(Levelled):
     InputError
         If a value is out of its range, a patch does not lie inside the scene, two have one name, or a contrast names
         none.
+
+    Examples
+    --------
+    >>> from labcdp.chain import Patch, PatchScene
+    >>> scene = PatchScene(40, 30, 1.0, (Patch(0, 0, 10, 10, 5.0, "a"), Patch(20, 0, 10, 10, 2.0, "b")), (("a", "b"),))
+    >>> scene.pairs()
+    (('b', 'a'),)
     """
 
     background_cd_m2: Luminance

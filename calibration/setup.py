@@ -46,6 +46,13 @@ class MeterScale:
         Relative change of the readings at once that may have been one of the scale; 0 for none.
     drift_rel : float
         Limits of the relative change of the scale since the certificate (rectangular); 0 if none is stated.
+
+    Examples
+    --------
+    >>> from labcdp.calibration import MeterScale
+    >>> from labcdp.core.reading import MeterIdentity
+    >>> MeterScale(MeterIdentity("LS-110", "73323007"), limits_rel=0.02).common_rel
+    0.011547005383792516
     """
 
     meter: MeterIdentity

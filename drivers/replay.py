@@ -244,6 +244,15 @@ class ReplayMeter(_Replay, Meter):
     """The luminance meter of a recorded session, with the protocol of `Meter`; parameters as of `ReplayCamera`.
 
     Readings are not repeated after closing and reopening.
+
+    Examples
+    --------
+    >>> from labcdp.drivers import ReplayMeter
+    >>> from labcdp.session import Session, example_session
+    >>> with ReplayMeter(Session.open(example_session())) as meter:
+    ...     reading = meter.measure()
+    >>> reading.unit
+    'cd/m2'
     """
 
     _recorded: tuple[ReadingRecord, ...] = ()

@@ -54,6 +54,13 @@ class PatchLuminance:
         Part of `random_rel` by the scatter of the calibration's patches, and its degrees of freedom.
     rim_rel : float
         Part of it by light of the surroundings in the region.
+
+    Examples
+    --------
+    >>> from labcdp.calibration import PatchLuminance
+    >>> patch = PatchLuminance("a", 20.0, random_rel=0.01, common=(), exposures_s=(0.01,), findings=())
+    >>> round(patch.half_width_95_rel, 4)
+    0.0196
     """
 
     patch: str
@@ -147,12 +154,29 @@ def contrast_uncertainty(bright: PatchLuminance, dark: PatchLuminance) -> float:
     ----------
     bright, dark : PatchLuminance
         By one calibration.
+
+    Examples
+    --------
+    >>> from labcdp.calibration import PatchLuminance, contrast_uncertainty
+    >>> bright = PatchLuminance("a", 20.0, random_rel=0.01, common=(), exposures_s=(0.01,), findings=())
+    >>> dark = PatchLuminance("b", 10.0, random_rel=0.01, common=(), exposures_s=(0.01,), findings=())
+    >>> round(contrast_uncertainty(bright, dark), 4)
+    0.0283
     """
     return bright.luminance_cd_m2 / dark.luminance_cd_m2 * sqrt(sum(part for part, _ in _of_ratio(bright, dark)))
 
 
 def contrast_half_width_95(bright: PatchLuminance, dark: PatchLuminance) -> float:
-    """Return the expanded uncertainty U (95 %) of the contrast, as `contrast_uncertainty` with Student's t."""
+    """Return the expanded uncertainty U (95 %) of the contrast, as `contrast_uncertainty` with Student's t.
+
+    Examples
+    --------
+    >>> from labcdp.calibration import PatchLuminance, contrast_half_width_95
+    >>> bright = PatchLuminance("a", 20.0, random_rel=0.01, common=(), exposures_s=(0.01,), findings=())
+    >>> dark = PatchLuminance("b", 10.0, random_rel=0.01, common=(), exposures_s=(0.01,), findings=())
+    >>> round(contrast_half_width_95(bright, dark), 4)
+    0.0554
+    """
     return bright.luminance_cd_m2 / dark.luminance_cd_m2 * expanded_of(_of_ratio(bright, dark))
 
 

@@ -67,6 +67,12 @@ class TemporalNoise:
     ------
     InputError
         If a value is negative.
+
+    Examples
+    --------
+    >>> from labcdp.calibration import TemporalNoise
+    >>> TemporalNoise(k_dn_per_e=0.6, dark_noise_dn=6.0).k_dn_per_e
+    0.6
     """
 
     k_dn_per_e: float

@@ -123,6 +123,14 @@ class Comparison:
     ----------
     comparison : labcdp.evaluate.compare.compare.Comparison
         All results.
+
+    Examples
+    --------
+    >>> import labcdp
+    >>> first, second = (labcdp.Chain.load("manta-g505").with_(optics__f_number=f) for f in (2.8, 4.0))
+    >>> found = labcdp.compare(first, second, scene__luminance_cd_m2=[1.0, 10.0], contrast=1.0)
+    >>> found.to_dataset()["value"].shape
+    (2, 2)
     """
 
     comparison: _Comparison

@@ -162,6 +162,17 @@ class Image:
         How its values become luminance.
     luminance : LuminanceMap
         Luminance of each pixel with uncertainty and flags; ``numpy.asarray(image.luminance)`` gives the values alone.
+
+    Examples
+    --------
+    >>> import cv2
+    >>> import numpy as np
+    >>> import labcdp
+    >>> written = cv2.imwrite("two.png", np.kron([[60, 120]], np.ones((40, 40))).astype(np.uint8))
+    >>> image = labcdp.read_image("two.png", encoding="linear")
+    >>> sky, road = labcdp.Roi.rectangle("sky", 45, 5, 30, 30), labcdp.Roi.rectangle("road", 5, 5, 30, 30)
+    >>> round(float(image.regions([sky, road]).cdp(1.0)["cdp"][0]), 2)
+    1.0
     """
 
     picture: Picture

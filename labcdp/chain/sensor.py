@@ -108,6 +108,13 @@ class Sensor(Sized):
     ------
     InputError
         If a value is out of its range.
+
+    Examples
+    --------
+    >>> from labcdp.chain import Chain
+    >>> ((name, sensor),) = Chain.load("manta-g505").sensors
+    >>> sensor.bits, sensor.full_well_e
+    (12, 7000.0)
     """
 
     #: Standard deviations of a full pixel between its full well and the DN from which it counts as saturated.

@@ -32,6 +32,12 @@ class ThesisWindscreen(Parameters):
     ------
     InputError
         If a value is out of its range.
+
+    Examples
+    --------
+    >>> from labcdp.chain import ThesisWindscreen
+    >>> ThesisWindscreen(transmittance=0.8)
+    ThesisWindscreen(transmittance=0.8, glare_fraction=0.0)
     """
 
     takes: ClassVar[str] = "luminance"

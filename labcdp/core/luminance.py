@@ -95,6 +95,16 @@ class LuminanceMap:
     ------
     InputError
         If the arrays are not of one 2-D shape.
+
+    Examples
+    --------
+    >>> import cv2
+    >>> import numpy as np
+    >>> import labcdp
+    >>> written = cv2.imwrite("grey.png", np.full((20, 30), 100, np.uint8))
+    >>> luminance = labcdp.read_image("grey.png", encoding="linear").luminance
+    >>> luminance.shape, int(luminance.invalid.max())
+    ((20, 30), 0)
     """
 
     # Of subclasses that have no such errors.

@@ -14,7 +14,14 @@ from ..session.validation import validated
 
 
 class Requirement(Described):
-    """A contrast that must be detected, over a range of luminances, at a temperature and behind a veil."""
+    """A contrast that must be detected, over a range of luminances, at a temperature and behind a veil.
+
+    Examples
+    --------
+    >>> import labcdp
+    >>> labcdp.Requirement.model_fields["contrast"].description
+    'a Weber contrast above 0, as "50%" or as a fraction'
+    """
 
     format: Format = Field(1, description="1, the format this labcdp knows, or update labcdp")
     name: Text = Field("requirement", description="a name as text")

@@ -92,6 +92,16 @@ class Picture(PictureFile):
         What is doubtful about the values.
     lens : Lens or None
         The lens by the plan of the session it was recorded in; None for others.
+
+    Examples
+    --------
+    >>> import cv2
+    >>> import numpy as np
+    >>> from labcdp.files import read_picture
+    >>> written = cv2.imwrite("grey.png", np.full((20, 30), 100, np.uint8))
+    >>> picture = read_picture("grey.png")
+    >>> picture.frame.shape, picture.encoding
+    ((20, 30), 'linear')
     """
 
     frame: Frame | None = None

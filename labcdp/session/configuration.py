@@ -41,7 +41,15 @@ SAME_EXPOSURE_REL = 0.01
 
 
 class Patch(Table):
-    """One patch of the target, given by a rectangle or by the corners of a polygon, in pixels."""
+    """One patch of the target, given by a rectangle or by the corners of a polygon, in pixels.
+
+    Examples
+    --------
+    >>> from labcdp.session import Session, example_session
+    >>> patch = Session.open(example_session()).configuration.target.patches[0]
+    >>> patch.name, patch.region().bounds
+    ('P01', (60.0, 20.0, 120.0, 80.0))
+    """
 
     name: Text = Field(description="a name as text")
     roi: tuple[NotNegative, NotNegative, Positive, Positive] | None = Field(
@@ -75,7 +83,14 @@ class Patch(Table):
 
 
 class TargetConfiguration(Table):
-    """The target and its patches."""
+    """The target and its patches.
+
+    Examples
+    --------
+    >>> from labcdp.session import Session, example_session
+    >>> len(Session.open(example_session()).configuration.target.patches)
+    16
+    """
 
     name: Text = Field(description="a name as text")
     presentation: Literal["together", "one by one"] = Field(

@@ -124,6 +124,13 @@ class ReadingRecord:
         The patch of the target the meter looked at.
     reading : Reading
         The reading.
+
+    Examples
+    --------
+    >>> from labcdp.session import Session, example_session
+    >>> record = Session.open(example_session()).readings()[0]
+    >>> record.patch
+    'P01'
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}

@@ -97,7 +97,13 @@ EXPOSURE_JITTER_S = 5e-8
 
 
 class CameraConfiguration(Table):
-    """Which camera, and its pixel pitch; what is left out is not checked when the camera is opened."""
+    """Which camera, and its pixel pitch; what is left out is not checked when the camera is opened.
+
+    Examples
+    --------
+    >>> from labcdp.session import Session, example_session
+    >>> Session.open(example_session()).configuration.camera.serial
+    """
 
     vendor: Text | None = Field(None, description="the vendor's name as text")
     model: Text | None = Field(None, description="the model's name as text")
@@ -145,7 +151,14 @@ STABILITY_REL = 0.003
 
 
 class LensConfiguration(Table):
-    """Which lens, and how it is set."""
+    """Which lens, and how it is set.
+
+    Examples
+    --------
+    >>> from labcdp.session import Session, example_session
+    >>> Session.open(example_session()).configuration.lens.f_number
+    2.6
+    """
 
     model: Text = Field(description="the model's name as text")
     serial: Text | None = Field(None, description="the serial number as text, in quotes, left out if it is not known")

@@ -26,6 +26,13 @@ class TrackedRoi:
         True if nothing should be measured here in this frame.
     reasons : tuple of Finding
         Why it is lost.
+
+    Examples
+    --------
+    >>> from labcdp.core.roi import Roi
+    >>> from labcdp.tracking import TrackedRoi
+    >>> TrackedRoi(Roi.rectangle("sign", 0, 0, 9, 9), quality=0.98, lost=False).lost
+    False
     """
 
     roi: Roi

@@ -35,6 +35,12 @@ def methods_of(method: str, names: Sequence[str]) -> tuple[str, ...]:
     ------
     InputError
         If a method or a region is unknown.
+
+    Examples
+    --------
+    >>> from labcdp.tracking import methods_of
+    >>> methods_of("follow", ["sign", "road"])
+    ('follow', 'follow')
     """
     parts = [part.strip() for part in method.split(",")]
     general = next((part for part in parts if "=" not in part), METHODS[0])

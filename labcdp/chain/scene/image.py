@@ -46,6 +46,15 @@ class ImageScene(Parameters):
     ------
     InputError
         If a value is out of its range; on first use, if the file is no such image or a region not inside it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from labcdp.chain import ImageScene
+    >>> from pathlib import Path
+    >>> np.save("scene.npy", np.full((30, 40), 5.0))
+    >>> ImageScene(Path("scene.npy"), cd_m2_per_value=2.0).luminance_map().max()
+    np.float32(10.0)
     """
 
     path: Path = field(metadata={"path": True})

@@ -155,6 +155,12 @@ class Level:
         Luminance in cd/m^2.
     share : float
         Share of the scene's area.
+
+    Examples
+    --------
+    >>> from labcdp.chain import Flat
+    >>> Flat(64, 48, luminance_cd_m2=10.0).levels()[0].luminance_cd_m2
+    10.0
     """
 
     name: str

@@ -277,7 +277,8 @@ def _contradict(seen: Array, expected: Array, dof: Array) -> bool:
     """Whether one of several variances is improbable, if what is expected of them is right (chi^2 tests)."""
     from scipy.special import chdtr, chdtrc
 
-    ratio = dof * seen / expected
+    # Less than noise explains, by chance, may be less than 0.
+    ratio = np.maximum(dof * seen / expected, 0.0)
     p_values = 2 * np.minimum(chdtrc(dof, ratio), chdtr(dof, ratio))
     return bool(p_values.min() < _CONTRADICTION / p_values.size)
 

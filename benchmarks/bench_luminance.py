@@ -38,7 +38,7 @@ from labcdp.calibration import (
     TemporalNoise,
     save,
 )
-from labcdp.calibration.findings import FitError
+from labcdp.calibration.fit_records import FitError
 from labcdp.core.dn import Response
 from labcdp.core.frame import CameraIdentity, Frame
 from labcdp.core.reading import MeterIdentity

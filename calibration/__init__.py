@@ -11,7 +11,7 @@ from .colour.fit import fit_colour
 from .colour.model import AnyCalibration, ColourCalibration
 from .convert.patch import PatchLuminance, contrast_half_width_95, contrast_uncertainty, patch_luminance
 from .converter import common_errors
-from .findings import ResponsivityFit
+from .fit_records import ResponsivityFit
 from .frames.observations import CameraState, DarkObservation, PatchObservation
 from .frames.observe import observe_dark, observe_patches
 from .model import Calibration, PatchResidual

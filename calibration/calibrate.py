@@ -19,7 +19,6 @@ from ..core.vignetting import AnyVignetting
 from .convert.patch import patch_luminance
 from .converter import INTERCEPT, VIGNETTING
 from .exposure_times import ExposureTimes
-from .findings import FitTest, ResponsivityFit, summarised
 from .fit import checks
 from .fit.candidates import CandidateModel, candidate_models
 from .fit.demands import design_findings, fit_findings, require_every_gain, require_monotone, require_span
@@ -32,6 +31,7 @@ from .fit.problem import Solution, solve
 from .fit.residuals import finite, fit_errors, fitted_rows, held_out_rows, next_response_error
 from .fit.scatter import fit_dof, scatter_of_one, with_scatter
 from .fit.selection import ModelSelection, select, select_model, with_found
+from .fit_records import FitTest, ResponsivityFit, summarised
 from .frames.defects import DefectMap
 from .frames.observations import DarkObservation, PatchObservation
 from .model import Calibration, range_of

@@ -18,7 +18,7 @@ from ..core.luminance import CommonError
 from ..core.vignetting import AnyVignetting, Cos4Vignetting, FlatField, cropped
 from ..session.tables import EXPOSURE_JITTER_S
 from .exposure_times import AS_STATED, ExposureTimes
-from .findings import FitError, ResponsivityFit
+from .fit_records import FitError, ResponsivityFit
 from .frames.defects import DefectMap
 from .frames.nonuniformity import slow_rel
 from .frames.observations import CameraState

@@ -16,7 +16,7 @@ from ..core.result import Finding, html_table, number
 from ..core.spectra import Source, SpectralTable
 from .convert.conversion import to_luminance
 from .converter import Converter
-from .findings import FitTest, LeftOut, ModelStep
+from .fit_records import FitTest, LeftOut, ModelStep
 from .frames.observations import CameraState
 from .readings import MeasuredPatch, PatchReading
 from .setup import Provenance

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..core.errors import CalibrationError
 from ..core.reading import CD_M2_PER_FL, Reading
 from ..core.result import Finding, FindingValue, info, warning
-from .findings import LeftOut
+from .fit_records import LeftOut
 from .setup import require_one_correction
 from .uncertainty import effective_dof, expanded_of, of_one_estimate, p_value_of_chi_squared
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..core.clock import exposure_text
 from ..core.dn import Response
 from ..core.result import Finding, info
-from .findings import LeftOut, Reason
+from .fit_records import LeftOut, Reason
 from .frames.observations import PatchObservation
 from .frames.rounding import ROUNDING_DN2, quantisation_variance_dn2
 from .frames.statistics import MAX_CLIPPED_SHARE, MIN_NET_SIGNAL, lines_variance_dn2
@@ -216,18 +216,18 @@ def usable(
     list of Finding
         One for each reason, naming patch and exposures; normal where exposures are bracketed.
     """
-    kept: list[PatchObservation] = []
-    left_out: list[LeftOut] = []
+    reasons = _reasons_to_leave_out(observations, settings)
+    kept = [o for o, reason in zip(observations, reasons, strict=True) if reason is None]
+    left_out = [
+        LeftOut(o.patch, o.exposure_s, None, reason)
+        for o, reason in zip(observations, reasons, strict=True)
+        if reason is not None
+    ]
     exposures_s: dict[Reason, list[float]] = {}
-    for o in observations:
-        reason = _reason_to_leave_out(o, settings)
-        if reason is None:
-            kept.append(o)
-        else:
-            left_out.append(LeftOut(o.patch, o.exposure_s, None, reason))
-            exposures_s.setdefault(reason, []).append(o.exposure_s)
-    found = [info(_CODES[reason], left_out[0].patch, exposures_s=times) for reason, times in exposures_s.items()]
-    return kept, left_out, found
+    for one in left_out:
+        exposures_s.setdefault(one.reason, []).append(one.exposure_s or 0.0)
+    findings = [info(_CODES[reason], left_out[0].patch, exposures_s=times) for reason, times in exposures_s.items()]
+    return kept, left_out, findings
 
 
 def left_out_text(left_out: Sequence[LeftOut]) -> str:
@@ -263,14 +263,20 @@ def temperature_findings(observations: Sequence[PatchObservation], settings: Seq
     return findings
 
 
-def _reason_to_leave_out(observation: PatchObservation, settings: Sequence[GainSetting]) -> Reason | None:
-    if observation.saturated_share > MAX_CLIPPED_SHARE:
-        return "saturated"
-    if observation.black_share > MAX_CLIPPED_SHARE:
-        return "clipped at 0 DN"
-    signal, setting = net_signals([observation], settings), settings[index_of_gain(settings, observation.state.gain_db)]
-    if not setting.noise.covers(float(signal.net_dn[0])):
-        return "outside the response of the bracket"
-    if signal.net_dn <= MIN_NET_SIGNAL * np.sqrt(signal.variance_without_light_dn2):
-        return "not above the dark signal"
-    return None
+def _reasons_to_leave_out(
+    observations: Sequence[PatchObservation], settings: Sequence[GainSetting]
+) -> list[Reason | None]:
+    """Return why observations cannot be used; None for those that can."""
+    reasons: list[Reason | None] = []
+    for o in observations:
+        clipped = o.black_share > MAX_CLIPPED_SHARE
+        reasons.append("saturated" if o.saturated_share > MAX_CLIPPED_SHARE else "clipped at 0 DN" if clipped else None)
+    numbers = [k for k, reason in enumerate(reasons) if reason is None]
+    signals = net_signals([observations[k] for k in numbers], settings)
+    least_dn = MIN_NET_SIGNAL * np.sqrt(signals.variance_without_light_dn2)
+    for k, gain, net_dn, least in zip(numbers, signals.gain_index, signals.net_dn, least_dn, strict=True):
+        if not settings[gain].noise.covers(float(net_dn)):
+            reasons[k] = "outside the response of the bracket"
+        elif net_dn <= least:
+            reasons[k] = "not above the dark signal"
+    return reasons

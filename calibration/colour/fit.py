@@ -16,9 +16,9 @@ from ...core.reading import Reading
 from ...core.result import Finding, info, log_findings, warning
 from ...core.spectra import SpectralTable, f1_prime, weighted_sum
 from ..calibrate import fit
-from ..findings import LeftOut, summarised
 from ..fit.intake import group_by_patch
 from ..fit.residuals import finite, held_out_rows
+from ..fit_records import LeftOut, summarised
 from ..frames.defects import DefectMap
 from ..frames.observations import DarkObservation, PatchObservation
 from ..model import Calibration, range_of

@@ -15,7 +15,7 @@ from ...core.frame import Frame
 from ...core.luminance import RANGE_MARGIN, WHOLE, CommonError, Invalid, LuminanceMap, Window
 from ...core.result import Finding
 from ...core.spectra import Source, SpectralTable
-from ..findings import LeftOut
+from ..fit_records import LeftOut
 from ..frames.measure import split
 from ..frames.observations import CameraState
 from ..model import Calibration, PatchResidual, calibration_table

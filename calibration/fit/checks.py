@@ -11,7 +11,7 @@ import numpy as np
 from ...core.result import Finding, FindingValue, info, warning
 from ...core.vignetting import AnyVignetting, Cos4Vignetting
 from ..converter import VIGNETTING
-from ..findings import FitTest, one_of
+from ..fit_records import FitTest, one_of
 from ..readings import contradiction
 from ..sensor.dark import DarkModel
 from ..sensor.noise import GainSetting

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...core.errors import CalibrationError
 from ...core.result import Finding, info, warning
-from ..findings import FLICKERING, SETTLING, FitTest, one_of
+from ..fit_records import FLICKERING, SETTLING, FitTest, one_of
 from ..frames.observations import PatchObservation
 from ..sensor.noise import GainSetting, first_frames
 from ..uncertainty import SMALL_EFFECT_REL, expanded_half_width

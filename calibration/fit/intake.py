@@ -9,7 +9,7 @@ from ...core.clock import exposure_text
 from ...core.dn import Response
 from ...core.errors import CalibrationError
 from ...core.result import Finding, warning
-from ..findings import LeftOut
+from ..fit_records import LeftOut
 from ..frames.observations import DarkObservation, Groups, PatchObservation
 from ..readings import PatchReading, combine_patches
 from ..sensor.dark import DarkModel, fit_dark

@@ -12,7 +12,7 @@ from ...core.errors import CalibrationError
 from ...core.result import Finding, warning
 from ..convert.patch import PatchLuminance
 from ..converter import VIGNETTING
-from ..findings import FitError
+from ..fit_records import FitError
 from ..frames.observations import Groups
 from ..model import PatchResidual
 from ..readings import combine_readings

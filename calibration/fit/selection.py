@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...core.errors import CalibrationError
 from ...core.result import Finding, info
-from ..findings import ModelStep
+from ..fit_records import ModelStep
 from ..uncertainty import SMALL_P_VALUE, p_value_of_chi_squared
 from .candidates import CandidateModel
 from .design import Array, Design

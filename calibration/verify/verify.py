@@ -21,7 +21,7 @@ from ..colour.model import AnyCalibration
 from ..colour.patches import by_patch, nonuniformity_rel
 from ..convert.patch import PatchLuminance, numbered, patch_luminance
 from ..converter import EXPOSURE_TIME, FLAT_FIELD, OF_FRAMES, STABILITY, VIGNETTING
-from ..findings import summarised
+from ..fit_records import summarised
 from ..frames.observations import DarkObservation, PatchObservation
 from ..model import Calibration
 from ..readings import PatchReading, combine_patches, parts_of_readings

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from labcdp.calibration import CameraState, DarkObservation, LensIdentity, PatchObservation, Setup, fit
-from labcdp.calibration.findings import FitError
+from labcdp.calibration.fit_records import FitError
 from labcdp.calibration.frames.measure import measure_whole
 from labcdp.calibration.frames.nonuniformity import Nonuniformity
 from labcdp.calibration.sensor.dark_library import DarkLibrary

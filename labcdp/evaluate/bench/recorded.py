@@ -108,8 +108,10 @@ def lens_findings(one: LensIdentity, other: LensIdentity) -> list[Finding]:
 def certificate_of(calibration: AnyCalibration, session: Session) -> MeterCertificate | None:
     """Return the certificate a calibration was made with, if it holds for a session that states none."""
     scale, meter = calibration.meter_scale, session.configuration.meter
-    certificate, same = scale.certificate, replace(scale.meter, simulated=False) == meter.identity
-    if certificate is None or meter.certificate is not None or not same:
+    certificate = scale.certificate
+    if certificate is None or meter.certificate is not None:
+        return None
+    if replace(scale.meter, simulated=False) != meter.identity:
         return None
     holds = all(certificate.holds_at(record.reading.timestamp) for record in session.readings())
     return certificate if holds else None

@@ -8,7 +8,7 @@ from math import hypot, nan
 
 from ...calibration import AnyCalibration, PatchLuminance
 from ...calibration.colour.conversion import luminance_of_planes
-from ...calibration.findings import Reason
+from ...calibration.fit_records import Reason
 from ...calibration.readings import PatchReading, expanded_of_readings
 from ...calibration.setup import MeterScale
 from ...calibration.signal import usable

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...calibration import AnyCalibration, Calibration
 from ...calibration.convert.conversion import require_lens
-from ...calibration.findings import summarised
+from ...calibration.fit_records import summarised
 from ...calibration.in_session import in_session, of_other_conditions
 from ...calibration.verify.verify import changes_since
 from ...core.errors import CalibrationError

@@ -5,7 +5,7 @@ import pytest
 
 from labcdp.calibration import GainSetting
 from labcdp.calibration.convert.conversion import to_luminance
-from labcdp.calibration.findings import FitError
+from labcdp.calibration.fit_records import FitError
 from labcdp.calibration.sensor.dark import DarkModel
 from labcdp.calibration.sensor.dark_library import DarkLibrary
 from labcdp.calibration.sensor.noise import TemporalNoise

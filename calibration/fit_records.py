@@ -1,4 +1,4 @@
-"""Results of a fit in addition to its parameters: candidate models, checks, left-out data, budget."""
+"""Records of a fit beside its parameters: candidate models, checks, left-out data, errors; findings of a calibration."""
 
 from __future__ import annotations
 

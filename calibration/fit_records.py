@@ -1,4 +1,4 @@
-"""Records of a fit beside its parameters: candidate models, checks, left-out data, errors; findings of a calibration."""
+"""Records of a fit beside its parameters: models, checks, left-out data and errors; findings of a calibration."""
 
 from __future__ import annotations
 

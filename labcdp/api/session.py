@@ -12,9 +12,11 @@ from ..core.errors import InputError
 from ..core.result import InputFile, html_table
 from ..evaluate.bench.calibrate import calibrate_recorded
 from ..evaluate.bench.corrections import UniformLight, require_same_optics
+from ..evaluate.bench.observe import ObservedSession
 from ..evaluate.bench.session import chosen_contrasts, evaluate_session, observe_calibrated
 from ..evaluate.bench.session_result import session_input
 from ..report.text import warning_texts
+from ..session import ContrastConfiguration
 from ..session import Session as _Session
 from .arguments import Contrasts, Pairs, PathArgument, as_contrasts, as_names, as_number, as_pair_names, as_path
 from .session_result import SessionResult
@@ -71,14 +73,14 @@ class Session(_Session):
             flat = flat_field if isinstance(flat_field, _Session) else Session.open(as_path(flat_field, "flat_field"))
             require_same_optics(self, flat)
             uniform = UniformLight.read(flat, nonuniformity_rel)
-        _, calibration = calibrate_recorded(
+        (observed, *_), calibration = calibrate_recorded(
             [self, *others],
             uniform,
             without=as_names(without, "without"),
             held_out=as_names(hold_out, "hold_out"),
             bracket=response is not None,
         )
-        return CalibratedSession(self, calibration, tuple(without))
+        return CalibratedSession(self, calibration, observed)
 
     def evaluate(
         self,
@@ -113,18 +115,25 @@ class Session(_Session):
         InputError
             If an argument cannot be used.
         """
+        chosen = self._contrasts(contrasts, epsilon, pairs)
+        path, inputs = None, [session_input(self)]
+        if not isinstance(calibration, Calibration | ColourCalibration):
+            path = as_path(calibration, "calibration")
+            calibration = load_any(path)
+            inputs.append(InputFile.of("calibration", path))
+        seen = observe_calibrated(self, calibration, as_names(without, "without"), beside=path)
+        return SessionResult(evaluate_session(*seen, chosen), tuple(inputs))
+
+    def _contrasts(
+        self, contrasts: Contrasts | None, epsilon: float | str | None, pairs: Pairs | None
+    ) -> list[ContrastConfiguration]:
+        """Return pairs of patches with contrasts as given, or else as configured."""
         if pairs is not None and contrasts is None:
             raise InputError("pairs need contrasts: give contrasts, fractions (1.0 is 100 %)")
         values = as_contrasts(contrasts, 0.5 if epsilon is None else epsilon).values
         tolerance = None if epsilon is None else as_number(epsilon, "epsilon")
         given = None if pairs is None else as_pair_names(pairs, "patches")
-        asked, inputs = chosen_contrasts(self.configuration, given, values, tolerance), [session_input(self)]
-        if not isinstance(calibration, Calibration | ColourCalibration):
-            path = as_path(calibration, "calibration")
-            calibration = load_any(path)
-            inputs.append(InputFile.of("calibration", path))
-        seen = observe_calibrated(self, calibration, as_names(without, "without"))
-        return SessionResult(evaluate_session(*seen, asked), tuple(inputs))
+        return chosen_contrasts(self.configuration, given, values, tolerance)
 
     def __repr__(self) -> str:
         patches = len(self.configuration.target.patches)
@@ -148,13 +157,13 @@ class CalibratedSession:
         The session.
     calibration : Calibration or ColourCalibration
         Converts frames of this camera to cd/m^2.
-    without : tuple of str
-        Patches that were left out.
+    observed : ObservedSession
+        What frames and readings say of the patches that were not left out.
     """
 
     session: Session
     calibration: AnyCalibration
-    without: tuple[str, ...] = ()
+    observed: ObservedSession
 
     def evaluate(
         self,
@@ -164,7 +173,9 @@ class CalibratedSession:
         pairs: Pairs | None = None,
     ) -> SessionResult:
         """Evaluate the session with its calibration; parameters as for `Session.evaluate`."""
-        return self.session.evaluate(self.calibration, contrasts, epsilon, pairs=pairs, without=self.without)
+        chosen = self.session._contrasts(contrasts, epsilon, pairs)
+        evaluation = evaluate_session(self.observed, self.calibration, chosen)
+        return SessionResult(evaluation, (session_input(self.session),))
 
     def save(self, path: PathArgument) -> Path:
         """Write the calibration file; raises InputError if it exists or cannot be written."""

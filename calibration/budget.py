@@ -33,7 +33,7 @@ from .converter import (
 from .frames.nonuniformity import vignetting_errors
 from .model import Calibration, PatchResidual
 from .setup import METER_SOURCES, MeterScale
-from .uncertainty import effective_dof, expanded_half_width, expanded_of, of_one_estimate
+from .uncertainty import effective_dof, expanded_half_width, expanded_uncertainty, variance_from_one_estimate
 
 Array = NDArray[np.float64]
 #: Distribution of an error.
@@ -129,7 +129,7 @@ class Budget:
     @cached_property
     def U_rel(self) -> float:  # noqa: N802 - the symbol of the GUM
         """Relative expanded uncertainty (95 %): the largest rectangular row as such, all others normal."""
-        return expanded_of(self._normal, self._rectangular)
+        return expanded_uncertainty(self._normal, self._rectangular)
 
     @property
     def k(self) -> float:
@@ -146,7 +146,7 @@ class Budget:
         normal = [row for row in self.rows if row.included and row.distribution == "normal"]
         parts = {row.source: (row.u_rel**2, row.dof or inf) for row in normal}
         by_scatter = [parts.pop(source) for source in tuple(parts) if source in _OF_SCATTER]
-        return [of_one_estimate(by_scatter), *parts.values()]
+        return [variance_from_one_estimate(by_scatter), *parts.values()]
 
 
 def budget(
@@ -286,7 +286,9 @@ def _of_errors(
         rows["spectral mismatch"] = _of_colour(calibration)
     for source in dict.fromkeys(error.source for error in errors):
         group = [error for error in errors if error.source == source]
-        variance, dof = of_one_estimate((float(np.sum(np.square(error.relative))), error.dof) for error in group)
+        variance, dof = variance_from_one_estimate(
+            (float(np.sum(np.square(error.relative))), error.dof) for error in group
+        )
         kind: Distribution = "rectangular" if all(error.rectangular for error in group) else "normal"
         of = basis(source, case if source == "fit" else "")
         if source == "linearity":

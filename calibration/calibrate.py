@@ -20,26 +20,26 @@ from .convert.patch import patch_luminance
 from .converter import INTERCEPT, VIGNETTING
 from .exposure_times import ExposureTimes
 from .fit import checks
+from .fit.assumed_vignetting import seen_vignetting, vignetting_after, with_wider_vignetting
 from .fit.candidates import CandidateModel, candidate_models
 from .fit.demands import design_findings, fit_findings, require_every_gain, require_monotone, require_span
 from .fit.design import DRIFT, Design, SharedError
 from .fit.effects import FREE
 from .fit.exposures import NO_MODEL, with_times
 from .fit.intake import Intake, take_in, take_usable
-from .fit.place import seen_vignetting, vignetting_after, with_wider_vignetting
 from .fit.problem import Solution, solve
 from .fit.residuals import finite, fit_errors, fitted_rows, held_out_rows, next_response_error
-from .fit.scatter import fit_dof, scatter_of_one, with_scatter
-from .fit.selection import ModelSelection, select, select_model, with_found
+from .fit.scatter import fit_dof, patch_scatter, with_scatter
+from .fit.selection import ModelSelection, select, select_model, with_effects
 from .fit_records import FitTest, ResponsivityFit, summarised
 from .frames.defects import DefectMap
 from .frames.observations import DarkObservation, PatchObservation
-from .model import Calibration, range_of
+from .model import Calibration, luminance_range
 from .sensor.dark_library import DarkLibrary
 from .sensor.noise import GainSetting
 from .sensor.response import ResponseCurve
 from .setup import Provenance, Readings, Setup, meter_scale
-from .tolerance import of_no_use
+from .tolerance import useless_calibration_findings
 
 _log = logging.getLogger(__name__)
 
@@ -109,7 +109,7 @@ def fit(
     centres_px = {name: group[0].centre_px for name, group in held.items()}
     own = calibration.at_their_temperature()
     rows, of_held_out = held_out_rows(lambda name: patch_luminance(own, held[name]), centres_px, readings)
-    findings = [*intake.findings, *findings, *of_held_out, *of_no_use(calibration)]
+    findings = [*intake.findings, *findings, *of_held_out, *useless_calibration_findings(calibration)]
     log_findings(_log, findings)
     return replace(calibration, held_out=rows, findings=summarised(findings))
 
@@ -168,7 +168,7 @@ def _fitted_if_possible(
         *given_findings,
         *(() if response is None else response.findings),
         *design_findings(final.design, settings, intake.findings, observations),
-        *checks.found_findings(selection, seen.vignetting),
+        *checks.effect_findings(selection, seen.vignetting),
         *fit_findings(final, tests),
     ]
     return Calibration(
@@ -186,7 +186,7 @@ def _fitted_if_possible(
         vignetting=vignetting_after(prior, vignetting_error),
         defects=None,
         dark_library=None,
-        range_cd_m2=range_of(residuals, deviating),
+        range_cd_m2=luminance_range(residuals, deviating),
         range_net_dn=(float(net_dn.min()), float(net_dn.max())) if response is None else response.range_net_dn,
         exposures_s=tuple(float(v) for v in np.unique(final.design.exposures_s[final.design.exposure])),
         exposure_jitter_s=setup.exposure_jitter_s,
@@ -230,7 +230,7 @@ def _final(
     if "glare" not in kinds:
         errors.append(SharedError(INTERCEPT, cd_m2=glare_cd_m2 * given.veil))
     known = replace(design, shared=(*design.shared, *errors))
-    design = with_found(known, [one for one in selection.found if one.effect.kind not in _AS_IN_USE])
+    design = with_effects(known, [one for one in selection.found if one.effect.kind not in _AS_IN_USE])
     candidate = selection.solution.candidate
     try:
         stated = solve(design, candidate)
@@ -250,7 +250,7 @@ def _versions() -> tuple[tuple[str, str], ...]:
 def _responsivity(first: Solution, final: Solution, glare: FitTest, times: ExposureTimes) -> ResponsivityFit:
     design, responsivity = final.design, final.response[1]
     relative = float(np.sqrt(final.parameter_covariance[0, 0]) / final.parameters[0])
-    scatter = scatter_of_one(design)
+    scatter = patch_scatter(design)
     return ResponsivityFit(
         responsivity_dn_s_cd_m2=responsivity,
         random_rel=hypot(relative, times.either_rel),

@@ -24,7 +24,7 @@ from .frames.nonuniformity import slow_rel
 from .frames.observations import CameraState
 from .sensor.dark import DarkModel
 from .sensor.dark_library import DarkLibrary
-from .sensor.noise import GainSetting, TemporalNoise, index_of_gain
+from .sensor.noise import GainSetting, TemporalNoise, find_gain
 from .setup import METER_SOURCES, LensIdentity, MeterScale
 
 #: Least relative standard uncertainty of one exposure time relative to the others. Cameras report the applied exposure
@@ -50,7 +50,7 @@ def exposure_time_rel(exposure_s: float, jitter_s: float) -> float:
     return max(EXPOSURE_TIME_REL, jitter_s / exposure_s)
 
 
-def source_of_place(vignetting: AnyVignetting | None) -> str:
+def vignetting_source(vignetting: AnyVignetting | None) -> str:
     """Source of the errors that depend on the place in the image."""
     return VIGNETTING if isinstance(vignetting, Cos4Vignetting) else FLAT_FIELD
 
@@ -165,7 +165,7 @@ class Converter:
     def setting(self, gain_db: float) -> GainSetting:
         """Return the properties of a gain; raises CalibrationError, naming the calibrated ones, for another."""
         settings = self.settings
-        return settings[index_of_gain(settings, gain_db)]
+        return settings[find_gain(settings, gain_db)]
 
     def require(self, state: CameraState, theirs: str) -> None:
         """Refuse a camera state that this calibration is not valid for.
@@ -272,7 +272,7 @@ def common_errors(
         If the gain was not calibrated.
     """
     n = np.asarray(net_dn, dtype=float)
-    index = index_of_gain(calibration.settings, calibration.state.gain_db if gain_db is None else gain_db)
+    index = find_gain(calibration.settings, calibration.state.gain_db if gain_db is None else gain_db)
     setting = calibration.settings[index]
     scale, times = calibration.meter_scale, calibration.exposure_times
     jitter_rel = exposure_time_rel(exposure_s, calibration.exposure_jitter_s)
@@ -323,7 +323,7 @@ def placed(
 
     An error of the vignetting has changed the fit too, by its values at the patches: both are one error.
     """
-    result, numbers, source = list(errors), numbers_by_pattern(calibration), source_of_place(calibration.vignetting)
+    result, numbers, source = list(errors), numbers_by_pattern(calibration), vignetting_source(calibration.vignetting)
     for pattern, relative in enumerate(by_place):
         if pattern in numbers:
             own = errors[numbers[pattern]]

@@ -225,13 +225,13 @@ class ResponsivityFit:
         )
 
 
-def one_of(*causes: tuple[str, str, str]) -> Finding:
+def undecided_cause(*causes: tuple[str, str, str]) -> Finding:
     """Return the finding of several causes that cannot be told apart: each in words, its code, and what would tell."""
     names, codes, remedies = (list(column) for column in zip(*causes, strict=True))
     return warning("one-of", causes=names, codes=codes, remedies="; ".join(remedies))
 
 
-#: Causes that frames show, as of `one_of`.
+#: Causes that frames show, as of `undecided_cause`.
 SETTLING = ("first frames unlike the others (image lag)", "first-frames-differ", "discard the first frames")
 FLICKERING = ("a light that flickers", "flicker", "take more frames, in a steady light")
 DISAGREEING = ("a pulsed lamp, or other exposure times", "exposures-disagree", "use a steady lamp")

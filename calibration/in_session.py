@@ -13,12 +13,12 @@ from .agreement import with_agreement
 from .colour.conversion import ByPlane
 from .colour.model import AnyCalibration
 from .fit.design import DARK
-from .fit_records import DISAGREEING, SETTLING, FitError, one_of
+from .fit_records import DISAGREEING, SETTLING, FitError, undecided_cause
 from .frames.observations import DarkObservation, PatchObservation
 from .model import Calibration
 from .sensor.dark import DarkModel, fit_dark
-from .sensor.dark_fit import drift_of_black_level, rows_of
-from .sensor.noise import GainSetting, TemporalNoise, first_frames, flicker_of_light
+from .sensor.dark_fit import as_rows, black_level_drift
+from .sensor.noise import GainSetting, TemporalNoise, first_frames, light_flicker
 from .uncertainty import FALSE_ALARM, SMALL_EFFECT_REL, Scatter, critical_value
 
 #: Least change of the dark signal, in DN, and least flicker of the light that are reported.
@@ -57,7 +57,7 @@ def in_session(
     return replace(calibration, planes=tuple(converter for converter, _ in done)), findings
 
 
-def of_other_conditions(calibration: AnyCalibration) -> list[Finding]:
+def other_conditions_findings(calibration: AnyCalibration) -> list[Finding]:
     """Say that a calibration is of another day or temperature than what it converts, where that counts."""
     plane, findings = calibration.planes[0], list[Finding]()
     if plane.of_another_day and plane.lens.stability_rel:
@@ -90,7 +90,7 @@ def _plane_in_session(
     here = replace(plane, fit_errors=tuple(errors), dark=dark, noise=noise, gains=tuple(others))
     done, of_times = with_agreement(here, observations)
     if of_times and any(one.code == SETTLING[1] for one in findings):
-        of_times = [*of_times, one_of(SETTLING, DISAGREEING)]
+        of_times = [*of_times, undecided_cause(SETTLING, DISAGREEING)]
     return done, [*findings, *of_times]
 
 
@@ -100,7 +100,7 @@ def _dark_error(setting: GainSetting, parameters: Sequence[float]) -> FitError:
 
 def _dark_in_session(known: DarkModel, darks: Sequence[DarkObservation]) -> tuple[DarkModel, list[Finding]]:
     """Return the dark signal that a session's dark frames show: at one exposure its offset only."""
-    here = Scatter(*drift_of_black_level(darks))
+    here = Scatter(*black_level_drift(darks))
     floor_dn = sqrt(float(np.mean([dark.mean_noise_dn2 for dark in darks])))
     drift = _joined(Scatter(known.drift_dn, known.drift_dof), here, floor_dn)
     found, findings = fit_dark(darks, drift.size)
@@ -113,7 +113,7 @@ def _dark_in_session(known: DarkModel, darks: Sequence[DarkObservation]) -> tupl
         known,
         offset_dn=found.offset_dn,
         rate_dn_s=found.rate_dn_s,
-        covariance=rows_of(covariance),
+        covariance=as_rows(covariance),
         temperatures_c=found.temperatures_c,
         temperature_c=found.temperature_c,
         doubling_temperature_c=doubling.doubling_temperature_c,
@@ -135,7 +135,7 @@ def _shifted(known: DarkModel, darks: Sequence[DarkObservation], drift: Scatter)
     turned = np.eye(3)
     turned[0] -= by_parameters
     covariance = turned @ np.array(known.covariance) @ turned.T + np.diag([u_dn2, 0.0, 0.0])
-    return replace(known, offset_dn=known.offset_dn + shift_dn, covariance=rows_of(covariance))
+    return replace(known, offset_dn=known.offset_dn + shift_dn, covariance=as_rows(covariance))
 
 
 def _variance_of_mean_dn2(dark: DarkObservation, drift: Scatter) -> float:
@@ -160,7 +160,7 @@ def _noise_in_session(
     known: TemporalNoise, observations: Sequence[PatchObservation], dark: DarkModel
 ) -> tuple[TemporalNoise, list[Finding]]:
     """Return the noise with the flicker of a session's light."""
-    light = flicker_of_light(observations, dark)
+    light = light_flicker(observations, dark)
     there, here = Scatter(known.flicker_rel, known.flicker_dof), Scatter(light.flicker_rel, light.dof)
     joined = _joined(there, here, light.noise_rel)
     flicker = here if light.dof and (light.by_exposure or known.flickers) else joined

@@ -20,7 +20,7 @@ from .fit_records import FitTest, LeftOut, ModelStep
 from .frames.observations import CameraState
 from .readings import MeasuredPatch, PatchReading
 from .setup import Provenance
-from .uncertainty import of_one_estimate
+from .uncertainty import variance_from_one_estimate
 
 #: What a camera sees of a patch: its luminance, by some exposures.
 Seen: TypeAlias = tuple[float, tuple[float, ...]]
@@ -62,7 +62,7 @@ class PatchResidual(MeasuredPatch):
         return cls.of(reading, *seen, deviation, deviation / stated_rel, centre_px, without)
 
 
-def range_of(rows: Sequence[PatchResidual], misread: Collection[str] = ()) -> tuple[float, float]:
+def luminance_range(rows: Sequence[PatchResidual], misread: Collection[str] = ()) -> tuple[float, float]:
     """Lowest and highest luminance of patches, by meter or camera; of misread patches by the camera only."""
     luminances = [row.luminance_cd_m2 for row in rows]
     luminances += [row.reading_cd_m2 for row in rows if row.patch not in misread]
@@ -133,7 +133,7 @@ class Calibration(Converter):
         fit = self.responsivity
         random2 = max(fit.random_rel**2 - self.exposure_times.either_rel**2, 0.0)
         parts = (random2, fit.dof or inf), (fit.scatter_rel**2, fit.scatter_dof or inf)
-        return of_one_estimate(parts)
+        return variance_from_one_estimate(parts)
 
     @property
     def weights(self) -> tuple[float, ...]:

@@ -16,7 +16,7 @@ from ..core.reading import CD_M2_PER_FL, Reading
 from ..core.result import Finding, FindingValue, info, warning
 from .fit_records import LeftOut
 from .setup import require_one_correction
-from .uncertainty import effective_dof, expanded_of, of_one_estimate, p_value_of_chi_squared
+from .uncertainty import effective_dof, expanded_uncertainty, p_value_of_chi_squared, variance_from_one_estimate
 
 #: p-values of the scatter below which a patch itself has changed, by chance as rarely in one of ten as three standard
 #: deviations of one are exceeded, and below which all readings scatter more than stated.
@@ -303,12 +303,12 @@ def parts_of_readings(readings: Sequence[PatchReading], weights: Sequence[float]
     parts = [(w**2 * one.variance_rel, one.dof) for w, one in zip(weights, readings, strict=True)]
     of_all = [part for part, one in zip(parts, readings, strict=True) if one.of_all]
     own = [part for part, one in zip(parts, readings, strict=True) if not one.of_all]
-    return [*own, of_one_estimate(of_all)]
+    return [*own, variance_from_one_estimate(of_all)]
 
 
 def expanded_of_readings(readings: Sequence[PatchReading]) -> float:
     """Relative U (95 %) of a product or quotient of readings by one meter, whose scale cancels."""
-    return expanded_of(parts_of_readings(readings, [1.0] * len(readings)))
+    return expanded_uncertainty(parts_of_readings(readings, [1.0] * len(readings)))
 
 
 def distinct(readings: Sequence[Reading]) -> dict[int, Reading]:

@@ -16,7 +16,7 @@ from .fit_records import LeftOut, Reason
 from .frames.observations import PatchObservation
 from .frames.rounding import ROUNDING_DN2, quantisation_variance_dn2
 from .frames.statistics import MAX_CLIPPED_SHARE, MIN_NET_SIGNAL, lines_variance_dn2
-from .sensor.noise import GainSetting, TemporalNoise, index_of_gain
+from .sensor.noise import GainSetting, TemporalNoise, find_gain
 
 Array = NDArray[np.float64]
 
@@ -118,7 +118,7 @@ def net_signals(observations: Sequence[PatchObservation], settings: Sequence[Gai
 
 
 def _net_signal(o: PatchObservation, settings: Sequence[GainSetting]) -> dict[str, float]:
-    index = index_of_gain(settings, o.state.gain_db)
+    index = find_gain(settings, o.state.gain_db)
     dark, noise = settings[index].dark, settings[index].noise
     dark_dn = dark.mean_dn(o.exposure_s, o.temperature_c)
     pattern_dn2 = max(o.fixed_pattern_variance_dn2(dark_dn), 0.0)
@@ -255,7 +255,7 @@ def temperature_findings(observations: Sequence[PatchObservation], settings: Seq
     """
     by_gain: dict[int, list[PatchObservation]] = {}
     for o in observations:
-        by_gain.setdefault(index_of_gain(settings, o.state.gain_db), []).append(o)
+        by_gain.setdefault(find_gain(settings, o.state.gain_db), []).append(o)
     findings = []
     for index, own in by_gain.items():
         frames = [(o.exposure_s, o.temperature_c) for o in own]

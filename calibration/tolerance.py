@@ -17,7 +17,7 @@ Part: TypeAlias = tuple[float, float]
 _NO_USE_REL = 0.2
 
 
-def expanded_of_scales(scales: Sequence[MeterScale], parts: Sequence[Part]) -> float:
+def expanded_with_scales(scales: Sequence[MeterScale], parts: Sequence[Part]) -> float:
     """Return the relative U (95 %) of parts and the scales of meters."""
     return expanded_rel(scales, sqrt(sum(variance for variance, _ in parts)), effective_dof(parts))
 
@@ -47,10 +47,10 @@ def own_tolerance_rel(calibration: _Calibration, other_rel: float = 0.0) -> floa
     """Relative U (95 %) of a calibration without a patch's noise; `other_rel` is by vignetting there, or by glare."""
     of_time = calibration.lens.refocus_rel**2 + calibration.stability_rel**2
     others = of_time + other_rel**2 + calibration.field_rel**2
-    return expanded_of_scales([calibration.meter_scale], [calibration.fit_part, (others, inf)])
+    return expanded_with_scales([calibration.meter_scale], [calibration.fit_part, (others, inf)])
 
 
-def of_no_use(calibration: _Calibration) -> list[Finding]:
+def useless_calibration_findings(calibration: _Calibration) -> list[Finding]:
     """Warn of a calibration whose U in the middle of its range, glare included, is so large that it is of no use."""
     middle_cd_m2 = sqrt(calibration.range_cd_m2[0] * calibration.range_cd_m2[1])
     # Each plane sees its part of the luminance.

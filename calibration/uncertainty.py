@@ -51,7 +51,7 @@ def effective_dof(parts: Iterable[tuple[float, float]]) -> float:
     return sum(variance for variance, _ in parts) ** 2 / fourth if fourth > 0 else inf
 
 
-def of_one_estimate(parts: Iterable[tuple[float, float]]) -> tuple[float, float]:
+def variance_from_one_estimate(parts: Iterable[tuple[float, float]]) -> tuple[float, float]:
     """Variance and degrees of freedom of a sum of variances that follow from one estimate and err together."""
     parts = [*parts]
     total = sum(variance for variance, _ in parts)
@@ -71,7 +71,7 @@ def three_over_two(dof: float) -> float:
     return _quantile(float(ndtr(-3.0)), dof) / _quantile(COVERAGE_TAIL, dof)
 
 
-def expanded_of(parts: Iterable[tuple[float, float]], rectangular: Iterable[float] = ()) -> float:
+def expanded_uncertainty(parts: Iterable[tuple[float, float]], rectangular: Iterable[float] = ()) -> float:
     """Return the expanded uncertainty U (95 %) of independent errors.
 
     The largest rectangular one counts as such, all others as normal, with Student's t for their effective degrees of
@@ -210,4 +210,4 @@ def expanded_rel(scales: Sequence[MeterScale], random_rel: float, dof: float = i
     """Relative expanded uncertainty U (95 %) of a value with the errors of meters and a further normal one."""
     normal = [(one.normal_rel**2, one.degrees_of_freedom) for one in scales]
     rectangular = [part for one in scales for part in one.rectangular_rel]
-    return expanded_of([*normal, (random_rel**2, dof)], rectangular)
+    return expanded_uncertainty([*normal, (random_rel**2, dof)], rectangular)

@@ -21,11 +21,11 @@ from ..fit.residuals import finite, held_out_rows
 from ..fit_records import LeftOut, summarised
 from ..frames.defects import DefectMap
 from ..frames.observations import DarkObservation, PatchObservation
-from ..model import Calibration, range_of
-from ..sensor.dark_fit import rows_of
+from ..model import Calibration, luminance_range
+from ..sensor.dark_fit import as_rows
 from ..sensor.dark_library import DarkLibrary
 from ..setup import Setup
-from ..tolerance import of_no_use
+from ..tolerance import useless_calibration_findings
 from .conversion import COLOURS, ByPlane, colour_patch_luminance, colours_of_planes
 from .model import ColourCalibration, CombinationStep
 from .patches import ColourPatch, by_patch, centre_px, colour_data, colour_patches, one_spectrum
@@ -103,7 +103,7 @@ def fit_colour(
     )
     findings += [*_plane_findings(planes), *of_patches, *of_prior]
     findings += [*_findings(chosen[0], patches, prior, scaled is not None), *of_held_out]
-    findings += of_no_use(calibration)
+    findings += useless_calibration_findings(calibration)
     log_findings(_log, findings)
     return replace(calibration, held_out=held, findings=summarised(findings))
 
@@ -214,11 +214,11 @@ def _assembled(
         planes=tuple(planes),
         weights=tuple((to_colour @ found.weights).tolist()),
         # Scatter of the patches, grey and by colour, is in their variances already.
-        weight_covariance=rows_of(to_colour @ found.covariance @ to_colour.T),
+        weight_covariance=as_rows(to_colour @ found.covariance @ to_colour.T),
         spectral_rel=found.spectral_rel,
         scatter_rel=scatter[0],
         scatter_dof=finite(scatter[1]),
-        range_cd_m2=range_of(rows),
+        range_cd_m2=luminance_range(rows),
         residuals=rows,
         held_out=(),
         left_out=tuple(left_out),

@@ -18,7 +18,7 @@ from ..frames.nonuniformity import vignetting_errors
 from ..frames.observations import PatchObservation
 from ..setup import METER_SOURCES
 from ..signal import NetSignals, left_out_text, net_signals, temperature_findings, usable
-from ..uncertainty import SMALL_EFFECT_REL, expanded_of, of_one_estimate
+from ..uncertainty import SMALL_EFFECT_REL, expanded_uncertainty, variance_from_one_estimate
 
 #: Fraction of the calibrated signal range by which a signal may exceed it without a finding.
 _RANGE_MARGIN = 0.05
@@ -90,10 +90,10 @@ class PatchLuminance:
 
     @property
     def half_width_95_rel(self) -> float:
-        """Relative expanded uncertainty U (95 %), as `expanded_of`."""
+        """Relative expanded uncertainty U (95 %), as `expanded_uncertainty`."""
         normal = [e for e in self.common if not e.rectangular]
         rectangular = (float(e.relative) for e in self.common if e.rectangular)
-        return expanded_of(_parts([self], normal), rectangular)
+        return expanded_uncertainty(_parts([self], normal), rectangular)
 
     @property
     def interval_95_cd_m2(self) -> tuple[float, float]:
@@ -177,7 +177,7 @@ def contrast_half_width_95(bright: PatchLuminance, dark: PatchLuminance) -> floa
     >>> round(contrast_half_width_95(bright, dark), 4)
     0.0554
     """
-    return bright.luminance_cd_m2 / dark.luminance_cd_m2 * expanded_of(_of_ratio(bright, dark))
+    return bright.luminance_cd_m2 / dark.luminance_cd_m2 * expanded_uncertainty(_of_ratio(bright, dark))
 
 
 def _of_ratio(bright: PatchLuminance, dark: PatchLuminance) -> list[tuple[float, float]]:
@@ -199,7 +199,7 @@ def _parts(patches: Sequence[PatchLuminance], common: Sequence[CommonError]) -> 
         estimate = next((of for source, of in alike.items() if error.source.startswith(source)), own)
         estimate.append((float(error.relative) ** 2, error.dof))
     alike["fit"] += [(one.scatter_rel**2, one.scatter_dof) for one in patches]
-    return [*own, *map(of_one_estimate, alike.values())]
+    return [*own, *map(variance_from_one_estimate, alike.values())]
 
 
 def _combined(

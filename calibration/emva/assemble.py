@@ -13,7 +13,7 @@ from ...core.result import Finding, info, unique, warning
 from ..frames.observations import DarkObservation
 from ..frames.rounding import ROUNDING_DN2
 from ..frames.statistics import MAX_CLIPPED_SHARE
-from ..sensor.dark_fit import drift_of_black_level
+from ..sensor.dark_fit import black_level_drift
 from .quantities import LEAST_VARIANCE_DN2, fit_dark_current, sensitivity_threshold_e, snr_max
 from .result import Characterisation, SeriesPoint
 from .transfer import Saturation, departure_rel, find_saturation, points_to_fit, system_gain
@@ -101,7 +101,7 @@ def with_findings(found: Characterisation, more: Iterable[Finding]) -> Character
 
 def with_frame_changes(points: Sequence[_Point], darks: Sequence[DarkObservation]) -> list[_Point]:
     """Add what black level and lamp change from frame to frame to the uncertainty of each point."""
-    drift_dn2 = drift_of_black_level(darks)[0] ** 2
+    drift_dn2 = black_level_drift(darks)[0] ** 2
     lit = [point for point in points if point.net_dn > 0 and point.light.saturated_share <= MAX_CLIPPED_SHARE]
     seen = [
         np.var(p.light.frame_means_dn, ddof=1) - p.light.mean_variance_dn2 * p.light.n_frames - drift_dn2 for p in lit

@@ -11,13 +11,13 @@ import numpy as np
 from ...core.result import Finding, FindingValue, info, warning
 from ...core.vignetting import AnyVignetting, Cos4Vignetting
 from ..converter import VIGNETTING
-from ..fit_records import FitTest, one_of
+from ..fit_records import FitTest, undecided_cause
 from ..readings import contradiction
 from ..sensor.dark import DarkModel
 from ..sensor.noise import GainSetting
 from ..uncertainty import FALSE_ALARM, critical_value, expanded_half_width, p_value_of_chi_squared
 from .design import Design
-from .effects import FittedEffect, Kind, assess, effects_of, largest_of_each_kind
+from .effects import FittedEffect, Kind, assess, largest_of_each_kind, possible_effects
 from .problem import Solution
 from .selection import ModelSelection
 
@@ -54,7 +54,7 @@ def effect_tests(
     """
     solution = selection.solution
     keys = {one.effect.key for one in selection.found}
-    others = [one for one in effects_of(solution.design) if one.key not in keys and one.kind != "patch"]
+    others = [one for one in possible_effects(solution.design) if one.key not in keys and one.kind != "patch"]
     left = [assess(solution, one) for one in largest_of_each_kind(solution, others)]
     tests = []
     for name, (kinds, untestable) in _CHECKS.items():
@@ -87,7 +87,7 @@ def possible_glare_cd_m2(test: FitTest) -> float:
     return sqrt(max(max(test.value, 0.0) ** 2 - test.standard_uncertainty**2, 0.0))
 
 
-def found_findings(selection: ModelSelection, vignetting: AnyVignetting | None) -> list[Finding]:
+def effect_findings(selection: ModelSelection, vignetting: AnyVignetting | None) -> list[Finding]:
     """Return a warning of each effect that was found, and one of others that explain the observations as well."""
     findings = []
     for one in selection.found:
@@ -96,7 +96,7 @@ def found_findings(selection: ModelSelection, vignetting: AnyVignetting | None) 
         findings.append(of_each[0])
         if one.rivals:
             pairs = zip(rows, of_each, strict=True)
-            findings.append(one_of(*((row.effect.name, f.code, row.effect.what_tells) for row, f in pairs)))
+            findings.append(undecided_cause(*((row.effect.name, f.code, row.effect.what_tells) for row, f in pairs)))
     return findings
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...core.errors import CalibrationError
 from ...core.result import Finding, info, warning
-from ..fit_records import FLICKERING, SETTLING, FitTest, one_of
+from ..fit_records import FLICKERING, SETTLING, FitTest, undecided_cause
 from ..frames.observations import PatchObservation
 from ..sensor.noise import GainSetting, first_frames
 from ..uncertainty import SMALL_EFFECT_REL, expanded_half_width
@@ -106,7 +106,7 @@ def design_findings(
     if flicker_rel > _FLICKER_TOLERANCE_REL and not settling:
         findings.append(warning("flicker", flicker_rel=flicker_rel, exposure_s=exposure_s))
         if first_frames(observations, settings[0].dark, _PERHAPS):
-            findings.append(one_of(FLICKERING, SETTLING))
+            findings.append(undecided_cause(FLICKERING, SETTLING))
     for index, setting in enumerate(settings):
         times = design.exposures_s[design.exposure[design.signals.gain_index == index]]
         darks = setting.dark.exposures_s

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.vignetting import AnyVignetting
-from ..converter import BLACK_LEVEL, EXPOSURE_TIME, FLAT_FIELD, FLICKER, exposure_time_rel, source_of_place
+from ..converter import BLACK_LEVEL, EXPOSURE_TIME, FLAT_FIELD, FLICKER, exposure_time_rel, vignetting_source
 from ..frames.nonuniformity import slow_rel, smooth_patterns, vignetting_errors
 from ..frames.observations import Groups, PatchObservation
 from ..readings import PatchReading
@@ -253,7 +253,7 @@ def _place_errors(
     vignetting: AnyVignetting | None, place: Array, of_patterns: Array, patch: NDArray[np.intp]
 ) -> list[SharedError]:
     """Errors of the vignetting: what a flat field leaves may be a slope over the image."""
-    source = source_of_place(vignetting)
+    source = vignetting_source(vignetting)
     of_field = slow_rel(vignetting) / sqrt(place.shape[1]) * place.T
     errors = [SharedError(FLAT_FIELD, row[patch]) for row in of_field if row.any()]
     return errors + [SharedError(source, row[patch], pattern=k) for k, row in enumerate(of_patterns)]

@@ -228,7 +228,7 @@ class FittedEffect(NamedTuple):
         return float(self.amplitude.uncertainty[0])
 
 
-def effects_of(design: Design, *, with_exposures: bool = True) -> list[Effect]:
+def possible_effects(design: Design, *, with_exposures: bool = True) -> list[Effect]:
     """List the effects that observations could show, those of exposures if these are not the response's source."""
     of_exposures = _of_exposures(design) if with_exposures else []
     return [*_of_signals(design), *of_exposures, *_over_time(design), *_of_patches(design)]

@@ -206,7 +206,7 @@ def within_patches(solution: Solution, covariance: Array) -> float:
     return max(float(solution.residual @ moved - by_patches), 0.0)
 
 
-def scatter_of_one(design: Design) -> Scatter:
+def patch_scatter(design: Design) -> Scatter:
     """Relative scatter of a patch at one exposure."""
     parts = [design.scatter_rel.part, design.scatter_each_rel.part]
     return Scatter(sqrt(sum(variance for variance, _ in parts)), effective_dof(parts))

@@ -16,7 +16,7 @@ from ..fit_records import ModelStep
 from ..uncertainty import SMALL_P_VALUE, p_value_of_chi_squared
 from .candidates import CandidateModel
 from .design import Array, Design
-from .effects import WORTH, Effect, FittedEffect, Kind, amplitude, assess, effects_of, largest_of_each_kind
+from .effects import WORTH, Effect, FittedEffect, Kind, amplitude, assess, largest_of_each_kind, possible_effects
 from .problem import Solution, solutions, solve
 
 #: Relative decrease of the leave-one-out error required of a further parameter.
@@ -120,7 +120,7 @@ def select(design: Design, candidates: Sequence[CandidateModel]) -> ModelSelecti
     CalibrationError
         As `select_model`.
     """
-    effects, found = effects_of(design, with_exposures=candidates[0].bracket is None), list[FittedEffect]()
+    effects, found = possible_effects(design, with_exposures=candidates[0].bracket is None), list[FittedEffect]()
     now = ModelSelection(*select_model(design, candidates, effects))
     while found_more := _next(design, now.solution, effects, found):
         found = [*found, *found_more]
@@ -150,7 +150,7 @@ def with_times_of(design: Design, found: Iterable[FittedEffect]) -> Design:
     return replace(design, signals=replace(design.signals, scale_per_s=design.signals.scale_per_s / factor))
 
 
-def with_found(design: Design, found: Sequence[FittedEffect]) -> Design:
+def with_effects(design: Design, found: Sequence[FittedEffect]) -> Design:
     """Return the design with effects as parameters, those of exposure times around what was found."""
     factor = time_factor(design, found)
     shared = (*design.shared, *(e for one in found for e in one.effect.around(factor).within(one.widths)))
@@ -172,7 +172,7 @@ def _step_of_time(design: Design, candidate: CandidateModel, now: list[FittedEff
     """Correct what was found of an exposure time by what it leaves; return that, in standard uncertainties."""
     before, rest = now[number], [one for k, one in enumerate(now) if k != number]
     effect = before.effect.around(time_factor(design, now))
-    corrected = replace(with_found(design, rest), signals=with_times_of(design, now).signals)
+    corrected = replace(with_effects(design, rest), signals=with_times_of(design, now).signals)
     try:
         left = assess(solve(corrected, candidate), effect)
     except CalibrationError:
@@ -190,7 +190,7 @@ def _step_of_time(design: Design, candidate: CandidateModel, now: list[FittedEff
 def _with(
     design: Design, candidates: Sequence[CandidateModel], effects: Sequence[Effect], found: Sequence[FittedEffect]
 ) -> tuple[Solution, tuple[ModelStep, ...]]:
-    return select_model(with_found(design, found), candidates, _others(effects, found))
+    return select_model(with_effects(design, found), candidates, _others(effects, found))
 
 
 def _others(effects: Sequence[Effect], found: Sequence[FittedEffect]) -> list[Effect]:
@@ -222,7 +222,7 @@ def _several_patches(
     """
     more, result = list[FittedEffect](), list[FittedEffect]()
     while patches := [one for one in _others(effects, [*found, *more]) if one.kind == "patch"]:
-        solution = next(solutions(with_found(design, [*found, *more]), [candidate]), None)
+        solution = next(solutions(with_effects(design, [*found, *more]), [candidate]), None)
         if solution is None or solution.degrees_of_freedom <= 1:
             break
         row = assess(solution, largest_of_each_kind(solution, patches)[0])
@@ -246,7 +246,7 @@ def _without_others(design: Design, candidate: CandidateModel, found: Sequence[F
     for one in found:
         rest = [other for other in kept if other is not one]
         # A response may need an effect to rise at all.
-        solution = next(solutions(with_found(design, rest), [candidate]), None)
+        solution = next(solutions(with_effects(design, rest), [candidate]), None)
         again = one if solution is None else assess(solution, one.effect)
         if not again.significant:
             kept = rest
@@ -264,7 +264,7 @@ def _with_rivals(
 ) -> FittedEffect:
     """Return an effect with others that explain the observations about as well in its place."""
     rest = [other for other in found if other is not one]
-    solution = next(solutions(with_found(design, rest), [candidate]), None)
+    solution = next(solutions(with_effects(design, rest), [candidate]), None)
     if solution is None:
         return one
     if one.effect.of_times:
@@ -273,7 +273,7 @@ def _with_rivals(
     else:
         others = [other for other in _others(effects, found) if other.kind != one.effect.kind]
         rows = [row for row in _assessed(solution, others) if row.log_p < log(_RIVAL) and row.possible]
-        alike = [row for row in rows if _is_rival(row, one, with_found(design, rest), solution)]
+        alike = [row for row in rows if _is_rival(row, one, with_effects(design, rest), solution)]
     if one.effect.kind == "patch":
         alike += [row for row in rest if _is_more_at(row, one, solution)]
     return one._replace(rivals=tuple(sorted(alike, key=lambda row: row.log_p)))
@@ -287,10 +287,10 @@ def _as_good(
     others: Iterable[FittedEffect],
 ) -> list[FittedEffect]:
     """Return what may stand for an effect of exposure times, by fits at exact ones: a linear test only says where."""
-    own, rest, result = solve(with_found(design, found), candidate), [f for f in found if f is not one], []
+    own, rest, result = solve(with_effects(design, found), candidate), [f for f in found if f is not one], []
     most = own.chi_squared + 2 * _ALIKE * max(1.0, own.chi_squared / max(own.degrees_of_freedom, 1))
     for other in others:
-        instead = with_found(design, _with_exact_times(design, candidate, [*rest, other]))
+        instead = with_effects(design, _with_exact_times(design, candidate, [*rest, other]))
         result += [other for solution in solutions(instead, [candidate]) if solution.chi_squared <= most]
     return result
 
@@ -302,7 +302,7 @@ def _is_rival(row: FittedEffect, found: FittedEffect, design: Design, solution: 
     if row.significant and row.log_p <= found.log_p + _ALIKE:
         return True
     with suppress(CalibrationError):
-        return not assess(solve(with_found(design, [row]), solution.candidate), found.effect).significant
+        return not assess(solve(with_effects(design, [row]), solution.candidate), found.effect).significant
     return False
 
 

@@ -121,7 +121,7 @@ def _of_difference(squares: MeanSquares, dark_dn: float) -> float:
     return max(aa - 2 * dark_dn * ab + dark_dn**2 * bb, 0.0)
 
 
-def root_of(variance: Quantity) -> float:
+def significant_root(variance: Quantity) -> float:
     """Return the square root of a variance that may be below 0 by chance; 0 where it is not significantly above 0."""
     return sqrt(variance.value) if variance.value > 2 * variance.u else 0.0
 

@@ -17,7 +17,7 @@ from ...core.roi import Roi
 from ...core.vignetting import AnyVignetting, illuminance_in
 from .defects import DefectMap
 from .measure import MIN_FRAMES, MeasuredFrames, measure_frames, measure_whole
-from .nonuniformity import Array, in_window, nonuniformity, root_of, spatial_variance
+from .nonuniformity import Array, in_window, nonuniformity, significant_root, spatial_variance
 from .observations import DarkObservation, Observation, PatchObservation, PatchPart
 from .statistics import MAX_CLIPPED_SHARE
 
@@ -197,7 +197,10 @@ def dark_observation(measured: MeasuredFrames, dark_library: DarkPattern | None 
         nonuniformity_dn=sqrt(spread.slow_variance_dn2(0.0)),
         pattern_dn=max(sqrt(max(spread.pixel_variance_dn2(0.0) - noise_dn2, 0.0)), left_dn),
         line_noise_dn=(column_dn, row_dn),
-        line_pattern_dn=(max(root_of(lines.column), left * column_dn), max(root_of(lines.row), left * row_dn)),
+        line_pattern_dn=(
+            max(significant_root(lines.column), left * column_dn),
+            max(significant_root(lines.row), left * row_dn),
+        ),
     )
 
 

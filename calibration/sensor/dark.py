@@ -20,10 +20,10 @@ from .dark_fit import (
     TYPICAL_DOUBLING_C,
     UNKNOWN_WITHIN_K,
     DarkCurrent,
-    drift_of_black_level,
+    as_rows,
+    black_level_drift,
     fit_curve,
     noise_line,
-    rows_of,
 )
 
 #: Temperature difference to the dark frames at which the dark current changes by about a sixth.
@@ -233,7 +233,7 @@ def fit_dark(darks: Sequence[DarkObservation], drift_dn: float | None = None) ->
     temperatures = [d.temperature_c for d in darks if d.temperature_c is not None]
     reference = float(np.mean(temperatures)) if len(temperatures) == len(darks) else None
     warmer_c = np.zeros(len(darks)) if reference is None else np.array(temperatures) - reference
-    drift_dn, drift_dof = drift_of_black_level(darks) if drift_dn is None else (drift_dn, 0)
+    drift_dn, drift_dof = black_level_drift(darks) if drift_dn is None else (drift_dn, 0)
     parameters, covariance, findings = fit_curve(darks, warmer_c, drift_dn)
     doubling_c = float(1 / parameters[2]) if covariance[2, 2] > 0 else None
     if doubling_c is None and reference is not None:
@@ -243,7 +243,7 @@ def fit_dark(darks: Sequence[DarkObservation], drift_dn: float | None = None) ->
     model = DarkModel(
         offset_dn=float(parameters[0]),
         rate_dn_s=float(parameters[1]),
-        covariance=rows_of(covariance),
+        covariance=as_rows(covariance),
         noise_dn=sqrt(max(noise.intercept, 0.0)),
         nonuniformity_dn=_rms(d.nonuniformity_dn for d in darks),
         exposures_s=tuple(exposures_s),

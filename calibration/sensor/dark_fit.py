@@ -172,7 +172,7 @@ def line(x: Array, y: Array, u: Array) -> Line:
     return Line(float(parameters[1]), float(parameters[0]), covariance, chi_squared)
 
 
-def rows_of(matrix: NDArray[np.floating[Any]]) -> Any:
+def as_rows(matrix: NDArray[np.floating[Any]]) -> Any:
     """Return a matrix as tuples."""
     return tuple(map(tuple, matrix.tolist()))
 
@@ -182,7 +182,7 @@ def birge(chi_squared: float, dof: int) -> float:
     return max(1.0, sqrt(chi_squared / dof)) if dof > 0 else 1.0
 
 
-def drift_of_black_level(darks: Sequence[DarkObservation]) -> tuple[float, int]:
+def black_level_drift(darks: Sequence[DarkObservation]) -> tuple[float, int]:
     """Return the standard deviation of the black level from frame to frame, and its degrees of freedom."""
     freedoms = [d.n_frames - 1 for d in darks]
     if sum(freedoms) == 0:

@@ -19,7 +19,7 @@ from ..frames.measure import MeasuredFrames, blocks
 from ..frames.observe import dark_observation
 from ..frames.rounding import quantisation_variance_dn2
 from .dark import fit_dark
-from .dark_fit import DOUBLING_REL, MIN_TEMPERATURE_SPAN_C, TYPICAL_DOUBLING_C, DarkCurrent, growth_by, rows_of
+from .dark_fit import DOUBLING_REL, MIN_TEMPERATURE_SPAN_C, TYPICAL_DOUBLING_C, DarkCurrent, as_rows, growth_by
 
 #: Ratio of a dark pixel's standard deviation with and without the pattern from which more dark frames are worth their
 #: time: a judgement.
@@ -221,8 +221,8 @@ def dark_library(darks: Sequence[MeasuredFrames], defects: DefectMap | None = No
     return DarkLibrary(
         offset_dn=maps[0].astype(np.float32),
         rate_dn_s=maps[1].astype(np.float32),
-        noise_covariance=rows_of(noise),
-        pattern_covariance=rows_of(np.cov(maps.reshape(2, -1) if defects is None else maps[:, sound]) - noise),
+        noise_covariance=as_rows(noise),
+        pattern_covariance=as_rows(np.cov(maps.reshape(2, -1) if defects is None else maps[:, sound]) - noise),
         temperature_c=temperature_c,
         doubling_temperature_c=doubling_c,
         n_frames=int(frames.sum()),

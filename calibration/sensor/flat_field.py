@@ -16,7 +16,7 @@ from ...core.errors import CalibrationError
 from ...core.result import Finding, info
 from ...core.vignetting import FlatField, RadialVignetting, middle_of
 from ..frames.measure import MeasuredFrames
-from .dark_fit import rows_of
+from .dark_fit import as_rows
 from .defects import block_means, median_around, pixel_pattern, structure_findings
 
 Array = NDArray[np.float64]
@@ -190,4 +190,4 @@ def _fit_radial(relative: Array, pixel_rel: float, slow_rel: float) -> tuple[Rad
     significant = variance > of_noise * (1 + _SIGNIFICANT * sqrt(2 / dof))
     not_radial = sqrt(variance - of_noise) if significant else 0.0
     a2, a4, a6 = coefficients.tolist()
-    return RadialVignetting(a2, a4, a6, None, rows_of(covariance), hypot(slow_rel, not_radial)), not_radial
+    return RadialVignetting(a2, a4, a6, None, as_rows(covariance), hypot(slow_rel, not_radial)), not_radial

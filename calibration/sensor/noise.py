@@ -154,7 +154,7 @@ def fit_noise(
     list of Finding
         Findings for the user.
     """
-    light = flicker_of_light(observations, dark)
+    light = light_flicker(observations, dark)
     noise = TemporalNoise(0.0, dark.noise_dn, tone, light.flicker_rel, light.dof, flickers=light.by_exposure)
     points = []
     for o in observations:
@@ -198,7 +198,7 @@ class Flicker(NamedTuple):
     by_exposure: tuple[tuple[float, float, int], ...] = ()
 
 
-def flicker_of_light(observations: Sequence[PatchObservation], dark: DarkModel) -> Flicker:
+def light_flicker(observations: Sequence[PatchObservation], dark: DarkModel) -> Flicker:
     """Find how much the light changes from frame to frame.
 
     All patches of the same frames have it in common: it is a mean over them, and then over the exposures, each weighted
@@ -236,7 +236,7 @@ def first_frames(
     """Return a finding if the first frames of the exposures differ from those that follow, which agree (F test).
 
     So they do by image lag, and by a camera or a lamp that settles; a light that flickers changes from any frame to the
-    next. Observations and dark signal as of `flicker_of_light`; `by_chance` is the probability of a finding by chance.
+    next. Observations and dark signal as of `light_flicker`; `by_chance` is the probability of a finding by chance.
     """
     from scipy.special import fdtrc
 
@@ -402,7 +402,7 @@ class GainSetting:
             raise InputError("factor is 0: more gain does not take all signal away; give a positive number")
 
 
-def index_of_gain(settings: Sequence[GainSetting], gain_db: float) -> int:
+def find_gain(settings: Sequence[GainSetting], gain_db: float) -> int:
     """Index of a gain among settings; raises CalibrationError, naming the calibrated ones, if not found."""
     for index, setting in enumerate(settings):
         if abs(setting.gain_db - gain_db) <= GAIN_TOLERANCE_DB:

@@ -9,7 +9,7 @@ from ...core.result import Finding, FindingValue, info, warning
 from .result import CLEAR_Z, Verification, VerifiedPatch
 
 
-def findings_of(result: Verification) -> tuple[Finding, ...]:
+def verification_findings(result: Verification) -> tuple[Finding, ...]:
     """Return findings on verdict, common deviation, dark level, colour balance and meters."""
     return (_verdict(result), *_common(result), _dark(result), *_balance(result), _meter(result))
 

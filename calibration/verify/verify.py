@@ -28,19 +28,19 @@ from ..readings import PatchReading, combine_patches, parts_of_readings
 from ..sensor.dark import DarkModel, fit_dark
 from ..setup import METER_SOURCES, MeterScale
 from ..signal import temperature_findings
-from ..tolerance import Part, expanded_of_scales, own_tolerance_rel
+from ..tolerance import Part, expanded_with_scales, own_tolerance_rel
 from ..uncertainty import (
     FALSE_ALARM,
     SMALL_EFFECT_REL,
     effective_dof,
     expanded_half_width,
-    of_one_estimate,
     p_value_of_chi_squared,
     scales_apart,
     student_factor,
     three_over_two,
+    variance_from_one_estimate,
 )
-from .findings import findings_of
+from .findings import verification_findings
 from .result import DRIFT_DN, Drift, Verification, VerifiedDark, VerifiedPatch, VerifiedPlane, require_tolerance
 
 #: Source of what light of the surroundings does in a region.
@@ -113,7 +113,7 @@ def verify(
     # Where the scale cancels, its traceability does not matter.
     of_meter = [f for f in meter.findings(readings) if comparison.scales or f.code != "meter-without-certificate"]
     found = [*of_readings, *of_meter, *(f for row in seen.values() for f in row.findings), *of_frames]
-    return replace(result, findings=(*findings_of(result), *summarised(found)))
+    return replace(result, findings=(*verification_findings(result), *summarised(found)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,14 +169,14 @@ class _Comparison:
     def _measured(self, weights: NDArray[np.float64]) -> list[Part]:
         """Parts of a weighted mean of the deviations by what is measured now."""
         readings = parts_of_readings([self.read[one.patch] for one in self.seen], weights.tolist())
-        of_frames = [of_one_estimate(self._of_sources(weights, source)) for source in OF_FRAMES]
+        of_frames = [variance_from_one_estimate(self._of_sources(weights, source)) for source in OF_FRAMES]
         of_times = self._of_sources(weights, EXPOSURE_TIME)
         return [(float(weights**2 @ self._own_rel2), inf), *readings, *of_frames, *of_times]
 
     def _calibrated(self, weights: NDArray[np.float64]) -> list[Part]:
         """Parts by the calibration, without what flat field or vignetting leave."""
         scatter = [(w**2 * one.scatter_rel**2, one.scatter_dof) for w, one in zip(weights, self.seen, strict=True)]
-        of_fit = of_one_estimate([*self._of_sources(weights, "fit"), *scatter])
+        of_fit = variance_from_one_estimate([*self._of_sources(weights, "fit"), *scatter])
         others = {source for source, _, _ in self._common if not source.startswith(("fit", *_MEASURED, FLAT_FIELD))}
         return [of_fit, *(part for source in sorted(others) for part in self._of_sources(weights, source))]
 
@@ -191,7 +191,7 @@ class _Comparison:
     def mean(self) -> tuple[float, float]:
         """Mean deviation by generalised least squares, and its U (95 %)."""
         weights = self._weights()
-        return float(weights @ self.deviation_rel), expanded_of_scales(self.scales, self._whole(weights))
+        return float(weights @ self.deviation_rel), expanded_with_scales(self.scales, self._whole(weights))
 
     @property
     def dof(self) -> float:
@@ -219,10 +219,10 @@ class _Comparison:
         mean, now = float(weights @ self.deviation_rel), [*self._measured(weights), *self._of_place(weights)]
         return Drift(
             relative=mean,
-            expanded_rel=expanded_of_scales(self.scales, self._whole(weights)),
+            expanded_rel=expanded_with_scales(self.scales, self._whole(weights)),
             responsivity_dn_s_cd_m2=plane.responsivity.responsivity_dn_s_cd_m2 * (1 + mean),
-            responsivity_expanded_rel=expanded_of_scales([self.meter], now),
-            responsivity_own_rel=expanded_of_scales(self._scales_now, now),
+            responsivity_expanded_rel=expanded_with_scales([self.meter], now),
+            responsivity_own_rel=expanded_with_scales(self._scales_now, now),
         )
 
     @property
@@ -246,8 +246,8 @@ class _Comparison:
                 s.exposures_s,
                 deviation_rel=deviation,
                 standard_uncertainty_rel=hypot(u, of_scales),
-                expanded_rel=expanded_of_scales(self.scales, [*measured, *calibrated]),
-                guard_rel=expanded_of_scales(self._scales_now, measured),
+                expanded_rel=expanded_with_scales(self.scales, [*measured, *calibrated]),
+                guard_rel=expanded_with_scales(self._scales_now, measured),
                 independent_rel=sqrt(variance) * student_factor(effective_dof(self._whole(alone))),
                 tolerance_rel=tolerance_rel(of_place),
             )
@@ -325,7 +325,7 @@ def _deviating(comparison: _Comparison, stability_rel: float) -> tuple[dict[str,
     deviating, findings = {}, []
     for n, (one, deviation) in enumerate(zip(comparison.seen, comparison.deviation_rel.tolist(), strict=True)):
         parts = comparison.parts_of(n)
-        expanded = expanded_of_scales(comparison.scales, [*parts, (stability_rel**2, inf)])
+        expanded = expanded_with_scales(comparison.scales, [*parts, (stability_rel**2, inf)])
         if abs(deviation) > max(expanded * three_over_two(effective_dof(parts)), SMALL_EFFECT_REL):
             deviating[one.patch] = deviation
             values = {"deviation_rel": deviation, "expanded_rel": expanded}

@@ -17,7 +17,7 @@ from ..calibration.uncertainty import expanded_half_width
 from ..core.errors import InputError
 from ..core.frame import Frame
 from ..core.result import Finding, InputFile, NamedValue, Result, quantity_table, unique
-from ..evaluate.bench.observe import for_frames_of
+from ..evaluate.bench.observe import calibration_for_frames
 from ..evaluate.bench.session import mismatch
 from ..evaluate.bench.session_result import session_input
 from ..evaluate.picture.converter import Converter, calibrated_converter
@@ -231,7 +231,7 @@ def _of_session(path: Path, chosen: ChosenFrames, loaded: AnyCalibration) -> _Se
             f"the frames show different patches ({', '.join(shown)}): choose one with --patch, for example --patch "
             f"{shown[0]!r}"
         )
-    calibration, of_session = for_frames_of(session, loaded)
+    calibration, of_session = calibration_for_frames(session, loaded)
     return _Selected(
         calibration,
         [session.load(record) for record in kept],

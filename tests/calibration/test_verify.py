@@ -10,7 +10,7 @@ from scipy.stats import norm
 
 from labcdp.calibration import fit, patch_luminance
 from labcdp.calibration.setup import meter_scale
-from labcdp.calibration.tolerance import of_no_use, own_tolerance_rel
+from labcdp.calibration.tolerance import own_tolerance_rel, useless_calibration_findings
 from labcdp.calibration.verify.history import histories
 from labcdp.calibration.verify.result import conformance_probability, decide
 from labcdp.calibration.verify.verify import changes_since, verify
@@ -240,9 +240,9 @@ def test_history_sorts_by_camera_and_time(calibration, camera):
 
 
 def test_a_calibration_of_no_use_says_so(calibration):
-    assert of_no_use(calibration) == []
+    assert useless_calibration_findings(calibration) == []
     bad = replace(calibration, responsivity=replace(calibration.responsivity, random_rel=0.15, dof=None))
-    (found,) = of_no_use(bad)
+    (found,) = useless_calibration_findings(bad)
     assert (found.code, found.severity) == ("calibration-of-no-use", "warning")
     assert found.values["expanded_rel"] == pytest.approx(own_tolerance_rel(bad))
     assert found.values["expanded_rel"] > 1.96 * 0.15
@@ -250,7 +250,7 @@ def test_a_calibration_of_no_use_says_so(calibration):
     low, high = calibration.range_cd_m2
     glare_cd_m2 = 0.2 * (low * high) ** 0.5
     veiled = replace(calibration, responsivity=replace(calibration.responsivity, glare_cd_m2=glare_cd_m2))
-    (found,) = of_no_use(veiled)
+    (found,) = useless_calibration_findings(veiled)
     assert found.values["expanded_rel"] == pytest.approx(1.96 * 0.2, rel=0.05)
 
 

@@ -20,12 +20,12 @@ from .corrections import (
     Corrections,
     PlaneCorrections,
     UniformLight,
-    corrections_of,
-    corrections_of_lens,
+    calibration_corrections,
+    lens_corrections,
     with_dark_frames,
 )
-from .observe import ObservedSession, measure_session, response_of_session
-from .recorded import Report, lens_findings, lens_of, planes_of, require_distinct, require_patches
+from .observe import ObservedSession, measure_session, session_response
+from .recorded import Report, configured_lens, lens_findings, planes_of, require_distinct, require_patches
 
 #: Most rounds in which the flat field is linearised by the response, and the response fitted with the flat field.
 _MOST_ROUNDS = 5
@@ -52,7 +52,7 @@ def calibrate_session(
     held_out : collection of str
         Patches that the fit is not shown, but tested with.
     response : ResponseCurve or None
-        Shape of the response by a bracket, for a monochrome sensor; see `response_of_session`.
+        Shape of the response by a bracket, for a monochrome sensor; see `session_response`.
     all_used : bool
         Whether a patch that no exposure shows is refused; else the others calibrate alone.
 
@@ -70,7 +70,7 @@ def calibrate_session(
     require_patches(held_out, joined.names, "to hold out")
     hashes, bench = tuple(one.input_sha256 for one in (observed, *more)), observed.configuration
     setup = replace(
-        setup_of(bench, hashlib.sha256("".join(hashes).encode()).hexdigest() if more else hashes[0]),
+        session_setup(bench, hashlib.sha256("".join(hashes).encode()).hexdigest() if more else hashes[0]),
         sessions_sha256=hashes if more else (),
         frames_sha256=tuple(sorted({key for one in (observed, *more) for key in one.frames_sha256})),
     )
@@ -82,15 +82,15 @@ def calibrate_session(
         for plane, own in observed.corrections.items()
         for finding in own.findings
     ]
-    lenses = [lens_of(one.configuration) for one in (observed, *more)]
+    lenses = [configured_lens(one.configuration) for one in (observed, *more)]
     of_lens = [found for lens in lenses[1:] for found in lens_findings(lenses[0], lens)]
     return replace(calibration, findings=unique([*calibration.findings, *of_corrections, *of_lens]))
 
 
-def setup_of(bench: SessionConfiguration, input_sha256: str) -> Setup:
+def session_setup(bench: SessionConfiguration, input_sha256: str) -> Setup:
     """Return what a calibration knows of the bench, as its configuration states it."""
     return Setup(
-        lens=lens_of(bench),
+        lens=configured_lens(bench),
         source_spectrum=bench.source.spectrum,
         input_sha256=input_sha256,
         measured_spectrum=bench.source.measured,
@@ -147,10 +147,10 @@ def _joined(sessions: Sequence[ObservedSession]) -> ObservedSession:
 
 def _require_alike(first: ObservedSession, other: ObservedSession) -> None:
     one, two = first.configuration, other.configuration
-    lens = lens_of(one)
+    lens = configured_lens(one)
     certificates = (of.meter.certificate for of in (one, two))
     for what, mine, theirs in (
-        ("lens", lens, lens if lens_of(two).is_as_in(lens) else lens_of(two)),
+        ("lens", lens, lens if configured_lens(two).is_as_in(lens) else configured_lens(two)),
         ("certificate of the meter", *("none" if c is None else f"{c.number} of {c.date}" for c in certificates)),
         ("source spectrum", one.source.spectrum, two.source.spectrum),
     ):
@@ -221,12 +221,12 @@ def calibrate_recorded(
     Raises
     ------
     CalibrationError, SessionError, InputError
-        As `require_distinct`, `measure_vignetting`, `measure_session`, `response_of_session` and `calibrate_session`.
+        As `require_distinct`, `measure_vignetting`, `measure_session`, `session_response` and `calibrate_session`.
     """
     if len({planes_of(one) for one in sessions}) > 1:
         raise CalibrationError("some of the sessions have colour filters, others have none: calibrate them separately")
     require_distinct(sessions)
-    lens = corrections_of_lens(sessions[0])
+    lens = lens_corrections(sessions[0])
     given = lens if uniform is None else uniform.corrections
     corrections, darks = with_dark_frames(given, sessions, report("dark frames"))
     measured = [
@@ -236,11 +236,11 @@ def calibrate_recorded(
 
     def calibrated(own: PlaneCorrections) -> AnyCalibration:
         observed = [one.observed(own) for one in measured]
-        curve = response_of_session(observed[0]) if bracket else None
+        curve = session_response(observed[0]) if bracket else None
         return calibrate_session(*observed, held_out=held_out, response=curve)
 
     calibration = calibrated(corrections) if uniform is None else _in_turns(calibrated, corrections, lens, uniform)
-    return [one.observed(corrections_of(calibration)) for one in measured], calibration
+    return [one.observed(calibration_corrections(calibration)) for one in measured], calibration
 
 
 def _in_turns(

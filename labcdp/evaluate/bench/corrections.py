@@ -20,7 +20,17 @@ from ...core.photometry import axial_illuminance_per_cd_m2, photon_radiance_per_
 from ...core.result import Finding, info
 from ...core.vignetting import AnyVignetting, Cos4Vignetting
 from ...session import Role, Session, SessionConfiguration
-from .recorded import NO_LIGHT, Loader, Report, by_exposure, frame_loader, lens_of, noted, planes_of, settings_frame
+from .recorded import (
+    NO_LIGHT,
+    Loader,
+    Report,
+    by_exposure,
+    configured_lens,
+    frame_loader,
+    noted,
+    planes_of,
+    settings_frame,
+)
 
 #: Corrections by colour plane; None stands for a monochrome sensor.
 PlaneCorrections = Mapping[str | None, "Corrections"]
@@ -91,7 +101,7 @@ def _states(session: Session) -> dict[str | None, CameraState]:
     return {plane: CameraState.of(plane_of(first, plane)) for plane in planes_of(session)}
 
 
-def corrections_of(calibration: AnyCalibration) -> dict[str | None, Corrections]:
+def calibration_corrections(calibration: AnyCalibration) -> dict[str | None, Corrections]:
     """Corrections of each plane of a calibration: its patches are measured with nothing else."""
     return {
         plane.state.plane: Corrections(plane.vignetting, plane.defects, plane.dark_library)
@@ -99,7 +109,7 @@ def corrections_of(calibration: AnyCalibration) -> dict[str | None, Corrections]
     }
 
 
-def corrections_of_lens(session: Session) -> dict[str | None, Corrections]:
+def lens_corrections(session: Session) -> dict[str | None, Corrections]:
     """Natural vignetting of the session's lens for each plane: what is known without a measurement."""
     states = _states(session)
     return {plane: Corrections(natural_vignetting(session.configuration, state)) for plane, state in states.items()}
@@ -273,7 +283,7 @@ def require_same_optics(session: Session, flat: Session) -> None:
         If camera, image size, binning or part of the sensor, pixel format, lens or f-number differ.
     """
     mine, theirs = (settings_frame(one) for one in (session, flat))
-    lens, other = (lens_of(one.configuration) for one in (session, flat))
+    lens, other = (configured_lens(one.configuration) for one in (session, flat))
     for what, a, b in (
         ("camera", str(mine.camera), str(theirs.camera)),
         ("image size", f"{mine.shape[1]} x {mine.shape[0]}", f"{theirs.shape[1]} x {theirs.shape[0]}"),

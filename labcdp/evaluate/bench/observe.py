@@ -18,7 +18,7 @@ from ...calibration.convert.patch import is_within_response
 from ...calibration.frames.defects import DefectMap
 from ...calibration.frames.measure import MIN_FRAMES, MeasuredFrames, measure_planes
 from ...calibration.frames.observe import dark_observation, patch_observations
-from ...calibration.in_session import in_session, of_other_conditions
+from ...calibration.in_session import in_session, other_conditions_findings
 from ...calibration.readings import PatchReading, combine_patches
 from ...calibration.sensor.response import MIN_EXPOSURES, ResponseCurve, response_from_bracket
 from ...calibration.setup import MeterScale, corrected, meter_scale
@@ -32,9 +32,9 @@ from .corrections import (
     Corrections,
     DarkFrames,
     PlaneCorrections,
+    calibration_corrections,
     calibration_for,
-    corrections_of,
-    corrections_of_lens,
+    lens_corrections,
     with_dark_frames,
 )
 from .recorded import (
@@ -250,7 +250,7 @@ def observe_session(
     darks = None
     if corrections is None:
         _require_dark_frames(session)
-        corrections, (darks,) = with_dark_frames(corrections_of_lens(session), [session])
+        corrections, (darks,) = with_dark_frames(lens_corrections(session), [session])
     return measure_session(session, corrections, without, report, certificate, darks).observed(corrections)
 
 
@@ -384,7 +384,7 @@ def _measure_darks(
     return darks, frozenset(hashes)
 
 
-def for_frames_of(session: Session, calibration: AnyCalibration) -> tuple[AnyCalibration, list[Finding]]:
+def calibration_for_frames(session: Session, calibration: AnyCalibration) -> tuple[AnyCalibration, list[Finding]]:
     """Return a calibration for maps of a session's frames, with the dark signal of its dark frames, and what differs.
 
     Raises
@@ -398,9 +398,9 @@ def for_frames_of(session: Session, calibration: AnyCalibration) -> tuple[AnyCal
     calibration = calibration.for_use([one.timestamp for one in first], [one.temperature_c for one in first])
     groups = by_exposure(session, "dark").values()
     if not groups or min(map(len, groups)) < MIN_FRAMES:
-        return calibration, of_other_conditions(calibration)
+        return calibration, other_conditions_findings(calibration)
     own = calibration_for(session, calibration)
-    corrections, planes = corrections_of(own), planes_of(session)
+    corrections, planes = calibration_corrections(own), planes_of(session)
     load = frame_loader(lambda _done, _total: None, len(session.frames("dark")))
     defects = {plane: corrections[plane].defects for plane in planes}
     darks = {
@@ -408,7 +408,7 @@ def for_frames_of(session: Session, calibration: AnyCalibration) -> tuple[AnyCal
         for plane, measured in _measure_darks(session, planes, defects, load)[0].items()
     }
     calibration, findings = in_session(own, {}, darks)
-    return calibration, [*findings, *of_other_conditions(calibration)]
+    return calibration, [*findings, *other_conditions_findings(calibration)]
 
 
 def field_diameter_px(configuration: SessionConfiguration, plane: str | None) -> float | None:
@@ -433,7 +433,7 @@ def input_sha256(session: Session) -> str:
     return digest.hexdigest()
 
 
-def response_of_session(observed: ObservedSession) -> ResponseCurve:
+def session_response(observed: ObservedSession) -> ResponseCurve:
     """Find the response from a session's light frames, a bracket of the target that stood still.
 
     Where patches were shown one by one, their frames are laid side by side.

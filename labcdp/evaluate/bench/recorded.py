@@ -85,7 +85,7 @@ def measured_in(session: Session, calibration: AnyCalibration) -> bool:
     return any(isinstance(one, ReadingRecord) and one.reading.timestamp == measured for one in session.records)
 
 
-def lens_of(configuration: SessionConfiguration) -> LensIdentity:
+def configured_lens(configuration: SessionConfiguration) -> LensIdentity:
     """Return the configured lens as a calibration keeps it."""
     lens = configuration.lens
     return LensIdentity(
@@ -105,7 +105,7 @@ def lens_findings(one: LensIdentity, other: LensIdentity) -> list[Finding]:
     return [warning("lens-serial-open", serial, model=one.model)] if one.serial_is_open(other) else []
 
 
-def certificate_of(calibration: AnyCalibration, session: Session) -> MeterCertificate | None:
+def certificate_from_calibration(calibration: AnyCalibration, session: Session) -> MeterCertificate | None:
     """Return the certificate a calibration was made with, if it holds for a session that states none."""
     scale, meter = calibration.meter_scale, session.configuration.meter
     certificate = scale.certificate

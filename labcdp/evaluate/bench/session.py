@@ -11,7 +11,7 @@ import numpy as np
 from ...calibration import AnyCalibration, Calibration
 from ...calibration.convert.conversion import require_lens
 from ...calibration.fit_records import summarised
-from ...calibration.in_session import in_session, of_other_conditions
+from ...calibration.in_session import in_session, other_conditions_findings
 from ...calibration.verify.verify import changes_since
 from ...core.errors import CalibrationError
 from ...core.luminance import Invalid, LuminanceMap, MergedMap
@@ -19,7 +19,7 @@ from ...core.result import Finding, warning
 from ...core.spectra import ONLY, mismatch_findings
 from ...session import ContrastConfiguration, FrameRecord, MeterCertificate, Session, SessionConfiguration
 from .calibrate import calibrate_session
-from .corrections import calibration_for, corrections_of
+from .corrections import calibration_corrections, calibration_for
 from .kept import OBSERVATIONS, kept_session
 from .observe import ObservedSession, frame_maps, observe_session
 from .recorded import (
@@ -27,9 +27,9 @@ from .recorded import (
     Report,
     by_exposure,
     by_patch,
-    certificate_of,
+    certificate_from_calibration,
+    configured_lens,
     lens_findings,
-    lens_of,
     measured_in,
     require_patches,
 )
@@ -106,7 +106,7 @@ def observe_calibrated(
         observed = observe_session(session, without, report, certificate=certificate)
         return observed, calibrate_session(observed, all_used=False)
     own = calibration_for(session, calibration)
-    certificate, corrections = certificate or certificate_of(own, session), corrections_of(own)
+    certificate, corrections = certificate or certificate_from_calibration(own, session), calibration_corrections(own)
     kept = None
     if beside is not None:
         kept = kept_session(session, corrections, beside.with_name(OBSERVATIONS), without, report, certificate)
@@ -147,7 +147,7 @@ def evaluate_session(
         findings += of_session
         seen_c = [one.temperature_c for group in observed.by_plane.values() for one in group]
         calibration = calibration.for_use(observed.times, seen_c)
-        findings += of_other_conditions(calibration)
+        findings += other_conditions_findings(calibration)
     measured = [patch for patch in configuration.target.patches if patch.name in observed.names]
     patches = {patch.name: patch_row(patch, observed, calibration) for patch in measured}
     if not own:
@@ -200,7 +200,7 @@ def chosen_contrasts(
 
 def mismatch(configuration: SessionConfiguration, calibration: AnyCalibration) -> list[Finding]:
     """Refuse a calibration with another lens or f-number; return findings if lens or light may be another."""
-    lens = lens_of(configuration)
+    lens = configured_lens(configuration)
     require_lens(calibration.lens, lens)
     given = configuration.camera.spectral_sensitivity
     of_camera = None if given is None else given.spectra.get(ONLY)

@@ -23,7 +23,7 @@ from ...core.quantity import Quantity
 from ...core.reading import Reading
 from ...core.result import Finding, info
 from ...session import FrameRecord, Session, SessionConfiguration
-from ..bench.calibrate import setup_of
+from ..bench.calibrate import session_setup
 from ..bench.corrections import natural_vignetting, photons_per_cd_m2_s, pixel_area_m2
 from ..bench.recorded import by_exposure, by_patch, frame_loader, planes_of
 
@@ -209,7 +209,7 @@ def photometric_responsivity(
     observations = [each for each in seen if each.patch in readings]
     darks = [dark_observation(dark) for dark in measured.darks]
     try:
-        calibration = fit(observations, darks, readings, setup_of(configuration, "0" * 64))
+        calibration = fit(observations, darks, readings, session_setup(configuration, "0" * 64))
     except CalibrationError as error:
         return None, [info("no-responsivity", reason=f"{error}")]
     found, scale = calibration.responsivity, calibration.meter_scale

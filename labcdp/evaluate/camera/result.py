@@ -7,7 +7,7 @@ from math import isfinite, log, log10
 
 from ...calibration import DarkObservation
 from ...calibration.emva.result import QUANTITY_NAMES, Characterisation, SeriesPoint
-from ...calibration.sensor.dark_fit import drift_of_black_level, mean_uncertainties_dn, variance_uncertainties_dn2
+from ...calibration.sensor.dark_fit import black_level_drift, mean_uncertainties_dn, variance_uncertainties_dn2
 from ...core.quantity import Quantity
 from ...core.result import InputFile, NamedValue, Result, quantity_table
 from ...core.table import Column, Table, uncertain
@@ -108,7 +108,7 @@ def _series(points: Sequence[SeriesPoint]) -> Table:
 
 
 def _darks(points: Sequence[DarkObservation]) -> Table:
-    of_means = dict(zip(map(id, points), mean_uncertainties_dn(points, drift_of_black_level(points)[0]), strict=True))
+    of_means = dict(zip(map(id, points), mean_uncertainties_dn(points, black_level_drift(points)[0]), strict=True))
     of_variances = dict(zip(map(id, points), variance_uncertainties_dn2(points), strict=True))
     variance = Column("variance_dn2", "variance", "DN²", "Temporal variance of a pixel.", value="temporal_variance_dn2")
     columns = (

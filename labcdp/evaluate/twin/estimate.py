@@ -9,7 +9,7 @@ from typing import Any
 from ...calibration import Calibration, DarkModel
 from ...calibration.emva.result import Characterisation
 from ...calibration.sensor.dark_fit import TYPICAL_DOUBLING_C
-from ...calibration.sensor.noise import index_of_gain
+from ...calibration.sensor.noise import find_gain
 from ...calibration.uncertainty import scales_apart
 from ...chain import Sensor
 from ...core.errors import CalibrationError, naming
@@ -61,7 +61,7 @@ def twin_parameters(
         was not calibrated.
     """
     frame, configuration = require_monochrome(observed.session), observed.configuration
-    setting = calibration.settings[index_of_gain(calibration.settings, frame.gain_db)]
+    setting = calibration.settings[find_gain(calibration.settings, frame.gain_db)]
     noise, k = noise_of_characterisation(characterisation), characterisation.k_dn_per_e
     findings = [finding.within("characterisation") for finding in characterisation.findings]
     temperature_c = frame.temperature_c

@@ -14,7 +14,7 @@ from labcdp.core.vignetting import Cos4Vignetting
 from labcdp.evaluate.bench.calibrate import calibrate_session
 from labcdp.evaluate.bench.corrections import UniformLight, require_same_optics
 from labcdp.evaluate.bench.observe import observe_session
-from labcdp.evaluate.bench.recorded import lens_of
+from labcdp.evaluate.bench.recorded import configured_lens
 from labcdp.evaluate.bench.session import evaluate_session, observe_calibrated
 from labcdp.evaluate.bench.verification import verify_session
 from labcdp.session import Session
@@ -185,7 +185,7 @@ def test_a_lens_without_a_serial_number_may_be_the_same(observed, focus):
     """No serial number leaves no hole in the name of the lens, and is none that is another."""
     lens = {name: value for name, value in LENS.items() if name != "serial"} | focus
     other = replace(observed, configuration=configuration(ROIS, name="other", lens=lens))
-    assert "(2 mm, f/2.8" in str(lens_of(other.configuration))
+    assert "(2 mm, f/2.8" in str(configured_lens(other.configuration))
     codes = {one.code for one in calibrate_session(observed, other).findings}
     assert "lens-serial-open" in codes
     assert "lens-serial-open" not in {one.code for one in calibrate_session(observed).findings}

@@ -9,7 +9,7 @@ from labcdp.calibration.uncertainty import expanded_rel
 from labcdp.core.errors import CalibrationError, InputError
 from labcdp.core.luminance import Invalid
 from labcdp.evaluate.bench.calibrate import calibrate_session
-from labcdp.evaluate.bench.corrections import corrections_of, corrections_of_lens, with_dark_frames
+from labcdp.evaluate.bench.corrections import calibration_corrections, lens_corrections, with_dark_frames
 from labcdp.evaluate.bench.observe import observe_session
 from labcdp.evaluate.bench.session import evaluate_session, observe_calibrated
 from labcdp.evaluate.bench.session_page import session_files
@@ -150,13 +150,13 @@ def test_pattern_and_hot_pixels_are_found_taken_off_once_everywhere_and_saved(re
     offset, rate = rng.normal(0, 6.0, SHAPE), rng.normal(0, 400.0, SHAPE)
     offset[tuple(zip(*HOT, strict=True))] = 900.0
     with Session.open(again(tmp_path / "s", recorded, lambda frames: with_pattern(frames, offset, rate))) as session:
-        corrections, _ = with_dark_frames(corrections_of_lens(session), [session])
+        corrections, _ = with_dark_frames(lens_corrections(session), [session])
         corrected = observe_session(session, corrections=corrections)
         calibrated = calibrate_session(corrected)
         save(calibrated, tmp_path / "calibration.json")
         loaded = load(tmp_path / "calibration.json")
         first = evaluate_session(corrected, calibrated)
-        other = evaluate_session(observe_session(session, corrections=corrections_of(loaded)), loaded)
+        other = evaluate_session(observe_session(session, corrections=calibration_corrections(loaded)), loaded)
         maps = [calibrated.to_luminance(session.load(r)) for r in session.frames("light") if r.exposure_s == 0.032]
     own = corrections[None]
     assert {*zip(own.defects.rows.tolist(), own.defects.columns.tolist(), strict=True)} == set(HOT)

@@ -12,7 +12,7 @@ from labcdp.calibration.frames.defects import DefectMap
 from labcdp.calibration.sensor.dark_library import DarkLibrary
 from labcdp.core.errors import SessionError
 from labcdp.evaluate.bench.calibrate import calibrate_recorded
-from labcdp.evaluate.bench.corrections import corrections_of
+from labcdp.evaluate.bench.corrections import calibration_corrections
 from labcdp.evaluate.bench.kept import OBSERVATIONS, keep_observations, kept_session
 from labcdp.evaluate.bench.observe import observe_session
 from labcdp.evaluate.bench.session import evaluate_session, observe_calibrated
@@ -32,7 +32,7 @@ def folder(recorded, tmp_path_factory):
 @pytest.fixture(scope="module")
 def corrections(folder):
     """What the calibration of the file subtracts."""
-    return corrections_of(load(folder / "calibration.json"))
+    return calibration_corrections(load(folder / "calibration.json"))
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from worlds.world import World
 
 from labcdp.calibration.bracket import bracket_luminance
 from labcdp.core.roi import Roi
-from labcdp.evaluate.bench.observe import for_frames_of
+from labcdp.evaluate.bench.observe import calibration_for_frames
 from labcdp.session import Session
 
 
@@ -27,7 +27,7 @@ def test_the_black_level_of_another_day_is_no_light(tmp_path):
     recorder.device = replace(recorder.device, world=replace(world, black_dn=world.black_dn + 5))
     recorder.record("later", target, shown, frames=(3, 4), after=1.0).close()
     session = Session.open(tmp_path / "later")
-    there, findings = for_frames_of(session, calibration)
+    there, findings = calibration_for_frames(session, calibration)
     assert [one.code for one in findings] == ["dark-changed"]
     frames = [session.load(one) for one in session.frames("light")]
     darkest = min(target.luminance_cd_m2, key=lambda name: target.luminance_cd_m2[name])
@@ -38,4 +38,4 @@ def test_the_black_level_of_another_day_is_no_light(tmp_path):
     assert abs(seen[1] / truth - 1) > 0.03
     # In the calibration's own session nothing changes.
     own = Session.open(tmp_path / "calibration")
-    assert for_frames_of(own, calibration)[0].dark.offset_dn == calibration.dark.offset_dn
+    assert calibration_for_frames(own, calibration)[0].dark.offset_dn == calibration.dark.offset_dn

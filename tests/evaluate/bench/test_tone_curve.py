@@ -8,8 +8,8 @@ import pytest
 from labcdp.core.dn import Response
 from labcdp.core.errors import CalibrationError
 from labcdp.evaluate.bench.calibrate import calibrate_recorded, calibrate_session
-from labcdp.evaluate.bench.corrections import UniformLight, corrections_of
-from labcdp.evaluate.bench.observe import observe_session, response_of_session
+from labcdp.evaluate.bench.corrections import UniformLight, calibration_corrections
+from labcdp.evaluate.bench.observe import observe_session, session_response
 from labcdp.evaluate.bench.session import evaluate_session
 from labcdp.session import Session
 
@@ -72,12 +72,12 @@ def calibration(session, uniform):
 
 @pytest.fixture(scope="module")
 def observed(session, calibration):
-    return observe_session(session, corrections=corrections_of(calibration))
+    return observe_session(session, corrections=calibration_corrections(calibration))
 
 
 @pytest.fixture(scope="module")
 def curve(session, observed):
-    return response_of_session(observed)
+    return session_response(observed)
 
 
 def test_the_curve_is_that_of_the_camera(curve, calibration):
